@@ -9,6 +9,7 @@ mod finite;
 mod limit;
 mod listing;
 mod output;
+mod plot;
 mod points;
 mod progress;
 mod table;

@@ -32,7 +32,7 @@ pub(crate) struct MachineArguments {
 pub(crate) struct GeometryArguments {
     /// Machine file (TOML)
     #[arg(long, short, value_name = "FILE")]
-    machine: PathBuf,
+    pub(crate) machine: PathBuf,
     /// Tool of the table `[tools]` in the machine file [default: that of `[tool]`]
     #[arg(long)]
     tool: Option<String>,

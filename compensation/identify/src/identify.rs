@@ -71,6 +71,9 @@ pub struct Identification {
     /// Residuals of the fitted rows.
     #[cfg_attr(feature = "serde", serde(rename = "residual_um"))]
     pub residual: Figures,
+    /// Residual of each fitted row, by file.
+    #[cfg_attr(feature = "serde", serde(skip))]
+    pub residuals: Vec<FileResiduals>,
     /// Residuals of rows omitted from the fit (cross-validation); `None`: not computed.
     #[cfg_attr(feature = "serde", serde(rename = "left_out_um"))]
     pub left_out: Option<LeftOut>,
@@ -234,6 +237,7 @@ fn followed(
         redundant: redundant(system, &fitted.rank),
         undetermined: undetermined(system, &fitted.rank),
         residual: figures(&residuals),
+        residuals: by_file(observations, &rows, &residuals),
         judged,
         left_out,
         variance: fitted.solution.variance,
@@ -248,6 +252,30 @@ fn followed(
     };
     found.machine.leave_undecided(found.undecided());
     Ok((found, fitted))
+}
+
+/// Residuals of the fitted rows of a file.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FileResiduals {
+    /// Name of the row file.
+    pub file: String,
+    /// Size of the residual of each row and its stated standard uncertainty, µm, in the order of the file.
+    pub rows: Vec<[f64; 2]>,
+}
+
+fn by_file(
+    observations: &Observations,
+    rows: &Rows,
+    residuals: &[Vector3<f64>],
+) -> Vec<FileResiduals> {
+    let files = observations.fitted().map(|(observation, own)| {
+        let of = |row: usize| [residuals[row].norm(), rows.get(row).uncertainty_mm];
+        FileResiduals {
+            file: observation.file.clone(),
+            rows: own.map(|row| of(row).map(|mm| 1e3 * mm)).collect(),
+        }
+    });
+    files.collect()
 }
 
 /// Size of residuals: for `points` and `sphere` the distance in space, otherwise the residual

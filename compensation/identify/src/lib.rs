@@ -33,7 +33,7 @@ pub use basis::Basis;
 pub use checks::input::standard_uncertainty_um;
 pub use error::{FarFile, IdentifyError};
 pub use found_machine::machine_with;
-pub use identify::{Figures, Identification, LeftOut, identify, identify_followed};
+pub use identify::{Figures, FileResiduals, Identification, LeftOut, identify, identify_followed};
 pub use next::Next;
 pub use observations::{
     Kind, MachinePose, NumberKind, Observation, Observations, Quantity, Row, RowReading,

@@ -29,7 +29,6 @@ mod notes;
 mod number;
 mod offsets;
 mod parameters;
-mod picture;
 pub mod plan;
 mod program;
 mod reversal;
@@ -51,7 +50,6 @@ pub use inspect::{Alignment, Found, InspectError, Inspected, Measured, Part, Par
 pub use line_ends::LONGEST_LINE;
 pub use notes::{Note, Notes};
 pub use number::Decimals;
-pub use picture::picture;
 pub use program::{Job, Summary, compensate};
 pub use rewrite::{Counts, Strategy};
 pub use setup::SetUp;

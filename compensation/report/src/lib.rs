@@ -5,6 +5,7 @@ mod curves;
 mod described;
 mod html;
 mod identified;
+mod pictures;
 pub mod plot;
 mod positioning;
 mod report;
@@ -16,6 +17,12 @@ mod warnings;
 mod working_space;
 
 pub use html::html;
+pub use pictures::{
+    CirclePlot, ProgramFigures, ProgramPlace, SlopePlot, SquarenessPlot, StraightnessPlot,
+    circles_picture, curve_picture, diagonals_picture, effects_picture, map_picture,
+    measured_diagonals_picture, positioning_picture, program_picture, residuals_picture,
+    squareness_picture, straightness_picture,
+};
 pub use report::{
     AxisTravel, Band, Branch, Check, CheckOf, Contribution, Curve, CurveLine, Diagonal, Diagonals,
     Drawn, FigureUncertainty, FitNumbers, Head, Identified, Left, Location, OfState, Parameter,

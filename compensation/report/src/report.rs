@@ -468,7 +468,8 @@ pub struct Volume {
     pub undecided: Vec<String>,
     /// Whether the machine of the last state has any error.
     pub knows_errors: bool,
-    /// Maps on planes through the middle of the working space.
+    /// Maps on planes through the middle of the working space, then over the first two rotary axes of a machine that has them, with X, Y
+    /// and Z in the middle.
     pub slices: Vec<Slice>,
     /// The ends of the travels of X, Y and Z, mm; both 0 for a missing axis.
     pub travels_mm: [[f64; 2]; 3],
@@ -536,16 +537,19 @@ pub struct Slice {
     pub across: String,
     /// Axis drawn upwards.
     pub up: String,
-    /// The axis that does not move; `None` on a machine without a third axis.
+    /// The axis that does not move; `None` on a machine without a third axis, and for a map over rotary axes.
     pub held: Option<Standing>,
-    /// Positions of the nodes on the axis to the right, mm.
+    /// Positions of the nodes on the axis to the right, mm or deg.
     pub x: Vec<f64>,
-    /// Positions of the nodes on the upward axis, mm.
+    /// Positions of the nodes on the upward axis, mm or deg.
     pub y: Vec<f64>,
     /// The magnitude of the error before compensation, µm; the axis to the right varies fastest.
     pub before_um: Vec<f64>,
     /// The magnitude of the error after compensation, µm.
     pub after_um: Option<Vec<f64>>,
+    /// Positions in the plane with the error of each state; none for a map over rotary axes.
+    #[serde(default)]
+    pub vectors: Vec<Vector>,
 }
 
 /// The errors at a position, after alignment of the workpiece.

@@ -4,7 +4,7 @@ use volcomp_calibrate::Ensemble;
 use volcomp_kinematics::{State as Pose, nalgebra::Vector3};
 use volcomp_model::{
     ErrorField, Lengths, Machine, MapGrid, ModelError, RigidMotion, UNCERTAINTY_POSES,
-    VolumetricError, poses_of_all_axes, volumetric,
+    VolumetricError, poses_of_all_axes,
 };
 use volcomp_vocabulary::{AxisName, Displacement};
 
@@ -19,7 +19,7 @@ pub type ErrorAt<'a> = &'a dyn Fn(&Pose) -> [f64; 6];
 /// The volumetric error of a machine in one or two states, before and after a compensation: its
 /// size over poses of all axes, and maps over the working space with the other axes at `others` (mm
 /// or deg). `judged` is the machine that has the errors of the last state. Each state has one error
-/// field per tool; the maps use the first. `None` for a machine that lacks two of the axes X, Y and
+/// field per tool, and their common [`volumetric`](volcomp_model::volumetric) error; the maps use the first. `None` for a machine that lacks two of the axes X, Y and
 /// Z.
 ///
 /// # Errors
@@ -27,17 +27,16 @@ pub type ErrorAt<'a> = &'a dyn Fn(&Pose) -> [f64; 6];
 pub fn volume(
     [machine, judged]: [&Machine; 2],
     others: &[(AxisName, f64)],
-    before: (State, &[ErrorField<'_>]),
-    after: Option<(State, &[ErrorField<'_>])>,
+    before: (State, &[ErrorField<'_>], VolumetricError),
+    after: Option<(State, &[ErrorField<'_>], VolumetricError)>,
 ) -> Result<Option<Volume>, ModelError> {
     let grid = MapGrid::over_travels(machine, [VECTORS; 3], others)?;
     let Some(first) = before.1.first().filter(|_| grid.axes.len() >= 2) else {
         return Ok(None);
     };
-    let (size_before, all_before) = size(before.1)?;
+    let all_before = before.2;
     let of_after = match after {
-        Some((state, fields)) => {
-            let (size, all) = size(fields)?;
+        Some((state, fields, all)) => {
             let errors = fields.first().unwrap_or(first).errors;
             let rigid = all.alignment;
             let aligned = Beside {
@@ -45,7 +44,7 @@ pub fn volume(
                 errors,
                 rigid,
             };
-            Some((state, size, aligned))
+            Some((state, size(&all), aligned))
         }
         None => None,
     };
@@ -69,7 +68,7 @@ pub fn volume(
     Ok(Some(Volume {
         before: OfState {
             state: before.0,
-            found: size_before,
+            found: size(&all_before),
         },
         after: of_after.as_ref().map(|(state, size, _)| OfState {
             state: *state,
@@ -147,13 +146,12 @@ fn by_axis(grid: &MapGrid, place: [f64; 3]) -> [f64; 3] {
     at
 }
 
-fn size(fields: &[ErrorField<'_>]) -> Result<(Size, VolumetricError), ModelError> {
-    let found = volumetric(fields)?;
+fn size(found: &VolumetricError) -> Size {
     let stands = found.position.at.iter().map(|(name, at)| Standing {
         axis: name.to_string(),
         at: *at,
     });
-    let size = Size {
+    Size {
         max_um: 1e3 * found.max_mm,
         rms_um: 1e3 * found.rms_mm,
         form_max_um: 1e3 * found.position.value,
@@ -161,8 +159,7 @@ fn size(fields: &[ErrorField<'_>]) -> Result<(Size, VolumetricError), ModelError
         tilt_urad: 1e6 * found.tilt.value,
         at: stands.collect(),
         tool: found.position.tool.clone(),
-    };
-    Ok((size, found))
+    }
 }
 
 fn slices(
@@ -171,6 +168,10 @@ fn slices(
     before: &Beside<'_>,
     after: Option<&Beside<'_>>,
 ) -> Result<Vec<Slice>, ModelError> {
+    let lengths = |of: &Beside<'_>, poses: &[Pose]| -> Vec<f64> {
+        let left = poses.iter().map(|pose| of.left_um(pose));
+        left.map(|left| Vector3::from(left).norm()).collect()
+    };
     let mut found = Vec::new();
     for [across, up, held] in [
         [AxisName::X, AxisName::Y, AxisName::Z],
@@ -191,12 +192,6 @@ fn slices(
         let poses: Vec<Pose> = (0..grid.len())
             .map(|index| grid.node(machine, index).1)
             .collect();
-        let lengths = |of: &Beside<'_>| {
-            let left = poses
-                .iter()
-                .map(|pose| Vector3::from(of.left_um(pose)).norm());
-            left.collect()
-        };
         found.push(Slice {
             across: across.to_string(),
             up: up.to_string(),
@@ -206,11 +201,64 @@ fn slices(
             }),
             x: nodes(across),
             y: nodes(up),
-            before_um: lengths(before),
-            after_um: after.map(lengths),
+            before_um: lengths(before, &poses),
+            after_um: after.map(|after| lengths(after, &poses)),
+            vectors: (0..grid.len())
+                .filter(|index| is_of_vector(index % CELLS) && is_of_vector(index / CELLS))
+                .map(|index| {
+                    let (place, pose) = grid.node(machine, index);
+                    Vector {
+                        at_mm: by_axis(&grid, place),
+                        before_um: before.left_um(&pose),
+                        after_um: after.map(|after| after.left_um(&pose)),
+                    }
+                })
+                .collect(),
+        });
+    }
+    let mut rotary = machine.axes().iter().filter(|axis| axis.name.is_rotary());
+    if let (Some(across), Some(up)) = (rotary.next(), rotary.next()) {
+        let [x, y] = [across, up].map(|axis| axis.nodes(CELLS));
+        let mut middle = [AxisName::X, AxisName::Y, AxisName::Z].to_vec();
+        middle.retain(|name| machine.axis(*name).is_some());
+        let middle = middle.into_iter().filter_map(|name| {
+            let at = machine.axis(name)?.nodes(1);
+            Some((name, *at.first()?))
+        });
+        let still = others
+            .iter()
+            .copied()
+            .filter(|(name, _)| *name != across.name && *name != up.name && !is_of_grid(*name));
+        let fixed: Vec<(AxisName, f64)> = still.chain(middle).collect();
+        let mut poses = Vec::new();
+        for second in &y {
+            for first in &x {
+                let moved = [(across.name, *first), (up.name, *second)];
+                poses.push(machine.state(&[&fixed[..], &moved].concat())?);
+            }
+        }
+        found.push(Slice {
+            across: across.name.to_string(),
+            up: up.name.to_string(),
+            held: None,
+            before_um: lengths(before, &poses),
+            after_um: after.map(|after| lengths(after, &poses)),
+            vectors: Vec::new(),
+            x,
+            y,
         });
     }
     Ok(found)
+}
+
+/// Whether a node of a plane has a vector: evenly spaced ones, away from the edges.
+fn is_of_vector(node: usize) -> bool {
+    let step = CELLS / VECTORS;
+    node % step == step / 2
+}
+
+fn is_of_grid(name: AxisName) -> bool {
+    matches!(name, AxisName::X | AxisName::Y | AxisName::Z)
 }
 
 /// The machine with each tool for which the volumetric error is evaluated, by name: first its current tool, used for the maps, then the

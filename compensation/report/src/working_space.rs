@@ -5,6 +5,7 @@ use std::collections::BTreeSet;
 use volcomp_kinematics::{Form, State as Pose, volumetric_error};
 use volcomp_model::{
     DIAGONAL_TARGETS, ErrorField, Machine, ModelError, Temperatures, diagonal_targets, diagonals,
+    volumetric,
 };
 use volcomp_vocabulary::AxisName;
 
@@ -54,14 +55,15 @@ impl Report {
         let then: Vec<_> = earlier.iter().map(errors).collect();
         let now = fields(&tools, &earlier, &now);
         let then = fields(&tools, &earlier, &then);
+        let found = volumetric(&now)?;
         self.volume = match before {
             Some(_) => volume(
                 [machine; 2],
                 &[],
-                (State::GivenBefore, &then),
-                Some((State::Found, &now)),
+                (State::GivenBefore, &then, volumetric(&then)?),
+                Some((State::Found, &now, found)),
             ),
-            None => volume([machine; 2], &[], (State::Found, &now), None),
+            None => volume([machine; 2], &[], (State::Found, &now, found), None),
         }?;
         let machines = [Some(machine), before].into_iter().flatten();
         Ok(self.leave_out_temperatures(machine.thermal().reference_degc, machines))

@@ -7,13 +7,15 @@ use schemars::JsonSchema;
 use serde::Serialize;
 use volcomp_kinematics::State;
 use volcomp_model::{DIAGONAL_TARGETS, Diagonal, Machine, ModelError, diagonal_targets, diagonals};
+use volcomp_report::{State as Machined, diagonals_picture};
 use volcomp_vocabulary::{AxisName, Displacement};
 
-use super::{Answer, fixed, machine_notes, rotary_note, table, table_text};
+use super::{Answer, fixed, machine_notes, one_line, rotary_note, table, table_text};
 use crate::{
     compensation::{Compensated, Compensation, CompensationArguments},
     failure::Failure,
     output::OutputFile,
+    plot::PlotArguments,
     points::{MachineArguments, OthersArguments},
 };
 
@@ -42,6 +44,8 @@ pub(crate) struct DiagonalsArguments {
     #[arg(long, value_name = "MM_PER_MIN", default_value_t = 10_000, requires = "targets",
         value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     feed: u32,
+    #[command(flatten)]
+    plot: PlotArguments,
 }
 
 /// The document of `volcomp diagonals`: letters are the direction of motion of X, Y and Z (P positive, N negative).
@@ -58,6 +62,10 @@ pub(crate) struct Diagonals {
 }
 
 pub(crate) fn run(arguments: &DiagonalsArguments) -> Result<Answer, Failure> {
+    let mut others_than_plot = vec![(arguments.machine.machine.as_path(), "--machine")];
+    let targets = arguments.targets.as_deref();
+    others_than_plot.extend(targets.map(|targets| (targets, "--targets")));
+    let plot = arguments.plot.open(&others_than_plot)?;
     let (machine, temperatures) = arguments.machine.read()?;
     let compensation = Compensation::new(&arguments.compensation, &machine, &temperatures)?;
     let actual = compensation.actual();
@@ -86,6 +94,9 @@ pub(crate) fn run(arguments: &DiagonalsArguments) -> Result<Answer, Failure> {
             fixed(last, 3),
         ]);
     }
+    if let Some(plot) = plot {
+        plot.write(&picture(arguments, &machine, &found, &compensation))?;
+    }
     let [ppp, npp, pnp, ppn] = found;
     let document = Diagonals {
         ppp,
@@ -95,6 +106,51 @@ pub(crate) fn run(arguments: &DiagonalsArguments) -> Result<Answer, Failure> {
         compensated: compensation.document(),
     };
     Answer::new(&document, table_text(&table) + &compensation.words(), notes)
+}
+
+fn picture(
+    arguments: &DiagonalsArguments,
+    machine: &Machine,
+    found: &[Diagonal],
+    compensation: &Compensation<'_>,
+) -> String {
+    let plotted = found.iter().map(|diagonal| {
+        let poses = diagonal.at.iter().map(|at| {
+            let at: Vec<(AxisName, f64)> = at.iter().map(|(axis, at)| (*axis, *at)).collect();
+            // The targets are poses of this machine.
+            machine.state(&at).unwrap_or_default()
+        });
+        let tips: Vec<_> = poses
+            .map(|pose| machine.chain().ideal_tip_mm(&pose))
+            .collect();
+        let places = tips.iter().map(|tip| (tip - tips[0]).norm());
+        volcomp_report::Diagonal {
+            name: diagonal.name.to_owned(),
+            points: places.zip(diagonal.deviation_um.iter().copied()).collect(),
+            range_um: diagonal.range_um,
+        }
+    });
+    let (title, state) = if arguments.compensation.is_asked_for() {
+        (
+            "Body diagonals after correction, by the model",
+            Machined::TruthCorrected,
+        )
+    } else {
+        (
+            "Body diagonals of the machine, by the model",
+            Machined::Found,
+        )
+    };
+    let of = volcomp_report::Diagonals {
+        before: volcomp_report::OfState {
+            state,
+            found: plotted.collect(),
+        },
+        after: None,
+    };
+    let file = arguments.machine.machine.display().to_string();
+    let lines = [file, one_line(&compensation.words())];
+    diagonals_picture(title, &lines, &of)
 }
 
 fn of_machine(file: &Path, machine: &Machine, error: ModelError) -> Failure {

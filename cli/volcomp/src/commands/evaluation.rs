@@ -191,12 +191,17 @@ pub(crate) struct Row {
     pub(crate) found: Result<Judgement, String>,
 }
 
+/// The files that a picture must not replace: the readings, and the table of `--csv`.
+pub(crate) fn with_csv<'a>(
+    files: &'a [PathBuf],
+    csv: Option<&'a Path>,
+) -> Vec<(&'a Path, &'static str)> {
+    let files = files.iter().map(|file| (file.as_path(), "the readings"));
+    files.chain(csv.map(|csv| (csv, "--csv"))).collect()
+}
+
 pub(crate) fn open_rows(path: &Path, files: &[PathBuf]) -> Result<OutputFile, Failure> {
-    let inputs: Vec<(&Path, &str)> = files
-        .iter()
-        .map(|f| (f.as_path(), "the readings"))
-        .collect();
-    OutputFile::open_beside(path, &inputs)
+    OutputFile::open_beside(path, &with_csv(files, None))
 }
 
 /// Writes the table: file, unit, one column per quantity, verdict, error.

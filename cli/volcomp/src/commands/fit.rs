@@ -12,11 +12,13 @@ use volcomp_fit::{
 };
 use volcomp_metrology::{DeviationUnit, Measurement, axis_kind, read_file};
 use volcomp_model::write_curve;
+use volcomp_report::curve_picture;
 use volcomp_vocabulary::AxisKind;
 
 use super::{Answer, fixed, table, table_text};
 use crate::{
     failure::Failure,
+    plot::PlotArguments,
     table::{folded, to_the_left},
     unit::{self, Unit},
 };
@@ -62,6 +64,8 @@ pub(crate) struct FitArguments {
     /// Coordinates at which to print the curve: 0,100,200
     #[arg(long, value_delimiter = ',', allow_hyphen_values = true)]
     at: Vec<f64>,
+    #[command(flatten)]
+    plot: PlotArguments,
 }
 
 #[derive(Clone, Copy, PartialEq, ValueEnum)]
@@ -216,6 +220,7 @@ pub(crate) fn run(arguments: &FitArguments) -> Result<Answer, Failure> {
             "found {wrong}, expected finite numbers in the call"
         )));
     }
+    let plot = (arguments.plot).open(&[(&arguments.data, "the readings")])?;
     let mut measurement = read_file(&arguments.data)?;
     measurement.check_directions()?;
     measurement.check_lines_of_runs()?;
@@ -226,8 +231,8 @@ pub(crate) fn run(arguments: &FitArguments) -> Result<Answer, Failure> {
     let trials = arguments.scan.then(|| scan_mls(&x, &u, arguments.shape()));
     let scan = trials.transpose().map_err(failed)?;
     let noise = noise_of_mean(&measurement);
-    let (kind, axis) = (axis_kind(&measurement), measurement.metadata.axis);
-    let mut notes = measurement.notes;
+    let (kind, axis) = (axis_kind(&measurement), measurement.metadata.axis.clone());
+    let mut notes = measurement.notes.clone();
     if fit.meets_required == Some(false) {
         let what = if auto.is_some() {
             "kind of curve"
@@ -257,13 +262,53 @@ pub(crate) fn run(arguments: &FitArguments) -> Result<Answer, Failure> {
         text += &choice_text(choice, band.as_ref(), unit);
     }
     let (choice, band) = auto.unzip();
+    let band = band.flatten();
+    if let Some(plot) = plot {
+        plot.write(&picture(
+            arguments,
+            &measurement,
+            (&fit, band.as_ref()),
+            unit,
+        ))?;
+    }
     let document = FittedCurve {
         scan,
         choice,
-        band: band.flatten(),
+        band,
         ..document(&fit, &arguments.at, unit)?
     };
     Answer::new(&document, text, notes)
+}
+
+fn picture(
+    arguments: &FitArguments,
+    measurement: &Measurement,
+    (fit, band): (&Fit, Option<&Band>),
+    unit: DeviationUnit,
+) -> String {
+    let file = arguments.data.display().to_string();
+    let kind = axis_kind(measurement).unwrap_or(AxisKind::Linear);
+    let symbol = unit.to_string();
+    let halves = |band: &Band| {
+        let halves = band.half_widths.iter().map(|of| [of.at, of.half_width]);
+        (band.from, halves.collect())
+    };
+    let curve = volcomp_report::Curve::of_fit(
+        file.clone(),
+        kind.coordinate_unit().to_owned(),
+        symbol.clone(),
+        measurement,
+        |at| fit.curve.value(at),
+        band.map(halves),
+    );
+    let residual = format!(
+        "residual {} to {} {symbol}, rms {} {symbol}",
+        fixed(fit.min(), 3),
+        fixed(fit.max(), 3),
+        fixed(fit.rms(), 3)
+    );
+    let title = format!("Curve ({}) through the mean deviations", fit.curve.kind());
+    curve_picture(&title, &[file, residual], &curve)
 }
 
 /// Shown in the table for a target that cannot be predicted from the others.

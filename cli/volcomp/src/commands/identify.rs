@@ -6,9 +6,10 @@ use serde::Serialize;
 use volcomp_identify::{
     Figures, Identification, Kind, Next, Observations, Parameter, identify, unit_symbol,
 };
+use volcomp_report::residuals_picture;
 
 use super::{Answer, fixed, refuse_overwriting, table, table_text};
-use crate::{failure::Failure, output::OutputFile, progress, table::folded};
+use crate::{failure::Failure, output::OutputFile, plot::PlotArguments, progress, table::folded};
 
 /// Identify errors from trackers, spheres, ballbars, ball rows and diagonals
 #[derive(clap::Args)]
@@ -22,6 +23,8 @@ pub(crate) struct IdentifyArguments {
     /// Machine file to write
     #[arg(long, short)]
     output: PathBuf,
+    #[command(flatten)]
+    plot: PlotArguments,
 }
 
 /// Identified parameters and the written machine file.
@@ -36,9 +39,24 @@ pub(crate) struct Identified {
 pub(crate) fn run(arguments: &IdentifyArguments) -> Result<Answer, Failure> {
     let observations = Observations::read(&arguments.observations)?;
     refuse_overwriting(&observations.files, &arguments.output, "identification")?;
+    let files = observations.files.iter();
+    let mut others: Vec<(&Path, &str)> = files.map(|file| (file.as_path(), "the input")).collect();
+    others.push((&arguments.output, "--output"));
+    let plot = arguments.plot.open(&others)?;
     let output = OutputFile::open(&arguments.output)?;
     let found = find(&observations)?;
     output.write_whole(found.machine.to_toml())?;
+    if let Some(plot) = plot {
+        let Figures {
+            rms_um,
+            max_um,
+            rows,
+        } = found.residual;
+        let [rms, max] = [rms_um, max_um].map(|um| fixed(um, 2));
+        let file = arguments.observations.display().to_string();
+        let figures = format!("{rows} fitted rows: RMS {rms} µm, largest {max} µm");
+        plot.write(&residuals_picture(&[file, figures], &found.residuals))?;
+    }
     let text = text(&found, &arguments.output);
     let notes = found.warnings.iter().map(ToString::to_string).collect();
     let document = Identified {

@@ -123,6 +123,11 @@ fn write_file(path: &Path, text: &str) -> Result<(), Failure> {
     file.write_whole(text)
 }
 
+/// A text of several lines as one line.
+fn one_line(text: &str) -> String {
+    text.split_whitespace().collect::<Vec<_>>().join(" ")
+}
+
 /// Rejects an output that would replace an input, because a second run would start from its own result.
 fn refuse_overwriting(files: &[PathBuf], output: &Path, what: &str) -> Result<(), Failure> {
     match same_file(files, output) {

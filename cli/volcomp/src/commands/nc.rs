@@ -13,8 +13,9 @@ use volcomp_model::{Machine, Temperatures};
 use volcomp_nc::{
     Alignment, Average, BoundViolation, Corrector, Decimals, Deviation, Dialect, Found,
     InspectError, Inspected, Job, MeanOf, NcError, Note, Part, Reading, SetUp, Strategy, Summary,
-    Verification, Virtual, average, compensate, picture, verify, verify_average,
+    Verification, Virtual, average, compensate, verify, verify_average,
 };
+use volcomp_report::{ProgramFigures, ProgramPlace, program_picture};
 
 use super::{Answer, fixed, machine_notes, table, table_text, thermal_note};
 use crate::{
@@ -22,6 +23,7 @@ use crate::{
     failure::Failure,
     limit::{LimitArgument, RAISE_LIMIT},
     output::OutputFile,
+    plot::{PlotArguments, PlotFile},
     points::MachineArguments,
     progress::byte_bar,
     table::folded,
@@ -88,9 +90,8 @@ pub(crate) struct NcArguments {
     /// Part file (TOML): evaluate its features on the virtual workpiece, before and after
     #[arg(long, value_name = "FILE", requires = "verify")]
     inspect: Option<PathBuf>,
-    /// Picture (SVG) of path and deviations (× 1000)
-    #[arg(long, value_name = "FILE", requires = "verify")]
-    picture: Option<PathBuf>,
+    #[command(flatten)]
+    plot: PlotArguments,
 }
 
 /// The language of a program.
@@ -271,7 +272,7 @@ pub(crate) fn run(arguments: &NcArguments) -> Result<Answer, Failure> {
     refuse_subroutine(arguments)?;
     refuse_read_once(arguments, &file)?;
     let mut output = OutputFile::open_beside(&arguments.output, &inputs)?;
-    let mut drawn = picture_file(arguments)?;
+    let plot = plot_file(arguments)?;
     let corrector = Corrector::new(&machine, &temperatures, 1e-3 * tolerance_um)
         .map_err(|error| failure(program, error))?;
     let job = Job {
@@ -318,13 +319,13 @@ pub(crate) fn run(arguments: &NcArguments) -> Result<Answer, Failure> {
             setup: &setup,
             part: part.as_ref().map(|part| (part, &corrector)),
         };
-        Some(on.verified(&made, output.so_far()?, drawn.as_mut(), &mut notes)?)
+        Some(on.verified(&made, output.so_far()?, &mut notes)?)
     } else {
         None
     };
     output.finish()?;
-    if let Some(picture) = drawn {
-        picture.finish()?;
+    if let (Some(plot), Some(verified)) = (plot, &verified) {
+        plot.write(&picture(arguments, &verified.found))?;
     }
     match made {
         Written::Compensated(summary) => {
@@ -371,27 +372,15 @@ fn refuse_read_once(arguments: &NcArguments, program: &File) -> Result<(), Failu
 }
 
 /// Creates the file of the picture before the work starts. It becomes visible when the result is stored.
-fn picture_file(arguments: &NcArguments) -> Result<Option<OutputFile>, Failure> {
-    let Some(path) = &arguments.picture else {
-        return Ok(None);
-    };
-    let ending = path.extension().unwrap_or_default();
-    if !ending.eq_ignore_ascii_case("svg") {
-        return Err(Failure::Input(format!(
-            "--picture: found {}, expected a name that ends in .svg, since the picture is written as SVG only",
-            path.display()
-        )));
+fn plot_file(arguments: &NcArguments) -> Result<Option<PlotFile>, Failure> {
+    let mut others = arguments.inputs();
+    others.push((arguments.output.as_path(), "--output"));
+    let plot = arguments.plot.open(&others)?;
+    if plot.is_some() && !arguments.verify {
+        let what = "--plot: found without --verify, which it draws: expected both";
+        return Err(Failure::input(what));
     }
-    let both = [path, &arguments.output].map(|path| std::path::absolute(path).ok());
-    if both[0] == both[1] {
-        return Err(Failure::in_file(
-            path,
-            "found it for --picture and for --output, expected two files",
-        ));
-    }
-    let mut inputs = arguments.inputs();
-    inputs.push((arguments.output.as_path(), "--output"));
-    OutputFile::open_beside(path, &inputs).map(Some)
+    Ok(plot)
 }
 
 enum Written {
@@ -509,6 +498,29 @@ fn averaged(
     Answer::new(&document, text, notes)
 }
 
+fn picture(arguments: &NcArguments, found: &Verification) -> String {
+    let places = found.path.iter().map(|place| ProgramPlace {
+        tip_mm: place.tip_mm,
+        before_um: place.before_um,
+        after_um: place.after_um,
+        begins: place.begins,
+    });
+    let places: Vec<ProgramPlace> = places.collect();
+    let figures = [&found.before, &found.after].map(|of| ProgramFigures {
+        max_um: of.max_um,
+        rms_um: of.rms_um,
+        line: of.line,
+        tip_mm: of.tip_mm,
+    });
+    let truth = arguments
+        .truth
+        .as_ref()
+        .unwrap_or(&arguments.machine.machine);
+    let machine = format!("on the machine of {}", truth.display());
+    let files = [arguments.program.display().to_string(), machine];
+    program_picture(&files, &places, figures)
+}
+
 struct OnTruth<'a> {
     arguments: &'a NcArguments,
     model: (&'a Machine, &'a Temperatures),
@@ -522,7 +534,6 @@ impl OnTruth<'_> {
         &self,
         made: &Written,
         result: &Path,
-        drawn: Option<&mut OutputFile>,
         notes: &mut Vec<String>,
     ) -> Result<Verified, Failure> {
         let arguments = self.arguments;
@@ -531,9 +542,6 @@ impl OnTruth<'_> {
         }
         let found = self.run(made, result, notes)?;
         notes.extend(is_better(&found, arguments, &left_out(made))?);
-        if let Some(file) = drawn {
-            file.append(picture(&found).as_bytes())?;
-        }
         let features = arguments.inspect.as_deref();
         Ok(Verified {
             best_fit: (self.part).map(|(part, _)| part.alignment == Alignment::BestFit),

@@ -10,7 +10,7 @@ use volcomp_calibrate::{CalibrationFile, not_observed};
 use volcomp_document::Document as Toml;
 use volcomp_identify::Observations;
 use volcomp_kinematics::State as Pose;
-use volcomp_model::{ErrorField, Machine, Temperatures};
+use volcomp_model::{ErrorField, Machine, Temperatures, volumetric};
 use volcomp_report::{
     Check, Diagonals, Edition, OfState, Report, Size, State, Stated, Tolerance, Verdict as Outcome,
     body_diagonals, checks, html, refuse_two_units, tolerances, tools, uncertainty, volume,
@@ -383,9 +383,13 @@ fn working_space(
     let fields_before = fields(&cases, &errors_before);
     let fields_after = fields(&cases, &errors_after);
     let judged = second.unwrap_or(first).1;
-    let second = second.map(|(state, _)| (state, &fields_after[..]));
+    let second = match second {
+        Some((state, _)) => Some((state, &fields_after[..], volumetric(&fields_after)?)),
+        None => None,
+    };
     let judged = [machine, judged];
-    report.volume = volume(judged, others, (first.0, &fields_before), second)?;
+    let first = (first.0, &fields_before[..], volumetric(&fields_before)?);
+    report.volume = volume(judged, others, first, second)?;
     let machines = [Some(machine), before.as_ref(), Some(truth.actual())];
     let reference_degc = machine.thermal().reference_degc;
     Ok(report.leave_out_temperatures(reference_degc, machines.into_iter().flatten()))

@@ -1,9 +1,13 @@
-use std::{fmt::Write, path::PathBuf};
+use std::{
+    fmt::Write,
+    path::{Path, PathBuf},
+};
 
 use schemars::JsonSchema;
 use serde::Serialize;
 use volcomp_kinematics::ChainError;
 use volcomp_model::{Axis, Machine, Temperatures};
+use volcomp_report::effects_picture;
 use volcomp_sensitivity::{
     DEPENDENT_BELOW, Effect, ErrorTerm, Poses, Sensitivity, effects_of_with_progress,
     sensitivity_with_progress, terms,
@@ -13,6 +17,7 @@ use volcomp_vocabulary::{AxisName, Displacement};
 use super::{Answer, fixed, table, table_text};
 use crate::{
     failure::Failure,
+    plot::PlotArguments,
     points::{GeometryArguments, states_of},
     progress,
     table::{HEAD, folded},
@@ -39,6 +44,8 @@ pub(crate) struct SensitivityArguments {
     /// Use the error values of the machine file, largest first, instead of 1 µm or 1 µrad; without thermal terms
     #[arg(long)]
     values: bool,
+    #[command(flatten)]
+    plot: PlotArguments,
 }
 
 /// The document of `volcomp sensitivity`: the effect of each error over many positions.
@@ -63,6 +70,11 @@ pub(super) fn errors_of(machine: &Machine, assembly: bool) -> Vec<ErrorTerm> {
 }
 
 pub(crate) fn run(arguments: &SensitivityArguments) -> Result<Answer, Failure> {
+    let file = arguments.machine.machine.as_path();
+    let mut inputs = vec![(file, "--machine")];
+    let points = arguments.points.as_deref();
+    inputs.extend(points.map(|points| (points, "--points")));
+    let plot = arguments.plot.open(&inputs)?;
     let machine = arguments.machine.read()?;
     let (poses, note) = if let Some(path) = &arguments.points {
         let (states, note) = states_of(&machine, path)?;
@@ -89,6 +101,9 @@ pub(crate) fn run(arguments: &SensitivityArguments) -> Result<Answer, Failure> {
         }
     }
     bar.finish_and_clear();
+    if let Some(plot) = plot {
+        plot.write(&picture(file, &found, arguments.values))?;
+    }
     let text = text(&machine, &found, arguments.values);
     let document = Effects {
         groups: (found.motions.iter().map(|motion| motion.terms.clone())).collect(),
@@ -97,6 +112,34 @@ pub(crate) fn run(arguments: &SensitivityArguments) -> Result<Answer, Failure> {
         found,
     };
     Answer::new(&document, text, notes)
+}
+
+fn picture(file: &Path, found: &Sensitivity, values: bool) -> String {
+    let shown: Vec<&Effect> = (found.errors.iter())
+        .filter(|effect| !(values && is_zero(effect)))
+        .collect();
+    let rows = |of: fn(&Effect) -> [f64; 2]| {
+        let row = |effect: &&Effect| {
+            let [rms, max] = of(effect);
+            (effect.term.to_string(), rms, max)
+        };
+        shown.iter().map(row).collect()
+    };
+    let title = if values {
+        "Effect of the errors of the machine file"
+    } else {
+        "Effect of 1 µm or 1 µrad of each error"
+    };
+    let lines = [
+        file.display().to_string(),
+        format!("over {} positions", found.poses),
+    ];
+    effects_picture(
+        title,
+        &lines,
+        rows(|of| [of.position_rms_um, of.position_max_um]),
+        rows(|of| [of.orientation_rms_urad, of.orientation_max_urad]),
+    )
 }
 
 /// The effects of the machine's error values, sorted from the largest displacement.

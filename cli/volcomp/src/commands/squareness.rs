@@ -3,11 +3,12 @@ use std::path::{Path, PathBuf};
 use schemars::JsonSchema;
 use serde::Serialize;
 use volcomp_metrology::{
-    DeviationUnit, LARGEST_PLAUSIBLE, ReferenceKind, SlopeUncertainty, SquarenessInputs,
-    SquarenessUncertainty, StandardQuantity, judged, squareness, squareness_parts,
-    squareness_uncertainty, straightness_of,
+    DeviationUnit, LARGEST_PLAUSIBLE, ReferenceKind, ReferenceLine, SlopeUncertainty,
+    SquarenessInputs, SquarenessUncertainty, StandardQuantity, judged, opening, squareness,
+    squareness_parts, squareness_uncertainty, straightness_of,
 };
-use volcomp_vocabulary::{ErrorName, Urad};
+use volcomp_report::{SlopePlot, SquarenessPlot, squareness_picture};
+use volcomp_vocabulary::{AxisName, ErrorName, Urad};
 
 use super::straightness::{Reference, key, odd, read};
 use super::{
@@ -15,7 +16,7 @@ use super::{
     evaluation::{Judgement, decision_text, quantities_text, tolerances},
     fixed, table, table_text,
 };
-use crate::{failure::Failure, unit::Unit};
+use crate::{failure::Failure, plot::PlotArguments, unit::Unit};
 
 /// Calculate the squareness of two axes from two straightness files
 #[derive(clap::Args)]
@@ -58,6 +59,8 @@ pub(crate) struct SquarenessArguments {
     /// Limit, µrad: squareness=20
     #[arg(long, value_name = "LIMIT")]
     tolerance: Option<String>,
+    #[command(flatten)]
+    plot: PlotArguments,
 }
 
 /// The squareness of two axes, with its tolerance.
@@ -118,6 +121,7 @@ pub(crate) fn run(arguments: &SquarenessArguments) -> Result<Answer, Failure> {
         let what = "this is the first file as well, expected the straightness of the other axis";
         return Err(Failure::in_file(paths[1], what));
     }
+    let plot = (arguments.plot).open(&paths.map(|path| (path.as_path(), "the readings")))?;
     let mut notes = Vec::new();
     let [first_error, second_error] = parts;
     let first = line(arguments, paths[0], first_error, &mut notes)?;
@@ -138,6 +142,10 @@ pub(crate) fn run(arguments: &SquarenessArguments) -> Result<Answer, Failure> {
     let u = |_: &str| uncertainty;
     let quantities = judged("ISO 230-1", [quantity], DeviationUnit::Urad, &tolerances, u);
     let judgement = Judgement::new(quantities, notes);
+    if let Some(plot) = plot {
+        let drawn = picture(arguments.error, value, [&first, &second], &judgement);
+        plot.write(&squareness_picture(&drawn))?;
+    }
     let document = SquarenessTest {
         error: arguments.error.to_string(),
         parts: [first.part, second.part],
@@ -158,6 +166,32 @@ struct Line {
     uncertainty: Option<SlopeUncertainty>,
     has_one_run: bool,
     length_mm: f64,
+    profile: Vec<(f64, f64)>,
+    reference: ReferenceLine,
+}
+
+fn picture(
+    error: ErrorName,
+    value: f64,
+    lines: [&Line; 2],
+    judgement: &Judgement,
+) -> SquarenessPlot {
+    let mut axes = [AxisName::X, AxisName::Y, AxisName::Z]
+        .into_iter()
+        .filter(|axis| axis.mcs_index() != error.component.mcs_index())
+        .map(|axis| axis.to_string());
+    SquarenessPlot {
+        error: error.to_string(),
+        axes: [0, 1].map(|_| axes.next().unwrap_or_default()),
+        angle_urad: opening(error).unwrap_or(1.0) * value,
+        lines: lines.map(|line| SlopePlot {
+            error: line.part.error.clone(),
+            file: line.part.file.clone(),
+            profile: line.profile.clone(),
+            line: line.reference,
+        }),
+        quantities: judgement.quantities.clone(),
+    }
 }
 
 /// A note that the uncertainty omits a contribution, because a line has only one run.
@@ -206,6 +240,8 @@ fn line(
         uncertainty: found.slope_uncertainty,
         has_one_run: measurement.most_runs() < 2,
         length_mm: ends.map_or(0.0, |(first, last)| last.0 - first.0),
+        reference: found.of(arguments.reference.kind()).line,
+        profile: found.profile,
     })
 }
 

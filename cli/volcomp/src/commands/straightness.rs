@@ -1,4 +1,5 @@
 use std::{
+    cell::RefCell,
     fmt::Write as _,
     path::{Path, PathBuf},
 };
@@ -11,15 +12,19 @@ use volcomp_metrology::{
     Straightness, TiltReading, Tolerance, angular_method_um, axis_named, implausible_size, judged,
     read_file, straightness_of, straightness_of_profile,
 };
+use volcomp_report::{StraightnessPlot, straightness_picture};
 use volcomp_vocabulary::{AxisKind, AxisName, ErrorName};
 
 use super::{
     Answer,
-    evaluation::{Evaluated, Judgement, decision_text, evaluated, quantities_text, tolerances},
+    evaluation::{
+        Evaluated, Judgement, decision_text, evaluated, quantities_text, tolerances, with_csv,
+    },
     fixed, table, table_text,
 };
 use crate::{
     failure::Failure,
+    plot::PlotArguments,
     unit::{self, Unit},
 };
 
@@ -53,6 +58,8 @@ pub(crate) struct StraightnessArguments {
     /// Write a CSV file with a row for each input file
     #[arg(long, short = 'o', value_name = "FILE")]
     csv: Option<PathBuf>,
+    #[command(flatten)]
+    plot: PlotArguments,
 }
 
 /// The straightness of a motion.
@@ -110,15 +117,27 @@ const SYMBOLS: [&str; 3] = ["least-squares", "end-points", "minimum-zone"];
 pub(crate) fn run(arguments: &StraightnessArguments) -> Result<Answer, Failure> {
     let tolerances = tolerances(arguments.tolerance.as_deref(), &SYMBOLS)?;
     let csv = arguments.csv.as_deref();
-    evaluated(&arguments.files, csv, |path| {
+    let plot = (arguments.plot).open(&with_csv(&arguments.files, csv))?;
+    let drawn = RefCell::new(Vec::new());
+    let answer = evaluated(&arguments.files, csv, |path| {
         let document = one(path, arguments, &tolerances)?;
+        drawn.borrow_mut().push(StraightnessPlot {
+            file: document.file.clone(),
+            reference: document.reference,
+            profile: document.profile.iter().map(|[q, x]| (*q, *x)).collect(),
+            quantities: document.judgement.quantities.clone(),
+        });
         Ok(Evaluated {
             text: text(&document, arguments.files.len() == 1),
             metadata: Metadata::default(),
             judgement: document.judgement.clone(),
             document,
         })
-    })
+    })?;
+    if let Some(plot) = plot {
+        plot.write(&straightness_picture(&drawn.into_inner()))?;
+    }
+    Ok(answer)
 }
 
 /// Reads a straightness file with its deviations in µm; rejects other kinds of files.

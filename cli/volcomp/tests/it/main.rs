@@ -14,6 +14,7 @@ mod map_table;
 mod measurement_files;
 mod nc;
 mod nc_parts;
+mod plots;
 mod points;
 mod probe;
 mod provenance;

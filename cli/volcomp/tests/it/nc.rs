@@ -62,7 +62,7 @@ fn the_example_is_better_afterwards() {
     let folder = Folder::new();
     let (result, picture) = (folder.path().join("o.ngc"), folder.path().join("o.svg"));
     let picture = picture.to_str().expect("a path in UTF-8");
-    let answer = answered(&result, &["--verify", "--picture", picture]);
+    let answer = answered(&result, &["--verify", "--plot", picture]);
     let max = |which: &str| float(&answer["verified"][which]["max_um"]);
     assert!(max("before") > 15.0 && max("after") < 1.0, "{answer}");
     let original = fs::read_to_string(root().join("examples/part.ngc")).expect("the example");
@@ -97,7 +97,7 @@ fn a_worse_result_is_not_kept() {
         .replace("-0.5", "0.5");
     let model = &folder.write("model.toml", reversed);
     let ran = volcomp(&format!(
-        "nc {program} -o {output} -m {model} --verify --truth {truth} --picture {picture}"
+        "nc {program} -o {output} -m {model} --verify --truth {truth} --plot {picture}"
     ));
     ended(&ran, 1, "not written, since the tool is further off");
     let kept = fs::read_to_string(&result).expect("the file");
@@ -216,7 +216,7 @@ fn what_is_wrong_is_told() {
 fn options_without_sense_are_refused_before_the_work() {
     let folder = Folder::new();
     let path = |name: &str| folder.path().join(name).display().to_string();
-    let (result, picture, part) = (path("o.ngc"), path("o.png"), path("part.toml"));
+    let (result, picture, part) = (path("o.ngc"), path("o.pdf"), path("part.toml"));
     let (same, odd) = (path("o.svg"), path("none/o.svg"));
     fs::write(
         &part,
@@ -242,19 +242,11 @@ fn options_without_sense_are_refused_before_the_work() {
         ),
         (
             &result,
-            &["--verify", "--picture", &picture],
-            "o.png, expected a name that ends in .svg",
+            &["--verify", "--plot", &picture],
+            "o.pdf, expected a name that ends in .svg or .png",
         ),
-        (
-            &same,
-            &["--verify", "--picture", &same],
-            "expected two files",
-        ),
-        (
-            &result,
-            &["--verify", "--picture", &odd],
-            "there is no folder",
-        ),
+        (&same, &["--verify", "--plot", &same], "expected two files"),
+        (&result, &["--verify", "--plot", &odd], "there is no folder"),
         (
             &result,
             &["--verify", "--inspect", &part],

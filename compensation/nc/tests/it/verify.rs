@@ -1,7 +1,7 @@
 //! A program and its result on a virtual machine, compared with closed-form deviations.
 
 use volcomp_model::Machine;
-use volcomp_nc::{Dialect, Job, NcError, SetUp, Verification, picture};
+use volcomp_nc::{Dialect, Job, NcError, SetUp, Verification};
 
 use crate::identity::{TRAVELS, result_of, verified_by};
 
@@ -46,12 +46,9 @@ fn modelled_errors_are_removed() {
     let found = verified(errors, errors, program).expect("verified");
     assert!(found.before.max_um > 30.0, "{found:?}");
     assert!(found.after.max_um < 0.5 + 0.8, "{found:?}");
-    let svg = picture(&found);
-    assert!(svg.contains("without compensation: at most"), "{svg}");
-    assert!(!svg.contains("NaN") && !svg.contains("inf"), "{svg}");
-    // Without motions there is still a plot.
+    // Without motions there is no deviation.
     let empty = verified(errors, errors, "G90\n").expect("verified");
-    assert!(picture(&empty).ends_with("</svg>\n"));
+    assert!(empty.path.is_empty());
 }
 
 #[test]

@@ -12,7 +12,7 @@ use sha2::{Digest as _, Sha256};
 
 use self::write::Page;
 use crate::{
-    plot::{STYLE, escaped},
+    plot::{STYLE, colour_variables, escaped},
     report::Report,
 };
 
@@ -21,7 +21,7 @@ const SCRIPT: &str = include_str!("page.js");
 
 /// Renders the report as an HTML file. The same report gives the same bytes.
 pub fn html(report: &Report) -> String {
-    let style = format!("{PAGE_STYLE}{STYLE}");
+    let style = format!("{}{PAGE_STYLE}{STYLE}", colour_variables());
     let title = match &report.head.machine {
         Some(machine) => format!("Calibration report – {machine}"),
         None => "Calibration report".to_owned(),

@@ -1,15 +1,12 @@
 //! Positioning tests to ISO 230-2: the usual plot, the figures, the table of the targets.
 
-use volcomp_metrology::{Approach, Iso230Part2, TargetRow};
-use volcomp_vocabulary::Direction;
+use volcomp_metrology::{Approach, TargetRow};
 
-use super::{
-    curves::{direction_word, look, run_series},
-    write::{Cell, Page},
-};
+use super::write::{Cell, Page};
 use crate::{
     described::described,
-    plot::{Bracket, Look, Mark, Series, WIDTH, XyPlot, short, xy},
+    pictures::positioning_plot,
+    plot::xy,
     report::{Positioning, Report},
 };
 
@@ -27,7 +24,7 @@ pub(super) fn positioning(page: &mut Page, report: &Report) {
     for test in &report.positioning {
         page.put("<div class=\"keep\">");
         page.heading(3, &test.error, &described(&test.error));
-        page.figure(&xy(&plot(test)), &test.file);
+        page.figure(&xy(&positioning_plot(test)), &test.file);
         figures(page, test);
         if test.result.a.is_none()
             && test.result.a_forward.is_none()
@@ -165,126 +162,4 @@ fn chosen(all: &[TargetRow]) -> Vec<&TargetRow> {
     places.sort_unstable();
     places.dedup();
     places.into_iter().map(|place| &all[place]).collect()
-}
-
-fn of(row: &TargetRow, direction: Direction) -> Option<&Approach> {
-    match direction {
-        Direction::Positive => row.forward.as_ref(),
-        Direction::Negative => row.backward.as_ref(),
-    }
-}
-
-fn plot(test: &Positioning) -> XyPlot {
-    let mut series = run_series(&test.runs, true);
-    let mut legend = Vec::new();
-    for direction in Direction::BOTH {
-        let (mean_look, mark) = look(Some(direction));
-        let (run_look, limit) = match direction {
-            Direction::Positive => (Look::RunForward, Look::LimitForward),
-            Direction::Negative => (Look::RunBackward, Look::LimitBackward),
-        };
-        let word = direction_word(Some(direction));
-        let with = |value: &dyn Fn(&Approach) -> Option<f64>| -> Vec<(f64, f64)> {
-            let rows = test.result.targets.iter();
-            rows.filter_map(|row| Some((row.target, value(of(row, direction)?)?)))
-                .collect()
-        };
-        let means = with(&|of| Some(of.mean));
-        if means.is_empty() {
-            continue;
-        }
-        if test.runs.iter().any(|run| run.direction == direction) {
-            legend.push((run_look, Mark::None, format!("runs, {word}")));
-        }
-        series.push(Series {
-            name: format!("mean, {word}"),
-            points: means,
-            look: mean_look,
-            mark,
-            line: true,
-        });
-        legend.push((mean_look, mark, format!("mean, {word}")));
-        for (sign, name) in [(2.0, "+ 2 s"), (-2.0, "− 2 s")] {
-            let points = with(&|of| Some(of.mean + sign * of.s?));
-            if points.is_empty() {
-                continue;
-            }
-            if sign > 0.0 {
-                legend.push((limit, Mark::None, format!("mean ± 2 s, {word}")));
-            }
-            series.push(Series {
-                name: format!("mean {name}, {word}"),
-                points,
-                look: limit,
-                mark: Mark::None,
-                line: true,
-            });
-        }
-    }
-    XyPlot {
-        words: format!("Positioning tests (ISO 230-2): {}", test.error),
-        x_label: format!("target, {}", test.x_unit),
-        x_named: true,
-        y_label: format!("deviation, {}", test.unit),
-        x_range: None,
-        width: WIDTH,
-        height: 250.0,
-        series,
-        bands: Vec::new(),
-        brackets: brackets(&test.result),
-        legend,
-        band_label: String::new(),
-    }
-}
-
-/// Brackets for A, E and M next to the plot, and for R and B at their targets.
-fn brackets(result: &Iso230Part2) -> Vec<Bracket> {
-    let rows = &result.targets;
-    let approaches = || {
-        rows.iter()
-            .flat_map(|row| [row.forward, row.backward])
-            .flatten()
-    };
-    let beside = |letter: &str, value: Option<f64>, span: Option<[f64; 2]>| {
-        Some(Bracket {
-            label: format!("{letter} {}", short(value?, 1)),
-            span: span?,
-            at: None,
-        })
-    };
-    let limits = approaches().filter_map(|of| Some([of.mean - 2.0 * of.s?, of.mean + 2.0 * of.s?]));
-    let a = beside("A", result.a, span(limits.flatten()));
-    let e = beside("E", result.e, span(approaches().map(|of| of.mean)));
-    let m = beside("M", result.m, span(rows.iter().filter_map(|row| row.mean)));
-    let most = |value: fn(&TargetRow) -> Option<f64>| {
-        let with = rows.iter().filter_map(|row| Some((row, value(row)?)));
-        with.max_by(|a, b| a.1.total_cmp(&b.1)).map(|found| found.0)
-    };
-    let r = most(|row| row.repeatability).and_then(|row| {
-        let both = [row.forward?, row.backward?];
-        let limits = both
-            .iter()
-            .filter_map(|of| Some([of.mean - 2.0 * of.s?, of.mean + 2.0 * of.s?]));
-        Some(Bracket {
-            label: format!("R {}", short(row.repeatability?, 1)),
-            span: span(limits.flatten())?,
-            at: Some(row.target),
-        })
-    });
-    let b = most(|row| row.reversal.map(f64::abs)).and_then(|row| {
-        Some(Bracket {
-            // As in the figures, B is the absolute value of the largest reversal value.
-            label: format!("B {}", short(row.reversal?.abs(), 1)),
-            span: [row.forward?.mean, row.backward?.mean],
-            at: Some(row.target),
-        })
-    });
-    [a, e, m, r, b].into_iter().flatten().collect()
-}
-
-fn span(values: impl Iterator<Item = f64>) -> Option<[f64; 2]> {
-    values.fold(None, |span: Option<[f64; 2]>, value| {
-        let [low, high] = span.unwrap_or([value; 2]);
-        Some([low.min(value), high.max(value)])
-    })
 }

@@ -4,15 +4,10 @@ use volcomp_vocabulary::AxisName;
 
 use super::write::{Cell, Page};
 use crate::{
-    plot::{
-        Arrow, HeatMap, Look, Mark, Quiver, Series, SquareSketch, Svg, XyPlot, colour_scale,
-        escaped, heat_map, quiver, short, square_sketch, ticks, xy,
-    },
-    report::{Diagonal, Report, Slice, Standing, State, Volume},
+    pictures::{self, Maps, diagonal_plots, exaggeration, sketch},
+    plot::{Arrow, Quiver, colour_bar, escaped, heat_map, quiver, short, square_sketch},
+    report::{Diagonal, Report, Standing, State, Volume},
 };
-
-/// Angle in the drawing of the largest squareness error, rad.
-const DRAWN_RAD: f64 = 0.2;
 
 pub(super) fn squareness(page: &mut Page, report: &Report) {
     if report.squareness.is_empty() {
@@ -22,37 +17,12 @@ pub(super) fn squareness(page: &mut Page, report: &Report) {
             "lead",
             "The angle of each pair of axes less 90°, drawn much larger than it is; dashed: 90°.",
         );
-        let angles = report
-            .squareness
-            .iter()
-            .map(|square| square.angle_urad.abs());
-        let largest = angles.filter(|angle| angle.is_finite()).fold(0.0, f64::max);
-        let exaggeration = if largest > 0.0 {
-            round(DRAWN_RAD / (largest * 1e-6))
-        } else {
-            1.0
-        };
+        let exaggeration = exaggeration(report.squareness.iter().map(|of| of.angle_urad));
         page.put("<div class=\"squares\">");
         for square in &report.squareness {
-            let sketch = SquareSketch {
-                words: format!(
-                    "{} {}: {} µrad",
-                    square.first,
-                    square.second,
-                    short(square.angle_urad, 1)
-                ),
-                first: square.first.clone(),
-                second: square.second.clone(),
-                angle_urad: square.angle_urad,
-                exaggeration,
-                label: format!(
-                    "{}{}: 90° {} µrad",
-                    square.first,
-                    square.second,
-                    signed(square.angle_urad)
-                ),
-            };
-            page.put(&format!("<figure>{}</figure>", square_sketch(&sketch)));
+            let axes = [square.first.clone(), square.second.clone()];
+            let sketch = square_sketch(&sketch(&axes, square.angle_urad, exaggeration));
+            page.put(&format!("<figure>{sketch}</figure>"));
         }
         page.put("</div>");
         let rows = report.squareness.iter().map(|square| {
@@ -86,21 +56,6 @@ pub(super) fn squareness(page: &mut Page, report: &Report) {
         });
         page.table(&columns, rows);
     }
-}
-
-/// Rounds down to 1, 2 or 5 times a power of ten.
-fn round(value: f64) -> f64 {
-    let power = 10.0_f64.powf(value.log10().floor());
-    [5.0, 2.0, 1.0]
-        .into_iter()
-        .map(|f| f * power)
-        .find(|round| *round <= value)
-        .unwrap_or(1.0)
-}
-
-fn signed(value: f64) -> String {
-    let sign = if value < 0.0 { "−" } else { "+" };
-    format!("{sign} {}", short(value.abs(), 1))
 }
 
 fn state_words(state: State, has_before: bool) -> &'static str {
@@ -142,49 +97,15 @@ pub(super) fn diagonals(page: &mut Page, report: &Report) {
         found.before.state,
         found.after.as_ref().map(|after| after.state),
     );
+    page.put("<div class=\"maps two\">");
+    for panel in diagonal_plots(found) {
+        page.figure(&panel.svg, &panel.heading);
+    }
+    page.put("</div>");
     let after_of = |name: &str| -> Option<&Diagonal> {
         let after = found.after.as_ref()?;
         after.found.iter().find(|diagonal| diagonal.name == name)
     };
-    page.put("<div class=\"maps two\">");
-    for diagonal in &found.before.found {
-        let mut series = vec![Series {
-            name: format!("{}, before", diagonal.name),
-            points: diagonal.points.clone(),
-            look: Look::Before,
-            mark: Mark::Down,
-            line: true,
-        }];
-        let mut legend = vec![(Look::Before, Mark::Down, "before".to_owned())];
-        if let Some(after) = after_of(&diagonal.name) {
-            series.push(Series {
-                name: format!("{}, after", diagonal.name),
-                points: after.points.clone(),
-                look: Look::After,
-                mark: Mark::Dot,
-                line: true,
-            });
-            legend.push((Look::After, Mark::Dot, "after".to_owned()));
-        } else {
-            legend.clear();
-        }
-        let plot = XyPlot {
-            words: format!("diagonal {}", diagonal.name),
-            x_label: "place along the diagonal, mm".to_owned(),
-            x_named: true,
-            y_label: "deviation, µm".to_owned(),
-            x_range: None,
-            width: 340.0,
-            height: 170.0,
-            series,
-            bands: Vec::new(),
-            brackets: Vec::new(),
-            legend,
-            band_label: String::new(),
-        };
-        page.figure(&xy(&plot), &diagonal.name);
-    }
-    page.put("</div>");
     let columns: &[&str] = if found.after.is_some() {
         &["diagonal", ">range before, µm", ">range after, µm"]
     } else {
@@ -211,7 +132,7 @@ pub(super) fn volume(page: &mut Page, report: &Report) {
         page.paragraph("lead", "A map needs two of the axes X, Y and Z.");
         return;
     };
-    page.paragraph("lead", "Length of the error of the tool tip after best-fit rigid-body alignment of the workpiece, on planes through the middle of the working space. One colour scale for all maps.");
+    page.paragraph("lead", "Length of the error of the tool tip after best-fit rigid-body alignment of the workpiece, on planes through the middle of the working space, with the error in the plane as arrows. One colour scale for all maps.");
     states(
         page,
         volume.before.state,
@@ -267,83 +188,31 @@ fn standing(page: &mut Page, volume: &Volume) {
         .collect();
     page.paragraph(
         "note",
-        &format!("Axes that do not move in the pictures: {}. The table and the verdict cover poses of all axes; the pictures show this one.", at.join(", ")),
+        &format!("Axes that do not move in the pictures over X, Y and Z: {}. The table and the verdict cover poses of all axes; these pictures show this one.", at.join(", ")),
     );
 }
 
-/// All slices before, then all after compensation, with a common colour scale.
+/// All maps before, then all after compensation, with a common colour scale.
 fn maps(page: &mut Page, volume: &Volume) {
-    let all = volume.slices.iter().flat_map(|slice| {
-        slice
-            .before_um
-            .iter()
-            .chain(slice.after_um.iter().flatten())
-    });
-    let most = all.copied().filter(|um| um.is_finite()).fold(0.0, f64::max);
+    let Maps {
+        before,
+        after,
+        most_um,
+    } = pictures::maps(volume);
     let class = match volume.slices.len() {
         1 => "maps one",
-        2 => "maps two",
+        2 | 4 => "maps two",
         _ => "maps",
     };
-    let mut row = |word: &str, values: &dyn Fn(&Slice) -> Option<Vec<f64>>| {
+    for maps in [before, after].iter().filter(|maps| !maps.is_empty()) {
         page.put(&format!("<div class=\"{class}\">"));
-        for slice in &volume.slices {
-            let Some(values) = values(slice) else {
-                continue;
-            };
-            let held = slice
-                .held
-                .as_ref()
-                .map(|held| format!(", {} = {} mm", held.axis, short(held.at, 0)));
-            let title = format!("{}{}{}", slice.across, slice.up, held.unwrap_or_default());
-            let map = HeatMap {
-                words: format!("plane {title} {word}"),
-                title: format!("{title}{}{word}", if word.is_empty() { "" } else { ", " }),
-                x_label: format!("{}, mm", slice.across),
-                y_label: format!("{}, mm", slice.up),
-                x: slice.x.clone(),
-                y: slice.y.clone(),
-                values,
-                most,
-                unit: "µm".to_owned(),
-            };
-            page.put(&heat_map(&map));
+        for map in maps {
+            page.put(&heat_map(map));
         }
         page.put("</div>");
-    };
-    let before = if volume.after.is_some() { "before" } else { "" };
-    row(before, &|slice| Some(slice.before_um.clone()));
-    if volume.after.is_some() {
-        row("after", &|slice| slice.after_um.clone());
     }
-    page.put(&format!("<div class=\"colours\">{}</div>", colours(most)));
-}
-
-fn colours(most: f64) -> String {
-    let (left, width) = (4.0, 400.0);
-    let mut svg = Svg::new("plot", (420.0, 54.0), "length of the error, µm", "");
-    let strips = 60;
-    for (share, colour) in colour_scale(strips) {
-        svg.raw(&format!(
-            "<rect x=\"{}\" y=\"18\" width=\"{}\" height=\"14\" fill=\"{colour}\"/>",
-            crate::plot::finite(left + share * width),
-            crate::plot::finite(width / strips as f64 + 0.5)
-        ));
-    }
-    svg.raw(&format!(
-        "<text class=\"name\" x=\"{left}\" y=\"12\">length of the error, µm</text>"
-    ));
-    let most = if most > 0.0 { most } else { 1.0 };
-    let (values, decimals) = ticks([0.0, most], 6);
-    for value in values {
-        let x = crate::plot::finite(left + value / most * width);
-        svg.line("frame", [x, 32.0], [x, 36.0]);
-        svg.raw(&format!(
-            "<text class=\"tick\" x=\"{x}\" y=\"49\" text-anchor=\"middle\">{}</text>",
-            escaped(&short(value, decimals))
-        ));
-    }
-    svg.finish()
+    let bar = colour_bar(pictures::COLOURS, most_um);
+    page.put(&format!("<div class=\"colours\">{bar}</div>"));
 }
 
 fn vectors(page: &mut Page, volume: &Volume) {

@@ -1,7 +1,42 @@
 //! A colour scale for readers with colour-vision deficiency and for grey printing: from dark blue to yellow with increasing lightness. Its
 //! supports are those of the published colour map `cividis` (Nuñez, Anderton, Renslow 2018), rounded.
 
-use super::svg::finite;
+use super::{
+    scale::{short, ticks},
+    svg::{Anchor, Svg, finite},
+};
+
+/// The colours of the plots: variable, on white, on dark. Blue and orange stay distinct with every colour-vision deficiency.
+const COLOURS: [[&str; 3]; 7] = [
+    ["paper", "#fff", "#171a1d"],
+    ["ink", "#16191c", "#e7eaed"],
+    ["faint", "#5c656d", "#a3acb4"],
+    ["grid", "#dfe3e7", "#2d3339"],
+    ["forward", "#0067a8", "#64b5f0"],
+    ["backward", "#b84a00", "#f39a55"],
+    ["mark", "#6a2c91", "#cfa2f2"],
+];
+
+/// CSS that sets the colours of the plots of a page as variables: `--paper`, `--ink`, `--faint`, `--grid`, `--forward`, `--backward`, `--mark`.
+pub fn colour_variables() -> String {
+    let set = |theme: usize| -> String {
+        let one = |colour: &[&str; 3]| format!("--{}:{};", colour[0], colour[theme]);
+        COLOURS.iter().map(one).collect()
+    };
+    format!(
+        ":root{{{}}}\n@media screen and (prefers-color-scheme:dark){{:root{{{}}}}}\n",
+        set(1),
+        set(2)
+    )
+}
+
+/// A style with its variables replaced by the colours on white, or on dark: most viewers of SVG files do not support CSS variables.
+pub(super) fn without_variables(style: &str, dark: bool) -> String {
+    COLOURS.iter().fold(style.to_owned(), |style, colour| {
+        let name = format!("var(--{})", colour[0]);
+        style.replace(&name, colour[1 + usize::from(dark)])
+    })
+}
 
 /// Equidistant support colours: red, green, blue.
 const SUPPORTS: [[f64; 3]; 9] = [
@@ -47,6 +82,30 @@ pub fn colour_scale(strips: usize) -> impl Iterator<Item = (f64, String)> {
             colour_at((strip as f64 + 0.5) / count),
         )
     })
+}
+
+/// The colour scale from 0 to `most`, with its `label` above.
+pub fn colour_bar(label: &str, most: f64) -> String {
+    let (left, width) = (4.0, 400.0);
+    let mut svg = Svg::new("plot", (420.0, 54.0), label, "");
+    let strips = 60;
+    for (share, colour) in colour_scale(strips) {
+        svg.put(format_args!(
+            "<rect x=\"{}\" y=\"18\" width=\"{}\" height=\"14\" fill=\"{colour}\"/>",
+            finite(left + share * width),
+            finite(width / strips as f64 + 0.5)
+        ));
+    }
+    svg.text("name", [left, 12.0], Anchor::Start, label);
+    let most = if most > 0.0 { most } else { 1.0 };
+    let (values, decimals) = ticks([0.0, most], 6);
+    for value in values {
+        let x = left + value / most * width;
+        svg.line("frame", [x, 32.0], [x, 36.0]);
+        let text = short(value, decimals);
+        svg.text("tick", [x, 49.0], Anchor::Middle, &text);
+    }
+    svg.finish()
 }
 
 #[cfg(test)]

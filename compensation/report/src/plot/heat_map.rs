@@ -1,12 +1,14 @@
 use super::{
     colour::colour_at,
-    scale::{Scale, short, ticks},
+    scale::{Scale, round_below, short, ticks},
     svg::{Anchor, Svg, escaped, finite},
 };
 
 const WIDTH: f64 = 330.0;
 const LEFT: f64 = 50.0;
 const TOP: f64 = 34.0;
+/// Maximum length of the rule of the arrows.
+const RULE: f64 = 40.0;
 
 /// A field over two coordinates.
 #[derive(Clone, Debug, PartialEq)]
@@ -27,8 +29,12 @@ pub struct HeatMap {
     pub values: Vec<f64>,
     /// The value of the last colour of the scale; the first colour is 0.
     pub most: f64,
-    /// The unit of the values.
+    /// The unit of the values, and of the arrows.
     pub unit: String,
+    /// Positions, and vectors in the plane, in `unit`.
+    pub arrows: Vec<([f64; 2], [f64; 2])>,
+    /// Length of a vector of 1 `unit` in the picture.
+    pub arrow_scale: f64,
 }
 
 /// Draws a heat map with one cell per node, in the proportions of the plane unless it is too elongated.
@@ -103,9 +109,53 @@ pub fn heat_map(map: &HeatMap) -> String {
             &short(value, decimals),
         );
     }
+    arrows(&mut svg, map, (&x, &y), bottom);
     svg.text("name", [right, bottom + 32.0], Anchor::End, &map.x_label);
     svg.text("name", [6.0, TOP - 6.0], Anchor::Start, &map.y_label);
     svg.finish()
+}
+
+/// The arrows, each with a light edge that separates it from any colour, and below the map the length of a round one.
+fn arrows(svg: &mut Svg, map: &HeatMap, (x, y): (&Scale, &Scale), bottom: f64) {
+    for ([at_x, at_y], [u, v]) in &map.arrows {
+        let from = [x.at(*at_x), y.at(*at_y)];
+        let to = [from[0] + u * map.arrow_scale, from[1] - v * map.arrow_scale];
+        if ![from, to].as_flattened().iter().all(|at| at.is_finite()) {
+            continue;
+        }
+        let turned = |sign: f64| {
+            let (sin, cos) = (sign * 0.45_f64).sin_cos();
+            let back = [from[0] - to[0], from[1] - to[1]];
+            let length = back[0].hypot(back[1]).max(1e-9);
+            let head = 6.0_f64.min(0.5 * length) / length;
+            [
+                to[0] + head * (back[0] * cos - back[1] * sin),
+                to[1] + head * (back[0] * sin + back[1] * cos),
+            ]
+        };
+        let [[a, b], [c, d], [e, f], [g, h]] =
+            [from, to, turned(1.0), turned(-1.0)].map(|at| at.map(finite));
+        for class in ["halo", "arrow"] {
+            svg.put(format_args!(
+                "<path class=\"{class}\" d=\"M{a} {b}L{c} {d}M{e} {f}L{c} {d}L{g} {h}\"/>"
+            ));
+        }
+    }
+    if !map.arrows.is_empty() && map.arrow_scale > 0.0 {
+        // Maps with one scale show the same length.
+        let round = round_below(RULE / map.arrow_scale);
+        let end = LEFT + round * map.arrow_scale;
+        svg.line("rule", [LEFT, bottom + 28.0], [end, bottom + 28.0]);
+        let decimals = if round < 1.0 { 4 } else { 0 };
+        let text = short(round, decimals);
+        let text = if decimals > 0 {
+            text.trim_end_matches('0')
+        } else {
+            &text
+        };
+        let text = format!("{text} {}", map.unit);
+        svg.text("tick", [end + 6.0, bottom + 32.0], Anchor::Start, &text);
+    }
 }
 
 /// The edges of cells around nodes: midpoints between nodes, and symmetric edges for the outermost cells.
@@ -143,6 +193,8 @@ mod tests {
             values,
             most: 5.0,
             unit: "µm".to_owned(),
+            arrows: Vec::new(),
+            arrow_scale: 1.0,
         }
     }
 

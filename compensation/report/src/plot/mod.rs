@@ -3,9 +3,13 @@
 //!
 //! Values that are not finite are not drawn. Texts are escaped.
 
+mod bars;
 mod colour;
 mod heat_map;
 mod marks;
+mod path;
+mod picture;
+mod polar;
 mod quiver;
 mod scale;
 mod square_sketch;
@@ -13,16 +17,19 @@ mod svg;
 mod thin;
 mod xy;
 
-pub use colour::{colour_at, colour_scale};
+pub use bars::{Bars, bars};
+pub use colour::{colour_at, colour_bar, colour_scale, colour_variables};
 pub use heat_map::{HeatMap, heat_map};
 pub use marks::Mark;
+pub use path::{PathPlot, PathPoint, path_plot};
+pub use picture::{Panel, picture};
+pub use polar::{PolarPlot, PolarSeries, polar};
 pub use quiver::{Arrow, Quiver, quiver};
-pub use scale::{Scale, short, ticks};
+pub use scale::{Scale, round_below, short, ticks};
 pub use square_sketch::{SquareSketch, square_sketch};
 pub use svg::{Svg, escaped, finite};
 pub use thin::{MOST_POINTS, thinned};
 pub use xy::{Band, Bracket, Look, Series, WIDTH, XyPlot, xy};
 
-/// CSS rules of the plots. Their colours are the variables `--ink`, `--faint`, `--grid`, `--forward`, `--backward`, `--band`, `--paper`,
-/// `--mark`.
+/// CSS rules of the plots. Their colours are the variables of [`colour_variables`].
 pub const STYLE: &str = include_str!("style.css");

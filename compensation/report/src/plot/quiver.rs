@@ -1,7 +1,7 @@
 //! Error vectors in space: a static view for printing, and their coordinates for a script that rotates them.
 
 use super::{
-    scale::short,
+    scale::{round_below, short},
     svg::{Anchor, Svg, finite},
 };
 
@@ -175,16 +175,6 @@ fn edges_of_box([x, y, z]: [[f64; 2]; 3]) -> Vec<[[f64; 3]; 2]> {
     edges
 }
 
-/// Rounds down to 1, 2 or 5 times a power of ten.
-fn round_below(value: f64) -> f64 {
-    let power = 10.0_f64.powf(value.log10().floor());
-    [5.0, 2.0, 1.0]
-        .into_iter()
-        .map(|f| f * power)
-        .find(|round| *round <= value)
-        .unwrap_or(power)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -232,13 +222,5 @@ mod tests {
             ..cube(Vec::new())
         });
         assert!(!nothing.contains("NaN"));
-    }
-
-    #[test]
-    fn the_scale_is_round() {
-        assert_eq!(
-            [round_below(7.0), round_below(23.0), round_below(0.4)],
-            [5.0, 20.0, 0.2]
-        );
     }
 }

@@ -80,9 +80,28 @@ pub fn short(value: f64, decimals: usize) -> String {
     }
 }
 
+/// Rounds down to 1, 2 or 5 times a power of ten; 1 for a value that is not positive.
+pub fn round_below(value: f64) -> f64 {
+    let power = 10.0_f64.powf(value.log10().floor());
+    if !(power > 0.0 && power.is_finite()) {
+        return 1.0;
+    }
+    let rounds = [5.0, 2.0, 1.0].map(|f| f * power);
+    rounds
+        .into_iter()
+        .find(|round| *round <= value)
+        .unwrap_or(power)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn round_numbers_are_below() {
+        assert_eq!([7.0, 23.0, 0.4].map(round_below), [5.0, 20.0, 0.2]);
+        assert_eq!([0.0, -3.0, f64::NAN].map(round_below), [1.0; 3]);
+    }
 
     #[test]
     fn ticks_are_round_and_within() {

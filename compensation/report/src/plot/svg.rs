@@ -27,6 +27,17 @@ impl Svg {
         }
     }
 
+    /// Elements without an `<svg>` around them, for [`Svg::finish_inner`].
+    pub(super) fn inner() -> Self {
+        Self {
+            text: String::new(),
+        }
+    }
+
+    pub(super) fn finish_inner(self) -> String {
+        self.text
+    }
+
     /// Adds markup, which must consist of finite numbers and escaped text.
     pub fn raw(&mut self, markup: &str) {
         self.text += markup;

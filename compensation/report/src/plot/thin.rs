@@ -44,6 +44,30 @@ pub fn thinned(points: &[(f64, f64)], most: usize) -> Vec<(f64, f64)> {
     kept
 }
 
+/// Drops finite points of a path that are nearer than `least` to the one before; points that begin a line, and the last one, are kept.
+pub(super) fn spaced(
+    points: &[([f64; 2], bool)],
+    least: f64,
+) -> impl Iterator<Item = ([f64; 2], bool)> {
+    let mut before: Option<[f64; 2]> = None;
+    let last = points.len().saturating_sub(1);
+    let kept = points
+        .iter()
+        .enumerate()
+        .filter(move |(place, (at, begins))| {
+            if !(at[0].is_finite() && at[1].is_finite()) {
+                return false;
+            }
+            let near = before.is_some_and(|from| (at[0] - from[0]).hypot(at[1] - from[1]) < least);
+            let keeps = !near || *begins || *place == last;
+            if keeps {
+                before = Some(*at);
+            }
+            keeps
+        });
+    kept.map(|(_, point)| *point)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

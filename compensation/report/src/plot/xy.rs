@@ -39,16 +39,19 @@ pub enum Look {
     Before,
     /// The state after a compensation.
     After,
+    /// A limit of a tolerance.
+    Tolerance,
 }
 
 impl Look {
-    fn class(self) -> &'static str {
+    pub(super) fn class(self) -> &'static str {
         match self {
             Self::RunForward => "run f",
             Self::RunBackward => "run b",
             Self::Both => "mean m",
             Self::LimitForward => "limit f",
             Self::LimitBackward => "limit b",
+            Self::Tolerance => "tolerance",
             Self::Backward | Self::Before => "mean b",
             Self::Forward | Self::After => "mean f",
         }
@@ -107,6 +110,8 @@ pub struct XyPlot {
     pub y_label: String,
     /// Minimum range of the coordinate axis.
     pub x_range: Option<[f64; 2]>,
+    /// Minimum range of the value axis, for plots with the same scale.
+    pub y_range: Option<[f64; 2]>,
     /// Width of the picture, in its own units: at most [`WIDTH`].
     pub width: f64,
     /// Height of the plot area.
@@ -121,6 +126,41 @@ pub struct XyPlot {
     pub legend: Vec<(Look, Mark, String)>,
     /// Legend text of the bands; empty without bands.
     pub band_label: String,
+}
+
+impl XyPlot {
+    fn coordinates(&self) -> impl Iterator<Item = f64> {
+        let series = self.series.iter().flat_map(|s| &s.points).map(|p| p.0);
+        let bands = self.bands.iter().flat_map(|b| b.x.iter().copied());
+        series
+            .chain(bands)
+            .chain(self.x_range.into_iter().flatten())
+    }
+
+    fn values(&self) -> impl Iterator<Item = f64> {
+        let series = self.series.iter().flat_map(|s| &s.points).map(|p| p.1);
+        let edges = self.bands.iter().flat_map(|b| b.low.iter().chain(&b.high));
+        let spans = self.brackets.iter().flat_map(|b| b.span);
+        let all = series.chain(edges.copied()).chain(spans);
+        all.chain(self.y_range.into_iter().flatten())
+    }
+
+    /// Smallest and largest finite coordinate; infinite without any.
+    pub(crate) fn coordinate_range(&self) -> [f64; 2] {
+        range(self.coordinates())
+    }
+
+    /// Smallest and largest finite value; infinite without any.
+    pub(crate) fn value_range(&self) -> [f64; 2] {
+        range(self.values())
+    }
+}
+
+fn range(values: impl Iterator<Item = f64>) -> [f64; 2] {
+    let finite = values.filter(|value| value.is_finite());
+    finite.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], value| {
+        [low.min(value), high.max(value)]
+    })
 }
 
 /// Draws the plot as one `<svg>` element.
@@ -141,23 +181,9 @@ pub fn xy(plot: &XyPlot) -> String {
     let (legend, rows) = legend_places(plot);
     let top = 10.0 + ROW * rows as f64 + 14.0;
     let bottom = top + plot.height;
-    let xs = plot
-        .series
-        .iter()
-        .flat_map(|s| s.points.iter().map(|p| p.0));
-    let of_bands = plot.bands.iter().flat_map(|b| b.x.iter().copied());
-    let asked = plot.x_range.into_iter().flatten();
-    let x = Scale::over(xs.chain(of_bands).chain(asked), [LEFT, right], 0.0);
-    let ys = plot
-        .series
-        .iter()
-        .flat_map(|s| s.points.iter().map(|p| p.1));
-    let edges = plot
-        .bands
-        .iter()
-        .flat_map(|b| b.low.iter().chain(&b.high).copied());
-    let spans = plot.brackets.iter().flat_map(|b| b.span);
-    let y = Scale::over(ys.chain(edges).chain(spans), [bottom, top], 0.06);
+    let x = Scale::over(plot.coordinates(), [LEFT, right], 0.0);
+    let zero = with_zero(plot.value_range());
+    let y = Scale::over(plot.values().chain(zero), [bottom, top], 0.06);
     let frame = format!(
         " data-x=\"{} {} {} {}\" data-y=\"{} {} {} {}\" data-l=\"{}\" data-m=\"{}\"",
         LEFT,
@@ -191,6 +217,11 @@ pub fn xy(plot: &XyPlot) -> String {
     }
     svg.raw("<g class=\"at\"></g>");
     svg.finish()
+}
+
+/// 0, if the value axis can include it without hiding the values: they keep at least a quarter of its height.
+fn with_zero([low, high]: [f64; 2]) -> Option<f64> {
+    (low >= high || high - low >= 0.25 * (high.max(0.0) - low.min(0.0))).then_some(0.0)
 }
 
 /// A legend entry: its look (`None`: a band), text and position.

@@ -8,7 +8,10 @@ use volcomp_model::Temperatures;
 use volcomp_report::{Report, State, checks, html, tolerances, volume};
 use volcomp_test_support::{peers, root};
 
-use crate::{Shop, data::field};
+use crate::{
+    Shop,
+    data::{error_of, field},
+};
 
 pub(crate) fn whole() -> Report {
     let shop = Shop::new();
@@ -25,8 +28,16 @@ pub(crate) fn whole() -> Report {
     report.volume = volume(
         [machine; 2],
         &[],
-        (State::Truth, &[field(machine, &errors)]),
-        Some((State::TruthCorrected, &[field(machine, &less)])),
+        (
+            State::Truth,
+            &[field(machine, &errors)],
+            error_of(machine, &errors),
+        ),
+        Some((
+            State::TruthCorrected,
+            &[field(machine, &less)],
+            error_of(machine, &less),
+        )),
     )
     .expect("three axes");
     report.checks = checks(&report, &tolerances("A=100,B=1,V=30").expect("three"));

@@ -271,8 +271,11 @@ fn a_figure_that_the_curve_does_not_bear_out_does_not_pass() {
     let machine = &calibration.machine;
     let none = |_: &volcomp_kinematics::State| [0.0; 6];
     let fields = [field(machine, &none)];
-    let of_curves = (State::Found, &fields[..]);
-    report.volume = volume([machine; 2], &[], of_curves, None).expect("three axes");
+    let of_curves = || {
+        let found = volcomp_model::volumetric(&fields).expect("a valid machine");
+        (State::Found, &fields[..], found)
+    };
+    report.volume = volume([machine; 2], &[], of_curves(), None).expect("three axes");
     let limits = tolerances("V=1000,EXX=60").expect("two");
     let found = checks(&report, &limits);
     assert_eq!(
@@ -285,7 +288,7 @@ fn a_figure_that_the_curve_does_not_bear_out_does_not_pass() {
     let mut read = volcomp_model::Machine::parse(&text_of_machine, "m.toml").expect("valid");
     assert_eq!(read.to_toml(), text_of_machine);
     let mut report = Report::of_machine("m.toml", &read, &Stated::default());
-    report.volume = volume([machine; 2], &[], of_curves, None).expect("three axes");
+    report.volume = volume([machine; 2], &[], of_curves(), None).expect("three axes");
     for check in checks(&report, &limits) {
         assert_eq!(
             (check.outcome, &check.of),
@@ -336,8 +339,11 @@ fn an_uncertainty_without_the_scatter_of_a_file_passes_nothing() {
         let none = |_: &volcomp_kinematics::State| [0.0; 6];
         let fields = [field(&calibration.machine, &none)];
         let both = [&calibration.machine; 2];
-        let of_curves = (State::Found, &fields[..]);
-        report.volume = volume(both, &[], of_curves, None).expect("three axes");
+        let of_curves = || {
+            let found = volcomp_model::volumetric(&fields).expect("a valid machine");
+            (State::Found, &fields[..], found)
+        };
+        report.volume = volume(both, &[], of_curves(), None).expect("three axes");
         assert_eq!(
             checks(&report, &limits)[0].outcome,
             Verdict::Pass,
@@ -641,6 +647,13 @@ pub(crate) fn field<'a>(
     }
 }
 
+pub(crate) fn error_of(
+    machine: &volcomp_model::Machine,
+    errors: &dyn Fn(&volcomp_kinematics::State) -> [f64; 6],
+) -> volcomp_model::VolumetricError {
+    volcomp_model::volumetric(&[field(machine, errors)]).expect("a valid machine")
+}
+
 /// An error of x/1000 mm along X has its maximum of 0.8 mm at 800 mm, and 0.4 mm after alignment.
 #[test]
 fn the_working_space_has_the_sizes_of_its_errors() {
@@ -663,8 +676,16 @@ fn the_working_space_has_the_sizes_of_its_errors() {
     let found = volume(
         [machine; 2],
         &[],
-        (State::Truth, &[field(machine, &errors)]),
-        Some((State::TruthCorrected, &[field(machine, &half)])),
+        (
+            State::Truth,
+            &[field(machine, &errors)],
+            error_of(machine, &errors),
+        ),
+        Some((
+            State::TruthCorrected,
+            &[field(machine, &half)],
+            error_of(machine, &half),
+        )),
     )
     .expect("no other axes")
     .expect("three axes");
@@ -728,15 +749,29 @@ fn axes_that_stand_still_are_named() {
     report.volume = volume(
         [&machine; 2],
         &others,
-        (State::Found, &[field(&machine, &nothing)]),
+        (
+            State::Found,
+            &[field(&machine, &nothing)],
+            error_of(&machine, &nothing),
+        ),
         None,
     )
     .expect("three axes");
-    let standing = &report.volume.as_ref().expect("a map").standing;
+    let map = report.volume.as_ref().expect("a map");
+    let planes: Vec<String> = (map.slices.iter())
+        .map(|slice| format!("{}{}", slice.across, slice.up))
+        .collect();
+    assert_eq!(planes, ["XY", "XZ", "YZ", "CB"]);
+    assert_eq!(map.slices[3].before_um.len(), 625);
+    let standing = &map.standing;
     let standing: Vec<_> = (standing.iter())
         .map(|axis| (axis.axis.as_str(), axis.at))
         .collect();
     assert_eq!(standing, [("C", 90.0), ("B", 0.0)]);
     let page = volcomp_report::html(&report);
-    assert!(page.contains("Axes that do not move in the pictures: C 90.000°, B 0.000°."));
+    assert!(
+        page.contains(
+            "Axes that do not move in the pictures over X, Y and Z: C 90.000°, B 0.000°."
+        )
+    );
 }

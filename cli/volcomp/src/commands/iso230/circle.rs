@@ -1,6 +1,6 @@
 //! Part 4: circular tests.
 
-use std::{fmt::Write as _, path::Path};
+use std::{cell::RefCell, fmt::Write as _, path::Path};
 
 use clap::ValueEnum;
 use schemars::JsonSchema;
@@ -13,6 +13,7 @@ use volcomp_metrology::{
     },
     judged, opening,
 };
+use volcomp_report::{CirclePlot, circles_picture};
 
 use super::Iso230Arguments;
 use crate::{
@@ -117,14 +118,21 @@ pub(super) fn run(arguments: &Iso230Arguments) -> Result<Answer, Failure> {
         )));
     }
     let csv = arguments.csv.as_deref();
-    evaluated(&arguments.files, csv, |path| {
+    let plot = arguments.plot_file()?;
+    let drawn = RefCell::new(Vec::new());
+    let answer = evaluated(&arguments.files, csv, |path| {
         one(
             path,
             &arguments.circle,
             &tolerances,
             arguments.files.len() == 1,
+            &drawn,
         )
-    })
+    })?;
+    if let Some(plot) = plot {
+        plot.write(&circles_picture(&drawn.into_inner()))?;
+    }
+    Ok(answer)
 }
 
 fn read(path: &Path, options: &CircleOptions) -> Result<CircularTrace, Failure> {
@@ -146,6 +154,7 @@ fn one(
     options: &CircleOptions,
     tolerances: &[Tolerance],
     with_names: bool,
+    drawn: &RefCell<Vec<CirclePlot>>,
 ) -> Result<Evaluated<CircularTest>, Failure> {
     let trace = read(path, options)?;
     let deviations = circular_deviations(&trace)?;
@@ -198,6 +207,13 @@ fn one(
         rms_left_um: signatures.as_ref().map(|s| s.rms_left_um),
         judgement: Judgement::new(quantities, notes),
     };
+    drawn.borrow_mut().push(CirclePlot {
+        file: document.file.clone(),
+        plane,
+        centre_um: document.centre_um,
+        quantities: document.judgement.quantities.clone(),
+        trace,
+    });
     Ok(Evaluated {
         text: text(&document, with_names),
         metadata: Metadata::default(),

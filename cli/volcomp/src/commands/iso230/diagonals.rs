@@ -10,6 +10,8 @@ use volcomp_metrology::{
 };
 
 use super::Iso230Arguments;
+use volcomp_report::measured_diagonals_picture;
+
 use crate::{
     commands::{
         Answer,
@@ -99,6 +101,7 @@ pub(super) fn run(arguments: &Iso230Arguments) -> Result<Answer, Failure> {
         Some(path) => Some(open_rows(path, &arguments.files)?),
         None => None,
     };
+    let plot = arguments.plot_file()?;
     let (mut notes, mut measured, mut refused) = (Vec::new(), Vec::new(), Vec::new());
     for (index, path) in arguments.files.iter().enumerate() {
         match read(path, arguments, named.get(index).copied()) {
@@ -140,6 +143,9 @@ pub(super) fn run(arguments: &Iso230Arguments) -> Result<Answer, Failure> {
     let quantities = judged("ISO 230-6", found.quantities(), unit, &tolerances, none);
     if let Some(output) = csv {
         write_rows(output, &rows_of(&found, &refused))?;
+    }
+    if let Some(plot) = plot {
+        plot.write(&measured_diagonals_picture(&found, &quantities))?;
     }
     let failed = some_refused(&refused, arguments.files.len());
     let document = MeasuredDiagonals {

@@ -8,8 +8,12 @@ use clap::ValueEnum;
 use volcomp_metrology::{Edition, Environment, MotionKind, REFERENCE_DEGC, UncertaintyInputs};
 use volcomp_vocabulary::{AxisName, ErrorName};
 
-use super::Answer;
-use crate::{failure::Failure, unit::Unit};
+use super::{Answer, evaluation::with_csv};
+use crate::{
+    failure::Failure,
+    plot::{PlotArguments, PlotFile},
+    unit::Unit,
+};
 
 /// Evaluate tests to ISO 230: positioning, circles, diagonals
 ///
@@ -51,6 +55,8 @@ pub(crate) struct Iso230Arguments {
     /// Write a CSV file with a row for each input file
     #[arg(long, short = 'o', value_name = "FILE")]
     csv: Option<PathBuf>,
+    #[command(flatten)]
+    plot: PlotArguments,
     #[command(flatten)]
     uncertainty: UncertaintyOptions,
     #[command(flatten)]
@@ -96,6 +102,11 @@ pub(crate) fn parse_edition(text: &str) -> Result<u16, String> {
 }
 
 impl Iso230Arguments {
+    /// Opens the file of `--plot`.
+    fn plot_file(&self) -> Result<Option<PlotFile>, Failure> {
+        self.plot.open(&with_csv(&self.files, self.csv.as_deref()))
+    }
+
     fn axis(&self) -> Option<AxisName> {
         self.axis.or(self.error.map(|error| error.axis))
     }

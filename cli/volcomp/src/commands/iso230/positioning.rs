@@ -1,6 +1,6 @@
 //! Part 2: the positioning test of an axis, to ISO 230-2 and related standards.
 
-use std::{borrow::Cow, path::Path};
+use std::{borrow::Cow, cell::RefCell, path::Path};
 
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::{Serialize, Serializer};
@@ -13,7 +13,8 @@ use volcomp_metrology::{
     implausible_size, judged, material_compensation, positioning_uncertainty, read_file,
     shortfalls, vdi_3441,
 };
-use volcomp_vocabulary::{AxisKind, AxisName};
+use volcomp_report::{Positioning, positioning_picture};
+use volcomp_vocabulary::{AxisKind, AxisName, ErrorName};
 
 use super::{Iso230Arguments, Standard};
 use crate::{
@@ -94,9 +95,15 @@ pub(super) fn run(arguments: &Iso230Arguments) -> Result<Answer, Failure> {
     let tolerances = tolerances(arguments.tolerance.as_deref(), &known)?;
     let among_others = arguments.files.len() > 1;
     let csv = arguments.csv.as_deref();
-    evaluated(&arguments.files, csv, |path| {
-        one(path, arguments, &tolerances, among_others)
-    })
+    let plot = arguments.plot_file()?;
+    let drawn = RefCell::new(Vec::new());
+    let answer = evaluated(&arguments.files, csv, |path| {
+        one(path, arguments, &tolerances, among_others, &drawn)
+    })?;
+    if let Some(plot) = plot {
+        plot.write(&positioning_picture(&drawn.into_inner()))?;
+    }
+    Ok(answer)
 }
 
 fn one(
@@ -104,6 +111,7 @@ fn one(
     arguments: &Iso230Arguments,
     tolerances: &[Tolerance],
     among_others: bool,
+    drawn: &RefCell<Vec<(Positioning, Vec<JudgedQuantity>)>>,
 ) -> Result<Evaluated<PositioningTest>, Failure> {
     let mut measurement = read_file(path)?;
     if measurement.quantity == Some(Quantity::Straightness) {
@@ -181,6 +189,9 @@ fn one(
             format!("\n{}", folded(&format!("material compensation {said}"), ""))
         })
         + &decision_text(&judgement);
+    let judged = judgement.quantities.clone();
+    let test = drawn_test(path, arguments, &measurement, (kind, unit), &result);
+    drawn.borrow_mut().push((test, judged));
     let document = PositioningTest {
         unit,
         symbols: Symbols(unit, edition.quantities(&result)),
@@ -198,6 +209,42 @@ fn one(
         metadata: measurement.metadata,
         judgement,
     })
+}
+
+fn drawn_test(
+    path: &Path,
+    arguments: &Iso230Arguments,
+    measurement: &Measurement,
+    (kind, unit): (AxisKind, DeviationUnit),
+    result: &Iso230Part2,
+) -> Positioning {
+    Positioning::of_measurement(
+        path.display().to_string(),
+        error_of(arguments, measurement),
+        kind,
+        unit.to_string(),
+        measurement,
+        result.clone(),
+        arguments.edition(),
+    )
+}
+
+/// The name of the measured error, from the call, the title or the axis of the file; empty if unknown.
+fn error_of(arguments: &Iso230Arguments, measurement: &Measurement) -> String {
+    let title = measurement.metadata.title.as_deref().unwrap_or_default();
+    let mut named = errors_named(title);
+    named.dedup();
+    let of_title = || match named[..] {
+        [error] => Some(error),
+        _ => None,
+    };
+    let of_axis = || {
+        let stated = measurement.metadata.axis.as_deref().and_then(axis_named);
+        let axis = arguments.axis().or(stated)?;
+        format!("E{axis}{axis}").parse().ok()
+    };
+    let error: Option<ErrorName> = arguments.error.or_else(of_title).or_else(of_axis);
+    error.map_or_else(String::new, |error| error.to_string())
 }
 
 /// Rejects a file whose title names an error other than positioning, such as a straightness. Angles

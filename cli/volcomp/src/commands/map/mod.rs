@@ -11,8 +11,10 @@ use volcomp_calibrate::Ensemble;
 use volcomp_kinematics::{Form, State, nalgebra::Vector3};
 use volcomp_model::{
     ErrorField, Lengths, Machine, MapGrid, RigidSums, Temperatures, Tolerance, UNCERTAINTY_POSES,
-    poses_of_all_axes, volumetric,
+    VolumetricError, poses_of_all_axes, volumetric,
 };
+use volcomp_report::{State as Drawn, Volume, map_picture, volume};
+use volcomp_vocabulary::AxisName;
 
 use self::field::{Field, Node, TextFormat};
 use super::{
@@ -23,6 +25,7 @@ use super::{
 use crate::{
     compensation::{Compensated, Compensation, CompensationArguments, ErrorAt, errors, errors_by},
     failure::Failure,
+    plot::PlotArguments,
     points::{MachineArguments, OthersArguments},
     progress,
     table::folded,
@@ -54,6 +57,8 @@ pub(crate) struct MapArguments {
     /// feature
     #[arg(long, short)]
     output: Option<PathBuf>,
+    #[command(flatten)]
+    plot: PlotArguments,
     /// Form of the model: compiled (curves within 1 nm and 1 nrad, errors to first order), or as for `error` [default:
     /// compiled; with a correction exact, curves within 0.01 nm]
     #[arg(long)]
@@ -150,6 +155,10 @@ impl MapArguments {
 pub(crate) fn run(arguments: &MapArguments) -> Result<Answer, Failure> {
     let counts = parse_grid(&arguments.grid)?;
     let model = arguments.model()?;
+    let output = arguments.output.as_deref();
+    let mut others_than_plot = vec![(arguments.machine.machine.as_path(), "--machine")];
+    others_than_plot.extend(output.map(|output| (output, "--output")));
+    let plot = arguments.plot.open(&others_than_plot)?;
     let (machine, temperatures) = arguments.machine.read()?;
     let compensation = Compensation::new(&arguments.compensation, &machine, &temperatures)?;
     let mut notes = machine_notes(&machine, &temperatures);
@@ -200,7 +209,16 @@ pub(crate) fn run(arguments: &MapArguments) -> Result<Answer, Failure> {
     let exact = (model == Model::Compiled).then(|| errors(&machine, &temperatures));
     let errors = exact.as_ref().unwrap_or(&work.errors);
     let curves = vec![&machine, compensation.actual()];
-    let all_axes = all_axes(&machine, curves, errors, ensemble.as_ref())?;
+    let (all_axes, volumetric) = all_axes(&machine, curves, errors, ensemble.as_ref())?;
+    if let Some(plot) = plot {
+        let svg = picture(
+            arguments,
+            [&machine, compensation.actual()],
+            (errors, volumetric),
+            &others,
+        )?;
+        plot.write(&svg)?;
+    }
     drop(work);
     field.finish()?;
     let document = document(
@@ -213,6 +231,59 @@ pub(crate) fn run(arguments: &MapArguments) -> Result<Answer, Failure> {
     )?;
     let text = text(arguments, &document, &compensation);
     Answer::new(&document, text, notes)
+}
+
+/// The maps of the report, after alignment of the workpiece over poses of all axes.
+fn picture(
+    arguments: &MapArguments,
+    [machine, actual]: [&Machine; 2],
+    (errors, found): (&ErrorAt<'_>, VolumetricError),
+    others: &[(AxisName, f64)],
+) -> Result<String, Failure> {
+    let field = ErrorField {
+        tool: "",
+        machine,
+        curves: vec![machine, actual],
+        errors,
+    };
+    let (title, state) = if arguments.compensation.is_asked_for() {
+        ("Volumetric error after correction", Drawn::TruthCorrected)
+    } else {
+        ("Volumetric error", Drawn::Found)
+    };
+    let found = volume([machine, actual], others, (state, &[field], found), None)?;
+    let Some(found) = found else {
+        return Err(Failure::in_file(
+            &arguments.machine.machine,
+            "a machine with fewer than two of the axes X, Y and Z, expected two for --plot",
+        ));
+    };
+    let size = &found.before.found;
+    let [max, rms] = [size.form_max_um, size.form_rms_um].map(|um| fixed(um, 3));
+    let lines = [
+        arguments.machine.machine.display().to_string(),
+        format!("tip over poses of all axes, workpiece aligned: largest {max} µm, RMS {rms} µm"),
+        standing(&found),
+    ];
+    Ok(map_picture(title, &lines, &found))
+}
+
+/// The axes that do not move on the planes; empty if all move.
+fn standing(found: &Volume) -> String {
+    let at = found.standing.iter().map(|of| {
+        let rotary = of.axis.parse().is_ok_and(AxisName::is_rotary);
+        format!(
+            "{} = {}{}",
+            of.axis,
+            of.at,
+            if rotary { "°" } else { " mm" }
+        )
+    });
+    let at: Vec<String> = at.collect();
+    if at.is_empty() {
+        return String::new();
+    }
+    format!("planes of X, Y and Z at {}", at.join(", "))
 }
 
 fn document(
@@ -668,7 +739,7 @@ fn all_axes(
     curves: Vec<&Machine>,
     errors: &ErrorAt<'_>,
     ensemble: Option<&Ensemble>,
-) -> Result<AllAxes, Failure> {
+) -> Result<(AllAxes, VolumetricError), Failure> {
     let field = ErrorField {
         tool: "",
         machine,
@@ -691,13 +762,13 @@ fn all_axes(
         turns.take(&turn, tool_axis);
         turns_left.take(&motion.left_rad(&turn), tool_axis);
     }
-    Ok(AllAxes {
+    let all_axes = AllAxes {
         poses: volumetric.poses,
         rms_um: 1e3 * volumetric.rms_mm,
         max_um: 1e3 * volumetric.max_mm,
         form_rms_um: 1e3 * volumetric.position_rms_mm,
         form_max_um: 1e3 * volumetric.position.value,
-        at: volumetric.position.at.into_iter().collect(),
+        at: volumetric.position.at.clone().into_iter().collect(),
         tilt_max_urad: 1e6 * volumetric.tilt.value,
         rms_urad: 1e6 * turns.whole.rms(),
         form_rms_urad: 1e6 * turns_left.whole.rms(),
@@ -712,7 +783,8 @@ fn all_axes(
                 &poses[..UNCERTAINTY_POSES.min(poses.len())],
             )
         }),
-    })
+    };
+    Ok((all_axes, volumetric))
 }
 
 fn uncertainty(machine: &Machine, ensemble: &Ensemble, poses: &[State]) -> AllAxesUncertainty {
