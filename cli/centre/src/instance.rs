@@ -14,7 +14,7 @@ const MAX_INSTANCES_OF_A_DAY: usize = 2048;
 const WINDOW_S: f64 = 300.0;
 /// Maximum plausible time since start, s.
 const MAX_UPTIME_S: f64 = 1e9;
-/// Maximum age of a message on arrival, s: no gateway keeps one longer.
+/// Maximum age of a message on arrival, s; older creation times are clamped to it.
 const MAX_AGE_S: f64 = 32.0 * 86_400.0;
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -322,7 +322,7 @@ pub enum Resolution {
 pub struct Point {
     pub at_s: f64,
     pub count: u64,
-    /// State of the guard; the worst one of several conditions.
+    /// State of the guard; for a mean, the worst state of the combined points.
     pub state: String,
     /// Mean residual, µm; `None` if unknown.
     pub residual_um: Option<f64>,

@@ -88,7 +88,8 @@ impl CompiledPatch {
 }
 
 impl Places {
-    /// Creates the segments between `nodes`, which ascend; at least one.
+    /// Creates the segments between `nodes` (ascending, not empty). A single node gives one segment of zero inverse
+    /// length.
     fn new(nodes: &[f64]) -> Self {
         let segment = |pair: &[f64]| [pair[0], 1.0 / (pair[1] - pair[0])];
         let mut segments: Vec<[f64; 2]> = nodes.windows(2).map(segment).collect();

@@ -173,14 +173,15 @@ struct Findings {
     scaled: PerChannel<bool>,
 }
 
-/// The test shift; state of the guard. First all rotary axes are shifted, followed by the linear axes so that the tool tip stays in place; then all
-/// linear axes. The correction is shifted in one direction and then in the other, with a rest in between, so that creep or a slow position cannot
-/// look like a response. If the machine starts to move, the correction returns to the start, and the proof restarts at the next standstill: a
-/// remaining shift would be an error of the part.
+/// State of the test shift, which shows whether reported positions contain the correction. The rotary axes are shifted
+/// first, while the linear axes keep the tool tip in place; then the linear axes are shifted. Each axis is shifted one
+/// way, then the other, with a standstill before and after each shift, so that creep or a slow position cannot look
+/// like a response. If the machine starts to move, the correction returns to the start, and the test restarts at the
+/// next standstill: a remaining shift would be an error of the part.
 ///
 /// Invariants:
 /// - `before_leg[0]` is valid from the first leg on, `before_leg[1]` from the second.
-/// - `rotary` is set once the rotary axes were shifted: from then on the linear ones are.
+/// - `rotary` is `Some` once the rotary axes have been tested; from then on the linear axes are shifted.
 /// - A reading counts only if it was valid after the correction had reached the goal of the leg (`arrived_at`).
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Proof {

@@ -21,7 +21,7 @@ pub const HEAD_WORDS: usize = 4;
 pub struct Head {
     /// The last epoch published by the control.
     pub epoch: u16,
-    /// The last tick published by the control, which dates the sender's knowledge.
+    /// The last tick published by the control. The control rejects the frame if this is more than `hold_scans` ago.
     pub tick: u16,
     /// The last sequence published by the control, plus one.
     pub sequence: u16,
@@ -88,8 +88,8 @@ pub enum Refusal {
     /// start again.
     #[error("a value is beyond the limit of the control")]
     Value,
-    /// A word on digital lines arrived while a sender of frames owns the control or another correction is applied, or it changes faster than the
-    /// axis could follow.
+    /// A word on digital lines is rejected: a sender of frames owns the control, another correction is applied, the
+    /// axis is not corrected, the word exceeds its limit, or it changes faster than the configured rate.
     #[error("a word on the lines came at the wrong time, or changes too fast")]
     Lines,
     /// The words do not continue the map being loaded.

@@ -135,8 +135,9 @@ impl Measurement {
         Alignment::of(&self.readings, self.run_alignment())
     }
 
-    /// The readings for a curve: after subtracting the lines of the passes if not all runs hold all
-    /// targets, otherwise unchanged.
+    /// Readings for a curve fit: unchanged if the plain means are valid; otherwise the fitted
+    /// offset (straightness: line) of each run is subtracted, relative to the weighted mean of the
+    /// runs.
     pub(crate) fn aligned_readings(&self) -> Cow<'_, [Reading]> {
         let alignment = self.alignment();
         if !alignment.moves() {

@@ -56,7 +56,8 @@ pub enum BarrierMisfit {
     },
     /// The barrier's timeout is longer than the time after which the guard ramps out (`zero_after`).
     TimeOut { found: Duration, expected: Duration },
-    /// The control's scans do not take the configured time. [`barrier_misfits`](crate::barrier_misfits) does not give it: it is counted.
+    /// The measured scan period differs from the configured one. Not returned by
+    /// [`barrier_misfits`](crate::barrier_misfits), which checks settings only.
     ScanPeriod { found: Duration, expected: Duration },
 }
 

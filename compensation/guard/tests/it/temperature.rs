@@ -269,8 +269,8 @@ fn an_old_temperature_does_not_outweigh_the_neighbours() {
     }
 }
 
-/// While the neighbours warm up, a slow sensor's last temperature is its prediction: after a short disturbance it is accepted in ten
-/// minutes.
+/// A sensor that does not follow its warming neighbours is readmitted after a short disturbance, once it has agreed
+/// with its own last accepted temperature for ten minutes.
 #[test]
 fn a_short_disturbance_of_a_slow_sensor_ends() {
     let mut machine = Machine::new(3, SensorLimits::default());

@@ -152,7 +152,8 @@ fn increments_and_points_give_the_same_numbers() {
     assert!(compared > 40, "{compared} of 60 are not refused");
 }
 
-/// A program with and without points in coordinates is refused until the set-up file states their meaning.
+/// A program that mixes coordinates with and without a decimal point is rejected until the set-up file states
+/// `without_point`.
 #[test]
 fn mixed_decimal_points_are_refused_until_stated() {
     let programs = cases(

@@ -357,15 +357,16 @@ resolution_um = 0.001
 poses = 24
 ";
 
-/// Bands contain unknowns that `calibrate` identifies in addition to lines: their uncertainties include the noise of the lines, the laser
-/// scale and the squares. With that of the observations alone they would contain 40 to 77 %.
+/// 95 % bands cover the true values of unknowns that are identified together with measured lines. Their uncertainties
+/// include the noise of the lines, the laser scale and the squares. With those of the observations alone, coverage
+/// would be 40 to 77 %.
 #[test]
 fn bands_of_unknowns_beside_lines_hold_the_truth() {
     unknowns_beside_lines(5, 60);
 }
 
-/// Bands contain unknowns beside lines of two runs, whose scatter has one degree of freedom. With the Welch–Satterthwaite formula the
-/// bands of `EA0C` and `EB0C` would contain 91 %.
+/// 95 % bands cover the true values of unknowns that are identified together with lines of two runs, whose scatter has
+/// one degree of freedom. With the Welch–Satterthwaite formula, coverage of `EA0C` and `EB0C` would be 91 %.
 #[test]
 fn bands_of_unknowns_beside_lines_of_two_runs_hold_the_truth() {
     unknowns_beside_lines(2, 300);

@@ -13,7 +13,7 @@ use super::{
     text::{ExchangeError, FilePosition, TextFile, Warning, number, short, whole},
 };
 
-/// First parameter of the data: N10000 + point (from memory).
+/// Parameter number of point 0: the value of point n is in N(10000 + n). Not verified against a FANUC manual.
 const DATA: u32 = 10_000;
 
 #[derive(Default)]
