@@ -17,7 +17,8 @@ use crate::{
 pub struct Patch {
     /// The component of the axis.
     pub component: Component,
-    /// Weights for forward travel, backward travel, and an unknown direction.
+    /// Factors on the values for forward travel, backward travel, and an unknown direction of the axis to which the
+    /// error belongs.
     pub weights: [f64; 3],
     /// The two axes whose coordinates the error depends on.
     pub axes: [AxisName; 2],
