@@ -465,7 +465,7 @@ pub struct Live {
 
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct CreationTime {
-    /// s by the server's clock.
+    /// Creation time, s by the server's clock.
     pub at_s: f64,
     /// Delay until the server stored the condition (queue and transit), s; 0 if unknown.
     pub late_s: f64,

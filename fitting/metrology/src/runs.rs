@@ -2,8 +2,8 @@
 //!
 //! An instrument is zeroed before each run, so each run has a constant offset. A straightness
 //! reference is also realigned, so each run has a slope. The mean of complete runs contains the
-//! mean of these lines. Where a run lacks a target, the mean would step by its line divided by the
-//! number of runs, although no run has a step. In that case the lines of the passes are fitted
+//! mean of these lines. If a run lacks a target, its line is missing from the mean there: the mean
+//! would step, although no run has a step. In that case the lines of the passes are fitted
 //! ([`Passes`]) and removed.
 
 use std::borrow::Cow;

@@ -200,7 +200,7 @@ pub fn used_keys(text: &str) -> BTreeSet<String> {
     keys
 }
 
-/// For each table in it, a copy with an unknown key in that table, and its path without numbers.
+/// For `table` and each table in it: the path without array indices, and a copy of `table` with an unknown key there.
 fn with_unknown_keys(table: &toml::Table) -> Vec<(String, toml::Table)> {
     let mut all = Vec::new();
     let mut changed = table.clone();

@@ -301,8 +301,8 @@ fn a_broken_rollout_does_not_block_others() {
     });
 }
 
-/// With one condition in five seconds, four of five passes see no residual: the last reported one is the residual before the change, so
-/// its rise stops the roll-out.
+/// With one condition in five seconds, four of five passes of the centre receive no residual. The last reported
+/// residual then counts as that before the change, so an increase still stops the roll-out.
 #[test]
 fn a_risen_residual_is_detected_with_rare_conditions() {
     Shop::run(1, 1, async |shop| {

@@ -221,7 +221,8 @@ fn document(arguments: &CheckArguments, machine: &Machine, temperatures: &Temper
     }
 }
 
-/// Warns of corrections that `nc` and `export` reject, at these temperatures or some kelvins from the reference.
+/// Notes on the largest correction of each axis: a warning if `nc` or `export` reject it at these temperatures, and at
+/// how many kelvin from the reference temperature they may reject it.
 fn limit_notes(machine: &Machine, temperatures: &Temperatures) -> Result<Vec<String>, Failure> {
     let usual = CorrectionLimit::default();
     let largest = machine.largest_corrections(temperatures)?;

@@ -129,7 +129,7 @@ fn within_tolerance_and_second_order_of_the_exact_form() {
     });
 }
 
-/// The sum equals the twist form on the compiled curves, which excludes the fit error.
+/// The compiled evaluation equals the twist form on the compiled curves; this comparison excludes the fit error.
 #[test]
 fn the_same_as_the_twist_form_on_its_own_curves() {
     for (index, structure) in all_types().iter().enumerate() {

@@ -71,7 +71,8 @@ G0 X50. Y25. Z0\nG4 P1000\nG5.1 Q1 R5\nG1 X60. F200\n | G0 X50.025 Y25. Z0\nG4 P
     }
 }
 
-/// Random programs with points and in increments have the same numbers; the result in increments has no point except in zero.
+/// A random program gives the same numbers if it is written with decimal points and in least increments. The result in
+/// increments has no decimal point except in zero.
 #[test]
 fn increments_and_points_give_the_same_numbers() {
     let mut draw = ChaCha8Rng::seed_from_u64(41);

@@ -126,8 +126,8 @@ fn normal(rng: &mut ChaCha8Rng) -> f64 {
     StandardNormal.sample(rng)
 }
 
-/// The truth's curves are of the fitted kind, zero at the reference, and straightness curves have no slope over their targets: the frame
-/// of a calibration is then that of the truth.
+/// True machine. Its curves are of the fitted kind and zero at the reference, and its straightness curves have no slope
+/// over their targets, so that a calibration has the same frame as the true machine.
 const GANTRY: &str = "structure = \"w X' b Y Z t\"
 axes = { X.travel = [0, 2000], Y.travel = [0, 1000], Z.travel = [0, 600] }
 [tool]
@@ -246,8 +246,8 @@ fn calibrated(
     total
 }
 
-/// Bands of lines with several runs and the noise of a laser contain the truth. With two runs, one degree of freedom, they are slightly
-/// too wide (97.1 % of 500 shops).
+/// 95 % bands cover the true errors for lines of several runs with the noise of a laser. With two runs, that is one
+/// degree of freedom, they are slightly too wide (coverage 97.1 % over 500 shops).
 #[test]
 fn bands_of_lines_hold_the_truth() {
     // All numbers of runs are tested for the full figure only.
@@ -310,8 +310,8 @@ fn laser_and_squares(
     }
 }
 
-/// Bands contain the truth if other inputs also have errors of their stated uncertainty: laser scale, angles of the squares, location
-/// errors of a rotary axis.
+/// 95 % bands cover the true errors if other inputs also have errors of their stated uncertainty: laser scale, angles
+/// of the squares, location errors of a rotary axis.
 #[test]
 fn bands_of_lines_squares_and_locations_hold_the_truth() {
     const LASER_UM_PER_M: f64 = 1.5;
@@ -473,8 +473,8 @@ resolution_um = 0.01
 poses = 60
 ";
 
-/// Bands of observations by spheres and a tracker with unknown frame and target contain the truth. The position of the whole machine is a
-/// convention, so the change of the error from one position is compared.
+/// 95 % bands cover the true errors for observations of spheres and of a tracker with unknown frame and target. The
+/// position of the whole machine is a convention, so the errors are compared relative to one pose.
 #[test]
 fn bands_of_observations_hold_the_truth() {
     let folder = tempfile::tempdir().expect("a folder");

@@ -250,7 +250,7 @@ impl Reader<'_> {
 const FORMAT: Format = Format::Fanuc;
 /// Maximum number of points: N10000 to N19999.
 const MAX_POINTS: usize = 10_000;
-/// Maximum magnitude of an increment with the option, then without it (from memory).
+/// Maximum magnitude of an increment with the option, then without it. Not verified against a FANUC manual.
 const MAX_INCREMENT: i64 = 127;
 const MAX_STANDARD_INCREMENT: i64 = 7;
 

@@ -92,7 +92,7 @@ pub struct CoarseRows {
     pub enough_s: f64,
 }
 
-/// Assesses terms from a single run: those of its first `train` rows predict the others.
+/// Assesses terms from a single run: terms found from its first `train` rows predict the other rows.
 ///
 /// # Errors
 /// Same as [`search_thermal`] and [`fit_thermal`].
