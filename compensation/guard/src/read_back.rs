@@ -192,8 +192,8 @@ impl ReadBack {
         }
     }
 
-    /// Records a sent correction (mm, rad). `ok`: without an error. A failed one may still have arrived, except on lines, where a failed write has
-    /// no effect.
+    /// Records a sent correction (mm, rad). `ok`: the write had no error. A failed write may still have arrived, except
+    /// on digital lines, where it has no effect.
     pub fn sent(&mut self, now: Duration, values: &PerChannel<f64>, ok: bool) {
         match &mut self.kind {
             Kind::Echo(echo) => echo.sent(now, values),

@@ -73,7 +73,8 @@ impl Unknown {
 pub struct SecondAxis {
     /// The axis, another one than that of the error.
     pub axis: AxisName,
-    /// Kind of curve along the second axis. Modes of the error's own curve up to the order of this one form products.
+    /// Kind of curve along the second axis. Its modes are multiplied by the modes of the error's own curve up to the
+    /// same order.
     pub basis: Basis,
 }
 
@@ -88,7 +89,8 @@ pub struct Quantity<T> {
     pub unknown: bool,
     /// Order of the drift over the rows; 0: no drift.
     pub drift: usize,
-    /// Standard uncertainty of the value, in its unit, if it is calibrated and identified as well.
+    /// Standard uncertainty of a calibrated value that is identified as well, in the unit of the value; `None`: not
+    /// calibrated, or not identified.
     pub known_within: Option<f64>,
 }
 
