@@ -209,7 +209,7 @@ struct Columns {
     /// Index in the chain and column of each rotary axis, rad per rad along the two normals.
     rotary: ArrayVec<(usize, Vector2<f64>), MAX_AXES>,
     gram: RotaryGram,
-    /// mm per mm of each linear axis, in the order of the correctors.
+    /// Displacement of the tool tip for each linear axis in workpiece axes, mm per mm, in the order of the correctors.
     linear: [Vector3<f64>; 3],
 }
 

@@ -12,9 +12,9 @@ pub const INDEPENDENT_ABOVE: f64 = 0.02;
 
 /// The axes that a correction moves; the others are held.
 ///
-/// The first linear axis in each direction corrects, at most three, among those that may move: a second axis along nearly the same
-/// direction (U parallel to X, or a degree off) would lead to large opposite shares. All rotary axes that may move correct together
-/// with least norm.
+/// Of the linear axes that may move, only the first in each direction corrects, at most three: a second axis along
+/// nearly the same direction (U parallel to X, or a degree off) would lead to large opposite shares. All rotary axes
+/// that may move correct together with least norm.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Correctors {
     linear: ArrayVec<usize, 3>,

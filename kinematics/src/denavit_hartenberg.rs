@@ -87,7 +87,7 @@ pub struct DhTable {
 }
 
 impl DhTable {
-    /// The MCS in the last frame at machine zero.
+    /// Pose of the MCS in the last frame at machine zero.
     pub fn tool(&self, structure: &Structure) -> Pose {
         let rows = self.rows.iter().zip(structure.axes());
         rows.fold(self.base, |pose, (row, axis)| {
@@ -148,8 +148,8 @@ impl DhTable {
         Ok(chain)
     }
 
-    /// The table of a chain, in the distal convention. Linear axes have no fixed line: theirs runs through the previous frame, so the
-    /// points of linear axes are not kept.
+    /// The table of a chain, in the distal convention. The points of linear axes are not kept: a linear axis has no
+    /// fixed line, and is placed through the origin of the previous frame.
     pub fn of_chain(chain: &Chain) -> Self {
         let joints = chain.joints();
         let mut base = Pose::identity();

@@ -16,8 +16,9 @@ const GENERIC_ANGLES_RAD: [[f64; MAX_AXES]; 3] = [
 ];
 
 impl Chain {
-    /// The moves of linear axes, in chain order, largest component 1, that leave the ideal tip in place with the rotary axes as in `state`.
-    /// Empty if there are no more of them than at other rotary angles, so two axes in one direction (U parallel to X) do not count.
+    /// Moves of the linear axes that leave the ideal tip in place with the rotary axes as in `state`: components in
+    /// chain order, the largest 1. Empty if there are as many at any rotary angles, as on a machine with two axes in
+    /// one direction (U parallel to X).
     pub fn dependent_moves(&self, state: &State) -> ArrayVec<PerAxis<f64>, MAX_AXES> {
         let found = self.moves_of_nothing(state);
         let elsewhere = GENERIC_ANGLES_RAD.map(|q| {

@@ -280,7 +280,8 @@ impl Chain {
     /// nor do linear axes whose chain index `moves` excludes. Of several solutions this is the shortest move, regardless of the travels;
     /// without a solution the axes go as near as they can. Returns the remaining distance, mm.
     ///
-    /// `tip` may be that of another tool, or an actual one: errors that are small against the moves need a few more steps.
+    /// `tip` may return the tip of another tool, or an actual tip: machine errors that are small relative to the moves
+    /// need a few more steps.
     pub fn bring(
         &self,
         state: &mut State,

@@ -89,7 +89,7 @@ impl RotaryGram {
         smaller.is_nan() || smaller < SINGULAR_BELOW * SINGULAR_BELOW
     }
 
-    /// The corrected part of `miss`.
+    /// The part of the tool-axis error `miss` that is corrected; both in rad, along the two normals of the tool axis.
     #[inline(always)]
     pub fn corrected(&self, miss: &Vector2<f64>) -> Vector2<f64> {
         if !self.is_singular() {
@@ -122,7 +122,8 @@ impl RotaryGram {
         smaller.is_nan() || smaller < NEAR_SINGULAR_BELOW * NEAR_SINGULAR_BELOW
     }
 
-    /// (A·Aᵀ)⁺·miss on the first `rank` singular directions, and the length of the part of `miss` along them.
+    /// (A·Aᵀ)⁺·miss on the first `rank` singular directions, and the length (rad) of the part of the tool-axis error
+    /// `miss` along them.
     #[inline(always)]
     pub fn solve(&self, rank: usize, miss: &Vector2<f64>) -> (Vector2<f64>, f64) {
         let determinant = self.a * self.c - self.b * self.b;
@@ -185,8 +186,8 @@ impl LinearColumns {
         }
     }
 
-    /// The share of each column in `error_mm`: exact with three columns, least squares with fewer. Left-out columns have no share. The
-    /// shares are NaN if the error is.
+    /// Movement of each linear axis, mm, whose sum along the columns is `error_mm`: exact with three columns, least
+    /// squares with fewer. Columns that are left out get 0. NaN if the error is NaN.
     #[inline(always)]
     pub fn shares(&self, error_mm: &Vector3<f64>) -> [f64; 3] {
         self.solved().of(error_mm)

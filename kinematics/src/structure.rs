@@ -115,14 +115,16 @@ pub enum StructureError {
 pub struct TypeNumbers {
     /// 0 to 3: number of the axes X, Y, Z, in that order, that carry the workpiece.
     pub translational: u8,
-    /// 0 none; 1 both rotary axes before the linear ones (table); 2 both after (spindle); 3 one each.
+    /// 0: no rotary axes; 1: both before the linear axes (table); 2: both after them (spindle); 3: one before and one
+    /// after.
     pub rotary: u8,
     /// The rotary letters in chain order from `w` to `t`.
     pub rotary_axes: ArrayVec<AxisName, 2>,
 }
 
 impl Structure {
-    /// A structure from its axes in chain order, the first `workpiece_axes` of them left of the bed.
+    /// A structure from the axes on the workpiece side of the bed and those on the tool side, each in chain order from
+    /// `w` to `t`.
     ///
     /// # Errors
     /// [`StructureError::NoAxes`] and [`StructureError::RepeatedAxis`].

@@ -21,7 +21,7 @@ pub struct Twist {
     pub angular_rad: Vector3<f64>,
 }
 
-/// A screw axis: a line, and the advance along it per radian.
+/// The screw of a joint: a translation, or a rotation about a line with an advance along it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Screw {
     /// A translation along a unit direction, without rotation.

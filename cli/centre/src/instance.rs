@@ -10,11 +10,12 @@ const MAX_INSTANCES: usize = 16;
 const REMEMBERED_S: f64 = 86_400.0;
 /// Maximum number of instances active within a day of the newest one: the number of messages in a batch.
 const MAX_INSTANCES_OF_A_DAY: usize = 2048;
-/// Window over which the start time of a gateway is measured again, s: clocks drift, and the server's clock may be set.
+/// Minimum length of a window from which the start time of a gateway is estimated anew, s: clocks drift, and the
+/// server's clock may be set.
 const WINDOW_S: f64 = 300.0;
 /// Maximum plausible time since start, s.
 const MAX_UPTIME_S: f64 = 1e9;
-/// Maximum age of a message on arrival, s: no gateway keeps one longer.
+/// Maximum age of a message on arrival, s; older creation times are clamped to it.
 const MAX_AGE_S: f64 = 32.0 * 86_400.0;
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -27,9 +28,9 @@ pub struct Instance {
     /// Start of the gateway, s by the server's clock; late by at most the transit time of its fastest message.
     pub start_s: f64,
     pub stored: Intervals,
-    /// Sequence number of the run's first condition or full telemetry in the stream.
+    /// Stream sequence number of the first condition or full telemetry of this instance.
     pub passing_from: Option<u64>,
-    /// Highest number at the last count of lost messages.
+    /// Highest message number received when lost messages were last counted.
     #[serde(default)]
     pub counted_to: u64,
     /// Start time estimated from the latest conditions and telemetry.
@@ -37,8 +38,9 @@ pub struct Instance {
     pub recent: Option<Recent>,
 }
 
-/// Start time of a gateway estimated from its messages of a few minutes. Unlike [`Instance::start_s`] it follows clock drift. Periods without new
-/// messages do not count: a message that waited for an hour is an hour late.
+/// Start time of a gateway, estimated from the messages of two windows of a few minutes. Unlike [`Instance::start_s`]
+/// it follows clock drift. A window ends only with messages created that long after its first one: a backlog sent after
+/// an hour without connection does not shift the estimate.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[expect(clippy::struct_field_names, reason = "each ends with its unit")]
 pub struct Recent {
@@ -60,7 +62,7 @@ impl Recent {
         }
     }
 
-    /// Adds a message. Returns its transit time in excess of the fastest of the window, s.
+    /// Adds a message. Returns by how much its transit time exceeds the shortest one of the two windows, s.
     fn take(&mut self, stored_s: f64, uptime_s: f64) -> f64 {
         let start_s = stored_s - uptime_s;
         let [from_stored_s, from_uptime_s] = self.from_s;
@@ -79,7 +81,7 @@ impl Recent {
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Instances {
     pub each: Vec<Instance>,
-    /// When two were active at the same time, s by the server's clock.
+    /// Last time at which two instances were found to be active at the same time, s by the server's clock.
     pub cloned_s: Option<f64>,
 }
 
@@ -166,7 +168,8 @@ impl Instances {
         })
     }
 
-    /// Counts messages lost for good: missing numbers below the highest number at the previous count, which must be long enough ago.
+    /// Number of messages that are permanently lost: missing numbers below the highest number at the previous count.
+    /// Call it at intervals longer than any delivery.
     pub fn count_missing(&mut self) -> u64 {
         let mut missing = 0_u64;
         for one in &mut self.each {

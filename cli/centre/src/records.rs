@@ -322,7 +322,7 @@ pub enum Resolution {
 pub struct Point {
     pub at_s: f64,
     pub count: u64,
-    /// State of the guard; the worst one of several conditions.
+    /// State of the guard; for a mean, the worst state of the combined points.
     pub state: String,
     /// Mean residual, µm; `None` if unknown.
     pub residual_um: Option<f64>,
@@ -465,7 +465,7 @@ pub struct Live {
 
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct CreationTime {
-    /// s by the server's clock.
+    /// Creation time, s by the server's clock.
     pub at_s: f64,
     /// Delay until the server stored the condition (queue and transit), s; 0 if unknown.
     pub late_s: f64,

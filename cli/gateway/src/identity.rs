@@ -99,11 +99,13 @@ pub(crate) struct Judge {
 }
 
 impl Judge {
-    /// The largest change of the correction if `new` replaces `old`, and the question to confirm
-    /// first. The change is evaluated at the reference temperature; in the steady state at the
-    /// current temperatures and [`SHIFT_K`] below and above them, because a changed thermal term
-    /// has no effect at the reference temperature; and in the present state, with the lags of the
-    /// running model.
+    /// Returns the largest change of the correction if `new` replaces `old`, and the question that must be confirmed,
+    /// if any. Takes the maximum over:
+    /// - the reference temperature;
+    /// - the steady state at the current temperatures and at ±[`SHIFT_K`] from them, because a changed thermal term has
+    ///   no effect at the reference temperature;
+    /// - the present state, with the lags of the running model;
+    /// - if [`ONLY_THERMAL`] changes for a controller, the models without errors on the side where it is listed.
     pub(crate) fn judged(
         &self,
         [old, new]: [&Model; 2],
@@ -188,8 +190,8 @@ pub(crate) struct Judgement {
     pub(crate) is_confirmed: bool,
 }
 
-/// The models as a controller applies them whose `terms` change: without errors before or after the change. `None` if the terms of none
-/// change.
+/// The old and new model as applied by a controller whose `terms` change: the errors are removed from each model under
+/// which the controller applies thermal terms only. `None` if the `terms` of no controller change.
 fn with_terms(models: [&Model; 2], changes: &LimitChanges) -> Option<[Model; 2]> {
     let mut changes = changes.iter();
     let (_, only_thermal) = changes.find(|(key, _)| key.ends_with(ONLY_THERMAL))?;

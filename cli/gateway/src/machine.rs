@@ -59,7 +59,8 @@ impl Machine {
         Plan::new(self.options.configuration()?)
     }
 
-    /// Runs the machine until it is stopped.
+    /// Runs the gateway of this machine until it is stopped or fails. The outcome, including a panic, is set as the
+    /// phase of `slot`.
     pub fn run(&self, plan: Plan, slot: &Slot, turn: ServiceStep<'_>) {
         let whole = AssertUnwindSafe(|| self.run_to_its_end(plan, slot, turn));
         let ended = catch_unwind(whole).unwrap_or_else(|_| Err(panicked()));

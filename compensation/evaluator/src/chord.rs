@@ -60,8 +60,9 @@ impl CompiledMachine {
         bound
     }
 
-    /// Move lengths of the axes (mm, rad, in chain order) for which [`chord_bound_mm`](Self::chord_bound_mm) is within a tolerance anywhere
-    /// in the travels, provided that the moves, as fractions of these lengths, add up to at most 1. Infinite for axes without effect.
+    /// Length of move for each axis (mm, rad, in chain order) over which [`chord_bound_mm`](Self::chord_bound_mm) stays
+    /// within `tolerance_mm`, anywhere in the travels. If several axes move, their moves as fractions of these lengths
+    /// must add up to at most 1. Infinite for an axis without effect.
     pub fn short_ways(&self, tolerance_mm: f64) -> PerAxis<f64> {
         let reach_mm = self.reach_mm();
         // The terms of the bound with products of lengths are linearised with the sum of all lengths.

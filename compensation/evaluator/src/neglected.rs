@@ -63,8 +63,8 @@ impl CompiledMachine {
 }
 
 impl Neglected {
-    /// A bound (mm) of the position error that a first-order correction of this size leaves: the errors change over the correction, and
-    /// tilts have a second-order part.
+    /// Bound, mm, of the position error that remains after the first-order correction `delta` (mm, rad in chain order):
+    /// the errors change along the correction, and tilts have a second-order part.
     pub fn mm(&self, delta: &PerAxis<f64>) -> f64 {
         let (mut bound, mut turned) = (0.0, 0.0);
         for (axis, delta) in self.axes.iter().zip(delta) {
@@ -78,9 +78,9 @@ impl Neglected {
         bound + (self.tilts + turned) * (self.tilts + turned) * self.reach_mm
     }
 
-    /// The bound for a correction that was computed twice: `second` is the result with the errors
-    /// at the target of `first`. The errors change only by the difference of the two; `first`
-    /// contributes to second order only.
+    /// Bound, mm, of the position error that remains after the correction `second`, which was computed with the errors
+    /// at the state corrected by `first` (mm, rad in chain order). The errors change only along the difference of the
+    /// two; `first` contributes to second order only.
     pub fn there_mm(&self, first: &PerAxis<f64>, second: &PerAxis<f64>) -> f64 {
         let mut between = *second;
         let (mut turned, mut moved_mm) = (0.0, 0.0);

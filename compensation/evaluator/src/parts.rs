@@ -119,7 +119,8 @@ impl<'a> AxisParts<'a> {
         Self::new(travel, |_, _| ErrorMotion::ZERO)
     }
 
-    /// The errors differ in the two directions of travel: they are evaluated forward, backward, and, for an unknown direction, for the mean.
+    /// States that the errors differ in the two directions of travel. The error motions are then compiled for forward
+    /// travel, for backward travel, and for an unknown direction (`None`), for which they state the mean.
     #[must_use]
     pub fn bidirectional(mut self) -> Self {
         self.branches = Branches::Three;
@@ -159,8 +160,8 @@ impl<'a> AxisParts<'a> {
         self
     }
 
-    /// The range (mm or deg of `looked_at`) over which the curve of a component is defined; states outside are reported by
-    /// [`CompiledMachine::outside_range`](crate::CompiledMachine::outside_range).
+    /// Sets the range over which the curve of a component is defined: coordinates of the axis `looked_at`, mm or deg.
+    /// States outside are reported by [`CompiledMachine::outside_range`](crate::CompiledMachine::outside_range).
     #[must_use]
     pub fn range(mut self, component: Component, looked_at: AxisName, domain: [f64; 2]) -> Self {
         self.ranges.push(StatedRange {

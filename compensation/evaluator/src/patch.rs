@@ -17,7 +17,8 @@ use crate::{
 pub struct Patch {
     /// The component of the axis.
     pub component: Component,
-    /// Weights for forward travel, backward travel, and an unknown direction.
+    /// Factors on the values for forward travel, backward travel, and an unknown direction of the axis to which the
+    /// error belongs.
     pub weights: [f64; 3],
     /// The two axes whose coordinates the error depends on.
     pub axes: [AxisName; 2],
@@ -88,7 +89,8 @@ impl CompiledPatch {
 }
 
 impl Places {
-    /// Creates the segments between `nodes`, which ascend; at least one.
+    /// Creates the segments between `nodes` (ascending, not empty). A single node gives one segment of zero inverse
+    /// length.
     fn new(nodes: &[f64]) -> Self {
         let segment = |pair: &[f64]| [pair[0], 1.0 / (pair[1] - pair[0])];
         let mut segments: Vec<[f64; 2]> = nodes.windows(2).map(segment).collect();

@@ -197,17 +197,18 @@ impl Tables {
 
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Bounds {
-    /// The largest |slope| of each component at the axis's point.
+    /// Maximum |slope| of each component, at the reference point of the axis instead of the tool tip, without the
+    /// constant slope.
     pub(crate) slopes: [f64; LANES],
-    /// The largest displacement of the tool tip, mm.
+    /// Bound on the displacement of the tool tip, mm.
     pub(crate) linear_mm: f64,
-    /// The largest tilt, rad.
+    /// Bound on the tilt, rad.
     pub(crate) angular_rad: f64,
 }
 
 impl Bounds {
-    /// Bounds over `pieces`. Slopes are those of the displacements at the start of the lever arm
-    /// `arm_mm`, without the constant slope `slide`.
+    /// Bounds over `pieces`, which state the errors at the tool tip. `arm_mm` leads from the reference point of the
+    /// axis to the tool tip at machine zero; `slide` is the constant slope.
     pub(crate) fn of<'a>(
         pieces: impl Iterator<Item = &'a Piece>,
         arm_mm: &Vector3<f64>,
@@ -243,7 +244,7 @@ impl Bounds {
         }
     }
 
-    /// Adds the absolute values of the power terms at the end of the piece.
+    /// Raises the size bounds to those of a piece: the sum of its absolute power terms at its end.
     fn take_sizes(&mut self, piece: &Piece) {
         let length = piece.end() - piece.start();
         let sizes: [f64; LANES] = core::array::from_fn(|lane| {

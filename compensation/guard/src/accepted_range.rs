@@ -1,5 +1,6 @@
-//! Corrections that were sent and may still arrive, and the largest correction that is accepted as a read-back. It is the limit, or more if
-//! this guard sent or confirmed a larger correction before the limit was lowered or the path changed.
+//! Corrections that were sent and may still arrive, and the largest correction that is accepted as a read-back. This is
+//! the limit of the axis, or a larger correction that this guard sent or confirmed before the limit was lowered or the
+//! path changed.
 
 use core::time::Duration;
 

@@ -4,13 +4,15 @@ use volcomp_vocabulary::{AxisKind, Direction, TURNED_AFTER, TURNED_AFTER_ROTARY}
 
 use crate::{AxisLimits, step::shortest_way};
 
-/// Travel (mm or rad) after which an axis is treated as reversed: the larger of 5 µm (rotary axes: 5e-4 deg) and two steps of its position, plus
-/// the lag of its position at standstill.
+/// Travel (mm or rad) after which an axis is treated as reversed: 5 µm (rotary axes: 5e-4 deg), or two steps of its
+/// reported position plus the apparent travel at standstill, whichever is larger.
 ///
-/// `position_step` is the resolution of the reported position, mm or rad: a flickering count is not a reversal. The lag applies to positions that
-/// contain the correction, which is subtracted with the value that is read back: if the position shows a change of the correction up to `delay`
-/// before or after the read-back does, an axis at standstill seems to travel by the movement of the correction in that time. A reversal derived
-/// from that would feed back and reverse the axis indefinitely.
+/// `position_step` is the resolution of the reported position, mm or rad: a flickering count is not a reversal.
+///
+/// Apparent travel occurs if reported positions contain the correction. The correction is then subtracted as read back,
+/// and `delay` is the maximum time between a change of the position and the change of the read-back. In this time the
+/// correction moves by up to the slew times `delay` plus one step, and an axis at standstill seems to travel by as
+/// much. A reversal derived from it would change the correction, which would reverse the axis again and again.
 #[must_use]
 pub fn reversal_threshold(limits: &AxisLimits, position_step: f64, delay: Duration) -> f64 {
     let least = match limits.kind {

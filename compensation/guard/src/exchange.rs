@@ -18,7 +18,7 @@ pub struct Reading {
 /// The inputs of a guard in one cycle.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Inputs {
-    /// Begin of the cycle, on a monotonic clock.
+    /// Start of the cycle, on a monotonic clock.
     pub now: Duration,
     /// The positions; `None` if the controller did not answer.
     pub reading: Option<Reading>,
@@ -28,8 +28,8 @@ pub struct Inputs {
     pub interlocks: Reasons,
     /// The correction by the model; `None` if the model returns none.
     pub requested: Option<RequestedCorrection>,
-    /// Set if positions are old while the machine moves: a held correction would become worse than
-    /// none and ramps out as fast as the slew allows. Used only while positions are stale.
+    /// Set if positions are old while the machine moves. While positions are stale, the correction then ramps out as
+    /// fast as the slew allows, because holding it would cause a larger error than no correction.
     pub fast_ramp_out: bool,
     /// The request of the operator or a program since the last cycle, if any.
     pub request: Option<Request>,
@@ -42,7 +42,7 @@ pub struct Inputs {
 pub struct Output {
     /// The correction, multiples of the resolution, mm and rad.
     pub correction: PerChannel<f64>,
-    /// Whether to send the output, together with the heartbeat.
+    /// Whether the correction is to be sent in this cycle, together with the heartbeat.
     pub write: bool,
     /// The state after this cycle.
     pub state: State,

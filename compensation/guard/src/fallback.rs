@@ -20,12 +20,13 @@ pub struct PathHealth {
 pub struct Choice {
     /// Index of the active path.
     pub active: usize,
-    /// Index of the path that should be active.
+    /// Index of the path that should be active: the first path before the active one that has been usable for
+    /// `hand_back` (see [`Selector::new`]); without one, the active path, or the first usable path if the active one is
+    /// not usable.
     pub preferred: usize,
     /// Whether the active path changed in this cycle.
     pub switched: bool,
-    /// Set if the path that should be active may not take over, because the correction left by the
-    /// previous path is unknown.
+    /// Set if the path that should be active is not [`ready`](PathHealth::ready): the active path then does not change.
     pub blocked: bool,
 }
 
@@ -42,7 +43,7 @@ pub struct Selector {
 }
 
 impl Selector {
-    /// Starts with the first path. A path of higher preference takes over again after it was usable
+    /// Starts with the first path. A path of higher preference than the active one takes over once it has been usable
     /// for `hand_back`.
     pub fn new(hand_back: Duration) -> Self {
         Self {

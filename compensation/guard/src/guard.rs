@@ -130,10 +130,13 @@ impl Guard {
         Ok(())
     }
 
-    /// Switches to another path from the next cycle on, with these limits in its axis order. The output starts at the correction known to be
-    /// applied on it, or at the words on the way to a barrier common to both paths. `places` is the index of each of its axes on the previous path;
-    /// `None`: that path did not write it. Corrections beyond the new limits that were sent by the previous path, or known there, are reduced by a
-    /// ramp.
+    /// Switches to another path from the next cycle on. `limits` are those of the new path, in its axis order. `places`
+    /// is the index of each axis of the new path on the previous path; `None`: the previous path did not write the
+    /// axis.
+    ///
+    /// The output starts at the confirmed correction of the new path. If both paths lead to one barrier, it starts at
+    /// the last words of the previous path while these are in transit. Corrections beyond the new limits that the
+    /// previous path sent or confirmed are reduced by a ramp.
     ///
     /// # Errors
     /// Invalid limits: the previous path stays active.
@@ -179,14 +182,16 @@ impl Guard {
         Ok(())
     }
 
-    /// Reports that the output of the last cycle was not sent, or its sending failed: it is not treated as moved.
+    /// Records that the output of the last cycle was not sent, or that sending it failed. The next cycle continues from
+    /// the output before it.
     pub fn not_sent(&mut self) {
         self.vector = self.before;
         self.vector.stop();
     }
 
-    /// Remaining time from `now` in which the output of this cycle may be sent. It ends when positions or correction expire, or when the control
-    /// may act on its own for lack of writes. `None`: it has expired. Call immediately before a write.
+    /// Remaining time from `now` in which the output of this cycle may be sent; `None`: it has expired. It ends when
+    /// positions or correction expire, or when the control may ramp to zero for lack of writes. Call immediately before
+    /// a write.
     #[must_use]
     pub fn time_to_send(&self, now: Duration) -> Option<Duration> {
         // An output that ramps out or is constant depends on no position, but no decision older than the maximum hold time is sent.
@@ -217,7 +222,7 @@ impl Guard {
         self.vector.output()
     }
 
-    /// Time to ramp the correction out without new inputs.
+    /// Duration of a ramp from the present correction to zero.
     #[must_use]
     pub fn time_to_zero(&self) -> Duration {
         self.vector.time_to_zero(&self.limits)

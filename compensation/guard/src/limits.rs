@@ -12,7 +12,7 @@ pub struct AxisLimits {
     /// Largest correction, in either direction: at least one step, and at most [`ceiling::LIMIT`] or [`ceiling::LIMIT_ROTARY`]; or 0 for an axis
     /// that is never corrected ([`AxisLimits::held_at_zero`]).
     pub limit: f64,
-    /// Larger corrections, in either direction, are reported.
+    /// Absolute value of the correction above which [`Reasons::WARN`](crate::Reasons::WARN) is reported.
     pub warn: f64,
     /// Largest change of the correction per second; at most [`ceiling::SLEW_PER_S`] or [`ceiling::SLEW_PER_S_ROTARY`].
     pub slew_per_s: f64,
@@ -41,7 +41,8 @@ pub struct Limits {
     pub zero_after: Duration,
     /// Configured ramp time; the actual one is [`Limits::ramp_taken`].
     pub ramp: Duration,
-    /// Test shift at arming that proves whether positions contain it, mm and rad; 0: none. At least four steps of correction and position.
+    /// Shift of each axis in the test at arming, mm or rad ([`Proof`](crate::Proof)). 0: the axis is not tested;
+    /// otherwise at least four steps of the correction and of the reported position.
     pub test_shift: PerChannel<f64>,
     /// Maximum lag of the read-back in writes, 1 to [`MOST_READ_BACK_CYCLES`].
     pub read_back_cycles: usize,

@@ -59,10 +59,12 @@ struct RejectedPosition {
     stray: Option<(f64, Duration)>,
 }
 
-/// The last accepted position of an axis. After a rejection, only a position within the reach that
-/// the axis had at the first rejection is accepted; the reach does not grow with time. After two
-/// readings on the way from a jump, it must also have jumped back: a constant error would bring a
-/// wrong position there as the axis moves. An axis that moved out of its range must move back.
+/// The last accepted position of an axis. After a rejection, a position is accepted only within the distance that the
+/// axis could have travelled from the last accepted position by the first rejection; this distance does not grow with
+/// time. Two kinds of rejection require more:
+/// - If a second reading follows from a jump by motion, the next accepted position must be a jump back. A wrong
+///   position with a constant error could otherwise move back within this distance.
+/// - An axis that moved out of its range must move back.
 ///
 /// Invariants:
 /// - `rejected` is set only between a rejection and the next accepted position.
@@ -105,7 +107,7 @@ impl PositionCheck {
         })
     }
 
-    /// Accepts the next position unconditionally.
+    /// Clears the accepted position: the next position is accepted if it is within the range of the axis.
     pub fn forget(&mut self) {
         *self = Self::default();
     }

@@ -47,9 +47,9 @@ pub enum AxisProof {
 pub struct Verdict {
     /// What the test shift has shown for each axis.
     pub axes: PerChannel<AxisProof>,
-    /// The axes whose configuration contradicts the test. A reported position that follows the test shift both ways, but by 2.5 times or half its
-    /// amount, shows that the control applies corrections in another unit. If reported positions do not contain the correction, the unit cannot be
-    /// tested.
+    /// The axes whose configuration contradicts the test. An axis also contradicts if its reported position followed
+    /// both shifts by another amount, such as half or 2.5 times: the control then applies corrections in another unit.
+    /// The unit cannot be tested if reported positions do not contain the correction.
     pub contradicts: PerChannel<bool>,
     /// The axes for which the test shift was conclusive.
     pub proven: PerChannel<bool>,
@@ -173,14 +173,15 @@ struct Findings {
     scaled: PerChannel<bool>,
 }
 
-/// The test shift; state of the guard. First all rotary axes are shifted, followed by the linear axes so that the tool tip stays in place; then all
-/// linear axes. The correction is shifted in one direction and then in the other, with a rest in between, so that creep or a slow position cannot
-/// look like a response. If the machine starts to move, the correction returns to the start, and the proof restarts at the next standstill: a
-/// remaining shift would be an error of the part.
+/// State of the test shift, which shows whether reported positions contain the correction. The rotary axes are shifted
+/// first, while the linear axes keep the tool tip in place; then the linear axes are shifted. Each axis is shifted one
+/// way, then the other, with a standstill before and after each shift, so that creep or a slow position cannot look
+/// like a response. If the machine starts to move, the correction returns to the start, and the test restarts at the
+/// next standstill: a remaining shift would be an error of the part.
 ///
 /// Invariants:
 /// - `before_leg[0]` is valid from the first leg on, `before_leg[1]` from the second.
-/// - `rotary` is set once the rotary axes were shifted: from then on the linear ones are.
+/// - `rotary` is `Some` once the rotary axes have been tested; from then on the linear axes are shifted.
 /// - A reading counts only if it was valid after the correction had reached the goal of the leg (`arrived_at`).
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Proof {
@@ -207,22 +208,25 @@ pub struct Proof {
 }
 
 impl Proof {
-    /// The goal of the correction (mm, rad) during the proof, which started at `from`.
+    /// Correction of each axis (mm or rad) to apply in the present leg of the test. `from` is the correction at the
+    /// start of the test.
     #[must_use]
     pub fn goal(&self, from: &PerChannel<f64>, limits: &Limits) -> PerChannel<f64> {
         self.at(self.leg, from, limits)
     }
 
-    /// Sets how the linear axes follow each rotary axis at the present position so that the tool tip stays in place
-    /// ([`RequestedCorrection::follow`](crate::RequestedCorrection)). It takes effect when a shift begins.
+    /// Sets the movement of the linear axes per movement of each rotary axis that keeps the tool tip in place, mm/rad
+    /// ([`RequestedCorrection::follow`](crate::RequestedCorrection)). Ignored from the first shift of an attempt to its
+    /// end.
     pub fn set_follow(&mut self, follow: &PerChannel<PerChannel<f64>>) {
         if self.leg == Leg::Begin {
             self.follow = *follow;
         }
     }
 
-    /// Updates with a reading at `now`, the applied correction, and the correction at the start of the proof. Returns the verdict once it
-    /// is complete. Repeated readings, and those valid before the shift was complete, are ignored.
+    /// Processes a reading at `now`. `output` is the applied correction, `from` the correction at the start of the test
+    /// (mm, rad). Returns the verdict once the test is complete. Repeated readings, and readings valid before the
+    /// present shift was complete, are ignored.
     pub fn read(
         &mut self,
         now: Duration,

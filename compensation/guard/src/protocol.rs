@@ -21,7 +21,7 @@ pub const HEAD_WORDS: usize = 4;
 pub struct Head {
     /// The last epoch published by the control.
     pub epoch: u16,
-    /// The last tick published by the control, which dates the sender's knowledge.
+    /// The last tick published by the control. The control rejects the frame if this is more than `hold_scans` ago.
     pub tick: u16,
     /// The last sequence published by the control, plus one.
     pub sequence: u16,
@@ -88,8 +88,8 @@ pub enum Refusal {
     /// start again.
     #[error("a value is beyond the limit of the control")]
     Value,
-    /// A word on digital lines arrived while a sender of frames owns the control or another correction is applied, or it changes faster than the
-    /// axis could follow.
+    /// A word on digital lines is rejected: a sender of frames owns the control, another correction is applied, the
+    /// axis is not corrected, the word exceeds its limit, or it changes faster than the configured rate.
     #[error("a word on the lines came at the wrong time, or changes too fast")]
     Lines,
     /// The words do not continue the map being loaded.
@@ -103,7 +103,7 @@ pub enum Refusal {
     /// one.
     #[error("the map is not the one that is meant")]
     Map,
-    /// The control does not know this kind of frame.
+    /// The control does not support this kind of frame.
     #[error("its kind is unknown")]
     Kind,
 }
@@ -271,8 +271,8 @@ impl Link {
         self.tick = self.tick.wrapping_add(1);
     }
 
-    /// Whether a complete frame is accepted if its content is valid. `false`: the frame was checked
-    /// before, or is the last accepted one.
+    /// Checks the head of a complete frame. Returns `true` if the control is to accept the frame, provided that its
+    /// content is valid; `false` if the frame was checked before, or is the last accepted one.
     ///
     /// `found` is the tick and sequence of the last complete frame in the same mailbox. A frame that is not overwritten stays in the mailbox;
     /// without this check it would be accepted again once tick and sequence have wrapped.
@@ -331,7 +331,7 @@ impl Link {
     }
 }
 
-/// The meaning of a report for a sender.
+/// Result of a report for the sender that received it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ReportStatus {
     /// The scan counter has not advanced since the last report, or this report is older.
@@ -356,7 +356,7 @@ pub enum ReportStatus {
 /// Number of epochs whose frames a sender remembers: a late report belongs to one of these.
 const MOST_EPOCHS: usize = 4;
 
-/// A sender's knowledge of a control.
+/// A sender's record of the reports that it received from a control, and of the frames that it sent.
 ///
 /// Invariants:
 /// - `last` is set only while this sender may send. `sent` is the frame that answered the latest answered report.
@@ -385,7 +385,7 @@ impl Session {
         }
     }
 
-    /// Processes the head of a complete report and returns its meaning.
+    /// Processes the head of a complete report.
     pub fn read(&mut self, report: Head) -> ReportStatus {
         let Head {
             epoch,

@@ -51,9 +51,9 @@ impl ReadBack {
         Self::of(Kind::Barrier(link), Scheme::Barrier)
     }
 
-    /// Read-back of a control without a barrier that reports its correction. For the time `watch`
-    /// before the first write, only this gateway may change the correction; a change reveals
-    /// another gateway, or a control that is still ramping to zero.
+    /// Read-back of a control without a barrier that reports its correction. Before the first write, the correction
+    /// must not change for the time `watch`: a change reveals another gateway, or a control that is still ramping to
+    /// zero.
     #[must_use]
     pub fn plain(watch: Duration) -> Self {
         Self::of(Kind::Echo(Echo::new(watch)), Scheme::Plain)
@@ -192,8 +192,8 @@ impl ReadBack {
         }
     }
 
-    /// Records a sent correction (mm, rad). `ok`: without an error. A failed one may still have arrived, except on lines, where a failed write has
-    /// no effect.
+    /// Records a sent correction (mm, rad). `ok`: the write had no error. A failed write may still have arrived, except
+    /// on digital lines, where it has no effect.
     pub fn sent(&mut self, now: Duration, values: &PerChannel<f64>, ok: bool) {
         match &mut self.kind {
             Kind::Echo(echo) => echo.sent(now, values),
@@ -219,9 +219,13 @@ impl ReadBack {
         self.update_status();
     }
 
-    /// Makes this path the active one in place of another. A path without read-back takes over only after the correction of the other path has been
-    /// removed. The earlier correction of this path remains, unless the control has dropped everything (`released`) because the other path led to
-    /// its barrier. With a read-back but no barrier, earlier readings may be older than the last write of the other path.
+    /// Makes this path the active one in place of another. `released`: the other path led to the barrier of the same
+    /// control, which has removed all corrections.
+    /// - With a barrier, nothing changes.
+    /// - With a read-back but no barrier, the applied correction is unknown until it is read again, because earlier
+    ///   readings may be older than the last write of the other path.
+    /// - Without a read-back, call this only after the correction of the other path has been removed. A correction that
+    ///   this path has written is still treated as applied, unless `released` is set or the control has timed out since.
     pub fn take_over(&mut self, now: Duration, released: bool) {
         match &mut self.kind {
             Kind::NoReadBack(lines) => lines.take_over(now, released, &mut self.status),

@@ -122,7 +122,9 @@ reasons! {
     // Further information.
     /// A temperature used by the model is missing.
     DEGRADED = informs, "degraded";
-    /// A temperature, or its rate of change, is beyond the range for which the thermal terms were identified: they hold and fade.
+    /// A temperature, or its rate of change, is beyond the range for which the thermal terms were identified, or was so
+    /// recently. The terms use the temperature at the end of the range, and are reduced with the distance from it, down
+    /// to zero.
     BEYOND_SEEN = informs, "outside what the thermal terms have seen";
     /// A position is outside the measured range.
     OUTSIDE_RANGE = informs, "outside the measured range";

@@ -54,7 +54,8 @@ pub enum End {
 pub enum Cause {
     /// A written correction is not found when it is read back.
     DoesNotStick,
-    /// The control applies a correction beyond the limit that was not sent: nothing is written until the operator has acknowledged.
+    /// The control applies a correction that exceeds the limit and was not sent by this guard; nothing is written until
+    /// the operator acknowledges it.
     BeyondLimit,
     /// Positions contain the correction but should not, or the reverse.
     Contradiction,

@@ -63,13 +63,15 @@ pub enum SensorFlaw {
     /// The temperature is not a number or outside [`SensorLimits::range_degc`]: it is not used.
     #[error("out of range")]
     OutOfRange,
-    /// The temperature changed faster than [`SensorLimits::max_degc_per_min`], and was not readmitted since: it is not used.
+    /// The temperature changed faster than [`SensorLimits::max_degc_per_min`], and the sensor was not readmitted since:
+    /// it is not used.
     #[error("jumped")]
     Jumped,
     /// The reading did not change in any digit for [`SensorLimits::stuck_after`]; it is still used.
     #[error("stuck at one value")]
     Stuck,
-    /// Farther than [`SensorLimits::neighbours_k`] from the median of the other sensors: the temperature is used.
+    /// The temperature differs from the median of the other sensors by more than [`SensorLimits::neighbours_k`]; it is
+    /// still used.
     #[error("disagrees with its neighbours")]
     Disagrees,
 }
@@ -88,7 +90,8 @@ pub struct SensorReport {
     pub degc: Option<f64>,
     /// Flaw; `None` for a good temperature, and before the first check.
     pub flaw: Option<SensorFlaw>,
-    /// Whether the sensor has jumped and was not readmitted since, also while `flaw` is another one: it is silent, stale, faulty or out of range now.
+    /// Whether the sensor has jumped and was not readmitted since. Also set while `flaw` reports another cause: broken,
+    /// stale or out of range.
     pub jumped: bool,
 }
 

@@ -48,9 +48,11 @@ enum Motion {
 
 /// The moving correction, mm for linear and rad for rotary axes; state of the guard.
 ///
-/// The rotary axes move by a common factor towards shares on whole steps, as far as the linear axes can follow in the same cycle; the linear shares
-/// are solved for the present rotary shares. So the tool tip stays in place while the tool axis turns. On a ramp the distance between the present
-/// and the requested position share shrinks in proportion, and so does the position error of the tool, even if the machine moves.
+/// A share is the part of the correction that one axis makes ([`RequestedCorrection`]). The rotary axes move by a
+/// common factor towards shares on whole steps, as far as the linear axes can follow in the same cycle. The linear
+/// shares are solved for the present rotary shares, so the tool tip stays in place while the tool axis turns. On a ramp
+/// the distance between the present and the requested position share shrinks in proportion, and with it the position
+/// error of the tool, even if the machine moves.
 ///
 /// Invariants:
 /// - No axis moves in a cycle by more than its slew and acceleration in that cycle allow from `rate`; `slew` and `accel` are those limits.

@@ -78,7 +78,8 @@ impl Writer<'_> {
         }
     }
 
-    /// Adds the derivatives by the components of a frame or point. `moved` receives the component and the order of its drift.
+    /// Adds the derivatives with respect to the components of a frame or point. `moved` receives the component and the
+    /// order of its drift.
     fn part(
         &mut self,
         part: Part,
@@ -94,7 +95,7 @@ impl Writer<'_> {
         }
     }
 
-    /// Adds the derivatives by a number of the set-up; `by` is the change of the residual per unit.
+    /// Adds the derivatives with respect to a number of the set-up; `by` is the change of the residual per unit.
     fn number(&mut self, number: usize, by: f64) {
         if self.jacobian.ncols() == 0 {
             return;
@@ -146,8 +147,8 @@ impl System {
         self.equations_in(self.params.len(), rows, values, design)
     }
 
-    /// Like [`System::plain_equations`], with the derivatives by the first `columns` parameters only: all, those of the
-    /// set-ups, or none.
+    /// Like [`System::plain_equations`], with the derivatives with respect to the first `columns` parameters only: all,
+    /// those of the set-ups, or none.
     pub(crate) fn equations_in(
         &self,
         columns: usize,

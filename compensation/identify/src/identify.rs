@@ -86,11 +86,12 @@ pub struct Identification {
     /// Variance of the residuals relative to the stated variance.
     #[cfg_attr(feature = "serde", serde(skip))]
     pub variance: f64,
-    /// Factor on the standard uncertainties by the covariance, from the residuals; 1 if chance
-    /// explains the residuals, or if the covariance already includes them.
+    /// Factor by which the standard uncertainties from `covariance` must be multiplied, because the residuals exceed
+    /// the stated uncertainties. 1 if chance explains the residuals, or if the covariance already includes them.
     #[cfg_attr(feature = "serde", serde(skip))]
     pub excess: f64,
-    /// Whether a file, or rows that were only predicted, contradict the result.
+    /// Whether the result is contradicted: by a file whose residuals exceed three times the stated uncertainty (not
+    /// checked with penalties or robust weights), or by a file of rows that were only predicted.
     #[cfg_attr(feature = "serde", serde(skip))]
     pub is_contradicted: bool,
     /// Effective number of unknowns. With penalties it is smaller than the rank.
@@ -156,10 +157,10 @@ pub fn identify(
     followed(&system, observations, &mut progress).map(|(found, _)| found)
 }
 
-/// Like [`identify`], with other errors of the machine that follow the unknowns: the residuals include everything that
-/// follows, and so does the covariance. Also returns how the result depends on the errors that were taken as known.
+/// Like [`identify`], for a machine whose known errors depend on the unknowns (`followers`). Residuals and covariance
+/// include this dependence. Also returns how the result depends on the known errors.
 ///
-/// The identified machine has the other errors as in the observations.
+/// In the identified machine, the known errors remain as in the observations.
 ///
 /// # Errors
 /// Same as [`identify`].

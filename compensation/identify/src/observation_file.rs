@@ -321,7 +321,8 @@ impl Unknown {
         Ok(found)
     }
 
-    /// Formats the item of the key `unknown` that decodes to this, in a file whose own `penalty` is `auto` (`by_default`) or missing.
+    /// Formats this unknown as an item of the key `unknown`. `by_default`: the file has `penalty = "auto"` at its root;
+    /// otherwise that key is missing.
     pub fn to_toml(&self, by_default: bool) -> String {
         let mut keys = vec![format!("error = \"{}\"", self.error)];
         match self.basis {

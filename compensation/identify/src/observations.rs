@@ -21,8 +21,9 @@ pub struct Observations {
     pub files: Vec<PathBuf>,
     /// The machine: its geometry, its known errors, and start values of its unknown errors.
     pub machine: Machine,
-    /// Error motions of `machine` that were measured together with these observations. `uncertainty_um` does not
-    /// include their uncertainty, so residuals are not attributed to them.
+    /// Error motions of `machine` from measured lines of the same calibration. `uncertainty_um` does not include their
+    /// uncertainty. If there are any, the warning about large residuals states that the reported uncertainties include
+    /// it.
     pub measured: Vec<ErrorName>,
     /// Errors to be identified.
     pub unknown: Vec<Unknown>,
@@ -43,7 +44,7 @@ pub struct Observations {
 pub struct Unknown {
     /// The error whose curve, location or reversal value is identified.
     pub error: ErrorName,
-    /// Curve, a constant for a location error; `None` if only the reversal value is unknown.
+    /// Kind of curve; [`Basis::Constant`] for a location error. `None` if only the reversal value is unknown.
     pub basis: Option<Basis>,
     /// Second axis on which the error depends, with the curve's modes along it; `None`: it depends on its own axis only.
     pub second: Option<SecondAxis>,
@@ -72,7 +73,8 @@ impl Unknown {
 pub struct SecondAxis {
     /// The axis, another one than that of the error.
     pub axis: AxisName,
-    /// Kind of curve along the second axis. Modes of the error's own curve up to the order of this one form products.
+    /// Kind of curve along the second axis. Its modes are multiplied by the modes of the error's own curve up to the
+    /// same order.
     pub basis: Basis,
 }
 
@@ -87,7 +89,8 @@ pub struct Quantity<T> {
     pub unknown: bool,
     /// Order of the drift over the rows; 0: no drift.
     pub drift: usize,
-    /// Standard uncertainty of the value, in its unit, if it is calibrated and identified as well.
+    /// Standard uncertainty of a calibrated value that is identified as well, in the unit of the value; `None`: not
+    /// calibrated, or not identified.
     pub known_within: Option<f64>,
 }
 

@@ -251,7 +251,8 @@ impl Values {
 }
 
 impl Frame {
-    /// Drift at the time of these Legendre polynomials: displacement, mm, and rotation, rad.
+    /// Drift of the frame, from the Legendre polynomials evaluated at the time of a reading: displacement, mm, and
+    /// rotation, rad.
     pub(crate) fn drifted(&self, polynomials: &[f64]) -> [Vector3<f64>; 2] {
         let orders = self.drift.iter().zip(&polynomials[1..]);
         orders.fold([Vector3::zeros(); 2], |[shift, turn], (six, p)| {

@@ -65,8 +65,8 @@ impl Response {
         }
     }
 
-    /// Returns the change of the determined unknowns, in their order and units, if the known errors are those of this
-    /// machine.
+    /// Returns the change of the determined unknowns, in their order and units, if the known errors of the observations
+    /// are replaced by those of `machine`.
     ///
     /// # Errors
     /// A machine with another structure.
@@ -74,10 +74,10 @@ impl Response {
         Ok(&self.gain * self.changed(machine)?)
     }
 
-    /// Each of `machines` changes the known errors. Returns the share of each change that the
-    /// observations support after the unknowns have followed, 1 for the whole change, with its
-    /// standard uncertainty. All changes are estimated together. `None` for a change that the
-    /// unknowns compensate: the observations contain no information about it.
+    /// Each of `machines` states a change of the known errors. Returns, for each, the share of the change that the
+    /// observations support (1: the whole change) and its standard uncertainty, with the unknowns identified anew. All
+    /// shares are estimated together. `None` for a change that the unknowns compensate: the observations contain no
+    /// information about it.
     ///
     /// # Errors
     /// Same as [`Response::to`].

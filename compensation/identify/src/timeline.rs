@@ -125,7 +125,7 @@ pub struct Approach {
 }
 
 impl Approach {
-    /// Starts with axes that were approached from these directions.
+    /// Starts with these approach directions, in chain order; `None`: unknown.
     #[must_use]
     pub fn from_sides(direction: [Option<Direction>; MAX_AXES]) -> Self {
         Self {

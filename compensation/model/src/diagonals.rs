@@ -132,7 +132,8 @@ pub fn corrected(state: &State, delta: &PerAxis<f64>) -> State {
     }
 }
 
-/// A correction rounded to a controller's resolution: `mm` for linear and `rad` for rotary axes. Values of 0 or less do not round.
+/// A correction rounded to a controller's resolution: `mm` for linear and `rad` for rotary axes. A resolution of 0 or
+/// less leaves the correction unrounded.
 pub fn quantised(machine: &Machine, delta: &PerAxis<f64>, mm: f64, rad: f64) -> PerAxis<f64> {
     let mut rounded = *delta;
     for (place, joint) in rounded.iter_mut().zip(machine.chain().joints()) {

@@ -425,8 +425,9 @@ impl LineSink for Replacements<'_, '_> {
     }
 }
 
-/// Writes the program. The output of calls and loops of the main program is held back until it is known whether they contain a line with a
-/// conflict.
+/// Writes the program. The output of a call or loop of the main program is buffered to its end. It is unrolled if a
+/// line needs different text in different executions, or if a line of another file would change; otherwise it is
+/// copied.
 struct UnrollingWriter<'a, W> {
     lines: &'a Listing<'a>,
     flow: &'a Flow,

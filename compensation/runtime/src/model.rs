@@ -233,8 +233,8 @@ impl Model {
         self.correction_of(state, self.compiled.correctors())
     }
 
-    /// The correction at a state by the correcting axes while all others are held: two first-order steps, the second with the errors at the
-    /// result of the first. Does not allocate.
+    /// The correction at a state by the correcting axes while all others are held. Solved to first order twice; the
+    /// second solution, which is returned, uses the errors at the state corrected by the first. Does not allocate.
     pub fn correction_of(&self, state: &State, correctors: &Correctors) -> ModelCorrection {
         let first = self.compiled.first_order_of(state, correctors);
         let there = moved(state, &first.delta);

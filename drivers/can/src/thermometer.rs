@@ -74,7 +74,7 @@ impl<P: CanPort> CanThermometer<P> {
         })
     }
 
-    /// The bus errors so far.
+    /// Counts of broken, repeated and lost frames and of error frames, and whether the controller is bus-off.
     pub fn health(&self) -> Health {
         self.receiver.health
     }

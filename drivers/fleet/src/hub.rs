@@ -26,7 +26,7 @@ pub struct Hub {
     reconnected: Arc<Notify>,
 }
 
-/// The value under the key of a machine.
+/// Desired state of a machine, as stored under its key in the NATS key-value bucket `desired`.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct DesiredValue {
     pub machine: MachineId,
@@ -34,7 +34,7 @@ pub struct DesiredValue {
     pub value: Bytes,
 }
 
-/// Events on the keys of the machines.
+/// Event of the bucket `desired`.
 pub enum DesiredEvent {
     /// A value was put, by this centre or by another client.
     Put(DesiredValue),
@@ -42,7 +42,7 @@ pub enum DesiredEvent {
     Connected,
 }
 
-/// Watches the values under the keys of the machines.
+/// Subscription to the desired states of all machines.
 pub struct DesiredWatch {
     puts: async_nats::Subscriber,
     reconnected: Arc<Notify>,
@@ -92,7 +92,7 @@ impl Hub {
         prepare(&self.context, sites, retention).await
     }
 
-    /// Puts a value under the key of a machine, and waits until it is stored.
+    /// Puts the desired state of a machine, and waits until it is stored.
     ///
     /// # Errors
     /// It is unknown whether the value was stored; put it again.
@@ -102,7 +102,7 @@ impl Hub {
         stored(what, &self.context, subject, HeaderMap::new(), value).await
     }
 
-    /// The current value under the key of a machine; `None` if there is none.
+    /// The stored desired state of a machine; `None` if there is none.
     ///
     /// # Errors
     /// The server does not respond.

@@ -29,7 +29,7 @@ pub(crate) struct OffsetMonitor {
     applied: [f64; MAX_AXES],
     /// Recent movement of each value, nm or millionths of a degree; decays with `MAX_PLANNER_LAG`.
     moved: [f64; MAX_AXES],
-    /// Bridge time since which an axis is out of tolerance.
+    /// Bridge time from which an axis has been out of tolerance; `None`: all are within it.
     since: Option<Duration>,
     is_lost: bool,
 }

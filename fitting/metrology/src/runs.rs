@@ -2,8 +2,8 @@
 //!
 //! An instrument is zeroed before each run, so each run has a constant offset. A straightness
 //! reference is also realigned, so each run has a slope. The mean of complete runs contains the
-//! mean of these lines. Where a run lacks a target, the mean would step by its line divided by the
-//! number of runs, although no run has a step. In that case the lines of the passes are fitted
+//! mean of these lines. If a run lacks a target, its line is missing from the mean there: the mean
+//! would step, although no run has a step. In that case the lines of the passes are fitted
 //! ([`Passes`]) and removed.
 
 use std::borrow::Cow;
@@ -135,8 +135,9 @@ impl Measurement {
         Alignment::of(&self.readings, self.run_alignment())
     }
 
-    /// The readings for a curve: after subtracting the lines of the passes if not all runs hold all
-    /// targets, otherwise unchanged.
+    /// Readings for a curve fit: unchanged if the plain means are valid; otherwise the fitted
+    /// offset (straightness: line) of each run is subtracted, relative to the weighted mean of the
+    /// runs.
     pub(crate) fn aligned_readings(&self) -> Cow<'_, [Reading]> {
         let alignment = self.alignment();
         if !alignment.moves() {

@@ -114,12 +114,13 @@ fn included(line: &str, page: &Path, place: &str) -> String {
     text.trim_end().to_owned()
 }
 
-/// Keys in the first column of every table of the page with the heading `key`.
+/// Keys listed on the page: from every table whose first column is headed `key`, the texts in back quotes in that
+/// column.
 pub fn documented_keys(page: &Path) -> BTreeSet<String> {
     first_column(page, "key")
 }
 
-/// Texts in back quotes in the first column of every table of the page with this heading.
+/// Texts in back quotes in the first column of every table of the page whose first column has this heading.
 pub fn first_column(page: &Path, head: &str) -> BTreeSet<String> {
     let text = fs::read_to_string(page).expect("a page");
     let mut keys = BTreeSet::new();
@@ -199,7 +200,7 @@ pub fn used_keys(text: &str) -> BTreeSet<String> {
     keys
 }
 
-/// For each table in it, a copy with an unknown key in that table, and its path without numbers.
+/// For `table` and each table in it: the path without array indices, and a copy of `table` with an unknown key there.
 fn with_unknown_keys(table: &toml::Table) -> Vec<(String, toml::Table)> {
     let mut all = Vec::new();
     let mut changed = table.clone();

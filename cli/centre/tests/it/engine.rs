@@ -143,8 +143,8 @@ fn a_risen_residual_stops_the_rollout() {
     });
 }
 
-/// With stolen credentials of one machine, a server response is stored under another machine's key: that machine rejects it, and the
-/// centre restores its own value.
+/// A client with the stolen credentials of one machine makes the server store its acknowledgement as another machine's
+/// desired value. That machine rejects it, and the centre restores its own value.
 #[test]
 fn a_foreign_value_is_replaced() {
     Shop::run(1, 2, async |shop| {
@@ -277,7 +277,7 @@ fn a_huge_version_of_one_machine_does_not_block_others() {
     }
 }
 
-/// A roll-out that is unreadable or has no version numbers left raises an alarm, and other roll-outs continue.
+/// A roll-out without version numbers left raises an alarm; other roll-outs continue.
 #[test]
 fn a_broken_rollout_does_not_block_others() {
     Shop::run(1, 2, async |shop| {
@@ -301,8 +301,8 @@ fn a_broken_rollout_does_not_block_others() {
     });
 }
 
-/// With one condition in five seconds, four of five passes see no residual: the last reported one is the residual before the change, so
-/// its rise stops the roll-out.
+/// With one condition in five seconds, four of five passes of the centre receive no residual. The last reported
+/// residual then counts as that before the change, so an increase still stops the roll-out.
 #[test]
 fn a_risen_residual_is_detected_with_rare_conditions() {
     Shop::run(1, 1, async |shop| {

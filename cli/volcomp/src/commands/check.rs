@@ -104,8 +104,8 @@ struct Axis {
     motion_frame: Option<&'static str>,
     /// Description of a positive motion.
     motion: String,
-    /// Warning for an axis whose direction differs from that of its letter: a positive deviation is
-    /// then a negative error, or several errors.
+    /// Warning for an axis that is not parallel to the MCS axis of its letter, or points the other way: a positive
+    /// deviation is then a negative error, or several errors.
     #[serde(skip_serializing_if = "Option::is_none")]
     signs: Option<String>,
 }
@@ -221,7 +221,8 @@ fn document(arguments: &CheckArguments, machine: &Machine, temperatures: &Temper
     }
 }
 
-/// Warns of corrections that `nc` and `export` reject, at these temperatures or some kelvins from the reference.
+/// Notes on the largest correction of each axis: a warning if `nc` or `export` reject it at these temperatures, and at
+/// how many kelvin from the reference temperature they may reject it.
 fn limit_notes(machine: &Machine, temperatures: &Temperatures) -> Result<Vec<String>, Failure> {
     let usual = CorrectionLimit::default();
     let largest = machine.largest_corrections(temperatures)?;
@@ -445,7 +446,8 @@ impl Sizes {
     }
 }
 
-/// True if a machine with these axes usually has the location error: squareness between X, Y and Z, offset and tilt of the line of a rotary axis.
+/// True if a missing location error is listed as not stated: squareness between X, Y and Z; offsets and tilts of a
+/// rotary axis.
 fn is_expected(name: ErrorName, axes: &[AxisName]) -> bool {
     match name.axis.kind() {
         AxisKind::Rotary => name.component.mcs_index() != name.axis.mcs_index(),
@@ -805,9 +807,8 @@ fn motion(joint: &Joint) -> String {
     }
 }
 
-/// A warning about the signs of errors, for an axis whose direction differs from the direction of
-/// its letter: errors are along and about the axes of MCS, regardless of the direction of the axis.
-/// `None` if both directions agree.
+/// Warning for an axis that is not parallel to the MCS axis of its letter, or points the other way: errors are along
+/// and about the axes of MCS, regardless of the direction of the axis. `None` if both directions agree.
 fn signs(joint: &Joint) -> Option<String> {
     let (name, along) = (joint.name, joint.name.mcs_index());
     let found = along_machine_axis(&joint.direction);

@@ -48,7 +48,8 @@ pub(crate) struct DiagonalsArguments {
     plot: PlotArguments,
 }
 
-/// The document of `volcomp diagonals`: letters are the direction of motion of X, Y and Z (P positive, N negative).
+/// The document of `volcomp diagonals`: the letters are the directions of motion of X, Y and Z (P positive, N
+/// negative).
 #[derive(Debug, Serialize, JsonSchema)]
 #[serde(rename_all = "UPPERCASE")]
 pub(crate) struct Diagonals {

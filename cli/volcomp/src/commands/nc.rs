@@ -643,7 +643,8 @@ fn is_better(
     )))
 }
 
-/// Notes the corrections left out because an axis position was unknown, which may explain a worse result.
+/// Suffix of the error message that names the axes not corrected because their position was unknown; empty if there are
+/// none.
 fn left_out(made: &Written) -> String {
     let Written::Compensated(summary) = made else {
         return String::new();

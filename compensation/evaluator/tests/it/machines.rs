@@ -129,7 +129,7 @@ fn within_tolerance_and_second_order_of_the_exact_form() {
     });
 }
 
-/// The sum equals the twist form on the compiled curves, which excludes the fit error.
+/// The compiled evaluation equals the twist form on the compiled curves; this comparison excludes the fit error.
 #[test]
 fn the_same_as_the_twist_form_on_its_own_curves() {
     for (index, structure) in all_types().iter().enumerate() {
@@ -212,7 +212,8 @@ fn the_first_order_correction_is_newtons_first_step() {
     }
 }
 
-/// Thermal terms equal those of the source: expansion continues outside the range of the curves, and drift is constant, also for angles.
+/// Compiled thermal terms equal those of the machine, also outside the range of the curves: expansion stays linear in
+/// the coordinate; drift, linear or angular, does not depend on it.
 #[test]
 fn thermal_terms_are_those_of_the_source() {
     let text = format!(

@@ -56,8 +56,9 @@ impl Default for Protection {
 }
 
 impl Protection {
-    /// Converts to whole counts of these axes and whole scans. Limits and rates are rounded down; a rate below one count per scan yields several
-    /// scans per step. An axis whose device cannot express the limit gets the largest value that it can.
+    /// Converts to whole counts of these axes and whole scans. Limits and rates are rounded down; a rate below one
+    /// count per scan yields several scans per step. If the device cannot represent the limit of an axis, the axis gets
+    /// the largest limit that it can represent.
     ///
     /// # Errors
     /// [`SettingsError`] if a limit is below one step of its axis, the times are inconsistent, there is no axis, or one is named twice.

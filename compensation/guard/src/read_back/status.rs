@@ -56,11 +56,12 @@ pub enum BarrierMisfit {
     },
     /// The barrier's timeout is longer than the time after which the guard ramps out (`zero_after`).
     TimeOut { found: Duration, expected: Duration },
-    /// The control's scans do not take the configured time. [`barrier_misfits`](crate::barrier_misfits) does not give it: it is counted.
+    /// The measured scan period differs from the configured one. Not returned by
+    /// [`barrier_misfits`](crate::barrier_misfits), which checks settings only.
     ScanPeriod { found: Duration, expected: Duration },
 }
 
-/// Knowledge of the correction that a control applies.
+/// The correction that a control applies, as far as it is confirmed, and whether the next one may be sent.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ReadBackStatus {
     /// How the correction is confirmed.
@@ -74,10 +75,10 @@ pub struct ReadBackStatus {
     pub writable: bool,
     /// Whether the confirmed correction was not sent by this guard: the control restarted, or something else writes.
     pub changed: bool,
-    /// Since when a sent correction has not arrived; `None`: all have.
+    /// Time from which a sent correction has not arrived; `None`: all have arrived.
     pub unlanded_since: Option<Duration>,
-    /// Time since which a control with a barrier has not moved although it accepted another correction. It holds for a reason that no path
-    /// reports. `None`: it moves, or is at its goal.
+    /// Time from which a control with a barrier has not moved although it accepted another correction, for a reason
+    /// that no path reports. `None`: it moves, or is at its goal.
     pub stationary_since: Option<Duration>,
     /// Maximum time from the release of a control with a barrier until its movement is reported.
     pub motion_delay: Duration,
@@ -85,8 +86,8 @@ pub struct ReadBackStatus {
     pub barrier_time_out: Option<Duration>,
     /// The first value of a barrier that does not fit the limits ([`Reasons::BARRIER_UNFIT`]).
     pub barrier_misfit: Option<BarrierMisfit>,
-    /// Time of the cycle's clock from which the control may ramp to zero on its own; earlier decisions are not sent after it. `None`: it never
-    /// does, or it reports the ramp.
+    /// Time, on the clock of the cycle, from which the control may ramp to zero on its own. A correction decided before
+    /// this time is not sent after it. `None`: the control never ramps on its own, or it reports the ramp.
     pub control_acts_at: Option<Duration>,
     /// Why this path may not be armed, and further reasons to report.
     pub reasons: Reasons,

@@ -214,7 +214,8 @@ pub(super) fn rotary_word(output: f64, smooth: f64, axis: &AxisLimits) -> f64 {
     inside(word, smooth, axis)
 }
 
-/// Rounds a word towards zero instead if it is beyond the limit and beyond the smooth value.
+/// Returns `word`; if it exceeds both the limit and the unrounded value `smooth`, returns `smooth` rounded towards zero
+/// to a whole step.
 fn inside(word: f64, smooth: f64, axis: &AxisLimits) -> f64 {
     let rounding = ROUNDING_STEPS * axis.resolution;
     if word.abs() <= axis.limit + rounding || word.abs() <= smooth.abs() + rounding {

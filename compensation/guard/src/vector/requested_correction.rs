@@ -32,12 +32,12 @@ pub struct RequestedCorrection {
     reason = "four answers that do not exclude one another"
 )]
 pub struct FollowResult {
-    /// The correction is limited by slew or acceleration: on the ramp, of rotary axes on the way to
-    /// their goal, or of linear axes (`behind`).
+    /// Slew or acceleration limits the correction: the ramp, rotary axes on the way to their goal, or linear axes
+    /// (`behind`).
     pub slewing: bool,
-    /// A linear axis has not reached the position for the present rotary shares. Only then, or if its limits make this position unreachable, the
-    /// error of the tool may exceed the error without correction or at the start of the ramp, apart from the rounding of the output. Implies
-    /// `slewing`.
+    /// A linear axis has not reached the position for the present rotary shares. Implies `slewing`. If it is not set,
+    /// and the limits of the linear axes permit this position, the error of the tool exceeds neither the error without
+    /// correction nor that at the start of the ramp, apart from the rounding of the output.
     pub behind: bool,
     /// A limit allows only a part of the requested correction.
     pub limited: bool,

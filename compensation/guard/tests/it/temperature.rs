@@ -125,7 +125,7 @@ fn a_jump_of_forty_kelvin_is_never_accepted() {
     assert_eq!(among.reads(&[60.0, 21.0, 25.0, 22.0])[1..], [None; 3]);
 }
 
-/// A jump after a fault, a break or a pause is still a jump: the sensor stays out for a day.
+/// A jump after a fault, a break or a pause is still a jump: the sensor is rejected for the whole day of the test.
 #[test]
 fn a_jump_after_a_gap_is_a_jump() {
     for gap in [SensorReading::Fault, SensorReading::Silence] {
@@ -250,8 +250,8 @@ fn a_repaired_sensor_that_agrees_with_its_neighbours_is_readmitted() {
     assert_eq!(machine.used_after(&[25.0; 3], 4.0 * 3600.0), Some(601.0));
 }
 
-/// A sensor that returns with its temperature of two hours ago, when the neighbours have changed, stays out, with or without a jump at
-/// its return, also if the neighbours fall silent.
+/// A sensor that returns with its temperature of two hours ago, although its neighbours have changed, is rejected: with
+/// or without a jump at its return, and also if the neighbours fall silent.
 #[test]
 fn an_old_temperature_does_not_outweigh_the_neighbours() {
     for first in [60.0, 40.0] {
@@ -269,8 +269,8 @@ fn an_old_temperature_does_not_outweigh_the_neighbours() {
     }
 }
 
-/// While the neighbours warm up, a slow sensor's last temperature is its prediction: after a short disturbance it is accepted in ten
-/// minutes.
+/// A sensor that does not follow its warming neighbours is readmitted after a short disturbance, once it has agreed
+/// with its own last accepted temperature for ten minutes.
 #[test]
 fn a_short_disturbance_of_a_slow_sensor_ends() {
     let mut machine = Machine::new(3, SensorLimits::default());

@@ -71,7 +71,8 @@ G0 X50. Y25. Z0\nG4 P1000\nG5.1 Q1 R5\nG1 X60. F200\n | G0 X50.025 Y25. Z0\nG4 P
     }
 }
 
-/// Random programs with points and in increments have the same numbers; the result in increments has no point except in zero.
+/// A random program gives the same numbers if it is written with decimal points and in least increments. The result in
+/// increments has no decimal point except in zero.
 #[test]
 fn increments_and_points_give_the_same_numbers() {
     let mut draw = ChaCha8Rng::seed_from_u64(41);
@@ -152,7 +153,8 @@ fn increments_and_points_give_the_same_numbers() {
     assert!(compared > 40, "{compared} of 60 are not refused");
 }
 
-/// A program with and without points in coordinates is refused until the set-up file states their meaning.
+/// A program that mixes coordinates with and without a decimal point is rejected until the set-up file states
+/// `without_point`.
 #[test]
 fn mixed_decimal_points_are_refused_until_stated() {
     let programs = cases(

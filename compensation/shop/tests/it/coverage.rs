@@ -126,8 +126,8 @@ fn normal(rng: &mut ChaCha8Rng) -> f64 {
     StandardNormal.sample(rng)
 }
 
-/// The truth's curves are of the fitted kind, zero at the reference, and straightness curves have no slope over their targets: the frame
-/// of a calibration is then that of the truth.
+/// True machine. Its curves are of the fitted kind and zero at the reference, and its straightness curves have no slope
+/// over their targets, so that a calibration has the same frame as the true machine.
 const GANTRY: &str = "structure = \"w X' b Y Z t\"
 axes = { X.travel = [0, 2000], Y.travel = [0, 1000], Z.travel = [0, 600] }
 [tool]
@@ -246,8 +246,8 @@ fn calibrated(
     total
 }
 
-/// Bands of lines with several runs and the noise of a laser contain the truth. With two runs, one degree of freedom, they are slightly
-/// too wide (97.1 % of 500 shops).
+/// 95 % bands cover the true errors for lines of several runs with the noise of a laser. With two runs, that is one
+/// degree of freedom, they are slightly too wide (coverage 97.1 % over 500 shops).
 #[test]
 fn bands_of_lines_hold_the_truth() {
     // All numbers of runs are tested for the full figure only.
@@ -310,8 +310,8 @@ fn laser_and_squares(
     }
 }
 
-/// Bands contain the truth if other inputs also have errors of their stated uncertainty: laser scale, angles of the squares, location
-/// errors of a rotary axis.
+/// 95 % bands cover the true errors if other inputs also have errors of their stated uncertainty: laser scale, angles
+/// of the squares, location errors of a rotary axis.
 #[test]
 fn bands_of_lines_squares_and_locations_hold_the_truth() {
     const LASER_UM_PER_M: f64 = 1.5;
@@ -357,15 +357,16 @@ resolution_um = 0.001
 poses = 24
 ";
 
-/// Bands contain unknowns that `calibrate` identifies in addition to lines: their uncertainties include the noise of the lines, the laser
-/// scale and the squares. With that of the observations alone they would contain 40 to 77 %.
+/// 95 % bands cover the true values of unknowns that are identified together with measured lines. Their uncertainties
+/// include the noise of the lines, the laser scale and the squares. With those of the observations alone, coverage
+/// would be 40 to 77 %.
 #[test]
 fn bands_of_unknowns_beside_lines_hold_the_truth() {
     unknowns_beside_lines(5, 60);
 }
 
-/// Bands contain unknowns beside lines of two runs, whose scatter has one degree of freedom. With the Welch–Satterthwaite formula the
-/// bands of `EA0C` and `EB0C` would contain 91 %.
+/// 95 % bands cover the true values of unknowns that are identified together with lines of two runs, whose scatter has
+/// one degree of freedom. With the Welch–Satterthwaite formula, coverage of `EA0C` and `EB0C` would be 91 %.
 #[test]
 fn bands_of_unknowns_beside_lines_of_two_runs_hold_the_truth() {
     unknowns_beside_lines(2, 300);
@@ -472,8 +473,8 @@ resolution_um = 0.01
 poses = 60
 ";
 
-/// Bands of observations by spheres and a tracker with unknown frame and target contain the truth. The position of the whole machine is a
-/// convention, so the change of the error from one position is compared.
+/// 95 % bands cover the true errors for observations of spheres and of a tracker with unknown frame and target. The
+/// position of the whole machine is a convention, so the errors are compared relative to one pose.
 #[test]
 fn bands_of_observations_hold_the_truth() {
     let folder = tempfile::tempdir().expect("a folder");

@@ -13,7 +13,7 @@ use super::{
     text::{ExchangeError, FilePosition, TextFile, Warning, number, short, whole},
 };
 
-/// First parameter of the data: N10000 + point (from memory).
+/// Parameter number of point 0: the value of point n is in N(10000 + n). Not verified against a FANUC manual.
 const DATA: u32 = 10_000;
 
 #[derive(Default)]
@@ -250,7 +250,7 @@ impl Reader<'_> {
 const FORMAT: Format = Format::Fanuc;
 /// Maximum number of points: N10000 to N19999.
 const MAX_POINTS: usize = 10_000;
-/// Maximum magnitude of an increment with the option, then without it (from memory).
+/// Maximum magnitude of an increment with the option, then without it. Not verified against a FANUC manual.
 const MAX_INCREMENT: i64 = 127;
 const MAX_STANDARD_INCREMENT: i64 = 7;
 

@@ -53,14 +53,14 @@ pub struct JudgedThermal {
     pub plain: ThermalPrediction,
     /// Regression on every sensor, averaged over many choices of time constants; only for a single run without positions.
     pub dense: Option<ThermalPrediction>,
-    /// Few terms with time constants.
+    /// Sparse terms with time constants.
     pub few: ThermalPrediction,
     /// Root mean square of the displacement in the predicted rows, which is the error without
     /// terms.
     pub none_rms: f64,
     /// Mean square of the displacement in each part.
     pub none_of_parts: Vec<f64>,
-    /// Few terms, found from all data.
+    /// The sparse terms that are assessed, found from all runs and rows.
     pub terms: ThermalTerms,
     /// Root mean square error in each run by terms found from the others; empty for a single run.
     pub left_out: Vec<f64>,
@@ -92,7 +92,7 @@ pub struct CoarseRows {
     pub enough_s: f64,
 }
 
-/// Assesses terms from a single run: those of its first `train` rows predict the others.
+/// Assesses terms from a single run: terms found from its first `train` rows predict the other rows.
 ///
 /// # Errors
 /// Same as [`search_thermal`] and [`fit_thermal`].

@@ -197,8 +197,8 @@ struct Zero {
 }
 
 impl ThermalTerms {
-    /// `offsets`: mean error of the coefficients for each position of each run, relative to its start. `lags_s`: time constants available to the
-    /// search, s.
+    /// `offsets`: mean residual for each (run, position), relative to the start of the run. `lags_s`: time constants
+    /// available to the search, s.
     pub(super) fn new(
         numbers: Vec<ThermalNumber>,
         penalty: f64,
