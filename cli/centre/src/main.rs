@@ -20,7 +20,7 @@ mod tests {
     use clap::CommandFactory;
 
     #[test]
-    fn every_option_has_help() {
+    fn every_option_has_help_for_its_man_page() {
         volcomp_test_support::man_pages::write(super::Arguments::command(), "8", "");
     }
 }

@@ -47,6 +47,12 @@ const TLS_EXAMPLES: &str = "Examples:
   volcomp-gateway tls-init localhost 127.0.0.1
   volcomp-gateway tls-init gateway.shop.lan 192.0.2.30 --output /etc/volcomp";
 
+/// Version with commit and date in released programs, see `.github/release`. A packaged crate has no repository to read them from.
+const VERSION: &str = match option_env!("VOLCOMP_VERSION") {
+    Some(version) => version,
+    None => env!("CARGO_PKG_VERSION"),
+};
+
 /// Correct a machine tool in real time
 ///
 /// Reads the position and the temperatures of a machine tool, computes its volumetric error, and writes the correction
@@ -57,7 +63,7 @@ const TLS_EXAMPLES: &str = "Examples:
 ///
 /// Exit status: 0 done, 1 the work failed, 2 the configuration or the call is wrong.
 #[derive(Parser)]
-#[command(version, args_conflicts_with_subcommands = true, after_help = EXAMPLES)]
+#[command(version = VERSION, args_conflicts_with_subcommands = true, after_help = EXAMPLES)]
 struct Arguments {
     #[command(flatten)]
     run: RunArguments,

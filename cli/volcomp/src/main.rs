@@ -34,12 +34,18 @@ const STYLES: Styles = Styles::styled()
 
 const NOTE: Style = AnsiColor::Yellow.on_default().bold();
 
+/// Version with commit and date in released programs, see `.github/release`. A packaged crate has no repository to read them from.
+const VERSION: &str = match option_env!("VOLCOMP_VERSION") {
+    Some(version) => version,
+    None => env!("CARGO_PKG_VERSION"),
+};
+
 /// Measure, model and remove the volumetric error of machine tools.
 ///
 /// Positions are in mm and deg, errors in µm and µrad, temperatures in °C.
 /// Exit status: 0 done, 1 the work failed, 2 the input or the call is wrong, 3 a stated tolerance is not met or not proven to be met, 130 ended by Ctrl-C.
 #[derive(Parser)]
-#[command(version, propagate_version = true, styles = STYLES, max_term_width = 80)]
+#[command(version = VERSION, propagate_version = true, styles = STYLES, max_term_width = 80)]
 #[command(
     after_help = "volcomp COMMAND --help shows what a command reads and writes, with examples."
 )]

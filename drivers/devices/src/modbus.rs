@@ -110,7 +110,11 @@ fn bus(address: &Address, profile: &Profile) -> Result<Bus, DeviceError> {
         });
     }
     Ok(Bus::Rtu {
-        path: address.path.clone(),
+        // A serial port of Windows is not a path: `modbus-rtu:///COM3` opens COM3.
+        path: (address.path.strip_prefix('/'))
+            .filter(|_| cfg!(windows))
+            .unwrap_or(&address.path)
+            .to_owned(),
         baud: address.number("baud", [300, 4_000_000], profile.baud)?,
         parity: match address.get("parity").unwrap_or("none") {
             "none" => Parity::None,

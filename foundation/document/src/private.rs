@@ -1,9 +1,8 @@
-//! Files that hold a secret: keys, seeds, passwords, tokens. Only their owner may read them.
+//! Files that hold a secret: keys, seeds, passwords, tokens. Only their owner may read them; this is checked on Unix only.
 
 use std::{
-    fs::File,
+    fs::{File, Metadata},
     io::{self, Read},
-    os::unix::fs::PermissionsExt,
     path::{Path, PathBuf},
 };
 
@@ -47,7 +46,7 @@ pub fn open(path: &Path) -> Result<File, PrivateError> {
         source,
     };
     let file = File::open(path).map_err(failed)?;
-    let mode = file.metadata().map_err(failed)?.permissions().mode() & 0o777;
+    let mode = mode(&file.metadata().map_err(failed)?);
     // The service manager keeps its credentials folder private; the modes of the files may reflect an access list.
     let is_credential =
         std::env::var_os("CREDENTIALS_DIRECTORY").is_some_and(|folder| path.starts_with(folder));
@@ -58,6 +57,18 @@ pub fn open(path: &Path) -> Result<File, PrivateError> {
         });
     }
     Ok(file)
+}
+
+#[cfg(unix)]
+fn mode(metadata: &Metadata) -> u32 {
+    use std::os::unix::fs::PermissionsExt;
+    metadata.permissions().mode() & 0o777
+}
+
+/// Windows has no modes; the access list of the folder applies.
+#[cfg(not(unix))]
+fn mode(_: &Metadata) -> u32 {
+    0o600
 }
 
 /// Reads a text from such a file.
@@ -75,9 +86,9 @@ pub fn read(path: &Path) -> Result<String, PrivateError> {
     Ok(text)
 }
 
-#[cfg(test)]
+#[cfg(all(test, unix))]
 mod tests {
-    use std::fs;
+    use std::{fs, os::unix::fs::PermissionsExt};
 
     use super::*;
 

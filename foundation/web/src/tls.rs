@@ -3,7 +3,6 @@
 use std::{
     fs::OpenOptions,
     io::Write,
-    os::unix::fs::OpenOptionsExt,
     path::{Path, PathBuf},
     sync::Arc,
 };
@@ -99,7 +98,7 @@ pub fn acceptor(certificate: &Path, key: &Path) -> Result<Tls, TlsError> {
     Ok(Tls::from(Arc::new(config)))
 }
 
-/// Generates a self-signed certificate for these names or addresses, and its key (mode 0600), in a folder. Existing files are not
+/// Generates a self-signed certificate for these names or addresses, and its key (mode 0600 on Unix), in a folder. Existing files are not
 /// overwritten.
 ///
 /// # Errors
@@ -113,7 +112,13 @@ pub fn make(dir: &Path, names: &[String]) -> Result<[PathBuf; 2], TlsError> {
     let [certificate, key] = ["certificate.pem", "key.pem"].map(|name| dir.join(name));
     let write = |path: &Path, mode: u32, text: &str| {
         let mut options = OpenOptions::new();
-        let file = options.write(true).create_new(true).mode(mode).open(path);
+        options.write(true).create_new(true);
+        #[cfg(unix)]
+        std::os::unix::fs::OpenOptionsExt::mode(&mut options, mode);
+        // Windows has no modes: the access list of the folder applies.
+        #[cfg(not(unix))]
+        let _ = mode;
+        let file = options.open(path);
         file.and_then(|mut file| file.write_all(text.as_bytes()))
             .map_err(failed(path))
     };

@@ -15,13 +15,19 @@ const EXAMPLES: &str = "Examples:
   volcomp-centre model add mill-1.toml --measured 2026-11-25
   volcomp-centre rollout start --model 5f0c --machine mill-1";
 
+/// Version with commit and date in released programs, see `.github/release`. A packaged crate has no repository to read them from.
+const VERSION: &str = match option_env!("VOLCOMP_VERSION") {
+    Some(version) => version,
+    None => env!("CARGO_PKG_VERSION"),
+};
+
 /// The control centre of many machine tools
 ///
 /// Registers machines, signs their error models and rolls them out, and watches the condition of every machine. The machines are reached over a NATS server; each works on alone when the centre or the server is gone.
 ///
 /// Exit status: 0 done, 1 the work failed, 2 the configuration or the call is wrong.
 #[derive(Parser)]
-#[command(name = "volcomp-centre", version, after_help = EXAMPLES, max_term_width = 80)]
+#[command(name = "volcomp-centre", version = VERSION, after_help = EXAMPLES, max_term_width = 80)]
 pub struct Arguments {
     /// Configuration file, TOML
     #[arg(long, global = true, default_value = "centre.toml")]
