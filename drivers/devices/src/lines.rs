@@ -33,11 +33,11 @@ pub(crate) fn first(
     code: &str,
     machine: &FirstMachine<'_>,
 ) -> FirstConfig {
+    // Two readings and a write.
+    const EXCHANGES: u32 = 3;
     const MM_PER_COUNT: f64 = 1.0 / 32.0;
     const DEG_PER_COUNT: f64 = 1.0 / 128.0;
     let usual = DigitalConfig::default();
-    // Two readings and a write.
-    const EXCHANGES: u32 = 3;
     let (inputs, outputs, shortest) = lines.map_or((32, 32, Duration::ZERO), |lines| {
         let cycle = lines.shortest_cycle * EXCHANGES;
         (lines.inputs, lines.outputs, cycle)
