@@ -130,9 +130,9 @@ impl GatewayError {
 
     /// Error for a configuration that does not give the address of a running gateway. It names the
     /// option that replaces the file.
-    pub fn status_without(source: &Self) -> Self {
+    pub fn running_without(source: &Self) -> Self {
         Self::invalid(format!(
-            "{source}; a running gateway also reports its state without this file: volcomp-gateway status --listen ADDRESS, its address and port"
+            "{source}; a running gateway is also reached without this file: --listen ADDRESS, its address and port"
         ))
     }
 

@@ -2,6 +2,7 @@
 
 pub mod audit;
 pub mod check;
+pub mod client;
 pub mod config;
 mod devices;
 pub mod differences;
@@ -11,12 +12,15 @@ pub mod error;
 pub mod fleet;
 pub mod http;
 mod identity;
+pub mod init;
+pub mod install;
 pub mod interop;
 mod lock;
 pub mod machine;
 pub mod metrics;
 pub mod models;
 mod observe;
+pub mod operate;
 pub mod options;
 pub mod plan;
 pub mod published;
@@ -29,6 +33,7 @@ pub mod signals;
 pub mod simulate;
 pub mod slot;
 pub mod status;
+pub mod token;
 mod toml_text;
 
 use std::{

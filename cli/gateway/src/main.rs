@@ -1,30 +1,42 @@
 //! The `volcomp-gateway` command: corrects a machine tool in real time.
 
 use std::{
-    net::SocketAddr,
     path::{Path, PathBuf},
     process::ExitCode,
 };
 
-use clap::{Parser, Subcommand, ValueEnum};
+use clap::{CommandFactory, Parser, Subcommand, ValueEnum};
+use clap_complete::Shell;
 #[cfg(feature = "shdr")]
 use volcomp_gateway::interop::shdr;
 use volcomp_gateway::{
     check,
-    config::{Config, DashboardConfig},
+    client::RunningArguments,
+    config::Config,
     documents,
     error::GatewayError,
     http::tls,
+    init::{self, InitArguments},
+    install::{self, ServiceCommand},
+    operate::{self, ArmArguments},
     options::Options,
     plan::Plan,
     print,
     rehearse::{self, Rehearsal},
     run, send_map, status,
+    token::{self, TokenCommand},
 };
 
 const EXAMPLES: &str = "Examples:
   volcomp-gateway                                     a simulated machine on http://127.0.0.1:8080
   volcomp-gateway --config /etc/volcomp/gateway.toml  the machine of a configuration";
+const INIT_EXAMPLES: &str = "Examples:
+  volcomp-gateway init gateway.toml                   asks for the rest on a terminal
+  volcomp-gateway init gateway.toml --machine mill.toml --control focas://192.0.2.10:8193 \\
+      --sensors \"modbus://192.0.2.20?unit=1&profile=PTA8C04\" bed,column";
+const ARM_EXAMPLES: &str = "Examples:
+  volcomp-gateway arm --config gateway.toml --token-file tokens
+  volcomp-gateway arm --token-file tokens --confirm sha256:5f2c…";
 const CHECK_EXAMPLES: &str = "Examples:
   volcomp-gateway check gateway.toml                  what will be corrected, and within which limits
   volcomp-gateway check gateway.toml --json | jq .notes
@@ -91,6 +103,11 @@ enum LogForm {
 
 #[derive(Subcommand)]
 enum Command {
+    /// Write a first configuration, commented, that passes `check`
+    ///
+    /// Asks on a terminal if --machine or --control is missing. Nothing is overwritten, and no device is opened.
+    #[command(after_help = INIT_EXAMPLES)]
+    Init(InitArguments),
     /// Check a configuration without opening a device, and print what it means
     #[command(after_help = CHECK_EXAMPLES)]
     Check {
@@ -128,19 +145,32 @@ enum Command {
     /// Print the state of a running gateway
     #[command(after_help = STATUS_EXAMPLES)]
     Status {
-        /// The configuration with which it runs
-        #[arg(long)]
-        config: Option<PathBuf>,
-        /// The address and port of its dashboard
-        #[arg(long)]
-        listen: Option<SocketAddr>,
-        /// File whose first line is a token, if reading needs one
-        #[arg(long)]
-        token_file: Option<PathBuf>,
+        #[command(flatten)]
+        running: RunningArguments,
         /// Print one JSON document
         #[arg(long)]
         json: bool,
     },
+    /// Arm a running gateway
+    ///
+    /// A changed model or changed limits raise a question, as on the dashboard: it is printed, and the gateway is not
+    /// armed until the command is repeated with --confirm.
+    ///
+    /// Exit status: 0 armed, 1 refused or no answer, 2 the call or a file is wrong.
+    #[command(after_help = ARM_EXAMPLES)]
+    Arm(ArmArguments),
+    /// Disarm a running gateway: ramp the correction to zero
+    ///
+    /// Needs no token on the gateway's own computer.
+    Disarm(RunningArguments),
+    /// Acknowledge the faults of a running gateway
+    Acknowledge(RunningArguments),
+    /// Manage the tokens of the dashboard
+    #[command(subcommand)]
+    Token(TokenCommand),
+    /// Manage the systemd service
+    #[command(subcommand)]
+    Service(ServiceCommand),
     /// Print the description of the gateway for an agent of MTConnect, XML
     ///
     /// An agent that reads the adapter of the table [shdr] needs it as its file Devices.xml. No device is opened.
@@ -181,6 +211,12 @@ enum Command {
         /// The folder for certificate.pem and key.pem
         #[arg(long, short, default_value = ".")]
         output: PathBuf,
+    },
+    /// Print a completion script for a shell
+    #[command(after_help = "Example:\n  volcomp-gateway completions bash > volcomp-gateway.bash")]
+    Completions {
+        /// Shell
+        shell: Shell,
     },
     /// Write the JSON Schemas of the documents
     #[command(hide = true)]
@@ -240,12 +276,35 @@ fn act(arguments: Arguments) -> Result<(), GatewayError> {
             })?;
             found.verdict()
         }
-        Some(Command::Status {
-            config,
-            listen,
-            token_file,
-            json,
-        }) => print(&status(config, listen, token_file, json)?),
+        Some(Command::Init(arguments)) => print(&init::init(arguments)?),
+        Some(Command::Status { running, json }) => {
+            let token = running.token()?;
+            let status = status::request(&running.dashboard()?, token.as_deref())?;
+            print(&if json {
+                check::line(&status)?
+            } else {
+                status::text(&status)
+            })
+        }
+        Some(Command::Arm(arguments)) => print(&operate::arm(&arguments)?),
+        Some(Command::Disarm(running)) => print(&operate::disarm(&running)?),
+        Some(Command::Acknowledge(running)) => print(&operate::acknowledge(&running)?),
+        Some(Command::Token(TokenCommand::Add(arguments))) => {
+            print(&(token::add(&arguments)? + "\n"))
+        }
+        Some(Command::Service(ServiceCommand::Install(arguments))) => {
+            print(&install::install(&arguments)?)
+        }
+        Some(Command::Completions { shell }) => {
+            let mut script = Vec::new();
+            clap_complete::generate(
+                shell,
+                &mut Arguments::command(),
+                "volcomp-gateway",
+                &mut script,
+            );
+            print(&String::from_utf8_lossy(&script))
+        }
         #[cfg(feature = "shdr")]
         Some(Command::ShdrDevice { config }) => {
             let plan = Plan::new(Config::read(&config)?)?;
@@ -291,41 +350,6 @@ fn write_schemas(folder: &Path) -> std::io::Result<()> {
         std::fs::write(folder.join(name), text + "\n")?;
     }
     Ok(())
-}
-
-fn status(
-    config: Option<PathBuf>,
-    listen: Option<SocketAddr>,
-    token_file: Option<PathBuf>,
-    json: bool,
-) -> Result<String, GatewayError> {
-    let mut dashboard = match config {
-        Some(path) => DashboardConfig::read(&path).map_err(|e| GatewayError::status_without(&e))?,
-        None => DashboardConfig::default(),
-    };
-    if let Some(listen) = listen {
-        dashboard.listen = listen;
-    }
-    let token = match token_file {
-        Some(path) => {
-            let text = std::fs::read_to_string(&path).map_err(|e| GatewayError::Read {
-                file: path.display().to_string(),
-                source: e,
-            })?;
-            // The file holds a single token, or lines in the format of the gateway's token file.
-            text.lines()
-                .next()
-                .and_then(|line| line.split_whitespace().last())
-                .map(str::to_owned)
-        }
-        None => None,
-    };
-    let status = status::request(&dashboard, token.as_deref())?;
-    if json {
-        check::line(&status)
-    } else {
-        Ok(status::text(&status))
-    }
 }
 
 /// Width of standard output in columns: from `COLUMNS`, else from the terminal, else the width for files.

@@ -1,17 +1,9 @@
 //! Requests the state of a running gateway.
 
-use std::{net::SocketAddr, path::Path, time::Duration};
-
-use tokio_rustls::rustls::{
-    ClientConnection, StreamOwned,
-    pki_types::{CertificateDer, ServerName, pem::PemObject},
-};
-use volcomp_web::{
-    CertificateError, TlsError,
-    client::{self, Connection},
-};
+use std::time::Duration;
 
 use crate::{
+    client::exchange,
     config::DashboardConfig,
     documents::{ByAxis, PathState, ProvenName, SchemeName, StateName, Status},
     error::GatewayError,
@@ -25,51 +17,19 @@ const REQUEST_TIMEOUT: Duration = Duration::from_secs(3);
 /// # Errors
 /// No response, or the response is not the state of a gateway.
 pub fn request(dashboard: &DashboardConfig, token: Option<&str>) -> Result<Status, GatewayError> {
-    let mut address = dashboard.listen;
-    if address.ip().is_unspecified() {
-        address.set_ip(std::net::Ipv4Addr::LOCALHOST.into());
-    }
-    let failed = |e: std::io::Error| GatewayError::system(format!("gateway at {address}"), e);
-    let stream = Connection::open(&address, REQUEST_TIMEOUT).map_err(failed)?;
-    let authorization = token.map_or(String::new(), |token| {
-        format!("Authorization: Bearer {token}\r\n")
-    });
-    let request = format!(
-        "GET /api/state HTTP/1.1\r\nHost: {address}\r\n{authorization}Connection: close\r\n\r\n"
-    );
-    let text = match &dashboard.tls_certificate {
-        None => client::exchange(stream, &request),
-        Some(certificate) => client::exchange(encrypted(stream, address, certificate)?, &request),
-    }
-    .map_err(failed)?;
-    let (head, body) = text.split_once("\r\n\r\n").unwrap_or((&text, ""));
-    let status = head.split_whitespace().nth(1).unwrap_or_default();
-    if status != "200" {
+    let response = exchange(dashboard, token, "GET /api/state", "", REQUEST_TIMEOUT)?;
+    let address = response.address;
+    if response.status != 200 {
         return Err(GatewayError::failed(format!(
-            "gateway at {address}: it answers {status}: {}",
-            body.trim()
+            "gateway at {address}: it answers {}: {}",
+            response.status, response.body
         )));
     }
-    serde_json::from_str(body.trim()).map_err(|e| {
+    serde_json::from_str(&response.body).map_err(|e| {
         GatewayError::failed(format!(
             "gateway at {address}: its response is not a state: {e}"
         ))
     })
-}
-
-fn encrypted(
-    stream: Connection,
-    address: SocketAddr,
-    certificate: &Path,
-) -> Result<StreamOwned<ClientConnection, Connection>, GatewayError> {
-    let wrong = |source: CertificateError| TlsError::Certificate {
-        file: certificate.to_owned(),
-        source,
-    };
-    let trusted = CertificateDer::from_pem_file(certificate).map_err(|e| wrong(e.into()))?;
-    let config = client::trusting(trusted).map_err(wrong)?;
-    let name = ServerName::from(address.ip());
-    Ok(client::encrypted(stream, config, name).map_err(|e| wrong(e.into()))?)
 }
 
 /// Formats a state as lines of text.

@@ -15,6 +15,7 @@ use volcomp_port::{Controller, Description, DeviceError, Temperature};
 use crate::{
     address::Address,
     driver::{ControllerDevice, Driver, REPORTED_WITHIN, Settings, ThermometerDevice, USUAL},
+    first_config::{FirstConfig, FirstMachine, barrier, includes_correction},
     keys::{ControllerConfig, ThermometerConfig},
     probe::{BusFacts, Facts, Probe, SeenFrames},
 };
@@ -25,9 +26,35 @@ pub(crate) const DRIVER: Driver = Driver {
     devices: |address| [interface(&address.host)].into(),
     controller: |address, own| Ok(Box::new(bridge(&address, own)?)),
     thermometer,
+    example: "can://can0",
+    first,
     probe,
     ..USUAL
 };
+
+fn first(address: &Address, machine: &FirstMachine<'_>) -> FirstConfig {
+    let mut settings = vec![includes_correction(false)];
+    // An invalid DBC file is reported when the configuration is checked.
+    let has_barrier = signal_table(address).is_ok_and(|table| {
+        let config = BridgeConfig {
+            table,
+            channel: String::new(),
+            axes: machine.axes.to_vec(),
+            reads: Vec::new(),
+            includes_correction: false,
+        };
+        config.describe(&address.text).is_ok_and(|own| own.barrier)
+    });
+    if has_barrier {
+        settings.extend(barrier(1.0));
+    }
+    FirstConfig {
+        cycle_ms: 4.0,
+        limit_um: 150.0,
+        settings,
+        ..FirstConfig::default()
+    }
+}
 
 fn thermometer(
     address: Address,

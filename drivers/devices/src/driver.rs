@@ -14,6 +14,7 @@ use volcomp_vocabulary::{AxisName, Displacement};
 
 use crate::{
     address::{Address, hosts},
+    first_config::{FirstConfig, FirstMachine, Setting},
     keys::{ControllerConfig, MapKeys, ThermometerConfig},
     probe::Probe,
 };
@@ -47,6 +48,12 @@ pub struct Driver {
     pub validate_map: fn(&MapKeys, [usize; 2], &mut Mistakes<'_>),
     /// Creates the control of a map sender, without connecting.
     pub map: fn(&Address, &MapKeys) -> Result<MapDevice, DeviceError>,
+    /// URL of a controller, as an example.
+    pub example: &'static str,
+    /// Usual values of the keys of `[[controller]]`, for a first configuration.
+    pub first: fn(&Address, &FirstMachine<'_>) -> FirstConfig,
+    /// The same for `[[thermometer]]` with this number of sensors.
+    pub first_thermometer: fn(usize) -> Vec<Setting>,
     /// Reads a device once. Nothing is written beyond what opening requires; GPIO outputs keep their levels.
     pub probe: fn(&Address, Duration) -> Result<Probe, DeviceError>,
 }
@@ -74,6 +81,9 @@ pub(crate) const USUAL: Driver = Driver {
     },
     validate_map: |_, _, _| {},
     map: |address, _| Err(address.unsupported("this device takes no map", "name another")),
+    example: "",
+    first: |_, _| FirstConfig::default(),
+    first_thermometer: |_| Vec::new(),
     probe: |address, _| Err(address.unsupported("this device cannot be probed", "name another")),
 };
 

@@ -19,6 +19,7 @@ use crate::{
         Block, ControlMemory, ControllerDevice, Driver, GuardRequirements, Inspected, MapDevice,
         MapError, MapWords, PmcPlan, Rules, Settings, USUAL,
     },
+    first_config::{FirstConfig, Setting, barrier, includes_correction},
     keys::{ControllerConfig, MapKeys, PmcByte, PmcLetter, PmcTable, Referenced, of_ms},
     probe::{ControlFacts, Facts, Probe},
 };
@@ -82,9 +83,40 @@ pub(crate) const DRIVER: Driver = Driver {
             }),
         })
     },
+    example: "focas://192.0.2.10:8193",
+    first: |_, _| first(),
     probe,
     ..USUAL
 };
+
+fn first() -> FirstConfig {
+    let mut settings = vec![includes_correction(true)];
+    settings.extend(barrier(8.0));
+    settings.extend([
+        Setting::new(
+            "barrier.frame",
+            "{ pmc = \"R\", at = 200 }",
+            "First PMC byte of the gateway's frame to the barrier",
+        ),
+        Setting::new(
+            "barrier.report",
+            "{ pmc = \"R\", at = 240 }",
+            "First PMC byte of the barrier's report",
+        ),
+        Setting::new(
+            "heartbeat",
+            "{ pmc = \"R\", at = 120 }",
+            "Instead of the keys of the barrier: PMC byte that the ladder watches; limits corrections to 30 µm",
+        )
+        .example(),
+    ]);
+    FirstConfig {
+        cycle_ms: 4.0,
+        limit_um: 150.0,
+        settings,
+        ..FirstConfig::default()
+    }
+}
 
 fn validate(own: &ControllerConfig, rules: &Rules<'_>, found: &mut Mistakes<'_>) {
     if own.heartbeat.is_some() && own.unwatched {

@@ -14,6 +14,8 @@ pub(crate) const DRIVER: Driver = Driver {
         keys.filter_map(|key| address.get(key)).map(chip).collect()
     },
     controller: |address, own| lines::controller(address, own, gpio_port, unopened),
+    example: "gpio://?position=gpiochip0:0-14&correction=gpiochip1:0-7",
+    first: |address, machine| lines::first(unopened(address).ok(), "binary", machine),
     probe,
     ..lines::LINES
 };

@@ -5,6 +5,7 @@ mod buses;
 #[cfg(feature = "can")]
 mod can;
 mod driver;
+mod first_config;
 #[cfg(feature = "focas")]
 mod focas;
 #[cfg(feature = "gpio")]
@@ -26,6 +27,9 @@ pub use buses::{controller, map_device, probe, thermometer};
 pub use driver::{
     Block, Configured, ControlMemory, ControllerDevice, Driver, GuardRequirements, Inspected,
     PmcPlan, Rules, Settings, ThermometerDevice, Travels,
+};
+pub use first_config::{
+    FirstConfig, FirstMachine, Setting, controllers, first_controller, first_thermometer,
 };
 #[cfg(any(feature = "gpio", feature = "modbus"))]
 pub use keys::DigitalConfig;

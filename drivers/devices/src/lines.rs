@@ -12,7 +12,8 @@ use volcomp_vocabulary::{AxisKind, AxisName, Deg, Displacement};
 use crate::{
     address::Address,
     driver::{Configured, ControllerDevice, Driver, Rules, Settings, Travels, USUAL},
-    keys::{ControllerConfig, PLAIN_KEYS, has_axis, of_ms},
+    first_config::{FirstConfig, FirstMachine, Setting, includes_correction, unseen, unwatched},
+    keys::{ControllerConfig, DigitalConfig, PLAIN_KEYS, has_axis, of_ms},
 };
 
 /// The part of the driver that all ports with digital lines share.
@@ -24,6 +25,80 @@ pub(crate) const LINES: Driver = Driver {
     complete: |own, _| _ = own.digital.get_or_insert_default(),
     ..USUAL
 };
+
+/// First configuration for one axis on these lines. The counts are those of the published scheme, doubled until the word
+/// covers the travel of the axis.
+pub(crate) fn first(
+    lines: Option<UnopenedLines>,
+    code: &str,
+    machine: &FirstMachine<'_>,
+) -> FirstConfig {
+    // Two readings and a write.
+    const EXCHANGES: u32 = 3;
+    const MM_PER_COUNT: f64 = 1.0 / 32.0;
+    const DEG_PER_COUNT: f64 = 1.0 / 128.0;
+    let usual = DigitalConfig::default();
+    let (inputs, outputs, shortest) = lines.map_or((32, 32, Duration::ZERO), |lines| {
+        let cycle = lines.shortest_cycle * EXCHANGES;
+        (lines.inputs, lines.outputs, cycle)
+    });
+    let bits = usual.position_bits.min(inputs);
+    let mut settings = vec![
+        includes_correction(false),
+        unwatched(),
+        unseen(),
+        Setting::new(
+            "digital.position_bits",
+            bits,
+            "Number of position lines, lowest bit first: 0 to 32",
+        ),
+        Setting::text(
+            "digital.position_code",
+            code,
+            "Code of the position: \"binary\" or \"gray\"",
+        ),
+    ];
+    let axis = machine.axes.first();
+    if let Some((axis, travel)) = axis.and_then(|axis| Some((axis, machine.travel_of(*axis)?))) {
+        let [low, high] = travel.map(Displacement::mm_or_deg);
+        let (step, zero, meaning, mut count) = match axis.kind() {
+            AxisKind::Linear => (
+                "digital.position_mm_per_count",
+                "digital.position_zero_mm",
+                "One count of the position, mm: as set in the control",
+                MM_PER_COUNT,
+            ),
+            AxisKind::Rotary => (
+                "digital.position_deg_per_count",
+                "digital.position_zero_deg",
+                "One count of the position, deg: as set in the control",
+                DEG_PER_COUNT,
+            ),
+        };
+        let counts = f64::from(bits).exp2() - 1.0;
+        while bits > 0 && count * counts < high - low {
+            count *= 2.0;
+        }
+        settings.push(Setting::number(step, count, meaning));
+        settings.push(Setting::number(
+            zero,
+            low,
+            "Position at count 0, mm (deg for a rotary axis): as set in the control",
+        ));
+    }
+    settings.push(Setting::new(
+        "digital.correction_bits",
+        usual.correction_bits.min(outputs),
+        "Number of correction lines: 0 to 32",
+    ));
+    FirstConfig {
+        cycle_ms: (shortest.as_secs_f64() * 1e3).ceil().max(4.0),
+        limit_um: 30.0,
+        settings,
+        shows_one_axis: true,
+        ..FirstConfig::default()
+    }
+}
 
 /// Default correction step of a rotary axis.
 const LINE_STEP: Deg = Deg(1e-3);

@@ -16,6 +16,7 @@ use crate::{
     driver::{
         ControllerDevice, Driver, GuardRequirements, Inspected, REPORTED_WITHIN, Settings, USUAL,
     },
+    first_config::{FirstConfig, Setting, barrier},
     keys::{BarrierConfig, ControllerConfig, join},
     probe::Probe,
 };
@@ -24,6 +25,9 @@ const ANSWERS_WITHIN: Duration = Duration::from_secs(2);
 
 /// Time between two reports, from which the scans of a bridge are counted.
 const COUNTED_FOR: Duration = Duration::from_millis(500);
+
+/// Usual name of the file with the key.
+const KEY_FILE: &str = "volcomp.key";
 
 pub(crate) const DRIVER: Driver = Driver {
     name: "a LinuxCNC control (linuxcnc://)",
@@ -37,9 +41,36 @@ pub(crate) const DRIVER: Driver = Driver {
         join(folder, files.flatten());
     },
     controller: |address, own| Ok(Box::new(control(&address, own)?)),
+    example: "linuxcnc://127.0.0.1:47001",
+    first: |_, _| first(),
     probe,
     ..USUAL
 };
+
+fn first() -> FirstConfig {
+    let mut settings = barrier(1.0).to_vec();
+    settings.extend([
+        Setting::text(
+            "linuxcnc.key_file",
+            KEY_FILE,
+            "File with the key of the bridge, mode 0600: a copy of [VOLCOMP]KEY_FILE of the INI file",
+        ),
+        Setting::text(
+            "linuxcnc.ini",
+            "mill.ini",
+            "INI file of the control, which `check` compares",
+        )
+        .example(),
+    ]);
+    FirstConfig {
+        cycle_ms: 1.0,
+        // Words of the bridge end at 32.767 µm unless its step is set.
+        limit_um: 30.0,
+        settings,
+        key_file: Some(KEY_FILE),
+        ..FirstConfig::default()
+    }
+}
 
 struct Control {
     url: String,

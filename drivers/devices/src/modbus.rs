@@ -42,6 +42,9 @@ pub(crate) const DRIVER: Driver = Driver {
     is_exclusive: |address| address.scheme == RTU,
     controller: |address, own| lines::controller(address, own, digital_modules, unopened),
     thermometer,
+    example: "modbus://192.0.2.40:502?profile=WAGO-750-8DI/8DO",
+    // Two equal readings prove nothing on Modbus; Gray code limits an error to one step.
+    first: |address, machine| lines::first(unopened(address).ok(), "gray", machine),
     probe,
     ..lines::LINES
 };

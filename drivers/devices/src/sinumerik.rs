@@ -16,6 +16,7 @@ use crate::{
         ControllerDevice, Driver, GuardRequirements, Inspected, MapDevice, MapError, MapWords,
         Rules, Settings, ThermometerDevice, USUAL,
     },
+    first_config::{FirstConfig, FirstMachine, Setting, includes_correction, unseen, unwatched},
     keys::{
         CONTROLLER_ONLY, ControllerConfig, MapKeys, PLAIN_KEYS, SinumerikTable, ThermometerConfig,
         both, ms, of_ms, path,
@@ -57,9 +58,74 @@ pub(crate) const DRIVER: Driver = Driver {
             }),
         })
     },
+    example: "opc.tcp://192.0.2.20:4840",
+    first: |_, machine| first(machine),
+    first_thermometer,
     probe,
     ..USUAL
 };
+
+fn first(machine: &FirstMachine<'_>) -> FirstConfig {
+    let shown = 1..=machine.travel.len();
+    let numbers: Vec<String> = shown.map(|number| number.to_string()).collect();
+    let mut settings = vec![
+        Setting::list(
+            "terms",
+            ["thermal"],
+            "Only the thermal terms: the control is too slow to follow the position",
+        ),
+        Setting::number("hold_ms", 1500.0, "Maximum age of positions, ms: to 5000"),
+        includes_correction(false),
+        unwatched(),
+        unseen(),
+        Setting::new(
+            "sinumerik.numbers",
+            format_args!("[{}]", numbers.join(", ")),
+            "Axis numbers in the control: of axes, then of reads",
+        ),
+        Setting::text(
+            "sinumerik.sign",
+            "adds",
+            "\"adds\": a positive SD43900 moves the axis in its positive direction; \"subtracts\": in its negative one",
+        ),
+        Setting::text(
+            "sinumerik.nodes.emergency_stop",
+            "/Plc/DB10.DBX106.1",
+            "Node of the emergency stop; then take it out of unseen",
+        )
+        .example(),
+    ];
+    settings.extend(first_login());
+    FirstConfig {
+        cycle_ms: 100.0,
+        limit_um: 30.0,
+        settings,
+        ..FirstConfig::default()
+    }
+}
+
+fn first_login() -> [Setting; 2] {
+    [
+        Setting::text(
+            "sinumerik.user",
+            "volcomp",
+            "User of the OPC UA server; without it anonymous",
+        )
+        .example(),
+        Setting::text(
+            "sinumerik.password_file",
+            "sinumerik-password",
+            "File with the password in its first line, mode 0600",
+        )
+        .example(),
+    ]
+}
+
+fn first_thermometer(sensors: usize) -> Vec<Setting> {
+    let nodes = (0..sensors).map(|index| format!("/Plc/DB5.DBD{}:REAL", 4 * index));
+    let nodes = Setting::list("nodes", nodes, "The node of each name, °C");
+    [nodes].into_iter().chain(first_login()).collect()
+}
 
 fn thermometer(
     address: Address,

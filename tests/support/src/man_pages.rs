@@ -11,9 +11,8 @@ fn pages(command: Command, section: &str, end: &str) -> Vec<(String, String)> {
     // The pages of the commands replace `help COMMAND`.
     let mut command = command.disable_help_subcommand(true);
     command.build();
-    let listed = command.get_subcommands().filter(|c| !c.is_hide_set());
     let mut pages = Vec::new();
-    for (index, page) in std::iter::once(&command).chain(listed).enumerate() {
+    for (index, page) in listed(&command).into_iter().enumerate() {
         let man = Man::new(page.clone()).section(section);
         let mut text = Vec::new();
         man.render(&mut text).expect("a Vec takes every byte");
@@ -24,6 +23,14 @@ fn pages(command: Command, section: &str, end: &str) -> Vec<(String, String)> {
         pages.push((man.get_filename(), text));
     }
     pages
+}
+
+/// A command, and those below it that its help lists.
+fn listed(command: &Command) -> Vec<&Command> {
+    let below = command.get_subcommands().filter(|c| !c.is_hide_set());
+    std::iter::once(command)
+        .chain(below.flat_map(listed))
+        .collect()
 }
 
 /// Writes the man pages of a program to `man` in cargo's target folder, where `docs/build` and packages find them.

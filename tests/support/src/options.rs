@@ -86,11 +86,12 @@ fn words(title: &str) -> (Vec<String>, Vec<String>) {
 }
 
 fn find<'a>(program: &'a Command, names: &[String]) -> Option<&'a Command> {
-    match names {
-        [name] if name == program.get_name() => Some(program),
-        [name, command] if name == program.get_name() => program.find_subcommand(command),
-        _ => None,
-    }
+    let (name, commands) = names.split_first()?;
+    let mut commands = commands.iter();
+    commands.try_fold(
+        (name == program.get_name()).then_some(program)?,
+        |found, name| found.find_subcommand(name),
+    )
 }
 
 /// The usage and the table; only a table of the named `options` if there are any.

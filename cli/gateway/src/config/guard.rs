@@ -1,4 +1,5 @@
 use serde::{Deserialize, Serialize};
+use volcomp_devices::Setting;
 use volcomp_document::Mistakes;
 use volcomp_model::Fading;
 use volcomp_runtime::{
@@ -157,6 +158,65 @@ impl GuardTable {
                 fade_s: self.temperature_fade_s,
             },
         }
+    }
+
+    /// The keys of a first configuration.
+    pub(crate) fn first(limit_um: f64, cycle_ms: f64, is_rotary: bool) -> Vec<Setting> {
+        let mut settings = vec![
+            Setting::number(
+                "limit_um",
+                limit_um,
+                "Largest correction of a linear axis, µm: 0.001 to 2000; begin with 20 on a machine",
+            ),
+            Setting::number(
+                "slew_um_per_s",
+                500.0,
+                "Largest rate of this correction, µm/s: 0.001 to 5000",
+            ),
+            Setting::number(
+                "accel_um_per_s2",
+                20000.0,
+                "Largest acceleration of this correction, µm/s²: 0.001 to 1e12",
+            ),
+            Setting::number(
+                "confirm_um",
+                limit_um.min(50.0),
+                "Larger changes by a new machine file need confirmation, µm: 0 to 1e6",
+            ),
+        ];
+        if is_rotary {
+            settings.extend([
+                Setting::number(
+                    "limit_urad",
+                    150.0,
+                    "Largest correction of a rotary axis, µrad: 0.001 to 2000",
+                ),
+                Setting::number(
+                    "slew_urad_per_s",
+                    500.0,
+                    "Largest rate of this correction, µrad/s: 0.001 to 5000",
+                ),
+            ]);
+        }
+        settings.extend([
+            Setting::number(
+                "hold_ms",
+                (2.0 * cycle_ms).clamp(100.0, 200.0),
+                "Hold the correction if readings are older, ms: one cycle to 200",
+            ),
+            Setting::number(
+                "zero_after_ms",
+                1000.0,
+                "Ramp it to zero if they are older, ms: hold_ms to 600000",
+            ),
+            Setting::number("ramp_s", 0.5, "Ramp duration, s: 0 to 600"),
+            Setting::number(
+                "max_degc_per_min",
+                5.0,
+                "Maximum temperature rate, K/min: 0.01 to 1000; faster is a jump",
+            ),
+        ]);
+        settings
     }
 
     pub(crate) fn complete(&mut self) {

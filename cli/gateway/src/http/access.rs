@@ -169,7 +169,7 @@ const WRONG_IN: Duration = Duration::from_secs(60);
 const ADDRESSES: usize = 1024;
 
 /// Role of a token: the set of requests it allows.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, clap::ValueEnum)]
 pub enum Role {
     /// Read state, history, map and metrics.
     View,

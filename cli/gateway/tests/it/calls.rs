@@ -135,13 +135,14 @@ fn elsewhere_only_with_tls_and_a_token() {
     change(&config, "slew_um_per_s = 500.0", "slew_um_per_s = \"fast\"");
     let changed = call(&with_token);
     assert_eq!(changed.status.code(), Some(0), "{changed:?}");
-    // A file that is not TOML has no address: the message states how to request the state without the file.
+    // A file that is not TOML has no address: the message states how to reach the gateway without the file.
     change(&config, "slew_um_per_s = \"fast\"", "slew_um_per_s");
     let broken = call(&["status", "--config", path(&config)]);
     assert_eq!(broken.status.code(), Some(2), "{broken:?}");
     let message = String::from_utf8_lossy(&broken.stderr).into_owned();
     assert!(message.contains(path(&config)), "{message}");
-    assert!(message.contains("status --listen ADDRESS"), "{message}");
+    let remedy = "reached without this file: --listen ADDRESS";
+    assert!(message.contains(remedy), "{message}");
 }
 
 fn viewer(dir: &Path) -> std::path::PathBuf {

@@ -14,6 +14,7 @@ mod edge_paths;
 mod edges;
 mod effective;
 mod faults;
+mod first_hour;
 mod five_axes;
 #[cfg(feature = "fleet")]
 mod fleet;

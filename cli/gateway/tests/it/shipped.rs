@@ -94,7 +94,8 @@ fn arguments<'a>(text: &'a str, program: &str) -> Vec<&'a str> {
     command.split_whitespace().collect()
 }
 
-fn copied_examples() -> (tempfile::TempDir, PathBuf) {
+/// A folder with a copy of the examples.
+pub(crate) fn copied_examples() -> (tempfile::TempDir, PathBuf) {
     let dir = tempfile::tempdir().expect("writable");
     let examples = dir.path().join("examples");
     std::fs::create_dir(&examples).expect("writable");
