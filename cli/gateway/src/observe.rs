@@ -110,6 +110,9 @@ fn reasons(facts: &Facts<'_>, report: &Report) -> Vec<String> {
         let places: Vec<String> = of
             .map(|index| {
                 let axis = model.axes[index];
+                if report.known >> index & 1 == 0 {
+                    return axis.to_string();
+                }
                 let at = Displacement::new(axis.kind(), report.positions[index]);
                 format!("{axis} {}", Coordinate(at))
             })

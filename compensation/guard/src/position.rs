@@ -105,6 +105,13 @@ impl PositionCheck {
         })
     }
 
+    /// Whether the axis was reported where it cannot have moved, and its position was not accepted since.
+    #[must_use]
+    pub fn has_jumped(&self) -> bool {
+        let jumped = |it: RejectedPosition| it.way != Way::Moved || it.stray.is_some();
+        self.rejected.is_some_and(jumped)
+    }
+
     /// Accepts the next position unconditionally.
     pub fn forget(&mut self) {
         *self = Self::default();

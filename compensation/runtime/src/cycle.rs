@@ -645,6 +645,7 @@ impl Cycle {
     /// accepted without comparison.
     fn judge(&mut self, place: &MachinePosition) -> Reasons {
         (self.report.outside_travel, self.report.jumped) = (0, 0);
+        self.report.not_believed = 0;
         let begins = !self.guard.state().is_armed();
         let axes = self.model.axes.len();
         for (index, check) in self.checks.iter_mut().enumerate().take(axes) {
@@ -660,6 +661,7 @@ impl Cycle {
             if begins {
                 check.forget();
             }
+            self.report.not_believed |= u16::from(check.has_jumped()) << index;
         }
         Reasons::OUTSIDE_TRAVEL.when(self.report.outside_travel != 0)
             | Reasons::JUMPED.when(self.report.jumped != 0)

@@ -414,6 +414,8 @@ impl Service {
             let reasons: Vec<String> = reasons.into_iter().map(str::to_owned).collect();
             let before = std::mem::replace(&mut self.last_state, change.state);
             self.save_fault(before, &reasons);
+            // Some reasons apply only while disarmed.
+            self.update_reasons();
             let event = StateChange {
                 state: change.state.into(),
                 controller: change.active,
@@ -454,7 +456,9 @@ impl Service {
             auto_arm: parts.config.auto_arm,
             cycle: parts.config.cycle(),
         };
-        let mut status = observe::status(&facts, report, &self.times);
+        let mut report = *report;
+        report.jumped |= self.jumped_axes();
+        let mut status = observe::status(&facts, &report, &self.times);
         if self.is_faulted_from_before() && report.state == State::Disarmed {
             status.state = StateName::Faulted;
             let reasons = self.standing.faulted.iter().flatten();

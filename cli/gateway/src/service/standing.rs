@@ -100,12 +100,30 @@ impl Service {
         }
     }
 
-    /// Saves the sensors that have jumped, which stay excluded after a restart, also if they are silent or faulty by then.
+    /// Saves the sensors that have jumped, which stay excluded after a restart, also if they are silent or faulty by then, and the axes whose
+    /// position has jumped. While disarmed the guards accept any position, so these axes are kept until the gateway is armed.
     pub(super) fn save_jumped(&mut self, report: &Report) {
         let sensors = self.parts.sensors.iter().zip(&report.sensors);
         let jumped = sensors.filter(|(_, result)| result.jumped);
         let jumped = jumped.map(|(name, _)| name.clone()).collect();
-        self.change_standing(|standing| standing.jumped = jumped);
+        let axes = self.parts.model.axes.iter().enumerate();
+        let axes = axes.filter(|(index, _)| report.not_believed >> index & 1 == 1);
+        let axes = (report.state.is_armed()).then(|| axes.map(|(_, axis)| *axis).collect());
+        self.change_standing(|standing| {
+            standing.jumped = jumped;
+            standing.jumped_axes = axes.unwrap_or_else(|| standing.jumped_axes.clone());
+        });
+    }
+
+    /// Bit mask of the axes whose position had jumped when the gateway was last armed. Automatic arming would accept it; an operator who has
+    /// disarmed since arms anyway.
+    pub(super) fn jumped_axes(&self) -> u16 {
+        if self.last_state.is_armed() || self.standing.disarmed_by.is_some() {
+            return 0;
+        }
+        let axes = self.parts.model.axes.iter().enumerate();
+        let jumped = axes.filter(|(_, axis)| self.standing.jumped_axes.contains(axis));
+        jumped.fold(0, |bits, (index, _)| bits | 1 << index)
     }
 
     /// Whether there is an unacknowledged fault from before the start, which the guards do not know.
@@ -115,6 +133,7 @@ impl Service {
 
     pub(super) fn standing_reasons(&self) -> Reasons {
         Reasons::FAULTED_BEFORE.when(self.is_faulted_from_before())
+            | Reasons::JUMPED.when(self.jumped_axes() != 0)
             | Reasons::DISARMED_BY_PERSON
                 .when(self.standing.disarmed_by.is_some() && self.parts.config.auto_arm)
     }

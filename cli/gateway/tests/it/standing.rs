@@ -14,7 +14,7 @@ use std::{
 };
 
 use serde_json::Value;
-use volcomp_gateway::request::Operation;
+use volcomp_gateway::request::{CentreOperation, Operation};
 use volcomp_port::inject::Injection;
 use volcomp_test_support::peers;
 use volcomp_vocabulary::PerChannel;
@@ -466,6 +466,93 @@ fn acknowledging_an_alarm_accepts_no_jumped_sensor() {
     gateway.wait("jumped", |state| quality(state).contains("jumped"));
     assert_eq!(gateway.ask(Operation::Acknowledge).0, 200);
     gateway.wait("believed", |state| quality(state).contains("good"));
+}
+
+/// The position of X is this much too high from now on, mm.
+fn displace(gateway: &Gateway, add: f64) {
+    gateway.rig.inject(Injection::WrongPosition {
+        axis: 0,
+        factor: 1.0,
+        add,
+        readings: u32::MAX,
+    });
+}
+
+const JUMPED: &str = "position jumped: X";
+
+/// X jumps by 200 mm within its travel and is rejected.
+fn let_position_jump(gateway: &mut Gateway) {
+    let x = gateway.state()["positions_mm"]["X"].as_f64();
+    let is_high = x.expect("known") > 400.0;
+    displace(gateway, if is_high { -200.0 } else { 200.0 });
+    gateway.wait("held", |state| {
+        state["state"] == "holding" && says(state, JUMPED)
+    });
+}
+
+/// Auto-arm does not accept the position that was rejected; the operator does.
+fn accepts_no_jumped_position(gateway: &mut Gateway) {
+    gateway.wait("restarted", |state| {
+        state["error_um"].is_array() && !says(state, "watching")
+    });
+    gateway.run(Duration::from_secs(10));
+    let state = gateway.state();
+    assert_eq!(state["state"], "disarmed", "{state}");
+    assert!(says(&state, JUMPED), "{state}");
+    displace(gateway, 0.0);
+    gateway.must_arm();
+    let state = gateway.wait_for("compensating");
+    assert!(!says(&state, "jumped"), "{state}");
+}
+
+/// The gateway ends while a position is rejected, and starts again on the same wrong position.
+#[test]
+fn a_position_that_jumped_keeps_a_restart_from_arming() {
+    for is_killed in [false, true] {
+        let dir = tempfile::tempdir().expect("writable");
+        let (config, mut gateway) = compensating(dir.path());
+        let_position_jump(&mut gateway);
+        gateway.run(Duration::from_secs(6));
+        let rig = if is_killed {
+            gateway.killed()
+        } else {
+            gateway.stop()
+        };
+        let mut gateway = Gateway::again(rig, &config);
+        accepts_no_jumped_position(&mut gateway);
+        let mut gateway = Gateway::again(gateway.stop(), &config);
+        gateway.wait_for("compensating");
+    }
+}
+
+/// The centre disables and enables a machine: auto-arm resumes if the position is believed again, but not while it is rejected.
+#[test]
+fn the_centre_enables_no_jumped_position() {
+    let dir = tempfile::tempdir().expect("writable");
+    let (_, mut gateway) = compensating(dir.path());
+    let disable_and_enable = |gateway: &mut Gateway| {
+        for (operation, says) in [
+            (CentreOperation::Disable, true),
+            (CentreOperation::Enable, false),
+        ] {
+            assert_eq!(gateway.ask(Operation::Centre(operation)).0, 200);
+            gateway.wait("obeyed", |state| {
+                state["state"] == "disarmed"
+                    && state["reasons"]
+                        .to_string()
+                        .contains("disabled by the centre")
+                        == says
+            });
+        }
+    };
+    let_position_jump(&mut gateway);
+    displace(&gateway, 0.0);
+    gateway.wait_for("compensating");
+    disable_and_enable(&mut gateway);
+    gateway.wait_for("compensating");
+    let_position_jump(&mut gateway);
+    disable_and_enable(&mut gateway);
+    accepts_no_jumped_position(&mut gateway);
 }
 
 /// An operator disarms after the cycle has armed and before the service has the new state: the operator's name is recorded.
