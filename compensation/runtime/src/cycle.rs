@@ -7,9 +7,9 @@ mod lag;
 use std::time::{Duration, Instant};
 
 use volcomp_guard::{
-    Confirmed, DirectionMemory, End, Guard, Inputs, Interlocks, Limits, MAX_PATHS, Output,
-    PathHealth, PositionCheck, PositionFlaw, Reading, Reasons, Request, RequestedCorrection,
-    Scheme, Selector, State as GuardState, one_step,
+    Confirmed, DirectionMemory, End, Guard, Inputs, Interlock, Interlocks, Limits, MAX_PATHS,
+    Output, PathHealth, PositionCheck, PositionFlaw, Reading, Reasons, Request,
+    RequestedCorrection, Scheme, Selector, State as GuardState, one_step,
 };
 use volcomp_kinematics::State;
 use volcomp_port::{Clock, Description};
@@ -235,6 +235,12 @@ impl Cycle {
             path.read_back
                 .restore(Duration::ZERO, &applied, age, &limits);
         }
+    }
+
+    /// Restores the interlock that a controller, by its index in the reports, showed when the program ended: only the same controller or the
+    /// operator can clear it.
+    pub fn restore_interlock(&mut self, index: usize, interlock: Interlock) {
+        self.interlocks.restore(index, interlock);
     }
 
     /// Starts threads that read the standby paths and the read-only controllers, so that slow or hanging exchanges do not delay the cycle.

@@ -191,6 +191,10 @@ pub struct Standing {
     #[serde(default)]
     #[schemars(with = "Vec<String>")]
     pub jumped_axes: Vec<AxisName>,
+    /// The interlocks that each controller, by its device, showed last. They apply until the same controller reports them clear, or an
+    /// operator acknowledges them.
+    #[serde(default)]
+    pub interlocks: BTreeMap<String, Vec<String>>,
 }
 
 /// The file `confirmed-limits.json` in the folder of the log: the limits, rates and accelerations at the last arming, by

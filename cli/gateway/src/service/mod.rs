@@ -438,6 +438,7 @@ impl Service {
         let report = *self.parts.handle.report();
         self.lags.follow(&report);
         self.save_jumped(&report);
+        self.save_interlocks(&report);
         let cycle_at = self.clock.start() + report.now;
         self.publisher.publish(self.status(&report), cycle_at);
         if self.since(self.output.at) > OUTPUT_EVERY && self.output.correction != report.correction

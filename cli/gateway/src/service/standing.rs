@@ -1,8 +1,10 @@
-//! State that survives a restart: an unacknowledged fault, and a disarm by an operator.
+//! State that survives a restart: an unacknowledged fault, a disarm by an operator, jumped temperatures and positions, and interlocks that
+//! were not seen to clear.
 
-use std::path::Path;
+use std::{collections::BTreeMap, path::Path};
 
-use volcomp_guard::{Reasons, State};
+use volcomp_guard::{Interlock, Reasons, State};
+use volcomp_port::Description;
 use volcomp_runtime::Report;
 
 use super::Service;
@@ -53,6 +55,32 @@ fn with_jumps(mut standing: Standing) -> Standing {
         standing.faulted.get_or_insert_default().push(what);
     }
     standing
+}
+
+/// The interlocks from before the start, by the index of the controller that showed them. One of a controller that is not configured any
+/// more cannot be seen to clear: the operator must acknowledge it as a fault.
+pub(crate) fn interlocks(
+    standing: &mut Standing,
+    controllers: &[Description],
+) -> Vec<(usize, Interlock)> {
+    let (faulted, mut shown) = (&mut standing.faulted, Vec::new());
+    standing.interlocks.retain(|device, texts| {
+        let reasons = texts.iter().filter_map(|text| Reasons::with_text(text));
+        let interlock = Interlock::of(reasons.fold(Reasons::NONE, |all, reason| all | reason));
+        let indices = controllers.iter().enumerate();
+        let indices = indices.filter(|(_, controller)| controller.device == *device);
+        let before = shown.len();
+        if interlock.is_set() {
+            shown.extend(indices.map(|(index, _)| (index, interlock)));
+        }
+        let is_known = shown.len() > before;
+        if !is_known {
+            let what = format!("interlock not seen to clear before the restart: {device}");
+            faulted.get_or_insert_default().push(what);
+        }
+        is_known
+    });
+    shown
 }
 
 impl Service {
@@ -115,6 +143,26 @@ impl Service {
         });
     }
 
+    /// Saves the interlocks that controllers show, or showed before they fell silent.
+    pub(super) fn save_interlocks(&mut self, report: &Report) {
+        // Before the first cycle nothing has been reported.
+        if report.cycle == 0 {
+            return;
+        }
+        let mut interlocks = BTreeMap::<String, Vec<String>>::new();
+        for (controller, path) in self.parts.controllers.iter().zip(&report.paths) {
+            let shown = Interlock::REASONS.into_iter();
+            let shown = shown.filter(|reason| path.reasons.contains(*reason));
+            let texts = shown.flat_map(Reasons::texts).map(str::to_owned);
+            let texts: Vec<String> = texts.collect();
+            if !texts.is_empty() {
+                let device = controller.device.clone();
+                interlocks.entry(device).or_default().extend(texts);
+            }
+        }
+        self.change_standing(|standing| standing.interlocks = interlocks);
+    }
+
     /// Bit mask of the axes whose position had jumped when the gateway was last armed. Automatic arming would accept it; an operator who has
     /// disarmed since arms anyway.
     pub(super) fn jumped_axes(&self) -> u16 {
@@ -136,5 +184,51 @@ impl Service {
             | Reasons::JUMPED.when(self.jumped_axes() != 0)
             | Reasons::DISARMED_BY_PERSON
                 .when(self.standing.disarmed_by.is_some() && self.parts.config.auto_arm)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use volcomp_port::{Heartbeat, ShownStates};
+
+    use super::*;
+
+    fn controller(device: &str) -> Description {
+        Description {
+            device: device.to_owned(),
+            channel: String::new(),
+            axes: Vec::new(),
+            reads: Vec::new(),
+            heartbeat: Heartbeat::Watched,
+            barrier: false,
+            tells_applied: true,
+            shown: ShownStates::ALL,
+            sees_other_gateways: true,
+            shortest_cycle: std::time::Duration::from_millis(1),
+        }
+    }
+
+    /// Each interlock returns to its controller wherever that is listed now; that of a controller which was removed becomes a fault.
+    #[test]
+    fn interlocks_belong_to_their_controllers() {
+        let shown = |device: &str, text: &str| (device.to_owned(), vec![text.to_owned()]);
+        let mut standing = Standing {
+            interlocks: BTreeMap::from([
+                shown("a", "emergency stop"),
+                shown("b", "controller alarm"),
+                shown("c", "a reason of a later version"),
+            ]),
+            ..Standing::default()
+        };
+        let found = interlocks(&mut standing, &["x", "c", "a"].map(controller));
+        let stop = Interlock::of(Reasons::EMERGENCY_STOP);
+        assert!(stop.emergency_stop && !stop.alarm && !stop.unreferenced);
+        assert_eq!(found, [(2, stop)]);
+        let unseen = |device| format!("interlock not seen to clear before the restart: {device}");
+        assert_eq!(standing.faulted, Some(["b", "c"].map(unseen).to_vec()));
+        assert_eq!(
+            standing.interlocks,
+            BTreeMap::from([shown("a", "emergency stop")])
+        );
     }
 }

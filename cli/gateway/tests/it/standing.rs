@@ -468,6 +468,48 @@ fn acknowledging_an_alarm_accepts_no_jumped_sensor() {
     gateway.wait("believed", |state| quality(state).contains("good"));
 }
 
+/// The control falls silent in an emergency stop, and the gateway is killed: the stop holds until the control reports it clear, without the
+/// operator, or the operator acknowledges it.
+#[test]
+fn an_interlock_not_seen_to_clear_survives_a_restart() {
+    let unseen = "interlock not seen to clear";
+    for returns in [false, true] {
+        let dir = tempfile::tempdir().expect("writable");
+        let (config, mut gateway) = compensating(dir.path());
+        let stop = Arc::clone(&gateway.rig.controls);
+        stop.emergency_stop.store(true, Ordering::Relaxed);
+        gateway.wait_until_says("emergency stop");
+        gateway.disconnect();
+        gateway.wait_until_says(unseen);
+        gateway.run(Duration::from_millis(200));
+        let mut gateway = gateway.killed_and_started(&config);
+        gateway.run(Duration::from_secs(1));
+        let state = gateway.state();
+        assert!(
+            says(&state, unseen) && says(&state, "emergency stop"),
+            "{state}"
+        );
+        if returns {
+            gateway.rig.inject(Injection::Disconnect { calls: 0 });
+            gateway.run(Duration::from_secs(10));
+            let state = gateway.state();
+            assert_eq!(state["state"], "disarmed", "{state}");
+            assert!(
+                says(&state, "emergency stop") && !says(&state, unseen),
+                "{state}"
+            );
+            stop.emergency_stop.store(false, Ordering::Relaxed);
+            gateway.wait_for("compensating");
+        } else {
+            assert_eq!(gateway.ask(Operation::Acknowledge).0, 200);
+            gateway.wait_until_silent_of(unseen);
+            let mut gateway = gateway.killed_and_started(&config);
+            gateway.run(Duration::from_secs(1));
+            assert!(!says(&gateway.state(), unseen), "{}", gateway.state());
+        }
+    }
+}
+
 /// The position of X is this much too high from now on, mm.
 fn displace(gateway: &Gateway, add: f64) {
     gateway.rig.inject(Injection::WrongPosition {
