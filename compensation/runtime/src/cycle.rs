@@ -304,11 +304,13 @@ impl Cycle {
         replacement.carry_over(&self.model);
         std::mem::swap(&mut self.model, replacement);
         self.lag.forget();
-        // The range of valid positions depends on the model, so the next position is judged by the range alone.
+        // The range of valid positions depends on the model, so the next position is judged by the range alone. A position that has jumped
+        // stays rejected.
         let axes = self.model.axes.len();
         for (index, check) in self.checks.iter_mut().enumerate().take(axes) {
             if self.model.position_limits(index, &self.rapid)
                 != replacement.position_limits(index, &self.rapid)
+                && !check.has_jumped()
             {
                 check.forget();
             }
