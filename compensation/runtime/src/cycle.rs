@@ -621,11 +621,12 @@ impl Cycle {
         }
         (self.report.positions, self.report.known) = (place.positions, place.known);
         let refused = self.judge(place);
+        // Also while a position is rejected, because the other axes may reverse meanwhile.
+        self.approach(&mut state, place);
         if !refused.is_empty() {
             self.commanded = None;
             return (None, refused);
         }
-        self.approach(&mut state, place);
         self.commanded = place.is_complete(self.model.axes.len()).then_some(state);
         if self.commanded.is_none() {
             let unknown = Reasons::AXIS_UNKNOWN.when(place.oldest.is_some());
@@ -752,13 +753,17 @@ impl Cycle {
         self.lag.reduction(&input, age, now)
     }
 
-    /// Updates the direction of approach of each axis, from positions without correction.
+    /// Updates the direction of approach of each axis, from positions without correction that are not rejected. After a gap in them that
+    /// is longer than positions may be held, the direction is unknown.
     fn approach(&mut self, state: &mut State, place: &MachinePosition) {
         let axes = self.model.axes.len();
+        let hold = self.guard.limits().hold;
+        let rejected = self.report.outside_travel | self.report.jumped;
         for (index, memory) in self.directions.iter_mut().enumerate().take(axes) {
-            if place.known >> index & 1 == 0 {
+            if (place.known & !rejected) >> index & 1 == 0 {
                 continue;
             }
+            memory.forget_after(hold, place.taken[index]);
             // The threshold of the coarsest controller that reports the axis; an axis at a fixed position does not reverse.
             let paths = self.paths.iter().map(|path| &path.reported);
             let readers = self.readers.iter().map(|reader| &reader.reported);
