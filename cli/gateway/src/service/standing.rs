@@ -1,7 +1,10 @@
 //! State that survives a restart: an unacknowledged fault, a disarm by an operator, jumped temperatures and positions, and interlocks that
 //! were not seen to clear.
 
-use std::{collections::BTreeMap, path::Path};
+use std::{
+    collections::BTreeMap,
+    path::{Path, PathBuf},
+};
 
 use volcomp_guard::{Interlock, Reasons, State};
 use volcomp_port::Description;
@@ -10,7 +13,7 @@ use volcomp_runtime::Report;
 use super::Service;
 use crate::{
     audit::{
-        slots, standing_file,
+        log_files, slots, standing_file,
         writer::{RETRY_INTERVAL, Receipt},
     },
     documents::Standing,
@@ -19,8 +22,8 @@ use crate::{
 /// Used if the file does not record who disarmed.
 const UNKNOWN_REQUESTER: &str = "somebody";
 
-/// Reads the state from before the start. If the file is unreadable, auto-arm stays off, as after a disarm by an
-/// operator.
+/// Reads the state from before the start. If the file is unreadable, or missing beside a log with records, auto-arm stays off, as after a
+/// disarm by an operator.
 pub(crate) fn read(dir: &Path) -> Standing {
     let path = standing_file(dir);
     let unread = |error: String| {
@@ -37,10 +40,18 @@ pub(crate) fn read(dir: &Path) -> Standing {
             Some((_, text)) => serde_json::from_str(text).unwrap_or_else(|e| unread(e.to_string())),
             None => unread("no whole record".to_owned()),
         },
-        Err(e) if e.kind() == std::io::ErrorKind::NotFound => Standing::default(),
+        Err(e) if e.kind() == std::io::ErrorKind::NotFound && !has_records(dir) => {
+            Standing::default()
+        }
         Err(e) => unread(e.to_string()),
     };
     with_jumps(standing)
+}
+
+/// Whether a gateway has run with this folder.
+fn has_records(dir: &Path) -> bool {
+    let is_empty = |file: &PathBuf| file.metadata().is_ok_and(|file| file.len() == 0);
+    !log_files(dir).iter().all(is_empty)
 }
 
 /// After a start, the temperature before a jump is unknown and the first reading would be accepted. The operator must therefore confirm the sensor

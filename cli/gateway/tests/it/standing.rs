@@ -105,6 +105,18 @@ fn an_operators_disarm_survives_a_restart() {
     stays_disarmed_until_armed(gateway, &config);
 }
 
+/// The file that records an operator's disarm was removed, but the log has records: auto-arm stays off until an operator arms.
+#[test]
+fn auto_arm_is_off_without_the_standing_state_of_a_log() {
+    let dir = tempfile::tempdir().expect("writable");
+    let (config, mut gateway) = compensating(dir.path());
+    assert_eq!(gateway.ask(Operation::Disarm).0, 200);
+    gateway.wait_for("disarmed");
+    let rig = gateway.stop();
+    std::fs::remove_file(dir.path().join("audit/standing.slots")).expect("written");
+    stays_disarmed_until_armed(Gateway::again(rig, &config), &config);
+}
+
 /// The disk is still busy with the audit log when the disarm is answered, and the program is killed: the disarm is on the disk.
 #[test]
 fn an_operators_disarm_does_not_wait_for_its_record() {
