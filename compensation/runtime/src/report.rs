@@ -72,7 +72,7 @@ pub struct Report {
     /// Bit mask of the axes whose position has jumped and was not accepted since, also while it is unknown or outside the travel: bit 0 is
     /// the first axis of the machine. Only while armed.
     pub not_believed: u16,
-    /// The correction by the model, mm and rad.
+    /// The correction by the model, mm and rad; unknown while `error` is `None`.
     pub wanted: PerAxis<f64>,
     /// The correction that the control is known to apply, mm and rad. Zero for axes that are not in `written`.
     pub correction: PerAxis<f64>,

@@ -13,7 +13,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-use serde_json::Value;
+use serde_json::{Value, json};
 use volcomp_gateway::request::{CentreOperation, Operation};
 use volcomp_port::inject::Injection;
 use volcomp_test_support::peers;
@@ -539,9 +539,14 @@ fn let_position_jump(gateway: &mut Gateway) {
     let x = gateway.state()["positions_mm"]["X"].as_f64();
     let is_high = x.expect("known") > 400.0;
     displace(gateway, if is_high { -200.0 } else { 200.0 });
-    gateway.wait("held", |state| {
+    let state = gateway.wait("held", |state| {
         state["state"] == "holding" && says(state, JUMPED)
     });
+    assert_eq!(
+        state["wanted_um"],
+        json!({}),
+        "unknown is not zero: {state}"
+    );
 }
 
 /// Auto-arm does not accept the position that was rejected; the operator does.
