@@ -51,6 +51,8 @@ enum Way {
 struct RejectedPosition {
     /// Time of the first rejection.
     since: Duration,
+    /// First position on the way, mm or rad, and its time.
+    first: (f64, Duration),
     /// Last position on the way, mm or rad.
     position: f64,
     taken: Duration,
@@ -61,8 +63,8 @@ struct RejectedPosition {
 
 /// The last accepted position of an axis. After a rejection, only a position within the reach that
 /// the axis had at the first rejection is accepted; the reach does not grow with time. After two
-/// readings on the way from a jump, it must also have jumped back: a constant error would bring a
-/// wrong position there as the axis moves. An axis that moved out of its range must move back.
+/// readings on the way from a jump, it must also have jumped back by as much: a constant error would
+/// bring a wrong position there as the axis moves. An axis that moved out of its range must move back.
 ///
 /// Invariants:
 /// - `rejected` is set only between a rejection and the next accepted position.
@@ -120,19 +122,26 @@ impl PositionCheck {
     fn reject(&mut self, limits: &PositionLimits, position: f64, taken: Duration, moved: bool) {
         let before = self.rejected;
         let leads = |from: (f64, Duration)| leads_to(limits, from, (position, taken));
+        let mut first = (position, taken);
         let way = match before {
             _ if moved => Way::Moved,
-            Some(before) if leads((before.position, before.taken)) => match before.way {
-                // A repeated reading is not a second one.
-                Way::Jumped if before.taken != taken => Way::Elsewhere,
-                way => way,
-            },
+            Some(before) if leads((before.position, before.taken)) => {
+                first = before.first;
+                match before.way {
+                    // A repeated reading is not a second one.
+                    Way::Jumped if before.taken != taken => Way::Elsewhere,
+                    way => way,
+                }
+            }
             None
             | Some(RejectedPosition {
                 way: Way::Jumped, ..
             }) => Way::Jumped,
             Some(before) => match before.stray {
-                Some(stray) if stray.1 != taken && leads(stray) => Way::Elsewhere,
+                Some(stray) if stray.1 != taken && leads(stray) => {
+                    first = stray;
+                    Way::Elsewhere
+                }
                 // A single wrong reading does not end the way.
                 _ => {
                     self.rejected = Some(RejectedPosition {
@@ -145,6 +154,7 @@ impl PositionCheck {
         };
         self.rejected = Some(RejectedPosition {
             since: before.map_or(taken, |before| before.since),
+            first,
             position,
             taken,
             way,
@@ -153,15 +163,33 @@ impl PositionCheck {
     }
 
     /// Whether the way of the rejected positions excludes a position that is within reach of the
-    /// accepted one: a jump that goes on, or an axis that cannot have come back yet.
+    /// accepted one: a jump that goes on or is followed by another, or an axis that cannot have come
+    /// back yet.
     fn refutes(&self, limits: &PositionLimits, position: f64, taken: Duration) -> bool {
         self.rejected.is_some_and(|before| {
             let leads = leads_to(limits, (before.position, before.taken), (position, taken));
             match before.way {
                 Way::Moved => !leads,
                 Way::Jumped => false,
-                Way::Elsewhere => leads,
+                Way::Elsewhere => leads || !self.is_undone(limits, &before, (position, taken)),
             }
+        })
+    }
+
+    /// Whether the way from the last rejected position to this one is the opposite of the way from
+    /// the accepted one to the first rejected one, but for the motion of the axis meanwhile.
+    fn is_undone(
+        &self,
+        limits: &PositionLimits,
+        rejected: &RejectedPosition,
+        (position, taken): (f64, Duration),
+    ) -> bool {
+        self.accepted.is_none_or(|accepted| {
+            let (first, begun) = rejected.first;
+            let sum = (first - accepted.position) + (position - rejected.position);
+            let passed = begun.abs_diff(accepted.taken) + taken.abs_diff(rejected.taken);
+            let allowed_s = passed.as_secs_f64() + 4.0 * TIMESTAMP_UNCERTAINTY_S;
+            shortest_way(sum, limits.turn).abs() <= limits.speed * allowed_s
         })
     }
 
