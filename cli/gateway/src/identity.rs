@@ -103,7 +103,7 @@ impl Judge {
     /// if any. Takes the maximum over:
     /// - the reference temperature;
     /// - the steady state at the current temperatures and at ±[`SHIFT_K`] from them, because a changed thermal term has
-    ///   no effect at the reference temperature;
+    ///   no effect at the reference temperature, which stands for a sensor without a reading;
     /// - the present state, with the lags of the running model;
     /// - if [`ONLY_THERMAL`] changes for a controller, the models without errors on the side where it is listed.
     pub(crate) fn judged(
@@ -126,8 +126,10 @@ impl Judge {
             controllers.map(|it| [of(old, it, steps[0]), of(new, it, steps[1])])
         };
         let cold = old.largest_move(new, ways());
+        let parsed = Machine::parse(&new.text, &new.name);
+        let reference = parsed.map_or(20.0, |new| new.thermal().reference_degc);
         let warm = [-SHIFT_K, 0.0, SHIFT_K].map(|by| {
-            let degc = |name: &str| degc(name).map(|degc| degc + by);
+            let degc = |name: &str| Some(degc(name).unwrap_or(reference) + by);
             old.warmed(degc).largest_move(&new.warmed(degc), ways())
         });
         let [old_now, new_now] = [old, new].map(|model| model.in_place_of(&self.running, degc));
@@ -291,7 +293,8 @@ mod tests {
     }
 
     /// Closed form: at the reference temperature a changed expansion coefficient has no effect yet; 10 K from it the
-    /// correction at 800 mm of X changes by 8 µm.
+    /// correction at 800 mm of X changes by 8 µm. The
+    /// same applies while the sensor is silent.
     #[test]
     fn another_expansion_is_a_question_at_the_reference_temperature() {
         let [old, new] = [11.5, 12.5].map(|k| {
@@ -299,12 +302,15 @@ mod tests {
                 "[[thermal.expansion]]\nerror = \"EXX\"\nsensor = \"scale\"\num_per_m_k = {k}\n"
             ))
         });
-        let judge = judge_at(BTreeMap::from([("scale".to_owned(), 20.0)]));
         let to = limits(&settings(0.01));
-        let judged = |models| judge.judged(models, LimitChanges::new(), &to).question;
-        assert_eq!(judged([&old, &old]), None);
-        let um = judged([&old, &new]).and_then(|question| question.worst_corner_um);
-        assert!(um.is_some_and(|um| (um - 8.0).abs() < 0.1), "{um:?}");
+        let read = BTreeMap::from([("scale".to_owned(), 20.0)]);
+        let silent = BTreeMap::new();
+        for judge in [read, silent].map(judge_at) {
+            let judged = |models| judge.judged(models, LimitChanges::new(), &to).question;
+            assert_eq!(judged([&old, &old]), None);
+            let um = judged([&old, &new]).and_then(|question| question.worst_corner_um);
+            assert!(um.is_some_and(|um| (um - 8.0).abs() < 0.1), "{um:?}");
+        }
     }
 
     /// Half a step of A moves the tip by 0.05 µm. With a lower limit A is no longer corrected, and the axes move.

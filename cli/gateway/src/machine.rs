@@ -280,7 +280,7 @@ pub fn assemble(
 ) -> Result<MachineParts, GatewayError> {
     let OpenedPlan {
         config,
-        cycle,
+        mut cycle,
         model,
         controllers,
         sensors,
@@ -288,6 +288,10 @@ pub fn assemble(
         tokens,
         tls,
     } = opened;
+    let mut standing = standing::read(config.audit_dir());
+    for (index, interlock) in standing::interlocks(&mut standing, &controllers) {
+        cycle.restore_interlock(index, interlock);
+    }
     let handle = launch(cycle, config.realtime)?;
     let switch = handle.disarm_switch();
     let facts = Facts {
@@ -313,7 +317,7 @@ pub fn assemble(
         sensors,
         model,
         truth,
-        standing: standing::read(config.audit_dir()),
+        standing,
         config: config.clone(),
         life: life.clone(),
         proven_within: machine.proven_within,

@@ -95,7 +95,9 @@ pub(crate) fn status(facts: &Facts<'_>, report: &Report, times: &Times) -> Statu
         by_kind(model, &report.correction, confirmed, micro);
     let last = report.sent.unwrap_or(PerAxis::ZERO);
     [status.sent_um, status.sent_urad] = by_kind(model, &last, sent, micro);
-    [status.wanted_um, status.wanted_urad] = by_kind(model, &report.wanted, known, micro);
+    // Without a model error the correction by the model is unknown, not zero.
+    let wanted = |index: usize| known(index) && report.error.is_some();
+    [status.wanted_um, status.wanted_urad] = by_kind(model, &report.wanted, wanted, micro);
     errors(&mut status, facts, report);
     status
 }
@@ -110,6 +112,9 @@ fn reasons(facts: &Facts<'_>, report: &Report) -> Vec<String> {
         let places: Vec<String> = of
             .map(|index| {
                 let axis = model.axes[index];
+                if report.known >> index & 1 == 0 {
+                    return axis.to_string();
+                }
                 let at = Displacement::new(axis.kind(), report.positions[index]);
                 format!("{axis} {}", Coordinate(at))
             })

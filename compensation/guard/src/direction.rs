@@ -129,6 +129,14 @@ impl DirectionMemory {
         self.direction
     }
 
+    /// Forgets the direction if the last reading is more than `gap` older than `taken`: the axis may have reversed in between.
+    pub fn forget_after(&mut self, gap: Duration, taken: Duration) {
+        let is_old = |last: Duration| taken.saturating_sub(last) > gap;
+        if self.taken.is_some_and(is_old) {
+            *self = Self::default();
+        }
+    }
+
     /// The farthest position in a direction that enough of the last readings agree on.
     fn reached(&self, direction: Direction) -> f64 {
         let mut positions = self.positions;

@@ -23,6 +23,18 @@ impl Interlock {
         Reasons::EMERGENCY_STOP,
     ];
 
+    /// The flags that correspond to these reasons.
+    #[must_use]
+    pub fn of(reasons: Reasons) -> Self {
+        let [unreferenced, alarm, emergency_stop] =
+            Self::REASONS.map(|reason| reasons.contains(reason));
+        Self {
+            unreferenced,
+            alarm,
+            emergency_stop,
+        }
+    }
+
     /// Whether any flag is set.
     #[must_use]
     pub fn is_set(self) -> bool {
@@ -68,6 +80,12 @@ impl Interlocks {
             *silent = interlock.is_none();
             *flags = interlock.unwrap_or(*flags);
         }
+    }
+
+    /// Restores flags that the path at this index reported before the program ended; it has reported none since.
+    pub fn restore(&mut self, path: usize, interlock: Interlock) {
+        self.update(path, Some(interlock));
+        self.update(path, None);
     }
 
     /// Clears the interlocks of paths that are silent now; the operator has checked that they no longer apply.

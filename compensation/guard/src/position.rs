@@ -51,7 +51,9 @@ enum Way {
 struct RejectedPosition {
     /// Time of the first rejection.
     since: Duration,
-    /// Last of the rejected positions that follow from each other, mm or rad.
+    /// First of the rejected positions that follow from each other, mm or rad, and its time.
+    first: (f64, Duration),
+    /// Last of them, mm or rad.
     position: f64,
     taken: Duration,
     way: Way,
@@ -62,7 +64,7 @@ struct RejectedPosition {
 /// The last accepted position of an axis. After a rejection, a position is accepted only within the distance that the
 /// axis could have travelled from the last accepted position by the first rejection; this distance does not grow with
 /// time. Two kinds of rejection require more:
-/// - If a second reading follows from a jump by motion, the next accepted position must be a jump back. A wrong
+/// - If a second reading follows from a jump by motion, the next accepted position must be a jump back by as much. A wrong
 ///   position with a constant error could otherwise move back within this distance.
 /// - An axis that moved out of its range must move back.
 ///
@@ -107,6 +109,13 @@ impl PositionCheck {
         })
     }
 
+    /// Whether the axis was reported where it cannot have moved, and its position was not accepted since.
+    #[must_use]
+    pub fn has_jumped(&self) -> bool {
+        let jumped = |it: RejectedPosition| it.way != Way::Moved || it.stray.is_some();
+        self.rejected.is_some_and(jumped)
+    }
+
     /// Clears the accepted position: the next position is accepted if it is within the range of the axis.
     pub fn forget(&mut self) {
         *self = Self::default();
@@ -115,19 +124,26 @@ impl PositionCheck {
     fn reject(&mut self, limits: &PositionLimits, position: f64, taken: Duration, moved: bool) {
         let before = self.rejected;
         let leads = |from: (f64, Duration)| leads_to(limits, from, (position, taken));
+        let mut first = (position, taken);
         let way = match before {
             _ if moved => Way::Moved,
-            Some(before) if leads((before.position, before.taken)) => match before.way {
-                // A repeated reading is not a second one.
-                Way::Jumped if before.taken != taken => Way::Elsewhere,
-                way => way,
-            },
+            Some(before) if leads((before.position, before.taken)) => {
+                first = before.first;
+                match before.way {
+                    // A repeated reading is not a second one.
+                    Way::Jumped if before.taken != taken => Way::Elsewhere,
+                    way => way,
+                }
+            }
             None
             | Some(RejectedPosition {
                 way: Way::Jumped, ..
             }) => Way::Jumped,
             Some(before) => match before.stray {
-                Some(stray) if stray.1 != taken && leads(stray) => Way::Elsewhere,
+                Some(stray) if stray.1 != taken && leads(stray) => {
+                    first = stray;
+                    Way::Elsewhere
+                }
                 // A single wrong reading does not end the way.
                 _ => {
                     self.rejected = Some(RejectedPosition {
@@ -140,6 +156,7 @@ impl PositionCheck {
         };
         self.rejected = Some(RejectedPosition {
             since: before.map_or(taken, |before| before.since),
+            first,
             position,
             taken,
             way,
@@ -147,16 +164,33 @@ impl PositionCheck {
         });
     }
 
-    /// Whether the rejected positions rule out a position that is within reach of
-    /// the accepted one: the jump continues, or the axis cannot have returned yet.
+    /// Whether the rejected positions rule out a position that is within reach of the accepted one: the jump continues,
+    /// another one follows, or the axis cannot have returned yet.
     fn refutes(&self, limits: &PositionLimits, position: f64, taken: Duration) -> bool {
         self.rejected.is_some_and(|before| {
             let leads = leads_to(limits, (before.position, before.taken), (position, taken));
             match before.way {
                 Way::Moved => !leads,
                 Way::Jumped => false,
-                Way::Elsewhere => leads,
+                Way::Elsewhere => leads || !self.is_undone(limits, &before, (position, taken)),
             }
+        })
+    }
+
+    /// Whether the way from the last rejected position to this one is the opposite of the way from
+    /// the accepted one to the first rejected one, but for the motion of the axis meanwhile.
+    fn is_undone(
+        &self,
+        limits: &PositionLimits,
+        rejected: &RejectedPosition,
+        (position, taken): (f64, Duration),
+    ) -> bool {
+        self.accepted.is_none_or(|accepted| {
+            let (first, begun) = rejected.first;
+            let sum = (first - accepted.position) + (position - rejected.position);
+            let passed = begun.abs_diff(accepted.taken) + taken.abs_diff(rejected.taken);
+            let allowed_s = passed.as_secs_f64() + 4.0 * TIMESTAMP_UNCERTAINTY_S;
+            shortest_way(sum, limits.turn).abs() <= limits.speed * allowed_s
         })
     }
 

@@ -7,9 +7,9 @@ mod lag;
 use std::time::{Duration, Instant};
 
 use volcomp_guard::{
-    Confirmed, DirectionMemory, End, Guard, Inputs, Interlocks, Limits, MAX_PATHS, Output,
-    PathHealth, PositionCheck, PositionFlaw, Reading, Reasons, Request, RequestedCorrection,
-    Scheme, Selector, State as GuardState, one_step,
+    Confirmed, DirectionMemory, End, Guard, Inputs, Interlock, Interlocks, Limits, MAX_PATHS,
+    Output, PathHealth, PositionCheck, PositionFlaw, Reading, Reasons, Request,
+    RequestedCorrection, Scheme, Selector, State as GuardState, one_step,
 };
 use volcomp_kinematics::State;
 use volcomp_port::{Clock, Description};
@@ -237,6 +237,12 @@ impl Cycle {
         }
     }
 
+    /// Restores the interlock that a controller, by its index in the reports, showed when the program ended: only the same controller or the
+    /// operator can clear it.
+    pub fn restore_interlock(&mut self, index: usize, interlock: Interlock) {
+        self.interlocks.restore(index, interlock);
+    }
+
     /// Starts threads that read the standby paths and the read-only controllers, so that slow or hanging exchanges do not delay the cycle.
     /// Without threads they are read within the cycle, after the write, for at most half a period, which suits clocks advanced by a test.
     /// [`start`](crate::start) calls this.
@@ -298,11 +304,13 @@ impl Cycle {
         replacement.carry_over(&self.model);
         std::mem::swap(&mut self.model, replacement);
         self.lag.forget();
-        // The range of valid positions depends on the model, so the next position is judged by the range alone.
+        // The range of valid positions depends on the model, so the next position is judged by the range alone. A position that has jumped
+        // stays rejected.
         let axes = self.model.axes.len();
         for (index, check) in self.checks.iter_mut().enumerate().take(axes) {
             if self.model.position_limits(index, &self.rapid)
                 != replacement.position_limits(index, &self.rapid)
+                && !check.has_jumped()
             {
                 check.forget();
             }
@@ -613,11 +621,12 @@ impl Cycle {
         }
         (self.report.positions, self.report.known) = (place.positions, place.known);
         let refused = self.judge(place);
+        // Also while a position is rejected, because the other axes may reverse meanwhile.
+        self.approach(&mut state, place);
         if !refused.is_empty() {
             self.commanded = None;
             return (None, refused);
         }
-        self.approach(&mut state, place);
         self.commanded = place.is_complete(self.model.axes.len()).then_some(state);
         if self.commanded.is_none() {
             let unknown = Reasons::AXIS_UNKNOWN.when(place.oldest.is_some());
@@ -645,6 +654,7 @@ impl Cycle {
     /// accepted without comparison.
     fn judge(&mut self, place: &MachinePosition) -> Reasons {
         (self.report.outside_travel, self.report.jumped) = (0, 0);
+        self.report.not_believed = 0;
         let begins = !self.guard.state().is_armed();
         let axes = self.model.axes.len();
         for (index, check) in self.checks.iter_mut().enumerate().take(axes) {
@@ -660,6 +670,7 @@ impl Cycle {
             if begins {
                 check.forget();
             }
+            self.report.not_believed |= u16::from(check.has_jumped()) << index;
         }
         Reasons::OUTSIDE_TRAVEL.when(self.report.outside_travel != 0)
             | Reasons::JUMPED.when(self.report.jumped != 0)
@@ -742,13 +753,17 @@ impl Cycle {
         self.lag.reduction(&input, age, now)
     }
 
-    /// Updates the direction of approach of each axis, from positions without correction.
+    /// Updates the direction of approach of each axis, from positions without correction that are not rejected. After a gap in them that
+    /// is longer than positions may be held, the direction is unknown.
     fn approach(&mut self, state: &mut State, place: &MachinePosition) {
         let axes = self.model.axes.len();
+        let hold = self.guard.limits().hold;
+        let rejected = self.report.outside_travel | self.report.jumped;
         for (index, memory) in self.directions.iter_mut().enumerate().take(axes) {
-            if place.known >> index & 1 == 0 {
+            if (place.known & !rejected) >> index & 1 == 0 {
                 continue;
             }
+            memory.forget_after(hold, place.taken[index]);
             // The threshold of the coarsest controller that reports the axis; an axis at a fixed position does not reverse.
             let paths = self.paths.iter().map(|path| &path.reported);
             let readers = self.readers.iter().map(|reader| &reader.reported);

@@ -69,7 +69,10 @@ pub struct Report {
     pub outside_travel: u16,
     /// Bit mask of the positions rejected as unreachable since the previous ones: bit 0 is the first axis of the machine.
     pub jumped: u16,
-    /// The correction by the model, mm and rad.
+    /// Bit mask of the axes whose position has jumped and was not accepted since, also while it is unknown or outside the travel: bit 0 is
+    /// the first axis of the machine. Only while armed.
+    pub not_believed: u16,
+    /// The correction by the model, mm and rad; unknown while `error` is `None`.
     pub wanted: PerAxis<f64>,
     /// The correction that the control is known to apply, mm and rad. Zero for axes that are not in `written`.
     pub correction: PerAxis<f64>,
@@ -109,6 +112,7 @@ impl Default for Report {
             known: 0,
             outside_travel: 0,
             jumped: 0,
+            not_believed: 0,
             wanted: PerAxis::ZERO,
             correction: PerAxis::ZERO,
             written: 0,

@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use volcomp_port::Description;
 use volcomp_runtime::Model;
+use volcomp_vocabulary::AxisName;
 
 use super::{ByAxis, StateName};
 
@@ -188,6 +189,14 @@ pub struct Standing {
     /// Names of the sensors that are rejected because their value jumped.
     #[serde(default)]
     pub jumped: Vec<String>,
+    /// Letters of the axes whose position is rejected because it jumped. Automatic arming waits until an operator arms.
+    #[serde(default)]
+    #[schemars(with = "Vec<String>")]
+    pub jumped_axes: Vec<AxisName>,
+    /// The interlocks that each controller, by its device, showed last. They apply until the same controller reports them clear, or an
+    /// operator acknowledges them.
+    #[serde(default)]
+    pub interlocks: BTreeMap<String, Vec<String>>,
 }
 
 /// The file `confirmed-limits.json` in the folder of the log: the limits, rates and accelerations at the last arming, by

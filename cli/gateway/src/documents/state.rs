@@ -131,10 +131,10 @@ pub struct Status {
     #[serde(default)]
     #[schemars(with = "BTreeMap<String, ProvenName>")]
     pub proven: BTreeMap<AxisName, ProvenName>,
-    /// Correction of each linear axis by the model, before limits and ramps, µm.
+    /// Correction of each linear axis by the model, before limits and ramps, µm; empty while a position is unknown or rejected.
     #[schemars(with = "BTreeMap<String, f64>")]
     pub wanted_um: ByAxis,
-    /// Correction of each rotary axis by the model, before limits and ramps, µrad.
+    /// Correction of each rotary axis by the model, before limits and ramps, µrad; empty while a position is unknown or rejected.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     #[schemars(with = "BTreeMap<String, f64>")]
     pub wanted_urad: ByAxis,

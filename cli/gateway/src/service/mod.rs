@@ -414,6 +414,8 @@ impl Service {
             let reasons: Vec<String> = reasons.into_iter().map(str::to_owned).collect();
             let before = std::mem::replace(&mut self.last_state, change.state);
             self.save_fault(before, &reasons);
+            // Some reasons apply only while disarmed.
+            self.update_reasons();
             let event = StateChange {
                 state: change.state.into(),
                 controller: change.active,
@@ -436,6 +438,7 @@ impl Service {
         let report = *self.parts.handle.report();
         self.lags.follow(&report);
         self.save_jumped(&report);
+        self.save_interlocks(&report);
         let cycle_at = self.clock.start() + report.now;
         self.publisher.publish(self.status(&report), cycle_at);
         if self.since(self.output.at) > OUTPUT_EVERY && self.output.correction != report.correction
@@ -454,7 +457,9 @@ impl Service {
             auto_arm: parts.config.auto_arm,
             cycle: parts.config.cycle(),
         };
-        let mut status = observe::status(&facts, report, &self.times);
+        let mut report = *report;
+        report.jumped |= self.jumped_axes();
+        let mut status = observe::status(&facts, &report, &self.times);
         if self.is_faulted_from_before() && report.state == State::Disarmed {
             status.state = StateName::Faulted;
             let reasons = self.standing.faulted.iter().flatten();

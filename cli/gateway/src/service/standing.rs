@@ -1,14 +1,19 @@
-//! State that survives a restart: an unacknowledged fault, and a disarm by an operator.
+//! State that survives a restart: an unacknowledged fault, a disarm by an operator, jumped temperatures and positions, and interlocks that
+//! were not seen to clear.
 
-use std::path::Path;
+use std::{
+    collections::BTreeMap,
+    path::{Path, PathBuf},
+};
 
-use volcomp_guard::{Reasons, State};
+use volcomp_guard::{Interlock, Reasons, State};
+use volcomp_port::Description;
 use volcomp_runtime::Report;
 
 use super::Service;
 use crate::{
     audit::{
-        slots, standing_file,
+        log_files, slots, standing_file,
         writer::{RETRY_INTERVAL, Receipt},
     },
     documents::Standing,
@@ -17,8 +22,8 @@ use crate::{
 /// Value of `disarmed_by` if the file is unreadable.
 const UNKNOWN_REQUESTER: &str = "unknown";
 
-/// Reads the state from before the start. If the file is unreadable, auto-arm stays off, as after a disarm by an
-/// operator.
+/// Reads the state from before the start. If the file is unreadable, or missing beside a log with records, auto-arm stays off, as after a
+/// disarm by an operator.
 pub(crate) fn read(dir: &Path) -> Standing {
     let path = standing_file(dir);
     let unread = |error: String| {
@@ -35,10 +40,18 @@ pub(crate) fn read(dir: &Path) -> Standing {
             Some((_, text)) => serde_json::from_str(text).unwrap_or_else(|e| unread(e.to_string())),
             None => unread("no whole record".to_owned()),
         },
-        Err(e) if e.kind() == std::io::ErrorKind::NotFound => Standing::default(),
+        Err(e) if e.kind() == std::io::ErrorKind::NotFound && !has_records(dir) => {
+            Standing::default()
+        }
         Err(e) => unread(e.to_string()),
     };
     with_jumps(standing)
+}
+
+/// Whether a gateway has run with this folder.
+fn has_records(dir: &Path) -> bool {
+    let is_empty = |file: &PathBuf| file.metadata().is_ok_and(|file| file.len() == 0);
+    !log_files(dir).iter().all(is_empty)
 }
 
 /// After a start, the temperature before a jump is unknown and the first reading would be accepted. The operator must therefore confirm the sensor
@@ -53,6 +66,32 @@ fn with_jumps(mut standing: Standing) -> Standing {
         standing.faulted.get_or_insert_default().push(what);
     }
     standing
+}
+
+/// The interlocks from before the start, by the index of the controller that showed them. One of a controller that is not configured any
+/// more cannot be seen to clear: the operator must acknowledge it as a fault.
+pub(crate) fn interlocks(
+    standing: &mut Standing,
+    controllers: &[Description],
+) -> Vec<(usize, Interlock)> {
+    let (faulted, mut shown) = (&mut standing.faulted, Vec::new());
+    standing.interlocks.retain(|device, texts| {
+        let reasons = texts.iter().filter_map(|text| Reasons::with_text(text));
+        let interlock = Interlock::of(reasons.fold(Reasons::NONE, |all, reason| all | reason));
+        let indices = controllers.iter().enumerate();
+        let indices = indices.filter(|(_, controller)| controller.device == *device);
+        let before = shown.len();
+        if interlock.is_set() {
+            shown.extend(indices.map(|(index, _)| (index, interlock)));
+        }
+        let is_known = shown.len() > before;
+        if !is_known {
+            let what = format!("interlock not seen to clear before the restart: {device}");
+            faulted.get_or_insert_default().push(what);
+        }
+        is_known
+    });
+    shown
 }
 
 impl Service {
@@ -100,12 +139,50 @@ impl Service {
         }
     }
 
-    /// Saves the sensors that have jumped, which stay excluded after a restart, also if they are silent or faulty by then.
+    /// Saves the sensors that have jumped, which stay excluded after a restart, also if they are silent or faulty by then, and the axes whose
+    /// position has jumped. While disarmed the guards accept any position, so these axes are kept until the gateway is armed.
     pub(super) fn save_jumped(&mut self, report: &Report) {
         let sensors = self.parts.sensors.iter().zip(&report.sensors);
         let jumped = sensors.filter(|(_, result)| result.jumped);
         let jumped = jumped.map(|(name, _)| name.clone()).collect();
-        self.change_standing(|standing| standing.jumped = jumped);
+        let axes = self.parts.model.axes.iter().enumerate();
+        let axes = axes.filter(|(index, _)| report.not_believed >> index & 1 == 1);
+        let axes = (report.state.is_armed()).then(|| axes.map(|(_, axis)| *axis).collect());
+        self.change_standing(|standing| {
+            standing.jumped = jumped;
+            standing.jumped_axes = axes.unwrap_or_else(|| standing.jumped_axes.clone());
+        });
+    }
+
+    /// Saves the interlocks that controllers show, or showed before they fell silent.
+    pub(super) fn save_interlocks(&mut self, report: &Report) {
+        // Before the first cycle nothing has been reported.
+        if report.cycle == 0 {
+            return;
+        }
+        let mut interlocks = BTreeMap::<String, Vec<String>>::new();
+        for (controller, path) in self.parts.controllers.iter().zip(&report.paths) {
+            let shown = Interlock::REASONS.into_iter();
+            let shown = shown.filter(|reason| path.reasons.contains(*reason));
+            let texts = shown.flat_map(Reasons::texts).map(str::to_owned);
+            let texts: Vec<String> = texts.collect();
+            if !texts.is_empty() {
+                let device = controller.device.clone();
+                interlocks.entry(device).or_default().extend(texts);
+            }
+        }
+        self.change_standing(|standing| standing.interlocks = interlocks);
+    }
+
+    /// Bit mask of the axes whose position had jumped when the gateway was last armed. Automatic arming would accept it; an operator who has
+    /// disarmed since arms anyway.
+    pub(super) fn jumped_axes(&self) -> u16 {
+        if self.last_state.is_armed() || self.standing.disarmed_by.is_some() {
+            return 0;
+        }
+        let axes = self.parts.model.axes.iter().enumerate();
+        let jumped = axes.filter(|(_, axis)| self.standing.jumped_axes.contains(axis));
+        jumped.fold(0, |bits, (index, _)| bits | 1 << index)
     }
 
     /// Whether there is an unacknowledged fault from before the start, which the guards do not know.
@@ -115,7 +192,54 @@ impl Service {
 
     pub(super) fn standing_reasons(&self) -> Reasons {
         Reasons::FAULTED_BEFORE.when(self.is_faulted_from_before())
+            | Reasons::JUMPED.when(self.jumped_axes() != 0)
             | Reasons::DISARMED_BY_PERSON
                 .when(self.standing.disarmed_by.is_some() && self.parts.config.auto_arm)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use volcomp_port::{Heartbeat, ShownStates};
+
+    use super::*;
+
+    fn controller(device: &str) -> Description {
+        Description {
+            device: device.to_owned(),
+            channel: String::new(),
+            axes: Vec::new(),
+            reads: Vec::new(),
+            heartbeat: Heartbeat::Watched,
+            barrier: false,
+            tells_applied: true,
+            shown: ShownStates::ALL,
+            sees_other_gateways: true,
+            shortest_cycle: std::time::Duration::from_millis(1),
+        }
+    }
+
+    /// Each interlock returns to its controller wherever that is listed now; that of a controller which was removed becomes a fault.
+    #[test]
+    fn interlocks_belong_to_their_controllers() {
+        let shown = |device: &str, text: &str| (device.to_owned(), vec![text.to_owned()]);
+        let mut standing = Standing {
+            interlocks: BTreeMap::from([
+                shown("a", "emergency stop"),
+                shown("b", "controller alarm"),
+                shown("c", "a reason of a later version"),
+            ]),
+            ..Standing::default()
+        };
+        let found = interlocks(&mut standing, &["x", "c", "a"].map(controller));
+        let stop = Interlock::of(Reasons::EMERGENCY_STOP);
+        assert!(stop.emergency_stop && !stop.alarm && !stop.unreferenced);
+        assert_eq!(found, [(2, stop)]);
+        let unseen = |device| format!("interlock not seen to clear before the restart: {device}");
+        assert_eq!(standing.faulted, Some(["b", "c"].map(unseen).to_vec()));
+        assert_eq!(
+            standing.interlocks,
+            BTreeMap::from([shown("a", "emergency stop")])
+        );
     }
 }

@@ -221,9 +221,9 @@ fn text(text: &str) -> Vec<u8> {
 }
 
 /// Sends a message and returns the body of the answer.
-fn exchange(stream: &mut TcpStream, kind: &[u8; 4], body: &[u8]) -> std::io::Result<Vec<u8>> {
+fn exchange(stream: &mut TcpStream, kind: [u8; 4], body: &[u8]) -> std::io::Result<Vec<u8>> {
     let size = u32::try_from(8 + body.len()).expect("short");
-    stream.write_all(&[kind, &size.to_le_bytes()[..], body].concat())?;
+    stream.write_all(&[&kind[..], &size.to_le_bytes(), body].concat())?;
     let mut header = [0; 8];
     stream.read_exact(&mut header)?;
     let size = u32::from_le_bytes(header[4..].try_into().expect("four"));
@@ -266,7 +266,7 @@ fn nested_values_do_not_end_the_gateway() {
             numbers(&[0, 65_535, 65_535, 0, 0]),
             text(&format!("opc.tcp://{address}/")),
         ];
-        exchange(&mut stream, b"HELF", &hello.concat()).expect("acknowledged");
+        exchange(&mut stream, *b"HELF", &hello.concat()).expect("acknowledged");
         let none = text("http://opcfoundation.org/UA/SecurityPolicy#None");
         let open = [
             request(446),
@@ -284,7 +284,7 @@ fn nested_values_do_not_end_the_gateway() {
             open,
         ]
         .concat();
-        let opened = exchange(&mut stream, b"OPNF", &open).expect("opened");
+        let opened = exchange(&mut stream, *b"OPNF", &open).expect("opened");
         let channel = &opened[..4];
         // A write of one value.
         let write = [
@@ -301,7 +301,7 @@ fn nested_values_do_not_end_the_gateway() {
         let token = [channel, &numbers(&[1, 2, 2])].concat();
         let body = [&token[..], &write, kind, &nested, &[0]].concat();
         // Whether it answers or closes is the library's choice.
-        let _ = exchange(&mut stream, b"MSGF", &body);
+        let _ = exchange(&mut stream, *b"MSGF", &body);
     }
     program.wait_for("compensating");
 }

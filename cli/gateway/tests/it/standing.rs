@@ -13,8 +13,8 @@ use std::{
     time::{Duration, Instant},
 };
 
-use serde_json::Value;
-use volcomp_gateway::request::Operation;
+use serde_json::{Value, json};
+use volcomp_gateway::request::{CentreOperation, Operation};
 use volcomp_port::inject::Injection;
 use volcomp_test_support::peers;
 use volcomp_vocabulary::PerChannel;
@@ -103,6 +103,18 @@ fn an_operators_disarm_survives_a_restart() {
     assert_eq!(gateway.ask(Operation::Disarm).0, 200);
     gateway.wait_for("disarmed");
     stays_disarmed_until_armed(gateway, &config);
+}
+
+/// The file that records an operator's disarm was removed, but the log has records: auto-arm stays off until an operator arms.
+#[test]
+fn auto_arm_is_off_without_the_standing_state_of_a_log() {
+    let dir = tempfile::tempdir().expect("writable");
+    let (config, mut gateway) = compensating(dir.path());
+    assert_eq!(gateway.ask(Operation::Disarm).0, 200);
+    gateway.wait_for("disarmed");
+    let rig = gateway.stop();
+    std::fs::remove_file(dir.path().join("audit/standing.slots")).expect("written");
+    stays_disarmed_until_armed(Gateway::again(rig, &config), &config);
 }
 
 /// The disk is still busy with the audit log when the disarm is answered, and the program is killed: the disarm is on the disk.
@@ -466,6 +478,140 @@ fn acknowledging_an_alarm_accepts_no_jumped_sensor() {
     gateway.wait("jumped", |state| quality(state).contains("jumped"));
     assert_eq!(gateway.ask(Operation::Acknowledge).0, 200);
     gateway.wait("believed", |state| quality(state).contains("good"));
+}
+
+/// The control falls silent in an emergency stop, and the gateway is killed: the stop holds until the control reports it clear, without the
+/// operator, or the operator acknowledges it.
+#[test]
+fn an_interlock_not_seen_to_clear_survives_a_restart() {
+    let unseen = "interlock not seen to clear";
+    for returns in [false, true] {
+        let dir = tempfile::tempdir().expect("writable");
+        let (config, mut gateway) = compensating(dir.path());
+        let stop = Arc::clone(&gateway.rig.controls);
+        stop.emergency_stop.store(true, Ordering::Relaxed);
+        gateway.wait_until_says("emergency stop");
+        gateway.disconnect();
+        gateway.wait_until_says(unseen);
+        gateway.run(Duration::from_millis(200));
+        let mut gateway = gateway.killed_and_started(&config);
+        gateway.run(Duration::from_secs(1));
+        let state = gateway.state();
+        assert!(
+            says(&state, unseen) && says(&state, "emergency stop"),
+            "{state}"
+        );
+        if returns {
+            gateway.rig.inject(Injection::Disconnect { calls: 0 });
+            gateway.run(Duration::from_secs(10));
+            let state = gateway.state();
+            assert_eq!(state["state"], "disarmed", "{state}");
+            assert!(
+                says(&state, "emergency stop") && !says(&state, unseen),
+                "{state}"
+            );
+            stop.emergency_stop.store(false, Ordering::Relaxed);
+            gateway.wait_for("compensating");
+        } else {
+            assert_eq!(gateway.ask(Operation::Acknowledge).0, 200);
+            gateway.wait_until_silent_of(unseen);
+            let mut gateway = gateway.killed_and_started(&config);
+            gateway.run(Duration::from_secs(1));
+            assert!(!says(&gateway.state(), unseen), "{}", gateway.state());
+        }
+    }
+}
+
+/// The position of X is this much too high from now on, mm.
+fn displace(gateway: &Gateway, add: f64) {
+    gateway.rig.inject(Injection::WrongPosition {
+        axis: 0,
+        factor: 1.0,
+        add,
+        readings: u32::MAX,
+    });
+}
+
+const JUMPED: &str = "position jumped: X";
+
+/// X jumps by 200 mm within its travel and is rejected.
+fn let_position_jump(gateway: &mut Gateway) {
+    let x = gateway.state()["positions_mm"]["X"].as_f64();
+    let is_high = x.expect("known") > 400.0;
+    displace(gateway, if is_high { -200.0 } else { 200.0 });
+    let state = gateway.wait("held", |state| {
+        state["state"] == "holding" && says(state, JUMPED)
+    });
+    assert_eq!(
+        state["wanted_um"],
+        json!({}),
+        "unknown is not zero: {state}"
+    );
+}
+
+/// Auto-arm does not accept the position that was rejected; the operator does.
+fn accepts_no_jumped_position(gateway: &mut Gateway) {
+    gateway.wait("restarted", |state| {
+        state["error_um"].is_array() && !says(state, "watching")
+    });
+    gateway.run(Duration::from_secs(10));
+    let state = gateway.state();
+    assert_eq!(state["state"], "disarmed", "{state}");
+    assert!(says(&state, JUMPED), "{state}");
+    displace(gateway, 0.0);
+    gateway.must_arm();
+    let state = gateway.wait_for("compensating");
+    assert!(!says(&state, "jumped"), "{state}");
+}
+
+/// The gateway ends while a position is rejected, and starts again on the same wrong position.
+#[test]
+fn a_position_that_jumped_keeps_a_restart_from_arming() {
+    for is_killed in [false, true] {
+        let dir = tempfile::tempdir().expect("writable");
+        let (config, mut gateway) = compensating(dir.path());
+        let_position_jump(&mut gateway);
+        gateway.run(Duration::from_secs(6));
+        let rig = if is_killed {
+            gateway.killed()
+        } else {
+            gateway.stop()
+        };
+        let mut gateway = Gateway::again(rig, &config);
+        accepts_no_jumped_position(&mut gateway);
+        let mut gateway = Gateway::again(gateway.stop(), &config);
+        gateway.wait_for("compensating");
+    }
+}
+
+/// The centre disables and enables a machine: auto-arm resumes if the position is believed again, but not while it is rejected.
+#[test]
+fn the_centre_enables_no_jumped_position() {
+    let dir = tempfile::tempdir().expect("writable");
+    let (_, mut gateway) = compensating(dir.path());
+    let disable_and_enable = |gateway: &mut Gateway| {
+        for (operation, says) in [
+            (CentreOperation::Disable, true),
+            (CentreOperation::Enable, false),
+        ] {
+            assert_eq!(gateway.ask(Operation::Centre(operation)).0, 200);
+            gateway.wait("obeyed", |state| {
+                state["state"] == "disarmed"
+                    && state["reasons"]
+                        .to_string()
+                        .contains("disabled by the centre")
+                        == says
+            });
+        }
+    };
+    let_position_jump(&mut gateway);
+    displace(&gateway, 0.0);
+    gateway.wait_for("compensating");
+    disable_and_enable(&mut gateway);
+    gateway.wait_for("compensating");
+    let_position_jump(&mut gateway);
+    disable_and_enable(&mut gateway);
+    accepts_no_jumped_position(&mut gateway);
 }
 
 /// An operator disarms after the cycle has armed and before the service has the new state: the operator's name is recorded.

@@ -119,8 +119,12 @@ fn a_jump_is_never_accepted_after_a_while() {
         (50.0, 200.0, JUMP),
         (60.0, 290.0, JUMP),
         (70.0, 380.0, JUMP),
-        (80.0, 199.9, OK),
-        (180.0, 299.0, OK),
+        (80.0, 199.9, JUMP),
+        (90.0, 470.0, JUMP),
+        (100.0, 560.0, JUMP),
+        (110.0, 650.0, JUMP),
+        (120.0, 199.9, OK),
+        (220.0, 299.0, OK),
     ] {
         assert_eq!(
             check.judge(&LINEAR, position, ms(3e6 + at)),
@@ -150,6 +154,23 @@ fn a_constant_error_is_not_believed_as_the_axis_moves() {
             _ => (true_x(at) + 200.0, JUMP),
         };
         assert_eq!(check.judge(&LINEAR, reported, ms(at)), expected, "{at} ms");
+    }
+}
+
+/// X goes from 300 mm at 20 m/min; its position is 200 mm too high, then wrong by another error. The second error, which begins
+/// where it brings the position to the last good one, is beyond the allowance of both jumps: 187 mm for the second reading at a cycle of 4 ms.
+#[test]
+fn another_error_is_not_believed() {
+    for (second, cycles, expected) in [(-300.0, 225, JUMP), (-200.0, 150, JUMP), (0.0, 10, OK)] {
+        let mut check = PositionCheck::default();
+        assert_eq!(check.judge(&LINEAR, 300.0, ms(0.0)), OK);
+        for cycle in 1..cycles + 100 {
+            let at = f64::from(cycle) * 4.0;
+            let error = if cycle < cycles { 200.0 } else { second };
+            let found = check.judge(&LINEAR, 300.0 + at / 3.0 + error, ms(at));
+            let expected = if cycle < cycles { JUMP } else { expected };
+            assert_eq!(found, expected, "{second} mm, {at} ms");
+        }
     }
 }
 

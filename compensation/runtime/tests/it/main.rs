@@ -12,6 +12,7 @@ mod paths;
 mod plan;
 mod raised_slew;
 mod reads;
+mod reversals;
 mod rig;
 mod silence;
 mod slow_ways;

@@ -133,6 +133,26 @@ fn a_new_travel_accepts_the_next_position() {
     assert_eq!(report.state, State::Compensating, "{report:?}");
 }
 
+/// Z is reported 200 mm too low, within its travel or beyond it; another travel in the machine file does not make the wrong position credible.
+#[test]
+fn a_new_travel_accepts_no_jumped_position() {
+    for displaced in [-200.0, -600.0] {
+        let (mut rig, control, _) = compensating();
+        let z = machine().index_of(AxisName::Z).unwrap();
+        control.displace(displaced);
+        rig.run(5);
+        let text = machine_file().replace("travel = [-500.0, 0.0]", "travel = [-800.0, 0.5]");
+        rig.swap(&Machine::parse(&text, "m.toml").expect("valid"));
+        let report = rig.run(5000);
+        assert_eq!(report.jumped, 1 << z, "{report:?}");
+        assert_eq!(report.state, State::Holding(Hold::Lost), "{report:?}");
+        control.displace(0.0);
+        let report = rig.run(5000);
+        assert_eq!(report.state, State::Compensating, "{report:?}");
+        assert_eq!(report.positions[z], -100.0, "{report:?}");
+    }
+}
+
 #[test]
 fn motion_at_rapid_after_a_silence_is_accepted() {
     let (mut rig, control, _) = compensating();

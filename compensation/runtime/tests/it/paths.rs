@@ -7,7 +7,7 @@ use volcomp_port::{Clock, Description};
 use volcomp_runtime::{
     BarrierSettings, Cycle, CycleInput, GuardSettings, Model, PathPlan, PathSettings, PlanError,
     PositionReader, ReaderPlan, Report,
-    guard::{ControlTimeOut, Hold, Reasons, Request, State, protocol::Counts},
+    guard::{ControlTimeOut, Hold, Interlock, Reasons, Request, State, protocol::Counts},
 };
 use volcomp_vocabulary::{AxisName, Displacement, PerAxis};
 
@@ -560,6 +560,32 @@ fn lines_after_a_change(second: [AxisName; 5], place: [f64; 5]) -> (Vec<[f64; 5]
     }
     assert!(got.len() > 1000, "the lines took over: {}", got.len());
     (got, index.map(|index| cycle.report().wanted[index]))
+}
+
+/// Before the program ended, the second path showed an emergency stop; now it is silent. The first path alone does not permit arming.
+#[test]
+fn a_restored_interlock_holds_until_the_same_path_clears_it() {
+    let ways = Ways::to(Control::default(), Clock::manual());
+    let guard = guard_um(30.0);
+    let model = three_axes(SLOPE, &guard);
+    let paths = ["first", "second"]
+        .map(|device| ways.path(without_barrier(device, &AXES), &model, &guard, &alone()));
+    let mut cycle = ways.cycle(model, &guard, paths.into()).expect("two paths");
+    cycle.restore_interlock(1, Interlock::of(Reasons::EMERGENCY_STOP));
+    ways.plant().away = Some("second");
+    let mut arm = || {
+        for number in 0..500 {
+            ways.step(&mut cycle, (number == 50).then_some(Request::Arm));
+        }
+        *cycle.report()
+    };
+    let report = arm();
+    assert_eq!(report.state, State::Disarmed, "{report:?}");
+    let unseen = Reasons::EMERGENCY_STOP | Reasons::INTERLOCK_UNSEEN;
+    assert!(report.reasons.contains(unseen), "{report:?}");
+    assert!(report.paths[1].reasons.contains(unseen), "{report:?}");
+    ways.plant().away = None;
+    assert_eq!(arm().state, State::Compensating);
 }
 
 /// Lines with another axis order take over at standstill: they start at zero, and no axis exceeds the ramp by more than a step.
