@@ -13,6 +13,7 @@ use std::{
         mpsc::{Receiver, SyncSender, sync_channel},
     },
     thread,
+    time::Duration,
 };
 
 use volcomp_vocabulary::{AxisKind, AxisName};
@@ -62,6 +63,21 @@ const CORRECTION: [(&str, Rule); 3] = [
     ("correction_max", Rule::Max),
 ];
 
+/// A value with seven digits, which are enough for what is shown.
+#[expect(
+    clippy::cast_possible_truncation,
+    reason = "the digits beyond are dropped"
+)]
+fn single(value: f64) -> f32 {
+    value as f32
+}
+
+/// The whole seconds of a time since 1970.
+fn whole(s: f64) -> i64 {
+    let since = Duration::try_from_secs_f64(s).unwrap_or_default();
+    i64::try_from(since.as_secs()).unwrap_or_default()
+}
+
 /// The quantities of a point, in the order of its values: errors, corrections of each axis, temperatures.
 #[derive(Debug)]
 pub(crate) struct Columns {
@@ -97,7 +113,7 @@ impl Columns {
 
     /// The values of a point of the fine history; NaN: unknown.
     fn values(&self, point: &HistoryPoint) -> Vec<f32> {
-        let value = |value: Option<f64>| value.map_or(f32::NAN, |value| value as f32);
+        let value = |value: Option<f64>| value.map_or(f32::NAN, single);
         let errors = [
             point.error_um,
             point.residual_um,
@@ -246,8 +262,8 @@ impl Bucket {
     fn minute(&self, at_s: i64) -> Minute {
         let value = |place: usize| match (self.counts[place], self.rules[place]) {
             (0, _) => f32::NAN,
-            (count, Rule::Mean) => (self.values[place] / f64::from(count)) as f32,
-            (_, Rule::Min | Rule::Max) => self.values[place] as f32,
+            (count, Rule::Mean) => single(self.values[place] / f64::from(count)),
+            (_, Rule::Min | Rule::Max) => single(self.values[place]),
         };
         Minute {
             at_s,
@@ -323,7 +339,7 @@ impl Recorder {
 
     /// Adds a state at a time (s since 1970).
     pub(crate) fn add(&mut self, now_s: f64, point: &HistoryPoint) {
-        let at_s = (now_s as i64).div_euclid(MINUTE_S) * MINUTE_S;
+        let at_s = whole(now_s).div_euclid(MINUTE_S) * MINUTE_S;
         if let Some((begun_s, bucket)) = &self.current
             && *begun_s != at_s
         {
@@ -359,7 +375,7 @@ pub(crate) fn over(
     [now_s, start_s]: [f64; 2],
 ) -> (i64, Vec<HistoryPoint>) {
     let step = i64::from(span_s.div_ceil(MAX_BUCKETS).next_multiple_of(60));
-    let from = (now_s as i64) - i64::from(span_s);
+    let from = whole(now_s) - i64::from(span_s);
     let mut points = Vec::new();
     let mut bucket: Option<(i64, Bucket)> = None;
     let mut end = |bucket: &Option<(i64, Bucket)>| {
@@ -533,7 +549,7 @@ impl FilesThread {
 
 #[cfg(test)]
 mod tests {
-    use std::time::{Duration, Instant};
+    use std::time::Instant;
 
     use super::*;
 
