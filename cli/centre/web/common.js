@@ -86,7 +86,6 @@ async function act(button, said, work, done) {
   }
 }
 
-const isNumber = (value) => typeof value === "number" && Number.isFinite(value);
 const fixed = (value, digits) => (isNumber(value) ? value.toFixed(digits).replace("-", "−") : "unknown");
 const signed = (value, digits) => (isNumber(value) && value > 0 ? "+" : "") + fixed(value, digits);
 const inOrder = (names) => [...names].sort((a, b) => LETTERS.indexOf(a) - LETTERS.indexOf(b));
@@ -173,30 +172,6 @@ function drawOn(canvas, draw) {
 
 function redrawAll() {
   for (const canvas of document.querySelectorAll("canvas")) if (canvas.redraw) canvas.redraw();
-}
-
-/** The colours of a map with their values, from 0 to the largest. */
-function drawScale(canvas, largest) {
-  const { context, width, height } = surface(canvas);
-  const left = 14, right = width - 48, bottom = height - 24;
-  for (let px = left; px < right; px += 1) {
-    context.fillStyle = shade((px - left) / (right - left));
-    context.fillRect(px, 2, 1.5, bottom - 2);
-  }
-  context.strokeStyle = line;
-  context.lineWidth = 1;
-  context.strokeRect(left, 2, right - left, bottom - 2);
-  context.fillStyle = ink;
-  context.textAlign = "center";
-  context.textBaseline = "alphabetic";
-  const marks = ticks([0, largest], Math.max(2, Math.floor((right - left) / 70)));
-  for (const um of marks) {
-    const x = left + (right - left) * um / largest;
-    context.fillRect(x - 0.5, bottom, 1, 5);
-    context.fillText(String(+um.toPrecision(3)), x, height - 4);
-  }
-  context.textAlign = "left";
-  context.fillText("µm", right + 10, (bottom + 2) / 2 + 5);
 }
 
 /** Three sections of the map, before and after the correction, to one scale. */

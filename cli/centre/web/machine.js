@@ -2,27 +2,7 @@
 // One machine: state, history, models and versions, alarms, registration.
 
 const MACHINE_EVERY_MS = 2000, HISTORY_EVERY_MS = 15000;
-// Distinguishable without red-green vision, on light and on dark backgrounds.
-const COLOURS = ["#d55e00", "#009e73", "#3b8fd6", "#dd9500", "#cc79a7", "#56b4e9", "#a0743c", "#8a8f00", "#7b8794"];
-const STATE_COLOURS = { compensating: "#009e73", arming: "#3b8fd6", "ramping-out": "#3b8fd6", holding: "#c77700", faulted: "#b3261e", disarmed: "#7b8794" };
 const SPANS = [["raw", 0.25, "15 min"], ["raw", 2, "2 h"], ["minute", 24, "day"], ["minute", 168, "week"], ["hour", 2160, "90 days"]];
-
-/** Steps of an axis of time, s: round ones by the clock. */
-const TIME_STEPS = [60, 120, 300, 600, 900, 1800, 3600, 7200, 10800, 21600, 43200, 86400, 172800, 604800, 1209600, 2592000];
-const two = (value) => String(value).padStart(2, "0");
-
-/** Round times within a span (s since 1970), by the clock of this computer: {at, text, isDay}. */
-function timeTicks(from, to, most) {
-  const step = TIME_STEPS.find((one) => (to - from) / one <= most) || TIME_STEPS[TIME_STEPS.length - 1];
-  const shift = -60 * new Date(from * 1000).getTimezoneOffset();
-  const made = [];
-  for (let at = Math.ceil((from + shift) / step) * step - shift; at <= to; at += step) {
-    const date = new Date(at * 1000);
-    const isDay = step >= 86400 || (date.getHours() === 0 && date.getMinutes() === 0);
-    made.push({ at, isDay, text: isDay ? `${two(date.getMonth() + 1)}-${two(date.getDate())}` : `${two(date.getHours())}:${two(date.getMinutes())}` });
-  }
-  return made;
-}
 
 /** "2026-11-26 13:57 to 14:12": the period of a history, with the zone of its times. */
 function periodOf(from, to) {
@@ -30,88 +10,6 @@ function periodOf(from, to) {
   const minutes = -new Date(to * 1000).getTimezoneOffset();
   const zone = `UTC${minutes < 0 ? "−" : "+"}${Math.floor(Math.abs(minutes) / 60)}${minutes % 60 ? `:${two(Math.abs(minutes) % 60)}` : ""}`;
   return `${first} to ${first.slice(0, 10) === last.slice(0, 10) ? last.slice(11) : last}, by the clock of this computer (${zone})`;
-}
-
-/** Lines over time, from `from` to `to` (s since 1970), each {name, colour, points: [[s, value or null]]}. A gap of time is a gap. */
-function drawHistory(canvas, from, to, series, gap) {
-  const { context, width, height } = surface(canvas);
-  const left = 52, bottom = height - 22, top = 8;
-  const values = series.flatMap((one) => one.points.map((point) => point[1])).filter(isNumber);
-  if (values.length === 0) {
-    context.fillStyle = soft;
-    context.textAlign = "center";
-    context.fillText("no data in this period", width / 2, height / 2);
-    return;
-  }
-  let [low, high] = [Math.min(...values), Math.max(...values)];
-  const step = roundUp(Math.max(high - low, 0.4) / 3);
-  [low, high] = [Math.floor(low / step) * step, Math.ceil(high / step) * step];
-  if (low === high) high = low + step;
-  const x = (at) => left + (width - left - 8) * (at - from) / (to - from);
-  const y = (value) => bottom - (bottom - top) * (value - low) / (high - low);
-  context.strokeStyle = line;
-  context.fillStyle = soft;
-  context.lineWidth = 1;
-  context.textAlign = "right";
-  context.textBaseline = "middle";
-  for (let value = low; value <= high + step / 2; value += step) {
-    context.beginPath();
-    context.moveTo(left, y(value));
-    context.lineTo(width, y(value));
-    context.stroke();
-    context.fillText(String(+value.toPrecision(4)).replace("-", "−"), left - 6, y(value));
-  }
-  drawTimes(context, timeTicks(from, to, (width - left) / 70), x, top, bottom, width);
-  for (const { points, colour } of series) {
-    context.strokeStyle = colour;
-    context.lineWidth = 2;
-    context.beginPath();
-    let before = null;
-    for (const [at, value] of points) {
-      if (!isNumber(value)) {
-        before = null;
-        continue;
-      }
-      if (before !== null && at - before <= gap) context.lineTo(x(at), y(value));
-      else {
-        context.moveTo(x(at) - 1, y(value));
-        context.lineTo(x(at), y(value));
-      }
-      before = at;
-    }
-    context.stroke();
-  }
-}
-
-/** The axis of time: a mark and its time by the clock, days with their date. */
-function drawTimes(context, marks, x, top, bottom, width) {
-  context.textBaseline = "alphabetic";
-  context.textAlign = "center";
-  for (const { at, text, isDay } of marks) {
-    context.strokeStyle = line;
-    context.beginPath();
-    context.moveTo(x(at), isDay ? top : bottom);
-    context.lineTo(x(at), bottom + 5);
-    context.stroke();
-    context.fillStyle = isDay ? ink : soft;
-    context.fillText(text, Math.min(Math.max(x(at), 20), width - 20), bottom + 18);
-  }
-}
-
-/** The states over time as a ribbon, empty where no condition was received. */
-function drawRibbon(canvas, from, to, points, gap) {
-  const { context, width, height } = surface(canvas);
-  const x = (at) => 52 + (width - 60) * (at - from) / (to - from);
-  const bottom = height - 22;
-  context.strokeStyle = line;
-  context.strokeRect(52, 4, width - 60, bottom - 4);
-  points.forEach((point, index) => {
-    const next = points[index + 1];
-    const end = next && next.at_s - point.at_s <= gap ? next.at_s : point.at_s + gap / 3;
-    context.fillStyle = STATE_COLOURS[point.state] || "#b3261e";
-    context.fillRect(x(point.at_s), 4, Math.max(1, x(Math.min(end, to)) - x(point.at_s) + 0.5), bottom - 4);
-  });
-  drawTimes(context, timeTicks(from, to, (width - 52) / 70), x, 4, bottom, width);
 }
 
 function chart(title, series, kind = "") {

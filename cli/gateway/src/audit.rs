@@ -5,7 +5,7 @@
 
 use std::{
     fs::{self, File, OpenOptions},
-    io::{self, Read, Write},
+    io::{self, Read, Seek, SeekFrom, Write},
     os::unix::fs::MetadataExt as _,
     path::{Path, PathBuf},
 };
@@ -37,6 +37,39 @@ pub fn log_files(dir: &Path) -> Vec<PathBuf> {
     let old = (1..=KEPT).rev().map(|n| dir.join(format!("audit.{n}.log")));
     let all = old.chain([log_file(dir)]);
     all.filter(|path| path.is_file()).collect()
+}
+
+/// Maximum number of records and of bytes that [`last_records`] reads.
+pub const MAX_LAST: usize = 500;
+const MAX_LAST_BYTES: u64 = 1 << 20;
+
+/// The last records of the log, newest first, at most [`MAX_LAST`]. Lines that are no records are left out; the chain is not verified.
+///
+/// # Errors
+/// A file cannot be read.
+pub fn last_records(dir: &Path, count: usize) -> io::Result<Vec<Record>> {
+    let count = count.min(MAX_LAST);
+    let mut records = Vec::new();
+    let mut left = MAX_LAST_BYTES;
+    for path in log_files(dir).into_iter().rev() {
+        let mut file = File::open(path)?;
+        let length = file.metadata()?.len();
+        let skipped = length.saturating_sub(left);
+        file.seek(SeekFrom::Start(skipped))?;
+        let mut bytes = Vec::new();
+        file.take(left).read_to_end(&mut bytes)?;
+        let lines = bytes.split(|byte| *byte == b'\n').rev();
+        let parsed = lines.filter_map(|line| {
+            let (_, record) = std::str::from_utf8(line).ok()?.split_once(' ')?;
+            serde_json::from_str(record).ok()
+        });
+        records.extend(parsed.take(count - records.len()));
+        left = left.saturating_sub(length);
+        if records.len() == count || left == 0 {
+            break;
+        }
+    }
+    Ok(records)
 }
 
 /// The state of the log when it was opened.

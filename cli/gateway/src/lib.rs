@@ -10,6 +10,7 @@ pub mod documents;
 pub mod error;
 #[cfg(feature = "fleet")]
 pub mod fleet;
+mod history;
 pub mod http;
 mod identity;
 pub mod init;

@@ -10,6 +10,7 @@ use std::{
     time::Duration,
 };
 
+use tokio::sync::Semaphore;
 use volcomp_guard::Reasons;
 use volcomp_port::Description;
 use volcomp_runtime::{
@@ -22,6 +23,7 @@ use crate::{
     config::Config,
     documents::{Broken, LastOutput, Status},
     error::{Failure, GatewayError},
+    history::{Columns, Recorder},
     http::{self, AccessControl, Dashboard, Tls, Tokens},
     interop::{
         Interop, RunningInterfaces,
@@ -35,6 +37,7 @@ use crate::{
     published::{Published, published},
     request::{Operation, RequestSender, ServiceRequest, queue},
     service::{Life, Service, ServiceParts, standing},
+    simulate::Demo,
     slot::{Live, Phase, Slot},
 };
 
@@ -215,6 +218,7 @@ pub struct MachineParts {
     pub models: Models,
     pub tokens: Tokens,
     pub tls: Option<Tls>,
+    pub demo: Option<Arc<Demo>>,
     #[cfg(feature = "fleet")]
     pub fleet: Option<crate::fleet::Fleet>,
 }
@@ -246,8 +250,14 @@ impl MachineParts {
             quantities: quantities(shape),
             requests: self.requests.clone(),
             switch: self.switch.clone(),
-            access: Arc::new(AccessControl::new(&self.config.dashboard, tokens)),
+            access: Arc::new(AccessControl {
+                is_demo: self.demo.is_some(),
+                ..AccessControl::new(&self.config.dashboard, tokens)
+            }),
             streams: AtomicUsize::new(0),
+            demo: self.demo.clone(),
+            audit_dir: self.config.audit_dir().to_owned(),
+            log_reader: Arc::new(Semaphore::new(1)),
         });
         let runtime = http::runtime(listener, |listener| {
             http::serve(listener, tls, http::router(dashboard))
@@ -287,6 +297,7 @@ pub fn assemble(
         truth,
         tokens,
         tls,
+        demo,
     } = opened;
     let mut standing = standing::read(config.audit_dir());
     for (index, interlock) in standing::interlocks(&mut standing, &controllers) {
@@ -299,11 +310,15 @@ pub fn assemble(
         controllers: &controllers,
         sensors: &sensors,
         truth: truth.as_ref(),
+        guard: config.guard.as_ref(),
         auto_arm: config.auto_arm,
         cycle: config.cycle(),
     };
     let first: Status = observe::status(&facts, &Report::default(), &Times::default());
-    let (publisher, published) = published(first, Arc::clone(&model), handle.pulse());
+    let columns = Columns::new(&model.axes, &sensors);
+    let recorder = Recorder::start(config.audit_dir(), columns)
+        .map_err(|e| GatewayError::system("history", e))?;
+    let (publisher, published) = published(first, Arc::clone(&model), handle.pulse(), recorder);
     let (requests, request_queue) = queue();
     #[cfg(feature = "fleet")]
     let fleet = crate::fleet::start(&config, &published, &requests, &switch)?;
@@ -333,6 +348,7 @@ pub fn assemble(
         models,
         tokens,
         tls,
+        demo,
         #[cfg(feature = "fleet")]
         fleet,
     })

@@ -10,12 +10,13 @@ use volcomp_runtime::{Model, PathReport, Report, Timing, ToolError};
 use volcomp_vocabulary::{AxisKind, AxisName, Coordinate, Displacement, PerAxis};
 
 use crate::{
+    config::GuardTable,
     devices::words_of,
     documents::{
-        ByAxis, ControllerState, CycleTimes, MachineState, PathState, ProvenName, SensorState,
-        StateName, Status, StretchTimes, round,
+        ByAxis, ControllerState, CorrectionLimits, CycleTimes, MachineState, PathState, ProvenName,
+        SensorState, StateName, Status, StretchTimes, round,
     },
-    simulate::Truth,
+    simulate::{Demo, Truth},
 };
 
 pub(crate) struct Facts<'a> {
@@ -26,6 +27,8 @@ pub(crate) struct Facts<'a> {
     pub sensors: &'a [String],
     /// True errors of the machine if it is simulated.
     pub truth: Option<&'a Truth>,
+    /// The configured limits.
+    pub guard: Option<&'a GuardTable>,
     pub auto_arm: bool,
     pub cycle: Duration,
 }
@@ -75,6 +78,9 @@ pub(crate) fn status(facts: &Facts<'_>, report: &Report, times: &Times) -> Statu
         true_error_um: None,
         true_residual_um: None,
         temperatures: temperatures(facts, report),
+        limits: facts.guard.map(|guard| limits(guard, report)),
+        // Set by the dashboard, which has the simulation.
+        demo: None,
         held_back: report.held_back,
         faults: report.faults,
         uptime_s: round(report.now.as_secs_f64()),
@@ -102,6 +108,29 @@ pub(crate) fn status(facts: &Facts<'_>, report: &Report, times: &Times) -> Statu
     status
 }
 
+/// The configured limits, lowered where the active path has no barrier.
+fn limits(guard: &GuardTable, report: &Report) -> CorrectionLimits {
+    let path = report.paths.get(report.active);
+    let is_guarded = path.is_some_and(|path| path.scheme == Scheme::Barrier);
+    let lowered = |limit: f64, without_barrier: f64| {
+        if is_guarded {
+            limit
+        } else {
+            limit.min(without_barrier)
+        }
+    };
+    let limit_um = lowered(guard.limit_um, guard.limit_without_barrier_um);
+    let limit_urad = guard.limit_urad;
+    let limit_urad = limit_urad.map(|limit| lowered(limit, guard.limit_without_barrier_urad));
+    let within = |warn: &f64, limit: Option<f64>| limit.is_some_and(|limit| *warn < limit);
+    CorrectionLimits {
+        limit_um,
+        warn_um: guard.warn_um.filter(|warn| within(warn, Some(limit_um))),
+        limit_urad,
+        warn_urad: guard.warn_urad.filter(|warn| within(warn, limit_urad)),
+    }
+}
+
 /// The reasons of the state; a rejected position is listed with its axis, a barrier that does not fit with its value.
 fn reasons(facts: &Facts<'_>, report: &Report) -> Vec<String> {
     let model = facts.model;
@@ -116,7 +145,7 @@ fn reasons(facts: &Facts<'_>, report: &Report) -> Vec<String> {
                     return axis.to_string();
                 }
                 let at = Displacement::new(axis.kind(), report.positions[index]);
-                format!("{axis} {}", Coordinate(at))
+                format!("{axis} {:.3}", Coordinate(at))
             })
             .collect();
         format!("{text}: {}", places.join(", "))
@@ -280,9 +309,19 @@ fn errors(status: &mut Status, facts: &Facts<'_>, report: &Report) {
     if let Some(truth) = facts.truth.filter(|_| report.error.is_some()) {
         let sensors = report.sensors.iter().take(facts.sensors.len());
         let degc: Vec<f64> = sensors.map(|sensor| sensor.degc.unwrap_or(20.0)).collect();
+        // A frozen position or a heated sensor deceives the gateway, not the machine.
+        let mut sensors = report.sensors.iter().take(facts.sensors.len());
+        let is_rejected = sensors.any(|sensor| sensor.degc.is_none());
+        let deceives = |demo: &&Demo| is_rejected || !demo.active().is_empty();
+        let [residual, error] = match truth.demo().filter(deceives) {
+            Some(machine) => machine.residual_and_error().map(Vector3::from),
+            None => [
+                truth.residual(&report.positions, &report.correction, &degc),
+                truth.error(&report.positions, &degc),
+            ],
+        };
         let um = |v: Vector3<f64>| um(v.into());
-        status.true_error_um = Some(um(truth.error(&report.positions, &degc)));
-        let residual = truth.residual(&report.positions, &report.correction, &degc);
+        status.true_error_um = Some(um(error));
         status.true_residual_um = report.correction_known.then_some(um(residual));
     }
 }

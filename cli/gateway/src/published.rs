@@ -3,21 +3,22 @@
 use std::{
     collections::VecDeque,
     sync::{Arc, Mutex},
-    time::{Duration, Instant},
+    time::{Duration, Instant, SystemTime, UNIX_EPOCH},
 };
 
 use volcomp_port::Clock;
 use volcomp_runtime::{Model, Pulse};
 
 use crate::{
-    documents::{FleetState, History, HistoryPoint, Status, round},
+    documents::{FleetState, History, HistoryPoint, StateName, Status, round},
+    history::{self, Recorder, point_of, without_idle_residual},
     locked, observe,
 };
 
 /// Maximum interval between two publications. A state older than this plus [`Pulse::patience`] is
 /// stale, whichever of the two threads is late.
 const PUBLISHED_EVERY: Duration = Duration::from_millis(150);
-const SPAN_S: f64 = 120.0;
+const SPAN_S: u32 = 120;
 const STEP_S: f64 = 0.25;
 
 /// Reading side, used by the dashboard.
@@ -30,6 +31,7 @@ pub struct Published {
 /// Writing side, used by the service.
 pub struct Publisher {
     shared: Arc<Shared>,
+    pulse: Pulse,
 }
 
 struct Shared {
@@ -42,24 +44,42 @@ struct Shared {
 }
 
 /// Creates the publisher and the published state, with an initial state. `pulse` shows whether the control thread is alive.
-pub fn published(first: Status, model: Arc<Model>, pulse: Pulse) -> (Publisher, Published) {
+pub(crate) fn published(
+    first: Status,
+    model: Arc<Model>,
+    pulse: Pulse,
+    recorder: Recorder,
+) -> (Publisher, Published) {
     let shared = Arc::new(Shared {
         model: Mutex::new(model),
-        trend: Mutex::default(),
+        trend: Mutex::new(Trend {
+            points: VecDeque::new(),
+            recorder,
+        }),
         latest: Mutex::new((Arc::new(first), pulse.clock().now())),
         fleet: Mutex::default(),
     });
     let reader = Published {
         shared: Arc::clone(&shared),
-        pulse,
+        pulse: pulse.clone(),
     };
-    (Publisher { shared }, reader)
+    (Publisher { shared, pulse }, reader)
 }
 
 impl Publisher {
     /// Publishes the state of a cycle and adds it to the history.
     pub fn publish(&self, status: Status, cycle_at: Instant) {
-        locked(&self.shared.trend).add(&status);
+        // A control thread that hangs leaves its last report, which is no longer true.
+        let point = if self.pulse.silence().is_some() {
+            HistoryPoint {
+                at_s: status.uptime_s,
+                state: Some(StateName::Unknown),
+                ..HistoryPoint::default()
+            }
+        } else {
+            point_of(&status)
+        };
+        locked(&self.shared.trend).add(point);
         *locked(&self.shared.latest) = (Arc::new(status), cycle_at);
     }
 
@@ -111,21 +131,65 @@ impl Published {
         Arc::clone(&locked(&self.shared.model))
     }
 
-    /// The history of the last two minutes.
+    /// The lengths of the errors over the last two minutes.
     pub fn history(&self) -> History {
-        locked(&self.shared.trend).history()
+        let points = locked(&self.shared.trend).points.clone();
+        let errors = points.into_iter().map(|point| HistoryPoint {
+            at_s: point.at_s,
+            error_um: point.error_um,
+            residual_um: point.residual_um,
+            error_axis_urad: point.error_axis_urad,
+            residual_axis_urad: point.residual_axis_urad,
+            ..HistoryPoint::default()
+        });
+        History {
+            span_s: SPAN_S.into(),
+            points: errors.collect(),
+            ..History::default()
+        }
+    }
+
+    /// The history of the last `span_s`: single states up to two minutes, else means and maxima over periods.
+    pub fn history_over(&self, span_s: u32) -> History {
+        let uptime_s = self.pulse.clock().elapsed().as_secs_f64();
+        let now_s = unix_s();
+        let start_s = now_s - uptime_s;
+        let (step, points) = if span_s <= SPAN_S {
+            let points = locked(&self.shared.trend).points.clone();
+            let from = uptime_s - f64::from(span_s);
+            let points = points.into_iter().filter(|point| point.at_s >= from);
+            (0, points.map(without_idle_residual).collect())
+        } else {
+            let (columns, minutes, current) = locked(&self.shared.trend).recorder.parts();
+            let times = [now_s, start_s];
+            history::over(&columns, &minutes, current.as_ref(), span_s, times)
+        };
+        History {
+            span_s: span_s.into(),
+            start_s: Some(round(start_s)),
+            step_s: Some(step as f64),
+            points,
+        }
     }
 }
 
-#[derive(Debug, Default)]
+/// The time, s since 1970; 0 before that.
+fn unix_s() -> f64 {
+    let since = SystemTime::now().duration_since(UNIX_EPOCH);
+    since.unwrap_or_default().as_secs_f64()
+}
+
 struct Trend {
     points: VecDeque<HistoryPoint>,
+    recorder: Recorder,
 }
 
 impl Trend {
-    /// Adds a state as a point unless the last point is too recent. Expired points are dropped.
-    fn add(&mut self, status: &Status) {
-        let now = status.uptime_s;
+    /// Adds a point to the current minute, and to the last two minutes unless the last one there is too recent.
+    fn add(&mut self, point: HistoryPoint) {
+        let now = point.at_s;
+        let idle = without_idle_residual(point.clone());
+        self.recorder.add(unix_s(), &idle);
         if let Some(last) = self.points.back() {
             if now < last.at_s {
                 // The uptime has restarted.
@@ -137,25 +201,10 @@ impl Trend {
         while self
             .points
             .front()
-            .is_some_and(|first| now - first.at_s > SPAN_S)
+            .is_some_and(|first| now - first.at_s > SPAN_S.into())
         {
             self.points.pop_front();
         }
-        let length =
-            |v: Option<[f64; 3]>| v.map(|v| round(v.iter().map(|x| x * x).sum::<f64>().sqrt()));
-        self.points.push_back(HistoryPoint {
-            at_s: now,
-            error_um: length(status.true_error_um.or(status.error_um)),
-            residual_um: length(status.true_residual_um.or(status.residual_um)),
-            error_axis_urad: length(status.error_axis_urad),
-            residual_axis_urad: length(status.residual_axis_urad),
-        });
-    }
-
-    fn history(&self) -> History {
-        History {
-            span_s: SPAN_S,
-            points: self.points.iter().copied().collect(),
-        }
+        self.points.push_back(point);
     }
 }

@@ -1,14 +1,18 @@
 //! The built-in simulation: a gantry that moves and warms up, its true errors, and the model that `volcomp demo`
 //! identified for it.
 
-use std::{sync::Arc, time::Duration};
+use std::{
+    sync::{Arc, Mutex, atomic::Ordering},
+    time::Duration,
+};
 
 use volcomp_guard::barrier::{Program, Protection, SettingsError};
 use volcomp_kinematics::{Form, State, nalgebra::Vector3};
 use volcomp_model::{Machine, RigidMotion, RigidSums, Temperatures};
 use volcomp_port::{
     Axis, Clock,
-    simulated::{self, Controls, Move, SimulatedController, SimulatedThermometer, Warming},
+    inject::{Injection, Remote},
+    simulated::{self, Controls, Move, Plant, SimulatedController, SimulatedThermometer, Warming},
 };
 
 use volcomp_runtime::GuardSettings;
@@ -16,7 +20,9 @@ use volcomp_vocabulary::{AxisName, Displacement, Mm, PerAxis, PerChannel};
 
 use crate::{
     config::{AuditConfig, Config, GuardTable},
+    documents::Disturbance,
     error::GatewayError,
+    locked,
 };
 
 const MODEL: &str = include_str!("../demo/machine.toml");
@@ -31,6 +37,8 @@ pub struct Truth {
     /// Best-fit rigid motion between truth and model at the reference temperature.
     datum: RigidMotion,
     sensors: Arc<[String]>,
+    /// The running machine.
+    demo: Option<Arc<Demo>>,
 }
 
 /// The simulated machine and its parts.
@@ -62,7 +70,20 @@ impl Truth {
             machine: Arc::new(machine),
             datum: sums.motion(),
             sensors: sensors.into(),
+            demo: None,
         }
+    }
+
+    pub(crate) fn of(self, demo: Arc<Demo>) -> Self {
+        Self {
+            demo: Some(demo),
+            ..self
+        }
+    }
+
+    /// The running machine.
+    pub(crate) fn demo(&self) -> Option<&Demo> {
+        self.demo.as_deref()
     }
 
     /// The true position error (mm, workpiece axes) at axis coordinates (mm) and sensor temperatures (°C).
@@ -91,6 +112,67 @@ impl Truth {
     ) -> Vector3<f64> {
         let moved = PerAxis::from_fn(|i| positions[i] + correction[i]);
         self.error(&moved, degc) + Vector3::new(correction[0], correction[1], correction[2])
+    }
+}
+
+/// The disturbances of the built-in machine, which a user begins and ends.
+pub struct Demo {
+    controls: Arc<Controls>,
+    thermometer: Remote,
+    plant: Plant,
+    active: Mutex<Vec<Disturbance>>,
+}
+
+/// The sensor that a user heats, as its place in the list of sensors, and by how much.
+const HEATED: usize = 2;
+const HEATED_BY_K: f64 = 15.0;
+
+impl Demo {
+    pub(crate) fn new(controls: Arc<Controls>, thermometer: Remote, plant: Plant) -> Self {
+        Self {
+            controls,
+            thermometer,
+            plant,
+            active: Mutex::default(),
+        }
+    }
+
+    /// Begins or ends a disturbance.
+    pub fn disturb(&self, what: Disturbance, on: bool) {
+        let mut active = locked(&self.active);
+        if active.contains(&what) == on {
+            return;
+        }
+        match what {
+            Disturbance::Cable => self.controls.disconnected.store(on, Ordering::Relaxed),
+            Disturbance::Freeze => self.controls.frozen.store(on, Ordering::Relaxed),
+            Disturbance::Heat => {
+                let kelvin = if on { HEATED_BY_K } else { 0.0 };
+                let jump = Injection::Jump {
+                    sensor: HEATED,
+                    kelvin,
+                };
+                if !self.thermometer.inject(jump) {
+                    // The thermometer has not been read for 64 requests.
+                    return;
+                }
+            }
+        }
+        active.retain(|one| *one != what);
+        if on {
+            active.push(what);
+        }
+    }
+
+    /// True position errors with the applied correction and without, mm: of the machine as it is, whatever the gateway reads.
+    pub(crate) fn residual_and_error(&self) -> [[f64; 3]; 2] {
+        let both = self.plant.residual_and_error();
+        both.map(|values| [values[0], values[1], values[2]])
+    }
+
+    /// The disturbances that are on.
+    pub fn active(&self) -> Vec<Disturbance> {
+        locked(&self.active).clone()
     }
 }
 

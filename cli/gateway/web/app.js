@@ -1,16 +1,12 @@
 "use strict";
-/* global drawLines, drawBars, drawMap, clearMap, element, token, headers, fixed, text, make, movesOf, guard */
+/* global drawBars, drawMap, clearMap, drawScale, element, token, headers, fixed, text, make, movesOf, guard, showHistory, addState, endHistory, refreshLog */
 
-const LOST_AFTER_MS = 2000, SILENT_MS = 2000, ANSWER_MS = 5000, POLL_MS = 3000;
-// A reduction in % of an error below this says nothing: µm.
-const LEAST_FOR_PERCENT_UM = 1;
+const LOST_AFTER_MS = 2000, SILENT_MS = 2000, ANSWER_MS = 5000, POLL_MS = 3000, LOG_AFTER_MS = 300;
 const LETTERS = "XYZABCUVW";
-const trend = { span_s: 120, points: [] };
 let map = null, lastHeard = 0, current = null;
 /** Whether the token that was entered may operate: the gateway said so. */
 let mayOperate = false;
 
-const length = (v) => (v ? Math.hypot(...v) : null);
 const inOrder = (names) => [...names].sort((a, b) => LETTERS.indexOf(a) - LETTERS.indexOf(b));
 /** A change, with its sign also where it is positive. */
 const signed = (value, digits) => (value > 0 ? "+" : "") + fixed(value, digits);
@@ -134,66 +130,6 @@ function showTemperatures(list) {
   if (list.length === 0 && body.rows.length === 0) make("td", "", body.insertRow()).textContent = "no thermometer is configured";
 }
 
-/** A state as a point of the trend: lengths, of the simulated machine the true ones. */
-function pointOf(state) {
-  return {
-    at_s: state.uptime_s,
-    error_um: length(state.true_error_um || state.error_um),
-    residual_um: length(state.true_residual_um || state.residual_um),
-    error_axis_urad: length(state.error_axis_urad),
-    residual_axis_urad: length(state.residual_axis_urad),
-  };
-}
-
-function addPoint(point) {
-  const last = trend.points[trend.points.length - 1];
-  if (last && point.at_s < last.at_s) trend.points = [];
-  if (last && point.at_s === last.at_s) trend.points.pop();
-  trend.points.push(point);
-  while (trend.points[0].at_s < point.at_s - trend.span_s) trend.points.shift();
-}
-
-function mean(key) {
-  const known = trend.points.map((point) => point[key]).filter(Number.isFinite);
-  return known.length ? known.reduce((sum, value) => sum + value, 0) / known.length : null;
-}
-
-function showTrend(canvas, without, with_) {
-  const points = (key) => trend.points.map((point) => [point.at_s, Number.isFinite(point[key]) ? point[key] : null]);
-  const now = trend.points.length ? trend.points[trend.points.length - 1].at_s : 0;
-  drawLines(element(canvas), now, trend.span_s, [
-    { points: points(without), colour: "#b3261e" },
-    { points: points(with_), colour: "#0b6e3a" },
-  ]);
-}
-
-/** "without → with correction, before alignment: now 12.3 → 0.8 µm, average of the trend 10.1 → 0.9 µm, −91 %". Small errors get no percentage. */
-function inWords(now, without, with_, unit, least) {
-  if (!Number.isFinite(now[without])) return "unknown: a position is missing";
-  if (!Number.isFinite(now[with_])) return `now ${fixed(now[without], 1)} ${unit} without correction; the residual is unknown because the correction is not confirmed`;
-  const [b, a] = [mean(without), mean(with_)];
-  const percent = b > least ? `, ${signed(100 * (a / b - 1), 0)} %` : "";
-  return `without → with correction, before alignment: now ${fixed(now[without], 1)} → ${fixed(now[with_], 1)} ${unit}, average of the trend ${fixed(b, 1)} → ${fixed(a, 1)} ${unit}${percent}`;
-}
-
-function showError(state) {
-  if (state.state === "unknown") {
-    for (const id of ["reduction", "axis-reduction"]) text(id, "unknown: the control thread does not respond");
-    return;
-  }
-  const now = pointOf(state);
-  addPoint(now);
-  const hasAxis = Number.isFinite(now.error_axis_urad);
-  element("axis-panel").hidden = !hasAxis;
-  showTrend("trend", "error_um", "residual_um");
-  const what = state.simulated ? " (of the simulated machine)" : " (by the model; the true residual needs a measurement)";
-  text("reduction", inWords(now, "error_um", "residual_um", "µm", LEAST_FOR_PERCENT_UM) + what);
-  if (hasAxis) {
-    showTrend("axis-trend", "error_axis_urad", "residual_axis_urad");
-    text("axis-reduction", inWords(now, "error_axis_urad", "residual_axis_urad", "µrad", LEAST_FOR_PERCENT_UM) + " (by the model)");
-  }
-}
-
 function showCycle(cycle) {
   drawBars(element("histogram"), cycle.histogram_us);
   const late = cycle.overruns === 1 ? "1 overrun" : `${cycle.overruns} overruns`;
@@ -206,6 +142,7 @@ function showMap() {
   if (map.axes.length < 2) {
     // The panel stays where it was, so that nothing on the page jumps.
     clearMap(element("map"));
+    clearMap(element("map-bar"));
     text("map-title", "");
     text("map-scale", "unknown: a position is missing");
     return;
@@ -214,14 +151,17 @@ function showMap() {
   const here = map.axes.map(({ name }) => (isLost ? undefined : current.positions_mm[name]));
   const isHere = here.every(Number.isFinite);
   const largest = drawMap(element("map"), map.error_um, map.axes, isHere ? here : null);
+  drawScale(element("map-bar"), largest);
   const others = inOrder(current.machine.axes).filter((name) => !map.axes.some((axis) => axis.name === name));
   const stand = others.length ? `, at the present position of ${others.join(", ").replace(/, (?=[^,]*$)/, " and ")}` : "";
   text("map-title", `over ${map.axes[0].name} and ${map.axes[1].name}${stand}`);
-  text("map-scale", `without correction, by the model: light 0, dark ${fixed(largest, largest < 10 ? 1 : 0)} µm; ${isHere ? "the cross marks the present position" : "the present position is unknown"}`);
+  text("map-scale", `without correction, by the model; ${isHere ? "the cross marks the present position" : "the present position is unknown"}`);
 }
 
 function showButtons(state) {
-  for (const part of document.querySelectorAll("#acknowledge, #operate > button, #token-form")) part.hidden = !state.operable;
+  const isOpen = Boolean(state.demo && state.demo.token);
+  for (const part of document.querySelectorAll("#acknowledge, #operate > button")) part.hidden = !state.operable;
+  element("token-form").hidden = !state.operable || isOpen;
   element("not-operable").hidden = state.operable;
   const may = mayOperate;
   const jumped = state.temperatures.some((temperature) => temperature.reason === "jumped");
@@ -229,6 +169,21 @@ function showButtons(state) {
   // The gateway knows what waits to be acknowledged besides, and answers where nothing does.
   element("acknowledge").disabled = !may || (state.state === "compensating" && !jumped);
   element("reload").disabled = !may;
+  showDemo(state.demo, may);
+}
+
+/** What can be done to the simulated machine: words while it is off, and while it is on. */
+const DISTURBANCES = { cable: ["Pull cable", "Plug cable in"], freeze: ["Freeze position", "Release position"], heat: ["Heat spindle", "Cool spindle"] };
+
+function showDemo(demo, may) {
+  element("demo").hidden = !demo;
+  if (!demo) return;
+  for (const button of document.querySelectorAll("#demo button")) {
+    const isOn = demo.disturbances.includes(button.value);
+    button.disabled = !may;
+    button.ariaPressed = String(isOn);
+    button.firstChild.textContent = DISTURBANCES[button.value][isOn ? 1 : 0];
+  }
 }
 
 /** The first is the cause or the action to take, on a separate line. */
@@ -238,8 +193,15 @@ function showReasons([cause, ...further]) {
 }
 
 function show(state) {
+  const before = current;
   current = state;
   lastHeard = Date.now();
+  // The built-in simulation hands out its token, which is no secret.
+  if (state.demo && state.demo.token && !token()) {
+    sessionStorage.setItem("token", state.demo.token);
+    checkToken();
+  }
+  if (!before || before.state !== state.state) setTimeout(refreshLog, LOG_AFTER_MS);
   element("banner").dataset.state = state.state;
   const gone = state.controllers.find((path) => path.active && path.answered_ms !== null && path.holds_correction === null);
   element("banner").classList.toggle("gone", Boolean(gone));
@@ -256,7 +218,7 @@ function show(state) {
   showPaths(state);
   showFleet(state.fleet);
   showTemperatures(state.temperatures);
-  showError(state);
+  addState(state);
   showCycle(state.cycle);
   showMap();
   showButtons(state);
@@ -278,7 +240,8 @@ function lost(why) {
   }
   for (const line of document.querySelectorAll("#fleet li")) line.textContent = "";
   for (const cell of document.querySelectorAll("#temperatures td:last-child")) cell.textContent = "unknown";
-  for (const id of ["reduction", "axis-reduction", "cycle"]) text(id, "unknown");
+  endHistory();
+  text("cycle", "unknown");
   for (const button of document.querySelectorAll("button[id]:not(#disarm)")) button.disabled = true;
   showMap();
 }
@@ -293,7 +256,7 @@ async function checkToken() {
     const answer = await response.json();
     if (response.ok) {
       mayOperate = answer.role === "operate" || answer.role === "engineer";
-      text("answer", `token of ${answer.name}, kept until this tab is closed${mayOperate ? "" : ": it permits reading, not operating"}`);
+      if (!(current && current.demo && current.demo.token)) text("answer", `token of ${answer.name}, kept until this tab is closed${mayOperate ? "" : ": it permits reading, not operating"}`);
     } else {
       sessionStorage.removeItem("token");
       text("answer", `this token is refused: ${answer.error}`);
@@ -316,7 +279,7 @@ async function listen() {
       } else if (!response.ok) {
         lost(`the gateway answers ${response.status}`);
       } else {
-        await fillTrend();
+        if (current) showHistory();
         await follow(response.body.getReader());
       }
     } catch {
@@ -353,20 +316,6 @@ async function follow(reader) {
   }
 }
 
-/** The trend from before the page was opened. */
-async function fillTrend() {
-  try {
-    const response = await fetch("/api/history", { headers: headers(), cache: "no-store" });
-    if (!response.ok) return;
-    const history = await response.json();
-    const first = trend.points.length ? trend.points[0].at_s : Infinity;
-    trend.span_s = history.span_s;
-    trend.points = history.points.filter((point) => point.at_s < first).concat(trend.points);
-  } catch {
-    // The stream reports that the gateway is gone.
-  }
-}
-
 async function refreshMap() {
   try {
     const response = await fetch("/api/map", { headers: headers(), cache: "no-store" });
@@ -390,7 +339,8 @@ async function operate(what, body) {
     const answer = await response.json();
     if (response.status === 409 && answer.model) return confirmModel(what, answer);
     const said = [answer.error, (answer.reasons || []).join(", ")].filter(Boolean).join(": ") || answer.state || "done";
-    const shown = response.ok ? `${what}: ${answer.state || answer.note || "done"}` : `${what} refused: ${said}`;
+    // The button shows a disturbance.
+    const shown = response.ok && what === "disturb" ? "" : response.ok ? `${what}: ${answer.state || answer.note || "done"}` : `${what} refused: ${said}`;
     text("answer", shown);
     // The state at that moment; the banner shows the current one.
     if (response.ok) setTimeout(() => { if (element("answer").textContent === shown) text("answer", ""); }, ANSWER_MS);
@@ -416,10 +366,14 @@ function confirmModel(what, answer) {
 
 for (const button of document.querySelectorAll("button[data-hold]")) guard(button, () => operate(button.id));
 element("disarm").addEventListener("click", () => operate("disarm"));
+for (const button of document.querySelectorAll("#demo button")) {
+  button.addEventListener("click", () => operate("disturb", JSON.stringify({ what: button.value, on: button.ariaPressed !== "true" })));
+}
 if (token()) checkToken();
 setInterval(() => {
   if (lastHeard && Date.now() - lastHeard > LOST_AFTER_MS) lost("nothing received for two seconds; the state of the machine is unknown here");
 }, 500);
 setInterval(refreshMap, 2000);
 refreshMap();
+showHistory();
 listen();

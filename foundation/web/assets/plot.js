@@ -1,5 +1,11 @@
 "use strict";
-// Drawing on canvases: lines over time, bars, a map. Every function takes a canvas and plain numbers.
+// Drawing on canvases: lines and states over time, bars, a map and its scale. Every function takes a canvas and plain numbers.
+
+const isNumber = (value) => typeof value === "number" && Number.isFinite(value);
+const two = (value) => String(value).padStart(2, "0");
+// Distinguishable without red-green vision, on light and on dark backgrounds.
+const COLOURS = ["#d55e00", "#009e73", "#3b8fd6", "#dd9500", "#cc79a7", "#56b4e9", "#a0743c", "#8a8f00", "#7b8794"];
+const STATE_COLOURS = { compensating: "#009e73", arming: "#3b8fd6", "ramping-out": "#3b8fd6", holding: "#c77700", faulted: "#b3261e", disarmed: "#7b8794" };
 
 let ink = "#10181f", line = "#c3ccd4", soft = "#52606d";
 
@@ -32,48 +38,190 @@ function roundUp(value, steps = [1, 2, 5, 10]) {
   return steps.map((step) => step * power).find((step) => step >= value * 0.999);
 }
 
-/** Series of [seconds, value or null] over the last `span` seconds up to `now`. */
-function drawLines(canvas, now, span, series) {
+/** Steps of an axis of time, s: round ones by the clock. */
+const TIME_STEPS = [10, 30, 60, 120, 300, 600, 900, 1800, 3600, 7200, 10800, 21600, 43200, 86400, 172800, 432000, 604800, 1209600, 2592000];
+
+/** Round times within a span (s since 1970), by the clock of this computer: {at, text, isDay}. */
+function timeTicks(from, to, most) {
+  const step = TIME_STEPS.find((one) => (to - from) / one <= most) || TIME_STEPS[TIME_STEPS.length - 1];
+  const shift = -60 * new Date(from * 1000).getTimezoneOffset();
+  const made = [];
+  for (let at = Math.ceil((from + shift) / step) * step - shift; at <= to; at += step) {
+    const date = new Date(at * 1000), seconds = step < 60 ? `:${two(date.getSeconds())}` : "";
+    const isDay = step >= 86400 || (date.getHours() === 0 && date.getMinutes() === 0 && date.getSeconds() === 0);
+    made.push({ at, isDay, text: isDay ? `${two(date.getMonth() + 1)}-${two(date.getDate())}` : `${two(date.getHours())}:${two(date.getMinutes())}${seconds}` });
+  }
+  return made;
+}
+
+/** The place of an axis of time in its canvas, so that all charts of a period line up. */
+const TIME_LEFT = 52, TIME_RIGHT = 8;
+/** Maximum number of steps of a scale of values, but for its rounded ends. */
+const MOST_STEPS = 5.2;
+const timeScale = (width, from, to) => (at) => TIME_LEFT + (width - TIME_LEFT - TIME_RIGHT) * (at - from) / (to - from);
+
+/**
+ * Lines over time, from `from` to `to` (s since 1970), each {name, colour, points: [[s, value or null, lowest, highest]]}; between lowest
+ * and highest, where given, lies a band. A gap of time is a gap. `limits` are {value, colour, isBand}: a line, shown where the values come
+ * near it; with `isBand` all beyond it is tinted. `events` are {at, colour}. `low` is the lowest end of the scale.
+ */
+function drawHistory(canvas, from, to, series, gap, { limits = [], events = [], low: least = Infinity } = {}) {
   const { context, width, height } = surface(canvas);
-  const left = 44, bottom = height - 22;
-  const largest = Math.max(1, ...series.flatMap((s) => s.points.map((p) => p[1])));
-  const top = roundUp(largest);
-  const x = (t) => left + (width - left - 6) * (1 - (now - t) / span);
-  const y = (v) => bottom - (bottom - 8) * (v / top);
-  context.lineWidth = 1;
+  const bottom = height - 22, top = 8;
+  const values = series.flatMap((one) => one.points.flatMap((point) => point.slice(1))).filter(isNumber);
+  if (values.length === 0) {
+    context.fillStyle = soft;
+    context.textAlign = "center";
+    context.fillText("no data in this period", width / 2, height / 2);
+    return;
+  }
+  let [low, high] = [Math.min(least, ...values), Math.max(...values)];
+  for (const { value } of limits) {
+    if (value > 0 && high > 0.5 * value) high = Math.max(high, 1.02 * value);
+    if (value < 0 && low < 0.5 * value) low = Math.min(low, 1.02 * value);
+  }
+  const step = roundUp(Math.max(high - low, 0.4) / MOST_STEPS);
+  [low, high] = [Math.floor(low / step) * step, Math.ceil(high / step) * step];
+  if (low === high) high = low + step;
+  const x = timeScale(width, from, to);
+  const y = (value) => bottom - (bottom - top) * (value - low) / (high - low);
+  context.save();
+  context.beginPath();
+  context.rect(TIME_LEFT, top, width - TIME_LEFT, bottom - top);
+  context.clip();
+  for (const { value, colour, isBand } of limits) {
+    if (!isBand) continue;
+    context.globalAlpha = 0.16;
+    context.fillStyle = colour;
+    context.fillRect(TIME_LEFT, value > 0 ? top : y(value), width - TIME_LEFT, value > 0 ? y(value) - top : bottom - y(value));
+  }
+  context.restore();
   context.strokeStyle = line;
   context.fillStyle = soft;
-  context.textBaseline = "middle";
+  context.lineWidth = 1;
   context.textAlign = "right";
-  for (const share of [0, 0.5, 1]) {
+  context.textBaseline = "middle";
+  for (let value = low; value <= high + step / 2; value += step) {
     context.beginPath();
-    context.moveTo(left, y(top * share));
-    context.lineTo(width, y(top * share));
+    context.moveTo(TIME_LEFT, y(value));
+    context.lineTo(width, y(value));
     context.stroke();
-    context.fillText(String(+(top * share).toPrecision(2)), left - 6, y(top * share));
+    context.fillText(String(+value.toPrecision(4)).replace("-", "−"), TIME_LEFT - 6, y(value));
   }
-  context.textAlign = "center";
-  context.textBaseline = "alphabetic";
-  const marks = width < 420 ? 2 : 4;
-  for (let ago = 0; ago <= span; ago += span / marks) {
-    context.fillText(ago === 0 ? "now" : `−${ago} s`, Math.min(Math.max(x(now - ago), left + 16), width - 18), height - 4);
-  }
-  for (const { points, colour } of series) {
+  drawTimes(context, timeTicks(from, to, (width - TIME_LEFT) / 70), x, top, bottom, width);
+  context.save();
+  context.beginPath();
+  context.rect(TIME_LEFT, 0, width - TIME_LEFT, height);
+  context.clip();
+  for (const one of series) drawBand(context, one, x, y, gap);
+  for (const one of series) drawSeries(context, one, x, y, gap);
+  context.setLineDash([7, 5]);
+  context.lineWidth = 1.5;
+  for (const { value, colour } of limits) {
+    if (value < low || value > high) continue;
     context.strokeStyle = colour;
-    context.lineWidth = 2.5;
     context.beginPath();
-    // A value that is not known leaves a gap.
-    let down = false;
-    for (const [t, v] of points) {
-      if (v === null) {
-        down = false;
-      } else {
-        if (down) context.lineTo(x(t), y(v));
-        else context.moveTo(x(t), y(v));
-        down = true;
-      }
-    }
+    context.moveTo(TIME_LEFT, y(value));
+    context.lineTo(width, y(value));
     context.stroke();
+  }
+  context.setLineDash([2, 3]);
+  for (const { at, colour } of events) {
+    context.strokeStyle = colour;
+    context.beginPath();
+    context.moveTo(x(at), top);
+    context.lineTo(x(at), bottom);
+    context.stroke();
+  }
+  context.restore();
+}
+
+function drawSeries(context, { points, colour }, x, y, gap) {
+  context.strokeStyle = colour;
+  context.lineWidth = 2;
+  context.beginPath();
+  let before = null;
+  for (const [at, value] of points) {
+    if (!isNumber(value)) {
+      before = null;
+      continue;
+    }
+    if (before !== null && at - before <= gap) context.lineTo(x(at), y(value));
+    else {
+      context.moveTo(x(at) - 1, y(value));
+      context.lineTo(x(at), y(value));
+    }
+    before = at;
+  }
+  context.stroke();
+}
+
+/** The band from the lowest to the highest value of each point. */
+function drawBand(context, { points, colour }, x, y, gap) {
+  context.fillStyle = colour;
+  context.globalAlpha = 0.2;
+  let run = [];
+  const end = () => {
+    if (run.length > 1) {
+      context.beginPath();
+      for (const [at, , , highest] of run) context.lineTo(x(at), y(highest));
+      for (const [at, , lowest] of run.reverse()) context.lineTo(x(at), y(lowest));
+      context.fill();
+    }
+    run = [];
+  };
+  for (const point of points) {
+    const isKnown = isNumber(point[2]) && isNumber(point[3]);
+    if (!isKnown || (run.length && point[0] - run[run.length - 1][0] > gap)) end();
+    if (isKnown) run.push(point);
+  }
+  end();
+  context.globalAlpha = 1;
+}
+
+/** The axis of time: a mark and its time by the clock, days with their date. */
+function drawTimes(context, marks, x, top, bottom, width) {
+  context.textBaseline = "alphabetic";
+  context.textAlign = "center";
+  for (const { at, text, isDay } of marks) {
+    context.strokeStyle = line;
+    context.beginPath();
+    context.moveTo(x(at), isDay ? top : bottom);
+    context.lineTo(x(at), bottom + 5);
+    context.stroke();
+    context.fillStyle = isDay ? ink : soft;
+    context.fillText(text, Math.min(Math.max(x(at), 20), width - 30), bottom + 18);
+  }
+}
+
+/**
+ * The states over time as a ribbon, empty where none was received. A point holds until the next one; after a gap for a third of it. Events
+ * {at, colour, mark} stand below the ribbon with their mark.
+ */
+function drawRibbon(canvas, from, to, points, gap, events = []) {
+  const { context, width, height } = surface(canvas);
+  const x = timeScale(width, from, to);
+  const bottom = height - 22 - (events.length ? 18 : 0);
+  context.lineWidth = 1;
+  context.strokeStyle = line;
+  context.strokeRect(TIME_LEFT, 4, width - TIME_LEFT - TIME_RIGHT, bottom - 4);
+  points.forEach((point, index) => {
+    const next = points[index + 1];
+    const end = next && next.at_s - point.at_s <= gap ? next.at_s : point.at_s + gap / 3;
+    const left = Math.max(TIME_LEFT, x(point.at_s));
+    context.fillStyle = STATE_COLOURS[point.state] || "#b3261e";
+    if (end > from) context.fillRect(left, 4, Math.max(1, x(Math.min(end, to)) - left + 0.5), bottom - 4);
+  });
+  drawTimes(context, timeTicks(from, to, (width - TIME_LEFT) / 70), x, 4, height - 22, width);
+  context.textAlign = "center";
+  context.font = "bold 13px system-ui, sans-serif";
+  let last = -Infinity;
+  for (const { at, colour, mark } of [...events].sort((a, b) => a.at - b.at)) {
+    // Marks that would cover one another are one.
+    if (x(at) < TIME_LEFT || x(at) - last < 11) continue;
+    last = x(at);
+    context.fillStyle = colour;
+    context.fillText(mark, last, bottom + 14);
   }
 }
 
@@ -91,7 +239,7 @@ function drawBars(canvas, bins) {
   context.textAlign = "center";
   shown.forEach(([edge, count], index) => {
     const tall = count === 0 ? 0 : Math.max(3, (bottom - 6) * (Math.sqrt(count) / largest));
-    context.fillStyle = "#0b4f8a";
+    context.fillStyle = COLOURS[2];
     context.fillRect(index * each + 2, bottom - tall, each - 4, tall);
     context.fillStyle = soft;
     const label = edge < 1000 ? `${edge}` : `${+(edge / 1000).toPrecision(3)}k`;
@@ -109,6 +257,30 @@ function shade(share) {
   const from = [237, 246, 250], to = [122, 16, 60];
   const mixed = from.map((a, i) => Math.round(a + (to[i] - a) * share));
   return `rgb(${mixed.join(",")})`;
+}
+
+/** The colours of a map with their values, from 0 to the largest. */
+function drawScale(canvas, largest) {
+  const { context, width, height } = surface(canvas);
+  const left = 14, right = width - 48, bottom = height - 24;
+  for (let px = left; px < right; px += 1) {
+    context.fillStyle = shade((px - left) / (right - left));
+    context.fillRect(px, 2, 1.5, bottom - 2);
+  }
+  context.strokeStyle = line;
+  context.lineWidth = 1;
+  context.strokeRect(left, 2, right - left, bottom - 2);
+  context.fillStyle = ink;
+  context.textAlign = "center";
+  context.textBaseline = "alphabetic";
+  const marks = ticks([0, largest], Math.max(2, Math.floor((right - left) / 70)));
+  for (const um of marks) {
+    const x = left + (right - left) * um / largest;
+    context.fillRect(x - 0.5, bottom, 1, 5);
+    context.fillText(String(+um.toPrecision(3)), x, height - 4);
+  }
+  context.textAlign = "left";
+  context.fillText("µm", right + 10, (bottom + 2) / 2 + 5);
 }
 
 /** Round positions within [low, high], some `count` of them. */

@@ -8,12 +8,14 @@ use std::collections::BTreeMap;
 use schemars::{JsonSchema, Schema, schema_for};
 use serde::{Deserialize, Serialize};
 
+mod events;
 mod model;
 mod plan;
 mod record;
 mod rehearsal;
 mod state;
 
+pub use events::{EventKind, EventLog, LogEvent};
 pub use model::{
     Candidate, CandidateBrief, CandidateResult, CandidateStep, ConfiguredModel, ModelActivate,
     ModelBack, ModelDiagonal, ModelEntry, ModelInForce, ModelOutcome, ModelRequest, ModelSource,
@@ -32,9 +34,9 @@ pub use rehearsal::{
     RehearsedLimits, RehearsedPath,
 };
 pub use state::{
-    ByAxis, ControllerState, CycleTimes, ErrorMap, FleetState, History, HistoryPoint, MachineState,
-    MapAxis, PathState, ProvenName, SchemeName, SensorState, StateName, Status, StretchTimes,
-    round,
+    ByAxis, ControllerState, CorrectionLimits, CycleTimes, DemoState, DisturbRequest, Disturbance,
+    ErrorMap, FleetState, History, HistoryPoint, MachineState, MapAxis, PathState, ProvenName,
+    SchemeName, SensorState, StateName, Status, StretchTimes, round,
 };
 
 /// The file name and the JSON Schema of every document.
@@ -44,9 +46,11 @@ pub fn schemas() -> Vec<(&'static str, Schema)> {
         ("gateway-audit-record.json", schema_for!(Record)),
         ("gateway-check.json", schema_for!(PlanDocument)),
         ("gateway-confirmation.json", schema_for!(Confirmation)),
+        ("gateway-disturb.json", schema_for!(DisturbRequest)),
         ("gateway-error.json", schema_for!(crate::error::Failure)),
         ("gateway-history.json", schema_for!(History)),
         ("gateway-last-output.json", schema_for!(LastOutput)),
+        ("gateway-log.json", schema_for!(EventLog)),
         ("gateway-map.json", schema_for!(ErrorMap)),
         ("gateway-model.json", schema_for!(ModelState)),
         ("gateway-model-activate.json", schema_for!(ModelActivate)),

@@ -132,6 +132,9 @@ pub struct StateChange {
     pub reasons: Vec<String>,
     /// Number of the cycle in which the state changed.
     pub cycle: u64,
+    /// Whether the state is `arming` with a test shift, before the correction ramps in.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub test_shift: bool,
 }
 
 /// The state in which the gateway left the machine.

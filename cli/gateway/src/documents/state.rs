@@ -162,6 +162,12 @@ pub struct Status {
     pub true_residual_um: Option<[f64; 3]>,
     /// Temperatures of the sensors, in the order of the configuration.
     pub temperatures: Vec<SensorState>,
+    /// Limits and warning thresholds of the correction on the active path; missing without `[guard]`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub limits: Option<CorrectionLimits>,
+    /// What a user can do to the built-in simulation; only there.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub demo: Option<DemoState>,
     /// Number of cycles since the start in which a rate or acceleration limit made the correction
     /// lag behind the model.
     pub held_back: u64,
@@ -176,6 +182,49 @@ pub struct Status {
     /// State of the connection to the centre; only if `[fleet]` is configured.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub fleet: Option<FleetState>,
+}
+
+/// Limits and warning thresholds of the correction; null: none.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct CorrectionLimits {
+    /// Limit of a linear axis, µm.
+    pub limit_um: f64,
+    /// Threshold of the warning of a linear axis, µm.
+    pub warn_um: Option<f64>,
+    /// Limit of a rotary axis, µrad.
+    pub limit_urad: Option<f64>,
+    /// Threshold of the warning of a rotary axis, µrad.
+    pub warn_urad: Option<f64>,
+}
+
+/// What a user can do to the built-in simulation.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub struct DemoState {
+    /// Token that may operate, from the same computer; null if tokens are configured.
+    pub token: Option<String>,
+    /// The disturbances that are on.
+    pub disturbances: Vec<Disturbance>,
+}
+
+/// A disturbance of the built-in simulation.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum Disturbance {
+    /// The cable to the control is pulled.
+    Cable,
+    /// The control reports the same position again and again while the machine moves on.
+    Freeze,
+    /// One sensor reads 15 K too much.
+    Heat,
+}
+
+/// The body of `POST /api/disturb`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub struct DisturbRequest {
+    /// The disturbance.
+    pub what: Disturbance,
+    /// Whether it begins or ends.
+    pub on: bool,
 }
 
 /// State of the connection to the centre of the fleet.
@@ -392,19 +441,26 @@ pub struct MapAxis {
 pub struct History {
     /// Maximum length of the history, s.
     pub span_s: f64,
+    /// Time of the start of the control thread, s since 1970 by the clock of the gateway's computer; only with `span_s` in the request.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub start_s: Option<f64>,
+    /// Period that each point covers from its time on, s; only with `span_s` in the request; 0: the points are single states.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub step_s: Option<f64>,
     /// The points, oldest first.
     pub points: Vec<HistoryPoint>,
 }
 
 /// Length of the error at one time. For the simulated machine it is the true error, otherwise the
-/// prediction of the model.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+/// prediction of the model. State, maxima, corrections and temperatures only with `span_s` in the request; a point that covers a period has
+/// means.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct HistoryPoint {
-    /// Time since the start of the control thread, s.
+    /// Time since the start of the control thread, s; negative before it.
     pub at_s: f64,
     /// Length of the position error of the tool tip without correction, µm; null while it was not known.
     pub error_um: Option<f64>,
-    /// Length of the position error with the applied correction, µm.
+    /// Length of the position error with the applied correction, µm; with `span_s` in the request null while none was applied.
     pub residual_um: Option<f64>,
     /// Length of the direction error of the tool axis without correction, µrad; only with rotary axes.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -412,4 +468,38 @@ pub struct HistoryPoint {
     /// Length of the direction error of the tool axis with the applied correction, µrad; only with rotary axes.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub residual_axis_urad: Option<f64>,
+    /// State of the guard for most of the period; `faulted` and `unknown` however short they were.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub state: Option<StateName>,
+    /// Maximum of `error_um` in the period.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub error_max_um: Option<f64>,
+    /// Maximum of `residual_um` in the period.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub residual_max_um: Option<f64>,
+    /// Maximum of `error_axis_urad` in the period.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub error_axis_max_urad: Option<f64>,
+    /// Maximum of `residual_axis_urad` in the period.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub residual_axis_max_urad: Option<f64>,
+    /// Applied correction of each linear axis, µm; empty while it was not known.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    #[schemars(with = "BTreeMap<String, f64>")]
+    pub correction_um: ByAxis,
+    /// Minimum and maximum of `correction_um` in the period.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    #[schemars(with = "BTreeMap<String, [f64; 2]>")]
+    pub correction_range_um: BTreeMap<AxisName, [f64; 2]>,
+    /// Applied correction of each rotary axis, µrad; empty while it was not known.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    #[schemars(with = "BTreeMap<String, f64>")]
+    pub correction_urad: ByAxis,
+    /// Minimum and maximum of `correction_urad` in the period.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    #[schemars(with = "BTreeMap<String, [f64; 2]>")]
+    pub correction_range_urad: BTreeMap<AxisName, [f64; 2]>,
+    /// Temperature of each sensor that the model used, °C.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub temperatures_degc: BTreeMap<String, f64>,
 }

@@ -40,7 +40,12 @@ pub struct AccessControl {
     pub hosts: Vec<String>,
     /// Whether reading needs a token because other computers can reach the dashboard.
     pub reading_needs_token: bool,
+    /// Whether the machine is the built-in simulation: without configured tokens, [`DEMO_TOKEN`] may operate it from this computer.
+    pub is_demo: bool,
 }
+
+/// The token of the built-in simulation. It is no secret: without a configuration there is no machine that could move.
+const DEMO_TOKEN: &str = "demo";
 
 impl AccessControl {
     /// Access control of a configured dashboard.
@@ -49,7 +54,46 @@ impl AccessControl {
             tokens,
             hosts: config.hosts.clone(),
             reading_needs_token: config.reading_needs_token(),
+            is_demo: false,
         }
+    }
+
+    /// Checks whether a token allows `needed`.
+    ///
+    /// # Errors
+    /// Why access is denied.
+    pub(super) fn check(
+        &self,
+        from: IpAddr,
+        token: Option<&str>,
+        needed: Role,
+    ) -> Result<Holder, Denied> {
+        let is_demo = self.operates_as_demo()
+            && from.to_canonical().is_loopback()
+            && token == Some(DEMO_TOKEN)
+            && needed <= Role::Operate;
+        if is_demo {
+            return Ok(Holder {
+                name: DEMO_TOKEN.to_owned(),
+                role: Role::Operate,
+            });
+        }
+        self.tokens.check(from, token, needed)
+    }
+
+    fn operates_as_demo(&self) -> bool {
+        self.is_demo && self.tokens.is_empty()
+    }
+
+    /// The token that the built-in simulation hands out.
+    pub(super) fn demo_token(&self) -> Option<&'static str> {
+        self.operates_as_demo().then_some(DEMO_TOKEN)
+    }
+
+    /// Whether there is a token that may operate.
+    pub(super) fn is_operable(&self) -> bool {
+        let mut holders = self.tokens.holders();
+        self.operates_as_demo() || holders.any(|holder| holder.role >= Role::Operate)
     }
 
     /// Authorizes a disarm request and returns its origin for the audit log. Without a token, requests from this
@@ -65,7 +109,7 @@ impl AccessControl {
             }
             return Ok("local user without a token".to_owned());
         }
-        let holder = self.tokens.check(from, bearer(headers), Role::Operate)?;
+        let holder = self.check(from, bearer(headers), Role::Operate)?;
         Ok(holder.name)
     }
 }
@@ -96,9 +140,7 @@ pub(super) async fn require_view(
     next: Next,
 ) -> Response {
     if access.reading_needs_token
-        && let Err(denied) = access
-            .tokens
-            .check(from.ip(), bearer(request.headers()), Role::View)
+        && let Err(denied) = access.check(from.ip(), bearer(request.headers()), Role::View)
     {
         return denied.into_response();
     }
@@ -112,7 +154,7 @@ pub(super) async fn token(
     Extension(from): Extension<SocketAddr>,
     headers: HeaderMap,
 ) -> Response {
-    match access.tokens.check(from.ip(), bearer(&headers), Role::View) {
+    match access.check(from.ip(), bearer(&headers), Role::View) {
         Ok(holder) => Json(TokenPlan {
             name: holder.name,
             role: holder.role.name().to_owned(),
@@ -387,4 +429,46 @@ fn is_long_enough(token: &str) -> bool {
 
 fn hash(token: &str) -> [u8; 32] {
     Sha256::digest(token.as_bytes()).into()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_simulation_can_be_operated_from_its_own_computer_without_a_token_file() {
+        let access = |is_demo, tokens: &str| AccessControl {
+            is_demo,
+            ..AccessControl::new(
+                &DashboardConfig::default(),
+                Tokens::parse(tokens).expect("tokens"),
+            )
+        };
+        let check = |access: &AccessControl, from: [u8; 4], token, needed| {
+            let checked = access.check(IpAddr::from(from), token, needed);
+            checked.map(|holder| holder.name)
+        };
+        let (here, there) = ([127, 0, 0, 1], [192, 0, 2, 7]);
+        let (given, none) = (Some(DEMO_TOKEN), Err(Denied::NoneConfigured));
+        let demo = access(true, "");
+        assert!(demo.is_operable());
+        assert_eq!(
+            check(&demo, here, given, Role::Operate),
+            Ok(DEMO_TOKEN.to_owned())
+        );
+        assert_eq!(check(&demo, there, given, Role::Operate), none);
+        assert_eq!(check(&demo, here, None, Role::Operate), none);
+        assert_eq!(check(&demo, here, Some("other"), Role::Operate), none);
+        assert_eq!(check(&demo, here, given, Role::Engineer), none);
+        // Never on a configured machine, nor beside tokens.
+        let configured = access(false, "");
+        assert!(!configured.is_operable() && configured.demo_token().is_none());
+        assert_eq!(check(&configured, here, given, Role::Operate), none);
+        let own = access(true, "anna operate 0123456789abcdef0123456789abcdef");
+        assert_eq!(own.demo_token(), None);
+        assert_eq!(
+            check(&own, here, given, Role::Operate),
+            Err(Denied::Unknown)
+        );
+    }
 }

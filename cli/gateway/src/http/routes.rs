@@ -1,6 +1,7 @@
 use std::{
     convert::Infallible,
     net::{IpAddr, SocketAddr},
+    path::PathBuf,
     sync::{
         Arc,
         atomic::{AtomicUsize, Ordering},
@@ -12,7 +13,7 @@ use std::{
 use axum::{
     Extension, Json, Router,
     body::{Body, Bytes},
-    extract::{DefaultBodyLimit, FromRequestParts, Query, State},
+    extract::{DefaultBodyLimit, FromRequestParts, Query, State, rejection::QueryRejection},
     http::{HeaderMap, StatusCode, header, request::Parts},
     middleware,
     response::{
@@ -22,14 +23,22 @@ use axum::{
     routing::{get, post},
 };
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
-use tokio::{sync::oneshot, time::MissedTickBehavior};
+use tokio::{
+    sync::{Semaphore, oneshot},
+    time::MissedTickBehavior,
+};
 use tokio_stream::{StreamExt, wrappers::IntervalStream};
 use volcomp_kinematics::State as AxisState;
 use volcomp_runtime::{DisarmSwitch, Model};
 use volcomp_vocabulary::{AxisName, Displacement, PerAxis};
 
 use crate::{
-    documents::{Confirmation, ErrorMap, MapAxis, ModelActivate, ModelBack, ModelRequest, Status},
+    audit::{MAX_LAST, last_records},
+    documents::{
+        Confirmation, DemoState, DisturbRequest, ErrorMap, EventLog, LogEvent, MapAxis,
+        ModelActivate, ModelBack, ModelRequest, Status,
+    },
+    history::MAX_SPAN_S,
     http::access::{
         AccessControl, Role, UPLOAD_PATH, answer, bearer, check_request, page, refuse,
         require_view, token,
@@ -39,6 +48,7 @@ use crate::{
     models::{MAX_FILE_BYTES, Models, PendingReply, UploadSlot},
     published::Published,
     request::{Operation, Reply, RequestSender, ServiceRequest},
+    simulate::Demo,
 };
 
 /// Maximum size of a request body, bytes.
@@ -52,10 +62,11 @@ const JS: &str = "text/javascript; charset=utf-8";
 const CSS: &str = "text/css; charset=utf-8";
 const SVG: &str = "image/svg+xml";
 
-const PAGES: [(&str, &str, &str); 10] = [
+const PAGES: [(&str, &str, &str); 11] = [
     ("/", HTML, include_str!("../../web/index.html")),
     ("/common.js", JS, include_str!("../../web/common.js")),
     ("/app.js", JS, include_str!("../../web/app.js")),
+    ("/history.js", JS, include_str!("../../web/history.js")),
     ("/plot.js", JS, volcomp_web::PLOT_JS),
     ("/style.css", CSS, include_str!("../../web/style.css")),
     ("/model", HTML, include_str!("../../web/model.html")),
@@ -81,6 +92,12 @@ pub struct Dashboard {
     pub access: Arc<AccessControl>,
     /// Number of open event streams.
     pub streams: AtomicUsize,
+    /// The disturbances of the built-in simulation.
+    pub demo: Option<Arc<Demo>>,
+    /// The folder of the audit log.
+    pub audit_dir: PathBuf,
+    /// One request at a time reads the log.
+    pub log_reader: Arc<Semaphore>,
 }
 
 pub(super) type Shared = Arc<Dashboard>;
@@ -130,7 +147,7 @@ fn holder(parts: &Parts, shared: &Shared, needed: Role) -> Result<String, Respon
     // The server sets the address on every request; if it is missing, assume a remote one.
     let from = parts.extensions.get::<SocketAddr>();
     let from = from.map_or(IpAddr::from([0; 4]), SocketAddr::ip);
-    let checked = (shared.access.tokens).check(from, bearer(&parts.headers), needed);
+    let checked = (shared.access).check(from, bearer(&parts.headers), needed);
     checked
         .map(|holder| holder.name)
         .map_err(IntoResponse::into_response)
@@ -142,6 +159,7 @@ pub fn router(dashboard: Shared) -> Router {
         .route("/api/state", get(state))
         .route("/api/events", get(events))
         .route("/api/history", get(history))
+        .route("/api/log", get(log))
         .route("/api/map", get(error_map))
         .route("/api/model", get(model_state))
         .route("/api/model/candidate", get(model_candidate))
@@ -155,6 +173,7 @@ pub fn router(dashboard: Shared) -> Router {
         .route("/api/disarm", post(disarm))
         .route("/api/acknowledge", post(acknowledge))
         .route("/api/reload", post(reload))
+        .route("/api/disturb", post(disturb))
         .route(
             "/api/token",
             get(token).with_state(Arc::clone(&dashboard.access)),
@@ -181,13 +200,94 @@ async fn state(State(dashboard): State<Shared>) -> Response {
 
 fn latest(dashboard: &Dashboard) -> Status {
     let mut status = dashboard.published.latest();
-    let mut holders = dashboard.access.tokens.holders();
-    status.operable = holders.any(|holder| holder.role >= Role::Operate);
+    status.operable = dashboard.access.is_operable();
+    status.demo = dashboard.demo.as_ref().map(|demo| DemoState {
+        token: dashboard.access.demo_token().map(str::to_owned),
+        disturbances: demo.active(),
+    });
     status
 }
 
-async fn history(State(dashboard): State<Shared>) -> Response {
-    Json(dashboard.published.history()).into_response()
+#[derive(Deserialize)]
+struct HistoryQuery {
+    span_s: Option<u32>,
+}
+
+async fn history(
+    State(dashboard): State<Shared>,
+    query: Result<Query<HistoryQuery>, QueryRejection>,
+) -> Response {
+    let published = &dashboard.published;
+    match query {
+        Ok(Query(HistoryQuery { span_s: None })) => Json(published.history()).into_response(),
+        Ok(Query(HistoryQuery { span_s: Some(span) })) if (1..=MAX_SPAN_S).contains(&span) => {
+            Json(published.history_over(span)).into_response()
+        }
+        _ => {
+            let expected = format!("expected no query, or ?span_s=N with 1 to {MAX_SPAN_S} s");
+            refuse(StatusCode::BAD_REQUEST, &expected)
+        }
+    }
+}
+
+/// Number of events of an answer by default.
+const LOG_EVENTS: usize = 50;
+/// Timeout for a request that waits until another one has read the log.
+const LOG_TIMEOUT: Duration = Duration::from_secs(2);
+
+#[derive(Deserialize)]
+struct LogQuery {
+    count: Option<usize>,
+}
+
+/// Reads the log on a thread that may wait for the disk, one request at a time.
+async fn log(
+    State(dashboard): State<Shared>,
+    query: Result<Query<LogQuery>, QueryRejection>,
+) -> Response {
+    let Ok(Query(LogQuery { count })) = query else {
+        let expected = format!("expected no query, or ?count=N with at most {MAX_LAST}");
+        return refuse(StatusCode::BAD_REQUEST, &expected);
+    };
+    let waits = "the disk of the audit log does not answer";
+    let permit = Arc::clone(&dashboard.log_reader).acquire_owned();
+    let Ok(Ok(permit)) = tokio::time::timeout(LOG_TIMEOUT, permit).await else {
+        return refuse(StatusCode::SERVICE_UNAVAILABLE, waits);
+    };
+    let dir = dashboard.audit_dir.clone();
+    let reading = tokio::task::spawn_blocking(move || {
+        // Held until the disk has answered, whether or not the client still waits.
+        let _permit = permit;
+        last_records(&dir, count.unwrap_or(LOG_EVENTS))
+    });
+    match tokio::time::timeout(LOG_TIMEOUT, reading).await {
+        Ok(Ok(Ok(records))) => {
+            let events = records.iter().map(LogEvent::from).collect();
+            Json(EventLog { events }).into_response()
+        }
+        Ok(Ok(Err(e))) => {
+            let why = format!("audit log: {e}");
+            refuse(StatusCode::INTERNAL_SERVER_ERROR, &why)
+        }
+        _ => refuse(StatusCode::SERVICE_UNAVAILABLE, waits),
+    }
+}
+
+/// Disturbs the built-in simulation.
+async fn disturb(State(dashboard): State<Shared>, _: Operator, body: Bytes) -> Response {
+    let Some(demo) = &dashboard.demo else {
+        return refuse(
+            StatusCode::NOT_FOUND,
+            "only the built-in simulation can be disturbed",
+        );
+    };
+    match decoded::<DisturbRequest>(&body) {
+        Ok(request) => {
+            demo.disturb(request.what, request.on);
+            Json(latest(&dashboard)).into_response()
+        }
+        Err(refusal) => *refusal,
+    }
 }
 
 async fn prometheus(State(dashboard): State<Shared>) -> Response {
@@ -334,7 +434,7 @@ async fn upload(
     State(dashboard): State<Shared>,
     Engineer(who): Engineer,
     headers: HeaderMap,
-    query: Result<Query<Upload>, axum::extract::rejection::QueryRejection>,
+    query: Result<Query<Upload>, QueryRejection>,
     body: Body,
 ) -> Response {
     let Ok(Query(query)) = query else {

@@ -5,7 +5,10 @@ use std::{sync::Arc, time::Duration};
 
 use volcomp_devices::{ControllerDevice, ThermometerDevice, controller, thermometer};
 use volcomp_model::{Machine, ModelError};
-use volcomp_port::{Clock, Controller, Description, Thermometer};
+use volcomp_port::{
+    Clock, Controller, Description, Thermometer,
+    inject::{Faults, Faulty},
+};
 use volcomp_runtime::{
     BarrierSettings, ControlPath, Cycle, GuardSettings, MAX_SENSORS, Model, PathPlan, PathSettings,
     PlanError, PositionReader, ReaderPlan, Sensors,
@@ -20,7 +23,7 @@ use crate::{
     error::GatewayError,
     http::{Tls, Tokens, tls},
     interop::quantities::Shape,
-    simulate::{self, Simulation, Truth},
+    simulate::{self, Demo, Simulation, Truth},
 };
 
 mod checks;
@@ -72,6 +75,8 @@ pub struct OpenedPlan {
     pub sensors: Vec<String>,
     /// True errors of the machine if it is simulated.
     pub truth: Option<Truth>,
+    /// The disturbances of the built-in simulation.
+    pub demo: Option<Arc<Demo>>,
     /// Tokens of the dashboard.
     pub tokens: Tokens,
     /// TLS certificate of the dashboard; `None`: without TLS.
@@ -186,7 +191,8 @@ impl Plan {
     pub fn open(mut self) -> Result<OpenedPlan, GatewayError> {
         let devices = std::mem::take(&mut self.devices);
         let plan = |source| self.config.plan_error(source);
-        let (controllers, thermometers, truth) = devices.open().map_err(GatewayError::Device)?;
+        let (controllers, thermometers, simulated) =
+            devices.open().map_err(GatewayError::Device)?;
         // Each start of each machine has a unique owner number.
         let owner = next_owner();
         let mut controllers = controllers.into_iter();
@@ -212,7 +218,12 @@ impl Plan {
         .map_err(plan)?
         .with_rapid(self.guard.rapid);
         let opened = self.opened(cycle);
-        Ok(OpenedPlan { truth, ..opened })
+        let (truth, demo) = simulated.unzip();
+        Ok(OpenedPlan {
+            truth,
+            demo,
+            ..opened
+        })
     }
 
     pub(crate) fn opened(self, cycle: Cycle) -> OpenedPlan {
@@ -223,6 +234,7 @@ impl Plan {
             model: Arc::new(self.model),
             sensors: self.sensors,
             truth: None,
+            demo: None,
             tokens: self.tokens,
             tls: self.tls,
         }
@@ -282,15 +294,18 @@ impl Devices {
         (
             Vec<Box<dyn Controller>>,
             Vec<Box<dyn Thermometer>>,
-            Option<Truth>,
+            Option<(Truth, Arc<Demo>)>,
         ),
         volcomp_port::DeviceError,
     > {
         if let Some(simulation) = self.simulation {
+            let thermometer = Faulty::new(simulation.thermometer, Faults::default(), 0);
+            let plant = simulation.controller.plant();
+            let demo = Arc::new(Demo::new(simulation.controls, thermometer.remote(), plant));
             return Ok((
                 vec![Box::new(simulation.controller)],
-                vec![Box::new(simulation.thermometer)],
-                Some(simulation.truth),
+                vec![Box::new(thermometer)],
+                Some((simulation.truth.of(Arc::clone(&demo)), demo)),
             ));
         }
         let controllers = self.controllers.iter().map(|device| device.open());

@@ -8,7 +8,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-use volcomp_guard::{Cause, Reasons, State};
+use volcomp_guard::{Cause, Phase, Reasons, State};
 use volcomp_port::{Clock, Description};
 use volcomp_runtime::{DisarmSwitch, Handle, Model, Report, monotonic};
 use volcomp_vocabulary::PerAxis;
@@ -421,6 +421,7 @@ impl Service {
                 controller: change.active,
                 reasons,
                 cycle: change.cycle,
+                test_shift: change.state == State::Arming(Phase::Proving),
             };
             let _ = self.log("gateway", "state", Event::StateChange(event));
             self.auto_arm_done |= change.state == State::Compensating;
@@ -454,6 +455,7 @@ impl Service {
             controllers: &parts.controllers,
             sensors: &parts.sensors,
             truth: parts.truth.as_ref(),
+            guard: parts.config.guard.as_ref(),
             auto_arm: parts.config.auto_arm,
             cycle: parts.config.cycle(),
         };

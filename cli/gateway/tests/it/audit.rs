@@ -1,4 +1,5 @@
 use std::{
+    io::Write,
     path::Path,
     sync::{
         Arc,
@@ -10,7 +11,7 @@ use std::{
 use serde_json::{Value, json};
 use volcomp_gateway::{
     audit::{
-        AuditLog, Entry, log_files, verify,
+        AuditLog, Entry, last_records, log_file, log_files, verify,
         writer::{AuditWriter, Receipt},
     },
     documents::{ByAxis, Details, Event},
@@ -66,6 +67,25 @@ fn the_chain_goes_on_from_file_to_file_and_the_oldest_goes() {
     assert_eq!((found.cut_bytes, found.broken), (0, None));
     log.append("anna", "again", details("")).expect("room");
     assert!(read("audit.log").contains("\"seq\":61"));
+    // The last records come newest first, across files; a line that is no record is left out.
+    let mut file = std::fs::OpenOptions::new();
+    let file = file.append(true).open(log_file(dir.path()));
+    file.and_then(|mut file| file.write_all(b"no record\n"))
+        .expect("writable");
+    let seqs = |count| {
+        let last = last_records(dir.path(), count).expect("readable");
+        last.iter().map(|record| record.seq).collect::<Vec<_>>()
+    };
+    assert_eq!(seqs(12), (50..=61).rev().collect::<Vec<_>>());
+    let kept = whole.records + 1;
+    let oldest = 61 - kept + 1;
+    assert_eq!(seqs(usize::MAX), (oldest..=61).rev().collect::<Vec<_>>());
+    assert!(seqs(0).is_empty());
+    let missing = dir.path().join("none");
+    assert_eq!(
+        last_records(&missing, 5).map(|last| last.len()).ok(),
+        Some(0)
+    );
 }
 
 fn whole_log(dir: &Path) -> String {

@@ -55,6 +55,21 @@ with sync_playwright() as playwright:
         raise AssertionError("the position stands still")
     assert page.locator("#temperatures tr").count() == 5
     assert "%" in page.inner_text("#reduction")
+    # Every range shows its period, what the curves are, and the limits.
+    for span in page.locator("#spans button").all():
+        span.click()
+        page.wait_for_selector(f"#spans button[value='{span.get_attribute('value')}'][aria-pressed=true]")
+        page.wait_for_selector("#error-panel .legend:has-text('without correction')")
+        page.wait_for_selector("#um-panel .legend:has-text('±250')")
+        assert page.locator("#spans button[aria-pressed=true]").count() == 1
+    page.click("#spans button >> nth=0")
+    page.wait_for_selector("#error-panel .legend:has-text('with correction')")
+    page.wait_for_selector("#degc-panel .legend:has-text('spindle')")
+    # What has happened, newest first, and marked on the axis of time.
+    events = page.locator("#events li").all_inner_texts()
+    assert any("Gateway" in event and "started" in event for event in events), events
+    assert any("Test shift" in event for event in events), events
+    assert "follows the model" in events[0], events
     # The way to the control: it has a barrier, and answers.
     assert page.locator("#paths li").count() == 1
     path = page.inner_text("#paths li")
@@ -102,6 +117,7 @@ with sync_playwright() as playwright:
     # Stopping is one touch; starting is a second of holding.
     page.click("#disarm")
     state(page, "disarmed")
+    page.wait_for_selector("#reduction:has-text('none is applied')")
     # What may be left over in the control can still be ramped out.
     page.wait_for_selector("#arm:not([disabled])")
     assert page.is_enabled("#disarm")
@@ -111,6 +127,30 @@ with sync_playwright() as playwright:
     assert page.get_attribute("#banner", "data-state") == "disarmed", "a short touch does nothing"
     touches(page, "#arm", 1400)
     state(page, "compensating")
+    # A pulled cable: the banner is red, and the event says what to do; it corrects again once the cable is back.
+    page.click("#demo button[value=cable]")
+    page.wait_for_selector("#banner.gone")
+    red = page.evaluate("() => getComputedStyle(document.getElementById('banner')).backgroundColor")
+    assert red == "rgb(179, 38, 30)", red
+    page.wait_for_selector("#events .advice:has-text('Check the cable')")
+    page.click("#demo button[value=cable][aria-pressed=true]")
+    state(page, "compensating")
+    page.wait_for_selector("#banner:not(.gone)")
+    page.click("#demo button[value=heat]")
+    page.wait_for_selector("#temperatures tr:has-text('jumped')")
+    page.wait_for_selector("#demo button[value=heat]:has-text('Cool')")
+    page.click("#demo button[value=heat]")
+    page.wait_for_selector("#acknowledge:not([disabled])")
+    touches(page, "#acknowledge", 1400)
+    page.wait_for_selector("#temperatures:not(:has-text('jumped'))")
+    # While a button is held it fills.
+    box = page.locator("#reload").bounding_box()
+    page.mouse.move(box["x"] + 9, box["y"] + 9)
+    page.mouse.down()
+    page.wait_for_timeout(500)
+    filled = page.evaluate("() => parseFloat(getComputedStyle(document.getElementById('reload')).backgroundPositionX)")
+    page.mouse.up()
+    assert 10 < filled < 90, filled
     # Every button is a target for a glove: 48 px of CSS or more.
     for size in ({"width": 1280, "height": 800}, {"width": 768, "height": 1024}, {"width": 390, "height": 844}, {"width": 360, "height": 740}):
         page.set_viewport_size(size)
@@ -123,7 +163,7 @@ with sync_playwright() as playwright:
         wide = page.evaluate("() => document.documentElement.scrollWidth")
         assert wide <= size["width"], f"{wide} px do not fit {size['width']}"
         for button in page.locator("button:visible").all():
-            assert button.bounding_box()["height"] >= 48
+            assert button.bounding_box()["height"] >= 48, button.inner_text()
     # A wrong token is said at once, and nothing can be pressed with it.
     errors.clear()
     page.fill("#token", "0" * 32)
@@ -161,6 +201,7 @@ with sync_playwright() as playwright:
     assert "the present position is unknown" in page.inner_text("#map-scale")
     assert "corrects" not in page.inner_text("#paths"), page.inner_text("#paths")
     assert page.inner_text("#answer") == ""
+    assert page.inner_text("#reduction") == "unknown"
     assert all("ERR_" in error for error in errors), errors
     assert not foreign, foreign
     browser.close()

@@ -31,7 +31,22 @@ fn live_documents_fit_their_schemas() {
     validate("gateway-map.json", &program.get("/api/map").json());
     let history = program.get("/api/history").json();
     validate("gateway-history.json", &history);
-    assert!(!history["points"].as_array().expect("a list").is_empty());
+    let points = history["points"].as_array().expect("a list");
+    assert_eq!(history.as_object().map(serde_json::Map::len), Some(2));
+    assert!(!points.is_empty() && points[0].get("state").is_none());
+    for span_s in [120, 3600, 2_592_000] {
+        let history = program.get(&format!("/api/history?span_s={span_s}")).json();
+        validate("gateway-history.json", &history);
+        let last = history["points"]
+            .as_array()
+            .and_then(|points| points.last());
+        let last = last.expect("a point");
+        assert!(last["correction_um"].is_object(), "{last}");
+    }
+    for wrong in ["0", "2592001", "-1", "x"] {
+        let answer = program.get(&format!("/api/history?span_s={wrong}"));
+        assert_eq!(answer.status, 400, "{wrong}");
+    }
     for (request, body) in [
         ("disarm", ""),
         ("acknowledge", ""),
@@ -42,6 +57,20 @@ fn live_documents_fit_their_schemas() {
         let answer = program.post(&format!("/api/{request}"), body).json();
         validate("gateway-answer.json", &answer);
     }
+    let log = program.get("/api/log?count=3").json();
+    validate("gateway-log.json", &log);
+    assert_eq!(log["events"].as_array().map(Vec::len), Some(3));
+    let log = program.get("/api/log").json();
+    let texts = |who: &str| {
+        let events = log["events"].as_array().expect("a list").iter();
+        let own = events.filter(move |event| event["who"] == who);
+        own.map(|event| event["text"].to_string())
+            .collect::<Vec<_>>()
+    };
+    assert!(texts("anna").contains(&"\"Disarm\"".to_owned()), "{log}");
+    assert_eq!(program.get("/api/log?count=x").status, 400);
+    let disturbed = program.post("/api/disturb", "{\"what\":\"cable\",\"on\":true}");
+    assert_eq!(disturbed.status, 404, "no simulation");
     let (plan, ..) = check(&config, &["--json"]);
     let plan: Value = serde_json::from_str(&plan).expect("one document");
     validate("gateway-check.json", &plan);
