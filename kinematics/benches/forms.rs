@@ -16,13 +16,9 @@ use by_hand::by_hand;
 fn forms(c: &mut Criterion) {
     let mut chain = Chain::new("w C' A' X' b Y Z t".parse().expect("a valid structure"));
     for axis in chain.structure().axes().to_vec() {
-        chain
-            .set_point(axis, [40.0, -30.0, 20.0])
-            .expect("an axis of the chain");
+        chain.set_point(axis, [40.0, -30.0, 20.0]).expect("an axis of the chain");
     }
-    chain
-        .set_tool([10.0, 20.0, -150.0], [0.0, 0.0, 1.0])
-        .expect("a valid tool");
+    chain.set_tool([10.0, 20.0, -150.0], [0.0, 0.0, 1.0]).expect("a valid tool");
     let mut errors = GivenErrors::default();
     for (index, set) in errors.motion.iter_mut().take(5).enumerate() {
         let n = index as f64 + 1.0;
@@ -42,21 +38,13 @@ fn forms(c: &mut Criterion) {
     .expect("the axes of the chain");
     let ours = volumetric_error(&chain, &errors, &state, Form::Htm);
     let [position, _] = by_hand(&chain, &errors, &state);
-    assert!(
-        (ours.position_mm - position).norm() < 1e-10,
-        "the bench compares unlike things"
-    );
+    assert!((ours.position_mm - position).norm() < 1e-10, "the bench compares unlike things");
 
     let mut group = c.benchmark_group("five_axes");
     for form in [Form::Exact, Form::Htm, Form::Twist] {
         group.bench_function(form.to_string(), |b| {
             b.iter(|| {
-                volumetric_error(
-                    black_box(&chain),
-                    black_box(&errors),
-                    black_box(&state),
-                    form,
-                )
+                volumetric_error(black_box(&chain), black_box(&errors), black_box(&state), form)
             });
         });
     }
@@ -70,13 +58,9 @@ fn forms(c: &mut Criterion) {
 fn sixty(c: &mut Criterion) {
     let mut chain = Chain::new("w b X Y Z A B t".parse().expect("a valid structure"));
     for axis in [AxisName::A, AxisName::B] {
-        chain
-            .set_motion_frame(axis, MotionFrame::Turning)
-            .expect("a rotary axis");
+        chain.set_motion_frame(axis, MotionFrame::Turning).expect("a rotary axis");
     }
-    chain
-        .set_tool([10.0, 20.0, -150.0], [0.0, 0.0, 1.0])
-        .expect("a valid tool");
+    chain.set_tool([10.0, 20.0, -150.0], [0.0, 0.0, 1.0]).expect("a valid tool");
     let mut errors = GivenErrors::default();
     for index in 0..5 {
         let n = index as f64 + 1.0;
@@ -98,12 +82,7 @@ fn sixty(c: &mut Criterion) {
     for form in [Form::Exact, Form::Htm, Form::Twist] {
         group.bench_function(form.to_string(), |b| {
             b.iter(|| {
-                volumetric_error(
-                    black_box(&chain),
-                    black_box(&errors),
-                    black_box(&state),
-                    form,
-                )
+                volumetric_error(black_box(&chain), black_box(&errors), black_box(&state), form)
             });
         });
     }

@@ -39,16 +39,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
 
     let correction = correct(&chain, &errors, &state, &CorrectionOptions::default());
     for (joint, delta) in chain.joints().iter().zip(&correction.delta) {
-        let unit = if joint.name.is_rotary() {
-            "µrad"
-        } else {
-            "µm"
-        };
-        let micro = if joint.name.is_rotary() {
-            delta * 1e6
-        } else {
-            delta * 1e3
-        };
+        let unit = if joint.name.is_rotary() { "µrad" } else { "µm" };
+        let micro = if joint.name.is_rotary() { delta * 1e6 } else { delta * 1e3 };
         println!("add to {}: {micro:8.2} {unit}", joint.name);
     }
     println!("left over, µm: {:.6}", correction.residual_mm.norm() * 1e3);

@@ -64,9 +64,7 @@ impl Joint {
     /// The joint's screw at machine zero.
     pub fn screw(&self) -> Screw {
         match self.kind {
-            AxisKind::Linear => Screw::Prismatic {
-                direction: self.direction,
-            },
+            AxisKind::Linear => Screw::Prismatic { direction: self.direction },
             AxisKind::Rotary => Screw::Revolute {
                 direction: self.direction,
                 point_mm: self.point_mm,
@@ -171,10 +169,7 @@ impl Chain {
     fn joint_mut(&mut self, axis: AxisName) -> Result<&mut Joint, ChainError> {
         match self.structure.index_of(axis) {
             Some(index) => Ok(&mut self.joints[index]),
-            None => Err(ChainError::NoSuchAxis {
-                axis,
-                structure: self.structure.clone(),
-            }),
+            None => Err(ChainError::NoSuchAxis { axis, structure: self.structure.clone() }),
         }
     }
 
@@ -214,10 +209,7 @@ impl Chain {
         let mut found = PerAxis::<Option<T>>::default();
         for (axis, value) in values {
             let Some(index) = self.structure.index_of(axis) else {
-                return Err(ChainError::NoSuchAxis {
-                    axis,
-                    structure: self.structure.clone(),
-                });
+                return Err(ChainError::NoSuchAxis { axis, structure: self.structure.clone() });
             };
             if found[index].replace(value).is_some() {
                 return Err(ChainError::AxisTwice { axis });
@@ -256,9 +248,9 @@ impl Chain {
             return 0.0;
         }
         let carried = self.joints.iter().zip(state.q).skip(index + 1);
-        let tip_mm = carried.rev().fold(self.tool_tip_mm, |tip_mm, (joint, q)| {
-            joint.motion(q).transform_point(&tip_mm)
-        });
+        let tip_mm = carried
+            .rev()
+            .fold(self.tool_tip_mm, |tip_mm, (joint, q)| joint.motion(q).transform_point(&tip_mm));
         axis.direction.cross(&(tip_mm - axis.point_mm)).norm()
     }
 
@@ -276,9 +268,7 @@ impl Chain {
             };
             joint.side == carried.side && is_between
         });
-        let pose = carriers.fold(Pose::identity(), |pose, (_, (joint, q))| {
-            pose * joint.motion(q)
-        });
+        let pose = carriers.fold(Pose::identity(), |pose, (_, (joint, q))| pose * joint.motion(q));
         match carried.side {
             Side::Tool => pose,
             // Coordinates are of the tool relative to the workpiece: seen from the bed, the motion is inverted.
@@ -318,9 +308,6 @@ impl State {
         chain: &Chain,
         coordinates: impl IntoIterator<Item = (AxisName, f64)>,
     ) -> Result<Self, ChainError> {
-        Ok(Self {
-            q: chain.by_axis(coordinates)?,
-            ..Self::default()
-        })
+        Ok(Self { q: chain.by_axis(coordinates)?, ..Self::default() })
     }
 }

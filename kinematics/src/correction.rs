@@ -51,10 +51,7 @@ impl CorrectionOptions {
                 named.push(axis); // nine different letters exist, so nine places are enough
             }
         }
-        Self {
-            correct: Some(named),
-            ..Self::default()
-        }
+        Self { correct: Some(named), ..Self::default() }
     }
 
     /// The axes of a chain that a correction with these options moves.
@@ -68,10 +65,7 @@ impl CorrectionOptions {
     /// Options for one Newton step.
     #[must_use]
     pub fn first_order() -> Self {
-        Self {
-            max_iterations: 1,
-            ..Self::default()
-        }
+        Self { max_iterations: 1, ..Self::default() }
     }
 }
 
@@ -185,11 +179,7 @@ impl Goal {
     fn new(chain: &Chain, state: &State) -> Self {
         let pose = chain.ideal_pose(state);
         let axis = pose.rotation * chain.tool_axis();
-        Self {
-            tip_mm: pose.transform_point(&chain.tool_tip_mm()),
-            axis,
-            normals: normals(&axis),
-        }
+        Self { tip_mm: pose.transform_point(&chain.tool_tip_mm()), axis, normals: normals(&axis) }
     }
 
     fn miss(&self, chain: &Chain, actual: &Pose) -> Miss {

@@ -34,10 +34,7 @@ impl Correctors {
     pub fn named(chain: &Chain, names: &[AxisName]) -> Result<Self, ChainError> {
         for &axis in names {
             if chain.structure().index_of(axis).is_none() {
-                return Err(ChainError::NoSuchAxis {
-                    axis,
-                    structure: chain.structure().clone(),
-                });
+                return Err(ChainError::NoSuchAxis { axis, structure: chain.structure().clone() });
             }
         }
         Ok(Self::choose(chain, names))

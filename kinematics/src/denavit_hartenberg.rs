@@ -90,10 +90,8 @@ impl DhTable {
     /// Pose of the MCS in the last frame at machine zero.
     pub fn tool(&self, structure: &Structure) -> Pose {
         let rows = self.rows.iter().zip(structure.axes());
-        rows.fold(self.base, |pose, (row, axis)| {
-            pose * row.pose(self.convention, axis.kind(), 0.0)
-        })
-        .inverse()
+        rows.fold(self.base, |pose, (row, axis)| pose * row.pose(self.convention, axis.kind(), 0.0))
+            .inverse()
     }
 
     /// This table in another convention: a and α of each row move to the next or the previous row. The parts before the first joint and
@@ -165,17 +163,12 @@ impl DhTable {
         let mut frame = base;
         let mut rows = ArrayVec::new();
         for (index, joint) in joints.iter().enumerate() {
-            let row = joints
-                .get(index + 1)
-                .map_or_else(DhRow::default, |next| row_towards(&frame, next));
+            let row =
+                joints.get(index + 1).map_or_else(DhRow::default, |next| row_towards(&frame, next));
             frame = frame * row.pose(DhConvention::Distal, joint.kind, 0.0);
             rows.push(row);
         }
-        Self {
-            convention: DhConvention::Distal,
-            base,
-            rows,
-        }
+        Self { convention: DhConvention::Distal, base, rows }
     }
 }
 
@@ -191,23 +184,10 @@ fn row_towards(frame: &Pose, next: &Joint) -> DhRow {
     let normal = Vector3::new(-direction.y, direction.x, 0.0);
     let sin_alpha = normal.norm();
     if sin_alpha < PARALLEL_BELOW_RAD {
-        let alpha_rad = if direction.z < 0.0 {
-            core::f64::consts::PI
-        } else {
-            0.0
-        };
+        let alpha_rad = if direction.z < 0.0 { core::f64::consts::PI } else { 0.0 };
         let across = point.xy().norm();
-        let theta_rad = if across > 0.0 {
-            atan2(point.y, point.x)
-        } else {
-            0.0
-        };
-        return DhRow {
-            theta_rad,
-            d_mm: 0.0,
-            a_mm: across,
-            alpha_rad,
-        };
+        let theta_rad = if across > 0.0 { atan2(point.y, point.x) } else { 0.0 };
+        return DhRow { theta_rad, d_mm: 0.0, a_mm: across, alpha_rad };
     }
     let normal = normal / sin_alpha;
     let a_mm = normal.dot(&point);
@@ -223,11 +203,7 @@ fn row_towards(frame: &Pose, next: &Joint) -> DhRow {
 
 /// A right-handed frame with z along a unit direction; the MCS itself for +Z.
 fn frame_along(z: &Vector3<f64>) -> Matrix3<f64> {
-    let seed = if z.x.abs() < 0.9 {
-        Vector3::x()
-    } else {
-        Vector3::y()
-    };
+    let seed = if z.x.abs() < 0.9 { Vector3::x() } else { Vector3::y() };
     let y = z.cross(&seed).normalize();
     Matrix3::from_columns(&[y.cross(z), y, *z])
 }

@@ -29,11 +29,7 @@ impl Chain {
             self.moves_of_nothing(&at).len()
         });
         let [a, b, c] = elsewhere;
-        if found.len() > a.min(b).min(c) {
-            found
-        } else {
-            ArrayVec::new()
-        }
+        if found.len() > a.min(b).min(c) { found } else { ArrayVec::new() }
     }
 
     fn moves_of_nothing(&self, state: &State) -> ArrayVec<PerAxis<f64>, MAX_AXES> {
@@ -52,11 +48,7 @@ impl Chain {
         });
         let eigen = gram.symmetric_eigen();
         let mut found = ArrayVec::new();
-        for (value, vector) in eigen
-            .eigenvalues
-            .iter()
-            .zip(eigen.eigenvectors.column_iter())
-        {
+        for (value, vector) in eigen.eigenvalues.iter().zip(eigen.eigenvectors.column_iter()) {
             if *value >= DEPENDENT_BELOW * DEPENDENT_BELOW {
                 continue;
             }

@@ -10,15 +10,9 @@ use crate::structure::{Side, Structure};
 #[expect(missing_docs, reason = "the messages say what most fields are")]
 pub enum ChainError {
     #[error("the structure `{structure}` has no axis {axis}")]
-    NoSuchAxis {
-        axis: AxisName,
-        structure: Structure,
-    },
+    NoSuchAxis { axis: AxisName, structure: Structure },
     #[error("axis {axis} has no value, expected one for each axis of `{structure}`")]
-    AxisMissing {
-        axis: AxisName,
-        structure: Structure,
-    },
+    AxisMissing { axis: AxisName, structure: Structure },
     #[error("axis {axis} has two values, expected one")]
     AxisTwice { axis: AxisName },
     #[error("{what} is [{}, {}, {}], expected finite numbers, not all zero", found[0], found[1], found[2])]
@@ -71,11 +65,7 @@ pub struct InsteadConstant {
 
 impl InsteadConstant {
     fn offset(self) -> &'static str {
-        if self.error.component.is_angular() {
-            "a zero offset"
-        } else {
-            "a shift along it"
-        }
+        if self.error.component.is_angular() { "a zero offset" } else { "a shift along it" }
     }
 }
 
@@ -85,11 +75,9 @@ impl fmt::Display for InsteadConstant {
         write!(f, "the constant of {error}, ")?;
         match side {
             Side::Tool => f.write_str("with the same sign"),
-            Side::Workpiece => write!(
-                f,
-                "with the opposite sign since {} carries the workpiece",
-                error.axis
-            ),
+            Side::Workpiece => {
+                write!(f, "with the opposite sign since {} carries the workpiece", error.axis)
+            }
         }
     }
 }

@@ -219,10 +219,7 @@ fn twist_sum<S: ErrorSource>(chain: &Chain, source: &S, state: &State) -> Volume
             walk.add(&assembly, &Vector3::zeros());
         }
     }
-    VolumetricError {
-        position_mm: walk.linear_mm,
-        rotation_rad: walk.angular_rad,
-    }
+    VolumetricError { position_mm: walk.linear_mm, rotation_rad: walk.angular_rad }
 }
 
 /// The functional point as it is transformed from the tool to the workpiece, with its accumulated first-order

@@ -33,30 +33,18 @@ impl GivenErrors {
         um_or_urad: f64,
     ) -> Result<(), ChainError> {
         let place = chain.structure().index_of(name.axis);
-        let (index, joint) = place
-            .and_then(|index| Some((index, chain.joints().get(index)?)))
-            .ok_or_else(|| ChainError::NoSuchAxis {
-                axis: name.axis,
-                structure: chain.structure().clone(),
+        let (index, joint) =
+            place.and_then(|index| Some((index, chain.joints().get(index)?))).ok_or_else(|| {
+                ChainError::NoSuchAxis { axis: name.axis, structure: chain.structure().clone() }
             })?;
         if !um_or_urad.is_finite() {
-            return Err(ChainError::NotFinite {
-                error: name,
-                found: um_or_urad,
-            });
+            return Err(ChainError::NotFinite { error: name, found: um_or_urad });
         }
         let no_effect = joint.no_effect(name.component);
         if let Some(reason) = no_effect.filter(|_| name.location) {
-            return Err(ChainError::NoEffect {
-                error: name,
-                reason,
-            });
+            return Err(ChainError::NoEffect { error: name, reason });
         }
-        let motions = if name.location {
-            &mut self.location
-        } else {
-            &mut self.motion
-        };
+        let motions = if name.location { &mut self.location } else { &mut self.motion };
         let motion = &mut motions[index];
         let inside = Displacement::from_micro(name.component.kind(), um_or_urad).mm_or_rad();
         let place = name.component.mcs_index();

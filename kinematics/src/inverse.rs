@@ -118,10 +118,7 @@ impl Chain {
                     .map(|([one, two], free)| {
                         let mut state = state;
                         (state.q[first], state.q[second]) = (one, two);
-                        Pointing {
-                            state,
-                            free: free.map(|place| [first, second][place]),
-                        }
+                        Pointing { state, free: free.map(|place| [first, second][place]) }
                     })
                     .collect())
             }
@@ -165,20 +162,13 @@ impl Chain {
             free[index] = first_of_each.linear().contains(&index);
             redundant |= !free[index];
             let [low, high] = travel[index];
-            found.q[index] = if free[index] {
-                0.0
-            } else {
-                0.0_f64.max(low).min(high)
-            };
+            found.q[index] = if free[index] { 0.0 } else { 0.0_f64.max(low).min(high) };
         }
         // Twice: the second step removes the rounding error of the first.
         for _ in 0..2 {
             let missing = tip_mm - self.ideal_tip_mm(&found);
             for (q, step) in
-                found
-                    .q
-                    .iter_mut()
-                    .zip(least_norm(&columns, &free, &missing, EXACT_ABOVE))
+                found.q.iter_mut().zip(least_norm(&columns, &free, &missing, EXACT_ABOVE))
             {
                 *q += step;
             }
@@ -253,16 +243,8 @@ impl Chain {
             // An axis at an end of travel is released if leaving it reduces the residual.
             let gain = |index: usize| {
                 let towards = columns[index].dot(&missing);
-                let inside = if found.q[index] <= travel[index][0] {
-                    towards
-                } else {
-                    -towards
-                };
-                if free[index] || travel[index][0] >= travel[index][1] {
-                    0.0
-                } else {
-                    inside
-                }
+                let inside = if found.q[index] <= travel[index][0] { towards } else { -towards };
+                if free[index] || travel[index][0] >= travel[index][1] { 0.0 } else { inside }
             };
             let best = (0..MAX_AXES).max_by(|&a, &b| gain(a).total_cmp(&gain(b)));
             match best {
@@ -345,21 +327,14 @@ fn least_norm(
             moving[index].then(share).unwrap_or(0.0)
         });
     }
-    let gram = used().fold(Matrix3::zeros(), |gram, (column, _)| {
-        gram + column * column.transpose()
-    });
+    let gram =
+        used().fold(Matrix3::zeros(), |gram, (column, _)| gram + column * column.transpose());
     // No axis moves along a direction whose singular value is below a thousandth.
     let weighted = match gram.pseudo_inverse(1e-6) {
         Ok(inverse) => inverse * missing,
         Err(_) => Vector3::zeros(),
     };
-    core::array::from_fn(|index| {
-        if moving[index] {
-            columns[index].dot(&weighted)
-        } else {
-            0.0
-        }
-    })
+    core::array::from_fn(|index| if moving[index] { columns[index].dot(&weighted) } else { 0.0 })
 }
 
 /// Rejects a tool-axis deviation, rad, above the tolerance, or NaN.
@@ -423,10 +398,7 @@ fn two_turns(
     // c = Rot(u₂)·from = Rot(u₁)⁻¹·onto is on two cones, about u₁ and about u₂.
     let (k, square) = (u1.dot(u2), sine.norm_squared());
     let (along1, along2) = (u1.dot(onto), u2.dot(from));
-    let (x, y) = (
-        (along1 - k * along2) / square,
-        (along2 - k * along1) / square,
-    );
+    let (x, y) = ((along1 - k * along2) / square, (along2 - k * along1) / square);
     let inside = u1 * x + u2 * y;
     let rest = 1.0 - inside.norm_squared();
     if !rest.is_finite() {
@@ -448,15 +420,9 @@ fn two_turns(
     let mut found = TwoTurns::new();
     for sign in [1.0, -1.0] {
         let common = inside + sine * (sign * height);
-        let angles = [
-            turn_in_plane(u1, &common, onto),
-            turn_in_plane(u2, from, &common),
-        ];
+        let angles = [turn_in_plane(u1, &common, onto), turn_in_plane(u2, from, &common)];
         let same = found.iter().any(|(other, _): &([f64; 2], Option<usize>)| {
-            other
-                .iter()
-                .zip(angles)
-                .all(|(a, b)| (a - b).abs() < SAME_BELOW_RAD)
+            other.iter().zip(angles).all(|(a, b)| (a - b).abs() < SAME_BELOW_RAD)
         });
         if !same {
             found.push((angles, None)); // at most two

@@ -65,11 +65,7 @@ impl RotaryGram {
         let radius = sqrt(half_difference * half_difference + self.b * self.b);
         let larger = 0.5 * (self.a + self.c) + radius;
         // Determinant divided by the larger one instead of the difference: avoids cancellation in the smaller one.
-        let smaller = if larger > 0.0 {
-            (self.a * self.c - self.b * self.b) / larger
-        } else {
-            0.0
-        };
+        let smaller = if larger > 0.0 { (self.a * self.c - self.b * self.b) / larger } else { 0.0 };
         (half_difference, radius, [larger, smaller])
     }
 
@@ -128,10 +124,8 @@ impl RotaryGram {
     pub fn solve(&self, rank: usize, miss: &Vector2<f64>) -> (Vector2<f64>, f64) {
         let determinant = self.a * self.c - self.b * self.b;
         if rank >= 2 && determinant > 0.0 {
-            let solved = Vector2::new(
-                self.c * miss.x - self.b * miss.y,
-                self.a * miss.y - self.b * miss.x,
-            );
+            let solved =
+                Vector2::new(self.c * miss.x - self.b * miss.y, self.a * miss.y - self.b * miss.x);
             return (solved / determinant, miss.norm());
         }
         let (half_difference, radius, [larger, _]) = self.eigenvalues();
@@ -180,10 +174,7 @@ impl LinearColumns {
     /// This selection of columns at a nearby pose: the set of correcting axes must not change within a step.
     #[must_use]
     pub fn at(&self, columns: [Vector3<f64>; 3]) -> Self {
-        Self {
-            columns,
-            kept: self.kept,
-        }
+        Self { columns, kept: self.kept }
     }
 
     /// Movement of each linear axis, mm, whose sum along the columns is `error_mm`: exact with three columns, least
@@ -196,24 +187,13 @@ impl LinearColumns {
     /// The precomputed solution for the shares of any error.
     #[inline(always)]
     pub fn solved(&self) -> LinearShares {
-        let columns = if self.kept == [true; 3] {
-            self.columns
-        } else {
-            filled(&self.columns, self.kept)
-        };
+        let columns =
+            if self.kept == [true; 3] { self.columns } else { filled(&self.columns, self.kept) };
         // Cramer's rule. Missing columns are filled with directions normal to the others, so that the system stays regular; their shares
         // are not applied.
         let [first, second, third] = columns;
-        let normals = [
-            second.cross(&third),
-            third.cross(&first),
-            first.cross(&second),
-        ];
-        LinearShares {
-            normals,
-            per_volume: 1.0 / first.dot(&normals[0]),
-            kept: self.kept,
-        }
+        let normals = [second.cross(&third), third.cross(&first), first.cross(&second)];
+        LinearShares { normals, per_volume: 1.0 / first.dot(&normals[0]), kept: self.kept }
     }
 
     /// Length of the sum of the columns times these shares, mm: the part of the error that the
@@ -238,11 +218,7 @@ impl LinearShares {
     #[inline(always)]
     pub fn of(&self, error_mm: &Vector3<f64>) -> [f64; 3] {
         core::array::from_fn(|place| {
-            if self.kept[place] {
-                self.normals[place].dot(error_mm) * self.per_volume
-            } else {
-                0.0
-            }
+            if self.kept[place] { self.normals[place].dot(error_mm) * self.per_volume } else { 0.0 }
         })
     }
 }

@@ -19,10 +19,8 @@ impl Joint {
         let place = component.mcs_index();
         let along = along_machine_axis(&self.direction);
         let along_itself = along.is_some_and(|(along, _)| along == place);
-        let instead = InsteadConstant {
-            error: ErrorName::motion(component, self.name),
-            side: self.side,
-        };
+        let instead =
+            InsteadConstant { error: ErrorName::motion(component, self.name), side: self.side };
         match (self.kind, component.is_angular()) {
             (AxisKind::Linear, false) => Some(NoEffect::OffsetOfLinearAxis(instead)),
             (AxisKind::Rotary, _) if along_itself => Some(NoEffect::AlongRotaryAxis(instead)),

@@ -22,26 +22,17 @@ pub struct Pose {
 impl Pose {
     /// The identity transform.
     pub fn identity() -> Self {
-        Self {
-            rotation: Matrix3::identity(),
-            translation_mm: Vector3::zeros(),
-        }
+        Self { rotation: Matrix3::identity(), translation_mm: Vector3::zeros() }
     }
 
     /// A pure translation, mm.
     pub fn from_translation(translation_mm: Vector3<f64>) -> Self {
-        Self {
-            rotation: Matrix3::identity(),
-            translation_mm,
-        }
+        Self { rotation: Matrix3::identity(), translation_mm }
     }
 
     /// `rotation` about the fixed point `point_mm`: Trans(c) R Trans(−c).
     pub fn about_point(rotation: Matrix3<f64>, point_mm: Vector3<f64>) -> Self {
-        Self {
-            rotation,
-            translation_mm: point_mm - rotation * point_mm,
-        }
+        Self { rotation, translation_mm: point_mm - rotation * point_mm }
     }
 
     /// The image of a point, mm.
@@ -53,10 +44,7 @@ impl Pose {
     #[must_use]
     pub fn inverse(&self) -> Self {
         let transposed = self.rotation.transpose();
-        Self {
-            rotation: transposed,
-            translation_mm: -(transposed * self.translation_mm),
-        }
+        Self { rotation: transposed, translation_mm: -(transposed * self.translation_mm) }
     }
 }
 
@@ -93,10 +81,7 @@ pub fn rotation_about_axis(axis: &Vector3<f64>, angle_rad: f64) -> Matrix3<f64> 
 }
 
 /// The rotation about the unit vector `axis` by an angle of this sine and cosine.
-#[expect(
-    clippy::inline_always,
-    reason = "measured: the twist form takes a fifth less"
-)]
+#[expect(clippy::inline_always, reason = "measured: the twist form takes a fifth less")]
 #[inline(always)]
 pub(crate) fn rotation_from_sin_cos(axis: &Vector3<f64>, sin: f64, cos: f64) -> Matrix3<f64> {
     let s = axis * sin;

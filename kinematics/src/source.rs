@@ -26,10 +26,8 @@ pub struct ErrorMotion {
 
 impl ErrorMotion {
     /// No error.
-    pub const ZERO: Self = Self {
-        linear_mm: Vector3::new(0.0, 0.0, 0.0),
-        angular_rad: Vector3::new(0.0, 0.0, 0.0),
-    };
+    pub const ZERO: Self =
+        Self { linear_mm: Vector3::new(0.0, 0.0, 0.0), angular_rad: Vector3::new(0.0, 0.0, 0.0) };
 
     /// From three linear errors in µm and three angular errors in µrad, the order of ISO 230-1:
     /// X, Y, Z, A, B, C.

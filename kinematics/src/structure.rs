@@ -139,10 +139,7 @@ impl Structure {
         if axes.is_empty() {
             return Err(StructureError::NoAxes);
         }
-        Ok(Self {
-            axes,
-            workpiece_axes: workpiece.len(),
-        })
+        Ok(Self { axes, workpiece_axes: workpiece.len() })
     }
 
     /// The structure with the type numbers `translational` and `rotary`; `rotary_axes` are in chain
@@ -166,11 +163,7 @@ impl Structure {
             .filter(|a| a.kind() == AxisKind::Rotary && rotary_axes.contains(a))
             .count();
         if different != expected || rotary_axes.len() != expected {
-            return Err(StructureError::RotaryAxes {
-                rotary,
-                found: different,
-                expected,
-            });
+            return Err(StructureError::RotaryAxes { rotary, found: different, expected });
         }
         let before = match rotary {
             1 => 2,
@@ -188,12 +181,8 @@ impl Structure {
 
     /// The type numbers of this structure; `None` for a chain outside the 16 types.
     pub fn type_numbers(&self) -> Option<TypeNumbers> {
-        let rotary_axes: ArrayVec<AxisName, MAX_AXES> = self
-            .axes
-            .iter()
-            .copied()
-            .filter(|a| a.kind() == AxisKind::Rotary)
-            .collect();
+        let rotary_axes: ArrayVec<AxisName, MAX_AXES> =
+            self.axes.iter().copied().filter(|a| a.kind() == AxisKind::Rotary).collect();
         let numbers = (0..=3).flat_map(|t| (0..=3).map(move |r| (t, r)));
         numbers
             .into_iter()
@@ -217,11 +206,7 @@ impl Structure {
 
     /// The side of the bed of the axis at `index`.
     pub fn side(&self, index: usize) -> Side {
-        if index < self.workpiece_axes {
-            Side::Workpiece
-        } else {
-            Side::Tool
-        }
+        if index < self.workpiece_axes { Side::Workpiece } else { Side::Tool }
     }
 }
 

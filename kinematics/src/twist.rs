@@ -43,10 +43,7 @@ pub enum Screw {
 impl Twist {
     /// The zero twist.
     pub fn zero() -> Self {
-        Self {
-            linear_mm: Vector3::zeros(),
-            angular_rad: Vector3::zeros(),
-        }
+        Self { linear_mm: Vector3::zeros(), angular_rad: Vector3::zeros() }
     }
 
     /// The twist of a motion that displaces `point_mm` by `displacement_mm` while it rotates by `rotation_rad`: the contribution of an
@@ -104,10 +101,7 @@ impl Twist {
             return None;
         }
         let inverse = left_jacobian(&angular_rad).try_inverse()?;
-        Some(Self {
-            linear_mm: inverse * pose.translation_mm,
-            angular_rad,
-        })
+        Some(Self { linear_mm: inverse * pose.translation_mm, angular_rad })
     }
 }
 
@@ -115,15 +109,12 @@ impl Screw {
     /// The twist of this screw for one unit of its coordinate.
     pub fn twist(&self) -> Twist {
         match *self {
-            Self::Prismatic { direction } => Twist {
-                linear_mm: direction,
-                angular_rad: Vector3::zeros(),
-            },
-            Self::Revolute {
-                direction,
-                point_mm,
-                pitch_mm,
-            } => Twist::at_point(direction * pitch_mm, direction, &point_mm),
+            Self::Prismatic { direction } => {
+                Twist { linear_mm: direction, angular_rad: Vector3::zeros() }
+            }
+            Self::Revolute { direction, point_mm, pitch_mm } => {
+                Twist::at_point(direction * pitch_mm, direction, &point_mm)
+            }
         }
     }
 }
@@ -140,10 +131,7 @@ fn left_jacobian(r_rad: &Vector3<f64>) -> Matrix3<f64> {
     } else {
         let angle = sqrt(angle_squared);
         let (sin, cos) = crate::math::sin_cos(angle);
-        (
-            (1.0 - cos) / angle_squared,
-            (angle - sin) / (angle_squared * angle),
-        )
+        ((1.0 - cos) / angle_squared, (angle - sin) / (angle_squared * angle))
     };
     let hat = r_rad.cross_matrix();
     Matrix3::identity() + hat * first + hat * hat * second
@@ -176,9 +164,6 @@ impl Neg for Twist {
 impl Mul<f64> for Twist {
     type Output = Self;
     fn mul(self, factor: f64) -> Self {
-        Self {
-            linear_mm: self.linear_mm * factor,
-            angular_rad: self.angular_rad * factor,
-        }
+        Self { linear_mm: self.linear_mm * factor, angular_rad: self.angular_rad * factor }
     }
 }

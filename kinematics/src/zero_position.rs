@@ -66,14 +66,7 @@ impl Chain {
                 (AxisKind::Linear, Screw::Prismatic { direction }) => {
                     chain.set_direction(axis, (*direction).into())?;
                 }
-                (
-                    AxisKind::Rotary,
-                    Screw::Revolute {
-                        direction,
-                        point_mm,
-                        pitch_mm: 0.0,
-                    },
-                ) => {
+                (AxisKind::Rotary, Screw::Revolute { direction, point_mm, pitch_mm: 0.0 }) => {
                     chain.set_direction(axis, (*direction).into())?;
                     chain.set_point(axis, (*point_mm).into())?;
                 }
@@ -114,11 +107,7 @@ impl Joint {
     pub fn location_of(&self, real: &Screw) -> ErrorMotion {
         let (direction, point) = match real {
             Screw::Prismatic { direction } => (direction, self.point_mm),
-            Screw::Revolute {
-                direction,
-                point_mm,
-                ..
-            } => (direction, *point_mm),
+            Screw::Revolute { direction, point_mm, .. } => (direction, *point_mm),
         };
         let along = direction.normalize();
         let offset = point - self.point_mm;

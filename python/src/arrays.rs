@@ -18,15 +18,12 @@ pub(crate) fn float_array<'py>(
     argument: &str,
 ) -> Result<Bound<'py, PyArrayDyn<f64>>, Failure> {
     let py = value.py();
-    let array = py
-        .import("numpy")?
-        .call_method1("asarray", (value,))
-        .map_err(|error| {
-            Failure::argument(format_args!(
-                "{argument}: found no array ({}), expected real numbers (float64)",
-                error.value(py)
-            ))
-        })?;
+    let array = py.import("numpy")?.call_method1("asarray", (value,)).map_err(|error| {
+        Failure::argument(format_args!(
+            "{argument}: found no array ({}), expected real numbers (float64)",
+            error.value(py)
+        ))
+    })?;
     let is_masked = py.import("numpy.ma")?.call_method1("is_masked", (value,))?;
     if is_masked.extract()? {
         return Err(Failure::argument(format_args!(
@@ -42,9 +39,7 @@ pub(crate) fn float_array<'py>(
     let options = PyDict::new(py);
     options.set_item("copy", false)?;
     let array = array.call_method("astype", ("float64",), Some(&options))?;
-    array
-        .cast_into::<PyArrayDyn<f64>>()
-        .map_err(|error| Failure::Raised(error.into()))
+    array.cast_into::<PyArrayDyn<f64>>().map_err(|error| Failure::Raised(error.into()))
 }
 
 /// The argument as one column of numbers.
@@ -55,10 +50,7 @@ pub(crate) fn column<'py>(
     let array = float_array(value, argument)?;
     let shape = array.shape().to_vec();
     let array = array.cast_into::<PyArray1<f64>>().map_err(|_| {
-        Failure::argument(format_args!(
-            "{argument}: found shape {}, expected (n,)",
-            shown(&shape)
-        ))
+        Failure::argument(format_args!("{argument}: found shape {}, expected (n,)", shown(&shape)))
     })?;
     readonly(&array, argument)
 }

@@ -26,12 +26,7 @@ create_exception!(
 #[derive(Debug)]
 pub(crate) enum Failure {
     /// `InputError`.
-    Input {
-        message: String,
-        file: Option<String>,
-        line: Option<usize>,
-        key: Option<String>,
-    },
+    Input { message: String, file: Option<String>, line: Option<usize>, key: Option<String> },
     /// `OSError`, or one of its subclasses by the error number.
     System { file: String, source: io::Error },
     /// An exception that Python code raised.
@@ -60,10 +55,7 @@ impl Failure {
     }
 
     pub(crate) fn system(path: &Path, source: io::Error) -> Self {
-        Self::System {
-            file: path.display().to_string(),
-            source,
-        }
+        Self::System { file: path.display().to_string(), source }
     }
 
     pub(crate) fn at(
@@ -97,12 +89,7 @@ impl From<Failure> for PyErr {
                     None => io::Error::new(source.kind(), format!("{file}: {text}")).into(),
                 }
             }
-            Failure::Input {
-                message,
-                file,
-                line,
-                key,
-            } => Python::attach(|py| {
+            Failure::Input { message, file, line, key } => Python::attach(|py| {
                 let error = InputError::new_err(message);
                 let value = error.value(py);
                 let set = (value.setattr("file", file))

@@ -24,9 +24,7 @@ impl<'a> Ranges<'a> {
         let structure = machine.chain().structure();
         let own = |name: ErrorName| structure.index_of(name.axis).unwrap_or(0);
         let errors = machine.errors();
-        let mut errors: Vec<_> = errors
-            .map(|(name, curve)| (name, own(name), curve))
-            .collect();
+        let mut errors: Vec<_> = errors.map(|(name, curve)| (name, own(name), curve)).collect();
         errors.sort_unstable_by_key(|(name, ..)| name.to_string());
         Self { machine, errors }
     }
@@ -34,11 +32,7 @@ impl<'a> Ranges<'a> {
     /// A bit for each error and axis outside its range, at every position; `None` if there is none at all.
     pub(crate) fn flags(&self, piece: &Piece) -> Option<Vec<u64>> {
         // Ranges are boxes of coordinates: one that holds both corners of the positions holds them all.
-        if self
-            .corners(piece)
-            .iter()
-            .all(|corner| self.at(corner) == 0)
-        {
+        if self.corners(piece).iter().all(|corner| self.at(corner) == 0) {
             return None;
         }
         let at = |state| self.at(&self.machine.curve_coordinates(&state));
@@ -83,11 +77,7 @@ impl<'a> Ranges<'a> {
         count: usize,
         flags: &[Option<Vec<u64>>],
     ) -> PyResult<()> {
-        let any = flags
-            .iter()
-            .flatten()
-            .flatten()
-            .fold(0, |all, bits| all | bits);
+        let any = flags.iter().flatten().flatten().fold(0, |all, bits| all | bits);
         let column = |bit: usize| -> Vec<bool> {
             let mut column = vec![false; count];
             for (places, flags) in column.chunks_mut(PIECE).zip(flags) {
@@ -101,10 +91,7 @@ impl<'a> Ranges<'a> {
         let axes = self.machine.axes().iter();
         let axes = axes.map(|axis: &Axis| axis.name.to_string());
         let errors: Vec<_> = errors.enumerate().collect();
-        let axes: Vec<_> = axes
-            .enumerate()
-            .map(|(bit, name)| (AXES + bit, name))
-            .collect();
+        let axes: Vec<_> = axes.enumerate().map(|(bit, name)| (AXES + bit, name)).collect();
         for (key, names) in [("outside_range", errors), ("outside_travel", axes)] {
             let found = PyDict::new(result.py());
             for (bit, name) in names {

@@ -274,10 +274,8 @@ impl Machine {
         let position_um = zeros(py, shape)?;
         let rotation_urad = zeros(py, shape)?;
         let (mut um, mut urad) = (position_um.readwrite(), rotation_urad.readwrite());
-        let targets = Targets {
-            position_um: um.as_slice_mut()?,
-            rotation_urad: urad.as_slice_mut()?,
-        };
+        let targets =
+            Targets { position_um: um.as_slice_mut()?, rotation_urad: urad.as_slice_mut()? };
         let flags = py.detach(|| self.fill(positions, &ranges, temperatures, model, targets))?;
         let result = PyDict::new(py);
         result.set_item("position_um", &position_um)?;
@@ -309,9 +307,7 @@ impl Machine {
                 })
             }
             Model::Compiled => {
-                let compiled = self
-                    .machine
-                    .compile_at(Tolerance::default(), temperatures)?;
+                let compiled = self.machine.compile_at(Tolerance::default(), temperatures)?;
                 let axes = chain.structure().axes();
                 fill_by(positions, ranges, targets, |piece, errors| {
                     let poses = &piece.poses;
@@ -370,12 +366,7 @@ impl Machine {
         for &(axis, at) in &grid.others {
             columns.push((self.machine.index_of(axis)?, axis, Column::Number(at)));
         }
-        Ok(Positions {
-            columns,
-            count: grid.len(),
-            stride: self.machine.axes().len(),
-            approach,
-        })
+        Ok(Positions { columns, count: grid.len(), stride: self.machine.axes().len(), approach })
     }
 
     fn correction_columns<'py>(
@@ -389,12 +380,8 @@ impl Machine {
             let micro =
                 |found: &Correction| Displacement::new(kind, found.delta[index]).um_or_urad();
             let micro: Vec<f64> = found.iter().map(|(_, found)| micro(found)).collect();
-            let sum = found
-                .iter()
-                .map(|(at, found)| at[index] + found.delta[index]);
-            let sum: Vec<f64> = sum
-                .map(|q| Displacement::new(kind, q).mm_or_deg())
-                .collect();
+            let sum = found.iter().map(|(at, found)| at[index] + found.delta[index]);
+            let sum: Vec<f64> = sum.map(|q| Displacement::new(kind, q).mm_or_deg()).collect();
             correction.set_item(axis.name.to_string(), micro.into_pyarray(py))?;
             corrected.set_item(axis.name.to_string(), sum.into_pyarray(py))?;
         }
@@ -416,14 +403,8 @@ impl Machine {
         result.set_item("residual_axis_urad", shaped(py, residual_axis_urad, shape)?)?;
         result.set_item("iterations", iterations.into_pyarray(py))?;
         result.set_item("converged", truth(&|of| of.converged).into_pyarray(py))?;
-        result.set_item(
-            "singular",
-            truth(&|of| of.tool_axis_partial).into_pyarray(py),
-        )?;
-        result.set_item(
-            "near_singular",
-            truth(&|of| of.near_singular).into_pyarray(py),
-        )?;
+        result.set_item("singular", truth(&|of| of.tool_axis_partial).into_pyarray(py))?;
+        result.set_item("near_singular", truth(&|of| of.near_singular).into_pyarray(py))?;
         Ok(result)
     }
 }

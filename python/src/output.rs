@@ -34,9 +34,7 @@ pub(crate) fn write_file<R>(
     let mut file = BufWriter::new(builder.tempfile_in(folder).map_err(failed)?);
     let result = write(&mut file)?;
     file.flush().map_err(failed)?;
-    let file = file
-        .into_inner()
-        .map_err(|error| failed(error.into_error()))?;
+    let file = file.into_inner().map_err(|error| failed(error.into_error()))?;
     file.as_file().sync_all().map_err(failed)?;
     file.persist(path).map_err(|error| failed(error.error))?;
     Ok(result)

@@ -49,10 +49,7 @@ impl<'py> PositionArguments<'py> {
         positions: &Bound<'py, PyAny>,
         axes: Option<&Bound<'py, PyAny>>,
     ) -> Result<Self, Failure> {
-        let mut found = Self {
-            columns: Vec::new(),
-            count: 1,
-        };
+        let mut found = Self { columns: Vec::new(), count: 1 };
         match (positions.hasattr("keys")?, axes) {
             (true, None) => found.mapping(machine, positions)?,
             (false, Some(axes)) => found.array(machine, positions, axes)?,
@@ -61,11 +58,8 @@ impl<'py> PositionArguments<'py> {
                 return Err(Failure::argument(message));
             }
             (false, None) => {
-                let letters: String = machine
-                    .axes()
-                    .iter()
-                    .map(|axis| axis.name.letter())
-                    .collect();
+                let letters: String =
+                    machine.axes().iter().map(|axis| axis.name.letter()).collect();
                 let message = format!(
                     "positions: found {} without axes, expected a dict axis -> array (mm, deg), or an array with axes=\"{letters}\": which column is which axis is never assumed",
                     positions.get_type().name()?
@@ -291,9 +285,7 @@ impl Piece {
 
     /// The states of the piece, in order.
     pub(crate) fn states(&self) -> impl Iterator<Item = State> {
-        self.poses
-            .chunks_exact(self.stride)
-            .map(|pose| self.state(pose))
+        self.poses.chunks_exact(self.stride).map(|pose| self.state(pose))
     }
 
     /// The smallest and the largest coordinate of every axis, each as a state.
@@ -302,10 +294,7 @@ impl Piece {
     }
 
     fn state(&self, pose: &[f64]) -> State {
-        let mut state = State {
-            approach: self.approach,
-            ..State::default()
-        };
+        let mut state = State { approach: self.approach, ..State::default() };
         state.q[..self.stride].copy_from_slice(pose);
         state
     }
@@ -319,9 +308,7 @@ fn wrong(axis: AxisName, column: &Column<'_>, start: usize) -> Failure {
         Column::Values(values) => {
             let mut values = values.iter().copied().enumerate().skip(start);
             let wrong = values.find(|(_, value)| is_wrong(*value));
-            wrong.map_or((String::new(), f64::NAN), |(index, value)| {
-                (format!("[{index}]"), value)
-            })
+            wrong.map_or((String::new(), f64::NAN), |(index, value)| (format!("[{index}]"), value))
         }
         Column::Nodes { .. } => (String::new(), f64::NAN),
     };

@@ -64,11 +64,7 @@ pub(crate) fn compensate_nc<'py>(
         let file = File::open(&program).map_err(|error| Failure::system(&program, error))?;
         let corrector = Corrector::new(machine, &temperatures, 1e-3 * tolerance_um)
             .map_err(|error| failure(&program, error))?;
-        let job = Job {
-            dialect,
-            limit,
-            ..Job::new(&corrector, &setup)
-        };
+        let job = Job { dialect, limit, ..Job::new(&corrector, &setup) };
         let mut interrupted = None;
         let written = write_file(&output, |out| {
             let mut input = BufReader::with_capacity(1 << 18, file);
@@ -150,12 +146,7 @@ fn failure(program: &Path, error: NcError) -> Failure {
         NcError::Io(error) => Failure::system(program, error),
         other => {
             let file = program.display().to_string();
-            Failure::at(
-                format_args!("{file}: {other}"),
-                Some(file.clone()),
-                line,
-                None,
-            )
+            Failure::at(format_args!("{file}: {other}"), Some(file.clone()), line, None)
         }
     }
 }

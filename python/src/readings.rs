@@ -126,13 +126,7 @@ pub(crate) fn fit<'py>(
     unit: Option<&str>,
 ) -> PyResult<Bound<'py, PyDict>> {
     let py = data.py();
-    let settings = FitSettings {
-        method,
-        order,
-        support,
-        shape,
-        residual,
-    };
+    let settings = FitSettings { method, order, support, shape, residual };
     settings.check()?;
     let at = at.map_or_else(|| Ok(Vec::new()), |at| finite_column(at, "at"))?;
     let (measurement, unit) = measurement(data, unit)?;
@@ -195,12 +189,7 @@ impl FitSettings<'_> {
         let has_order = matches!(method, "poly" | "chebyshev" | "mls");
         let (mls, auto) = (method == "mls", method == "auto");
         for (name, is_given, is_used, methods) in [
-            (
-                "order",
-                self.order.is_some(),
-                has_order,
-                "poly, chebyshev or mls",
-            ),
+            ("order", self.order.is_some(), has_order, "poly, chebyshev or mls"),
             ("support", self.support.is_some(), mls, "mls"),
             ("shape", self.shape.is_some(), mls, "mls"),
             ("residual", self.residual.is_some(), auto, "auto"),
@@ -293,11 +282,7 @@ fn of_file(path: PathBuf, unit: Option<&str>) -> Result<(Measurement, DeviationU
 
 fn of_columns(data: &Bound<'_, PyAny>) -> Result<(Measurement, DeviationUnit), Failure> {
     let given = |name: &str| -> Result<Option<Bound<'_, PyAny>>, Failure> {
-        Ok(if data.contains(name)? {
-            Some(data.get_item(name)?)
-        } else {
-            None
-        })
+        Ok(if data.contains(name)? { Some(data.get_item(name)?) } else { None })
     };
     let (um, urad) = (given("deviation_um")?, given("deviation_urad")?);
     let (deviation, unit) = match (um, urad) {
@@ -331,11 +316,9 @@ fn of_columns(data: &Bound<'_, PyAny>) -> Result<(Measurement, DeviationUnit), F
     let is_run = |run: f64| run.fract() == 0.0 && (1.0..=f64::from(u32::MAX)).contains(&run);
     let run = whole("run", is_run, "a whole number from 1")?;
     let direction = whole("direction", |sign| sign.abs() == 1.0, "+1 or -1")?;
-    for (name, found) in [
-        ("deviation", deviation.len()),
-        ("run", run.len()),
-        ("direction", direction.len()),
-    ] {
+    for (name, found) in
+        [("deviation", deviation.len()), ("run", run.len()), ("direction", direction.len())]
+    {
         if found != target.len() || found == 0 {
             return Err(Failure::argument(format_args!(
                 "{name}: found shape ({found},), expected ({},) as of target, and one reading at least",
@@ -364,11 +347,7 @@ fn of_columns(data: &Bound<'_, PyAny>) -> Result<(Measurement, DeviationUnit), F
             reason = "checked above"
         )]
         run: run[place] as u32,
-        direction: if direction[place] > 0.0 {
-            Direction::Positive
-        } else {
-            Direction::Negative
-        },
+        direction: if direction[place] > 0.0 { Direction::Positive } else { Direction::Negative },
         deviation: deviation[place],
     });
     let measurement = Measurement {

@@ -8,11 +8,7 @@
 //! 2. with many gateways, each with its own connection and nkey, a condition per second and full telemetry every ten
 //!    seconds: the duration of a roll-out to all, and the memory of the centre over the minutes.
 
-#![allow(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    reason = "a measurement fails by panicking"
-)]
+#![allow(clippy::unwrap_used, clippy::expect_used, reason = "a measurement fails by panicking")]
 
 #[path = "../tests/it/gateway.rs"]
 mod gateway;
@@ -126,23 +122,11 @@ impl Bench {
         for (machine, _) in &machines {
             store.put_machine(machine, "load").unwrap();
         }
-        Self {
-            folder,
-            server,
-            centre,
-            machines,
-            key,
-            database: config.store.file,
-            store,
-        }
+        Self { folder, server, centre, machines, key, database: config.store.file, store }
     }
 
     fn link(&self, key: &KeyPair) -> LinkSettings {
-        LinkSettings {
-            url: self.server.url(),
-            seed: key.seed().unwrap(),
-            roots: None,
-        }
+        LinkSettings { url: self.server.url(), seed: key.seed().unwrap(), roots: None }
     }
 
     async fn hub(&self) -> Hub {
@@ -154,14 +138,7 @@ impl Bench {
         let folder = program.parent().unwrap().parent().unwrap();
         let program = folder.join("volcomp-centre");
         let config = self.folder.path().join("centre.toml");
-        Centre(
-            Command::new(program)
-                .arg("--config")
-                .arg(config)
-                .arg("run")
-                .spawn()
-                .unwrap(),
-        )
+        Centre(Command::new(program).arg("--config").arg(config).arg("run").spawn().unwrap())
     }
 }
 
@@ -175,9 +152,7 @@ impl Drop for Centre {
 }
 
 fn model(number: u32) -> NewModel {
-    let origin = Origin::File {
-        name: "gantry.toml".to_owned(),
-    };
+    let origin = Origin::File { name: "gantry.toml".to_owned() };
     let text = format!("# {number}\n{MODEL}");
     NewModel::of_text(text, "gantry.toml", origin, "load").unwrap()
 }
@@ -193,12 +168,7 @@ fn condition() -> Condition {
         correction_urad: std::collections::BTreeMap::new(),
         residual_um: Some(0.712),
         temperatures_degc: (temperatures.iter())
-            .map(|one| {
-                (
-                    one["name"].as_str().unwrap().to_owned(),
-                    one["degc"].as_f64(),
-                )
-            })
+            .map(|one| (one["name"].as_str().unwrap().to_owned(), one["degc"].as_f64()))
             .collect(),
         cycle_p99_us: 125.951,
         overruns: 6,
@@ -273,9 +243,7 @@ async fn acknowledged(hub: &Hub, stream: &str) {
 async fn throughput(bench: &Bench, arguments: &Arguments) {
     let hub = bench.hub().await;
     let bare: [volcomp_fleet::SiteId; 1] = ["bare".parse().unwrap()];
-    hub.prepare(&bare, StreamRetention::default())
-        .await
-        .unwrap();
+    hub.prepare(&bare, StreamRetention::default()).await.unwrap();
     let mut ratios = Vec::new();
     // One pull subscription for all rounds, because the server would still send messages to an abandoned one.
     let [mut collection, _] = hub.collections(&bare[0]);
@@ -331,15 +299,9 @@ fn memory_mib(process: u32) -> f64 {
 fn processor_s(process: u32) -> f64 {
     let text = std::fs::read_to_string(format!("/proc/{process}/stat")).unwrap_or_default();
     let after = text.rsplit(')').next().unwrap_or_default();
-    let fields: Vec<f64> = after
-        .split_whitespace()
-        .filter_map(|one| one.parse().ok())
-        .collect();
+    let fields: Vec<f64> = after.split_whitespace().filter_map(|one| one.parse().ok()).collect();
     // Without the process state, which is no number, utime and stime are fields 11 and 12.
-    fields
-        .get(10)
-        .zip(fields.get(11))
-        .map_or(0.0, |(user, system)| (user + system) / 100.0)
+    fields.get(10).zip(fields.get(11)).map_or(0.0, |(user, system)| (user + system) / 100.0)
 }
 
 async fn fleet(bench: &Bench, arguments: &Arguments) {
@@ -367,12 +329,7 @@ async fn fleet(bench: &Bench, arguments: &Arguments) {
         tasks.spawn(gateway::run(plan, seen));
         tokio::time::sleep(Duration::from_millis(2)).await;
     }
-    let all = || {
-        reported
-            .iter()
-            .map(|one| one.all.load(Ordering::Relaxed))
-            .sum::<u64>()
-    };
+    let all = || reported.iter().map(|one| one.all.load(Ordering::Relaxed)).sum::<u64>();
     println!(
         "{} gateways are connected after {:.1} s",
         reported.len(),
@@ -426,16 +383,9 @@ fn roll_out(bench: &Bench, reported: &[gateway::GatewayState], number: u32) -> f
     let machines: Vec<_> = (bench.machines.iter())
         .map(|(machine, _)| (machine.identity.machine.clone(), false))
         .collect();
-    let rules = Rules {
-        waves: vec![100],
-        soak_s: 0.0,
-        answer_s: 300.0,
-        ..Rules::default()
-    };
+    let rules = Rules { waves: vec![100], soak_s: 0.0, answer_s: 300.0, ..Rules::default() };
     let start = Instant::now();
-    let begun = bench
-        .store
-        .begin_rollout(&new.model.sha256, &machines, rules, "load");
+    let begun = bench.store.begin_rollout(&new.model.sha256, &machines, rules, "load");
     let id = begun.unwrap().id;
     loop {
         std::thread::sleep(Duration::from_millis(100));
@@ -448,9 +398,7 @@ fn roll_out(bench: &Bench, reported: &[gateway::GatewayState], number: u32) -> f
     }
     let took_s = start.elapsed().as_secs_f64();
     let version = u64::from(number);
-    let all = reported
-        .iter()
-        .all(|one| one.version.load(Ordering::Relaxed) == version);
+    let all = reported.iter().all(|one| one.version.load(Ordering::Relaxed) == version);
     assert!(all, "each has it");
     took_s
 }
@@ -458,11 +406,8 @@ fn roll_out(bench: &Bench, reported: &[gateway::GatewayState], number: u32) -> f
 fn main() {
     let arguments = Arguments::parse();
     let bench = Bench::new(arguments.machines);
-    let runtime = tokio::runtime::Builder::new_multi_thread()
-        .worker_threads(2)
-        .enable_all()
-        .build()
-        .unwrap();
+    let runtime =
+        tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build().unwrap();
     runtime.block_on(async {
         throughput(&bench, &arguments).await;
         fleet(&bench, &arguments).await;

@@ -20,9 +20,7 @@ pub struct StoreConfig {
 
 impl Default for StoreConfig {
     fn default() -> Self {
-        Self {
-            file: "centre.db".into(),
-        }
+        Self { file: "centre.db".into() }
     }
 }
 
@@ -76,10 +74,7 @@ pub struct KeysConfig {
 
 impl Default for KeysConfig {
     fn default() -> Self {
-        Self {
-            folder: "keys".into(),
-            sign_with: "main".to_owned(),
-        }
+        Self { folder: "keys".into(), sign_with: "main".to_owned() }
     }
 }
 
@@ -177,29 +172,13 @@ impl Config {
     }
 
     fn paths(&mut self) -> impl Iterator<Item = &mut PathBuf> {
-        let Self {
-            store,
-            nats,
-            keys,
-            server,
-            page,
-            ..
-        } = self;
+        let Self { store, nats, keys, server, page, .. } = self;
         let page = (page.iter_mut())
             .flat_map(|page| [page.tls_certificate.as_mut(), page.tls_key.as_mut()]);
-        let stated = [
-            nats.ca.as_mut(),
-            server.certificate.as_mut(),
-            server.key.as_mut(),
-        ];
-        [
-            &mut store.file,
-            &mut nats.nkey_file,
-            &mut keys.folder,
-            &mut server.store,
-        ]
-        .into_iter()
-        .chain(stated.into_iter().chain(page).flatten())
+        let stated = [nats.ca.as_mut(), server.certificate.as_mut(), server.key.as_mut()];
+        [&mut store.file, &mut nats.nkey_file, &mut keys.folder, &mut server.store]
+            .into_iter()
+            .chain(stated.into_iter().chain(page).flatten())
     }
 
     fn check(&self, mistakes: &mut Mistakes<'_>) {
@@ -207,10 +186,7 @@ impl Config {
         if mistakes.states("nats") {
             mistakes.require("nats", "url");
         } else {
-            mistakes.add(
-                "nats",
-                "found no table [nats], expected it with the key url",
-            );
+            mistakes.add("nats", "found no table [nats], expected it with the key url");
         }
         if let Some(found) = wrong_address(&nats.url).filter(|_| mistakes.states("nats.url")) {
             mistakes.add("nats.url", format!("found {found:?}, expected {ADDRESSES}"));
@@ -222,10 +198,7 @@ impl Config {
         mistakes.range("nats.telemetry_d", nats.telemetry_d, 0.01..=3660.0);
         mistakes.range("nats.audit_d", nats.audit_d, 0.01..=3660.0);
         mistakes.whole("nats.telemetry_gib", nats.telemetry_gib, 1..=65_536);
-        for (key, hours) in [
-            ("keep.raw_h", keep.raw_h),
-            ("keep.telemetry_h", keep.telemetry_h),
-        ] {
+        for (key, hours) in [("keep.raw_h", keep.raw_h), ("keep.telemetry_h", keep.telemetry_h)] {
             mistakes.range(key, hours, 1.0..=8784.0);
         }
         for (key, days) in [
@@ -238,10 +211,7 @@ impl Config {
             mistakes.add(&format!("rollout.{key}"), why);
         }
         if server.certificate.is_some() != server.key.is_some() {
-            mistakes.add(
-                "server",
-                "found one of certificate and key, expected both or neither",
-            );
+            mistakes.add("server", "found one of certificate and key, expected both or neither");
         }
         if server.cluster.is_some() {
             mistakes.require("server", "cluster_listen");
@@ -249,10 +219,8 @@ impl Config {
         }
         let Some(page) = &self.page else { return };
         if page.tls_certificate.is_some() != page.tls_key.is_some() {
-            mistakes.add(
-                "page",
-                "found one of tls_certificate and tls_key, expected both or neither",
-            );
+            mistakes
+                .add("page", "found one of tls_certificate and tls_key, expected both or neither");
         } else if page.tls_key.is_none() && !page.listen.ip().is_loopback() {
             mistakes.add(
                 "page.listen",

@@ -33,24 +33,9 @@ use crate::{
 
 /// Machines: name, serial number, control, model.
 const MACHINES: [(&str, &str, &str, &str); 3] = [
-    (
-        "mill-1",
-        "4711",
-        "FANUC, simulated",
-        include_str!("../demo/mill-1.toml"),
-    ),
-    (
-        "mill-2",
-        "0815",
-        "SINUMERIK, simulated",
-        include_str!("../demo/mill-2.toml"),
-    ),
-    (
-        "five-1",
-        "2026",
-        "FANUC, simulated",
-        include_str!("../demo/five-1.toml"),
-    ),
+    ("mill-1", "4711", "FANUC, simulated", include_str!("../demo/mill-1.toml")),
+    ("mill-2", "0815", "SINUMERIK, simulated", include_str!("../demo/mill-2.toml")),
+    ("five-1", "2026", "FANUC, simulated", include_str!("../demo/five-1.toml")),
 ];
 const SITE: &str = "demo";
 const ADMIN: &str = "demo";
@@ -121,11 +106,7 @@ impl Demo {
         let server = server.map_err(|error| Error::Failed(error.to_string()))?;
 
         let (store, password) = prepared(folder.path(), &machines)?;
-        let link = |seed: String| LinkSettings {
-            url: server.url(),
-            seed,
-            roots: None,
-        };
+        let link = |seed: String| LinkSettings { url: server.url(), seed, roots: None };
         let key = Key::create(folder.path(), "demo").map_err(key)?;
         let trusted = key.key.verifying_key();
         let settings = Settings {
@@ -145,18 +126,11 @@ impl Demo {
         }
         let page = PageState::new(
             Arc::clone(&store),
-            PageSettings {
-                notice: notice(),
-                ..PageSettings::default()
-            },
+            PageSettings { notice: notice(), ..PageSettings::default() },
         );
         tasks.push(tokio::spawn(confirm(Arc::clone(&store))));
         tasks.push(tokio::spawn(Arc::clone(&page).refresh()));
-        tasks.push(tokio::spawn(volcomp_web::serve(
-            listener,
-            None,
-            router(&page),
-        )));
+        tasks.push(tokio::spawn(volcomp_web::serve(listener, None, router(&page))));
         Ok(Self {
             address,
             user: ADMIN,
@@ -235,10 +209,7 @@ fn prepared(
     let store = Store::open(&folder.join("centre.sqlite"))?;
     // 80 bits, in groups that are easy to type.
     let letters: Vec<char> = random_password()?.text().chars().take(20).collect();
-    let groups: Vec<String> = letters
-        .chunks(5)
-        .map(|group| group.iter().collect())
-        .collect();
+    let groups: Vec<String> = letters.chunks(5).map(|group| group.iter().collect()).collect();
     let password = groups.join("-");
     let chosen = Password::chosen(password.clone()).map_err(key)?;
     let hashed = hash(&chosen).map_err(key)?;
@@ -253,10 +224,7 @@ fn prepared(
         new.model.notes.push(invented.to_owned());
         store.add_model(&new.model, &new.text)?;
         let chosen = [(machine.identity.machine.clone(), true)];
-        let rules = Rules {
-            soak_s: 30.0,
-            ..Rules::default()
-        };
+        let rules = Rules { soak_s: 30.0, ..Rules::default() };
         store.begin_rollout(&new.model.sha256, &chosen, rules, ADMIN)?;
     }
     Ok((Arc::new(store), password))

@@ -117,9 +117,6 @@ impl Error {
     }
 
     pub(crate) fn missing(what: &'static str, name: &(impl ToString + ?Sized)) -> Self {
-        Self::Missing {
-            what,
-            name: name.to_string(),
-        }
+        Self::Missing { what, name: name.to_string() }
     }
 }

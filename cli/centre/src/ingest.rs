@@ -112,11 +112,7 @@ impl Ingest {
             let reception = machines.entry(machine).or_default();
             reception.instances.each.push(instance);
         }
-        Ok(Self {
-            machines,
-            changed: BTreeSet::new(),
-            start: Instant::now(),
-        })
+        Ok(Self { machines, changed: BTreeSet::new(), start: Instant::now() })
     }
 
     /// Stores a batch: on return either all of it is on disk or none of it.
@@ -190,10 +186,7 @@ impl Ingest {
 
     /// Age of a machine's last condition, s; before the first one, the time since the program started.
     pub fn silence_s(&self, machine: &MachineId) -> f64 {
-        let condition_at = self
-            .machines
-            .get(machine)
-            .and_then(|reception| reception.condition_at);
+        let condition_at = self.machines.get(machine).and_then(|reception| reception.condition_at);
         condition_at.unwrap_or(self.start).elapsed().as_secs_f64()
     }
 
@@ -202,10 +195,7 @@ impl Ingest {
     pub fn take_observations(
         &mut self,
         fresh_s: impl Fn(&MachineId) -> f64,
-    ) -> (
-        BTreeMap<MachineId, Observation>,
-        BTreeMap<MachineId, NewEvents>,
-    ) {
+    ) -> (BTreeMap<MachineId, Observation>, BTreeMap<MachineId, NewEvents>) {
         let look = |(machine, reception): (&MachineId, &mut Reception)| {
             let since = std::mem::take(&mut reception.events);
             let (sum, count) = since.residual;
@@ -290,9 +280,8 @@ fn store_message(
     };
     let at_s = made.at_s;
     taken.stored += 1;
-    let live = reception
-        .live
-        .get_or_insert_with(|| Live::new(machine.clone(), message.stored_s, 0));
+    let live =
+        reception.live.get_or_insert_with(|| Live::new(machine.clone(), message.stored_s, 0));
     live.heard_s = live.heard_s.max(message.stored_s);
     match body {
         Body::Condition(envelope) => {
@@ -318,10 +307,8 @@ fn store_message(
             let waited = Duration::try_from_secs_f64(made.late_s).unwrap_or_default();
             let made_at = Instant::now().checked_sub(waited);
             reception.condition_at = reception.condition_at.max(made_at);
-            live.made = Some(CreationTime {
-                at_s: message.stored_s - made.late_s,
-                late_s: made.late_s,
-            });
+            live.made =
+                Some(CreationTime { at_s: message.stored_s - made.late_s, late_s: made.late_s });
         }
         Body::Telemetry(envelope) => {
             if is_stored {
@@ -330,13 +317,7 @@ fn store_message(
         }
         Body::Record(envelope) => {
             let text = String::from_utf8_lossy(&message.bytes);
-            history::add_record(
-                database,
-                machine,
-                at_s,
-                &text,
-                envelope.body.key().as_deref(),
-            )?;
+            history::add_record(database, machine, at_s, &text, envelope.body.key().as_deref())?;
         }
         Body::Answer(envelope) => {
             models::answer(database, machine, message.stored_s, &envelope.body)?;

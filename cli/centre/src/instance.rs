@@ -55,11 +55,7 @@ pub struct Recent {
 impl Recent {
     fn of(stored_s: f64, uptime_s: f64) -> Self {
         let start_s = stored_s - uptime_s;
-        Self {
-            from_s: [stored_s, uptime_s],
-            start_s,
-            before_s: start_s,
-        }
+        Self { from_s: [stored_s, uptime_s], start_s, before_s: start_s }
     }
 
     /// Adds a message. Returns by how much its transit time exceeds the shortest one of the two windows, s.
@@ -67,10 +63,7 @@ impl Recent {
         let start_s = stored_s - uptime_s;
         let [from_stored_s, from_uptime_s] = self.from_s;
         if stored_s - from_stored_s >= WINDOW_S && uptime_s - from_uptime_s >= WINDOW_S {
-            *self = Self {
-                before_s: self.start_s,
-                ..Self::of(stored_s, uptime_s)
-            };
+            *self = Self { before_s: self.start_s, ..Self::of(stored_s, uptime_s) };
         }
         self.start_s = self.start_s.min(start_s);
         (start_s - self.start_s.min(self.before_s)).max(0.0)
@@ -105,16 +98,11 @@ impl Instances {
     pub fn take(&mut self, message: &Header<'_>) -> Option<CreationTime> {
         let uptime_s = Some(message.uptime_s).filter(|s| (0.0..MAX_UPTIME_S).contains(s));
         let start_s = message.stored_s - uptime_s.unwrap_or(0.0);
-        let known = self
-            .each
-            .iter()
-            .position(|one| one.instance == message.instance);
+        let known = self.each.iter().position(|one| one.instance == message.instance);
         let place = known.unwrap_or_else(|| {
             while self.each.len() >= MAX_INSTANCES {
                 let silent = (0..self.each.len()).min_by(|one, other| {
-                    self.each[*one]
-                        .heard_s
-                        .total_cmp(&self.each[*other].heard_s)
+                    self.each[*one].heard_s.total_cmp(&self.each[*other].heard_s)
                 });
                 let Some(place) = silent else { break };
                 let since_s = message.stored_s - self.each[place].heard_s;
@@ -154,9 +142,7 @@ impl Instances {
             // A gateway sends all messages created before a restart before the messages created after it. A message of an earlier instance that
             // follows one of a later instance therefore comes from a second gateway.
             let behind = self.each.iter().any(|other| {
-                other
-                    .passing_from
-                    .is_some_and(|later| from < later && later < sequence)
+                other.passing_from.is_some_and(|later| from < later && later < sequence)
             });
             if behind {
                 self.cloned_s = Some(message.stored_s);
@@ -203,13 +189,10 @@ impl Intervals {
         if self.0.get(place).is_some_and(|(first, _)| *first <= number) {
             return false;
         }
-        let after_last = place
-            .checked_sub(1)
-            .filter(|before| self.0[*before].1.checked_add(1) == Some(number));
-        let before_first = self
-            .0
-            .get(place)
-            .is_some_and(|(first, _)| number.checked_add(1) == Some(*first));
+        let after_last =
+            place.checked_sub(1).filter(|before| self.0[*before].1.checked_add(1) == Some(number));
+        let before_first =
+            self.0.get(place).is_some_and(|(first, _)| number.checked_add(1) == Some(*first));
         match (after_last, before_first) {
             (Some(before), true) => {
                 self.0[before].1 = self.0[place].1;
@@ -232,9 +215,7 @@ impl Intervals {
     /// Count of missing numbers between the lowest remembered one and `below`.
     pub fn missing_below(&self, below: u64) -> u64 {
         let holes = self.0.windows(2).map(|pair| (pair[0].1 + 1, pair[1].0));
-        holes
-            .map(|(from, to)| to.min(below).saturating_sub(from))
-            .sum()
+        holes.map(|(from, to)| to.min(below).saturating_sub(from)).sum()
     }
 }
 
@@ -264,9 +245,7 @@ impl TryFrom<String> for Intervals {
 impl From<Intervals> for String {
     fn from(intervals: Intervals) -> Self {
         let each = intervals.0.iter();
-        let each: Vec<Self> = each
-            .map(|(first, last)| format!("{first}-{last}"))
-            .collect();
+        let each: Vec<Self> = each.map(|(first, last)| format!("{first}-{last}")).collect();
         each.join(",")
     }
 }
@@ -319,13 +298,7 @@ mod tests {
     }
 
     fn message(instance: &str, number: u64, stored_s: f64, sequence: u64) -> Header<'_> {
-        Header {
-            instance,
-            number,
-            uptime_s: number as f64,
-            stored_s,
-            passing: Some(sequence),
-        }
+        Header { instance, number, uptime_s: number as f64, stored_s, passing: Some(sequence) }
     }
 
     #[test]
@@ -338,11 +311,7 @@ mod tests {
             let made_s = made(&message("a", number, 1105.0, number));
             assert_eq!(made_s, Some(100.0 + number as f64));
         }
-        assert_eq!(
-            instances.take(&message("a", 6, 1106.0, 2000)),
-            None,
-            "twice"
-        );
+        assert_eq!(instances.take(&message("a", 6, 1106.0, 2000)), None, "twice");
         assert_eq!(instances.cloned_s, None);
     }
 
@@ -353,13 +322,8 @@ mod tests {
         let mut number = 0;
         let mut late = |made_s: f64, stored_s: f64| {
             number += 1;
-            let message = Header {
-                instance: "a",
-                number,
-                uptime_s: made_s,
-                stored_s,
-                passing: Some(number),
-            };
+            let message =
+                Header { instance: "a", number, uptime_s: made_s, stored_s, passing: Some(number) };
             instances.take(&message).map(|made| made.late_s)
         };
         for second in 0..1000 {
@@ -382,10 +346,7 @@ mod tests {
         for minute in 14_400..14_420 {
             let made_s = 4600.0 + 60.0 * f64::from(minute);
             let reported = late(made_s, 13_204.0 + 60.006 * f64::from(minute));
-            assert!(
-                minute < 14_411 || reported < Some(0.5),
-                "{minute}: {reported:?}"
-            );
+            assert!(minute < 14_411 || reported < Some(0.5), "{minute}: {reported:?}");
         }
     }
 
@@ -408,10 +369,7 @@ mod tests {
             instances.take(&message("a", number, 100.0, number));
         }
         // After a restart, an acknowledgement overtakes the remaining messages of the previous run.
-        let ack = Header {
-            passing: None,
-            ..message("b", 1, 110.0, 1)
-        };
+        let ack = Header { passing: None, ..message("b", 1, 110.0, 1) };
         instances.take(&ack);
         instances.take(&message("a", 10, 111.0, 10));
         instances.take(&message("b", 2, 112.0, 11));
@@ -439,10 +397,8 @@ mod tests {
     fn invalid_times_are_ignored() {
         let mut instances = Instances::default();
         for uptime_s in [f64::NAN, f64::INFINITY, -1.0, 1e300] {
-            let made = instances.take(&Header {
-                uptime_s,
-                ..message("a", uptime_s.to_bits(), 50.0, 1)
-            });
+            let made =
+                instances.take(&Header { uptime_s, ..message("a", uptime_s.to_bits(), 50.0, 1) });
             assert_eq!(made.map(|made| made.at_s), Some(50.0));
         }
     }

@@ -72,12 +72,7 @@ pub(crate) fn issue(
     // The value is JSON, hence valid UTF-8.
     let value = String::from_utf8_lossy(&value).into_owned();
     add_version(database, &version, &value)?;
-    Ok(SignedValue {
-        machine: name.clone(),
-        version: version.version,
-        model: version.model,
-        value,
-    })
+    Ok(SignedValue { machine: name.clone(), version: version.version, model: version.model, value })
 }
 
 /// Issues the active model of a machine again with its settings in this transaction, after it was enabled or disabled, or its intervals were
@@ -104,9 +99,7 @@ fn reissue(
             active_version(&versions, live.as_ref()).cloned().or(newest)
         }
     };
-    let version = version.ok_or_else(|| Error::NoModelYet {
-        machine: machine.clone(),
-    })?;
+    let version = version.ok_or_else(|| Error::NoModelYet { machine: machine.clone() })?;
     issue_again(database, key, machine, &version.model, version.rollout, by)
 }
 
@@ -122,14 +115,7 @@ fn issue_again(
     let known = known.ok_or_else(|| Error::missing("machine", name))?;
     let model = model_of(database, sha256)?.ok_or_else(|| Error::missing("model", sha256))?;
     let text = text_of(database, sha256)?.ok_or_else(|| Error::missing("model", sha256))?;
-    let order = Order {
-        machine: &known,
-        model: &model,
-        text: &text,
-        confirm: None,
-        rollout,
-        by,
-    };
+    let order = Order { machine: &known, model: &model, text: &text, confirm: None, rollout, by };
     issue(database, key, &order)
 }
 
@@ -149,10 +135,7 @@ pub(crate) fn withdraw(
     }
     let versions = versions_of(database, machine)?;
     for version in versions.iter().filter(|version| is_of_rollout(version)) {
-        let withdrawn = Version {
-            withdrawn: true,
-            ..version.clone()
-        };
+        let withdrawn = Version { withdrawn: true, ..version.clone() };
         change_version(database, &withdrawn)?;
     }
     // Exclude versions that were rejected or wait for confirmation.
@@ -165,9 +148,7 @@ pub(crate) fn withdraw(
             let (model, rollout) = (&before.model, before.rollout);
             issue_again(database, key, machine, model, rollout, "centre")
         }
-        None => Err(Error::NoModelYet {
-            machine: machine.clone(),
-        }),
+        None => Err(Error::NoModelYet { machine: machine.clone() }),
     };
     match issued {
         Ok(_) => Ok(()),
@@ -200,9 +181,7 @@ pub fn settle(
             let versions = versions_of(database, machine)?;
             active_version(&versions, live_of(database, machine)?.as_ref()).cloned()
         };
-        let newest = newest.ok_or_else(|| Error::NoModelYet {
-            machine: machine.clone(),
-        })?;
+        let newest = newest.ok_or_else(|| Error::NoModelYet { machine: machine.clone() })?;
         if !differs(&known, &newest) {
             return Ok(None);
         }
@@ -243,33 +222,20 @@ mod tests {
             let axes = vec![AxisName::X, AxisName::Y, AxisName::Z];
             let machine = Machine::new(identity, "1".into(), "w X' b Y Z t".into(), axes);
             store.put_machine(&machine, "anna").expect("stored");
-            let key = Key {
-                name: "main".to_owned(),
-                key: SigningKey::from_bytes(&[7; 32]),
-            };
-            Self {
-                _folder: folder,
-                store,
-                key,
-                machine,
-            }
+            let key = Key { name: "main".to_owned(), key: SigningKey::from_bytes(&[7; 32]) };
+            Self { _folder: folder, store, key, machine }
         }
 
         pub(crate) fn name(&self) -> &MachineId {
             &self.machine.identity.machine
         }
 
-        #[expect(
-            clippy::needless_pass_by_value,
-            reason = "tests build the outcome in the call"
-        )]
+        #[expect(clippy::needless_pass_by_value, reason = "tests build the outcome in the call")]
         pub(crate) fn issue(&self, number: u32, rollout: u64, outcome: Option<Outcome>) -> String {
             let text = format!(
                 "name = \"mill\"\nstructure = \"w X' b Y Z t\"\n[axes.X]\ntravel = [0.0, 500.0]\n[axes.Y]\ntravel = [0.0, 400.0]\n[axes.Z]\ntravel = [0.0, 300.0]\n[errors]\nEC0Y = {number}.0\n"
             );
-            let origin = Origin::File {
-                name: String::new(),
-            };
+            let origin = Origin::File { name: String::new() };
             let new = NewModel::of_text(text, "mill.toml", origin, "anna").expect("a model");
             self.store.add_model(&new.model, &new.text).expect("stored");
             let issued = self.store.write(|database| {
@@ -284,11 +250,7 @@ mod tests {
                 issue(database, &self.key, &order)?;
                 let newest = newest_version(database, self.name())?.expect("it was issued");
                 let answered_s = outcome.is_some().then_some(1.0);
-                let answered = Version {
-                    outcome: outcome.clone(),
-                    answered_s,
-                    ..newest
-                };
+                let answered = Version { outcome: outcome.clone(), answered_s, ..newest };
                 change_version(database, &answered)
             });
             issued.expect("issued");
@@ -349,14 +311,8 @@ mod tests {
         let settle = || settle(&fixture.store, &fixture.key, fixture.name(), "anna");
         let new = fixture.issue(1, 1, None);
         fixture.withdraw(1);
-        let disabled = Machine {
-            enable: false,
-            ..fixture.machine.clone()
-        };
-        fixture
-            .store
-            .put_machine(&disabled, "anna")
-            .expect("stored");
+        let disabled = Machine { enable: false, ..fixture.machine.clone() };
+        fixture.store.put_machine(&disabled, "anna").expect("stored");
         assert!(matches!(settle(), Err(Error::NoModelYet { .. })));
         let live = Live::new(fixture.name().clone(), 1.0, 1);
         fixture.store.put_live(&[live]).expect("stored");

@@ -35,10 +35,7 @@ impl Key {
         getrandom::fill(&mut secret).map_err(Error::Random)?;
         let file = path(folder, name)?;
         write_secret(&file, &BASE64.encode(secret))?;
-        Ok(Self {
-            name: name.to_owned(),
-            key: SigningKey::from_bytes(&secret),
-        })
+        Ok(Self { name: name.to_owned(), key: SigningKey::from_bytes(&secret) })
     }
 
     pub fn read(folder: &Path, name: &str) -> Result<Self, Error> {
@@ -47,10 +44,7 @@ impl Key {
         let secret = BASE64.decode(text.trim()).ok();
         let secret: Option<[u8; 32]> = secret.and_then(|bytes| bytes.try_into().ok());
         let secret = secret.ok_or_else(|| content(&file, "base64 of 32 bytes"))?;
-        Ok(Self {
-            name: name.to_owned(),
-            key: SigningKey::from_bytes(&secret),
-        })
+        Ok(Self { name: name.to_owned(), key: SigningKey::from_bytes(&secret) })
     }
 
     /// Every key of a folder, sorted by name; empty if the folder does not exist.
@@ -76,10 +70,8 @@ impl Key {
 }
 
 fn path(folder: &Path, name: &str) -> Result<PathBuf, Error> {
-    let fits = !name.is_empty()
-        && name
-            .chars()
-            .all(|c| c.is_ascii_alphanumeric() || c == '-' || c == '_');
+    let fits =
+        !name.is_empty() && name.chars().all(|c| c.is_ascii_alphanumeric() || c == '-' || c == '_');
     if fits {
         Ok(folder.join(format!("{name}.{END}")))
     } else {
@@ -101,9 +93,7 @@ pub(crate) fn content(file: &Path, expected: &str) -> Error {
 /// Writes a secret and a line end to a new file, mode 0600.
 pub fn write_secret(file: &Path, text: &str) -> Result<(), Error> {
     let write = || -> io::Result<()> {
-        let folder = file
-            .parent()
-            .filter(|folder| !folder.as_os_str().is_empty());
+        let folder = file.parent().filter(|folder| !folder.as_os_str().is_empty());
         let folder = folder.unwrap_or(Path::new("."));
         fs::create_dir_all(folder)?;
         // Write a temporary file first, so that a full disk leaves no partial secret.
@@ -112,9 +102,7 @@ pub fn write_secret(file: &Path, text: &str) -> Result<(), Error> {
             .tempfile_in(folder)?;
         writeln!(opened, "{text}")?;
         opened.as_file().sync_all()?;
-        opened
-            .persist_noclobber(file)
-            .map_err(|failed| failed.error)?;
+        opened.persist_noclobber(file).map_err(|failed| failed.error)?;
         Ok(())
     };
     write().map_err(|error| match error.kind() {

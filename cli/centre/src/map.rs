@@ -101,10 +101,7 @@ pub fn error_map(machine: &Machine) -> Result<ErrorMap, ModelError> {
     };
     let chain = machine.chain();
     let lengths_um = |state: &State| {
-        let before = machine
-            .error_at(state, Form::Exact, &none)
-            .position_mm
-            .norm();
+        let before = machine.error_at(state, Form::Exact, &none).position_mm.norm();
         let actual = actual_pose(chain, &source, &commanded(state))
             .transform_point(&chain.tool_tip_mm())
             - chain.workpiece_origin_mm();
@@ -120,14 +117,10 @@ pub fn error_map(machine: &Machine) -> Result<ErrorMap, ModelError> {
     };
     // A section through the middle does not cover the corners.
     let space = MapGrid::over_travels(machine, [SEARCH_NODES; 3], &others)?;
-    let whole: Vec<[f64; 2]> = (0..space.len())
-        .map(|index| lengths_um(&space.node(machine, index).1))
-        .collect();
+    let whole: Vec<[f64; 2]> =
+        (0..space.len()).map(|index| lengths_um(&space.node(machine, index).1)).collect();
     larger(&mut map.largest_um, &whole);
-    let between: Vec<[f64; 2]> = between_nodes(machine, &others)?
-        .iter()
-        .map(lengths_um)
-        .collect();
+    let between: Vec<[f64; 2]> = between_nodes(machine, &others)?.iter().map(lengths_um).collect();
     larger(&mut map.largest_um, &between);
     for (across, up) in [(0, 1), (0, 2), (1, 2)] {
         if up >= grid.axes.len() {
@@ -142,20 +135,16 @@ pub fn error_map(machine: &Machine) -> Result<ErrorMap, ModelError> {
         }
         let plane = MapGrid::over_travels(machine, counts, &others)?;
         // The third axis has one node, so that the first axis of the section varies fastest.
-        let both: Vec<[f64; 2]> = (0..plane.len())
-            .map(|index| lengths_um(&plane.node(machine, index).1))
-            .collect();
+        let both: Vec<[f64; 2]> =
+            (0..plane.len()).map(|index| lengths_um(&plane.node(machine, index).1)).collect();
         larger(&mut map.largest_um, &both);
         let rows = |place: usize| {
             let rows = both.chunks(SECTION_NODES);
-            rows.map(|row| row.iter().map(|values| values[place]).collect())
-                .collect()
+            rows.map(|row| row.iter().map(|values| values[place]).collect()).collect()
         };
         let axis = |index: usize| SectionAxis {
             name: grid.axes[index],
-            travel: machine
-                .axis(grid.axes[index])
-                .map_or([0.0; 2], |axis| axis.travel),
+            travel: machine.axis(grid.axes[index]).map_or([0.0; 2], |axis| axis.travel),
         };
         let third = (0..grid.axes.len()).find(|index| ![across, up].contains(index));
         map.sections.push(Section {

@@ -65,9 +65,7 @@ impl NewModel {
         }
         measured.clone_into(&mut self.model.measured);
         let machine = ModelMachine::parse(&self.text, "the machine file")?;
-        self.model
-            .notes
-            .extend(beyond_every_guard(&error_map(&machine)?));
+        self.model.notes.extend(beyond_every_guard(&error_map(&machine)?));
         Ok(self)
     }
 }

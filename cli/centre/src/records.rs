@@ -102,11 +102,7 @@ impl Machine {
         }
         if self.serial.trim().is_empty() {
             let found = format!("{:?}", self.serial);
-            return Err(invalid(
-                "serial",
-                found,
-                "the serial number of the machine tool",
-            ));
+            return Err(invalid("serial", found, "the serial number of the machine tool"));
         }
         for (key, text) in [
             ("serial", &self.serial),
@@ -344,15 +340,8 @@ pub struct Point {
 }
 
 /// States of the guard from best to worst; the worst of several conditions counts.
-const STATES: [&str; 7] = [
-    "compensating",
-    "disarmed",
-    "arming",
-    "holding",
-    "ramping-out",
-    "unknown",
-    "faulted",
-];
+const STATES: [&str; 7] =
+    ["compensating", "disarmed", "arming", "holding", "ramping-out", "unknown", "faulted"];
 
 /// Severity of a state; unlisted states are worse than `unknown`.
 fn badness(state: &str) -> usize {
@@ -395,9 +384,7 @@ impl Point {
     pub(crate) fn mean(points: &[Self], at_s: f64) -> Option<Self> {
         let last = points.last()?;
         let worst = points.iter().max_by_key(|point| badness(&point.state))?;
-        let residuals = points
-            .iter()
-            .filter_map(|point| Some((point.count, point.residual_um?)));
+        let residuals = points.iter().filter_map(|point| Some((point.count, point.residual_um?)));
         let largest = points.iter().filter_map(|point| point.residual_max_um);
         Some(Self {
             at_s,
@@ -487,10 +474,7 @@ impl Live {
 
     /// When the last condition was created. For data of an older program: when the last message was stored.
     pub fn made(&self) -> Option<CreationTime> {
-        let stored = CreationTime {
-            at_s: self.heard_s,
-            late_s: 0.0,
-        };
+        let stored = CreationTime { at_s: self.heard_s, late_s: 0.0 };
         self.condition.as_ref().map(|_| self.made.unwrap_or(stored))
     }
 }

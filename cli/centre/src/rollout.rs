@@ -72,11 +72,7 @@ impl Rules {
         within("soak_s", &self.soak_s, &Self::SOAK_S)?;
         within("answer_s", &self.answer_s, &Self::ANSWER_S)?;
         within("tolerate", &self.tolerate, &Self::TOLERATE)?;
-        within(
-            "residual_ratio",
-            &self.residual_ratio,
-            &Self::RESIDUAL_RATIO,
-        )?;
+        within("residual_ratio", &self.residual_ratio, &Self::RESIDUAL_RATIO)?;
         within("residual_um", &self.residual_um, &Self::RESIDUAL_UM)
     }
 }
@@ -156,11 +152,9 @@ impl Step {
                         && !matches!(outcome, Outcome::NeedsConfirmation { .. }))
             }
             // A late activation is detected from the reported version.
-            Self::Out {
-                version: Some(version),
-                against: false,
-                ..
-            } => answered >= *version && *outcome != Outcome::Activated,
+            Self::Out { version: Some(version), against: false, .. } => {
+                answered >= *version && *outcome != Outcome::Activated
+            }
             Self::Waiting | Self::Soaking { .. } | Self::Done { .. } | Self::Out { .. } => false,
         }
     }
@@ -357,9 +351,7 @@ impl Rollout {
     ) -> Self {
         let any = machines.iter().any(|(_, canary)| *canary);
         let is_canary = |place: usize| machines[place].1 || (!any && place == 0);
-        let others = (0..machines.len())
-            .filter(|place| !is_canary(*place))
-            .count() as u64;
+        let others = (0..machines.len()).filter(|place| !is_canary(*place)).count() as u64;
         let mut targets = Vec::new();
         let mut rank = 0;
         for (place, (machine, _)) in machines.iter().enumerate() {
@@ -378,20 +370,8 @@ impl Rollout {
             });
         }
         targets.sort_by_key(|target| target.wave);
-        let phase = if targets.is_empty() {
-            Phase::Done
-        } else {
-            Phase::Running
-        };
-        Self {
-            id,
-            model: model.to_owned(),
-            by: by.to_owned(),
-            since_s,
-            rules,
-            phase,
-            targets,
-        }
+        let phase = if targets.is_empty() { Phase::Done } else { Phase::Running };
+        Self { id, model: model.to_owned(), by: by.to_owned(), since_s, rules, phase, targets }
     }
 
     pub fn step(&mut self, event: Event) -> Vec<Action> {
@@ -408,20 +388,13 @@ impl Rollout {
     fn apply(&mut self, event: Event) -> Vec<Action> {
         match event {
             Event::Pass { elapsed_s, seen } => self.observe(elapsed_s, &seen),
-            Event::Issued {
-                machine,
-                version,
-                before_um,
-            } => {
+            Event::Issued { machine, version, before_um } => {
                 if let Some(target) = self.target(&machine) {
                     // A second manifest for the same target (after confirmation) is compared with the residual before the first one.
                     if target.step == Step::Waiting {
                         target.before_um = before_um;
                     }
-                    target.step = Step::Sent {
-                        version,
-                        waited_s: 0.0,
-                    };
+                    target.step = Step::Sent { version, waited_s: 0.0 };
                 }
                 return Vec::new();
             }
@@ -430,11 +403,9 @@ impl Rollout {
                     target.step = dropped_out(None, why, true);
                 }
             }
-            Event::Answered {
-                machine,
-                version,
-                outcome,
-            } => self.apply_outcome(&machine, version, outcome),
+            Event::Answered { machine, version, outcome } => {
+                self.apply_outcome(&machine, version, outcome)
+            }
             Event::Requested { request, by } => {
                 if let Some(action) = self.apply_request(request, by) {
                     return vec![action];
@@ -451,18 +422,12 @@ impl Rollout {
     }
 
     fn target(&mut self, machine: &MachineId) -> Option<&mut Target> {
-        self.targets
-            .iter_mut()
-            .find(|target| target.machine == *machine)
+        self.targets.iter_mut().find(|target| target.machine == *machine)
     }
 
     fn observe(&mut self, elapsed_s: f64, seen: &BTreeMap<MachineId, Observation>) {
         // Written so that a NaN is treated as zero.
-        let elapsed_s = if elapsed_s > 0.0 {
-            elapsed_s.min(MAX_ELAPSED_S)
-        } else {
-            0.0
-        };
+        let elapsed_s = if elapsed_s > 0.0 { elapsed_s.min(MAX_ELAPSED_S) } else { 0.0 };
         let rules = &self.rules;
         for target in &mut self.targets {
             let seen = seen.get(&target.machine).filter(|seen| seen.reachable);
@@ -479,25 +444,18 @@ impl Rollout {
                     }
                 }
                 // The version was activated late; nothing else was sent since.
-                (
-                    Step::Out {
-                        version: Some(version),
-                        against: false,
-                        ..
-                    },
-                    Some(seen),
-                ) if seen.version >= version => soaking(version),
+                (Step::Out { version: Some(version), against: false, .. }, Some(seen))
+                    if seen.version >= version =>
+                {
+                    soaking(version)
+                }
                 (step @ Step::Soaking { .. }, Some(seen)) => {
                     advance_soak(step, seen, elapsed_s, rules, target.before_um)
                 }
                 // The soak time of the machine is over, but it keeps the model as long as the roll-out continues.
                 (
                     Step::Done { version },
-                    Some(Observation {
-                        version: seen,
-                        faulted: Some(why),
-                        ..
-                    }),
+                    Some(Observation { version: seen, faulted: Some(why), .. }),
                 ) if *seen >= version => faulted(version, why),
                 (step, _) => step,
             };
@@ -512,11 +470,7 @@ impl Rollout {
         // Duplicate outcomes do not undo a version that is active or was never sent.
         let (Step::Sent { version: sent, .. }
         | Step::NeedsConfirmation { version: sent, .. }
-        | Step::Out {
-            version: Some(sent),
-            against: false,
-            ..
-        }) = target.step
+        | Step::Out { version: Some(sent), against: false, .. }) = target.step
         else {
             return;
         };
@@ -526,23 +480,18 @@ impl Rollout {
         target.step = match outcome {
             Outcome::Activated if soak <= 0.0 => Step::Done { version: answered },
             Outcome::Activated => soaking(answered),
-            Outcome::NeedsConfirmation {
-                hash,
-                worst_um,
-                worst_urad,
-                differences,
-            } => Step::NeedsConfirmation {
-                version: answered,
-                hash,
-                worst_um,
-                worst_urad,
-                differences,
-            },
-            Outcome::Refused { why } => dropped_out(
-                Some(answered),
-                format!("it has rejected the model: {why}"),
-                true,
-            ),
+            Outcome::NeedsConfirmation { hash, worst_um, worst_urad, differences } => {
+                Step::NeedsConfirmation {
+                    version: answered,
+                    hash,
+                    worst_um,
+                    worst_urad,
+                    differences,
+                }
+            }
+            Outcome::Refused { why } => {
+                dropped_out(Some(answered), format!("it has rejected the model: {why}"), true)
+            }
         };
     }
 
@@ -569,10 +518,7 @@ impl Rollout {
                 let target = self.target(&machine)?;
                 if matches!(&target.step, Step::NeedsConfirmation { hash: shown, .. } if *shown == hash)
                 {
-                    return Some(Action::Issue {
-                        machine,
-                        confirm: Some(hash),
-                    });
+                    return Some(Action::Issue { machine, confirm: Some(hash) });
                 }
             }
         }
@@ -591,19 +537,11 @@ impl Rollout {
             match &mut target.step {
                 Step::Sent { .. } => target.step = Step::Waiting,
                 Step::NeedsConfirmation { .. } if ended => target.step = Step::Waiting,
-                Step::Out {
-                    version: version @ Some(_),
-                    against: false,
-                    ..
-                } => *version = None,
-                Step::Out {
-                    version: Some(_), ..
-                } if ended => {}
+                Step::Out { version: version @ Some(_), against: false, .. } => *version = None,
+                Step::Out { version: Some(_), .. } if ended => {}
                 _ => continue,
             }
-            actions.push(Action::Withdraw {
-                machine: target.machine.clone(),
-            });
+            actions.push(Action::Withdraw { machine: target.machine.clone() });
         }
         actions
     }
@@ -614,20 +552,12 @@ impl Rollout {
         }
         let mut stayed_out = 0;
         for target in &self.targets {
-            let Step::Out {
-                why,
-                against,
-                excused: false,
-                ..
-            } = &target.step
-            else {
+            let Step::Out { why, against, excused: false, .. } = &target.step else {
                 continue;
             };
             stayed_out += 1;
             if *against || target.wave == 0 || stayed_out > self.rules.tolerate {
-                self.phase = Phase::Stopped {
-                    why: format!("{}: {why}", target.machine),
-                };
+                self.phase = Phase::Stopped { why: format!("{}: {why}", target.machine) };
                 return;
             }
         }
@@ -647,10 +577,7 @@ impl Rollout {
         let waiting = self.targets.iter();
         waiting
             .filter(|target| target.wave == wave && target.step == Step::Waiting)
-            .map(|target| Action::Issue {
-                machine: target.machine.clone(),
-                confirm: None,
-            })
+            .map(|target| Action::Issue { machine: target.machine.clone(), confirm: None })
             .collect()
     }
 }
@@ -663,15 +590,7 @@ fn advance_soak(
     rules: &Rules,
     before_um: Option<f64>,
 ) -> Step {
-    let Step::Soaking {
-        version,
-        soaked_s,
-        residual_um,
-        known_s,
-        older_s,
-        idle_s,
-    } = step
-    else {
+    let Step::Soaking { version, soaked_s, residual_um, known_s, older_s, idle_s } = step else {
         return step;
     };
     let unchanged = |older_s, idle_s| Step::Soaking {
@@ -720,14 +639,7 @@ fn advance_soak(
     } else if is_soaked {
         Step::Done { version }
     } else {
-        Step::Soaking {
-            version,
-            soaked_s,
-            residual_um,
-            known_s,
-            older_s: 0.0,
-            idle_s: 0.0,
-        }
+        Step::Soaking { version, soaked_s, residual_um, known_s, older_s: 0.0, idle_s: 0.0 }
     }
 }
 
@@ -747,19 +659,13 @@ fn soaking(version: u64) -> Step {
 }
 
 fn dropped_out(version: Option<u64>, why: String, against: bool) -> Step {
-    Step::Out {
-        version,
-        why,
-        against,
-        excused: false,
-    }
+    Step::Out { version, why, against, excused: false }
 }
 
 /// Wave of the machine with this rank (from 1) among `of` machines: the first wave whose cumulative percentage includes it. Machines beyond all waves
 /// form one more wave.
 fn wave_of(percent: &[u32], rank: u64, of: u64) -> u32 {
-    let reached = percent
-        .iter()
-        .position(|percent| rank * 100 <= u64::from(*percent).saturating_mul(of));
+    let reached =
+        percent.iter().position(|percent| rank * 100 <= u64::from(*percent).saturating_mul(of));
     u32::try_from(reached.unwrap_or(percent.len()) + 1).unwrap_or(u32::MAX)
 }

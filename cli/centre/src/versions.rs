@@ -47,10 +47,8 @@ pub fn active_version<'a>(versions: &'a [Version], live: Option<&Live>) -> Optio
     let is_active = |version: &&Version| {
         let is_newer = reported.is_none_or(|reported| {
             // Conditions may be rarer than outcomes.
-            let is_later = version
-                .answered_s
-                .zip(told_s)
-                .is_some_and(|(at, reported)| at > reported);
+            let is_later =
+                version.answered_s.zip(told_s).is_some_and(|(at, reported)| at > reported);
             version.version > reported.version && is_later
         });
         is_newer && !version.withdrawn && version.outcome == Some(Outcome::Activated)
@@ -156,9 +154,7 @@ pub fn start_way_back(
     rules: Rules,
     by: &str,
 ) -> Result<(Rollout, Model), Error> {
-    let none = || Error::NoWayBack {
-        machine: machine.clone(),
-    };
+    let none = || Error::NoWayBack { machine: machine.clone() };
     let known = store.machine(machine)?.ok_or_else(none)?;
     let live = store.live_of(machine)?;
     let version = way_back(store, machine, live.as_ref())?.ok_or_else(none)?;
@@ -203,11 +199,8 @@ mod tests {
 
     #[test]
     fn a_withdrawn_version_is_no_way_back() {
-        let versions = [
-            version(3, "M0", 1, false),
-            version(2, "M1", 2, true),
-            version(1, "M0", 1, false),
-        ];
+        let versions =
+            [version(3, "M0", 1, false), version(2, "M1", 2, true), version(1, "M0", 1, false)];
         assert_eq!(found(&versions, Some(&live(3)), &[]), None);
         assert_eq!(found(&versions, None, &[]), None);
         // The machine still has the reverted version.
@@ -216,22 +209,16 @@ mod tests {
 
     #[test]
     fn a_broken_off_version_is_no_way_back_unless_kept() {
-        let versions = [
-            version(3, "M2", 3, false),
-            version(2, "M1", 2, false),
-            version(1, "M0", 1, false),
-        ];
+        let versions =
+            [version(3, "M2", 3, false), version(2, "M1", 2, false), version(1, "M0", 1, false)];
         assert_eq!(found(&versions, None, &[2]), Some(1));
         assert_eq!(found(&versions, None, &[]), Some(2));
     }
 
     #[test]
     fn the_reported_version_is_active() {
-        let versions = [
-            version(3, "M0", 1, false),
-            version(2, "M1", 2, true),
-            version(1, "M0", 1, false),
-        ];
+        let versions =
+            [version(3, "M0", 1, false), version(2, "M1", 2, true), version(1, "M0", 1, false)];
         let number = |live: Option<&Live>| active_version(&versions, live).map(|one| one.version);
         assert_eq!(number(Some(&live(2))), Some(2));
         assert_eq!(number(Some(&live(0))), Some(3));

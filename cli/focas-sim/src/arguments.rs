@@ -64,12 +64,7 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "FILE", conflicts_with = "stroke_mm")]
     pub(crate) program: Option<PathBuf>,
     /// Acceleration of these moves, mm/s² (rad/s² if only rotary axes move): 1 to 1000000
-    #[arg(
-        long,
-        value_name = "MM_PER_S2",
-        default_value_t = 1000.0,
-        requires = "program"
-    )]
+    #[arg(long, value_name = "MM_PER_S2", default_value_t = 1000.0, requires = "program")]
     acceleration_mm_s2: f64,
     /// Move every axis to and fro by this stroke, mm or deg
     #[arg(long, value_name = "MM", default_value_t = 0.0)]
@@ -161,11 +156,7 @@ impl Arguments {
 
     /// Axes of the control; `default` if none are named.
     pub(crate) fn axes(&self, default: &[AxisName]) -> Result<Vec<AxisName>, SimError> {
-        let axes = if self.axes.is_empty() {
-            default.to_vec()
-        } else {
-            self.axes.clone()
-        };
+        let axes = if self.axes.is_empty() { default.to_vec() } else { self.axes.clone() };
         for (index, name) in axes.iter().enumerate() {
             if axes[..index].contains(name) {
                 return Err(SimError::input(
@@ -201,11 +192,7 @@ impl Arguments {
         if (1.0..=1e6).contains(&found) {
             Ok(found)
         } else {
-            Err(SimError::input(
-                "--acceleration-mm-s2",
-                found.to_string(),
-                "1 to 1000000",
-            ))
+            Err(SimError::input("--acceleration-mm-s2", found.to_string(), "1 to 1000000"))
         }
     }
 
@@ -234,10 +221,7 @@ impl Arguments {
             return Err(SimError::input(
                 "--pause-s",
                 pause_s.to_string(),
-                format!(
-                    "more than 0 and less than --pause-every-s {}",
-                    self.pause_every_s
-                ),
+                format!("more than 0 and less than --pause-every-s {}", self.pause_every_s),
             ));
         }
         Ok(Some((pause, every)))

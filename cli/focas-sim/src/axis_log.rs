@@ -40,9 +40,7 @@ impl AxisLog {
         });
         let heads: String = heads.collect();
         writeln!(output, "monotonic_s,switched_on{heads}").map_err(SimError::write(&file))?;
-        let scales: Vec<f64> = (axes.iter())
-            .map(|axis| count(axis.kind()).um_or_urad())
-            .collect();
+        let scales: Vec<f64> = (axes.iter()).map(|axis| count(axis.kind()).um_or_urad()).collect();
         let (line_sender, lines) = channel();
         let writer = thread::Builder::new()
             .name("focas-sim axes".to_owned())

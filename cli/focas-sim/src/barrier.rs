@@ -25,44 +25,19 @@ pub(crate) struct BarrierArguments {
     #[arg(long)]
     no_barrier: bool,
     /// Axes that the barrier corrects, in the order of its frames [default: all]
-    #[arg(
-        long,
-        value_name = "LETTERS",
-        value_delimiter = ',',
-        conflicts_with = "no_barrier"
-    )]
+    #[arg(long, value_name = "LETTERS", value_delimiter = ',', conflicts_with = "no_barrier")]
     barrier_axes: Vec<AxisName>,
     /// Machine number; frames for another one are refused
-    #[arg(
-        long,
-        value_name = "NUMBER",
-        default_value_t = 1,
-        conflicts_with = "no_barrier"
-    )]
+    #[arg(long, value_name = "NUMBER", default_value_t = 1, conflicts_with = "no_barrier")]
     machine_number: u16,
     /// Largest correction of a linear axis, µm
-    #[arg(
-        long,
-        value_name = "UM",
-        default_value_t = 150.0,
-        conflicts_with = "no_barrier"
-    )]
+    #[arg(long, value_name = "UM", default_value_t = 150.0, conflicts_with = "no_barrier")]
     limit_um: f64,
     /// Largest correction of a rotary axis, µrad
-    #[arg(
-        long,
-        value_name = "URAD",
-        default_value_t = 2000.0,
-        conflicts_with = "no_barrier"
-    )]
+    #[arg(long, value_name = "URAD", default_value_t = 2000.0, conflicts_with = "no_barrier")]
     limit_urad: f64,
     /// Maximum rate of the correction of a linear axis, µm/s
-    #[arg(
-        long,
-        value_name = "UM_PER_S",
-        default_value_t = 1000.0,
-        conflicts_with = "no_barrier"
-    )]
+    #[arg(long, value_name = "UM_PER_S", default_value_t = 1000.0, conflicts_with = "no_barrier")]
     rate_um_per_s: f64,
     /// Maximum rate of the correction of a rotary axis, µrad/s
     #[arg(
@@ -73,20 +48,10 @@ pub(crate) struct BarrierArguments {
     )]
     rate_urad_per_s: f64,
     /// Maximum age of the report that a frame answers, ms
-    #[arg(
-        long,
-        value_name = "MS",
-        default_value_t = 200.0,
-        conflicts_with = "no_barrier"
-    )]
+    #[arg(long, value_name = "MS", default_value_t = 200.0, conflicts_with = "no_barrier")]
     hold_ms: f64,
     /// Time without a frame after which the correction ramps to zero, ms: at least twice --hold-ms
-    #[arg(
-        long,
-        value_name = "MS",
-        default_value_t = 450.0,
-        conflicts_with = "no_barrier"
-    )]
+    #[arg(long, value_name = "MS", default_value_t = 450.0, conflicts_with = "no_barrier")]
     time_out_ms: f64,
     /// Instead of the barrier use a map of at most this number of words, 69 to 2450: frames from D0, report from D144,
     /// buffers from D200 on
@@ -109,11 +74,7 @@ impl BarrierArguments {
     }
 
     fn corrected<'a>(&'a self, axes: &'a [AxisName]) -> &'a [AxisName] {
-        if self.barrier_axes.is_empty() {
-            axes
-        } else {
-            &self.barrier_axes
-        }
+        if self.barrier_axes.is_empty() { axes } else { &self.barrier_axes }
     }
 
     /// Machine number and axes in the barrier's report; `None` with `--no-barrier`.
@@ -194,11 +155,8 @@ impl BarrierArguments {
                 )]
                 return Ok(number as u16);
             }
-            let expected = format!(
-                "{} to {} with --map-words",
-                1.0 / times,
-                f64::from(most) / times
-            );
+            let expected =
+                format!("{} to {} with --map-words", 1.0 / times, f64::from(most) / times);
             Err(SimError::input(option, found.to_string(), expected))
         };
         let steps = i16::MAX.cast_unsigned();
@@ -217,10 +175,5 @@ impl BarrierArguments {
 }
 
 fn axis(name: AxisName) -> Axis {
-    Axis {
-        name,
-        includes_correction: true,
-        resolution: count(name.kind()),
-        largest: None,
-    }
+    Axis { name, includes_correction: true, resolution: count(name.kind()), largest: None }
 }

@@ -5,21 +5,11 @@ use volcomp_model::ModelError;
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum SimError {
     #[error("{place}: found {found}, expected {expected}")]
-    Input {
-        place: String,
-        found: String,
-        expected: String,
-    },
+    Input { place: String, found: String, expected: String },
     #[error("{file}: cannot be read: {source}")]
-    Read {
-        file: String,
-        source: std::io::Error,
-    },
+    Read { file: String, source: std::io::Error },
     #[error("{file}: cannot be written: {source}")]
-    Write {
-        file: String,
-        source: std::io::Error,
-    },
+    Write { file: String, source: std::io::Error },
     #[error(transparent)]
     Place(#[from] InputError),
     #[error("--truth: {0}")]
@@ -29,15 +19,9 @@ pub(crate) enum SimError {
     #[error("--map-words: {0}")]
     Map(#[from] volcomp_tables::control::SettingsError),
     #[error("--listen {address}: {source}")]
-    Listen {
-        address: String,
-        source: std::io::Error,
-    },
+    Listen { address: String, source: std::io::Error },
     #[error("{what}: {source}")]
-    System {
-        what: &'static str,
-        source: std::io::Error,
-    },
+    System { what: &'static str, source: std::io::Error },
 }
 
 impl SimError {
@@ -46,11 +30,7 @@ impl SimError {
         found: impl Into<String>,
         expected: impl Into<String>,
     ) -> Self {
-        Self::Input {
-            place: place.into(),
-            found: found.into(),
-            expected: expected.into(),
-        }
+        Self::Input { place: place.into(), found: found.into(), expected: expected.into() }
     }
 
     pub(crate) fn write(file: &str) -> impl FnOnce(std::io::Error) -> Self {

@@ -82,15 +82,9 @@ fn run(arguments: &Arguments) -> Result<(), SimError> {
         // The receiver no longer exists if the program is already ending.
         let _ = interrupted.send(Ok(()));
     })
-    .map_err(|e| SimError::System {
-        what: "signals",
-        source: std::io::Error::other(e),
-    })?;
-    let simulator =
-        Simulator::start(&arguments.listen, options, world).map_err(|source| SimError::Listen {
-            address: arguments.listen.clone(),
-            source,
-        })?;
+    .map_err(|e| SimError::System { what: "signals", source: std::io::Error::other(e) })?;
+    let simulator = Simulator::start(&arguments.listen, options, world)
+        .map_err(|source| SimError::Listen { address: arguments.listen.clone(), source })?;
     let simulator = Arc::new(simulator);
     print(&format!("listening on {}", simulator.address()));
 
@@ -104,11 +98,7 @@ fn run(arguments: &Arguments) -> Result<(), SimError> {
         measure(measurement, &simulator, run_requests, end.clone())?;
     }
     start("focas-sim typed", {
-        let receivers = CommandReceivers {
-            now: now.clone(),
-            run: run.clone(),
-            end,
-        };
+        let receivers = CommandReceivers { now: now.clone(), run: run.clone(), end };
         let simulator = Arc::clone(&simulator);
         let (axes, json) = (axes.clone(), arguments.json);
         move || {
@@ -184,11 +174,7 @@ struct CommandReceivers {
 
 fn print_steps(axes: &[AxisName], simulator: &Simulator, json: bool) {
     let steps = Steps::of(axes, simulator);
-    print(&if json {
-        report::json(&steps)
-    } else {
-        steps.text()
-    });
+    print(&if json { report::json(&steps) } else { steps.text() });
 }
 
 /// Prints a line; a closed reader is not a failure.
@@ -267,11 +253,7 @@ fn report(
             due = Some(Instant::now() + period);
         }
         let report = reporter.report(simulator);
-        print(&if json {
-            report::json(&report)
-        } else {
-            report.text()
-        });
+        print(&if json { report::json(&report) } else { report.text() });
     }
 }
 

@@ -67,18 +67,11 @@ impl MapLadder {
             capacity: set.capacity,
             turned: [TURNED; GRID_AXES],
         };
-        Ok(Self {
-            lookup: Lookup::start(settings, 0, 0, [0; OUTPUTS])?,
-            settings,
-            slots,
-        })
+        Ok(Self { lookup: Lookup::start(settings, 0, 0, [0; OUTPUTS])?, settings, slots })
     }
 
     /// Positions of the axes without the correction, in steps.
-    #[expect(
-        clippy::cast_possible_truncation,
-        reason = "a float is cut to the range of i32"
-    )]
+    #[expect(clippy::cast_possible_truncation, reason = "a float is cut to the range of i32")]
     fn steps(&self, world: &World) -> [i32; GRID_AXES] {
         let at_mm = world.commanded();
         let mut steps = [0; GRID_AXES];

@@ -114,10 +114,7 @@ impl Measurement {
         let mut world = simulator.world();
         Sample {
             shifts: world.shift_counts(),
-            sender: self
-                .settling
-                .barrier
-                .and_then(|barrier| sender(&mut world, barrier)),
+            sender: self.settling.barrier.and_then(|barrier| sender(&mut world, barrier)),
         }
     }
 }
@@ -149,11 +146,7 @@ struct Stability {
 impl Stability {
     fn since(since: Instant, sample: Sample) -> Self {
         let frames = 0;
-        Self {
-            since,
-            sample,
-            frames,
-        }
+        Self { since, sample, frames }
     }
 
     fn update(&mut self, sample: Sample) {
@@ -177,10 +170,7 @@ mod tests {
     use super::*;
 
     fn sample(shift: i64, sender: Option<(u16, u16)>) -> Sample {
-        Sample {
-            shifts: vec![shift],
-            sender,
-        }
+        Sample { shifts: vec![shift], sender }
     }
 
     /// An unchanged correction without new frames is not settled. A change restarts the wait. Without a sender at a barrier, only the time is considered.

@@ -34,10 +34,7 @@ const FORMS: [(&str, &str); 14] = [
     ("unreferenced", "unreferenced on or unreferenced off"),
     ("pause", "pause and a number of seconds, such as pause 0.5"),
     ("freeze", "freeze on or freeze off"),
-    (
-        "write",
-        "write, a place and bytes, such as write R200 0 255",
-    ),
+    ("write", "write, a place and bytes, such as write R200 0 255"),
     ("steps", "steps or steps reset"),
     ("disconnect", "disconnect alone"),
     ("clear", "clear alone"),
@@ -97,8 +94,7 @@ fn write(place: &str, bytes: &[&str]) -> Result<Command, String> {
     let at = place.strip_prefix('R').and_then(|at| at.parse().ok());
     let at = at.ok_or_else(|| format!("found `{place}`, expected a place such as R200"))?;
     let byte = |text: &&str| {
-        text.parse()
-            .map_err(|_| format!("found `{text}`, expected a byte, 0 to 255"))
+        text.parse().map_err(|_| format!("found `{text}`, expected a byte, 0 to 255"))
     };
     let bytes = bytes.iter().map(byte).collect::<Result<_, _>>()?;
     Ok(Command::Write(at, bytes))
@@ -148,29 +144,20 @@ mod tests {
         let pause = Command::Pause(Duration::from_millis(1500));
         assert_eq!(parsed("pause 1.5"), Ok(pause));
         assert_eq!(parsed("steps reset"), Ok(Command::ResetSteps));
-        assert_eq!(
-            parsed("write R200 0 255"),
-            Ok(Command::Write(200, vec![0, 255]))
-        );
+        assert_eq!(parsed("write R200 0 255"), Ok(Command::Write(200, vec![0, 255])));
         for (line, expected) in [
             (
                 "write R200",
                 "found `write R200`, expected write, a place and bytes, such as write R200 0 255",
             ),
-            (
-                "pause",
-                "found `pause`, expected pause and a number of seconds",
-            ),
+            ("pause", "found `pause`, expected pause and a number of seconds"),
             ("write D1 0", "found `D1`, expected a place such as R200"),
             ("write R1 256", "found `256`, expected a byte"),
             ("alarm maybe", "found `maybe`, expected on or off"),
             ("pause -1", "found `-1`, expected a number of seconds"),
             ("pause 1e300", "found `1e300`"),
             ("stop", "found `stop`, expected one of alarm"),
-            (
-                "steps forget",
-                "found `steps forget`, expected steps or steps reset",
-            ),
+            ("steps forget", "found `steps forget`, expected steps or steps reset"),
             ("freeze", "found `freeze`, expected freeze on or freeze off"),
         ] {
             let refused = parsed(line).err().unwrap_or_default();

@@ -32,10 +32,8 @@ impl Program {
         stands: &[f64],
     ) -> Result<Self, SimError> {
         let name = file.display().to_string();
-        let text = std::fs::read_to_string(file).map_err(|source| SimError::Read {
-            file: name.clone(),
-            source,
-        })?;
+        let text = std::fs::read_to_string(file)
+            .map_err(|source| SimError::Read { file: name.clone(), source })?;
         let table = CsvTable::parse(&name, &text)?;
         let letters_of_axes: Vec<String> = axes.iter().map(AxisName::to_string).collect();
         let mut known: Vec<&str> = letters_of_axes.iter().map(String::as_str).collect();
@@ -51,10 +49,7 @@ impl Program {
         let columns = columns.collect::<Result<Vec<_>, _>>()?;
         let (feeds, dwells) = (table.column("feed")?, table.column("dwell_s")?);
         let of_lines = table.column("line")?;
-        let mut program = Self {
-            moves: Vec::new(),
-            stops: Vec::new(),
-        };
+        let mut program = Self { moves: Vec::new(), stops: Vec::new() };
         let mut coordinates: Vec<Vec<f64>> = Vec::new();
         for row in table.rows() {
             let mut to = stands.to_vec();
@@ -113,10 +108,6 @@ fn inside(axes: &[AxisName], coordinates: &[f64]) -> PerChannel<f64> {
 fn feed_per_s(axes: &[AxisName], from: &[f64], to: &[f64], feed_per_min: f64) -> f64 {
     let mut moved = axes.iter().zip(from.iter().zip(to));
     let slides = moved.any(|(axis, (from, to))| !axis.is_rotary() && from != to);
-    let kind = if slides {
-        AxisKind::Linear
-    } else {
-        AxisKind::Rotary
-    };
+    let kind = if slides { AxisKind::Linear } else { AxisKind::Rotary };
     Displacement::from_coordinate(kind, feed_per_min / 60.0).mm_or_rad()
 }

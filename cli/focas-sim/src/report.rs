@@ -78,12 +78,7 @@ pub(crate) struct Reporter {
 
 impl Reporter {
     pub(crate) fn new(axes: Vec<AxisName>, truth: Option<Arc<Truth>>) -> Self {
-        Self {
-            last: Vec::new(),
-            approach: vec![None; axes.len()],
-            axes,
-            truth,
-        }
+        Self { last: Vec::new(), approach: vec![None; axes.len()], axes, truth }
     }
 
     /// Commanded positions and applied shifts, mm and deg.
@@ -92,10 +87,8 @@ impl Reporter {
             let mut world = simulator.world();
             (world.commanded(), world.shifts())
         };
-        for (approach, (now, before)) in self
-            .approach
-            .iter_mut()
-            .zip(commanded.iter().zip(&self.last))
+        for (approach, (now, before)) in
+            self.approach.iter_mut().zip(commanded.iter().zip(&self.last))
         {
             if *now > before + NO_TRAVEL {
                 *approach = Some(Direction::Positive);
@@ -224,10 +217,7 @@ mod tests {
         let all = |names: [AxisName; 3], value: f64| names.map(|name| (name, value)).into();
         let linear = [AxisName::X, AxisName::Y, AxisName::Z];
         let rotary = [AxisName::A, AxisName::B, AxisName::C];
-        let miss = Miss {
-            position_um: [-1234.5, 1234.5, -1234.5],
-            tool_axis_urad: 12345.6,
-        };
+        let miss = Miss { position_um: [-1234.5, 1234.5, -1234.5], tool_axis_urad: 12345.6 };
         for truth in [None, Some(miss)] {
             let report = Report {
                 time_s: 12345.6,

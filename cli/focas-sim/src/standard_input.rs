@@ -48,10 +48,7 @@ fn in_foreground() -> bool {
 fn readable() -> bool {
     use rustix::event::{PollFd, PollFlags, Timespec, poll};
     let stdin = rustix::stdio::stdin();
-    let time = Timespec {
-        tv_sec: 0,
-        tv_nsec: 300_000_000,
-    };
+    let time = Timespec { tv_sec: 0, tv_nsec: 300_000_000 };
     let mut events = [PollFd::new(&stdin, PollFlags::IN)];
     poll(&mut events, Some(&time)).is_ok_and(|ready| ready > 0)
 }

@@ -130,11 +130,8 @@ impl Sheet {
         let file = path.display().to_string();
         let made = File::create(path).map_err(SimError::write(&file))?;
         let is_json = path.extension().is_some_and(|ending| ending == "json");
-        let mut sheet = Self {
-            output: BufWriter::new(made),
-            file,
-            table: (!is_json).then(|| axes.to_vec()),
-        };
+        let mut sheet =
+            Self { output: BufWriter::new(made), file, table: (!is_json).then(|| axes.to_vec()) };
         if let Some(axes) = &sheet.table {
             let head = head(axes);
             sheet.line(&head)?;
@@ -157,9 +154,8 @@ impl Sheet {
 }
 
 fn head(axes: &[AxisName]) -> String {
-    let mut cells: Vec<String> = ["pass", "target", "line", "settled", "stood_s"]
-        .map(str::to_owned)
-        .into();
+    let mut cells: Vec<String> =
+        ["pass", "target", "line", "settled", "stood_s"].map(str::to_owned).into();
     cells.extend(axes.iter().map(AxisName::to_string));
     cells.extend(axes.iter().map(|axis| match axis.kind() {
         AxisKind::Linear => format!("{axis}_um"),
@@ -215,12 +211,8 @@ mod tests {
     use super::*;
 
     fn target(line: Option<&str>, x_mm: f64, error_um: f64, residual_um: f64) -> Target {
-        let miss = |x: f64| {
-            Some(Miss {
-                position_um: [x, 1000.0 * x_mm, -7.0],
-                tool_axis_urad: 0.0,
-            })
-        };
+        let miss =
+            |x: f64| Some(Miss { position_um: [x, 1000.0 * x_mm, -7.0], tool_axis_urad: 0.0 });
         Target {
             pass: 1,
             number: 1,
@@ -260,10 +252,7 @@ mod tests {
     fn a_name_with_a_comma_is_one_cell() {
         let axes = [AxisName::X, AxisName::C];
         let row = row(&axes, &target(Some("a, \"b\""), 1.0, 2.0, 3.0));
-        assert!(
-            row.starts_with("1,1,\"a, \"\"b\"\"\",1,0.200,0.000,0.000,"),
-            "{row}"
-        );
+        assert!(row.starts_with("1,1,\"a, \"\"b\"\"\",1,0.200,0.000,0.000,"), "{row}");
         assert_eq!(head(&axes).split(',').count(), 5 + 4 + 8);
     }
 }

@@ -39,9 +39,7 @@ pub(crate) struct Place<'a> {
 
 impl Truth {
     pub(crate) fn read(path: &Path) -> Result<Self, SimError> {
-        Ok(Self {
-            machine: Machine::read(path)?,
-        })
+        Ok(Self { machine: Machine::read(path)? })
     }
 
     /// Axes of the machine in the order X Y Z A B C U V W.

@@ -37,10 +37,7 @@ impl Walk {
     /// A machine at rest at the end of the first move.
     pub(crate) fn new(program: Program, acceleration: f64) -> Self {
         let dwells = program.moves.iter().map(|step| step.dwell).collect();
-        let passing = |step: Move| Move {
-            dwell: Duration::ZERO,
-            ..step
-        };
+        let passing = |step: Move| Move { dwell: Duration::ZERO, ..step };
         let moves: Vec<Move> = program.moves.into_iter().map(passing).collect();
         let path = Path::new(&moves, acceleration);
         let first = path.arrival(0).unwrap_or_default();
@@ -48,11 +45,7 @@ impl Walk {
             stops: program.stops,
             dwells,
             path,
-            leg: Mutex::new(Leg {
-                left: Duration::ZERO,
-                from: first,
-                to: first,
-            }),
+            leg: Mutex::new(Leg { left: Duration::ZERO, from: first, to: first }),
         }
     }
 

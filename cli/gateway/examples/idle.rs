@@ -8,10 +8,7 @@ use std::{io::Write, time::Duration};
 use volcomp_runtime::{Realtime, schedule, tick};
 
 fn main() {
-    let arguments: Vec<f64> = std::env::args()
-        .skip(1)
-        .filter_map(|a| a.parse().ok())
-        .collect();
+    let arguments: Vec<f64> = std::env::args().skip(1).filter_map(|a| a.parse().ok()).collect();
     let [period_ms, priority, cpu, seconds] = arguments[..] else {
         eprintln!("expected PERIOD_MS PRIORITY CPU SECONDS");
         std::process::exit(2);
@@ -21,11 +18,7 @@ fn main() {
         clippy::cast_sign_loss,
         reason = "small numbers of a call"
     )]
-    let config = Realtime {
-        priority: priority as u8,
-        cpu: Some(cpu as usize),
-        reference: false,
-    };
+    let config = Realtime { priority: priority as u8, cpu: Some(cpu as usize), reference: false };
     for lacking in schedule(config) {
         eprintln!("{lacking}");
     }
@@ -42,9 +35,7 @@ fn main() {
                 }
                 second = (now.as_secs(), 0, 0);
             }
-            second.1 = second
-                .1
-                .max(u64::try_from(wake.as_nanos()).unwrap_or(u64::MAX));
+            second.1 = second.1.max(u64::try_from(wake.as_nanos()).unwrap_or(u64::MAX));
             second.2 += missed;
         },
     );

@@ -134,11 +134,7 @@ impl AuditLog {
     pub fn open(dir: &Path) -> io::Result<(Self, LogState)> {
         fs::create_dir_all(dir)?;
         let path = log_file(dir);
-        let mut file = OpenOptions::new()
-            .read(true)
-            .append(true)
-            .create(true)
-            .open(&path)?;
+        let mut file = OpenOptions::new().read(true).append(true).create(true).open(&path)?;
         let mut bytes = Vec::new();
         file.read_to_end(&mut bytes)?;
         let mut scanned = verify(&bytes);
@@ -147,10 +143,7 @@ impl AuditLog {
             let before = verify(&fs::read(dir.join("audit.1.log")).unwrap_or_default());
             (scanned.last_checksum, scanned.sequence) = (before.last_checksum, before.sequence);
         }
-        let mut found = LogState {
-            records: scanned.records,
-            ..LogState::default()
-        };
+        let mut found = LogState { records: scanned.records, ..LogState::default() };
         let whole = scanned.end as u64;
         if let Some(line) = scanned.broken {
             let aside = (1..1000)
@@ -174,11 +167,7 @@ impl AuditLog {
                 sync: Box::new(File::sync_data),
                 bytes: if is_broken { 0 } else { whole },
                 file,
-                last_checksum: if is_broken {
-                    String::new()
-                } else {
-                    scanned.last_checksum
-                },
+                last_checksum: if is_broken { String::new() } else { scanned.last_checksum },
                 sequence: if is_broken { 0 } else { scanned.sequence },
                 boot_id: boot_id(),
                 max_bytes: MAX_BYTES,
@@ -235,10 +224,7 @@ impl AuditLog {
         })?;
         let checksum = checksum(&self.last_checksum, &record);
         let line = format!("{checksum} {record}\n");
-        let written = self
-            .file
-            .write_all(line.as_bytes())
-            .and_then(|()| (self.sync)(&self.file));
+        let written = self.file.write_all(line.as_bytes()).and_then(|()| (self.sync)(&self.file));
         if let Err(e) = written {
             // Half a record would remain as a torn tail: cut it off now if possible.
             let _ = self.file.set_len(self.bytes);
@@ -361,11 +347,8 @@ struct Link {
 }
 
 fn checksum(previous: &str, record: &str) -> String {
-    let digest = Sha256::new()
-        .chain_update(previous)
-        .chain_update("\n")
-        .chain_update(record)
-        .finalize();
+    let digest =
+        Sha256::new().chain_update(previous).chain_update("\n").chain_update(record).finalize();
     volcomp_model::hexadecimal(&digest)
 }
 
@@ -382,9 +365,7 @@ pub fn utc_now() -> String {
 
 /// A time in ISO 8601, UTC, with milliseconds; times before 1970 become the start of 1970.
 pub fn utc(time: std::time::SystemTime) -> String {
-    let since = time
-        .duration_since(std::time::UNIX_EPOCH)
-        .unwrap_or_default();
+    let since = time.duration_since(std::time::UNIX_EPOCH).unwrap_or_default();
     let seconds = i64::try_from(since.as_secs()).unwrap_or_default();
     // `time` supports years up to 9999.
     let at = OffsetDateTime::from_unix_timestamp(seconds).unwrap_or(OffsetDateTime::UNIX_EPOCH);

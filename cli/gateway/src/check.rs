@@ -10,16 +10,8 @@ use crate::{config::Config, documents::PlanDocument, error::GatewayError, plan::
 /// The first error found.
 pub fn check(path: &Path, online: bool, json: bool) -> Result<String, GatewayError> {
     let plan = Plan::new(Config::read(path)?)?;
-    let found = if online {
-        plan.online()?
-    } else {
-        plan.document()?
-    };
-    if json {
-        line(&found)
-    } else {
-        Ok(text(&found, &plan.config))
-    }
+    let found = if online { plan.online()? } else { plan.document()? };
+    if json { line(&found) } else { Ok(text(&found, &plan.config)) }
 }
 
 /// The effective configuration as TOML. Derived facts are comments, so that the output is a valid configuration.

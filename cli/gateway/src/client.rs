@@ -53,10 +53,8 @@ impl RunningArguments {
         let Some(path) = &self.token_file else {
             return Ok(None);
         };
-        let text = std::fs::read_to_string(path).map_err(|source| GatewayError::Read {
-            file: path.display().to_string(),
-            source,
-        })?;
+        let text = std::fs::read_to_string(path)
+            .map_err(|source| GatewayError::Read { file: path.display().to_string(), source })?;
         let lines = text.lines();
         let mut lines = lines.map(|line| line.split('#').next().unwrap_or_default());
         let token = lines.find_map(|line| line.split_whitespace().last());
@@ -92,9 +90,8 @@ pub fn exchange(
     }
     let failed = |e: std::io::Error| GatewayError::system(format!("gateway at {address}"), e);
     let stream = Connection::open(&address, within).map_err(failed)?;
-    let authorization = token.map_or(String::new(), |token| {
-        format!("Authorization: Bearer {token}\r\n")
-    });
+    let authorization =
+        token.map_or(String::new(), |token| format!("Authorization: Bearer {token}\r\n"));
     let request = format!(
         "{request} HTTP/1.1\r\nHost: {address}\r\n{authorization}Content-Length: {}\r\nConnection: close\r\n\r\n{body}",
         body.len()
@@ -118,10 +115,8 @@ fn encrypted(
     address: SocketAddr,
     certificate: &Path,
 ) -> Result<StreamOwned<ClientConnection, Connection>, GatewayError> {
-    let wrong = |source: CertificateError| TlsError::Certificate {
-        file: certificate.to_owned(),
-        source,
-    };
+    let wrong =
+        |source: CertificateError| TlsError::Certificate { file: certificate.to_owned(), source };
     let trusted = CertificateDer::from_pem_file(certificate).map_err(|e| wrong(e.into()))?;
     let config = client::trusting(trusted).map_err(wrong)?;
     let name = ServerName::from(address.ip());

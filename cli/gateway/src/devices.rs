@@ -30,9 +30,7 @@ pub(crate) fn settings(
     let behind = driver.shown_within;
     let behind = behind.map_or(period, |within| within.min(longest_read_back(period)));
     // The control processes a frame in its next scan and shows it in the report of the scan after that.
-    let behind = config
-        .barrier
-        .map_or(behind, |barrier| behind.max(2 * (barrier.scan() + period)));
+    let behind = config.barrier.map_or(behind, |barrier| behind.max(2 * (barrier.scan() + period)));
     let cycles = behind.as_nanos().div_ceil(period.as_nanos().max(1));
     PathSettings {
         fixed: config
@@ -47,10 +45,9 @@ pub(crate) fn settings(
         proves: config.test_shift.unwrap_or(!driver.is_coarse),
         position_steps: driver.position_steps,
         read_back_cycles: usize::try_from(cycles).unwrap_or(usize::MAX).max(1),
-        barrier: config.barrier.map(|barrier| BarrierSettings {
-            machine: barrier.machine,
-            scan: barrier.scan(),
-        }),
+        barrier: config
+            .barrier
+            .map(|barrier| BarrierSettings { machine: barrier.machine, scan: barrier.scan() }),
         ..PathSettings::default()
     }
 }
@@ -117,10 +114,7 @@ fn barrier(
     let layout = Layout::of(axes.iter().copied()).ok();
     let decoded = layout.map(|layout| {
         let decode = |(at, words): &(Instant, Words)| {
-            Some((
-                *at,
-                Report::decode(config.machine, layout, words.as_slice())?,
-            ))
+            Some((*at, Report::decode(config.machine, layout, words.as_slice())?))
         };
         reports.iter().filter_map(decode).collect::<Vec<_>>()
     });
@@ -198,18 +192,10 @@ pub(crate) fn words_of(misfit: BarrierMisfit, axes: &[AxisName]) -> String {
     let micro =
         |axis: usize, value: f64| round(Displacement::new(axes[axis].kind(), value).um_or_urad());
     let units = |axis: usize| {
-        if axes[axis].is_rotary() {
-            ("urad", "µrad")
-        } else {
-            ("um", "µm")
-        }
+        if axes[axis].is_rotary() { ("urad", "µrad") } else { ("um", "µm") }
     };
     match misfit {
-        BarrierMisfit::Limit {
-            axis,
-            found,
-            expected,
-        } => {
+        BarrierMisfit::Limit { axis, found, expected } => {
             let (key, unit) = units(axis);
             format!(
                 "axis {}: guard.limit_{key} is {} {unit}, and the barrier permits {} {unit}",
@@ -218,11 +204,7 @@ pub(crate) fn words_of(misfit: BarrierMisfit, axes: &[AxisName]) -> String {
                 micro(axis, found)
             )
         }
-        BarrierMisfit::Rate {
-            axis,
-            found,
-            expected,
-        } => {
+        BarrierMisfit::Rate { axis, found, expected } => {
             let (key, unit) = units(axis);
             format!(
                 "axis {}: guard.slew_{key}_per_s needs a barrier rate of at least {} {unit}/s, twice the slew, and it is {} {unit}/s",

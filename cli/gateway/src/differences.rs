@@ -56,10 +56,7 @@ pub(crate) fn differences(new: &Machine, in_force: &Machine, before: &str) -> Di
             ));
         }
     }
-    Differences {
-        refusal,
-        to_confirm,
-    }
+    Differences { refusal, to_confirm }
 }
 
 /// The model that a reload or an activation replaces.
@@ -74,10 +71,7 @@ fn called(name: &str) -> String {
 
 fn travel(axis: &Axis) -> String {
     let [low, high] = axis.travel.map(|end| end.to_string().replace('-', "−"));
-    format!(
-        "from {low} to {high} {}",
-        axis.name.kind().coordinate_unit()
-    )
+    format!("from {low} to {high} {}", axis.name.kind().coordinate_unit())
 }
 
 /// The names as text: "X, Y and Z".

@@ -41,11 +41,7 @@ pub enum GatewayError {
     Tls(#[from] TlsError),
     /// A line of the token file, counted from 1, is invalid. The message never contains the token.
     #[error("{}:{line}: {source}", file.display())]
-    Token {
-        file: PathBuf,
-        line: usize,
-        source: TokenError,
-    },
+    Token { file: PathBuf, line: usize, source: TokenError },
     /// A file with a secret is unreadable, or readable by other users.
     #[error(transparent)]
     Private(#[from] PrivateError),
@@ -59,10 +55,7 @@ pub enum GatewayError {
     #[error(transparent)]
     Start(#[from] StartError),
     #[error("{device}: a barrier cannot be set to these limits: {source}")]
-    Barrier {
-        device: String,
-        source: volcomp_guard::barrier::SettingsError,
-    },
+    Barrier { device: String, source: volcomp_guard::barrier::SettingsError },
     /// An operating-system call failed.
     #[error("{what}: {source}")]
     System { what: String, source: io::Error },
@@ -105,10 +98,7 @@ pub enum TokenError {
 impl GatewayError {
     /// Wraps an operating-system error with the object it concerns.
     pub fn system(what: impl Into<String>, source: io::Error) -> Self {
-        Self::System {
-            what: what.into(),
-            source,
-        }
+        Self::System { what: what.into(), source }
     }
 
     /// Creates an error with exit status 2.
@@ -138,10 +128,7 @@ impl GatewayError {
 
     /// The message and the exit status.
     pub fn failure(&self) -> Failure {
-        Failure {
-            what: self.to_string(),
-            status: self.status(),
-        }
+        Failure { what: self.to_string(), status: self.status() }
     }
 
     /// Exit status of the program: 2 for an invalid call or file, 1 for a failed operation.

@@ -57,17 +57,11 @@ const ERRORS: [(&str, Rule); 8] = [
     ("residual_axis_max_urad", Rule::Max),
 ];
 /// Columns of the correction of one axis, µm or µrad.
-const CORRECTION: [(&str, Rule); 3] = [
-    ("correction", Rule::Mean),
-    ("correction_min", Rule::Min),
-    ("correction_max", Rule::Max),
-];
+const CORRECTION: [(&str, Rule); 3] =
+    [("correction", Rule::Mean), ("correction_min", Rule::Min), ("correction_max", Rule::Max)];
 
 /// A value with seven digits, which are enough for what is shown.
-#[expect(
-    clippy::cast_possible_truncation,
-    reason = "the digits beyond are dropped"
-)]
+#[expect(clippy::cast_possible_truncation, reason = "the digits beyond are dropped")]
 fn single(value: f64) -> f32 {
     value as f32
 }
@@ -89,10 +83,7 @@ impl Columns {
     pub(crate) fn new(axes: &[AxisName], sensors: &[String]) -> Self {
         let mut axes = axes.to_vec();
         axes.sort_unstable();
-        Self {
-            axes,
-            sensors: sensors.to_vec(),
-        }
+        Self { axes, sensors: sensors.to_vec() }
     }
 
     fn rules(&self) -> impl Iterator<Item = Rule> {
@@ -114,12 +105,8 @@ impl Columns {
     /// The values of a point of the fine history; NaN: unknown.
     fn values(&self, point: &HistoryPoint) -> Vec<f32> {
         let value = |value: Option<f64>| value.map_or(f32::NAN, single);
-        let errors = [
-            point.error_um,
-            point.residual_um,
-            point.error_axis_urad,
-            point.residual_axis_urad,
-        ];
+        let errors =
+            [point.error_um, point.residual_um, point.error_axis_urad, point.residual_axis_urad];
         let errors = errors.into_iter().flat_map(|error| [error; 2]);
         let corrections = self.axes.iter().flat_map(|axis| {
             let [linear, rotary] = [&point.correction_um, &point.correction_urad];
@@ -127,11 +114,7 @@ impl Columns {
         });
         let sensors = self.sensors.iter();
         let sensors = sensors.map(|name| point.temperatures_degc.get(name).copied());
-        errors
-            .chain(corrections)
-            .chain(sensors)
-            .map(value)
-            .collect()
+        errors.chain(corrections).chain(sensors).map(value).collect()
     }
 
     /// The point of a document; `at_s` is its time since the start of the control thread.
@@ -265,11 +248,7 @@ impl Bucket {
             (count, Rule::Mean) => single(self.values[place] / f64::from(count)),
             (_, Rule::Min | Rule::Max) => single(self.values[place]),
         };
-        Minute {
-            at_s,
-            state: self.state(),
-            values: (0..self.rules.len()).map(value).collect(),
-        }
+        Minute { at_s, state: self.state(), values: (0..self.rules.len()).map(value).collect() }
     }
 
     /// The state of most of the time; a fault counts however short it was, so that a long span still shows it.
@@ -329,12 +308,7 @@ impl Recorder {
         thread::Builder::new()
             .name("volcomp-history".to_owned())
             .spawn(move || span.in_scope(|| thread.run(&work)))?;
-        Ok(Self {
-            columns,
-            minutes,
-            current: None,
-            files,
-        })
+        Ok(Self { columns, minutes, current: None, files })
     }
 
     /// Adds a state at a time (s since 1970).
@@ -357,11 +331,7 @@ impl Recorder {
     pub(crate) fn parts(&self) -> (Arc<Columns>, Arc<Mutex<Minutes>>, Option<Minute>) {
         let current = self.current.as_ref();
         let current = current.map(|(at_s, bucket)| bucket.minute(*at_s));
-        (
-            Arc::clone(&self.columns),
-            Arc::clone(&self.minutes),
-            current,
-        )
+        (Arc::clone(&self.columns), Arc::clone(&self.minutes), current)
     }
 }
 
@@ -450,10 +420,7 @@ impl FilesThread {
         let bytes = match fs::metadata(&path) {
             Ok(found) if found.len() > MAX_FILE_BYTES => {
                 tracing::warn!("{}: not a history, ignored: too large", path.display());
-                return FileState {
-                    rows: MAX_POINTS,
-                    ..FileState::default()
-                };
+                return FileState { rows: MAX_POINTS, ..FileState::default() };
             }
             Ok(_) => fs::read(&path),
             Err(e) => Err(e),
@@ -498,11 +465,7 @@ impl FilesThread {
                             values[place] = value;
                         }
                     }
-                    into.push(Minute {
-                        at_s,
-                        state,
-                        values: values.into(),
-                    });
+                    into.push(Minute { at_s, state, values: values.into() });
                 }
                 _ => found.damaged += 1,
             }
@@ -590,10 +553,7 @@ mod tests {
             recorder.add(at_s + 1.0, &point(minute as f64));
             recorder.add(at_s + 30.0, &point(minute as f64 + 2.0));
             if minute % 32 == 0 {
-                wait_for(
-                    &recorder.minutes,
-                    before + usize::try_from(minute).expect("few"),
-                );
+                wait_for(&recorder.minutes, before + usize::try_from(minute).expect("few"));
             }
         }
         let complete = before + usize::try_from(minutes).expect("few") - 1;
@@ -680,20 +640,13 @@ mod tests {
         fs::write(&file, text.replacen(&line, "[1,\u{0}", 1)).expect("writable");
         let thread = FilesThread {
             dir: dir.path().to_owned(),
-            columns: Arc::new(Columns::new(
-                &[AxisName::X],
-                &["new".to_owned(), "bed".to_owned()],
-            )),
+            columns: Arc::new(Columns::new(&[AxisName::X], &["new".to_owned(), "bed".to_owned()])),
             minutes: Arc::default(),
         };
         let mut minutes = Minutes::default();
         let found = thread.read(CURRENT, &mut minutes);
         assert_eq!((found.damaged, found.ends_torn), (2, false));
-        let times: Vec<_> = minutes
-            .0
-            .iter()
-            .map(|one| (one.at_s - NOON_S) / 60)
-            .collect();
+        let times: Vec<_> = minutes.0.iter().map(|one| (one.at_s - NOON_S) / 60).collect();
         assert_eq!(times, [0, 2, 3, 10, 11]);
         let last = thread.columns.point(&minutes.0[4], 0.0);
         assert_eq!(last.temperatures_degc, [("bed".to_owned(), 22.0)].into());
@@ -704,11 +657,7 @@ mod tests {
 
     #[test]
     fn memory_and_files_are_bounded() {
-        let minute = |at_s| Minute {
-            at_s,
-            state: StateName::Compensating,
-            values: Box::default(),
-        };
+        let minute = |at_s| Minute { at_s, state: StateName::Compensating, values: Box::default() };
         let mut minutes = Minutes::default();
         for number in 0..i64::try_from(MAX_POINTS).expect("few") + 500 {
             minutes.push(minute(60 * number));
@@ -727,18 +676,12 @@ mod tests {
         };
         let (mut file, mut rows) = (None, MAX_POINTS - 2);
         for number in 0..6 {
-            let minute = Minute {
-                values: vec![f32::NAN; 15].into(),
-                ..minute(60 * number)
-            };
+            let minute = Minute { values: vec![f32::NAN; 15].into(), ..minute(60 * number) };
             let written = thread.append(&mut file, &mut rows, false, &minute);
             written.expect("writable");
         }
         let lines = |name| fs::read_to_string(dir.path().join(name)).expect("a file");
-        assert_eq!(
-            (lines(OLD).lines().count(), lines(CURRENT).lines().count()),
-            (2, 6)
-        );
+        assert_eq!((lines(OLD).lines().count(), lines(CURRENT).lines().count()), (2, 6));
         assert_eq!(rows, 6);
         let count = fs::read_dir(dir.path()).expect("a folder").count();
         assert_eq!(count, 2);

@@ -151,11 +151,7 @@ impl Judge {
         // Without limits for rotary axes none is corrected, so none can move.
         let worst = [finite(worst_um), self.confirm_urad.and(finite(worst_urad))];
         if is_small || is_confirmed {
-            return Judgement {
-                worst,
-                question: None,
-                is_confirmed,
-            };
+            return Judgement { worst, question: None, is_confirmed };
         }
         let question = Question {
             model: hash,
@@ -166,11 +162,7 @@ impl Judge {
             limits,
             differences,
         };
-        Judgement {
-            worst,
-            question: Some(question),
-            is_confirmed,
-        }
+        Judgement { worst, question: Some(question), is_confirmed }
     }
 
     /// Signs that `new` belongs to another machine, one sentence each. They must be confirmed, however small the change.
@@ -250,9 +242,7 @@ mod tests {
         Description {
             device: "control".to_owned(),
             channel: "one".to_owned(),
-            axes: [AxisName::X, AxisName::Y, AxisName::Z, AxisName::A]
-                .map(axis)
-                .to_vec(),
+            axes: [AxisName::X, AxisName::Y, AxisName::Z, AxisName::A].map(axis).to_vec(),
             reads: Vec::new(),
             heartbeat: Heartbeat::Watched,
             barrier: false,
@@ -272,10 +262,7 @@ mod tests {
             rotary_step_um,
             ..GuardTable::default()
         };
-        Config {
-            guard: Some(guard),
-            ..Config::default()
-        }
+        Config { guard: Some(guard), ..Config::default() }
     }
 
     fn judge_at(degc: BTreeMap<String, f64>) -> Judge {

@@ -151,10 +151,7 @@ impl InitArguments {
             [] => &model.axes[..],
             stated => stated,
         };
-        let machine = FirstMachine {
-            axes,
-            travel: &travel,
-        };
+        let machine = FirstMachine { axes, travel: &travel };
         let control = self.control.as_deref().unwrap_or_default();
         let of_call = |e: volcomp_port::DeviceError| GatewayError::invalid(e.to_string());
         let first = first_controller(control, &machine).map_err(of_call)?;
@@ -170,11 +167,7 @@ impl InitArguments {
         ];
         add(&mut text, &header, &root);
         let is_rotary = axes.iter().any(|axis| axis.is_rotary());
-        add(
-            &mut text,
-            "[guard]",
-            &GuardTable::first(first.limit_um, first.cycle_ms, is_rotary),
-        );
+        add(&mut text, "[guard]", &GuardTable::first(first.limit_um, first.cycle_ms, is_rotary));
         add(&mut text, "[[controller]]", &first.settings);
         for pair in self.sensors.chunks(2) {
             let [url, names] = pair else { continue };
@@ -197,16 +190,9 @@ impl InitArguments {
             .example(),
         ];
         add(&mut text, "[dashboard]", &dashboard);
-        let audit = Setting::text(
-            "dir",
-            "audit",
-            "Folder of the audit log and the stored state",
-        );
+        let audit = Setting::text("dir", "audit", "Folder of the audit log and the stored state");
         add(&mut text, "[audit]", &[audit]);
-        Ok(FirstText {
-            text,
-            key_file: first.key_file,
-        })
+        Ok(FirstText { text, key_file: first.key_file })
     }
 
     /// Path of the machine file, relative to the folder of the configuration if it is below it.
@@ -229,16 +215,7 @@ fn add(text: &mut String, header: &str, settings: &[Setting]) {
     text.extend([header, "\n"]);
     for own in settings {
         let mark = if own.is_example { "# " } else { "" };
-        text.extend([
-            "# ",
-            own.meaning,
-            "\n",
-            mark,
-            own.key,
-            " = ",
-            &own.value,
-            "\n",
-        ]);
+        text.extend(["# ", own.meaning, "\n", mark, own.key, " = ", &own.value, "\n"]);
     }
 }
 
@@ -255,9 +232,7 @@ fn ask(
             "" => String::new(),
             default => format!(" [{default}]"),
         };
-        write!(output, "{question}{shown}: ")
-            .and_then(|()| output.flush())
-            .map_err(failed)?;
+        write!(output, "{question}{shown}: ").and_then(|()| output.flush()).map_err(failed)?;
         let mut line = String::new();
         if input.read_line(&mut line).map_err(failed)? == 0 {
             return Err(GatewayError::invalid(format!(
@@ -288,15 +263,10 @@ mod tests {
         );
         let mut arguments = InitArguments::default();
         let mut asked = Vec::new();
-        arguments
-            .ask(&mut answers.as_bytes(), &mut asked)
-            .expect("answered");
+        arguments.ask(&mut answers.as_bytes(), &mut asked).expect("answered");
         assert_eq!(arguments.control.as_deref(), Some("focas://192.0.2.10"));
         assert_eq!(arguments.axes, [AxisName::X, AxisName::Y, AxisName::Z]);
-        assert_eq!(
-            arguments.sensors,
-            ["modbus://192.0.2.20?profile=PTA8C04", "bed, column"]
-        );
+        assert_eq!(arguments.sensors, ["modbus://192.0.2.20?profile=PTA8C04", "bed, column"]);
         let asked = String::from_utf8(asked).expect("text");
         // The question without a default is repeated after an empty answer.
         assert_eq!(asked.matches("Device URL of the control").count(), 2);

@@ -80,8 +80,7 @@ pub fn install(arguments: &InstallArguments) -> Result<String, GatewayError> {
         }
         let what = step.text();
         if arguments.yes {
-            step.perform()
-                .map_err(|e| GatewayError::system(what.clone(), e))?;
+            step.perform().map_err(|e| GatewayError::system(what.clone(), e))?;
         }
         text.extend([&*what, "\n"]);
     }
@@ -101,10 +100,7 @@ impl InstallArguments {
     fn names(&self) -> (String, String) {
         match &self.name {
             None => ("/etc/volcomp".to_owned(), "volcomp-gateway".to_owned()),
-            Some(name) => (
-                format!("/etc/volcomp/{name}"),
-                format!("volcomp-gateway@{name}"),
-            ),
+            Some(name) => (format!("/etc/volcomp/{name}"), format!("volcomp-gateway@{name}")),
         }
     }
 
@@ -132,26 +128,10 @@ impl InstallArguments {
             let folder = "/etc/systemd/system";
             steps.extend([
                 file(PROGRAM, &fs::read(&program).map_err(failed)?, 0o755),
-                file(
-                    &format!("{folder}/volcomp-gateway.service"),
-                    &unit(UNIT),
-                    0o644,
-                ),
-                file(
-                    &format!("{folder}/volcomp-gateway@.service"),
-                    &unit(TEMPLATE),
-                    0o644,
-                ),
-                file(
-                    "/etc/sysusers.d/volcomp-gateway.conf",
-                    GROUPS.as_bytes(),
-                    0o644,
-                ),
-                file(
-                    "/etc/udev/rules.d/90-volcomp-gpio.rules",
-                    RULES.as_bytes(),
-                    0o644,
-                ),
+                file(&format!("{folder}/volcomp-gateway.service"), &unit(UNIT), 0o644),
+                file(&format!("{folder}/volcomp-gateway@.service"), &unit(TEMPLATE), 0o644),
+                file("/etc/sysusers.d/volcomp-gateway.conf", GROUPS.as_bytes(), 0o644),
+                file("/etc/udev/rules.d/90-volcomp-gpio.rules", RULES.as_bytes(), 0o644),
                 Step::Run("systemd-sysusers", &[]),
                 Step::Run("udevadm", &["control", "--reload"]),
                 Step::Run("systemctl", &["daemon-reload"]),
@@ -174,31 +154,23 @@ impl Step {
             }
             Self::NewFile(path, _) if path.exists() => format!("keep {}", path.display()),
             Self::NewFile(path, _) => format!("write {}, mode 0600", path.display()),
-            Self::Run(program, arguments) => format!("run {program} {}", arguments.join(" "))
-                .trim_end()
-                .to_owned(),
+            Self::Run(program, arguments) => {
+                format!("run {program} {}", arguments.join(" ")).trim_end().to_owned()
+            }
         }
     }
 
     fn perform(&self) -> io::Result<()> {
         match self {
             Self::Folder(path) => fs::create_dir_all(path),
-            Self::File {
-                path,
-                content,
-                mode,
-            } => write(path, content, *mode),
+            Self::File { path, content, mode } => write(path, content, *mode),
             Self::NewFile(path, _) if path.exists() => Ok(()),
             Self::NewFile(path, text) => {
                 crate::token::private_file(path)?.write_all(text.as_bytes())
             }
             Self::Run(program, arguments) => {
                 let status = Command::new(program).args(*arguments).status()?;
-                if status.success() {
-                    Ok(())
-                } else {
-                    Err(io::Error::other(status.to_string()))
-                }
+                if status.success() { Ok(()) } else { Err(io::Error::other(status.to_string())) }
             }
         }
     }

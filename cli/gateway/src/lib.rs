@@ -50,10 +50,7 @@ use error::GatewayError;
 /// Standard output cannot be written.
 pub fn print(text: &str) -> Result<(), GatewayError> {
     let mut output = std::io::stdout().lock();
-    match output
-        .write_all(text.as_bytes())
-        .and_then(|()| output.flush())
-    {
+    match output.write_all(text.as_bytes()).and_then(|()| output.flush()) {
         Err(e) if e.kind() != std::io::ErrorKind::BrokenPipe => {
             Err(GatewayError::system("standard output", e))
         }

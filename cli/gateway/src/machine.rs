@@ -82,12 +82,7 @@ impl Machine {
             Ok(None) => return Ok(()),
             Err(error) => return Err(error.failure()),
         };
-        let StartedMachine {
-            assembled,
-            runtime,
-            locks,
-            interop,
-        } = started;
+        let StartedMachine { assembled, runtime, locks, interop } = started;
         let MachineParts {
             mut service,
             requests,
@@ -154,10 +149,7 @@ fn without_control() -> Failure {
 }
 
 fn panicked() -> Failure {
-    Failure {
-        what: "a fault of the program, written on standard error".to_owned(),
-        status: 1,
-    }
+    Failure { what: "a fault of the program, written on standard error".to_owned(), status: 1 }
 }
 
 struct StartedMachine {
@@ -199,12 +191,7 @@ fn start(
     let mut out = std::io::stdout();
     let _ = writeln!(out, "listening on {url}");
     slot.set(Phase::Running(live));
-    Ok(Some(StartedMachine {
-        assembled,
-        runtime,
-        locks,
-        interop,
-    }))
+    Ok(Some(StartedMachine { assembled, runtime, locks, interop }))
 }
 
 /// The service of a machine, and the handles shared with other threads.
@@ -233,15 +220,9 @@ impl MachineParts {
         listener: TcpListener,
         shape: &Shape,
     ) -> Result<(tokio::runtime::Runtime, Live), GatewayError> {
-        let address = listener
-            .local_addr()
-            .map_err(|e| GatewayError::system("dashboard", e))?;
+        let address = listener.local_addr().map_err(|e| GatewayError::system("dashboard", e))?;
         let tls = self.tls.take();
-        let live = Live {
-            published: self.published.clone(),
-            address,
-            tls: tls.is_some(),
-        };
+        let live = Live { published: self.published.clone(), address, tls: tls.is_some() };
         let tokens = std::mem::take(&mut self.tokens);
         let tokens = tokens.with_clock(self.published.clock().clone());
         let dashboard = Arc::new(Dashboard {
@@ -288,17 +269,8 @@ pub fn assemble(
     life: &Life,
     launch: impl FnOnce(Cycle, Realtime) -> Result<Handle, GatewayError>,
 ) -> Result<MachineParts, GatewayError> {
-    let OpenedPlan {
-        config,
-        mut cycle,
-        model,
-        controllers,
-        sensors,
-        truth,
-        tokens,
-        tls,
-        demo,
-    } = opened;
+    let OpenedPlan { config, mut cycle, model, controllers, sensors, truth, tokens, tls, demo } =
+        opened;
     let mut standing = standing::read(config.audit_dir());
     for (index, interlock) in standing::interlocks(&mut standing, &controllers) {
         cycle.restore_interlock(index, interlock);

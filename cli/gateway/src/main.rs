@@ -256,35 +256,20 @@ fn act(arguments: Arguments) -> Result<(), GatewayError> {
             // Without a configuration it runs the built-in simulation.
             run::run(&arguments.run.options)
         }
-        Some(Command::Check {
-            config,
-            json,
-            online,
-        }) => print(&check::check(&config, online, json)?),
-        Some(Command::Rehearse {
-            config,
-            json,
-            seed,
-            fault,
-        }) => {
+        Some(Command::Check { config, json, online }) => {
+            print(&check::check(&config, online, json)?)
+        }
+        Some(Command::Rehearse { config, json, seed, fault }) => {
             let rehearsal = Rehearsal::of(seed, &fault)?;
             let found = rehearsal.run(&Plan::new(Config::read(&config)?)?)?;
-            print(&if json {
-                check::line(&found)?
-            } else {
-                rehearse::text(&found, columns())
-            })?;
+            print(&if json { check::line(&found)? } else { rehearse::text(&found, columns()) })?;
             found.verdict()
         }
         Some(Command::Init(arguments)) => print(&init::init(arguments)?),
         Some(Command::Status { running, json }) => {
             let token = running.token()?;
             let status = status::request(&running.dashboard()?, token.as_deref())?;
-            print(&if json {
-                check::line(&status)?
-            } else {
-                status::text(&status)
-            })
+            print(&if json { check::line(&status)? } else { status::text(&status) })
         }
         Some(Command::Arm(arguments)) => print(&operate::arm(&arguments)?),
         Some(Command::Disarm(running)) => print(&operate::disarm(&running)?),
@@ -310,12 +295,7 @@ fn act(arguments: Arguments) -> Result<(), GatewayError> {
             let plan = Plan::new(Config::read(&config)?)?;
             print(&shdr::device(&plan.shape(), plan.shdr_device()))
         }
-        Some(Command::SendMap {
-            config,
-            confirm,
-            replace,
-            log: form,
-        }) => {
+        Some(Command::SendMap { config, confirm, replace, log: form }) => {
             let checked = send_map::check(&config)?;
             let Some(hash) = confirm else {
                 return print(&checked.text());
@@ -372,18 +352,14 @@ fn log(form: LogForm) {
     let targets = filter::Targets::new()
         .with_default(filter::LevelFilter::INFO)
         .with_target("opcua", filter::LevelFilter::OFF);
-    let lines = tracing_subscriber::fmt::layer()
-        .with_writer(std::io::stderr)
-        .with_target(false);
+    let lines = tracing_subscriber::fmt::layer().with_writer(std::io::stderr).with_target(false);
     let lines = match form {
-        LogForm::Text => lines
-            .with_ansi(std::io::IsTerminal::is_terminal(&std::io::stderr()))
-            .boxed(),
+        LogForm::Text => {
+            lines.with_ansi(std::io::IsTerminal::is_terminal(&std::io::stderr())).boxed()
+        }
         LogForm::Json => lines.json().flatten_event(true).boxed(),
     };
-    tracing_subscriber::registry()
-        .with(lines.with_filter(targets))
-        .init();
+    tracing_subscriber::registry().with(lines.with_filter(targets)).init();
 }
 
 #[cfg(test)]

@@ -109,59 +109,27 @@ fn value(quantity: &Quantity, status: &Status) -> Option<f64> {
 
 fn times(status: &Status) -> [Metric; 4] {
     let cycle = &status.cycle;
-    let whole = StretchTimes {
-        p50_us: cycle.p50_us,
-        p99_us: cycle.p99_us,
-        max_us: cycle.max_us,
-    };
+    let whole = StretchTimes { p50_us: cycle.p50_us, p99_us: cycle.p99_us, max_us: cycle.max_us };
     [
-        (
-            "cycle_seconds",
-            "Time of a whole cycle over the last some thousand cycles",
-            whole,
-        ),
-        (
-            "own_seconds",
-            "CPU time of a cycle without exchanges",
-            cycle.own,
-        ),
-        (
-            "wake_seconds",
-            "From the deadline to the first instruction of a cycle",
-            cycle.wake,
-        ),
-        (
-            "exchange_seconds",
-            "Exchanges with controllers in a cycle",
-            cycle.exchange,
-        ),
+        ("cycle_seconds", "Time of a whole cycle over the last some thousand cycles", whole),
+        ("own_seconds", "CPU time of a cycle without exchanges", cycle.own),
+        ("wake_seconds", "From the deadline to the first instruction of a cycle", cycle.wake),
+        ("exchange_seconds", "Exchanges with controllers in a cycle", cycle.exchange),
     ]
     .map(|(name, help, times)| Metric {
         name: name.to_owned(),
         help,
         kind: "gauge",
-        lines: [
-            ("0.5", times.p50_us),
-            ("0.99", times.p99_us),
-            ("1", times.max_us),
-        ]
-        .map(|(quantile, us)| (labels("quantile", quantile), us * 1e-6))
-        .to_vec(),
+        lines: [("0.5", times.p50_us), ("0.99", times.p99_us), ("1", times.max_us)]
+            .map(|(quantile, us)| (labels("quantile", quantile), us * 1e-6))
+            .to_vec(),
     })
 }
 
 fn write_metric(out: &mut String, metric: &Metric) {
-    let Metric {
-        name,
-        help,
-        kind,
-        lines,
-    } = metric;
+    let Metric { name, help, kind, lines } = metric;
     // Writing to a string never fails.
-    let _ = writeln!(
-        out,
-        "# HELP volcomp_{name} {help}\n# TYPE volcomp_{name} {kind}"
-    );
+    let _ = writeln!(out, "# HELP volcomp_{name} {help}\n# TYPE volcomp_{name} {kind}");
     for (labels, value) in lines {
         let _ = if value.is_infinite() {
             writeln!(out, "volcomp_{name}{labels} +Inf")
@@ -184,16 +152,11 @@ fn states(status: &Status) -> Vec<(String, f64)> {
 fn reasons(status: &Status) -> Vec<(String, f64)> {
     // Without the duration of a silence, which would create a new series for every value.
     let reasons = quantities::reasons(status).into_iter();
-    reasons
-        .map(|reason| (labels("reason", reason), 1.0))
-        .collect()
+    reasons.map(|reason| (labels("reason", reason), 1.0)).collect()
 }
 
 /// The label is in braces and escaped for the text format.
 fn labels(name: &str, value: &str) -> String {
-    let value = value
-        .replace('\\', "\\\\")
-        .replace('"', "\\\"")
-        .replace('\n', "\\n");
+    let value = value.replace('\\', "\\\\").replace('"', "\\\"").replace('\n', "\\n");
     format!("{{{name}=\"{value}\"}}")
 }

@@ -51,14 +51,11 @@ pub(crate) fn status(facts: &Facts<'_>, report: &Report, times: &Times) -> Statu
         },
         // Set by the dashboard, which knows the tokens.
         operable: false,
-        controller: facts
-            .controllers
-            .get(report.active)
-            .map(|controller| ControllerState {
-                device: controller.device.clone(),
-                channel: controller.channel.clone(),
-                number: report.active,
-            }),
+        controller: facts.controllers.get(report.active).map(|controller| ControllerState {
+            device: controller.device.clone(),
+            channel: controller.channel.clone(),
+            number: report.active,
+        }),
         controllers: paths(facts, report),
         positions_mm: ByAxis::new(),
         positions_deg: ByAxis::new(),
@@ -113,11 +110,7 @@ fn limits(guard: &GuardTable, report: &Report) -> CorrectionLimits {
     let path = report.paths.get(report.active);
     let is_guarded = path.is_some_and(|path| path.scheme == Scheme::Barrier);
     let lowered = |limit: f64, without_barrier: f64| {
-        if is_guarded {
-            limit
-        } else {
-            limit.min(without_barrier)
-        }
+        if is_guarded { limit } else { limit.min(without_barrier) }
     };
     let limit_um = lowered(guard.limit_um, guard.limit_without_barrier_um);
     let limit_urad = guard.limit_urad;
@@ -178,10 +171,7 @@ fn reason_of_path(text: &str, controller: &Description, path: &PathReport) -> St
 /// Marks the present values as unknown after `silence` without a cycle: position and applied correction are not known.
 pub(crate) fn silence(status: &mut Status, silence: Duration) {
     status.state = StateName::Unknown;
-    status.reasons = vec![format!(
-        "no cycle for {:.0} ms",
-        silence.as_secs_f64() * 1e3
-    )];
+    status.reasons = vec![format!("no cycle for {:.0} ms", silence.as_secs_f64() * 1e3)];
     status.correction_known = false;
     status.proven.clear();
     for path in &mut status.controllers {
@@ -222,11 +212,7 @@ pub(crate) fn age(status: &mut Status, age: Duration) {
     let age_ms = age.as_secs_f64() * 1e3;
     status.age_ms = round(age_ms);
     for path in &mut status.controllers {
-        let ages = [
-            &mut path.answered_ms,
-            &mut path.positions_ms,
-            &mut path.confirmed_ms,
-        ];
+        let ages = [&mut path.answered_ms, &mut path.positions_ms, &mut path.confirmed_ms];
         for ms in ages.into_iter().flatten() {
             *ms = round(*ms + age_ms);
         }
@@ -261,8 +247,7 @@ fn paths(facts: &Facts<'_>, report: &Report) -> Vec<PathState> {
 
 fn proven(model: &Model, report: &Report) -> BTreeMap<AxisName, ProvenName> {
     let axes = model.axes.iter().zip(&report.proven);
-    axes.filter_map(|(name, proven)| Some((*name, (*proven)?.into())))
-        .collect()
+    axes.filter_map(|(name, proven)| Some((*name, (*proven)?.into()))).collect()
 }
 
 /// Whether the active path writes an axis; the output of other axes is unknown.
@@ -272,12 +257,7 @@ fn is_written(report: &Report, index: usize) -> bool {
 
 /// The applied correction: linear axes in µm, rotary axes in µrad.
 pub(crate) fn correction(model: &Model, report: &Report) -> [ByAxis; 2] {
-    by_kind(
-        model,
-        &report.correction,
-        |index| is_written(report, index),
-        Displacement::um_or_urad,
-    )
+    by_kind(model, &report.correction, |index| is_written(report, index), Displacement::um_or_urad)
 }
 
 fn by_kind(
@@ -349,11 +329,7 @@ fn temperatures(facts: &Facts<'_>, report: &Report) -> Vec<SensorState> {
 fn cycle(facts: &Facts<'_>, report: &Report, times: &Times) -> CycleTimes {
     let histogram = |histogram: &IntervalHistogram| {
         let [p50_us, p99_us, max_us] = [0.5, 0.99, 1.0].map(|q| round(histogram.quantile_us(q)));
-        StretchTimes {
-            p50_us,
-            p99_us,
-            max_us,
-        }
+        StretchTimes { p50_us, p99_us, max_us }
     };
     let whole = histogram(&times.whole);
     CycleTimes {
@@ -383,10 +359,7 @@ impl Default for IntervalHistogram {
     fn default() -> Self {
         // 100 ns to 100 s with 2 significant digits, within the bounds of the histogram.
         let empty = || Histogram::new_with_bounds(100, 100_000_000_000, 2).expect("valid bounds");
-        Self {
-            current: empty(),
-            before: empty(),
-        }
+        Self { current: empty(), before: empty() }
     }
 }
 
@@ -402,11 +375,7 @@ impl IntervalHistogram {
 
     /// Histogram of the last complete interval; until the first interval is complete, of the current one.
     fn latest(&self) -> &Histogram<u64> {
-        if self.before.is_empty() {
-            &self.current
-        } else {
-            &self.before
-        }
+        if self.before.is_empty() { &self.current } else { &self.before }
     }
 
     pub(crate) fn is_empty(&self) -> bool {
@@ -421,12 +390,7 @@ impl IntervalHistogram {
     pub(crate) fn bins_us(&self) -> Vec<(f64, u64)> {
         let edges = (0..20).map(|power| 500_u64 << power);
         edges
-            .map(|low| {
-                (
-                    (2 * low) as f64 * 1e-3,
-                    self.latest().count_between(low, 2 * low - 1),
-                )
-            })
+            .map(|low| ((2 * low) as f64 * 1e-3, self.latest().count_between(low, 2 * low - 1)))
             .collect()
     }
 }
@@ -500,11 +464,7 @@ mod tests {
             shortest_cycle: Duration::from_millis(1),
         };
         let path = PathReport {
-            barrier_misfit: Some(BarrierMisfit::Limit {
-                axis: 1,
-                found: 150e-6,
-                expected: 200e-6,
-            }),
+            barrier_misfit: Some(BarrierMisfit::Limit { axis: 1, found: 150e-6, expected: 200e-6 }),
             ..PathReport::default()
         };
         let text = |reasons: Reasons| {

@@ -32,12 +32,7 @@ pub fn arm(arguments: &ArmArguments) -> Result<String, GatewayError> {
         let confirm = Some(confirm);
         serde_json::to_string(&Confirmation { confirm }).unwrap_or_default()
     });
-    send(
-        &dashboard,
-        token.as_deref(),
-        "arm",
-        &body.unwrap_or_default(),
-    )
+    send(&dashboard, token.as_deref(), "arm", &body.unwrap_or_default())
 }
 
 /// Acknowledges the faults of a running gateway, and returns its state.
@@ -112,12 +107,9 @@ fn text(verb: &str, question: &Question) -> String {
                 .to_owned(),
         ),
         Some(um) => {
-            let urad = question
-                .worst_corner_urad
-                .map(|worst| (worst, question.confirm_urad, "µrad"));
-            let moves = [(um, Some(question.confirm_um), "µm")]
-                .into_iter()
-                .chain(urad);
+            let urad =
+                question.worst_corner_urad.map(|worst| (worst, question.confirm_urad, "µrad"));
+            let moves = [(um, Some(question.confirm_um), "µm")].into_iter().chain(urad);
             for (worst, least, unit) in moves {
                 let allowed = least.map_or(String::new(), |least| {
                     format!(" (allowed without confirmation: {least} {unit})")
@@ -133,9 +125,6 @@ fn text(verb: &str, question: &Question) -> String {
             |limit: &Option<f64>| limit.map_or("none".to_owned(), |value| value.to_string());
         lines.push(format!("{key}: {} → {}", value(old), value(new)));
     }
-    lines.push(format!(
-        "Use it? To confirm, repeat with --confirm {}",
-        question.model
-    ));
+    lines.push(format!("Use it? To confirm, repeat with --confirm {}", question.model));
     lines.join("\n")
 }

@@ -27,9 +27,7 @@ pub struct Options {
 }
 
 fn cycle(text: &str) -> Result<Duration, String> {
-    let ms: f64 = text
-        .parse()
-        .map_err(|_| "expected a number of milliseconds".to_owned())?;
+    let ms: f64 = text.parse().map_err(|_| "expected a number of milliseconds".to_owned())?;
     if (0.25..=100.0).contains(&ms) {
         Ok(Duration::from_secs_f64(ms * 1e-3))
     } else {

@@ -52,17 +52,11 @@ pub(crate) fn published(
 ) -> (Publisher, Published) {
     let shared = Arc::new(Shared {
         model: Mutex::new(model),
-        trend: Mutex::new(Trend {
-            points: VecDeque::new(),
-            recorder,
-        }),
+        trend: Mutex::new(Trend { points: VecDeque::new(), recorder }),
         latest: Mutex::new((Arc::new(first), pulse.clock().now())),
         fleet: Mutex::default(),
     });
-    let reader = Published {
-        shared: Arc::clone(&shared),
-        pulse: pulse.clone(),
-    };
+    let reader = Published { shared: Arc::clone(&shared), pulse: pulse.clone() };
     (Publisher { shared, pulse }, reader)
 }
 
@@ -142,11 +136,7 @@ impl Published {
             residual_axis_urad: point.residual_axis_urad,
             ..HistoryPoint::default()
         });
-        History {
-            span_s: SPAN_S.into(),
-            points: errors.collect(),
-            ..History::default()
-        }
+        History { span_s: SPAN_S.into(), points: errors.collect(), ..History::default() }
     }
 
     /// The history of the last `span_s`: single states up to two minutes, else means and maxima over periods.
@@ -198,11 +188,7 @@ impl Trend {
                 return;
             }
         }
-        while self
-            .points
-            .front()
-            .is_some_and(|first| now - first.at_s > SPAN_S.into())
-        {
+        while self.points.front().is_some_and(|first| now - first.at_s > SPAN_S.into()) {
             self.points.pop_front();
         }
         self.points.push_back(point);

@@ -104,12 +104,7 @@ impl ServiceRequest {
         if operation.disarms() {
             switch.disarm();
         }
-        Self {
-            operation,
-            who: who.into(),
-            answer,
-            disarms: switch.count(),
-        }
+        Self { operation, who: who.into(), answer, disarms: switch.count() }
     }
 }
 
@@ -133,10 +128,7 @@ pub struct RequestQueue {
 pub fn queue() -> (RequestSender, RequestQueue) {
     let (sender, queue) = sync_channel(2 * MAX_QUEUED);
     let others = Arc::new(AtomicUsize::new(0));
-    let requests = RequestSender {
-        queue: sender,
-        others: Arc::clone(&others),
-    };
+    let requests = RequestSender { queue: sender, others: Arc::clone(&others) };
     (requests, RequestQueue { queue, others })
 }
 
@@ -150,9 +142,7 @@ impl RequestSender {
             return self.queue.try_send(request);
         }
         let more = |waiting| (waiting < MAX_QUEUED).then_some(waiting + 1);
-        let place = self
-            .others
-            .fetch_update(Ordering::Relaxed, Ordering::Relaxed, more);
+        let place = self.others.fetch_update(Ordering::Relaxed, Ordering::Relaxed, more);
         if place.is_err() {
             return Err(TrySendError::Full(request));
         }
@@ -189,8 +179,5 @@ pub struct Reply {
 }
 
 pub(crate) fn refused(status: u16, why: impl Into<String>) -> Reply {
-    Reply {
-        status,
-        answer: Answer::Refusal(Refusal::new(why)),
-    }
+    Reply { status, answer: Answer::Refusal(Refusal::new(why)) }
 }

@@ -35,10 +35,7 @@ const DEFAULT_WATCHDOG: Duration = Duration::from_secs(4);
 /// # Errors
 /// The configuration is invalid, signals or the thread cannot be set up, or the service has failed.
 pub fn run(options: &Options) -> Result<(), GatewayError> {
-    let machine = Machine {
-        options: options.clone(),
-        proven_within: proven_within(),
-    };
+    let machine = Machine { options: options.clone(), proven_within: proven_within() };
     let plan = machine.plan()?;
     let process = Process::prepare();
     for lacking in &process.lacking {
@@ -97,27 +94,20 @@ impl Process {
             lacking.push(format!("memory is not locked: {e} (LimitMEMLOCK)"));
         }
         let maximum = getrlimit(Resource::Nofile).maximum;
-        let all = Rlimit {
-            current: maximum,
-            maximum,
-        };
+        let all = Rlimit { current: maximum, maximum };
         if let Err(e) = setrlimit(Resource::Nofile, all) {
             lacking.push(format!("no more descriptors: {e} (LimitNOFILE)"));
         }
-        let awake = std::fs::OpenOptions::new()
-            .write(true)
-            .open("/dev/cpu_dma_latency")
-            .and_then(|mut file| {
+        let awake = std::fs::OpenOptions::new().write(true).open("/dev/cpu_dma_latency").and_then(
+            |mut file| {
                 file.write_all(&0_i32.to_ne_bytes())?;
                 Ok(file)
-            });
+            },
+        );
         if let Err(e) = &awake {
             lacking.push(format!("processors may sleep: /dev/cpu_dma_latency: {e}"));
         }
-        Self {
-            _awake: awake.ok(),
-            lacking,
-        }
+        Self { _awake: awake.ok(), lacking }
     }
 }
 
@@ -136,12 +126,7 @@ struct Manager {
 
 impl Manager {
     fn new() -> Self {
-        Self {
-            begun: Instant::now(),
-            is_ready: false,
-            is_stopping: false,
-            proofs: None,
-        }
+        Self { begun: Instant::now(), is_ready: false, is_stopping: false, proofs: None }
     }
 
     /// Reports readiness, once: when the start is complete or has taken longer than `patience`.

@@ -95,11 +95,9 @@ mod tests {
             let _ = acted.send(());
         })
         .expect("signals");
-        for (number, signal) in [
-            (SIGTERM, Signal::Stop),
-            (SIGINT, Signal::Stop),
-            (SIGHUP, Signal::Reload),
-        ] {
+        for (number, signal) in
+            [(SIGTERM, Signal::Stop), (SIGINT, Signal::Stop), (SIGHUP, Signal::Reload)]
+        {
             signal_hook::low_level::raise(number).expect("a signal");
             if signal == Signal::Stop {
                 acts.recv_timeout(patience).expect("it acts at once");

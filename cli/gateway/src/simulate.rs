@@ -75,10 +75,7 @@ impl Truth {
     }
 
     pub(crate) fn of(self, demo: Arc<Demo>) -> Self {
-        Self {
-            demo: Some(demo),
-            ..self
-        }
+        Self { demo: Some(demo), ..self }
     }
 
     /// The running machine.
@@ -88,16 +85,9 @@ impl Truth {
 
     /// The true position error (mm, workpiece axes) at axis coordinates (mm) and sensor temperatures (°C).
     pub fn error(&self, positions: &PerAxis<f64>, degc: &[f64]) -> Vector3<f64> {
-        let temperatures: Temperatures = self
-            .sensors
-            .iter()
-            .cloned()
-            .zip(degc.iter().copied())
-            .collect();
-        let state = State {
-            q: *positions,
-            ..State::default()
-        };
+        let temperatures: Temperatures =
+            self.sensors.iter().cloned().zip(degc.iter().copied()).collect();
+        let state = State { q: *positions, ..State::default() };
         let place = Vector3::new(positions[0], positions[1], positions[2]);
         let error = self.machine.error_at(&state, Form::Exact, &temperatures);
         self.datum.left_mm(&place, &error.position_mm)
@@ -129,12 +119,7 @@ const HEATED_BY_K: f64 = 15.0;
 
 impl Demo {
     pub(crate) fn new(controls: Arc<Controls>, thermometer: Remote, plant: Plant) -> Self {
-        Self {
-            controls,
-            thermometer,
-            plant,
-            active: Mutex::default(),
-        }
+        Self { controls, thermometer, plant, active: Mutex::default() }
     }
 
     /// Begins or ends a disturbance.
@@ -148,10 +133,7 @@ impl Demo {
             Disturbance::Freeze => self.controls.frozen.store(on, Ordering::Relaxed),
             Disturbance::Heat => {
                 let kelvin = if on { HEATED_BY_K } else { 0.0 };
-                let jump = Injection::Jump {
-                    sensor: HEATED,
-                    kelvin,
-                };
+                let jump = Injection::Jump { sensor: HEATED, kelvin };
                 if !self.thermometer.inject(jump) {
                     // The thermometer has not been read for 64 requests.
                     return;
@@ -248,18 +230,10 @@ impl Simulation {
             }),
             clock,
         };
-        let (controller, thermometer, controls) =
-            start(machine).map_err(|source| GatewayError::Barrier {
-                device: "built-in barrier".to_owned(),
-                source,
-            })?;
-        Ok(Self {
-            controller,
-            thermometer,
-            controls,
-            model,
-            truth,
-        })
+        let (controller, thermometer, controls) = start(machine).map_err(|source| {
+            GatewayError::Barrier { device: "built-in barrier".to_owned(), source }
+        })?;
+        Ok(Self { controller, thermometer, controls, model, truth })
     }
 }
 

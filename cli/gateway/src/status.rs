@@ -26,9 +26,7 @@ pub fn request(dashboard: &DashboardConfig, token: Option<&str>) -> Result<Statu
         )));
     }
     serde_json::from_str(&response.body).map_err(|e| {
-        GatewayError::failed(format!(
-            "gateway at {address}: its response is not a state: {e}"
-        ))
+        GatewayError::failed(format!("gateway at {address}: its response is not a state: {e}"))
     })
 }
 
@@ -47,10 +45,7 @@ pub fn text(status: &Status) -> String {
         add("check", GONE.to_owned());
     }
     add("machine", status.machine.name.clone());
-    add(
-        "controller",
-        controller.map_or(String::new(), |controller| controller.device.clone()),
-    );
+    add("controller", controller.map_or(String::new(), |controller| controller.device.clone()));
     for path in &status.controllers {
         let mut title = format!("path {}", path.number + 1);
         for line in health(path, status.state == StateName::Compensating) {
@@ -63,10 +58,7 @@ pub fn text(status: &Status) -> String {
         add("correction, µm", by_axis(&status.correction_um, 1));
         add("correction, µrad", by_axis(&status.correction_urad, 1));
     } else {
-        add(
-            "correction",
-            "unknown: not confirmed by the control".to_owned(),
-        );
+        add("correction", "unknown: not confirmed by the control".to_owned());
         add("  confirmed, µm", by_axis(&status.correction_um, 1));
         add("  confirmed, µrad", by_axis(&status.correction_urad, 1));
     }
@@ -82,18 +74,10 @@ pub fn text(status: &Status) -> String {
         }
     }
     add("tip error, µm", pair(status.error_um, status.residual_um));
-    add(
-        "axis error, µrad",
-        pair(status.error_axis_urad, status.residual_axis_urad),
-    );
+    add("axis error, µrad", pair(status.error_axis_urad, status.residual_axis_urad));
     for sensor in &status.temperatures {
-        let degc = sensor
-            .degc
-            .map_or("-".to_owned(), |degc| format!("{degc:.1} °C"));
-        let why = sensor
-            .reason
-            .as_ref()
-            .map_or(String::new(), |why| format!(" ({why})"));
+        let degc = sensor.degc.map_or("-".to_owned(), |degc| format!("{degc:.1} °C"));
+        let why = sensor.reason.as_ref().map_or(String::new(), |why| format!(" ({why})"));
         add("temperature", format!("{} {degc}{why}", sensor.name));
     }
     let cycle = &status.cycle;
@@ -126,10 +110,7 @@ fn health(path: &PathState, corrects: bool) -> Vec<String> {
         Some(true) => "holds a correction".to_owned(),
         Some(false) => "holds no correction".to_owned(),
         None if path.confirmed_ms.is_none() => "correction unknown, never confirmed".to_owned(),
-        None => format!(
-            "correction unknown, {}",
-            since("last confirmed", path.confirmed_ms)
-        ),
+        None => format!("correction unknown, {}", since("last confirmed", path.confirmed_ms)),
     };
     let ages = [
         ("answered", path.answered_ms),
@@ -142,11 +123,7 @@ fn health(path: &PathState, corrects: bool) -> Vec<String> {
         (true, false) => "in use",
         (false, _) => "standby",
     };
-    vec![
-        format!("{role}, {}", path.device),
-        format!("{barrier}; {holds}"),
-        ages.join(", "),
-    ]
+    vec![format!("{role}, {}", path.device), format!("{barrier}; {holds}"), ages.join(", ")]
 }
 
 fn since(what: &str, ms: Option<f64>) -> String {
@@ -157,10 +134,8 @@ fn since(what: &str, ms: Option<f64>) -> String {
 }
 
 fn by_axis(values: &ByAxis, digits: usize) -> String {
-    let words: Vec<String> = values
-        .iter()
-        .map(|(name, value)| format!("{name} {value:.digits$}"))
-        .collect();
+    let words: Vec<String> =
+        values.iter().map(|(name, value)| format!("{name} {value:.digits$}")).collect();
     words.join("  ")
 }
 

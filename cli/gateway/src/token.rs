@@ -42,11 +42,7 @@ pub struct AddArguments {
 /// # Errors
 /// The name is invalid or in use, or the file is invalid or cannot be written.
 pub fn add(arguments: &AddArguments) -> Result<String, GatewayError> {
-    let AddArguments {
-        name,
-        role,
-        token_file,
-    } = arguments;
+    let AddArguments { name, role, token_file } = arguments;
     let is_word = |c: char| !c.is_whitespace() && !c.is_control() && c != '#';
     if name.is_empty() || !name.chars().all(is_word) {
         return Err(GatewayError::invalid(format!(
@@ -74,13 +70,8 @@ pub fn add(arguments: &AddArguments) -> Result<String, GatewayError> {
     }
     let token = secret()?;
     let line = format!("{separator}{name} {} {token}\n", role.name());
-    let mut file = OpenOptions::new()
-        .append(true)
-        .open(token_file)
-        .map_err(failed)?;
-    file.write_all(line.as_bytes())
-        .and_then(|()| file.sync_all())
-        .map_err(failed)?;
+    let mut file = OpenOptions::new().append(true).open(token_file).map_err(failed)?;
+    file.write_all(line.as_bytes()).and_then(|()| file.sync_all()).map_err(failed)?;
     Ok(token)
 }
 

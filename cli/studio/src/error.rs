@@ -116,10 +116,7 @@ pub enum StudioError {
 
 impl StudioError {
     pub(crate) fn disk(place: impl ToString) -> impl FnOnce(io::Error) -> Self {
-        move |source| Self::Disk {
-            place: place.to_string(),
-            source,
-        }
+        move |source| Self::Disk { place: place.to_string(), source }
     }
 
     pub(crate) fn status(&self) -> u16 {

@@ -82,15 +82,8 @@ impl Folder {
             "" => Vec::new(),
             text => tolerances(text)?,
         };
-        let MachineWithReport {
-            machine,
-            mut report,
-            missed,
-            inputs,
-        } = self.found()?;
-        let earlier = earlier
-            .map(|name| self.earlier(name, &machine))
-            .transpose()?;
+        let MachineWithReport { machine, mut report, missed, inputs } = self.found()?;
+        let earlier = earlier.map(|name| self.earlier(name, &machine)).transpose()?;
         report.add_working_space(&machine, earlier.as_ref())?;
         refuse_two_units(&report, &limits)?;
         report.checks = checks(&report, &limits);

@@ -262,10 +262,9 @@ impl Folder {
             let reason = Some(self.relative(&reason));
             match files.iter_mut().find(|known| known.name == *file) {
                 Some(known) => known.not_used = reason,
-                None => files.push(FileState {
-                    not_used: reason,
-                    ..FileState::named(file.clone())
-                }),
+                None => {
+                    files.push(FileState { not_used: reason, ..FileState::named(file.clone()) })
+                }
             }
         }
         files.sort_by(|one, other| one.name.cmp(&other.name));
@@ -308,10 +307,7 @@ impl Folder {
         }
         self.write(CALIBRATION, whole.text.as_bytes())?;
         let hash = sha256_of(&self.at(CALIBRATION)).map_err(StudioError::disk(CALIBRATION))?;
-        let kept = Answers {
-            calibration: hash,
-            answers: given.to_vec(),
-        };
+        let kept = Answers { calibration: hash, answers: given.to_vec() };
         let text = serde_json::to_string_pretty(&kept);
         let text = text.map_err(|e| StudioError::disk(ANSWERS)(e.into()))?;
         self.write(ANSWERS, text.as_bytes())
@@ -324,10 +320,7 @@ impl Folder {
     /// An invalid name, a TOML file of another kind, a file that is too large, or too many files.
     pub fn receive(&self, name: &str, bytes: &[u8]) -> Result<(), StudioError> {
         let name = name_of_upload(name)?;
-        let wrong = |why: String| StudioError::Upload {
-            name: name.clone(),
-            why,
-        };
+        let wrong = |why: String| StudioError::Upload { name: name.clone(), why };
         if bytes.len() > MAX_FILE_BYTES {
             let mib = MAX_FILE_BYTES / 1024 / 1024;
             return Err(wrong(format!("larger than the maximum of {mib} MiB")));
@@ -343,24 +336,16 @@ impl Folder {
             return self.set_machine(&name, text);
         }
         if name.eq_ignore_ascii_case(ANSWERS) || name.eq_ignore_ascii_case(RESULT) {
-            return Err(wrong(
-                "a reserved name of the studio; rename the file".to_owned(),
-            ));
+            return Err(wrong("a reserved name of the studio; rename the file".to_owned()));
         }
         let path = self.at(&name);
         if path.exists() {
             let same = fs::read(&path).is_ok_and(|present| present == bytes);
             let other = "is in the folder with different content; rename one of them";
-            return if same {
-                Ok(())
-            } else {
-                Err(wrong(other.to_owned()))
-            };
+            return if same { Ok(()) } else { Err(wrong(other.to_owned())) };
         }
         if self.measurement_files()?.len() >= MAX_FILES {
-            return Err(wrong(format!(
-                "the folder contains the maximum of {MAX_FILES} files"
-            )));
+            return Err(wrong(format!("the folder contains the maximum of {MAX_FILES} files")));
         }
         self.write(&name, bytes)
     }
@@ -428,10 +413,7 @@ impl Folder {
             };
             let written = file.modified().map_err(StudioError::disk(&name))?;
             let since = written.duration_since(SystemTime::UNIX_EPOCH);
-            models.push(EarlierModel {
-                name,
-                written_s: since.unwrap_or_default().as_secs(),
-            });
+            models.push(EarlierModel { name, written_s: since.unwrap_or_default().as_secs() });
         }
         models.reverse();
         Ok(models)
@@ -446,9 +428,8 @@ impl Folder {
         let inside = fs::read_dir(&result).map_err(StudioError::disk(RESULT))?;
         let inside = inside.flatten().map(|entry| entry.path());
         let before = self.at(EARLIER_PREFIX).display().to_string();
-        let earlier: Vec<PathBuf> = inside
-            .filter(|path| path.display().to_string().starts_with(&before))
-            .collect();
+        let earlier: Vec<PathBuf> =
+            inside.filter(|path| path.display().to_string().starts_with(&before)).collect();
         let found = files_below(&result, &earlier, MAX_RESULTS);
         let found = found.map_err(StudioError::disk(RESULT))?;
         let names = found.iter().map(|path| self.relative(&path.display()));
@@ -514,9 +495,7 @@ impl Folder {
             let hash = sha256_of(&path).map_err(StudioError::disk(&name))?;
             hashes.insert(name, hash);
         }
-        let lines = hashes
-            .iter()
-            .map(|(name, hash)| format!("{hash}  {name}\n"));
+        let lines = hashes.iter().map(|(name, hash)| format!("{hash}  {name}\n"));
         Ok(lines.collect())
     }
 }
@@ -530,11 +509,6 @@ pub(crate) fn name_of_upload(name: &str) -> Result<String, StudioError> {
 
 impl FileState {
     fn named(name: String) -> Self {
-        Self {
-            name,
-            error: None,
-            said: Vec::new(),
-            not_used: None,
-        }
+        Self { name, error: None, said: Vec::new(), not_used: None }
     }
 }

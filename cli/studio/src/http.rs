@@ -57,10 +57,7 @@ impl Studio {
                 ),
             });
         }
-        let system = |source| StudioError::System {
-            what: "the page's address",
-            source,
-        };
+        let system = |source| StudioError::System { what: "the page's address", source };
         let listener = TcpListener::bind(address).map_err(system)?;
         listener.set_nonblocking(true).map_err(system)?;
         let address = listener.local_addr().map_err(system)?;
@@ -70,12 +67,7 @@ impl Studio {
             source: std::io::Error::other(e),
         })?;
         let token = format!("{:032x}", u128::from_be_bytes(random));
-        Ok(Self {
-            listener,
-            address,
-            token,
-            folder,
-        })
+        Ok(Self { listener, address, token, folder })
     }
 
     /// The address at which the server listens.
@@ -93,10 +85,7 @@ impl Studio {
     /// # Errors
     /// The operating system provides no thread.
     pub fn run(self) -> Result<(), StudioError> {
-        let system = |source| StudioError::System {
-            what: "a thread",
-            source,
-        };
+        let system = |source| StudioError::System { what: "a thread", source };
         let runtime = tokio::runtime::Builder::new_multi_thread()
             .worker_threads(1)
             .enable_all()
@@ -114,21 +103,9 @@ impl Studio {
 type Page = Arc<Mutex<Folder>>;
 
 const PAGES: [(&str, &str, &str); 4] = [
-    (
-        "",
-        "text/html; charset=utf-8",
-        include_str!("../web/index.html"),
-    ),
-    (
-        "studio.js",
-        "text/javascript; charset=utf-8",
-        include_str!("../web/studio.js"),
-    ),
-    (
-        "studio.css",
-        "text/css; charset=utf-8",
-        include_str!("../web/studio.css"),
-    ),
+    ("", "text/html; charset=utf-8", include_str!("../web/index.html")),
+    ("studio.js", "text/javascript; charset=utf-8", include_str!("../web/studio.js")),
+    ("studio.css", "text/css; charset=utf-8", include_str!("../web/studio.css")),
     ("icon.svg", "image/svg+xml", include_str!("../web/icon.svg")),
 ];
 
@@ -151,10 +128,7 @@ fn router(token: &str, folder: Folder) -> Router {
         .route(&at("api/send"), post(send))
         // One byte more, so that the handler can reject a file that is too large by its name.
         .layer(DefaultBodyLimit::max(MAX_FILE_BYTES + 1))
-        .route(
-            &at("api/nc"),
-            post(nc).layer(DefaultBodyLimit::max(MAX_PROGRAM_BYTES)),
-        )
+        .route(&at("api/nc"), post(nc).layer(DefaultBodyLimit::max(MAX_PROGRAM_BYTES)))
         .fallback(|| async {
             let why = "there is no such page: open the address that `volcomp studio` prints";
             refuse(StatusCode::NOT_FOUND, why)
@@ -166,18 +140,14 @@ fn router(token: &str, folder: Folder) -> Router {
 async fn every_request(request: Request, next: Next) -> Response {
     let is_report = request.uri().path().ends_with("/report.html");
     let host = request.headers().get(header::HOST);
-    let is_ours = host
-        .and_then(|host| host.to_str().ok())
-        .is_some_and(|host| hosts::is_known(host, &[]));
+    let is_ours =
+        host.and_then(|host| host.to_str().ok()).is_some_and(|host| hosts::is_known(host, &[]));
     let changes = request.method() != Method::GET;
     let mut response = if !is_ours {
         let why = "expected the address of this computer as Host";
         refuse(StatusCode::MISDIRECTED_REQUEST, why)
     } else if changes && is_of_another_page(request.headers()) {
-        refuse(
-            StatusCode::FORBIDDEN,
-            "a page of another origin may not change anything",
-        )
+        refuse(StatusCode::FORBIDDEN, "a page of another origin may not change anything")
     } else {
         next.run(request).await
     };
@@ -186,10 +156,7 @@ async fn every_request(request: Request, next: Next) -> Response {
         let of = response.headers_mut();
         let policy = HeaderValue::from_static(REPORT_POLICY);
         of.insert(header::CONTENT_SECURITY_POLICY, policy);
-        of.insert(
-            header::X_FRAME_OPTIONS,
-            HeaderValue::from_static("SAMEORIGIN"),
-        );
+        of.insert(header::X_FRAME_OPTIONS, HeaderValue::from_static("SAMEORIGIN"));
     }
     response
 }
@@ -213,10 +180,9 @@ async fn work<T: Send + 'static>(
             let status = StatusCode::from_u16(status).unwrap_or(StatusCode::INTERNAL_SERVER_ERROR);
             Err(refuse(status, &why))
         }
-        Err(_) => Err(refuse(
-            StatusCode::INTERNAL_SERVER_ERROR,
-            "internal error: see standard error",
-        )),
+        Err(_) => {
+            Err(refuse(StatusCode::INTERNAL_SERVER_ERROR, "internal error: see standard error"))
+        }
     }
 }
 
@@ -261,17 +227,11 @@ struct FileName {
 async fn file(Shared(page): Shared<Page>, Query(FileName { name }): Query<FileName>) -> Response {
     let base = name.rsplit('/').next().unwrap_or_default();
     let base: String = base.chars().filter(char::is_ascii).collect();
-    let saved = format!(
-        "attachment; filename=\"{}\"",
-        base.replace(['"', '\\'], "_")
-    );
+    let saved = format!("attachment; filename=\"{}\"", base.replace(['"', '\\'], "_"));
     match work(page, move |folder| folder.result(&name)).await {
         Ok(bytes) => {
             let kind = "application/octet-stream".to_owned();
-            let of = [
-                (header::CONTENT_TYPE, kind),
-                (header::CONTENT_DISPOSITION, saved),
-            ];
+            let of = [(header::CONTENT_TYPE, kind), (header::CONTENT_DISPOSITION, saved)];
             (of, bytes).into_response()
         }
         Err(refusal) => refusal,
@@ -335,10 +295,7 @@ struct Program {
 }
 
 async fn nc(Shared(page): Shared<Page>, Query(of): Query<Program>, body: Bytes) -> Response {
-    respond(page, move |folder| {
-        folder.nc(&of.name, &body, of.tolerance_um)
-    })
-    .await
+    respond(page, move |folder| folder.nc(&of.name, &body, of.tolerance_um)).await
 }
 
 async fn send(Shared(page): Shared<Page>, body: Bytes) -> Response {

@@ -155,10 +155,8 @@ impl Folder {
             return Err(StudioError::Request { key, why });
         }
         let name = name_of_upload(name)?;
-        let wrong = |source: NcError| StudioError::Nc {
-            name: name.clone(),
-            source: Box::new(source),
-        };
+        let wrong =
+            |source: NcError| StudioError::Nc { name: name.clone(), source: Box::new(source) };
         let machine = self.fitted_machine()?;
         let path = self.at(SETUP);
         let setup = if path.exists() {
@@ -171,10 +169,8 @@ impl Folder {
         let corrector = Corrector::new(&machine, &none, 1e-3 * tolerance_um).map_err(wrong)?;
         let control = setup.control();
         let job = Job {
-            dialect: control.map_or_else(
-                || Dialect::of_file(Path::new(&name)),
-                volcomp_nc::Control::dialect,
-            ),
+            dialect: control
+                .map_or_else(|| Dialect::of_file(Path::new(&name)), volcomp_nc::Control::dialect),
             ..Job::new(&corrector, &setup)
         };
         let mut output = Vec::new();
@@ -190,19 +186,11 @@ impl Folder {
             motions: counts.motions,
             changed: counts.changed,
             added: counts.added,
-            notes: notes
-                .map(|(line, note)| NcNote {
-                    line,
-                    text: note.to_string(),
-                })
-                .collect(),
+            notes: notes.map(|(line, note)| NcNote { line, text: note.to_string() }).collect(),
         })
     }
 }
 
 fn wrong_setup(error: &dyn std::error::Error) -> StudioError {
-    StudioError::Upload {
-        name: SETUP.to_owned(),
-        why: error.to_string(),
-    }
+    StudioError::Upload { name: SETUP.to_owned(), why: error.to_string() }
 }

@@ -97,11 +97,7 @@ fn answer(draft: &Draft, given: &TypedAnswer) -> Option<Answer> {
         Some(place) => Subject::Measurement(place),
         None => Subject::Squareness(given.of.parse::<ErrorName>().ok()?),
     };
-    Some(Answer {
-        of,
-        key: given.key.clone(),
-        value: given.value.clone(),
-    })
+    Some(Answer { of, key: given.key.clone(), value: given.value.clone() })
 }
 
 /// Every question of a draft, including the answered ones, so that answers can be changed.
@@ -139,11 +135,7 @@ pub(crate) fn questions(draft: &Draft, decided: &Draft, machine: &Machine) -> Ve
 fn choices(question: &Question, files: &[String]) -> Vec<String> {
     match question.key.as_str() {
         "file" => files.to_vec(),
-        _ => question
-            .choices()
-            .iter()
-            .map(|word| (*word).to_owned())
-            .collect(),
+        _ => question.choices().iter().map(|word| (*word).to_owned()).collect(),
     }
 }
 

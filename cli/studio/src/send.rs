@@ -78,17 +78,12 @@ impl Folder {
         self.fitted_machine()?;
         let text = String::from_utf8_lossy(&self.result(FITTED)?).into_owned();
         match target {
-            Target::Gateway {
-                url,
-                token,
-                certificate,
-            } => to_gateway(&Server::new(url, certificate)?, token, &text),
-            Target::Centre {
-                url,
-                name,
-                password,
-                certificate,
-            } => to_centre(&Server::new(url, certificate)?, [name, password], &text),
+            Target::Gateway { url, token, certificate } => {
+                to_gateway(&Server::new(url, certificate)?, token, &text)
+            }
+            Target::Centre { url, name, password, certificate } => {
+                to_centre(&Server::new(url, certificate)?, [name, password], &text)
+            }
         }
     }
 }
@@ -147,17 +142,12 @@ fn to_centre(
         Some(false) => "The centre already has this machine file.",
         _ => "The centre has the machine file. An engineer rolls it out there.",
     };
-    Ok(Delivery {
-        said: said.to_owned(),
-        warnings: texts(&model["notes"]),
-        page: server.url("/"),
-    })
+    Ok(Delivery { said: said.to_owned(), warnings: texts(&model["notes"]), page: server.url("/") })
 }
 
 fn texts(list: &Value) -> Vec<String> {
     let list = list.as_array().into_iter().flatten();
-    list.filter_map(|text| text.as_str().map(ToOwned::to_owned))
-        .collect()
+    list.filter_map(|text| text.as_str().map(ToOwned::to_owned)).collect()
 }
 
 struct Server {
@@ -181,12 +171,7 @@ impl Server {
         let (Some(host), Some(port)) = (url.host_str(), url.port_or_known_default()) else {
             return Err(wrong(format!("found {address:?}, {expected}")));
         };
-        Ok(Self {
-            host: host.trim_matches(['[', ']']).to_owned(),
-            port,
-            tls,
-            url,
-        })
+        Ok(Self { host: host.trim_matches(['[', ']']).to_owned(), port, tls, url })
     }
 
     fn url(&self, path: &str) -> String {
@@ -195,10 +180,7 @@ impl Server {
     }
 
     fn failed(&self, why: &impl ToString) -> StudioError {
-        StudioError::Send {
-            address: self.url.origin().ascii_serialization(),
-            why: why.to_string(),
-        }
+        StudioError::Send { address: self.url.origin().ascii_serialization(), why: why.to_string() }
     }
 
     fn request(
@@ -260,11 +242,7 @@ impl Answer {
     fn read(text: &str) -> Option<Self> {
         let (head, body) = text.split_once("\r\n\r\n")?;
         let status = head.split_whitespace().nth(1)?.parse().ok()?;
-        Some(Self {
-            status,
-            head: head.to_owned(),
-            body: body.to_owned(),
-        })
+        Some(Self { status, head: head.to_owned(), body: body.to_owned() })
     }
 
     fn header(&self, name: &str) -> Option<&str> {

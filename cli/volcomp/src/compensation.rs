@@ -171,10 +171,8 @@ impl<'a> Compensation<'a> {
 
     fn residual_by<S: ErrorSource>(&self, model: &S, actual: &S, target: &State) -> [f64; 6] {
         let chain = self.actual().chain();
-        let [found, ideal] = [
-            actual_pose(chain, actual, &self.command_by(model, target)),
-            chain.ideal_pose(target),
-        ];
+        let [found, ideal] =
+            [actual_pose(chain, actual, &self.command_by(model, target)), chain.ideal_pose(target)];
         let tip = chain.tool_tip_mm();
         let position = found.transform_point(&tip) - ideal.transform_point(&tip);
         let rotation = vector_from_rotation(&(found.rotation * ideal.rotation.transpose()));

@@ -98,11 +98,7 @@ impl Failure {
     /// A line of a file is invalid; `key` names the column, empty for the whole line.
     pub(crate) fn in_line(path: &Path, line: u64, key: &str, what: impl Display) -> Self {
         let file = path.display().to_string();
-        let column = if key.is_empty() {
-            String::new()
-        } else {
-            format!("{key}: ")
-        };
+        let column = if key.is_empty() { String::new() } else { format!("{key}: ") };
         Self::File(Box::new(FileFailure {
             message: format!("{file}:{line}: {column}{what}"),
             file,
@@ -112,10 +108,7 @@ impl Failure {
     }
 
     pub(crate) fn work_on(path: &Path, error: &impl Display) -> Self {
-        Self::WorkOn {
-            file: path.display().to_string(),
-            message: error.to_string(),
-        }
+        Self::WorkOn { file: path.display().to_string(), message: error.to_string() }
     }
 
     pub(crate) fn status(&self) -> u8 {
@@ -145,11 +138,7 @@ impl Failure {
     fn document(&self) -> FailureDocument {
         let (file, line, key) = match self {
             Self::Call(_) | Self::Input(_) | Self::Work(_) => (None, None, None),
-            Self::File(failure) => (
-                Some(failure.file.clone()),
-                failure.line,
-                failure.key.clone(),
-            ),
+            Self::File(failure) => (Some(failure.file.clone()), failure.line, failure.key.clone()),
             Self::Place(place) => (
                 Some(place.file.clone()),
                 Some(place.line as u64),
@@ -158,13 +147,7 @@ impl Failure {
             Self::WorkOn { file, .. } => (Some(file.clone()), None, None),
         };
         FailureDocument {
-            error: Error {
-                kind: self.kind(),
-                message: self.message(),
-                file,
-                line,
-                key,
-            },
+            error: Error { kind: self.kind(), message: self.message(), file, line, key },
         }
     }
 
@@ -200,12 +183,7 @@ impl From<ReadError> for Failure {
         let (ReadError::System { file, .. } | ReadError::Encoding { file, .. }) = error else {
             return Self::Input(message);
         };
-        Self::File(Box::new(FileFailure {
-            file,
-            line: None,
-            key: None,
-            message,
-        }))
+        Self::File(Box::new(FileFailure { file, line: None, key: None, message }))
     }
 }
 
@@ -260,11 +238,6 @@ impl From<MetrologyError> for Failure {
             MetrologyError::Table(place) => return Self::Place(place),
             _ => return Self::Input(message),
         };
-        Self::File(Box::new(FileFailure {
-            file,
-            line,
-            key,
-            message,
-        }))
+        Self::File(Box::new(FileFailure { file, line, key, message }))
     }
 }

@@ -34,11 +34,7 @@ fn below(value: &Value) -> Option<String> {
 }
 
 fn joined(key: &str, rest: &str) -> String {
-    let dot = if rest.is_empty() || rest.starts_with('[') {
-        ""
-    } else {
-        "."
-    };
+    let dot = if rest.is_empty() || rest.starts_with('[') { "" } else { "." };
     format!("{key}{dot}{rest}")
 }
 
@@ -72,14 +68,8 @@ mod tests {
         let cases = [
             (document(1.0, None, 2.0), None),
             (document(f64::NAN, None, 2.0), Some("shapes[0]")),
-            (
-                document(1.0, Some(f64::INFINITY), 2.0),
-                Some("shapes[1].value"),
-            ),
-            (
-                document(1.0, Some(0.0), f64::NEG_INFINITY),
-                Some("by_axis.X[1]"),
-            ),
+            (document(1.0, Some(f64::INFINITY), 2.0), Some("shapes[1].value")),
+            (document(1.0, Some(0.0), f64::NEG_INFINITY), Some("by_axis.X[1]")),
         ];
         for (document, key) in cases {
             assert_eq!(first_not_finite(&document).as_deref(), key);

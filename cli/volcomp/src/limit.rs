@@ -8,12 +8,7 @@ pub(crate) const RAISE_LIMIT: &str = ", or allow more with --limit-um";
 #[derive(clap::Args)]
 pub(crate) struct LimitArgument {
     /// Largest correction of an axis: µm for linear, µrad for rotary axes, at most 2000; above it nothing is written
-    #[arg(
-        long,
-        value_name = "UM",
-        default_value_t = 250.0,
-        allow_negative_numbers = true
-    )]
+    #[arg(long, value_name = "UM", default_value_t = 250.0, allow_negative_numbers = true)]
     limit_um: f64,
 }
 

@@ -99,9 +99,7 @@ impl Listing {
             Formatted::of(rows, first, print, &remark)
         });
         for formatted in formatted.collect::<Result<Vec<_>, _>>()? {
-            self.written
-                .write_all(&formatted.written)
-                .map_err(|e| failed(&e))?;
+            self.written.write_all(&formatted.written).map_err(|e| failed(&e))?;
             self.table.widen(&formatted.widths);
             for (row, remark) in formatted.remarks {
                 self.remarks.add(row, remark);
@@ -169,11 +167,7 @@ impl Formatted {
             }
             written.extend_from_slice(&document);
         }
-        Ok(Self {
-            written,
-            widths,
-            remarks,
-        })
+        Ok(Self { written, widths, remarks })
     }
 }
 

@@ -122,26 +122,18 @@ impl OutputFile {
             return Err(refused(&"it is no ordinary file"));
         }
         if !folder.is_dir() {
-            return Err(refused(&format_args!(
-                "there is no folder {}",
-                folder.display()
-            )));
+            return Err(refused(&format_args!("there is no folder {}", folder.display())));
         }
-        let file = tempfile::Builder::new()
-            .permissions_as_new_file()
-            .tempfile_in(folder)
-            .map_err(|e| {
+        let file = tempfile::Builder::new().permissions_as_new_file().tempfile_in(folder).map_err(
+            |e| {
                 // The name of the temporary file would not help the user.
                 let message = e.to_string();
                 refused(&message.split(" at path ").next().unwrap_or_default())
-            })?;
+            },
+        )?;
         let temporary = file.path().to_owned();
         unfinished().insert(temporary.clone());
-        Ok(Self {
-            path: path.to_owned(),
-            temporary,
-            writer: Some(BufWriter::new(file)),
-        })
+        Ok(Self { path: path.to_owned(), temporary, writer: Some(BufWriter::new(file)) })
     }
 
     /// Opens an output that must not be one of the `inputs`, each of which is named by its option in the message.
@@ -166,9 +158,7 @@ impl OutputFile {
 
     pub(crate) fn append(&mut self, bytes: &[u8]) -> Result<(), Failure> {
         match &mut self.writer {
-            Some(writer) => writer
-                .write_all(bytes)
-                .map_err(|e| Failure::work_on(&self.path, &e)),
+            Some(writer) => writer.write_all(bytes).map_err(|e| Failure::work_on(&self.path, &e)),
             None => Ok(()),
         }
     }
@@ -199,9 +189,7 @@ impl OutputFile {
 /// Lets libraries write to the file through `io::Write`.
 impl Write for OutputFile {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        self.writer
-            .as_mut()
-            .map_or(Ok(0), |writer| writer.write(bytes))
+        self.writer.as_mut().map_or(Ok(0), |writer| writer.write(bytes))
     }
 
     fn flush(&mut self) -> io::Result<()> {

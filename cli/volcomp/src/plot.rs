@@ -62,10 +62,7 @@ impl PlotFile {
             let mut fonts = Database::new();
             fonts.load_system_fonts();
             let bytes = png(svg, fonts).map_err(|what| {
-                Failure::Work(format!(
-                    "{}: {what}; write .svg instead",
-                    self.path.display()
-                ))
+                Failure::Work(format!("{}: {what}; write .svg instead", self.path.display()))
             })?;
             return self.output.write_whole(bytes);
         }
@@ -79,15 +76,8 @@ const SCALE: f32 = 2.0;
 const MAX_HEIGHT: f32 = 30_000.0;
 
 /// Fonts for the text of a picture, first choice first; each has the signs µ, °, −, ± and arrows.
-const FONTS: [&str; 7] = [
-    "DejaVu Sans",
-    "Noto Sans",
-    "Liberation Sans",
-    "Arial",
-    "Helvetica",
-    "Segoe UI",
-    "Roboto",
-];
+const FONTS: [&str; 7] =
+    ["DejaVu Sans", "Noto Sans", "Liberation Sans", "Arial", "Helvetica", "Segoe UI", "Roboto"];
 
 /// Renders a picture on white. No font is embedded: every desktop system has one, and without any the call fails, since `usvg` drops text
 /// that has no font.
@@ -106,11 +96,8 @@ fn png(svg: &str, mut fonts: Database) -> Result<Vec<u8>, String> {
         .ok_or("this system has no font for the text of a PNG: install one, such as DejaVu Sans")?;
     fonts.set_sans_serif_family(&family);
     fonts.set_serif_family(&family);
-    let options = Options {
-        font_family: family,
-        fontdb: std::sync::Arc::new(fonts),
-        ..Options::default()
-    };
+    let options =
+        Options { font_family: family, fontdb: std::sync::Arc::new(fonts), ..Options::default() };
     let tree = Tree::from_str(svg, &options).map_err(|error| format!("the picture: {error}"))?;
     let size = tree.size();
     if size.height() > MAX_HEIGHT {
@@ -121,11 +108,7 @@ fn png(svg: &str, mut fonts: Database) -> Result<Vec<u8>, String> {
     let scaled = scaled.ok_or("the picture has no size")?;
     let mut pixels = Pixmap::new(scaled.width(), scaled.height())
         .ok_or("there is not enough memory for the picture")?;
-    resvg::render(
-        &tree,
-        Transform::from_scale(scale, scale),
-        &mut pixels.as_mut(),
-    );
+    resvg::render(&tree, Transform::from_scale(scale, scale), &mut pixels.as_mut());
     pixels.encode_png().map_err(|error| format!("PNG: {error}"))
 }
 
@@ -137,9 +120,6 @@ mod tests {
     fn a_system_without_fonts_gets_an_error_and_no_picture_without_text() {
         let svg = "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"10\" height=\"10\"/>";
         let found = png(svg, Database::new()).expect_err("no font");
-        assert!(
-            found.contains("no font") && found.contains("install one"),
-            "{found}"
-        );
+        assert!(found.contains("no font") && found.contains("install one"), "{found}");
     }
 }

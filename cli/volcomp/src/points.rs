@@ -155,10 +155,7 @@ impl Positions {
     /// The next positions; none at the end.
     pub(crate) fn next_batch(&mut self, machine: &Machine) -> Result<Batch, Failure> {
         let mut batch = match &mut self.source {
-            Source::One(state) => Batch {
-                states: state.take().into_iter().collect(),
-                table: None,
-            },
+            Source::One(state) => Batch { states: state.take().into_iter().collect(), table: None },
             Source::File(file) => file.next_batch(machine)?,
         };
         for state in &mut batch.states {
@@ -257,10 +254,7 @@ pub(crate) fn states_of(
     machine: &Machine,
     path: &Path,
 ) -> Result<(Vec<State>, Option<String>), Failure> {
-    let arguments = PointArguments {
-        at: None,
-        points: Some(path.to_owned()),
-    };
+    let arguments = PointArguments { at: None, points: Some(path.to_owned()) };
     let mut positions = arguments.positions(machine, &ApproachArguments { approach: None })?;
     let mut states = Vec::new();
     loop {
@@ -308,9 +302,7 @@ pub(crate) fn axis_numbers(text: &str) -> Result<AxisNumbers, Failure> {
         numbers.push((name, number));
     }
     AxisNumbers::stated(numbers).ok_or_else(|| {
-        Failure::Input(format!(
-            "{OPTION}: found `{text}`, expected each axis and each number once"
-        ))
+        Failure::Input(format!("{OPTION}: found `{text}`, expected each axis and each number once"))
     })
 }
 
@@ -334,11 +326,7 @@ impl PointArguments {
             }
         };
         let has = |name: &AxisName| machine.axis(*name).is_some() && !named.contains(name);
-        Ok(Positions {
-            source,
-            approach,
-            unnamed: AxisName::ALL.into_iter().filter(has).collect(),
-        })
+        Ok(Positions { source, approach, unnamed: AxisName::ALL.into_iter().filter(has).collect() })
     }
 }
 
@@ -358,9 +346,7 @@ impl ApproachArguments {
             };
             let index = machine.index_of(axis("--approach", name)?)?;
             if directions.iter().any(|&(other, _)| other == index) {
-                return Err(Failure::Input(format!(
-                    "--approach: axis {name} appears twice"
-                )));
+                return Err(Failure::Input(format!("--approach: axis {name} appears twice")));
             }
             directions.push((index, direction));
         }
@@ -392,10 +378,7 @@ pub(crate) fn parse_at(text: &str) -> Result<Vec<(AxisName, f64)>, Failure> {
         if coordinates.iter().any(|&(other, _)| other == name) {
             return Err(Failure::Input(format!("--at: axis {name} appears twice")));
         }
-        coordinates.push((
-            name,
-            number("--at", letter, value, name.kind().coordinate_unit())?,
-        ));
+        coordinates.push((name, number("--at", letter, value, name.kind().coordinate_unit())?));
     }
     if coordinates.is_empty() {
         let message = "--at: found no axis, expected X=100 for each axis that is not at 0";
@@ -457,9 +440,7 @@ fn no_assignment(option: &str, word: &str, before: &[(&str, &str)], example: &st
 
 pub(crate) fn axis(option: &str, name: &str) -> Result<AxisName, Failure> {
     name.to_ascii_uppercase().parse().map_err(|_| {
-        Failure::Input(format!(
-            "{option}: found axis `{name}`, expected one of X Y Z A B C U V W"
-        ))
+        Failure::Input(format!("{option}: found axis `{name}`, expected one of X Y Z A B C U V W"))
     })
 }
 
@@ -483,12 +464,8 @@ struct PointFile {
 }
 
 /// Suffixes of the axis letter in the columns that `volcomp correct` adds.
-const OF_A_CORRECTION: [&str; 4] = [
-    "_corrected_mm",
-    "_corrected_deg",
-    "_correction_um",
-    "_correction_urad",
-];
+const OF_A_CORRECTION: [&str; 4] =
+    ["_corrected_mm", "_corrected_deg", "_correction_um", "_correction_urad"];
 
 #[derive(Debug, PartialEq, Eq)]
 enum Head<'a> {
@@ -506,19 +483,13 @@ impl PointFile {
     fn open(machine: &Machine, path: &Path) -> Result<Self, Failure> {
         let name = path.display().to_string();
         let text = rewindable(path)?;
-        let opened = text
-            .try_clone()
-            .and_then(|text| CsvBatches::open(&name, BufReader::new(text)));
+        let opened =
+            text.try_clone().and_then(|text| CsvBatches::open(&name, BufReader::new(text)));
         let batches =
             opened.map_err(|e| refused(machine, path, &text, Failure::in_file(path, e)))?;
         let columns = columns(batches.head(), machine)
             .map_err(|e| refused(machine, path, &text, e.into()))?;
-        Ok(Self {
-            path: path.to_owned(),
-            text,
-            batches,
-            columns,
-        })
+        Ok(Self { path: path.to_owned(), text, batches, columns })
     }
 
     fn next_batch(&mut self, machine: &Machine) -> Result<Batch, Failure> {
@@ -571,9 +542,7 @@ fn refused(machine: &Machine, path: &Path, mut text: &File, failure: Failure) ->
 fn columns(table: &CsvTable, machine: &Machine) -> Result<Vec<(AxisName, Column)>, InputError> {
     let columns = coordinates(table, machine)?;
     for &(name, _) in &columns {
-        machine
-            .index_of(name)
-            .map_err(|e| table.header_error(e.to_string()))?;
+        machine.index_of(name).map_err(|e| table.header_error(e.to_string()))?;
     }
     Ok(columns)
 }
@@ -604,11 +573,8 @@ fn coordinates(table: &CsvTable, machine: &Machine) -> Result<Vec<(AxisName, Col
             found.push((name, column, text));
         }
     }
-    let has_large: Vec<AxisName> = found
-        .iter()
-        .filter(|(_, _, text)| !is_small(text))
-        .map(|(name, _, _)| *name)
-        .collect();
+    let has_large: Vec<AxisName> =
+        found.iter().filter(|(_, _, text)| !is_small(text)).map(|(name, _, _)| *name).collect();
     found.retain(|(name, _, text)| !(is_small(text) && has_large.contains(name)));
     let mut columns: Vec<(AxisName, Column)> = Vec::new();
     for (place, &(name, column, text)) in found.iter().enumerate() {
@@ -679,9 +645,7 @@ mod tests {
     #[test]
     fn heads_are_letters_alone_or_with_their_unit() {
         let (x, c) = (AxisName::X, AxisName::C);
-        for text in [
-            "X", "x", "X mm", "X_mm", "x [mm]", "X (MM)", "X/mm", "X, mm",
-        ] {
+        for text in ["X", "x", "X mm", "X_mm", "x [mm]", "X (MM)", "X/mm", "X, mm"] {
             assert_eq!(head(text), Head::Coordinates(x), "{text}");
         }
         for text in ["C", "C deg", "C_deg", "c [°]", "C°"] {

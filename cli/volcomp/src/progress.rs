@@ -32,12 +32,10 @@ pub(crate) fn byte_bar(bytes: u64) -> ProgressBar {
 fn styled(bar: ProgressBar, template: &str) -> ProgressBar {
     let style = ProgressStyle::with_template(template);
     let style = style.unwrap_or_else(|_| ProgressStyle::default_bar());
-    bar.with_style(
-        style.with_key("left", |state: &ProgressState, out: &mut dyn Write| {
-            // A failure to draw the bar cannot be reported.
-            let _ = out.write_str(&left(state.pos(), state.eta()));
-        }),
-    )
+    bar.with_style(style.with_key("left", |state: &ProgressState, out: &mut dyn Write| {
+        // A failure to draw the bar cannot be reported.
+        let _ = out.write_str(&left(state.pos(), state.eta()));
+    }))
 }
 
 /// The remaining time, unknown before the first step is finished.

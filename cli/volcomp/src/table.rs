@@ -101,10 +101,7 @@ impl RowTable {
         let header: Vec<String> = first.chain(header).collect();
         Self {
             // `Table` gives an empty column a blank.
-            widths: header
-                .iter()
-                .map(|head| head.chars().count().max(1))
-                .collect(),
+            widths: header.iter().map(|head| head.chars().count().max(1)).collect(),
             header,
         }
     }
@@ -162,11 +159,7 @@ impl RowTable {
                 to += 1;
             }
             let mut line = String::new();
-            self.lay_out(
-                &mut line,
-                self.header.iter().map(String::as_str),
-                &(from..to),
-            );
+            self.lay_out(&mut line, self.header.iter().map(String::as_str), &(from..to));
             writeln!(out, "{HEAD}{line}{HEAD:#}")?;
             rows.rewind()?;
             let mut rows = BufReader::new(&mut *rows);
@@ -221,10 +214,7 @@ fn showing(table: &Table, shown: std::ops::Range<usize>) -> Table {
 
 fn width(table: &Table) -> usize {
     let lines = table.lines();
-    lines
-        .map(|l| l.trim_end().chars().count())
-        .max()
-        .unwrap_or(0)
+    lines.map(|l| l.trim_end().chars().count()).max().unwrap_or(0)
 }
 
 fn text_of(table: &Table) -> String {
@@ -292,11 +282,7 @@ pub(crate) fn folded_behind(key: &str, text: &str) -> String {
     let rest = folded_within(text, "", room.saturating_sub(2));
     let mut all = String::new();
     for (index, line) in rest.lines().enumerate() {
-        let front = if index == 0 {
-            key.to_owned()
-        } else {
-            " ".repeat(indent)
-        };
+        let front = if index == 0 { key.to_owned() } else { " ".repeat(indent) };
         let _ = writeln!(all, "{front}{line}");
     }
     all
@@ -354,11 +340,7 @@ mod tests {
             (Some("200"), Some(70), 80),
             (None, Some(3), 30),
         ] {
-            assert_eq!(
-                width_of_terminal(stated, seen),
-                width,
-                "{stated:?} {seen:?}"
-            );
+            assert_eq!(width_of_terminal(stated, seen), width, "{stated:?} {seen:?}");
         }
     }
 
@@ -367,10 +349,7 @@ mod tests {
         for most in [80, 50] {
             let text = folded_within(&"word ".repeat(60), " ", most);
             let widest = text.lines().map(|line| line.chars().count()).max();
-            assert!(
-                widest <= Some(most) && widest > Some(most - 6),
-                "{widest:?}"
-            );
+            assert!(widest <= Some(most) && widest > Some(most - 6), "{widest:?}");
             assert_eq!(text.split_whitespace().count(), 60);
         }
     }
@@ -380,10 +359,7 @@ mod tests {
         let mut wide = table(&["", "name"]);
         wide.add_row(["A", &"word ".repeat(16)]);
         let text = anstream::adapter::strip_str(&table_within(&wide, 50)).to_string();
-        assert!(
-            text.lines().all(|line| line.chars().count() <= 50),
-            "{text}"
-        );
+        assert!(text.lines().all(|line| line.chars().count() <= 50), "{text}");
         assert_eq!(text.matches("word").count(), 16);
     }
 
@@ -399,11 +375,6 @@ mod tests {
         for i in 0..20 {
             assert!(text.contains(&format!("column {i}")) && text.contains(&format!("{i}.125")));
         }
-        assert!(
-            text.lines()
-                .filter(|line| line.contains("column 0"))
-                .count()
-                > 1
-        );
+        assert!(text.lines().filter(|line| line.contains("column 0")).count() > 1);
     }
 }

@@ -35,8 +35,7 @@ impl Unit {
     }
 
     fn key(self) -> String {
-        self.to_possible_value()
-            .map_or_else(String::new, |value| value.get_name().to_owned())
+        self.to_possible_value().map_or_else(String::new, |value| value.get_name().to_owned())
     }
 }
 
@@ -74,10 +73,7 @@ pub(crate) fn apply(
     measurement.convert_from(unit).map_err(|found| {
         Failure::in_file(
             file,
-            format_args!(
-                "found deviations in {found}, expected {unit} (--unit {})",
-                asked.key()
-            ),
+            format_args!("found deviations in {found}, expected {unit} (--unit {})", asked.key()),
         )
     })?;
     Ok(unit.deviation_unit())

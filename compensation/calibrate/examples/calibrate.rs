@@ -25,14 +25,12 @@ fn main() -> Result<(), CalibrateError> {
         let (error, kind) = (curve.error, curve.kind);
         // Lengths and angles are different types, so µm cannot be mistaken for µrad.
         match &curve.quality {
-            Quality::Length(q) => println!(
-                "{error} {direction}: {kind}, residual {:.2} rms",
-                q.residual_rms
-            ),
-            Quality::Angle(q) => println!(
-                "{error} {direction}: {kind}, residual {:.2} rms",
-                q.residual_rms
-            ),
+            Quality::Length(q) => {
+                println!("{error} {direction}: {kind}, residual {:.2} rms", q.residual_rms)
+            }
+            Quality::Angle(q) => {
+                println!("{error} {direction}: {kind}, residual {:.2} rms", q.residual_rms)
+            }
         }
     }
     for (error, value) in &calibration.squareness {

@@ -103,9 +103,7 @@ pub(crate) fn measured_point(line: &Line, machine: &Machine) -> Result<Vector3<f
     let Some(point_mcs) = line.setup.point_mcs else {
         return Ok(own);
     };
-    let carried = machine
-        .chain()
-        .carrier_pose(index, &held_state(line, machine)?);
+    let carried = machine.chain().carrier_pose(index, &held_state(line, machine)?);
     Ok(carried.inverse().transform_point(&Vector3::from(point_mcs)))
 }
 

@@ -58,9 +58,7 @@ pub(crate) fn angular(
             profiles.push(without_others(read, whole, artefacts)?);
         }
         let found = contradictions(error, &profiles, None)?;
-        result
-            .notes
-            .extend(found.iter().map(|(_, text)| text.clone()));
+        result.notes.extend(found.iter().map(|(_, text)| text.clone()));
         result.contradictions.extend(found);
         let noise = noise_of_lines(&profiles);
         result.noise_urad.extend(noise.map(|noise| (error, noise)));
@@ -149,9 +147,7 @@ fn of_error(
         let gain = inverse.row(column).norm() * 1e3;
         let of_runs = noise_um.map(|noise| noise * gain);
         let noise_urad = of_runs.or_else(|| noise_of_lines(std::slice::from_ref(&profile)));
-        result
-            .noise_urad
-            .extend(noise_urad.map(|noise| (tilt, noise)));
+        result.noise_urad.extend(noise_urad.map(|noise| (tilt, noise)));
         let (fitted, _) = fit(file, tilt, vec![profile])?;
         for one in &fitted {
             one.set_in(&mut result.tilted)?;
@@ -236,12 +232,7 @@ fn readings_of(beside: &ParallelReadings, inverse: &DMatrix<f64>, column: usize)
         let mean = at.mean();
         // µm per mm: mrad.
         let tilt_mrad = (inverse.row(column) * at.add_scalar(-mean)).sum();
-        Reading {
-            target: *target,
-            run: 1,
-            direction: *direction,
-            deviation: tilt_mrad * 1e3,
-        }
+        Reading { target: *target, run: 1, direction: *direction, deviation: tilt_mrad * 1e3 }
     };
     places.map(reading).collect()
 }
@@ -257,21 +248,15 @@ fn line_of(tilt: ErrorName, readings: Vec<Reading>, lines: &[&Line]) -> Line {
     Line {
         setup: Setup {
             error: tilt,
-            at: lines
-                .first()
-                .map_or_else(Vec::new, |line| line.setup.at.clone()),
+            at: lines.first().map_or_else(Vec::new, |line| line.setup.at.clone()),
             point_mcs: None,
             rides: Rides::Carriage,
             method: Method::Direct,
             sign: 1.0,
         },
         file: PathBuf::from(files_named(lines)),
-        sources: (lines.iter())
-            .flat_map(|line| line.sources.iter().cloned())
-            .collect(),
-        place: lines
-            .first()
-            .map_or_else(String::new, |line| line.place.clone()),
+        sources: (lines.iter()).flat_map(|line| line.sources.iter().cloned()).collect(),
+        place: lines.first().map_or_else(String::new, |line| line.place.clone()),
         readings: Measurement {
             unit: Some(DeviationUnit::Urad),
             readings,
@@ -305,11 +290,7 @@ mod tests {
             || steps += 1,
         )
         .unwrap();
-        assert_eq!(
-            (steps, found.fitted.len()),
-            (1, 1),
-            "the linear error is left alone"
-        );
+        assert_eq!((steps, found.fitted.len()), (1, 1), "the linear error is left alone");
         for q in [0.0, 200.0, 730.0] {
             let value = found.fitted[0].branches.mean_at(q);
             assert!((value - 0.02 * (q - 200.0)).abs() < 1e-9, "{value} at {q}");

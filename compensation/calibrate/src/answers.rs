@@ -46,12 +46,7 @@ pub enum AnswerError {
     Key { subject: String, key: String },
     /// The value is invalid for the key.
     #[error("{subject}: {key}: found {found:?}, expected {expected}")]
-    Value {
-        subject: String,
-        key: String,
-        found: String,
-        expected: String,
-    },
+    Value { subject: String, key: String, found: String, expected: String },
 }
 
 /// Order in which answers are applied: the keys of a measurement follow from its error, and then from its unit.
@@ -167,13 +162,7 @@ impl Draft {
         questions.extend(squares.iter().filter(is_open).map(Square::question));
         Ok(Self {
             scanned: self.scanned.clone(),
-            text: text_of(
-                &self.machine_file,
-                &proposed,
-                &squares,
-                &conflicts,
-                &left_over,
-            ),
+            text: text_of(&self.machine_file, &proposed, &squares, &conflicts, &left_over),
             proposed,
             questions,
             conflicts,
@@ -195,11 +184,7 @@ impl Draft {
                 error.is_some_and(|error| error.to_string() == of || error.axis.to_string() == of)
             })
         };
-        let answer = |of: Subject| Answer {
-            of,
-            key: key.to_owned(),
-            value: value.to_owned(),
-        };
+        let answer = |of: Subject| Answer { of, key: key.to_owned(), value: value.to_owned() };
         let measurements = self.proposed.iter().enumerate();
         let measurements = measurements.filter(|(_, proposed)| {
             let mut asked = proposed.questions().into_iter();
@@ -216,10 +201,8 @@ impl Draft {
 }
 
 fn not_used(of: &Proposed, answer: &Answer) -> String {
-    let error = of.error.map_or_else(
-        || "a measurement like this".to_owned(),
-        |error| error.to_string(),
-    );
+    let error =
+        of.error.map_or_else(|| "a measurement like this".to_owned(), |error| error.to_string());
     format!(
         "{}: {} is no question for {error}: the answer {} is not used",
         of.files.join(", "),
@@ -234,9 +217,8 @@ fn answer_measurement(of: &mut Proposed, answer: &Answer) -> Result<(), AnswerEr
     let value = answer.value.trim();
     match answer.key.as_str() {
         "error" => {
-            let error: ErrorName = value
-                .parse()
-                .map_err(|_| wrong("the name of an error, such as EYX"))?;
+            let error: ErrorName =
+                value.parse().map_err(|_| wrong("the name of an error, such as EYX"))?;
             of.error = Some(error);
             of.follow();
             return Ok(());
@@ -290,11 +272,7 @@ fn set_unit(of: &mut Proposed, unit: &str) {
 /// Formats a value for the calibration file; `Err` describes the expected value.
 fn encoded(key: &str, value: &str) -> Result<String, &'static str> {
     let word = |known: &[&str], expected| {
-        if known.contains(&value) {
-            Ok(toml_string(value))
-        } else {
-            Err(expected)
-        }
+        if known.contains(&value) { Ok(toml_string(value)) } else { Err(expected) }
     };
     match key {
         "point" => {
@@ -350,10 +328,7 @@ fn truth(answer: &Answer, subject: &str) -> Result<bool, AnswerError> {
 }
 
 fn key_error(answer: &Answer, subject: &str) -> AnswerError {
-    AnswerError::Key {
-        subject: subject.to_owned(),
-        key: answer.key.clone(),
-    }
+    AnswerError::Key { subject: subject.to_owned(), key: answer.key.clone() }
 }
 
 fn value_error(answer: &Answer, subject: &str, expected: &str) -> AnswerError {

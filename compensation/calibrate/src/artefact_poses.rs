@@ -48,21 +48,13 @@ impl ArtefactPoses {
         let mut machine = known.clone();
         for error in measured(file) {
             if machine.error(error).is_some() {
-                machine.set_error(
-                    error,
-                    ErrorCurve::Single(Field::Curve(Curve::Constant(0.0))),
-                )?;
+                machine.set_error(error, ErrorCurve::Single(Field::Curve(Curve::Constant(0.0))))?;
             }
         }
         for square in &file.squareness {
             set_square(&mut machine, file.reference_axes, square.error, Urad(0.0))?;
         }
-        Ok(Self::of(
-            &machine,
-            &file.reference,
-            file.reference_axes,
-            |_| None,
-        ))
+        Ok(Self::of(&machine, &file.reference, file.reference_axes, |_| None))
     }
 
     /// Set-up with the axes at `reference` (mm or deg, in machine order; an axis without a value is
@@ -86,10 +78,7 @@ impl ArtefactPoses {
             moved.q[machine.index_of(name).ok()?] += 1.0;
             let to = chain.ideal_pose(&moved).transform_point(&tip);
             let actual_to = actual_pose(chain, &errors, &moved).transform_point(&tip);
-            Some([
-                to - ideal.transform_point(&tip),
-                actual_to - actual.transform_point(&tip),
-            ])
+            Some([to - ideal.transform_point(&tip), actual_to - actual.transform_point(&tip)])
         });
         // Without two linear axes, the tool axes replace them.
         let of_tool =
@@ -97,10 +86,7 @@ impl ArtefactPoses {
         let turned = Pose::about_point(turn(directions.chain(of_tool)), Vector3::zeros());
         let there = (turned * actual).transform_point(&tip);
         let workpiece = Pose::from_translation(ideal.transform_point(&tip) - there) * turned;
-        Self {
-            workpiece,
-            tool: (workpiece * actual).inverse() * ideal,
-        }
+        Self { workpiece, tool: (workpiece * actual).inverse() * ideal }
     }
 }
 
@@ -156,9 +142,7 @@ fn state_at(machine: &Machine, reference: &[f64]) -> State {
 
 fn over([low, high]: [f64; 2]) -> Vec<f64> {
     let share = |target: usize| target as f64 / (TARGETS - 1) as f64;
-    (0..TARGETS)
-        .map(|target| low + (high - low) * share(target))
-        .collect()
+    (0..TARGETS).map(|target| low + (high - low) * share(target)).collect()
 }
 
 /// Rotation that takes the actual directions of two axes to the nominal ones, the first exactly. `directions` are the
@@ -228,14 +212,9 @@ impl ReferenceLines {
                 let point = |target: f64| {
                     let mut state = zero;
                     state.q[index] = target;
-                    (
-                        target,
-                        source.error_motion(index, &state).linear_mm[k] * 1e3,
-                    )
+                    (target, source.error_motion(index, &state).linear_mm[k] * 1e3)
                 };
-                let targets = targets(error)
-                    .unwrap_or_else(|| over(axis.travel))
-                    .into_iter();
+                let targets = targets(error).unwrap_or_else(|| over(axis.travel)).into_iter();
                 let points: Vec<(f64, f64)> = targets.map(point).collect();
                 // A travel of zero length has no line.
                 if let Ok(line) = ReferenceLine::least_squares(&points) {

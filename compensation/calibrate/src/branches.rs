@@ -24,9 +24,7 @@ const STEPS: usize = 120;
 /// Scatter of a mean reading about a curve. Differences in offset and slope between runs are
 /// excluded, because they shift and rotate the curve but do not affect its residuals.
 fn noise_about_curve(profiles: &[Profile<'_>]) -> Option<Noise> {
-    let noise = profiles
-        .iter()
-        .filter_map(|profile| profile.scatter_of_mean(RunAlignment::Line));
+    let noise = profiles.iter().filter_map(|profile| profile.scatter_of_mean(RunAlignment::Line));
     noise.reduce(|a, b| if b.deviation > a.deviation { b } else { a })
 }
 
@@ -74,9 +72,7 @@ impl Branches {
                     slope_um_per_mm: line.slope_um_per_mm - stays.slope_um_per_mm,
                     intercept_um: line.intercept_um - stays.intercept_um,
                 };
-                let by = profile
-                    .all()
-                    .map(|(target, _)| line.value_um(*target).abs());
+                let by = profile.all().map(|(target, _)| line.value_um(*target).abs());
                 largest = by.fold(largest, f64::max);
                 moved.push(profile.clone().without_line(&line));
             }
@@ -99,11 +95,7 @@ impl Branches {
         let files = || files_of(profiles);
         let mut fits = Vec::new();
         let mut points = Vec::new();
-        let failed = |source: FitError| CalibrateError::Fit {
-            error,
-            files: files(),
-            source,
-        };
+        let failed = |source: FitError| CalibrateError::Fit { error, files: files(), source };
         let readings = |index: usize| {
             let points = profiles.iter().flat_map(|profile| &profile.points[index]);
             points.copied().unzip()
@@ -118,11 +110,7 @@ impl Branches {
             let files = files();
             return Err(CalibrateError::NoReadings { error, files });
         }
-        let options = FitOptions {
-            noise,
-            period,
-            ..FitOptions::default()
-        };
+        let options = FitOptions { noise, period, ..FitOptions::default() };
         let settled = choice.settled(&read, required, &options);
         let (method, chosen) = settled.map_err(failed)?;
         let (choice, made) = chosen.unzip();
@@ -149,16 +137,7 @@ impl Branches {
         let mut targets: Vec<f64> = all.map(|point| point.0).collect();
         targets.sort_by(f64::total_cmp);
         targets.dedup();
-        Ok(Self {
-            fits,
-            points,
-            targets,
-            method,
-            choice,
-            noise,
-            repeated: Vec::new(),
-            factor: 1.0,
-        })
+        Ok(Self { fits, points, targets, method, choice, noise, repeated: Vec::new(), factor: 1.0 })
     }
 
     /// Repeated readings for each fit: the runs of a single line, or several lines. `None` if a
@@ -293,10 +272,7 @@ impl Branches {
 
     /// One curve for both directions, or a pair.
     pub(crate) fn into_curve(self) -> ErrorCurve {
-        let mut fields = self
-            .fits
-            .into_iter()
-            .map(|(_, fit)| Field::Curve(fit.curve));
+        let mut fields = self.fits.into_iter().map(|(_, fit)| Field::Curve(fit.curve));
         match (fields.next(), fields.next()) {
             (Some(forward), Some(backward)) => ErrorCurve::Pair { forward, backward },
             (Some(single), None) => ErrorCurve::Single(single),
@@ -308,10 +284,8 @@ impl Branches {
 
 fn sampled(fit: &Fit, points: &Points) -> Vec<[f64; 2]> {
     let all = || points.iter().map(|(x, _)| *x);
-    let (first, last) = (
-        all().fold(f64::INFINITY, f64::min),
-        all().fold(f64::NEG_INFINITY, f64::max),
-    );
+    let (first, last) =
+        (all().fold(f64::INFINITY, f64::min), all().fold(f64::NEG_INFINITY, f64::max));
     if first >= last {
         return all().take(1).map(|x| [x, fit.curve.value(x)]).collect();
     }
@@ -381,10 +355,7 @@ impl FittedCurve {
     pub fn band(&self) -> Option<Band> {
         let of = self.resampled.as_ref()?;
         // A method that cannot be fitted to some of the runs has no band.
-        let mut band = of
-            .repeated
-            .band(self.method, &band_places(&of.targets))
-            .ok()?;
+        let mut band = of.repeated.band(self.method, &band_places(&of.targets)).ok()?;
         for half in &mut band.half_width {
             *half *= of.factor.abs();
         }

@@ -72,15 +72,12 @@ impl CurveChoice {
         table.allow(&["poly", "chebyshev", "mls", "bspline", "table", "fourier"])?;
         let kinds: Vec<_> = table.values().collect();
         let [(kind, options)] = &kinds[..] else {
-            return Err(value.error(format!(
-                "found {} kinds of curve, expected one",
-                kinds.len()
-            )));
+            return Err(value.error(format!("found {} kinds of curve, expected one", kinds.len())));
         };
         if *kind == "fourier" && axis.kind() == AxisKind::Linear {
-            return Err(value.error(format!(
-                "found fourier for axis {axis}, expected it on a rotary axis"
-            )));
+            return Err(
+                value.error(format!("found fourier for axis {axis}, expected it on a rotary axis"))
+            );
         }
         if options.is_number() && ["poly", "chebyshev", "mls", "fourier"].contains(kind) {
             let order = options.number()?;
@@ -92,21 +89,13 @@ impl CurveChoice {
     }
 
     fn decode_options(kind: &str, options: &Section<'_>) -> Result<Self, InputError> {
-        let order = |default| {
-            options
-                .get("order")
-                .map_or(Ok(default), |v| v.count(HIGHEST_ORDER))
-        };
+        let order = |default| options.get("order").map_or(Ok(default), |v| v.count(HIGHEST_ORDER));
         let number = |key: &str, default| options.get(key).map_or(Ok(default), |v| v.number());
         Ok(match kind {
             "poly" | "chebyshev" => {
                 options.allow(&["order"])?;
                 let order = order(6)?;
-                if kind == "poly" {
-                    Self::Polynomial { order }
-                } else {
-                    Self::Chebyshev { order }
-                }
+                if kind == "poly" { Self::Polynomial { order } } else { Self::Chebyshev { order } }
             }
             "mls" => {
                 options.allow(&["auto", "order", "support", "shape"])?;
@@ -117,9 +106,7 @@ impl CurveChoice {
                             "found a setting beside `auto = true`, which chooses order and support: expected one of them",
                         ));
                     }
-                    return Ok(Self::AutoMovingLeastSquares {
-                        shape: number("shape", 3.0)?,
-                    });
+                    return Ok(Self::AutoMovingLeastSquares { shape: number("shape", 3.0)? });
                 }
                 Self::MovingLeastSquares {
                     order: order(4)?,
@@ -133,10 +120,7 @@ impl CurveChoice {
             }
             "fourier" => {
                 options.allow(&["order", "period"])?;
-                Self::Fourier {
-                    order: order(4)?,
-                    period: number("period", 360.0)?,
-                }
+                Self::Fourier { order: order(4)?, period: number("period", 360.0)? }
             }
             _ => {
                 options.allow(&["interpolation"])?;
@@ -152,11 +136,7 @@ impl CurveChoice {
             Self::Auto => "\"auto\"".to_owned(),
             Self::Polynomial { order } => format!("{{ poly = {{ order = {order} }} }}"),
             Self::Chebyshev { order } => format!("{{ chebyshev = {{ order = {order} }} }}"),
-            Self::MovingLeastSquares {
-                order,
-                support,
-                shape,
-            } => format!(
+            Self::MovingLeastSquares { order, support, shape } => format!(
                 "{{ mls = {{ order = {order}, support = {support:?}, shape = {shape:?} }} }}"
             ),
             Self::AutoMovingLeastSquares { shape } => {
@@ -186,23 +166,13 @@ impl CurveChoice {
             }
             Self::AutoMovingLeastSquares { shape } => {
                 let (order, support) = choose_mls(directions, shape, required)?;
-                Method::MovingLeastSquares {
-                    order,
-                    support,
-                    shape,
-                }
+                Method::MovingLeastSquares { order, support, shape }
             }
             Self::Polynomial { order } => Method::Polynomial { order },
             Self::Chebyshev { order } => Method::Chebyshev { order },
-            Self::MovingLeastSquares {
-                order,
-                support,
-                shape,
-            } => Method::MovingLeastSquares {
-                order,
-                support,
-                shape,
-            },
+            Self::MovingLeastSquares { order, support, shape } => {
+                Method::MovingLeastSquares { order, support, shape }
+            }
             Self::BSpline => Method::BSpline,
             Self::LinearTable => Method::LinearTable,
             Self::CubicTable => Method::CubicTable,

@@ -62,11 +62,7 @@ pub struct LeftOver {
 
 impl fmt::Display for LeftOver {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self {
-            file,
-            reason,
-            error,
-        } = self;
+        let Self { file, reason, error } = self;
         write!(f, "{file}: {reason}")?;
         match error {
             Some(error) => write!(f, "; it would have given {error}"),
@@ -136,14 +132,10 @@ pub fn draft_of(
                     Ok(mut found) => {
                         let odd = out_of_place(&found, &measurement, machine);
                         notes.extend(odd.iter().map(|odd| format!("{name}: {odd}")));
-                        found
-                            .said
-                            .extend(odd.iter().map(|odd| format!("LOOK: {odd}")));
+                        found.said.extend(odd.iter().map(|odd| format!("LOOK: {odd}")));
                         used.push((name.clone(), measurement.metadata.clone()));
                         notes.extend(
-                            anomalies(&measurement)
-                                .iter()
-                                .map(|odd| format!("{name}: {odd}")),
+                            anomalies(&measurement).iter().map(|odd| format!("{name}: {odd}")),
                         );
                         proposed.push(found);
                     }
@@ -155,9 +147,8 @@ pub fn draft_of(
             }
         }
     }
-    let files: Vec<(String, &Metadata)> = (used.iter())
-        .map(|(name, metadata)| (name.clone(), metadata))
-        .collect();
+    let files: Vec<(String, &Metadata)> =
+        (used.iter()).map(|(name, metadata)| (name.clone(), metadata)).collect();
     conflicts.extend(different_machines(&files));
     join_same_places(&mut proposed, &mut conflicts);
     sort(&mut proposed);
@@ -189,9 +180,9 @@ fn without_file(said: &str, path: &Path) -> String {
     match rest.strip_prefix(": ") {
         Some(what) => what.to_owned(),
         // The line number follows.
-        None => rest
-            .strip_prefix(':')
-            .map_or_else(|| said.to_owned(), |line| format!("line {line}")),
+        None => {
+            rest.strip_prefix(':').map_or_else(|| said.to_owned(), |line| format!("line {line}"))
+        }
     }
 }
 
@@ -283,11 +274,8 @@ impl Square {
 }
 
 pub(crate) fn squares_of(proposed: &[Proposed]) -> Vec<Square> {
-    const PAIRS: [(&str, [&str; 2]); 3] = [
-        ("EC0Y", ["EXY", "EYX"]),
-        ("EA0Z", ["EYZ", "EZY"]),
-        ("EB0Z", ["EXZ", "EZX"]),
-    ];
+    const PAIRS: [(&str, [&str; 2]); 3] =
+        [("EC0Y", ["EXY", "EYX"]), ("EA0Z", ["EYZ", "EZY"]), ("EB0Z", ["EXZ", "EZX"])];
     let has = |error: &ErrorName| proposed.iter().any(|of| of.error == Some(*error));
     let mut squares = Vec::new();
     for (error, from) in PAIRS {
@@ -296,11 +284,7 @@ pub(crate) fn squares_of(proposed: &[Proposed]) -> Vec<Square> {
             && has(&first)
             && has(&second)
         {
-            squares.push(Square {
-                error,
-                from: [first, second],
-                reference_angle_urad: None,
-            });
+            squares.push(Square { error, from: [first, second], reference_angle_urad: None });
         }
     }
     squares
@@ -332,15 +316,10 @@ pub(crate) fn text_of(
             comment(&mut text, said);
         }
         for asked in of.questions() {
-            comment(
-                &mut text,
-                &format!("QUESTION {}: {}", asked.key, asked.question),
-            );
+            comment(&mut text, &format!("QUESTION {}: {}", asked.key, asked.question));
         }
         text.push_str("[[measurement]]\n");
-        let error = of
-            .error
-            .map_or_else(|| OPEN.to_owned(), |error| error.to_string());
+        let error = of.error.map_or_else(|| OPEN.to_owned(), |error| error.to_string());
         let _ = writeln!(text, "error = \"{error}\"");
         match &of.files[..] {
             [only] => {
@@ -371,10 +350,7 @@ pub(crate) fn text_of(
         text.push('\n');
         if square.reference_angle_urad.is_none() {
             let asked = square.question();
-            comment(
-                &mut text,
-                &format!("QUESTION {}: {}", asked.key, asked.question),
-            );
+            comment(&mut text, &format!("QUESTION {}: {}", asked.key, asked.question));
         }
         let angle = match square.reference_angle_urad {
             Some(angle) => format!("{angle:?}"),
@@ -391,10 +367,7 @@ pub(crate) fn text_of(
 
 /// Writes comment lines; no content of a file can end the comment.
 fn comment(text: &mut String, said: &str) {
-    let clean: String = said
-        .chars()
-        .map(|c| if c.is_control() { ' ' } else { c })
-        .collect();
+    let clean: String = said.chars().map(|c| if c.is_control() { ' ' } else { c }).collect();
     text.push_str("# ");
     text.push_str(&clean);
     text.push('\n');
@@ -432,9 +405,7 @@ fn list(
         let entry = entry?;
         let path = entry.path();
         let name = entry.file_name().to_string_lossy().into_owned();
-        let is_toml = path
-            .extension()
-            .is_some_and(|e| e.eq_ignore_ascii_case("toml"));
+        let is_toml = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("toml"));
         if name.starts_with('.') || is_toml {
             continue;
         }

@@ -128,9 +128,8 @@ impl Ensemble {
                 }
             }
             let sums = of_scatters.as_flattened_mut().iter_mut();
-            for ((sum, powers), of_scatter) in sums
-                .zip(fourth_powers.as_flattened_mut())
-                .zip(of_scatter.as_flattened())
+            for ((sum, powers), of_scatter) in
+                sums.zip(fourth_powers.as_flattened_mut()).zip(of_scatter.as_flattened())
             {
                 *sum += of_scatter;
                 *powers += of_scatter * of_scatter / scatter.degrees;
@@ -138,9 +137,8 @@ impl Ensemble {
         }
         let of_scatters = of_scatters.as_flattened().iter();
         let of_scatters = of_scatters.zip(fourth_powers.as_flattened());
-        for ((widened, variance), (of_scatters, powers)) in (widened.as_flattened_mut().iter_mut())
-            .zip(variance.as_flattened())
-            .zip(of_scatters)
+        for ((widened, variance), (of_scatters, powers)) in
+            (widened.as_flattened_mut().iter_mut()).zip(variance.as_flattened()).zip(of_scatters)
         {
             if *powers > 0.0 {
                 // By chance, the variance of the samples may be less than that of the scatters
@@ -184,10 +182,7 @@ mod tests {
         let scatter = |&(variance, degrees): &(f64, f64)| -> Result<Scatter, ModelError> {
             // Two runs, each with half of the variance.
             let shifted = off(3.0 + (variance / 2.0).sqrt())?;
-            Ok(Scatter {
-                degrees,
-                shifted: vec![shifted.clone(), shifted],
-            })
+            Ok(Scatter { degrees, shifted: vec![shifted.clone(), shifted] })
         };
         let scatters = scatters.iter().map(scatter).collect::<Result<_, _>>()?;
         let with = drawn.clone().with_scatters(off(3.0)?, scatters);
@@ -211,16 +206,11 @@ mod tests {
         let scatters = vec![scatter(2.0)?, scatter(1.0)?];
         let with = ensemble.clone().with_scatters(machine(0.1)?, scatters);
         let states: Vec<State> = [0.0, 31.0, 100.0, 120.0]
-            .map(|x| State {
-                q: volcomp_vocabulary::PerAxis::leading([x]),
-                ..State::default()
-            })
+            .map(|x| State { q: volcomp_vocabulary::PerAxis::leading([x]), ..State::default() })
             .to_vec();
         for ensemble in [ensemble, with.expect("of one structure")] {
             let found = ensemble.standard_uncertainties(&states);
-            let each = states
-                .iter()
-                .map(|state| ensemble.standard_uncertainty(state));
+            let each = states.iter().map(|state| ensemble.standard_uncertainty(state));
             assert_eq!(found, each.collect::<Vec<_>>());
             assert!(found[2][0] > 10.0 * found[0][0] && found[0][3] > 0.0);
         }
@@ -256,10 +246,7 @@ mod tests {
         assert!(Ensemble::new(Vec::new()).is_none());
         assert!(Ensemble::new(vec![compiled.clone()]).is_none());
         let two = Ensemble::new(vec![compiled; 2]).expect("two machines");
-        let state = State {
-            q: volcomp_vocabulary::PerAxis([f64::NAN; 9]),
-            ..State::default()
-        };
+        let state = State { q: volcomp_vocabulary::PerAxis([f64::NAN; 9]), ..State::default() };
         let _ = two.standard_uncertainty(&state);
         assert_eq!(two.standard_uncertainty(&State::default()), [0.0; 6]);
         Ok(())

@@ -26,42 +26,23 @@ pub enum CalibrateError {
     Identify(IdentifyError),
     /// The hash of a file that was read before cannot be computed.
     #[error("{}: {source}", .file.display())]
-    Hash {
-        file: PathBuf,
-        source: std::io::Error,
-    },
+    Hash { file: PathBuf, source: std::io::Error },
     /// A measurement file cannot be read, or its content is invalid.
     #[error(transparent)]
     Measurement(#[from] MetrologyError),
     /// The readings of a file cannot be converted to the profile or slope of the error that they measure.
     #[error("{error} from {}: {source}", .file.display())]
-    Profile {
-        error: ErrorName,
-        file: PathBuf,
-        source: Box<MetrologyError>,
-    },
+    Profile { error: ErrorName, file: PathBuf, source: Box<MetrologyError> },
     #[error("{error} from {}: found no readings, expected at least one", named(.files))]
-    NoReadings {
-        error: ErrorName,
-        files: Vec<PathBuf>,
-    },
+    NoReadings { error: ErrorName, files: Vec<PathBuf> },
     /// No curve can be fitted to the readings of an error.
     #[error("{error} from {}: {source}", named(.files))]
-    Fit {
-        error: ErrorName,
-        files: Vec<PathBuf>,
-        source: FitError,
-    },
+    Fit { error: ErrorName, files: Vec<PathBuf>, source: FitError },
     #[error(
         "{error} from {}: along the oblique axis {axis} it fills {other} too, which was measured separately",
         named(.files)
     )]
-    Oblique {
-        error: ErrorName,
-        files: Vec<PathBuf>,
-        axis: AxisName,
-        other: ErrorName,
-    },
+    Oblique { error: ErrorName, files: Vec<PathBuf>, axis: AxisName, other: ErrorName },
     #[error(
         "the unknowns did not settle in {rounds} rounds, each with the lines cleared of what was found before: the last moved one by {moved:.2} of its standard uncertainty; expected lines and observations that hold the unknowns apart: measure the other tilt of the rotary axis, too, or leave out the unknown that the lines contain"
     )]
@@ -70,15 +51,9 @@ pub enum CalibrateError {
         "{error} from {}: the diagonals do not determine it, expected the two face diagonals of its plane or the four body diagonals",
         named(.files)
     )]
-    Diagonals {
-        error: ErrorName,
-        files: Vec<PathBuf>,
-    },
+    Diagonals { error: ErrorName, files: Vec<PathBuf> },
     #[error("{squareness}: {straightness} was not measured, expected its line or `value_urad`")]
-    NoSlope {
-        squareness: ErrorName,
-        straightness: ErrorName,
-    },
+    NoSlope { squareness: ErrorName, straightness: ErrorName },
 }
 
 impl From<IdentifyError> for CalibrateError {
@@ -94,9 +69,6 @@ impl From<IdentifyError> for CalibrateError {
 }
 
 fn named(files: &[PathBuf]) -> String {
-    let names: Vec<String> = files
-        .iter()
-        .map(|file| file.display().to_string())
-        .collect();
+    let names: Vec<String> = files.iter().map(|file| file.display().to_string()).collect();
     names.join(", ")
 }

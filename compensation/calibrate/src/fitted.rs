@@ -51,9 +51,7 @@ pub(crate) fn fit<'a>(
     let profiles = match machine.axis(error.axis) {
         Some(axis) => {
             let profiles = profiles.into_iter();
-            profiles
-                .map(|profile| profile.within_travel(axis))
-                .collect()
+            profiles.map(|profile| profile.within_travel(axis)).collect()
         }
         None => profiles,
     };
@@ -135,9 +133,7 @@ impl FittedLine {
             factor,
             points: profile.points.each_ref().map(|points| {
                 let points = points.iter();
-                points
-                    .map(|(target, value)| (*target, (value - zero) * factor))
-                    .collect()
+                points.map(|(target, value)| (*target, (value - zero) * factor)).collect()
             }),
         }
     }

@@ -65,9 +65,7 @@ pub(crate) fn settled(
         rounds += 1;
         let found = on(&stages.machine, &followers, 0);
         let (found, _) = found?;
-        let moved = before
-            .as_ref()
-            .map(|before| moved(before, &found.parameters));
+        let moved = before.as_ref().map(|before| moved(before, &found.parameters));
         // Each round changes the next one by a constant fraction of its own change, as long as the
         // change exceeds rounding errors.
         let share = match (last_moved, moved) {
@@ -85,10 +83,7 @@ pub(crate) fn settled(
         }
         stages = again;
         if rounds == ROUNDS {
-            return Err(CalibrateError::NotSettled {
-                rounds,
-                moved: moved.unwrap_or_default(),
-            });
+            return Err(CalibrateError::NotSettled { rounds, moved: moved.unwrap_or_default() });
         }
         if followers.is_empty() && share > TOGETHER_ABOVE {
             followers = following(file, observations, (&known, &stages), &found.parameters)?;

@@ -108,22 +108,15 @@ impl LineContribution<'_> {
             let mut place = 0;
             file.vary_direct(&mut |part| {
                 place += 1;
-                if part == Part::Stated {
-                    next(place - 1)
-                } else {
-                    0.0
-                }
+                if part == Part::Stated { next(place - 1) } else { 0.0 }
             });
             file
         };
         let alone = |own: usize| shifted(&mut |place| if place == own { 1.0 } else { 0.0 });
         let stated = (0..sizes.len()).filter(|&place| sizes[place] == Part::Stated);
         // Without a stated uncertainty there is no shift.
-        let files: Vec<CalibrationFile> = stated
-            .map(alone)
-            .filter(|file| !file.reads_as(&without))
-            .take(ALONE + 1)
-            .collect();
+        let files: Vec<CalibrationFile> =
+            stated.map(alone).filter(|file| !file.reads_as(&without)).take(ALONE + 1).collect();
         let count = base.len();
         let mut covariance = DMatrix::zeros(count, count);
         if files.len() <= ALONE {
@@ -165,9 +158,7 @@ impl LineContribution<'_> {
             column += 1;
         }
         // Converging rounds carry over less than the whole change.
-        Ok(round
-            .try_inverse()
-            .unwrap_or(DMatrix::identity(count, count)))
+        Ok(round.try_inverse().unwrap_or(DMatrix::identity(count, count)))
     }
 }
 
@@ -325,10 +316,7 @@ mod tests {
                     inside += u32::from(error.abs() < band);
                 }
                 let share = f64::from(inside) / f64::from(TRIALS);
-                assert!(
-                    (0.91..0.975).contains(&share),
-                    "{degrees} {mixture:?}: {share}"
-                );
+                assert!((0.91..0.975).contains(&share), "{degrees} {mixture:?}: {share}");
             }
         }
     }

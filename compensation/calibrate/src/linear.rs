@@ -57,9 +57,7 @@ pub(crate) fn linear<'a>(
             profiles.push(profile);
         }
         let found = contradictions(error, &profiles, Some(tilts))?;
-        result
-            .notes
-            .extend(found.iter().map(|(_, text)| text.clone()));
+        result.notes.extend(found.iter().map(|(_, text)| text.clone()));
         result.contradictions.extend(found);
         if straightness {
             let straight = |profile: Profile<'a>| {
@@ -110,14 +108,8 @@ mod tests {
         let noise_urad = &BTreeMap::new();
         linear(
             file,
-            &Tilts {
-                machine,
-                noise_urad,
-            },
-            (
-                machine,
-                &ArtefactPoses::of(machine, &[], [AxisName::X, AxisName::Y], |_| None),
-            ),
+            &Tilts { machine, noise_urad },
+            (machine, &ArtefactPoses::of(machine, &[], [AxisName::X, AxisName::Y], |_| None)),
             || (),
         )
         .unwrap()

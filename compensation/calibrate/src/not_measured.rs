@@ -30,12 +30,7 @@ pub(crate) fn not_measured(file: &CalibrationFile, stages: &Stages) -> Vec<Strin
             || file.squareness.iter().any(|entry| entry.error == square)
             || unknown.iter().any(|error| square_of(*error) == square)
     };
-    notes(
-        &stages.machine,
-        file.reference_axes,
-        &is_measured,
-        &is_stated,
-    )
+    notes(&stages.machine, file.reference_axes, &is_measured, &is_stated)
 }
 
 /// Notes on the errors of a machine that are not among the unknowns of the observations, worded as for a calibration.
@@ -60,9 +55,7 @@ pub fn not_stated(machine: &Machine) -> Vec<String> {
 pub fn errors_without_value(machine: &Machine) -> usize {
     let motions = machine.axes().iter().flat_map(|axis| {
         let names = Component::ALL.map(|component| ErrorName::motion(component, axis.name));
-        names
-            .into_iter()
-            .filter(|name| machine.error(*name).is_none())
+        names.into_iter().filter(|name| machine.error(*name).is_none())
     });
     let is_stated = |square: ErrorName| {
         let mut stated = machine.locations().keys();
@@ -114,10 +107,7 @@ fn notes(
                 "{name} was not measured and is kept from the machine file{}",
                 moves(*value)
             ),
-            None => format!(
-                "{name} was not measured and is taken as 0{}",
-                moves(EXAMPLE)
-            ),
+            None => format!("{name} was not measured and is taken as 0{}", moves(EXAMPLE)),
         });
     }
     notes
@@ -168,9 +158,7 @@ fn largest_effects(machine: &Machine, names: &[ErrorName]) -> Vec<Option<f64>> {
             AxisKind::Rotary => ROTARY_NODES,
         };
         let nodes = axis.nodes(count).into_iter();
-        nodes
-            .map(|at| Displacement::from_coordinate(kind, at).mm_or_rad())
-            .collect()
+        nodes.map(|at| Displacement::from_coordinate(kind, at).mm_or_rad()).collect()
     });
     let poses = Poses::Grid(nodes.collect());
     match sensitivity(machine.chain(), &terms, &poses) {

@@ -69,29 +69,22 @@ fn refuse_twice(name: &Value<'_>, unknown: Unknown, direct: &Direct<'_>) -> Resu
     let lines = direct.measurements.iter();
     let both = |line: &&Line| {
         let readings = &line.readings;
-        Direction::BOTH
-            .iter()
-            .all(|direction| readings.has(*direction))
+        Direction::BOTH.iter().all(|direction| readings.has(*direction))
     };
     let line = lines
         .filter(|line| line.setup.error == error)
         .find(|line| unknown.basis.is_some() || both(line));
     let stated = if let Some(line) = line {
         format!("[[measurement]] with {}", line.file.display())
-    } else if direct
-        .locations
-        .iter()
-        .any(|l| square_of(l.error) == square)
-    {
+    } else if direct.locations.iter().any(|l| square_of(l.error) == square) {
         "[[location]]".to_owned()
     } else if direct.squareness.iter().any(|s| s.error == square) {
         "[[squareness]]".to_owned()
     } else {
         return Ok(());
     };
-    Err(name.error(format!(
-        "{error} is unknown here and measured by {stated}: expected one of them"
-    )))
+    Err(name
+        .error(format!("{error} is unknown here and measured by {stated}: expected one of them")))
 }
 
 /// Rejects a location error of a rotary axis if every error motion to which it contributes was

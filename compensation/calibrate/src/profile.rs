@@ -46,11 +46,7 @@ impl<'a> Profile<'a> {
                 }
             }
         }
-        Ok(Self {
-            line,
-            points,
-            removed: Urad(0.0),
-        })
+        Ok(Self { line, points, removed: Urad(0.0) })
     }
 
     /// The profile with its targets within the travel of a periodic axis, where its curve is evaluated. Targets outside
@@ -92,9 +88,7 @@ impl<'a> Profile<'a> {
     /// Unevenness from target to target, each direction separately ([`unevenness`]); `None` for fewer than three targets.
     pub(crate) fn unevenness(&self) -> Option<f64> {
         let branches = self.points.iter();
-        branches
-            .filter_map(|points| unevenness(points))
-            .reduce(f64::max)
+        branches.filter_map(|points| unevenness(points)).reduce(f64::max)
     }
 
     /// Scatter of a mean reading; also `None` if readings are summed.
@@ -103,10 +97,7 @@ impl<'a> Profile<'a> {
             return None;
         }
         let scatter = self.line.readings.scatter_of_mean(alignment)?;
-        Some(Noise {
-            deviation: scatter.deviation,
-            freedom: scatter.freedom,
-        })
+        Some(Noise { deviation: scatter.deviation, freedom: scatter.freedom })
     }
 
     /// Standard deviation of a mean reading after subtracting the alignment of each line: its
@@ -210,17 +201,11 @@ mod tests {
     #[test]
     fn tilts_of_a_bridge_add_up() {
         let mut level = line("EYX", |_| 2.0);
-        level.setup.method = Method::Angular {
-            bridge_mm: 100.0,
-            reading: TiltReading::RightHand,
-        };
+        level.setup.method = Method::Angular { bridge_mm: 100.0, reading: TiltReading::RightHand };
         let joint = machine("").chain().joints()[0];
         let profile = Profile::new(&level, &joint).unwrap();
         for (target, height) in profile.all() {
-            assert!(
-                (height - 0.002 * target).abs() < 1e-12,
-                "{height} at {target}"
-            );
+            assert!((height - 0.002 * target).abs() < 1e-12, "{height} at {target}");
         }
         let line = profile.reference_line().unwrap();
         let flat = profile.without_line(&line);

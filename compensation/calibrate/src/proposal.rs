@@ -68,11 +68,7 @@ impl Proposed {
         let of = self.files.join(", ");
         let mut questions = Vec::new();
         let mut ask = |key: String, question: String| {
-            questions.push(Question {
-                of: of.clone(),
-                key,
-                question,
-            });
+            questions.push(Question { of: of.clone(), key, question });
         };
         if self.error.is_none() {
             ask("error".to_owned(), question("error", None));
@@ -81,19 +77,13 @@ impl Proposed {
             ask("file".to_owned(), question("file", None));
         }
         for (axis, _) in self.at.iter().filter(|(_, place)| place.is_none()) {
-            ask(
-                format!("at.{axis}"),
-                question("at", Some(&axis.to_string())),
-            );
+            ask(format!("at.{axis}"), question("at", Some(&axis.to_string())));
         }
         for (key, value) in &self.keys {
             if *key == "channels" {
                 let is_open = |inner: &&str| value.contains(&format!("{inner} = {}", open()));
                 for inner in CHANNEL_KEYS.into_iter().filter(is_open) {
-                    ask(
-                        format!("channels.{inner}"),
-                        question("channels", Some(inner)),
-                    );
+                    ask(format!("channels.{inner}"), question("channels", Some(inner)));
                 }
             } else if *value == open() {
                 ask((*key).to_owned(), question(key, None));
@@ -128,18 +118,12 @@ impl Proposed {
     /// Adds the positions and keys that follow from the current facts. Stated or answered ones are kept.
     pub(crate) fn follow(&mut self) {
         let own = self.error.map(|error| error.axis).or(self.facts.axis);
-        let held = self
-            .facts
-            .places
-            .iter()
-            .filter(|(axis, _)| Some(*axis) != own);
+        let held = self.facts.places.iter().filter(|(axis, _)| Some(*axis) != own);
         let known = |axis: AxisName| {
             let mut at = self.at.iter();
             at.find(|(of, _)| *of == axis).and_then(|(_, place)| *place)
         };
-        self.at = held
-            .map(|(axis, hinted)| (*axis, known(*axis).or(*hinted)))
-            .collect();
+        self.at = held.map(|(axis, hinted)| (*axis, known(*axis).or(*hinted))).collect();
         let mut keys = keys(self.error, &self.facts);
         for (key, value) in &mut keys {
             if let Some((_, stated)) = self.keys.iter().find(|(of, _)| of == key) {
@@ -166,14 +150,7 @@ impl Proposed {
     }
 }
 
-const FOLLOWING: [&str; 6] = [
-    "point",
-    "rides",
-    "holds_location",
-    "sign",
-    "bridge_mm",
-    "reading",
-];
+const FOLLOWING: [&str; 6] = ["point", "rides", "holds_location", "sign", "bridge_mm", "reading"];
 
 fn keys(error: Option<ErrorName>, facts: &FileFacts) -> Vec<(&'static str, String)> {
     let mut keys = Vec::new();
@@ -217,10 +194,7 @@ fn keys(error: Option<ErrorName>, facts: &FileFacts) -> Vec<(&'static str, Strin
 
 pub(crate) fn of_log(name: String, path: &Path, machine: &Machine, channels: &str) -> Proposed {
     let hints = FileHints::of(path, &Metadata::default(), machine);
-    let facts = FileFacts {
-        is_log: true,
-        ..facts_of_names(&hints, machine)
-    };
+    let facts = FileFacts { is_log: true, ..facts_of_names(&hints, machine) };
     let mut found = proposed(name, hints.only_error(), facts);
     found.said.push(format!("a log of the channels {channels}"));
     found.said.extend(hints.contradictions);
@@ -236,9 +210,7 @@ pub(crate) fn of_measurement(
     let hints = FileHints::of(path, &measurement.metadata, machine);
     let stated = measurement.metadata.axis.as_deref().and_then(axis_named);
     if let Some(axis) = stated.filter(|axis| machine.axis(*axis).is_none()) {
-        return Err(format!(
-            "it states axis {axis}, which the machine does not have"
-        ));
+        return Err(format!("it states axis {axis}, which the machine does not have"));
     }
     let axis = stated.or(hints.axis);
     let mut said = vec![summary(measurement)];
@@ -275,10 +247,7 @@ pub(crate) fn of_measurement(
         }
         None if hints.errors.len() > 1 => {
             let names: Vec<String> = hints.errors.iter().map(ToString::to_string).collect();
-            said.push(format!(
-                "CONTRADICTION: name and title say {}",
-                names.join(" and ")
-            ));
+            said.push(format!("CONTRADICTION: name and title say {}", names.join(" and ")));
             None
         }
         None => match candidates[..] {
@@ -327,10 +296,7 @@ fn facts_of_names(hints: &FileHints, machine: &Machine) -> FileFacts {
         let place = place.filter(|place| axis.check_coordinate(*place).is_ok());
         (axis.name, place)
     };
-    FileFacts {
-        places: machine.axes().iter().map(place).collect(),
-        ..FileFacts::default()
-    }
+    FileFacts { places: machine.axes().iter().map(place).collect(), ..FileFacts::default() }
 }
 
 fn proposed(file: String, error: Option<ErrorName>, facts: FileFacts) -> Proposed {
@@ -367,9 +333,7 @@ fn check_targets(
 ) -> Result<(), String> {
     let Some(axis) = axis.and_then(|name| machine.axis(name)) else {
         return match axis {
-            Some(axis) => Err(format!(
-                "it measures axis {axis}, which the machine does not have"
-            )),
+            Some(axis) => Err(format!("it measures axis {axis}, which the machine does not have")),
             None => Ok(()),
         };
     };
@@ -395,20 +359,12 @@ fn axes_that_reach(measurement: &Measurement, machine: &Machine) -> String {
         .iter()
         .filter(|axis| targets.iter().all(|target| axis.may_stand_at(*target)));
     let names: Vec<String> = reach.map(|axis| axis.name.to_string()).collect();
-    if names.is_empty() {
-        "no axis".to_owned()
-    } else {
-        names.join(", ")
-    }
+    if names.is_empty() { "no axis".to_owned() } else { names.join(", ") }
 }
 
 fn summary(measurement: &Measurement) -> String {
     let mut facts = Vec::new();
-    facts.extend(
-        measurement
-            .format
-            .map(|format| format.instrument().to_owned()),
-    );
+    facts.extend(measurement.format.map(|format| format.instrument().to_owned()));
     let meta = &measurement.metadata;
     for (key, text) in [
         ("machine", &meta.machine),
@@ -439,11 +395,7 @@ pub(crate) struct FileHints {
 
 impl FileHints {
     pub(crate) fn of(path: &Path, texts: &Metadata, machine: &Machine) -> Self {
-        let stem = path
-            .file_stem()
-            .unwrap_or_default()
-            .to_string_lossy()
-            .into_owned();
+        let stem = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
         let mut hints = Self::default();
         let texts = [texts.title.as_deref(), texts.location.as_deref()];
         let has = |error: &ErrorName| !error.location && machine.axis(error.axis).is_some();
@@ -453,9 +405,8 @@ impl FileHints {
                 hints.errors.push(error);
             }
         }
-        let words: Vec<&str> = stem
-            .split(|c: char| !(c.is_ascii_alphanumeric() || c == '.'))
-            .collect();
+        let words: Vec<&str> =
+            stem.split(|c: char| !(c.is_ascii_alphanumeric() || c == '.')).collect();
         let mut alone = words
             .iter()
             .filter_map(|word| letter(word, machine).filter(|(_, rest)| rest.is_empty()));
@@ -513,9 +464,7 @@ fn stated_places(text: &str) -> Vec<(AxisName, f64)> {
     for pair in parts.windows(2) {
         let before = pair[0].trim_end();
         let mut letters = before.chars().rev();
-        let axis = letters
-            .next()
-            .and_then(|c| AxisName::from_letter(c.to_ascii_uppercase()));
+        let axis = letters.next().and_then(|c| AxisName::from_letter(c.to_ascii_uppercase()));
         let stands_alone = letters.next().is_none_or(|c| !c.is_alphanumeric());
         let number = pair[1].trim_start();
         let end = number.find(|c: char| !(c.is_ascii_digit() || "+-.".contains(c)));
@@ -530,9 +479,7 @@ fn stated_places(text: &str) -> Vec<(AxisName, f64)> {
 /// Sorts known errors by name, then unknown ones; within an error by file.
 pub(crate) fn sort(proposed: &mut [Proposed]) {
     let key = |of: &Proposed| {
-        let error = of
-            .error
-            .map(|error| (error.axis.index(), error.component.index()));
+        let error = of.error.map(|error| (error.axis.index(), error.component.index()));
         (error.is_none(), error, of.files.clone())
     };
     proposed.sort_by_key(key);

@@ -73,11 +73,7 @@ fn of_curves(file: &CalibrationFile, curves: &[FittedCurve], lines: &[FittedLine
         let branches: Vec<&FittedCurve> = curves.iter().filter(of_error).collect();
         let lines = lines.iter().filter(|line| line.error == curve.error);
         let is_own = lines.clone().all(|line| line.line.is_some());
-        let parallel = if is_own {
-            ""
-        } else {
-            ", of what parallel lines differ by"
-        };
+        let parallel = if is_own { "" } else { ", of what parallel lines differ by" };
         origins.push(Origin {
             error: curve.error,
             method: format!("{}{parallel}", curve.method),
@@ -93,11 +89,8 @@ fn of_curves(file: &CalibrationFile, curves: &[FittedCurve], lines: &[FittedLine
 fn rule(file: &CalibrationFile, curve: &FittedCurve) -> String {
     if let Some(choice) = &curve.choice {
         let follows = choice.chosen().is_none_or(|score| score.follows);
-        let but = if follows {
-            ""
-        } else {
-            "; it does not follow the readings within their scatter"
-        };
+        let but =
+            if follows { "" } else { "; it does not follow the readings within their scatter" };
         return format!("{}{but}", choice.reason);
     }
     let stated = lines_of(file, curve.error).find_map(|line| line.curve);

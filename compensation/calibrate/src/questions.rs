@@ -79,10 +79,7 @@ pub(crate) fn refuse_open(root: &Section<'_>) -> Result<(), InputError> {
         0 => {}
         1 => first.message += " (and one more open question below)",
         // Writing to a String cannot fail.
-        _ => drop(write!(
-            first.message,
-            " (and {more} more open questions below)"
-        )),
+        _ => drop(write!(first.message, " (and {more} more open questions below)")),
     }
     Err(first)
 }
@@ -91,9 +88,9 @@ fn collect(section: &Section<'_>, open: &mut Vec<InputError>) {
     let is_open = |value: &Value<'_>| value.text().is_ok_and(|text| text == OPEN);
     let mut ask = |value: &Value<'_>, key: &str, inner: Option<&str>| {
         let question = question(key, inner);
-        open.push(value.error(format!(
-            "open question: {question} State it in place of \"{OPEN}\""
-        )));
+        open.push(
+            value.error(format!("open question: {question} State it in place of \"{OPEN}\"")),
+        );
     };
     for (key, value) in section.values() {
         if is_open(&value) {
@@ -115,10 +112,7 @@ mod tests {
     #[test]
     fn the_question_for_a_position_has_the_unit_of_its_axis() {
         let asked = |axis| question("at", Some(axis));
-        assert_eq!(
-            asked("X"),
-            "where did axis X stand during this test, mm? Default: at 0."
-        );
+        assert_eq!(asked("X"), "where did axis X stand during this test, mm? Default: at 0.");
         assert!(asked("C").contains("this test, deg?"), "{}", asked("C"));
     }
 }

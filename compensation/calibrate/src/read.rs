@@ -64,19 +64,10 @@ fn decode(root: &Section<'_>, folder: &Path) -> Result<CalibrationFile, Calibrat
     }
     let serial = root.get("serial").map(|value| value.text()).transpose()?;
     let reference_axes = decode_reference_axes(root)?;
-    let items = |key: &str| {
-        root.get(key)
-            .map_or_else(|| Ok(Vec::new()), |value| value.items())
-    };
+    let items = |key: &str| root.get(key).map_or_else(|| Ok(Vec::new()), |value| value.items());
     let columns = root.section("columns")?;
-    let columns = columns
-        .map(|section| Columns::decode(&section))
-        .transpose()?;
-    let common = CommonKeys {
-        folder,
-        serial,
-        columns: columns.map(Mapping::Columns),
-    };
+    let columns = columns.map(|section| Columns::decode(&section)).transpose()?;
+    let common = CommonKeys { folder, serial, columns: columns.map(Mapping::Columns) };
     let mut measurements: Vec<Line> = Vec::new();
     for item in items("measurement")? {
         let section = item.section()?;
@@ -105,21 +96,14 @@ fn decode(root: &Section<'_>, folder: &Path) -> Result<CalibrationFile, Calibrat
             locations.push(found);
         }
     }
-    let direct = Direct {
-        measurements: &measurements,
-        squareness: &squareness,
-        locations: &locations,
-    };
+    let direct =
+        Direct { measurements: &measurements, squareness: &squareness, locations: &locations };
     let observations = decode_observations(root, &machine, folder, &direct)?;
     let observed = observations.as_ref().map_or(&[][..], |o| &o.files);
     let observed = sources_of(folder, observed)?;
     let mut files = vec![machine_file];
     files.extend(measurements.iter().map(|line| line.file.clone()));
-    files.extend(
-        diagonals
-            .iter()
-            .flat_map(|d: &Diagonals| d.observations.files.iter().cloned()),
-    );
+    files.extend(diagonals.iter().flat_map(|d: &Diagonals| d.observations.files.iter().cloned()));
     files.extend(observations.iter().flat_map(|o| o.files.iter().cloned()));
     Ok(CalibrationFile {
         files,
@@ -187,9 +171,8 @@ pub const HOLDS_LOCATION: &str = "holds_location";
 pub fn decode_holds_location(section: &Section<'_>, error: ErrorName) -> Result<bool, InputError> {
     let value = section.get(HOLDS_LOCATION);
     if let Some(value) = value.filter(|_| !error.axis.is_rotary()) {
-        return Err(value.error(format!(
-            "found it for {error}, expected it for errors of a rotary axis only"
-        )));
+        return Err(value
+            .error(format!("found it for {error}, expected it for errors of a rotary axis only")));
     }
     section.truth_or(HOLDS_LOCATION, true)
 }
@@ -205,9 +188,7 @@ fn refuse_unstated_export(
     file: &Value<'_>,
     readings: &Measurement,
 ) -> Result<(), InputError> {
-    let is_stated = ["unit", "sign"]
-        .iter()
-        .all(|key| section.get(key).is_some());
+    let is_stated = ["unit", "sign"].iter().all(|key| section.get(key).is_some());
     if readings.format != Some(FileFormat::RenishawExport) || is_stated {
         return Ok(());
     }
@@ -221,16 +202,8 @@ fn decode_line(
     machine: &Machine,
     common: &CommonKeys<'_>,
 ) -> Result<Line, CalibrateError> {
-    let own = [
-        "columns",
-        "channels",
-        "error",
-        "file",
-        "unit",
-        "curve",
-        "reference_line",
-        HOLDS_LOCATION,
-    ];
+    let own =
+        ["columns", "channels", "error", "file", "unit", "curve", "reference_line", HOLDS_LOCATION];
     section.allow(&[&own[..], &Setup::KEYS].concat())?;
     let error_value = section.require("error")?;
     let error = decode_motion(&error_value, machine)?;
@@ -246,11 +219,7 @@ fn decode_line(
     };
     let (file, mut readings) = read_measurement(&file_value, common.folder, mapping.as_ref())?;
     refuse_unstated_export(section, &file_value, &readings)?;
-    tracing::debug!(
-        "{error}: {} readings from {}",
-        readings.readings.len(),
-        file.display()
-    );
+    tracing::debug!("{error}: {} readings from {}", readings.readings.len(), file.display());
     readings.check_targets(error.axis)?;
     apply_unit(section, &file_value, &mut readings, setup.reads_angles())?;
     for reading in &mut readings.readings {
@@ -290,10 +259,8 @@ fn source_of(
     let source = read.map_err(|e| value.error(format!("{}: {e}", path.display())))?;
     let runs = Direction::BOTH.map(|direction| readings.runs(direction).len());
     let axes = machine.axes().iter().map(|axis| axis.name);
-    let mut at: Vec<(AxisName, f64)> = axes
-        .zip(setup.at.iter().copied())
-        .filter(|(_, q)| *q != 0.0)
-        .collect();
+    let mut at: Vec<(AxisName, f64)> =
+        axes.zip(setup.at.iter().copied()).filter(|(_, q)| *q != 0.0).collect();
     at.sort_by_key(|(axis, _)| *axis);
     Ok(Source {
         runs: runs.into_iter().max(),
@@ -311,9 +278,9 @@ fn decode_reference_line(
     if let Some(value) = section.get("reference_line")
         && MotionKind::of(error) != MotionKind::Straightness
     {
-        return Err(value.error(format!(
-            "found it for {error}, expected it for a straightness error only"
-        )));
+        return Err(
+            value.error(format!("found it for {error}, expected it for a straightness error only"))
+        );
     }
     let words = [
         ("least-squares", ReferenceKind::LeastSquares),
@@ -325,9 +292,7 @@ fn decode_reference_line(
 
 fn check_same_curve(before: &[Line], line: &Line, section: &Section<'_>) -> Result<(), InputError> {
     let error = line.setup.error;
-    let earlier = before
-        .iter()
-        .find(|other| other.setup.error == error && other.curve.is_some());
+    let earlier = before.iter().find(|other| other.setup.error == error && other.curve.is_some());
     match (earlier, section.get("curve")) {
         (Some(earlier), Some(value)) if earlier.curve != line.curve => Err(value.error(format!(
             "another kind of curve for {error} than with {}, expected the same for all lines of an error",
@@ -344,11 +309,8 @@ fn apply_unit(
     readings: &mut Measurement,
     angular: bool,
 ) -> Result<(), InputError> {
-    const LENGTHS: [(&str, ReadingUnit); 3] = [
-        ("um", ReadingUnit::Um),
-        ("µm", ReadingUnit::Um),
-        ("mm", ReadingUnit::Mm),
-    ];
+    const LENGTHS: [(&str, ReadingUnit); 3] =
+        [("um", ReadingUnit::Um), ("µm", ReadingUnit::Um), ("mm", ReadingUnit::Mm)];
     const ANGLES: [(&str, ReadingUnit); 5] = [
         ("urad", ReadingUnit::Urad),
         ("µrad", ReadingUnit::Urad),
@@ -377,12 +339,7 @@ fn apply_unit(
 }
 
 fn decode_uncertainty(section: &Section<'_>) -> Result<Uncertainty, InputError> {
-    section.allow(&[
-        "laser_um_per_m",
-        "square_urad",
-        "reading_um",
-        "reading_urad",
-    ])?;
+    section.allow(&["laser_um_per_m", "square_urad", "reading_um", "reading_urad"])?;
     let number = |key: &str| {
         let Some(value) = section.get(key) else {
             return Ok(0.0);

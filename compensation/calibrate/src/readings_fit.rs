@@ -46,9 +46,7 @@ pub fn fit_readings(
         noise: incomplete.as_ref().and(noise_of_mean(measurement)),
     };
     let all = |of: fn(&Run) -> &Vec<f64>| -> Vec<f64> {
-        runs.iter()
-            .flat_map(|run| of(run).iter().copied())
-            .collect()
+        runs.iter().flat_map(|run| of(run).iter().copied()).collect()
     };
     let (all_x, all_u) = (all(|run| &run.0), all(|run| &run.1));
     let choice = choose(&[(&all_x, &all_u)], &options)?;
@@ -85,10 +83,7 @@ const FULL_TURN_DEG: f64 = 360.0;
 
 /// Averages the directions of each run at every target measured in all directions, because differences between directions are not scatter.
 fn whole_runs(measurement: &Measurement) -> Vec<Run> {
-    let ways = Direction::BOTH
-        .into_iter()
-        .filter(|way| measurement.has(*way))
-        .count();
+    let ways = Direction::BOTH.into_iter().filter(|way| measurement.has(*way)).count();
     let mut readings: Vec<_> = measurement.readings.iter().collect();
     readings.sort_by(|a, b| (a.run.cmp(&b.run)).then(a.target.total_cmp(&b.target)));
     let by_run = readings.chunk_by(|a, b| a.run == b.run);
@@ -104,18 +99,13 @@ fn whole_runs(measurement: &Measurement) -> Vec<Run> {
         };
         at_target.filter_map(mean).unzip()
     };
-    by_run
-        .map(run)
-        .filter(|(targets, _)| !targets.is_empty())
-        .collect()
+    by_run.map(run).filter(|(targets, _)| !targets.is_empty()).collect()
 }
 
 /// Scatter of the mean reading of a target, over its directions, about the curve; `None` if no target was read twice.
 pub fn noise_of_mean(measurement: &Measurement) -> Option<Noise> {
     let scatter = measurement.scatter_of_mean(RunAlignment::Line)?;
-    let ways = Direction::BOTH
-        .into_iter()
-        .filter(|way| measurement.has(*way));
+    let ways = Direction::BOTH.into_iter().filter(|way| measurement.has(*way));
     Some(Noise {
         deviation: scatter.deviation / (ways.count() as f64).sqrt(),
         freedom: scatter.freedom,

@@ -17,11 +17,7 @@ pub(crate) enum Repeated {
     /// Complete runs, each with all targets, or means of lines.
     Runs(Vec<Run>),
     /// Runs, some without readings at some targets, and the means of one direction.
-    Incomplete {
-        runs: Box<IncompleteRuns>,
-        direction: Direction,
-        means: Run,
-    },
+    Incomplete { runs: Box<IncompleteRuns>, direction: Direction, means: Run },
 }
 
 impl Repeated {
@@ -34,11 +30,7 @@ impl Repeated {
                     runs.iter().map(|(x, u)| (&x[..], &u[..])).collect();
                 band(method, &runs, places, &options)
             }
-            Self::Incomplete {
-                runs,
-                direction,
-                means: (x, u),
-            } => {
+            Self::Incomplete { runs, direction, means: (x, u) } => {
                 match mean_scatter(runs, Some(*direction), &options) {
                     Some(scatter) => band_of_means(method, [x, u], &scatter, places),
                     // Readings without any repetition are those of a single run.

@@ -52,15 +52,7 @@ impl Setup {
 
 impl Setup {
     /// Keys of a `[[measurement]]` that [`Setup::decode`] reads, in addition to the one that names the error.
-    pub const KEYS: [&str; 7] = [
-        "at",
-        "point",
-        "rides",
-        "sign",
-        "method",
-        "bridge_mm",
-        "reading",
-    ];
+    pub const KEYS: [&str; 7] = ["at", "point", "rides", "sign", "method", "bridge_mm", "reading"];
 
     /// Decodes the set-up of `error` from a `[[measurement]]` of a calibration file or shop file.
     ///
@@ -74,10 +66,8 @@ impl Setup {
         let mut at = vec![0.0; machine.axes().len()];
         if let Some(held) = section.section("at")? {
             if let Some(own) = held.get(&error.axis.to_string()) {
-                let message = format!(
-                    "{} is the measured axis, expected the other axes only",
-                    error.axis
-                );
+                let message =
+                    format!("{} is the measured axis, expected the other axes only", error.axis);
                 return Err(own.error(message));
             }
             set_coordinates(&mut at, &held, machine)?;
@@ -85,10 +75,7 @@ impl Setup {
         Ok(Self {
             error,
             at,
-            point_mcs: section
-                .get("point")
-                .map(|value| value.vector())
-                .transpose()?,
+            point_mcs: section.get("point").map(|value| value.vector()).transpose()?,
             rides: section.one_of(
                 "rides",
                 &[("carriage", Rides::Carriage), ("other", Rides::Other)],
@@ -139,10 +126,7 @@ pub(crate) fn set_coordinates(
     machine: &Machine,
 ) -> Result<(), InputError> {
     for (key, value) in section.values() {
-        let place = machine
-            .axes()
-            .iter()
-            .position(|axis| axis.name.to_string() == key);
+        let place = machine.axes().iter().position(|axis| axis.name.to_string() == key);
         let structure = machine.chain().structure();
         let place = place
             .ok_or_else(|| value.error(format!("the structure `{structure}` has no axis {key}")))?;
@@ -225,10 +209,7 @@ fn decode_method(section: &Section<'_>) -> Result<Method, InputError> {
     if bridge_mm <= 0.0 {
         return Err(bridge.error(format!("found {bridge_mm}, expected a positive length")));
     }
-    let words = [
-        ("right-hand", TiltReading::RightHand),
-        ("slope", TiltReading::Slope),
-    ];
+    let words = [("right-hand", TiltReading::RightHand), ("slope", TiltReading::Slope)];
     Ok(Method::Angular {
         bridge_mm,
         reading: section.one_of("reading", &words, TiltReading::RightHand)?,

@@ -39,11 +39,7 @@ fn partner_tilt(squareness: ErrorName) -> ErrorName {
 
 /// The axis of a squareness that has no tilt: the primary reference axis if it is one of the two, else the secondary.
 pub(crate) fn reference_of([primary, secondary]: [AxisName; 2], squareness: ErrorName) -> AxisName {
-    if [squareness.axis, partner_of(squareness)].contains(&primary) {
-        primary
-    } else {
-        secondary
-    }
+    if [squareness.axis, partner_of(squareness)].contains(&primary) { primary } else { secondary }
 }
 
 /// The other axis of a squareness: neither its own axis nor its axis of rotation.
@@ -54,10 +50,7 @@ pub(crate) fn partner_of(squareness: ErrorName) -> AxisName {
     };
     let primary = [AxisName::X, AxisName::Y, AxisName::Z];
     // A name that is not a squareness may leave none; it is rejected where it is used.
-    primary
-        .into_iter()
-        .find(is_partner)
-        .unwrap_or(squareness.axis)
+    primary.into_iter().find(is_partner).unwrap_or(squareness.axis)
 }
 
 /// Whether a location error is one of the tilts of X, Y and Z that form their squareness.

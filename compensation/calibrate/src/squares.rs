@@ -114,10 +114,7 @@ fn heights(line: &Line) -> Option<Cow<'_, Measurement>> {
             }));
         }
     }
-    Some(Cow::Owned(Measurement {
-        readings,
-        ..Measurement::default()
-    }))
+    Some(Cow::Owned(Measurement { readings, ..Measurement::default() }))
 }
 
 /// Standard uncertainty of each squareness of a file whose contributions are known, widened so that
@@ -261,10 +258,7 @@ fn square(entry: &Squareness, slopes: &Slopes) -> Result<Option<Urad>, Calibrate
     let [first, second] = squareness_parts(entry.error)?;
     let slope = |straightness: ErrorName| {
         let found = slopes.get(&straightness).copied();
-        found.ok_or(CalibrateError::NoSlope {
-            squareness: entry.error,
-            straightness,
-        })
+        found.ok_or(CalibrateError::NoSlope { squareness: entry.error, straightness })
     };
     let parts = [(first, slope(first)?), (second, slope(second)?)];
     Ok(Some(squareness(entry.error, reference_angle, parts)?))
@@ -296,10 +290,9 @@ impl Diagonals {
             let parameter = found.parameters.iter().find(|p| p.name == name);
             match parameter.filter(|p| p.determined && p.given_zero.is_empty()) {
                 Some(parameter) => Ok((*error, Urad(sign * parameter.value))),
-                None => Err(CalibrateError::Diagonals {
-                    error: *error,
-                    files: self.files().collect(),
-                }),
+                None => {
+                    Err(CalibrateError::Diagonals { error: *error, files: self.files().collect() })
+                }
             }
         };
         let errors = self.errors.iter().map(square).collect::<Result<_, _>>()?;
@@ -307,11 +300,7 @@ impl Diagonals {
         let names = names.join(" ");
         let notes = found.warnings.iter();
         let notes = notes.map(|note| format!("{names} from diagonals: {note}"));
-        Ok(Squares {
-            errors,
-            notes: notes.collect(),
-            undecided: found.undecided(),
-        })
+        Ok(Squares { errors, notes: notes.collect(), undecided: found.undecided() })
     }
 
     fn files(&self) -> impl Iterator<Item = PathBuf> {

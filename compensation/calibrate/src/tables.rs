@@ -52,9 +52,8 @@ pub(crate) fn decode_location(
     };
     for wrong in ["value", "values", "uncertainty"].map(|key| format!("{key}_{other}")) {
         if let Some(value) = section.get(&wrong) {
-            return Err(value.error(format!(
-                "{first} is in {unit}, expected the key with the ending _{own}"
-            )));
+            return Err(value
+                .error(format!("{first} is in {unit}, expected the key with the ending _{own}")));
         }
     }
     let key = if one { "value" } else { "values" };
@@ -66,11 +65,7 @@ pub(crate) fn decode_location(
         )));
     }
     let stated = section.require(&format!("{key}_{own}"))?;
-    let values = if one {
-        vec![stated.number()?]
-    } else {
-        stated.numbers()?
-    };
+    let values = if one { vec![stated.number()?] } else { stated.numbers()? };
     if values.len() != errors.len() {
         return Err(stated.error(format!(
             "found {} values, expected {}: one for each of `errors`",
@@ -85,11 +80,8 @@ pub(crate) fn decode_location(
     let uncertainty = section
         .get(&format!("uncertainty_{own}"))
         .map_or(Ok(0.0), |value| standard_uncertainty(&value))?;
-    let location = |(error, value): (ErrorName, f64)| Location {
-        error,
-        value: sign * value,
-        uncertainty,
-    };
+    let location =
+        |(error, value): (ErrorName, f64)| Location { error, value: sign * value, uncertainty };
     Ok(errors.into_iter().zip(values).map(location).collect())
 }
 
@@ -124,9 +116,9 @@ pub fn decode_location_errors(
 pub(crate) fn standard_uncertainty(value: &Value<'_>) -> Result<f64, InputError> {
     let found = value.number()?;
     if found < 0.0 {
-        return Err(value.error(format!(
-            "found {found}, expected a standard uncertainty of 0 or more"
-        )));
+        return Err(
+            value.error(format!("found {found}, expected a standard uncertainty of 0 or more"))
+        );
     }
     if found > NEVER_ABOVE {
         return Err(value.error(format!(
@@ -163,13 +155,8 @@ fn check(
     Ok(())
 }
 
-const SOURCES: [&str; 5] = [
-    "value_urad",
-    "reference_angle_urad",
-    "optical_square_urad",
-    "beam_angle_deg",
-    "diagonals",
-];
+const SOURCES: [&str; 5] =
+    ["value_urad", "reference_angle_urad", "optical_square_urad", "beam_angle_deg", "diagonals"];
 /// Maximum deviation of two reference beams from a right angle, deg.
 const FAR_FROM_SQUARE_DEG: f64 = 1.0;
 
@@ -184,16 +171,12 @@ pub(crate) fn decode_squareness(
     let own = ["error", "errors", "from", "beams", "uncertainty_um"];
     section.allow(&[&own[..], &SOURCES].concat())?;
     let missing = || section.error("key `error` is missing");
-    let errors = decode_errors(section, machine, missing, |name, error| {
-        check_parts(section, name, error)
-    })?;
+    let errors =
+        decode_errors(section, machine, missing, |name, error| check_parts(section, name, error))?;
     let stated: Vec<Value<'_>> = SOURCES.iter().filter_map(|key| section.get(key)).collect();
     if let [first, second, ..] = &stated[..] {
-        let message = format!(
-            "found {} and {} together, expected one of them",
-            last(first),
-            last(second)
-        );
+        let message =
+            format!("found {} and {} together, expected one of them", last(first), last(second));
         return Err(second.error(message).into());
     }
     let only_with = |key: &str, with: &[&str]| match section.get(key) {
@@ -212,18 +195,9 @@ pub(crate) fn decode_squareness(
         })?;
         let names = errors.clone();
         let place = (machine, reference_axes);
-        sets.push(decode_diagonals(
-            &value,
-            names,
-            uncertainty_um,
-            place,
-            folder,
-        )?);
+        sets.push(decode_diagonals(&value, names, uncertainty_um, place, folder)?);
         let source = SquarenessSource::Diagonals;
-        return Ok(errors
-            .into_iter()
-            .map(|error| Squareness { error, source })
-            .collect());
+        return Ok(errors.into_iter().map(|error| Squareness { error, source }).collect());
     }
     let [error] = errors[..] else {
         // `errors` is valid with diagonals only.
@@ -247,9 +221,7 @@ pub(crate) fn decode_squareness(
             let angle = value.number()?;
             if (angle - 90.0).abs() > FAR_FROM_SQUARE_DEG {
                 return Err(value
-                    .error(format!(
-                        "found {angle} deg, expected an angle between 89 and 91 deg"
-                    ))
+                    .error(format!("found {angle} deg, expected an angle between 89 and 91 deg"))
                     .into());
             }
             let over = (angle - 90.0).to_radians() * 1e6;
@@ -257,9 +229,7 @@ pub(crate) fn decode_squareness(
         } else {
             number("reference_angle_urad")?.unwrap_or_default()
         };
-        SquarenessSource::Slopes {
-            reference_angle: Urad(reference),
-        }
+        SquarenessSource::Slopes { reference_angle: Urad(reference) }
     };
     Ok(vec![Squareness { error, source }])
 }
@@ -334,10 +304,7 @@ pub(crate) fn decode_diagonals(
     let mut found = Observations::of(machine.clone());
     let tilts = errors.iter().map(|error| tilt_of(*error, reference_axes).0);
     found.unknown.extend(tilts.map(Unknown::constant));
-    let from_zero = |name: String| Quantity {
-        unknown: true,
-        ..Quantity::new(name, Some(0.0), 0)
-    };
+    let from_zero = |name: String| Quantity { unknown: true, ..Quantity::new(name, Some(0.0), 0) };
     let scale = from_zero("scale of the diagonals".to_owned());
     let scale = found.setup.add_number(NumberKind::Slope, scale);
     let items = value.items()?;
@@ -355,9 +322,7 @@ pub(crate) fn decode_diagonals(
         let file_value = section.require("file")?;
         let (file, readings) = read_measurement(&file_value, folder, None)?;
         if readings.unit == Some(DeviationUnit::Urad) {
-            return Err(file_value
-                .error("the file holds angles, expected lengths")
-                .into());
+            return Err(file_value.error("the file holds angles, expected lengths").into());
         }
         let [from, to] = ["from", "to"].map(|key| end(&section, key, machine));
         let (from, to) = (from?, to?);
@@ -377,11 +342,7 @@ pub(crate) fn decode_diagonals(
         });
         found.files.push(file);
     }
-    Ok(Diagonals {
-        errors,
-        sources: sources_of(folder, &found.files)?,
-        observations: found,
-    })
+    Ok(Diagonals { errors, sources: sources_of(folder, &found.files)?, observations: found })
 }
 
 /// Start or end of a diagonal, mm or deg by index of the axis.
@@ -411,10 +372,7 @@ fn rows(
         }
     }
     let state_at = |share: f64| -> Result<State, CalibrateError> {
-        let between = from
-            .iter()
-            .zip(to)
-            .map(|(from, to)| from + share * (to - from));
+        let between = from.iter().zip(to).map(|(from, to)| from + share * (to - from));
         let coordinates: Vec<(AxisName, f64)> = names().zip(between).collect();
         Ok(machine.state(&coordinates)?)
     };
@@ -437,9 +395,7 @@ fn rows(
             ))
             .into());
     }
-    let both = Direction::BOTH
-        .iter()
-        .all(|direction| readings.has(*direction));
+    let both = Direction::BOTH.iter().all(|direction| readings.has(*direction));
     let forward = readings.has(Direction::Positive);
     let mut rows = Vec::new();
     for (target, mean_um) in readings.mean_curve() {
@@ -456,10 +412,7 @@ fn rows(
         }
         rows.push(Row {
             line: 0,
-            pose: MachinePose {
-                state,
-                tip_mm: chain.tool_tip_mm(),
-            },
+            pose: MachinePose { state, tip_mm: chain.tool_tip_mm() },
             reading: RowReading::Line {
                 direction,
                 offset,
@@ -501,10 +454,7 @@ pub(crate) fn sources_of(folder: &Path, paths: &[PathBuf]) -> Result<Vec<Source>
     let read = |path: &PathBuf| {
         let name = path.strip_prefix(folder).unwrap_or(path);
         let read = Source::read(&name.display().to_string(), path);
-        read.map_err(|source| CalibrateError::Hash {
-            file: path.clone(),
-            source,
-        })
+        read.map_err(|source| CalibrateError::Hash { file: path.clone(), source })
     };
     paths.iter().map(read).collect()
 }

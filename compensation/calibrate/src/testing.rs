@@ -43,12 +43,7 @@ pub(crate) fn name(error: &str) -> ErrorName {
 pub(crate) fn line(error: &str, reading: impl Fn(f64) -> f64) -> Line {
     let readings = (0..=10).map(|step| {
         let target = 100.0 * f64::from(step);
-        Reading {
-            target,
-            run: 1,
-            direction: Direction::Positive,
-            deviation: reading(target),
-        }
+        Reading { target, run: 1, direction: Direction::Positive, deviation: reading(target) }
     });
     Line {
         setup: Setup {
@@ -62,10 +57,7 @@ pub(crate) fn line(error: &str, reading: impl Fn(f64) -> f64) -> Line {
         file: format!("{error}.csv").into(),
         sources: Vec::new(),
         place: "calibration.toml:1".to_owned(),
-        readings: Measurement {
-            readings: readings.collect(),
-            ..Measurement::default()
-        },
+        readings: Measurement { readings: readings.collect(), ..Measurement::default() },
         curve: Some(CurveChoice::Polynomial { order: 3 }),
         reference_line: ReferenceKind::LeastSquares,
         holds_location: true,

@@ -40,9 +40,7 @@ impl CalibrationFile {
             let shift = uncertainty.square_urad * next(Part::Stated);
             match &mut squareness.source {
                 SquarenessSource::Value(Urad(angle))
-                | SquarenessSource::Slopes {
-                    reference_angle: Urad(angle),
-                } => *angle += shift,
+                | SquarenessSource::Slopes { reference_angle: Urad(angle) } => *angle += shift,
                 // Its rows vary.
                 SquarenessSource::Diagonals => {}
             }
@@ -86,12 +84,7 @@ impl CalibrationFile {
         let mut shifted = self.clone();
         if let Some(line) = shifted.measurements.get_mut(line) {
             let mut shifts = BTreeMap::new();
-            add_runs(
-                &mut shifts,
-                line,
-                |of| if of == run { 1.0 } else { 0.0 },
-                &mut || 0.0,
-            );
+            add_runs(&mut shifts, line, |of| if of == run { 1.0 } else { 0.0 }, &mut || 0.0);
             for reading in &mut line.readings.readings {
                 reading.deviation += shifts.get(&place(reading)).copied().unwrap_or_default();
             }
@@ -143,17 +136,12 @@ impl LineScatter {
         let incomplete = (readings.quantity == Some(Quantity::Straightness))
             .then(|| readings.incomplete_runs())
             .flatten();
-        let degrees = incomplete.map_or(degrees, |of| {
-            degrees.min(of.freedom_of_lines(&Direction::BOTH))
-        });
+        let degrees =
+            incomplete.map_or(degrees, |of| degrees.min(of.freedom_of_lines(&Direction::BOTH)));
         let mut runs = [forward, backward].concat();
         runs.sort_unstable();
         runs.dedup();
-        (degrees > 0).then_some(Self {
-            line,
-            runs,
-            degrees,
-        })
+        (degrees > 0).then_some(Self { line, runs, degrees })
     }
 }
 
@@ -194,23 +182,14 @@ fn vary_observations(observations: &mut Observations, next: &mut impl FnMut() ->
 fn vary_row(row: &mut Row, next: &mut impl FnMut() -> f64) {
     let mut shift = || row.uncertainty_mm * next();
     match &mut row.reading {
-        RowReading::Point { at_mm: seen, .. }
-        | RowReading::Sphere {
-            offset_mm: seen, ..
-        } => {
+        RowReading::Point { at_mm: seen, .. } | RowReading::Sphere { offset_mm: seen, .. } => {
             for number in seen.iter_mut() {
                 *number += shift();
             }
         }
-        RowReading::Distance {
-            length_mm: seen, ..
-        }
-        | RowReading::Pair {
-            length_mm: seen, ..
-        }
-        | RowReading::Line {
-            deviation_mm: seen, ..
-        } => *seen += shift(),
+        RowReading::Distance { length_mm: seen, .. }
+        | RowReading::Pair { length_mm: seen, .. }
+        | RowReading::Line { deviation_mm: seen, .. } => *seen += shift(),
         RowReading::Ball { offset_mm, .. } => {
             for number in offset_mm.iter_mut().flatten() {
                 *number += shift();
@@ -231,11 +210,7 @@ fn key(direction: Direction, target: f64) -> (Direction, u64) {
 
 /// Stated standard uncertainty that is independent between targets, µm or µrad.
 fn independent(line: &Line, uncertainty: &Uncertainty) -> f64 {
-    if line.setup.reads_angles() {
-        uncertainty.reading_urad
-    } else {
-        uncertainty.reading_um
-    }
+    if line.setup.reads_angles() { uncertainty.reading_urad } else { uncertainty.reading_um }
 }
 
 /// Shifts the readings of a target together. One random number per run multiplies its deviations from the means: the
@@ -259,16 +234,10 @@ fn vary(
         *factor = next(Part::Run);
     }
     for (key, shift) in &mut shifts {
-        let scale = if positioning {
-            laser_um_per_m * f64::from_bits(key.1) * 1e-3
-        } else {
-            0.0
-        };
+        let scale = if positioning { laser_um_per_m * f64::from_bits(key.1) * 1e-3 } else { 0.0 };
         *shift = scale + independent * next(Part::Stated);
     }
-    add_runs(&mut shifts, line, |run| factors[&run], &mut || {
-        next(Part::Stated)
-    });
+    add_runs(&mut shifts, line, |run| factors[&run], &mut || next(Part::Stated));
     for reading in &mut line.readings.readings {
         reading.deviation += shifts[&place(reading)];
     }
@@ -286,9 +255,7 @@ fn add_runs(
 ) {
     if let Some(runs) = line.readings.incomplete_runs() {
         // ±1.96 of the pooled scatter are its 95 % band.
-        let widening = runs
-            .scatter()
-            .map_or(1.0, |of| student_widening(of.freedom));
+        let widening = runs.scatter().map_or(1.0, |of| student_widening(of.freedom));
         let sampled = runs.sampled(factor, &mut || widening * next());
         for (direction, sampled) in Direction::BOTH.into_iter().zip(sampled) {
             for (target, shift) in runs.targets(direction).zip(sampled) {
@@ -322,12 +289,7 @@ mod tests {
     #[test]
     fn a_target_at_minus_zero_is_at_zero() {
         let at = |target: f64| {
-            place(&Reading {
-                target,
-                run: 1,
-                direction: Direction::Positive,
-                deviation: 0.0,
-            })
+            place(&Reading { target, run: 1, direction: Direction::Positive, deviation: 0.0 })
         };
         assert_eq!(at(-0.0), at(0.0));
         assert_ne!(at(-1.0), at(1.0));

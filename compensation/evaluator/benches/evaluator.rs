@@ -27,9 +27,7 @@ fn gantry(fit: impl Fn(&[f64], &[f64]) -> Curve) -> Machine {
     for (name, curve) in truth.errors() {
         let own = truth.index_of(name.axis).expect("an axis");
         let [low, high] = truth.axis(name.axis).expect("an axis").travel;
-        let x: Vec<f64> = (0..21)
-            .map(|i| low + (high - low) * f64::from(i) / 20.0)
-            .collect();
+        let x: Vec<f64> = (0..21).map(|i| low + (high - low) * f64::from(i) / 20.0).collect();
         let at = |&x: &f64| {
             let mut coordinates = [0.0; 9];
             coordinates[own] = x;
@@ -37,9 +35,7 @@ fn gantry(fit: impl Fn(&[f64], &[f64]) -> Curve) -> Machine {
         };
         let u: Vec<f64> = x.iter().map(at).collect();
         let fitted = ErrorCurve::Single(Field::Curve(fit(&x, &u)));
-        machine
-            .set_error(name, fitted)
-            .expect("an error of the machine");
+        machine.set_error(name, fitted).expect("an error of the machine");
     }
     machine
 }
@@ -49,9 +45,7 @@ fn mls(x: &[f64], u: &[f64]) -> Curve {
 }
 
 fn polynomial(x: &[f64], u: &[f64]) -> Curve {
-    fit_polynomial(x, u, 6, [x[0], x[20]])
-        .expect("21 targets")
-        .curve
+    fit_polynomial(x, u, 6, [x[0], x[20]]).expect("21 targets").curve
 }
 
 /// A machine with every error: 30 curves of order 6 and 11 location errors.
@@ -97,22 +91,14 @@ fn states(machine: &Machine) -> Vec<State> {
 }
 
 fn workloads() -> [(&'static str, Machine); 3] {
-    [
-        ("gantry_mls", gantry(mls)),
-        ("gantry_poly6", gantry(polynomial)),
-        ("five_axis", five_axis()),
-    ]
+    [("gantry_mls", gantry(mls)), ("gantry_poly6", gantry(polynomial)), ("five_axis", five_axis())]
 }
 
 /// Independent poses (throughput), and a chain in which each pose depends on the previous result (latency).
 fn one_pose(c: &mut Criterion) {
     for (name, machine) in workloads() {
         let compiled = machine.compile(Tolerance::default()).expect("compiles");
-        println!(
-            "{name}: {} pieces, {} bytes",
-            compiled.pieces(),
-            compiled.bytes()
-        );
+        println!("{name}: {} pieces, {} bytes", compiled.pieces(), compiled.bytes());
         let none = Temperatures::new();
         let source = machine.source(&none);
         let states = states(&machine);
@@ -219,12 +205,7 @@ fn correction(c: &mut Criterion) {
     group.bench_function("products_first_order", |b| {
         b.iter(|| {
             for state in &states {
-                black_box(correct(
-                    compiled.chain(),
-                    &compiled,
-                    black_box(state),
-                    &first,
-                ));
+                black_box(correct(compiled.chain(), &compiled, black_box(state), &first));
             }
         });
     });
@@ -239,10 +220,7 @@ fn is_measured() -> bool {
 /// 10⁷ scattered poses: 24 bytes read and 48 written per pose.
 fn scattered(c: &mut Criterion) {
     let count = if is_measured() { 10_000_000 } else { 1000 };
-    for (name, machine) in [
-        ("gantry_mls", gantry(mls)),
-        ("gantry_poly6", gantry(polynomial)),
-    ] {
+    for (name, machine) in [("gantry_mls", gantry(mls)), ("gantry_poly6", gantry(polynomial))] {
         let compiled = machine.compile(Tolerance::default()).expect("compiles");
         let mut rng = ChaCha8Rng::seed_from_u64(3);
         let poses: Vec<f64> = (0..count)
@@ -281,10 +259,7 @@ fn scattered(c: &mut Criterion) {
 
 fn one_by_one(compiled: &CompiledMachine, poses: &[f64], errors: &mut [[f64; 6]]) {
     for (pose, error) in poses.as_chunks::<3>().0.iter().zip(errors) {
-        let state = State {
-            q: PerAxis::leading(*pose),
-            ..State::default()
-        };
+        let state = State { q: PerAxis::leading(*pose), ..State::default() };
         let found = compiled.evaluate(&state);
         error[..3].copy_from_slice(&found.position_mm);
         error[3..].copy_from_slice(&found.rotation_rad);
@@ -296,9 +271,7 @@ fn grid(c: &mut Criterion) {
     let machine = gantry(mls);
     let compiled = machine.compile(Tolerance::default()).expect("compiles");
     let nodes = |count: u32, travel: f64| -> Vec<f64> {
-        (0..count)
-            .map(|i| travel * f64::from(i) / f64::from(count - 1))
-            .collect()
+        (0..count).map(|i| travel * f64::from(i) / f64::from(count - 1)).collect()
     };
     let count = if is_measured() { 203 } else { 20 };
     let axes = [
@@ -306,15 +279,11 @@ fn grid(c: &mut Criterion) {
         (AxisName::Y, nodes(count, 4000.0)),
         (AxisName::Z, nodes(count, 2500.0)),
     ];
-    let grid = compiled
-        .linear_grid(&axes, &State::default())
-        .expect("three linear axes");
+    let grid = compiled.linear_grid(&axes, &State::default()).expect("three linear axes");
     let mut errors = vec![1.0_f64; grid.len() * 6];
     let mut group = c.benchmark_group("grid");
     group.throughput(Throughput::Bytes(8 * errors.len() as u64));
-    group
-        .sample_size(10)
-        .measurement_time(Duration::from_secs(8));
+    group.sample_size(10).measurement_time(Duration::from_secs(8));
     group.bench_function("fill_one_core", |b| {
         b.iter(|| grid.fill_rows(0, black_box(&mut errors)));
     });

@@ -17,10 +17,7 @@ fn at_a_desk() -> Result<Vec<u8>, Box<dyn std::error::Error>> {
         .axis(AxisName::X, x)?
         .axis(AxisName::Y, AxisParts::without_errors(travel))?
         .axis(AxisName::Z, AxisParts::without_errors(travel))?
-        .location(
-            "EC0Y".parse()?,
-            Displacement::from_micro(AxisKind::Rotary, 30.0),
-        )?;
+        .location("EC0Y".parse()?, Displacement::from_micro(AxisKind::Rotary, 30.0))?;
     Ok(CompiledMachine::new(parts, Tolerance::default())?.to_blob())
 }
 

@@ -44,12 +44,7 @@ impl CompiledMachine {
         approach: PerAxis<Option<Direction>>,
         errors: &mut [[f64; 6]],
     ) {
-        Arch::new().dispatch(Batch {
-            machine: self,
-            poses,
-            approach,
-            errors,
-        });
+        Arch::new().dispatch(Batch { machine: self, poses, approach, errors });
     }
 
     /// Evaluates scattered poses on all cores.
@@ -98,10 +93,7 @@ impl WithSimd for Batch<'_> {
             return;
         }
         let stride = axes.len().max(1);
-        let mut state = State {
-            approach,
-            ..State::default()
-        };
+        let mut state = State { approach, ..State::default() };
         for (pose, error) in self.poses.chunks_exact(stride).zip(self.errors) {
             state.q[..stride].copy_from_slice(pose);
             *error = machine.evaluate_with(&state, registers).into_six();

@@ -39,10 +39,7 @@ impl CompiledMachine {
         put(&mut body, self.chain.tool_tip_mm().iter());
         put(&mut body, self.chain.tool_axis().iter());
         put(&mut body, self.chain.workpiece_origin_mm().iter());
-        put(
-            &mut body,
-            &[self.tolerance.linear_mm, self.tolerance.angular_rad],
-        );
+        put(&mut body, &[self.tolerance.linear_mm, self.tolerance.angular_rad]);
         for (index, axis) in self.axes.iter().enumerate() {
             put_axis(&mut body, self, index, axis);
         }
@@ -56,22 +53,13 @@ impl CompiledMachine {
         put_count(&mut body, self.may_move.len());
         for name in &self.may_move {
             // Cannot fail: every axis that may move is one of the chain.
-            put_count(
-                &mut body,
-                self.chain.structure().index_of(*name).unwrap_or(0),
-            );
+            put_count(&mut body, self.chain.structure().index_of(*name).unwrap_or(0));
         }
         for axis in &self.axes {
-            put(
-                &mut body,
-                axis.thermal.at_tip.iter().chain(&axis.thermal.slope_mm),
-            );
+            put(&mut body, axis.thermal.at_tip.iter().chain(&axis.thermal.slope_mm));
         }
         for axis in &self.axes {
-            put_count(
-                &mut body,
-                usize::from(axis.joint.motion_frame == MotionFrame::Turning),
-            );
+            put_count(&mut body, usize::from(axis.joint.motion_frame == MotionFrame::Turning));
         }
         let mut blob = Vec::with_capacity(HEAD + body.len());
         blob.extend(MAGIC);
@@ -92,11 +80,7 @@ impl CompiledMachine {
         }
         let version = u32::from_le_bytes([head[8], head[9], head[10], head[11]]);
         if !(OLDEST_VERSION..=BLOB_VERSION).contains(&version) {
-            return Err(BlobError::Version {
-                found: version,
-                expected: BLOB_VERSION,
-            }
-            .into());
+            return Err(BlobError::Version { found: version, expected: BLOB_VERSION }.into());
         }
         if Sha256::digest(body)[..] != head[12..] {
             return Err(BlobError::Checksum.into());
@@ -116,20 +100,11 @@ fn put_count(body: &mut Vec<u8>, count: usize) {
 }
 
 fn put_motion(body: &mut Vec<u8>, motion: &ErrorMotion) {
-    put(
-        body,
-        motion.linear_mm.iter().chain(motion.angular_rad.iter()),
-    );
+    put(body, motion.linear_mm.iter().chain(motion.angular_rad.iter()));
 }
 
 fn put_axis(body: &mut Vec<u8>, machine: &CompiledMachine, index: usize, axis: &CompiledAxis) {
-    put(
-        body,
-        axis.joint
-            .direction
-            .iter()
-            .chain(axis.joint.point_mm.iter()),
-    );
+    put(body, axis.joint.direction.iter().chain(axis.joint.point_mm.iter()));
     put_motion(body, &machine.location[index]);
     put_motion(body, &machine.assembly[index]);
     // A period of 0 means no modulo.
@@ -151,10 +126,7 @@ fn put_axis(body: &mut Vec<u8>, machine: &CompiledMachine, index: usize, axis: &
         }
     }
     put_count(body, axis.patches.len());
-    for CompiledPatch {
-        patch, looked_at, ..
-    } in &axis.patches
-    {
+    for CompiledPatch { patch, looked_at, .. } in &axis.patches {
         put_count(body, patch.component.index());
         put(body, &patch.weights);
         for (axis, nodes) in looked_at.iter().zip(&patch.nodes) {
@@ -176,10 +148,7 @@ struct Reader<'a> {
 
 impl Reader<'_> {
     fn bytes<const N: usize>(&mut self) -> Result<[u8; N], BlobError> {
-        let (first, rest) = self
-            .body
-            .split_first_chunk::<N>()
-            .ok_or(BlobError::CutOff)?;
+        let (first, rest) = self.body.split_first_chunk::<N>().ok_or(BlobError::CutOff)?;
         self.body = rest;
         Ok(*first)
     }
@@ -204,35 +173,27 @@ impl Reader<'_> {
 
     fn count(&mut self, most: usize, what: &'static str) -> Result<usize, BlobError> {
         let found = u64::from_le_bytes(self.bytes()?);
-        usize::try_from(found)
-            .ok()
-            .filter(|count| *count <= most)
-            .ok_or(BlobError::TooMany { what, found, most })
+        usize::try_from(found).ok().filter(|count| *count <= most).ok_or(BlobError::TooMany {
+            what,
+            found,
+            most,
+        })
     }
 
     fn component(&mut self) -> Result<Component, BlobError> {
         let index = self.count(LANES - 1, "as a component")?;
-        Component::ALL
-            .get(index)
-            .copied()
-            .ok_or_else(|| senseless("no component"))
+        Component::ALL.get(index).copied().ok_or_else(|| senseless("no component"))
     }
 
     fn motion(&mut self) -> Result<ErrorMotion, BlobError> {
         let [x, y, z, a, b, c] = self.numbers()?;
-        Ok(ErrorMotion {
-            linear_mm: Vector3::new(x, y, z),
-            angular_rad: Vector3::new(a, b, c),
-        })
+        Ok(ErrorMotion { linear_mm: Vector3::new(x, y, z), angular_rad: Vector3::new(a, b, c) })
     }
 }
 
 fn read_machine(reader: &mut Reader<'_>, version: u32) -> Result<CompiledMachine, EvaluatorError> {
     let length = reader.count(100, "letters of structure")?;
-    let (text, rest) = reader
-        .body
-        .split_at_checked(length)
-        .ok_or(BlobError::CutOff)?;
+    let (text, rest) = reader.body.split_at_checked(length).ok_or(BlobError::CutOff)?;
     reader.body = rest;
     let structure: Structure = core::str::from_utf8(text)
         .ok()
@@ -242,16 +203,12 @@ fn read_machine(reader: &mut Reader<'_>, version: u32) -> Result<CompiledMachine
     let (tip, tool_axis, origin) = (reader.numbers()?, reader.numbers()?, reader.numbers()?);
     let [linear_mm, angular_rad] = reader.numbers()?;
     chain.set_tool(tip, tool_axis).map_err(BlobError::Chain)?;
-    chain
-        .set_workpiece_origin(origin)
-        .map_err(BlobError::Chain)?;
+    chain.set_workpiece_origin(origin).map_err(BlobError::Chain)?;
     let (mut axes, mut location, mut assembly) =
         (Vec::new(), PerAxis::default(), PerAxis::default());
     for (index, &name) in structure.axes().iter().enumerate() {
         let (direction, point) = (reader.numbers()?, reader.numbers()?);
-        chain
-            .set_direction(name, direction)
-            .map_err(BlobError::Chain)?;
+        chain.set_direction(name, direction).map_err(BlobError::Chain)?;
         chain.set_point(name, point).map_err(BlobError::Chain)?;
         (location[index], assembly[index]) = (reader.motion()?, reader.motion()?);
         axes.push(read_axis(reader, name, &structure)?);
@@ -274,26 +231,18 @@ fn read_machine(reader: &mut Reader<'_>, version: u32) -> Result<CompiledMachine
     let mut thermal = Vec::new();
     // Version 2 has no thermal offsets.
     for _ in structure.axes().iter().filter(|_| version >= 3) {
-        thermal.push(Thermal {
-            at_tip: reader.numbers()?,
-            slope_mm: reader.numbers()?,
-        });
+        thermal.push(Thermal { at_tip: reader.numbers()?, slope_mm: reader.numbers()? });
     }
     // Versions 2 and 3 have no motion frames.
     for &name in structure.axes().iter().filter(|_| version >= 4) {
         if reader.count(1, "as a motion frame")? == 1 {
-            chain
-                .set_motion_frame(name, MotionFrame::Turning)
-                .map_err(BlobError::Chain)?;
+            chain.set_motion_frame(name, MotionFrame::Turning).map_err(BlobError::Chain)?;
         }
     }
     if !reader.body.is_empty() {
         return Err(BlobError::TooLong.into());
     }
-    let tolerance = Tolerance {
-        linear_mm,
-        angular_rad,
-    };
+    let tolerance = Tolerance { linear_mm, angular_rad };
     let frame = Frame::new(chain, &location, &assembly, tolerance);
     let mut machine = CompiledMachine::from_tables(frame, axes, ranges);
     machine.set_correctors(&moved)?;
@@ -317,13 +266,9 @@ fn read_axis(
     if count != 1 && count != 3 {
         return Err(senseless("another number of tables than one or three"));
     }
-    let tables = (0..count)
-        .map(|_| read_table(reader))
-        .collect::<Result<_, _>>()?;
+    let tables = (0..count).map(|_| read_table(reader)).collect::<Result<_, _>>()?;
     let count = reader.count(MAX_NODES, "patches")?;
-    let patches = (0..count)
-        .map(|_| read_patch(reader, structure))
-        .collect::<Result<_, _>>()?;
+    let patches = (0..count).map(|_| read_patch(reader, structure)).collect::<Result<_, _>>()?;
     Ok(AxisTables {
         travel: [low, high],
         modulo: (period > 0.0).then_some(period),

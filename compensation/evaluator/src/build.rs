@@ -61,12 +61,7 @@ impl CompiledMachine {
                 return Err(EvaluatorError::Tolerance { found });
             }
         }
-        let MachineParts {
-            chain,
-            axes: stated,
-            location,
-            assembly,
-        } = parts;
+        let MachineParts { chain, axes: stated, location, assembly } = parts;
         let structure = chain.structure().clone();
         let frame = Frame::new(chain, &location, &assembly, tolerance);
         let (mut axes, mut ranges) = (Vec::new(), Vec::new());
@@ -135,11 +130,7 @@ impl AxisTables {
         slide: &Vector3<f64>,
         tables: &mut Tables,
     ) -> CompiledAxis {
-        let heads: Vec<Head> = self
-            .tables
-            .iter()
-            .map(|pieces| tables.add(pieces))
-            .collect();
+        let heads: Vec<Head> = self.tables.iter().map(|pieces| tables.add(pieces)).collect();
         // `tables` and a blob have one or three tables.
         let (branches, heads) = match heads[..] {
             [forward, backward, mean] => (Branches::Three, [forward, backward, mean]),

@@ -154,16 +154,8 @@ impl CompiledMachine {
         let mut range = [[f64::INFINITY, f64::NEG_INFINITY]; LANES];
         let last = pieces.len().saturating_sub(1);
         for (place, piece) in pieces.iter().enumerate() {
-            let start = if place == 0 {
-                f64::NEG_INFINITY
-            } else {
-                piece.start()
-            };
-            let end = if place == last {
-                f64::INFINITY
-            } else {
-                piece.end()
-            };
+            let start = if place == 0 { f64::NEG_INFINITY } else { piece.start() };
+            let end = if place == last { f64::INFINITY } else { piece.end() };
             if is_whole || (start < high && end > low) {
                 let within = if is_whole {
                     [piece.start(), piece.end()]

@@ -133,12 +133,7 @@ impl CompiledMachine {
             };
             let columns = linear_columns(correctors, column);
             take_position(correctors, &columns.solved(), &position, &mut delta);
-            return FirstOrder {
-                error,
-                delta,
-                tool_axis_partial: true,
-                near_singular: false,
-            };
+            return FirstOrder { error, delta, tool_axis_partial: true, near_singular: false };
         }
         let mut levers = RotaryLevers([None; MAX_AXES]);
         let error = self.walk::<PATCHED>(state, registers, &mut levers);
@@ -151,12 +146,7 @@ impl CompiledMachine {
         }
         let columns = linear_columns(correctors, |index| directions.axes[index]);
         take_position(correctors, &columns.solved(), &position, &mut delta);
-        FirstOrder {
-            error,
-            delta,
-            tool_axis_partial,
-            near_singular,
-        }
+        FirstOrder { error, delta, tool_axis_partial, near_singular }
     }
 
     #[inline(always)]
@@ -183,12 +173,7 @@ impl CompiledMachine {
             };
             let columns = linear_columns(correctors, column);
             let position = Vector3::from(parts.error.position_mm);
-            take_position(
-                correctors,
-                &columns.solved(),
-                &position,
-                &mut parts.position,
-            );
+            take_position(correctors, &columns.solved(), &position, &mut parts.position);
             return parts;
         }
         let mut levers = RotaryLevers([None; MAX_AXES]);
@@ -224,11 +209,7 @@ impl CompiledMachine {
                 frame *= turn.matrix(registers);
             }
         }
-        Directions {
-            axes,
-            arms_mm,
-            tool_axis: frame * self.chain.tool_axis(),
-        }
+        Directions { axes, arms_mm, tool_axis: frame * self.chain.tool_axis() }
     }
 
     /// Upper bound of the lever from any joint to the tip over the travels, mm.

@@ -33,19 +33,12 @@ pub enum EvaluatorError {
     Tolerance { found: f64 },
     /// An invalid part of an axis.
     #[error("axis {axis}: {what}: expected {expected}")]
-    Axis {
-        axis: AxisName,
-        what: &'static str,
-        expected: &'static str,
-    },
+    Axis { axis: AxisName, what: &'static str, expected: &'static str },
     #[error(
         "found coordinates in the order {}, expected the chain order of `{structure}`",
         names(found)
     )]
-    AxisOrder {
-        found: Vec<AxisName>,
-        structure: Structure,
-    },
+    AxisOrder { found: Vec<AxisName>, structure: Structure },
     #[error("axis {axis} of the chain was not added, expected every axis once")]
     MissingAxis { axis: AxisName },
     #[error(
@@ -83,11 +76,7 @@ pub enum BlobError {
     #[error("found a number that is not finite")]
     NotFinite,
     #[error("found {found} {what}, expected {most} at most")]
-    TooMany {
-        what: &'static str,
-        found: u64,
-        most: usize,
-    },
+    TooMany { what: &'static str, found: u64, most: usize },
     /// An invalid part of the machine.
     #[error("found {found}")]
     Content { found: &'static str },
@@ -104,8 +93,5 @@ fn expected(fitting_nm: Option<f64>) -> String {
 }
 
 pub(crate) fn no_axis(chain: &Chain, axis: AxisName) -> EvaluatorError {
-    EvaluatorError::Chain(ChainError::NoSuchAxis {
-        axis,
-        structure: chain.structure().clone(),
-    })
+    EvaluatorError::Chain(ChainError::NoSuchAxis { axis, structure: chain.structure().clone() })
 }

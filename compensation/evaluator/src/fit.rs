@@ -77,8 +77,7 @@ pub(crate) struct CurveFit<'a> {
 
 impl CurveFit<'_> {
     pub(crate) fn fit(&self) -> Result<Vec<Piece>, EvaluatorError> {
-        self.pieces(None, self.tolerance)
-            .map_err(|failure| self.refused(failure))
+        self.pieces(None, self.tolerance).map_err(|failure| self.refused(failure))
     }
 
     /// The pieces of all components, or of a single one; displacements at the tool tip.
@@ -94,9 +93,7 @@ impl CurveFit<'_> {
             let carried = error.angular_rad.cross(&self.arm_mm);
             let linear = error.linear_mm + carried + self.constant.linear_mm;
             let angular = error.angular_rad + self.constant.angular_rad;
-            [
-                linear.x, linear.y, linear.z, angular.x, angular.y, angular.z,
-            ]
+            [linear.x, linear.y, linear.z, angular.x, angular.y, angular.z]
         };
         let counted = |lane: usize| alone.is_none_or(|alone| alone == lane);
         let lanes = (0..LANES).filter(|lane| counted(*lane));
@@ -118,11 +115,7 @@ impl CurveFit<'_> {
         let tolerance_nm = self.tolerance.linear_mm * 1e6;
         let tried = (1..=9).map(|power| tolerance_nm * libm::pow(10.0, f64::from(power)));
         let fits = |nm: &f64| self.pieces(None, Tolerance::from_nm(*nm)).is_ok();
-        EvaluatorError::TooLarge {
-            curve,
-            tolerance_nm,
-            fitting_nm: tried.into_iter().find(fits),
-        }
+        EvaluatorError::TooLarge { curve, tolerance_nm, fitting_nm: tried.into_iter().find(fits) }
     }
 }
 

@@ -74,13 +74,7 @@ pub(crate) fn fold(
             between[gap - 1] = *held;
         }
     }
-    Folded {
-        tool_end,
-        between,
-        workpiece_end,
-        constant,
-        slide,
-    }
+    Folded { tool_end, between, workpiece_end, constant, slide }
 }
 
 /// The motion with its displacement taken at the end of `arm_mm`.

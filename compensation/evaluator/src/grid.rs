@@ -38,10 +38,8 @@ impl CompiledMachine {
     /// nodes, or for a machine with errors over two coordinates.
     pub fn linear_grid(&self, grid: &[(AxisName, Vec<f64>)], held: &State) -> Option<LinearGrid> {
         let place = |axis: AxisName| self.chain.structure().index_of(axis);
-        let grid: Vec<(usize, &Vec<f64>)> = grid
-            .iter()
-            .map(|(axis, nodes)| Some((place(*axis)?, nodes)))
-            .collect::<Option<_>>()?;
+        let grid: Vec<(usize, &Vec<f64>)> =
+            grid.iter().map(|(axis, nodes)| Some((place(*axis)?, nodes))).collect::<Option<_>>()?;
         let fits = (1..=3).contains(&grid.len())
             && grid.windows(2).all(|pair| pair[0].0 < pair[1].0)
             && grid.iter().all(|(index, nodes)| {
@@ -128,11 +126,7 @@ impl LinearGrid {
 
     /// Fills `errors` with ΔP (mm) and ρ (rad) of the rows from `first_row` on, as many whole rows as it holds, on one core.
     pub fn fill_rows(&self, first_row: usize, errors: &mut [f64]) {
-        Arch::new().dispatch(Rows {
-            grid: self,
-            first_row,
-            errors,
-        });
+        Arch::new().dispatch(Rows { grid: self, first_row, errors });
     }
 
     /// Fills `errors` (six numbers per node) with the whole grid, on all cores.

@@ -27,10 +27,7 @@ pub(crate) struct Uniform {
 
 impl Uniform {
     /// Adds the cells of ascending breakpoints, at least one; intervals are counted from `first_interval`.
-    #[expect(
-        clippy::cast_possible_truncation,
-        reason = "breakpoints are counted in thousands"
-    )]
+    #[expect(clippy::cast_possible_truncation, reason = "breakpoints are counted in thousands")]
     pub(crate) fn add(cells: &mut Vec<Cell>, breakpoints: &[f64], first_interval: usize) -> Self {
         let from = cells.len();
         let (low, high) = (breakpoints[0], breakpoints[breakpoints.len() - 1]);
@@ -41,12 +38,7 @@ impl Uniform {
         } else {
             (0.0, 0.0)
         };
-        let uniform = Self {
-            low,
-            cells_per_unit,
-            last,
-            to_cell: TO_INTEGER + from as f64,
-        };
+        let uniform = Self { low, cells_per_unit, last, to_cell: TO_INTEGER + from as f64 };
         let place = |x: &f64| (uniform.cell(*x) - from, *x);
         let mut places = breakpoints.iter().map(place).peekable();
         let mut first = first_interval as u32;
@@ -76,11 +68,7 @@ impl Uniform {
 }
 
 /// Cell width for at most one breakpoint per cell, within the maximum number of cells.
-#[expect(
-    clippy::cast_possible_truncation,
-    clippy::cast_sign_loss,
-    reason = "capped"
-)]
+#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "capped")]
 fn cells_for(breakpoints: &[f64]) -> usize {
     let widths = breakpoints.windows(2).map(|pair| pair[1] - pair[0]);
     let narrowest = widths.fold(f64::INFINITY, f64::min);

@@ -113,10 +113,8 @@ impl CompiledMachine {
         };
         let (tilt, arm_mm) = (offset.angular_rad, axis.arm_mm);
         let at_tip = offset.linear_mm + tilt.cross(&arm_mm);
-        axis.thermal = Thermal {
-            at_tip: [at_tip.x, at_tip.y, at_tip.z, tilt.x, tilt.y, tilt.z],
-            slope_mm,
-        };
+        axis.thermal =
+            Thermal { at_tip: [at_tip.x, at_tip.y, at_tip.z, tilt.x, tilt.y, tilt.z], slope_mm };
         self.choose_path();
     }
 
@@ -157,10 +155,7 @@ impl CompiledMachine {
                 outside |= 1 << (range.axis * LANES + range.component.index());
             }
         }
-        OutsideRange {
-            names: self.chain.structure().axes(),
-            outside,
-        }
+        OutsideRange { names: self.chain.structure().axes(), outside }
     }
 }
 
@@ -219,13 +214,7 @@ impl CompiledAxis {
         let [low, high] = self.travel.map(libm::fabs);
         let slope = Vector3::from(self.thermal.slope_mm).norm() * low.max(high);
         let [x, y, z, a, b, c] = self.thermal.at_tip;
-        let thermal = [
-            Vector3::new(x, y, z).norm() + slope,
-            Vector3::new(a, b, c).norm(),
-        ];
-        [
-            self.bounds.linear_mm + thermal[0],
-            self.bounds.angular_rad + thermal[1],
-        ]
+        let thermal = [Vector3::new(x, y, z).norm() + slope, Vector3::new(a, b, c).norm()];
+        [self.bounds.linear_mm + thermal[0], self.bounds.angular_rad + thermal[1]]
     }
 }

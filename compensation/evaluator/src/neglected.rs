@@ -31,17 +31,11 @@ impl CompiledMachine {
         let mut axes = ArrayVec::new();
         for (index, axis) in self.axes.iter().enumerate().take(MAX_AXES) {
             let is_rotary = axis.joint.kind == AxisKind::Rotary;
-            let per_unit = if is_rotary {
-                180.0 / core::f64::consts::PI
-            } else {
-                1.0
-            };
+            let per_unit = if is_rotary { 180.0 / core::f64::consts::PI } else { 1.0 };
             let slopes = |angular: bool| -> f64 {
                 let components = Component::ALL.into_iter();
                 let components = components.filter(|component| component.is_angular() == angular);
-                components
-                    .map(|component| axis.slope_bound(component) * per_unit)
-                    .sum()
+                components.map(|component| axis.slope_bound(component) * per_unit).sum()
             };
             let (linear, angular) = (slopes(false), slopes(true));
             let [linear_mm, angular_rad] = axis.size_bounds();
@@ -54,11 +48,7 @@ impl CompiledMachine {
                 linear_mm,
             });
         }
-        Neglected {
-            axes,
-            tilts,
-            reach_mm,
-        }
+        Neglected { axes, tilts, reach_mm }
     }
 }
 

@@ -28,18 +28,11 @@ impl Default for Tolerance {
 impl Tolerance {
     /// A tolerance of `nm` nanometres for displacements and `nm` nanoradians for rotations.
     pub fn from_nm(nm: f64) -> Self {
-        Self {
-            linear_mm: nm * 1e-6,
-            angular_rad: nm * 1e-9,
-        }
+        Self { linear_mm: nm * 1e-6, angular_rad: nm * 1e-9 }
     }
 
     pub(crate) fn lane(&self, lane: usize) -> f64 {
-        if lane < 3 {
-            self.linear_mm
-        } else {
-            self.angular_rad
-        }
+        if lane < 3 { self.linear_mm } else { self.angular_rad }
     }
 }
 
@@ -164,22 +157,12 @@ impl<'a> AxisParts<'a> {
     /// States outside are reported by [`CompiledMachine::outside_range`](crate::CompiledMachine::outside_range).
     #[must_use]
     pub fn range(mut self, component: Component, looked_at: AxisName, domain: [f64; 2]) -> Self {
-        self.ranges.push(StatedRange {
-            component,
-            looked_at,
-            domain,
-        });
+        self.ranges.push(StatedRange { component, looked_at, domain });
         self
     }
 
     fn check(&self, chain: &Chain, axis: AxisName) -> Result<(), EvaluatorError> {
-        let wrong = |what, expected| {
-            Err(EvaluatorError::Axis {
-                axis,
-                what,
-                expected,
-            })
-        };
+        let wrong = |what, expected| Err(EvaluatorError::Axis { axis, what, expected });
         let [low, high] = self.travel.map(Displacement::mm_or_deg);
         if self.travel.iter().any(|end| end.kind() != axis.kind()) {
             return wrong(
@@ -206,10 +189,7 @@ impl<'a> AxisParts<'a> {
         }
         let known = |name: AxisName| chain.structure().index_of(name).is_some();
         let ranges = self.ranges.iter();
-        for StatedRange {
-            looked_at, domain, ..
-        } in ranges
-        {
+        for StatedRange { looked_at, domain, .. } in ranges {
             if !known(*looked_at) {
                 return Err(no_axis(chain, *looked_at));
             }
@@ -265,11 +245,7 @@ impl<'a> MachineParts<'a> {
         parts.check(&self.chain, axis)?;
         // A chain index is below MAX_AXES.
         if self.axes[index].replace(parts).is_some() {
-            return Err(EvaluatorError::Axis {
-                axis,
-                what: "axis",
-                expected: "each axis once",
-            });
+            return Err(EvaluatorError::Axis { axis, what: "axis", expected: "each axis once" });
         }
         Ok(self)
     }
@@ -291,11 +267,7 @@ impl<'a> MachineParts<'a> {
             return Err(EvaluatorError::Location { name });
         }
         let motion = &mut self.location[index];
-        let vector = if angle {
-            &mut motion.angular_rad
-        } else {
-            &mut motion.linear_mm
-        };
+        let vector = if angle { &mut motion.angular_rad } else { &mut motion.linear_mm };
         vector[name.component.mcs_index()] = value.mm_or_rad();
         Ok(self)
     }

@@ -48,11 +48,7 @@ impl CompiledPatch {
     /// Creates the compiled form of a checked `patch`; `looked_at` are the chain indices of its
     /// axes.
     pub(crate) fn new(patch: Patch, looked_at: [usize; 2]) -> Self {
-        Self {
-            looked_at,
-            places: patch.nodes.each_ref().map(|nodes| Places::new(nodes)),
-            patch,
-        }
+        Self { looked_at, places: patch.nodes.each_ref().map(|nodes| Places::new(nodes)), patch }
     }
 
     pub(crate) fn value(&self, at: [f64; 2]) -> f64 {
@@ -60,11 +56,7 @@ impl CompiledPatch {
         let (j, t) = self.places[1].place(at[1]);
         let columns = self.patch.nodes[1].len();
         // A single node along an axis is its own neighbour.
-        let down = if self.patch.nodes[0].len() > 1 {
-            columns
-        } else {
-            0
-        };
+        let down = if self.patch.nodes[0].len() > 1 { columns } else { 0 };
         let right = usize::from(columns > 1);
         let from = i * columns + j;
         let node = |place: usize| self.patch.values.get(place).copied().unwrap_or(0.0);
@@ -99,15 +91,9 @@ impl Places {
         }
         let mut cells = Vec::new();
         // Breakpoints of the index are the nodes between segments; without any, a dummy that changes nothing.
-        let inner = nodes
-            .get(1..nodes.len() - 1)
-            .filter(|inner| !inner.is_empty());
+        let inner = nodes.get(1..nodes.len() - 1).filter(|inner| !inner.is_empty());
         let index = Uniform::add(&mut cells, inner.unwrap_or(&[f64::MAX]), 0);
-        Self {
-            index,
-            cells,
-            segments,
-        }
+        Self { index, cells, segments }
     }
 
     /// The segment of a coordinate and the position in it, 0 to 1; NaN stays NaN.
@@ -115,11 +101,7 @@ impl Places {
         let cell = &self.cells[self.index.cell(x)];
         let mut place = cell.first as usize + usize::from(x >= cell.split);
         for _ in 0..cell.more {
-            place += usize::from(
-                self.segments
-                    .get(place + 1)
-                    .is_some_and(|next| x >= next[0]),
-            );
+            place += usize::from(self.segments.get(place + 1).is_some_and(|next| x >= next[0]));
         }
         let place = place.min(self.segments.len() - 1);
         let [start, per_length] = self.segments[place];

@@ -33,10 +33,7 @@ impl CompiledMachine {
             let axis = self.axes.get(index);
             axis.map_or(Vector3::zeros(), |axis| axis.joint.direction)
         });
-        Some(Slides {
-            correctors: self.correctors.clone(),
-            shares: columns.solved(),
-        })
+        Some(Slides { correctors: self.correctors.clone(), shares: columns.solved() })
     }
 }
 
@@ -66,11 +63,7 @@ impl Slides {
         // If an error grows as fast as its coordinate, the second step is almost zero.
         let size =
             |delta: &PerAxis<f64>| delta.iter().fold(0.0, |most, d| libm::fabs(*d).max(most));
-        if size(&second) < 0.5 * size(&first) {
-            first
-        } else {
-            second
-        }
+        if size(&second) < 0.5 * size(&first) { first } else { second }
     }
 
     /// The correction of an error, as in [`CompiledMachine::first_order`]: mm in chain order.

@@ -155,10 +155,7 @@ impl<S: pulp::Simd> Registers for Wide<S> {
 impl Tables {
     /// Adds a table from its pieces, at least two, each beginning where the previous one ends; the first and the last are points from which
     /// they extend to infinity.
-    #[expect(
-        clippy::cast_possible_truncation,
-        reason = "4096 pieces a table at most"
-    )]
+    #[expect(clippy::cast_possible_truncation, reason = "4096 pieces a table at most")]
     pub(crate) fn add(&mut self, pieces: &[Piece]) -> Head {
         let breakpoints: Vec<f64> = pieces[1..].iter().map(Piece::start).collect();
         let from_piece = self.pieces.len();

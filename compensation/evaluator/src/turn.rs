@@ -84,10 +84,7 @@ impl Turn {
 /// Rotates a vector of a plane from its first axis towards its second.
 #[inline(always)]
 fn in_plane(registers: impl Registers, sin: f64, cos: f64, u: f64, v: f64) -> (f64, f64) {
-    (
-        registers.mul_add(cos, u, -(sin * v)),
-        registers.mul_add(sin, u, cos * v),
-    )
+    (registers.mul_add(cos, u, -(sin * v)), registers.mul_add(sin, u, cos * v))
 }
 
 /// Maximum angle for which the reduction below is accurate to the last digits.
@@ -113,40 +110,17 @@ pub(crate) fn sin_cos<R: Registers>(registers: R, q_rad: f64) -> (f64, f64) {
     let fma = R::mul_add;
     let k = registers;
     let s = fma(k, z, 1.589_690_995_211_55e-10, -2.505_076_025_340_686_3e-8);
-    let s = fma(
-        k,
-        z,
-        fma(k, z, s, 2.755_731_370_707_006_8e-6),
-        -1.984_126_982_985_795e-4,
-    );
-    let s = fma(
-        k,
-        z,
-        fma(k, z, s, 8.333_333_333_322_49e-3),
-        -1.666_666_666_666_663_2e-1,
-    );
+    let s = fma(k, z, fma(k, z, s, 2.755_731_370_707_006_8e-6), -1.984_126_982_985_795e-4);
+    let s = fma(k, z, fma(k, z, s, 8.333_333_333_322_49e-3), -1.666_666_666_666_663_2e-1);
     let c = fma(k, z, -1.135_964_755_778_819_5e-11, 2.087_572_321_298_175e-9);
-    let c = fma(
-        k,
-        z,
-        fma(k, z, c, -2.755_731_435_139_066_3e-7),
-        2.480_158_728_947_673e-5,
-    );
-    let c = fma(
-        k,
-        z,
-        fma(k, z, c, -1.388_888_888_887_411e-3),
-        4.166_666_666_666_66e-2,
-    );
+    let c = fma(k, z, fma(k, z, c, -2.755_731_435_139_066_3e-7), 2.480_158_728_947_673e-5);
+    let c = fma(k, z, fma(k, z, c, -1.388_888_888_887_411e-3), 4.166_666_666_666_66e-2);
     let (s, c) = (fma(k, r * z, s, r), fma(k, z * z, c, fma(k, z, -0.5, 1.0)));
     // The last two bits count the quarter turns.
     let bits = shifted.to_bits();
     let (sin, cos) = if bits & 1 == 0 { (s, c) } else { (c, s) };
     let sign = |bit: u64| bit << 62 & 1 << 63;
-    (
-        f64::from_bits(sin.to_bits() ^ sign(bits)),
-        f64::from_bits(cos.to_bits() ^ sign(bits + 1)),
-    )
+    (f64::from_bits(sin.to_bits() ^ sign(bits)), f64::from_bits(cos.to_bits() ^ sign(bits + 1)))
 }
 
 #[cfg(test)]

@@ -70,9 +70,7 @@ impl<R: Registers> Tip<R> {
         let [linear, angular] = self.motion();
         let lever = self.from_zero + arm_mm;
         let [linear, angular, turned] = turn.apply(self.registers, [linear, angular, lever]);
-        self.errors = [
-            linear.x, linear.y, linear.z, angular.x, angular.y, angular.z, 0.0, 0.0,
-        ];
+        self.errors = [linear.x, linear.y, linear.z, angular.x, angular.y, angular.z, 0.0, 0.0];
         self.carried = Vector3::zeros();
         self.from_zero = turned - arm_mm;
         turned
@@ -185,9 +183,6 @@ impl<R: Registers> From<Tip<R>> for Evaluation {
     #[inline(always)]
     fn from(tip: Tip<R>) -> Self {
         let [linear, angular] = tip.motion();
-        Self {
-            position_mm: linear.into(),
-            rotation_rad: angular.into(),
-        }
+        Self { position_mm: linear.into(), rotation_rad: angular.into() }
     }
 }

@@ -45,26 +45,17 @@ fn main() -> Result<(), LimitsError> {
     for cycle in 1..=750_u32 {
         let now = PERIOD * cycle;
         if cycle == 500 {
-            println!(
-                "{:6.3} s  the control is reset: it applies 0",
-                now.as_secs_f64()
-            );
+            println!("{:6.3} s  the control is reset: it applies 0", now.as_secs_f64());
             applied = PerChannel::ZERO;
         }
         // No positions from 0.8 s to 1.6 s.
         let answers = !(200..400).contains(&cycle);
-        let told = if answers {
-            CorrectionReport::Values(applied)
-        } else {
-            CorrectionReport::Missing
-        };
+        let told =
+            if answers { CorrectionReport::Values(applied) } else { CorrectionReport::Missing };
         read_back.receive(now, now, &told, &limits);
         let output = guard.cycle(&Inputs {
             now,
-            reading: answers.then_some(Reading {
-                taken: now,
-                positions: PerChannel::ZERO,
-            }),
+            reading: answers.then_some(Reading { taken: now, positions: PerChannel::ZERO }),
             read_back: *read_back.status(),
             requested: Some(RequestedCorrection::linear(target)),
             // Three equal readings, one path delay apart, confirm the applied correction.
@@ -88,10 +79,7 @@ fn main() -> Result<(), LimitsError> {
             );
         }
     }
-    println!(
-        "largest step that reached the axis: {:.0} µm",
-        1e3 * largest_step
-    );
+    println!("largest step that reached the axis: {:.0} µm", 1e3 * largest_step);
     // Slew of 0.2 mm/s in a cycle of 4 ms: below one output step of the control.
     assert!(largest_step < 0.0021 && guard.state() == State::Compensating);
     Ok(())

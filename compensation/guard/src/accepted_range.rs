@@ -42,10 +42,7 @@ pub(crate) struct AcceptedRange {
 
 impl AcceptedRange {
     pub(crate) fn within(limits: &Limits) -> Self {
-        Self {
-            largest: limits.of_axes(|axis| axis.limit),
-            ..Self::default()
-        }
+        Self { largest: limits.of_axes(|axis| axis.limit), ..Self::default() }
     }
 
     pub(crate) fn is_exceeded_by(&self, values: &PerChannel<f64>, limits: &Limits) -> bool {
@@ -92,10 +89,7 @@ impl AcceptedRange {
 
     /// Records words (mm, rad) as sent.
     pub(crate) fn send(&mut self, words: &PerChannel<f64>, limits: &Limits) {
-        let SentRange {
-            largest,
-            slew_per_s,
-        } = &mut self.recent;
+        let SentRange { largest, slew_per_s } = &mut self.recent;
         for (i, axis) in limits.axes.iter().enumerate().take(limits.count) {
             largest[i] = largest[i].max(words[i].abs());
             slew_per_s[i] = slew_per_s[i].max(axis.slew_per_s);

@@ -92,11 +92,7 @@ impl Settings {
 
     /// These settings, with zero for unused axes.
     fn of_axes(self) -> Self {
-        Self {
-            limit: self.present(&self.limit),
-            rate: self.present(&self.rate),
-            ..self
-        }
+        Self { limit: self.present(&self.limit), rate: self.present(&self.rate), ..self }
     }
 
     /// The values of the used axes; zero for the others.
@@ -149,10 +145,7 @@ impl Frame {
         for (value, word) in values.iter_mut().zip(&words[..length - HEAD_WORDS - 2]) {
             *value = word.cast_signed();
         }
-        Some(Self {
-            head: Head::of(*head),
-            values,
-        })
+        Some(Self { head: Head::of(*head), values })
     }
 
     /// Requested correction of each axis, counts.
@@ -218,12 +211,7 @@ impl Report {
     /// The head that a frame answers.
     #[must_use]
     pub fn head(&self) -> Head {
-        Head {
-            epoch: self.epoch,
-            tick: self.tick,
-            sequence: self.sequence,
-            owner: self.owner,
-        }
+        Head { epoch: self.epoch, tick: self.tick, sequence: self.sequence, owner: self.owner }
     }
 
     /// Encodes the report with its checksum and returns the number of words.
@@ -482,11 +470,7 @@ impl Barrier {
         }
         let scans = core::mem::take(&mut self.state.latched);
         let state = &self.state;
-        let goal = if state.by_lines {
-            state.goal
-        } else {
-            Counts::default()
-        };
+        let goal = if state.by_lines { state.goal } else { Counts::default() };
         let axis = lines.axis;
         let is_free = state.link.owner == 0 && (state.by_lines || state.applied == goal);
         if !is_free

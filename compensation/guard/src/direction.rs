@@ -76,11 +76,7 @@ impl DirectionMemory {
         turn: Option<f64>,
     ) -> Option<Direction> {
         // Unwrap from the last position, not from the extreme, which may be half a turn behind.
-        let last = if self.seen == READINGS {
-            Some(self.amid(None))
-        } else {
-            self.extreme
-        };
+        let last = if self.seen == READINGS { Some(self.amid(None)) } else { self.extreme };
         let position = last.map_or(position, |last| unrolled(position, last, turn));
         if !position.is_finite() || self.taken.replace(taken) == Some(taken) {
             return self.direction;
@@ -149,10 +145,7 @@ impl DirectionMemory {
     /// positions is undefined without a reference among them.
     fn amid(&self, turn: Option<f64>) -> f64 {
         let away = |from: &f64| -> f64 {
-            let ways = self
-                .positions
-                .iter()
-                .map(|to| shortest_way(to - from, turn));
+            let ways = self.positions.iter().map(|to| shortest_way(to - from, turn));
             ways.map(f64::abs).sum()
         };
         let mut nearest = self.positions[0];
@@ -180,11 +173,7 @@ impl DirectionMemory {
     /// no longer count.
     pub fn commanded(&mut self, position: f64, direction: Direction) -> Option<Direction> {
         if position.is_finite() {
-            *self = Self {
-                taken: self.taken,
-                extreme: Some(position),
-                ..Self::default()
-            };
+            *self = Self { taken: self.taken, extreme: Some(position), ..Self::default() };
         }
         self.direction = Some(direction);
         self.direction

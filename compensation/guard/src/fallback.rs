@@ -46,11 +46,7 @@ impl Selector {
     /// Starts with the first path. A path of higher preference than the active one takes over once it has been usable
     /// for `hand_back`.
     pub fn new(hand_back: Duration) -> Self {
-        Self {
-            active: 0,
-            usable_since: [None; MAX_PATHS],
-            hand_back,
-        }
+        Self { active: 0, usable_since: [None; MAX_PATHS], hand_back }
     }
 
     /// Index of the active path.
@@ -86,11 +82,6 @@ impl Selector {
         if !blocked {
             self.active = preferred;
         }
-        Choice {
-            active: self.active,
-            preferred,
-            switched: !blocked,
-            blocked,
-        }
+        Choice { active: self.active, preferred, switched: !blocked, blocked }
     }
 }

@@ -21,11 +21,7 @@ const LONGEST_CYCLE_PERIODS: u32 = 5;
 const MOST_ADOPTED: u32 = 3;
 
 /// Reasons that forbid changing the applied correction before the first write of this guard.
-const FOREIGN: [Reasons; 3] = [
-    Reasons::WATCHING,
-    Reasons::OTHER_GATEWAY,
-    Reasons::LEFT_UNKNOWN,
-];
+const FOREIGN: [Reasons; 3] = [Reasons::WATCHING, Reasons::OTHER_GATEWAY, Reasons::LEFT_UNKNOWN];
 
 /// Fractions of a cycle's motion, tried in order until the output is within reach of the confirmed
 /// correction.
@@ -150,8 +146,7 @@ impl Guard {
         // Corrections sent by the previous path, or known there, are accepted on this path as well.
         let present = self.largest_present().unwrap_or_default();
         let now = self.last_cycle.unwrap_or_default();
-        self.accepted
-            .take_path(now, places, &present, &self.limits, &limits);
+        self.accepted.take_path(now, places, &present, &self.limits, &limits);
         // The last words of the previous path are the output until the correction on this one is known.
         let is_same = limits.check_in_place_of(&self.limits).is_ok()
             && limits.places().all(|i| places[i] == Some(i));
@@ -172,9 +167,8 @@ impl Guard {
         // The positions of the previous path do not count for this one: sending waits for its own.
         let stale = self.limits.hold + self.limits.period;
         let stale = self.last_cycle.unwrap_or_default().saturating_sub(stale);
-        self.inputs_valid_at = self
-            .inputs_valid_at
-            .map(|inputs_valid_at| inputs_valid_at.min(stale));
+        self.inputs_valid_at =
+            self.inputs_valid_at.map(|inputs_valid_at| inputs_valid_at.min(stale));
         // The proof was made with the positions of the other path, including which axes moved.
         self.verdict = Verdict::default();
         self.proof = Proof::default();
@@ -240,19 +234,14 @@ impl Guard {
         let requested = inputs.requested.filter(RequestedCorrection::is_finite);
         let is_number = inputs.requested.is_some() == requested.is_some()
             && inputs.reading.is_some() == reading.is_some();
-        let inputs = Inputs {
-            requested,
-            ..*inputs
-        };
+        let inputs = Inputs { requested, ..*inputs };
         self.control_acts_at = inputs.read_back.control_acts_at;
         self.corridor.stay(&inputs.read_back.between, &self.limits);
         self.corridor.widen(&self.limits, dt_s);
         let path_changed = self.path_changed;
         let changed = self.adopt(&inputs);
-        let facts = Facts {
-            path_changed,
-            ..self.facts(&inputs, reading.as_ref(), changed, is_number)
-        };
+        let facts =
+            Facts { path_changed, ..self.facts(&inputs, reading.as_ref(), changed, is_number) };
         let before = self.state;
         self.state = before.next(&facts);
         if self.state != before && self.state == State::Arming(Phase::Proving) {
@@ -302,9 +291,7 @@ impl Guard {
     /// Time since the last cycle, s, limited to five periods.
     fn elapsed(&mut self, now: Duration) -> f64 {
         let period = self.limits.period;
-        let passed = self
-            .last_cycle
-            .map_or(period, |last| now.saturating_sub(last));
+        let passed = self.last_cycle.map_or(period, |last| now.saturating_sub(last));
         self.last_cycle = Some(now);
         passed.min(period * LONGEST_CYCLE_PERIODS).as_secs_f64()
     }
@@ -312,9 +299,7 @@ impl Guard {
     /// Age of positions and correction.
     fn age(&self, now: Duration) -> Duration {
         self.inputs_valid_at
-            .map_or(Duration::MAX, |inputs_valid_at| {
-                now.saturating_sub(inputs_valid_at)
-            })
+            .map_or(Duration::MAX, |inputs_valid_at| now.saturating_sub(inputs_valid_at))
     }
 
     /// During an interlock the last word is repeated to a barrier so that it does not time out: the axis has reached it, or words in transit move
@@ -510,20 +495,11 @@ impl Guard {
             forbidden: !is_number
                 || reading.is_none()
                 || !(inputs.forbids | status.reasons.without(Reasons::DOES_NOT_FORBID)).is_empty(),
-            foreign: FOREIGN
-                .into_iter()
-                .any(|reason| status.reasons.contains(reason)),
+            foreign: FOREIGN.into_iter().any(|reason| status.reasons.contains(reason)),
             ramped: self.vector.is_ramped(),
             zero: values.as_ref().is_some_and(is_zero) && is_zero(&self.output()),
-            proves: self
-                .limits
-                .places()
-                .any(|i| self.limits.test_shift[i] > 0.0),
-            proven: self.prove(
-                inputs,
-                reading,
-                changed || age > self.limits.hold || unconfirmed,
-            ),
+            proves: self.limits.places().any(|i| self.limits.test_shift[i] > 0.0),
+            proven: self.prove(inputs, reading, changed || age > self.limits.hold || unconfirmed),
             does_not_stick: self.adopted.iter().any(|times| *times >= MOST_ADOPTED),
         }
     }
@@ -538,9 +514,7 @@ impl Guard {
     /// Time for which the last confirmed correction is valid: `hold`, but on a path with a longer
     /// hold than others at most the timeout of its barrier.
     fn hold_unconfirmed(&self, status: &ReadBackStatus) -> Duration {
-        let most = status
-            .barrier_time_out
-            .map(|after| after.max(ceiling::HOLD));
+        let most = status.barrier_time_out.map(|after| after.max(ceiling::HOLD));
         most.map_or(self.limits.hold, |most| most.min(self.limits.hold))
     }
 
@@ -552,8 +526,7 @@ impl Guard {
     ) -> Option<bool> {
         let (now, reading) = (inputs.now, reading?);
         let applied = inputs.read_back.confirmed?.values;
-        self.moves
-            .update(now, &reading.positions, &applied, &self.limits);
+        self.moves.update(now, &reading.positions, &applied, &self.limits);
         if self.state != State::Arming(Phase::Proving) || disturbed {
             return None;
         }
@@ -561,9 +534,7 @@ impl Guard {
             self.proof.set_follow(&requested.follow);
         }
         let (from, limits) = (&self.from, &self.limits);
-        self.verdict = self
-            .proof
-            .read(now, reading, &applied, from, limits, &self.moves)?;
+        self.verdict = self.proof.read(now, reading, &applied, from, limits, &self.moves)?;
         Some(!self.verdict.is_contradiction())
     }
 

@@ -17,22 +17,15 @@ pub struct Interlock {
 
 impl Interlock {
     /// The reasons that correspond to these flags, which hold a correction until the control clears them.
-    pub const REASONS: [Reasons; 3] = [
-        Reasons::NOT_REFERENCED,
-        Reasons::CONTROLLER_ALARM,
-        Reasons::EMERGENCY_STOP,
-    ];
+    pub const REASONS: [Reasons; 3] =
+        [Reasons::NOT_REFERENCED, Reasons::CONTROLLER_ALARM, Reasons::EMERGENCY_STOP];
 
     /// The flags that correspond to these reasons.
     #[must_use]
     pub fn of(reasons: Reasons) -> Self {
         let [unreferenced, alarm, emergency_stop] =
             Self::REASONS.map(|reason| reasons.contains(reason));
-        Self {
-            unreferenced,
-            alarm,
-            emergency_stop,
-        }
+        Self { unreferenced, alarm, emergency_stop }
     }
 
     /// Whether any flag is set.
@@ -56,9 +49,7 @@ impl Interlock {
     fn reasons(self) -> Reasons {
         let flags = [self.unreferenced, self.alarm, self.emergency_stop];
         let both = Self::REASONS.into_iter().zip(flags);
-        both.fold(Reasons::NONE, |all, (reason, is_set)| {
-            all | reason.when(is_set)
-        })
+        both.fold(Reasons::NONE, |all, (reason, is_set)| all | reason.when(is_set))
     }
 }
 

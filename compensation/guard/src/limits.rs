@@ -157,11 +157,7 @@ impl AxisLimits {
     /// slew.
     #[must_use]
     pub fn held_at_zero(self) -> Self {
-        Self {
-            limit: 0.0,
-            warn: 0.0,
-            ..self
-        }
+        Self { limit: 0.0, warn: 0.0, ..self }
     }
 
     /// Largest writable correction, mm or rad: the largest multiple of the resolution within the limit.
@@ -183,14 +179,7 @@ impl AxisLimits {
                 "at most 5000 µrad/s, the ceiling that no configuration raises",
             ],
         };
-        let Self {
-            limit,
-            warn,
-            slew_per_s,
-            accel_per_s2,
-            resolution,
-            ..
-        } = *self;
+        let Self { limit, warn, slew_per_s, accel_per_s2, resolution, .. } = *self;
         let positive = |x: f64| x > 0.0 && x.is_finite();
         let has_step = limit.is_finite() && (limit >= resolution || limit == 0.0);
         let is_proof = test_shift == 0.0 || (4.0 * resolution..=limit).contains(&test_shift);
@@ -209,12 +198,7 @@ impl AxisLimits {
             (TestShift, test_shift, shift, is_proof),
         ] {
             if !is_good || found.is_nan() {
-                return Err(LimitsError {
-                    what,
-                    axis: Some((axis, self.kind)),
-                    found,
-                    expected,
-                });
+                return Err(LimitsError { what, axis: Some((axis, self.kind)), found, expected });
             }
         }
         Ok(())
@@ -227,12 +211,7 @@ impl Limits {
     /// # Errors
     /// The first invalid number.
     pub fn check(&self) -> Result<(), LimitsError> {
-        let wrong = |what, found: f64, expected| LimitsError {
-            what,
-            axis: None,
-            found,
-            expected,
-        };
+        let wrong = |what, found: f64, expected| LimitsError { what, axis: None, found, expected };
         if !(1..=MAX_AXES).contains(&self.count) {
             return Err(wrong(Quantity::Axes, self.count as f64, "1 to 9"));
         }
@@ -250,20 +229,10 @@ impl Limits {
         let cycles = ceiling::SHORTEST_CYCLE..=ceiling::LONGEST_CYCLE;
         let later = "at least as long as hold";
         for (what, time, expected, is_good) in [
-            (
-                Quantity::Period,
-                period,
-                "0.25 ms to 100 ms",
-                cycles.contains(&period),
-            ),
+            (Quantity::Period, period, "0.25 ms to 100 ms", cycles.contains(&period)),
             (Quantity::Hold, hold, "at least one cycle", hold >= period),
             (Quantity::Hold, hold, expected, hold <= longest),
-            (
-                Quantity::ZeroAfter,
-                self.zero_after,
-                later,
-                self.zero_after >= hold,
-            ),
+            (Quantity::ZeroAfter, self.zero_after, later, self.zero_after >= hold),
         ] {
             if !is_good {
                 return Err(wrong(what, time.as_secs_f64(), expected));
@@ -334,13 +303,7 @@ impl Limits {
 
     /// A number of each axis, 0 for unused ones.
     pub(crate) fn of_axes(&self, number: impl Fn(&AxisLimits) -> f64) -> PerChannel<f64> {
-        PerChannel::from_fn(|i| {
-            if i < self.count {
-                number(&self.axes[i])
-            } else {
-                0.0
-            }
-        })
+        PerChannel::from_fn(|i| if i < self.count { number(&self.axes[i]) } else { 0.0 })
     }
 
     /// Actual ramp time: the configured one, but at least 20 cycles.

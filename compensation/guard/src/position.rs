@@ -93,20 +93,12 @@ impl PositionCheck {
         let offset_range = self.offset_range(limits, position, taken);
         let offset_range = offset_range.filter(|_| !self.refutes(limits, position, taken));
         if let (Some(offset_range), false) = (offset_range, is_outside) {
-            self.accepted = Some(AcceptedPosition {
-                position,
-                taken,
-                offset_range,
-            });
+            self.accepted = Some(AcceptedPosition { position, taken, offset_range });
             self.rejected = None;
             return Ok(());
         }
         self.reject(limits, position, taken, offset_range.is_some());
-        Err(if is_outside {
-            PositionFlaw::OutsideTravel
-        } else {
-            PositionFlaw::Jumped
-        })
+        Err(if is_outside { PositionFlaw::OutsideTravel } else { PositionFlaw::Jumped })
     }
 
     /// Whether the axis was reported where it cannot have moved, and its position was not accepted since.
@@ -135,10 +127,7 @@ impl PositionCheck {
                     way => way,
                 }
             }
-            None
-            | Some(RejectedPosition {
-                way: Way::Jumped, ..
-            }) => Way::Jumped,
+            None | Some(RejectedPosition { way: Way::Jumped, .. }) => Way::Jumped,
             Some(before) => match before.stray {
                 Some(stray) if stray.1 != taken && leads(stray) => {
                     first = stray;
@@ -146,10 +135,8 @@ impl PositionCheck {
                 }
                 // A single wrong reading does not end the way.
                 _ => {
-                    self.rejected = Some(RejectedPosition {
-                        stray: Some((position, taken)),
-                        ..before
-                    });
+                    self.rejected =
+                        Some(RejectedPosition { stray: Some((position, taken)), ..before });
                     return;
                 }
             },

@@ -328,11 +328,7 @@ impl Proof {
                 }
             };
         }
-        let attempts = if moved {
-            self.attempts
-        } else {
-            self.attempts + 1
-        };
+        let attempts = if moved { self.attempts } else { self.attempts + 1 };
         let is_scaled = shown.scaled.iter().any(|scaled| *scaled);
         if unclear && !is_scaled && attempts < MOST_ATTEMPTS {
             self.restart(attempts, positions);

@@ -39,12 +39,7 @@ impl Head {
     /// Decodes the words, in the order of the fields.
     #[must_use]
     pub fn of([epoch, tick, sequence, owner]: [u16; HEAD_WORDS]) -> Self {
-        Self {
-            epoch,
-            tick,
-            sequence,
-            owner,
-        }
+        Self { epoch, tick, sequence, owner }
     }
 }
 
@@ -156,10 +151,7 @@ impl Layout {
     /// # Errors
     /// No axis, or a repeated one.
     pub fn of(axes: impl IntoIterator<Item = AxisName>) -> Result<Self, LayoutError> {
-        let mut layout = Self {
-            count: 0,
-            number: 0,
-        };
+        let mut layout = Self { count: 0, number: 0 };
         let mut seen = [false; MAX_AXES];
         for axis in axes {
             if core::mem::replace(&mut seen[axis.index()], true) {
@@ -259,11 +251,7 @@ impl Link {
     /// accepted.
     #[must_use]
     pub fn start(epoch: u16, tick: u16) -> Self {
-        Self {
-            epoch: epoch.wrapping_add(1),
-            tick,
-            ..Self::default()
-        }
+        Self { epoch: epoch.wrapping_add(1), tick, ..Self::default() }
     }
 
     /// Counts a scan.
@@ -377,26 +365,13 @@ impl Session {
     /// means none and is replaced by 1.
     #[must_use]
     pub fn new(owner: u16) -> Self {
-        Self {
-            owner: owner.max(1),
-            last: None,
-            sent: None,
-            own: [None; MOST_EPOCHS],
-        }
+        Self { owner: owner.max(1), last: None, sent: None, own: [None; MOST_EPOCHS] }
     }
 
     /// Processes the head of a complete report.
     pub fn read(&mut self, report: Head) -> ReportStatus {
-        let Head {
-            epoch,
-            tick,
-            sequence,
-            owner,
-        } = report;
-        if self
-            .last
-            .is_some_and(|last| last.epoch == epoch && !is_ahead(tick, last.tick))
-        {
+        let Head { epoch, tick, sequence, owner } = report;
+        if self.last.is_some_and(|last| last.epoch == epoch && !is_ahead(tick, last.tick)) {
             return ReportStatus::Old;
         }
         if owner != 0 && (owner != self.owner || !self.has_sent(epoch, sequence)) {
@@ -452,11 +427,7 @@ impl Session {
     /// The head of the frame that answers the last report; `None` without a report to answer. Send it at once: its age counts from the report.
     pub fn answer(&mut self) -> Option<Head> {
         let last = self.last?;
-        let head = Head {
-            sequence: last.sequence.wrapping_add(1),
-            owner: self.owner,
-            ..last
-        };
+        let head = Head { sequence: last.sequence.wrapping_add(1), owner: self.owner, ..last };
         self.sent = Some((head.epoch, head.sequence));
         self.sends(head.epoch, head.sequence);
         Some(head)

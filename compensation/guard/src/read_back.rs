@@ -63,19 +63,13 @@ impl ReadBack {
     /// its own; `None`: it keeps its correction.
     #[must_use]
     pub fn no_read_back(control: Option<ControlTimeOut>) -> Self {
-        Self::of(
-            Kind::NoReadBack(NoReadBack::new(control)),
-            Scheme::NoReadBack,
-        )
+        Self::of(Kind::NoReadBack(NoReadBack::new(control)), Scheme::NoReadBack)
     }
 
     fn of(kind: Kind, scheme: Scheme) -> Self {
         Self {
             kind,
-            status: ReadBackStatus {
-                scheme,
-                ..ReadBackStatus::default()
-            },
+            status: ReadBackStatus { scheme, ..ReadBackStatus::default() },
             arrivals: ArrivalMonitor::default(),
         }
     }
@@ -98,11 +92,7 @@ impl ReadBack {
         // A device may report a future time; clamp it to now.
         let taken = taken.min(now);
         let is_old = now.saturating_sub(taken) > limits.hold;
-        let report = if is_old {
-            &CorrectionReport::Missing
-        } else {
-            report
-        };
+        let report = if is_old { &CorrectionReport::Missing } else { report };
         self.status.changed = false;
         let landed = match (&mut self.kind, report) {
             (Kind::Barrier(link), CorrectionReport::Barrier(words)) => {

@@ -281,10 +281,7 @@ impl Reasons {
 
     /// The text of each reason of the set, causes first.
     pub fn texts(self) -> impl Iterator<Item = &'static str> {
-        Self::ALL
-            .iter()
-            .filter(move |(reason, ..)| self.contains(*reason))
-            .map(|(.., text)| *text)
+        Self::ALL.iter().filter(move |(reason, ..)| self.contains(*reason)).map(|(.., text)| *text)
     }
 }
 
@@ -360,14 +357,8 @@ mod tests {
             "applied correction not confirmed",
         ];
         assert!(all.texts().eq(expected), "{all:?}");
-        assert_eq!(
-            Reasons::with_text("emergency stop"),
-            Some(Reasons::EMERGENCY_STOP)
-        );
-        assert_eq!(
-            Reasons::with_text("position jumped: X 4000.000 mm"),
-            Some(Reasons::JUMPED)
-        );
+        assert_eq!(Reasons::with_text("emergency stop"), Some(Reasons::EMERGENCY_STOP));
+        assert_eq!(Reasons::with_text("position jumped: X 4000.000 mm"), Some(Reasons::JUMPED));
         assert_eq!(Reasons::with_text("position jumped far"), None);
         assert_eq!(Reasons::with_text("no reason"), None);
     }

@@ -81,10 +81,7 @@ pub enum Request {
     Switched,
 }
 
-#[expect(
-    clippy::struct_excessive_bools,
-    reason = "each is a fact of one cycle, none is kept"
-)]
+#[expect(clippy::struct_excessive_bools, reason = "each is a fact of one cycle, none is kept")]
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Facts {
     pub(crate) request: Option<Request>,
@@ -204,11 +201,7 @@ impl State {
             // Another gateway may be using the correction, or it is unknown.
             Some(Request::Disarm) if facts.foreign => self,
             Some(Request::Arm | Request::TakeOver | Request::Disarm) if facts.beyond => {
-                if facts.unconfirmed {
-                    self
-                } else {
-                    Self::Faulted(Cause::BeyondLimit)
-                }
+                if facts.unconfirmed { self } else { Self::Faulted(Cause::BeyondLimit) }
             }
             // Removes a remaining correction.
             Some(Request::Disarm) if !facts.zero => Self::RampingOut(End::Disarmed),
@@ -269,11 +262,7 @@ impl Facts {
     /// The first phase of arming: during operation without the proof.
     fn arming(&self) -> State {
         let proves = self.proves && self.request == Some(Request::Arm);
-        State::Arming(if proves {
-            Phase::Proving
-        } else {
-            Phase::Ramping
-        })
+        State::Arming(if proves { Phase::Proving } else { Phase::Ramping })
     }
 
     pub(crate) fn needs_ramp(&self) -> bool {

@@ -27,11 +27,7 @@ pub(crate) fn is_on_grid(value: f64, step: f64) -> bool {
 
 /// The value if it is a whole number of steps, or the nearest one that is.
 pub(crate) fn on_grid(value: f64, step: f64) -> f64 {
-    if is_on_grid(value, step) {
-        value
-    } else {
-        libm::round(value / step) * step
-    }
+    if is_on_grid(value, step) { value } else { libm::round(value / step) * step }
 }
 
 /// A value rounded down to whole steps, mm or rad, tolerating rounding errors: 0.15 is 150 steps of 0.001, not 149.

@@ -191,9 +191,7 @@ impl SensorCheck {
 
     /// The accepted temperature, °C; NaN without one.
     fn accepted(&self) -> f64 {
-        self.accepted
-            .filter(|_| self.used)
-            .map_or(f64::NAN, |accepted| accepted.degc)
+        self.accepted.filter(|_| self.used).map_or(f64::NAN, |accepted| accepted.degc)
     }
 
     /// Stores the temperatures of all sensors, °C, at the end of the cycle in which a new reading of this sensor was accepted. After a jump, its
@@ -298,17 +296,10 @@ impl SensorCheck {
             self.jumped = Some(Readmission::new(&at_jump));
             return Some(SensorFlaw::Jumped);
         }
-        let same_since = if degc.to_bits() == before.degc.to_bits() {
-            before.same_since
-        } else {
-            taken
-        };
+        let same_since =
+            if degc.to_bits() == before.degc.to_bits() { before.same_since } else { taken };
         self.was_faulty = false;
-        self.accepted = Some(AcceptedTemperature {
-            followed,
-            same_since,
-            ..first
-        });
+        self.accepted = Some(AcceptedTemperature { followed, same_since, ..first });
         let stands = taken.saturating_sub(same_since);
         let stuck = limits.stuck_after.is_some_and(|after| stands >= after);
         stuck.then_some(SensorFlaw::Stuck)
@@ -376,13 +367,7 @@ struct Readmission {
 
 impl Readmission {
     fn new(before: &BeforeJump) -> Self {
-        Self {
-            before: *before,
-            change: 0.0,
-            seen: None,
-            with_own: None,
-            with_predicted: None,
-        }
+        Self { before: *before, change: 0.0, seen: None, with_own: None, with_predicted: None }
     }
 
     /// Processes a reading, and returns whether the sensor is accepted again. A gap longer than
@@ -404,16 +389,9 @@ impl Readmission {
         let close = |expected: f64| (degc - expected).abs() <= AGREES_WITHIN_K;
         let began = self.with_own.unwrap_or(taken);
         let is_fresh = began.saturating_sub(self.before.taken) <= stale;
-        let own = lasts(
-            &mut self.with_own,
-            is_fresh && close(self.before.degc),
-            taken,
-        );
-        let predicted = lasts(
-            &mut self.with_predicted,
-            close(self.before.degc + self.change),
-            taken,
-        );
+        let own = lasts(&mut self.with_own, is_fresh && close(self.before.degc), taken);
+        let predicted =
+            lasts(&mut self.with_predicted, close(self.before.degc + self.change), taken);
         own || predicted
     }
 

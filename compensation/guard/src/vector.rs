@@ -132,11 +132,7 @@ impl Vector {
     /// Starts a straight line to a correction (mm, rad), with a common factor for all axes: a ramp
     /// to zero, a shift, or the return within a limit.
     pub fn begin_line(&mut self, to: &PerChannel<f64>) {
-        self.motion = Motion::Line {
-            to: *to,
-            left: 1.0,
-            at_rest: false,
-        };
+        self.motion = Motion::Line { to: *to, left: 1.0, at_rest: false };
     }
 
     pub(crate) fn leads_to(&self, end: &PerChannel<f64>) -> bool {
@@ -160,11 +156,7 @@ impl Vector {
         let within_limits = |i: usize| {
             let axis = &limits.axes[i];
             let reach = axis.reachable() + ARRIVED_STEPS * axis.resolution;
-            if to[i].abs() > reach {
-                reach / to[i].abs()
-            } else {
-                1.0
-            }
+            if to[i].abs() > reach { reach / to[i].abs() } else { 1.0 }
         };
         let whole = cycle.places().map(within_limits).fold(1.0, f64::min);
         let mut ways = PerChannel::ZERO;
@@ -175,11 +167,7 @@ impl Vector {
             ways[i] = end[i] - self.smooth[i];
         }
         let accel = cycle.accel_over_all(&ways);
-        let ramp = if left > SMALLEST_PART {
-            limits.ramp_share(dt_s) / left
-        } else {
-            1.0
-        };
+        let ramp = if left > SMALLEST_PART { limits.ramp_share(dt_s) / left } else { 1.0 };
         let part = cycle.part(&ways, &self.rate, ramp, accel);
         // The rest would be too small for another cycle.
         let ends = |i: usize| ((1.0 - part) * ways[i]).abs() <= ARRIVED_STEPS * cycle.step(i);
@@ -199,17 +187,10 @@ impl Vector {
         self.following = self.rate;
         self.target = self.smooth;
         self.goal = self.smooth;
-        self.motion = Motion::Line {
-            to,
-            left: left * (1.0 - part),
-            at_rest: true,
-        };
+        self.motion = Motion::Line { to, left: left * (1.0 - part), at_rest: true };
         self.write(&cycle);
         if arrived {
-            for i in cycle
-                .places()
-                .filter(|i| is_on_grid(end[*i], cycle.step(*i)))
-            {
+            for i in cycle.places().filter(|i| is_on_grid(end[*i], cycle.step(*i))) {
                 self.output[i] = end[i];
             }
         }
@@ -219,10 +200,7 @@ impl Vector {
     /// Duration of a line to zero that starts at rest here, with the shortest ramp.
     #[must_use]
     pub fn time_to_zero(&self, limits: &Limits) -> Duration {
-        let shortest = Limits {
-            ramp: Duration::ZERO,
-            ..*limits
-        };
+        let shortest = Limits { ramp: Duration::ZERO, ..*limits };
         // All axes go to zero by a common factor. Accumulates the time at constant rate, and the
         // reciprocal acceleration, s².
         let (mut at_rate_s, mut eased) = (shortest.ramp_taken().as_secs_f64(), 0.0_f64);
@@ -253,24 +231,15 @@ impl Vector {
             } else {
                 axis.slew_per_s
             };
-            let accel = if stands {
-                axis.accel_per_s2
-            } else {
-                axis.accel_per_s2.max(self.accel[i])
-            };
+            let accel =
+                if stands { axis.accel_per_s2 } else { axis.accel_per_s2.max(self.accel[i]) };
             self.slew[i] = slew;
             self.accel[i] = accel;
             let (at, rate) = (self.smooth[i], self.rate[i]);
             spans[i] = span(at, rate, slew, accel, axis.reachable(), dt_s);
             reach[i] = reach[i].max(at.abs());
         }
-        Cycle {
-            limits,
-            dt_s,
-            spans,
-            reach,
-            accel: self.accel,
-        }
+        Cycle { limits, dt_s, spans, reach, accel: self.accel }
     }
 
     /// Brakes before another motion starts: rotary axes and the linear axes that follow them stop
@@ -335,21 +304,13 @@ impl Vector {
         let sound = requested.is_finite();
         if !sound || dt_s <= 0.0 || !dt_s.is_finite() {
             self.stop();
-            return FollowResult {
-                slewing: !sound,
-                behind: !sound,
-                ..FollowResult::default()
-            };
+            return FollowResult { slewing: !sound, behind: !sound, ..FollowResult::default() };
         }
         let cycle = self.cycle(limits, dt_s);
         let begins = matches!(self.motion, Motion::Begins | Motion::Line { .. });
         if begins && self.brakes(&cycle) {
             self.motion = Motion::Begins;
-            return FollowResult {
-                slewing: true,
-                behind: true,
-                ..requested.judged(1.0, limits)
-            };
+            return FollowResult { slewing: true, behind: true, ..requested.judged(1.0, limits) };
         }
         if begins {
             self.goal = self.output;
@@ -358,11 +319,8 @@ impl Vector {
         let offset = self.reach_offset(requested, &cycle);
         let share = self.share(requested, &cycle);
         // An excess over a lowered limit is reduced by the ramp, and leaves the range of the rotary axes unaffected.
-        let position = if self.excess == PerChannel::ZERO {
-            &share.position
-        } else {
-            &requested.position
-        };
+        let position =
+            if self.excess == PerChannel::ZERO { &share.position } else { &requested.position };
         self.goal = requested.rotary_goal(position, &self.goal, limits);
 
         let ways = self.rotary_ways(&cycle);
@@ -429,10 +387,7 @@ impl Vector {
             }
             self.target = self.smooth;
             self.reachable = self.reachable.map(|_| 1.0);
-            self.motion = Motion::Ramps {
-                left: 1.0,
-                rate: 0.0,
-            };
+            self.motion = Motion::Ramps { left: 1.0, rate: 0.0 };
         }
         match self.motion {
             Motion::Ramps { left, rate } => (left, rate),
@@ -444,11 +399,7 @@ impl Vector {
     fn share(&self, requested: &RequestedCorrection, cycle: &Cycle) -> Share {
         let position = PerChannel::from_fn(|i| requested.position[i] + self.offset[i]);
         let rotary = self.rotary(cycle);
-        Share {
-            part: self.part(1.0, requested, &position, &rotary, cycle),
-            position,
-            rotary,
-        }
+        Share { part: self.part(1.0, requested, &position, &rotary, cycle), position, rotary }
     }
 
     /// The fraction of a position share that the limits of the axes allow after the remaining ramp is reduced to this fraction: a lowered limit
@@ -489,9 +440,8 @@ impl Vector {
     /// the other axes continues, the rest can only shrink, and the error of the tool does not grow.
     fn reachable_offset(&self, axis: usize, requested: &RequestedCorrection, cycle: &Cycle) -> f64 {
         let following = cycle.of_kind(AxisKind::Rotary);
-        let following: f64 = following
-            .map(|r| requested.follow[r][axis].abs() * cycle.reach[r])
-            .sum();
+        let following: f64 =
+            following.map(|r| requested.follow[r][axis].abs() * cycle.reach[r]).sum();
         let (offset, reach) = (self.offset[axis], cycle.reach[axis] + following);
         if offset == 0.0 {
             return 1.0;
@@ -504,10 +454,7 @@ impl Vector {
         if left > SMALLEST_PART {
             self.offset = self.offset.map(|offset| offset * (1.0 - passed));
             self.excess = self.excess.map(|excess| excess * (1.0 - passed));
-            self.motion = Motion::Ramps {
-                left,
-                rate: (before - left) / dt_s,
-            };
+            self.motion = Motion::Ramps { left, rate: (before - left) / dt_s };
         } else {
             (self.offset, self.excess) = (PerChannel::ZERO, PerChannel::ZERO);
             self.motion = Motion::Follows;
@@ -576,16 +523,10 @@ impl Vector {
             let passed = share.part * share.position[i] - part * later[i];
             let along = most[i] - least[i] - passed;
             // A position beyond a reachable limit is clipped to it.
-            let highest = if highest >= limit - rounding {
-                f64::INFINITY
-            } else {
-                highest + rounding
-            };
-            let lowest = if lowest <= -limit + rounding {
-                f64::NEG_INFINITY
-            } else {
-                lowest - rounding
-            };
+            let highest =
+                if highest >= limit - rounding { f64::INFINITY } else { highest + rounding };
+            let lowest =
+                if lowest <= -limit + rounding { f64::NEG_INFINITY } else { lowest - rounding };
             if along == 0.0 {
                 if base > highest || base < lowest {
                     return None;

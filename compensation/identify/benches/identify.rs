@@ -61,11 +61,7 @@ fn observations(penalty: &str) -> Option<Observations> {
     let table = rows();
     let read = |path: &Path| {
         let is_machine = path.ends_with("machine.toml");
-        Ok(if is_machine {
-            MACHINE.to_owned()
-        } else {
-            table.clone()
-        })
+        Ok(if is_machine { MACHINE.to_owned() } else { table.clone() })
     };
     Observations::parse(&keys, Path::new("observations.toml"), &read).ok()
 }
@@ -77,16 +73,10 @@ fn identification(criterion: &mut Criterion) {
             return;
         };
         let found = identify(&observations, |_, _| {});
-        let count = found
-            .map(|found| found.parameters.len())
-            .unwrap_or_default();
+        let count = found.map(|found| found.parameters.len()).unwrap_or_default();
         let name = format!("300 poses, {count} unknowns, penalty {penalty}");
         criterion.bench_function(&name, |b| {
-            b.iter(|| {
-                identify(black_box(&observations), |_, _| {})
-                    .map(|found| found.rank)
-                    .ok()
-            });
+            b.iter(|| identify(black_box(&observations), |_, _| {}).map(|found| found.rank).ok());
         });
     }
 }

@@ -31,10 +31,6 @@ fn main() -> Result<(), Box<dyn Error>> {
         found.left_out.map_or(f64::NAN, |left| left.figures.rms_um),
         found.judged.map_or(f64::NAN, |figures| figures.rms_um)
     );
-    println!(
-        "{} of {} unknowns are determined",
-        found.rank,
-        found.parameters.len()
-    );
+    println!("{} of {} unknowns are determined", found.rank, found.parameters.len());
     Ok(())
 }

@@ -53,12 +53,9 @@ pub(crate) fn decode<'a>(
         state.rows_of_balls.len() - 1
     };
     let is_stated = |key| matches!(section.get(key), Some(value) if value.text().is_err());
-    if let (true, Some(key)) = (
-        of.judge,
-        ["origin", "direction"]
-            .into_iter()
-            .find(|key| !is_stated(key)),
-    ) {
+    if let (true, Some(key)) =
+        (of.judge, ["origin", "direction"].into_iter().find(|key| !is_stated(key)))
+    {
         return Err(section
             .error(format!(
                 "found `judge = true` without a known {key}, expected `origin` and `direction` as numbers: the position of the bar is identified from its readings, and judged readings identify nothing"
@@ -91,17 +88,9 @@ pub(crate) fn decode<'a>(
         };
         state.setup.add_number(NumberKind::Tilt, tilt)
     });
-    let kind = RowKind::Ball {
-        balls,
-        origin,
-        tilts,
-    };
-    let placement = Placement {
-        origin,
-        stated: stated_vector(section, "origin")?,
-        direction,
-        side1,
-    };
+    let kind = RowKind::Ball { balls, origin, tilts };
+    let placement =
+        Placement { origin, stated: stated_vector(section, "origin")?, direction, side1 };
     Ok((kind, placement, path))
 }
 
@@ -144,15 +133,11 @@ fn read_balls(file: &str, table: &CsvTable) -> Result<BallRow, InputError> {
         });
     }
     if balls.len() < 2 {
-        return Err(table.header_error(format!(
-            "found {} balls, expected at least two",
-            balls.len()
-        )));
+        return Err(
+            table.header_error(format!("found {} balls, expected at least two", balls.len()))
+        );
     }
-    Ok(BallRow {
-        file: file.to_owned(),
-        balls,
-    })
+    Ok(BallRow { file: file.to_owned(), balls })
 }
 
 /// One reading: nominal tip, distance of the ball along the row, and measured tip minus ball.
@@ -176,12 +161,7 @@ pub(crate) fn place_bar(
     let chain = machine.chain();
     let mut places = Vec::new();
     for row in rows.iter() {
-        if let RowReading::Ball {
-            distance,
-            offset_mm,
-            ..
-        } = row.reading
-        {
+        if let RowReading::Ball { distance, offset_mm, .. } = row.reading {
             places.push(Place {
                 line: row.line,
                 nominal_mm: row.pose.ideal_tip_mm(chain),
@@ -198,10 +178,8 @@ pub(crate) fn place_bar(
     } else {
         let stated = placement.stated.as_ref();
         let (from, from_s) = stated.map_or((mean_tip, mean_s), |(_, origin)| (*origin, 0.0));
-        let sum: Vector3<f64> = places
-            .iter()
-            .map(|p| (p.nominal_mm - from) * (p.distance_mm - from_s))
-            .sum();
+        let sum: Vector3<f64> =
+            places.iter().map(|p| (p.nominal_mm - from) * (p.distance_mm - from_s)).sum();
         sum.try_normalize(1e-9).ok_or_else(|| {
             table.header_error("found readings at a single position of the row, expected at least two balls, or `direction` as numbers")
         })?
@@ -252,12 +230,8 @@ fn across(
     table: &CsvTable,
 ) -> Result<Matrix3<f64>, InputError> {
     let largest = along.iamax();
-    let reads_sides = places.iter().any(|p| {
-        p.offset_mm[1..]
-            .iter()
-            .flatten()
-            .any(|offset| *offset != 0.0)
-    });
+    let reads_sides =
+        places.iter().any(|p| p.offset_mm[1..].iter().flatten().any(|offset| *offset != 0.0));
     let side = match placement.side1 {
         Some(side) => side,
         None if reads_sides && along[largest].abs() < ALONG_AN_AXIS => {
@@ -266,12 +240,10 @@ fn across(
         // Default sides of a row along X: Y and Z; along Y: Z and X; along Z: X and Y.
         None => Vector3::ith((largest + 1) % 3, 1.0),
     };
-    let side1 = (side - along * along.dot(&side))
-        .try_normalize(1e-3)
-        .ok_or_else(|| {
-            table.header_error(
-                "found `side1` along the row, expected a direction across it, in workpiece axes",
-            )
-        })?;
+    let side1 = (side - along * along.dot(&side)).try_normalize(1e-3).ok_or_else(|| {
+        table.header_error(
+            "found `side1` along the row, expected a direction across it, in workpiece axes",
+        )
+    })?;
     Ok(Matrix3::from_columns(&[*along, side1, along.cross(&side1)]))
 }

@@ -175,9 +175,9 @@ impl Modes {
                 }
                 values
             }
-            Basis::BSpline { .. } => (self.splines.iter())
-                .map(|spline| spline.value(held))
-                .collect(),
+            Basis::BSpline { .. } => {
+                (self.splines.iter()).map(|spline| spline.value(held)).collect()
+            }
         }
     }
 
@@ -227,9 +227,7 @@ fn chebyshev_of(value: impl Fn(f64) -> f64, order: usize) -> Vec<f64> {
     let values: Vec<f64> = (0..count).map(|node| value(angle(node).cos())).collect();
     let coefficient = |k: usize| {
         let terms = values.iter().enumerate();
-        let sum: f64 = terms
-            .map(|(node, v)| v * (k as f64 * angle(node)).cos())
-            .sum();
+        let sum: f64 = terms.map(|(node, v)| v * (k as f64 * angle(node)).cos()).sum();
         sum * if k == 0 { 1.0 } else { 2.0 } / count as f64
     };
     (0..count).map(coefficient).collect()
@@ -257,10 +255,7 @@ mod tests {
                 assert_eq!(values.len(), modes.len());
                 let expected: f64 = values.iter().zip(&c).map(|(v, c)| v * c).sum();
                 let found = curve.value(at);
-                assert!(
-                    (found - expected).abs() < 1e-10,
-                    "{basis:?} at {at}: {found} {expected}"
-                );
+                assert!((found - expected).abs() < 1e-10, "{basis:?} at {at}: {found} {expected}");
             }
         }
     }
@@ -280,11 +275,7 @@ mod tests {
         for at in [0.0, 2.5, 5.0, 9.0, 10.0] {
             let values = modes.values(at);
             assert!((values[0] - 1.0).abs() < 1e-14);
-            assert!(
-                (values[1] - (at / 5.0 - 1.0)).abs() < 1e-13,
-                "{at}: {}",
-                values[1]
-            );
+            assert!((values[1] - (at / 5.0 - 1.0)).abs() < 1e-13, "{at}: {}", values[1]);
         }
     }
 
@@ -292,10 +283,7 @@ mod tests {
     #[test]
     fn a_spline_over_no_range_is_refused() {
         for range in [[3.0, 3.0], [f64::NAN, 1.0], [0.0, f64::INFINITY]] {
-            assert!(
-                Modes::new(Basis::BSpline { coefficients: 6 }, range).is_err(),
-                "{range:?}"
-            );
+            assert!(Modes::new(Basis::BSpline { coefficients: 6 }, range).is_err(), "{range:?}");
         }
     }
 }

@@ -120,20 +120,13 @@ impl Unknowns {
                 groups += usize::from(item.penalised);
                 for place in 0..products.pairs().len() {
                     let name = format!("{error} {}", products.label(own, place));
-                    let group = item
-                        .penalised
-                        .then_some((group, products.weight(own, place)));
+                    let group = item.penalised.then_some((group, products.weight(own, place)));
                     // Curves of one axis are kept first.
                     let rank = PRODUCTS_FROM + products.order(own, place);
                     coefficients.push(add(name, Role::Product(place), rank, group));
                 }
             }
-            curves.push(UnknownCurve {
-                error,
-                axis,
-                modes,
-                products,
-            });
+            curves.push(UnknownCurve { error, axis, modes, products });
         }
         coefficients.sort_by_key(|coefficient| coefficient.rank);
         let mut locations = Vec::new();
@@ -143,12 +136,7 @@ impl Unknowns {
                 locations.push((axis, coefficient.error.component.index(), place));
             }
         }
-        Ok(Self {
-            curves,
-            coefficients,
-            locations,
-            groups,
-        })
+        Ok(Self { curves, coefficients, locations, groups })
     }
 }
 
@@ -176,11 +164,7 @@ pub(crate) fn micro(component: Component) -> f64 {
 
 fn constant(value: f64, reversal: f64) -> ErrorCurve {
     let mean = Field::Curve(Curve::Constant(value));
-    if reversal == 0.0 {
-        ErrorCurve::Single(mean)
-    } else {
-        ErrorCurve::Reversal { mean, reversal }
-    }
+    if reversal == 0.0 { ErrorCurve::Single(mean) } else { ErrorCurve::Reversal { mean, reversal } }
 }
 
 /// A curve without its reversal value, which is identified again.
@@ -224,12 +208,7 @@ impl Products {
         for mode in (0..own.len()).filter(|&mode| own.order(mode) <= highest) {
             pairs.extend((1..modes.len()).map(|other| (mode, other)));
         }
-        Ok(Self {
-            axis,
-            name: second.axis,
-            modes,
-            pairs,
-        })
+        Ok(Self { axis, name: second.axis, modes, pairs })
     }
 
     pub(crate) fn axis(&self) -> usize {
@@ -427,11 +406,7 @@ target = \"unknown\"
             let difference = (found.column(column) - &expected).amax();
             let largest = expected.amax();
             assert!(largest > 1.0, "{}: {largest}", coefficient.name);
-            assert!(
-                difference < 1e-6 * largest,
-                "{}: {difference}",
-                coefficient.name
-            );
+            assert!(difference < 1e-6 * largest, "{}: {difference}", coefficient.name);
             seen += 1;
         }
         // Number of modes and products of each unknown error: 3·2 + 2·2 + 3·1 + 1·2.
@@ -447,14 +422,11 @@ target = \"unknown\"
             let own = curve.modes.as_ref().expect("modes");
             let products = curve.products.as_ref().expect("products");
             let c: Vec<f64> = (0..own.len()).map(|m| 4.0 - 1.3 * m as f64).collect();
-            let d: Vec<f64> = (0..products.pairs().len())
-                .map(|m| 5.0 * (m as f64 + 1.0).sin())
-                .collect();
+            let d: Vec<f64> =
+                (0..products.pairs().len()).map(|m| 5.0 * (m as f64 + 1.0).sin()).collect();
             let go_round =
                 [curve.axis, products.axis()].map(|axis| machine.axes()[axis].modulo.is_some());
-            let grid = products
-                .grid(own, curve.axis, [&c, &d], go_round)
-                .expect("a grid");
+            let grid = products.grid(own, curve.axis, [&c, &d], go_round).expect("a grid");
             // The machine accepts the curve: along an axis with a modulo its ends must agree.
             let mut taking = machine.clone();
             taking
@@ -467,21 +439,12 @@ target = \"unknown\"
                 let p = columns[0] + (columns[1] - columns[0]) * share(0.414_214);
                 let first = own.values(q);
                 let expected = first.iter().zip(&c).map(|(v, c)| v * c).sum::<f64>()
-                    + products
-                        .values(&first, p)
-                        .iter()
-                        .zip(&d)
-                        .map(|(v, d)| v * d)
-                        .sum::<f64>();
+                    + products.values(&first, p).iter().zip(&d).map(|(v, d)| v * d).sum::<f64>();
                 let mut at = vec![0.0; machine.axes().len()];
                 at[curve.axis] = q;
                 at[products.axis()] = p;
                 let missed = grid.value(&at) - expected;
-                assert!(
-                    missed.abs() < 3.0 * MISSES,
-                    "{} at {q}, {p}: {missed}",
-                    unknown.error
-                );
+                assert!(missed.abs() < 3.0 * MISSES, "{} at {q}, {p}: {missed}", unknown.error);
             }
         }
     }

@@ -32,16 +32,10 @@ fn left_jacobian(r_rad: &Vector3<f64>) -> Matrix3<f64> {
     let angle_squared = r_rad.norm_squared();
     let hat = r_rad.cross_matrix();
     let (first, second) = if angle_squared < 1e-8 {
-        (
-            0.5 - angle_squared / 24.0,
-            1.0 / 6.0 - angle_squared / 120.0,
-        )
+        (0.5 - angle_squared / 24.0, 1.0 / 6.0 - angle_squared / 120.0)
     } else {
         let angle = angle_squared.sqrt();
-        (
-            (1.0 - angle.cos()) / angle_squared,
-            (angle - angle.sin()) / (angle_squared * angle),
-        )
+        ((1.0 - angle.cos()) / angle_squared, (angle - angle.sin()) / (angle_squared * angle))
     };
     Matrix3::identity() + hat * first + hat * hat * second
 }
@@ -134,11 +128,8 @@ fn factors(chain: &Chain, errors: &Errors, state: &State) -> Vec<Factor> {
     use FactorKind::{Assembly, Error, Motion};
     let mut factors = Vec::with_capacity(3 * chain.joints().len());
     for (axis, (joint, &q)) in chain.joints().iter().zip(&state.q).enumerate() {
-        let [first, second] = if joint.errors_on_tool_side() {
-            [Motion, Error]
-        } else {
-            [Error, Motion]
-        };
+        let [first, second] =
+            if joint.errors_on_tool_side() { [Motion, Error] } else { [Error, Motion] };
         let order = match joint.side {
             Side::Tool => [Assembly, first, second],
             Side::Workpiece => [first, second, Assembly],
@@ -206,11 +197,7 @@ mod tests {
         let mut vector =
             |scale: f64| Vector3::from_fn(|_, _| scale * next.next().copied().unwrap_or_default());
         for axis in 0..MAX_AXES {
-            for list in [
-                &mut errors.motion,
-                &mut errors.location,
-                &mut errors.assembly,
-            ] {
+            for list in [&mut errors.motion, &mut errors.location, &mut errors.assembly] {
                 list[axis].linear_mm = vector(2.0);
                 list[axis].angular_rad = vector(0.02);
             }

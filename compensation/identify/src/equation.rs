@@ -182,11 +182,7 @@ impl System {
             }
             // For distinguishability the value is taken as exact, because its uncertainty leaves no unknown
             // undetermined.
-            let least = if design {
-                equations.jacobian.column(column).norm()
-            } else {
-                0.0
-            };
+            let least = if design { equations.jacobian.column(column).norm() } else { 0.0 };
             equations.jacobian[(count + row, column)] = least.max(1.0 / uncertainty);
         }
         equations
@@ -330,29 +326,21 @@ impl System {
             weight: 1.0 / row.row.uncertainty_mm,
             polynomials,
         };
-        let axes = [
-            Vector3::ith(0, 1.0),
-            Vector3::ith(1, 1.0),
-            Vector3::ith(2, 1.0),
-        ];
+        let axes = [Vector3::ith(0, 1.0), Vector3::ith(1, 1.0), Vector3::ith(2, 1.0)];
         let target = match &row.row.reading {
             RowReading::Point { target, .. } => *target,
             _ => None,
         };
-        let offset = target.map_or_else(Vector3::zeros, |target| {
-            values.point_at(target, polynomials)
-        });
+        let offset =
+            target.map_or_else(Vector3::zeros, |target| values.point_at(target, polynomials));
         let tip = self.tip_at(&row.pose, values, &offset, design);
         match &row.row.reading {
             RowReading::Point { frame, at_mm, .. } => {
                 let of = &values.frames[*frame];
                 let undrifted = of.pose.transform_point(at_mm);
                 // Drift rotates the points that it displaces; the ideal machine has no drift.
-                let [shift, turn] = if design {
-                    [Vector3::zeros(); 2]
-                } else {
-                    of.drifted(polynomials)
-                };
+                let [shift, turn] =
+                    if design { [Vector3::zeros(); 2] } else { of.drifted(polynomials) };
                 let seen = if design {
                     tip.position_mm
                 } else {
@@ -372,9 +360,7 @@ impl System {
                 });
                 if let Some(target) = target {
                     let rotation = &tip.rotation;
-                    out.part(Part::Point(target), &axes, |place, _| {
-                        rotation.column(place).into()
-                    });
+                    out.part(Part::Point(target), &axes, |place, _| rotation.column(place).into());
                 }
             }
             RowReading::Sphere { centre, offset_mm } => {
@@ -383,48 +369,27 @@ impl System {
                     out.residual(k, residual[k]);
                 }
                 out.coefficients(&row.pose, &tip, &axes);
-                out.part(Part::Point(*centre), &axes, |place, _| {
-                    -Vector3::ith(place, 1.0)
-                });
+                out.part(Part::Point(*centre), &axes, |place, _| -Vector3::ith(place, 1.0));
             }
-            RowReading::Distance {
-                point,
-                dead,
-                length_mm,
-            } => {
+            RowReading::Distance { point, dead, length_mm } => {
                 let reach = tip.position_mm - values.point_at(*point, polynomials);
                 let along = [reach.try_normalize(1e-9).unwrap_or_else(Vector3::z)];
-                out.residual(
-                    0,
-                    reach.norm() - values.number_at(*dead, polynomials) - length_mm,
-                );
+                out.residual(0, reach.norm() - values.number_at(*dead, polynomials) - length_mm);
                 out.coefficients(&row.pose, &tip, &along);
-                out.part(Part::Point(*point), &along, |place, _| {
-                    -Vector3::ith(place, 1.0)
-                });
+                out.part(Part::Point(*point), &along, |place, _| -Vector3::ith(place, 1.0));
                 out.number(*dead, -1.0);
             }
-            RowReading::Pair {
-                dead, length_mm, ..
-            } => {
+            RowReading::Pair { dead, length_mm, .. } => {
                 let Some(from) = &row.from else { return };
                 let other = self.tip_at(from, values, &Vector3::zeros(), design);
                 let reach = tip.position_mm - other.position_mm;
                 let along = reach.try_normalize(1e-9).unwrap_or_else(Vector3::z);
-                out.residual(
-                    0,
-                    reach.norm() - values.number_at(*dead, polynomials) - length_mm,
-                );
+                out.residual(0, reach.norm() - values.number_at(*dead, polynomials) - length_mm);
                 out.coefficients(&row.pose, &tip, &[along]);
                 out.coefficients(from, &other, &[-along]);
                 out.number(*dead, -1.0);
             }
-            RowReading::Line {
-                direction,
-                offset,
-                slope,
-                deviation_mm,
-            } => {
+            RowReading::Line { direction, offset, slope, deviation_mm } => {
                 let place = direction.dot(&row.ideal_mm);
                 let displacement = direction.dot(&(tip.position_mm - row.ideal_mm));
                 let line = values.number_at(*offset, polynomials)
@@ -435,21 +400,13 @@ impl System {
                 out.number(*offset, 1.0);
                 out.number(*slope, place);
             }
-            RowReading::Ball {
-                origin,
-                tilts,
-                distance,
-                axes,
-                offset_mm,
-            } => {
+            RowReading::Ball { origin, tilts, distance, axes, offset_mm } => {
                 let bar = bar(axes, tilts.map(|tilt| values.number_at(tilt, polynomials)));
                 let distance_mm = values.number_at(*distance, polynomials);
                 let ball = values.point_at(*origin, polynomials) + bar.along * distance_mm;
                 let read = out.offsets(axes, offset_mm, &(tip.position_mm - ball));
                 out.coefficients(&row.pose, &tip, &read);
-                out.part(Part::Point(*origin), &read, |place, _| {
-                    -Vector3::ith(place, 1.0)
-                });
+                out.part(Part::Point(*origin), &read, |place, _| -Vector3::ith(place, 1.0));
                 out.part(Part::Number(*distance), &read, |_, _| -bar.along);
                 for (tilt, by_tilt) in tilts.iter().zip(bar.by_tilt) {
                     out.part(Part::Number(*tilt), &read, |_, _| -by_tilt * distance_mm);
@@ -478,11 +435,7 @@ pub(crate) fn bar(axes: &Matrix3<f64>, [side1, side2]: [f64; 2]) -> Bar {
 
 /// Motion of a point at a lever arm per unit of displacement (0 to 2) or rotation (3 to 5).
 fn frame_motion(place: usize, lever_mm: &Vector3<f64>) -> Vector3<f64> {
-    if place < 3 {
-        Vector3::ith(place, 1.0)
-    } else {
-        Vector3::ith(place - 3, 1.0).cross(lever_mm)
-    }
+    if place < 3 { Vector3::ith(place, 1.0) } else { Vector3::ith(place - 3, 1.0).cross(lever_mm) }
 }
 
 /// Residuals (one to three for each row) and their derivatives, both divided by the uncertainty.

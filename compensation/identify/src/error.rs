@@ -18,21 +18,12 @@ pub enum IdentifyError {
     Machine(#[from] ModelError),
     /// No curve can be built from the identified coefficients.
     #[error("{error}: {source}")]
-    Curve {
-        error: volcomp_vocabulary::ErrorName,
-        source: CurveError,
-    },
+    Curve { error: volcomp_vocabulary::ErrorName, source: CurveError },
     /// A row refers to a missing part of the set-up; does not occur for observations read from a file.
     #[error(
         "{file}: line {line}: found number {found} of the set-up's {what}, expected less than {count}"
     )]
-    NoSuchPlace {
-        file: String,
-        line: usize,
-        what: &'static str,
-        found: usize,
-        count: usize,
-    },
+    NoSuchPlace { file: String, line: usize, what: &'static str, found: usize, count: usize },
     /// No equations can be formed from the observations; does not occur for observations read from a file.
     #[error("{place}: {why}")]
     Unusable { place: String, why: String },
@@ -45,12 +36,7 @@ pub enum IdentifyError {
     #[error(
         "found {numbers} numbers in {poses} poses for {unknowns} unknowns of the set-up and the machine, of which they determine at most {rank}: expected more poses, or fewer unknowns"
     )]
-    TooFew {
-        poses: usize,
-        numbers: usize,
-        unknowns: usize,
-        rank: usize,
-    },
+    TooFew { poses: usize, numbers: usize, unknowns: usize, rank: usize },
     #[error(
         "{target} cannot be distinguished from {with}, and the effect of tilts at the tip depends on it: measure the offset of the target from the tip with a ruler and state it as `target = [x, y, z]` with its standard uncertainty `target_within_mm`, or turn the tool with rotary axes"
     )]
@@ -64,10 +50,7 @@ pub enum IdentifyError {
     )]
     OtherObservations,
     #[error("errors of the machine cannot follow {parameter}: {why}")]
-    NotFollowing {
-        parameter: String,
-        why: &'static str,
-    },
+    NotFollowing { parameter: String, why: &'static str },
     #[error(
         "found no rows to fit, expected at least one observation with rows and without `judge = true`"
     )]
@@ -79,30 +62,15 @@ pub enum IdentifyError {
         "{}: after the fit the residual of the rows of this file is {typical_mm:.2} mm, largest at this row, expected at most {limit_mm} mm: did a zero, a sphere or the instrument move between two rows, or do the unknowns not describe the machine?",
         at(file, *line)
     )]
-    Unexplained {
-        file: String,
-        line: usize,
-        typical_mm: f64,
-        limit_mm: f64,
-    },
+    Unexplained { file: String, line: usize, typical_mm: f64, limit_mm: f64 },
     #[error(
         "{frame}: the frame cannot be determined, {direction} is not fixed by {rows} rows: expected at least three targets that are not on one line"
     )]
-    Frame {
-        frame: String,
-        direction: String,
-        rows: usize,
-    },
+    Frame { frame: String, direction: String, rows: usize },
     #[error(
         "the search did not converge in {steps} steps; the last step was {last:.1} standard uncertainties. There are {numbers} numbers for {unknowns} unknowns, of which they determine {rank}: expected more poses if these are few, otherwise observations that the unknowns can explain"
     )]
-    NotConverged {
-        steps: usize,
-        last: f64,
-        numbers: usize,
-        unknowns: usize,
-        rank: usize,
-    },
+    NotConverged { steps: usize, last: f64, numbers: usize, unknowns: usize, rank: usize },
 }
 
 /// A file with rows further from the nominal machine than real machines deviate.
@@ -134,11 +102,7 @@ pub(crate) fn at(file: &str, line: usize) -> String {
 
 fn far_files(files: &[FarFile]) -> String {
     const MAX_LISTED: usize = 5;
-    let mut words: Vec<String> = files
-        .iter()
-        .take(MAX_LISTED)
-        .map(ToString::to_string)
-        .collect();
+    let mut words: Vec<String> = files.iter().take(MAX_LISTED).map(ToString::to_string).collect();
     if files.len() > MAX_LISTED {
         words.push(format!("and {} more files", files.len() - MAX_LISTED));
     }

@@ -33,16 +33,11 @@ pub(crate) fn distinguishable(system: &System, design: &Equations, without: &[us
     let sides = design.sides.columns(jacobian.nrows(), true);
     let columns_of = |columns: &[usize]| jacobian.select_columns(columns);
     let all = [columns_of(&others), sides, columns_of(&reversals)];
-    let columns: Vec<DVector<f64>> = all
-        .iter()
-        .flat_map(|matrix| matrix.column_iter().map(Into::into))
-        .collect();
+    let columns: Vec<DVector<f64>> =
+        all.iter().flat_map(|matrix| matrix.column_iter().map(Into::into)).collect();
     let place_of = |place: usize| {
         let after = place.checked_sub(others.len() + all[1].ncols());
-        others
-            .get(place)
-            .or_else(|| after.and_then(|after| reversals.get(after)))
-            .copied()
+        others.get(place).or_else(|| after.and_then(|after| reversals.get(after))).copied()
     };
     let with_sides = independent(&DMatrix::from_columns(&columns));
     let mixed = with_sides.null.iter().filter_map(|null| {
@@ -54,9 +49,7 @@ pub(crate) fn distinguishable(system: &System, design: &Equations, without: &[us
         for (_, weight) in &mut own {
             *weight /= length;
         }
-        place_of(null[0].0)
-            .is_some_and(|first| system.is_reversal(first))
-            .then_some(own)
+        place_of(null[0].0).is_some_and(|first| system.is_reversal(first)).then_some(own)
     });
     let mixed: Vec<Vec<(usize, f64)>> = mixed.collect();
     if mixed.is_empty() {
@@ -131,19 +124,12 @@ pub(crate) fn fit(
         is_penalised(&rank),
         Exactness::Full,
     )?;
-    Ok(Fitted {
-        solution,
-        rank,
-        uncertain,
-    })
+    Ok(Fitted { solution, rank, uncertain })
 }
 
 /// Equations of the ideal experiment, with the derivatives by the first `columns` parameters.
 pub(crate) fn design(system: &System, rows: &Rows, values: &Values, columns: usize) -> Equations {
-    let ideal: Vec<Row> = rows
-        .iter()
-        .map(|row| ideal_row(system, row, values))
-        .collect();
+    let ideal: Vec<Row> = rows.iter().map(|row| ideal_row(system, row, values)).collect();
     system.equations_in(columns, &system.prepare(ideal.iter()), values, true)
 }
 
@@ -152,13 +138,7 @@ fn ideal_row(system: &System, row: &Row, values: &Values) -> Row {
     let mut ideal = row.clone();
     let centre = match &row.reading {
         RowReading::Sphere { centre, .. } => values.points[*centre][0],
-        RowReading::Ball {
-            origin,
-            tilts,
-            distance,
-            axes,
-            ..
-        } => {
+        RowReading::Ball { origin, tilts, distance, axes, .. } => {
             // The point is on the nominal bar: elsewhere, rotating the bar and rotating the machine
             // would not be equivalent.
             let along = bar(axes, tilts.map(|tilt| values.numbers[tilt][0])).along;
@@ -177,10 +157,7 @@ pub(crate) fn bring(system: &System, pose: &mut MachinePose, to: Vector3<f64>) -
     let chain = system.machine.chain();
     let tip_mm = pose.tip_mm;
     let tip = |state: &State| {
-        let pose = MachinePose {
-            state: *state,
-            tip_mm,
-        };
+        let pose = MachinePose { state: *state, tip_mm };
         pose.ideal_tip_mm(chain)
     };
     chain.bring(&mut pose.state, |_| true, &to, tip) <= REACHED_WITHIN_MM
@@ -209,19 +186,12 @@ impl Uncertain {
         let uncertain = |place: usize| {
             let param = kept[place];
             let inside = inverse.row(place).norm() / lengths[place];
-            Self {
-                param,
-                uncertainty: inside * system.unit_of(param).1,
-            }
+            Self { param, uncertainty: inside * system.unit_of(param).1 }
         };
-        let found: Vec<Self> = (0..kept.len())
-            .map(uncertain)
-            .filter(|of| of.is_hidden(system))
-            .collect();
+        let found: Vec<Self> =
+            (0..kept.len()).map(uncertain).filter(|of| of.is_hidden(system)).collect();
         let most = found.iter().map(|of| of.uncertainty).fold(0.0, f64::max);
-        found
-            .into_iter()
-            .rfind(|of| of.uncertainty >= LEAST_SHARE * most)
+        found.into_iter().rfind(|of| of.uncertainty >= LEAST_SHARE * most)
     }
 
     /// Whether it is an error of the machine, with a larger uncertainty than errors have.

@@ -41,14 +41,7 @@ impl<'a> Folds<'a> {
         let jacobian = equations.jacobian.select_columns(&fitted.rank.kept);
         equations.jacobian = DMatrix::zeros(0, 0);
         let root = inverse(&triangle(jacobian.clone()))?;
-        Some(Self {
-            q: jacobian * &root,
-            system,
-            rows,
-            fitted,
-            equations,
-            root,
-        })
+        Some(Self { q: jacobian * &root, system, rows, fitted, equations, root })
     }
 
     /// Residuals, mm, of the rows that are left out.
@@ -87,10 +80,7 @@ impl<'a> Folds<'a> {
         let mut equations = system.equations_in(0, &left, &values, false);
         let found = in_mm(&left, &equations);
         let linear = residuals + q * step;
-        equations
-            .residuals
-            .rows_mut(0, own.len())
-            .copy_from(&linear);
+        equations.residuals.rows_mut(0, own.len()).copy_from(&linear);
         let linear = in_mm(&left, &equations);
         let is_linear = |(a, b): (&Vector3<f64>, &Vector3<f64>)| (a - b).norm() <= LINEAR_WITHIN_MM;
         found.iter().zip(&linear).all(is_linear).then_some(found)
@@ -157,9 +147,7 @@ axes.C.travel = [-180.0, 180.0]
         let folds = Folds::new(&system, &rows, &all).expect("least squares");
         let of_all = system.residuals(&rows, &all.solution.values);
         for fold in 0..FOLDS {
-            let found = folds
-                .left_out(|row| row % FOLDS == fold)
-                .expect("determined");
+            let found = folds.left_out(|row| row % FOLDS == fold).expect("determined");
             let others = rows.only(|row| row % FOLDS != fold);
             let left = rows.only(|row| row % FOLDS == fold);
             let refitted = fit(&system, &observations, &others, values.clone()).expect("a fit");

@@ -44,11 +44,7 @@ pub(crate) fn machine_of(system: &System, values: &Values) -> Result<Machine, Id
     for (place, unknown) in system.unknowns.curves.iter().enumerate() {
         let error = unknown.error;
         let scale = micro(error.component);
-        let own = system
-            .unknowns
-            .coefficients
-            .iter()
-            .zip(&values.coefficients);
+        let own = system.unknowns.coefficients.iter().zip(&values.coefficients);
         let own = own.filter(|(coefficient, _)| coefficient.curve == place);
         let mut modes = vec![0.0; unknown.modes.as_ref().map_or(0, crate::basis::Modes::len)];
         let mut products = vec![0.0; unknown.products.as_ref().map_or(0, |p| p.pairs().len())];

@@ -115,9 +115,8 @@ impl Identification {
         let is_described = self.variance <= MAX_RESIDUAL_RATIO.powi(2) && !self.is_contradicted;
         let is_open = |of: &Parameter| !of.determined && !self.redundant.contains(&of.name);
         let errors = self.parameters.iter().filter(|of| of.error.is_some());
-        let open: Vec<&str> = (errors.clone().filter(|of| is_open(of)))
-            .map(|of| of.name.as_str())
-            .collect();
+        let open: Vec<&str> =
+            (errors.clone().filter(|of| is_open(of))).map(|of| of.name.as_str()).collect();
         let holds_on_open =
             |of: &Parameter| (of.given_zero.iter()).any(|zero| open.contains(&zero.as_str()));
         errors
@@ -196,12 +195,8 @@ fn followed(
     let (left_out, why_not) = left_out(system, observations, &rows, (&values, &fitted), |done| {
         progress(1 + done, fits);
     })?;
-    let (judged, of_judged) = judged(
-        system,
-        observations,
-        &fitted.solution.values,
-        figures(&residuals),
-    );
+    let (judged, of_judged) =
+        judged(system, observations, &fitted.solution.values, figures(&residuals));
     let parameters = parameters(system, &fitted);
     let names =
         |null: &Vec<(usize, f64)>| null.iter().map(|(c, w)| (system.name(*c), *w)).collect();
@@ -220,12 +215,7 @@ fn followed(
     warnings.extend(of_judged.rows);
     warnings.extend(large(system, &fitted));
     warnings.extend(few(&rows, &fitted));
-    warnings.extend(
-        observations
-            .notes
-            .iter()
-            .map(|text| Note::info("", text.as_str())),
-    );
+    warnings.extend(observations.notes.iter().map(|text| Note::info("", text.as_str())));
     warnings.extend(observations.fourier_gap_notes().iter().map(warning));
     warnings.extend(small_travel(&system.machine, &rows));
     warnings.extend(why_not);
@@ -355,12 +345,8 @@ pub(crate) fn left_out(
     if folds < 2 {
         return Ok((None, None));
     }
-    let none = |why: String| {
-        Ok((
-            None,
-            Some(Note::info("", format!("no cross-validation: {why}"))),
-        ))
-    };
+    let none =
+        |why: String| Ok((None, Some(Note::info("", format!("no cross-validation: {why}")))));
     let Some(parts) = parts(rows, folds) else {
         return none(format!(
             "{} poses cannot be split into {folds} parts (`folds`)",
@@ -429,9 +415,7 @@ pub(crate) fn judged(
                 1e3 * usual,
                 fitted.rms_um
             );
-            notes
-                .files
-                .push(Note::warning(observation.file.as_str(), what));
+            notes.files.push(Note::warning(observation.file.as_str(), what));
         }
         let rows = observation.rows.iter().zip(&sizes);
         let far = rows.filter(|(row, size)| **size > TIMES_USUAL * usual.max(row.uncertainty_mm));

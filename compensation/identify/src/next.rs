@@ -59,9 +59,8 @@ pub(crate) fn next(
     let prepared = system.prepare(candidates.iter().map(|candidate| &candidate.row));
     let ahead = system.plain_equations(&prepared, values, true);
     let left = fitted.rank.left_at_zero();
-    let missing: Vec<usize> = left
-        .filter(|column| system.is_convention(*column) == Some(false))
-        .collect();
+    let missing: Vec<usize> =
+        left.filter(|column| system.is_convention(*column) == Some(false)).collect();
     let of_missing = || {
         let now = system.equations(rows, values).jacobian;
         most_informative(system, &now, &ahead, &missing)
@@ -75,10 +74,7 @@ pub(crate) fn next(
     let target = match row.reading {
         RowReading::Sphere { centre, .. } => Some(&system.setup.points[centre].name),
         RowReading::Ball { distance, .. } => Some(&system.setup.numbers[distance].name),
-        RowReading::Point {
-            target: Some(target),
-            ..
-        } => Some(&system.setup.points[target].name),
+        RowReading::Point { target: Some(target), .. } => Some(&system.setup.points[target].name),
         _ => None,
     };
     let machine = &system.machine;
@@ -116,10 +112,7 @@ fn most_reducing(
     let effect: Vec<f64> = kept.iter().map(|&param| effects[param]).collect();
     let covariance = &fitted.solution.covariance;
     let uncertain = |covariance: &DVector<f64>| {
-        let sizes = effect
-            .iter()
-            .zip(covariance)
-            .map(|(e, v)| e * v.max(0.0).sqrt());
+        let sizes = effect.iter().zip(covariance).map(|(e, v)| e * v.max(0.0).sqrt());
         let sizes = sizes.enumerate();
         sizes.max_by(|a, b| a.1.total_cmp(&b.1)).unwrap_or((0, 0.0))
     };
@@ -181,11 +174,7 @@ fn most_informative(
     /// that of equally uncertain unknowns.
     const MIN_REDUCTION: f64 = 2.0;
     let sizes = DVector::from_fn(system.params.len(), |column, _| {
-        if column < system.params.setup() {
-            ANYWHERE
-        } else {
-            LARGEST_ERROR
-        }
+        if column < system.params.setup() { ANYWHERE } else { LARGEST_ERROR }
     });
     let scaled = |jacobian: &DMatrix<f64>| {
         let mut scaled = jacobian.clone();
@@ -312,17 +301,12 @@ fn drawn(
     }
     let is_new = |known: &Row| {
         let places = known.pose.state.q.iter().zip(&row.pose.state.q);
-        let moved = system
-            .machine
-            .axes()
-            .iter()
-            .zip(places)
-            .any(|(axis, (a, b))| {
-                // Whole turns of a periodic axis do not make another pose.
-                let turn = axis.modulo.map(f64::to_radians);
-                let turns = turn.map_or(0.0, |turn| turn * ((a - b) / turn).round());
-                (a - b - turns).abs() > SAME_BELOW
-            });
+        let moved = system.machine.axes().iter().zip(places).any(|(axis, (a, b))| {
+            // Whole turns of a periodic axis do not make another pose.
+            let turn = axis.modulo.map(f64::to_radians);
+            let turns = turn.map_or(0.0, |turn| turn * ((a - b) / turn).round());
+            (a - b - turns).abs() > SAME_BELOW
+        });
         moved || known.pose.tip_mm != row.pose.tip_mm
     };
     rows.iter().all(is_new).then_some(row)
@@ -382,15 +366,8 @@ pub(crate) fn largest_effects(system: &System, values: &Values) -> DVector<f64> 
         states = states.iter().flat_map(with).collect();
     }
     let mut tips = vec![machine.chain().tool_tip_mm()];
-    tips.extend(
-        machine
-            .tools()
-            .keys()
-            .filter_map(|name| machine.tip_of(name).ok()),
-    );
-    let poses = states
-        .iter()
-        .flat_map(|state| tips.iter().map(move |tip_mm| (*state, *tip_mm)));
+    tips.extend(machine.tools().keys().filter_map(|name| machine.tip_of(name).ok()));
+    let poses = states.iter().flat_map(|state| tips.iter().map(move |tip_mm| (*state, *tip_mm)));
     let rows: Vec<Row> = poses
         .map(|(state, tip_mm)| Row {
             line: 0,

@@ -128,9 +128,7 @@ fn observations(
         observations.push(observation);
     }
     let observations = set_times(observations, &machine, &mut state.notes);
-    state
-        .notes
-        .extend(missing_tool_column(&machine, &state.without_tool));
+    state.notes.extend(missing_tool_column(&machine, &state.without_tool));
     Ok(Observations {
         files,
         unknown,
@@ -164,10 +162,8 @@ fn refuse_same_file(sections: &[Section<'_>]) -> Result<(), InputError> {
             continue;
         };
         // `a.csv` and `./a.csv` are one file.
-        let path: PathBuf = Path::new(name)
-            .components()
-            .filter(|part| *part != Component::CurDir)
-            .collect();
+        let path: PathBuf =
+            Path::new(name).components().filter(|part| *part != Component::CurDir).collect();
         if let Some((_, other)) = before.iter().find(|(known, _)| *known == path) {
             let place = other.error("");
             return Err(value.error(format!(
@@ -232,19 +228,12 @@ fn decode_observation(
             standard_uncertainty_um(value.positive()?).map_err(|why| value.error(why))
         })?
         .unwrap_or(1.0);
-    let of = ObservationHeader {
-        section,
-        kind,
-        file: &name,
-        drift,
-        judge,
-    };
+    let of = ObservationHeader { section, kind, file: &name, drift, judge };
     let mut bar = None;
     let row_kind = match kind {
-        Kind::Points => RowKind::Points {
-            frame: frame(&of, state)?,
-            targets: targets(&of, state)?,
-        },
+        Kind::Points => {
+            RowKind::Points { frame: frame(&of, state)?, targets: targets(&of, state)? }
+        }
         Kind::Sphere => RowKind::Sphere { drift },
         Kind::Distance => {
             let is_pair = table.columns().any(|(_, name)| name == "from");
@@ -270,14 +259,7 @@ fn decode_observation(
             kind
         }
     };
-    let mut rows = read_rows(
-        &table,
-        &row_kind,
-        machine,
-        uncertainty_um * 1e-3,
-        judge,
-        state,
-    )?;
+    let mut rows = read_rows(&table, &row_kind, machine, uncertainty_um * 1e-3, judge, state)?;
     refuse_units(&table, machine, &rows.rows, &state.setup)?;
     if let (RowKind::Line { direction, .. }, Some(value)) = (&row_kind, section.get("direction"))
         && let Some(note) = oblique(&rows.rows, direction, machine)
@@ -290,12 +272,7 @@ fn decode_observation(
     if !rows.has_tool {
         state.without_tool.push(name.clone());
     }
-    let observation = Observation {
-        file: name,
-        kind,
-        judge,
-        rows: rows.rows,
-    };
+    let observation = Observation { file: name, kind, judge, rows: rows.rows };
     Ok(OrderedObservation {
         observation,
         orders: rows.orders,
@@ -421,9 +398,7 @@ fn decode_item(
     let Ok(section) = item.section() else {
         return Ok(Unknown::constant(decode_name(item, machine)?));
     };
-    section.allow(&[
-        "error", "legendre", "bspline", "fourier", "second", "reversal", "penalty",
-    ])?;
+    section.allow(&["error", "legendre", "bspline", "fourier", "second", "reversal", "penalty"])?;
     let name = section.require("error")?;
     let error = decode_name(&name, machine)?;
     let mut bases = Vec::new();
@@ -453,9 +428,7 @@ fn decode_item(
         }
         [] => None,
         [(value, basis)] => {
-            let goes_round = machine
-                .axis(error.axis)
-                .is_some_and(|axis| axis.modulo.is_some());
+            let goes_round = machine.axis(error.axis).is_some_and(|axis| axis.modulo.is_some());
             if goes_round && !matches!(basis, Basis::Fourier { .. }) {
                 return Err(value.error(format!(
                     "found a curve that does not close, expected `fourier`: {} has a modulo",
@@ -475,9 +448,9 @@ fn decode_item(
         None => None,
     };
     if error.location && (reversal || !bases.is_empty() || second.is_some()) {
-        return Err(section.error(format!(
-            "{error}: a location error is one number, never a curve"
-        )));
+        return Err(
+            section.error(format!("{error}: a location error is one number, never a curve"))
+        );
     }
     if reversal && matches!(machine.error(error), Some(ErrorCurve::Pair { .. })) && basis.is_none()
     {
@@ -485,13 +458,7 @@ fn decode_item(
             "{error} has `forward` and `backward` in the machine file, expected one curve to which a reversal value is added: state a kind of curve too"
         )));
     }
-    Ok(Unknown {
-        error,
-        basis,
-        second,
-        reversal,
-        penalised: decode_penalty(&section, penalised)?,
-    })
+    Ok(Unknown { error, basis, second, reversal, penalised: decode_penalty(&section, penalised)? })
 }
 
 fn decode_second(
@@ -506,10 +473,8 @@ fn decode_second(
     let axis = axis.filter(|axis| machine.axis(*axis).is_some());
     let Some(axis) = axis.filter(|axis| *axis != error.axis) else {
         let others = machine.axes().iter().map(|axis| axis.name);
-        let others: Vec<String> = others
-            .filter(|other| *other != error.axis)
-            .map(|other| other.to_string())
-            .collect();
+        let others: Vec<String> =
+            others.filter(|other| *other != error.axis).map(|other| other.to_string()).collect();
         return Err(name.error(format!(
             "found \"{}\", expected the second axis that {error} depends on, one of {}",
             name.text()?,
@@ -560,10 +525,8 @@ fn decode_second(
 
 fn decode_name(value: &Value<'_>, machine: &Machine) -> Result<ErrorName, InputError> {
     let name = machine.decode_error(value)?;
-    let joint = machine
-        .index_of(name.axis)
-        .ok()
-        .and_then(|index| machine.chain().joints().get(index));
+    let joint =
+        machine.index_of(name.axis).ok().and_then(|index| machine.chain().joints().get(index));
     let no_effect = joint.and_then(|joint| joint.no_effect(name.component));
     match no_effect.filter(|_| name.location) {
         Some(reason) => Err(value.error(format!("{name} {reason}"))),

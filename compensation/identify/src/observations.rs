@@ -97,13 +97,7 @@ pub struct Quantity<T> {
 impl<T> Quantity<T> {
     /// A known quantity, or an unknown one if it has no value.
     pub fn new(name: String, value: Option<T>, drift: usize) -> Self {
-        Self {
-            name,
-            unknown: value.is_none(),
-            value,
-            drift,
-            known_within: None,
-        }
+        Self { name, unknown: value.is_none(), value, drift, known_within: None }
     }
 }
 
@@ -334,12 +328,7 @@ impl RowReading {
             Self::Distance { point, dead, .. } => vec![Part::Point(point), Part::Number(dead)],
             Self::Pair { dead, .. } => vec![Part::Number(dead)],
             Self::Line { offset, slope, .. } => vec![Part::Number(offset), Part::Number(slope)],
-            Self::Ball {
-                origin,
-                tilts: [first, second],
-                distance,
-                ..
-            } => vec![
+            Self::Ball { origin, tilts: [first, second], distance, .. } => vec![
                 Part::Point(origin),
                 Part::Number(first),
                 Part::Number(second),
@@ -457,16 +446,9 @@ impl Observations {
             // The position of the ideal machine would differ slightly from the one at which the
             // real machine located the sphere or the ball.
             let is_probed = |row: &Row| {
-                matches!(
-                    row.reading,
-                    RowReading::Sphere { .. } | RowReading::Ball { .. }
-                )
+                matches!(row.reading, RowReading::Sphere { .. } | RowReading::Ball { .. })
             };
-            let margin = if self.fitted_rows().any(is_probed) {
-                SPHERE_MARGIN
-            } else {
-                0.0
-            };
+            let margin = if self.fitted_rows().any(is_probed) { SPHERE_MARGIN } else { 0.0 };
             let wider = margin * (range[1] - range[0]);
             [range[0] - wider, range[1] + wider]
         } else {

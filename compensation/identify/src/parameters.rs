@@ -44,11 +44,8 @@ pub(crate) fn reported_by_searched(system: &System, fitted: &Fitted) -> DMatrix<
                 let (sc, cc) = six[5].sin_cos();
                 let along = cc * turn.x + sc * turn.y;
                 let cosine = if cb.abs() < 1e-9 { 1e-9 } else { cb };
-                let rates = [
-                    along / cosine,
-                    cc * turn.y - sc * turn.x,
-                    turn.z + along * sb / cosine,
-                ];
+                let rates =
+                    [along / cosine, cc * turn.y - sc * turn.x, turn.z + along * sb / cosine];
                 rates[place - 3] * scale
             };
         }
@@ -59,11 +56,7 @@ pub(crate) fn reported_by_searched(system: &System, fitted: &Fitted) -> DMatrix<
 /// Frame and component (0 to 5) of a set-up parameter that does not drift.
 fn of_frame(param: Param) -> Option<(usize, usize)> {
     match param {
-        Param::SetUp {
-            part: Part::Frame(frame),
-            place,
-            order: 0,
-        } => Some((frame, place)),
+        Param::SetUp { part: Part::Frame(frame), place, order: 0 } => Some((frame, place)),
         _ => None,
     }
 }
@@ -133,9 +126,7 @@ pub(crate) fn undetermined(system: &System, rank: &Rank) -> Vec<UndeterminedErro
         UndeterminedError {
             name: system.name(left),
             unit,
-            moves: errors
-                .map(|share| (system.name(share.0), change(share) / whole))
-                .collect(),
+            moves: errors.map(|share| (system.name(share.0), change(share) / whole)).collect(),
         }
     });
     open.collect()
@@ -175,10 +166,7 @@ pub(crate) fn left_at_zero(
         [] => {}
         [one] => notes.push(words(one)),
         several => {
-            let names: Vec<&str> = several
-                .iter()
-                .map(|place| null[*place][0].0.as_str())
-                .collect();
+            let names: Vec<&str> = several.iter().map(|place| null[*place][0].0.as_str()).collect();
             notes.push(format!(
                 "left at zero by convention, because they are equivalent to location errors, other constants or the set-up: {}",
                 names.join(", ")
@@ -191,11 +179,7 @@ pub(crate) fn left_at_zero(
 fn null_in_words(null: &[(String, f64)], is_setup: bool) -> String {
     const MAX_LISTED: usize = 4;
     let (left, others) = (&null[0].0, &null[1..]);
-    let where_left = if is_setup {
-        "at its start value"
-    } else {
-        "at zero"
-    };
+    let where_left = if is_setup { "at its start value" } else { "at zero" };
     if others.is_empty() {
         return format!("{left} has no effect in these observations: it is left {where_left}");
     }

@@ -79,11 +79,7 @@ impl Params {
             let Param::SetUp { part, place, order } = *param else {
                 continue;
             };
-            params.columns.entry(part).or_default().push(Column {
-                param: column,
-                place,
-                order,
-            });
+            params.columns.entry(part).or_default().push(Column { param: column, place, order });
             params.highest_order = params.highest_order.max(order);
         }
         params.all.extend((0..coefficients).map(Param::Coefficient));

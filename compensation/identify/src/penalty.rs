@@ -82,9 +82,8 @@ impl Penalised<'_> {
     fn at(&self, log_lambda: &[f64]) -> Option<At> {
         let groups = self.ranks.len();
         let lambda = |place: usize| {
-            self.members[place].map_or(0.0, |(group, _)| {
-                log_lambda[group].exp() * self.weights[place]
-            })
+            self.members[place]
+                .map_or(0.0, |(group, _)| log_lambda[group].exp() * self.weights[place])
         };
         let count = self.members.len();
         let diagonal = DVector::from_fn(count, |place, _| lambda(place));
@@ -130,13 +129,7 @@ impl Penalised<'_> {
         }
         let groups = means.iter().zip(&self.ranks);
         groups
-            .map(|(mean, rank)| {
-                if *mean > 0.0 {
-                    (0.1 * rank / mean).ln()
-                } else {
-                    0.0
-                }
-            })
+            .map(|(mean, rank)| if *mean > 0.0 { (0.1 * rank / mean).ln() } else { 0.0 })
             .collect()
     }
 
@@ -198,10 +191,7 @@ pub(crate) fn choose(
         equations: residuals.len() as f64,
         square: residuals.norm_squared(),
     };
-    let mut log_lambda = penalty
-        .log_lambda
-        .clone()
-        .unwrap_or_else(|| equations.balanced());
+    let mut log_lambda = penalty.log_lambda.clone().unwrap_or_else(|| equations.balanced());
     let mut before = vec![f64::INFINITY; penalty.groups];
     let max_steps = if penalty.held { 1 } else { MAX_STEPS };
     for attempt in 0..max_steps {

@@ -39,11 +39,7 @@ impl Rank {
 
     /// Ratio of the smallest to the largest singular value of the columns, scaled to unit length; 0 if some are left out.
     pub(crate) fn score(&self) -> f64 {
-        if self.null.is_empty() {
-            self.score_of_kept()
-        } else {
-            0.0
-        }
+        if self.null.is_empty() { self.score_of_kept() } else { 0.0 }
     }
 
     /// Whether the kept columns stay independent if only this share of the squared length of every
@@ -86,27 +82,17 @@ pub(crate) fn independent_without(matrix: &DMatrix<f64>, without: &[usize]) -> R
     left.extend(without);
     left.sort_unstable();
     left.dedup();
-    let kept: Vec<usize> = (0..matrix.ncols())
-        .filter(|column| left.binary_search(column).is_err())
-        .collect();
+    let kept: Vec<usize> =
+        (0..matrix.ncols()).filter(|column| left.binary_search(column).is_err()).collect();
     let own = factor.select_columns(&kept);
     let ordered = triangle(factor.select_columns(&[&kept[..], &left].concat()));
     let r = ordered.view((0, 0), (kept.len(), kept.len()));
     let null = left.iter().enumerate().map(|(place, &column)| {
         let right = ordered.view((0, kept.len() + place), (kept.len(), 1));
         let weights = r.solve_upper_triangular(&right.column(0));
-        combination(
-            column,
-            &kept,
-            &weights.unwrap_or_else(|| DVector::zeros(kept.len())),
-        )
+        combination(column, &kept, &weights.unwrap_or_else(|| DVector::zeros(kept.len())))
     });
-    Rank {
-        null: null.collect(),
-        singular: ends(&own),
-        lengths,
-        kept,
-    }
+    Rank { null: null.collect(), singular: ends(&own), lengths, kept }
 }
 
 /// Columns to leave out, ascending.
@@ -148,19 +134,12 @@ fn left_out(triangle: &DMatrix<f64>) -> Vec<usize> {
 /// the column first, then the others by descending weight.
 fn combination(column: usize, kept: &[usize], weights: &DVector<f64>) -> Vec<(usize, f64)> {
     let largest = weights.amax().max(1.0);
-    let others = kept
-        .iter()
-        .copied()
-        .zip(weights.iter().map(|weight| -weight));
-    let mut others: Vec<(usize, f64)> = others
-        .filter(|(_, weight)| weight.abs() > ROUNDING * largest)
-        .collect();
+    let others = kept.iter().copied().zip(weights.iter().map(|weight| -weight));
+    let mut others: Vec<(usize, f64)> =
+        others.filter(|(_, weight)| weight.abs() > ROUNDING * largest).collect();
     others.sort_by(|a, b| b.1.abs().total_cmp(&a.1.abs()));
     others.insert(0, (column, 1.0));
-    let length = others
-        .iter()
-        .map(|(_, weight)| weight * weight)
-        .sum::<f64>();
+    let length = others.iter().map(|(_, weight)| weight * weight).sum::<f64>();
     for (_, weight) in &mut others {
         *weight /= length.sqrt();
     }

@@ -27,9 +27,7 @@ impl Columns<'_> {
         let mut named = self.table.columns().filter(|(_, found)| *found == name);
         let first = named.next().map(|(column, _)| column);
         match named.next() {
-            Some(_) => Err(self
-                .table
-                .header_error(format!("column `{name}` occurs twice"))),
+            Some(_) => Err(self.table.header_error(format!("column `{name}` occurs twice"))),
             None => Ok(first),
         }
     }
@@ -62,9 +60,8 @@ impl Columns<'_> {
         means_it: impl Fn(&str) -> bool,
     ) -> Result<Option<Column>, InputError> {
         let names = || self.table.names().map(|(_, name)| name);
-        let mut others = names()
-            .filter(|found| *found != name && means_it(found))
-            .map(str::to_owned);
+        let mut others =
+            names().filter(|found| *found != name && means_it(found)).map(str::to_owned);
         let Some(with_unit) = others.next() else {
             return self.get(name);
         };
@@ -79,9 +76,7 @@ impl Columns<'_> {
 
     pub(crate) fn unused(&self) -> Vec<&str> {
         let names = self.table.names().map(|(_, name)| name);
-        names
-            .filter(|name| !self.used.iter().any(|used| used == name))
-            .collect()
+        names.filter(|name| !self.used.iter().any(|used| used == name)).collect()
     }
 
     /// Rejects an unused column whose name resembles a missing one, in other letters or with another unit: `a` for `A`,
@@ -139,8 +134,7 @@ impl Columns<'_> {
         column.ok_or_else(|| {
             let found: Vec<&str> = self.table.names().map(|(_, name)| name).collect();
             let found = quoted(&found.join(","));
-            self.table
-                .header_error(format!("found {found}, expected a column `{name}`"))
+            self.table.header_error(format!("found {found}, expected a column `{name}`"))
         })
     }
 }
@@ -204,10 +198,7 @@ pub(crate) fn read_rows(
     judge: bool,
     state: &mut ReadState,
 ) -> Result<ReadRows, InputError> {
-    let mut columns = Columns {
-        table,
-        used: Vec::new(),
-    };
+    let mut columns = Columns { table, used: Vec::new() };
     let axes = axis_columns(&mut columns, machine)?;
     let tool = columns.get("tool")?;
     let name = match columns.get("pose")? {
@@ -295,16 +286,9 @@ pub(crate) fn read_rows(
     if !unused.is_empty() {
         note(format!("columns that are not used: {}", unused.join(", ")));
     }
-    let anomalies = shared_pose(&rows)
-        .into_iter()
-        .chain(below_uncertainty(&rows));
+    let anomalies = shared_pose(&rows).into_iter().chain(below_uncertainty(&rows));
     anomalies.for_each(note);
-    Ok(ReadRows {
-        rows,
-        orders,
-        has_order: order.is_some(),
-        has_tool: tool.is_some(),
-    })
+    Ok(ReadRows { rows, orders, has_order: order.is_some(), has_tool: tool.is_some() })
 }
 
 /// Rejects a number that no coordinate and no reading can have, at its place in the file: in an equation it would make all other rows look
@@ -365,9 +349,7 @@ fn below_uncertainty(rows: &[Row]) -> Option<String> {
         Some((largest_mm, row.uncertainty_mm))
     });
     let readings: Vec<(f64, f64)> = readings.collect();
-    let largest_mm = readings
-        .iter()
-        .fold(0.0_f64, |l, (reading, _)| l.max(*reading));
+    let largest_mm = readings.iter().fold(0.0_f64, |l, (reading, _)| l.max(*reading));
     let is_small = |(reading, uncertainty): &(f64, f64)| reading < uncertainty;
     (largest_mm > 0.0 && readings.iter().all(is_small)).then(|| {
         format!(
@@ -397,11 +379,8 @@ fn axis_columns(
         }
     }
     if found.is_empty() {
-        let letters: Vec<String> = machine
-            .axes()
-            .iter()
-            .map(|axis| axis.name.to_string())
-            .collect();
+        let letters: Vec<String> =
+            machine.axes().iter().map(|axis| axis.name.to_string()).collect();
         return Err(columns.table.header_error(format!(
             "found no column of an axis, expected the letters of the machine axes: {}",
             letters.join(", ")
@@ -437,10 +416,7 @@ fn read_pose(
         ("", _) | (_, None) => machine.chain().tool_tip_mm(),
         (name, Some(cell)) => tip_of(name, kind, machine).map_err(|message| cell.error(message))?,
     };
-    Ok(MachinePose {
-        state: axes_state,
-        tip_mm,
-    })
+    Ok(MachinePose { state: axes_state, tip_mm })
 }
 
 /// Tip of a tool of the machine file; a tool that only `target` names has the tip of `[tool]`.
@@ -453,12 +429,7 @@ fn tip_of(name: &str, kind: &RowKind, machine: &Machine) -> Result<Vector3<f64>,
         if targets.iter().any(|(tool, _)| tool == name) {
             return Ok(machine.chain().tool_tip_mm());
         }
-        known.extend(
-            targets
-                .iter()
-                .map(|(tool, _)| tool.as_str())
-                .filter(|tool| !tool.is_empty()),
-        );
+        known.extend(targets.iter().map(|(tool, _)| tool.as_str()).filter(|tool| !tool.is_empty()));
     }
     let unknown = ModelError::NoSuchTool {
         machine: machine.name.clone(),
@@ -513,11 +484,7 @@ impl<'k> ReadingColumns<'k> {
     fn new(columns: &mut Columns<'_>, kind: &'k RowKind) -> Result<Self, InputError> {
         Ok(match *kind {
             RowKind::Points { frame, ref targets } => Self::Points {
-                at: [
-                    columns.require_mm("x")?,
-                    columns.require_mm("y")?,
-                    columns.require_mm("z")?,
-                ],
+                at: [columns.require_mm("x")?, columns.require_mm("y")?, columns.require_mm("z")?],
                 frame,
                 targets,
             },
@@ -533,11 +500,7 @@ impl<'k> ReadingColumns<'k> {
                         Some([x?, y?, z?])
                     }
                 };
-                Self::Sphere {
-                    sphere,
-                    offset,
-                    drift,
-                }
+                Self::Sphere { sphere, offset, drift }
             }
             RowKind::Distance { point: None, dead } => Self::Pair {
                 from: columns.require("from")?,
@@ -545,29 +508,13 @@ impl<'k> ReadingColumns<'k> {
                 length: columns.require("length_mm")?,
                 dead,
             },
-            RowKind::Distance {
-                point: Some(point),
-                dead,
-            } => Self::Distance {
-                length: columns.require("length_mm")?,
-                point,
-                dead,
-            },
-            RowKind::Line {
-                direction,
-                offset,
-                slope,
-            } => Self::Line {
-                deviation: columns.require("deviation_um")?,
-                direction,
-                offset,
-                slope,
-            },
-            RowKind::Ball {
-                balls,
-                origin,
-                tilts,
-            } => Self::Ball {
+            RowKind::Distance { point: Some(point), dead } => {
+                Self::Distance { length: columns.require("length_mm")?, point, dead }
+            }
+            RowKind::Line { direction, offset, slope } => {
+                Self::Line { deviation: columns.require("deviation_um")?, direction, offset, slope }
+            }
+            RowKind::Ball { balls, origin, tilts } => Self::Ball {
                 ball: columns.require("ball")?,
                 offsets: [
                     columns.get("along_um")?,
@@ -586,10 +533,7 @@ impl<'k> ReadingColumns<'k> {
         row: &CsvRow<'_>,
         axes: &[(Column, AxisName, usize)],
     ) -> Result<bool, InputError> {
-        let Self::Pair {
-            from, to, length, ..
-        } = self
-        else {
+        let Self::Pair { from, to, length, .. } = self else {
             return Ok(false);
         };
         let is_stated = |column: &Column| !row.cell(*column).text().is_empty();
@@ -620,25 +564,12 @@ impl<'k> ReadingColumns<'k> {
         };
         let mut pose = pose;
         let reading = match *self {
-            Self::Pair {
-                from,
-                to,
-                length,
-                dead,
-            } => {
+            Self::Pair { from, to, length, dead } => {
                 let [from, to] = pair(row, [from, to], poses)?;
                 pose = Some(to);
-                RowReading::Pair {
-                    from,
-                    dead,
-                    length_mm: row.cell(length).number()?,
-                }
+                RowReading::Pair { from, dead, length_mm: row.cell(length).number()? }
             }
-            Self::Points {
-                ref at,
-                frame,
-                targets,
-            } => {
+            Self::Points { ref at, frame, targets } => {
                 let mut targets = targets.iter();
                 let target = targets.find(|(name, _)| name == tool || name.is_empty());
                 RowReading::Point {
@@ -647,11 +578,7 @@ impl<'k> ReadingColumns<'k> {
                     at_mm: numbers(at)?,
                 }
             }
-            Self::Sphere {
-                sphere,
-                ref offset,
-                drift,
-            } => {
+            Self::Sphere { sphere, ref offset, drift } => {
                 let name = sphere.map_or("", |column| row.cell(column).text());
                 let centre = centre_of(name, drift, judge, row, state)?;
                 let offset_mm = match offset {
@@ -660,33 +587,16 @@ impl<'k> ReadingColumns<'k> {
                 };
                 RowReading::Sphere { centre, offset_mm }
             }
-            Self::Distance {
-                length,
-                point,
-                dead,
-            } => RowReading::Distance {
-                point,
-                dead,
-                length_mm: row.cell(length).number()?,
-            },
-            Self::Line {
-                deviation,
-                direction,
-                offset,
-                slope,
-            } => RowReading::Line {
+            Self::Distance { length, point, dead } => {
+                RowReading::Distance { point, dead, length_mm: row.cell(length).number()? }
+            }
+            Self::Line { deviation, direction, offset, slope } => RowReading::Line {
                 direction,
                 offset,
                 slope,
                 deviation_mm: row.cell(deviation).number()? * 1e-3,
             },
-            Self::Ball {
-                ball,
-                ref offsets,
-                balls,
-                origin,
-                tilts,
-            } => {
+            Self::Ball { ball, ref offsets, balls, origin, tilts } => {
                 let cell = row.cell(ball);
                 let distance = state.rows_of_balls[balls]
                     .distance_of(cell.text(), &mut state.setup)
@@ -771,11 +681,7 @@ fn centre_of(
             quoted(name)
         )));
     }
-    let full = if name.is_empty() {
-        "sphere".to_owned()
-    } else {
-        format!("sphere {name}")
-    };
+    let full = if name.is_empty() { "sphere".to_owned() } else { format!("sphere {name}") };
     let place = state.setup.add_point(Quantity::new(full, None, drift));
     state.spheres.push((name.to_owned(), place));
     Ok(place)

@@ -57,10 +57,7 @@ impl MachineSampler {
             }
             column += usize::from(parameter.determined);
         }
-        let covariance = found
-            .covariance
-            .select_columns(&columns)
-            .select_rows(&columns);
+        let covariance = found.covariance.select_columns(&columns).select_rows(&columns);
         Ok(Self {
             system,
             found: coefficients,
@@ -88,19 +85,14 @@ impl MachineSampler {
         }
         let listed = self.system.unknowns.coefficients.iter().zip(coefficients);
         let inside = listed.map(|(coefficient, value)| value / micro(coefficient.error.component));
-        machine_of(
-            &self.system,
-            &Values::stated(&self.system.setup, inside.collect()),
-        )
+        machine_of(&self.system, &Values::stated(&self.system.setup, inside.collect()))
     }
 }
 
 /// Square root of a covariance that rounding may have made slightly indefinite. Rows and columns are first divided by
 /// the standard uncertainties, so that µm and µrad of any size have equal scale.
 fn root_of(covariance: &DMatrix<f64>) -> DMatrix<f64> {
-    let sizes = covariance
-        .diagonal()
-        .map(|variance| variance.max(0.0).sqrt());
+    let sizes = covariance.diagonal().map(|variance| variance.max(0.0).sqrt());
     let correlation = DMatrix::from_fn(covariance.nrows(), covariance.ncols(), |row, column| {
         let size = sizes[row] * sizes[column];
         if size > 0.0 {

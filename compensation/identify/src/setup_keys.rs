@@ -187,9 +187,8 @@ pub(crate) fn targets(
         if found <= MAX_TARGET_UNCERTAINTY_MM {
             return Ok(found);
         }
-        Err(value.error(format!(
-            "found {found} mm, expected at most {MAX_TARGET_UNCERTAINTY_MM} mm"
-        )))
+        Err(value
+            .error(format!("found {found} mm, expected at most {MAX_TARGET_UNCERTAINTY_MM} mm")))
     })?;
     let Some(value) = of.section.get("target") else {
         return match of.section.get("target_within_mm") {
@@ -226,11 +225,7 @@ fn target(
     }
     // A value with an uncertainty is identified as well.
     let unknown = known.is_none() || within.is_some();
-    let key = if tool.is_empty() {
-        format!("{}:", of.file)
-    } else {
-        tool.to_owned()
-    };
+    let key = if tool.is_empty() { format!("{}:", of.file) } else { tool.to_owned() };
     if unknown {
         // A target named by its tool is the same in all files. A judged file finds a target without a tool in a file of
         // the same kind, if there is only one.

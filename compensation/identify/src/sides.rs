@@ -43,10 +43,7 @@ impl Sides {
 
     /// Columns of all numbers, or only of those of unknown reversal values, with `equations` rows.
     pub(crate) fn columns(&self, equations: usize, of_unknown: bool) -> DMatrix<f64> {
-        let selected = self
-            .0
-            .iter()
-            .filter(|(key, _)| !of_unknown || key.2.is_some());
+        let selected = self.0.iter().filter(|(key, _)| !of_unknown || key.2.is_some());
         let columns: Vec<DVector<f64>> = selected
             .map(|(_, column)| {
                 let mut dense = DVector::zeros(equations);

@@ -70,11 +70,8 @@ impl Solution {
         let left = left(equations, sides);
         let count = left.len() as f64;
         let freedom = (count - step.degrees).max(1.0);
-        let counted = if search.robust {
-            huber_variance(&left, step.degrees)
-        } else {
-            step.counted
-        };
+        let counted =
+            if search.robust { huber_variance(&left, step.degrees) } else { step.counted };
         // The weights enlarged the covariance as if all readings had the mean weight.
         let mean_weight = if search.robust {
             left.iter().map(|r| weight(*r)).sum::<f64>() / count.max(1.0)
@@ -130,23 +127,13 @@ pub(crate) fn solve(
         Exactness::Full if robust => (CONVERGED_ROBUST, MAX_STEPS_ROBUST),
         Exactness::Full => (CONVERGED, MAX_STEPS),
     };
-    let search = Search {
-        system,
-        rows,
-        kept,
-        robust,
-        penalised,
-    };
+    let search = Search { system, rows, kept, robust, penalised };
     let mut values = start;
     let mut penalty = Penalty::none(system, kept);
     let mut last = f64::INFINITY;
     let columns = kept.last().map_or(0, |last| {
         let setup = system.params.setup();
-        if *last < setup {
-            setup
-        } else {
-            system.params.len()
-        }
+        if *last < setup { setup } else { system.params.len() }
     });
     let at = |values: &Values| {
         let mut equations = system.equations_in(columns, rows, values, false);
@@ -263,11 +250,7 @@ fn left(equations: &Equations, sides: &DVector<f64>) -> DVector<f64> {
 fn cost(equations: &Equations, sides: &DVector<f64>, robust: bool) -> f64 {
     let of = |r: &f64| {
         let size = r.abs();
-        if robust && size > HUBER {
-            2.0 * HUBER * size - HUBER * HUBER
-        } else {
-            r * r
-        }
+        if robust && size > HUBER { 2.0 * HUBER * size - HUBER * HUBER } else { r * r }
     };
     left(equations, sides).iter().map(of).sum::<f64>() + sides.norm_squared()
 }
@@ -319,13 +302,7 @@ impl Search<'_> {
         values: &Values,
         penalty: &mut Penalty,
     ) -> Result<Step, IdentifyError> {
-        let Self {
-            system,
-            rows,
-            kept,
-            robust,
-            penalised,
-        } = self;
+        let Self { system, rows, kept, robust, penalised } = self;
         let mut jacobian = equations.jacobian.select_columns(kept);
         let mut residuals = equations.residuals.clone();
         let square = cost(equations, sides, robust);
@@ -361,16 +338,10 @@ impl Search<'_> {
         let (step, mut covariance, degrees, counted) = if penalised {
             let now = DVector::from_iterator(
                 kept.len(),
-                kept.iter()
-                    .map(|&column| values.of(system.params.at(column))),
+                kept.iter().map(|&column| values.of(system.params.at(column))),
             );
             let chosen = choose(&jacobian, &residuals, &scale, &now, penalty).ok_or_else(failed)?;
-            (
-                chosen.step,
-                chosen.covariance,
-                chosen.degrees,
-                chosen.variance,
-            )
+            (chosen.step, chosen.covariance, chosen.degrees, chosen.variance)
         } else {
             let count = kept.len();
             let mut columns = jacobian.resize_horizontally(count + 1, 0.0);
@@ -391,14 +362,7 @@ impl Search<'_> {
             || DVector::zeros(0),
             |(jacobian, residuals)| weighted_sides.estimate(&(residuals + jacobian * &by)),
         );
-        Ok(Step {
-            by,
-            sides,
-            covariance,
-            counted,
-            square,
-            degrees,
-        })
+        Ok(Step { by, sides, covariance, counted, square, degrees })
     }
 }
 
@@ -416,13 +380,12 @@ impl Step {
                 f64::INFINITY
             }
         });
-        sizes.fold(0.0, |largest: f64, size| {
-            if size.is_nan() {
-                f64::INFINITY
-            } else {
-                largest.max(size)
-            }
-        })
+        sizes.fold(
+            0.0,
+            |largest: f64, size| {
+                if size.is_nan() { f64::INFINITY } else { largest.max(size) }
+            },
+        )
     }
 }
 

@@ -60,11 +60,7 @@ fn setup_only(
     let rank = independent(&design(system, rows, &values, count).jacobian);
     for null in &rank.null {
         let column = null[0].0;
-        if let Param::SetUp {
-            part: Part::Frame(frame),
-            ..
-        } = system.params.at(column)
-        {
+        if let Param::SetUp { part: Part::Frame(frame), .. } = system.params.at(column) {
             let quantity = &observations.setup.frames[frame];
             let sees = |row: &&Row| matches!(row.reading, RowReading::Point { frame: of, .. } if of == frame);
             return Err(IdentifyError::Frame {
@@ -74,16 +70,7 @@ fn setup_only(
             });
         }
     }
-    let values = solve(
-        system,
-        rows,
-        values,
-        &rank.kept,
-        true,
-        false,
-        Exactness::Rough,
-    )?
-    .values;
+    let values = solve(system, rows, values, &rank.kept, true, false, Exactness::Rough)?.values;
     let residuals = system.plain_residuals(rows, &values);
     Ok((residuals.iter().map(Vector3::norm).sum(), values))
 }
@@ -109,11 +96,9 @@ fn frames(
         let seen: Vec<(&Row, Vector3<f64>, Option<usize>)> = rows
             .iter()
             .filter_map(|row| match &row.reading {
-                RowReading::Point {
-                    frame,
-                    at_mm,
-                    target,
-                } if *frame == place => Some((row, *at_mm, *target)),
+                RowReading::Point { frame, at_mm, target } if *frame == place => {
+                    Some((row, *at_mm, *target))
+                }
                 _ => None,
             })
             .collect();
@@ -206,25 +191,16 @@ fn kabsch(from: &[Vector3<f64>], to: &[Vector3<f64>]) -> Pose {
     let spread = from
         .iter()
         .zip(to)
-        .fold(Matrix3::zeros(), |sum: Matrix3<f64>, (p, q)| {
-            sum + (q - b) * (p - a).transpose()
-        });
+        .fold(Matrix3::zeros(), |sum: Matrix3<f64>, (p, q)| sum + (q - b) * (p - a).transpose());
     let svd = spread.svd(true, true);
     let rotation = match (svd.u, svd.v_t) {
         (Some(u), Some(v)) => {
-            let mirror = if (u * v).determinant() < 0.0 {
-                -1.0
-            } else {
-                1.0
-            };
+            let mirror = if (u * v).determinant() < 0.0 { -1.0 } else { 1.0 };
             u * Matrix3::from_diagonal(&Vector3::new(1.0, 1.0, mirror)) * v
         }
         _ => Matrix3::identity(),
     };
-    Pose {
-        rotation,
-        translation_mm: b - rotation * a,
-    }
+    Pose { rotation, translation_mm: b - rotation * a }
 }
 
 fn points_of_spheres_and_bars(
@@ -245,11 +221,7 @@ fn points_of_spheres_and_bars(
                 RowReading::Sphere { centre, offset_mm } if *centre == place => {
                     centres.push(nominal(system, row).0 - offset_mm);
                 }
-                RowReading::Distance {
-                    point,
-                    dead,
-                    length_mm,
-                } if *point == place => {
+                RowReading::Distance { point, dead, length_mm } if *point == place => {
                     reaches.push((nominal(system, row).0, *length_mm));
                     dead_of = Some(*dead);
                 }
@@ -295,18 +267,9 @@ fn trilateration(reaches: &[(Vector3<f64>, f64)], dead_mm: f64, free: bool) -> (
             let point = Vector3::new(x[0], x[1], x[2]);
             // If the lengths hardly differ, the constant term absorbs the dead length.
             let dead = if free { x[4] } else { dead_mm };
-            let mean = reaches
-                .iter()
-                .map(|(tip, length)| (tip - middle - point).norm() - length);
+            let mean = reaches.iter().map(|(tip, length)| (tip - middle - point).norm() - length);
             let mean = mean.sum::<f64>() / reaches.len() as f64;
-            (
-                middle + point,
-                if free && (dead - mean).abs() > 1.0 {
-                    mean
-                } else {
-                    dead
-                },
-            )
+            (middle + point, if free && (dead - mean).abs() > 1.0 { mean } else { dead })
         }
         None => (middle, dead_mm),
     }

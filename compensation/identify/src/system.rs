@@ -140,10 +140,7 @@ pub(crate) struct UnknownSide {
 
 /// Grid cells that can contain a pose with the same coordinates: one, and more if a coordinate is close to a border.
 /// Poses without a common cell differ.
-#[expect(
-    clippy::cast_possible_truncation,
-    reason = "a number beyond all cells is in the last one"
-)]
+#[expect(clippy::cast_possible_truncation, reason = "a number beyond all cells is in the last one")]
 fn cells(at: &[f64; MAX_AXES]) -> Vec<[i64; MAX_AXES]> {
     /// Cells are much wider than the tolerance on a pose, so that few poses are close to a border.
     const WIDTH: f64 = 1e3 * SAME_POSE;
@@ -255,11 +252,7 @@ impl System {
             .unknowns
             .curves
             .iter()
-            .map(|u| {
-                u.modes
-                    .as_ref()
-                    .map_or_else(Vec::new, |m| m.values(at[u.axis]))
-            })
+            .map(|u| u.modes.as_ref().map_or_else(Vec::new, |m| m.values(at[u.axis])))
             .collect();
         let products: Vec<Vec<f64>> = self
             .unknowns
@@ -267,9 +260,7 @@ impl System {
             .iter()
             .zip(&modes)
             .map(|(u, own)| {
-                u.products
-                    .as_ref()
-                    .map_or_else(Vec::new, |p| p.values(own, at[p.axis()]))
+                u.products.as_ref().map_or_else(Vec::new, |p| p.values(own, at[p.axis()]))
             })
             .collect();
         let mut terms = Vec::new();
@@ -289,9 +280,7 @@ impl System {
         let axes = self.machine.axes().iter().zip(&pose.state.q);
         for ((axis, &q), place) in axes.zip(&mut within_turn) {
             let at = Displacement::new(axis.name.kind(), q).mm_or_deg();
-            let turns = axis
-                .modulo
-                .map_or(0.0, |turn| turn * ((at + SAME_POSE) / turn).floor());
+            let turns = axis.modulo.map_or(0.0, |turn| turn * ((at + SAME_POSE) / turn).floor());
             *place = at - turns;
         }
         let mut prepared = PreparedPose {
@@ -357,14 +346,9 @@ impl Follower {
         machines: [Machine; 2],
         by: f64,
     ) -> Result<Self, IdentifyError> {
-        let refused = |why| IdentifyError::NotFollowing {
-            parameter: parameter.name.clone(),
-            why,
-        };
+        let refused = |why| IdentifyError::NotFollowing { parameter: parameter.name.clone(), why };
         if parameter.error.is_none() {
-            return Err(refused(
-                "it is a number of a set-up, expected an error of the machine",
-            ));
+            return Err(refused("it is a number of a set-up, expected an error of the machine"));
         }
         if !by.is_finite() || by == 0.0 {
             return Err(refused("expected a change that is a number and not 0"));
@@ -372,12 +356,7 @@ impl Follower {
         if machines[0].chain().structure() != machines[1].chain().structure() {
             return Err(refused("expected two machines of one structure"));
         }
-        Ok(Self {
-            parameter: parameter.name.clone(),
-            value: parameter.value,
-            machines,
-            by,
-        })
+        Ok(Self { parameter: parameter.name.clone(), value: parameter.value, machines, by })
     }
 
     /// Name of the unknown among the parameters.

@@ -39,9 +39,7 @@ pub(crate) fn set_times(
                 (*index == place || together(run)) && !(fitted && run.observation.judge)
             });
             let orders = runs.flat_map(|(_, run)| run.orders.iter().copied());
-            orders.fold([f64::INFINITY, f64::NEG_INFINITY], |r, o| {
-                [r[0].min(o), r[1].max(o)]
-            })
+            orders.fold([f64::INFINITY, f64::NEG_INFINITY], |r, o| [r[0].min(o), r[1].max(o)])
         };
         let mut range = range_of(&timed, true);
         if range[0] > range[1] {
@@ -51,11 +49,7 @@ pub(crate) fn set_times(
         let rows = &mut timed[place].observation.rows;
         for (row, order) in rows.iter_mut().zip(orders) {
             let width = range[1] - range[0];
-            let time = if width > 0.0 {
-                2.0 * (order - range[0]) / width - 1.0
-            } else {
-                0.0
-            };
+            let time = if width > 0.0 { 2.0 * (order - range[0]) / width - 1.0 } else { 0.0 };
             row.time = time.clamp(-1.0, 1.0);
         }
         if timed[place].observation.judge
@@ -128,10 +122,7 @@ impl Approach {
     /// Starts with these approach directions, in chain order; `None`: unknown.
     #[must_use]
     pub fn from_sides(direction: [Option<Direction>; MAX_AXES]) -> Self {
-        Self {
-            extreme: None,
-            direction,
-        }
+        Self { extreme: None, direction }
     }
 
     /// Moves to a state of the machine and sets its approach directions; `None` for an axis that
@@ -186,9 +177,6 @@ mod tests {
         let rounds = [0.0, 90.0, 180.0, 270.0, 0.0, 90.0];
         assert_eq!(sides(", modulo = 360", &rounds), [None, up, up, up, up, up]);
         assert_eq!(sides("", &rounds), [None, up, up, up, down, up]);
-        assert_eq!(
-            sides(", modulo = 360", &[0.0, 180.0, 0.0, 270.0]),
-            [None, up, down, down]
-        );
+        assert_eq!(sides(", modulo = 360", &[0.0, 180.0, 0.0, 270.0]), [None, up, down, down]);
     }
 }

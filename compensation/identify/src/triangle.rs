@@ -43,12 +43,8 @@ pub(crate) fn inverse(triangle: &DMatrix<f64>) -> Option<DMatrix<f64>> {
     let corner = &first * triangle.view((0, half), (half, rest)) * &last;
     let mut inverse = DMatrix::zeros(count, count);
     inverse.view_mut((0, 0), (half, half)).copy_from(&first);
-    inverse
-        .view_mut((half, half), (rest, rest))
-        .copy_from(&last);
-    inverse
-        .view_mut((0, half), (half, rest))
-        .copy_from(&-corner);
+    inverse.view_mut((half, half), (rest, rest)).copy_from(&last);
+    inverse.view_mut((0, half), (half, rest)).copy_from(&-corner);
     Some(inverse)
 }
 
@@ -83,10 +79,7 @@ mod tests {
                 assert_eq!(found.shape(), (columns, columns));
                 let missed = found.transpose() * &found - matrix.transpose() * &matrix;
                 let largest = matrix.norm_squared();
-                assert!(
-                    missed.norm() <= 1e-14 * largest,
-                    "{rows} {columns} {share}: {missed}"
-                );
+                assert!(missed.norm() <= 1e-14 * largest, "{rows} {columns} {share}: {missed}");
                 assert_eq!(found.clone(), found.upper_triangle());
             }
         }
@@ -99,10 +92,7 @@ mod tests {
             let matrix = matrix(300, 60, share);
             let (found, expected) = (triangle(matrix.clone()), matrix.clone().qr().r());
             let missed = (&found - &expected).norm();
-            assert!(
-                missed < 1e-13 / share * expected.norm(),
-                "{share}: {missed}"
-            );
+            assert!(missed < 1e-13 / share * expected.norm(), "{share}: {missed}");
             // Least squares with the right-hand side as the last column: nothing remains along the columns.
             let right = matrix.column_sum().map(|x| x + x.sin());
             let mut columns = matrix.clone().resize_horizontally(61, 0.0);

@@ -58,11 +58,7 @@ fn answer(machine: &Machine) -> Result<(), ModelError> {
         let found = machine.correction_at(&state, &steady, &options);
         print!("correction, {text}:");
         for (joint, delta) in machine.chain().joints().iter().zip(&found.delta) {
-            print!(
-                "  {} {:.2}",
-                joint.name,
-                Displacement::new(joint.kind, *delta)
-            );
+            print!("  {} {:.2}", joint.name, Displacement::new(joint.kind, *delta));
         }
         println!(
             "; left: {:.3} µm, tool axis {:.1} µrad",

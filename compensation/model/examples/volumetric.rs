@@ -48,9 +48,7 @@ fn main() {
     let found: Vec<Compared> = thread::scope(|scope| {
         let threads: Vec<_> = (0..THREADS).map(|_| scope.spawn(work)).collect();
         let found = threads.into_iter().map(thread::ScopedJoinHandle::join);
-        found
-            .flat_map(|found| found.expect("a thread that ends"))
-            .collect()
+        found.flat_map(|found| found.expect("a thread that ends")).collect()
     });
     println!("{machines} machines, {poses} random poses of each");
     for (what, of) in [("position", 0), ("tilt", 1)] {
@@ -64,23 +62,11 @@ fn main() {
         let off = |one: &&Compared| (one.found[of] / one.truth[of].largest() - 1.0).abs() > 0.05;
         let passed = |one: &&Compared| one.found[of] <= TOLERANCE * one.truth[of].largest();
         println!("largest {what}, of that which is found by volumetric:");
-        println!(
-            "  to the worst random pose:       {}",
-            ratios(|of| of.random)
-        );
+        println!("  to the worst random pose:       {}", ratios(|of| of.random));
         println!("  to the worst pose near those:   {}", ratios(|of| of.near));
-        println!(
-            "  at its own pose, by hand:       {}",
-            ratios(|of| of.there)
-        );
-        println!(
-            "  more than 5 % off the truth:    {}",
-            found.iter().filter(off).count()
-        );
-        println!(
-            "  below 99 % of it, false passes: {}",
-            found.iter().filter(passed).count()
-        );
+        println!("  at its own pose, by hand:       {}", ratios(|of| of.there));
+        println!("  more than 5 % off the truth:    {}", found.iter().filter(off).count());
+        println!("  below 99 % of it, false passes: {}", found.iter().filter(passed).count());
         for one in found.iter().filter(off).chain(found.iter().filter(passed)) {
             println!(
                 "    machine {} `{}`: {:?} {:?}",
@@ -127,12 +113,7 @@ fn compared(seed: u64, poses: u32) -> Compared {
         let (p, r) = (found.position_mm, found.rotation_rad);
         [p.x, p.y, p.z, r.x, r.y, r.z]
     };
-    let field = ErrorField {
-        tool: "",
-        curves: vec![&machine],
-        machine: &machine,
-        errors: &errors,
-    };
+    let field = ErrorField { tool: "", curves: vec![&machine], machine: &machine, errors: &errors };
     let found = volumetric(&[field]).expect("a machine with axes");
     let mut truth = own.brute_force(poses as usize, &mut random);
     let aligned = truth.1;
@@ -208,10 +189,7 @@ impl Aligned {
         let moved = plus(self.shift, cross(self.turn, minus(at.tip, self.about)));
         let turn = minus(at.turn, self.turn);
         let along = dot(turn, at.tool_axis);
-        [
-            length(minus(at.error, moved)),
-            length(minus(turn, scaled(at.tool_axis, along))),
-        ]
+        [length(minus(at.error, moved)), length(minus(turn, scaled(at.tool_axis, along)))]
     }
 }
 
@@ -229,35 +207,20 @@ impl Own {
         let [_, _, _, _, _, _, _, of_twelve] = (seed % 12).to_be_bytes();
         let structure =
             Structure::from_type(of_twelve % 4, 1 + of_twelve / 4, &pair).expect("a type");
-        let sizes = [
-            random.random_range(1.0..10.0),
-            random.random_range(1.0..20.0),
-        ];
+        let sizes = [random.random_range(1.0..10.0), random.random_range(1.0..20.0)];
         // All errors, or one in five.
         let share = [1.0, 0.2][random.random_range(0..2_usize)];
         let axes = structure.axes().iter().enumerate().map(|(index, &name)| {
             let travel = if name.is_rotary() {
-                let some = [
-                    random.random_range(-130.0..-20.0),
-                    random.random_range(20.0..130.0),
-                ];
+                let some = [random.random_range(-130.0..-20.0), random.random_range(20.0..130.0)];
                 [[-180.0, 180.0], some][random.random_range(0..2_usize)]
             } else {
-                [
-                    random.random_range(-1000.0..0.0),
-                    random.random_range(100.0..1000.0),
-                ]
+                [random.random_range(-1000.0..0.0), random.random_range(100.0..1000.0)]
             };
             let curves = std::array::from_fn(|k| {
-                let size = if random.random_bool(share) {
-                    sizes[k / 3]
-                } else {
-                    0.0
-                };
+                let size = if random.random_bool(share) { sizes[k / 3] } else { 0.0 };
                 let mut some = |count: usize| -> Vec<f64> {
-                    (0..count)
-                        .map(|_| size * random.random_range(-1.0..1.0))
-                        .collect()
+                    (0..count).map(|_| size * random.random_range(-1.0..1.0)).collect()
                 };
                 if name.is_rotary() {
                     Curve::Fourier(some(3 + 2 * (k % 4)))
@@ -265,11 +228,7 @@ impl Own {
                     Curve::Chebyshev(some(3 + k))
                 }
             });
-            let play = |_| {
-                random
-                    .random_bool(0.3)
-                    .then(|| random.random_range(-8.0..8.0))
-            };
+            let play = |_| random.random_bool(0.3).then(|| random.random_range(-8.0..8.0));
             let reversal = [0, 1, 2, 3, 4, 5].map(play).map(Option::unwrap_or_default);
             let mut location = [0.0; 6];
             for (k, value) in location.iter_mut().enumerate() {
@@ -295,35 +254,18 @@ impl Own {
         });
         let axes = axes.collect();
         let tip = std::array::from_fn(|_| random.random_range(-200.0..200.0));
-        Self {
-            structure,
-            axes,
-            tip,
-        }
+        Self { structure, axes, tip }
     }
 
     fn file(&self) -> String {
-        let mut text = format!(
-            "structure = \"{}\"\n[tool]\ntip = {:?}\n",
-            self.structure, self.tip
-        );
+        let mut text =
+            format!("structure = \"{}\"\n[tool]\ntip = {:?}\n", self.structure, self.tip);
         let mut errors = "[errors]\n".to_owned();
         for axis in &self.axes {
-            let Axis {
-                name,
-                travel,
-                point,
-                ..
-            } = axis;
-            let frame = if axis.turning {
-                "motion_frame = \"turning\"\n"
-            } else {
-                ""
-            };
-            let _ = writeln!(
-                text,
-                "[axes.{name}]\ntravel = {travel:?}\npoint = {point:?}\n{frame}"
-            );
+            let Axis { name, travel, point, .. } = axis;
+            let frame = if axis.turning { "motion_frame = \"turning\"\n" } else { "" };
+            let _ =
+                writeln!(text, "[axes.{name}]\ntravel = {travel:?}\npoint = {point:?}\n{frame}");
             for (k, component) in ["EX", "EY", "EZ", "EA", "EB", "EC"].into_iter().enumerate() {
                 let curve = match &axis.curves[k] {
                     Curve::Chebyshev(c) => format!("{{ chebyshev = {c:?}, domain = {travel:?} }}"),
@@ -385,12 +327,7 @@ impl Own {
                 own_error(&mut real, &mut turn);
             }
         }
-        At {
-            tip: ideal,
-            tool_axis,
-            error: minus(real, ideal),
-            turn,
-        }
+        At { tip: ideal, tool_axis, error: minus(real, ideal), turn }
     }
 
     fn brute_force(&self, poses: usize, random: &mut impl Rng) -> ([Truth; 2], Aligned) {
@@ -402,11 +339,7 @@ impl Own {
                 random.random_range(low..=high)
             });
             let mut pose: Vec<f64> = place.collect();
-            pose.extend(
-                self.axes
-                    .iter()
-                    .map(|_| if random.random() { 1.0 } else { -1.0 }),
-            );
+            pose.extend(self.axes.iter().map(|_| if random.random() { 1.0 } else { -1.0 }));
             found.push(self.at(&pose));
             coordinates.extend(pose);
         }
@@ -448,11 +381,7 @@ impl Own {
                 }
                 near = near.max(value);
             }
-            Truth {
-                random: random_poses,
-                near,
-                there: 0.0,
-            }
+            Truth { random: random_poses, near, there: 0.0 }
         });
         (truth, aligned)
     }
@@ -494,11 +423,8 @@ fn aligned(found: &[At]) -> Aligned {
     for at in found {
         // In metres, so that translations and rotations are of similar size.
         let [x, y, z] = scaled(minus(at.tip, about), 1e-3);
-        let rows = [
-            [1.0, 0.0, 0.0, 0.0, z, -y],
-            [0.0, 1.0, 0.0, -z, 0.0, x],
-            [0.0, 0.0, 1.0, y, -x, 0.0],
-        ];
+        let rows =
+            [[1.0, 0.0, 0.0, 0.0, z, -y], [0.0, 1.0, 0.0, -z, 0.0, x], [0.0, 0.0, 1.0, y, -x, 0.0]];
         for (row, error) in rows.iter().zip(at.error) {
             for i in 0..6 {
                 right[i] += row[i] * error;
@@ -508,10 +434,7 @@ fn aligned(found: &[At]) -> Aligned {
             }
         }
     }
-    let solved = matrix
-        .lu()
-        .solve(&right)
-        .expect("poses that see every motion");
+    let solved = matrix.lu().solve(&right).expect("poses that see every motion");
     Aligned {
         about,
         shift: [solved[0], solved[1], solved[2]],
@@ -547,11 +470,7 @@ fn dot(a: V3, b: V3) -> f64 {
 }
 
 fn cross(a: V3, b: V3) -> V3 {
-    [
-        a[1] * b[2] - a[2] * b[1],
-        a[2] * b[0] - a[0] * b[2],
-        a[0] * b[1] - a[1] * b[0],
-    ]
+    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 }
 
 fn length(a: V3) -> f64 {

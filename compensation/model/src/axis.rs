@@ -35,9 +35,8 @@ impl Axis {
     /// digits, common fractions of a turn in radians (3.14, 1.571, 6.2832), and not both 0.
     pub fn travel_as_if_in_radians(&self) -> Option<[f64; 2]> {
         // deg; π rounded to 3.14 is off by 0.05 %.
-        const USUAL: [f64; 13] = [
-            0.0, 30.0, 45.0, 60.0, 90.0, 120.0, 135.0, 150.0, 180.0, 210.0, 240.0, 270.0, 360.0,
-        ];
+        const USUAL: [f64; 13] =
+            [0.0, 30.0, 45.0, 60.0, 90.0, 120.0, 135.0, 150.0, 180.0, 210.0, 240.0, 270.0, 360.0];
         let usual = |end: f64| {
             let deg = end.to_degrees();
             let near = |usual: &&f64| (deg.abs() - **usual).abs() <= 6e-4 * **usual;
@@ -80,11 +79,7 @@ impl Axis {
         if count == 1 {
             return vec![0.5 * (low + high)];
         }
-        let parts = if self.turns_round() {
-            count
-        } else {
-            count.saturating_sub(1)
-        };
+        let parts = if self.turns_round() { count } else { count.saturating_sub(1) };
         let node = |place: usize| low + (high - low) * place as f64 / parts as f64;
         (0..count).map(node).collect()
     }
@@ -163,10 +158,7 @@ mod tests {
             (AxisName::C, [-180.0, 180.0], None, false),
             (AxisName::A, [-3600.0, 3600.0], None, false),
         ] {
-            let axis = Axis {
-                modulo,
-                ..axis(name, travel)
-            };
+            let axis = Axis { modulo, ..axis(name, travel) };
             assert_eq!(axis.has_ends(), has_ends, "{axis:?}");
         }
     }
@@ -189,10 +181,7 @@ mod tests {
 
     #[test]
     fn other_axes_have_nodes_from_end_to_end() {
-        assert_eq!(
-            axis(AxisName::X, [0.0, 600.0]).nodes(3),
-            [0.0, 300.0, 600.0]
-        );
+        assert_eq!(axis(AxisName::X, [0.0, 600.0]).nodes(3), [0.0, 300.0, 600.0]);
         assert_eq!(axis(AxisName::A, [-100.0, 30.0]).nodes(2), [-100.0, 30.0]);
         assert_eq!(axis(AxisName::A, [-100.0, 30.0]).nodes(1), [-35.0]);
         assert_eq!(axis(AxisName::X, [0.0, 1.0]).nodes(0), [0.0; 0]);

@@ -24,16 +24,11 @@ impl Machine {
         tolerance: Tolerance,
         temperatures: &Temperatures,
     ) -> Result<CompiledMachine, ModelError> {
-        let refused = |source| ModelError::Compile {
-            machine: self.name.clone(),
-            source,
-        };
+        let refused = |source| ModelError::Compile { machine: self.name.clone(), source };
         let mut parts = MachineParts::new(self.chain());
         for (index, axis) in self.axes().iter().enumerate() {
             let thermal = self.thermal_of(index, temperatures);
-            parts = parts
-                .axis(axis.name, self.axis_parts(index, &thermal))
-                .map_err(refused)?;
+            parts = parts.axis(axis.name, self.axis_parts(index, &thermal)).map_err(refused)?;
             let assembly = ErrorMotion::from_um_urad(self.assembly(index));
             parts = parts.assembly(axis.name, assembly).map_err(refused)?;
         }
@@ -71,16 +66,12 @@ impl Machine {
         let stated = &self.axes()[axis];
         let kind = stated.name.kind();
         let offsets = thermal.map(|[offset, _]| offset);
-        let travel = stated
-            .travel
-            .map(|end| Displacement::from_coordinate(kind, end));
+        let travel = stated.travel.map(|end| Displacement::from_coordinate(kind, end));
         let mut parts = AxisParts::new(travel, move |x, approach| {
             self.curve_errors(axis, x, approach, offsets)
         })
         // Only linear error motions of linear axes have an expansion.
-        .slope_mm(core::array::from_fn(|component| {
-            thermal[component][1] * 1e-3
-        }));
+        .slope_mm(core::array::from_fn(|component| thermal[component][1] * 1e-3));
         if let Some(period) = stated.modulo {
             parts = parts.modulo(Deg(period));
         }

@@ -11,15 +11,7 @@ use volcomp_vocabulary::AxisName;
 
 use crate::axis::Axis;
 
-const KINDS: [&str; 7] = [
-    "poly",
-    "chebyshev",
-    "table",
-    "mls",
-    "bspline",
-    "fourier",
-    "grid",
-];
+const KINDS: [&str; 7] = ["poly", "chebyshev", "table", "mls", "bspline", "fourier", "grid"];
 
 const SHOWN_POINTS: usize = 4;
 
@@ -64,11 +56,7 @@ fn refuse_array(value: &Value<'_>) -> Result<(), InputError> {
     };
     let pairs: Option<Vec<String>> = items
         .iter()
-        .map(|item| {
-            item.vector::<2>()
-                .ok()
-                .map(|[at, error]| format!("[{at}, {error}]"))
-        })
+        .map(|item| item.vector::<2>().ok().map(|[at, error]| format!("[{at}, {error}]")))
         .collect();
     let expected = match pairs.filter(|pairs| !pairs.is_empty() && pairs.len() <= SHOWN_POINTS) {
         Some(pairs) => format!("a kind of curve: {{ table = [{}] }}", pairs.join(", ")),
@@ -77,10 +65,7 @@ fn refuse_array(value: &Value<'_>) -> Result<(), InputError> {
                 .to_owned()
         }
     };
-    Err(value.error(format!(
-        "found an array of {}, expected {expected}",
-        items.len()
-    )))
+    Err(value.error(format!("found an array of {}, expected {expected}", items.len())))
 }
 
 fn decode_field(value: &Value<'_>, context: &CurveContext<'_>) -> Result<Field, InputError> {
@@ -89,10 +74,7 @@ fn decode_field(value: &Value<'_>, context: &CurveContext<'_>) -> Result<Field, 
     }
     refuse_array(value)?;
     let section = value.section()?;
-    let kinds: Vec<&str> = KINDS
-        .into_iter()
-        .filter(|kind| section.get(kind).is_some())
-        .collect();
+    let kinds: Vec<&str> = KINDS.into_iter().filter(|kind| section.get(kind).is_some()).collect();
     let [kind] = kinds[..] else {
         let keys: Vec<&str> = section.values().map(|(key, _)| key).collect();
         let found = match (kinds.len(), keys.is_empty()) {
@@ -150,9 +132,9 @@ fn decode_curve(
                 ("linear", _) => Curve::Table(Table::linear(nodes).map_err(refuse)?),
                 ("cubic", _) => Curve::Table(Table::cubic(nodes).map_err(refuse)?),
                 (_, Some(value)) => {
-                    return Err(value.error(format!(
-                        "found \"{name}\", expected \"linear\" or \"cubic\""
-                    )));
+                    return Err(
+                        value.error(format!("found \"{name}\", expected \"linear\" or \"cubic\""))
+                    );
                 }
                 (_, None) => return Err(section.error("expected an interpolation")),
             }
@@ -195,14 +177,9 @@ fn decode_grid(value: &Value<'_>, context: &CurveContext<'_>) -> Result<Grid, In
     let mut axes = Vec::new();
     for item in axes_value.items()? {
         let name = item.text()?;
-        let index = context
-            .axes
-            .iter()
-            .position(|axis| axis.name.to_string() == name);
+        let index = context.axes.iter().position(|axis| axis.name.to_string() == name);
         axes.push(index.ok_or_else(|| {
-            item.error(format!(
-                "found axis \"{name}\", expected an axis of the structure"
-            ))
+            item.error(format!("found axis \"{name}\", expected an axis of the structure"))
         })?);
     }
     let axes = <[usize; 2]>::try_from(axes)
@@ -212,12 +189,8 @@ fn decode_grid(value: &Value<'_>, context: &CurveContext<'_>) -> Result<Grid, In
     let nodes = <[Vec<f64>; 2]>::try_from(lists?).map_err(|found| {
         nodes_value.error(format!("found {} lists of nodes, expected 2", found.len()))
     })?;
-    let rows: Result<Vec<_>, _> = table
-        .require("values")?
-        .items()?
-        .iter()
-        .map(Value::numbers)
-        .collect();
+    let rows: Result<Vec<_>, _> =
+        table.require("values")?.items()?.iter().map(Value::numbers).collect();
     Grid::new(axes, nodes, rows?).map_err(|e| value.error(e.to_string()))
 }
 
@@ -229,10 +202,9 @@ pub(crate) fn write_error_curve(curve: &ErrorCurve, axes: &[Axis]) -> String {
             write_field(forward, axes),
             write_field(backward, axes)
         ),
-        ErrorCurve::Reversal { mean, reversal } => format!(
-            "{{ mean = {}, reversal = {reversal:?} }}",
-            write_field(mean, axes)
-        ),
+        ErrorCurve::Reversal { mean, reversal } => {
+            format!("{{ mean = {}, reversal = {reversal:?} }}", write_field(mean, axes))
+        }
     }
 }
 
@@ -258,17 +230,11 @@ pub fn write_curve(curve: &Curve) -> String {
     match curve {
         Curve::Constant(value) => format!("{value:?}"),
         Curve::Polynomial(p) => {
-            format!(
-                "{{ poly = {:?}, domain = {:?} }}",
-                p.coefficients(),
-                p.domain()
-            )
+            format!("{{ poly = {:?}, domain = {:?} }}", p.coefficients(), p.domain())
         }
-        Curve::Chebyshev(c) => format!(
-            "{{ chebyshev = {:?}, domain = {:?} }}",
-            c.coefficients(),
-            c.domain()
-        ),
+        Curve::Chebyshev(c) => {
+            format!("{{ chebyshev = {:?}, domain = {:?} }}", c.coefficients(), c.domain())
+        }
         Curve::Fourier(f) => format!(
             "{{ fourier = {:?}, period = {:?}, domain = {:?} }}",
             f.coefficients(),

@@ -41,10 +41,7 @@ pub fn diagonal_targets(
     others: &[(AxisName, f64)],
 ) -> Result<[(&'static str, Vec<State>); 4], ModelError> {
     let mut linear = [(0, [0.0; 2]); 3];
-    for (place, name) in linear
-        .iter_mut()
-        .zip([AxisName::X, AxisName::Y, AxisName::Z])
-    {
+    for (place, name) in linear.iter_mut().zip([AxisName::X, AxisName::Y, AxisName::Z]) {
         let index = machine.index_of(name)?;
         *place = (index, machine.axes()[index].travel);
     }
@@ -62,11 +59,7 @@ pub fn diagonal_targets(
             let share = index as f64 / (points - 1) as f64;
             let mut state = others;
             for (&(axis, [low, high]), sense) in linear.iter().zip(name.chars()) {
-                let (from, to) = if sense == 'P' {
-                    (low, high)
-                } else {
-                    (high, low)
-                };
+                let (from, to) = if sense == 'P' { (low, high) } else { (high, low) };
                 state.q[axis] = from + (to - from) * share;
             }
             state
@@ -108,12 +101,7 @@ pub fn diagonals<S: ErrorSource>(
         let deviation_um: Vec<f64> = along_um.iter().map(|value| value - first).collect();
         let range_um = range(&deviation_um);
         let at = targets.iter().map(|target| machine.coordinates(target));
-        Diagonal {
-            name,
-            at: at.collect(),
-            deviation_um,
-            range_um,
-        }
+        Diagonal { name, at: at.collect(), deviation_um, range_um }
     };
     Ok(diagonal_targets(machine, points, others)?.map(diagonal))
 }
@@ -126,10 +114,7 @@ fn range(values: &[f64]) -> f64 {
 
 /// The state with a correction (mm and rad) added; the direction of approach is unchanged.
 pub fn corrected(state: &State, delta: &PerAxis<f64>) -> State {
-    State {
-        q: PerAxis::from_fn(|index| state.q[index] + delta[index]),
-        approach: state.approach,
-    }
+    State { q: PerAxis::from_fn(|index| state.q[index] + delta[index]), approach: state.approach }
 }
 
 /// A correction rounded to a controller's resolution: `mm` for linear and `rad` for rotary axes. A resolution of 0 or

@@ -16,11 +16,7 @@ pub enum ModelError {
     #[error(transparent)]
     Input(#[from] InputError),
     #[error("machine `{machine}` with structure `{structure}` has no axis {axis}")]
-    NoSuchAxis {
-        machine: String,
-        structure: String,
-        axis: AxisName,
-    },
+    NoSuchAxis { machine: String, structure: String, axis: AxisName },
     #[error(
         "machine `{machine}` has no tool `{tool}`, {}",
         if known.is_empty() {
@@ -29,11 +25,7 @@ pub enum ModelError {
             format!("expected one of: {known}")
         }
     )]
-    NoSuchTool {
-        machine: String,
-        tool: String,
-        known: String,
-    },
+    NoSuchTool { machine: String, tool: String, known: String },
     #[error("axis {axis}: coordinate is {found}, expected a finite number from -1e9 to 1e9 {}", axis.kind().coordinate_unit())]
     Coordinate {
         axis: AxisName,
@@ -67,16 +59,9 @@ pub enum ModelError {
     Chain(#[from] ChainError),
     /// The machine cannot be compiled.
     #[error("{machine}: {source}")]
-    Compile {
-        machine: String,
-        source: volcomp_evaluator::EvaluatorError,
-    },
+    Compile { machine: String, source: volcomp_evaluator::EvaluatorError },
     #[error("found {found} {what}, expected at most {most}")]
-    TooMany {
-        what: &'static str,
-        found: usize,
-        most: usize,
-    },
+    TooMany { what: &'static str, found: usize, most: usize },
 }
 
 /// Why an error motion or a location error is rejected.

@@ -78,11 +78,8 @@ fn open_grid(grid: &Grid, goes_round: impl Fn(usize) -> bool) -> Option<ErrorRef
     let [rows, columns] = grid.axes().map(goes_round);
     let around_rows = values.first()?.iter().zip(values.last()?);
     let around_columns = values.iter().filter_map(|row| row.first().zip(row.last()));
-    let ends = around_rows
-        .filter(|_| rows)
-        .chain(around_columns.filter(|_| columns));
-    ends.map(|(&first, &last)| [first, last])
-        .find_map(not_closed)
+    let ends = around_rows.filter(|_| rows).chain(around_columns.filter(|_| columns));
+    ends.map(|(&first, &last)| [first, last]).find_map(not_closed)
 }
 
 /// The error for a curve with these values (µm or µrad) at its ends, if they differ.
@@ -102,11 +99,7 @@ fn jump(curve: &Curve, travel: [f64; 2], period: f64) -> Option<ErrorRefusal> {
         // NaN is rejected as well.
         jump.is_nan() || jump > LARGEST_JUMP
     })?;
-    Some(ErrorRefusal::Jumps {
-        first: jumps[0],
-        last: jumps[1],
-        largest: LARGEST_JUMP,
-    })
+    Some(ErrorRefusal::Jumps { first: jumps[0], last: jumps[1], largest: LARGEST_JUMP })
 }
 
 /// The error for a curve given by nodes that does not close on an axis that rolls over.

@@ -33,9 +33,8 @@ impl Machine {
         let to = high.min(from + TAU);
         let beyond = |q: f64| self.beyond_travel(q, free, target);
         let at = |step: usize| from + (to - from) * (step as f64 / STEPS as f64);
-        let mut stations: Vec<(f64, f64)> = (0..=STEPS)
-            .map(|step| (at(step), beyond(at(step))))
-            .collect();
+        let mut stations: Vec<(f64, f64)> =
+            (0..=STEPS).map(|step| (at(step), beyond(at(step)))).collect();
         for place in 1..STEPS {
             let [before, here, after] =
                 [-1, 0, 1].map(|by| stations[place.saturating_add_signed(by)]);
@@ -98,16 +97,9 @@ impl Machine {
     pub(crate) fn with_free(&self, q: f64, free: usize, target: &Target<'_>) -> Option<State> {
         let mut held = *target.held;
         held.q[free] = q;
-        let found = self
-            .chain()
-            .pointing(target.direction, target.pair, &held)
-            .ok()?;
-        let pointing = found
-            .into_iter()
-            .find(|pointing| pointing.free == Some(free))?;
-        let reached = self
-            .chain()
-            .reaching(target.tip_mm, &pointing.state, target.travel);
+        let found = self.chain().pointing(target.direction, target.pair, &held).ok()?;
+        let pointing = found.into_iter().find(|pointing| pointing.free == Some(free))?;
+        let reached = self.chain().reaching(target.tip_mm, &pointing.state, target.travel);
         reached.ok()
     }
 }

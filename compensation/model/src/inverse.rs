@@ -52,22 +52,15 @@ impl Machine {
         // Also rejects NaN.
         let fits = |found: &[f64; 3]| found.iter().all(|x| x.abs() <= 1e9);
         if !fits(&tip_mm) {
-            return Err(ModelError::Target {
-                what: "tool tip",
-                found: tip_mm,
-            });
+            return Err(ModelError::Target { what: "tool tip", found: tip_mm });
         }
         let largest = Vector3::from(tool_axis).amax();
         if !fits(&tool_axis) || largest == 0.0 {
-            return Err(ModelError::Target {
-                what: "tool axis",
-                found: tool_axis,
-            });
+            return Err(ModelError::Target { what: "tool axis", found: tool_axis });
         }
         let (tip, direction) = (Vector3::from(tip_mm), Vector3::from(tool_axis) / largest);
-        let rotary: Vec<usize> = (0..self.axes().len())
-            .filter(|&place| self.axes()[place].name.is_rotary())
-            .collect();
+        let rotary: Vec<usize> =
+            (0..self.axes().len()).filter(|&place| self.axes()[place].name.is_rotary()).collect();
         let mut travel = PerAxis([[0.0; 2]; MAX_AXES]);
         let mut held = State::default();
         for (place, axis) in self.axes().iter().enumerate() {
@@ -120,15 +113,8 @@ impl Machine {
                 }
             }
         }
-        let turns = |state: &State| {
-            rotary
-                .iter()
-                .map(|&place| state.q[place].abs())
-                .sum::<f64>()
-        };
-        reached
-            .solutions
-            .sort_by(|a, b| turns(a).total_cmp(&turns(b)));
+        let turns = |state: &State| rotary.iter().map(|&place| state.q[place].abs()).sum::<f64>();
+        reached.solutions.sort_by(|a, b| turns(a).total_cmp(&turns(b)));
         if !reached.solutions.is_empty() {
             reached.missed = None;
         }
@@ -196,10 +182,8 @@ impl Machine {
                         .collect()
                 }
             };
-            let within: Vec<f64> = within
-                .into_iter()
-                .filter(|q| is_within([low, high], *q))
-                .collect();
+            let within: Vec<f64> =
+                within.into_iter().filter(|q| is_within([low, high], *q)).collect();
             if within.is_empty() {
                 note(&mut reached.outside, axis.name);
             }

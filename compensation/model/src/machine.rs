@@ -153,8 +153,7 @@ impl Machine {
 
     /// Whether an error motion of the axis depends on its direction of approach.
     pub fn has_directions(&self, axis: AxisName) -> bool {
-        self.errors()
-            .any(|(name, curve)| name.axis == axis && curve.has_directions())
+        self.errors().any(|(name, curve)| name.axis == axis && curve.has_directions())
     }
 
     /// The error motions that were measured in one direction only: `[provenance]` lists runs, and one curve applies to both directions.
@@ -163,10 +162,7 @@ impl Machine {
         let read = origins.filter(|of| of.sources.iter().any(|source| source.runs.is_some()));
         let errors = read.map(|of| of.error);
         errors
-            .filter(|error| {
-                self.error(*error)
-                    .is_some_and(|curve| !curve.has_directions())
-            })
+            .filter(|error| self.error(*error).is_some_and(|curve| !curve.has_directions()))
             .collect()
     }
 
@@ -259,9 +255,7 @@ impl Machine {
             let of_others = tips.iter().map(|other| other - tip);
             let directions: Vec<Vector3<f64>> =
                 of_others.filter(|to| to.norm() >= SAME_TIP_MM).collect();
-            let mut pairs = directions
-                .iter()
-                .flat_map(|a| directions.iter().map(move |b| (a, b)));
+            let mut pairs = directions.iter().flat_map(|a| directions.iter().map(move |b| (a, b)));
             pairs.any(|(a, b)| a.dot(b) < 0.0 && a.cross(b).norm() < SAME_TIP_MM * (a - b).norm())
         };
         let (mut held, mut axes): (Vec<Vector3<f64>>, Vec<Vector3<f64>>) = Default::default();
@@ -335,23 +329,18 @@ impl Machine {
 
     /// Every error motion with its curve (argument mm or deg, value µm or µrad), sorted by axis in chain order and by component.
     pub fn errors(&self) -> impl Iterator<Item = (ErrorName, &ErrorCurve)> {
-        self.axes
-            .iter()
-            .zip(&self.motions)
-            .flat_map(|(axis, curves)| {
-                let named = Component::ALL.into_iter().zip(curves);
-                named.filter_map(|(component, curve)| {
-                    Some((ErrorName::motion(component, axis.name), curve.as_ref()?))
-                })
+        self.axes.iter().zip(&self.motions).flat_map(|(axis, curves)| {
+            let named = Component::ALL.into_iter().zip(curves);
+            named.filter_map(|(component, curve)| {
+                Some((ErrorName::motion(component, axis.name), curve.as_ref()?))
             })
+        })
     }
 
     /// The curve of an error motion (argument mm or deg, value µm or µrad); `None` if it is zero.
     pub fn error(&self, name: ErrorName) -> Option<&ErrorCurve> {
         let index = self.chain.structure().index_of(name.axis)?;
-        self.motions[index][name.component.index()]
-            .as_ref()
-            .filter(|_| !name.location)
+        self.motions[index][name.component.index()].as_ref().filter(|_| !name.location)
     }
 
     /// The location errors, µm or µrad.
@@ -380,10 +369,7 @@ impl Machine {
     pub fn set_error(&mut self, name: ErrorName, curve: ErrorCurve) -> Result<(), ModelError> {
         let index = self.index_of(name.axis)?;
         if let Some(reason) = curve_refusal(name, &curve, index, &self.axes) {
-            return Err(ModelError::Refused {
-                error: name,
-                reason,
-            });
+            return Err(ModelError::Refused { error: name, reason });
         }
         self.motions[index][name.component.index()] = Some(curve);
         self.provenance.forget(name);
@@ -398,10 +384,7 @@ impl Machine {
         let index = self.index_of(name.axis)?;
         let joint = &self.chain.joints()[index];
         if let Some(reason) = location_refusal(name, value, joint) {
-            return Err(ModelError::Refused {
-                error: name,
-                reason,
-            });
+            return Err(ModelError::Refused { error: name, reason });
         }
         self.locations.insert(name, value);
         self.provenance.forget(name);
@@ -503,14 +486,11 @@ impl Machine {
     /// # Errors
     /// [`ModelError::NoSuchAxis`].
     pub fn index_of(&self, axis: AxisName) -> Result<usize, ModelError> {
-        self.chain
-            .structure()
-            .index_of(axis)
-            .ok_or_else(|| ModelError::NoSuchAxis {
-                machine: self.name.clone(),
-                structure: self.chain.structure().to_string(),
-                axis,
-            })
+        self.chain.structure().index_of(axis).ok_or_else(|| ModelError::NoSuchAxis {
+            machine: self.name.clone(),
+            structure: self.chain.structure().to_string(),
+            axis,
+        })
     }
 
     /// The coordinates of a state in the units of the curves (mm, deg), reduced into travel for an axis with `modulo`.
@@ -559,10 +539,7 @@ impl Machine {
             if !(-MAX_COORDINATE..=MAX_COORDINATE).contains(&found) {
                 return Err(ModelError::Coordinate { axis, found });
             }
-            if coordinates[..place]
-                .iter()
-                .any(|(before, _)| *before == axis)
-            {
+            if coordinates[..place].iter().any(|(before, _)| *before == axis) {
                 return Err(ModelError::AxisTwice { axis });
             }
             state.q[index] = Displacement::from_coordinate(axis.kind(), found).mm_or_rad();
@@ -573,13 +550,8 @@ impl Machine {
     /// The coordinates of every axis at a state, mm and deg.
     pub fn coordinates(&self, state: &State) -> BTreeMap<AxisName, f64> {
         let axes = self.axes().iter().zip(&state.q);
-        axes.map(|(axis, &q)| {
-            (
-                axis.name,
-                Displacement::new(axis.name.kind(), q).mm_or_deg(),
-            )
-        })
-        .collect()
+        axes.map(|(axis, &q)| (axis.name, Displacement::new(axis.name.kind(), q).mm_or_deg()))
+            .collect()
     }
 
     /// The errors as an `ErrorSource` of kinematics, at steady temperatures.
@@ -601,9 +573,7 @@ impl Machine {
     pub fn correction_options(&self) -> CorrectionOptions {
         CorrectionOptions {
             // The list fits: a machine has at most one axis per letter.
-            correct: self
-                .correct()
-                .map(|axes| axes.iter().copied().take(MAX_AXES).collect()),
+            correct: self.correct().map(|axes| axes.iter().copied().take(MAX_AXES).collect()),
             ..CorrectionOptions::default()
         }
     }
@@ -620,10 +590,8 @@ impl Machine {
         if options.correct.is_some() || self.correct().is_none() {
             return correct(self.chain(), &source, state, options);
         }
-        let options = CorrectionOptions {
-            correct: self.correction_options().correct,
-            ..options.clone()
-        };
+        let options =
+            CorrectionOptions { correct: self.correction_options().correct, ..options.clone() };
         correct(self.chain(), &source, state, &options)
     }
 
@@ -709,11 +677,7 @@ impl<'a> MachineErrors<'a> {
             thermal[index] = machine.thermal_of(index, temperatures);
             location[index] = machine.location_of(index);
         }
-        Self {
-            machine,
-            thermal,
-            location,
-        }
+        Self { machine, thermal, location }
     }
 }
 
@@ -724,8 +688,7 @@ impl Machine {
         let direction = self.chain().joints()[axis].direction;
         Component::ALL.map(|component| {
             let error = ErrorName::motion(component, name);
-            self.thermal()
-                .offset_and_slope(error, &direction, temperatures)
+            self.thermal().offset_and_slope(error, &direction, temperatures)
         })
     }
 }
@@ -765,10 +728,7 @@ const ROUNDED_TAU_WITHIN: f64 = 6e-4;
 
 /// Notes on location errors that are too small to be measured, and on waves with a period of 2π degrees.
 fn unit_notes(machine: &Machine) -> Vec<String> {
-    let stated = machine
-        .locations()
-        .iter()
-        .filter(|(_, value)| **value != 0.0);
+    let stated = machine.locations().iter().filter(|(_, value)| **value != 0.0);
     let largest = stated.max_by(|a, b| a.1.abs().total_cmp(&b.1.abs()));
     let small = largest.filter(|(_, value)| value.abs() < SMALLEST_MEASURABLE_UM);
     let of_locations = small.map(|(name, value)| {

@@ -30,10 +30,7 @@ impl MapGrid {
     ) -> Result<Self, ModelError> {
         machine.state(others)?;
         let (mut axes, mut nodes_mm) = (Vec::new(), Vec::new());
-        for (name, count) in [AxisName::X, AxisName::Y, AxisName::Z]
-            .into_iter()
-            .zip(counts)
-        {
+        for (name, count) in [AxisName::X, AxisName::Y, AxisName::Z].into_iter().zip(counts) {
             if count > MOST_NODES {
                 return Err(ModelError::TooMany {
                     what: "nodes along an axis",
@@ -46,11 +43,7 @@ impl MapGrid {
                 nodes_mm.push(spread(axis.travel, count));
             }
         }
-        Ok(Self {
-            axes,
-            nodes_mm,
-            others: others.to_vec(),
-        })
+        Ok(Self { axes, nodes_mm, others: others.to_vec() })
     }
 
     /// The number of nodes of the whole grid.
@@ -88,9 +81,7 @@ fn spread([low, high]: [f64; 2], count: usize) -> Vec<f64> {
         1 => vec![0.5 * (low + high)],
         _ => {
             let step = |index: usize| index as f64 / (count - 1) as f64;
-            (0..count)
-                .map(|index| low + (high - low) * step(index))
-                .collect()
+            (0..count).map(|index| low + (high - low) * step(index)).collect()
         }
     }
 }

@@ -67,10 +67,7 @@ pub struct Source {
     pub targets: Option<usize>,
     /// Positions of the other axes, mm or deg; axes at 0 are omitted.
     #[cfg_attr(feature = "serde", serde(serialize_with = "as_map"))]
-    #[cfg_attr(
-        feature = "schema",
-        schemars(with = "std::collections::BTreeMap<AxisName, f64>")
-    )]
+    #[cfg_attr(feature = "schema", schemars(with = "std::collections::BTreeMap<AxisName, f64>"))]
     pub at: Vec<(AxisName, f64)>,
     /// The date of the test as given in the file.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
@@ -116,19 +113,14 @@ impl Provenance {
         self.errors.retain(|origin| origin.error != error);
         self.undecided.retain(|name| *name != error);
         if before > 0 && self.errors.is_empty() {
-            *self = Self {
-                undecided: core::mem::take(&mut self.undecided),
-                ..Self::default()
-            };
+            *self = Self { undecided: core::mem::take(&mut self.undecided), ..Self::default() };
         }
     }
 
     /// Why this provenance is invalid for a machine with the errors for which `stated` returns true: the first failed check.
     pub(crate) fn refusal(&self, stated: impl Fn(ErrorName) -> bool) -> Option<ProvenanceRefusal> {
         if let Some(found) = self.date.as_ref().filter(|date| !is_date(date)) {
-            return Some(ProvenanceRefusal::Date {
-                found: found.clone(),
-            });
+            return Some(ProvenanceRefusal::Date { found: found.clone() });
         }
         self.errors.iter().enumerate().find_map(|(place, origin)| {
             let error = origin.error;
@@ -138,9 +130,7 @@ impl Provenance {
             if !stated(error) {
                 return Some(ProvenanceRefusal::NotStated { error });
             }
-            let numbers = [origin.residual, origin.leave_one_out]
-                .into_iter()
-                .flatten();
+            let numbers = [origin.residual, origin.leave_one_out].into_iter().flatten();
             let mut wrong = numbers.filter(|x| !(*x >= 0.0 && x.is_finite()));
             if let Some(found) = wrong.next() {
                 return Some(ProvenanceRefusal::Number { error, found });
@@ -203,11 +193,7 @@ impl Source {
     /// # Errors
     /// The file cannot be read.
     pub fn read(name: &str, path: &Path) -> std::io::Result<Self> {
-        Ok(Self {
-            file: name.to_owned(),
-            sha256: sha256_of(path)?,
-            ..Self::default()
-        })
+        Ok(Self { file: name.to_owned(), sha256: sha256_of(path)?, ..Self::default() })
     }
 }
 

@@ -31,9 +31,8 @@ impl Machine {
             every(&points, &mut coordinates, &mut |coordinates| {
                 for direction in Direction::BOTH {
                     let value = curve.value(own, coordinates, Some(direction));
-                    let largest_size = range
-                        .as_ref()
-                        .map(|range| range.smallest.abs().max(range.largest.abs()));
+                    let largest_size =
+                        range.as_ref().map(|range| range.smallest.abs().max(range.largest.abs()));
                     let range = range.get_or_insert_with(|| ErrorRange {
                         smallest: value,
                         largest: value,
@@ -59,10 +58,7 @@ impl Machine {
         let within = |place: usize, steps: usize, places: &[f64]| {
             let [low, high] = self.axes()[place].travel;
             let even = (0..=steps).map(|step| low + (high - low) * (step as f64 / steps as f64));
-            let inside = places
-                .iter()
-                .copied()
-                .filter(|at| (low..=high).contains(at));
+            let inside = places.iter().copied().filter(|at| (low..=high).contains(at));
             (place, even.chain(inside).collect())
         };
         match field {
@@ -71,9 +67,7 @@ impl Machine {
                 let axes = grid.axes().into_iter().zip(grid.nodes());
                 // A machine rejects grids over axes that it lacks.
                 let there = axes.filter(|(place, _)| *place < self.axes().len());
-                there
-                    .map(|(place, nodes)| within(place, 1, nodes))
-                    .collect()
+                there.map(|(place, nodes)| within(place, 1, nodes)).collect()
             }
         }
     }
@@ -189,10 +183,7 @@ impl Machine {
     /// A machine that cannot be compiled.
     pub fn each_kelvin(&self) -> Result<Option<EachKelvin>, ModelError> {
         let mut machine = self.clone();
-        machine.set_thermal(Thermal {
-            seen: Vec::new(),
-            ..self.thermal().clone()
-        })?;
+        machine.set_thermal(Thermal { seen: Vec::new(), ..self.thermal().clone() })?;
         let thermal = machine.thermal();
         let sensors = thermal.sensors();
         if sensors.is_empty() {
@@ -208,10 +199,7 @@ impl Machine {
             machine.compile_at(Tolerance::default(), &temperatures)
         };
         let warmer = sensors.iter().map(|sensor| at(Some(sensor)));
-        Ok(Some(EachKelvin {
-            reference: at(None)?,
-            warmer: warmer.collect::<Result<_, _>>()?,
-        }))
+        Ok(Some(EachKelvin { reference: at(None)?, warmer: warmer.collect::<Result<_, _>>()? }))
     }
 
     /// The maximum of a quantity (mm, rad) of each correcting axis, in chain order: on an even grid over the travels of all axes, ends
@@ -236,11 +224,7 @@ impl Machine {
             PerAxis::from_fn(|_| (0.0, held(Direction::Positive)));
         let sample = |state: &State, largest: &mut PerAxis<(f64, State)>| {
             for (most, now) in largest.iter_mut().zip(of(state)) {
-                let now = if now.is_nan() {
-                    f64::INFINITY
-                } else {
-                    now.abs()
-                };
+                let now = if now.is_nan() { f64::INFINITY } else { now.abs() };
                 if now > most.0 {
                     *most = (now, *state);
                 }

@@ -44,10 +44,7 @@ impl RigidSums {
         if count == 0.0 {
             return;
         }
-        let (place, error) = (
-            other.place_mm - self.place_mm,
-            other.error_mm - self.error_mm,
-        );
+        let (place, error) = (other.place_mm - self.place_mm, other.error_mm - self.error_mm);
         let share = other.count / count;
         let both = self.count * share;
         self.places += other.places + place * place.transpose() * both;
@@ -80,11 +77,7 @@ impl RigidSums {
     /// Σ p × e.
     fn turning(&self) -> Vector3<f64> {
         let of = &self.products;
-        Vector3::new(
-            of[(1, 2)] - of[(2, 1)],
-            of[(2, 0)] - of[(0, 2)],
-            of[(0, 1)] - of[(1, 0)],
-        )
+        Vector3::new(of[(1, 2)] - of[(2, 1)], of[(2, 0)] - of[(0, 2)], of[(0, 1)] - of[(1, 0)])
     }
 
     fn rotation(&self) -> Vector3<f64> {
@@ -150,11 +143,7 @@ impl Lengths {
     /// Adds a vector.
     pub fn take(&mut self, vector: &Vector3<f64>) {
         let squared = vector.norm_squared();
-        self.merge(&Self {
-            count: 1.0,
-            squares: squared,
-            largest: squared.sqrt(),
-        });
+        self.merge(&Self { count: 1.0, squares: squared, largest: squared.sqrt() });
     }
 
     /// Adds the lengths of other vectors.

@@ -84,9 +84,7 @@ impl Thermal {
     /// The reason for the first invalid term.
     pub fn check(&self, structure: &Structure) -> Result<(), ThermalRefusal> {
         if !PLAUSIBLE_DEGC.contains(&self.reference_degc) {
-            return Err(ThermalRefusal::Reference {
-                found: self.reference_degc,
-            });
+            return Err(ThermalRefusal::Reference { found: self.reference_degc });
         }
         for term in &self.expansion {
             term.check(structure)?;
@@ -200,18 +198,11 @@ fn motion_of(error: ErrorName, structure: &Structure) -> Result<(), ThermalRefus
     if !error.location && structure.index_of(error.axis).is_some() {
         return Ok(());
     }
-    Err(ThermalRefusal::Motion {
-        found: error.to_string(),
-        structure: structure.to_string(),
-    })
+    Err(ThermalRefusal::Motion { found: error.to_string(), structure: structure.to_string() })
 }
 
 fn finite(what: &'static str, found: f64) -> Result<(), ThermalRefusal> {
-    if found.is_finite() {
-        Ok(())
-    } else {
-        Err(ThermalRefusal::NotFinite { what, found })
-    }
+    if found.is_finite() { Ok(()) } else { Err(ThermalRefusal::NotFinite { what, found }) }
 }
 
 /// The tested range of a sensor, for the terms of an error: a `[[thermal.seen]]` of a machine file.
@@ -250,22 +241,12 @@ impl Seen {
         let [low, high] = self.degc;
         let possible = |degc: &f64| PLAUSIBLE_DEGC.contains(degc);
         if !(low < high && self.degc.iter().all(possible)) {
-            return Err(ThermalRefusal::SeenTemperatures {
-                error,
-                sensor,
-                low,
-                high,
-            });
+            return Err(ThermalRefusal::SeenTemperatures { error, sensor, low, high });
         }
         if let Some([fall, rise]) = self.k_per_min
             && !(fall <= 0.0 && rise >= 0.0 && fall.is_finite() && rise.is_finite())
         {
-            return Err(ThermalRefusal::SeenRates {
-                error,
-                sensor,
-                fall,
-                rise,
-            });
+            return Err(ThermalRefusal::SeenRates { error, sensor, fall, rise });
         }
         let same = |other: &&Self| other.error == error && other.sensor == sensor;
         if thermal.seen.iter().filter(same).count() > 1 {
@@ -294,8 +275,7 @@ impl Thermal {
 
     /// A temperature (°C) clamped to the tested range of the terms of an error.
     pub(crate) fn held_degc(&self, error: ErrorName, sensor: &str, degc: f64) -> f64 {
-        self.seen_of(error, sensor)
-            .map_or(degc, |seen| degc.clamp(seen.degc[0], seen.degc[1]))
+        self.seen_of(error, sensor).map_or(degc, |seen| degc.clamp(seen.degc[0], seen.degc[1]))
     }
 
     /// The active fraction of the terms of an error in the steady state, 0 to 1.

@@ -24,10 +24,7 @@ pub struct Fading {
 impl Default for Fading {
     /// Holds for five minutes, then fades over ten minutes.
     fn default() -> Self {
-        Self {
-            hold_s: 300.0,
-            fade_s: 600.0,
-        }
+        Self { hold_s: 300.0, fade_s: 600.0 }
     }
 }
 
@@ -93,10 +90,7 @@ impl ThermalState {
     /// [`ThermalRefusal::Fading`]: times that are negative or not finite.
     pub fn new(machine: &Machine, fading: Fading) -> Result<Self, ModelError> {
         let Fading { hold_s, fade_s } = fading;
-        if [hold_s, fade_s]
-            .iter()
-            .any(|s| !(*s >= 0.0 && s.is_finite()))
-        {
+        if [hold_s, fade_s].iter().any(|s| !(*s >= 0.0 && s.is_finite())) {
             return Err(ThermalRefusal::Fading { hold_s, fade_s }.into());
         }
         let thermal = machine.thermal();
@@ -106,25 +100,13 @@ impl ThermalState {
         let mut terms = Vec::new();
         for term in &thermal.expansion {
             let found = Term::expansion(machine, term, &sensors)?;
-            terms.push(Term {
-                watch: watch(term.error),
-                ..found
-            });
+            terms.push(Term { watch: watch(term.error), ..found });
         }
         for term in &thermal.drift {
             let found = Term::drift(machine, term, &sensors)?;
-            terms.push(Term {
-                watch: watch(term.error),
-                ..found
-            });
+            terms.push(Term { watch: watch(term.error), ..found });
         }
-        Ok(Self {
-            sensors,
-            reference_degc: thermal.reference_degc,
-            fading,
-            terms,
-            watches,
-        })
+        Ok(Self { sensors, reference_degc: thermal.reference_degc, fading, terms, watches })
     }
 
     /// The sensors of the terms, in the order expected by [`step`](Self::step).
@@ -136,11 +118,7 @@ impl ThermalState {
     /// temperature is `None`, not finite or absent. A negative or NaN `dt_s` counts as 0.
     pub fn step(&mut self, dt_s: f64, degc: &[Option<f64>]) {
         let over = |sensor: usize| {
-            let degc = degc
-                .get(sensor)
-                .copied()
-                .flatten()
-                .filter(|t| t.is_finite());
+            let degc = degc.get(sensor).copied().flatten().filter(|t| t.is_finite());
             degc.map(|degc| degc - self.reference_degc)
         };
         for watch in &mut self.watches {
@@ -246,10 +224,7 @@ impl ThermalState {
         }
         for axis in 0..machine.chain().joints().len() {
             let [x, y, z, a, b, c] = offsets[axis];
-            let offset = ErrorMotion {
-                linear_mm: [x, y, z].into(),
-                angular_rad: [a, b, c].into(),
-            };
+            let offset = ErrorMotion { linear_mm: [x, y, z].into(), angular_rad: [a, b, c].into() };
             machine.set_thermal_offset(axis, &offset, slopes[axis]);
         }
     }
@@ -310,11 +285,7 @@ impl Term {
     ) -> Self {
         let input = |(name, weight): (&String, f64)| {
             let sensor = sensors.iter().position(|sensor| sensor == name)?;
-            Some(Input {
-                sensor,
-                weight,
-                lagged_k: None,
-            })
+            Some(Input { sensor, weight, lagged_k: None })
         };
         Self {
             axis,
@@ -331,9 +302,7 @@ impl Term {
     /// The lagged Σ w·(T − T_ref), K; 0 until every sensor has delivered a temperature.
     fn lagged_k(&self) -> f64 {
         let inputs = self.inputs.iter();
-        let sum: Option<f64> = inputs
-            .map(|input| Some(input.weight * input.lagged_k?))
-            .sum();
+        let sum: Option<f64> = inputs.map(|input| Some(input.weight * input.lagged_k?)).sum();
         sum.unwrap_or(0.0)
     }
 
@@ -392,9 +361,7 @@ impl Watched {
         let Some(over_k) = over_k else { return };
         let rate = self.rate.step(over_k, self.unheard_s);
         self.unheard_s = 0.0;
-        let too_fast = self
-            .k_per_s
-            .map_or(0.0, |rates| beyond(rates, rate) * SmoothedRate::TIME_S);
+        let too_fast = self.k_per_s.map_or(0.0, |rates| beyond(rates, rate) * SmoothedRate::TIME_S);
         self.beyond_k = Some(beyond(self.over_k, over_k).max(too_fast));
     }
 }
@@ -465,9 +432,7 @@ impl Watch {
     pub(crate) fn held_k(&self, sensor: usize, over_k: f64) -> f64 {
         let mut sensors = self.sensors.iter();
         let watched = sensors.find(|watched| watched.sensor == sensor);
-        watched.map_or(over_k, |watched| {
-            over_k.clamp(watched.over_k[0], watched.over_k[1])
-        })
+        watched.map_or(over_k, |watched| over_k.clamp(watched.over_k[0], watched.over_k[1]))
     }
 
     fn beyond_k(&self) -> f64 {

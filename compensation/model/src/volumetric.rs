@@ -88,9 +88,7 @@ pub struct VolumetricError {
 /// # Errors
 /// See [`Machine::state`].
 pub fn poses_of_all_axes(machine: &Machine) -> Result<Vec<State>, ModelError> {
-    places(machine.axes().len())
-        .map(|place| place.state(machine))
-        .collect()
+    places(machine.axes().len()).map(|place| place.state(machine)).collect()
 }
 
 /// The volumetric error of a machine with one or several tools (`fields`), which must have the same axes.
@@ -102,9 +100,7 @@ pub fn volumetric(fields: &[ErrorField<'_>]) -> Result<VolumetricError, ModelErr
     let all: Vec<Place> = places(axes).collect();
     // The search also tries the opposite approach of each corner.
     let corners = (0..1_usize << axes).map(|corner| Place {
-        shares: (0..axes)
-            .map(|axis| f64::from(u8::from(corner >> axis & 1 == 1)))
-            .collect(),
+        shares: (0..axes).map(|axis| f64::from(u8::from(corner >> axis & 1 == 1))).collect(),
         approach: vec![Direction::Positive; axes],
     });
     let (mut sums, mut before) = (RigidSums::default(), Lengths::default());
@@ -130,11 +126,7 @@ pub fn volumetric(fields: &[ErrorField<'_>]) -> Result<VolumetricError, ModelErr
         }
     }
     let grounds: Vec<_> = fields.iter().map(SearchGround::of).collect();
-    let search = Search {
-        samples: rotary_samples(&grounds)?,
-        found,
-        grounds,
-    };
+    let search = Search { samples: rotary_samples(&grounds)?, found, grounds };
     Ok(VolumetricError {
         poses: all.len(),
         max_mm: search.worst(&|at| at.error_mm)?.value,
@@ -188,9 +180,7 @@ impl<'a> Search<'a> {
     /// direction, and from [combinations](Self::combinations) of samples. NaN if a length is NaN.
     fn worst(&'a self, of: &dyn Fn(&At) -> Vector3<f64>) -> Result<Worst, ModelError> {
         let length = |at: &At| of(at).norm();
-        let mut starts: Vec<_> = (self.found.iter())
-            .map(|one| (length(&one.2), one))
-            .collect();
+        let mut starts: Vec<_> = (self.found.iter()).map(|one| (length(&one.2), one)).collect();
         // Descending; in the total order NaN is the largest.
         starts.sort_by(|a, b| b.0.total_cmp(&a.0));
         let mut maxima = Vec::new();
@@ -231,10 +221,7 @@ impl<'a> Search<'a> {
             if !ascent.value.is_nan() {
                 ascent.refine(&length)?;
             }
-            if largest
-                .as_ref()
-                .is_none_or(|most| ascent.value > most.value)
-            {
+            if largest.as_ref().is_none_or(|most| ascent.value > most.value) {
                 largest = Some(ascent);
             }
         }
@@ -340,12 +327,7 @@ fn linear_samples(
             for &approach in ground.approaches(axis) {
                 let mut place = rest.clone();
                 (place.shares[axis], place.approach[axis]) = (share, approach);
-                samples.push(LinearSample {
-                    axis,
-                    share,
-                    approach,
-                    at: ground.field.at(&place)?,
-                });
+                samples.push(LinearSample { axis, share, approach, at: ground.field.at(&place)? });
             }
         }
         of_axes.push(samples);
@@ -442,11 +424,7 @@ struct Ascent<'a> {
 
 impl<'a> Ascent<'a> {
     fn from(ground: &'a SearchGround<'a>, place: Place, value: f64) -> Self {
-        Self {
-            ground,
-            place,
-            value,
-        }
+        Self { ground, place, value }
     }
 
     /// Moves to a place if the quantity is larger there.
@@ -602,9 +580,7 @@ fn places(axes: usize) -> impl Iterator<Item = Place> {
         };
         let drawn = Place {
             shares: (0..axes).map(|axis| halton(number, axis)).collect(),
-            approach: (0..axes)
-                .map(|axis| side(axis).unwrap_or(Direction::Positive))
-                .collect(),
+            approach: (0..axes).map(|axis| side(axis).unwrap_or(Direction::Positive)).collect(),
         };
         let mirrored = Place {
             shares: drawn.shares.iter().map(|share| 1.0 - share).collect(),

@@ -93,25 +93,11 @@ fn read_and_print(text: &[u8], out: &mut Vec<u8>) {
 
 fn benches(criterion: &mut Criterion) {
     let three = program("", &[('X', 300.0), ('Y', 250.0), ('Z', -150.0)]);
-    let five = [
-        ('X', 300.0),
-        ('Y', 250.0),
-        ('Z', -100.0),
-        ('A', -45.0),
-        ('C', 10.0),
-    ];
+    let five = [('X', 300.0), ('Y', 250.0), ('Z', -100.0), ('A', -45.0), ('C', 10.0)];
     let cases = [
         ("three axes", Machine::parse(THREE, "three.toml"), three),
-        (
-            "five axes",
-            Machine::parse(FIVE, "five.toml"),
-            program("", &five),
-        ),
-        (
-            "five axes, centre point",
-            Machine::parse(FIVE, "five.toml"),
-            program("M428", &five),
-        ),
+        ("five axes", Machine::parse(FIVE, "five.toml"), program("", &five)),
+        ("five axes, centre point", Machine::parse(FIVE, "five.toml"), program("M428", &five)),
     ];
     let mut group = criterion.benchmark_group("nc");
     group.throughput(Throughput::Elements(u64::from(BLOCKS)));

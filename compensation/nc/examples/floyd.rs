@@ -34,9 +34,7 @@ struct Field {
 impl Field {
     fn actual(&self, [x, y]: Point) -> Result<Point, Box<dyn Error>> {
         let state = self.machine.state(&[(AxisName::X, x), (AxisName::Y, y)])?;
-        let error = self
-            .machine
-            .error_at(&state, Form::Exact, &Temperatures::default());
+        let error = self.machine.error_at(&state, Form::Exact, &Temperatures::default());
         Ok([x + error.position_mm.x, y + error.position_mm.y])
     }
 }
@@ -74,13 +72,8 @@ fn stations(
         along.retain(|t| (t - wanted).abs() <= BAND_MM);
         along.sort_by(f64::total_cmp);
         along.dedup_by(|a, b| (*a - *b).abs() < 1e-9);
-        let nodes = along
-            .iter()
-            .map(|t| [at[0] + t * normal[0], at[1] + t * normal[1]]);
-        stations.push(Station {
-            at,
-            nodes: nodes.collect(),
-        });
+        let nodes = along.iter().map(|t| [at[0] + t * normal[0], at[1] + t * normal[1]]);
+        stations.push(Station { at, nodes: nodes.collect() });
     }
     Ok(stations)
 }
@@ -151,9 +144,7 @@ fn dijkstra(weights: &[Vec<f64>], from: usize) -> (Vec<f64>, u64) {
 /// # Errors
 /// The machine file cannot be read.
 pub(crate) fn printed(machine: &str) -> Result<String, Box<dyn Error>> {
-    let field = Field {
-        machine: Machine::parse(machine, "mill.toml")?,
-    };
+    let field = Field { machine: Machine::parse(machine, "mill.toml")? };
     let mut text = String::new();
     small(&field, &mut text)?;
     long(&field, &mut text)?;
@@ -181,11 +172,7 @@ fn small(field: &Field, text: &mut String) -> Result<(), Box<dyn Error>> {
     })?;
     failed?;
     let path = found.path(0, 5).unwrap_or_default();
-    writeln!(
-        text,
-        "\nThe shortest way: {path:?}, {:.4} µm²\n",
-        found.distance(0, 5)
-    )?;
+    writeln!(text, "\nThe shortest way: {path:?}, {:.4} µm²\n", found.distance(0, 5))?;
     Ok(())
 }
 
@@ -219,10 +206,7 @@ fn closed(weights: &[Vec<f64>], first: usize, last: usize) -> Vec<Vec<f64>> {
 }
 
 /// One path through the whole field by both algorithms.
-#[expect(
-    clippy::too_many_lines,
-    reason = "one line of the table after the other"
-)]
+#[expect(clippy::too_many_lines, reason = "one line of the table after the other")]
 fn long(field: &Field, text: &mut String) -> Result<(), Box<dyn Error>> {
     let stations = stations(field, [20.0, 30.0], [420.0, 280.0], 25)?;
     let counts: Vec<usize> = stations.iter().map(|station| station.nodes.len()).collect();
@@ -241,30 +225,14 @@ fn long(field: &Field, text: &mut String) -> Result<(), Box<dyn Error>> {
         "A path of 472 mm with 25 stations; nodes where its normals cross the lines of a field of {FIELD} x {FIELD} steps of 1 µm: {nodes}."
     )?;
     let same = all.path(nodes, nodes + 1).is_some_and(|path| {
-        let way = layered
-            .nodes
-            .iter()
-            .enumerate()
-            .map(|(station, node)| first(station) + node);
+        let way = layered.nodes.iter().enumerate().map(|(station, node)| first(station) + node);
         path[1..path.len() - 1].iter().copied().eq(way)
     });
-    writeln!(
-        text,
-        "  {:<38}{:>12}{:>14}",
-        "", "length, µm²", "sums compared"
-    )?;
+    writeln!(text, "  {:<38}{:>12}{:>14}", "", "length, µm²", "sums compared")?;
     for (name, length, operations) in [
-        (
-            "all pairs (Floyd)",
-            all.distance(nodes, nodes + 1),
-            all.operations,
-        ),
+        ("all pairs (Floyd)", all.distance(nodes, nodes + 1), all.operations),
         ("from the start (Dijkstra)", single[nodes + 1], by_dijkstra),
-        (
-            "from station to station",
-            layered.length,
-            layered.operations,
-        ),
+        ("from station to station", layered.length, layered.operations),
     ] {
         writeln!(text, "  {name:<38}{length:>12.4}{operations:>14}")?;
     }
@@ -287,11 +255,7 @@ fn long(field: &Field, text: &mut String) -> Result<(), Box<dyn Error>> {
         };
         let change = |k: usize| (by(k)[0] - by(k - 1)[0]).hypot(by(k)[1] - by(k - 1)[1]);
         let changes = (1..commands.len()).map(change).fold(0.0, f64::max);
-        Ok([
-            (squares / commands.len() as f64).sqrt(),
-            largest,
-            1e3 * changes,
-        ])
+        Ok([(squares / commands.len() as f64).sqrt(), largest, 1e3 * changes])
     };
     let nominal: Vec<Point> = stations.iter().map(|station| station.at).collect();
     let mut rounded = Vec::new();
@@ -313,10 +277,9 @@ fn long(field: &Field, text: &mut String) -> Result<(), Box<dyn Error>> {
     let planned = plan(&path, actual, &Limits::default()).ok_or("no plan")?;
     let planned: Vec<Point> = planned.commands.iter().map(|[x, y, _]| [*x, *y]).collect();
     let free = graph(field, 0.0, &stations)?;
-    let free = through(&counts, |station, from, to| {
-        free[first(station) + from][first(station + 1) + to]
-    })
-    .ok_or("the graph has no way")?;
+    let free =
+        through(&counts, |station, from, to| free[first(station) + from][first(station + 1) + to])
+            .ok_or("the graph has no way")?;
     writeln!(
         text,
         "  {:<38}{:>12}{:>14}{:>16}",
@@ -388,15 +351,8 @@ fn eight_directions(text: &mut String) -> Result<(), Box<dyn Error>> {
         "Eight directions: a correction on its way from (0, 0) to (5, 3) steps, as soon as it can."
     )?;
     for y in (0..5).rev() {
-        let row: String = (0..SIDE)
-            .map(|x| {
-                if path.contains(&(y * SIDE + x)) {
-                    " o"
-                } else {
-                    " ."
-                }
-            })
-            .collect();
+        let row: String =
+            (0..SIDE).map(|x| if path.contains(&(y * SIDE + x)) { " o" } else { " ." }).collect();
         writeln!(text, " {row}")?;
     }
     writeln!(

@@ -177,11 +177,7 @@ impl Bow {
 
     /// The arc between two points near its ends: with the same radius if it turns by less than a quarter turn, otherwise with the same sag.
     pub(crate) fn between(&self, start: [f64; 2], end: [f64; 2]) -> Self {
-        let mut other = Self {
-            start,
-            end,
-            ..*self
-        };
+        let mut other = Self { start, end, ..*self };
         let (radius, half) = (self.radius(), 0.5 * other.chord());
         if self.sag < 0.3 * radius && half < radius {
             other.sag = half * half / (radius + (radius * radius - half * half).sqrt());
@@ -328,13 +324,7 @@ impl Rewriter {
             let is_near = |axis: usize| self.bounds.is_near_end(axis, machine[axis]);
             if is_near(first) || is_near(second) {
                 let delta = self.corrector.at(&machine).delta;
-                let by = each(|axis| {
-                    if self.corrector.corrects[axis] {
-                        delta[axis]
-                    } else {
-                        0.0
-                    }
-                });
+                let by = each(|axis| if self.corrector.corrects[axis] { delta[axis] } else { 0.0 });
                 if self.bounds.violated.is_none() {
                     self.bounds.violated = self.violation_in_machine(&machine, &by);
                 }
@@ -379,11 +369,8 @@ impl Rewriter {
         let mut circle = self.circle_about(arc, start, centre, line);
         let (shape, before) = self.shape_of_arc(false, arc, &mut circle, line);
         circle.edit(&mut self.edits);
-        let part = Part {
-            others: &circle.others,
-            before: &before,
-            ..Part::whole(motion, &words, shape)
-        };
+        let part =
+            Part { others: &circle.others, before: &before, ..Part::whole(motion, &words, shape) };
         self.write_part(&part, line, out);
         let carried = frame.moved_in_machine(to, &carried);
         self.finish_uncorrected(motion, carried);
@@ -524,9 +511,7 @@ impl Rewriter {
             in_plane(arc, &self.delta_in_program(&at))
         });
         let normal = programmed.normal();
-        let bend: f64 = (0..2)
-            .map(|i| normal[i] * (middle[i] - 0.5 * (start[i] + end[i])))
-            .sum();
+        let bend: f64 = (0..2).map(|i| normal[i] * (middle[i] - 0.5 * (start[i] + end[i]))).sum();
         let sag = programmed.sag;
         Bow {
             start: std::array::from_fn(|i| programmed.start[i] + start[i]),
@@ -567,14 +552,8 @@ impl Rewriter {
                 stretches.push(stretch);
             } else {
                 let middle = stretch.middle();
-                open.push(Stretch {
-                    from: middle,
-                    ..stretch
-                });
-                open.push(Stretch {
-                    to: middle,
-                    ..stretch
-                });
+                open.push(Stretch { from: middle, ..stretch });
+                open.push(Stretch { to: middle, ..stretch });
             }
         }
         self.corrector.put_back(sides);
@@ -625,10 +604,7 @@ impl Rewriter {
             let Some(last) = parts.last_mut() else { break };
             if turn.share > last.from {
                 last.to = turn.share;
-                parts.push(Stretch {
-                    from: turn.share,
-                    to: 1.0,
-                });
+                parts.push(Stretch { from: turn.share, to: 1.0 });
             }
         }
         parts.reverse();
@@ -697,11 +673,8 @@ impl Rewriter {
         };
         let circles = (!is_whole).then(|| {
             // The deviation of the programmed circle is subtracted: it is rounding of its numbers, which must not be corrected.
-            [
-                self.corrected(arc, [from, to], part),
-                programmed(arc, [from, to], part),
-            ]
-            .map(|bow| (bow.centre(), bow.radius()))
+            [self.corrected(arc, [from, to], part), programmed(arc, [from, to], part)]
+                .map(|bow| (bow.centre(), bow.radius()))
         });
         let mut largest = 0.0_f64;
         for (share, (at, delta)) in &places {
@@ -823,11 +796,7 @@ impl Rewriter {
         for (i, letter) in modal.plane.centre_letters().into_iter().enumerate() {
             let place = line.place_of(letter);
             let manner = line.word(place).map(|word| word.manner);
-            let base = if centre_is_absolute(manner, modal) {
-                0.0
-            } else {
-                start[i]
-            };
+            let base = if centre_is_absolute(manner, modal) { 0.0 } else { start[i] };
             let value = (letter, (centre[i] - base) / unit);
             said[i] = base + unit * self.word(written, value, place, line, &mut words)?;
         }
@@ -871,8 +840,7 @@ impl Rewriter {
             b'J' => 1,
             _ => return None,
         };
-        self.pole
-            .map(|pole| pole[place] / self.interpreter.modal.unit_mm)
+        self.pole.map(|pole| pole[place] / self.interpreter.modal.unit_mm)
     }
 
     /// True if a motion keeps its polar coordinates: the control has the pole of the program, and X and Y need no correction at the start
@@ -906,9 +874,7 @@ impl Rewriter {
     /// Records the pole set by a block. A relative coordinate includes the correction at the tool.
     pub(crate) fn takes_pole(&mut self, relative: [bool; 2]) {
         let interpreter = &self.interpreter;
-        let carried = interpreter
-            .frame
-            .moved_in_program(&interpreter.position, &self.carried);
+        let carried = interpreter.frame.moved_in_program(&interpreter.position, &self.carried);
         self.pole = interpreter.modal.pole.map(|pole| {
             std::array::from_fn(|i| pole[i] + if relative[i] { carried[i] } else { 0.0 })
         });
@@ -923,11 +889,7 @@ impl Rewriter {
         line: Line<'_>,
     ) -> (Shape, Vec<u8>) {
         if !line.script.is_heidenhain() {
-            let shape = if keeps_polar {
-                Shape::AsItIs
-            } else {
-                Shape::Centre
-            };
+            let shape = if keeps_polar { Shape::AsItIs } else { Shape::Centre };
             return (shape, Vec::new());
         }
         let centre = circle.take_centre([b'I', b'J']);
@@ -1073,10 +1035,7 @@ fn middle_of(start: [f64; 2], end: [f64; 2], centre: [f64; 2], clockwise: bool) 
     }
     let angle = from + 0.5 * turns;
     let radius = 0.5 * (from_radius + to_radius);
-    [
-        centre[0] + radius * angle.cos(),
-        centre[1] + radius * angle.sin(),
-    ]
+    [centre[0] + radius * angle.cos(), centre[1] + radius * angle.sin()]
 }
 
 /// Sag of an arc of this radius, mm, and angle, rad.
@@ -1119,12 +1078,7 @@ mod tests {
             assert_at(bow.middle(), middle);
             assert_at(bow.centre(), [0.0, 0.0]);
             // The same arc in the opposite direction.
-            let back = Bow {
-                start: bow.end,
-                end: bow.start,
-                clockwise: true,
-                ..bow
-            };
+            let back = Bow { start: bow.end, end: bow.start, clockwise: true, ..bow };
             assert_at(back.middle(), middle);
             assert_at(back.centre(), [0.0, 0.0]);
             assert!((back.radius() - 10.0).abs() < 1e-9);
@@ -1143,12 +1097,7 @@ mod tests {
         assert_at(shallow.centre(), [10.2, 100.0]);
         let longer = shallow.between([10.0, 0.0], [10.401, 0.0]);
         assert!((longer.radius() - shallow.radius()).abs() < 1e-9);
-        let half = Bow {
-            start: [0.0, 0.0],
-            end: [100.0, 0.0],
-            sag: 50.0,
-            clockwise: false,
-        };
+        let half = Bow { start: [0.0, 0.0], end: [100.0, 0.0], sag: 50.0, clockwise: false };
         let longer = half.between([0.0, 0.0], [100.009, 0.0]);
         assert!(longer.centre()[1].abs() < 0.01, "{:?}", longer.centre());
     }

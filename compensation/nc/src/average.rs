@@ -199,10 +199,7 @@ pub fn average(
         }
         let by = each(|axis| mean.get(axis).copied().unwrap_or(0.0));
         if let Some(violation) = bounds.violation(&[true; 9], &place.at, &by) {
-            return Err(NcError::OutOfBounds {
-                line: place.line,
-                violation,
-            });
+            return Err(NcError::OutOfBounds { line: place.line, violation });
         }
         left[place.system].take(std::array::from_fn(|i| place.delta[i] - mean[i]));
         Ok(())
@@ -355,12 +352,7 @@ fn cuts_at(made: &ExecutedMotion) -> Option<Axes> {
 
 /// Positions at the plane R, half-way down and at the bottom of a hole.
 fn heights_of_hole(made: &ExecutedMotion) -> Option<[Axes; 3]> {
-    let Path::Hole {
-        bottom,
-        clearance,
-        depth,
-    } = made.motion.path
-    else {
+    let Path::Hole { bottom, clearance, depth } = made.motion.path else {
         return None;
     };
     let hole = made.frame.to_program(&made.motion.to);
@@ -393,11 +385,7 @@ fn write(
     let mut text = Vec::new();
     if !offsets.is_empty() {
         // Modes of the inserted lines: in incremental mode, left active by an earlier program, G10 would add to the stored offsets.
-        let modes: &[u8] = if unit_mm == 1.0 {
-            b"G21 G90"
-        } else {
-            b"G20 G90"
-        };
+        let modes: &[u8] = if unit_mm == 1.0 { b"G21 G90" } else { b"G20 G90" };
         text.extend_from_slice(modes);
         text.extend_from_slice(end);
     }

@@ -106,15 +106,7 @@ impl Block {
         manner: Manner,
         decimals: Option<u8>,
     ) {
-        self.words.push(Word {
-            letter,
-            at,
-            text,
-            value,
-            decimals,
-            manner,
-            in_increments: false,
-        });
+        self.words.push(Word { letter, at, text, value, decimals, manner, in_increments: false });
     }
 }
 
@@ -336,15 +328,9 @@ mod tests {
     fn quoted_texts_are_skipped() {
         let mut scanner = Scanner::new(b"  \"MILL \" X");
         assert_eq!(scanner.takes_text(), Ok(true));
-        assert_eq!(
-            (scanner.takes_text(), scanner.next()),
-            (Ok(false), Some(b'X'))
-        );
+        assert_eq!((scanner.takes_text(), scanner.next()), (Ok(false), Some(b'X')));
         let open = Scanner::new(b"  \"MILL").takes_text();
-        assert!(
-            matches!(open, Err(Fault::Expression { column: 3, .. })),
-            "{open:?}"
-        );
+        assert!(matches!(open, Err(Fault::Expression { column: 3, .. })), "{open:?}");
     }
 
     /// For texts of the characters of numbers, the fast path and the character-by-character path return identical bits.
@@ -353,15 +339,11 @@ mod tests {
         let mut draw = ChaCha8Rng::seed_from_u64(7);
         let (mut plainly, mut none) = (0, 0);
         for round in 0..100_000 {
-            let letters: &[u8] = if round % 2 == 0 {
-                b"0123456789.123456789 "
-            } else {
-                b"0123456789..--++ \tXe"
-            };
+            let letters: &[u8] =
+                if round % 2 == 0 { b"0123456789.123456789 " } else { b"0123456789..--++ \tXe" };
             let length = draw.random_range(0..24);
-            let text: Vec<u8> = (0..length)
-                .map(|_| letters[draw.random_range(0..letters.len())])
-                .collect();
+            let text: Vec<u8> =
+                (0..length).map(|_| letters[draw.random_range(0..letters.len())]).collect();
             let (mut one, mut other) = (Scanner::new(&text), Scanner::new(&text));
             let (found, expected) = (one.number(), other.number_with_blanks());
             let bits = |found: Option<(f64, u8)>| found.map(|(value, of)| (value.to_bits(), of));

@@ -129,10 +129,8 @@ impl Codes {
                         (Some(800), 0..=30) | (None, _) => code,
                         (Some(motion @ 0..=30), 800) => motion,
                         (Some(other), _) => {
-                            let fault = Fault::Twice {
-                                found: code_text(code),
-                                other: code_text(other),
-                            };
+                            let fault =
+                                Fault::Twice { found: code_text(code), other: code_text(other) };
                             return Err(NcError::Block { line, fault });
                         }
                     });
@@ -300,10 +298,7 @@ impl<'a> BlockWords<'a> {
                 let name = char::from(letter).to_string();
                 return Err(NcError::Block {
                     line,
-                    fault: Fault::Twice {
-                        found: name.clone(),
-                        other: name,
-                    },
+                    fault: Fault::Twice { found: name.clone(), other: name },
                 });
             }
             seen |= bit | bit_of(letter);
@@ -378,10 +373,7 @@ impl<'a> BlockWords<'a> {
     /// Value of a word, in its own unit.
     pub(crate) fn value_of(&self, word: &Word) -> Result<f64, NcError> {
         let letter = char::from(word.letter);
-        let value = word.value.ok_or(NcError::OnlyAtMachine {
-            line: self.line,
-            word: letter,
-        })?;
+        let value = word.value.ok_or(NcError::OnlyAtMachine { line: self.line, word: letter })?;
         if value.abs() > LARGEST {
             let what = format!("{letter} with {value:e}, expected at most {LARGEST:e}");
             return Err(self.refused(&what));
@@ -390,10 +382,7 @@ impl<'a> BlockWords<'a> {
     }
 
     pub(crate) fn refused(&self, what: &str) -> NcError {
-        NcError::NotCompensated {
-            line: self.line,
-            what: what.to_owned(),
-        }
+        NcError::NotCompensated { line: self.line, what: what.to_owned() }
     }
 }
 

@@ -109,9 +109,7 @@ impl Control {
         let codes: &[Code] = match self {
             // Look-ahead, corners, tapping, stored stroke limits off, spindle speed monitoring, and the cancel codes of G41.1, G12.1, G51,
             // G51.1, G66.
-            Self::Fanuc => &[
-                80, 110, 131, 230, 250, 260, 401, 500, 501, 620, 630, 670, 1130,
-            ],
+            Self::Fanuc => &[80, 110, 131, 230, 250, 260, 401, 500, 501, 620, 630, 670, 1130],
             // Look-ahead, smoothness, and the cancel codes of G51 and G101.
             Self::Haas => &[500, 1000, 1030, 1870],
             Self::Mazak => &[80, 131, 230, 401, 500, 501, 620, 630, 670, 1130],
@@ -174,11 +172,7 @@ impl Control {
 }
 
 /// Usual least increments: 0.001 mm, 0.0001 inch, 0.001 deg.
-pub(crate) const INCREMENTS: Decimals = Decimals {
-    mm: 3,
-    inch: 4,
-    deg: 3,
-};
+pub(crate) const INCREMENTS: Decimals = Decimals { mm: 3, inch: 4, deg: 3 };
 
 /// How the program writes coordinates, on a control where the decimal point is significant.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -218,14 +212,9 @@ pub(crate) fn why_refused(code: Code, control: Option<Control>) -> Option<String
         return Some(why.to_owned());
     }
     let known = |control: &Control| control.has_harmless(code) || control.has_numbered_offset(code);
-    let names: Vec<&str> = (CONTROLS.iter())
-        .filter(|(_, control)| known(control))
-        .map(|(name, _)| *name)
-        .collect();
+    let names: Vec<&str> =
+        (CONTROLS.iter()).filter(|(_, control)| known(control)).map(|(name, _)| *name).collect();
     (!names.is_empty()).then(|| {
-        format!(
-            "it is supported with control = \"{}\" in the set-up file",
-            names.join("\" or \"")
-        )
+        format!("it is supported with control = \"{}\" in the set-up file", names.join("\" or \""))
     })
 }

@@ -51,10 +51,7 @@ impl AxisPlaces {
     pub(crate) fn of(machine: &Machine) -> Self {
         let places = std::array::from_fn(|axis| machine.index_of(name_of(axis)?).ok());
         let present = (0..MAX_AXES).filter_map(|axis| Some((axis, places[axis]?)));
-        Self {
-            present: present.collect(),
-            places,
-        }
+        Self { present: present.collect(), places }
     }
 
     pub(crate) fn axes_of_machine(&self) -> impl Iterator<Item = usize> {
@@ -70,11 +67,7 @@ impl AxisPlaces {
     pub(crate) fn state(&self, axes: &Axes) -> State {
         let mut state = State::default();
         for &(axis, place) in &self.present {
-            state.q[place] = if is_rotary(axis) {
-                axes[axis].to_radians()
-            } else {
-                axes[axis]
-            };
+            state.q[place] = if is_rotary(axis) { axes[axis].to_radians() } else { axes[axis] };
         }
         state
     }
@@ -84,11 +77,8 @@ impl AxisPlaces {
     pub(crate) fn axes(&self, of_chain: &PerAxis<f64>) -> Axes {
         let mut axes = [0.0; MAX_AXES];
         for &(axis, place) in &self.present {
-            axes[axis] = if is_rotary(axis) {
-                of_chain[place].to_degrees()
-            } else {
-                of_chain[place]
-            };
+            axes[axis] =
+                if is_rotary(axis) { of_chain[place].to_degrees() } else { of_chain[place] };
         }
         axes
     }
@@ -142,12 +132,7 @@ impl Frame {
 
     /// The frame of the work offset and the tool alone, without shifts and rotations.
     pub(crate) fn of_offset(&self) -> Self {
-        Self {
-            work: self.offset,
-            tool: self.tool,
-            tip: self.tip.clone(),
-            ..Self::default()
-        }
+        Self { work: self.offset, tool: self.tool, tip: self.tip.clone(), ..Self::default() }
     }
 
     #[inline]
@@ -188,11 +173,7 @@ impl Frame {
         }
         std::array::from_fn(|i| {
             let in_program = |at: f64| at - self.work[i] - self.tool[i] - self.shift[i];
-            if i < 3 {
-                0.0
-            } else {
-                in_program(machine[i] + by[i]) - in_program(machine[i])
-            }
+            if i < 3 { 0.0 } else { in_program(machine[i] + by[i]) - in_program(machine[i]) }
         })
     }
 
@@ -267,10 +248,7 @@ pub(crate) struct TipFrame {
 
 impl TipFrame {
     pub(crate) fn new(tip: Arc<Tip>) -> Self {
-        Self {
-            tip,
-            last: RefCell::default(),
-        }
+        Self { tip, last: RefCell::default() }
     }
 
     fn with<T>(&self, axes: &Axes, take: impl FnOnce(&RotaryPose) -> T) -> T {
@@ -290,9 +268,7 @@ impl TipFrame {
     /// Axis coordinates to centre-point coordinates, mm and deg. Rotary axes are unchanged.
     pub(crate) fn of_axes(&self, axes: &Axes) -> Axes {
         let [x, y, z, ..] = *axes;
-        let at = self.with(axes, |turned| {
-            turned.base_mm + turned.columns * Vector3::new(x, y, z)
-        });
+        let at = self.with(axes, |turned| turned.base_mm + turned.columns * Vector3::new(x, y, z));
         let mut tip = *axes;
         tip[..3].copy_from_slice(at.as_slice());
         tip
@@ -334,12 +310,7 @@ impl Tip {
             return None;
         }
         let at_zero_mm = chain.ideal_tip_mm(&places.state(&[0.0; 9]));
-        Some(Self {
-            chain,
-            places,
-            at_zero_mm,
-            to_control: directions.transpose(),
-        })
+        Some(Self { chain, places, at_zero_mm, to_control: directions.transpose() })
     }
 
     fn turned_to(&self, axes: &Axes) -> RotaryPose {
@@ -381,9 +352,7 @@ impl Tip {
     /// Sum of the angles, rad, by which the rotary axes turn between two positions.
     pub(crate) fn turned(&self, from: &Axes, to: &Axes) -> f64 {
         let turns = (3..6).filter(|axis| self.places.of_axis(*axis).is_some());
-        turns
-            .map(|axis| (to[axis] - from[axis]).abs().to_radians())
-            .sum()
+        turns.map(|axis| (to[axis] - from[axis]).abs().to_radians()).sum()
     }
 }
 
@@ -428,11 +397,7 @@ pub(crate) fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
 }
 
 pub(crate) fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
-    [
-        a[1] * b[2] - a[2] * b[1],
-        a[2] * b[0] - a[0] * b[2],
-        a[0] * b[1] - a[1] * b[0],
-    ]
+    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 }
 
 #[cfg(test)]
@@ -461,11 +426,7 @@ mod tests {
             // Seen from the table, the tool turns by +A about X through (.., 20, -30), then by +C about Z through (10, 20).
             let at = [31.0, -42.0, 53.0 - length];
             let [y, z] = [at[1] - 20.0, at[2] + 30.0];
-            let at = [
-                at[0],
-                20.0 + a.cos() * y - a.sin() * z,
-                -30.0 + a.sin() * y + a.cos() * z,
-            ];
+            let at = [at[0], 20.0 + a.cos() * y - a.sin() * z, -30.0 + a.sin() * y + a.cos() * z];
             let [x, y] = [at[0] - 10.0, at[1] - 20.0];
             let at = [
                 10.0 + c.cos() * x - c.sin() * y,
@@ -477,10 +438,7 @@ mod tests {
                 assert!((found[i] - at[i]).abs() < 1e-10, "{found:?} {at:?}");
             }
             let back = tip.to_axes(&found);
-            assert!(
-                (0..9).all(|i| (back[i] - axes[i]).abs() < 1e-10),
-                "{back:?}"
-            );
+            assert!((0..9).all(|i| (back[i] - axes[i]).abs() < 1e-10), "{back:?}");
         }
     }
 
@@ -490,15 +448,9 @@ mod tests {
     fn the_centre_point_equals_the_axes_with_rotary_axes_at_zero() {
         let of = |x: &str, y: &str, z: &str| {
             let [x, y, z] = [("X", x), ("Y", y), ("Z", z)].map(|(name, direction)| {
-                (
-                    format!("[axes.{name}]\n"),
-                    format!("[axes.{name}]\ndirection = {direction}\n"),
-                )
+                (format!("[axes.{name}]\n"), format!("[axes.{name}]\ndirection = {direction}\n"))
             });
-            let text = MACHINE
-                .replace(&x.0, &x.1)
-                .replace(&y.0, &y.1)
-                .replace(&z.0, &z.1);
+            let text = MACHINE.replace(&x.0, &x.1).replace(&y.0, &y.1).replace(&z.0, &z.1);
             Machine::parse(&text, "m.toml").expect("a good machine")
         };
         let axes = [1.0, 2.0, 3.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
@@ -513,10 +465,7 @@ mod tests {
             assert!((machine.chain().tool_tip_mm().z - tip_z).abs() < 1e-12);
             let tip = TipFrame::new(Arc::new(Tip::new(&machine).expect("five axes")));
             let found = tip.of_axes(&axes);
-            assert!(
-                (0..9).all(|i| (found[i] - axes[i]).abs() < 1e-12),
-                "{found:?}"
-            );
+            assert!((0..9).all(|i| (found[i] - axes[i]).abs() < 1e-12), "{found:?}");
         }
         // No control has such a frame: one axis reversed, one slanted.
         assert!(Tip::new(&of("[-1, 0, 0]", "[0, 1, 0]", "[0, 0, 1]")).is_none());

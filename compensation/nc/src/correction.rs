@@ -167,9 +167,7 @@ impl MachineWithTool {
         temperatures: &Temperatures,
         most_mm: f64,
     ) -> Correction {
-        let Self {
-            machine, compiled, ..
-        } = self;
+        let Self { machine, compiled, .. } = self;
         if let Some(slides) = &self.slides {
             // The errors are evaluated at the corrected position.
             return Correction {
@@ -203,10 +201,7 @@ impl MachineWithTool {
                 None => [0.0; 9],
             })
         });
-        Correction {
-            delta: places.axes(&delta),
-            follow,
-        }
+        Correction { delta: places.axes(&delta), follow }
     }
 }
 
@@ -245,10 +240,7 @@ impl Play {
             let travel = machine.axis(name_of(axis)?)?.travel;
             own.is_anywhere(travel, machine.axes().len()).then_some(own)
         });
-        Self {
-            any: axes.iter().any(Option::is_some),
-            axes,
-        }
+        Self { any: axes.iter().any(Option::is_some), axes }
     }
 
     pub(crate) fn has(&self, axis: usize) -> bool {
@@ -317,11 +309,7 @@ impl Bounds {
         // displacement of the tool is limited instead.
         let rotary_corrects = (0..9).any(|axis| is_rotary(axis) && corrector.corrects[axis]);
         Self {
-            limit: if rotary_corrects {
-                CorrectionLimit::LARGEST
-            } else {
-                limit
-            },
+            limit: if rotary_corrects { CorrectionLimit::LARGEST } else { limit },
             at_tool: rotary_corrects.then_some(limit),
             axes: each(|of| axis(of).map(|axis| axis.name)),
             travels: each(|of| match axis(of) {
@@ -376,10 +364,8 @@ impl Bounds {
             return None;
         }
         let found = Displacement::from_coordinate(AxisKind::Linear, moves_mm());
-        (!limit.allows(found)).then(|| BoundViolation::ToolBeyondLimit {
-            found,
-            limit: limit.of(AxisKind::Linear),
-        })
+        (!limit.allows(found))
+            .then(|| BoundViolation::ToolBeyondLimit { found, limit: limit.of(AxisKind::Linear) })
     }
 
     /// True if an axis is so close to an end of travel that a permitted correction may leave the travel.
@@ -543,16 +529,13 @@ impl Corrector {
     pub(crate) fn at(&self, at: &Axes) -> Correction {
         let state = self.state(at);
         let most_mm = NEGLECTED * self.split_beyond_mm;
-        self.tool
-            .correction(&state, &self.places, &self.temperatures, most_mm)
+        self.tool.correction(&state, &self.places, &self.temperatures, most_mm)
     }
 
     /// Error of the machine at the zero of a work offset, in the coordinates of that offset: the amounts to add to its X, Y and Z, mm, for
     /// axes that are corrected. Rotary axes are not corrected; mean of both directions of approach.
     pub(crate) fn off_at_zero_mm(&self, of_offset: &Frame) -> [f64; 3] {
-        let MachineWithTool {
-            compiled, machine, ..
-        } = &*self.tool;
+        let MachineWithTool { compiled, machine, .. } = &*self.tool;
         let zero = of_offset.to_machine(&[0.0; MAX_AXES]);
         let mut linear = [AxisName::X, AxisName::Y, AxisName::Z].to_vec();
         linear.retain(|name| {
@@ -570,10 +553,7 @@ impl Corrector {
     /// workpiece axes; mm. `None` for a machine with rotary axes, where they depend on the position.
     pub(crate) fn offsets_against_mm(&self, error_mm: [f64; 3]) -> Option<[[f64; 3]; 2]> {
         let slides = self.tool.slides.as_ref()?;
-        let error = Evaluation {
-            position_mm: error_mm,
-            ..Evaluation::default()
-        };
+        let error = Evaluation { position_mm: error_mm, ..Evaluation::default() };
         let [x, y, z, ..] = self.places.axes(&slides.delta(&error));
         let mut by = [0.0; MAX_AXES];
         by[..3].copy_from_slice(&[x, y, z]);
@@ -644,11 +624,7 @@ impl Corrector {
     ) -> bool {
         let bulge_mm = self.bulge_in_frame_mm(frame, in_program[0], in_program[1]);
         // With tool centre point control, rotary corrections do not move the tip.
-        let coupled_mm = if frame.tip.is_some() {
-            0.0
-        } else {
-            self.coupled_mm(seen, from, to)
-        };
+        let coupled_mm = if frame.tip.is_some() { 0.0 } else { self.coupled_mm(seen, from, to) };
         self.is_straight(from, to, bulge_mm, coupled_mm)
     }
 
@@ -695,10 +671,8 @@ impl Corrector {
             .map(|axis| (to[axis] - from[axis]).abs())
             .sum();
         let rotary = (3..6).filter(|axis| self.has(*axis));
-        let turned: f64 = rotary
-            .clone()
-            .map(|axis| (to[axis] - from[axis]).abs().to_radians())
-            .sum();
+        let turned: f64 =
+            rotary.clone().map(|axis| (to[axis] - from[axis]).abs().to_radians()).sum();
         let [before, after] = [from, to].map(|at| seen.at(self, at).delta);
         let (mut change, mut largest) = (0.0, 0.0);
         for axis in rotary {
@@ -748,11 +722,7 @@ fn own(machine: &Machine, axis: usize, places: &AxisPlaces) -> Option<AxialCurve
     (!curves.is_empty()).then_some(AxialCurves {
         place,
         curves,
-        scale: if is_rotary(axis) {
-            1e-6_f64.to_degrees()
-        } else {
-            1e-3
-        },
+        scale: if is_rotary(axis) { 1e-6_f64.to_degrees() } else { 1e-3 },
     })
 }
 
@@ -782,10 +752,8 @@ mod tests {
                 at[5] = draw.random_range(-105.0..105.0);
                 let state = corrector.state(&at);
                 let error = machine.error_at(&state, Form::Exact, &none).position_mm;
-                let (found, ideal) = (
-                    corrector.actual_tip_mm(&at, &[0.0; 9]),
-                    corrector.ideal_tip_mm(&at),
-                );
+                let (found, ideal) =
+                    (corrector.actual_tip_mm(&at, &[0.0; 9]), corrector.ideal_tip_mm(&at));
                 for i in 0..3 {
                     let off_nm = 1e6 * (found[i] - ideal[i] - error[i]);
                     assert!(off_nm.abs() < 8.0, "{off_nm} nm at {at:?}");

@@ -23,11 +23,7 @@ pub enum NcError {
     #[error(
         "control of the set-up file: found {control}, whose programs are in the language {expected}, but the program is read as {found}"
     )]
-    OtherLanguage {
-        control: &'static str,
-        expected: &'static str,
-        found: &'static str,
-    },
+    OtherLanguage { control: &'static str, expected: &'static str, found: &'static str },
     #[error(
         "rotary_words of the set-up file: the program is read as {found}, whose words state the direction of a rotary axis (DC, M126): remove it"
     )]
@@ -37,10 +33,7 @@ pub enum NcError {
     #[error("line {line}: byte 0x00 at column {column}; this is no NC program")]
     Binary { line: usize, column: usize },
     #[error("line {line}: {violation}")]
-    OutOfBounds {
-        line: usize,
-        violation: BoundViolation,
-    },
+    OutOfBounds { line: usize, violation: BoundViolation },
     #[error("{}: {error}", file.display())]
     InFile { file: PathBuf, error: Box<NcError> },
     #[error(transparent)]
@@ -51,17 +44,11 @@ pub enum NcError {
 
 impl NcError {
     pub(crate) fn not_compensated(line: usize, what: impl Into<String>) -> Self {
-        Self::NotCompensated {
-            line,
-            what: what.into(),
-        }
+        Self::NotCompensated { line, what: what.into() }
     }
 
     pub(crate) fn in_file(self, file: &Path) -> Self {
-        Self::InFile {
-            file: file.to_owned(),
-            error: Box::new(self),
-        }
+        Self::InFile { file: file.to_owned(), error: Box::new(self) }
     }
 
     pub(crate) fn at_line(mut self, number: usize) -> Self {
@@ -99,20 +86,12 @@ pub enum Fault {
     #[error("the parameter #<{name}> has no value here")]
     NoParameter { name: String },
     #[error("column {column}: {found} is not supported: {why}")]
-    NotFollowed {
-        column: usize,
-        found: String,
-        why: &'static str,
-    },
+    NotFollowed { column: usize, found: String, why: &'static str },
     #[error(
         "column {column}: {word} has {} decimal point, unlike coordinates before it, and controls read a number without one as millimetres or as least increments: state which with without_point in the set-up file",
         if *.without_point { "no" } else { "a" }
     )]
-    MixedPoints {
-        column: usize,
-        word: String,
-        without_point: bool,
-    },
+    MixedPoints { column: usize, word: String, without_point: bool },
     #[error("found {found} and {other} in one block, expected only one of them")]
     Twice { found: String, other: String },
 }
@@ -125,28 +104,16 @@ pub enum BoundViolation {
     #[error(
         "the correction of {axis} is {found:.1}, expected at most {limit}: check the units in the machine file"
     )]
-    BeyondLimit {
-        axis: AxisName,
-        found: Displacement,
-        limit: Displacement,
-    },
+    BeyondLimit { axis: AxisName, found: Displacement, limit: Displacement },
     #[error(
         "the corrections of all axes together move the tool by {found:.1}, expected at most {limit}: check the units in the machine file"
     )]
-    ToolBeyondLimit {
-        found: Displacement,
-        limit: Displacement,
-    },
+    ToolBeyondLimit { found: Displacement, limit: Displacement },
     #[error(
         "the correction moves {axis} from {from} to {to} in machine coordinates, outside its travel of {} to {}",
         travel[0], travel[1]
     )]
-    LeavesTravel {
-        axis: AxisName,
-        from: Coordinate,
-        to: Coordinate,
-        travel: [Coordinate; 2],
-    },
+    LeavesTravel { axis: AxisName, from: Coordinate, to: Coordinate, travel: [Coordinate; 2] },
 }
 
 /// Column of a fault in a line, counted from 1.
@@ -155,32 +122,19 @@ pub(crate) struct Column(pub(crate) usize);
 
 impl Column {
     pub(crate) fn malformed(self, what: &'static str) -> Fault {
-        Fault::Expression {
-            column: self.0,
-            what,
-        }
+        Fault::Expression { column: self.0, what }
     }
 
     pub(crate) fn not_followed(self, found: &str, why: &'static str) -> Fault {
-        Fault::NotFollowed {
-            column: self.0,
-            found: found.to_owned(),
-            why,
-        }
+        Fault::NotFollowed { column: self.0, found: found.to_owned(), why }
     }
 
     pub(crate) fn no_number(self, letter: u8) -> Fault {
-        Fault::NoNumber {
-            column: self.0,
-            letter: char::from(letter),
-        }
+        Fault::NoNumber { column: self.0, letter: char::from(letter) }
     }
 
     pub(crate) fn character(self, found: u8) -> Fault {
-        Fault::Character {
-            column: self.0,
-            found: char::from(found),
-        }
+        Fault::Character { column: self.0, found: char::from(found) }
     }
 }
 

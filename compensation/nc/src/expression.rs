@@ -37,19 +37,12 @@ const FUNCTIONS: Functions = &[
     ("SQRT", f64::sqrt),
     ("TAN", |x| x.to_radians().tan()),
 ];
-const RS274_FUNCTIONS: Functions = &[
-    ("FIX", f64::floor),
-    ("FUP", f64::ceil),
-    ("ROUND", f64::round),
-];
+const RS274_FUNCTIONS: Functions =
+    &[("FIX", f64::floor), ("FUP", f64::ceil), ("ROUND", f64::round)];
 
 /// Operators grouped by precedence, the strongest last.
 const OPERATORS: [&[(&str, Operator)]; 5] = [
-    &[
-        ("AND", Operator::And),
-        ("XOR", Operator::Xor),
-        ("OR", Operator::Or),
-    ],
+    &[("AND", Operator::And), ("XOR", Operator::Xor), ("OR", Operator::Or)],
     &[
         ("EQ", Operator::Equal),
         ("NE", Operator::NotEqual),
@@ -59,11 +52,7 @@ const OPERATORS: [&[(&str, Operator)]; 5] = [
         ("LE", Operator::LessOrEqual),
     ],
     &[("+", Operator::Plus), ("-", Operator::Minus)],
-    &[
-        ("*", Operator::Times),
-        ("/", Operator::Over),
-        ("MOD", Operator::Modulo),
-    ],
+    &[("*", Operator::Times), ("/", Operator::Over), ("MOD", Operator::Modulo)],
     &[("**", Operator::Power)],
 ];
 
@@ -98,10 +87,7 @@ pub(crate) struct Expressions<'p> {
 
 impl<'p> Expressions<'p> {
     pub(crate) fn new(interpreter: &'p Interpreter) -> Self {
-        Self {
-            interpreter,
-            reads: Cell::default(),
-        }
+        Self { interpreter, reads: Cell::default() }
     }
 
     fn reads_place(&self, axis: Option<usize>) {
@@ -173,9 +159,7 @@ impl<'p> Expressions<'p> {
         loop {
             let column = scanner.column();
             let before = scanner.at();
-            let found = operators
-                .iter()
-                .find(|(letters, _)| scanner.takes_all(letters));
+            let found = operators.iter().find(|(letters, _)| scanner.takes_all(letters));
             let Some((_, operator)) = found else {
                 return Ok(value);
             };
@@ -261,9 +245,7 @@ impl<'p> Expressions<'p> {
             },
         };
         if !scanner.takes(b'[') {
-            return Err(scanner
-                .column()
-                .malformed("expected [ after the name of a function"));
+            return Err(scanner.column().malformed("expected [ after the name of a function"));
         }
         if special == Some("EXISTS") {
             let is_named = scanner.takes_all("#<");
@@ -405,9 +387,7 @@ pub(crate) trait Formulas {
 
     fn operand(&self, scanner: &mut Scanner<'_>, depth: u32) -> Result<Option<Value>, Fault> {
         if depth > MAX_CALL_DEPTH {
-            return Err(scanner
-                .column()
-                .malformed("the expression is nested too deeply"));
+            return Err(scanner.column().malformed("the expression is nested too deeply"));
         }
         if let Some((value, _)) = self.number(scanner) {
             return Ok(Some(Some(value)));
@@ -467,9 +447,9 @@ pub(crate) trait Formulas {
         let value = self.operation(scanner, 0, depth)?;
         match (value, scanner.takes(b')')) {
             (Some(value), true) => Ok(value),
-            _ => Err(scanner
-                .column()
-                .malformed("expected a value or an operator, and ) after them")),
+            _ => {
+                Err(scanner.column().malformed("expected a value or an operator, and ) after them"))
+            }
         }
     }
 }
@@ -480,9 +460,8 @@ pub(crate) fn takes_name(scanner: &mut Scanner<'_>, name: &str) -> bool {
     let (at, rest) = (scanner.at(), scanner.rest());
     let is_next = scanner.is_next(name);
     let is_letter = name.ends_with(|c: char| c.is_ascii_alphanumeric());
-    let goes_on = rest
-        .get(name.len())
-        .is_some_and(|byte| byte.is_ascii_alphanumeric() || *byte == b'_');
+    let goes_on =
+        rest.get(name.len()).is_some_and(|byte| byte.is_ascii_alphanumeric() || *byte == b'_');
     if !is_next || is_letter && goes_on {
         return false;
     }

@@ -97,10 +97,7 @@ struct BlockNumber {
 
 impl PlainLine {
     /// Parses a usual line; `None` for any other line.
-    #[expect(
-        clippy::cast_possible_truncation,
-        reason = "the line is shorter than 256 bytes"
-    )]
+    #[expect(clippy::cast_possible_truncation, reason = "the line is shorter than 256 bytes")]
     #[inline]
     fn read(text: &[u8], syntax: Syntax) -> Option<Self> {
         if text.len() > MAX_LINE_BYTES {
@@ -161,12 +158,7 @@ impl PlainLine {
             }
             line.named |= 1 << axis;
             // A line is shorter than 256 bytes and has at most nine axes.
-            line.words[axis] = AxisWord {
-                value,
-                from: from as u8,
-                to: to as u8,
-                decimals,
-            };
+            line.words[axis] = AxisWord { value, from: from as u8, to: to as u8, decimals };
             line.order[line.count] = axis as u8;
             line.count += 1;
         }
@@ -206,9 +198,7 @@ impl PlainLine {
     }
 
     fn order(&self) -> impl Iterator<Item = usize> {
-        self.order[..self.count]
-            .iter()
-            .map(|axis| usize::from(*axis))
+        self.order[..self.count].iter().map(|axis| usize::from(*axis))
     }
 
     /// Writes the line with new numbers, followed by words of axes that it does not name. `added` is the number of lines that were added
@@ -355,11 +345,7 @@ impl Rewriter {
                 return None;
             }
             let value = value * modal.scale(axis);
-            end[axis] = if modal.absolute {
-                value
-            } else {
-                from[axis] + value
-            };
+            end[axis] = if modal.absolute { value } else { from[axis] + value };
         }
         Some(end)
     }
@@ -424,35 +410,28 @@ impl Rewriter {
         let frame = &self.interpreter.frame;
         let mut carried = frame.moved_in_program_at([&from, &before], &self.carried);
         let mut numbers = [None; 9];
-        self.words_at(
-            [&to, &after],
-            None,
-            &mut carried,
-            |this, axes, delta, carried| {
-                for axis in axes {
-                    let is_named = line.names(axis);
-                    if !is_named && !this.corrector.has(axis) {
-                        continue;
-                    }
-                    let way = AxisWay {
-                        from: before[axis],
-                        to: after[axis],
-                        delta: delta[axis],
-                        carried: carried[axis],
-                        incremental,
-                        manner: Manner::Modal,
-                        keeps: false,
-                        written: is_named.then(|| OutputWord {
-                            decimals: line.words[axis].decimals,
-                            anew: false,
-                        }),
-                        numerals: this.numerals(axis, None),
-                    };
-                    // All axes are known, so the line needs no note.
-                    (numbers[axis], carried[axis]) = this.axis_word(axis, &way, 0);
+        self.words_at([&to, &after], None, &mut carried, |this, axes, delta, carried| {
+            for axis in axes {
+                let is_named = line.names(axis);
+                if !is_named && !this.corrector.has(axis) {
+                    continue;
                 }
-            },
-        );
+                let way = AxisWay {
+                    from: before[axis],
+                    to: after[axis],
+                    delta: delta[axis],
+                    carried: carried[axis],
+                    incremental,
+                    manner: Manner::Modal,
+                    keeps: false,
+                    written: is_named
+                        .then(|| OutputWord { decimals: line.words[axis].decimals, anew: false }),
+                    numerals: this.numerals(axis, None),
+                };
+                // All axes are known, so the line needs no note.
+                (numbers[axis], carried[axis]) = this.axis_word(axis, &way, 0);
+            }
+        });
         // The line is rejected by the general path, with a message.
         let frame = &self.interpreter.frame;
         let end = frame.to_machine(&after);
@@ -461,11 +440,8 @@ impl Rewriter {
             return None;
         }
         let begins = out.len();
-        let script = Script {
-            dialect: self.interpreter.dialect,
-            comma: self.comma,
-            ..Script::default()
-        };
+        let script =
+            Script { dialect: self.interpreter.dialect, comma: self.comma, ..Script::default() };
         line.write(text, &numbers, script, self.counts.added, out);
         if out.len() - begins > MAX_LINE_BYTES {
             out.truncate(begins);

@@ -126,19 +126,13 @@ pub(crate) fn o_line(line: &[u8]) -> Option<OLine> {
             "an O-word with a computed name is not supported; expected a number, or a name between < and >",
         ));
     };
-    let keyword = KEYWORDS
-        .into_iter()
-        .find(|(letters, _)| scanner.takes_all(letters));
+    let keyword = KEYWORDS.into_iter().find(|(letters, _)| scanner.takes_all(letters));
     let Some((_, keyword)) = keyword else {
         return Some(OLine::Wrong(
             "expected a word such as sub, call, while, if or repeat after the name of an O-word",
         ));
     };
-    Some(OLine::Statement(Statement {
-        name,
-        keyword,
-        rest: scanner.at(),
-    }))
+    Some(OLine::Statement(Statement { name, keyword, rest: scanner.at() }))
 }
 
 /// True if only a comment is left.
@@ -148,9 +142,7 @@ fn is_end(scanner: &mut Scanner<'_>) -> bool {
 
 fn program_number(number: f64) -> Option<u32> {
     let is_number = (0.0..1e8).contains(&number) && number.fract() == 0.0;
-    is_number
-        .then(|| format!("{number:.0}").parse().ok())
-        .flatten()
+    is_number.then(|| format!("{number:.0}").parse().ok()).flatten()
 }
 
 /// Parses a line that is only a subprogram call (`M98 P1000 L3`, or `M98 P31000` for three calls of 1000, as FANUC controls read more than
@@ -186,22 +178,16 @@ pub(crate) fn program_line(line: &[u8]) -> Option<Statement> {
         *of = Some(program_number(number)?);
     }
     let keyword = match (code, called, times) {
-        (98.0, Some(number), None) if number >= TIMES => Keyword::CallProgram {
-            number: number % TIMES,
-            times: u64::from(number / TIMES),
-        },
-        (98.0, Some(number), times) => Keyword::CallProgram {
-            number,
-            times: times.map_or(1, u64::from),
-        },
+        (98.0, Some(number), None) if number >= TIMES => {
+            Keyword::CallProgram { number: number % TIMES, times: u64::from(number / TIMES) }
+        }
+        (98.0, Some(number), times) => {
+            Keyword::CallProgram { number, times: times.map_or(1, u64::from) }
+        }
         (99.0, None, None) => Keyword::EndProgram,
         _ => return None,
     };
-    Some(Statement {
-        name: String::new(),
-        keyword,
-        rest: scanner.at(),
-    })
+    Some(Statement { name: String::new(), keyword, rest: scanner.at() })
 }
 
 /// The O-words of a program, with matched starts and ends. Lines are counted from 0.
@@ -315,10 +301,7 @@ impl Flow {
         let Some((begin, _)) = open.last() else {
             return Ok(());
         };
-        Err(lines.wrong(
-            *begin,
-            "the block that begins here does not end in the program",
-        ))
+        Err(lines.wrong(*begin, "the block that begins here does not end in the program"))
     }
 
     /// Line of the matching end or start.
@@ -370,10 +353,7 @@ impl Flow {
         (0..line).rev().find(|at| {
             self.statements.get(at).is_some_and(|statement| {
                 statement.name == name
-                    && matches!(
-                        statement.keyword,
-                        Keyword::While | Keyword::Do | Keyword::Repeat
-                    )
+                    && matches!(statement.keyword, Keyword::While | Keyword::Do | Keyword::Repeat)
                     && self.partner(*at) > line
             })
         })
@@ -544,12 +524,7 @@ impl<'t> Listing<'t> {
             check_line(line, first + place)?;
             ends.check(line, end, first + place)?;
         }
-        let mut lines = Self {
-            own: own.len(),
-            lines: own,
-            first,
-            files: Vec::new(),
-        };
+        let mut lines = Self { own: own.len(), lines: own, first, files: Vec::new() };
         for file in files {
             lines.files.push((&file.path, lines.lines.len()));
             for (place, line) in split_lines(&file.text).into_iter().enumerate() {
@@ -608,8 +583,7 @@ impl Names {
                 Some(_) => {}
                 None => {
                     if let Some(Statement {
-                        keyword: Keyword::CallProgram { number, .. },
-                        ..
+                        keyword: Keyword::CallProgram { number, .. }, ..
                     }) = program_line(line)
                     {
                         names.called.push(number_name(number));
@@ -638,9 +612,7 @@ fn file_names(called: &str) -> Vec<String> {
         number.to_owned(),
     ];
     let ends = ["", ".nc", ".ngc", ".tap"];
-    (begins.iter())
-        .flat_map(|begin| ends.map(|end| format!("{begin}{end}")))
-        .collect()
+    (begins.iter()).flat_map(|begin| ends.map(|end| format!("{begin}{end}"))).collect()
 }
 
 fn is_file_of(path: &Path, called: &str) -> bool {
@@ -670,9 +642,7 @@ pub(crate) fn load(own: &[(&[u8], &[u8])], folders: &[PathBuf]) -> Result<Vec<Su
     while let Some(name) = called.pop() {
         let is_there =
             main.defined.contains(&name) || files.iter().any(|file| is_file_of(&file.path, &name));
-        let path = file_names(&name)
-            .into_iter()
-            .find_map(|file| found.get(&file));
+        let path = file_names(&name).into_iter().find_map(|file| found.get(&file));
         let Some(path) = path.filter(|_| !is_there) else {
             continue;
         };
@@ -689,10 +659,7 @@ pub(crate) fn load(own: &[(&[u8], &[u8])], folders: &[PathBuf]) -> Result<Vec<Su
         let of_file = Names::of(split_lines(&text).into_iter().map(|(line, _)| line));
         let others = of_file.called.into_iter();
         called.extend(others.filter(|name| !of_file.defined.contains(name)));
-        files.push(SubFile {
-            path: path.clone(),
-            text,
-        });
+        files.push(SubFile { path: path.clone(), text });
     }
     Ok(files)
 }

@@ -23,11 +23,7 @@ pub(crate) fn read_heidenhain(
     interpreter: &Interpreter,
 ) -> Result<(), Fault> {
     block.clear();
-    let mut reader = Reader {
-        block,
-        scanner: Scanner::new(text),
-        values: Values { interpreter },
-    };
+    let mut reader = Reader { block, scanner: Scanner::new(text), values: Values { interpreter } };
     reader.line()
 }
 
@@ -220,12 +216,7 @@ impl Reader<'_, '_> {
             value.ok_or(column.malformed("expected the value of the parameter after ="))?
         };
         let to = self.scanner.at();
-        self.block.assignments.push(Assignment {
-            parameter,
-            value,
-            all: at..to,
-            text: from..to,
-        });
+        self.block.assignments.push(Assignment { parameter, value, all: at..to, text: from..to });
         Ok(true)
     }
 
@@ -266,20 +257,11 @@ impl Reader<'_, '_> {
             (OWN_RULE, &["TCH PROBE", "PATTERN DEF"]),
             ("a rounded corner is a separate motion", &["RND"]),
             ("a chamfer is a separate motion", &["CHF"]),
-            (
-                "approach and departure are separate motions",
-                &["APPR", "DEP"],
-            ),
+            ("approach and departure are separate motions", &["APPR", "DEP"]),
             ("an arc by its tangent", &["CT", "CTP"]),
-            (
-                "tool directions are supported as angles of the rotary axes only",
-                &["LN"],
-            ),
+            ("tool directions are supported as angles of the rotary axes only", &["LN"]),
             ("a spline", &["SPL"]),
-            (
-                "free contours are not supported",
-                &["FL", "FLT", "FC", "FCT", "FPOL"],
-            ),
+            ("free contours are not supported", &["FL", "FLT", "FC", "FCT", "FPOL"]),
             (UNKNOWN, &["FUNCTION"]),
         ];
         for (why, names) in REASONS {
@@ -363,17 +345,11 @@ impl Reader<'_, '_> {
         let words = || self.block.words.iter().map(|word| word.letter);
         let names_axes = words().any(|letter| axis_of(letter).is_some() || POLAR.contains(&letter));
         let turns = words().any(|letter| axis_of(letter).is_some_and(is_rotary));
-        let found = self
-            .block
-            .commands
-            .iter()
-            .find_map(|command| match command {
-                Command::CentrePoint(false) if modal.centre_point != CentrePoint::Off => {
-                    Some("M129")
-                }
-                Command::Shorter(false) if modal.shorter && turns => Some("M127"),
-                _ => None,
-            });
+        let found = self.block.commands.iter().find_map(|command| match command {
+            Command::CentrePoint(false) if modal.centre_point != CentrePoint::Off => Some("M129"),
+            Command::Shorter(false) if modal.shorter && turns => Some("M127"),
+            _ => None,
+        });
         match found.filter(|_| names_axes) {
             Some(name) => Err(self.scanner.column().not_followed(
                 name,
@@ -427,11 +403,7 @@ impl Reader<'_, '_> {
             Some(b'A') if matches!(kind, Kind::PolarLine | Kind::PolarArc) => POLAR[1],
             _ => return Err(column.not_followed(&self.found(at), UNKNOWN)),
         };
-        let manner = if is_way {
-            Manner::Incremental
-        } else {
-            Manner::Absolute
-        };
+        let manner = if is_way { Manner::Incremental } else { Manner::Absolute };
         self.value_word(letter, at, manner)?;
         Ok(true)
     }
@@ -458,11 +430,7 @@ impl Reader<'_, '_> {
         let next = self.scanner.peek();
         let is_axis = matches!(next, Some(b'+' | b'-'));
         if kind != Kind::ArcByRadius {
-            let why = if is_axis {
-                "the radius of the tool along one axis"
-            } else {
-                UNKNOWN
-            };
+            let why = if is_axis { "the radius of the tool along one axis" } else { UNKNOWN };
             return Err(column.not_followed(&self.found(at), why));
         }
         self.value_word(b'R', at, Manner::Modal)?;
@@ -561,11 +529,8 @@ impl Reader<'_, '_> {
         let Some(number) = whole_number(&mut self.scanner, 9999) else {
             return Err(column.malformed("expected the number of a cycle after CYCL DEF"));
         };
-        let part = if self.scanner.takes(b'.') {
-            whole_number(&mut self.scanner, 99)
-        } else {
-            None
-        };
+        let part =
+            if self.scanner.takes(b'.') { whole_number(&mut self.scanner, 99) } else { None };
         let found = format!("CYCL DEF {number}");
         match number {
             7 => match part {
@@ -590,10 +555,7 @@ impl Reader<'_, '_> {
             9 | 13 | 14 | 20 | 32 | 270 => self.skips(),
             // Hole patterns are drilled where they are defined.
             220 | 221 => {
-                let cycle = Cycle {
-                    name: found,
-                    drills_to: None,
-                };
+                let cycle = Cycle { name: found, drills_to: None };
                 self.block.commands.push(Command::Cycle(cycle));
                 self.skips();
             }
@@ -685,9 +647,7 @@ impl Reader<'_, '_> {
             }
         }
         if let Some(tool) = tool {
-            self.block
-                .commands
-                .push(Command::CallsTool { tool, longer });
+            self.block.commands.push(Command::CallsTool { tool, longer });
         }
         Ok(true)
     }
@@ -752,11 +712,7 @@ impl Reader<'_, '_> {
             return Ok(false);
         };
         self.scanner.next();
-        let manner = if is_way {
-            Manner::Incremental
-        } else {
-            Manner::Modal
-        };
+        let manner = if is_way { Manner::Incremental } else { Manner::Modal };
         self.value_word(letter, at, manner)?;
         Ok(true)
     }
@@ -794,11 +750,7 @@ impl Reader<'_, '_> {
             104 | 114 | 115 | 130 | 138 | 142..=144 => {
                 return refused("it changes what coordinates mean");
             }
-            118 if self
-                .scanner
-                .peek()
-                .is_some_and(|letter| axis_of(letter).is_some()) =>
-            {
+            118 if self.scanner.peek().is_some_and(|letter| axis_of(letter).is_some()) => {
                 return refused("its words limit the handwheel, and are no coordinates");
             }
             140 => return refused(OWN_RULE),
@@ -849,11 +801,7 @@ pub(crate) struct Values<'b> {
 impl Formulas for Values<'_> {
     const OPERATORS: &'static [&'static [(&'static str, Operator)]] = &[
         &[("+", Operator::Plus), ("-", Operator::Minus)],
-        &[
-            ("*", Operator::Times),
-            ("/", Operator::Over),
-            ("%", Operator::Rest),
-        ],
+        &[("*", Operator::Times), ("/", Operator::Over), ("%", Operator::Rest)],
         &[("^", Operator::Power)],
     ];
     const FUNCTIONS: &'static [(&'static str, fn(f64) -> f64)] = &[
@@ -937,10 +885,7 @@ pub(crate) fn block_number(text: &[u8]) -> Option<(Range<usize>, u64)> {
     let digits = text[from..].iter().take_while(|byte| byte.is_ascii_digit());
     let place = from..from + digits.count();
     let number = std::str::from_utf8(&text[place.clone()]).ok()?;
-    let number = number
-        .parse()
-        .ok()
-        .filter(|number| *number <= MOST_NUMBER)?;
+    let number = number.parse().ok().filter(|number| *number <= MOST_NUMBER)?;
     Some((place, number))
 }
 
@@ -982,9 +927,6 @@ mod tests {
     fn added_lines_get_the_next_numbers() {
         let mut out = b"kept\nCC X+1 Y+2\r\n 007 C X+1\r\nL X+2".to_vec();
         renumber(&mut out, 5, 1, 12);
-        assert_eq!(
-            String::from_utf8_lossy(&out),
-            "kept\n12 CC X+1 Y+2\r\n 013 C X+1\r\n14 L X+2"
-        );
+        assert_eq!(String::from_utf8_lossy(&out), "kept\n12 CC X+1 Y+2\r\n 013 C X+1\r\n14 L X+2");
     }
 }

@@ -52,12 +52,7 @@ impl Rewriter {
         let carried = frame.moved_in_program(&first.from, &self.carried);
         let mut corrector = self.corrector.clone();
         holes.iter().all(|hole| {
-            let Path::Hole {
-                bottom,
-                clearance,
-                depth,
-            } = hole.path
-            else {
+            let Path::Hole { bottom, clearance, depth } = hole.path else {
                 return true;
             };
             let end = frame.to_program(&hole.to);
@@ -96,12 +91,7 @@ impl Rewriter {
         line: Line<'_>,
         out: &mut Vec<u8>,
     ) {
-        let Path::Hole {
-            bottom,
-            clearance,
-            depth,
-        } = motion.path
-        else {
+        let Path::Hole { bottom, clearance, depth } = motion.path else {
             return;
         };
         let places = [bottom, clearance];
@@ -110,8 +100,7 @@ impl Rewriter {
         let [before, end] = [&motion.from, &motion.to].map(|at| frame.to_program(at));
         let middle = frame.to_machine(&half_deep(&end, depth, places));
         // Approach from R, where the drilling motion starts even if the tool moved up to R before.
-        self.corrector
-            .move_to(&frame.to_machine(&at_height(&end, depth, clearance)));
+        self.corrector.move_to(&frame.to_machine(&at_height(&end, depth, clearance)));
         self.corrector.move_to(&middle);
         let in_own_line = place > 0 && !stays;
         let keeps_polar =
@@ -119,9 +108,7 @@ impl Rewriter {
         let mut writes = if in_own_line {
             // A line without axis words is not a hole.
             let across = |axis: &usize| *axis != depth;
-            let names = (0..9)
-                .filter(across)
-                .any(|axis| motion.words[axis].is_some());
+            let names = (0..9).filter(across).any(|axis| motion.words[axis].is_some());
             let stands = (0..9).filter(across).find(|axis| self.corrector.has(*axis));
             each(|axis| match motion.words[axis] {
                 Some(_) => WriteRule::Anew,
@@ -163,8 +150,7 @@ impl Rewriter {
         let at_bottom = frame.to_machine(&at_height(&end, depth, bottom));
         self.corrector.move_to(&at_bottom);
         let drives = [&at_bottom, &motion.to].map(|at| each(|axis| at[axis] + self.carried[axis]));
-        self.corrector
-            .move_uncorrected(&motion.to, [&drives[0], &drives[1]]);
+        self.corrector.move_uncorrected(&motion.to, [&drives[0], &drives[1]]);
         if place > 0 && stays {
             return;
         }
@@ -177,16 +163,8 @@ impl Rewriter {
                 self.edits.removed.extend(line.place_of(letter));
             }
         }
-        let shape = if keeps_polar {
-            Shape::AsItIs
-        } else {
-            Shape::Straight
-        };
-        let part = Part {
-            place,
-            others: &depths,
-            ..Part::whole(motion, &words, shape)
-        };
+        let shape = if keeps_polar { Shape::AsItIs } else { Shape::Straight };
+        let part = Part { place, others: &depths, ..Part::whole(motion, &words, shape) };
         self.write_part(&part, line, out);
     }
 
@@ -197,12 +175,7 @@ impl Rewriter {
         carried: &mut Axes,
         (line, in_own_line): (Line<'_>, bool),
     ) -> Vec<(u8, Number)> {
-        let Path::Hole {
-            bottom,
-            clearance,
-            depth,
-        } = motion.path
-        else {
+        let Path::Hole { bottom, clearance, depth } = motion.path else {
             return Vec::new();
         };
         // Incremental: R counts from the start of the first hole, the depth from R.
@@ -213,59 +186,34 @@ impl Rewriter {
         let [at_bottom, at_clearance] = [bottom, clearance].map(|height| {
             let at = frame.to_machine(&at_height(&end, depth, height));
             let in_program = frame.to_program(&at);
-            self.words_at(
-                [&at, &in_program],
-                None,
-                &mut carried.clone(),
-                |_, _, _, _| (),
-            )[depth]
+            self.words_at([&at, &in_program], None, &mut carried.clone(), |_, _, _, _| ())[depth]
         });
         let initial = self.interpreter.modal.sticky.initial;
         let initial = initial.unwrap_or(before[depth]);
         let at_initial = *self.carried_at_initial.get_or_insert(carried[depth]);
         let [of_bottom, of_clearance] = self.carried_by_cycle;
-        let (zero, carried_at_zero) = if counts_from_r {
-            (initial, at_initial)
-        } else {
-            (0.0, 0.0)
-        };
+        let (zero, carried_at_zero) =
+            if counts_from_r { (initial, at_initial) } else { (0.0, 0.0) };
         // If the tool is not above R, LinuxCNC first lifts it to the G98 plane, which therefore must not be above the corrected R.
         let stands = before[depth] + carried[depth] - clearance;
         let lifts = self.interpreter.modal.comes_back && clearance >= before[depth];
-        let at_clearance = if lifts {
-            at_clearance.max(stands)
-        } else {
-            at_clearance
-        };
-        let plane = [
-            clearance - zero,
-            at_clearance - carried_at_zero,
-            of_clearance,
-        ];
+        let at_clearance = if lifts { at_clearance.max(stands) } else { at_clearance };
+        let plane = [clearance - zero, at_clearance - carried_at_zero, of_clearance];
         let (plane, of_clearance) = self.in_cycle(b'R', depth, plane, (line, in_own_line));
-        let (zero, carried_at_plane) = if counts_from_r {
-            (clearance, of_clearance + carried_at_zero)
-        } else {
-            (0.0, 0.0)
-        };
+        let (zero, carried_at_plane) =
+            if counts_from_r { (clearance, of_clearance + carried_at_zero) } else { (0.0, 0.0) };
         let ground = [bottom - zero, at_bottom - carried_at_plane, of_bottom];
         let (ground, of_bottom) = self.in_cycle(LETTERS[depth], depth, ground, (line, in_own_line));
         self.carried_by_cycle = [of_bottom, of_clearance];
-        let heights = [
-            (bottom, of_bottom + carried_at_plane),
-            (clearance, of_clearance + carried_at_zero),
-        ];
+        let heights =
+            [(bottom, of_bottom + carried_at_plane), (clearance, of_clearance + carried_at_zero)];
         for (height, by) in heights {
             let mut there = *carried;
             there[depth] = by;
             self.check_bounds(&at_height(&end, depth, height), &there);
         }
         let is_up = self.interpreter.modal.comes_back && clearance <= initial;
-        carried[depth] = if is_up {
-            at_initial
-        } else {
-            of_clearance + carried_at_zero
-        };
+        carried[depth] = if is_up { at_initial } else { of_clearance + carried_at_zero };
         [ground, plane].into_iter().flatten().collect()
     }
 

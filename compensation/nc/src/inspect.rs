@@ -73,10 +73,8 @@ impl Part {
         Document::new(file, text).decode(|root| {
             root.allow(&["alignment", "feature"])?;
             let alignment = match root.get("alignment") {
-                Some(value) => value.one_of(&[
-                    ("program", Alignment::Program),
-                    ("best-fit", Alignment::BestFit),
-                ])?,
+                Some(value) => value
+                    .one_of(&[("program", Alignment::Program), ("best-fit", Alignment::BestFit)])?,
                 None => Alignment::default(),
             };
             let mut features: Vec<PartFeature> = Vec::new();
@@ -90,10 +88,7 @@ impl Part {
                 let feature = feature(&item.section()?, &features)?;
                 features.push(feature);
             }
-            Ok(Self {
-                alignment,
-                features,
-            })
+            Ok(Self { alignment, features })
         })
     }
 }
@@ -132,10 +127,8 @@ fn feature(section: &Section<'_>, before: &[PartFeature]) -> Result<PartFeature,
         ("cone", Measured::Form(Feature::Cone)),
         ("hole", Measured::Hole),
     ])?;
-    let has_plane = matches!(
-        measured,
-        Measured::Form(Feature::Circle { .. } | Feature::Line { .. })
-    );
+    let has_plane =
+        matches!(measured, Measured::Form(Feature::Circle { .. } | Feature::Line { .. }));
     if let Some(value) = plane_value.filter(|_| !has_plane) {
         return Err(value.error("found it for another kind, expected only for circles and lines"));
     }
@@ -143,13 +136,9 @@ fn feature(section: &Section<'_>, before: &[PartFeature]) -> Result<PartFeature,
     let [first, last] = lines_value.vector::<2>()?;
     let line = |number: f64| -> Option<usize> {
         let is_line = (1.0..=1e9).contains(&number) && number.fract() == 0.0;
-        is_line
-            .then(|| format!("{number:.0}").parse().ok())
-            .flatten()
+        is_line.then(|| format!("{number:.0}").parse().ok()).flatten()
     };
-    let lines = line(first)
-        .zip(line(last))
-        .filter(|(first, last)| first <= last);
+    let lines = line(first).zip(line(last)).filter(|(first, last)| first <= last);
     let (first, last) = lines.ok_or_else(|| {
         lines_value.error(format!(
             "found [{first}, {last}], expected the numbers of the first and the last line that cut it, from 1"
@@ -160,10 +149,8 @@ fn feature(section: &Section<'_>, before: &[PartFeature]) -> Result<PartFeature,
         Some(value) => {
             let items = value.items()?;
             if items.is_empty() || items.len() > MAX_HEIGHTS {
-                return Err(value.error(format!(
-                    "found {} heights, expected 1 to {MAX_HEIGHTS}",
-                    items.len()
-                )));
+                return Err(value
+                    .error(format!("found {} heights, expected 1 to {MAX_HEIGHTS}", items.len())));
             }
             items.iter().map(height).collect::<Result<_, _>>()?
         }
@@ -174,10 +161,7 @@ fn feature(section: &Section<'_>, before: &[PartFeature]) -> Result<PartFeature,
             let name = value.text()?;
             let place = before.iter().position(|other| other.name == name);
             let has_axis = |place: &usize| {
-                !matches!(
-                    before[*place].measured,
-                    Measured::Hole | Measured::Form(Feature::Plane)
-                )
+                !matches!(before[*place].measured, Measured::Hole | Measured::Form(Feature::Plane))
             };
             Some(place.filter(has_axis).ok_or_else(|| {
                 value.error(format!(
@@ -186,13 +170,7 @@ fn feature(section: &Section<'_>, before: &[PartFeature]) -> Result<PartFeature,
             })?)
         }
     };
-    Ok(PartFeature {
-        name,
-        measured,
-        lines: [first, last],
-        above_mm,
-        datum,
-    })
+    Ok(PartFeature { name, measured, lines: [first, last], above_mm, datum })
 }
 
 const MAX_POINTS: usize = 2000;
@@ -212,11 +190,7 @@ pub(crate) struct Collector {
 impl Collector {
     pub(crate) fn new(part: Part) -> Self {
         let count = part.features.len();
-        Self {
-            part,
-            points: vec![Vec::new(); count],
-            strides: vec![[1, 0]; count],
-        }
+        Self { part, points: vec![Vec::new(); count], strides: vec![[1, 0]; count] }
     }
 
     /// Adds the points of a path position cut by a program line; `points` returns the points at a height above the tip, mm.
@@ -262,9 +236,7 @@ impl Collector {
             })
             .collect();
         let features = self.part.features.iter().enumerate();
-        features
-            .map(|(place, feature)| self.one(place, feature, &forms))
-            .collect()
+        features.map(|(place, feature)| self.one(place, feature, &forms)).collect()
     }
 
     /// Best-fit rigid-body alignment of all points, separately for both programs; all points have equal weight.
@@ -296,9 +268,7 @@ impl Collector {
     ) -> Inspected {
         let points = &self.points[place];
         let found = match &forms[place] {
-            _ if points.is_empty() => Err(InspectError::NothingCut {
-                lines: feature.lines,
-            }),
+            _ if points.is_empty() => Err(InspectError::NothingCut { lines: feature.lines }),
             None => Ok([1, 2].map(|which| Found {
                 position_um: Some(1e3 * mean_distance(points, which)),
                 ..Found::default()
@@ -315,11 +285,7 @@ impl Collector {
                 Err(InspectError::Form(error.clone()))
             }
         };
-        Inspected {
-            name: feature.name.clone(),
-            points: points.len(),
-            found,
-        }
+        Inspected { name: feature.name.clone(), points: points.len(), found }
     }
 }
 
@@ -408,11 +374,7 @@ fn found(feature: &PartFeature, nominal: &Form, form: &Form, datum: Option<&Form
         }
         Measured::Form(Feature::Cylinder | Feature::Cone) => {
             let axis = form.axis.as_ref();
-            (
-                axis.and_then(|axis| distance(axis, nominal))
-                    .map(|um| 0.5 * um),
-                Some(angle()),
-            )
+            (axis.and_then(|axis| distance(axis, nominal)).map(|um| 0.5 * um), Some(angle()))
         }
         Measured::Form(Feature::Line { .. } | Feature::Plane) => (None, Some(angle())),
         Measured::Hole => (None, None),
@@ -422,10 +384,7 @@ fn found(feature: &PartFeature, nominal: &Form, form: &Form, datum: Option<&Form
         minimum_zone_um: form.minimum_zone.as_ref().map(|zone| um(zone.deviation_mm)),
         position_um,
         direction_urad,
-        radius_um: form
-            .radius_mm
-            .zip(nominal.radius_mm)
-            .map(|(found, wanted)| um(found - wanted)),
+        radius_um: form.radius_mm.zip(nominal.radius_mm).map(|(found, wanted)| um(found - wanted)),
         coaxiality_um: datum.and_then(|datum| distance(form.axis.as_ref()?, datum)),
     }
 }

@@ -232,9 +232,7 @@ impl Interpreter {
             });
         }
         if setup.states_rotary_words && dialect != Dialect::Rs274 {
-            return Err(NcError::RotaryWords {
-                found: dialect.name(),
-            });
+            return Err(NcError::RotaryWords { found: dialect.name() });
         }
         let (position, known) = setup.start();
         let mut modal = setup.modal.clone();
@@ -315,8 +313,7 @@ impl Interpreter {
     /// True if an axis that may roll over is taken to do so: the machine file has `modulo`, or the control is one whose rotary tables
     /// usually roll over.
     pub(crate) fn rolls_over(&self, axis: usize) -> bool {
-        self.axis_of_machine(axis)
-            .is_some_and(|axis| axis.modulo.is_some())
+        self.axis_of_machine(axis).is_some_and(|axis| axis.modulo.is_some())
             || self.control.is_some_and(Control::is_fanuc_like)
     }
 
@@ -363,10 +360,7 @@ impl Interpreter {
         outcome.switches_radius =
             (codes.radius).is_some_and(|code| code != 400 || self.modal.radius.is_some());
         outcome.switches_polar = codes.polar.is_some();
-        if let Some(code) = codes
-            .not_followed
-            .filter(|_| self.dialect == Dialect::Rs274)
-        {
+        if let Some(code) = codes.not_followed.filter(|_| self.dialect == Dialect::Rs274) {
             let what = format!(
                 "M{}, which is not supported, because it may change coordinates: remove it",
                 code / 10
@@ -377,9 +371,7 @@ impl Interpreter {
         if codes.not_modal == Some(40) && given.names_axes() && !dwells_by_axis {
             return Err(given.refused("a dwell (G4) with the word of an axis, which FANUC controls read as its time: write P"));
         }
-        if let Some(code) = codes
-            .harmless
-            .filter(|_| given.names_axes() && codes.motion.is_none())
+        if let Some(code) = codes.harmless.filter(|_| given.names_axes() && codes.motion.is_none())
         {
             let what = format!("{} with the word of an axis", code_text(code));
             return Err(given.refused(&what));
@@ -392,11 +384,7 @@ impl Interpreter {
         let length =
             (self.modal.centre_point != CentrePoint::Off).then_some(self.modal.tool_offset);
         self.switch(&codes, &given)?;
-        let before = (
-            self.modal.system,
-            self.modal.programmed,
-            self.modal.tool_offset,
-        );
+        let before = (self.modal.system, self.modal.programmed, self.modal.tool_offset);
         let mut uses_words = self.commands(&given, outcome)?;
         self.mark_new_coordinates(before);
         codes.in_machine |= outcome.in_machine;
@@ -438,8 +426,7 @@ impl Interpreter {
         let is_named = |axis: usize| given.word(axis).is_some();
         let of_polar = |axis: usize| axis < 2 && given.polar.is_some();
         self.mark_possibly_moved(&each(|axis| is_named(axis) || of_polar(axis)));
-        self.notes
-            .add(Note::MayMove(format!("M{code}")), given.line);
+        self.notes.add(Note::MayMove(format!("M{code}")), given.line);
         true
     }
 
@@ -448,9 +435,7 @@ impl Interpreter {
         if self.dialect != Dialect::Rs274 {
             return Ok(());
         }
-        let is_absolute = codes
-            .distance
-            .map_or(self.modal.absolute, |code| code == 900);
+        let is_absolute = codes.distance.map_or(self.modal.absolute, |code| code == 900);
         if codes.in_machine && !is_absolute {
             return Err(given.refused(
                 "G53 in G91, which LinuxCNC refuses and FANUC controls ignore: write G90 before",
@@ -536,9 +521,7 @@ impl Interpreter {
         }
         modal.absolute = codes.distance.map_or(modal.absolute, |code| code == 900);
         modal.centre_absolute = (codes.centre).map_or(modal.centre_absolute, |code| code == 901);
-        modal.comes_back = codes
-            .comes_back
-            .map_or(modal.comes_back, |code| code == 980);
+        modal.comes_back = codes.comes_back.map_or(modal.comes_back, |code| code == 980);
         modal.says_return |= codes.comes_back.is_some();
         if let Some(code) = codes.tool_length {
             self.tool_length(code, given)?;
@@ -633,16 +616,9 @@ impl Interpreter {
         // The tool length is along Z; in another plane, or on a lathe, it may be along another linear axis.
         let has_length = axis == 2 || axis < 3 && modal.plane != Plane::Xy;
         [
-            assumptions
-                .offsets
-                .get(modal.system)
-                .map_or(0, |of| of[axis]),
+            assumptions.offsets.get(modal.system).map_or(0, |of| of[axis]),
             if has_length { assumptions.tool } else { 0 },
-            if modal.shifted {
-                assumptions.shift[axis]
-            } else {
-                0
-            },
+            if modal.shifted { assumptions.shift[axis] } else { 0 },
         ]
     }
 
@@ -724,11 +700,7 @@ impl Interpreter {
 
     /// Axes whose positions contribute to the coordinate of an axis: X and Y under a rotation.
     pub(crate) fn mixed_with(&self, axis: usize) -> std::ops::Range<usize> {
-        if axis < 2 && self.frame.rotation_deg != 0.0 {
-            0..2
-        } else {
-            axis..axis + 1
-        }
+        if axis < 2 && self.frame.rotation_deg != 0.0 { 0..2 } else { axis..axis + 1 }
     }
 
     /// Updates the assumptions after G92, which sets the shift from the current position. Unless
@@ -764,11 +736,7 @@ impl Interpreter {
             let stays = known && system == self.modal.system && place == self.basis(axis);
             if !stays && let Some(offset) = self.assumptions.offsets.get(system).copied() {
                 let mut offset = offset;
-                offset[axis] = if is_exact {
-                    0
-                } else {
-                    self.assumptions.new_number(known)
-                };
+                offset[axis] = if is_exact { 0 } else { self.assumptions.new_number(known) };
                 self.assumptions.offsets[system] = offset;
             }
         }
@@ -798,19 +766,14 @@ impl Interpreter {
             "_absolute" => truth(modal.absolute),
             "_incremental" => truth(!modal.absolute),
             "_feed" => Some(modal.feed),
-            "_coord_system" => WORK_OFFSETS
-                .get(modal.system)
-                .map(|code| Some(f64::from(*code))),
+            "_coord_system" => WORK_OFFSETS.get(modal.system).map(|code| Some(f64::from(*code))),
             "_current_tool" => Some(self.tool_in_spindle().map(f64::from)),
             "_selected_tool" => Some(modal.tool.map(f64::from)),
             "_motion_mode" => Some(modal.motion.map(f64::from)),
             // Known only at the machine.
             "_vmajor" | "_vminor" | "_line" | "_rpm" | "_task" | "_remote_call" | RETURNED
             | HAS_RETURNED => Some(None),
-            _ => ["_ini[", "_hal["]
-                .iter()
-                .any(|of| name.starts_with(of))
-                .then_some(None),
+            _ => ["_ini[", "_hal["].iter().any(|of| name.starts_with(of)).then_some(None),
         }
     }
 
@@ -844,11 +807,7 @@ impl Interpreter {
     }
 
     fn length_unit(&self, axis: usize) -> f64 {
-        if is_rotary(axis) {
-            1.0
-        } else {
-            self.modal.unit_mm
-        }
+        if is_rotary(axis) { 1.0 } else { self.modal.unit_mm }
     }
 
     /// Rejects a block that may be skipped but changes the meaning of later coordinates.

@@ -1,8 +1,5 @@
 #![doc = include_str!("../README.md")]
-#![expect(
-    clippy::needless_range_loop,
-    reason = "an axis is an index into several lists"
-)]
+#![expect(clippy::needless_range_loop, reason = "an axis is an index into several lists")]
 
 mod arcs;
 mod average;

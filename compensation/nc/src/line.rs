@@ -34,11 +34,7 @@ impl<'a> Line<'a> {
             return b"";
         }
         let is_clockwise = |word: &Word| word.letter == b'G' && word.value == Some(2.0);
-        if self.block.words.iter().any(is_clockwise) {
-            b" DR-"
-        } else {
-            b" DR+"
-        }
+        if self.block.words.iter().any(is_clockwise) { b" DR-" } else { b" DR+" }
     }
 
     pub(crate) fn motion_code(self) -> Option<Number> {
@@ -90,11 +86,7 @@ pub(crate) struct NewWord {
 
 impl NewWord {
     pub(crate) fn plain((letter, number): (u8, Number)) -> Self {
-        Self {
-            letter,
-            manner: Manner::Modal,
-            number,
-        }
+        Self { letter, manner: Manner::Modal, number }
     }
 }
 
@@ -148,10 +140,7 @@ impl Script {
             return number.write(out);
         }
         let sign = before.iter().find(|byte| matches!(byte, b',' | b'.'));
-        let script = Self {
-            comma: sign.map_or(self.comma, |sign| *sign == b','),
-            ..self
-        };
+        let script = Self { comma: sign.map_or(self.comma, |sign| *sign == b','), ..self };
         let has_sign = !before.first().is_some_and(u8::is_ascii_digit);
         script.write_number(number, has_sign, out);
     }

@@ -45,11 +45,7 @@ pub(crate) fn split_lines(text: &[u8]) -> Vec<(&[u8], &[u8])> {
 
 /// Number of lines that this line end terminates.
 pub(crate) fn lines_of(end: &[u8]) -> usize {
-    if end.contains(&b'\n') {
-        1
-    } else {
-        end.len().max(1)
-    }
+    if end.contains(&b'\n') { 1 } else { end.len().max(1) }
 }
 
 /// Line end of a line added after one with this end; `None`: keep the previous one (unusual end, or end of file).
@@ -101,14 +97,8 @@ const BYTE_ORDER_MARK: &[u8] = b"\xef\xbb\xbf";
 
 /// Number of bytes before the program: byte order mark, blank tape leader, and tape reader control characters.
 pub(crate) fn leader_of(text: &[u8]) -> usize {
-    let mark = if text.starts_with(BYTE_ORDER_MARK) {
-        BYTE_ORDER_MARK.len()
-    } else {
-        0
-    };
-    mark + (text[mark..].iter())
-        .take_while(|byte| is_of_tape(**byte))
-        .count()
+    let mark = if text.starts_with(BYTE_ORDER_MARK) { BYTE_ORDER_MARK.len() } else { 0 };
+    mark + (text[mark..].iter()).take_while(|byte| is_of_tape(**byte)).count()
 }
 
 /// True if a line consists only of tape control characters, or of the end-of-file mark of CP/M and DOS.
@@ -131,20 +121,14 @@ pub(crate) const MAX_BYTES_IN_MEMORY: usize = 256 << 20;
 pub(crate) fn check_line(line: &[u8], number: usize) -> Result<(), NcError> {
     check_length(line, number)?;
     match memchr(0, line) {
-        Some(column) => Err(NcError::Binary {
-            line: number,
-            column: column + 1,
-        }),
+        Some(column) => Err(NcError::Binary { line: number, column: column + 1 }),
         None => Ok(()),
     }
 }
 
 pub(crate) fn check_length(line: &[u8], number: usize) -> Result<(), NcError> {
     if line.len() > LONGEST_LINE {
-        return Err(NcError::LongLine {
-            line: number,
-            most: LONGEST_LINE,
-        });
+        return Err(NcError::LongLine { line: number, most: LONGEST_LINE });
     }
     Ok(())
 }

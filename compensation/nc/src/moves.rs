@@ -153,10 +153,7 @@ impl Interpreter {
         given: &BlockWords<'_>,
         has_words: bool,
     ) -> Result<(), NcError> {
-        let motion = self
-            .modal
-            .motion
-            .filter(|_| has_words || codes.motion.is_some());
+        let motion = self.modal.motion.filter(|_| has_words || codes.motion.is_some());
         let (Some(motion @ (0 | 10 | 20 | 30)), Dialect::Rs274, false) =
             (motion, self.dialect, codes.has_words)
         else {
@@ -169,9 +166,7 @@ impl Interpreter {
             b'R' => is_arc,
             _ => false,
         };
-        let Some(letter) = b"EKQR"
-            .iter()
-            .find(|letter| given.has(**letter) && !uses(**letter))
+        let Some(letter) = b"EKQR".iter().find(|letter| given.has(**letter) && !uses(**letter))
         else {
             return Ok(());
         };
@@ -191,10 +186,7 @@ impl Interpreter {
     /// so it is unknown whether the start of the arc is corrected.
     fn check_beginning(&self, given: &BlockWords<'_>) -> Result<(), NcError> {
         let [first, second, _] = self.modal.plane.axes();
-        let Some(axis) = [first, second]
-            .into_iter()
-            .find(|axis| self.is_unclaimed(*axis))
-        else {
+        let Some(axis) = [first, second].into_iter().find(|axis| self.is_unclaimed(*axis)) else {
             return Ok(());
         };
         Err(given.refused(&format!(
@@ -272,10 +264,7 @@ impl Interpreter {
                 self.mark_named(axis);
             }
         }
-        if let Path::Hole {
-            clearance, depth, ..
-        } = motion.path
-        {
+        if let Path::Hole { clearance, depth, .. } = motion.path {
             self.finish_hole(clearance, depth, motion.incremental[depth], given.line);
         }
     }
@@ -414,11 +403,7 @@ impl Interpreter {
         }
         for (axis, value) in given.axes()? {
             let value = value * self.modal.scale(axis);
-            end[axis] = if incremental[axis] {
-                before[axis] + value
-            } else {
-                value
-            };
+            end[axis] = if incremental[axis] { before[axis] + value } else { value };
         }
         Ok(self.reached(&end, |axis| given.places[axis].is_some(), polar.is_some()))
     }
@@ -435,11 +420,7 @@ impl Interpreter {
         let turns = self.frame.rotation_deg != 0.0 && (is_named(0) || is_named(1));
         each(|axis| {
             let goes_along = axis < 2 && (turns || polar) || axis < 3 && self.frame.tip.is_some();
-            if is_named(axis) || goes_along {
-                to[axis]
-            } else {
-                self.position[axis]
-            }
+            if is_named(axis) || goes_along { to[axis] } else { self.position[axis] }
         })
     }
 
@@ -497,9 +478,7 @@ impl Interpreter {
                 .filter(|repeats| *repeats > 0 || may_store)
                 .ok_or_else(|| {
                     let letter = char::from(letter);
-                    given.refused(&format!(
-                        "a cycle with {letter} that is not a number of holes"
-                    ))
+                    given.refused(&format!("a cycle with {letter} that is not a number of holes"))
                 })?,
             None => 1,
         };
@@ -513,17 +492,9 @@ impl Interpreter {
             }
             return Ok(false);
         }
-        motion.path = Path::Hole {
-            bottom,
-            clearance,
-            depth,
-        };
+        motion.path = Path::Hole { bottom, clearance, depth };
         let mut end = self.frame.to_program(&motion.to);
-        end[depth] = if self.modal.comes_back {
-            initial.max(clearance)
-        } else {
-            clearance
-        };
+        end[depth] = if self.modal.comes_back { initial.max(clearance) } else { clearance };
         motion.to = self.frame.to_machine(&end);
         if !incremental {
             // Absolute words repeat the same hole.
@@ -556,11 +527,7 @@ impl Interpreter {
 
     /// After a hole the tool is at plane R, or at the initial position, which may be unknown.
     fn finish_hole(&mut self, clearance: f64, depth: usize, by_ways: bool, line: usize) {
-        let Sticky {
-            initial,
-            initial_is_known,
-            ..
-        } = self.modal.sticky;
+        let Sticky { initial, initial_is_known, .. } = self.modal.sticky;
         if self.modal.comes_back && initial_is_known != Some(true) {
             // Incremental words return to the initial position, so that a known position stays
             // known.
@@ -650,12 +617,7 @@ impl Interpreter {
                 - 1;
             turns_by += f64::from(more) * whole_turn.copysign(turns_by);
         }
-        Ok(Arc {
-            axes,
-            centre,
-            turns_by,
-            by_radius,
-        })
+        Ok(Arc { axes, centre, turns_by, by_radius })
     }
 
     /// True if X and Y words of the block are polar coordinates: those of motions under G16.
@@ -790,11 +752,8 @@ impl Interpreter {
 
     /// Updates which positions are known after a polar motion. They are known if both words are absolute.
     fn finish_polar(&mut self, given: &BlockWords<'_>) -> Result<(), NcError> {
-        let is_place = |of: usize| {
-            given
-                .polar_word(of)
-                .is_some_and(|word| !self.is_way(Some(word)))
-        };
+        let is_place =
+            |of: usize| given.polar_word(of).is_some_and(|word| !self.is_way(Some(word)));
         let is_known = is_place(0) && is_place(1);
         if let Some(polar) = self.modal.polar {
             self.modal.polar = Some(self.said(polar, given)?);
@@ -833,15 +792,9 @@ pub(crate) fn centre_of(
     }
     let height = rest.max(0.0).sqrt();
     // For the shorter counterclockwise arc the centre is to the left of the chord.
-    let side = if (radius > 0.0) == clockwise {
-        -1.0
-    } else {
-        1.0
-    };
+    let side = if (radius > 0.0) == clockwise { -1.0 } else { 1.0 };
     let normal = [-way[1] / chord, way[0] / chord];
-    Ok(std::array::from_fn(|i| {
-        0.5 * (start[i] + end[i]) + side * height * normal[i]
-    }))
+    Ok(std::array::from_fn(|i| 0.5 * (start[i] + end[i]) + side * height * normal[i]))
 }
 
 const NO_POLE: &str = "polar coordinates without a pole (CC) at a known position: program X and Y before a CC that is relative to them";

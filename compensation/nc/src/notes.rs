@@ -104,10 +104,7 @@ pub enum Note {
 impl Note {
     /// The note about the error at a zero; `None` if the error rounds to zero.
     pub(crate) fn off_at_zero(system: usize, off_mm: [f64; 3]) -> Option<Self> {
-        #[expect(
-            clippy::cast_possible_truncation,
-            reason = "errors are at most some mm"
-        )]
+        #[expect(clippy::cast_possible_truncation, reason = "errors are at most some mm")]
         let tenths_um = off_mm.map(|mm| (1e4 * mm).round() as i64);
         (tenths_um != [0; 3]).then(|| Self::OffAtZero(name_of_offset(system), tenths_um))
     }

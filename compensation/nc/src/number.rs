@@ -20,18 +20,12 @@ const EXACT_DIGITS: usize = 15;
 #[inline]
 pub(crate) fn plain(text: &[u8], decimal_sign: u8) -> Option<(f64, u8, usize)> {
     let (first, behind) = text.split_first()?;
-    let mut rest = if matches!(first, b'-' | b'+') {
-        behind
-    } else {
-        text
-    };
+    let mut rest = if matches!(first, b'-' | b'+') { behind } else { text };
     let mut mantissa = 0_i64;
     let mut digits = |rest: &mut &[u8]| {
         let before = rest.len();
         while let [byte @ b'0'..=b'9', behind @ ..] = *rest {
-            mantissa = mantissa
-                .wrapping_mul(10)
-                .wrapping_add(i64::from(byte - b'0'));
+            mantissa = mantissa.wrapping_mul(10).wrapping_add(i64::from(byte - b'0'));
             *rest = behind;
         }
         before - rest.len()
@@ -223,11 +217,7 @@ pub struct Decimals {
 impl Default for Decimals {
     /// Resolution of most controls: 1 µm, 0.0001 inch and 0.001 deg.
     fn default() -> Self {
-        Self {
-            mm: 3,
-            inch: 4,
-            deg: 3,
-        }
+        Self { mm: 3, inch: 4, deg: 3 }
     }
 }
 
@@ -263,11 +253,7 @@ impl Number {
     /// The nearest number with this number of decimals; `None` if it is too large to be exact.
     #[inline]
     pub(crate) fn nearest(value: f64, decimals: u8) -> Option<Self> {
-        Some(Self {
-            steps: steps(value, decimals)?,
-            decimals,
-            form: Form::Plain,
-        })
+        Some(Self { steps: steps(value, decimals)?, decimals, form: Form::Plain })
     }
 
     /// The nearest number with at most `most` decimals, without trailing zeros.
@@ -292,10 +278,7 @@ impl Number {
     /// This angular position, from 0 to less than 360.
     pub(crate) fn in_one_turn(self) -> Option<Self> {
         let turn = steps(360.0, self.decimals)?;
-        Some(Self {
-            steps: self.steps.rem_euclid(turn),
-            ..self
-        })
+        Some(Self { steps: self.steps.rem_euclid(turn), ..self })
     }
 
     pub(crate) fn is_negative(self) -> bool {
@@ -344,17 +327,7 @@ mod tests {
     #[test]
     fn steps_are_the_nearest() {
         let mut draw = ChaCha8Rng::seed_from_u64(6);
-        let mut values = vec![
-            0.0,
-            -0.0,
-            0.5,
-            -0.5,
-            1.5,
-            2.5,
-            -2.5,
-            f64::NAN,
-            f64::INFINITY,
-        ];
+        let mut values = vec![0.0, -0.0, 0.5, -0.5, 1.5, 2.5, -2.5, f64::NAN, f64::INFINITY];
         values.extend([
             0.49999999999999994,
             3999999999999999.5,

@@ -67,11 +67,7 @@ impl Interpreter {
 
     /// Number of the tool in the spindle: by M6, or by T in a program without M6.
     pub(crate) fn tool_in_spindle(&self) -> Option<u32> {
-        if self.changes_tools {
-            self.in_spindle
-        } else {
-            self.modal.tool
-        }
+        if self.changes_tools { self.in_spindle } else { self.modal.tool }
     }
 
     pub(crate) fn rotation(&mut self, given: &BlockWords<'_>) -> Result<(), NcError> {
@@ -335,11 +331,7 @@ impl Interpreter {
             path: Path::Home { which, through },
             from,
             to: self.position,
-            words: if all {
-                [Some(usize::MAX); 9]
-            } else {
-                given.places
-            },
+            words: if all { [Some(usize::MAX); 9] } else { given.places },
             incremental: [false; 9],
             in_machine: true,
             polar: None,
@@ -554,10 +546,7 @@ impl Interpreter {
     }
 
     fn tool_command(&mut self, command: &Command, given: &BlockWords<'_>) -> Result<(), NcError> {
-        if matches!(
-            command,
-            Command::ChangeTool | Command::NamedTool | Command::CallsTool { .. }
-        ) {
+        if matches!(command, Command::ChangeTool | Command::NamedTool | Command::CallsTool { .. }) {
             self.forget_positions();
         }
         match command {
@@ -639,11 +628,9 @@ impl Interpreter {
         let tool = self.tool_in_spindle();
         let offset = tool.and_then(|tool| self.tools.get(&tool)).copied();
         let unstated = tool.unwrap_or(u32::MAX >> 2);
-        self.assumptions
-            .use_tool_length(offset.is_none().then_some(unstated));
+        self.assumptions.use_tool_length(offset.is_none().then_some(unstated));
         if offset.is_none() {
-            self.notes
-                .add(tool.map_or(Note::NamedTool, Note::NoToolLength), given.line);
+            self.notes.add(tool.map_or(Note::NamedTool, Note::NoToolLength), given.line);
         }
         self.modal.tool_offset = offset.unwrap_or([0.0; 9]);
         self.update_tool()

@@ -47,19 +47,11 @@ impl Parameters {
     }
 
     fn values(&self, local: bool) -> &Values {
-        if local {
-            self.subs.last().unwrap_or(&self.main)
-        } else {
-            &self.shared
-        }
+        if local { self.subs.last().unwrap_or(&self.main) } else { &self.shared }
     }
 
     fn values_mut(&mut self, local: bool) -> &mut Values {
-        if local {
-            self.subs.last_mut().unwrap_or(&mut self.main)
-        } else {
-            &mut self.shared
-        }
+        if local { self.subs.last_mut().unwrap_or(&mut self.main) } else { &mut self.shared }
     }
 
     /// Value of a numbered parameter. A parameter that the program has not set is 0 if it is local to a subroutine. Otherwise the control keeps its

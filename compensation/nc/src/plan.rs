@@ -80,21 +80,11 @@ pub fn plan(path: &[Place], actual: impl Fn(Place) -> Place, limits: &Limits) ->
     }
     let stations: Vec<Station> = (0..path.len()).map(|at| Station::of(path, at)).collect();
     // The plain correction: the negative error at the nominal position.
-    let mut commands: Vec<Place> = path
-        .iter()
-        .map(|&at| add(at, sub(at, actual(at))))
-        .collect();
+    let mut commands: Vec<Place> = path.iter().map(|&at| add(at, sub(at, actual(at)))).collect();
     let largest = path.iter().zip(&commands);
-    let largest = largest
-        .map(|(at, to)| length(sub(*to, *at)))
-        .fold(0.0, f64::max);
+    let largest = largest.map(|(at, to)| length(sub(*to, *at))).fold(0.0, f64::max);
     let mut step = (0.5 * largest).max(limits.step_mm);
-    let mut search = Search {
-        stations: &stations,
-        actual: &actual,
-        limits,
-        operations: 0,
-    };
+    let mut search = Search { stations: &stations, actual: &actual, limits, operations: 0 };
     let mut rounds = 0;
     let finest = limits.step_mm.max(FINEST_MM);
     // The plain commands may violate the limits, so the first round is centred on the path itself.
@@ -126,9 +116,8 @@ pub fn plan(path: &[Place], actual: impl Fn(Place) -> Place, limits: &Limits) ->
         for _ in 0..MAX_ROUNDS_AT_ONE_STEP {
             // Corrections are whole steps of the control, so that a zero correction leaves the station unchanged.
             let around = commands.iter().zip(path);
-            let candidates: Vec<Vec<Place>> = around
-                .map(|(at, nominal)| steps_around(*at, *nominal, limits.step_mm))
-                .collect();
+            let candidates: Vec<Vec<Place>> =
+                around.map(|(at, nominal)| steps_around(*at, *nominal, limits.step_mm)).collect();
             let best = search.best(&candidates)?;
             rounds += 1;
             let stays = best == commands;
@@ -139,13 +128,7 @@ pub fn plan(path: &[Place], actual: impl Fn(Place) -> Place, limits: &Limits) ->
         }
     }
     let (rms_mm, max_mm) = search.deviation(&commands);
-    Some(Plan {
-        commands,
-        rms_mm,
-        max_mm,
-        rounds,
-        operations: search.operations,
-    })
+    Some(Plan { commands, rms_mm, max_mm, rounds, operations: search.operations })
 }
 
 struct Station {
@@ -160,11 +143,7 @@ impl Station {
         let last = path.len() - 1;
         let way = sub(path[(at + 1).min(last)], path[at.saturating_sub(1)]);
         let size = length(way);
-        let along = if size > 0.0 {
-            scale(way, 1.0 / size)
-        } else {
-            [0.0; 3]
-        };
+        let along = if size > 0.0 { scale(way, 1.0 / size) } else { [0.0; 3] };
         // The axis most perpendicular to the path gives the first normal.
         let across = (0..3).min_by(|a, b| along[*a].abs().total_cmp(&along[*b].abs()));
         let mut first = [0.0; 3];
@@ -229,11 +208,7 @@ impl<F: Fn(Place) -> Place> Search<'_, F> {
             .collect();
         let weight = |layer: usize, from: usize, to: usize| {
             let commands = [candidates[layer][from], candidates[layer + 1][to]];
-            self.weight(
-                layer,
-                commands,
-                [missed[layer][from], missed[layer + 1][to]],
-            )
+            self.weight(layer, commands, [missed[layer][from], missed[layer + 1][to]])
         };
         let found = through(&counts, weight)?;
         self.operations += found.operations;
@@ -274,10 +249,7 @@ impl<F: Fn(Place) -> Place> Search<'_, F> {
 
     fn missed_half_way(&self, layer: usize, from: Place, to: Place) -> Place {
         let (here, there) = (&self.stations[layer], &self.stations[layer + 1]);
-        let by = sub(
-            (self.actual)(scale(add(from, to), 0.5)),
-            scale(add(here.at, there.at), 0.5),
-        );
+        let by = sub((self.actual)(scale(add(from, to), 0.5)), scale(add(here.at, there.at), 0.5));
         let way = sub(there.at, here.at);
         let square = dot(way, way);
         if square == 0.0 {

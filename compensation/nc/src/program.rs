@@ -96,13 +96,8 @@ pub fn compensate(
     job: Job<'_>,
     seen: impl FnMut(u64) -> Result<(), NcError>,
 ) -> Result<Summary, NcError> {
-    let mut rewriter = Rewriter::new(
-        job.setup,
-        job.corrector.clone(),
-        job.decimals,
-        job.dialect,
-        job.limit,
-    )?;
+    let mut rewriter =
+        Rewriter::new(job.setup, job.corrector.clone(), job.decimals, job.dialect, job.limit)?;
     rewriter.strategy = job.strategy;
     rewriter.shares = job.keep_shares.then(Vec::new);
     execute(input, output, rewriter, job.most_blocks, seen)
@@ -151,13 +146,7 @@ pub(crate) fn execute(
         }
     };
     output.write_all(&stream.written)?;
-    let Stream {
-        rewriter,
-        number,
-        percents,
-        ended,
-        ..
-    } = stream;
+    let Stream { rewriter, number, percents, ended, .. } = stream;
     let Some(text) = read? else {
         seen(bytes)?;
         return Ok(summary(rewriter, ended));
@@ -231,10 +220,7 @@ impl Stream {
             // Block renumbering does not support such line ends.
             return Err(NcError::Block {
                 line: self.number,
-                fault: Fault::Character {
-                    column: line.len() + 1,
-                    found: '\r',
-                },
+                fault: Fault::Character { column: line.len() + 1, found: '\r' },
             });
         }
         if is_trailer(line) {
@@ -304,13 +290,8 @@ fn read_rest(
 /// Number of lines up to the second percent sign, where reading ends; `None` without one.
 fn end_by_percent(lines: &[(&[u8], &[u8])], before: usize) -> Option<usize> {
     let is_percent = |(line, _): &(&[u8], &[u8])| line.trim_ascii_start().starts_with(b"%");
-    let percents = lines
-        .iter()
-        .enumerate()
-        .filter(|(_, line)| is_percent(line));
-    let last = percents
-        .map(|(place, _)| place)
-        .nth(1_usize.saturating_sub(before));
+    let percents = lines.iter().enumerate().filter(|(_, line)| is_percent(line));
+    let last = percents.map(|(place, _)| place).nth(1_usize.saturating_sub(before));
     last.map(|place| place + 1)
 }
 
@@ -368,9 +349,7 @@ pub(crate) fn run_in_parallel<T>(
                 rewriter.motion_sender = Some(to);
                 // Mixed decimal notation was already checked when the program was compensated.
                 rewriter.interpreter.points.may_mix = true;
-                execute(&mut program, &mut io::sink(), rewriter, most_blocks, |_| {
-                    Ok(())
-                })
+                execute(&mut program, &mut io::sink(), rewriter, most_blocks, |_| Ok(()))
             }));
         }
         let taken = take(&motions);

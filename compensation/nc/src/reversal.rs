@@ -67,11 +67,7 @@ pub(crate) struct Carriages {
 
 impl Carriages {
     pub(crate) fn at(drive: &Axes) -> Self {
-        Self {
-            drive: *drive,
-            arrives_from_unknown: [false; MAX_AXES],
-            off: [0.0; 9],
-        }
+        Self { drive: *drive, arrives_from_unknown: [false; MAX_AXES], off: [0.0; 9] }
     }
 
     /// Sets the axes that arrive from an unknown position, until the next call; their carriages are assumed in the middle of the backlash.
@@ -287,9 +283,7 @@ impl Corrector {
     pub(crate) fn carriages(&self, steps: u32, at: impl Fn(f64) -> Axes) -> impl Fn(f64) -> Axes {
         let share = |step: u32| f64::from(step) / f64::from(steps);
         let more: Vec<Axes> = if self.play.any {
-            (0..=steps)
-                .map(|step| self.without_play(&at(share(step))))
-                .collect()
+            (0..=steps).map(|step| self.without_play(&at(share(step)))).collect()
         } else {
             Vec::new()
         };
@@ -352,10 +346,8 @@ impl Corrector {
                 }
                 let value = |share: f64| sign * at(share)[axis];
                 // Ternary search around the sample: it brackets a single extremum.
-                let (mut low, mut high) = (
-                    share(of_furthest.saturating_sub(1)),
-                    share((of_furthest + 1).min(step)),
-                );
+                let (mut low, mut high) =
+                    (share(of_furthest.saturating_sub(1)), share((of_furthest + 1).min(step)));
                 let rounds = if steps > 1 { 40 } else { 0 };
                 for _ in 0..rounds {
                     let (first, second) = ((2.0 * low + high) / 3.0, (low + 2.0 * high) / 3.0);
@@ -370,13 +362,7 @@ impl Corrector {
                 if let Some((side, furthest, before)) = goes_on.take()
                     && share == 0.0
                 {
-                    turns.push(Reversal {
-                        share,
-                        axis,
-                        side,
-                        furthest,
-                        before,
-                    });
+                    turns.push(Reversal { share, axis, side, furthest, before });
                 }
                 turns.push(Reversal {
                     share,
@@ -395,10 +381,7 @@ impl Corrector {
                 turns[i].share = turns[i - 1].share;
             }
         }
-        let mut found = Reversals {
-            turns,
-            furthest: furthest_of,
-        };
+        let mut found = Reversals { turns, furthest: furthest_of };
         found.keep_before(1.0 - SAME_SHARE);
         found
     }
@@ -407,17 +390,11 @@ impl Corrector {
 /// Number of steps with which no reversal is missed on a motion whose axes deviate from a straight
 /// line by at most `bulge_mm`.
 pub(crate) fn steps_of(bulge_mm: f64) -> f64 {
-    (bulge_mm / REVERSAL_TOLERANCE_MM)
-        .sqrt()
-        .clamp(1.0, MAX_STEPS)
+    (bulge_mm / REVERSAL_TOLERANCE_MM).sqrt().clamp(1.0, MAX_STEPS)
 }
 
 fn side_of(way: f64) -> Direction {
-    if way > 0.0 {
-        Direction::Positive
-    } else {
-        Direction::Negative
-    }
+    if way > 0.0 { Direction::Positive } else { Direction::Negative }
 }
 
 fn sign_of(side: Direction) -> f64 {

@@ -310,8 +310,7 @@ impl Rewriter {
     ) -> Result<bool, NcError> {
         let mut outcome = Outcome::default();
         self.before = Meaning::before(&self.interpreter, line.block);
-        self.interpreter
-            .execute(line.block, line.number, &mut outcome)?;
+        self.interpreter.execute(line.block, line.number, &mut outcome)?;
         if outcome.calls.is_some() {
             return Err(NcError::not_compensated(
                 line.number,
@@ -367,10 +366,7 @@ impl Rewriter {
         }
         self.after_cycles(&outcome, line)?;
         if let Some(violation) = self.bounds.violated.take() {
-            return Err(NcError::OutOfBounds {
-                line: line.number,
-                violation,
-            });
+            return Err(NcError::OutOfBounds { line: line.number, violation });
         }
         if let Some(motion) = &outcome.motion
             && line.block.begins == BlockStart::Slash
@@ -382,10 +378,8 @@ impl Rewriter {
             self.edits.write(line, out);
         }
         if out.len() - length > MAX_LINE_BYTES && line.text.len() <= MAX_LINE_BYTES {
-            let longest = out[length..]
-                .split(|byte| matches!(byte, b'\r' | b'\n'))
-                .map(<[u8]>::len)
-                .max();
+            let longest =
+                out[length..].split(|byte| matches!(byte, b'\r' | b'\n')).map(<[u8]>::len).max();
             if longest > Some(MAX_LINE_BYTES) {
                 self.interpreter.notes.add(Note::LongLine, line.number);
             }
@@ -517,8 +511,7 @@ impl Rewriter {
     /// Maximum deviation of the linear axes from a straight path while the tool centre point moves
     /// in a straight line between two program positions, mm.
     pub(crate) fn bulge_mm(&self, from: &Axes, to: &Axes) -> f64 {
-        self.corrector
-            .bulge_in_frame_mm(&self.interpreter.frame, from, to)
+        self.corrector.bulge_in_frame_mm(&self.interpreter.frame, from, to)
     }
 
     fn moves_in_plane(&self, motion: &Move) -> bool {
@@ -609,8 +602,7 @@ impl Rewriter {
             before = drive;
         }
         let after = each(|axis| motion.to[axis] + carried[axis]);
-        self.corrector
-            .move_uncorrected(&motion.to, [&before, &after]);
+        self.corrector.move_uncorrected(&motion.to, [&before, &after]);
         self.carried = carried;
         self.applied_correction = AppliedCorrection::Outdated;
     }
@@ -621,16 +613,9 @@ impl Rewriter {
             let number = value.and_then(|value| Number::shortest(value, 6));
             let is_coordinate = b"XYZABCUVWIJKR".contains(&word.letter);
             let needs_point = is_coordinate && self.interpreter.points.means_increments;
-            let number = number.map(|number| {
-                if needs_point {
-                    number.form(Form::Point)
-                } else {
-                    number
-                }
-            });
-            self.edits
-                .replaced
-                .extend(number.map(|number| (place, number)));
+            let number =
+                number.map(|number| if needs_point { number.form(Form::Point) } else { number });
+            self.edits.replaced.extend(number.map(|number| (place, number)));
         }
         let in_sub =
             self.computed == ComputedValues::AllAsNumbers && self.interpreter.parameters.in_sub();
@@ -643,9 +628,7 @@ impl Rewriter {
                 Parameter::Numbered(number) => Parameters::is_local(*number),
                 Parameter::Named(name) => Parameters::is_local_name(name),
             };
-            let value = assignment
-                .value
-                .and_then(|value| Number::shortest(value, 6));
+            let value = assignment.value.and_then(|value| Number::shortest(value, 6));
             if is_local && in_sub {
                 self.edits.ranges.push((assignment.all.clone(), None));
             } else if value.is_some() {
@@ -721,33 +704,24 @@ impl Rewriter {
     #[inline]
     pub(crate) fn numerals(&self, axis: usize, word: Option<&Word>) -> Numerals {
         let points = &self.interpreter.points;
-        let increments = word.map_or(points.last_in_increments == Some(true), |word| {
-            word.in_increments
-        });
-        let decimals = if increments {
-            INCREMENTS
-        } else {
-            self.decimals
-        };
+        let increments =
+            word.map_or(points.last_in_increments == Some(true), |word| word.in_increments);
+        let decimals = if increments { INCREMENTS } else { self.decimals };
         let form = match (increments, points.means_increments) {
             (true, _) => Form::Increments,
             (false, true) => Form::Point,
             (false, false) => Form::Plain,
         };
-        Numerals {
-            decimals: decimals.of(axis, self.interpreter.modal.unit_mm),
-            form,
-        }
+        Numerals { decimals: decimals.of(axis, self.interpreter.modal.unit_mm), form }
     }
 
     /// Rejects an E word that cannot be divided between the parts of a split motion.
     pub(crate) fn check_extrusion(&self, line: Line<'_>) -> Result<(), NcError> {
         match self.extrusion.and_then(|extrusion| extrusion.unknown) {
             None => Ok(()),
-            Some(why) => Err(NcError::not_compensated(
-                line.number,
-                format!("a motion that is split: {why}"),
-            )),
+            Some(why) => {
+                Err(NcError::not_compensated(line.number, format!("a motion that is split: {why}")))
+            }
         }
     }
 
@@ -767,10 +741,7 @@ fn read_block(
     number: usize,
     interpreter: &Interpreter,
 ) -> Result<Reads, NcError> {
-    let fault = |fault| NcError::Block {
-        line: number,
-        fault,
-    };
+    let fault = |fault| NcError::Block { line: number, fault };
     match dialect {
         Dialect::Rs274 => {
             if let Some(control) = interpreter.control

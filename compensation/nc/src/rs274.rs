@@ -155,15 +155,9 @@ const HEIDENHAIN: &str =
 
 /// Line beginnings, after the block number, that identify another language.
 const OTHERS: [(&str, &str); 3] = [
-    (
-        HEIDENHAIN,
-        "BEGIN PGM,END PGM,BLK FORM,TOOL CALL,TOOL DEF,CYCL,L X,L Y,L Z,LP,CC,CR,LBL,FN",
-    ),
+    (HEIDENHAIN, "BEGIN PGM,END PGM,BLK FORM,TOOL CALL,TOOL DEF,CYCL,L X,L Y,L Z,LP,CC,CR,LBL,FN"),
     (MACRO, "IF,WHILE,GOTO,DO,END"),
-    (
-        SIEMENS,
-        "TRANS,ATRANS,ROT,AROT,TRAORI,TRAFOOF,DEF,MSG,MCALL,CYCLE,PROC,R",
-    ),
+    (SIEMENS, "TRANS,ATRANS,ROT,AROT,TRAORI,TRAFOOF,DEF,MSG,MCALL,CYCLE,PROC,R"),
 ];
 
 /// Text that only occurs in SINUMERIK lines.
@@ -216,11 +210,7 @@ pub(crate) fn read_increments(
     text: &[u8],
     interpreter: &Interpreter,
 ) -> Result<(), Fault> {
-    let DecimalPoints {
-        means_increments,
-        may_mix,
-        last_in_increments,
-    } = interpreter.points;
+    let DecimalPoints { means_increments, may_mix, last_in_increments } = interpreter.points;
     if !means_increments {
         return Ok(());
     }
@@ -239,10 +229,7 @@ pub(crate) fn read_increments(
     };
     // Contradictory codes are rejected when the block is interpreted.
     let codes = Codes::of(block, interpreter.control, 0).ok();
-    if codes
-        .as_ref()
-        .is_some_and(|codes| codes.with_arguments().is_some())
-    {
+    if codes.as_ref().is_some_and(|codes| codes.with_arguments().is_some()) {
         // The words of an unknown M code have an unknown meaning.
         return Ok(());
     }
@@ -296,10 +283,7 @@ pub(crate) fn read_increments(
     }
     if is_polar
         && unit_mm != 1.0
-        && block
-            .words
-            .iter()
-            .any(|word| word.letter == b'Y' && word.in_increments)
+        && block.words.iter().any(|word| word.letter == b'Y' && word.in_increments)
     {
         return Err(Column(1).not_followed(
             "an angle without a decimal point under G16 in inches",
@@ -400,9 +384,7 @@ fn of_printer(block: &mut Block, text: &[u8]) -> Result<bool, Fault> {
             );
         }
         b'M' if number == 82.0 || number == 83.0 => {
-            block.commands.push(Command::Extrudes {
-                relative: number == 83.0,
-            });
+            block.commands.push(Command::Extrudes { relative: number == 83.0 });
         }
         b'M' if (HARMLESS_M.chunks(2))
             .any(|ends| f64::from(ends[0]) <= number && number <= f64::from(ends[1])) => {}
@@ -457,12 +439,10 @@ fn of_grbl(block: &mut Block, text: &[u8]) -> Result<bool, Fault> {
             return Err(column.not_followed("$J", "a jog moves the axes: write G1 or G0"));
         }
         // `$H` homes; `$RST` restores settings.
-        Some(letter @ (b'H' | b'R')) => block
-            .commands
-            .push(Command::MayMove(format!("${}", char::from(letter)))),
-        _ if is_scale => block
-            .commands
-            .push(Command::MayMove("$100 to $109".to_owned())),
+        Some(letter @ (b'H' | b'R')) => {
+            block.commands.push(Command::MayMove(format!("${}", char::from(letter))))
+        }
+        _ if is_scale => block.commands.push(Command::MayMove("$100 to $109".to_owned())),
         _ => {}
     }
     Ok(true)

@@ -65,14 +65,7 @@ pub(crate) fn run(
 
 impl<'r, 't> Run<'r, 't> {
     fn new(rewriter: Rewriter, lines: &'r Listing<'t>, flow: &'r Flow, most: u64) -> Self {
-        Self {
-            lines,
-            flow,
-            most,
-            rewriter,
-            calls: Vec::new(),
-            loops: Loops::default(),
-        }
+        Self { lines, flow, most, rewriter, calls: Vec::new(), loops: Loops::default() }
     }
 
     fn move_to(mut self, sink: &mut impl LineSink) -> Result<(Rewriter, bool), NcError> {
@@ -82,9 +75,7 @@ impl<'r, 't> Run<'r, 't> {
             if let Some(call) = self.calls.last()
                 && (at >= self.lines.lines.len() || self.lines.file_of(at).0 != call.file)
             {
-                return Err(self
-                    .lines
-                    .wrong(at - 1, "the subprogram ends here without M99"));
+                return Err(self.lines.wrong(at - 1, "the subprogram ends here without M99"));
             }
             let Some((line, end)) = self.lines.lines.get(at) else {
                 break;
@@ -255,12 +246,7 @@ impl<'r, 't> Run<'r, 't> {
 
     fn end_sub(&mut self, at: usize, statement: &Statement, line: &[u8]) -> Result<usize, NcError> {
         let value = self.values(at, statement, line)?.first().copied();
-        let Some(Call {
-            back,
-            program: None,
-            ..
-        }) = self.calls.pop()
-        else {
+        let Some(Call { back, program: None, .. }) = self.calls.pop() else {
             return Err(self.lines.wrong(at, "a return outside a subroutine"));
         };
         let parameters = &mut self.rewriter.interpreter.parameters;
@@ -296,10 +282,9 @@ impl<'r, 't> Run<'r, 't> {
 
     fn deeper(&self, at: usize) -> Result<(), NcError> {
         if self.calls.len() >= MAX_CALL_DEPTH {
-            return Err(self.lines.wrong(
-                at,
-                format!("more than {MAX_CALL_DEPTH} subroutines call one another"),
-            ));
+            return Err(self
+                .lines
+                .wrong(at, format!("more than {MAX_CALL_DEPTH} subroutines call one another")));
         }
         Ok(())
     }
@@ -317,11 +302,7 @@ impl<'r, 't> Run<'r, 't> {
         self.deeper(at)?;
         let arguments = self.values(at, statement, line)?;
         self.rewriter.interpreter.parameters.enter(&arguments);
-        self.calls.push(Call {
-            back: at + 1,
-            program: None,
-            file: self.lines.file_of(begin).0,
-        });
+        self.calls.push(Call { back: at + 1, program: None, file: self.lines.file_of(begin).0 });
         Ok(begin + 1)
     }
 
@@ -361,10 +342,9 @@ impl<'r, 't> Run<'r, 't> {
     fn number(&self, at: usize, statement: &Statement, line: &[u8]) -> Result<f64, NcError> {
         match self.values(at, statement, line)?.first() {
             Some(Some(value)) => Ok(*value),
-            Some(None) => Err(self.lines.wrong(
-                at,
-                "which lines are executed after this one is only known at the machine",
-            )),
+            Some(None) => Err(self
+                .lines
+                .wrong(at, "which lines are executed after this one is only known at the machine")),
             None => Err(self.lines.wrong(at, "expected a value in [ ] here")),
         }
     }
@@ -508,10 +488,7 @@ impl<'a, W: Write> UnrollingWriter<'a, W> {
 
 impl<W: Write> LineSink for UnrollingWriter<'_, W> {
     fn at(&mut self, place: usize) -> Result<(), NcError> {
-        if self
-            .open
-            .is_some_and(|[begin, end]| (begin..=end).contains(&place))
-        {
+        if self.open.is_some_and(|[begin, end]| (begin..=end).contains(&place)) {
             return Ok(());
         }
         self.close()?;

@@ -46,9 +46,7 @@ impl AllPairs {
     /// Length of the shortest path; infinite without a path or node.
     pub fn distance(&self, from: usize, to: usize) -> f64 {
         let row = self.distances.get(from);
-        row.and_then(|row| row.get(to))
-            .copied()
-            .unwrap_or(f64::INFINITY)
+        row.and_then(|row| row.get(to)).copied().unwrap_or(f64::INFINITY)
     }
 
     /// Nodes of the shortest path, both ends included; `None` without a path. Of paths of equal length it is the one found first.
@@ -80,11 +78,7 @@ pub fn all_pairs(
     let mut next = Vec::with_capacity(count);
     for (from, row) in weights.iter().enumerate() {
         if row.len() != count {
-            return Err(GraphError::NotSquare {
-                node: from,
-                found: row.len(),
-                expected: count,
-            });
+            return Err(GraphError::NotSquare { node: from, found: row.len(), expected: count });
         }
         for (to, &found) in row.iter().enumerate() {
             if found.is_nan() || found < 0.0 {
@@ -113,11 +107,7 @@ pub fn all_pairs(
         }
         seen(over + 1, &distances);
     }
-    Ok(AllPairs {
-        distances,
-        next,
-        operations,
-    })
+    Ok(AllPairs { distances, next, operations })
 }
 
 /// Shortest path through layers of nodes.
@@ -167,9 +157,5 @@ pub fn through(
         nodes.push(at);
     }
     nodes.reverse();
-    Some(Through {
-        nodes,
-        length,
-        operations,
-    })
+    Some(Through { nodes, length, operations })
 }

@@ -113,17 +113,11 @@ impl Reader<'_, '_> {
     }
 
     fn values(&self) -> Values<'_> {
-        Values {
-            interpreter: self.interpreter,
-            set: &self.block.assignments,
-        }
+        Values { interpreter: self.interpreter, set: &self.block.assignments }
     }
 
     fn read(&mut self) -> Result<Option<WordValue>, Fault> {
-        let values = Values {
-            interpreter: self.interpreter,
-            set: &self.block.assignments,
-        };
+        let values = Values { interpreter: self.interpreter, set: &self.block.assignments };
         values.read(&mut self.scanner)
     }
 
@@ -131,9 +125,7 @@ impl Reader<'_, '_> {
         let (at, column) = (self.scanner.at(), self.scanner.column());
         let bytes = self.scanner.bytes();
         let is_letter = |place: usize| {
-            bytes
-                .get(place)
-                .is_some_and(|byte| byte.is_ascii_alphabetic() || *byte == b'_')
+            bytes.get(place).is_some_and(|byte| byte.is_ascii_alphabetic() || *byte == b'_')
         };
         if is_letter(at + 1) || !bytes[at].is_ascii_alphabetic() {
             return match identifier(&mut self.scanner) {
@@ -183,17 +175,13 @@ impl Reader<'_, '_> {
         }
         let column = self.scanner.column();
         let read = self.read()?;
-        read.map(|_read| ())
-            .ok_or(column.malformed("expected a value here"))
+        read.map(|_read| ()).ok_or(column.malformed("expected a value here"))
     }
 
     /// Reads `R5=...` or `R[5]=...`.
     fn r_parameter(&mut self, at: usize) -> Result<(), Fault> {
         let column = self.scanner.column();
-        let values = Values {
-            interpreter: self.interpreter,
-            set: &self.block.assignments,
-        };
+        let values = Values { interpreter: self.interpreter, set: &self.block.assignments };
         match r_parameter(&values, &mut self.scanner, 0)? {
             Some(Some(number)) => self.assign(Parameter::Numbered(number), at),
             Some(None) => {
@@ -217,12 +205,7 @@ impl Reader<'_, '_> {
             self.value("expected the value of the parameter after =")?.0
         };
         let text = self.without_blanks(from);
-        self.block.assignments.push(Assignment {
-            parameter,
-            value,
-            all: at..text.end,
-            text,
-        });
+        self.block.assignments.push(Assignment { parameter, value, all: at..text.end, text });
         Ok(())
     }
 
@@ -337,10 +320,7 @@ impl Reader<'_, '_> {
                 Some(number.ok_or_else(|| column.no_number(b'Z'))?.0)
             };
         }
-        self.block.commands.push(Command::Rotation {
-            adds,
-            angle_deg: angle,
-        });
+        self.block.commands.push(Command::Rotation { adds, angle_deg: angle });
         Ok(())
     }
 
@@ -380,20 +360,14 @@ impl Reader<'_, '_> {
         let column = inside.column();
         if !passes_brackets(&mut self.scanner, b'(', b')') {
             if matches!(self.scanner.peek(), None | Some(b';')) {
-                return Ok(Cycle {
-                    name: name.to_owned(),
-                    drills_to: None,
-                });
+                return Ok(Cycle { name: name.to_owned(), drills_to: None });
             }
             return Err(column.malformed("expected the arguments of the cycle in brackets"));
         }
         inside.takes(b'(');
         let ends = self.values().read(&mut inside)?;
         let ends = ends.and_then(|(value, _)| value);
-        Ok(Cycle {
-            name: name.to_owned(),
-            drills_to: only_drills.then_some(ends),
-        })
+        Ok(Cycle { name: name.to_owned(), drills_to: only_drills.then_some(ends) })
     }
 
     /// Reads `DEF REAL A=5, B`: variables of the program.
@@ -438,12 +412,7 @@ impl Reader<'_, '_> {
 
     pub(crate) fn set(&mut self, parameter: Parameter, value: Value, at: usize) {
         let end = self.scanner.at();
-        self.block.assignments.push(Assignment {
-            parameter,
-            value,
-            all: at..end,
-            text: end..end,
-        });
+        self.block.assignments.push(Assignment { parameter, value, all: at..end, text: end..end });
     }
 
     fn skip_line(&mut self) {
@@ -543,8 +512,7 @@ impl Reader<'_, '_> {
             let from = self.scanner.at();
             let (value, decimals) = self.number().ok_or_else(|| column.no_number(letter))?;
             let text = from..self.scanner.at();
-            self.block
-                .push(letter, at, text, Some(value), Manner::Modal, Some(decimals));
+            self.block.push(letter, at, text, Some(value), Manner::Modal, Some(decimals));
             return Ok(());
         }
         let column = {
@@ -566,11 +534,9 @@ impl Reader<'_, '_> {
     /// Consumes `IC(`, `AC(` or `DC(`, if one is next.
     pub(crate) fn manner(&mut self, letter: u8, column: Column) -> Result<Manner, Fault> {
         let is_axis = axis_of(letter).is_some();
-        for (name, manner) in [
-            ("IC", Manner::Incremental),
-            ("AC", Manner::Absolute),
-            ("DC", Manner::Shortest),
-        ] {
+        for (name, manner) in
+            [("IC", Manner::Incremental), ("AC", Manner::Absolute), ("DC", Manner::Shortest)]
+        {
             let before = self.scanner.at();
             if takes_name(&mut self.scanner, name) {
                 let is_taken = is_axis || manner != Manner::Shortest && b"IJK".contains(&letter);
@@ -599,10 +565,7 @@ impl Reader<'_, '_> {
         let (group, meaning) = g_code(code);
         if group > 0 {
             if let Some((_, other)) = self.groups.iter().find(|(of, _)| *of == group) {
-                return Err(Fault::Twice {
-                    found: format!("G{code}"),
-                    other: format!("G{other}"),
-                });
+                return Err(Fault::Twice { found: format!("G{code}"), other: format!("G{other}") });
             }
             self.groups.push((group, code));
         }
@@ -610,15 +573,13 @@ impl Reader<'_, '_> {
             Meaning::Code(value) => {
                 let text = from..self.scanner.at();
                 let value = Some(value);
-                self.block
-                    .push(b'G', at, text, value, Manner::Modal, Some(0));
+                self.block.push(b'G', at, text, value, Manner::Modal, Some(0));
             }
             Meaning::Command(command) => self.block.commands.push(command),
             // An exact stop applies to the end of a motion.
             Meaning::Nothing if code == 9 => {
                 let text = from..self.scanner.at();
-                self.block
-                    .push(LAST, at, text, Some(9.0), Manner::Modal, None);
+                self.block.push(LAST, at, text, Some(9.0), Manner::Modal, None);
             }
             Meaning::Nothing => {}
             Meaning::Dwell => self.dwells = true,
@@ -647,8 +608,7 @@ impl Reader<'_, '_> {
         };
         let text = from..self.scanner.at();
         let value = Some(value);
-        self.block
-            .push(letter, at, text, value, Manner::Modal, None);
+        self.block.push(letter, at, text, value, Manner::Modal, None);
         self.block.commands.extend(command);
         Ok(())
     }
@@ -673,16 +633,10 @@ impl Formulas for Values<'_> {
             ("MOD", Operator::Rest),
         ],
     ];
-    const FUNCTIONS: &'static [(&'static str, fn(f64) -> f64)] = &[
-        ("POT", |x| x * x),
-        ("ROUND", f64::round),
-        ("TRUNC", f64::trunc),
-    ];
-    const PAIRS: &'static [(&'static str, fn(f64, f64) -> f64)] = &[
-        ("ATAN2", |y, x| y.atan2(x).to_degrees()),
-        ("MINVAL", f64::min),
-        ("MAXVAL", f64::max),
-    ];
+    const FUNCTIONS: &'static [(&'static str, fn(f64) -> f64)] =
+        &[("POT", |x| x * x), ("ROUND", f64::round), ("TRUNC", f64::trunc)];
+    const PAIRS: &'static [(&'static str, fn(f64, f64) -> f64)] =
+        &[("ATAN2", |y, x| y.atan2(x).to_degrees()), ("MINVAL", f64::min), ("MAXVAL", f64::max)];
 
     fn number(&self, scanner: &mut Scanner<'_>) -> Option<(f64, u8)> {
         exponent_number(scanner)
@@ -923,10 +877,7 @@ const REFUSED: [(&str, &str); 10] = [
         "FB FD",
     ),
     (CORNER, "RND RNDM CHF CHR FRC FRCM"),
-    (
-        CURVE,
-        "CIP CT TURN ASPLINE BSPLINE CSPLINE POLY INVCW INVCCW ANG ANG1 ANG2 PW SD PO PL",
-    ),
+    (CURVE, "CIP CT TURN ASPLINE BSPLINE CSPLINE POLY INVCW INVCCW ANG ANG1 ANG2 PW SD PO PL"),
     (POLAR, "AP RP"),
     (ORIENTATION, "LEAD TILT THETA PHI PSI NUT"),
     (TRANSFORMATION, "TRANSMIT TRACYL TRAANG TRACON TRACOORD"),

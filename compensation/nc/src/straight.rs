@@ -116,16 +116,8 @@ impl AxisWay {
     /// The number to be written, if any, and the correction applied afterwards. `scale` is mm or deg per unit of the word.
     #[inline]
     fn word(&self, scale: f64, may_be_added: bool) -> (Option<Number>, f64) {
-        let nominal = if self.incremental {
-            self.to - self.from
-        } else {
-            self.to
-        };
-        let base = if self.incremental {
-            self.from + self.carried
-        } else {
-            0.0
-        };
+        let nominal = if self.incremental { self.to - self.from } else { self.to };
+        let base = if self.incremental { self.from + self.carried } else { 0.0 };
         let wanted = self.to + self.delta - base;
         let half = half_step(self.numerals.decimals);
         let carried_by = |value: f64| base + value * scale - self.to;
@@ -242,11 +234,7 @@ impl Rewriter {
             1.0
         };
         let steps = steps_of(self.bulge_mm(from, to)).max(least);
-        #[expect(
-            clippy::cast_possible_truncation,
-            clippy::cast_sign_loss,
-            reason = "1 to 1024"
-        )]
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "1 to 1024")]
         let steps = steps.ceil().max(1.0) as u32;
         steps
     }
@@ -275,19 +263,11 @@ impl Rewriter {
             let carriages = |share| frame.to_machine(&between(&from, &to, share));
             return self.corrector.turns(steps, |share| {
                 let (at, carriage) = (self.place_of(motion, share), carriages(share));
-                each(|axis| {
-                    if self.corrector.lags(axis) {
-                        carriage[axis]
-                    } else {
-                        at[axis]
-                    }
-                })
+                each(|axis| if self.corrector.lags(axis) { carriage[axis] } else { at[axis] })
             });
         }
         let nominal = |share| self.place_of(motion, share);
-        let mut found = self
-            .corrector
-            .turns(steps, self.corrector.carriages(steps, nominal));
+        let mut found = self.corrector.turns(steps, self.corrector.carriages(steps, nominal));
         if !self.lacks_correction(&motion.from, false) {
             found.keep_last_at_start();
         }
@@ -370,9 +350,7 @@ impl Rewriter {
             });
         }
         let linear = (0..9).filter(|axis| !is_rotary(*axis) && self.corrector.corrects[*axis]);
-        let squared: f64 = linear
-            .map(|axis| (delta[axis] - self.carried[axis]).powi(2))
-            .sum();
+        let squared: f64 = linear.map(|axis| (delta[axis] - self.carried[axis]).powi(2)).sum();
         squared.sqrt() > self.corrector.split_beyond_mm + self.step_mm()
     }
 
@@ -423,11 +401,7 @@ impl Rewriter {
             self.turn_up_to(&mut next, 0.0);
         }
         let keeps_polar = !splits && self.keeps_polar(motion, &[from, end], &carried);
-        let shape = if keeps_polar {
-            Shape::AsItIs
-        } else {
-            Shape::Straight
-        };
+        let shape = if keeps_polar { Shape::AsItIs } else { Shape::Straight };
         let keeps = self.keeps_in_plane(motion);
         let keeps_on_way = each(|axis| keeps[axis] || moves_rotary_axes_only && axis < 3);
         let together = self.rounded_together(motion, parts, line);
@@ -438,16 +412,8 @@ impl Rewriter {
             } else {
                 self.turn_up_to(&mut next, passed);
             }
-            let to = if is_last {
-                end
-            } else {
-                between(&from, &end, share)
-            };
-            let at = if is_last {
-                motion.to
-            } else {
-                self.interpreter.frame.to_machine(&to)
-            };
+            let to = if is_last { end } else { between(&from, &end, share) };
+            let at = if is_last { motion.to } else { self.interpreter.frame.to_machine(&to) };
             let writes = each(|axis| {
                 let is_new = place == 0 || motion.incremental[axis] || to[axis] != before[axis];
                 let only_takes_up = place > 0 && share == passed;
@@ -479,12 +445,7 @@ impl Rewriter {
                 continue;
             }
             let feed = splits.then(|| self.feed_of_part(share - passed)).flatten();
-            let part = Part {
-                place,
-                share,
-                feed,
-                ..Part::whole(motion, &words, shape)
-            };
+            let part = Part { place, share, feed, ..Part::whole(motion, &words, shape) };
             self.write_part(&part, line, out);
             (before, passed) = (to, share);
         }
@@ -504,10 +465,7 @@ impl Rewriter {
         };
         let takes_together = self.interpreter.dialect == Dialect::Heidenhain
             || self.interpreter.is_printer()
-            || matches!(
-                self.interpreter.control,
-                Some(Control::Fanuc | Control::Mazak)
-            );
+            || matches!(self.interpreter.control, Some(Control::Fanuc | Control::Mazak));
         !moves(0..3) && moves(3..9) && !takes_together
     }
 
@@ -553,9 +511,7 @@ impl Rewriter {
     /// F of a part with this fraction of the motion in inverse-time mode; `None` in other modes.
     pub(crate) fn feed_of_part(&self, share: f64) -> Option<Number> {
         let modal = &self.interpreter.modal;
-        let feed = modal
-            .feed
-            .filter(|_| modal.feed_mode == FeedMode::InverseTime)?;
+        let feed = modal.feed.filter(|_| modal.feed_mode == FeedMode::InverseTime)?;
         Number::nearest(feed / share_of_time(share), 4)
     }
 
@@ -576,8 +532,7 @@ impl Rewriter {
         if part.place == 0 {
             for (axis, number) in part.numbers.iter().enumerate() {
                 if let Some(number) = number {
-                    self.edits
-                        .set(LETTERS[axis], part.motion.words[axis], *number);
+                    self.edits.set(LETTERS[axis], part.motion.words[axis], *number);
                 }
             }
             if let Some(feed) = part.feed {
@@ -612,11 +567,7 @@ impl Rewriter {
         self.begin_line(line, out);
         out.extend_from_slice(script.keyword(part.shape));
         // The keyword already states the motion type, if every motion has one.
-        let code = if script.says_each {
-            line.motion_code()
-        } else {
-            part.code
-        };
+        let code = if script.says_each { line.motion_code() } else { part.code };
         if let Some(code) = code.filter(|_| !script.is_heidenhain()) {
             script.write_word(&NewWord::plain((b'G', code)), out);
         }
@@ -626,11 +577,7 @@ impl Rewriter {
         }
         for &(letter, number) in part.others {
             let manner = line.manner(line.place_of(letter));
-            let word = NewWord {
-                letter,
-                manner,
-                number,
-            };
+            let word = NewWord { letter, manner, number };
             script.write_word(&word, out);
         }
         if let Some(number) = self.extrusion_up_to(part.share) {
@@ -727,10 +674,9 @@ impl Rewriter {
                     decimals: word.decimals.unwrap_or(0),
                     anew: writes != WriteRule::IfChanged,
                 }),
-                None => (writes == WriteRule::Always).then_some(OutputWord {
-                    decimals: 0,
-                    anew: true,
-                }),
+                None => {
+                    (writes == WriteRule::Always).then_some(OutputWord { decimals: 0, anew: true })
+                }
             };
             let way = AxisWay {
                 from: leg.from[axis],
@@ -840,41 +786,20 @@ impl Rewriter {
         };
         let mut layers: Vec<Vec<(Axes, Axes)>> = Vec::with_capacity(parts.len() + 1);
         let delta = self.delta_in_program(&from);
-        let carried = self
-            .interpreter
-            .frame
-            .moved_in_program(&motion.from, &self.carried);
-        let off = each(|axis| {
-            if step[axis].is_some() {
-                carried[axis] - delta[axis]
-            } else {
-                0.0
-            }
-        });
+        let carried = self.interpreter.frame.moved_in_program(&motion.from, &self.carried);
+        let off = each(|axis| if step[axis].is_some() { carried[axis] - delta[axis] } else { 0.0 });
         layers.push(vec![(carried, across(&off))]);
         for &share in parts {
-            let to = if share == 1.0 {
-                end
-            } else {
-                between(&from, &end, share)
-            };
+            let to = if share == 1.0 { end } else { between(&from, &end, share) };
             let delta = self.delta_in_program(&to);
             let mut candidates = vec![(delta, [0.0; 9])];
             for axis in 0..9 {
                 let Some(step) = step[axis] else { continue };
                 let exact = (to[axis] + delta[axis]) / step;
                 let nearest = exact.round();
-                let other = if exact > nearest {
-                    nearest + 1.0
-                } else {
-                    nearest - 1.0
-                };
+                let other = if exact > nearest { nearest + 1.0 } else { nearest - 1.0 };
                 // The next line starts at the end of this one and may have any direction.
-                let numbers = if share == 1.0 {
-                    vec![nearest]
-                } else {
-                    vec![nearest, other]
-                };
+                let numbers = if share == 1.0 { vec![nearest] } else { vec![nearest, other] };
                 candidates = candidates
                     .iter()
                     .flat_map(|(delta, off)| {
@@ -887,9 +812,7 @@ impl Rewriter {
                     })
                     .collect();
             }
-            let layer = candidates
-                .into_iter()
-                .map(|(delta, off)| (delta, across(&off)));
+            let layer = candidates.into_iter().map(|(delta, off)| (delta, across(&off)));
             layers.push(layer.collect());
         }
         let counts: Vec<usize> = layers.iter().map(Vec::len).collect();
@@ -997,13 +920,8 @@ pub(crate) fn words_of(
     feed: Option<Number>,
 ) -> impl Iterator<Item = NewWord> {
     let words = LETTERS.into_iter().zip(*manners).zip(*numbers);
-    let words = words.filter_map(|((letter, manner), number)| {
-        Some(NewWord {
-            letter,
-            manner,
-            number: number?,
-        })
-    });
+    let words = words
+        .filter_map(|((letter, manner), number)| Some(NewWord { letter, manner, number: number? }));
     words.chain(feed.map(|feed| NewWord::plain((b'F', feed))))
 }
 
@@ -1019,9 +937,5 @@ fn is_switched_off(code: f64) -> bool {
 
 /// How X and Y of a motion in polar coordinates are written.
 pub(crate) fn polar_writes(keeps: bool) -> WriteRule {
-    if keeps {
-        WriteRule::Never
-    } else {
-        WriteRule::Always
-    }
+    if keeps { WriteRule::Never } else { WriteRule::Always }
 }

@@ -175,16 +175,8 @@ impl Stations {
     fn of(original: &ExecutedMotion) -> Self {
         let is_arc = matches!(original.motion.path, Path::Arc(_));
         match original.motion.path {
-            Path::Hole { .. } => Self {
-                first: 0,
-                last: PLACES_OF_HOLE,
-                stride: 1,
-            },
-            Path::Rapid => Self {
-                first: 1,
-                last: 1,
-                stride: 1,
-            },
+            Path::Hole { .. } => Self { first: 0, last: PLACES_OF_HOLE, stride: 1 },
+            Path::Rapid => Self { first: 1, last: 1, stride: 1 },
             _ => {
                 let lengths = (length_mm(original) / LENGTH_MM).clamp(1.0, MAX_LENGTHS);
                 #[expect(
@@ -194,11 +186,7 @@ impl Stations {
                 )]
                 let lengths = (lengths - SAME_SHARE).ceil().max(1.0) as u32;
                 let stride = if is_arc { STEPS_OF_ARC } else { 1 };
-                Self {
-                    first: 1,
-                    last: lengths * PLACES * stride,
-                    stride,
-                }
+                Self { first: 1, last: lengths * PLACES * stride, stride }
             }
         }
     }
@@ -314,9 +302,7 @@ impl Comparison {
             sums.deviation(&found.path, BEFORE_AND_AFTER[of])
         });
         (found.before, found.after) = (before, after);
-        found.features = (self.cut.as_mut())
-            .map(Collector::inspected)
-            .unwrap_or_default();
+        found.features = (self.cut.as_mut()).map(Collector::inspected).unwrap_or_default();
         Ok(self.found)
     }
 
@@ -536,20 +522,13 @@ impl Comparison {
         let zero = zero.filter(|_| original.cuts_from_stated_zero);
         let [before, after] = zero.unwrap_or_default();
         let from_zero = |at: [f64; 3], zero: [f64; 3]| std::array::from_fn(|i| at[i] - zero[i]);
-        cut.take(
-            original.line,
-            matches!(path, Path::Hole { .. }),
-            |above_mm| {
-                [
-                    truth.ideal_on_tool_mm(wanted, above_mm),
-                    from_zero(truth.on_tool_mm(wanted, &self.before.off, above_mm), before),
-                    from_zero(
-                        truth.on_tool_mm(commanded, &self.after.off, above_mm),
-                        after,
-                    ),
-                ]
-            },
-        );
+        cut.take(original.line, matches!(path, Path::Hole { .. }), |above_mm| {
+            [
+                truth.ideal_on_tool_mm(wanted, above_mm),
+                from_zero(truth.on_tool_mm(wanted, &self.before.off, above_mm), before),
+                from_zero(truth.on_tool_mm(commanded, &self.after.off, above_mm), after),
+            ]
+        });
     }
 
     fn keep(&mut self, place: Place) {
@@ -678,11 +657,7 @@ pub(crate) fn place_of(made: &ExecutedMotion, share: f64) -> Axes {
     let [from, to] = &made.in_program;
     match motion.path {
         Path::Arc(arc) => frame.to_machine(&arc.place(from, to, share)),
-        Path::Hole {
-            bottom,
-            clearance,
-            depth,
-        } => {
+        Path::Hole { bottom, clearance, depth } => {
             let height = clearance + share * (bottom - clearance);
             frame.to_machine(&at_height(to, depth, height))
         }
@@ -698,11 +673,7 @@ pub(crate) fn places<'a>(
     made: &'a ExecutedMotion,
     [from, to]: [f64; 2],
 ) -> impl Iterator<Item = Axes> + use<'a> {
-    let steps = if truth.bidirectional {
-        steps(truth, made, to - from)
-    } else {
-        1
-    };
+    let steps = if truth.bidirectional { steps(truth, made, to - from) } else { 1 };
     (1..=steps).map(move |step| {
         let share = from + (to - from) * f64::from(step) / f64::from(steps);
         place_of(made, if step == steps { to } else { share })
@@ -729,11 +700,7 @@ pub(crate) fn steps(truth: &Corrector, made: &ExecutedMotion, share: f64) -> u32
         let bulge = truth.bulge_mm(share * turned, share * way.sqrt());
         steps = steps.max(steps_of(bulge));
     }
-    #[expect(
-        clippy::cast_possible_truncation,
-        clippy::cast_sign_loss,
-        reason = "1 to 1024"
-    )]
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "1 to 1024")]
     let whole = steps.ceil() as u32;
     whole
 }

@@ -34,11 +34,7 @@ fn table(targets: u32, runs: u32, travel_mm: f64, seed: u32) -> String {
                 let noise = f64::from((k * 7919 + run * 104_729 + seed * 15_485_863) % 1000) * 1e-3;
                 let target = travel_mm * f64::from(k) / f64::from(targets - 1);
                 let wave = 5.0 * (target * 1e-3 + f64::from(seed)).sin();
-                let _ = writeln!(
-                    text,
-                    "{target:.2},{run},{direction},{:.3}",
-                    wave + side + noise
-                );
+                let _ = writeln!(text, "{target:.2},{run},{direction},{:.3}", wave + side + noise);
             }
         }
     }

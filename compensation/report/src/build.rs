@@ -45,12 +45,7 @@ impl Report {
             uncertainty: stated_uncertainty(file),
             ..Self::of_statements(source, machine, stated)
         };
-        report.head = head(
-            source,
-            machine,
-            &lines.clone().map(|line| &line.readings),
-            stated,
-        );
+        report.head = head(source, machine, &lines.clone().map(|line| &line.readings), stated);
         report.head.files = lines
             .map(|line| SourceFile {
                 file: line.file.display().to_string(),
@@ -76,10 +71,7 @@ impl Report {
         stated: &Stated,
     ) -> Self {
         let square = |pair| {
-            let named = found
-                .parameters
-                .iter()
-                .filter(|parameter| parameter.determined);
+            let named = found.parameters.iter().filter(|parameter| parameter.determined);
             let mut named = named.filter_map(|parameter| parameter.error);
             named.any(|error| error.location && pair_of(error) == Some(pair))
         };
@@ -123,10 +115,7 @@ impl Report {
             checks: Vec::new(),
             warnings: warnings(WarningKind::Note, &machine.notes())
                 .chain(warnings(WarningKind::Note, on_assembly(machine).as_slice()))
-                .chain(warnings(
-                    WarningKind::NotMeasured,
-                    machine.provenance().note().as_slice(),
-                ))
+                .chain(warnings(WarningKind::NotMeasured, machine.provenance().note().as_slice()))
                 .collect(),
             curves: stated_curves(machine),
             positioning: Vec::new(),
@@ -137,9 +126,7 @@ impl Report {
             uncertainty: None,
             not_measured: Vec::new(),
             count_as_0: errors_without_value(machine),
-            undecided: (machine.provenance().undecided.iter())
-                .map(ErrorName::to_string)
-                .collect(),
+            undecided: (machine.provenance().undecided.iter()).map(ErrorName::to_string).collect(),
             without_scatter: Vec::new(),
             partly_measured: (machine.partly_measured().iter())
                 .map(|(error, ..)| error.to_string())
@@ -216,8 +203,5 @@ fn stated_uncertainty(file: &CalibrationFile) -> Option<Uncertainty> {
             unit: unit.to_owned(),
         })
         .collect();
-    (!stated.is_empty()).then(|| Uncertainty {
-        stated,
-        ..Uncertainty::default()
-    })
+    (!stated.is_empty()).then(|| Uncertainty { stated, ..Uncertainty::default() })
 }

@@ -21,16 +21,10 @@ pub(crate) fn curves(file: &CalibrationFile, calibration: &Calibration) -> Vec<C
         }
     }
     let fitted = names.iter().filter_map(|error| {
-        let lines: Vec<&FittedLine> = calibration
-            .lines
-            .iter()
-            .filter(|l| l.error == *error)
-            .collect();
-        let fits: Vec<&FittedCurve> = calibration
-            .curves
-            .iter()
-            .filter(|c| c.error == *error)
-            .collect();
+        let lines: Vec<&FittedLine> =
+            calibration.lines.iter().filter(|l| l.error == *error).collect();
+        let fits: Vec<&FittedCurve> =
+            calibration.curves.iter().filter(|c| c.error == *error).collect();
         of_error(machine, *error, file, &lines, &fits)
     });
     let mut all: Vec<Curve> = fitted.collect();
@@ -62,24 +56,16 @@ fn of_error(
             None => &[0, 1],
         };
         // If only one direction was measured, its curve is used for both.
-        let found = curve
-            .branches
-            .iter()
-            .position(|b| b.direction == fit.direction);
+        let found = curve.branches.iter().position(|b| b.direction == fit.direction);
         let Some(place) = found.or((!curve.branches.is_empty()).then_some(0)) else {
             continue;
         };
-        let means = lines
-            .iter()
-            .flat_map(|line| directions.iter().flat_map(|d| &line.points[*d]));
+        let means = lines.iter().flat_map(|line| directions.iter().flat_map(|d| &line.points[*d]));
         let mut means: Vec<(f64, f64)> = means.copied().collect();
         means.sort_by(|a, b| a.0.total_cmp(&b.0));
         let value = curve_of(machine, error, fit.direction);
         let branch = &mut curve.branches[place];
-        branch.residuals = means
-            .iter()
-            .map(|(at, mean)| (*at, mean - value(*at)))
-            .collect();
+        branch.residuals = means.iter().map(|(at, mean)| (*at, mean - value(*at))).collect();
         branch.fit = Some(numbers(fit));
         branch.band = fit.band().map(|found| about(&value, &found));
     }
@@ -89,12 +75,7 @@ fn of_error(
 
 /// A band around a curve, without points that linear interpolation reproduces.
 fn about(value: impl Fn(f64) -> f64, found: &volcomp_fit::Band) -> Band {
-    let mut band = Band {
-        x: Vec::new(),
-        low: Vec::new(),
-        high: Vec::new(),
-        source: found.source,
-    };
+    let mut band = Band { x: Vec::new(), low: Vec::new(), high: Vec::new(), source: found.source };
     let all: Vec<[f64; 3]> = (found.at.iter().zip(&found.half_width))
         .map(|(&x, half)| [x, value(x) - half, value(x) + half])
         .collect();
@@ -143,9 +124,7 @@ fn bare(machine: &Machine, error: ErrorName) -> Option<Curve> {
         let value = curve_of(machine, error, *direction);
         Branch {
             direction: *direction,
-            points: (0..POINTS)
-                .map(|index| (at(index), value(at(index))))
-                .collect(),
+            points: (0..POINTS).map(|index| (at(index), value(at(index)))).collect(),
             residuals: Vec::new(),
             band: None,
             fit: None,
@@ -178,9 +157,7 @@ fn curve_of(
         if let Some(place) = coordinates.get_mut(own) {
             *place = at;
         }
-        stated
-            .as_ref()
-            .map_or(0.0, |curve| curve.value(own, &coordinates, direction))
+        stated.as_ref().map_or(0.0, |curve| curve.value(own, &coordinates, direction))
     }
 }
 
@@ -211,11 +188,7 @@ fn numbers(fit: &FittedCurve) -> FitNumbers {
 fn of_line(file: &CalibrationFile, fitted: &FittedLine) -> CurveLine {
     let means = fitted.points.clone();
     let Some(line) = fitted.line.and_then(|line| file.measurements.get(line)) else {
-        return CurveLine {
-            file: None,
-            runs: Vec::new(),
-            means,
-        };
+        return CurveLine { file: None, runs: Vec::new(), means };
     };
     let mut runs = Vec::new();
     if line.setup.method == Method::Direct {
@@ -224,20 +197,14 @@ fn of_line(file: &CalibrationFile, fitted: &FittedLine) -> CurveLine {
             let raw = line.readings.mean_curve_in(direction).into_iter();
             let raw: HashMap<u64, f64> = raw.map(|(at, mean)| (key(at), mean)).collect();
             let there = means[direction as usize].iter();
-            there
-                .filter_map(|(at, mean)| Some((key(*at), (*mean, *raw.get(&key(*at))?))))
-                .collect()
+            there.filter_map(|(at, mean)| Some((key(*at), (*mean, *raw.get(&key(*at))?)))).collect()
         });
         runs = runs_of(&line.readings, |direction, at, reading| {
             let (mean, raw) = moved[direction as usize].get(&key(at))?;
             Some(mean + fitted.factor * (reading - raw))
         });
     }
-    CurveLine {
-        file: Some(line.file.display().to_string()),
-        runs,
-        means,
-    }
+    CurveLine { file: Some(line.file.display().to_string()), runs, means }
 }
 
 pub(crate) fn runs_of(
@@ -250,16 +217,14 @@ pub(crate) fn runs_of(
         let Some(value) = value(reading.direction, reading.target, reading.deviation) else {
             continue;
         };
-        let place = *places
-            .entry((reading.direction, reading.run))
-            .or_insert_with(|| {
-                runs.push(Run {
-                    direction: reading.direction,
-                    number: reading.run,
-                    points: Vec::new(),
-                });
-                runs.len() - 1
+        let place = *places.entry((reading.direction, reading.run)).or_insert_with(|| {
+            runs.push(Run {
+                direction: reading.direction,
+                number: reading.run,
+                points: Vec::new(),
             });
+            runs.len() - 1
+        });
         runs[place].points.push((reading.target, value));
     }
     for run in &mut runs {

@@ -17,16 +17,11 @@ pub(crate) fn identified(found: &Identification) -> Identified {
         max_um: of.max_um,
         rows: of.rows,
     };
-    let weighted = |(name, weight): &(String, f64)| Weighted {
-        name: name.clone(),
-        weight: *weight,
-    };
+    let weighted =
+        |(name, weight): &(String, f64)| Weighted { name: name.clone(), weight: *weight };
     let null = found.null.iter();
     let next = found.next.as_ref().map(|next| {
-        let pose = next
-            .pose
-            .iter()
-            .map(|(axis, at)| format!("{axis} = {at:.1}"));
+        let pose = next.pose.iter().map(|(axis, at)| format!("{axis} = {at:.1}"));
         let mut with: Vec<String> = pose.collect();
         with.extend(next.target.clone());
         with.extend(next.tool.as_ref().map(|tool| format!("tool {tool}")));
@@ -50,12 +45,8 @@ pub(crate) fn identified(found: &Identification) -> Identified {
 /// A note on the unknowns that the observations do not determine, which leave their errors undecided.
 pub(crate) fn left_open(found: &Identified) -> Option<String> {
     let open: Vec<&str> = found.left_open().collect();
-    (!open.is_empty()).then(|| {
-        format!(
-            "not determined by the observations, taken as 0: {}",
-            open.join(", ")
-        )
-    })
+    (!open.is_empty())
+        .then(|| format!("not determined by the observations, taken as 0: {}", open.join(", ")))
 }
 
 pub(crate) fn files(observations: &Observations) -> impl Iterator<Item = SourceFile> {

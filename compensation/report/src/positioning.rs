@@ -45,13 +45,7 @@ fn uncertainties(file: &CalibrationFile, line: &Line) -> Vec<FigureUncertainty> 
     let (inputs, length) = if line.setup.error.component.is_angular() {
         // In µrad, independent of the length.
         let device_um = positive(of.reading_urad);
-        (
-            UncertaintyInputs {
-                device_um,
-                ..UncertaintyInputs::default()
-            },
-            1.0,
-        )
+        (UncertaintyInputs { device_um, ..UncertaintyInputs::default() }, 1.0)
     } else {
         let inputs = UncertaintyInputs {
             device_um_per_m: positive(of.laser_um_per_m),
@@ -69,10 +63,7 @@ fn uncertainties(file: &CalibrationFile, line: &Line) -> Vec<FigureUncertainty> 
     let symbols = Edition::symbols().into_iter();
     symbols
         .filter_map(|symbol| {
-            Some(FigureUncertainty {
-                symbol: symbol.to_owned(),
-                expanded: found.of(symbol)?,
-            })
+            Some(FigureUncertainty { symbol: symbol.to_owned(), expanded: found.of(symbol)? })
         })
         .collect()
 }

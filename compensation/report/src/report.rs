@@ -513,20 +513,14 @@ impl Size {
     /// The pose and the tool of the largest error of the tip, such as `X 500.0, C 90.0, T5`.
     pub fn place(&self) -> String {
         let pose = place(&self.at);
-        if self.tool.is_empty() {
-            pose
-        } else {
-            format!("{pose}, {}", self.tool)
-        }
+        if self.tool.is_empty() { pose } else { format!("{pose}, {}", self.tool) }
     }
 }
 
 /// Formats a pose, such as `X 500.0, C 90.0`.
 pub(crate) fn place(at: &[Standing]) -> String {
-    let parts: Vec<String> = at
-        .iter()
-        .map(|Standing { axis, at }| format!("{axis} {at:.1}"))
-        .collect();
+    let parts: Vec<String> =
+        at.iter().map(|Standing { axis, at }| format!("{axis} {at:.1}")).collect();
     parts.join(", ")
 }
 

@@ -7,11 +7,8 @@ use volcomp_vocabulary::{AxisName, ErrorName};
 
 use crate::report::{Location, Square, Tilt};
 
-const PAIRS: [[AxisName; 2]; 3] = [
-    [AxisName::X, AxisName::Y],
-    [AxisName::Y, AxisName::Z],
-    [AxisName::X, AxisName::Z],
-];
+const PAIRS: [[AxisName; 2]; 3] =
+    [[AxisName::X, AxisName::Y], [AxisName::Y, AxisName::Z], [AxisName::X, AxisName::Z]];
 
 /// The angles between the linear axes by the location errors of a machine. `measured` returns
 /// whether the calibration determined the angle of a pair, `uncertainty` the standard uncertainty
@@ -52,9 +49,7 @@ pub(crate) fn squares(
 pub(crate) fn pair_of(error: ErrorName) -> Option<[AxisName; 2]> {
     PAIRS.into_iter().find(|pair| {
         pair.contains(&error.axis)
-            && pair
-                .iter()
-                .all(|axis| axis.mcs_index() != error.component.mcs_index())
+            && pair.iter().all(|axis| axis.mcs_index() != error.component.mcs_index())
     })
 }
 
@@ -63,10 +58,7 @@ pub(crate) fn other_locations(
     machine: &Machine,
     stated: &[volcomp_calibrate::Location],
 ) -> Vec<Location> {
-    let others = machine
-        .locations()
-        .iter()
-        .filter(|(name, _)| !is_square(**name));
+    let others = machine.locations().iter().filter(|(name, _)| !is_square(**name));
     let location = |(name, value): (&ErrorName, &f64)| Location {
         error: name.to_string(),
         value: *value,

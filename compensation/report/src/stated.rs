@@ -47,19 +47,10 @@ pub(crate) fn head<'a>(
     });
     Head {
         source: source.to_owned(),
-        machine: stated
-            .machine
-            .clone()
-            .or_else(|| of_files(|m| m.machine.clone())),
-        serial: stated
-            .serial
-            .clone()
-            .or_else(|| of_files(|m| m.serial.clone())),
+        machine: stated.machine.clone().or_else(|| of_files(|m| m.machine.clone())),
+        serial: stated.serial.clone().or_else(|| of_files(|m| m.serial.clone())),
         date: stated.date.clone().or_else(|| of_files(|m| m.date.clone())),
-        operator: stated
-            .operator
-            .clone()
-            .or_else(|| of_files(|m| m.by.clone())),
+        operator: stated.operator.clone().or_else(|| of_files(|m| m.by.clone())),
         instrument: stated.instrument.clone().or_else(|| of_files(program)),
         air_degc: of_sensors(|e| e.air_temperature.into_iter().collect()),
         material_degc: of_sensors(|e| e.material_temperature.into_iter().flatten().collect()),

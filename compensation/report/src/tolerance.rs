@@ -48,11 +48,7 @@ fn is_axis_or_positioning(of: &str) -> bool {
 }
 
 fn is_of(test: &Positioning, of: Option<&str>) -> bool {
-    let axis = || {
-        test.error
-            .parse::<ErrorName>()
-            .map(|error| error.axis.to_string())
-    };
+    let axis = || test.error.parse::<ErrorName>().map(|error| error.axis.to_string());
     of.is_none_or(|of| test.error == of || axis().is_ok_and(|axis| axis == of))
 }
 
@@ -73,9 +69,7 @@ fn tests_of<'r>(
         })
     };
     let tests = report.positioning.iter();
-    tests
-        .filter(|test| is_of(test, of) && !has_narrower(test))
-        .collect()
+    tests.filter(|test| is_of(test, of) && !has_narrower(test)).collect()
 }
 
 /// Rejects a limit that would apply both to linear axes in µm and to rotary axes in µrad.
@@ -98,10 +92,7 @@ pub fn refuse_two_units(report: &Report, tolerances: &[Tolerance]) -> Result<(),
         return Err(MetrologyError::Readings {
             name: "tolerance".into(),
             what: symbol.clone(),
-            found: format!(
-                "{limit} for {} (µm) and for {} (µrad)",
-                length.error, angle.error
-            ),
+            found: format!("{limit} for {} (µm) and for {} (µrad)", length.error, angle.error),
             expected: format!(
                 "one limit for each kind: {symbol}={limit} stays for the rest where the others have their own, {}.{symbol}=… or {}.{symbol}=…",
                 axis(angle).unwrap_or_default(),
@@ -152,26 +143,13 @@ pub fn checks(report: &Report, tolerances: &[Tolerance]) -> Vec<Check> {
         let (of, figure) = parts(symbol);
         if symbols.contains(&figure) {
             for test in tests_of(report, tolerances, tolerance) {
-                let of = CheckOf::Test {
-                    error: test.error.clone(),
-                    file: test.file.clone(),
-                };
-                check(
-                    of,
-                    test.figure(figure),
-                    test.uncertainty(figure),
-                    &test.unit,
-                );
+                let of = CheckOf::Test { error: test.error.clone(), file: test.file.clone() };
+                check(of, test.figure(figure), test.uncertainty(figure), &test.unit);
             }
             if !report.positioning.iter().any(|test| is_of(test, of)) {
                 let axis = of.and_then(|of| AxisName::from_letter(of.chars().last()?));
                 let is_rotary = axis.is_some_and(AxisName::is_rotary);
-                check(
-                    CheckOf::Symbol,
-                    None,
-                    None,
-                    if is_rotary { "µrad" } else { "µm" },
-                );
+                check(CheckOf::Symbol, None, None, if is_rotary { "µrad" } else { "µm" });
             }
         } else if symbol == VOLUME {
             let volume = report.volume.as_ref();
@@ -264,10 +242,7 @@ fn of_error(report: &Report, name: &str) -> (Option<f64>, Option<f64>) {
         of.map(|from| (square, from.urad.abs().max(square.angle_urad.abs())))
     });
     if let Some((square, value)) = square {
-        return (
-            Some(value),
-            of_square(report, square, name).map(|u| 2.0 * u),
-        );
+        return (Some(value), of_square(report, square, name).map(|u| 2.0 * u));
     }
     let mut locations = report.locations.iter();
     let location = locations.find(|location| location.error == name);
@@ -280,10 +255,7 @@ fn of_error(report: &Report, name: &str) -> (Option<f64>, Option<f64>) {
 /// The smallest and the largest mean reading, each with its position; `None` with too few targets for two readings to differ (for a
 /// straightness after removal of the fitted line).
 fn extremes(curve: &Curve) -> Option<[(f64, f64); 2]> {
-    let means = curve
-        .lines
-        .iter()
-        .flat_map(|line| line.means.iter().flatten());
+    let means = curve.lines.iter().flat_map(|line| line.means.iter().flatten());
     let points: Vec<(f64, f64)> = means.copied().collect();
     let mut targets: Vec<f64> = points.iter().map(|(x, _)| *x).collect();
     targets.sort_unstable_by(f64::total_cmp);
@@ -294,10 +266,7 @@ fn extremes(curve: &Curve) -> Option<[(f64, f64); 2]> {
         return None;
     }
     let by_value = |a: &&(f64, f64), b: &&(f64, f64)| a.1.total_cmp(&b.1);
-    let (low, high) = (
-        points.iter().min_by(by_value)?,
-        points.iter().max_by(by_value)?,
-    );
+    let (low, high) = (points.iter().min_by(by_value)?, points.iter().max_by(by_value)?);
     Some([*low, *high])
 }
 
@@ -316,11 +285,7 @@ fn of_range(report: &Report, curve: &Curve, apart: f64) -> Option<f64> {
     }
     let name = curve.error.parse::<ErrorName>().ok()?;
     let is_angular = name.component.is_angular();
-    let key = if is_angular {
-        "reading_urad"
-    } else {
-        "reading_um"
-    };
+    let key = if is_angular { "reading_urad" } else { "reading_um" };
     let reading = stated(report, key);
     let is_length = !is_angular && MotionKind::of(name) == MotionKind::Positioning;
     let scale = stated(report, "laser_um_per_m").filter(|_| is_length);

@@ -39,54 +39,33 @@ pub fn volume(
         Some((state, fields, all)) => {
             let errors = fields.first().unwrap_or(first).errors;
             let rigid = all.alignment;
-            let aligned = Beside {
-                machine,
-                errors,
-                rigid,
-            };
+            let aligned = Beside { machine, errors, rigid };
             Some((state, size(&all), aligned))
         }
         None => None,
     };
-    let beside_before = Beside {
-        machine,
-        errors: first.errors,
-        rigid: all_before.alignment,
-    };
+    let beside_before = Beside { machine, errors: first.errors, rigid: all_before.alignment };
     let vectors_at = grid;
     let vectors = (0..vectors_at.len()).map(|index| {
         let (place, pose) = vectors_at.node(machine, index);
         Vector {
             at_mm: by_axis(&vectors_at, place),
             before_um: beside_before.left_um(&pose),
-            after_um: of_after
-                .as_ref()
-                .map(|(_, _, beside)| beside.left_um(&pose)),
+            after_um: of_after.as_ref().map(|(_, _, beside)| beside.left_um(&pose)),
         }
     });
     let travel = |name| machine.axis(name).map_or([0.0; 2], |axis| axis.travel);
     Ok(Some(Volume {
-        before: OfState {
-            state: before.0,
-            found: size(&all_before),
-        },
-        after: of_after.as_ref().map(|(state, size, _)| OfState {
-            state: *state,
-            found: size.clone(),
-        }),
+        before: OfState { state: before.0, found: size(&all_before) },
+        after: of_after
+            .as_ref()
+            .map(|(state, size, _)| OfState { state: *state, found: size.clone() }),
         has_thermal: !machine.thermal().sensors().is_empty(),
         is_partly_measured: !judged.partly_measured().is_empty()
             || !judged.read_in_one_direction().is_empty(),
-        undecided: (judged.provenance().undecided.iter())
-            .map(ToString::to_string)
-            .collect(),
+        undecided: (judged.provenance().undecided.iter()).map(ToString::to_string).collect(),
         knows_errors: judged.states_errors(),
-        slices: slices(
-            machine,
-            others,
-            &beside_before,
-            of_after.as_ref().map(|of| &of.2),
-        )?,
+        slices: slices(machine, others, &beside_before, of_after.as_ref().map(|of| &of.2))?,
         travels_mm: [AxisName::X, AxisName::Y, AxisName::Z].map(travel),
         vectors: vectors.collect(),
         poses: all_before.poses,
@@ -97,18 +76,12 @@ pub fn volume(
 /// The axes that do not move over the working space, and their coordinates.
 fn standing(machine: &Machine, others: &[(AxisName, f64)]) -> Vec<Standing> {
     let moved = [AxisName::X, AxisName::Y, AxisName::Z];
-    let stand = machine
-        .axes()
-        .iter()
-        .filter(|axis| !moved.contains(&axis.name));
+    let stand = machine.axes().iter().filter(|axis| !moved.contains(&axis.name));
     stand
         .map(|axis| {
             let stated = others.iter().find(|(name, _)| *name == axis.name);
             let at = stated.map_or_else(|| axis.nearest_zero(), |(_, at)| *at);
-            Standing {
-                axis: axis.name.to_string(),
-                at,
-            }
+            Standing { axis: axis.name.to_string(), at }
         })
         .collect()
 }
@@ -147,10 +120,8 @@ fn by_axis(grid: &MapGrid, place: [f64; 3]) -> [f64; 3] {
 }
 
 fn size(found: &VolumetricError) -> Size {
-    let stands = found.position.at.iter().map(|(name, at)| Standing {
-        axis: name.to_string(),
-        at: *at,
-    });
+    let stands =
+        found.position.at.iter().map(|(name, at)| Standing { axis: name.to_string(), at: *at });
     Size {
         max_um: 1e3 * found.max_mm,
         rms_um: 1e3 * found.rms_mm,
@@ -189,16 +160,11 @@ fn slices(
             place.map_or_else(Vec::new, |place| grid.nodes_mm[place].clone())
         };
         // X varies fastest, then Y, so `across` varies before `up`; the third axis has one node.
-        let poses: Vec<Pose> = (0..grid.len())
-            .map(|index| grid.node(machine, index).1)
-            .collect();
+        let poses: Vec<Pose> = (0..grid.len()).map(|index| grid.node(machine, index).1).collect();
         found.push(Slice {
             across: across.to_string(),
             up: up.to_string(),
-            held: nodes(held).first().map(|at| Standing {
-                axis: held.to_string(),
-                at: *at,
-            }),
+            held: nodes(held).first().map(|at| Standing { axis: held.to_string(), at: *at }),
             x: nodes(across),
             y: nodes(up),
             before_um: lengths(before, &poses),
@@ -287,19 +253,13 @@ pub fn uncertainty(
     (trials, seed): (u64, u64),
 ) -> Result<Option<Drawn>, ModelError> {
     let is_linear = |name| machine.axis(name).is_some();
-    if ![AxisName::X, AxisName::Y, AxisName::Z]
-        .into_iter()
-        .any(is_linear)
-    {
+    if ![AxisName::X, AxisName::Y, AxisName::Z].into_iter().any(is_linear) {
         return Ok(None);
     }
     let tools = tools(machine)?;
     let mut lengths = Lengths::default();
     let mut most: Option<(f64, Pose)> = None;
-    for pose in poses_of_all_axes(machine)?
-        .into_iter()
-        .take(UNCERTAINTY_POSES)
-    {
+    for pose in poses_of_all_axes(machine)?.into_iter().take(UNCERTAINTY_POSES) {
         let own = machine.chain().ideal_tip_mm(&pose);
         for (_, with_tool) in &tools {
             // The lever with which the rotations of a sample move this tool's tip.
@@ -309,10 +269,7 @@ pub fn uncertainty(
                 (Vector3::new(x, y, z) + Vector3::new(a, b, c).cross(&lever_mm)).into()
             }));
             lengths.take(&error);
-            if most
-                .as_ref()
-                .is_none_or(|(before, _)| error.norm() > *before)
-            {
+            if most.as_ref().is_none_or(|(before, _)| error.norm() > *before) {
                 most = Some((error.norm(), pose));
             }
         }

@@ -44,20 +44,11 @@ pub(crate) fn of_calibration(
         let environment = &line.readings.environment;
         let is_length = line.setup.error.axis.kind() == AxisKind::Linear
             && MotionKind::of(line.setup.error) == MotionKind::Positioning;
-        let quantity = if is_length {
-            Quantity::Positioning
-        } else {
-            Quantity::Angle
-        };
+        let quantity = if is_length { Quantity::Positioning } else { Quantity::Angle };
         for text in environment_notes(environment, quantity) {
             surroundings.push((line.file.display().to_string(), text));
         }
-        let is_silent = environment
-            .material_temperature
-            .iter()
-            .flatten()
-            .next()
-            .is_none();
+        let is_silent = environment.material_temperature.iter().flatten().next().is_none();
         if is_length && is_silent {
             silent.push(line.file.display().to_string());
         }
@@ -85,9 +76,8 @@ pub(crate) fn of_calibration(
     for text in not_measured {
         add(WarningKind::NotMeasured, text.clone());
     }
-    let of_one_run: Vec<String> = squareness_lines_of_one_run(file)
-        .map(|line| line.file.display().to_string())
-        .collect();
+    let of_one_run: Vec<String> =
+        squareness_lines_of_one_run(file).map(|line| line.file.display().to_string()).collect();
     if !of_one_run.is_empty() {
         add(
             WarningKind::Few,
@@ -108,22 +98,13 @@ pub(crate) fn warnings<T: ToString>(
     kind: WarningKind,
     texts: &[T],
 ) -> impl Iterator<Item = Warning> {
-    texts.iter().map(move |text| Warning {
-        kind,
-        text: text.to_string(),
-    })
+    texts.iter().map(move |text| Warning { kind, text: text.to_string() })
 }
 
 pub(crate) fn is_measured(calibration: &Calibration, pair: [AxisName; 2]) -> bool {
     let named = calibration.squareness.iter().map(|(error, _)| *error);
-    let found = calibration
-        .identified
-        .iter()
-        .flat_map(|of| &of.found.parameters);
-    let found = found
-        .filter(|parameter| parameter.determined)
-        .filter_map(|parameter| parameter.error);
-    named
-        .chain(found)
-        .any(|error| error.location && crate::squares::pair_of(error) == Some(pair))
+    let found = calibration.identified.iter().flat_map(|of| &of.found.parameters);
+    let found =
+        found.filter(|parameter| parameter.determined).filter_map(|parameter| parameter.error);
+    named.chain(found).any(|error| error.location && crate::squares::pair_of(error) == Some(pair))
 }

@@ -35,10 +35,9 @@ impl Report {
             Ok::<_, ModelError>(found.map(|found| OfState { state, found }))
         };
         self.diagonals = match along(first)? {
-            Some(before) => Some(Diagonals {
-                before,
-                after: second.map(along).transpose()?.flatten(),
-            }),
+            Some(before) => {
+                Some(Diagonals { before, after: second.map(along).transpose()?.flatten() })
+            }
             None => None,
         };
         let tools = tools(machine)?;
@@ -48,10 +47,7 @@ impl Report {
             Ok(of)
         });
         let earlier = with_tools.collect::<Result<Vec<_>, ModelError>>()?;
-        let now: Vec<_> = tools
-            .iter()
-            .map(|(_, with_tool)| errors(with_tool))
-            .collect();
+        let now: Vec<_> = tools.iter().map(|(_, with_tool)| errors(with_tool)).collect();
         let then: Vec<_> = earlier.iter().map(errors).collect();
         let now = fields(&tools, &earlier, &now);
         let then = fields(&tools, &earlier, &then);
@@ -76,10 +72,8 @@ impl Report {
         reference_degc: f64,
         machines: impl IntoIterator<Item = &'a Machine>,
     ) -> Option<String> {
-        let sensors: BTreeSet<&str> = machines
-            .into_iter()
-            .flat_map(|of| of.thermal().sensors())
-            .collect();
+        let sensors: BTreeSet<&str> =
+            machines.into_iter().flat_map(|of| of.thermal().sensors()).collect();
         if sensors.is_empty() {
             return None;
         }
@@ -90,10 +84,7 @@ impl Report {
             "the figures computed from the model hold at {reference_degc} °C: thermal terms of {} are left out; `volcomp map --temperature` gives the volumetric error at others, `volcomp check` what each kelvin adds",
             sensors.into_iter().collect::<Vec<_>>().join(", ")
         );
-        self.warnings.push(Warning {
-            kind: WarningKind::Temperature,
-            text: text.clone(),
-        });
+        self.warnings.push(Warning { kind: WarningKind::Temperature, text: text.clone() });
         Some(text)
     }
 }

@@ -25,10 +25,7 @@ pub(crate) struct Deadlines {
 impl Deadlines {
     /// Deadlines from one period after now.
     pub(crate) fn new(period: Duration) -> Self {
-        Self {
-            next: monotonic().saturating_add(period),
-            period,
-        }
+        Self { next: monotonic().saturating_add(period), period }
     }
 
     pub(crate) fn wait(&self) -> Duration {
@@ -64,10 +61,7 @@ pub fn tick(period: Duration, during: Duration, report: &mut dyn FnMut(Duration,
 }
 
 fn duration(time: Timespec) -> Duration {
-    Duration::new(
-        u64::try_from(time.tv_sec).unwrap_or(0),
-        u32::try_from(time.tv_nsec).unwrap_or(0),
-    )
+    Duration::new(u64::try_from(time.tv_sec).unwrap_or(0), u32::try_from(time.tv_nsec).unwrap_or(0))
 }
 
 fn timespec(time: Duration) -> Timespec {
@@ -85,17 +79,10 @@ mod tests {
     #[test]
     fn an_overrun_skips_to_the_next_period() {
         let ms = Duration::from_millis;
-        for (now, expected, skipped) in [
-            (10, 12, 0),
-            (12, 12, 0),
-            (13, 16, 1),
-            (16, 20, 2),
-            (31, 32, 5),
-        ] {
-            let mut deadlines = Deadlines {
-                next: ms(8),
-                period: ms(4),
-            };
+        for (now, expected, skipped) in
+            [(10, 12, 0), (12, 12, 0), (13, 16, 1), (16, 20, 2), (31, 32, 5)]
+        {
+            let mut deadlines = Deadlines { next: ms(8), period: ms(4) };
             assert_eq!(deadlines.done(ms(now)), skipped);
             assert_eq!(deadlines.next, ms(expected));
         }

@@ -136,10 +136,7 @@ impl Cycle {
         sensors: Sensors,
         period: Duration,
     ) -> Result<Self, PlanError> {
-        let Some(first) = paths
-            .first()
-            .filter(|_| paths.len() <= volcomp_guard::MAX_PATHS)
-        else {
+        let Some(first) = paths.first().filter(|_| paths.len() <= volcomp_guard::MAX_PATHS) else {
             return Err(PlanError::Paths { found: paths.len() });
         };
         for path in &paths {
@@ -232,8 +229,7 @@ impl Cycle {
         for path in &mut self.paths {
             let limits = path.limits();
             let applied = path.in_channel(correction);
-            path.read_back
-                .restore(Duration::ZERO, &applied, age, &limits);
+            path.read_back.restore(Duration::ZERO, &applied, age, &limits);
         }
     }
 
@@ -257,8 +253,7 @@ impl Cycle {
             return Ok(());
         }
         for path in &mut self.paths {
-            path.device
-                .start_thread(&path.description.device, STANDBY_INTERVAL)?;
+            path.device.start_thread(&path.description.device, STANDBY_INTERVAL)?;
         }
         self.release_standbys(Duration::ZERO);
         Ok(())
@@ -340,10 +335,7 @@ impl Cycle {
                 expected: self.period,
             });
         }
-        let refused = |source| OrderRefusal::Limits {
-            path: index,
-            source,
-        };
+        let refused = |source| OrderRefusal::Limits { path: index, source };
         path.set_limits(limits).map_err(refused)?;
         if index == self.selector.active() {
             let limits = path.limits();
@@ -432,8 +424,7 @@ impl Cycle {
             let deadline = self.instant() + self.period.mul_f64(0.5);
             let reader = &mut self.readers[index];
             self.report.faults += reader.read(deadline, self.start, since_start, hold);
-            self.interlocks
-                .update(self.paths.len() + index, reader.interlock());
+            self.interlocks.update(self.paths.len() + index, reader.interlock());
         }
     }
 
@@ -449,13 +440,10 @@ impl Cycle {
 
     /// Updates temperatures, thermal lags and model. Runs in every cycle, because rarely executed code finds cold caches and makes cycles long.
     fn thermal(&mut self, since_start: Duration, passed: Duration) {
-        self.sensors
-            .read(since_start, self.start, &mut self.report.sensors);
+        self.sensors.read(since_start, self.start, &mut self.report.sensors);
         // A pause of the program must not let a sensor count as missing.
         let dt = passed.min(self.period * 5);
-        self.degraded = self
-            .model
-            .warm(dt, passed.saturating_sub(dt), &self.report.sensors);
+        self.degraded = self.model.warm(dt, passed.saturating_sub(dt), &self.report.sensors);
     }
 
     /// Sends the output on the active path, after a final check of the age of its inputs.
@@ -687,13 +675,11 @@ impl Cycle {
         let path = &self.paths[active];
         let wanted = wanted.map(|wanted| in_channel(path, &wanted));
         self.report.wanted = wanted.map_or(PerAxis::ZERO, |wanted| path.in_machine(&wanted.full()));
-        let wanted = wanted
-            .zip(reduction)
-            .map(|(wanted, reduction)| RequestedCorrection {
-                position: wanted.position.map(|share| reduction.part * share),
-                rotary: wanted.rotary.map(|share| reduction.part * share),
-                ..wanted
-            });
+        let wanted = wanted.zip(reduction).map(|(wanted, reduction)| RequestedCorrection {
+            position: wanted.position.map(|share| reduction.part * share),
+            rotary: wanted.rotary.map(|share| reduction.part * share),
+            ..wanted
+        });
         notes |= reduction.map_or(Reasons::NONE, |reduction| reduction.notes);
         let reading = path.reading.as_ref().map(|snapshot| Reading {
             taken: place.oldest.or(path.reported.taken).unwrap_or_default(),
@@ -747,9 +733,7 @@ impl Cycle {
             applied,
             way_out: self.guard.time_to_zero(),
         };
-        let age = place
-            .oldest
-            .map_or(Duration::MAX, |taken| now.saturating_sub(taken));
+        let age = place.oldest.map_or(Duration::MAX, |taken| now.saturating_sub(taken));
         self.lag.reduction(&input, age, now)
     }
 
@@ -767,9 +751,7 @@ impl Cycle {
             // The threshold of the coarsest controller that reports the axis; an axis at a fixed position does not reverse.
             let paths = self.paths.iter().map(|path| &path.reported);
             let readers = self.readers.iter().map(|reader| &reader.reported);
-            let thresholds = paths
-                .chain(readers)
-                .filter_map(|seen| seen.reversal_of(index));
+            let thresholds = paths.chain(readers).filter_map(|seen| seen.reversal_of(index));
             let threshold = thresholds.fold(0.0, f64::max);
             let (taken, turn) = (place.taken[index], self.model.turn_of(index));
             state.approach[index] = memory.at(taken, state.q[index], threshold, turn);
@@ -839,10 +821,7 @@ impl Cycle {
             // A control without read-back keeps its correction unless it ramps to zero on its own.
             // The correction would add to the correction of another path.
             let keeps = report.scheme == Scheme::NoReadBack
-                && path
-                    .read_back
-                    .zero_after_last_write(&path.limits())
-                    .is_none();
+                && path.read_back.zero_after_last_write(&path.limits()).is_none();
             let silent = report.answered.is_none_or(|ago| ago > STANDBY_SILENT);
             notes |= Reasons::STANDBY_SILENT.when(silent && now > STANDBY_SILENT)
                 | Reasons::STANDBY_HOLDS.when(report.holds && (keeps || self.standby.holds[index]));
@@ -866,9 +845,7 @@ impl Cycle {
         let hold = self.guard.limits().hold;
         report.correction_known =
             confirmed.is_some_and(|confirmed| since_start.saturating_sub(confirmed.at) <= hold);
-        let errors = self
-            .commanded
-            .map(|state| self.model.errors(&state, &report.correction));
+        let errors = self.commanded.map(|state| self.model.errors(&state, &report.correction));
         report.error = errors.map(|[without, _]| without);
         report.residual = errors.map(|[_, with]| with);
         report.cycle += 1;
@@ -896,11 +873,7 @@ impl Cycle {
 /// follow it, whether they correct or not.
 fn in_channel(path: &ControlPath, wanted: &CoupledCorrection) -> RequestedCorrection {
     let of = |values: &PerAxis<f64>, i: usize| {
-        if path.corrects(i) {
-            values[path.reported.machine_axis[i]]
-        } else {
-            0.0
-        }
+        if path.corrects(i) { values[path.reported.machine_axis[i]] } else { 0.0 }
     };
     RequestedCorrection {
         position: PerChannel::from_fn(|i| of(&wanted.position, i)),
@@ -911,11 +884,7 @@ fn in_channel(path: &ControlPath, wanted: &CoupledCorrection) -> RequestedCorrec
             }
             let row = &wanted.follow[path.reported.machine_axis[rotary]];
             PerChannel::from_fn(|i| {
-                if i < path.count() {
-                    row[path.reported.machine_axis[i]]
-                } else {
-                    0.0
-                }
+                if i < path.count() { row[path.reported.machine_axis[i]] } else { 0.0 }
             })
         }),
     }

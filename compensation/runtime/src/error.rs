@@ -12,19 +12,9 @@ use volcomp_vocabulary::{AxisKind, AxisName, Displacement};
 #[non_exhaustive]
 pub enum PlanError {
     #[error("{device}: axis {axis}: the machine {machine} has the axes {}", letters(.axes))]
-    NoSuchAxis {
-        device: String,
-        axis: AxisName,
-        machine: String,
-        axes: Vec<AxisName>,
-    },
+    NoSuchAxis { device: String, axis: AxisName, machine: String, axes: Vec<AxisName> },
     #[error("{device}: fixed: axis {axis}: the machine {machine} has the axes {}", letters(.axes))]
-    NoSuchFixedAxis {
-        device: String,
-        axis: AxisName,
-        machine: String,
-        axes: Vec<AxisName>,
-    },
+    NoSuchFixedAxis { device: String, axis: AxisName, machine: String, axes: Vec<AxisName> },
     /// The axes of the controller are invalid.
     #[error("{device}: {source}")]
     Axes { device: String, source: UnfitAxes },
@@ -83,63 +73,35 @@ pub enum PlanError {
     #[error(
         "{device}: found the channel {found:?}, expected {expected:?} like the controllers before: corrections by several channels would add up, and only one controller writes at a time"
     )]
-    Channels {
-        device: String,
-        found: String,
-        expected: String,
-    },
+    Channels { device: String, found: String, expected: String },
     #[error(
         "{device}: axis {axis} is not written by {other}, which may take over: a correction of {axis} would stay for good, expected the same axes on both, or a barrier or a time-out on {device} that takes it to zero"
     )]
-    LeavesAxis {
-        device: String,
-        axis: AxisName,
-        other: String,
-    },
+    LeavesAxis { device: String, axis: AxisName, other: String },
     #[error("{device}: carries thermal terms only, and the machine {machine} has none")]
     NoThermalTerms { device: String, machine: String },
     #[error(
         "{device}: cycle_ms: found {found_ms} ms, expected at least {shortest_ms} ms, the shortest cycle of this device"
     )]
-    CycleTooShort {
-        device: String,
-        found_ms: f64,
-        shortest_ms: f64,
-    },
+    CycleTooShort { device: String, found_ms: f64, shortest_ms: f64 },
     #[error("{device}: axis {axis} is rotary: [guard] limit_urad and slew_urad_per_s are missing")]
     NoRotaryLimits { device: String, axis: AxisName },
     /// A limit of the guard is invalid.
     #[error("{}", limits_text(.device, *.axis, .source))]
-    Limits {
-        device: String,
-        axis: Option<AxisName>,
-        source: LimitsError,
-    },
+    Limits { device: String, axis: Option<AxisName>, source: LimitsError },
     #[error("{device}: position step of axis {axis}: expected {}", step_of(*.axis))]
     PositionStep { device: String, axis: AxisName },
     #[error(
         "{device}: period of the cycle: found {found:?}, expected {planned:?}, for which this path was planned"
     )]
-    Period {
-        device: String,
-        found: Duration,
-        planned: Duration,
-    },
+    Period { device: String, found: Duration, planned: Duration },
     #[error(
         "{device}: [guard] limit_{} of axis {axis}: found {found}, expected at most {largest}, the largest correction that this device carries", axis.kind().micro_unit()
     )]
-    BeyondDevice {
-        device: String,
-        axis: AxisName,
-        found: Displacement,
-        largest: Displacement,
-    },
+    BeyondDevice { device: String, axis: AxisName, found: Displacement, largest: Displacement },
     #[error("found {found} temperatures, expected at most {}", crate::MAX_SENSORS)]
     TooManySensors { found: usize },
-    #[error(
-        "found {found} controllers, expected 1 to {}",
-        volcomp_guard::MAX_PATHS
-    )]
+    #[error("found {found} controllers, expected 1 to {}", volcomp_guard::MAX_PATHS)]
     Paths { found: usize },
 }
 
@@ -190,11 +152,7 @@ fn limits_text(device: &str, axis: Option<AxisName>, error: &LimitsError) -> Str
         (Quantity::Limit, AxisKind::Rotary) => step_key("urad", "0.001°"),
         _ => String::new(),
     };
-    format!(
-        "{device}: {key}{of}: found {}, expected {}{step}",
-        error.found(),
-        error.expected
-    )
+    format!("{device}: {key}{of}: found {}, expected {}{step}", error.found(), error.expected)
 }
 
 /// The configuration key or default from which the step of an axis comes.

@@ -111,11 +111,7 @@ impl Model {
                     axis.travel.map(end)
                 })
                 .collect(),
-            goes_round: machine
-                .axes()
-                .iter()
-                .map(|axis| axis.modulo.is_some())
-                .collect(),
+            goes_round: machine.axes().iter().map(|axis| axis.modulo.is_some()).collect(),
             ranges: PerAxis::from_fn(|index| machine.axes().get(index).and_then(position_range)),
             nodes: nodes::in_mm_or_rad(machine, machine.nodes()),
             places: nodes::in_mm_or_rad(machine, machine.places()),
@@ -127,10 +123,7 @@ impl Model {
             only_thermal: without_errors.compile(Tolerance::default())?,
             thermal: ThermalState::new(machine, fading)?,
         };
-        Ok(Self {
-            levers_mm: model.longest_levers(),
-            ..model
-        })
+        Ok(Self { levers_mm: model.longest_levers(), ..model })
     }
 
     /// The structure code, such as `w X' b Y Z t`.
@@ -267,11 +260,7 @@ impl Model {
         correctors: &Correctors,
         applied: &PerAxis<f64>,
     ) -> CoupledCorrection {
-        let compiled = if only_thermal {
-            &self.only_thermal
-        } else {
-            &self.compiled
-        };
+        let compiled = if only_thermal { &self.only_thermal } else { &self.compiled };
         let parts = compiled.parts_of(&moved(state, applied), correctors);
         let corrects_tool_axis = correctors.rotary().len() >= 2;
         CoupledCorrection {
@@ -354,15 +343,10 @@ impl Model {
             let mut longest_mm = 0.0_f64;
             if self.axes.get(index).is_some_and(|axis| axis.is_rotary()) {
                 let places = |axis: usize| {
-                    if self.axes[axis].is_rotary() {
-                        TRAVEL_SAMPLES
-                    } else {
-                        2
-                    }
+                    if self.axes[axis].is_rotary() { TRAVEL_SAMPLES } else { 2 }
                 };
-                let carried: Vec<(usize, u32)> = (index + 1..self.axes.len())
-                    .map(|axis| (axis, places(axis)))
-                    .collect();
+                let carried: Vec<(usize, u32)> =
+                    (index + 1..self.axes.len()).map(|axis| (axis, places(axis))).collect();
                 let _: Option<()> = self.over_places(&carried, |state| {
                     let chain = self.compiled.chain();
                     longest_mm = longest_mm.max(chain.lever_mm(index, state));
@@ -484,17 +468,11 @@ mod tests {
             Model::new(&machine, Fading::default()).expect("compiles")
         };
         let (old, new) = (model(10.0), model(20.0));
-        let none = LargestMove {
-            linear: Mm(0.0),
-            rotary: Rad(0.0),
-        };
+        let none = LargestMove { linear: Mm(0.0), rotary: Rad(0.0) };
         assert_eq!(old.largest_move(&new, []), none);
         let warm = |model: &Model| model.warmed(|_| Some(25.0));
         let LargestMove { linear, rotary } = warm(&old).largest_move(&warm(&new), []);
-        assert!(
-            (linear.0 - 0.05).abs() < 1e-5 && rotary == Rad(0.0),
-            "{linear}"
-        );
+        assert!((linear.0 - 0.05).abs() < 1e-5 && rotary == Rad(0.0), "{linear}");
     }
 
     /// With A held, Z takes over the part that A would correct.

@@ -137,16 +137,9 @@ impl ControlPath {
     /// Limits of the path. Test shifts of non-correcting axes are zero, because nothing is written to these.
     pub(crate) fn limits(&self) -> Limits {
         let shift = |place: usize| {
-            if self.corrects(place) {
-                self.limits.test_shift[place]
-            } else {
-                0.0
-            }
+            if self.corrects(place) { self.limits.test_shift[place] } else { 0.0 }
         };
-        Limits {
-            test_shift: PerChannel::from_fn(shift),
-            ..self.limits
-        }
+        Limits { test_shift: PerChannel::from_fn(shift), ..self.limits }
     }
 
     pub(crate) fn corrects(&self, place: usize) -> bool {
@@ -209,8 +202,7 @@ impl ControlPath {
 
     /// Whether the positions were recent enough when the controller reported them.
     pub(crate) fn was_fresh(&self) -> bool {
-        self.answered_at
-            .is_some_and(|answered_at| self.is_young(self.reported.taken, answered_at))
+        self.answered_at.is_some_and(|answered_at| self.is_young(self.reported.taken, answered_at))
     }
 
     /// Time of the last message to the controller that may have arrived.
@@ -290,8 +282,7 @@ impl ControlPath {
         let is_young = |snapshot: &Snapshot| self.is_young(Some(held(snapshot.youngest())), now);
         self.reading = (*read).ok().filter(is_young);
         let Some(snapshot) = &self.reading else {
-            self.read_back
-                .receive(now, now, &CorrectionReport::Missing, &limits);
+            self.read_back.receive(now, now, &CorrectionReport::Missing, &limits);
             return false;
         };
         let taken = held(snapshot.taken);
@@ -314,10 +305,7 @@ impl ControlPath {
         let Some(snapshot) = &self.reading else {
             return;
         };
-        let applied = self
-            .read_back_status()
-            .confirmed
-            .map(|confirmed| confirmed.values);
+        let applied = self.read_back_status().confirmed.map(|confirmed| confirmed.values);
         let mut positions = snapshot.positions;
         for (place, position) in positions.iter_mut().enumerate().take(self.limits.count) {
             if self.limits.axes[place].includes_correction {
@@ -369,9 +357,7 @@ impl ControlPath {
         PathReport {
             answered: self.answered_at.map(|then| now.saturating_sub(then)),
             positions: self.reported.taken.map(|then| now.saturating_sub(then)),
-            confirmed: read_back_status
-                .confirmed
-                .map(|confirmed| now.saturating_sub(confirmed.at)),
+            confirmed: read_back_status.confirmed.map(|confirmed| now.saturating_sub(confirmed.at)),
             scheme: read_back_status.scheme,
             holds: read_back_status.holds(&self.limits),
             barrier_misfit: read_back_status.barrier_misfit,
@@ -437,8 +423,6 @@ fn owner() -> u16 {
         // If the system has no random bytes, the clock is used.
         let drawn = rustix::rand::getrandom(&mut bytes, rustix::rand::GetRandomFlags::empty());
         let by_clock = || u16::try_from(monotonic().subsec_micros() % 65_521).unwrap_or(1);
-        drawn
-            .map_or_else(|_| by_clock(), |_| u16::from_ne_bytes(bytes))
-            .max(1)
+        drawn.map_or_else(|_| by_clock(), |_| u16::from_ne_bytes(bytes)).max(1)
     })
 }

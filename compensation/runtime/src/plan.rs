@@ -89,10 +89,7 @@ impl PathPlan {
         period: Duration,
     ) -> Result<Self, PlanError> {
         let device = || description.device.clone();
-        description.check().map_err(|source| PlanError::Axes {
-            device: device(),
-            source,
-        })?;
+        description.check().map_err(|source| PlanError::Axes { device: device(), source })?;
         let mut machine_axis = PerChannel([0; MAX_AXES]);
         for (place, axis) in machine_axis.iter_mut().zip(description.shown_axes()) {
             *place = place_in(model, &description, axis)?;
@@ -244,10 +241,7 @@ fn uncorrected(
     steps: &PerAxis<f64>,
 ) -> Vec<UncorrectedAxis> {
     let may = model.correctors_among(written);
-    let lacks = may
-        .rotary()
-        .iter()
-        .filter(|axis| !correctors.contains(**axis));
+    let lacks = may.rotary().iter().filter(|axis| !correctors.contains(**axis));
     let why = |axis: usize| {
         if correctors.linear().len() < 3 {
             UncorrectedReason::Uncatchable
@@ -255,10 +249,7 @@ fn uncorrected(
             UncorrectedReason::Coarse(model.rotary_step_error(axis, Rad(steps[axis])))
         }
     };
-    let uncorrected = |&axis: &usize| UncorrectedAxis {
-        axis: model.axes[axis],
-        why: why(axis),
-    };
+    let uncorrected = |&axis: &usize| UncorrectedAxis { axis: model.axes[axis], why: why(axis) };
     lacks.map(uncorrected).collect()
 }
 
@@ -282,38 +273,24 @@ fn fixed_positions(
     let mut fixed = PerAxis([None; MAX_AXES]);
     for axis in &settings.not_driven {
         if !axis.is_rotary() || !settings.fixed.contains_key(axis) {
-            return Err(PlanError::NotDriven {
-                device: device(),
-                axis: *axis,
-            });
+            return Err(PlanError::NotDriven { device: device(), axis: *axis });
         }
     }
     for (name, at) in &settings.fixed {
-        let index = model
-            .index_of(*name)
-            .ok_or_else(|| PlanError::NoSuchFixedAxis {
-                device: device(),
-                axis: *name,
-                machine: model.name.clone(),
-                axes: model.axes.clone(),
-            })?;
+        let index = model.index_of(*name).ok_or_else(|| PlanError::NoSuchFixedAxis {
+            device: device(),
+            axis: *name,
+            machine: model.name.clone(),
+            axes: model.axes.clone(),
+        })?;
         if at.kind() != name.kind() || !at.mm_or_rad().is_finite() {
-            return Err(PlanError::FixedPosition {
-                device: device(),
-                axis: *name,
-            });
+            return Err(PlanError::FixedPosition { device: device(), axis: *name });
         }
         if description.shows(*name) {
-            return Err(PlanError::FixedIsShown {
-                device: device(),
-                axis: *name,
-            });
+            return Err(PlanError::FixedIsShown { device: device(), axis: *name });
         }
         if name.is_rotary() && !settings.not_driven.contains(name) {
-            return Err(PlanError::FixedRotary {
-                device: device(),
-                axis: *name,
-            });
+            return Err(PlanError::FixedRotary { device: device(), axis: *name });
         }
         if !model.is_within_travel(index, *at) {
             return Err(PlanError::FixedBeyond {
@@ -336,10 +313,7 @@ fn barrier(
     match (description.barrier, settings.barrier) {
         (true, Some(barrier)) if !barrier.scan.is_zero() => Ok(Some(barrier)),
         (false, None) => Ok(None),
-        (has, _) => Err(PlanError::Barrier {
-            device: description.device.clone(),
-            has,
-        }),
+        (has, _) => Err(PlanError::Barrier { device: description.device.clone(), has }),
     }
 }
 
@@ -434,9 +408,7 @@ fn limits(
     };
     limits.check().map_err(|source| PlanError::Limits {
         device: description.device.clone(),
-        axis: source
-            .axis
-            .and_then(|(place, _)| axis_of(description, place)),
+        axis: source.axis.and_then(|(place, _)| axis_of(description, place)),
         source,
     })?;
     Ok(limits)
@@ -478,10 +450,7 @@ pub(crate) fn reversals(
     };
     let shown = description.shown_axes().zip(position_steps);
     for (place, (into, (name, step))) in reversal.iter_mut().zip(shown).enumerate() {
-        let axis = written(place).unwrap_or(AxisLimits {
-            kind: name.kind(),
-            ..AxisLimits::NONE
-        });
+        let axis = written(place).unwrap_or(AxisLimits { kind: name.kind(), ..AxisLimits::NONE });
         *into = reversal_threshold(&axis, *step, delay);
     }
     reversal

@@ -26,13 +26,7 @@ impl ReportedPositions {
         count: usize,
         reversal: PerChannel<f64>,
     ) -> Self {
-        Self {
-            machine_axis,
-            count,
-            reversal,
-            positions: PerChannel::ZERO,
-            taken: None,
-        }
+        Self { machine_axis, count, reversal, positions: PerChannel::ZERO, taken: None }
     }
 
     /// Stores positions that were valid at `taken`; if one of them is NaN, none is stored.

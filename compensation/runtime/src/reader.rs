@@ -44,20 +44,15 @@ impl ReaderPlan {
         model: &Model,
         settings: &PathSettings,
     ) -> Result<Self, PlanError> {
-        description.check().map_err(|source| PlanError::Axes {
-            device: description.device.clone(),
-            source,
-        })?;
+        description
+            .check()
+            .map_err(|source| PlanError::Axes { device: description.device.clone(), source })?;
         let mut machine_axis = PerChannel::default();
         for (place, axis) in machine_axis.iter_mut().zip(description.shown_axes()) {
             *place = place_in(model, &description, axis)?;
         }
         let steps = position_steps(&description, settings)?;
-        Ok(Self {
-            machine_axis,
-            reversal: reversals(&description, &steps, None),
-            description,
-        })
+        Ok(Self { machine_axis, reversal: reversals(&description, &steps, None), description })
     }
 }
 
@@ -143,8 +138,7 @@ impl PositionReader {
             return false;
         };
         self.answered = Some(now);
-        self.reported
-            .store(&snapshot.positions, held(snapshot.taken));
+        self.reported.store(&snapshot.positions, held(snapshot.taken));
         true
     }
 

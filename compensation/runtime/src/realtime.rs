@@ -163,11 +163,7 @@ impl Handle {
     #[must_use = "report a rejected order to its sender"]
     pub fn send_by(&mut self, order: Order, until: Instant, disarms: u64) -> bool {
         self.free_retired();
-        let sent = QueuedOrder {
-            order,
-            until,
-            disarms,
-        };
+        let sent = QueuedOrder { order, until, disarms };
         self.orders.push(sent).is_ok()
     }
 
@@ -328,14 +324,8 @@ fn control(cycle: Cycle, reference: bool) -> (Handle, Control) {
     let (reports_in, reports) = triple_buffer::triple_buffer(&Report::default());
     let shared = Arc::new(Shared::default());
     let clock = cycle.clock();
-    shared
-        .cycle_done_ns
-        .store(nanos(clock.elapsed()), Ordering::Relaxed);
-    let pulse = Pulse {
-        shared: Arc::clone(&shared),
-        clock: clock.clone(),
-        period: cycle.period(),
-    };
+    shared.cycle_done_ns.store(nanos(clock.elapsed()), Ordering::Relaxed);
+    let pulse = Pulse { shared: Arc::clone(&shared), clock: clock.clone(), period: cycle.period() };
     let control = Control {
         cycle,
         reference,
@@ -427,9 +417,7 @@ impl Control {
         let input = self.next_input(overruns);
         let spent = self.cycle.run(self.clock.now(), &input, &mut thread_time);
         self.push_change();
-        self.reports
-            .input_buffer_mut()
-            .clone_from(self.cycle.report());
+        self.reports.input_buffer_mut().clone_from(self.cycle.report());
         self.reports.publish();
         self.shared.cycles.fetch_add(1, Ordering::Relaxed);
         let done = nanos(self.clock.elapsed());
@@ -538,19 +526,14 @@ pub fn schedule(wanted: Realtime) -> Vec<String> {
                 .map_err(|e| format!("{e:?}"))
         });
         if let Err(e) = set {
-            lacking.push(format!(
-                "control thread has no real-time priority: {e} (LimitRTPRIO)"
-            ));
+            lacking.push(format!("control thread has no real-time priority: {e} (LimitRTPRIO)"));
         }
     }
     lacking
 }
 
 #[inline(never)]
-#[expect(
-    clippy::large_stack_arrays,
-    reason = "the array is there to touch the stack"
-)]
+#[expect(clippy::large_stack_arrays, reason = "the array is there to touch the stack")]
 fn touch_stack() {
     let mut stack = [0_u8; STACK];
     for page in stack.chunks_mut(4096) {
@@ -589,10 +572,7 @@ mod tests {
     fn the_reference_is_the_series_of_the_logarithm() {
         for x in [-0.9_f64, -0.5, 0.25, 0.5, 0.9] {
             let expected = -(1.0 - x).ln() / x;
-            assert!(
-                (reference_work(x) - expected).abs() < 1e-14 * expected,
-                "{x}"
-            );
+            assert!((reference_work(x) - expected).abs() < 1e-14 * expected, "{x}");
         }
     }
 }

@@ -15,14 +15,8 @@ impl Replacement {
     /// A model for the temperatures with these names.
     pub fn new(model: Box<Model>, names: &[String]) -> Self {
         let wanted = model.sensors();
-        let places = wanted
-            .iter()
-            .map(|wanted| names.iter().position(|name| name == wanted));
-        Self {
-            places: places.collect(),
-            degc: vec![None; wanted.len()],
-            model,
-        }
+        let places = wanted.iter().map(|wanted| names.iter().position(|name| name == wanted));
+        Self { places: places.collect(), degc: vec![None; wanted.len()], model }
     }
 
     /// Takes over the thermal lags of the replaced model. Does not allocate.
@@ -39,9 +33,7 @@ impl Replacement {
         sensors: &[SensorReport; MAX_SENSORS],
     ) -> bool {
         for (degc, place) in self.degc.iter_mut().zip(&self.places) {
-            *degc = place
-                .and_then(|place| sensors.get(place))
-                .and_then(|sensor| sensor.degc);
+            *degc = place.and_then(|place| sensors.get(place)).and_then(|sensor| sensor.degc);
         }
         self.model.stand(stood.as_secs_f64());
         self.model.step(dt.as_secs_f64(), &self.degc)

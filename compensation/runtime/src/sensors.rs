@@ -17,11 +17,7 @@ pub struct Sensors {
 impl Sensors {
     /// The sensors of these thermometers; only the first [`MAX_SENSORS`] are used.
     pub fn new(thermometers: Vec<Box<dyn Thermometer>>, limits: SensorLimits) -> Self {
-        let mut sensors = Self {
-            thermometers,
-            limits,
-            checks: Vec::new(),
-        };
+        let mut sensors = Self { thermometers, limits, checks: Vec::new() };
         sensors.checks = vec![SensorCheck::default(); sensors.names().len()];
         sensors
     }
@@ -61,10 +57,7 @@ impl Sensors {
 fn sensor_reading(latest: &Temperature, start: Instant) -> SensorReading {
     match (latest.degc, latest.taken, latest.quality) {
         (Some(degc), Some(taken), Quality::Good | Quality::Uncertain(_)) => {
-            SensorReading::Temperature {
-                degc,
-                taken: taken.saturating_duration_since(start),
-            }
+            SensorReading::Temperature { degc, taken: taken.saturating_duration_since(start) }
         }
         (_, _, Quality::Bad(Reason::NotRead | Reason::NoAnswer)) => SensorReading::Silence,
         _ => SensorReading::Fault,
@@ -91,10 +84,7 @@ mod tests {
         let mut read = |sensors: &mut Sensors, seconds: u64, spindle: f64| {
             let now = Duration::from_secs(seconds);
             let taken = start + now;
-            first.publish(&[
-                Temperature::good(21.0, taken),
-                Temperature::bad(Reason::Open, taken),
-            ]);
+            first.publish(&[Temperature::good(21.0, taken), Temperature::bad(Reason::Open, taken)]);
             second.publish(&[Temperature::good(spindle, taken)]);
             sensors.read(now, start, &mut reports);
             [0, 1, 2].map(|place| (reports[place].degc, reports[place].flaw))
@@ -107,9 +97,6 @@ mod tests {
         assert_eq!(read(&mut sensors, 2, 70.0), jumped);
         assert_eq!(read(&mut sensors, 1000, 70.0), jumped);
         sensors.acknowledge();
-        assert_eq!(
-            read(&mut sensors, 1001, 70.0),
-            [bed, broken, (Some(70.0), None)]
-        );
+        assert_eq!(read(&mut sensors, 1001, 70.0), [bed, broken, (Some(70.0), None)]);
     }
 }

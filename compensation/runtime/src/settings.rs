@@ -144,10 +144,7 @@ pub struct Rapid {
 impl Default for Rapid {
     /// 100 m/min and 200/min: the speed of linear motors and torque motors, which few axes exceed.
     fn default() -> Self {
-        Self {
-            linear_m_per_min: 100.0,
-            rotary_rpm: 200.0,
-        }
+        Self { linear_m_per_min: 100.0, rotary_rpm: 200.0 }
     }
 }
 
@@ -185,10 +182,7 @@ pub struct WithoutBarrier {
 impl Default for WithoutBarrier {
     /// 30 µm for linear axes and 30 µrad for rotary axes.
     fn default() -> Self {
-        Self {
-            linear: Um(30.0),
-            rotary: Urad(30.0),
-        }
+        Self { linear: Um(30.0), rotary: Urad(30.0) }
     }
 }
 

@@ -54,10 +54,7 @@ struct Shared {
 
 impl ControllerSlot {
     pub(crate) fn new(controller: Box<dyn Controller>) -> Self {
-        Self {
-            controller: Some(controller),
-            thread: None,
-        }
+        Self { controller: Some(controller), thread: None }
     }
 
     /// Starts the thread, which reads once per `every`, and is idle until [`hand_over`](Self::hand_over).
@@ -75,9 +72,7 @@ impl ControllerSlot {
         };
         // The operating system truncates thread names to 15 characters.
         let name = name.chars().take(15).collect();
-        let thread = thread::Builder::new()
-            .name(name)
-            .spawn(move || reader.run())?;
+        let thread = thread::Builder::new().name(name).spawn(move || reader.run())?;
         self.thread = Some(StandbyThread {
             shared,
             jobs: jobs_in,
@@ -130,10 +125,7 @@ impl ControllerSlot {
         let Some(controller) = mem::take(&mut self.controller) else {
             return;
         };
-        let jobs = ReadJob {
-            controller,
-            time_out,
-        };
+        let jobs = ReadJob { controller, time_out };
         match thread.jobs.push(jobs) {
             Ok(()) => thread.thread.unpark(),
             // There is one controller, so the ring has room; otherwise the next cycle tries again.
@@ -168,19 +160,13 @@ impl StandbyReader {
     }
 
     fn read_until_recalled(&mut self, jobs: ReadJob) {
-        let ReadJob {
-            mut controller,
-            time_out,
-        } = jobs;
+        let ReadJob { mut controller, time_out } = jobs;
         while !self.is_over() {
             let requested = Instant::now();
             let read = controller.read(requested + time_out);
             // The ring is full if the cycle has not read it for long; this answer is then lost.
-            let _ = self.readings.push(StandbyReading {
-                requested,
-                received: Instant::now(),
-                read,
-            });
+            let _ =
+                self.readings.push(StandbyReading { requested, received: Instant::now(), read });
             self.rest(requested + self.every);
         }
         // There is one controller, so the ring has room.

@@ -41,9 +41,7 @@ fn entry_by_entry(chain: &Chain, errors: &[ErrorTerm], poses: &Poses) -> f64 {
 
 fn sixty(c: &mut Criterion) {
     let mut chain = Chain::new("w b X Y Z A B t".parse().expect("a structure"));
-    chain
-        .set_tool([10.0, 20.0, -150.0], [0.0, 0.0, 1.0])
-        .expect("a tool");
+    chain.set_tool([10.0, 20.0, -150.0], [0.0, 0.0, 1.0]).expect("a tool");
     let errors = terms(&chain, true, &[]);
     assert_eq!(errors.len(), 60);
     let mut group = c.benchmark_group("sixty_errors");

@@ -43,11 +43,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     println!("linear / actual volumetric error at 1000 positions");
     for (class, count) in counts.iter().enumerate() {
         let from = 1.0 + (class as f64 - CLASSES as f64) * CLASS;
-        println!(
-            "{from:.4} to {:.4} {count:5} {}",
-            from + CLASS,
-            "#".repeat(count / 10)
-        );
+        println!("{from:.4} to {:.4} {count:5} {}", from + CLASS, "#".repeat(count / 10));
     }
     Ok(())
 }

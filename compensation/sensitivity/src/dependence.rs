@@ -53,9 +53,7 @@ impl Dependence {
             if left <= DEPENDENT_BELOW {
                 let weights = weights(&triangle, &shares);
                 let scaled = places.iter().zip(weights);
-                let scaled = scaled
-                    .map(|(&place, weight)| (place, -weight))
-                    .chain([(place, 1.0)]);
+                let scaled = scaled.map(|(&place, weight)| (place, -weight)).chain([(place, 1.0)]);
                 null.push(combination(scaled.collect(), &norms));
             } else {
                 shares.push(left);
@@ -85,20 +83,11 @@ fn weights(triangle: &[Vec<f64>], shares: &[f64]) -> Vec<f64> {
 
 /// Converts a combination of unit-length columns to one of the original columns, of unit length and without rounding errors.
 fn combination(scaled: Vec<(usize, f64)>, norms: &[f64]) -> Vec<(usize, f64)> {
-    let largest = scaled
-        .iter()
-        .fold(0.0_f64, |most, (_, weight)| most.max(weight.abs()));
-    let kept = scaled
-        .into_iter()
-        .filter(|(_, weight)| weight.abs() > ROUNDING * largest);
-    let mut weighted: Vec<(usize, f64)> = kept
-        .map(|(place, weight)| (place, weight / norms[place]))
-        .collect();
-    let length = weighted
-        .iter()
-        .map(|(_, weight)| weight * weight)
-        .sum::<f64>()
-        .sqrt();
+    let largest = scaled.iter().fold(0.0_f64, |most, (_, weight)| most.max(weight.abs()));
+    let kept = scaled.into_iter().filter(|(_, weight)| weight.abs() > ROUNDING * largest);
+    let mut weighted: Vec<(usize, f64)> =
+        kept.map(|(place, weight)| (place, weight / norms[place])).collect();
+    let length = weighted.iter().map(|(_, weight)| weight * weight).sum::<f64>().sqrt();
     // The first weight is positive by convention.
     let first = weighted.first().map_or(1.0, |(_, weight)| weight.signum());
     for (_, weight) in &mut weighted {

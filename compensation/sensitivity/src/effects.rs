@@ -47,10 +47,7 @@ pub(crate) fn checked(
     let found = poses.count();
     let count = found
         .filter(|count| (1..=MAX_POSES).contains(count))
-        .ok_or(SensitivityError::Poses {
-            found,
-            most: MAX_POSES,
-        })?;
+        .ok_or(SensitivityError::Poses { found, most: MAX_POSES })?;
     for &term in terms {
         let axis = term.axis();
         if chain.structure().index_of(axis).is_none() {
@@ -71,10 +68,7 @@ pub(crate) struct Squares {
 impl Squares {
     pub(crate) fn take(&mut self, [position, rotation]: [Vector3<f64>; 2]) {
         let of = |v: Vector3<f64>| [v.norm_squared(); 2];
-        self.join(&Self {
-            position: of(position),
-            rotation: of(rotation),
-        });
+        self.join(&Self { position: of(position), rotation: of(rotation) });
     }
 
     pub(crate) fn join(&mut self, other: &Self) {
@@ -113,12 +107,7 @@ pub fn effects_of_with_progress(
     let made_of: Vec<(usize, Vec<InGap>)> = terms
         .iter()
         // Infallible: all axes were checked above.
-        .filter_map(|&term| {
-            Some((
-                chain.structure().index_of(term.axis())?,
-                twists(chain, term),
-            ))
-        })
+        .filter_map(|&term| Some((chain.structure().index_of(term.axis())?, twists(chain, term))))
         .collect();
     let parts: Vec<Vec<Squares>> = chunks(count, &progress, |places| {
         let mut sums = vec![Squares::default(); terms.len()];
@@ -153,11 +142,7 @@ pub fn effects_of_with_progress(
 /// The component of a motion that belongs to a term, mm or rad.
 fn component_of(six: &ErrorMotion, term: ErrorTerm) -> f64 {
     let along = term.component().mcs_index();
-    if term.component().is_angular() {
-        six.angular_rad[along]
-    } else {
-        six.linear_mm[along]
-    }
+    if term.component().is_angular() { six.angular_rad[along] } else { six.linear_mm[along] }
 }
 
 /// The effects of errors with the value `size` (mm or rad), from the squares for one unit of each
@@ -198,9 +183,5 @@ pub(crate) fn effects(
         .iter()
         .all(|size| size.is_finite())
     };
-    if found.iter().all(is_finite) {
-        Ok(found)
-    } else {
-        Err(SensitivityError::NotFinite)
-    }
+    if found.iter().all(is_finite) { Ok(found) } else { Err(SensitivityError::NotFinite) }
 }

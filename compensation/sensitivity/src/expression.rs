@@ -80,10 +80,7 @@ impl Expression {
             let lever = |column: &[Vector; 2]| column[component / 3][component % 3].clone();
             grouped(terms.iter().copied().zip(columns.iter().map(lever)))
         });
-        Self {
-            components,
-            tool_tip_mm: tip.into(),
-        }
+        Self { components, tool_tip_mm: tip.into() }
     }
 
     /// The errors of each component with their levers: displacements along X, Y, Z, then rotations about X, Y, Z.
@@ -121,12 +118,7 @@ impl Expression {
     /// The value of the six formulas at a state, mm and rad, with the errors of `source`.
     pub fn value<S: ErrorSource>(&self, chain: &Chain, source: &S, state: &State) -> [f64; 6] {
         let value_of = |factor: Factor| {
-            let at = |axis| {
-                chain
-                    .structure()
-                    .index_of(axis)
-                    .map_or(0.0, |place| state.q[place])
-            };
+            let at = |axis| chain.structure().index_of(axis).map_or(0.0, |place| state.q[place]);
             match factor {
                 Factor::Coordinate(axis) => at(axis),
                 Factor::Cos(axis) => at(axis).cos(),
@@ -158,11 +150,7 @@ fn error_of<S: ErrorSource>(chain: &Chain, source: &S, state: &State, term: Erro
         ErrorTerm::Named(_) => source.error_motion(axis, state),
     };
     let component = term.component();
-    let part = if component.is_angular() {
-        motion.angular_rad
-    } else {
-        motion.linear_mm
-    };
+    let part = if component.is_angular() { motion.angular_rad } else { motion.linear_mm };
     part[component.mcs_index()]
 }
 
@@ -191,14 +179,8 @@ fn turn(joint: &Joint) -> [Vector; 3] {
             let along = u[row] * u[column];
             let unit = f64::from(u8::from(row == column));
             let mut sum = Polynomial::number(along);
-            sum.add(
-                &Polynomial::factor(Factor::Cos(joint.name), 1.0),
-                unit - along,
-            );
-            sum.add(
-                &Polynomial::factor(Factor::Sin(joint.name), 1.0),
-                hat[(row, column)],
-            );
+            sum.add(&Polynomial::factor(Factor::Cos(joint.name), 1.0), unit - along);
+            sum.add(&Polynomial::factor(Factor::Sin(joint.name), 1.0), hat[(row, column)]);
             sum
         })
     })
@@ -221,10 +203,7 @@ fn grouped(levers: impl Iterator<Item = (ErrorTerm, Polynomial)>) -> Vec<Grouped
         let (lever, negative) = lever.positive();
         match groups.iter_mut().find(|group| group.lever == lever) {
             Some(group) => group.errors.push((term, negative)),
-            None => groups.push(Grouped {
-                lever,
-                errors: vec![(term, negative)],
-            }),
+            None => groups.push(Grouped { lever, errors: vec![(term, negative)] }),
         }
     }
     groups
@@ -262,14 +241,7 @@ fn written(groups: &[Grouped], latex: bool, name: impl Fn(&ErrorTerm) -> String)
             sum = format!("({sum})");
         }
         let times = if latex { "\\," } else { "*" };
-        add(
-            turned,
-            &format!("{}{times}{sum}", group.lever.as_factor(latex)),
-        );
+        add(turned, &format!("{}{times}{sum}", group.lever.as_factor(latex)));
     }
-    if text.is_empty() {
-        "0".to_owned()
-    } else {
-        text
-    }
+    if text.is_empty() { "0".to_owned() } else { text }
 }

@@ -34,24 +34,12 @@ pub(crate) fn twists(chain: &Chain, term: ErrorTerm) -> Vec<InGap> {
     unit[term.component().mcs_index()] = 1.0;
     let at = |gap: usize, point: &Vector3<f64>| {
         if term.component().is_angular() {
-            InGap {
-                gap,
-                linear: point.cross(&unit),
-                angular: unit,
-            }
+            InGap { gap, linear: point.cross(&unit), angular: unit }
         } else {
-            InGap {
-                gap,
-                linear: unit,
-                angular: Vector3::zeros(),
-            }
+            InGap { gap, linear: unit, angular: Vector3::zeros() }
         }
     };
-    let minus = |twist: InGap| InGap {
-        linear: -twist.linear,
-        angular: -twist.angular,
-        ..twist
-    };
+    let minus = |twist: InGap| InGap { linear: -twist.linear, angular: -twist.angular, ..twist };
     let origin = Vector3::zeros();
     match term {
         ErrorTerm::Assembly(..) => {
@@ -85,10 +73,8 @@ pub(crate) struct Gaps {
 
 impl Gaps {
     pub(crate) fn at(chain: &Chain, state: &State) -> Self {
-        let mut gaps = Self {
-            turned: [Matrix3::identity(); MAX_GAPS],
-            tip_mm: [Vector3::zeros(); MAX_GAPS],
-        };
+        let mut gaps =
+            Self { turned: [Matrix3::identity(); MAX_GAPS], tip_mm: [Vector3::zeros(); MAX_GAPS] };
         let joints = chain.joints();
         gaps.tip_mm[joints.len()] = chain.tool_tip_mm();
         for (index, joint) in joints.iter().enumerate().rev() {

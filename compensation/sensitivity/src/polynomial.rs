@@ -68,9 +68,7 @@ impl Polynomial {
 
     /// The products with their coefficients.
     pub fn products(&self) -> impl Iterator<Item = (&[Factor], f64)> {
-        self.0
-            .iter()
-            .map(|(factors, &number)| (&factors[..], number))
+        self.0.iter().map(|(factors, &number)| (&factors[..], number))
     }
 
     fn add_product(&mut self, factors: &[Factor], value: f64) {
@@ -106,9 +104,7 @@ impl Polynomial {
     /// Evaluates the sum; `value_of` returns the value of a factor.
     pub fn value(&self, value_of: impl Fn(Factor) -> f64) -> f64 {
         let product = |(factors, number): (&Vec<Factor>, &f64)| {
-            factors
-                .iter()
-                .fold(*number, |product, &factor| product * value_of(factor))
+            factors.iter().fold(*number, |product, &factor| product * value_of(factor))
         };
         self.0.iter().map(product).sum()
     }
@@ -122,10 +118,7 @@ impl Polynomial {
 
     /// The polynomial or its negative, so that the first coefficient is positive; true if negated.
     pub(crate) fn positive(mut self) -> (Self, bool) {
-        let negative = self
-            .ordered()
-            .first()
-            .is_some_and(|(_, number)| *number < 0.0);
+        let negative = self.ordered().first().is_some_and(|(_, number)| *number < 0.0);
         if negative {
             for number in self.0.values_mut() {
                 *number = -*number;
@@ -140,16 +133,8 @@ impl Polynomial {
 
     /// Formats the polynomial as a factor, with a sum in parentheses.
     pub(crate) fn as_factor(&self, latex: bool) -> String {
-        let text = if latex {
-            self.latex()
-        } else {
-            self.to_string()
-        };
-        if self.0.len() > 1 {
-            format!("({text})")
-        } else {
-            text
-        }
+        let text = if latex { self.latex() } else { self.to_string() };
+        if self.0.len() > 1 { format!("({text})") } else { text }
     }
 
     /// Writes the polynomial as a LaTeX formula.
@@ -174,11 +159,7 @@ impl Polynomial {
             }
             text += &parts.join(times);
         }
-        if text.is_empty() {
-            "0".to_owned()
-        } else {
-            text
-        }
+        if text.is_empty() { "0".to_owned() } else { text }
     }
 }
 

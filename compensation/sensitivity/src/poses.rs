@@ -30,21 +30,18 @@ impl Poses {
         count: usize,
     ) -> Result<Self, ChainError> {
         let travels = chain.by_axis(travels)?;
-        Ok(Self::Even {
-            travels: travels[..chain.joints().len()].to_vec(),
-            count,
-        })
+        Ok(Self::Even { travels: travels[..chain.joints().len()].to_vec(), count })
     }
 
     /// Number of poses; `None` if it overflows.
     pub fn count(&self) -> Option<usize> {
         match self {
-            Self::Grid(nodes) => nodes
-                .iter()
-                .try_fold(1_usize, |product, nodes| product.checked_mul(nodes.len())),
-            Self::Even { travels, count } => travels
-                .iter()
-                .try_fold(1_usize, |product, _| product.checked_mul(*count)),
+            Self::Grid(nodes) => {
+                nodes.iter().try_fold(1_usize, |product, nodes| product.checked_mul(nodes.len()))
+            }
+            Self::Even { travels, count } => {
+                travels.iter().try_fold(1_usize, |product, _| product.checked_mul(*count))
+            }
             Self::List(states) => Some(states.len()),
         }
     }

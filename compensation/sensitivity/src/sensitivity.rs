@@ -55,9 +55,7 @@ fn as_maps<S: serde::Serializer>(
     serializer: S,
 ) -> Result<S::Ok, S::Error> {
     let named = nulls.iter().map(|null| {
-        let weights = null
-            .iter()
-            .map(|(term, weight)| (term.coefficient(), *weight));
+        let weights = null.iter().map(|(term, weight)| (term.coefficient(), *weight));
         weights.collect::<std::collections::BTreeMap<_, _>>()
     });
     serializer.collect_seq(named)
@@ -100,9 +98,7 @@ pub fn sensitivity_with_progress(
     let columns = &sums.triangle * basis.combinations(&made_of);
     let dependence = Dependence::of(&columns);
     let named = |null: Vec<(usize, f64)>| {
-        let named = null
-            .into_iter()
-            .map(|(place, weight)| (terms[place], weight));
+        let named = null.into_iter().map(|(place, weight)| (terms[place], weight));
         in_micro(named.collect())
     };
     Ok(Sensitivity {
@@ -116,30 +112,18 @@ pub fn sensitivity_with_progress(
 
 /// 1 µm or 1 µrad of an error, in mm or rad.
 fn in_micro_units(term: ErrorTerm) -> f64 {
-    if term.component().is_angular() {
-        1e-6
-    } else {
-        1e-3
-    }
+    if term.component().is_angular() { 1e-6 } else { 1e-3 }
 }
 
 /// Converts a combination in mm and rad to one of unit length in µm and µrad.
 fn in_micro(mut combination: Vec<(ErrorTerm, f64)>) -> Vec<(ErrorTerm, f64)> {
     let micro = |term: &ErrorTerm| {
-        if term.component().is_angular() {
-            1e6
-        } else {
-            1e3
-        }
+        if term.component().is_angular() { 1e6 } else { 1e3 }
     };
     for (term, weight) in &mut combination {
         *weight *= micro(term);
     }
-    let length = combination
-        .iter()
-        .map(|(_, weight)| weight * weight)
-        .sum::<f64>()
-        .sqrt();
+    let length = combination.iter().map(|(_, weight)| weight * weight).sum::<f64>().sqrt();
     for (_, weight) in &mut combination {
         *weight /= length;
     }
@@ -174,16 +158,10 @@ impl Basis {
         // Only the order of magnitude of the lever matters.
         let lever = |at: usize| {
             let gaps = Gaps::at(chain, &poses.state(at));
-            let levers = gaps.tip_mm[..=chain.joints().len()]
-                .iter()
-                .map(Vector3::norm);
+            let levers = gaps.tip_mm[..=chain.joints().len()].iter().map(Vector3::norm);
             levers.fold(1.0, f64::max)
         };
-        Self {
-            place,
-            columns,
-            lever_mm: lever(0).max(lever(count - 1)),
-        }
+        Self { place, columns, lever_mm: lever(0).max(lever(count - 1)) }
     }
 
     fn write_rows(&self, gaps: &Gaps, rows: &mut DMatrix<f64>, from: usize) {
@@ -245,9 +223,7 @@ impl Sums {
         while from < places.end {
             let to = places.end.min(from + STACKED);
             let mut stacked = DMatrix::zeros(columns + 6 * (to - from), columns);
-            stacked
-                .view_mut((0, 0), (columns, columns))
-                .copy_from(&self.triangle);
+            stacked.view_mut((0, 0), (columns, columns)).copy_from(&self.triangle);
             for place in from..to {
                 let gaps = Gaps::at(chain, &poses.state(place));
                 for (sums, twists) in self.effects.iter_mut().zip(made_of) {
@@ -266,12 +242,8 @@ impl Sums {
         }
         let columns = self.triangle.ncols();
         let mut stacked = DMatrix::zeros(2 * columns, columns);
-        stacked
-            .view_mut((0, 0), (columns, columns))
-            .copy_from(&self.triangle);
-        stacked
-            .view_mut((columns, 0), (columns, columns))
-            .copy_from(&other.triangle);
+        stacked.view_mut((0, 0), (columns, columns)).copy_from(&self.triangle);
+        stacked.view_mut((columns, 0), (columns, columns)).copy_from(&other.triangle);
         self.triangle = stacked.qr().unpack_r();
     }
 }
@@ -315,10 +287,7 @@ fn name(chain: &Chain, terms: &[ErrorTerm], made_of: &[Vec<InGap>], group: &[usi
     let single = group.iter().filter(|&&place| made_of[place].len() == 1);
     let Some(&place) = single.min_by_key(|&&place| made_of[place][0].gap) else {
         // Only errors of axis lines, which consist of two twists each.
-        let names: Vec<String> = group
-            .iter()
-            .map(|&place| terms[place].to_string())
-            .collect();
+        let names: Vec<String> = group.iter().map(|&place| terms[place].to_string()).collect();
         return format!("line of an axis: {}", names.join(", "));
     };
     let gap = made_of[place][0].gap;
@@ -329,20 +298,14 @@ fn name(chain: &Chain, terms: &[ErrorTerm], made_of: &[Vec<InGap>], group: &[usi
         Component::EZ | Component::EC => "Z",
     };
     if terms[place].component().is_angular() {
-        let carried = before.last().map_or_else(
-            || "the workpiece".to_owned(),
-            |joint| joint.name.to_string(),
-        );
+        let carried = before
+            .last()
+            .map_or_else(|| "the workpiece".to_owned(), |joint| joint.name.to_string());
         format!("rotation about {along}, line carried by {carried}")
     } else {
-        let turned = before
-            .iter()
-            .rev()
-            .find(|joint| joint.kind == AxisKind::Rotary);
-        let frame = turned.map_or_else(
-            || "the workpiece".to_owned(),
-            |joint| joint.name.to_string(),
-        );
+        let turned = before.iter().rev().find(|joint| joint.kind == AxisKind::Rotary);
+        let frame =
+            turned.map_or_else(|| "the workpiece".to_owned(), |joint| joint.name.to_string());
         format!("translation along {along}, frame of {frame}")
     }
 }

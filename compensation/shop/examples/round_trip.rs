@@ -21,10 +21,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     }
 
     // The calibration reads only these files, not the truth.
-    let found = calibrate(
-        &CalibrationFile::read(&folder.join("calibration.toml"))?,
-        |_, _| {},
-    )?;
+    let found = calibrate(&CalibrationFile::read(&folder.join("calibration.toml"))?, |_, _| {})?;
     fs::remove_dir_all(&folder)?;
 
     // Noise, drift, and the position of the workpiece remain, which a calibration cannot determine.
@@ -35,16 +32,9 @@ fn main() -> Result<(), Box<dyn Error>> {
         Ok::<_, volcomp_model::ModelError>(error)
     };
     for x in [0.0, 200.0, 400.0, 600.0] {
-        let at = [
-            (AxisName::X, x),
-            (AxisName::Y, 200.0),
-            (AxisName::Z, -200.0),
-        ];
+        let at = [(AxisName::X, x), (AxisName::Y, 200.0), (AxisName::Z, -200.0)];
         let (truth, model) = (error_um(&shop.truth, &at)?, error_um(&found.machine, &at)?);
-        println!(
-            "X {x:5} mm: error {:6.2} µm along X, the model says {:6.2} µm",
-            truth.x, model.x
-        );
+        println!("X {x:5} mm: error {:6.2} µm along X, the model says {:6.2} µm", truth.x, model.x);
     }
     Ok(())
 }

@@ -44,11 +44,7 @@ impl Format {
 impl Header {
     fn environment(&self) -> Environment {
         let constant = |value: Option<f64>, unit_code| {
-            value.map(|value| StartEnd {
-                start: value,
-                end: value,
-                unit_code,
-            })
+            value.map(|value| StartEnd { start: value, end: value, unit_code })
         };
         Environment {
             air_temperature: constant(self.air_degc, Some(0)),

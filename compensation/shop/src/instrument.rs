@@ -65,10 +65,7 @@ impl Instrument {
         let (targets, runs) = (self.targets, self.runs);
         if !(2..=MAX_TARGETS).contains(&targets) {
             let most = MAX_TARGETS;
-            return Err(InstrumentError::Targets {
-                found: targets,
-                most,
-            });
+            return Err(InstrumentError::Targets { found: targets, most });
         }
         if runs == 0 {
             return Err(InstrumentError::NoRuns);
@@ -84,11 +81,7 @@ impl Instrument {
         ] {
             let expected = "0 or more";
             if !(found.is_finite() && found >= 0.0) {
-                return Err(InstrumentError::Number {
-                    what,
-                    found,
-                    expected,
-                });
+                return Err(InstrumentError::Number { what, found, expected });
             }
         }
         for (what, found) in [
@@ -99,11 +92,7 @@ impl Instrument {
         ] {
             let expected = "a finite number";
             if !found.is_finite() {
-                return Err(InstrumentError::Number {
-                    what,
-                    found,
-                    expected,
-                });
+                return Err(InstrumentError::Number { what, found, expected });
             }
         }
         Ok(())
@@ -113,20 +102,14 @@ impl Instrument {
     pub(crate) fn check_count(&self, targets: usize) -> Result<(), InstrumentError> {
         let (runs, most) = (self.runs, MAX_READINGS);
         if targets.saturating_mul(runs as usize) > most {
-            return Err(InstrumentError::Readings {
-                targets,
-                runs,
-                most,
-            });
+            return Err(InstrumentError::Readings { targets, runs, most });
         }
         Ok(())
     }
 
     pub(crate) fn targets_over(&self, [low, high]: [f64; 2]) -> Vec<f64> {
         let last = self.targets.saturating_sub(1).max(1) as f64;
-        (0..self.targets)
-            .map(|index| low + (high - low) * index as f64 / last)
-            .collect()
+        (0..self.targets).map(|index| low + (high - low) * index as f64 / last).collect()
     }
 
     /// Measures a line. `perfect` returns the reading of a perfect instrument at a target in a direction, 0 at the first target.
@@ -166,11 +149,7 @@ impl Instrument {
                 }
             }
         }
-        Measurement {
-            unit: Some(unit),
-            readings,
-            ..Measurement::default()
-        }
+        Measurement { unit: Some(unit), readings, ..Measurement::default() }
     }
 }
 
@@ -192,11 +171,7 @@ fn plain<U: Copy>(of: &Imperfections<U>, number: fn(U) -> f64) -> Imperfections<
 }
 
 fn rounded(value: f64, step: f64) -> f64 {
-    if step > 0.0 {
-        (value / step).round() * step
-    } else {
-        value
-    }
+    if step > 0.0 { (value / step).round() * step } else { value }
 }
 
 /// The keys of an instrument, allowed in its own table and in a `[[measurement]]`, which overrides them.
@@ -223,17 +198,13 @@ pub(crate) fn decode_instrument(
     let number =
         |key: &str, default: f64| section.get(key).map_or(Ok(default), |value| value.number());
     let positive = |key: &str, default: f64| {
-        section
-            .get(key)
-            .map_or(Ok(default), |value| not_negative(&value))
+        section.get(key).map_or(Ok(default), |value| not_negative(&value))
     };
     let count = |key: &str, least: usize, default: usize| {
-        section
-            .get(key)
-            .map_or(Ok(default), |value| match value.count(MAX_TARGETS)? {
-                count if count >= least => Ok(count),
-                count => Err(value.error(format!("found {count}, expected at least {least}"))),
-            })
+        section.get(key).map_or(Ok(default), |value| match value.count(MAX_TARGETS)? {
+            count if count >= least => Ok(count),
+            count => Err(value.error(format!("found {count}, expected at least {least}"))),
+        })
     };
     let runs = count("runs", 1, base.runs as usize)?;
     let targets = count("targets", 2, base.targets)?;

@@ -37,18 +37,13 @@ impl Shop {
         for line in &self.lines {
             line.instrument
                 .check()
-                .map_err(|source| ShopError::Instrument {
-                    error: line.setup.error,
-                    source,
-                })?;
+                .map_err(|source| ShopError::Instrument { error: line.setup.error, source })?;
         }
         for observation in &self.observations {
-            observation
-                .check()
-                .map_err(|source| ShopError::Observation {
-                    name: observation.name.clone(),
-                    source: Box::new(source),
-                })?;
+            observation.check().map_err(|source| ShopError::Observation {
+                name: observation.name.clone(),
+                source: Box::new(source),
+            })?;
         }
         self.check_size()?;
         let alignments = self.alignments();
@@ -107,12 +102,7 @@ impl Shop {
             names.push("calibration.toml".to_owned());
         }
         for observation in &self.observations {
-            names.extend(
-                observation
-                    .file_names()
-                    .iter()
-                    .map(|name| format!("{name}.csv")),
-            );
+            names.extend(observation.file_names().iter().map(|name| format!("{name}.csv")));
         }
         if !self.observations.is_empty() {
             names.push("observations.toml".to_owned());
@@ -153,9 +143,7 @@ impl Shop {
         } else {
             String::new()
         };
-        Ok(format!(
-            "\n[[location]]\nerror = \"{error}\"\nvalue_{unit} = {read:?}\n{uncertainty}"
-        ))
+        Ok(format!("\n[[location]]\nerror = \"{error}\"\nvalue_{unit} = {read:?}\n{uncertainty}"))
     }
 
     /// Number of lines and observations.
@@ -171,9 +159,7 @@ impl Shop {
             if MotionKind::of(line.setup.error) == MotionKind::Straightness {
                 let mut random = self.random(2 * index + 1);
                 let share: f64 = StandardNormal.sample(&mut random);
-                alignments
-                    .entry(line.setup.error)
-                    .or_insert(line.instrument.alignment * share);
+                alignments.entry(line.setup.error).or_insert(line.instrument.alignment * share);
             }
         }
         for (error, angle) in &self.squareness {
@@ -189,10 +175,7 @@ impl Shop {
     /// The coordinates at which artefacts are set up, and the axes along which they are aligned.
     fn reference(&self) -> (Vec<f64>, [AxisName; 2]) {
         let axes = self.truth.axes().iter();
-        (
-            axes.map(Axis::nearest_zero).collect(),
-            [AxisName::X, AxisName::Y],
-        )
+        (axes.map(Axis::nearest_zero).collect(), [AxisName::X, AxisName::Y])
     }
 
     /// The targets of a straightness measurement, mm; `None` if the error is not measured.
@@ -208,9 +191,7 @@ impl Shop {
     /// The set-up of the artefacts along the reference lines of the straightness measurements, by default over 21 targets.
     fn set_up(&self) -> ArtefactPoses {
         let (reference, axes) = self.reference();
-        ArtefactPoses::of(&self.truth, &reference, axes, |error| {
-            self.targets_of(error)
-        })
+        ArtefactPoses::of(&self.truth, &reference, axes, |error| self.targets_of(error))
     }
 
     /// A separate random generator for each line, so that an additional line does not change the others.
@@ -237,10 +218,7 @@ impl Shop {
         };
         let none = Temperatures::new();
         let whole = self.truth.source(&none);
-        let errors = Seen {
-            of: &whole,
-            only: (!line.holds_location).then_some(sight.axis()),
-        };
+        let errors = Seen { of: &whole, only: (!line.holds_location).then_some(sight.axis()) };
         let travel = self.truth.axis(error.axis).map(|a| a.travel);
         let travel = travel.unwrap_or_default();
         let joint = self.truth.chain().joints()[self.truth.index_of(error.axis)?];
@@ -254,11 +232,8 @@ impl Shop {
         let sign = line.setup.sign;
         Ok(match line.setup.method {
             Method::Direct => {
-                let unit = if line.setup.reads_angles() {
-                    DeviationUnit::Urad
-                } else {
-                    DeviationUnit::Um
-                };
+                let unit =
+                    if line.setup.reads_angles() { DeviationUnit::Urad } else { DeviationUnit::Um };
                 let targets = line.instrument.targets_over(travel);
                 let zero = perfect(travel[0], Direction::Positive);
                 let reading = |target, direction| sign * (perfect(target, direction) - zero);
@@ -286,11 +261,8 @@ impl Shop {
                     }));
                 }
                 let targets = bridge_targets(travel, bridge_mm);
-                line.instrument
-                    .check_count(targets.len())
-                    .map_err(refused)?;
-                line.instrument
-                    .run(&targets, DeviationUnit::Urad, tilt, &mut random)
+                line.instrument.check_count(targets.len()).map_err(refused)?;
+                line.instrument.run(&targets, DeviationUnit::Urad, tilt, &mut random)
             }
         })
     }
@@ -311,26 +283,14 @@ impl<S: ErrorSource> Seen<S> {
 
 impl<S: ErrorSource> ErrorSource for Seen<S> {
     fn error_motion(&self, axis: usize, state: &State) -> ErrorMotion {
-        if self.sees(axis) {
-            self.of.error_motion(axis, state)
-        } else {
-            ErrorMotion::ZERO
-        }
+        if self.sees(axis) { self.of.error_motion(axis, state) } else { ErrorMotion::ZERO }
     }
 
     fn location(&self, axis: usize) -> ErrorMotion {
-        if self.only.is_none() {
-            self.of.location(axis)
-        } else {
-            ErrorMotion::ZERO
-        }
+        if self.only.is_none() { self.of.location(axis) } else { ErrorMotion::ZERO }
     }
 
     fn assembly(&self, axis: usize) -> ErrorMotion {
-        if self.only.is_none() {
-            self.of.assembly(axis)
-        } else {
-            ErrorMotion::ZERO
-        }
+        if self.only.is_none() { self.of.assembly(axis) } else { ErrorMotion::ZERO }
     }
 }

@@ -144,12 +144,7 @@ impl ShopObservation {
             }
         };
         if !(least..=most).contains(&found) {
-            return Err(ObservationError::Count {
-                what,
-                found,
-                least,
-                most,
-            });
+            return Err(ObservationError::Count { what, found, least, most });
         }
         Ok(())
     }
@@ -165,10 +160,9 @@ impl ShopObservation {
         let name = &self.name;
         match &self.setting {
             Setting::BallRow { .. } => vec![name.clone(), format!("{name}-row")],
-            Setting::Diagonals { names } => names
-                .iter()
-                .map(|diagonal| format!("{name}-{}", diagonal.to_lowercase()))
-                .collect(),
+            Setting::Diagonals { names } => {
+                names.iter().map(|diagonal| format!("{name}-{}", diagonal.to_lowercase())).collect()
+            }
             _ => vec![name.clone()],
         }
     }

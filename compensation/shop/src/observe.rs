@@ -53,24 +53,13 @@ impl Shop {
             .map(|unknown| format!("    {},\n", unknown.to_toml(false)))
             .collect();
         // The observations start from the errors identified by the lines, and identify the others.
-        let machine = if self.has_calibration() {
-            CALIBRATED
-        } else {
-            "machine.toml"
-        };
+        let machine = if self.has_calibration() { CALIBRATED } else { "machine.toml" };
         let mut text = String::new();
         if machine == CALIBRATED {
             // Writing to a String cannot fail.
-            let _ = writeln!(
-                text,
-                "# Made by: volcomp calibrate calibration.toml -o {CALIBRATED}"
-            );
+            let _ = writeln!(text, "# Made by: volcomp calibrate calibration.toml -o {CALIBRATED}");
         }
-        let _ = write!(
-            text,
-            "machine = \"{machine}\"\nunknown = [\n{}]\n",
-            unknown.concat()
-        );
+        let _ = write!(text, "machine = \"{machine}\"\nunknown = [\n{}]\n", unknown.concat());
         let numbers = sphere_numbers(&self.observations);
         for ((index, observation), spheres) in self.observations.iter().enumerate().zip(numbers) {
             let mut random = ChaCha8Rng::seed_from_u64(self.seed);
@@ -178,22 +167,11 @@ impl<'a> Observer<'a> {
 
     fn observe(mut self) -> Result<Made, ObservationError> {
         match self.what.setting.clone() {
-            Setting::Points {
-                poses,
-                frame,
-                target,
-            } => Ok(self.points(&poses, &frame, target)),
-            Setting::Sphere {
-                poses,
-                centres,
-                reads,
-            } => self.spheres(&poses, &centres, reads),
-            Setting::Distance {
-                poses,
-                point,
-                dead_length_mm,
-                radius_mm,
-            } => self.distances(&poses, point.into(), dead_length_mm, radius_mm),
+            Setting::Points { poses, frame, target } => Ok(self.points(&poses, &frame, target)),
+            Setting::Sphere { poses, centres, reads } => self.spheres(&poses, &centres, reads),
+            Setting::Distance { poses, point, dead_length_mm, radius_mm } => {
+                self.distances(&poses, point.into(), dead_length_mm, radius_mm)
+            }
             Setting::StepGauge(bar) => self.step_gauge(&bar),
             Setting::BallRow { bar, reads } => self.ball_row(&bar, reads),
             Setting::Diagonals { names } => self.diagonals(&names),
@@ -221,11 +199,7 @@ impl<'a> Observer<'a> {
         let length = self.what.instrument.length;
         let read = value_mm + 1e-3 * length.noise.0 * self.normal();
         let step = 1e-3 * length.resolution.0;
-        if step > 0.0 {
-            (read / step).round() * step
-        } else {
-            read
-        }
+        if step > 0.0 { (read / step).round() * step } else { read }
     }
 
     /// The drift of the set-up at a row: zero at the first row, complete at the last.
@@ -236,11 +210,7 @@ impl<'a> Observer<'a> {
 
     /// The column names of the axes, with a trailing comma.
     fn axes_header(&self) -> String {
-        let letters = self
-            .truth
-            .axes()
-            .iter()
-            .map(|axis| format!("{},", axis.name));
+        let letters = self.truth.axes().iter().map(|axis| format!("{},", axis.name));
         letters.collect()
     }
 
@@ -256,19 +226,11 @@ impl<'a> Observer<'a> {
     }
 
     fn tool_header(&self) -> &'static str {
-        if self.what.tools.is_empty() {
-            ""
-        } else {
-            "tool,"
-        }
+        if self.what.tools.is_empty() { "" } else { "tool," }
     }
 
     fn table(&self, kind: &str, file: &str, uncertainty_um: f64) -> String {
-        let drift = if self.what.drifts() {
-            "drift = 1\n"
-        } else {
-            ""
-        };
+        let drift = if self.what.drifts() { "drift = 1\n" } else { "" };
         format!(
             "\n[[observation]]\nkind = \"{kind}\"\nfile = {}\nuncertainty_um = {}\n{drift}",
             toml_string(file),
@@ -303,9 +265,7 @@ fn from_one_side(random: &mut ChaCha8Rng) -> Approach {
 /// A random direction, uniformly distributed.
 fn direction(random: &mut ChaCha8Rng) -> Vector3<f64> {
     let [x, y, z] = [(); 3].map(|()| StandardNormal.sample(random));
-    Vector3::<f64>::new(x, y, z)
-        .try_normalize(1e-12)
-        .unwrap_or_else(Vector3::x)
+    Vector3::<f64>::new(x, y, z).try_normalize(1e-12).unwrap_or_else(Vector3::x)
 }
 
 /// A direction and two directions normal to it, as columns.
@@ -334,9 +294,5 @@ fn push_offset(text: &mut String, cells: &str, read_mm: Option<Vector3<f64>>) {
 fn number(x: f64) -> String {
     let text = format!("{x:.6}");
     let text = text.trim_end_matches('0').trim_end_matches('.');
-    if text == "-0" {
-        "0".to_owned()
-    } else {
-        text.to_owned()
-    }
+    if text == "-0" { "0".to_owned() } else { text.to_owned() }
 }

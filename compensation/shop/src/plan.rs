@@ -107,8 +107,7 @@ pub(crate) fn read_plan(
             let Some(axis) = machine.axis(name) else {
                 continue;
             };
-            axis.check_coordinate(found)
-                .map_err(|message| cell.error(message))?;
+            axis.check_coordinate(found).map_err(|message| cell.error(message))?;
             at.push(found);
         }
         let sphere = match sphere {

@@ -74,10 +74,8 @@ impl FreeAxes {
         random: &mut R,
     ) -> Result<Vec<State>, usize> {
         let rotary: Vec<(usize, [f64; 2])> = self.of(AxisKind::Rotary).collect();
-        let angles: Vec<Vec<f64>> = rotary
-            .iter()
-            .map(|(_, travel)| spread(*travel, poses, random))
-            .collect();
+        let angles: Vec<Vec<f64>> =
+            rotary.iter().map(|(_, travel)| spread(*travel, poses, random)).collect();
         let mut states = Vec::with_capacity(poses);
         for pose in 0..poses {
             let mut found = None;
@@ -169,9 +167,8 @@ fn spread(travel: [f64; 2], count: usize, random: &mut impl Rng) -> Vec<f64> {
     let [low, high] = travel;
     let last = count.saturating_sub(1) as f64;
     let place = |k: usize| if last > 0.0 { k as f64 / last } else { 0.5 };
-    let mut places: Vec<f64> = (0..count)
-        .map(|k| command(low + (high - low) * place(k), travel))
-        .collect();
+    let mut places: Vec<f64> =
+        (0..count).map(|k| command(low + (high - low) * place(k), travel)).collect();
     for last in (1..count).rev() {
         places.swap(last, random.random_range(0..=last));
     }
@@ -179,7 +176,5 @@ fn spread(travel: [f64; 2], count: usize, random: &mut impl Rng) -> Vec<f64> {
 }
 
 fn command(q: f64, [low, high]: [f64; 2]) -> f64 {
-    ((q / COMMAND_STEP).round() * COMMAND_STEP)
-        .max(low)
-        .min(high)
+    ((q / COMMAND_STEP).round() * COMMAND_STEP).max(low).min(high)
 }

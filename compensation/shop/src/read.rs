@@ -82,10 +82,7 @@ fn decode(root: &Section<'_>, truth: Machine) -> Result<Shop, InputError> {
         }
         None => default,
     };
-    let items = |key: &str| {
-        root.get(key)
-            .map_or_else(|| Ok(Vec::new()), |value| value.items())
-    };
+    let items = |key: &str| root.get(key).map_or_else(|| Ok(Vec::new()), |value| value.items());
     let usual = Usual {
         instrument: &instrument,
         format: root.one_of("format", &Format::NAMES, Format::default())?,
@@ -153,10 +150,9 @@ fn decode_location(
             AxisKind::Rotary => ("noise_urad", "noise_um"),
         };
         if let Some(value) = section.get(other) {
-            return Err(value.error(format!(
-                "{error} is in {}, expected `{own}`",
-                error.component.unit()
-            )));
+            return Err(
+                value.error(format!("{error} is in {}, expected `{own}`", error.component.unit()))
+            );
         }
         let noise = section.number_or(own, 0.0..=f64::INFINITY, 0.0)?;
         locations.push(ShopLocation { error, noise });
@@ -174,12 +170,8 @@ fn decode_header(section: &Section<'_>) -> Result<Header, InputError> {
         "material_degc",
         "expansion_um_per_m_k",
     ])?;
-    let text = |key: &str| {
-        section
-            .get(key)
-            .map(|value| value.text().map(str::to_owned))
-            .transpose()
-    };
+    let text =
+        |key: &str| section.get(key).map(|value| value.text().map(str::to_owned)).transpose();
     let number = |key: &str| section.get(key).map(|value| value.number()).transpose();
     Ok(Header {
         date: text("date")?,
@@ -259,9 +251,7 @@ fn decode_measurement(
             format: section.one_of("format", &Format::NAMES, usual.format)?,
             setup,
             instrument,
-            curve: curve
-                .map(|value| CurveChoice::decode(&value, error.axis))
-                .transpose()?,
+            curve: curve.map(|value| CurveChoice::decode(&value, error.axis)).transpose()?,
             holds_location: decode_holds_location(section, error)?,
             name,
         };

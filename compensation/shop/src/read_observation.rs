@@ -56,44 +56,15 @@ fn decode(
     inputs: &mut Vec<PathBuf>,
 ) -> Result<ShopObservation, InputError> {
     let kind = section.require("kind")?.one_of(
-        &[
-            "points",
-            "sphere",
-            "distance",
-            "step-gauge",
-            "ball-row",
-            "diagonals",
-        ]
-        .map(|k| (k, k)),
+        &["points", "sphere", "distance", "step-gauge", "ball-row", "diagonals"].map(|k| (k, k)),
     )?;
     let own: &[&str] = match kind {
-        "points" => &[
-            "poses",
-            "frame",
-            "target",
-            "drift_um",
-            "drift_urad",
-            "tools",
-        ],
+        "points" => &["poses", "frame", "target", "drift_um", "drift_urad", "tools"],
         "sphere" => &["poses", "centres", "reads", "drift_um", "tools"],
-        "distance" => &[
-            "poses",
-            "point",
-            "dead_length_mm",
-            "radius_mm",
-            "drift_um",
-            "tools",
-        ],
+        "distance" => &["poses", "point", "dead_length_mm", "radius_mm", "drift_um", "tools"],
         "step-gauge" => &BAR_KEYS,
         "ball-row" => &[&BAR_KEYS[..], &["reads", "drift_um"]].concat(),
-        _ => &[
-            "diagonals",
-            "targets",
-            "runs",
-            "both_directions",
-            "alignment_urad",
-            "drift_um",
-        ],
+        _ => &["diagonals", "targets", "runs", "both_directions", "alignment_urad", "drift_um"],
     };
     section.allow(&[&["kind", "file", "at", "noise_um", "resolution_um"], own].concat())?;
     let name = match section.get("file") {
@@ -105,18 +76,12 @@ fn decode(
     let setting = match kind {
         "points" => Setting::Points {
             poses: poses(0)?,
-            frame: section
-                .optional("frame", Value::vector::<6>)?
-                .unwrap_or_default(),
+            frame: section.optional("frame", Value::vector::<6>)?.unwrap_or_default(),
             target: section.optional("target", Value::vector::<3>)?,
         },
         "sphere" => {
             let centres = centres(&section.require("centres")?)?;
-            Setting::Sphere {
-                poses: poses(centres.len())?,
-                centres,
-                reads: reads(section)?,
-            }
+            Setting::Sphere { poses: poses(centres.len())?, centres, reads: reads(section)? }
         }
         "distance" => Setting::Distance {
             poses: poses(0)?,
@@ -129,13 +94,8 @@ fn decode(
             radius_mm: section.optional("radius_mm", Value::positive)?,
         },
         "step-gauge" => Setting::StepGauge(bar(section)?),
-        "ball-row" => Setting::BallRow {
-            bar: bar(section)?,
-            reads: reads(section)?,
-        },
-        _ => Setting::Diagonals {
-            names: diagonals(section, truth)?,
-        },
+        "ball-row" => Setting::BallRow { bar: bar(section)?, reads: reads(section)? },
+        _ => Setting::Diagonals { names: diagonals(section, truth)? },
     };
     Ok(ShopObservation {
         name,
@@ -171,9 +131,7 @@ fn own_instrument(
         Setting::StepGauge(bar) | Setting::BallRow { bar, .. } => bar.distances.len(),
         _ => 1,
     };
-    instrument
-        .check_count(marks)
-        .map_err(|error| section.error(error.to_string()))?;
+    instrument.check_count(marks).map_err(|error| section.error(error.to_string()))?;
     Ok(instrument)
 }
 
@@ -216,19 +174,13 @@ fn poses(
 }
 
 fn reads(section: &Section<'_>) -> Result<Reads, InputError> {
-    let words = [
-        ("coordinates", Reads::Coordinates),
-        ("offset", Reads::Offset),
-    ];
+    let words = [("coordinates", Reads::Coordinates), ("offset", Reads::Offset)];
     section.one_of("reads", &words, Reads::Coordinates)
 }
 
 fn centres(value: &Value<'_>) -> Result<Vec<[f64; 3]>, InputError> {
-    let centres: Vec<[f64; 3]> = value
-        .items()?
-        .iter()
-        .map(Value::vector)
-        .collect::<Result<_, _>>()?;
+    let centres: Vec<[f64; 3]> =
+        value.items()?.iter().map(Value::vector).collect::<Result<_, _>>()?;
     if centres.is_empty() {
         return Err(value.error("found no sphere, expected at least one centre [x, y, z]"));
     }
@@ -247,15 +199,13 @@ fn bar(section: &Section<'_>) -> Result<Bar, InputError> {
     let distances = value.numbers()?;
     if !(2..=MOST_MARKS).contains(&distances.len()) {
         let found = distances.len();
-        return Err(value.error(format!(
-            "found {found} distances, expected 2 to {MOST_MARKS}"
-        )));
+        return Err(value.error(format!("found {found} distances, expected 2 to {MOST_MARKS}")));
     }
     let falls = |pair: &&[f64]| matches!(pair, [before, after] if after <= before);
     if let Some([before, after]) = distances.windows(2).find(falls) {
-        return Err(value.error(format!(
-            "found {after} mm after {before} mm, expected rising distances"
-        )));
+        return Err(
+            value.error(format!("found {after} mm after {before} mm, expected rising distances"))
+        );
     }
     Ok(Bar {
         origin: section.require("origin")?.vector()?,
@@ -303,10 +253,7 @@ fn at(
         return Ok(at);
     };
     for (key, value) in held.values() {
-        let axis = truth
-            .axes()
-            .iter()
-            .find(|axis| axis.name.to_string() == key);
+        let axis = truth.axes().iter().find(|axis| axis.name.to_string() == key);
         let Some(axis) = axis else {
             let structure = truth.chain().structure();
             return Err(value.error(format!("the structure `{structure}` has no axis {key}")));
@@ -316,8 +263,7 @@ fn at(
             return Err(value.error(format!("{key} moves along the diagonals")));
         }
         let found = value.number()?;
-        axis.check_coordinate(found)
-            .map_err(|message| value.error(message))?;
+        axis.check_coordinate(found).map_err(|message| value.error(message))?;
         at.push((axis.name, found));
     }
     Ok(at)

@@ -37,19 +37,15 @@ impl Shop {
 
 fn over(instrument: &Instrument, targets: usize) -> usize {
     let directions = 1 + usize::from(instrument.both_directions);
-    targets
-        .saturating_mul(instrument.runs as usize)
-        .saturating_mul(directions)
+    targets.saturating_mul(instrument.runs as usize).saturating_mul(directions)
 }
 
 fn rows_of(observation: &ShopObservation) -> usize {
     let instrument = &observation.instrument;
     match &observation.setting {
-        Setting::Sphere {
-            poses: Poses::Drawn(poses),
-            centres,
-            ..
-        } => poses.saturating_mul(centres.len()),
+        Setting::Sphere { poses: Poses::Drawn(poses), centres, .. } => {
+            poses.saturating_mul(centres.len())
+        }
         Setting::Points { poses, .. }
         | Setting::Sphere { poses, .. }
         | Setting::Distance { poses, .. } => poses.count(),

@@ -79,10 +79,7 @@ impl Wear {
                 return Err(WearError::Number { what, found, most });
             }
         }
-        let mut worn = Worn {
-            machine: machine.clone(),
-            left: Vec::new(),
-        };
+        let mut worn = Worn { machine: machine.clone(), left: Vec::new() };
         if self.months * self.load == 0.0 {
             return Ok(worn);
         }
@@ -162,14 +159,8 @@ impl Wear {
             let mut draws = self.draws(name);
             let amplitude = amplitude * self.amount() * draws.factor();
             let phase = std::f64::consts::PI * draws.normal();
-            let reversal = if name == own {
-                -PLAY * self.amount() * draws.factor()
-            } else {
-                0.0
-            };
-            worn.add(name, reversal, |q| {
-                amplitude * (q.to_radians() + phase).sin()
-            })?;
+            let reversal = if name == own { -PLAY * self.amount() * draws.factor() } else { 0.0 };
+            worn.add(name, reversal, |q| amplitude * (q.to_radians() + phase).sin())?;
         }
         Ok(())
     }
@@ -183,11 +174,8 @@ fn rounded(value: f64) -> f64 {
 
 const LINEAR: [Component; 3] = [Component::EX, Component::EY, Component::EZ];
 const ANGULAR: [Component; 3] = [Component::EA, Component::EB, Component::EC];
-const SQUARENESSES: [(Component, AxisName); 3] = [
-    (Component::EC, AxisName::Y),
-    (Component::EA, AxisName::Z),
-    (Component::EB, AxisName::Z),
-];
+const SQUARENESSES: [(Component, AxisName); 3] =
+    [(Component::EC, AxisName::Y), (Component::EA, AxisName::Z), (Component::EB, AxisName::Z)];
 
 impl Worn {
     /// Adds `more(position)` to the mean of an error of the new machine, and `reversal` to its reversal value.
@@ -207,9 +195,8 @@ impl Worn {
             let inner = (1..NODES)
                 .map(|node| rounded(low + (high - low) * f64::from(node) / f64::from(NODES)));
             let even = [low, high].into_iter().chain(inner);
-            let mut places: Vec<f64> = even
-                .chain(before.places().into_iter().map(rounded))
-                .collect();
+            let mut places: Vec<f64> =
+                even.chain(before.places().into_iter().map(rounded)).collect();
             places.retain(|q| (low..=high).contains(q));
             places.sort_by(f64::total_cmp);
             places.dedup_by(|a, b| (*a - *b).abs() < 1e-6 * (high - low));
@@ -228,10 +215,7 @@ impl Worn {
                 Some(mean) => Some(ErrorCurve::with_reversal(mean, rounded(reversal))?),
                 None => None,
             },
-            ErrorCurve::Reversal {
-                mean,
-                reversal: before,
-            } => match sum(&mean, 0.0)? {
+            ErrorCurve::Reversal { mean, reversal: before } => match sum(&mean, 0.0)? {
                 Some(mean) => Some(ErrorCurve::with_reversal(mean, rounded(before + reversal))?),
                 None => None,
             },

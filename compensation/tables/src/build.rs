@@ -111,34 +111,17 @@ pub enum TablesError {
          has that of the turned position; expected an axis that does not roll over, or a machine file without the modulo where \
          the control reports positions within the travel only"
     )]
-    RollsOver {
-        axis: AxisName,
-        lower: f64,
-        upper: f64,
-    },
+    RollsOver { axis: AxisName, lower: f64, upper: f64 },
     /// A step or bound is not a positive number, or not a multiple of one millionth.
     #[error("{what} is {found}, expected {expected}")]
-    Number {
-        what: String,
-        found: f64,
-        expected: &'static str,
-    },
+    Number { what: String, found: f64, expected: &'static str },
     #[error("the correction of {axis} is {found_um:.1} µm {at}, expected at most {limit_um} µm")]
-    BeyondLimit {
-        axis: AxisName,
-        found_um: f64,
-        limit_um: f64,
-        at: String,
-    },
+    BeyondLimit { axis: AxisName, found_um: f64, limit_um: f64, at: String },
     #[error(
         "no grid keeps {within_um} µm: the steps of the values alone leave {rounding_um:.3} µm, and a reversal that is not the same \
          everywhere {reversal_um:.3} µm"
     )]
-    Unreachable {
-        within_um: f64,
-        rounding_um: f64,
-        reversal_um: f64,
-    },
+    Unreachable { within_um: f64, rounding_um: f64, reversal_um: f64 },
     #[error(
         "{within_um} µm need {} ({lines}), expected at most {words}, the available memory{}",
         needed.map_or_else(|| "more words than a map can have, 32767".to_owned(), |needed| format!("{needed} words for a map")),
@@ -219,11 +202,7 @@ fn millionths(what: String, found: f64) -> Result<u32, TablesError> {
             expected: "whole millionths of a mm or deg, 0.000001 to 2000",
         });
     }
-    #[expect(
-        clippy::cast_possible_truncation,
-        clippy::cast_sign_loss,
-        reason = "within 1 to 2e9"
-    )]
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "within 1 to 2e9")]
     Ok(number as u32)
 }
 
@@ -246,10 +225,7 @@ impl ScaledRequest {
             }
             Layout::of(names).map_err(|_| MapError::Axes)
         };
-        let grid = layout(
-            request.axes.iter().map(|axis| axis.name).collect(),
-            GRID_AXES,
-        )?;
+        let grid = layout(request.axes.iter().map(|axis| axis.name).collect(), GRID_AXES)?;
         let outputs = layout(request.outputs.iter().map(|o| o.name).collect(), OUTPUTS)?;
         let mut output_step_nm = [0; OUTPUTS];
         let mut limits = [0.0; OUTPUTS];
@@ -326,9 +302,8 @@ impl ScaledRequest {
                 for (output, requested) in request.outputs.iter().enumerate() {
                     if self.is_beyond(output, found[output]) {
                         let axes = request.axes.iter().zip(&at);
-                        let at: Vec<String> = axes
-                            .map(|(axis, at)| format!("{}={at}", axis.name))
-                            .collect();
+                        let at: Vec<String> =
+                            axes.map(|(axis, at)| format!("{}={at}", axis.name)).collect();
                         return Err(TablesError::BeyondLimit {
                             axis: requested.name,
                             found_um: found[output] * 1e3,
@@ -430,9 +405,7 @@ impl ScaledRequest {
 
     fn words(&self, counts: &[u16]) -> usize {
         let nodes = counts.iter().map(|count| usize::from(*count));
-        nodes
-            .fold(self.outputs.count(), usize::saturating_mul)
-            .saturating_add(HEADER_WORDS)
+        nodes.fold(self.outputs.count(), usize::saturating_mul).saturating_add(HEADER_WORDS)
     }
 
     fn map(
@@ -507,9 +480,8 @@ pub fn build(request: &Request, field: &impl Field) -> Result<Table, TablesError
             reversal_um: reversal_mm * 1e3,
         });
     }
-    let refinements: Vec<Vec<Refinement>> = (0..request.axes.len())
-        .map(|axis| scaled.refinements(axis, field, rest_mm))
-        .collect();
+    let refinements: Vec<Vec<Refinement>> =
+        (0..request.axes.len()).map(|axis| scaled.refinements(axis, field, rest_mm)).collect();
     let found = scaled.smallest(request, &refinements, field)?;
     let best = match found {
         Some(table) if table.map.words().len() <= request.words => return Ok(table),
@@ -553,25 +525,16 @@ struct Refinement {
 fn lines_for(refinements: &[Vec<Refinement>], target_mm: f64) -> Option<Vec<u16>> {
     let mut at = vec![0; refinements.len()];
     loop {
-        let current = refinements
-            .iter()
-            .zip(&at)
-            .map(|(refinements, at)| refinements.get(*at));
+        let current = refinements.iter().zip(&at).map(|(refinements, at)| refinements.get(*at));
         let current: Vec<&Refinement> = current.collect::<Option<_>>()?;
-        if current
-            .iter()
-            .map(|refinement| refinement.error_mm)
-            .sum::<f64>()
-            <= target_mm
-        {
+        if current.iter().map(|refinement| refinement.error_mm).sum::<f64>() <= target_mm {
             return Some(current.iter().map(|refinement| refinement.count).collect());
         }
         let gain = |axis: usize| {
             let here = current[axis];
             let above = refinements[axis].iter().enumerate().skip(at[axis] + 1);
-            let (next, refinement) = above
-                .into_iter()
-                .find(|(_, refinement)| refinement.error_mm < here.error_mm)?;
+            let (next, refinement) =
+                above.into_iter().find(|(_, refinement)| refinement.error_mm < here.error_mm)?;
             let growth = (f64::from(refinement.count) / f64::from(here.count)).ln();
             Some((axis, next, (here.error_mm - refinement.error_mm) / growth))
         };
@@ -656,18 +619,10 @@ impl ScaledRequest {
             let share = request.within_mm / table.misfit.max_mm.max(0.01 * request.within_mm);
             let words = table.map.words().len();
             let keeps = share >= 1.0;
-            if keeps
-                && best
-                    .as_ref()
-                    .is_none_or(|best| words < best.map.words().len())
-            {
+            if keeps && best.as_ref().is_none_or(|best| words < best.map.words().len()) {
                 best = Some(table);
             }
-            target_mm *= if keeps {
-                share.clamp(1.02, 2.0)
-            } else {
-                0.97 * share.max(0.5)
-            };
+            target_mm *= if keeps { share.clamp(1.02, 2.0) } else { 0.97 * share.max(0.5) };
             before = counts;
         }
         Ok(best)
@@ -682,11 +637,7 @@ impl ScaledRequest {
         let map = self.map(request, counts, field)?;
         let misfit = evaluate_misfit(&map, field, &request.travels());
         let steepest = steepest(&map);
-        Ok(Table {
-            map,
-            misfit,
-            steepest,
-        })
+        Ok(Table { map, misfit, steepest })
     }
 
     /// The best map that fits into the available words; `None` if none fits.
@@ -714,8 +665,7 @@ impl ScaledRequest {
                 None => low = middle,
             }
         }
-        best.map(|counts| self.table(request, &counts, field))
-            .transpose()
+        best.map(|counts| self.table(request, &counts, field)).transpose()
     }
 }
 
@@ -779,10 +729,7 @@ fn evaluate_misfit(map: &Map, field: &impl Field, travels: &[[f64; 2]]) -> Misfi
             [nearest_i32(low.ceil()), nearest_i32(high.floor())]
         })
         .collect();
-    let counts: Vec<usize> = lines[..axes]
-        .iter()
-        .map(|l| 2 * usize::from(l.count) - 1)
-        .collect();
+    let counts: Vec<usize> = lines[..axes].iter().map(|l| 2 * usize::from(l.count) - 1).collect();
     let all: usize = counts.iter().product();
     let stride = (all * directions.len()).div_ceil(MAX_LATTICE_POSITIONS);
     let mut sum = MisfitSum::default();
@@ -831,9 +778,7 @@ fn steepest(map: &Map) -> f64 {
         let step = behind.fold(outputs, |step, lines| step * usize::from(lines.count));
         for (place, word) in values.iter().enumerate() {
             let line = place / step % usize::from(lines.count);
-            let Some(next) = values
-                .get(place + step)
-                .filter(|_| line + 1 < lines.count.into())
+            let Some(next) = values.get(place + step).filter(|_| line + 1 < lines.count.into())
             else {
                 continue;
             };

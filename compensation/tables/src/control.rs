@@ -49,11 +49,7 @@ pub enum SettingsError {
     Outputs(#[from] barrier::SettingsError),
     /// A number out of range.
     #[error("{what} is {found}, expected {expected}")]
-    Number {
-        what: &'static str,
-        found: i64,
-        expected: &'static str,
-    },
+    Number { what: &'static str, found: i64, expected: &'static str },
 }
 
 impl Settings {
@@ -66,42 +62,17 @@ impl Settings {
         let (axes, outputs) = (self.grid.count(), self.outputs.axes.count());
         within("number of axes of the grid", axes, 1..=5, "1 to 5")?;
         within("number of corrected axes", outputs, 1..=3, "1 to 3")?;
-        within(
-            "capacity of a buffer",
-            self.capacity,
-            69..=32767,
-            "69 to 32767 words",
-        )?;
-        within(
-            "scans from step to step",
-            self.outputs.step_scans,
-            1..=32767,
-            "1 to 32767",
-        )?;
+        within("capacity of a buffer", self.capacity, 69..=32767, "69 to 32767 words")?;
+        within("scans from step to step", self.outputs.step_scans, 1..=32767, "1 to 32767")?;
         for output in 0..outputs.min(OUTPUTS) {
             let step = self.output_step_nm[output];
-            within(
-                "step of an output",
-                step,
-                1..=MAX_STEP,
-                "1 to 2000000000 nm",
-            )?;
+            within("step of an output", step, 1..=MAX_STEP, "1 to 2000000000 nm")?;
         }
         for axis in 0..axes.min(GRID_AXES) {
             let turned = self.turned[axis];
-            within(
-                "travel that turns an axis",
-                turned,
-                1..=1_000_000,
-                "1 to 1000000 steps",
-            )?;
+            within("travel that turns an axis", turned, 1..=1_000_000, "1 to 1000000 steps")?;
             let step = self.position_step_millionths[axis];
-            within(
-                "step of a position",
-                step,
-                1..=MAX_STEP,
-                "1 to 2000000000 millionths",
-            )?;
+            within("step of a position", step, 1..=MAX_STEP, "1 to 2000000000 millionths")?;
         }
         Ok(())
     }
@@ -129,11 +100,7 @@ fn within(
     if range.contains(&found) {
         return Ok(());
     }
-    Err(SettingsError::Number {
-        what,
-        found,
-        expected,
-    })
+    Err(SettingsError::Number { what, found, expected })
 }
 
 /// Map words per frame.
@@ -190,10 +157,7 @@ impl Frame {
         let mut words = [0; FRAME_WORDS];
         words[..BODY].copy_from_slice(&self.head.words());
         match self.body {
-            Body::Begin {
-                counter,
-                words: count,
-            } => {
+            Body::Begin { counter, words: count } => {
                 words[BODY] = 1;
                 words[BODY + 2..BODY + 4].copy_from_slice(&[counter, count]);
             }
@@ -305,10 +269,7 @@ impl Report {
             settings.time_out_scans,
         ]);
         let outputs = settings.axes.count().min(OUTPUTS);
-        for (place, of) in [of.applied, settings.limit, settings.rate]
-            .iter()
-            .enumerate()
-        {
+        for (place, of) in [of.applied, settings.limit, settings.rate].iter().enumerate() {
             for output in 0..outputs {
                 words[HEAD + outputs * place + output] = of[output].cast_unsigned();
             }
@@ -371,10 +332,7 @@ struct Travel {
 
 impl Travel {
     fn at(position: i32) -> Self {
-        Self {
-            extreme: position,
-            direction: None,
-        }
+        Self { extreme: position, direction: None }
     }
 
     /// Direction at a position (within ±1e9 steps).
@@ -386,11 +344,8 @@ impl Travel {
             None => (false, beyond.abs() >= turned),
         };
         if back {
-            self.direction = if beyond > 0 {
-                Some(Direction::Positive)
-            } else {
-                Some(Direction::Negative)
-            };
+            self.direction =
+                if beyond > 0 { Some(Direction::Positive) } else { Some(Direction::Negative) };
         }
         if onward || back {
             self.extreme = position;
@@ -464,11 +419,7 @@ impl Lookup {
             applied: core::array::from_fn(|at| if at < outputs { applied[at] } else { 0 }),
             ..Memory::default()
         };
-        Ok(Self {
-            settings,
-            buffers: [buffer(), buffer()],
-            memory,
-        })
+        Ok(Self { settings, buffers: [buffer(), buffer()], memory })
     }
 
     /// The state apart from the buffers.
@@ -537,9 +488,7 @@ impl Lookup {
             },
             valid: memory.used.is_some(),
             counter: memory.counter,
-            loading: memory
-                .loading
-                .map(|loading| (loading.counter, loading.next)),
+            loading: memory.loading.map(|loading| (loading.counter, loading.next)),
             buffer: u16::from(memory.buffer != 0),
         }
     }
@@ -578,11 +527,7 @@ impl Lookup {
         if counter == 0 || usize::from(words) <= HEADER_WORDS || words > self.settings.capacity {
             return Err(Refusal::Fit);
         }
-        self.memory.loading = Some(Loading {
-            counter,
-            words,
-            next: 0,
-        });
+        self.memory.loading = Some(Loading { counter, words, next: 0 });
         Ok(())
     }
 
@@ -626,11 +571,7 @@ impl Lookup {
         let buffer = 1 - self.memory.buffer;
         let words = self.buffers[buffer].get(..usize::from(loading.words));
         let words = words.ok_or(Refusal::Place)?;
-        let found = checksum(
-            self.settings.outputs.machine,
-            self.settings.outputs.axes,
-            words,
-        );
+        let found = checksum(self.settings.outputs.machine, self.settings.outputs.axes, words);
         if found.words() != check {
             self.memory.loading = None;
             return Err(Refusal::Map);
@@ -672,10 +613,7 @@ impl Lookup {
     fn aim(&mut self, steps: &[i32; GRID_AXES]) {
         let steps = steps.map(|steps| steps.clamp(-MAX_POSITION_STEPS, MAX_POSITION_STEPS));
         let travel = self.memory.travel.get_or_insert(steps.map(Travel::at));
-        let mut position = Position {
-            steps,
-            ..Position::default()
-        };
+        let mut position = Position { steps, ..Position::default() };
         for axis in 0..self.settings.grid.count() {
             position.directions[axis] =
                 travel[axis].direction(steps[axis], self.settings.turned[axis]);
@@ -686,10 +624,8 @@ impl Lookup {
         };
         let parts = look_up(header, &self.buffers[self.memory.buffer], &position);
         let scale = i32::from(header.scale);
-        for (output, parts) in parts
-            .into_iter()
-            .enumerate()
-            .take(self.settings.outputs.axes.count())
+        for (output, parts) in
+            parts.into_iter().enumerate().take(self.settings.outputs.axes.count())
         {
             let limit = i32::from(self.settings.outputs.limit[output]);
             let before = i32::from(self.memory.goal[output]);
@@ -711,9 +647,7 @@ impl Lookup {
         };
         let movements = (0..outputs).map(|output| {
             let rate = u32::from(self.settings.outputs.rate[output].unsigned_abs());
-            distance(&self.memory, output)
-                .unsigned_abs()
-                .div_ceil(rate.max(1))
+            distance(&self.memory, output).unsigned_abs().div_ceil(rate.max(1))
         });
         let movements = movements.max().unwrap_or(0).max(1);
         for output in 0..outputs {

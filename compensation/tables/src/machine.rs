@@ -149,11 +149,8 @@ impl MachineMap {
                     upper: travel[1],
                 });
             }
-            let step = if name.is_rotary() {
-                options.position_step_deg
-            } else {
-                options.position_step_mm
-            };
+            let step =
+                if name.is_rotary() { options.position_step_deg } else { options.position_step_mm };
             places.push((name, index));
             axes.push(GridAxis { name, travel, step });
         }
@@ -161,10 +158,8 @@ impl MachineMap {
         if outputs.is_empty() {
             return Err(MapError::Axes.into());
         }
-        let names: Vec<AxisName> = outputs
-            .iter()
-            .map(|&index| machine.axes()[index].name)
-            .collect();
+        let names: Vec<AxisName> =
+            outputs.iter().map(|&index| machine.axes()[index].name).collect();
         let field = MachineField {
             chain: machine.chain(),
             source: machine.source(temperatures),
@@ -197,10 +192,7 @@ impl MachineMap {
             .collect();
         let held = others.iter().map(|&index| {
             let name = machine.axes()[index].name;
-            (
-                name,
-                Displacement::new(name.kind(), field.held.q[index]).mm_or_deg(),
-            )
+            (name, Displacement::new(name.kind(), field.held.q[index]).mm_or_deg())
         });
         Ok(Self {
             table,
@@ -229,13 +221,9 @@ fn correcting_axes(machine: &Machine) -> Vec<usize> {
 /// First 32 bits of the checksum of the machine file.
 fn model_number(machine: &Machine) -> u32 {
     let checksum = machine.checksum();
-    let digits = checksum
-        .strip_prefix("sha256:")
-        .and_then(|digits| digits.get(..8));
+    let digits = checksum.strip_prefix("sha256:").and_then(|digits| digits.get(..8));
     // The conversion of hexadecimal digits cannot fail.
-    digits
-        .and_then(|first| u32::from_str_radix(first, 16).ok())
-        .unwrap_or(0)
+    digits.and_then(|first| u32::from_str_radix(first, 16).ok()).unwrap_or(0)
 }
 
 /// Maximum change of the correction for other positions of the fixed axes, mm.
@@ -281,14 +269,9 @@ fn sensitivities(
         let mut around = temperatures.clone();
         // A sensor without a given temperature is at reference temperature, where its terms are zero.
         for name in thermal.sensors() {
-            around
-                .entry(name.to_owned())
-                .or_insert(thermal.reference_degc);
+            around.entry(name.to_owned()).or_insert(thermal.reference_degc);
         }
-        let degc = around
-            .get(sensor)
-            .copied()
-            .unwrap_or(thermal.reference_degc);
+        let degc = around.get(sensor).copied().unwrap_or(thermal.reference_degc);
         let at = |degc: f64| {
             let mut temperatures = around.clone();
             temperatures.insert(sensor.to_owned(), degc);
@@ -303,11 +286,8 @@ fn sensitivities(
             held: field.held,
             bidirectional: false,
         };
-        let [here, warmer, colder] = [
-            source(&at(degc)),
-            source(&at(degc + 1.0)),
-            source(&at(degc - 1.0)),
-        ];
+        let [here, warmer, colder] =
+            [source(&at(degc)), source(&at(degc + 1.0)), source(&at(degc - 1.0))];
         let changes = lattice(request.axes.len(), 5).map(|shares| {
             let mut place = [0.0; GRID_AXES];
             for ((place, axis), share) in place.iter_mut().zip(&request.axes).zip(shares) {
@@ -317,10 +297,8 @@ fn sensitivities(
             let now = here.at(&state);
             distance(now, warmer.at(&state)).max(distance(now, colder.at(&state)))
         });
-        found.push(Sensitivity {
-            sensor: sensor.to_owned(),
-            mm_per_k: changes.fold(0.0, f64::max),
-        });
+        found
+            .push(Sensitivity { sensor: sensor.to_owned(), mm_per_k: changes.fold(0.0, f64::max) });
     }
     found
 }
@@ -337,10 +315,7 @@ pub struct Sensitivity {
 /// Time, s, until a map for fixed temperatures is off by more than `within_mm` if every sensor drifts by `k_per_h` in the worst direction;
 /// `None` if temperatures have no effect. Lags of the terms only extend the time.
 pub fn refresh_s(sensitivities: &[Sensitivity], k_per_h: f64, within_mm: f64) -> Option<f64> {
-    let mm_per_h: f64 = sensitivities
-        .iter()
-        .map(|s| s.mm_per_k * k_per_h.abs())
-        .sum();
+    let mm_per_h: f64 = sensitivities.iter().map(|s| s.mm_per_k * k_per_h.abs()).sum();
     (mm_per_h > 0.0).then(|| within_mm / mm_per_h * 3600.0)
 }
 
@@ -360,10 +335,7 @@ impl Transfer {
     pub fn of(map: &Map) -> Self {
         let words = map.words().len();
         let frames = words.div_ceil(DATA_WORDS) + 2;
-        Self {
-            frames,
-            bytes: 2 * (frames * (FRAME_WORDS + REPORT_WORDS) + words),
-        }
+        Self { frames, bytes: 2 * (frames * (FRAME_WORDS + REPORT_WORDS) + words) }
     }
 
     /// Duration, s, over a link of `bytes_per_s`, with an overhead of `exchange_s` per frame.

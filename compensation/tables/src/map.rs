@@ -93,9 +93,7 @@ pub fn axes_of(layout: Layout) -> impl Iterator<Item = AxisName> {
     let (count, number) = (layout.count(), layout.number());
     (0..count).filter_map(move |place| {
         let digit = number / 10_u32.pow(u32::try_from(count - 1 - place).ok()?) % 10;
-        AxisName::ALL
-            .get(usize::try_from(digit).ok()?.checked_sub(1)?)
-            .copied()
+        AxisName::ALL.get(usize::try_from(digit).ok()?.checked_sub(1)?).copied()
     })
 }
 
@@ -104,9 +102,7 @@ impl Header {
     #[must_use]
     pub fn values(&self) -> usize {
         let lines = self.lines.iter().take(self.grid.count());
-        lines.fold(self.outputs.count(), |count, lines| {
-            count.saturating_mul(lines.count.into())
-        })
+        lines.fold(self.outputs.count(), |count, lines| count.saturating_mul(lines.count.into()))
     }
 
     /// Number of words of the whole map.
@@ -136,9 +132,7 @@ impl Header {
             }
         }
         if self.words() > MAX_WORDS {
-            return Err(MapError::Words {
-                found: self.words(),
-            });
+            return Err(MapError::Words { found: self.words() });
         }
         Ok(())
     }
@@ -178,9 +172,8 @@ impl Header {
     /// # Errors
     /// The words are not a header, or [`check`](Self::check) rejects it.
     pub fn decode(words: &[u16]) -> Result<Self, MapError> {
-        let words: &[u16; HEADER_WORDS] = words
-            .first_chunk()
-            .ok_or(MapError::Short { found: words.len() })?;
+        let words: &[u16; HEADER_WORDS] =
+            words.first_chunk().ok_or(MapError::Short { found: words.len() })?;
         if words[0] != MAGIC {
             return Err(MapError::Magic { found: words[0] });
         }
@@ -212,10 +205,7 @@ impl Header {
         };
         header.check()?;
         if usize::from(words[10]) != header.words() {
-            return Err(MapError::Count {
-                found: words[10].into(),
-                expected: header.words(),
-            });
+            return Err(MapError::Count { found: words[10].into(), expected: header.words() });
         }
         Ok(header)
     }
@@ -367,10 +357,7 @@ impl Map {
     pub fn from_words(words: &[u16]) -> Result<Self, MapError> {
         let header = Header::decode(words)?;
         if words.len() != header.words() {
-            return Err(MapError::Count {
-                found: words.len(),
-                expected: header.words(),
-            });
+            return Err(MapError::Count { found: words.len(), expected: header.words() });
         }
         let words = words.to_vec();
         Ok(Self { header, words })
@@ -431,13 +418,10 @@ impl Map {
             Some(b'V') => ByteOrder::HighFirst,
             _ => ByteOrder::LowFirst,
         };
-        let words = bytes
-            .chunks_exact(2)
-            .map(|pair| order.word([pair[0], pair[1]]));
+        let words = bytes.chunks_exact(2).map(|pair| order.word([pair[0], pair[1]]));
         let words: Vec<u16> = words.collect();
-        let (words, check) = words
-            .split_last_chunk::<2>()
-            .ok_or(MapError::Short { found: words.len() })?;
+        let (words, check) =
+            words.split_last_chunk::<2>().ok_or(MapError::Short { found: words.len() })?;
         let map = Self::from_words(words)?;
         if map.checksum(machine) != *check {
             return Err(MapError::Checksum);

@@ -61,11 +61,7 @@ pub fn writes(map: &Map, machine: u16) -> impl Iterator<Item = Body> + '_ {
     let words = u16::try_from(map.words().len()).unwrap_or(u16::MAX);
     let check = map.checksum(machine);
     core::iter::once(Body::Begin { counter, words })
-        .chain(
-            (0..words)
-                .step_by(DATA_WORDS)
-                .map(|place| words_from(map, place)),
-        )
+        .chain((0..words).step_by(DATA_WORDS).map(|place| words_from(map, place)))
         .chain(core::iter::once(Body::Swap { counter, check }))
 }
 
@@ -133,10 +129,7 @@ pub enum LimitError {
     #[error(
         "the control moves a correction at {found_um_per_s:.1} µm/s, expected at most {slew_um_per_s:.1} µm/s"
     )]
-    Rate {
-        found_um_per_s: f64,
-        slew_um_per_s: f64,
-    },
+    Rate { found_um_per_s: f64, slew_um_per_s: f64 },
     #[error(
         "the control begins to go to zero {found_s:.3} s after the last frame, expected at most {zero_after_s:.3} s"
     )]
@@ -157,10 +150,8 @@ impl SenderLimits {
         let outputs = header.outputs.count().min(OUTPUTS);
         for output in 0..outputs {
             let values = map.words()[HEADER_WORDS..].iter().skip(output);
-            let largest = values
-                .step_by(outputs)
-                .map(|word| i32::from(word.cast_signed()).abs())
-                .max();
+            let largest =
+                values.step_by(outputs).map(|word| i32::from(word.cast_signed()).abs()).max();
             let reversal_rows = header.reversal.iter();
             let reversals: i32 = reversal_rows.map(|row| i32::from(row[output]).abs()).sum();
             let parts = f64::from(largest.unwrap_or(0) + reversals);
@@ -203,10 +194,7 @@ impl SenderLimits {
         }
         let found_s = f64::from(report.time_out_scans) * self.scan_s;
         if beyond(found_s, self.zero_after_s) {
-            return Err(LimitError::TimeOut {
-                found_s,
-                zero_after_s: self.zero_after_s,
-            });
+            return Err(LimitError::TimeOut { found_s, zero_after_s: self.zero_after_s });
         }
         Ok(())
     }
@@ -344,14 +332,9 @@ impl Sender {
         let body = match next_write(&self.map, self.machine, &report, self.loaded) {
             NextAction::ReadBack { buffer } => {
                 let expected = self.map.words();
-                let found = control
-                    .buffer(buffer, expected.len())
-                    .map_err(SendError::Exchange)?;
-                self.loaded = if found == expected {
-                    ReadBackResult::Same
-                } else {
-                    ReadBackResult::Other
-                };
+                let found = control.buffer(buffer, expected.len()).map_err(SendError::Exchange)?;
+                self.loaded =
+                    if found == expected { ReadBackResult::Same } else { ReadBackResult::Other };
                 return Ok(Step::Loading);
             }
             NextAction::Write(body) => body,
@@ -363,10 +346,7 @@ impl Sender {
             }
             Body::Begin { .. } => {
                 self.loaded = ReadBackResult::Unknown;
-                if matches!(
-                    report.of.refusal,
-                    Refusal::Value | Refusal::Fit | Refusal::Map
-                ) {
+                if matches!(report.of.refusal, Refusal::Value | Refusal::Fit | Refusal::Map) {
                     self.restarts += 1;
                     if self.restarts > MAX_RESTARTS {
                         return Err(SendError::Refused(report.of.refusal));

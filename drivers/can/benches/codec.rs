@@ -7,13 +7,7 @@ use volcomp_can::{SHIPPED_DBC, SignalTable};
 
 fn codec(c: &mut Criterion) {
     let table = SignalTable::parse(SHIPPED_DBC).expect("the shipped file");
-    let named = |name: &str| {
-        table
-            .messages
-            .iter()
-            .find(|m| m.name == name)
-            .expect("shipped")
-    };
+    let named = |name: &str| table.messages.iter().find(|m| m.name == name).expect("shipped");
     let (position, correction) = (named("POSITION_XY"), named("CORRECTION"));
     let mut data = [1, 2, 3, 4, 5, 6, 7, 8];
     position.seal(&mut data, 3);

@@ -77,10 +77,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let mut controller = CanController::new(bus.clone(), &config)?;
     for axis in &controller.description().axes {
         if let Some(largest) = axis.largest {
-            println!(
-                "axis {}: steps of {}, at most {largest}",
-                axis.name, axis.resolution
-            );
+            println!("axis {}: steps of {}, at most {largest}", axis.name, axis.resolution);
         }
     }
     let mut counter = 0_u64;

@@ -66,12 +66,7 @@ impl Barrier {
             return Ok(None);
         }
         let count = axes.len();
-        check_word_count(
-            &frame,
-            "FRAME",
-            FRAME_HEADER_WORDS + count + CHECKSUM_WORDS,
-            count,
-        )?;
+        check_word_count(&frame, "FRAME", FRAME_HEADER_WORDS + count + CHECKSUM_WORDS, count)?;
         let expected = REPORT_HEADER_WORDS + REPORT_WORDS_PER_AXIS * count + CHECKSUM_WORDS;
         check_word_count(&report, "REPORT", expected, count)?;
         let signal = |at: &(usize, usize)| &table.messages[at.0].signals[at.1];
@@ -113,10 +108,7 @@ impl Barrier {
             let frame = message
                 .frame()
                 .ok_or_else(|| format!("{} does not form a valid frame", message.name))?;
-            sent.push(OutgoingMessage {
-                message: message.clone(),
-                frame,
-            });
+            sent.push(OutgoingMessage { message: message.clone(), frame });
         }
         for at in &frame {
             let place = order.iter().position(|message| *message == at.0);
@@ -265,10 +257,7 @@ fn axis_count(signal: &Signal, name: AxisName) -> Result<Count, String> {
             "signal {word}: found the factor {found}, expected a positive one, the size of a count"
         ));
     }
-    Ok(Count {
-        step,
-        largest: LARGEST_COUNT * step,
-    })
+    Ok(Count { step, largest: LARGEST_COUNT * step })
 }
 
 fn check_same_count(found: &Signal, expected: &Signal) -> Result<(), String> {
@@ -287,10 +276,7 @@ fn check_same_count(found: &Signal, expected: &Signal) -> Result<(), String> {
 fn check(signal: &Signal, counted: bool) -> Result<(), String> {
     let word = &signal.name;
     if signal.bits != 16 {
-        return Err(format!(
-            "signal {word}: found {} bits, expected 16",
-            signal.bits
-        ));
+        return Err(format!("signal {word}: found {} bits, expected 16", signal.bits));
     }
     #[expect(clippy::float_cmp, reason = "as written in the file")]
     let plain = signal.offset == 0.0 && (counted || signal.factor == 1.0);
@@ -300,11 +286,7 @@ fn check(signal: &Signal, counted: bool) -> Result<(), String> {
             signal.factor,
             signal.offset,
             signal.unit,
-            if counted {
-                "the offset 0"
-            } else {
-                "1, 0 and no unit: it is a plain word"
-            }
+            if counted { "the offset 0" } else { "1, 0 and no unit: it is a plain word" }
         ));
     }
     Ok(())

@@ -274,9 +274,9 @@ impl<P: CanPort> Controller for CanController<P> {
     fn apply(&mut self, corrections: &PerChannel<f64>, deadline: Instant) -> Result<(), Fault> {
         match &mut self.transport {
             Transport::Plain(plain) => plain.apply(&mut self.receiver.port, corrections, deadline),
-            Transport::Barrier(_) => Err(Fault::Unsupported(
-                "plain values: the control has a barrier",
-            )),
+            Transport::Barrier(_) => {
+                Err(Fault::Unsupported("plain values: the control has a barrier"))
+            }
             Transport::ReadOnly => Err(READ_ONLY),
         }
     }

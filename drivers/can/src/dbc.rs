@@ -57,10 +57,8 @@ impl SignalTable {
     /// signal: positions and corrections of linear axes are in mm or um, of rotary axes in deg, rad or urad, temperatures in degC, and the states
     /// of the control have no unit or `bool`.
     pub fn parse_file(file: &str, text: &str) -> Result<Self, DbcError> {
-        let dbc = Dbc::try_from(text).map_err(|e| DbcError::Syntax {
-            file: file.to_owned(),
-            message: e.to_string(),
-        })?;
+        let dbc = Dbc::try_from(text)
+            .map_err(|e| DbcError::Syntax { file: file.to_owned(), message: e.to_string() })?;
         Self::from_dbc(&dbc).map_err(|defect| DbcError::Entry {
             file: file.to_owned(),
             line: line_of(text, &defect.place),
@@ -121,11 +119,7 @@ fn check_signals(dbc: &Dbc, id: MessageId, message: &Message) -> Result<(), Defe
 }
 
 fn defect(place: &str, found: &str, expected: &str) -> Defect {
-    Defect {
-        place: place.to_owned(),
-        found: found.to_owned(),
-        expected: expected.to_owned(),
-    }
+    Defect { place: place.to_owned(), found: found.to_owned(), expected: expected.to_owned() }
 }
 
 /// The line of a message, or of a signal within its message; 1 if it is not found.
@@ -161,11 +155,7 @@ fn message(found: &can_dbc::Message) -> Result<Message, Defect> {
     let length = usize::try_from(found.size).unwrap_or(usize::MAX);
     if Frame::new(id, extended, true, &[0; 64][..length.min(64)]).is_none() || length > 64 {
         let size = format!("identifier {id} and {length} bytes");
-        return Err(defect(
-            &found.name,
-            &size,
-            "a valid identifier and length of a frame",
-        ));
+        return Err(defect(&found.name, &size, "a valid identifier and length of a frame"));
     }
     let signals = found
         .signals
@@ -177,15 +167,7 @@ fn message(found: &can_dbc::Message) -> Result<Message, Defect> {
         signals.iter().position(|s: &Signal| s.name == name)
     };
     let (counter, checksum) = (named("_CNT"), named("_CRC"));
-    Ok(Message {
-        name: found.name.clone(),
-        id,
-        extended,
-        length,
-        counter,
-        checksum,
-        signals,
-    })
+    Ok(Message { name: found.name.clone(), id, extended, length, counter, checksum, signals })
 }
 
 fn signal(message: &str, length: usize, found: &can_dbc::Signal) -> Result<Signal, Defect> {
@@ -195,11 +177,7 @@ fn signal(message: &str, length: usize, found: &can_dbc::Signal) -> Result<Signa
     }
     if !(found.factor.is_finite() && found.offset.is_finite()) || found.factor == 0.0 {
         let factor = format!("factor {} and offset {}", found.factor, found.offset);
-        return Err(defect(
-            &place,
-            &factor,
-            "finite numbers and a nonzero factor",
-        ));
+        return Err(defect(&place, &factor, "finite numbers and a nonzero factor"));
     }
     if let Err(unit) = to_internal(&found.name, &found.unit) {
         return Err(defect(&place, &unit.found, unit.expected));
@@ -217,11 +195,7 @@ fn signal(message: &str, length: usize, found: &can_dbc::Signal) -> Result<Signa
     };
     let Some(shift) = shift.filter(|_| (1..=64).contains(&bits)) else {
         let found = format!("{bits} bits from {start} on");
-        return Err(defect(
-            &place,
-            &found,
-            &format!("1 to 64 bits within {all}"),
-        ));
+        return Err(defect(&place, &found, &format!("1 to 64 bits within {all}")));
     };
     Ok(Signal {
         name: found.name.clone(),

@@ -32,27 +32,17 @@ impl Frame {
         }
         let mut bytes = [0; 64];
         bytes.get_mut(..data.len())?.copy_from_slice(data);
-        Some(Self {
-            id,
-            extended,
-            fd,
-            length,
-            bytes,
-        })
+        Some(Self { id, extended, fd, length, bytes })
     }
 
     /// The data bytes of the frame.
     pub fn data(&self) -> &[u8] {
-        self.bytes
-            .get(..usize::from(self.length))
-            .unwrap_or_default()
+        self.bytes.get(..usize::from(self.length)).unwrap_or_default()
     }
 
     /// The data bytes of the frame, mutable.
     pub fn data_mut(&mut self) -> &mut [u8] {
-        self.bytes
-            .get_mut(..usize::from(self.length))
-            .unwrap_or_default()
+        self.bytes.get_mut(..usize::from(self.length)).unwrap_or_default()
     }
 }
 

@@ -45,32 +45,20 @@ impl PlainCorrections {
             });
             axes.push(AxisSignal {
                 sent: outgoing_index(&mut sent, message).ok_or_else(|| {
-                    format!(
-                        "{} cannot represent a correction of 0 for every axis",
-                        message.name
-                    )
+                    format!("{} cannot represent a correction of 0 for every axis", message.name)
                 })?,
                 signal,
                 to_internal,
             });
         }
-        let plain = Self {
-            axes,
-            sent,
-            counter: 0,
-            saturated: 0,
-        };
+        let plain = Self { axes, sent, counter: 0, saturated: 0 };
         Ok((plain, counts))
     }
 
     /// [`Heartbeat::Watched`] if every message has a counter, by which the control can detect that sending has stopped.
     pub(crate) fn heartbeat(&self) -> Heartbeat {
         let counted = |(message, frame): &(Message, Frame)| message.counter(frame.data()).is_some();
-        if self.sent.iter().all(counted) {
-            Heartbeat::Watched
-        } else {
-            Heartbeat::Unwatched
-        }
+        if self.sent.iter().all(counted) { Heartbeat::Watched } else { Heartbeat::Unwatched }
     }
 
     /// Number of corrections that exceeded the range of their signal.
@@ -86,9 +74,7 @@ impl PlainCorrections {
     ) -> Result<(), Fault> {
         for (axis, correction) in self.axes.iter().zip(corrections) {
             let (_, frame) = &mut self.sent[axis.sent];
-            let within = axis
-                .signal
-                .put(frame.data_mut(), correction / axis.to_internal);
+            let within = axis.signal.put(frame.data_mut(), correction / axis.to_internal);
             self.saturated += u64::from(!within);
         }
         self.counter = (self.counter + 1) % 16;
@@ -102,9 +88,7 @@ impl PlainCorrections {
 
 /// Index of a message among those to send, to which it is added if necessary.
 fn outgoing_index(sent: &mut Vec<(Message, Frame)>, message: &Message) -> Option<usize> {
-    let known = sent
-        .iter()
-        .position(|(other, _)| other.name == message.name);
+    let known = sent.iter().position(|(other, _)| other.name == message.name);
     if known.is_some() {
         return known;
     }
@@ -126,7 +110,5 @@ pub(crate) fn required_signal(
     suffix: &str,
 ) -> Result<(usize, usize), String> {
     let signal = format!("{name}_{suffix}");
-    table
-        .find(&signal)
-        .ok_or_else(|| format!("there is no signal {signal}"))
+    table.find(&signal).ok_or_else(|| format!("there is no signal {signal}"))
 }

@@ -29,9 +29,8 @@ impl Quantity {
         if name.ends_with("_TEMP") {
             return Some(Self::Temperature);
         }
-        let letter = ["_POS", "_CORR", "_APPLIED"]
-            .iter()
-            .find_map(|suffix| name.strip_suffix(suffix))?;
+        let letter =
+            ["_POS", "_CORR", "_APPLIED"].iter().find_map(|suffix| name.strip_suffix(suffix))?;
         letter.parse().ok().map(Self::Of)
     }
 

@@ -43,12 +43,7 @@ pub(crate) struct ReceivedMessage {
 
 impl ReceivedMessage {
     fn new(message: &Message) -> Self {
-        Self {
-            message: message.clone(),
-            data: [0; 64],
-            counter: None,
-            taken: None,
-        }
+        Self { message: message.clone(), data: [0; 64], counter: None, taken: None }
     }
 
     /// The data of the last valid frame; zeros before the first.
@@ -62,8 +57,7 @@ impl ReceivedMessage {
 
     /// Whether the last valid frame arrived no more than `within` before another one.
     fn arrived_within(&self, other: Instant, within: Duration) -> bool {
-        self.taken
-            .is_some_and(|taken| other.saturating_duration_since(taken) <= within)
+        self.taken.is_some_and(|taken| other.saturating_duration_since(taken) <= within)
     }
 
     /// Processes a frame of this message. Returns whether it was valid and new.
@@ -104,11 +98,7 @@ pub(crate) struct Receiver<P> {
 
 impl<P: CanPort> Receiver<P> {
     pub(crate) fn new(port: P, messages: Vec<ReceivedMessage>) -> Self {
-        Self {
-            port,
-            messages,
-            health: Health::default(),
-        }
+        Self { port, messages, health: Health::default() }
     }
 
     pub(crate) fn message(&self, signal: &ReceivedSignal) -> &ReceivedMessage {
@@ -177,9 +167,5 @@ pub(crate) fn subscribe(
         messages.push(ReceivedMessage::new(message));
         messages.len() - 1
     });
-    Ok(ReceivedSignal {
-        message: index,
-        to_internal,
-        signal,
-    })
+    Ok(ReceivedSignal { message: index, to_internal, signal })
 }

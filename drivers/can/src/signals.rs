@@ -57,20 +57,15 @@ pub struct SignalTable {
 impl SignalTable {
     /// Index of the message that a frame belongs to.
     pub fn message_of(&self, frame: &Frame) -> Option<usize> {
-        self.messages
-            .iter()
-            .position(|m| (m.id, m.extended) == (frame.id, frame.extended))
+        self.messages.iter().position(|m| (m.id, m.extended) == (frame.id, frame.extended))
     }
 
     /// Index of the message that contains a signal, and of the signal in it.
     pub fn find(&self, signal: &str) -> Option<(usize, usize)> {
-        self.messages
-            .iter()
-            .enumerate()
-            .find_map(|(index, message)| {
-                let place = message.signals.iter().position(|s| s.name == signal)?;
-                Some((index, place))
-            })
+        self.messages.iter().enumerate().find_map(|(index, message)| {
+            let place = message.signals.iter().position(|s| s.name == signal)?;
+            Some((index, place))
+        })
     }
 }
 
@@ -78,11 +73,7 @@ impl Signal {
     /// Index of byte `k`, counted from the byte with the lowest bits; past the end if the data are too short.
     #[inline]
     fn byte(&self, length: usize, k: usize) -> usize {
-        if self.big_endian {
-            length.wrapping_sub(k + 1)
-        } else {
-            k
-        }
+        if self.big_endian { length.wrapping_sub(k + 1) } else { k }
     }
 
     /// The raw bits of the signal in the data.
@@ -92,10 +83,7 @@ impl Signal {
         let bytes = ((within + self.bits).div_ceil(8)) as usize;
         let mut wide = 0_u128;
         for k in 0..bytes {
-            let byte = data
-                .get(self.byte(data.len(), first + k))
-                .copied()
-                .unwrap_or(0);
+            let byte = data.get(self.byte(data.len(), first + k)).copied().unwrap_or(0);
             wide |= u128::from(byte) << (8 * k);
         }
         #[expect(clippy::cast_possible_truncation, reason = "at most 64 bits are left")]
@@ -127,10 +115,7 @@ impl Signal {
         let length = data.len();
         for k in 0..bytes {
             if let Some(byte) = data.get_mut(self.byte(length, first + k)) {
-                #[expect(
-                    clippy::cast_possible_truncation,
-                    reason = "the eight bits of this byte"
-                )]
+                #[expect(clippy::cast_possible_truncation, reason = "the eight bits of this byte")]
                 let (keep, new) = (!((mask >> (8 * k)) as u8), (wide >> (8 * k)) as u8);
                 *byte = *byte & keep | new;
             }
@@ -148,11 +133,7 @@ impl Signal {
         let scaled = ((value - self.offset) / self.factor).round();
         let [low, high] = self.raw_range();
         let held = scaled.clamp(low, high);
-        let raw = if self.signed {
-            (held as i64).cast_unsigned()
-        } else {
-            held as u64
-        };
+        let raw = if self.signed { (held as i64).cast_unsigned() } else { held as u64 };
         self.put_raw(data, raw);
         (low..=high).contains(&scaled)
     }
@@ -212,12 +193,7 @@ impl Signal {
 impl Message {
     /// A frame of this message with all bits 0.
     pub fn frame(&self) -> Option<Frame> {
-        Frame::new(
-            self.id,
-            self.extended,
-            self.length > 8,
-            &[0; 64][..self.length],
-        )
+        Frame::new(self.id, self.extended, self.length > 8, &[0; 64][..self.length])
     }
 
     /// The counter in a frame's data, if the message has one.
@@ -267,11 +243,7 @@ const CRC8: [u8; 256] = {
         let mut crc = index as u8;
         let mut bit = 0;
         while bit < 8 {
-            crc = if crc & 0x80 == 0 {
-                crc << 1
-            } else {
-                crc << 1 ^ 0x1d
-            };
+            crc = if crc & 0x80 == 0 { crc << 1 } else { crc << 1 ^ 0x1d };
             bit += 1;
         }
         table[index] = crc;

@@ -43,11 +43,7 @@ impl CanSocket {
         let device = Self::device_of(interface);
         let failed = |e: Error| {
             let remedy = "check its name (ip link), and bring it up: ip link set can0 up type can bitrate 500000";
-            DeviceError::open(
-                &*device,
-                format!("the interface cannot be opened: {e}"),
-                remedy,
-            )
+            DeviceError::open(&*device, format!("the interface cannot be opened: {e}"), remedy)
         };
         let (now, wall) = both_clocks();
         let arrivals = Arrivals::empty_at(now, wall);
@@ -56,11 +52,7 @@ impl CanSocket {
         socket.set_error_filter_accept_all().map_err(failed)?;
         // Without timestamps, frames get their maximum age.
         let _ = socket.set_recv_timestamp(true);
-        Ok(Self {
-            device,
-            socket,
-            arrivals,
-        })
+        Ok(Self { device, socket, arrivals })
     }
 
     fn wait(&self, what: PollFlags, deadline: Instant) -> Result<bool, Fault> {
@@ -131,11 +123,7 @@ fn received(frame: &CanAnyFrame, arrived: Instant) -> Option<Received> {
         CanAnyFrame::Fd(frame) => (true, frame.data()),
         CanAnyFrame::Error(frame) => {
             let off = frame.id_word() & BUS_OFF != 0;
-            return Some(if off {
-                Received::BusOff
-            } else {
-                Received::Error
-            });
+            return Some(if off { Received::BusOff } else { Received::Error });
         }
         CanAnyFrame::Remote(_) => return None,
     };

@@ -47,11 +47,7 @@ impl<P: CanPort> CanThermometer<P> {
             return Err(refused("there is no signal that ends in _TEMP".to_owned()));
         }
         let known: Vec<String> = found.iter().map(|(name, _)| name.clone()).collect();
-        let selected = if selected.is_empty() {
-            &known
-        } else {
-            selected
-        };
+        let selected = if selected.is_empty() { &known } else { selected };
         let (mut messages, mut names, mut signals) = (Vec::new(), Vec::new(), Vec::new());
         for name in selected {
             let Some((_, at)) = found.iter().find(|(known, _)| known == name) else {
@@ -102,10 +98,7 @@ impl<P: CanPort> Thermometer for CanThermometer<P> {
             } else if raw == u64::MAX >> (64 - signal.signal.bits) {
                 Temperature::bad(Reason::Open, taken)
             } else {
-                Temperature::good(
-                    signal.signal.value(message.data()) * signal.to_internal,
-                    taken,
-                )
+                Temperature::good(signal.signal.value(message.data()) * signal.to_internal, taken)
             };
         }
         &self.latest

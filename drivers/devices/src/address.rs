@@ -19,12 +19,7 @@ pub(crate) struct Scheme {
 }
 
 const fn scheme([name, form, feature, keys]: [&'static str; 4]) -> Scheme {
-    Scheme {
-        name,
-        form,
-        feature,
-        keys,
-    }
+    Scheme { name, form, feature, keys }
 }
 
 /// All schemes, including those whose drivers are not in this build.
@@ -94,10 +89,7 @@ impl Address {
                 let found = format!("found the key `{key}`");
                 return Err(DeviceError::option(text, found, expected));
             }
-            if keys
-                .insert(key.clone().into_owned(), value.into_owned())
-                .is_some()
-            {
+            if keys.insert(key.clone().into_owned(), value.into_owned()).is_some() {
                 let found = format!("the key `{key}` is listed twice");
                 return Err(DeviceError::option(text, found, "name it once"));
             }
@@ -176,20 +168,14 @@ impl Address {
         let number = text.parse().ok().filter(|n| low <= *n && *n <= high);
         number.ok_or_else(|| {
             let what = format!("found {key}={text}");
-            self.wrong(
-                what,
-                format!("expected a whole number from {low} to {high}"),
-            )
+            self.wrong(what, format!("expected a whole number from {low} to {high}"))
         })
     }
 
     /// The comma-separated values of a query key.
     pub fn list(&self, key: &str) -> Vec<String> {
         let words = self.get(key).unwrap_or_default().split(',');
-        words
-            .filter(|word| !word.is_empty())
-            .map(str::to_owned)
-            .collect()
+        words.filter(|word| !word.is_empty()).map(str::to_owned).collect()
     }
 }
 
@@ -222,11 +208,7 @@ fn canonical(ip: IpAddr) -> IpAddr {
         // Connections to the unspecified address reach this computer.
         ip => ip.is_loopback() || ip.is_unspecified() || is_own(ip),
     };
-    if is_this_computer {
-        Ipv4Addr::LOCALHOST.into()
-    } else {
-        ip
-    }
+    if is_this_computer { Ipv4Addr::LOCALHOST.into() } else { ip }
 }
 
 /// Whether an address belongs to this computer: the kernel would then use it as the source of packets to it. Nothing is sent.

@@ -15,14 +15,7 @@ use crate::{
 const KEYS: [&str; 4] = ["url", "axes", "reads", "unseen"];
 
 /// Keys common to all controllers with written axes.
-const WRITER_KEYS: [&str; 6] = [
-    "channel",
-    "fixed",
-    "not_driven",
-    "terms",
-    "hold_ms",
-    "test_shift",
-];
+const WRITER_KEYS: [&str; 6] = ["channel", "fixed", "not_driven", "terms", "hold_ms", "test_shift"];
 
 impl Scheme {
     /// The driver; `None` if it is not in this build.
@@ -127,10 +120,7 @@ impl MapKeys {
             for key in tables.iter().filter(|key| !driver.map_tables.contains(key)) {
                 if found.states(key) {
                     let only = scheme.name;
-                    found.add(
-                        key,
-                        format!("found this table, expected it only for {only}://"),
-                    );
+                    found.add(key, format!("found this table, expected it only for {only}://"));
                 }
             }
         }
@@ -243,13 +233,7 @@ fn address(at: &str, url: &str, found: &mut Mistakes<'_>) -> Option<(Address, &'
         .ok()
 }
 
-#[cfg(all(
-    test,
-    feature = "focas",
-    feature = "modbus",
-    feature = "can",
-    feature = "gpio"
-))]
+#[cfg(all(test, feature = "focas", feature = "modbus", feature = "can", feature = "gpio"))]
 mod tests {
     use std::collections::BTreeSet;
 
@@ -278,18 +262,11 @@ mod tests {
         ] {
             assert_eq!(of(spelling), one, "{spelling}");
         }
-        for other in [
-            "focas://127.0.0.1:8194",
-            "focas://192.0.2.10",
-            "focas://127.0.0.2",
-        ] {
+        for other in ["focas://127.0.0.1:8194", "focas://192.0.2.10", "focas://127.0.0.2"] {
             assert!(of(other).is_disjoint(&one), "{other}");
         }
         let module = of("modbus://localhost?profile=ADAM-6050");
-        assert_eq!(
-            module,
-            of("modbus://127.0.0.1:502?unit=1&profile=ADAM-6050")
-        );
+        assert_eq!(module, of("modbus://127.0.0.1:502?unit=1&profile=ADAM-6050"));
         assert!(module.is_disjoint(&one));
     }
 
@@ -316,9 +293,6 @@ mod tests {
     #[test]
     fn the_chips_of_both_words_are_locked() {
         let both = of("gpio://?position=panel-out:0-14&correction=panel-in:0-7");
-        assert_eq!(
-            both,
-            ["gpio panel-in".to_owned(), "gpio panel-out".to_owned()].into()
-        );
+        assert_eq!(both, ["gpio panel-in".to_owned(), "gpio panel-out".to_owned()].into());
     }
 }

@@ -48,12 +48,7 @@ fn first(address: &Address, machine: &FirstMachine<'_>) -> FirstConfig {
     if has_barrier {
         settings.extend(barrier(1.0));
     }
-    FirstConfig {
-        cycle_ms: 4.0,
-        limit_um: 150.0,
-        settings,
-        ..FirstConfig::default()
-    }
+    FirstConfig { cycle_ms: 4.0, limit_um: 150.0, settings, ..FirstConfig::default() }
 }
 
 fn thermometer(
@@ -135,10 +130,8 @@ impl ControllerDevice for Bridge {
 fn interface(name: &str) -> String {
     let number = socket(AddressFamily::INET, SocketType::DGRAM, None)
         .and_then(|socket| name_to_index(socket, name));
-    number.map_or_else(
-        |_| format!("interface {name}"),
-        |number| format!("interface number {number}"),
-    )
+    number
+        .map_or_else(|_| format!("interface {name}"), |number| format!("interface number {number}"))
 }
 
 /// The signals of the DBC file in a URL, by default of the shipped file. Errors: the file cannot be
@@ -148,17 +141,12 @@ fn signal_table(address: &Address) -> Result<SignalTable, DeviceError> {
         None => SHIPPED_DBC.to_owned(),
         Some(path) => std::fs::read_to_string(path).map_err(|e| {
             let found = format!("{path}: {e}");
-            address
-                .wrong(found, "check the path of the DBC file")
-                .caused_by(e)
+            address.wrong(found, "check the path of the DBC file").caused_by(e)
         })?,
     };
     let file = address.get("dbc").unwrap_or("the shipped volcomp.dbc");
-    SignalTable::parse_file(file, &text).map_err(|e| {
-        address
-            .wrong(e.to_string(), "correct the DBC file")
-            .caused_by(e)
-    })
+    SignalTable::parse_file(file, &text)
+        .map_err(|e| address.wrong(e.to_string(), "correct the DBC file").caused_by(e))
 }
 
 fn probe(address: &Address, at_most: Duration) -> Result<Probe, DeviceError> {
@@ -170,9 +158,7 @@ fn probe(address: &Address, at_most: Duration) -> Result<Probe, DeviceError> {
     loop {
         match socket.receive(deadline) {
             Ok(Some(Received::Frame(frame, _))) => {
-                let count = frames
-                    .entry((frame.extended, frame.id))
-                    .or_insert((frame, 0));
+                let count = frames.entry((frame.extended, frame.id)).or_insert((frame, 0));
                 *count = (frame, count.1 + 1);
             }
             Ok(Some(_)) => errors += 1,
@@ -203,16 +189,8 @@ fn probe(address: &Address, at_most: Duration) -> Result<Probe, DeviceError> {
             }
         }
     }
-    let count = frames
-        .iter()
-        .map(|(&(extended, id), &(_, count))| SeenFrames {
-            id,
-            extended,
-            count,
-        });
-    probe.facts = Some(Facts::Bus(BusFacts {
-        frames: count.collect(),
-        errors,
-    }));
+    let count =
+        frames.iter().map(|(&(extended, id), &(_, count))| SeenFrames { id, extended, count });
+    probe.facts = Some(Facts::Bus(BusFacts { frames: count.collect(), errors }));
     Ok(probe)
 }

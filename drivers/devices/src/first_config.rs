@@ -28,12 +28,7 @@ pub struct Setting {
 impl Setting {
     /// A key with its value, as TOML.
     pub fn new(key: &'static str, value: impl Display, meaning: &'static str) -> Self {
-        Self {
-            key,
-            value: value.to_string(),
-            meaning,
-            is_example: false,
-        }
+        Self { key, value: value.to_string(), meaning, is_example: false }
     }
 
     /// A key with a number.
@@ -54,19 +49,14 @@ impl Setting {
         meaning: &'static str,
     ) -> Self {
         let values = values.into_iter();
-        let values: Vec<String> = values
-            .map(|value| toml_string(&value.to_string()))
-            .collect();
+        let values: Vec<String> = values.map(|value| toml_string(&value.to_string())).collect();
         Self::new(key, format_args!("[{}]", values.join(", ")), meaning)
     }
 
     /// The same as an example, commented out.
     #[must_use]
     pub fn example(self) -> Self {
-        Self {
-            is_example: true,
-            ..self
-        }
+        Self { is_example: true, ..self }
     }
 }
 
@@ -169,11 +159,7 @@ pub fn first_controller(url: &str, machine: &FirstMachine<'_>) -> Result<FirstCo
     let mut first = (driver.first)(&address, machine);
     let mut settings = vec![
         Setting::text("url", url, "Device URL of the control"),
-        Setting::list(
-            "axes",
-            machine.axes,
-            "Corrected axes, in the control's order",
-        ),
+        Setting::list("axes", machine.axes, "Corrected axes, in the control's order"),
     ];
     let others = machine.travel.iter();
     let others = others.filter(|(name, _)| !machine.axes.contains(name));

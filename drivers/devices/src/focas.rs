@@ -110,12 +110,7 @@ fn first() -> FirstConfig {
         )
         .example(),
     ]);
-    FirstConfig {
-        cycle_ms: 4.0,
-        limit_um: 150.0,
-        settings,
-        ..FirstConfig::default()
-    }
+    FirstConfig { cycle_ms: 4.0, limit_um: 150.0, settings, ..FirstConfig::default() }
 }
 
 fn validate(own: &ControllerConfig, rules: &Rules<'_>, found: &mut Mistakes<'_>) {
@@ -147,16 +142,11 @@ fn validate(own: &ControllerConfig, rules: &Rules<'_>, found: &mut Mistakes<'_>)
 fn validate_map(keys: &MapKeys, sizes: [usize; 2], found: &mut Mistakes<'_>) {
     let (pmc, capacity) = (&keys.pmc, keys.capacity);
     found.range("pmc.time_out_ms", pmc.time_out_ms, 10.0..=2000.0);
-    for (key, place) in [
-        ("mailbox", pmc.mailbox),
-        ("report", pmc.report),
-        ("buffers", pmc.buffers),
-    ] {
+    for (key, place) in [("mailbox", pmc.mailbox), ("report", pmc.report), ("buffers", pmc.buffers)]
+    {
         if !PmcAddress::from(place).area.is_of_ladder() {
-            let message = format!(
-                "found {:?}, expected R or D, the ladder's own memory",
-                place.pmc
-            );
+            let message =
+                format!("found {:?}, expected R or D, the ladder's own memory", place.pmc);
             found.add(&format!("pmc.{key}"), message);
         }
     }
@@ -188,9 +178,7 @@ impl ControllerDevice for FocasConfig {
         let axes = self.axes.iter().chain(&self.reads);
         Settings {
             // Resolution of reported positions: three decimals, or the step of the corrections.
-            position_steps: axes
-                .map(|name| (*name, self.position_step(*name)))
-                .collect(),
+            position_steps: axes.map(|name| (*name, self.position_step(*name))).collect(),
             ..Settings::default()
         }
     }
@@ -258,12 +246,7 @@ fn overlap(places: &MapPlaces, sizes: [usize; 2]) -> Option<String> {
     let block = |what, first: PmcAddress, words: usize| {
         let end = usize::from(first.at) + 2 * words - 1;
         let at = u16::try_from(end).unwrap_or(u16::MAX);
-        volcomp_focas::Block {
-            key: what,
-            what,
-            first,
-            last: PmcAddress { at, ..first },
-        }
+        volcomp_focas::Block { key: what, what, first, last: PmcAddress { at, ..first } }
     };
     let mailbox = block("mailbox", places.mailbox, sizes[0]);
     let report = block("report", places.report, sizes[1]);
@@ -276,11 +259,7 @@ fn overlap(places: &MapPlaces, sizes: [usize; 2]) -> Option<String> {
 
 impl From<volcomp_focas::Block> for Block {
     fn from(block: volcomp_focas::Block) -> Self {
-        Self {
-            key: block.key,
-            text: block.to_string(),
-            is_byte: block.first == block.last,
-        }
+        Self { key: block.key, text: block.to_string(), is_byte: block.first == block.last }
     }
 }
 
@@ -290,11 +269,7 @@ fn configured(address: &Address, config: &ControllerConfig) -> Result<FocasConfi
     focas.path = address.number("path", [1, 10], 1)?;
     config.only_channel(address, &focas.channel, "a FANUC control")?;
     if let Some(area) = config.area {
-        focas.shift.first = PmcByte {
-            pmc: area.pmc,
-            at: area.first,
-        }
-        .into();
+        focas.shift.first = PmcByte { pmc: area.pmc, at: area.first }.into();
         focas.shift.width = match area.width {
             1 => Width::Byte,
             4 => Width::Long,
@@ -312,10 +287,7 @@ fn configured(address: &Address, config: &ControllerConfig) -> Result<FocasConfi
     focas.heartbeat = config.heartbeat.map(Into::into);
     focas.barrier = config.barrier.and_then(|barrier| {
         let (frame, report) = (barrier.frame?, barrier.report?);
-        Some(BarrierArea {
-            frame: frame.into(),
-            report: report.into(),
-        })
+        Some(BarrierArea { frame: frame.into(), report: report.into() })
     });
     match config.referenced {
         None => {}
@@ -332,9 +304,7 @@ fn probe(address: &Address, at_most: Duration) -> Result<Probe, DeviceError> {
     let mut client = Client::open(&config.host, config.port, at_most).map_err(with_device)?;
     let system = client.system_info().map_err(with_device)?;
     let names = client.axis_names().map_err(with_device)?;
-    let positions = client
-        .positions(PositionKind::Machine, names.len())
-        .map_err(with_device)?;
+    let positions = client.positions(PositionKind::Machine, names.len()).map_err(with_device)?;
     let status = client.status().map_err(with_device)?;
     let (shift_in_use, shift_words, shift_untold) =
         match client.shift_source().map_err(with_device)? {
@@ -357,9 +327,7 @@ fn probe(address: &Address, at_most: Duration) -> Result<Probe, DeviceError> {
         probe.add_position(name.to_string(), Displacement::from_coordinate(kind, value));
     }
     probe.facts = Some(Facts::Control(ControlFacts {
-        control: format!("{}{}", system.cnc_type, system.machine_type)
-            .trim()
-            .to_owned(),
+        control: format!("{}{}", system.cnc_type, system.machine_type).trim().to_owned(),
         series: format!("{} {}", system.series, system.version),
         version: client.version(),
         emergency_stop: status.emergency != 0,

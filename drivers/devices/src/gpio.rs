@@ -56,13 +56,9 @@ fn line_sets(address: &Address) -> Result<[LineSet; 2], DeviceError> {
 fn probe(address: &Address, at_most: Duration) -> Result<Probe, DeviceError> {
     let mut port = gpio_port(address)?;
     let read = port.read(Instant::now() + at_most);
-    let levels = read
-        .map_err(|fault| address.failed(fault, "check the chip"))?
-        .levels;
+    let levels = read.map_err(|fault| address.failed(fault, "check the chip"))?.levels;
     let mut probe = Probe::of(&address.text);
-    probe.inputs = (0..port.inputs())
-        .map(|line| levels >> line & 1 == 1)
-        .collect();
+    probe.inputs = (0..port.inputs()).map(|line| levels >> line & 1 == 1).collect();
     if port.inputs() == 15 {
         // Decode the levels by the published scheme.
         let word = Wiring::published().position_word(levels);

@@ -105,12 +105,8 @@ pub struct BarrierConfig {
 }
 
 /// The keys of controllers whose corrections are written as plain values.
-pub(crate) const PLAIN_KEYS: &[&str] = &[
-    "includes_correction",
-    "unwatched",
-    "resolution_um",
-    "resolution_urad",
-];
+pub(crate) const PLAIN_KEYS: &[&str] =
+    &["includes_correction", "unwatched", "resolution_um", "resolution_urad"];
 
 /// Keys of a table in `[[controller]]` that are invalid in the same table of `[[thermometer]]` and of a map sender.
 pub const CONTROLLER_ONLY: [&str; 3] = ["numbers", "sign", "nodes"];
@@ -261,9 +257,7 @@ pub struct AuditConfig {
 
 impl Default for AuditConfig {
     fn default() -> Self {
-        Self {
-            dir: PathBuf::from("audit"),
-        }
+        Self { dir: PathBuf::from("audit") }
     }
 }
 
@@ -361,16 +355,8 @@ pub struct PmcTable {
 #[cfg(feature = "focas")]
 impl Default for PmcTable {
     fn default() -> Self {
-        let byte = |at| PmcByte {
-            pmc: PmcLetter::D,
-            at,
-        };
-        Self {
-            time_out_ms: 500.0,
-            mailbox: byte(0),
-            report: byte(144),
-            buffers: byte(200),
-        }
+        let byte = |at| PmcByte { pmc: PmcLetter::D, at };
+        Self { time_out_ms: 500.0, mailbox: byte(0), report: byte(144), buffers: byte(200) }
     }
 }
 

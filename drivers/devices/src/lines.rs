@@ -115,10 +115,9 @@ fn validate(own: &ControllerConfig, rules: &Rules<'_>, found: &mut Mistakes<'_>)
     found.whole(&key("correction_bits"), digital.correction_bits, 0..=32);
     let (mm, mm_zero) = (digital.position_mm_per_count, digital.position_zero_mm);
     let (deg, deg_zero) = (digital.position_deg_per_count, digital.position_zero_deg);
-    for (kind, unit, step, zero) in [
-        (AxisKind::Linear, "mm", mm, mm_zero),
-        (AxisKind::Rotary, "deg", deg, deg_zero),
-    ] {
+    for (kind, unit, step, zero) in
+        [(AxisKind::Linear, "mm", mm, mm_zero), (AxisKind::Rotary, "deg", deg, deg_zero)]
+    {
         for (name, number, range) in [
             (format!("position_{unit}_per_count"), step, 1e-6..=100.0),
             (format!("position_zero_{unit}"), zero, -1e6..=1e6),

@@ -99,13 +99,8 @@ impl ControllerDevice for Control {
     /// Reads the current state of the bridge. To check its barrier, two reports some scans apart are read.
     fn inspect(&self, needs: Option<&GuardRequirements>) -> Result<Option<Inspected>, DeviceError> {
         let config = &self.config;
-        let state = read_state(
-            &config.host,
-            config.port,
-            config.remote,
-            &config.key,
-            ANSWERS_WITHIN,
-        )?;
+        let state =
+            read_state(&config.host, config.port, config.remote, &config.key, ANSWERS_WITHIN)?;
         let mut reports = Vec::new();
         if self.barrier.is_some() && needs.is_some() {
             let mut control = LinuxCncController::new(config)?;
@@ -207,9 +202,7 @@ fn key(address: &Address, config: &ControllerConfig) -> Result<Key, DeviceError>
         return Err(address.wrong("found no linuxcnc.key_file", expected));
     };
     Key::read(file).map_err(|error| {
-        address
-            .wrong(format!("linuxcnc.key_file: {error}"), expected)
-            .caused_by(error)
+        address.wrong(format!("linuxcnc.key_file: {error}"), expected).caused_by(error)
     })
 }
 
@@ -231,11 +224,8 @@ fn probe(address: &Address, at_most: Duration) -> Result<Probe, DeviceError> {
     let Some(file) = address.get("key_file") else {
         return Err(address.wrong("found no key_file", expected));
     };
-    let key = Key::read(Path::new(file)).map_err(|error| {
-        address
-            .wrong(format!("key_file: {error}"), expected)
-            .caused_by(error)
-    })?;
+    let key = Key::read(Path::new(file))
+        .map_err(|error| address.wrong(format!("key_file: {error}"), expected).caused_by(error))?;
     let remote = allows_remote_bridge(address)?;
     let state = read_state(&address.host, port, remote, &key, at_most)?;
     let mut probe = Probe::of(&address.text);

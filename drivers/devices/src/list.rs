@@ -185,11 +185,7 @@ mod tests {
                 fs::write(dir.join(file), format!("{text}\n")).expect("writable");
             }
         }
-        let can = |name: &str, up, mtu| CanInterface {
-            name: name.to_owned(),
-            up,
-            mtu: Some(mtu),
-        };
+        let can = |name: &str, up, mtu| CanInterface { name: name.to_owned(), up, mtu: Some(mtu) };
         let found = can_interfaces(folder.path());
         assert_eq!(found, [can("can0", false, 16), can("vcan1", true, 72)]);
         assert!(can_interfaces(&folder.path().join("none")).is_empty());

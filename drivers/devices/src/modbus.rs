@@ -62,23 +62,14 @@ fn thermometer(address: Address, own: &ThermometerTable) -> Result<ThermometerDe
 fn profile(address: &Address) -> Result<Profile, DeviceError> {
     let name = address.get("profile").ok_or_else(|| {
         let known: Vec<String> = Profile::shipped().into_iter().map(|p| p.name).collect();
-        let expected = format!(
-            "expected profile=NAME, one of: {}; or profile=FILE.toml",
-            known.join(", ")
-        );
+        let expected =
+            format!("expected profile=NAME, one of: {}; or profile=FILE.toml", known.join(", "));
         address.wrong("no profile is named", expected)
     })?;
     let is_file = Path::new(name).extension().is_some_and(|e| e == "toml");
-    let found = if is_file {
-        Profile::read(Path::new(name))
-    } else {
-        Profile::named(name)
-    };
-    let mut found = found.map_err(|e| {
-        address
-            .wrong(e.to_string(), "correct the profile")
-            .caused_by(e)
-    })?;
+    let found = if is_file { Profile::read(Path::new(name)) } else { Profile::named(name) };
+    let mut found =
+        found.map_err(|e| address.wrong(e.to_string(), "correct the profile").caused_by(e))?;
     if let Some(order) = address.get("byte_order") {
         let named = ByteOrder::NAMES.iter().find(|(name, _)| *name == order);
         let (_, order) = named.ok_or_else(|| {
@@ -107,10 +98,7 @@ fn answer_within(address: &Address) -> Result<Duration, DeviceError> {
 
 fn bus(address: &Address, profile: &Profile) -> Result<Bus, DeviceError> {
     if address.scheme != RTU {
-        return Ok(Bus::Tcp {
-            host: address.host.clone(),
-            port: address.port.unwrap_or(PORT),
-        });
+        return Ok(Bus::Tcp { host: address.host.clone(), port: address.port.unwrap_or(PORT) });
     }
     Ok(Bus::Rtu {
         // A serial port of Windows is not a path: `modbus-rtu:///COM3` opens COM3.
@@ -138,10 +126,7 @@ fn thermometer_config(
 ) -> Result<ThermometerConfig, DeviceError> {
     let profile = profile(address)?;
     let bus = bus(address, &profile)?;
-    let count = profile
-        .channels
-        .as_ref()
-        .map_or(0, |channels| channels.count);
+    let count = profile.channels.as_ref().map_or(0, |channels| channels.count);
     let mut names = names.to_vec();
     if names.is_empty() {
         names = address.list("names");
@@ -149,11 +134,7 @@ fn thermometer_config(
     if names.is_empty() {
         names = (1..=count).map(|channel| format!("{channel}")).collect();
     }
-    let unit = ThermometerUnit {
-        unit: address.number("unit", [1, 247], 1)?,
-        profile,
-        names,
-    };
+    let unit = ThermometerUnit { unit: address.number("unit", [1, 247], 1)?, profile, names };
     Ok(ThermometerConfig {
         answer_within: answer_within(address)?,
         ..ThermometerConfig::new(bus, unit)
@@ -174,10 +155,7 @@ fn unopened(address: &Address) -> Result<UnopenedLines, DeviceError> {
 fn module(address: &Address) -> Result<(Bus, DigitalModule), DeviceError> {
     let profile = profile(address)?;
     let bus = bus(address, &profile)?;
-    let module = DigitalModule {
-        unit: address.number("unit", [1, 247], 1)?,
-        profile,
-    };
+    let module = DigitalModule { unit: address.number("unit", [1, 247], 1)?, profile };
     Ok((bus, module))
 }
 
@@ -231,13 +209,8 @@ fn probe(address: &Address, at_most: Duration) -> Result<Probe, DeviceError> {
             std::thread::sleep(Duration::from_millis(5));
         }
         let latest = thermometer.latest().to_vec();
-        if let [
-            Temperature {
-                quality: Quality::Bad(reason @ Reason::Refused { .. }),
-                ..
-            },
-            ..,
-        ] = latest[..]
+        if let [Temperature { quality: Quality::Bad(reason @ Reason::Refused { .. }), .. }, ..] =
+            latest[..]
         {
             return Err(refused(&reason.to_string()));
         }
@@ -258,9 +231,7 @@ fn probe(address: &Address, at_most: Duration) -> Result<Probe, DeviceError> {
                 Err(_) => return Err(no_answer()),
             }
         };
-        probe.inputs = (0..digital.inputs)
-            .map(|line| levels >> line & 1 == 1)
-            .collect();
+        probe.inputs = (0..digital.inputs).map(|line| levels >> line & 1 == 1).collect();
         facts.outputs_told = (digital.outputs > 0).then(|| lines.reports_outputs());
     }
     probe.facts = Some(Facts::Module(facts));

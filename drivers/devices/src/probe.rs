@@ -52,10 +52,7 @@ pub struct ProbedTemperature {
 ))]
 impl Probe {
     pub(crate) fn of(device: &str) -> Self {
-        Self {
-            device: device.to_owned(),
-            ..Self::default()
-        }
+        Self { device: device.to_owned(), ..Self::default() }
     }
 
     /// Adds a position; if a device names an axis twice, the last position counts.
@@ -73,12 +70,7 @@ impl Probe {
             Quality::Uncertain(reason) => ("uncertain", Some(reason.to_string())),
             Quality::Bad(reason) => ("bad", Some(reason.to_string())),
         };
-        self.temperatures.push(ProbedTemperature {
-            name,
-            degc: temperature.degc,
-            quality,
-            reason,
-        });
+        self.temperatures.push(ProbedTemperature { name, degc: temperature.degc, quality, reason });
     }
 }
 

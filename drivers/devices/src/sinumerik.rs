@@ -96,12 +96,7 @@ fn first(machine: &FirstMachine<'_>) -> FirstConfig {
         .example(),
     ];
     settings.extend(first_login());
-    FirstConfig {
-        cycle_ms: 100.0,
-        limit_um: 30.0,
-        settings,
-        ..FirstConfig::default()
-    }
+    FirstConfig { cycle_ms: 100.0, limit_um: 30.0, settings, ..FirstConfig::default() }
 }
 
 fn first_login() -> [Setting; 2] {
@@ -154,10 +149,7 @@ fn validate_map(keys: &MapKeys, _sizes: [usize; 2], found: &mut Mistakes<'_>) {
     let nodes = &keys.nodes;
     for (key, node) in [("mailbox", &nodes.mailbox), ("report", &nodes.report)] {
         if node.is_empty() {
-            found.add(
-                &format!("nodes.{key}"),
-                "found an empty text, expected a name",
-            );
+            found.add(&format!("nodes.{key}"), "found an empty text, expected a name");
         }
     }
     if !(nodes.buffers.contains("{byte}") && nodes.buffers.contains("{count}")) {
@@ -183,9 +175,7 @@ impl ControllerDevice for SinumerikConfig {
         Settings {
             shown_within: Some(self.server.read_back()),
             // Resolution of reported positions: three decimals, or the step of the corrections.
-            position_steps: axes
-                .map(|name| (*name, self.position_step(*name)))
-                .collect(),
+            position_steps: axes.map(|name| (*name, self.position_step(*name))).collect(),
             ..Settings::default()
         }
     }
@@ -264,10 +254,9 @@ pub(crate) fn server(address: &Address, config: &SinumerikTable) -> Result<Serve
     let mut server = Server::new(&*address.text);
     server.namespace.clone_from(&config.namespace);
     server.user = match (&config.user, &config.password_file) {
-        (Some(name), Some(file)) => Some(User {
-            name: name.clone(),
-            password: password(address, file)?,
-        }),
+        (Some(name), Some(file)) => {
+            Some(User { name: name.clone(), password: password(address, file)? })
+        }
         _ => None,
     };
     server.security = config.security;
@@ -282,9 +271,7 @@ pub(crate) fn server(address: &Address, config: &SinumerikTable) -> Result<Serve
 fn password(address: &Address, file: &Path) -> Result<String, DeviceError> {
     let text = volcomp_document::private::read(file).map_err(|error| {
         let expected = "expected a file with the password in its first line";
-        address
-            .wrong(format!("password_file: {error}"), expected)
-            .caused_by(error)
+        address.wrong(format!("password_file: {error}"), expected).caused_by(error)
     })?;
     Ok(text.lines().next().unwrap_or_default().to_owned())
 }
@@ -294,34 +281,21 @@ pub(crate) fn validate_server(table: &SinumerikTable, at: &str, found: &mut Mist
     let key = |name: &str| format!("{at}.{name}");
     let user = [table.user.is_some(), table.password_file.is_some()];
     both(found, at, ["user", "password_file"], user, "");
-    let secured = [
-        table.security != Security::None,
-        table.certificates.is_some(),
-    ];
+    let secured = [table.security != Security::None, table.certificates.is_some()];
     let why = ": a secured connection needs the folder, and no other uses it";
     both(found, at, ["security", "certificates"], secured, why);
-    for (name, text) in [
-        ("namespace", Some(&table.namespace)),
-        ("user", table.user.as_ref()),
-    ] {
+    for (name, text) in [("namespace", Some(&table.namespace)), ("user", table.user.as_ref())] {
         if text.is_some_and(String::is_empty) {
             found.add(&key(name), "found an empty text, expected a name");
         }
     }
-    let files = [
-        ("password_file", &table.password_file),
-        ("certificates", &table.certificates),
-    ];
+    let files = [("password_file", &table.password_file), ("certificates", &table.certificates)];
     for (name, file) in files {
         if let Some(file) = file {
             path(&key(name), file, found);
         }
     }
-    found.range(
-        &key("period_ms"),
-        table.period_ms,
-        ms(SHORTEST_PERIOD)..=1000.0,
-    );
+    found.range(&key("period_ms"), table.period_ms, ms(SHORTEST_PERIOD)..=1000.0);
     found.range(&key("time_out_ms"), table.time_out_ms, 10.0..=2000.0);
     for number in &table.numbers {
         found.whole(&key("numbers"), *number, 1..=31);
@@ -385,10 +359,7 @@ pub(crate) fn validate_thermometer(
     }
     for key in CONTROLLER_ONLY.map(|name| key(&format!("sinumerik.{name}"))) {
         if found.states(&key) {
-            found.add(
-                &key,
-                "found this key for a thermometer, expected it only for a controller",
-            );
+            found.add(&key, "found this key for a thermometer, expected it only for a controller");
         }
     }
 }

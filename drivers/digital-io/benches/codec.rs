@@ -7,11 +7,7 @@ use volcomp_digital_io::{DigitalAxis, PositionCode, Wiring};
 use volcomp_vocabulary::AxisName;
 
 fn codec(c: &mut Criterion) {
-    let wiring = Wiring {
-        inverted_inputs: 0b101,
-        parity: Some(15),
-        ..Wiring::published()
-    };
+    let wiring = Wiring { inverted_inputs: 0b101, parity: Some(15), ..Wiring::published() };
     let mut axis = DigitalAxis::published(AxisName::X);
     axis.position.code = PositionCode::Gray;
     let levels = wiring.control_outputs(axis.position.encode(512.0).unwrap_or(0), 0, true);

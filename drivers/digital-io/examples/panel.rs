@@ -37,9 +37,6 @@ fn main() -> Result<(), Box<dyn Error>> {
     // A correction above the range of the word is clamped and counted.
     let soon = Instant::now() + Duration::from_millis(100);
     controller.apply(&PerChannel::leading([0.5]), soon)?;
-    println!(
-        "requested 500 µm:  {:.0} µm",
-        panel.correction().map_or(f64::NAN, |mm| mm * 1e3)
-    );
+    println!("requested 500 µm:  {:.0} µm", panel.correction().map_or(f64::NAN, |mm| mm * 1e3));
     Ok(())
 }

@@ -70,10 +70,7 @@ impl<D: DigitalIo> DigitalController<D> {
             name: axis.name,
             includes_correction: axis.includes_correction,
             resolution: axis.correction.step,
-            largest: Some(Displacement::new(
-                axis.correction.step.kind(),
-                axis.correction.limit(),
-            )),
+            largest: Some(Displacement::new(axis.correction.step.kind(), axis.correction.limit())),
         };
         let readings = match coherence {
             Coherence::Latched => 1,
@@ -123,18 +120,15 @@ impl<D: DigitalIo> DigitalController<D> {
 
     fn has_all(&self, corrections: &PerChannel<f64>) -> bool {
         let requested = self.axes.iter().zip(corrections);
-        requested
-            .zip(self.outputs.taken())
-            .all(|((axis, requested), taken)| {
-                let sent = axis.correction.encode(*requested).sent;
-                *taken == Some(sent)
-            })
+        requested.zip(self.outputs.taken()).all(|((axis, requested), taken)| {
+            let sent = axis.correction.encode(*requested).sent;
+            *taken == Some(sent)
+        })
     }
 
     /// Updates the sent corrections by the levels that the device has confirmed.
     fn note(&mut self) {
-        self.outputs
-            .note(&self.io, &self.wiring, &self.axes, self.wrote);
+        self.outputs.note(&self.io, &self.wiring, &self.axes, self.wrote);
     }
 
     fn look(&mut self, deadline: Instant) -> Result<(), Fault> {
@@ -165,11 +159,7 @@ impl<D: DigitalIo> DigitalController<D> {
             Some(unwrapper) => unwrapper.follow(input.word),
             None => axis.position.decode(input.word),
         };
-        *reading = Some(AxisReading {
-            position: coded.position,
-            taken,
-            unwrapper,
-        });
+        *reading = Some(AxisReading { position: coded.position, taken, unwrapper });
         self.selected = index;
         Ok(())
     }
@@ -203,10 +193,7 @@ impl<D: DigitalIo> Controller for DigitalController<D> {
             correction_taken: oldest,
             uncertainty: begun.elapsed().max(Duration::from_nanos(1)),
             // The state is not reported, which the description says and the configuration has accepted.
-            state: ControllerState {
-                referenced: true,
-                ..ControllerState::default()
-            },
+            state: ControllerState { referenced: true, ..ControllerState::default() },
             // The correction on the lines; it is unknown whether the control applies it.
             applied: self.outputs.carried(),
             report: None,
@@ -226,12 +213,8 @@ impl<D: DigitalIo> Controller for DigitalController<D> {
         let correction = axis.correction.encode(corrections[index]);
         self.saturated = self.saturated.wrapping_add(u32::from(correction.saturated));
         let number = u32::try_from(index).unwrap_or(0);
-        let written = self.outputs.write(
-            &mut self.io,
-            &self.wiring,
-            (correction.word, number),
-            deadline,
-        );
+        let written =
+            self.outputs.write(&mut self.io, &self.wiring, (correction.word, number), deadline);
         self.wrote |= written.is_ok();
         self.note();
         written?;

@@ -46,10 +46,7 @@ impl LineSet {
         if chip.is_empty() || lines.len() > 64 {
             return Err(wrong());
         }
-        Ok(Self {
-            chip: chip.to_owned(),
-            lines,
-        })
+        Ok(Self { chip: chip.to_owned(), lines })
     }
 
     /// Device file of the chip, found by label, name or path.
@@ -121,9 +118,7 @@ impl GpioPort {
         })?;
         let mut as_found = Config::default();
         as_found.with_output_lines(&output_values);
-        outputs
-            .reconfigure(&as_found)
-            .map_err(|e| refused(control_inputs, &e))?;
+        outputs.reconfigure(&as_found).map_err(|e| refused(control_inputs, &e))?;
         Ok(Self {
             device: device(control_outputs, control_inputs),
             confirmed: levels_of(&output_values, &control_inputs.lines),
@@ -180,11 +175,7 @@ fn find(set: &LineSet) -> Result<PathBuf, DeviceError> {
         }
         known.push(info.label);
     }
-    let found = if known.is_empty() {
-        "none".to_owned()
-    } else {
-        known.join(", ")
-    };
+    let found = if known.is_empty() { "none".to_owned() } else { known.join(", ") };
     Err(missing(format!("there is no such chip, found {found}")))
 }
 

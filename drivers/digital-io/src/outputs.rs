@@ -111,9 +111,7 @@ impl Outputs {
         };
         let (word, axis) = wiring.control_inputs(levels);
         let index = usize::try_from(axis).unwrap_or(usize::MAX);
-        let correction = axes
-            .get(index)
-            .and_then(|axis| axis.correction.decode(word));
+        let correction = axes.get(index).and_then(|axis| axis.correction.decode(word));
         let Some(correction) = correction.filter(|_| !waits) else {
             return;
         };

@@ -92,10 +92,7 @@ impl Panel {
 }
 
 impl PanelState {
-    #[expect(
-        clippy::cast_possible_truncation,
-        reason = "a word on lines has at most 32 bits"
-    )]
+    #[expect(clippy::cast_possible_truncation, reason = "a word on lines has at most 32 bits")]
     fn word(&self) -> PanelWord {
         let (word, axis) = self.wiring.control_inputs(self.outputs);
         let axis = usize::try_from(axis).unwrap_or(usize::MAX);
@@ -134,9 +131,7 @@ impl DigitalIo for Panel {
         let outside = Fault::Protocol("a position is outside the range of its word");
         let word = axis.position.encode(position).ok_or(outside)?;
         let number = u32::try_from(state.selected).unwrap_or(u32::MAX);
-        Ok(InputLevels::now(
-            state.wiring.control_outputs(word, number, true),
-        ))
+        Ok(InputLevels::now(state.wiring.control_outputs(word, number, true)))
     }
 
     fn write(&mut self, levels: u64, _deadline: Instant) -> Result<(), Fault> {

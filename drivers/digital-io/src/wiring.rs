@@ -52,11 +52,7 @@ pub(crate) struct PositionInput {
 impl Wiring {
     /// The published scheme: 15 lines from the control with the position of one axis, 8 lines to it with the correction.
     pub fn published() -> Self {
-        Self {
-            position: (0..15).collect(),
-            correction: (0..8).collect(),
-            ..Self::default()
-        }
+        Self { position: (0..15).collect(), correction: (0..8).collect(), ..Self::default() }
     }
 
     /// Checks the wiring against a port and the words.
@@ -74,18 +70,8 @@ impl Wiring {
         check_each_once("inputs", &ours, inputs)?;
         check_each_once("outputs", &self.outputs().collect::<Vec<u32>>(), outputs)?;
         for (position, correction) in words {
-            same(
-                "lines of the position",
-                self.position.len(),
-                position.bits,
-                1,
-            )?;
-            same(
-                "lines of the correction",
-                self.correction.len(),
-                correction.bits,
-                2,
-            )?;
+            same("lines of the position", self.position.len(), position.bits, 1)?;
+            same("lines of the correction", self.correction.len(), correction.bits, 2)?;
             for (what, count) in [
                 ("step of the position", position.step.mm_or_rad()),
                 ("step of the correction", correction.step.mm_or_rad()),
@@ -146,11 +132,7 @@ impl Wiring {
         let ones = word.count_ones() + axis.count_ones();
         let parity_is_right = self.parity.is_none_or(|line| (ones + bit(line)) % 2 == 0);
         let holds_still = self.strobe.is_none_or(|line| bit(line) == 1);
-        PositionInput {
-            word,
-            axis,
-            valid: parity_is_right && holds_still,
-        }
+        PositionInput { word, axis, valid: parity_is_right && holds_still }
     }
 
     /// The position word on the inputs; `None` if the parity is wrong or the word is not stable.
@@ -204,11 +186,7 @@ fn scatter(word: u32, lines: &[u32]) -> u64 {
 }
 
 fn wrong(what: &'static str, found: &dyn std::fmt::Display, expected: &str) -> WiringError {
-    WiringError {
-        what,
-        found: format!("found {found}"),
-        expected: expected.to_owned(),
-    }
+    WiringError { what, found: format!("found {found}"), expected: expected.to_owned() }
 }
 
 fn same(what: &'static str, found: usize, bits: u32, least: u32) -> Result<(), WiringError> {
@@ -218,21 +196,13 @@ fn same(what: &'static str, found: usize, bits: u32, least: u32) -> Result<(), W
     if usize::try_from(bits).ok() == Some(found) {
         return Ok(());
     }
-    Err(wrong(
-        what,
-        &found,
-        &format!("{bits}, the bits of the word"),
-    ))
+    Err(wrong(what, &found, &format!("{bits}, the bits of the word")))
 }
 
 fn check_each_once(what: &'static str, lines: &[u32], available: u32) -> Result<(), WiringError> {
     for (index, line) in lines.iter().enumerate() {
         if *line >= available.min(64) {
-            return Err(wrong(
-                what,
-                line,
-                &format!("a line below {}", available.min(64)),
-            ));
+            return Err(wrong(what, line, &format!("a line below {}", available.min(64))));
         }
         if lines[..index].contains(line) {
             return Err(wrong(what, line, "each line once"));

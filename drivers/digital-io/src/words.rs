@@ -144,11 +144,7 @@ impl PositionWord {
         }
         let kind = self.step.kind();
         let of_kind = |ends: [f64; 2]| ends.map(|at| Displacement::new(kind, at));
-        Err(BeyondWord {
-            travel: of_kind(travel),
-            word: of_kind(ends),
-            bits: self.bits,
-        })
+        Err(BeyondWord { travel: of_kind(travel), word: of_kind(ends), bits: self.bits })
     }
 
     /// The count of a word, converted from Gray code if necessary.
@@ -175,10 +171,7 @@ impl PositionWord {
 
     pub(crate) fn at(&self, count: f64) -> Coded {
         let step = self.step.mm_or_rad();
-        Coded {
-            position: self.zero.mm_or_rad() + count * step,
-            within: 0.5 * step,
-        }
+        Coded { position: self.zero.mm_or_rad() + count * step, within: 0.5 * step }
     }
 
     /// Encodes a position (mm or rad), as a control does: the nearest count, `None` outside the range.
@@ -215,10 +208,7 @@ impl CorrectionWord {
 
     /// Encodes a correction (mm or rad): the nearest count, clamped to the limit; NaN becomes 0.
     #[inline]
-    #[expect(
-        clippy::cast_possible_truncation,
-        reason = "held within the range of the word"
-    )]
+    #[expect(clippy::cast_possible_truncation, reason = "held within the range of the word")]
     pub fn encode(&self, correction: f64) -> Correction {
         let step = self.step.mm_or_rad();
         let most = f64::from(mask(self.bits.saturating_sub(1)));
@@ -270,10 +260,7 @@ pub struct Unwrapper {
 
 impl Unwrapper {
     /// Starts from a word and the known position of the axis (mm or rad) at that time, such as its reference.
-    #[expect(
-        clippy::cast_possible_truncation,
-        reason = "positions are counted in millions"
-    )]
+    #[expect(clippy::cast_possible_truncation, reason = "positions are counted in millions")]
     pub fn new(word: PositionWord, raw: u32, known: f64) -> Self {
         let range = i64::from(mask(word.bits)) + 1;
         let last = word.count(raw);
@@ -282,16 +269,8 @@ impl Unwrapper {
             .clamp(-FARTHEST, FARTHEST) as i64;
         // The count with these low bits nearest to the known position.
         let ahead = (i64::from(last) - about).rem_euclid(range);
-        let ahead = if ahead * 2 > range {
-            ahead - range
-        } else {
-            ahead
-        };
-        Self {
-            word,
-            count: about + ahead,
-            last,
-        }
+        let ahead = if ahead * 2 > range { ahead - range } else { ahead };
+        Self { word, count: about + ahead, last }
     }
 
     /// The position of the next word.
@@ -299,17 +278,10 @@ impl Unwrapper {
         let now = self.word.count(raw);
         let range = i64::from(mask(self.word.bits)) + 1;
         let ahead = (i64::from(now) - i64::from(self.last)).rem_euclid(range);
-        let moved = if ahead * 2 > range {
-            ahead - range
-        } else {
-            ahead
-        };
+        let moved = if ahead * 2 > range { ahead - range } else { ahead };
         self.count = self.count.saturating_add(moved);
         self.last = now;
-        #[expect(
-            clippy::cast_precision_loss,
-            reason = "positions are counted in millions"
-        )]
+        #[expect(clippy::cast_precision_loss, reason = "positions are counted in millions")]
         self.word.at(self.count as f64)
     }
 }

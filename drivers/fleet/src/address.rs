@@ -30,17 +30,12 @@ pub fn first_port(text: &str) -> Option<u16> {
 }
 
 fn is_loopback(host: &str) -> bool {
-    host == "localhost"
-        || host
-            .parse()
-            .is_ok_and(|address: IpAddr| address.is_loopback())
+    host == "localhost" || host.parse().is_ok_and(|address: IpAddr| address.is_loopback())
 }
 
 /// Host and port of an address; an IPv6 host without its brackets. `None`: the address is invalid.
 fn parse(text: &str) -> Option<(&str, Option<u16>)> {
-    let address = text
-        .strip_prefix("nats://")
-        .or_else(|| text.strip_prefix("tls://"))?;
+    let address = text.strip_prefix("nats://").or_else(|| text.strip_prefix("tls://"))?;
     let (host, port) = if let Some(rest) = address.strip_prefix('[') {
         let (host, port) = rest.split_once(']')?;
         host.parse::<Ipv6Addr>().ok()?;
@@ -81,10 +76,7 @@ mod tests {
         // One of several addresses without TLS, and names that only begin like a loopback address.
         for (text, found) in [
             ("tls://a:4222,nats://b:4222", "nats://b:4222"),
-            (
-                "nats://localhost.shop.lan:4222",
-                "nats://localhost.shop.lan:4222",
-            ),
+            ("nats://localhost.shop.lan:4222", "nats://localhost.shop.lan:4222"),
             ("nats://127.shop.lan", "nats://127.shop.lan"),
             ("nats://[2001:db8::1]:4222", "nats://[2001:db8::1]:4222"),
             ("nats://192.0.2.1:4222", "nats://192.0.2.1:4222"),

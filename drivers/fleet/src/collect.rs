@@ -64,12 +64,7 @@ pub struct Collection {
 
 impl Collection {
     pub(crate) fn new(context: Context, stream: String) -> Self {
-        Self {
-            context,
-            stream,
-            again_after: REDELIVERY_INTERVAL,
-            messages: None,
-        }
+        Self { context, stream, again_after: REDELIVERY_INTERVAL, messages: None }
     }
 
     /// Sets the redelivery interval for messages that are not acknowledged [default: 30 s].
@@ -100,10 +95,7 @@ impl Collection {
                 return Err(error);
             }
         };
-        let mut batch = Batch {
-            messages: Vec::new(),
-            unacknowledged: Vec::new(),
-        };
+        let mut batch = Batch { messages: Vec::new(), unacknowledged: Vec::new() };
         let mut failure = None;
         for message in messages.next().await.unwrap_or_default() {
             match message {
@@ -175,10 +167,7 @@ fn received(message: &Message) -> Option<Received> {
     let (site, machine, kind) = (parts.next()?, parts.next()?, parts.next()?);
     let info = message.info().ok()?;
     Some(Received {
-        identity: Identity {
-            site: site.parse().ok()?,
-            machine: machine.parse().ok()?,
-        },
+        identity: Identity { site: site.parse().ok()?, machine: machine.parse().ok()? },
         kind: Kind::with_name(kind)?,
         sequence: info.stream_sequence,
         stored_s: since_1970_s(info.published.into()),
@@ -187,6 +176,5 @@ fn received(message: &Message) -> Option<Received> {
 }
 
 fn since_1970_s(at: SystemTime) -> f64 {
-    at.duration_since(SystemTime::UNIX_EPOCH)
-        .map_or(0.0, |since| since.as_secs_f64())
+    at.duration_since(SystemTime::UNIX_EPOCH).map_or(0.0, |since| since.as_secs_f64())
 }

@@ -63,11 +63,7 @@ impl Hub {
             .map_err(nats_error("connecting"))?;
         let mut context = jetstream::new(client.clone());
         context.set_timeout(RESPONSE_TIMEOUT);
-        Ok(Self {
-            client,
-            context,
-            reconnected,
-        })
+        Ok(Self { client, context, reconnected })
     }
 
     /// The JetStream context, for operations that this crate does not provide.
@@ -144,10 +140,7 @@ impl Hub {
             .subscribe(desired_subject("*"))
             .await
             .map_err(nats_error("listening to manifests"))?;
-        Ok(DesiredWatch {
-            puts,
-            reconnected: Arc::clone(&self.reconnected),
-        })
+        Ok(DesiredWatch { puts, reconnected: Arc::clone(&self.reconnected) })
     }
 
     /// Collections of the messages of a site's machines: conditions and telemetry; audit records and acknowledgements.

@@ -22,13 +22,7 @@ fn check(text: &str) -> Result<(), IdError> {
         && text
             .bytes()
             .all(|byte| byte.is_ascii_lowercase() || byte.is_ascii_digit() || byte == b'-');
-    if fits {
-        Ok(())
-    } else {
-        Err(IdError {
-            found: text.to_owned(),
-        })
-    }
+    if fits { Ok(()) } else { Err(IdError { found: text.to_owned() }) }
 }
 
 macro_rules! id {
@@ -79,10 +73,7 @@ id!(
     MachineId,
     "The name of a machine, one in the whole fleet: 1 to 64 lower-case letters, digits and hyphens."
 );
-id!(
-    SiteId,
-    "The name of a site: 1 to 64 lower-case letters, digits and hyphens."
-);
+id!(SiteId, "The name of a site: 1 to 64 lower-case letters, digits and hyphens.");
 
 /// A machine and its site.
 #[derive(Clone, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]

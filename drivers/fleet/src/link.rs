@@ -36,15 +36,9 @@ pub enum LinkError {
     Seed,
     /// The server cannot be reached, rejects the request, or does not respond in time.
     #[error("{what}: {source}")]
-    Nats {
-        what: &'static str,
-        source: Box<dyn std::error::Error + Send + Sync>,
-    },
+    Nats { what: &'static str, source: Box<dyn std::error::Error + Send + Sync> },
     #[error("{what}: no answer within {within:?}")]
-    Late {
-        what: &'static str,
-        within: Duration,
-    },
+    Late { what: &'static str, within: Duration },
     /// The object store does not have the model, or has another one under its name.
     #[error("the model {sha256} in the object store: {found}")]
     Model { sha256: String, found: String },
@@ -53,10 +47,7 @@ pub enum LinkError {
 pub(crate) fn nats_error<E: Into<Box<dyn std::error::Error + Send + Sync>>>(
     what: &'static str,
 ) -> impl FnOnce(E) -> LinkError {
-    move |source| LinkError::Nats {
-        what,
-        source: source.into(),
-    }
+    move |source| LinkError::Nats { what, source: source.into() }
 }
 
 /// Connection settings of the server.
@@ -87,11 +78,7 @@ impl LinkSettings {
     pub fn public_key(&self) -> Result<String, LinkError> {
         let user = nkeys::KeyPair::from_seed(&self.seed).map_err(|_| LinkError::Seed)?;
         let key = user.public_key();
-        if key.starts_with('U') {
-            Ok(key)
-        } else {
-            Err(LinkError::Seed)
-        }
+        if key.starts_with('U') { Ok(key) } else { Err(LinkError::Seed) }
     }
 
     pub(crate) fn options(&self, reconnected: &Arc<Notify>) -> Result<ConnectOptions, LinkError> {
@@ -118,10 +105,7 @@ impl LinkSettings {
     }
 
     pub(crate) fn servers(&self) -> Vec<String> {
-        crate::addresses(&self.url)
-            .filter(|one| !one.is_empty())
-            .map(str::to_owned)
-            .collect()
+        crate::addresses(&self.url).filter(|one| !one.is_empty()).map(str::to_owned).collect()
     }
 }
 
@@ -162,14 +146,9 @@ impl MachineLink {
             .name(identity.machine.as_str())
             .custom_inbox_prefix(&subjects.inbox)
             .subscription_capacity(MAX_QUEUED_VALUES);
-        let client = options
-            .connect(settings.servers())
-            .await
-            .map_err(nats_error("connecting"))?;
-        let desired = client
-            .subscribe(subjects.desired.clone())
-            .await
-            .map_err(nats_error("subscribing"))?;
+        let client = options.connect(settings.servers()).await.map_err(nats_error("connecting"))?;
+        let desired =
+            client.subscribe(subjects.desired.clone()).await.map_err(nats_error("subscribing"))?;
         let mut request_timer = tokio::time::interval_at(
             tokio::time::Instant::now() + REQUEST_INTERVAL,
             REQUEST_INTERVAL,
@@ -250,9 +229,7 @@ impl MachineLink {
 impl MachineSender {
     /// The current value; `None` if there is none or the request timed out, which is then repeated.
     async fn request_value(&self) -> Option<Bytes> {
-        let request = self
-            .client
-            .request(self.latest_desired.clone(), Bytes::new());
+        let request = self.client.request(self.latest_desired.clone(), Bytes::new());
         let answer = timeout(RESPONSE_TIMEOUT, request).await;
         let message = answer.ok()?.ok()?;
         message.status.is_none().then_some(message.payload)
@@ -337,10 +314,7 @@ pub(crate) async fn stored(
         let answered = published.map_err(nats_error(what))?;
         answered.await.map_err(nats_error(what)).map(|_| ())
     };
-    let late = LinkError::Late {
-        what,
-        within: RESPONSE_TIMEOUT,
-    };
+    let late = LinkError::Late { what, within: RESPONSE_TIMEOUT };
     timeout(RESPONSE_TIMEOUT, stored).await.unwrap_or(Err(late))
 }
 

@@ -31,10 +31,7 @@ pub struct ModelRef {
 impl ModelRef {
     /// Creates the reference to a machine file.
     pub fn of(text: &[u8]) -> Self {
-        Self {
-            sha256: hex(&Sha256::digest(text)),
-            bytes: text.len() as u64,
-        }
+        Self { sha256: hex(&Sha256::digest(text)), bytes: text.len() as u64 }
     }
 
     /// Whether `text` is the referenced machine file.
@@ -153,8 +150,7 @@ impl Desired {
 pub fn trusted_key(text: &str) -> Result<VerifyingKey, DesiredError> {
     let bytes: [u8; 32] = decode(text, "key", 32)?;
     let key = VerifyingKey::from_bytes(&bytes).ok();
-    key.filter(|key| !key.is_weak())
-        .ok_or(DesiredError::WeakKey)
+    key.filter(|key| !key.is_weak()).ok_or(DesiredError::WeakKey)
 }
 
 /// Identity and trusted keys of a machine.
@@ -186,17 +182,11 @@ pub enum ManifestRejection {
     #[error("signed by an untrusted key: {key}")]
     Key { key: String },
     #[error("it is meant for the machine {found}, this is {expected}")]
-    Machine {
-        found: MachineId,
-        expected: MachineId,
-    },
+    Machine { found: MachineId, expected: MachineId },
     #[error("it is meant for the serial number {found:?}, this machine has {expected:?}")]
     Serial { found: String, expected: String },
     #[error("it is meant for the axes {found:?}, this machine has {expected:?}")]
-    Axes {
-        found: Vec<AxisName>,
-        expected: Vec<AxisName>,
-    },
+    Axes { found: Vec<AxisName>, expected: Vec<AxisName> },
     /// A manifest with this version or a higher one was accepted before.
     #[error("its version is {found}, and {highest} has been accepted before")]
     Version { found: u64, highest: u64 },
@@ -213,9 +203,7 @@ impl Trust {
     pub fn accept(&self, desired: &Desired) -> Result<Accepted, ManifestRejection> {
         let signer = desired.signer()?.ok_or(ManifestRejection::Signature)?;
         if !self.keys.contains(&signer) {
-            return Err(ManifestRejection::Key {
-                key: desired.key.clone(),
-            });
+            return Err(ManifestRejection::Key { key: desired.key.clone() });
         }
         let manifest: Manifest =
             serde_json::from_str(&desired.manifest).map_err(DesiredError::from)?;
@@ -244,10 +232,7 @@ impl Trust {
             });
         }
         let model = desired.model.clone();
-        if model
-            .as_ref()
-            .is_some_and(|text| !manifest.model.is(text.as_bytes()))
-        {
+        if model.as_ref().is_some_and(|text| !manifest.model.is(text.as_bytes())) {
             return Err(ManifestRejection::Model);
         }
         Ok(Accepted { manifest, model })
@@ -260,9 +245,7 @@ fn decode<const N: usize>(
     bytes: usize,
 ) -> Result<[u8; N], DesiredError> {
     let found = BASE64.decode(text).ok();
-    found
-        .and_then(|found| found.try_into().ok())
-        .ok_or(DesiredError::Base64 { what, bytes })
+    found.and_then(|found| found.try_into().ok()).ok_or(DesiredError::Base64 { what, bytes })
 }
 
 fn signed_bytes(manifest: &str) -> Vec<u8> {

@@ -50,10 +50,7 @@ impl Permissions {
     /// Permissions of a centre: everything in the fleet.
     pub fn of_centre() -> Self {
         let everything = || vec![">".to_owned()];
-        Self {
-            publish: everything(),
-            subscribe: everything(),
-        }
+        Self { publish: everything(), subscribe: everything() }
     }
 }
 
@@ -141,9 +138,7 @@ impl ServerSettings {
         for (nkey, permissions) in centres.chain(machines) {
             check_nkey(nkey)?;
             if !seen.insert(nkey) {
-                return Err(ServerConfigError::Twice {
-                    found: nkey.clone(),
-                });
+                return Err(ServerConfigError::Twice { found: nkey.clone() });
             }
             user(&mut text, nkey, &permissions);
         }
@@ -169,28 +164,21 @@ fn user(text: &mut String, nkey: &str, permissions: &Permissions) {
 pub fn is_public_nkey(text: &str) -> bool {
     text.len() == 56
         && text.starts_with('U')
-        && text
-            .bytes()
-            .all(|byte| byte.is_ascii_uppercase() || (b'2'..=b'7').contains(&byte))
+        && text.bytes().all(|byte| byte.is_ascii_uppercase() || (b'2'..=b'7').contains(&byte))
 }
 
 fn check_nkey(nkey: &str) -> Result<(), ServerConfigError> {
     if is_public_nkey(nkey) {
         Ok(())
     } else {
-        Err(ServerConfigError::Nkey {
-            found: nkey.to_owned(),
-        })
+        Err(ServerConfigError::Nkey { found: nkey.to_owned() })
     }
 }
 
 fn quoted(what: &'static str, text: &str) -> Result<String, ServerConfigError> {
     let breaks_out = |c: char| c == '"' || c == '\\' || c.is_control();
     if text.contains(breaks_out) {
-        return Err(ServerConfigError::Text {
-            what,
-            found: text.to_owned(),
-        });
+        return Err(ServerConfigError::Text { what, found: text.to_owned() });
     }
     Ok(format!("\"{text}\""))
 }
@@ -273,12 +261,10 @@ impl Cluster {
                 Ok(format!("nats://{USER}:{}@{address}", self.password.0))
             }
             // The address contains a password, which messages must not repeat.
-            Some(address) if address.contains('@') => Err(ServerConfigError::Route {
-                found: "an address with a user".to_owned(),
-            }),
-            _ => Err(ServerConfigError::Route {
-                found: format!("{route:?}"),
-            }),
+            Some(address) if address.contains('@') => {
+                Err(ServerConfigError::Route { found: "an address with a user".to_owned() })
+            }
+            _ => Err(ServerConfigError::Route { found: format!("{route:?}") }),
         }
     }
 }

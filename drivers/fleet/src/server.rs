@@ -43,9 +43,7 @@ pub struct Server {
 pub fn program() -> Option<PathBuf> {
     let path = std::env::var_os("PATH").unwrap_or_default();
     let folders = std::env::split_paths(&path).map(|folder| folder.join("nats-server"));
-    folders
-        .chain([PathBuf::from(DEBIAN_PATH)])
-        .find(|file| file.is_file())
+    folders.chain([PathBuf::from(DEBIAN_PATH)]).find(|file| file.is_file())
 }
 
 /// Replaces a configuration file. Only its owner can read it, since it may contain a cluster password. A file of another user (as whom the
@@ -61,11 +59,8 @@ pub fn write_private(file: &Path, text: &str) -> io::Result<()> {
         Err(e) if e.kind() != io::ErrorKind::NotFound => return Err(e),
         _ => {}
     }
-    let mut written = std::fs::OpenOptions::new()
-        .write(true)
-        .create_new(true)
-        .mode(0o600)
-        .open(&new_file)?;
+    let mut written =
+        std::fs::OpenOptions::new().write(true).create_new(true).mode(0o600).open(&new_file)?;
     if let Ok(before) = std::fs::metadata(file) {
         fchown(&written, Some(before.uid()), Some(before.gid()))?;
     }
@@ -99,11 +94,7 @@ impl Server {
             .stdout(Stdio::null())
             .stderr(Stdio::null())
             .spawn()?;
-        Ok(Self {
-            child,
-            listen: settings.listen.clone(),
-            configuration,
-        })
+        Ok(Self { child, listen: settings.listen.clone(), configuration })
     }
 
     fn ready(mut self, folder: &Path) -> Result<Self, ServerError> {

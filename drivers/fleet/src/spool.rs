@@ -51,10 +51,7 @@ pub struct SpoolLimits {
 impl Default for SpoolLimits {
     /// 16 MiB and 64 MiB: about a day of conditions and telemetry.
     fn default() -> Self {
-        Self {
-            kept_bytes: 16 << 20,
-            passing_bytes: 64 << 20,
-        }
+        Self { kept_bytes: 16 << 20, passing_bytes: 64 << 20 }
     }
 }
 
@@ -108,10 +105,7 @@ impl Spool {
 
     /// Current disk error; `None` if the disk works or was not needed.
     pub fn trouble(&self) -> Option<&str> {
-        self.kept
-            .trouble
-            .as_deref()
-            .or(self.passing.trouble.as_deref())
+        self.kept.trouble.as_deref().or(self.passing.trouble.as_deref())
     }
 
     /// Writes the messages in memory to disk, before the program ends.
@@ -143,11 +137,7 @@ impl Stored {
     /// Parses a file name; `None` if it is not a file of this queue.
     fn named(name: &str, bytes: u64) -> Option<Self> {
         let (number, messages) = name.strip_suffix(".spool")?.split_once('-')?;
-        Some(Self {
-            number: number.parse().ok()?,
-            messages: messages.parse().ok()?,
-            bytes,
-        })
+        Some(Self { number: number.parse().ok()?, messages: messages.parse().ok()?, bytes })
     }
 
     fn name(self) -> String {
@@ -227,21 +217,13 @@ impl Queue {
                 }
                 append(
                     &mut bytes,
-                    Record {
-                        kind: message.kind.name(),
-                        id: &message.id,
-                        bytes: &message.bytes,
-                    },
+                    Record { kind: message.kind.name(), id: &message.id, bytes: &message.bytes },
                 );
                 count += 1;
             }
             let length = bytes.len() as u64;
             self.make_room(length);
-            let file = Stored {
-                number: self.next_file,
-                messages: count as u64,
-                bytes: length,
-            };
+            let file = Stored { number: self.next_file, messages: count as u64, bytes: length };
             let path = self.path(file);
             if let Err(e) = std::fs::write(&path, &bytes) {
                 // A partial file may remain, whose messages are still in memory and would be sent twice.

@@ -38,31 +38,17 @@ impl Default for StreamRetention {
     /// One server; telemetry for a week, audit records for a year, up to 4 GiB per site.
     fn default() -> Self {
         const DAY: Duration = Duration::from_secs(86_400);
-        Self {
-            replicas: 1,
-            telemetry: 7 * DAY,
-            site_bytes: 4 << 30,
-            audit: 366 * DAY,
-        }
+        Self { replicas: 1, telemetry: 7 * DAY, site_bytes: 4 << 30, audit: 366 * DAY }
     }
 }
 
 /// The two streams of a site with their subjects: telemetry, then audit.
 pub(crate) fn streams_of(site: &SiteId) -> [(String, Vec<String>); 2] {
-    let of = |kinds: [Kind; 2]| {
-        kinds
-            .map(|kind| format!("volcomp.{site}.*.{}", kind.name()))
-            .to_vec()
-    };
+    let of =
+        |kinds: [Kind; 2]| kinds.map(|kind| format!("volcomp.{site}.*.{}", kind.name())).to_vec();
     [
-        (
-            format!("{TELEMETRY_PREFIX}{site}"),
-            of([Kind::Condition, Kind::Telemetry]),
-        ),
-        (
-            format!("{AUDIT_PREFIX}{site}"),
-            of([Kind::Audit, Kind::Ack]),
-        ),
+        (format!("{TELEMETRY_PREFIX}{site}"), of([Kind::Condition, Kind::Telemetry])),
+        (format!("{AUDIT_PREFIX}{site}"), of([Kind::Audit, Kind::Ack])),
     ]
 }
 
@@ -99,21 +85,13 @@ pub async fn prepare(
                 subjects,
                 max_messages: -1,
                 max_consumers: -1,
-                max_bytes: if is_audit {
-                    audit_bytes
-                } else {
-                    retention.site_bytes - audit_bytes
-                },
+                max_bytes: if is_audit { audit_bytes } else { retention.site_bytes - audit_bytes },
                 discard: if is_audit {
                     stream::DiscardPolicy::New
                 } else {
                     stream::DiscardPolicy::Old
                 },
-                max_age: if is_audit {
-                    retention.audit
-                } else {
-                    retention.telemetry
-                },
+                max_age: if is_audit { retention.audit } else { retention.telemetry },
                 duplicate_window: DUPLICATE_WINDOW,
                 num_replicas: retention.replicas,
                 deny_delete: is_audit,
@@ -155,9 +133,5 @@ pub async fn put_model(
             .map_err(nats_error("making an object store"))?,
     };
     let mut bytes = model;
-    store
-        .put(sha256, &mut bytes)
-        .await
-        .map(|_| ())
-        .map_err(nats_error("storing a model"))
+    store.put(sha256, &mut bytes).await.map(|_| ()).map_err(nats_error("storing a model"))
 }

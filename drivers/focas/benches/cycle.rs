@@ -24,11 +24,7 @@ const EXCHANGES: [(usize, usize); 2] = [(152, 370), (75, 44)];
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let is_measured = std::env::args().any(|argument| argument == "--bench");
-    let count = if is_measured {
-        CYCLES
-    } else {
-        CYCLES_OF_A_TEST
-    };
+    let count = if is_measured { CYCLES } else { CYCLES_OF_A_TEST };
     println!("us                    focas     echo    ratio   goal");
     for (cores, servers_on) in [("one core", 0), ("two cores", 1)] {
         // Pinned, because a scheduler that moves the servers between cores would determine the ratio.

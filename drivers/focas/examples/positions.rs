@@ -20,9 +20,8 @@ fn main() -> Result<(), Box<dyn Error>> {
         let started = Simulator::start("127.0.0.1:0", Options::default(), world)?;
         simulator.insert(started).address().to_string()
     };
-    let (host, port) = address
-        .rsplit_once(':')
-        .ok_or("expected HOST:PORT, such as 192.0.2.10:8193")?;
+    let (host, port) =
+        address.rsplit_once(':').ok_or("expected HOST:PORT, such as 192.0.2.10:8193")?;
     let mut client = Client::open(host, port.parse()?, Duration::from_secs(2))?;
     let system = client.system_info()?;
     println!("control {}, series {}", system.cnc_type, system.series);
@@ -34,10 +33,6 @@ fn main() -> Result<(), Box<dyn Error>> {
         println!("{name} {position:.3}");
     }
     let status = client.status()?;
-    println!(
-        "emergency stop {}, alarm {}",
-        status.emergency != 0,
-        status.alarm != 0
-    );
+    println!("emergency stop {}, alarm {}", status.emergency != 0, status.alarm != 0);
     Ok(())
 }

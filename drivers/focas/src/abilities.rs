@@ -20,11 +20,7 @@ pub(crate) fn find(
     config: &FocasConfig,
     axes: &[PlannedAxis],
 ) -> Result<Abilities, FocasError> {
-    let mut probe = FormProbe {
-        session,
-        config,
-        axes,
-    };
+    let mut probe = FormProbe { session, config, axes };
     if probe.accepts_all(Abilities::ALL)? {
         return Ok(Abilities::ALL);
     }
@@ -41,11 +37,7 @@ pub(crate) fn find(
         probe.require_all(plan::words(config, axes, false))?;
     }
     probe.require_all(plan::bytes(config))?;
-    let mut found = Abilities {
-        packing: Packing::OneByOne,
-        ranges,
-        all_axes,
-    };
+    let mut found = Abilities { packing: Packing::OneByOne, ranges, all_axes };
     for packing in [Packing::OneFrame, Packing::ByTarget] {
         let packed = Abilities { packing, ..found };
         if probe.accepts_all(packed)? {
@@ -66,8 +58,7 @@ impl FormProbe<'_> {
     fn accepts_all(&mut self, abilities: Abilities) -> Result<bool, FocasError> {
         let exchanges = plan::reads(self.config, self.axes, abilities)?;
         let request = "reading all that a cycle needs";
-        self.refusal(&exchanges, request)
-            .map(|refused| refused.is_none())
+        self.refusal(&exchanges, request).map(|refused| refused.is_none())
     }
 
     /// Whether the control answers a command.

@@ -81,18 +81,14 @@ pub struct Alarm {
 
 /// Decodes the number in a slot of eight bytes, mm or deg.
 pub(crate) fn slot(data: &[u8], index: usize) -> Result<f64, FrameError> {
-    let bytes = data
-        .get(8 * index..)
-        .and_then(|rest| rest.first_chunk::<8>());
+    let bytes = data.get(8 * index..).and_then(|rest| rest.first_chunk::<8>());
     let bytes = bytes.ok_or(FrameError("fewer axes than requested"))?;
     number(*bytes).ok_or(FrameError("a position that is not a number"))
 }
 
 /// Decodes the state of the control from its fourteen bytes.
 pub(crate) fn status(data: &[u8]) -> Result<StatusInfo, FrameError> {
-    let data = data
-        .first_chunk::<14>()
-        .ok_or(FrameError("a truncated status"))?;
+    let data = data.first_chunk::<14>().ok_or(FrameError("a truncated status"))?;
     let word = |k: usize| u16::from_be_bytes([data[2 * k], data[2 * k + 1]]);
     Ok(StatusInfo {
         mode: word(0),

@@ -28,11 +28,7 @@ impl Client {
     /// # Errors
     /// See [`Session::open`].
     pub fn open(host: &str, port: u16, at_most: Duration) -> Result<Self, FocasError> {
-        Ok(Self {
-            session: Session::open(host, port, at_most)?,
-            path: 1,
-            at_most,
-        })
+        Ok(Self { session: Session::open(host, port, at_most)?, path: 1, at_most })
     }
 
     /// Releases the session for other requests.
@@ -62,13 +58,7 @@ impl Client {
             function::READ_PMC | function::WRITE_PMC => Target::Pmc,
             _ => Target::Cnc,
         };
-        let command = Command {
-            target,
-            path: self.path,
-            function,
-            args,
-            data,
-        };
+        let command = Command { target, path: self.path, function, args, data };
         let request = Request::new(&[command])?;
         let deadline = Instant::now() + self.at_most;
         let failed = |fault| FocasError::in_request(what, fault);
@@ -162,13 +152,7 @@ impl Client {
     pub fn write_pmc(&mut self, area: PmcArea, first: u16, bytes: &[u8]) -> Result<(), FocasError> {
         let length = i32::try_from(bytes.len()).unwrap_or(i32::MAX);
         let last = i32::from(first) + length.max(1) - 1;
-        let args = [
-            i32::from(first),
-            last,
-            area as i32,
-            Width::Byte.code(),
-            length,
-        ];
+        let args = [i32::from(first), last, area as i32, Width::Byte.code(), length];
         self.request(function::WRITE_PMC, args, bytes, "writing PMC memory")?;
         Ok(())
     }
@@ -193,12 +177,7 @@ impl Client {
     pub fn write_macro(&mut self, number: i32, value: f64) -> Result<(), FocasError> {
         let args = [number, 0, 0, 0, 8];
         let data = value.to_be_bytes();
-        self.request(
-            function::WRITE_MACRO,
-            args,
-            &data,
-            "writing a macro variable",
-        )?;
+        self.request(function::WRITE_MACRO, args, &data, "writing a macro variable")?;
         Ok(())
     }
 
@@ -259,12 +238,7 @@ impl Client {
     ) -> Result<Result<u32, String>, FocasError> {
         let value = match self.read_parameter(number, None) {
             Err(error) if self.session.is_dead() => return Err(error),
-            Err(
-                error @ FocasError::Refused {
-                    code: ReturnCode::BUSY,
-                    ..
-                },
-            ) => return Err(error),
+            Err(error @ FocasError::Refused { code: ReturnCode::BUSY, .. }) => return Err(error),
             Err(error) => Err(error.to_string()),
             Ok(value) => Ok(value),
         };
@@ -289,10 +263,7 @@ impl Client {
             }
         }
         let [in_use, first] = values;
-        Ok(ShiftSource::Reported {
-            in_use: in_use & 1 == 1,
-            first,
-        })
+        Ok(ShiftSource::Reported { in_use: in_use & 1 == 1, first })
     }
 
     /// Active alarms, at most ten.

@@ -34,10 +34,7 @@ impl Shift {
 
     /// The shifts in two-byte words, as in frames to a barrier.
     pub(crate) fn in_words(self) -> Self {
-        Self {
-            width: Width::Word,
-            ..self
-        }
+        Self { width: Width::Word, ..self }
     }
 
     /// Maximum magnitude of a shift for this kind of axis that the width can represent.
@@ -157,10 +154,7 @@ impl FocasConfig {
             },
             barrier: self.barrier.is_some(),
             tells_applied: !self.axes.is_empty(),
-            shown: ShownStates {
-                referenced: self.referenced.is_some(),
-                ..ShownStates::ALL
-            },
+            shown: ShownStates { referenced: self.referenced.is_some(), ..ShownStates::ALL },
             sees_other_gateways: self.barrier.is_some() || self.heartbeat.is_some(),
             shortest_cycle: Duration::from_millis(1),
         };
@@ -203,14 +197,9 @@ const REFERENCED: &str = "the byte of the referenced axes";
 fn used(config: &FocasConfig, slots: usize) -> Result<Vec<MemoryUse>, FocasError> {
     let axes = config.axes.len();
     let plain = config.barrier.is_none();
-    let [frame_words, report_words] = [
-        BarrierArea::frame_words(axes),
-        BarrierArea::report_words(axes),
-    ];
-    let (frame, report) = (
-        config.barrier.map(|it| it.frame),
-        config.barrier.map(|it| it.report),
-    );
+    let [frame_words, report_words] =
+        [BarrierArea::frame_words(axes), BarrierArea::report_words(axes)];
+    let (frame, report) = (config.barrier.map(|it| it.frame), config.barrier.map(|it| it.report));
     let [heartbeat, sequence] = [config.heartbeat, config.sequence].map(|at| at.filter(|_| plain));
     let Shift { first, width, .. } = config.shift;
     let shifts = (axes > 0).then_some(first);
@@ -230,22 +219,11 @@ fn used(config: &FocasConfig, slots: usize) -> Result<Vec<MemoryUse>, FocasError
         if (written || what == REPORT) && !first.area.is_of_ladder() {
             return Err(FocasError::NotWritable { key, at: first });
         }
-        let bytes = u16::try_from(points)
-            .unwrap_or(u16::MAX)
-            .saturating_mul(width.bytes());
+        let bytes = u16::try_from(points).unwrap_or(u16::MAX).saturating_mul(width.bytes());
         let last = first.at.checked_add(bytes.saturating_sub(1));
-        let last = last.ok_or(FocasError::BeyondEnd {
-            key,
-            first,
-            points,
-            bytes: width.bytes(),
-        })?;
-        let block = Block {
-            key,
-            what,
-            first,
-            last: PmcAddress { at: last, ..first },
-        };
+        let last =
+            last.ok_or(FocasError::BeyondEnd { key, first, points, bytes: width.bytes() })?;
+        let block = Block { key, what, first, last: PmcAddress { at: last, ..first } };
         found.push(MemoryUse { block, written });
     }
     Ok(found)
@@ -272,12 +250,7 @@ fn overlap(blocks: &[MemoryUse]) -> Option<[Block; 2]> {
 }
 
 pub(crate) fn check_disjoint(one: &Block, other: &Block) -> Result<(), FocasError> {
-    one.shared(other).map_or(Ok(()), |_| {
-        Err(FocasError::Overlap {
-            one: *one,
-            other: *other,
-        })
-    })
+    one.shared(other).map_or(Ok(()), |_| Err(FocasError::Overlap { one: *one, other: *other }))
 }
 
 /// Memory blocks of a configuration, with shift words for `slots` axes: the control must not be set
@@ -296,9 +269,7 @@ pub(crate) fn without_axis_words(
 fn overlap_between(one: &FocasConfig, other: &FocasConfig) -> Option<[Block; 2]> {
     let blocks = |config: &FocasConfig| used(config, config.axes.len()).unwrap_or_default();
     let (ours, theirs) = (blocks(one), blocks(other));
-    let pairs = ours
-        .iter()
-        .flat_map(|one| theirs.iter().map(move |other| [one, other]));
+    let pairs = ours.iter().flat_map(|one| theirs.iter().map(move |other| [one, other]));
     let mut written = pairs.filter(|pair| pair.iter().any(|used| used.written));
     let found = written.find(|[one, other]| one.block.shared(&other.block).is_some())?;
     Some(found.map(|used| used.block))

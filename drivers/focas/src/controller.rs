@@ -42,10 +42,7 @@ impl FocasController {
             logged = text;
             opened
         };
-        Ok(Self {
-            description,
-            supply: Supply::new(&device, backoff, open)?,
-        })
+        Ok(Self { description, supply: Supply::new(&device, backoff, open)? })
     }
 
     /// Waits for the first connection.

@@ -18,10 +18,7 @@ pub enum FocasError {
     #[error("the name {0} has no address")]
     NoAddress(String),
     #[error("no connection to {address}: {source}")]
-    Connect {
-        address: SocketAddr,
-        source: io::Error,
-    },
+    Connect { address: SocketAddr, source: io::Error },
     #[error("the session was refused")]
     SessionRefused,
     /// The TCP connection was made, but no session could be opened on it.
@@ -92,10 +89,9 @@ impl FocasError {
     pub(crate) fn in_request(request: impl Into<String>, fault: Fault) -> Self {
         let request = request.into();
         match fault {
-            Fault::Refused { code, .. } => Self::Refused {
-                request,
-                code: ReturnCode(i16::try_from(code).unwrap_or(i16::MAX)),
-            },
+            Fault::Refused { code, .. } => {
+                Self::Refused { request, code: ReturnCode(i16::try_from(code).unwrap_or(i16::MAX)) }
+            }
             source => Self::Failed { request, source },
         }
     }

@@ -173,10 +173,7 @@ impl Request {
             });
             payload.extend(command.data);
         }
-        Ok(Self {
-            bytes: frame(REQUEST_VERSION, Kind::Command, &payload)?,
-            commands: sent,
-        })
+        Ok(Self { bytes: frame(REQUEST_VERSION, Kind::Command, &payload)?, commands: sent })
     }
 
     pub fn bytes(&self) -> &[u8] {
@@ -240,15 +237,10 @@ impl<'a> Blocks<'a> {
     /// # Errors
     /// The payload lacks the count.
     pub fn parse(payload: &'a [u8]) -> Result<Self, FrameError> {
-        let (count, rest) = payload
-            .split_first_chunk::<2>()
-            .ok_or(FrameError("an answer without a count"))?;
+        let (count, rest) =
+            payload.split_first_chunk::<2>().ok_or(FrameError("an answer without a count"))?;
         let count = usize::from(u16::from_be_bytes(*count));
-        Ok(Self {
-            rest,
-            left: count,
-            count,
-        })
+        Ok(Self { rest, left: count, count })
     }
 
     fn block(&mut self) -> Result<Block<'a>, FrameError> {
@@ -267,13 +259,7 @@ impl<'a> Blocks<'a> {
             None if error != 0 => &[],
             None => return Err(CUT),
         };
-        Ok(Block {
-            target: number(2),
-            path: number(4),
-            function: number(6),
-            error,
-            data,
-        })
+        Ok(Block { target: number(2), path: number(4), function: number(6), error, data })
     }
 }
 
@@ -357,9 +343,7 @@ pub fn number(bytes: [u8; 8]) -> Option<f64> {
     };
     let exponent = i16::from_be_bytes([g, h]);
     // Exponent ffff: vacant.
-    (0..=30)
-        .contains(&exponent)
-        .then(|| mantissa / base.powi(i32::from(exponent)))
+    (0..=30).contains(&exponent).then(|| mantissa / base.powi(i32::from(exponent)))
 }
 
 /// Encodes a number with `decimals` decimals in eight bytes, saturating at the range of the mantissa.

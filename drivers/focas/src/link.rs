@@ -65,11 +65,8 @@ impl Link {
         let names = client.axis_names()?;
         let axes = find_axes(config, &names)?;
         let source = client.shift_source()?;
-        let mut notes = if config.axes.is_empty() {
-            Vec::new()
-        } else {
-            source.check(config, names.len())?
-        };
+        let mut notes =
+            if config.axes.is_empty() { Vec::new() } else { source.check(config, names.len())? };
         let [inch_machine, in_unit_of_program, program] = UNIT_NUMBERS;
         notes.extend(parameters::check_units(&[
             client.integer_parameter(inch_machine)?,
@@ -161,14 +158,10 @@ impl Link {
         deadline: Instant,
     ) -> Result<(), Fault> {
         if self.has_barrier {
-            return Err(Fault::Unsupported(
-                "plain corrections, where there is a barrier",
-            ));
+            return Err(Fault::Unsupported("plain corrections, where there is a barrier"));
         }
         if self.corrected == 0 {
-            return Err(Fault::Unsupported(
-                "corrections, where positions are only read",
-            ));
+            return Err(Fault::Unsupported("corrections, where positions are only read"));
         }
         let beat = self.heartbeat.unwrap_or(0).wrapping_add(1);
         self.sequence = self.sequence.wrapping_add(1);
@@ -259,26 +252,17 @@ fn find_axes(config: &FocasConfig, names: &[char]) -> Result<Vec<PlannedAxis>, F
         let mut slots = (0..names.len()).filter(|slot| names[*slot] == name.letter());
         let slot = slots.next();
         if slots.next().is_some() {
-            return Err(FocasError::SameLetter {
-                name: *name,
-                found: names.iter().collect(),
-            });
+            return Err(FocasError::SameLetter { name: *name, found: names.iter().collect() });
         }
         Ok(PlannedAxis {
-            slot: slot.ok_or_else(|| FocasError::NoAxis {
-                name: *name,
-                found: names.iter().collect(),
-            })?,
+            slot: slot
+                .ok_or_else(|| FocasError::NoAxis { name: *name, found: names.iter().collect() })?,
             kind: name.kind(),
             count: config.shift.count(name.kind()).mm_or_rad(),
         })
     };
-    let axes: Vec<PlannedAxis> = config
-        .axes
-        .iter()
-        .chain(&config.reads)
-        .map(planned)
-        .collect::<Result<_, FocasError>>()?;
+    let axes: Vec<PlannedAxis> =
+        config.axes.iter().chain(&config.reads).map(planned).collect::<Result<_, FocasError>>()?;
     // The control has a word for each of its axes, corrected or not, so the words extend further than those of the corrected axes.
     config::check(config, names.len())?;
     Ok(axes)

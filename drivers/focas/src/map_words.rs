@@ -86,10 +86,7 @@ impl MapWords {
         words: usize,
     ) -> Result<Vec<u16>, FocasError> {
         let mut found = Vec::with_capacity(words);
-        let (mut at, end) = (
-            usize::from(from.at) + skip,
-            usize::from(from.at) + skip + 2 * words,
-        );
+        let (mut at, end) = (usize::from(from.at) + skip, usize::from(from.at) + skip + 2 * words);
         while at < end {
             let count = (end - at).min(MAX_READ_BYTES);
             // An offset beyond the addresses of a request is replaced by the largest address, which the control rejects.

@@ -93,14 +93,9 @@ impl ShiftSource {
         }
         let at = |byte: u32| {
             let at = u16::try_from(byte).ok();
-            at.map(|at| PmcAddress {
-                area: PmcArea::R,
-                at,
-            })
+            at.map(|at| PmcAddress { area: PmcArea::R, at })
         };
-        let bytes = u32::try_from(control_axes)
-            .unwrap_or(u32::MAX)
-            .saturating_mul(2);
+        let bytes = u32::try_from(control_axes).unwrap_or(u32::MAX).saturating_mul(2);
         let words = at(first).zip(at(first.saturating_add(bytes.saturating_sub(1))));
         let (first, last) =
             words.ok_or_else(|| wrong("words that end at byte 65535 at the latest".to_owned()))?;
@@ -140,11 +135,7 @@ pub(crate) fn check_units(reported: &[Result<u32, String>; 3]) -> Result<Vec<Str
         ));
     }
     if is_set(in_unit_of_program, 0) {
-        let now = if is_set(program, 2) {
-            "inches now"
-        } else {
-            "mm now"
-        };
+        let now = if is_set(program, 2) { "inches now" } else { "mm now" };
         return Err(wrong(
             "3104#0",
             "machine positions in the unit of the program",
@@ -153,9 +144,7 @@ pub(crate) fn check_units(reported: &[Result<u32, String>; 3]) -> Result<Vec<Str
             ),
         ));
     }
-    let unreported = reported[..2]
-        .iter()
-        .find_map(|reported| reported.as_ref().err());
+    let unreported = reported[..2].iter().find_map(|reported| reported.as_ref().err());
     let note = unreported.map(|why| {
         format!(
             "the control does not report parameters 1001 and 3104 ({why}): the unit of its positions is not verified"

@@ -32,11 +32,7 @@ pub struct Abilities {
 
 impl Abilities {
     /// Abilities of most controls: the fewest exchanges.
-    pub(crate) const ALL: Self = Self {
-        packing: Packing::OneFrame,
-        ranges: true,
-        all_axes: true,
-    };
+    pub(crate) const ALL: Self = Self { packing: Packing::OneFrame, ranges: true, all_axes: true };
 }
 
 /// A corrected or read-only axis, and its index in the control. Corrected axes come first in every list.
@@ -132,10 +128,7 @@ impl ReadItem {
             Self::Positions => (function::POSITIONS, [config.positions.code(), -1, 0, 0, 0]),
             Self::PositionOf(slot) => {
                 let axis = i32::try_from(slot + 1).unwrap_or(i32::MAX);
-                (
-                    function::POSITIONS,
-                    [config.positions.code(), axis, 0, 0, 0],
-                )
+                (function::POSITIONS, [config.positions.code(), axis, 0, 0, 0])
             }
             Self::Status => (function::STATUS, [0; 5]),
             Self::Shifts(run) => (function::READ_PMC, shift_args(config, run, 0)),
@@ -144,13 +137,7 @@ impl ReadItem {
                 (function::READ_PMC, byte_args(address, 0))
             }
         };
-        Command {
-            target: self.target(),
-            path: config.path,
-            function,
-            args,
-            data: &[],
-        }
+        Command { target: self.target(), path: config.path, function, args, data: &[] }
     }
 }
 
@@ -163,10 +150,7 @@ pub(crate) fn runs(config: &FocasConfig, axes: &[PlannedAxis], ranges: bool) -> 
     for slot in slots {
         match runs.last_mut() {
             Some(run) if ranges && run.first + run.count == slot => run.count += 1,
-            _ => runs.push(Run {
-                first: slot,
-                count: 1,
-            }),
+            _ => runs.push(Run { first: slot, count: 1 }),
         }
     }
     runs
@@ -195,11 +179,7 @@ pub(crate) fn words(config: &FocasConfig, axes: &[PlannedAxis], ranges: bool) ->
 /// Runs that cover the first `words` words: a single one if `ranges` are accepted.
 fn in_runs(words: usize, ranges: bool) -> Vec<Run> {
     let run = |first, count| Run { first, count };
-    if ranges {
-        vec![run(0, words)]
-    } else {
-        (0..words).map(|word| run(word, 1)).collect()
-    }
+    if ranges { vec![run(0, words)] } else { (0..words).map(|word| run(word, 1)).collect() }
 }
 
 pub(crate) fn bytes(config: &FocasConfig) -> Vec<ReadItem> {
@@ -226,10 +206,7 @@ pub(crate) fn reads(
         Packing::ByTarget => vec![&items[..of_control], &items[of_control..]],
         Packing::OneByOne => items.chunks(1).collect(),
     };
-    frames
-        .into_iter()
-        .map(|items| read(config, items))
-        .collect()
+    frames.into_iter().map(|items| read(config, items)).collect()
 }
 
 pub(crate) fn read(
@@ -237,10 +214,7 @@ pub(crate) fn read(
     items: &[ReadItem],
 ) -> Result<Exchange<ReadItem>, FrameError> {
     let commands: Vec<Command<'_>> = items.iter().map(|item| item.command(config)).collect();
-    Ok(Exchange {
-        request: Request::new(&commands)?,
-        parts: items.to_vec(),
-    })
+    Ok(Exchange { request: Request::new(&commands)?, parts: items.to_vec() })
 }
 
 /// Frames of a write: shifts, then heartbeat, then sequence; or the frame for the barrier, which ends with its checksum.
@@ -251,10 +225,7 @@ pub(crate) fn writes(
 ) -> Result<Vec<Exchange<WriteItem>>, FrameError> {
     let mut parts: Vec<WriteItem> = Vec::new();
     if config.barrier.is_some() {
-        let words = in_runs(
-            BarrierArea::frame_words(config.axes.len()),
-            abilities.ranges,
-        );
+        let words = in_runs(BarrierArea::frame_words(config.axes.len()), abilities.ranges);
         parts.extend(words.into_iter().map(WriteItem::Frame));
     } else if !config.axes.is_empty() {
         let runs = runs(config, axes, abilities.ranges).into_iter();
@@ -266,10 +237,7 @@ pub(crate) fn writes(
         Packing::OneFrame | Packing::ByTarget => parts.len(),
         Packing::OneByOne => 1,
     };
-    parts
-        .chunks(together.max(1))
-        .map(|parts| write(config, parts))
-        .collect()
+    parts.chunks(together.max(1)).map(|parts| write(config, parts)).collect()
 }
 
 fn write(config: &FocasConfig, parts: &[WriteItem]) -> Result<Exchange<WriteItem>, FrameError> {
@@ -298,10 +266,7 @@ fn write(config: &FocasConfig, parts: &[WriteItem]) -> Result<Exchange<WriteItem
             data: room.get(..length).ok_or(FrameError("more than 32 axes"))?,
         });
     }
-    Ok(Exchange {
-        request: Request::new(&commands)?,
-        parts: parts.to_vec(),
-    })
+    Ok(Exchange { request: Request::new(&commands)?, parts: parts.to_vec() })
 }
 
 fn shift_args(config: &FocasConfig, run: Run, written: usize) -> [i32; 5] {
@@ -328,15 +293,11 @@ fn run_args(from: PmcAddress, width: Width, run: Run, written: usize) -> [i32; 5
 /// First byte of the report; without a barrier, when no report is requested, the first byte of the
 /// shift words.
 fn report_area(config: &FocasConfig) -> PmcAddress {
-    config
-        .barrier
-        .map_or(config.shift.first, |barrier| barrier.report)
+    config.barrier.map_or(config.shift.first, |barrier| barrier.report)
 }
 
 fn frame_area(config: &FocasConfig) -> PmcAddress {
-    config
-        .barrier
-        .map_or(config.shift.first, |barrier| barrier.frame)
+    config.barrier.map_or(config.shift.first, |barrier| barrier.frame)
 }
 
 fn byte_args(address: PmcAddress, written: i32) -> [i32; 5] {

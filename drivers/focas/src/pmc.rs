@@ -31,18 +31,8 @@ pub enum PmcArea {
 
 impl PmcArea {
     /// All areas, in the order of their codes.
-    pub const ALL: [Self; 10] = [
-        Self::G,
-        Self::F,
-        Self::Y,
-        Self::X,
-        Self::A,
-        Self::R,
-        Self::T,
-        Self::K,
-        Self::C,
-        Self::D,
-    ];
+    pub const ALL: [Self; 10] =
+        [Self::G, Self::F, Self::Y, Self::X, Self::A, Self::R, Self::T, Self::K, Self::C, Self::D];
 
     /// Whether the area is the ladder's own memory, which has no meaning to the control or the machine until the ladder assigns one.
     /// External programs may write only there, and barrier reports must be there.
@@ -186,12 +176,8 @@ impl fmt::Display for Block {
 pub(crate) fn count(bytes: &[u8], width: Width) -> Option<f64> {
     match width {
         Width::Byte => bytes.first().map(|b| f64::from(b.cast_signed())),
-        Width::Word => bytes
-            .first_chunk()
-            .map(|b| f64::from(i16::from_be_bytes(*b))),
-        Width::Long => bytes
-            .first_chunk()
-            .map(|b| f64::from(i32::from_be_bytes(*b))),
+        Width::Word => bytes.first_chunk().map(|b| f64::from(i16::from_be_bytes(*b))),
+        Width::Long => bytes.first_chunk().map(|b| f64::from(i32::from_be_bytes(*b))),
     }
 }
 

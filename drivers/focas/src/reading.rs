@@ -52,10 +52,7 @@ pub(crate) fn read(
         Applied::Shifts(width) => (width, None),
         Applied::Report(words) => {
             let empty = [0; MOST_WORDS];
-            (
-                Width::Word,
-                Words::new(empty.get(..words).unwrap_or(&empty)),
-            )
+            (Width::Word, Words::new(empty.get(..words).unwrap_or(&empty)))
         }
     };
     let mut reading = Reading {
@@ -65,10 +62,7 @@ pub(crate) fn read(
             state_taken: begun,
             correction_taken: begun,
             uncertainty: Duration::ZERO,
-            state: ControllerState {
-                referenced: true,
-                ..ControllerState::default()
-            },
+            state: ControllerState { referenced: true, ..ControllerState::default() },
             applied: report.is_none().then_some(PerChannel::ZERO),
             report,
         },
@@ -145,9 +139,7 @@ fn take(
             reading.heartbeat = Some(*data.first().ok_or(FrameError("no byte of the heartbeat"))?);
         }
         ReadItem::Referenced(_) => {
-            let bits = *data
-                .first()
-                .ok_or(FrameError("no byte of referenced axes"))?;
+            let bits = *data.first().ok_or(FrameError("no byte of referenced axes"))?;
             // A byte covers eight axes; further axes are treated as not referenced, which is the safe side.
             let referenced = |axis: &PlannedAxis| axis.slot < 8 && bits >> axis.slot & 1 == 1;
             snapshot.state.referenced = axes.iter().all(referenced);

@@ -6,19 +6,13 @@ pub struct ReturnCode(pub i16);
 
 /// Number, then name and meaning. The meanings are from public descriptions of the library.
 const CODES: [(i16, &str); 31] = [
-    (
-        -17,
-        "EW_PROTOCOL, the request is not what the protocol allows here",
-    ),
+    (-17, "EW_PROTOCOL, the request is not what the protocol allows here"),
     (-16, "EW_SOCKET, the connection of the control fails"),
     (-15, "EW_NODLL, the control has no such library"),
     (-11, "EW_BUS, a bus inside the control fails"),
     (-9, "EW_HSSB, the serial bus to the control fails"),
     (-8, "EW_HANDLE, unknown session"),
-    (
-        -7,
-        "EW_VERSION, the versions of the two sides do not fit together",
-    ),
+    (-7, "EW_VERSION, the versions of the two sides do not fit together"),
     (-6, "EW_UNEXP, something unexpected failed"),
     (-5, "EW_SYSTEM, the system of the control fails"),
     (-4, "EW_PARITY, a parity error in the memory of the control"),
@@ -26,10 +20,7 @@ const CODES: [(i16, &str); 31] = [
     (-2, "EW_RESET, the control was reset meanwhile"),
     (-1, "EW_BUSY, the control is busy"),
     (0, "EW_OK, done"),
-    (
-        1,
-        "EW_FUNC, the control does not know this function or has no PMC",
-    ),
+    (1, "EW_FUNC, the control does not know this function or has no PMC"),
     (2, "EW_LENGTH, the length of the data is wrong"),
     (3, "EW_NUMBER, the number, address or range does not exist"),
     (4, "EW_ATTRIB, the attribute or type is wrong"),
@@ -70,10 +61,7 @@ impl ReturnCode {
 impl From<ReturnCode> for volcomp_port::Fault {
     /// A rejection in a real-time cycle, with the name and meaning of the code.
     fn from(code: ReturnCode) -> Self {
-        Self::Refused {
-            code: i32::from(code.0),
-            what: code.words(),
-        }
+        Self::Refused { code: i32::from(code.0), what: code.words() }
     }
 }
 

@@ -43,10 +43,7 @@ impl Session {
         let deadline = Instant::now() + at_most;
         let addresses = (host, port)
             .to_socket_addrs()
-            .map_err(|source| FocasError::Resolve {
-                host: host.to_owned(),
-                source,
-            })?;
+            .map_err(|source| FocasError::Resolve { host: host.to_owned(), source })?;
         let mut last = FocasError::NoAddress(host.to_owned());
         for address in addresses {
             let left = deadline.saturating_duration_since(Instant::now());
@@ -134,16 +131,10 @@ impl Session {
         }
         // The session is dead unless the whole exchange succeeds.
         self.dead = true;
-        let received = self
-            .send(request.bytes(), deadline)
-            .and_then(|()| self.receive(deadline));
+        let received = self.send(request.bytes(), deadline).and_then(|()| self.receive(deadline));
         let in_time = received.and_then(|head| {
             let is_late = Instant::now() >= deadline;
-            if is_late {
-                Err(Fault::TimedOut)
-            } else {
-                Ok(head)
-            }
+            if is_late { Err(Fault::TimedOut) } else { Ok(head) }
         });
         let head = match in_time {
             Ok(head) => head,
@@ -161,9 +152,7 @@ impl Session {
             }
             Kind::Negative => {
                 self.dead = false;
-                let code = payload
-                    .get(2..4)
-                    .map_or(0, |c| i16::from_be_bytes([c[0], c[1]]));
+                let code = payload.get(2..4).map_or(0, |c| i16::from_be_bytes([c[0], c[1]]));
                 Err(ReturnCode(code).into())
             }
             _ => Err(Fault::Protocol("an answer of another kind")),

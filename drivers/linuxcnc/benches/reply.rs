@@ -53,10 +53,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let _ = controller.read(Instant::now());
     let mut room = [0; 600];
     let (_, gateway) = bridge.recv_from(&mut room)?;
-    let (near, far) = (
-        UdpSocket::bind("127.0.0.1:0")?,
-        UdpSocket::bind("127.0.0.1:0")?,
-    );
+    let (near, far) = (UdpSocket::bind("127.0.0.1:0")?, UdpSocket::bind("127.0.0.1:0")?);
     near.connect(far.local_addr()?)?;
     far.connect(near.local_addr()?)?;
     let mut session = Session::new(5);
@@ -92,9 +89,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         session.read(report.head());
         let mut frame = [0; FRAME_WORDS];
         let values = PerChannel::leading([i16::try_from(round % 30_000)?; 3]);
-        let frame_length = session
-            .frame(&values)
-            .map(|made| made.encode(&settings, &mut frame));
+        let frame_length = session.frame(&values).map(|made| made.encode(&settings, &mut frame));
         if let Some(frame) = frame_length.and_then(|length| Words::new(&frame[..length])) {
             controller.post(&frame, begun + Duration::from_secs(1))?;
         }

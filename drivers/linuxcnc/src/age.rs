@@ -35,9 +35,7 @@ impl Clocks {
         let least = self.least[0].map_or(zero, |least| least.min(zero));
         self.least[0] = Some(least);
         let least = self.least[1].map_or(least, |before| before.min(least));
-        least
-            .checked_add(time)
-            .map_or(arrived, |local_time| local_time.min(arrived))
+        least.checked_add(time).map_or(arrived, |local_time| local_time.min(arrived))
     }
 }
 

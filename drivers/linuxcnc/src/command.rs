@@ -66,11 +66,7 @@ impl Command {
             1 => Content::Frame(Words::new(&words[..count]).unwrap_or_default()),
             found => return Err(DatagramError::Kind { found }),
         };
-        Ok(Self {
-            machine,
-            answers,
-            content,
-        })
+        Ok(Self { machine, answers, content })
     }
 
     /// Encodes the datagram and returns its length in bytes.

@@ -104,11 +104,7 @@ impl LinuxCncConfig {
             channel: self.channel.clone(),
             axes: self.axes.iter().map(axis).collect(),
             reads: self.reads.clone(),
-            heartbeat: if self.axes.is_empty() {
-                Heartbeat::Unwatched
-            } else {
-                Heartbeat::Watched
-            },
+            heartbeat: if self.axes.is_empty() { Heartbeat::Unwatched } else { Heartbeat::Watched },
             barrier: !self.axes.is_empty(),
             tells_applied: !self.axes.is_empty(),
             shown: ShownStates::ALL,
@@ -208,15 +204,9 @@ impl LinuxCncController {
     }
 
     fn send(&mut self, content: Content) -> Result<(), Fault> {
-        let answers = self
-            .state()
-            .map_or([0; 2], |state| [state.run, state.sequence]);
+        let answers = self.state().map_or([0; 2], |state| [state.run, state.sequence]);
         self.last_sent = Some((Instant::now(), answers[0]));
-        let command = Command {
-            machine: self.machine,
-            answers,
-            content,
-        };
+        let command = Command { machine: self.machine, answers, content };
         let mut bytes = [0; COMMAND_BYTES];
         let length = command.encode(&self.key, &mut bytes);
         // An error "connection refused" concerns the previous datagram, so this one is sent again.
@@ -289,8 +279,7 @@ impl LinuxCncController {
         self.mismatch = None;
         self.last_received = Some(arrived);
         let local_time = self.clocks.local_time(state.time, arrived);
-        self.offset_monitor
-            .process(&state, self.description.axes.len());
+        self.offset_monitor.process(&state, self.description.axes.len());
         self.last = Some((state, local_time));
     }
 
@@ -302,10 +291,7 @@ impl LinuxCncController {
         }
         let expected = &self.description.axes;
         let names = || state.axes().map(|axis| axis.name);
-        if !names()
-            .take(expected.len())
-            .eq(expected.iter().map(|axis| axis.name))
-        {
+        if !names().take(expected.len()).eq(expected.iter().map(|axis| axis.name)) {
             return Some("the bridge has other axes, or another order of axes");
         }
         let mut reads = self.description.reads.iter();
@@ -390,9 +376,7 @@ impl Controller for LinuxCncController {
 
     fn post(&mut self, frame: &Words, deadline: Instant) -> Result<(), Fault> {
         if !self.description.barrier {
-            return Err(Fault::Unsupported(
-                "corrections, where positions are only read",
-            ));
+            return Err(Fault::Unsupported("corrections, where positions are only read"));
         }
         if Instant::now() >= deadline {
             return Err(Fault::TimedOut);

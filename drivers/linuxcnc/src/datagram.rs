@@ -78,10 +78,7 @@ pub(crate) fn opened<'a>(
     if let Some(&found) = bytes.get(4).filter(|version| **version != VERSION) {
         return Err(DatagramError::Version { found });
     }
-    let short = DatagramError::Length {
-        found: bytes.len(),
-        expected: head + MAC,
-    };
+    let short = DatagramError::Length { found: bytes.len(), expected: head + MAC };
     let (body, code) = bytes.split_last_chunk::<MAC>().ok_or(short)?;
     if key.mac(body) != *code {
         return Err(DatagramError::Mac);

@@ -49,27 +49,16 @@ impl OffsetMonitor {
             *self = Self::default();
             return;
         }
-        let passed = self
-            .last
-            .map(|last| state.time.saturating_sub(last).as_secs_f64());
-        let kept = passed.map_or(0.0, |passed| {
-            (-passed / MAX_PLANNER_LAG.as_secs_f64()).exp()
-        });
+        let passed = self.last.map(|last| state.time.saturating_sub(last).as_secs_f64());
+        let kept = passed.map_or(0.0, |passed| (-passed / MAX_PLANNER_LAG.as_secs_f64()).exp());
         let mut far = false;
         for (index, axis) in state.axes().take(axes).enumerate() {
             let counts = words[HEADER_WORDS + WORDS_PER_AXIS * index].cast_signed();
             let applied = f64::from(counts) * f64::from(axis.step);
-            let step = if passed.is_some() {
-                (applied - self.applied[index]).abs()
-            } else {
-                0.0
-            };
+            let step = if passed.is_some() { (applied - self.applied[index]).abs() } else { 0.0 };
             self.moved[index] = self.moved[index] * kept + step;
             self.applied[index] = applied;
-            #[expect(
-                clippy::cast_precision_loss,
-                reason = "9e15 nm are far beyond any limit"
-            )]
+            #[expect(clippy::cast_precision_loss, reason = "9e15 nm are far beyond any limit")]
             let offset = axis.offset as f64;
             let most = TOLERANCE_NANO + TOLERANCE_COUNTS * f64::from(axis.step) + self.moved[index];
             far |= (offset - applied).abs() > most;
@@ -92,13 +81,7 @@ mod tests {
     const MS: Duration = Duration::from_millis(1);
 
     fn state(ms: u32, step: u32, applied: i16, offset: i64) -> State {
-        let axis = AxisState {
-            name: AxisName::X,
-            step,
-            position: 0.0,
-            velocity: 0.0,
-            offset,
-        };
+        let axis = AxisState { name: AxisName::X, step, position: 0.0, velocity: 0.0, offset };
         let mut state = State::of(&[axis]).expect("one");
         let mut words = [0; 13];
         words[HEADER_WORDS] = applied.cast_unsigned();
@@ -161,10 +144,7 @@ mod tests {
         let creeps = |ms: u32| (ms / 100) as i16;
         let found = lost(|ms| (creeps(ms), 0)).expect("lost");
         assert!((1800..2500).contains(&found), "{found} ms");
-        assert_eq!(
-            lost(|ms| (creeps(ms), creeps(ms.saturating_sub(200)).into())),
-            None
-        );
+        assert_eq!(lost(|ms| (creeps(ms), creeps(ms.saturating_sub(200)).into())), None);
     }
 
     #[test]

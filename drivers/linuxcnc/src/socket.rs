@@ -30,11 +30,7 @@ pub(crate) fn open(host: &str, port: u16, remote: bool) -> Result<UdpSocket, Dev
     });
     socket.map_err(|e| {
         let found = format!("a UDP socket cannot be opened: {e}");
-        DeviceError::open(
-            device(host, port),
-            found,
-            "check the network of this computer",
-        )
+        DeviceError::open(device(host, port), found, "check the network of this computer")
     })
 }
 
@@ -44,9 +40,8 @@ fn resolve(host: &str, port: u16, remote: bool) -> Result<SocketAddr, DeviceErro
     };
     let name = host.trim_start_matches('[').trim_end_matches(']');
     let found = (name, port).to_socket_addrs();
-    let found: Vec<SocketAddr> = found
-        .map_err(|e| failed(format!("the host cannot be found: {e}")))?
-        .collect();
+    let found: Vec<SocketAddr> =
+        found.map_err(|e| failed(format!("the host cannot be found: {e}")))?.collect();
     let allowed = |address: &&SocketAddr| remote || address.ip().is_loopback();
     if let Some(address) = found.iter().find(allowed) {
         return Ok(*address);
@@ -75,21 +70,11 @@ pub fn read_state(
     let socket = open(host, port, remote)?;
     let failed = |e: std::io::Error| {
         let found = format!("the socket fails: {e}");
-        DeviceError::open(
-            device(host, port),
-            found,
-            "check the network of this computer",
-        )
+        DeviceError::open(device(host, port), found, "check the network of this computer")
     };
     socket.set_nonblocking(false).map_err(failed)?;
-    socket
-        .set_read_timeout(Some(REQUEST_INTERVAL))
-        .map_err(failed)?;
-    let command = Command {
-        machine: 0,
-        answers: [0; 2],
-        content: Content::Listen,
-    };
+    socket.set_read_timeout(Some(REQUEST_INTERVAL)).map_err(failed)?;
+    let command = Command { machine: 0, answers: [0; 2], content: Content::Listen };
     let mut bytes = [0; COMMAND_BYTES];
     let length = command.encode(key, &mut bytes);
     let end = Instant::now() + at_most;

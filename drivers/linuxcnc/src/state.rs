@@ -62,13 +62,8 @@ impl Flags {
 /// The texts of all flags: `on, homed, probing`.
 impl fmt::Display for Flags {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let words = Self::ALL.iter().map(|flag| {
-            if self.has(flag.bit) {
-                flag.set
-            } else {
-                flag.unset
-            }
-        });
+        let words =
+            Self::ALL.iter().map(|flag| if self.has(flag.bit) { flag.set } else { flag.unset });
         for (at, word) in words.filter(|word| !word.is_empty()).enumerate() {
             let before = if at == 0 { "" } else { ", " };
             write!(f, "{before}{word}")?;
@@ -92,12 +87,7 @@ pub struct Flag {
 
 impl Flag {
     const fn new(bit: u16, name: &'static str, set: &'static str, unset: &'static str) -> Self {
-        Self {
-            bit,
-            name,
-            set,
-            unset,
-        }
+        Self { bit, name, set, unset }
     }
 }
 
@@ -193,10 +183,7 @@ impl State {
         for index in 0..count {
             let axis = axis(&mut reader)?;
             let twice = axes[..index].iter().flatten();
-            if twice
-                .map(|before: &AxisState| before.name)
-                .any(|name| name == axis.name)
-            {
+            if twice.map(|before: &AxisState| before.name).any(|name| name == axis.name) {
                 let found = u8::try_from(axis.name.letter()).unwrap_or(0);
                 return Err(DatagramError::Letter { found });
             }
@@ -265,7 +252,5 @@ fn axis(reader: &mut Reader<'_>) -> Result<AxisState, DatagramError> {
         offset: i64::from_le_bytes(reader.take()),
     };
     let sensible = axis.step > 0 && axis.position.is_finite() && axis.velocity.is_finite();
-    sensible
-        .then_some(axis)
-        .ok_or(DatagramError::Number { axis: name })
+    sensible.then_some(axis).ok_or(DatagramError::Number { axis: name })
 }

@@ -20,13 +20,9 @@ fn main() -> Result<(), Box<dyn Error>> {
         Some(address) => (address, args.next().unwrap_or_else(|| "PTA8C04".to_owned())),
         None => (module()?, "WAGO-750-461".to_owned()),
     };
-    let (host, port) = address
-        .rsplit_once(':')
-        .ok_or("expected HOST:PORT, such as 192.0.2.20:502")?;
-    let bus = Bus::Tcp {
-        host: host.to_owned(),
-        port: port.parse()?,
-    };
+    let (host, port) =
+        address.rsplit_once(':').ok_or("expected HOST:PORT, such as 192.0.2.20:502")?;
+    let bus = Bus::Tcp { host: host.to_owned(), port: port.parse()? };
     let profile = Profile::named(&profile)?;
     let channels = profile.channels.as_ref().map_or(0, |c| c.count);
     let unit = ThermometerUnit {
@@ -77,12 +73,8 @@ fn answer(mut stream: TcpStream) -> std::io::Result<()> {
         stream.read_exact(&mut request)?;
         let [high, low] = [request[10], request[11]];
         let count = usize::from(u16::from_be_bytes([high, low]));
-        let words: Vec<u8> = registers
-            .iter()
-            .cycle()
-            .take(count)
-            .flat_map(|word| word.to_be_bytes())
-            .collect();
+        let words: Vec<u8> =
+            registers.iter().cycle().take(count).flat_map(|word| word.to_be_bytes()).collect();
         let bytes = u8::try_from(words.len()).unwrap_or(u8::MAX);
         let mut answer = request[..4].to_vec();
         answer.extend([0, bytes + 3, request[6], request[7], bytes]);

@@ -101,18 +101,9 @@ impl Bus {
                         failed(format!("no connection: {e}"), remedy).caused_by(e)
                     })?;
                 let context = tcp::attach_slave(stream, Slave(0));
-                Ok(Line {
-                    context,
-                    serial: None,
-                    gap: Duration::ZERO,
-                })
+                Ok(Line { context, serial: None, gap: Duration::ZERO })
             }
-            Self::Rtu {
-                path,
-                baud,
-                parity,
-                stop_bits,
-            } => {
+            Self::Rtu { path, baud, parity, stop_bits } => {
                 let mut builder = tokio_serial::new(path, *baud).parity(match parity {
                     Parity::None => tokio_serial::Parity::None,
                     Parity::Even => tokio_serial::Parity::Even,
@@ -127,11 +118,7 @@ impl Bus {
                 })?;
                 let shared = SharedPort(Arc::new(Mutex::new(Port::new(stream))));
                 let context = rtu::attach_slave(shared.clone(), Slave(0));
-                Ok(Line {
-                    context,
-                    serial: Some(shared),
-                    gap: self.frame_gap(),
-                })
+                Ok(Line { context, serial: Some(shared), gap: self.frame_gap() })
             }
         }
     }
@@ -166,10 +153,7 @@ impl RequestError {
     pub(crate) fn fault(self) -> Fault {
         match self {
             Self::NoAnswer | Self::EchoOnly => Fault::TimedOut,
-            Self::Refused(code) => Fault::Refused {
-                code: code.into(),
-                what: exception_name(code),
-            },
+            Self::Refused(code) => Fault::Refused { code: code.into(), what: exception_name(code) },
             Self::Disconnected => Fault::Disconnected,
         }
     }
@@ -213,11 +197,7 @@ impl Line {
             Ok(Err(_)) | Err(_) => {
                 let echoed = (self.serial.as_ref()).is_some_and(|serial| serial.port().echoed);
                 self.drain(at_most).await?;
-                Err(if echoed {
-                    RequestError::EchoOnly
-                } else {
-                    RequestError::NoAnswer
-                })
+                Err(if echoed { RequestError::EchoOnly } else { RequestError::NoAnswer })
             }
         }
     }
@@ -259,13 +239,7 @@ struct Port {
 
 impl Port {
     fn new(stream: SerialStream) -> Self {
-        Self {
-            stream,
-            sent: Vec::new(),
-            matched: 0,
-            echoed: false,
-            received: VecDeque::new(),
-        }
+        Self { stream, sent: Vec::new(), matched: 0, echoed: false, received: VecDeque::new() }
     }
 
     /// Discards received data, which belong to an earlier request.

@@ -78,22 +78,15 @@ impl ModbusDigital {
         answer_within: Duration,
         backoff: Backoff,
     ) -> Result<Self, DeviceError> {
-        let UnopenedLines {
-            device,
-            inputs,
-            outputs,
-            shortest_cycle: exchange,
-        } = Self::describe(&bus, modules)?;
+        let UnopenedLines { device, inputs, outputs, shortest_cycle: exchange } =
+            Self::describe(&bus, modules)?;
         let lines = lines(&bus, modules)?;
         let runtime = tokio::runtime::Builder::new_current_thread()
             .enable_all()
             .build()
             .map_err(|e| thread_error(&device, e))?;
-        let (requested, taken) = triple_buffer(&OutputRequest {
-            levels: 0,
-            number: 0,
-            until: Instant::now(),
-        });
+        let (requested, taken) =
+            triple_buffer(&OutputRequest { levels: 0, number: 0, until: Instant::now() });
         let (into, images) = triple_buffer(&Image::default());
         let stop = Arc::new(AtomicBool::new(false));
         let exchanger = Exchanger {
@@ -104,10 +97,7 @@ impl ModbusDigital {
             requested: taken,
             images: into,
             stop: Arc::clone(&stop),
-            image: Image {
-                lacks_read_back: outputs == 0,
-                ..Image::default()
-            },
+            image: Image { lacks_read_back: outputs == 0, ..Image::default() },
             failed_read_backs: 0,
             skips_read_back: false,
         };
@@ -138,12 +128,7 @@ fn refused(bus: &Bus, what: String) -> DeviceError {
 fn lines(bus: &Bus, modules: &[DigitalModule]) -> Result<Vec<(u8, Digital)>, DeviceError> {
     let line = |module: &DigitalModule| {
         let profile = &module.profile;
-        let none = || {
-            refused(
-                bus,
-                format!("profile {} has no digital lines", profile.name),
-            )
-        };
+        let none = || refused(bus, format!("profile {} has no digital lines", profile.name));
         Ok((module.unit, profile.digital.ok_or_else(none)?))
     };
     modules.iter().map(line).collect()
@@ -216,9 +201,7 @@ impl DigitalIo for ModbusDigital {
             return Err(Fault::TimedOut);
         }
         let failed = image.failed.filter(|(number, _)| *number > self.reported);
-        let settled = image
-            .taken
-            .max(image.failed.map_or(0, |(number, _)| number));
+        let settled = image.taken.max(image.failed.map_or(0, |(number, _)| number));
         if settled > self.settled {
             self.settled = settled;
             self.oldest_deadline = None;
@@ -226,11 +209,7 @@ impl DigitalIo for ModbusDigital {
         let silent = self.oldest_deadline.is_some_and(|until| now >= until);
         self.number += 1;
         self.oldest_deadline.get_or_insert(deadline);
-        self.requested.write(OutputRequest {
-            levels,
-            number: self.number,
-            until: deadline,
-        });
+        self.requested.write(OutputRequest { levels, number: self.number, until: deadline });
         match failed {
             Some((number, fault)) => {
                 self.reported = number;

@@ -249,7 +249,5 @@ impl Exchanger {
 /// The first `count` bits of an answer as levels, shifted up by `first` lines.
 fn gathered(bits: &[bool], count: u16, first: u32) -> u64 {
     let lines = bits.iter().take(usize::from(count)).zip(first..64);
-    lines.fold(0, |levels, (level, line)| {
-        levels | u64::from(*level) << line
-    })
+    lines.fold(0, |levels, (level, line)| levels | u64::from(*level) << line)
 }

@@ -13,9 +13,7 @@ pub const RANGE_DEGC: [f64; 2] = [*PLAUSIBLE_DEGC.start(), *PLAUSIBLE_DEGC.end()
 
 /// R(t)/R₀ = 1 + A·t + B·t² (+ C·(t − 100)·t³ below 0 °C). `None` outside the range.
 pub fn ratio(degc: f64) -> Option<f64> {
-    (RANGE_DEGC[0]..=RANGE_DEGC[1])
-        .contains(&degc)
-        .then(|| unchecked_ratio(degc))
+    (RANGE_DEGC[0]..=RANGE_DEGC[1]).contains(&degc).then(|| unchecked_ratio(degc))
 }
 
 fn unchecked_ratio(t: f64) -> f64 {

@@ -20,9 +20,7 @@ pub fn read_channel(
     taken: Instant,
 ) -> Temperature {
     let width = usize::from(channels.number.registers());
-    let words = channel
-        .checked_mul(width)
-        .and_then(|first| registers.get(first..)?.get(..width));
+    let words = channel.checked_mul(width).and_then(|first| registers.get(first..)?.get(..width));
     match words.and_then(|words| number(channels, words)) {
         Some(raw) => temperature(channels, raw, status, taken),
         None => Temperature::bad(Reason::NotANumber, taken),

@@ -186,25 +186,17 @@ impl Poller {
                         let skip = 1_u32.checked_shl(outage.rounds - 1).unwrap_or(u32::MAX) - 1;
                         // A single module is never skipped, since its timeout delays no other module.
                         let others = self.config.units.len() > 1;
-                        outage.skip = if others {
-                            skip.min(MAX_SKIPPED_ROUNDS)
-                        } else {
-                            0
-                        };
+                        outage.skip = if others { skip.min(MAX_SKIPPED_ROUNDS) } else { 0 };
                     }
                 }
             }
-            self.sleep(self.config.interval.saturating_sub(begun.elapsed()))
-                .await;
+            self.sleep(self.config.interval.saturating_sub(begun.elapsed())).await;
         }
     }
 
     /// Index of the first sensor of a module among all sensors.
     fn first_sensor(&self, index: usize) -> usize {
-        self.config.units[..index]
-            .iter()
-            .map(|unit| unit.names.len())
-            .sum()
+        self.config.units[..index].iter().map(|unit| unit.names.len()).sum()
     }
 
     async fn request(&mut self, line: &mut Line, index: usize) -> Result<(), RequestError> {
@@ -230,8 +222,7 @@ impl Poller {
 
     fn all_bad(&mut self) {
         let now = Instant::now();
-        self.temperatures
-            .fill(Temperature::bad(Reason::NoAnswer, now));
+        self.temperatures.fill(Temperature::bad(Reason::NoAnswer, now));
         self.publisher.publish(&self.temperatures);
     }
 }
@@ -257,10 +248,7 @@ async fn read_module(
     let Some(status) = channels.status else {
         return Ok((registers, None));
     };
-    Ok((
-        registers,
-        Some(read_status(line, unit, &status, channels.count, within).await?),
-    ))
+    Ok((registers, Some(read_status(line, unit, &status, channels.count, within).await?)))
 }
 
 async fn read_status(

@@ -28,11 +28,7 @@ fn main() {
     let machine = Machine {
         axes: [AxisName::X, AxisName::Y].map(axis).to_vec(),
         program: moves
-            .map(|to| Move {
-                to,
-                feed_per_s: 100.0,
-                dwell: Duration::from_secs(1),
-            })
+            .map(|to| Move { to, feed_per_s: 100.0, dwell: Duration::from_secs(1) })
             .to_vec(),
         acceleration_per_s2: 1000.0,
         sensors: vec![Warming {
@@ -46,12 +42,7 @@ fn main() {
         clock: clock.clone(),
     };
     let (controller, mut thermometer, _) = machine.start();
-    let faults = Faults {
-        drop: 0.05,
-        disconnect: 0.01,
-        calls: 20,
-        ..Faults::default()
-    };
+    let faults = Faults { drop: 0.05, disconnect: 0.01, calls: 20, ..Faults::default() };
     // The same seed gives the same faults.
     let mut controller = Faulty::new(controller, faults, 7);
     let (mut answered, mut missed) = (0_u32, 0_u32);

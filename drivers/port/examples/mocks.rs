@@ -42,15 +42,10 @@ fn main() -> Result<(), Fault> {
         let now = Instant::now();
 
         let mut lines = MockDigitalIo::new();
-        lines
-            .expect_read()
-            .returning(move |_| Ok(InputLevels::now(levels)));
+        lines.expect_read().returning(move |_| Ok(InputLevels::now(levels)));
 
         let mut thermometer = MockThermometer::new();
-        let reading = Temperature {
-            degc,
-            ..Temperature::good(20.0, now)
-        };
+        let reading = Temperature { degc, ..Temperature::good(20.0, now) };
         thermometer.expect_latest().return_const(vec![reading]);
 
         let mut controller = MockController::new();

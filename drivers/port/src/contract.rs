@@ -48,13 +48,8 @@ pub fn controller(device: &mut impl Controller) {
     // With an expired deadline a call fails in time and leaves the device usable.
     let begun = Instant::now();
     let _ = device.read(begun);
-    assert!(
-        begun.elapsed() < PATIENCE,
-        "a passed deadline must end the call"
-    );
-    eventually("it reads again after a passed deadline", || {
-        device.read(soon()).is_ok()
-    });
+    assert!(begun.elapsed() < PATIENCE, "a passed deadline must end the call");
+    eventually("it reads again after a passed deadline", || device.read(soon()).is_ok());
 }
 
 /// Checks a controller without a barrier: values are applied, and read back if the device has a read-back.
@@ -62,10 +57,7 @@ fn plain_values(device: &mut impl Controller, first: &Snapshot) {
     let description = device.description().clone();
     assert_eq!(first.report, None, "a report, but no barrier");
     assert!(
-        matches!(
-            device.post(&Words::EMPTY, soon()),
-            Err(Fault::Unsupported(_))
-        ),
+        matches!(device.post(&Words::EMPTY, soon()), Err(Fault::Unsupported(_))),
         "a frame was taken, but there is no barrier"
     );
     let mut small_steps = PerChannel::ZERO;
@@ -74,9 +66,7 @@ fn plain_values(device: &mut impl Controller, first: &Snapshot) {
         small_steps[index] = steps * axis.step();
     }
     for corrections in [small_steps, PerChannel::ZERO] {
-        device
-            .apply(&corrections, soon())
-            .expect("it takes corrections");
+        device.apply(&corrections, soon()).expect("it takes corrections");
         let close = |applied: &PerChannel<f64>| {
             description.axes.iter().enumerate().all(|(index, axis)| {
                 (applied[index] - corrections[index]).abs() <= 0.51 * axis.step()
@@ -94,10 +84,7 @@ fn plain_values(device: &mut impl Controller, first: &Snapshot) {
 /// Checks a controller with a barrier: reports arrive and advance, invalid frames are sent like valid ones (the barrier rejects them), and
 /// plain values are rejected.
 fn barrier(device: &mut impl Controller, first: &Snapshot) {
-    assert_eq!(
-        first.applied, None,
-        "with a barrier only its reports show the applied correction"
-    );
+    assert_eq!(first.applied, None, "with a barrier only its reports show the applied correction");
     let mut earlier = None;
     eventually("reports move on", || {
         let report = device.read(soon()).ok().and_then(|s| s.report);
@@ -106,10 +93,7 @@ fn barrier(device: &mut impl Controller, first: &Snapshot) {
     let senseless = Words::new(&[0x5555; 12]).expect("few words");
     device.post(&senseless, soon()).expect("it carries frames");
     assert!(
-        matches!(
-            device.apply(&PerChannel::ZERO, soon()),
-            Err(Fault::Unsupported(_))
-        ),
+        matches!(device.apply(&PerChannel::ZERO, soon()), Err(Fault::Unsupported(_))),
         "plain values were taken in spite of the barrier"
     );
 }
@@ -125,19 +109,10 @@ pub fn digital_io(device: &mut impl DigitalIo, wired: bool) {
     let all = |lines: u32| u64::MAX.checked_shr(64 - lines).unwrap_or(0);
     let both = device.inputs().min(outputs);
     for levels in [0, 0x5555_5555_5555_5555, 0xaaaa_aaaa_aaaa_aaaa, u64::MAX, 0] {
-        device
-            .write(levels & all(outputs), soon())
-            .expect("it writes");
+        device.write(levels & all(outputs), soon()).expect("it writes");
         let found = device.read(soon()).expect("it reads");
-        assert!(
-            found.taken <= Instant::now(),
-            "levels are not of the future"
-        );
-        assert_eq!(
-            found.levels & !all(device.inputs()),
-            0,
-            "bits beyond the inputs"
-        );
+        assert!(found.taken <= Instant::now(), "levels are not of the future");
+        assert_eq!(found.levels & !all(device.inputs()), 0, "bits beyond the inputs");
         if device.confirmed().is_some() {
             eventually("what was written is confirmed", || {
                 let _ = device.read(soon());
@@ -146,9 +121,7 @@ pub fn digital_io(device: &mut impl DigitalIo, wired: bool) {
         }
         if wired {
             eventually("outputs come back on the inputs", || {
-                device
-                    .read(soon())
-                    .is_ok_and(|found| (found.levels ^ levels) & all(both) == 0)
+                device.read(soon()).is_ok_and(|found| (found.levels ^ levels) & all(both) == 0)
             });
         }
     }
@@ -171,10 +144,6 @@ pub fn thermometer(device: &mut impl Thermometer) {
     for temperature in device.latest() {
         let degc = temperature.degc.expect("good, so there is a number");
         assert!((-273.15..2000.0).contains(&degc), "{degc}");
-        assert!(
-            temperature
-                .taken
-                .is_some_and(|taken| taken <= Instant::now())
-        );
+        assert!(temperature.taken.is_some_and(|taken| taken <= Instant::now()));
     }
 }

@@ -56,17 +56,9 @@ pub struct ShownStates {
 
 impl ShownStates {
     /// A controller that reports all three states.
-    pub const ALL: Self = Self {
-        referenced: true,
-        alarm: true,
-        emergency_stop: true,
-    };
+    pub const ALL: Self = Self { referenced: true, alarm: true, emergency_stop: true };
     /// A controller that reports none of the three states, such as plain lines.
-    pub const NONE: Self = Self {
-        referenced: false,
-        alarm: false,
-        emergency_stop: false,
-    };
+    pub const NONE: Self = Self { referenced: false, alarm: false, emergency_stop: false };
 }
 
 /// The properties of a controller that follow from its configuration.
@@ -163,22 +155,13 @@ pub enum UnfitAxes {
         AxisKind::Linear => "a length, since the axis is linear",
         AxisKind::Rotary => "an angle, since the axis is rotary",
     })]
-    Kind {
-        name: AxisName,
-        resolution: Displacement,
-    },
+    Kind { name: AxisName, resolution: Displacement },
     #[error("axis {name}: found a resolution of {resolution}, expected a positive one")]
-    Resolution {
-        name: AxisName,
-        resolution: Displacement,
-    },
+    Resolution { name: AxisName, resolution: Displacement },
     #[error(
         "axis {name}: found a largest correction of {largest}, expected at least one step in either direction"
     )]
-    Largest {
-        name: AxisName,
-        largest: Displacement,
-    },
+    Largest { name: AxisName, largest: Displacement },
 }
 
 /// The operating state of a controller. A state that the controller reports, but which is missing or invalid in this reading, takes its
@@ -222,12 +205,7 @@ impl Snapshot {
     /// This snapshot with all its times set to `taken`.
     #[must_use]
     pub fn at(self, taken: Instant) -> Self {
-        Self {
-            taken,
-            state_taken: taken,
-            correction_taken: taken,
-            ..self
-        }
+        Self { taken, state_taken: taken, correction_taken: taken, ..self }
     }
 
     /// Time at which the most recent part was valid; nothing newer was received from the controller.

@@ -118,10 +118,7 @@ impl DeviceError {
 
     /// True if the caller's input is invalid (exit status 2 of the programs), false if the device does not work (exit status 1).
     pub fn is_input(&self) -> bool {
-        matches!(
-            self,
-            Self::Address(_) | Self::Option(_) | Self::Unsupported(_)
-        )
+        matches!(self, Self::Address(_) | Self::Option(_) | Self::Unsupported(_))
     }
 
     /// Constructor of the error kind for an exchange that failed with `fault`.

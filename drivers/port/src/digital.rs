@@ -14,10 +14,7 @@ pub struct InputLevels {
 impl InputLevels {
     /// Levels sampled now.
     pub fn now(levels: u64) -> Self {
-        Self {
-            levels,
-            taken: Instant::now(),
-        }
+        Self { levels, taken: Instant::now() }
     }
 }
 

@@ -26,10 +26,7 @@ pub struct Backoff {
 impl Default for Backoff {
     /// First delay 100 ms, maximum 10 s.
     fn default() -> Self {
-        Self {
-            first: Duration::from_millis(100),
-            most: Duration::from_secs(10),
-        }
+        Self { first: Duration::from_millis(100), most: Duration::from_secs(10) }
     }
 }
 
@@ -37,11 +34,8 @@ impl Backoff {
     /// The delay that follows the delay `before`. `lived`: how long the lost connection lasted; zero if there was none.
     #[must_use]
     pub fn next(self, before: Duration, lived: Duration) -> Duration {
-        let doubled = if lived > self.first {
-            self.first
-        } else {
-            before.saturating_mul(2).max(self.first)
-        };
+        let doubled =
+            if lived > self.first { self.first } else { before.saturating_mul(2).max(self.first) };
         doubled.min(self.most)
     }
 }
@@ -81,17 +75,9 @@ impl<T: Send + 'static> Supply<T> {
         let (give_back, dead) = RingBuffer::new(1);
         let shared = Arc::new(Shared::default());
         let name: String = device.chars().take(15).collect();
-        let connector = Connector {
-            open,
-            hand_over,
-            dead,
-            shared: Arc::clone(&shared),
-            backoff,
-        };
-        let connector = thread::Builder::new()
-            .name(name)
-            .spawn(move || connector.run())
-            .map_err(|e| {
+        let connector = Connector { open, hand_over, dead, shared: Arc::clone(&shared), backoff };
+        let connector =
+            thread::Builder::new().name(name).spawn(move || connector.run()).map_err(|e| {
                 let remedy = "check the limits on threads and memory of this process";
                 DeviceError::open(device, format!("no thread for its connection: {e}"), remedy)
                     .caused_by(e)

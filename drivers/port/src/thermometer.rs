@@ -86,20 +86,13 @@ pub struct Temperature {
 
 impl Temperature {
     /// The state of a sensor before its first reading.
-    pub const NOT_READ: Self = Self {
-        degc: None,
-        quality: Quality::Bad(Reason::NotRead),
-        taken: None,
-    };
+    pub const NOT_READ: Self =
+        Self { degc: None, quality: Quality::Bad(Reason::NotRead), taken: None };
 
     /// A good temperature; bad if `degc` is not a number.
     pub fn good(degc: f64, taken: Instant) -> Self {
         if degc.is_finite() {
-            Self {
-                degc: Some(degc),
-                quality: Quality::Good,
-                taken: Some(taken),
-            }
+            Self { degc: Some(degc), quality: Quality::Good, taken: Some(taken) }
         } else {
             Self::bad(Reason::NotANumber, taken)
         }
@@ -107,11 +100,7 @@ impl Temperature {
 
     /// A reading that must not be used.
     pub fn bad(reason: Reason, taken: Instant) -> Self {
-        Self {
-            degc: None,
-            quality: Quality::Bad(reason),
-            taken: Some(taken),
-        }
+        Self { degc: None, quality: Quality::Bad(reason), taken: Some(taken) }
     }
 }
 
@@ -180,16 +169,8 @@ pub fn published(device: impl Into<String>, names: Vec<String>) -> (Publisher, P
     let empty = vec![Temperature::NOT_READ; names.len()];
     let (into, from) = triple_buffer::triple_buffer(&empty);
     let alive = Arc::new(());
-    let publisher = Publisher {
-        into,
-        reader: Arc::downgrade(&alive),
-    };
-    let thermometer = Published {
-        device: device.into(),
-        names,
-        from,
-        _reader: alive,
-    };
+    let publisher = Publisher { into, reader: Arc::downgrade(&alive) };
+    let thermometer = Published { device: device.into(), names, from, _reader: alive };
     (publisher, thermometer)
 }
 

@@ -10,18 +10,12 @@ pub struct Words {
 
 impl Words {
     /// A block without words.
-    pub const EMPTY: Self = Self {
-        words: [0; MOST_WORDS],
-        length: 0,
-    };
+    pub const EMPTY: Self = Self { words: [0; MOST_WORDS], length: 0 };
 
     /// A block of these words; `None` if there are more than [`MOST_WORDS`].
     #[must_use]
     pub fn new(words: &[u16]) -> Option<Self> {
-        let mut block = Self {
-            words: [0; MOST_WORDS],
-            length: words.len(),
-        };
+        let mut block = Self { words: [0; MOST_WORDS], length: words.len() };
         block.words.get_mut(..words.len())?.copy_from_slice(words);
         Some(block)
     }

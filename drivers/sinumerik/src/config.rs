@@ -111,9 +111,7 @@ impl SinumerikConfig {
             // There are at most nine axes.
             None => u16::try_from(place + 1).unwrap_or(u16::MAX),
         };
-        names
-            .enumerate()
-            .map(move |(place, name)| (name, number(place)))
+        names.enumerate().map(move |(place, name)| (name, number(place)))
     }
 
     /// The description of the controller, without connecting.
@@ -155,10 +153,7 @@ impl SinumerikConfig {
         distinct.dedup();
         let fits = distinct.len() == count && self.numbers.len() == count && distinct[0] > 0;
         if !self.numbers.is_empty() && !fits {
-            return Err(SinumerikError::Numbers {
-                found: self.numbers.clone(),
-                axes: count,
-            });
+            return Err(SinumerikError::Numbers { found: self.numbers.clone(), axes: count });
         }
         Ok(description)
     }

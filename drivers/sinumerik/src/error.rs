@@ -141,10 +141,7 @@ impl SinumerikError {
     pub fn of(self, device: impl Into<String>) -> DeviceError {
         let text = self.to_string();
         let (found, expected) = text.split_once(", expected ").map_or(
-            (
-                text.clone(),
-                "check the address, the cable and the server's log".to_owned(),
-            ),
+            (text.clone(), "check the address, the cable and the server's log".to_owned()),
             |(found, expected)| (found.to_owned(), format!("expected {expected}")),
         );
         let make = match &self {

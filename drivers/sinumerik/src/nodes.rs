@@ -58,11 +58,8 @@ impl Nodes {
 
     /// Checks that the patterns yield a different node for each axis.
     pub(crate) fn check(&self, axes: usize) -> Result<(), SinumerikError> {
-        let needed = [
-            ("position", &self.position),
-            ("setting", &self.setting),
-            ("kind", &self.kind),
-        ];
+        let needed =
+            [("position", &self.position), ("setting", &self.setting), ("kind", &self.kind)];
         for (key, pattern) in needed {
             if pattern.is_empty() {
                 return Err(SinumerikError::EmptyPattern { key });
@@ -76,10 +73,7 @@ impl Nodes {
         for (key, pattern) in of_axes.chain(self.referenced.iter().map(|p| ("referenced", p))) {
             let differs = pattern.contains("{axis}") || pattern.contains("{db}");
             if axes > 1 && !pattern.is_empty() && !differs {
-                return Err(SinumerikError::OnePattern {
-                    key,
-                    found: pattern.clone(),
-                });
+                return Err(SinumerikError::OnePattern { key, found: pattern.clone() });
             }
         }
         Ok(())

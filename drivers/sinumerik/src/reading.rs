@@ -22,10 +22,7 @@ pub struct Value {
 
 /// The nodes that are read in every period, and the conversion of their values to a [`Snapshot`].
 #[derive(Clone, Debug)]
-#[expect(
-    clippy::struct_excessive_bools,
-    reason = "which of the optional nodes there are"
-)]
+#[expect(clippy::struct_excessive_bools, reason = "which of the optional nodes there are")]
 pub struct Reading {
     nodes: Vec<String>,
     /// All axes, written ones first.
@@ -46,10 +43,7 @@ impl Reading {
         let written = config.axes.len();
         let mut ids = Vec::new();
         let mut of = |pattern: &str, axes: &[(AxisName, u16)]| {
-            ids.extend(
-                axes.iter()
-                    .map(|(_, number)| Nodes::of_axis(pattern, *number)),
-            );
+            ids.extend(axes.iter().map(|(_, number)| Nodes::of_axis(pattern, *number)));
         };
         of(&nodes.position, &axes);
         of(&nodes.setting, &axes[..written]);
@@ -94,9 +88,7 @@ impl Reading {
         ended: Instant,
     ) -> Result<Snapshot, SinumerikError> {
         if values.len() != self.nodes.len() {
-            return Err(SinumerikError::Answer(
-                "another number of values than of nodes",
-            ));
+            return Err(SinumerikError::Answer("another number of values than of nodes"));
         }
         let half = ended.saturating_duration_since(begun) / 2;
         let middle = begun + half;
@@ -120,9 +112,7 @@ impl Reading {
             let ages = values.iter().filter_map(|value| value.age);
             let oldest = ages.filter(|_| self.source_timestamps).max();
             // `Instant` cannot represent times before its origin.
-            middle
-                .checked_sub(oldest.unwrap_or_default())
-                .unwrap_or(begun)
+            middle.checked_sub(oldest.unwrap_or_default()).unwrap_or(begun)
         };
         Ok(Snapshot {
             positions: at,
@@ -204,17 +194,9 @@ pub fn is_switched_on(axis: AxisName, md32750: f64) -> Result<(), SinumerikError
 }
 
 fn from_control(axis: AxisName, value: f64) -> f64 {
-    if axis.is_rotary() {
-        Deg(value).to_rad().0
-    } else {
-        value
-    }
+    if axis.is_rotary() { Deg(value).to_rad().0 } else { value }
 }
 
 fn to_control(axis: AxisName, value: f64) -> f64 {
-    if axis.is_rotary() {
-        value.to_degrees()
-    } else {
-        value
-    }
+    if axis.is_rotary() { value.to_degrees() } else { value }
 }

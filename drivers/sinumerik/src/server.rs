@@ -44,9 +44,7 @@ pub struct User {
 
 impl fmt::Debug for User {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("User")
-            .field("name", &self.name)
-            .finish_non_exhaustive()
+        f.debug_struct("User").field("name", &self.name).finish_non_exhaustive()
     }
 }
 
@@ -86,10 +84,7 @@ impl Server {
     /// The first invalid setting.
     pub fn check(&self) -> Result<(), SinumerikError> {
         if self.period < SHORTEST_PERIOD {
-            return Err(SinumerikError::Period {
-                found: self.period,
-                shortest: SHORTEST_PERIOD,
-            });
+            return Err(SinumerikError::Period { found: self.period, shortest: SHORTEST_PERIOD });
         }
         if !(Duration::from_millis(10)..=Duration::from_secs(60)).contains(&self.time_out) {
             return Err(SinumerikError::TimeOut(self.time_out));

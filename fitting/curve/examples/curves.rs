@@ -7,24 +7,12 @@ use volcomp_vocabulary::Direction;
 
 fn main() -> Result<(), CurveError> {
     // Five targets of an axis of 800 mm: coordinate in mm, positioning deviation in µm.
-    let targets = vec![
-        [0.0, 0.0],
-        [200.0, 2.1],
-        [400.0, 2.9],
-        [600.0, 6.2],
-        [800.0, 8.0],
-    ];
+    let targets = vec![[0.0, 0.0], [200.0, 2.1], [400.0, 2.9], [600.0, 6.2], [800.0, 8.0]];
     let curves: [(&str, Curve); 4] = [
         ("straight lines", Table::linear(targets.clone())?.into()),
         ("monotone cubics", Table::cubic(targets.clone())?.into()),
-        (
-            "moving least squares",
-            MovingLeastSquares::new(targets, 1, 0.6, 3.0)?.into(),
-        ),
-        (
-            "polynomial 0.01·x",
-            Polynomial::new(vec![0.0, 0.01], [0.0, 800.0])?.into(),
-        ),
+        ("moving least squares", MovingLeastSquares::new(targets, 1, 0.6, 3.0)?.into()),
+        ("polynomial 0.01·x", Polynomial::new(vec![0.0, 0.01], [0.0, 800.0])?.into()),
     ];
     println!("value in µm, and slope in µm/m, by coordinate");
     for (name, curve) in &curves {

@@ -7,13 +7,8 @@ use volcomp_vocabulary::Direction;
 
 fn main() -> Result<(), CurveError> {
     // Means of both directions at five targets, mm and µm; between them a monotone cubic.
-    let mean = Table::cubic(vec![
-        [0.0, 0.0],
-        [200.0, 1.8],
-        [400.0, 2.9],
-        [600.0, 4.4],
-        [800.0, 5.0],
-    ])?;
+    let mean =
+        Table::cubic(vec![[0.0, 0.0], [200.0, 1.8], [400.0, 2.9], [600.0, 4.4], [800.0, 5.0]])?;
     let positioning = ErrorCurve::with_reversal(Curve::Table(mean).into(), 3.0)?;
 
     println!("X, mm   forward  backward  either, µm");

@@ -29,12 +29,7 @@ impl BSpline {
     pub fn new(knots: Vec<f64>, coefficients: Vec<f64>, degree: usize) -> Result<Self, CurveError> {
         if !(1..=MAX_DEGREE).contains(&degree) {
             let (lowest, highest) = (1, MAX_DEGREE);
-            return Err(CurveError::OutOfRange {
-                what: "degree",
-                found: degree,
-                lowest,
-                highest,
-            });
+            return Err(CurveError::OutOfRange { what: "degree", found: degree, lowest, highest });
         }
         domain::at_least("coefficients", coefficients.len(), degree + 1)?;
         let expected = coefficients.len() + degree + 1;
@@ -50,17 +45,9 @@ impl BSpline {
         domain::finite("coefficient", &coefficients)?;
         if let Some(i) = knots.windows(2).position(|k| k[1] < k[0]) {
             let (previous, value) = (knots[i], knots[i + 1]);
-            return Err(CurveError::KnotsDecrease {
-                index: i + 1,
-                previous,
-                value,
-            });
+            return Err(CurveError::KnotsDecrease { index: i + 1, previous, value });
         }
-        let spline = Self {
-            knots,
-            coefficients,
-            degree,
-        };
+        let spline = Self { knots, coefficients, degree };
         domain::interval(spline.domain())?;
         spline.refuse_jumps()?;
         Ok(spline)
@@ -72,12 +59,7 @@ impl BSpline {
         for same in self.knots.chunk_by(|a, b| a == b) {
             if lower < same[0] && same[0] < upper && same.len() > self.degree {
                 let (value, found, degree) = (same[0], same.len(), self.degree);
-                return Err(CurveError::KnotRepeated {
-                    index,
-                    value,
-                    found,
-                    degree,
-                });
+                return Err(CurveError::KnotRepeated { index, value, found, degree });
             }
             index += same.len();
         }

@@ -19,11 +19,7 @@ use crate::{
 pub enum Curve {
     /// Same value everywhere; its domain is unbounded.
     Constant(
-        #[cfg_attr(
-            feature = "serde",
-            serde(deserialize_with = "crate::serialised::finite")
-        )]
-        f64,
+        #[cfg_attr(feature = "serde", serde(deserialize_with = "crate::serialised::finite"))] f64,
     ),
     /// Sum of powers of the argument.
     #[cfg_attr(feature = "serde", serde(rename = "poly"))]
@@ -94,8 +90,7 @@ impl Curve {
     /// Whether `x` lies in the domain, ends included, with a tolerance for rounding
     /// ([`COORDINATE_ROUNDING`](volcomp_vocabulary::COORDINATE_ROUNDING)); false for NaN.
     pub fn contains(&self, x: f64) -> bool {
-        self.domain()
-            .map_or(!x.is_nan(), |domain| is_within(domain, x))
+        self.domain().map_or(!x.is_nan(), |domain| is_within(domain, x))
     }
 
     /// Arguments at which a derivative, of the first order or a higher one, may jump: ends of the domain, nodes, knots, ends of the supports of
@@ -171,11 +166,4 @@ macro_rules! curve_from {
         }
     )*};
 }
-curve_from!(
-    Polynomial,
-    Chebyshev,
-    Table,
-    BSpline,
-    Fourier,
-    MovingLeastSquares
-);
+curve_from!(Polynomial, Chebyshev, Table, BSpline, Fourier, MovingLeastSquares);

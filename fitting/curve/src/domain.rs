@@ -4,11 +4,7 @@ use crate::CurveError;
 
 pub(crate) fn finite(what: &'static str, values: &[f64]) -> Result<(), CurveError> {
     match values.iter().position(|v| !v.is_finite()) {
-        Some(index) => Err(CurveError::NotFinite {
-            what,
-            index,
-            value: values[index],
-        }),
+        Some(index) => Err(CurveError::NotFinite { what, index, value: values[index] }),
         None => Ok(()),
     }
 }
@@ -18,15 +14,7 @@ pub(crate) fn at_least(
     found: usize,
     expected: usize,
 ) -> Result<(), CurveError> {
-    if found < expected {
-        Err(CurveError::TooFew {
-            what,
-            found,
-            expected,
-        })
-    } else {
-        Ok(())
-    }
+    if found < expected { Err(CurveError::TooFew { what, found, expected }) } else { Ok(()) }
 }
 
 pub(crate) fn interval([lower, upper]: [f64; 2]) -> Result<(), CurveError> {
@@ -42,11 +30,7 @@ pub(crate) fn positive(what: &'static str, value: f64) -> Result<(), CurveError>
     if value > 0.0 && value.is_finite() {
         Ok(())
     } else {
-        Err(CurveError::Parameter {
-            what,
-            value,
-            expected: "a positive finite number",
-        })
+        Err(CurveError::Parameter { what, value, expected: "a positive finite number" })
     }
 }
 
@@ -57,12 +41,7 @@ pub(crate) fn increasing(
     let mut previous = f64::NEG_INFINITY;
     for (index, value) in abscissae.enumerate() {
         if value <= previous {
-            return Err(CurveError::NotIncreasing {
-                what,
-                index,
-                previous,
-                value,
-            });
+            return Err(CurveError::NotIncreasing { what, index, previous, value });
         }
         previous = value;
     }
@@ -93,11 +72,7 @@ pub(crate) fn contains([lower, upper]: [f64; 2], x: f64) -> bool {
 ///
 /// `domain` has passed [`interval`], so the clamp cannot panic; `inside` is never called with NaN.
 pub(crate) fn held([lower, upper]: [f64; 2], x: f64, inside: impl FnOnce(f64) -> f64) -> f64 {
-    if x.is_nan() {
-        x
-    } else {
-        inside(x.clamp(lower, upper))
-    }
+    if x.is_nan() { x } else { inside(x.clamp(lower, upper)) }
 }
 
 /// Evaluates the slope `inside` at `x`; outside the domain it is 0, because a curve is constant there.
@@ -113,8 +88,5 @@ pub(crate) fn slope(domain: [f64; 2], x: f64, inside: impl FnOnce(f64) -> f64) -
 
 /// Segment `i` with `abscissa(i) <= x < abscissa(i + 1)` among at least two nodes; the last node belongs to the last segment.
 pub(crate) fn segment<T>(nodes: &[T], x: f64, abscissa: impl Fn(&T) -> f64) -> usize {
-    nodes
-        .partition_point(|n| abscissa(n) <= x)
-        .clamp(1, nodes.len() - 1)
-        - 1
+    nodes.partition_point(|n| abscissa(n) <= x).clamp(1, nodes.len() - 1) - 1
 }

@@ -8,34 +8,17 @@ use thiserror::Error;
 #[expect(missing_docs, reason = "the messages say what most fields are")]
 pub enum CurveError {
     #[error("{what} {index} is {value}: expected a finite number")]
-    NotFinite {
-        what: &'static str,
-        index: usize,
-        value: f64,
-    },
+    NotFinite { what: &'static str, index: usize, value: f64 },
     #[error("found {found} {what}: expected at least {expected}")]
-    TooFew {
-        what: &'static str,
-        found: usize,
-        expected: usize,
-    },
+    TooFew { what: &'static str, found: usize, expected: usize },
     #[error(
         "domain [{lower}, {upper}]: expected a lower end below the upper end, a finite distance apart"
     )]
     Domain { lower: f64, upper: f64 },
     #[error("{what} {index} is {value}, after {previous}: expected strictly increasing values")]
-    NotIncreasing {
-        what: &'static str,
-        index: usize,
-        previous: f64,
-        value: f64,
-    },
+    NotIncreasing { what: &'static str, index: usize, previous: f64, value: f64 },
     #[error("knot {index} is {value}, after {previous}: expected non-decreasing knots")]
-    KnotsDecrease {
-        index: usize,
-        previous: f64,
-        value: f64,
-    },
+    KnotsDecrease { index: usize, previous: f64, value: f64 },
     #[error(
         "found {found} knots for {coefficients} coefficients of degree {degree}: expected coefficients + degree + 1 = {expected}"
     )]
@@ -51,20 +34,10 @@ pub enum CurveError {
     #[error(
         "knot {value} stands {found} times inside the domain, from index {index}: expected at most {degree} times for degree {degree}"
     )]
-    KnotRepeated {
-        index: usize,
-        value: f64,
-        found: usize,
-        degree: usize,
-    },
+    KnotRepeated { index: usize, value: f64, found: usize, degree: usize },
     /// A count is outside the range that the kind of curve allows.
     #[error("{what} is {found}: expected {lowest} to {highest}")]
-    OutOfRange {
-        what: &'static str,
-        found: usize,
-        lowest: usize,
-        highest: usize,
-    },
+    OutOfRange { what: &'static str, found: usize, lowest: usize, highest: usize },
     #[error(
         "found {found} Fourier coefficients: expected an odd number, a0 and then pairs of cosine and sine"
     )]
@@ -74,11 +47,7 @@ pub enum CurveError {
     },
     /// A parameter is outside its valid interval.
     #[error("{what} is {value}: expected {expected}")]
-    Parameter {
-        what: &'static str,
-        value: f64,
-        expected: &'static str,
-    },
+    Parameter { what: &'static str, value: f64, expected: &'static str },
     #[error(
         "support {support} gives fewer than {needed} of {nodes} nodes a positive weight at {at}: expected more than {required_support} for order {order}, or a lower order"
     )]

@@ -42,11 +42,7 @@ impl Field {
     /// Indices of the coordinates in use, each with its range; empty for a constant.
     pub fn domains(&self, own: usize) -> Vec<(usize, [f64; 2])> {
         match self {
-            Self::Curve(curve) => curve
-                .domain()
-                .map(|range| (own, range))
-                .into_iter()
-                .collect(),
+            Self::Curve(curve) => curve.domain().map(|range| (own, range)).into_iter().collect(),
             Self::Grid(grid) => grid.axes().into_iter().zip(grid.domain()).collect(),
         }
     }
@@ -94,10 +90,7 @@ pub enum ErrorCurve {
         /// Mean of the errors in both directions.
         mean: Field,
         /// Reversal value B, in value units.
-        #[cfg_attr(
-            feature = "serde",
-            serde(deserialize_with = "crate::serialised::finite")
-        )]
+        #[cfg_attr(feature = "serde", serde(deserialize_with = "crate::serialised::finite"))]
         reversal: f64,
     },
 }
@@ -135,9 +128,7 @@ impl ErrorCurve {
         coordinates: &[f64],
         branch: Option<Direction>,
     ) -> f64 {
-        self.blend(branch, |field| {
-            field.partial(with_respect_to, own, coordinates)
-        })
+        self.blend(branch, |field| field.partial(with_respect_to, own, coordinates))
     }
 
     /// Whether the coordinates lie in the ranges of all fields.

@@ -26,18 +26,12 @@ impl Fourier {
     pub fn new(coefficients: Vec<f64>, period: f64, domain: [f64; 2]) -> Result<Self, CurveError> {
         domain::at_least("Fourier coefficients", coefficients.len(), 1)?;
         if coefficients.len().is_multiple_of(2) {
-            return Err(CurveError::UnpairedHarmonic {
-                found: coefficients.len(),
-            });
+            return Err(CurveError::UnpairedHarmonic { found: coefficients.len() });
         }
         domain::finite("Fourier coefficient", &coefficients)?;
         domain::positive("period", period)?;
         domain::interval(domain)?;
-        Ok(Self {
-            coefficients,
-            period,
-            domain,
-        })
+        Ok(Self { coefficients, period, domain })
     }
 
     /// Coefficients `a0, a1, b1, a2, b2, …`, in value units.
@@ -58,19 +52,15 @@ impl Fourier {
     /// Value at `x`, constant outside the domain.
     pub fn value(&self, x: f64) -> f64 {
         domain::held(self.domain, x, |x| {
-            self.harmonics(x).fold(self.coefficients[0], |sum, h| {
-                sum + h.a * h.cos + h.b * h.sin
-            })
+            self.harmonics(x).fold(self.coefficients[0], |sum, h| sum + h.a * h.cos + h.b * h.sin)
         })
     }
 
     /// Derivative at `x`, 0 outside the domain.
     pub fn derivative(&self, x: f64) -> f64 {
         domain::slope(self.domain, x, |x| {
-            let per_radian: f64 = self
-                .harmonics(x)
-                .map(|h| h.order * (h.b * h.cos - h.a * h.sin))
-                .sum();
+            let per_radian: f64 =
+                self.harmonics(x).map(|h| h.order * (h.b * h.cos - h.a * h.sin)).sum();
             per_radian * TAU / self.period
         })
     }
@@ -78,19 +68,10 @@ impl Fourier {
     fn harmonics(&self, x: f64) -> impl Iterator<Item = Harmonic> + '_ {
         let (sin1, cos1) = libm::sincos(TAU * (x / self.period));
         let (mut sin, mut cos) = (0.0, 1.0);
-        self.coefficients[1..]
-            .chunks_exact(2)
-            .zip(1_u32..)
-            .map(move |(pair, order)| {
-                (sin, cos) = (sin * cos1 + cos * sin1, cos * cos1 - sin * sin1);
-                Harmonic {
-                    order: f64::from(order),
-                    a: pair[0],
-                    b: pair[1],
-                    cos,
-                    sin,
-                }
-            })
+        self.coefficients[1..].chunks_exact(2).zip(1_u32..).map(move |(pair, order)| {
+            (sin, cos) = (sin * cos1 + cos * sin1, cos * cos1 - sin * sin1);
+            Harmonic { order: f64::from(order), a: pair[0], b: pair[1], cos, sin }
+        })
     }
 
     /// Replaces every value by `scale` times the value plus `c`.

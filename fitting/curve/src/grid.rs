@@ -33,9 +33,7 @@ impl Grid {
         if axes[0] == axes[1] {
             return Err(CurveError::GridAxes { axis: axes[0] });
         }
-        for (nodes, what) in nodes
-            .iter()
-            .zip(["node of the first axis", "node of the second axis"])
+        for (nodes, what) in nodes.iter().zip(["node of the first axis", "node of the second axis"])
         {
             domain::at_least("nodes along an axis", nodes.len(), 2)?;
             domain::finite(what, nodes)?;
@@ -43,27 +41,16 @@ impl Grid {
             domain::interval([nodes[0], nodes[nodes.len() - 1]])?;
         }
         if values.len() != nodes[0].len() {
-            return Err(CurveError::GridRows {
-                found: values.len(),
-                expected: nodes[0].len(),
-            });
+            return Err(CurveError::GridRows { found: values.len(), expected: nodes[0].len() });
         }
         for (row, line) in values.iter().enumerate() {
             if line.len() != nodes[1].len() {
                 let (found, expected) = (line.len(), nodes[1].len());
-                return Err(CurveError::GridColumns {
-                    row,
-                    found,
-                    expected,
-                });
+                return Err(CurveError::GridColumns { row, found, expected });
             }
             domain::finite("grid value in column", line)?;
         }
-        Ok(Self {
-            axes,
-            nodes,
-            values,
-        })
+        Ok(Self { axes, nodes, values })
     }
 
     /// Indices of the two arguments in the coordinates.
@@ -83,19 +70,14 @@ impl Grid {
 
     /// Range of the arguments along the two axes.
     pub fn domain(&self) -> [[f64; 2]; 2] {
-        self.nodes
-            .each_ref()
-            .map(|nodes| [nodes[0], nodes[nodes.len() - 1]])
+        self.nodes.each_ref().map(|nodes| [nodes[0], nodes[nodes.len() - 1]])
     }
 
     /// Whether both arguments lie in their ranges, ends included, with a tolerance for rounding
     /// ([`COORDINATE_ROUNDING`](volcomp_vocabulary::COORDINATE_ROUNDING)).
     pub fn contains(&self, coordinates: &[f64]) -> bool {
         let arguments = self.arguments(coordinates);
-        self.domain()
-            .iter()
-            .zip(arguments)
-            .all(|(&range, x)| is_within(range, x))
+        self.domain().iter().zip(arguments).all(|(&range, x)| is_within(range, x))
     }
 
     /// Value at the coordinates; a missing coordinate is treated as 0.
@@ -131,8 +113,7 @@ impl Grid {
     }
 
     fn arguments(&self, coordinates: &[f64]) -> [f64; 2] {
-        self.axes
-            .map(|axis| coordinates.get(axis).copied().unwrap_or(0.0))
+        self.axes.map(|axis| coordinates.get(axis).copied().unwrap_or(0.0))
     }
 
     /// Cell that contains the coordinates; `None` for NaN.
@@ -154,11 +135,7 @@ impl Grid {
         }
         let [i, j] = first;
         let corners = [&self.values[i], &self.values[i + 1]].map(|row| [row[j], row[j + 1]]);
-        Some(Cell {
-            place,
-            size,
-            corners,
-        })
+        Some(Cell { place, size, corners })
     }
 }
 

@@ -26,11 +26,7 @@ pub fn first_order_lag_of_ramp(before: f64, from: f64, to: f64, dt: f64, lag: f6
         let steps = dt.max(0.0) / lag;
         let kept = libm::exp(-steps);
         // A step of zero length, or one so short that the quotient underflows, leaves the output unchanged.
-        let mean = if steps > 0.0 {
-            -libm::expm1(-steps) / steps
-        } else {
-            1.0
-        };
+        let mean = if steps > 0.0 { -libm::expm1(-steps) / steps } else { 1.0 };
         let mean = if mean.is_finite() { mean } else { 0.0 };
         kept * before + (mean - kept) * from + (1.0 - mean) * to
     } else {

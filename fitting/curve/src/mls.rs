@@ -43,23 +43,14 @@ impl MovingLeastSquares {
     ) -> Result<Self, CurveError> {
         if order > MAX_ORDER {
             let (lowest, highest) = (0, MAX_ORDER);
-            return Err(CurveError::OutOfRange {
-                what: "order",
-                found: order,
-                lowest,
-                highest,
-            });
+            return Err(CurveError::OutOfRange { what: "order", found: order, lowest, highest });
         }
         let [lower, upper] = domain::nodes(&nodes, (order + 1).max(2))?;
         domain::positive("support", support)?;
         domain::positive("support in argument units", support * (upper - lower))?;
         if !domain::contains(SHAPES, shape) {
             let expected = "1e-6 to 20";
-            return Err(CurveError::Parameter {
-                what: "shape",
-                value: shape,
-                expected,
-            });
+            return Err(CurveError::Parameter { what: "shape", value: shape, expected });
         }
         let (at, reach) = sparsest(&nodes, order);
         let required_support = reach / (upper - lower);
@@ -74,12 +65,7 @@ impl MovingLeastSquares {
                 required_support,
             });
         }
-        Ok(Self {
-            nodes,
-            order,
-            support,
-            shape,
-        })
+        Ok(Self { nodes, order, support, shape })
     }
 
     /// Nodes `[argument, value]`, arguments increasing.
@@ -132,11 +118,7 @@ impl MovingLeastSquares {
                     node.weight_slope * self.dot(&z, &powers) * residual
                 })
                 .sum();
-            let local = if self.order == 0 {
-                0.0
-            } else {
-                a[1] / self.scale()
-            };
+            let local = if self.order == 0 { 0.0 } else { a[1] / self.scale() };
             local + moved
         })
     }
@@ -192,11 +174,7 @@ impl MovingLeastSquares {
         let row = |node: Active| {
             let root = libm::sqrt(node.weight);
             let powers = self.powers(node.t);
-            powers
-                .iter()
-                .take(self.order + 1)
-                .map(|p| p * root)
-                .collect()
+            powers.iter().take(self.order + 1).map(|p| p * root).collect()
         };
         weighted.map(row).collect()
     }
@@ -206,11 +184,7 @@ impl MovingLeastSquares {
         let Triangle { size, r, y } = self.triangle(x);
         let is_node = self.nodes.binary_search_by(|n| n[0].total_cmp(&x)).is_ok();
         // The weight of a node at its own place, where it is the nearest one.
-        let own = if is_node {
-            -libm::expm1(-self.shape * self.shape)
-        } else {
-            0.0
-        };
+        let own = if is_node { -libm::expm1(-self.shape * self.shape) } else { 0.0 };
         let mut found = NestedSolutions {
             values: [0.0; SIZE],
             influences: [0.0; SIZE],
@@ -222,9 +196,7 @@ impl MovingLeastSquares {
         for column in 0..size {
             inverse[column][column] = 1.0 / r[column][column];
             for row in (0..column).rev() {
-                let known: f64 = (row + 1..=column)
-                    .map(|k| r[row][k] * inverse[k][column])
-                    .sum();
+                let known: f64 = (row + 1..=column).map(|k| r[row][k] * inverse[k][column]).sum();
                 inverse[row][column] = -known / r[row][row];
             }
             for row in 0..=column {
@@ -266,11 +238,7 @@ impl MovingLeastSquares {
 
     fn weighting(&self, x: f64) -> Weighting {
         let h = self.half_width();
-        let distance = |i: usize| {
-            self.nodes
-                .get(i)
-                .map_or(f64::INFINITY, |n| (n[0] - x).abs())
-        };
+        let distance = |i: usize| self.nodes.get(i).map_or(f64::INFINITY, |n| (n[0] - x).abs());
         let above = self.nodes.partition_point(|n| n[0] <= x);
         Weighting {
             x,
@@ -362,11 +330,7 @@ impl Weighting {
             t: (xj - self.x) / self.scale,
             u,
             weight: (-gauss * libm::expm1(-self.a2 * inside)).max(0.0),
-            weight_slope: if inside > 0.0 {
-                2.0 * self.a2 * r / self.h * gauss
-            } else {
-                0.0
-            },
+            weight_slope: if inside > 0.0 { 2.0 * self.a2 * r / self.h * gauss } else { 0.0 },
         }
     }
 }
@@ -391,13 +355,7 @@ fn sparsest(nodes: &[[f64; 2]], order: usize) -> (f64, f64) {
         .map(|w| (w[0][0], w[order + 1][0]))
         .map(|(l, r)| (l + (r - l) / 2.0, (r - l) / 2.0))
         .chain([end])
-        .fold(start, |worst, candidate| {
-            if candidate.1 > worst.1 {
-                candidate
-            } else {
-                worst
-            }
-        })
+        .fold(start, |worst, candidate| if candidate.1 > worst.1 { candidate } else { worst })
 }
 
 /// Upper triangle R of a QR factorisation and Qᵀ times the right-hand side, built row by row with Givens rotations.
@@ -408,10 +366,7 @@ struct Rotated<const N: usize> {
 
 impl<const N: usize> Rotated<N> {
     fn new() -> Self {
-        Self {
-            r: [[0.0; N]; N],
-            y: [0.0; N],
-        }
+        Self { r: [[0.0; N]; N], y: [0.0; N] }
     }
 
     fn add(&mut self, mut row: [f64; N], mut right: f64) {
@@ -438,11 +393,7 @@ struct Triangle {
 
 impl<const N: usize> From<Rotated<N>> for Triangle {
     fn from(rotated: Rotated<N>) -> Self {
-        let mut all = Self {
-            size: N,
-            r: [[0.0; SIZE]; SIZE],
-            y: [0.0; SIZE],
-        };
+        let mut all = Self { size: N, r: [[0.0; SIZE]; SIZE], y: [0.0; SIZE] };
         for (mine, row) in all.r.iter_mut().zip(&rotated.r) {
             mine[..N].copy_from_slice(row);
         }

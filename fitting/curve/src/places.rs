@@ -75,10 +75,7 @@ fn between(nodes: impl Iterator<Item = f64> + Clone) -> Vec<f64> {
     let inside = |(low, high): (f64, f64)| {
         (1..PARTS).map(move |k| low + (high - low) * (f64::from(k) / f64::from(PARTS)))
     };
-    pieces
-        .filter(|(low, high)| low < high)
-        .flat_map(inside)
-        .collect()
+    pieces.filter(|(low, high)| low < high).flat_map(inside).collect()
 }
 
 fn of_harmonics(curve: &Fourier) -> Vec<f64> {

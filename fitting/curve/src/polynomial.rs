@@ -30,11 +30,7 @@ impl Polynomial {
     /// Value at `x` (Horner), constant outside the domain.
     pub fn value(&self, x: f64) -> f64 {
         domain::held(self.0.domain, x, |x| {
-            self.0
-                .coefficients
-                .iter()
-                .rev()
-                .fold(0.0, |sum, c| sum * x + c)
+            self.0.coefficients.iter().rev().fold(0.0, |sum, c| sum * x + c)
         })
     }
 

@@ -9,11 +9,7 @@ use crate::{CurveError, Interpolation};
 /// Reads a number that a format may write as NaN or infinite, and rejects these like the constructors.
 pub(crate) fn finite<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
     let value = f64::deserialize(deserializer)?;
-    if value.is_finite() {
-        Ok(value)
-    } else {
-        Err(D::Error::custom("expected a finite number"))
-    }
+    if value.is_finite() { Ok(value) } else { Err(D::Error::custom("expected a finite number")) }
 }
 
 /// Fields of a type in their order, and the constructor that checks them.
@@ -65,10 +61,7 @@ pub(crate) struct Table {
 
 impl From<crate::Table> for Table {
     fn from(table: crate::Table) -> Self {
-        Self {
-            interpolation: table.interpolation(),
-            nodes: table.nodes().to_vec(),
-        }
+        Self { interpolation: table.interpolation(), nodes: table.nodes().to_vec() }
     }
 }
 

@@ -22,10 +22,7 @@ impl Series {
         domain::at_least("coefficients", coefficients.len(), 1)?;
         domain::finite("coefficient", &coefficients)?;
         domain::interval(domain)?;
-        Ok(Self {
-            coefficients,
-            domain,
-        })
+        Ok(Self { coefficients, domain })
     }
 
     /// Replaces every value by `scale` times the value plus `c`.

@@ -21,10 +21,7 @@ pub enum Interpolation {
 #[cfg_attr(
     feature = "serde",
     derive(serde::Serialize, serde::Deserialize),
-    serde(
-        into = "crate::serialised::Table",
-        try_from = "crate::serialised::Table"
-    )
+    serde(into = "crate::serialised::Table", try_from = "crate::serialised::Table")
 )]
 pub struct Table {
     nodes: Vec<[f64; 2]>,
@@ -42,10 +39,7 @@ impl Table {
     /// Too few nodes, a number that is not finite, abscissae that do not increase.
     pub fn linear(nodes: Vec<[f64; 2]>) -> Result<Self, CurveError> {
         domain::nodes(&nodes, 2)?;
-        Ok(Self {
-            nodes,
-            slopes: Vec::new(),
-        })
+        Ok(Self { nodes, slopes: Vec::new() })
     }
 
     /// Monotone piecewise cubics between at least two nodes. Slopes are the weighted harmonic mean of the neighbouring secants (Fritsch and Butland,
@@ -66,11 +60,7 @@ impl Table {
 
     /// Interpolation between the nodes.
     pub fn interpolation(&self) -> Interpolation {
-        if self.slopes.is_empty() {
-            Interpolation::Linear
-        } else {
-            Interpolation::Cubic
-        }
+        if self.slopes.is_empty() { Interpolation::Linear } else { Interpolation::Cubic }
     }
 
     /// Range of arguments: first to last node.
@@ -138,12 +128,7 @@ fn monotone_slopes(nodes: &[[f64; 2]]) -> Vec<f64> {
     let mut slopes = Vec::with_capacity(nodes.len());
     slopes.push(end_slope(h(0), h(1), m(0), m(1)));
     slopes.extend((1..last).map(|i| inner_slope(h(i - 1), h(i), m(i - 1), m(i))));
-    slopes.push(end_slope(
-        h(last - 1),
-        h(last - 2),
-        m(last - 1),
-        m(last - 2),
-    ));
+    slopes.push(end_slope(h(last - 1), h(last - 2), m(last - 1), m(last - 2)));
     slopes
 }
 

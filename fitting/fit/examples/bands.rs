@@ -18,11 +18,8 @@ fn main() {
     let mut groups: Vec<(&'static str, Covered)> = Vec::new();
     let mut all = Covered::default();
     for index in 0..500 {
-        let line: Generated = if index % 5 == 4 {
-            undersampled(29, index)
-        } else {
-            generated(29, index + index / 5)
-        };
+        let line: Generated =
+            if index % 5 == 4 { undersampled(29, index) } else { generated(29, index + index / 5) };
         let found = covered(&line, PLACES);
         all.add(found);
         match groups.iter_mut().find(|group| group.0 == line.family) {

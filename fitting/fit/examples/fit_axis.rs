@@ -20,15 +20,9 @@ fn main() -> Result<(), FitError> {
     // The largest residual shows how well a curve follows the readings, the leave-one-out error how well it predicts readings that were
     // left out. The latter decides.
     let fits: [(&str, Fit); 3] = [
-        (
-            "straight line",
-            fit_polynomial(&x_mm, &u_um, 1, [0.0, 800.0])?,
-        ),
+        ("straight line", fit_polynomial(&x_mm, &u_um, 1, [0.0, 800.0])?),
         ("monotone cubics", fit_cubic_table(&x_mm, &u_um)?),
-        (
-            "chosen automatically",
-            fit_auto(&x_mm, &u_um, &FitOptions::default())?.fit,
-        ),
+        ("chosen automatically", fit_auto(&x_mm, &u_um, &FitOptions::default())?.fit),
     ];
     println!("all in µm           largest residual   leave-one-out   at 450 mm");
     for (name, fit) in &fits {

@@ -17,11 +17,8 @@ fn main() {
     println!(
         "targets      kind                     sets   median     p90      max   over 30 µm: warned of, not   under 3 µm: warned of, not"
     );
-    let groups: [(&str, Make); 3] = [
-        ("by chance", irregular),
-        ("nearly even", nearly_even),
-        ("even", even),
-    ];
+    let groups: [(&str, Make); 3] =
+        [("by chance", irregular), ("nearly even", nearly_even), ("even", even)];
     for (group, make) in groups {
         for kind in KINDS {
             let mut found = Warned::of(kind, make, 0..500);

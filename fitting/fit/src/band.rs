@@ -23,10 +23,7 @@ pub struct BandOptions {
 
 impl Default for BandOptions {
     fn default() -> Self {
-        Self {
-            resamples: 400,
-            seed: 1,
-        }
+        Self { resamples: 400, seed: 1 }
     }
 }
 
@@ -110,11 +107,7 @@ pub fn band(
     } else {
         (whole.of_residuals(at, options)?, BandSource::Residuals)
     };
-    Ok(Band {
-        at: at.to_vec(),
-        half_width,
-        source,
-    })
+    Ok(Band { at: at.to_vec(), half_width, source })
 }
 
 /// Scatter of mean readings if some runs lack targets, so that whole runs cannot be compared.
@@ -134,9 +127,7 @@ pub struct MeanScatter {
 impl MeanScatter {
     /// Number of samples for a band with this number of targets; smaller if there are many targets.
     pub fn samples_for(targets: usize, options: &BandOptions) -> usize {
-        (MAX_REFITTED / targets.max(1))
-            .max(MIN_RESAMPLES)
-            .min(options.resamples as usize)
+        (MAX_REFITTED / targets.max(1)).max(MIN_RESAMPLES).min(options.resamples as usize)
     }
 }
 
@@ -162,11 +153,7 @@ pub fn band_of_means(
     }
     readings::check(x, u)?;
     let whole = Whole::new(method, x, u)?;
-    Ok(Band {
-        at: at.to_vec(),
-        half_width: whole.of_means(scatter, at)?,
-        source: BandSource::Runs,
-    })
+    Ok(Band { at: at.to_vec(), half_width: whole.of_means(scatter, at)?, source: BandSource::Runs })
 }
 
 /// Places at which a band is plotted with straight lines between them: the `targets`, which must
@@ -209,13 +196,7 @@ impl Whole {
         } else {
             None
         };
-        Ok(Self {
-            method,
-            candidate: of_method(method, &targets)?,
-            targets,
-            curve,
-            spline,
-        })
+        Ok(Self { method, candidate: of_method(method, &targets)?, targets, curve, spline })
     }
 
     /// Smooths other `values` of the targets with the same method and evaluates the result at `at`.
@@ -348,11 +329,7 @@ impl Whole {
             // The formula of Welch and Satterthwaite gives too narrow bands if the scatter of few
             // runs is small by chance. The product of Student's t factors, each raised to the power
             // of its fraction of the variance, covers 91 to 97 % of mixtures.
-            let share = if variance > 0.0 {
-                of_runs / variance
-            } else {
-                0.0
-            };
+            let share = if variance > 0.0 { of_runs / variance } else { 0.0 };
             let t = student_95(scatter.run_freedom.max(1.0)).powf(share)
                 * student_95(scatter.freedom).powf(1.0 - share);
             (t * t * variance + self.wrong_at(x, wrong)).sqrt()
@@ -389,9 +366,7 @@ impl Whole {
             // Noise in a leave-one-out error: the noise of the target itself and that of the curve
             // fitted to the others.
             let inner = &candidate.leverages[1..self.targets.len() - 1];
-            let of_noise = inner
-                .iter()
-                .map(|&h| if h < 0.999 { 1.0 / (1.0 - h) } else { 1.5 });
+            let of_noise = inner.iter().map(|&h| if h < 0.999 { 1.0 / (1.0 - h) } else { 1.5 });
             let of_noise = noise * of_noise.sum::<f64>();
             let squares = errors.iter().filter(|e| e.is_finite()).map(|e| e * e);
             ((squares.sum::<f64>() - of_noise) / errors.len() as f64).max(0.0)
@@ -409,11 +384,8 @@ impl Whole {
     fn of_residuals(&self, at: &[f64], options: &BandOptions) -> Result<Vec<f64>, FitError> {
         let count = self.targets.len();
         let mut freedom = count as f64 - self.candidate.coefficients;
-        let mut residuals: Vec<f64> = self
-            .targets
-            .iter()
-            .map(|t| t.mean - self.curve.value(t.x))
-            .collect();
+        let mut residuals: Vec<f64> =
+            self.targets.iter().map(|t| t.mean - self.curve.value(t.x)).collect();
         let mut squares: f64 = residuals.iter().map(|r| r * r).sum();
         let errors = &self.candidate.errors;
         if freedom < 1.0 {

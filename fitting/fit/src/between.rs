@@ -57,11 +57,7 @@ impl Band {
     pub(crate) fn of(targets: &[Target]) -> Self {
         let means: Vec<f64> = targets.iter().map(|t| t.mean).collect();
         let [low, high] = band_of(&means);
-        Self {
-            targets: targets.iter().map(|t| t.x).collect(),
-            low,
-            high,
-        }
+        Self { targets: targets.iter().map(|t| t.x).collect(), low, high }
     }
 
     /// Whether the curve stays within the band between the targets.
@@ -120,9 +116,8 @@ fn height_beside_line(targets: &[Target]) -> f64 {
     }
     let slope = if square > 0.0 { product / square } else { 0.0 };
     let beside = targets.iter().map(|t| t.mean - u - slope * (t.x - x));
-    let [low, high] = beside.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], at| {
-        [low.min(at), high.max(at)]
-    });
+    let [low, high] = beside
+        .fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], at| [low.min(at), high.max(at)]);
     (high - low).max(0.0)
 }
 
@@ -175,10 +170,7 @@ impl Between {
         let gaps = of_targets.targets.windows(2).map(|gap| gap[1] - gap[0]);
         let points: Vec<(f64, f64)> = targets.iter().map(|t| (t.x, t.mean)).collect();
         // Residual rounding of a fit that follows the readings exactly.
-        let rounding = 1e-9
-            * points
-                .iter()
-                .fold(0.0_f64, |most, (_, mean)| most.max(mean.abs()));
+        let rounding = 1e-9 * points.iter().fold(0.0_f64, |most, (_, mean)| most.max(mean.abs()));
         let mean = gaps.clone().sum::<f64>() / targets.len().saturating_sub(1) as f64;
         let (residual, repeatability) = (fit.rms(), noise.map(|noise| noise.deviation));
         Self {
@@ -190,11 +182,7 @@ impl Between {
             uneven: unevenness(&points).map(|uneven| uneven.max(rounding)),
             height: of_targets.height(),
             height_beside_line: height_beside_line(&targets),
-            widest_gap: if targets.len() > 2 {
-                gaps.fold(0.0, f64::max) / mean
-            } else {
-                0.0
-            },
+            widest_gap: if targets.len() > 2 { gaps.fold(0.0, f64::max) / mean } else { 0.0 },
             swings: of_targets.swings(&fit.curve, repeatability.unwrap_or_default().max(residual)),
         }
     }
@@ -217,10 +205,7 @@ impl Between {
     /// readings about a straight line, since a smaller residual is no evidence of a wave. Different
     /// offsets of the runs increase the repeatability, but not the unevenness.
     pub fn is_not_followed(&self) -> bool {
-        let few = self
-            .targets
-            .checked_sub(4)
-            .and_then(|of| OF_FEW_TARGETS.get(of));
+        let few = self.targets.checked_sub(4).and_then(|of| OF_FEW_TARGETS.get(of));
         let times = few.copied().unwrap_or(MORE_THAN_UNEVEN);
         let is_beyond = |left: f64, times: f64, scatter: Option<f64>| {
             scatter.is_some_and(|scatter| left > times * scatter)

@@ -75,20 +75,11 @@ impl Problem {
             triangle.add(*first, *row, mean);
         }
         let wide = WIDE_GAP * (upper - lower) / (targets.len() - 1) as f64;
-        let in_gaps = targets
-            .windows(2)
-            .filter(|gap| gap[1][0] - gap[0][0] > wide)
-            .flat_map(|gap| {
+        let in_gaps =
+            targets.windows(2).filter(|gap| gap[1][0] - gap[0][0] > wide).flat_map(|gap| {
                 PARTS_OF_GAP.map(|part| basis(&knots, gap[0][0] + part * (gap[1][0] - gap[0][0])))
             });
-        Self {
-            in_gaps: in_gaps.collect(),
-            band: band_of(&means),
-            knots,
-            rows,
-            means,
-            triangle,
-        }
+        Self { in_gaps: in_gaps.collect(), band: band_of(&means), knots, rows, means, triangle }
     }
 
     pub(crate) fn curve(&self, coefficients: Vec<f64>) -> Result<BSpline, FitError> {
@@ -138,24 +129,18 @@ impl Problem {
     }
 
     pub(crate) fn smoothed(&self, log_lambda: f64) -> Result<Smoothed, FitError> {
-        let triangle = self
-            .penalised(log_lambda)
-            .ok_or_else(|| self.undetermined())?;
+        let triangle = self.penalised(log_lambda).ok_or_else(|| self.undetermined())?;
         let coefficients = triangle.solution();
         let rows = self.rows.iter();
         Ok(Smoothed {
             residuals: self.residuals(&coefficients),
-            leverages: rows
-                .map(|(first, row)| triangle.leverage(*first, row))
-                .collect(),
+            leverages: rows.map(|(first, row)| triangle.leverage(*first, row)).collect(),
             coefficients,
         })
     }
 
     fn undetermined(&self) -> FitError {
-        FitError::Undetermined {
-            coefficients: self.triangle.size(),
-        }
+        FitError::Undetermined { coefficients: self.triangle.size() }
     }
 
     /// Triangular factor with the rows of the penalty added to those of the readings; `None` if it is singular.
@@ -174,8 +159,7 @@ impl Problem {
 
     fn residuals(&self, coefficients: &[f64]) -> Vec<f64> {
         let rows = self.rows.iter().zip(&self.means);
-        rows.map(|(row, mean)| mean - value(row, coefficients))
-            .collect()
+        rows.map(|(row, mean)| mean - value(row, coefficients)).collect()
     }
 
     /// Score of a smoothing parameter: generalised cross-validation. With wide gaps between the targets, the score is the leave-one-out error, or
@@ -186,10 +170,7 @@ impl Problem {
         }
         let coefficients = triangle.solution();
         let [low, high] = self.band;
-        let stays = self
-            .in_gaps
-            .iter()
-            .all(|at| (low..=high).contains(&value(at, &coefficients)));
+        let stays = self.in_gaps.iter().all(|at| (low..=high).contains(&value(at, &coefficients)));
         if !stays {
             return f64::INFINITY;
         }

@@ -49,11 +49,7 @@ pub(crate) struct Candidate {
 
 impl Candidate {
     pub(crate) fn leave_one_out_rms(&self) -> f64 {
-        if self.errors.is_empty() {
-            f64::INFINITY
-        } else {
-            rms(self.errors.iter().copied())
-        }
+        if self.errors.is_empty() { f64::INFINITY } else { rms(self.errors.iter().copied()) }
     }
 
     /// Combines this candidate with the candidate of the same method for another set; `None` if the
@@ -71,11 +67,8 @@ impl Candidate {
 
     /// Candidate of a fit whose curve is a linear function of the mean readings.
     fn linear(method: Method, targets: &[Target], residuals: &[f64], leverages: &[f64]) -> Self {
-        let errors: Vec<f64> = residuals
-            .iter()
-            .zip(leverages)
-            .map(|(&e, &h)| left_out(e, h))
-            .collect();
+        let errors: Vec<f64> =
+            residuals.iter().zip(leverages).map(|(&e, &h)| left_out(e, h)).collect();
         let coefficients: f64 = leverages.iter().sum();
         let squares = residuals.iter().zip(targets).map(|(e, t)| t.count * e * e);
         Self {
@@ -107,11 +100,7 @@ pub(crate) fn candidates(
     options: &FitOptions,
 ) -> Result<Vec<Candidate>, FitError> {
     let (Some(first), Some(last)) = (targets.first(), targets.last()) else {
-        return Err(FitError::TooFewTargets {
-            purpose: "a curve",
-            found: 0,
-            needed: 1,
-        });
+        return Err(FitError::TooFewTargets { purpose: "a curve", found: 0, needed: 1 });
     };
     let constant = |targets: f64| Candidate {
         method: Method::Polynomial { order: 0 },
@@ -139,10 +128,7 @@ pub(crate) fn candidates(
         count > 2 && range + gap >= period * (1.0 - HAIR)
     });
     let of_two = count == 2;
-    let order = (4 * count)
-        .isqrt()
-        .min(HIGHEST_ORDER)
-        .min(if of_two { 1 } else { count - 2 });
+    let order = (4 * count).isqrt().min(HIGHEST_ORDER).min(if of_two { 1 } else { count - 2 });
     let highest = if goes_round { 0 } else { order };
     polynomials(targets, highest, domain, &mut all)?;
     if count == 3 && !goes_round {
@@ -163,10 +149,7 @@ pub(crate) fn candidates(
     if !goes_round {
         if count >= bspline::MIN_TARGETS {
             let problem = Problem::new(&means);
-            if let Ok(spline) = problem
-                .cross_validated()
-                .and_then(|log| problem.smoothed(log))
-            {
+            if let Ok(spline) = problem.cross_validated().and_then(|log| problem.smoothed(log)) {
                 all.push(Candidate::linear(
                     Method::BSpline,
                     targets,
@@ -191,11 +174,7 @@ pub(crate) fn candidates(
 const HAIR: f64 = 1e-9;
 
 fn through_means(method: Method, means: &[[f64; 2]]) -> Result<Candidate, FitError> {
-    let build = if method == Method::CubicTable {
-        Table::cubic
-    } else {
-        Table::linear
-    };
+    let build = if method == Method::CubicTable { Table::cubic } else { Table::linear };
     Ok(Candidate {
         method,
         coefficients: means.len() as f64,
@@ -232,11 +211,7 @@ pub(crate) fn of_method(method: Method, targets: &[Target]) -> Result<Candidate,
             let (left, leverages) = (&spline.residuals, &spline.leverages);
             return Ok(Candidate::linear(method, targets, left, leverages));
         }
-        Method::MovingLeastSquares {
-            order,
-            support,
-            shape,
-        } => {
+        Method::MovingLeastSquares { order, support, shape } => {
             let curve = MovingLeastSquares::new(means, order, support, shape)?;
             return Ok(moved(method, targets, curve));
         }
@@ -308,11 +283,7 @@ fn moving(targets: &[Target], means: &[[f64; 2]], all: &mut Vec<Candidate>) {
         if !curve.has_nodes_everywhere(order + 2) {
             continue;
         }
-        let method = Method::MovingLeastSquares {
-            order,
-            support,
-            shape: SHAPE,
-        };
+        let method = Method::MovingLeastSquares { order, support, shape: SHAPE };
         all.push(moved(method, targets, curve));
     }
 }

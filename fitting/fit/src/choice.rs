@@ -104,10 +104,7 @@ impl Choice {
     pub fn best_of_kinds(&self) -> Vec<Score> {
         let mut best: Vec<Score> = Vec::new();
         for score in &self.scores {
-            match best
-                .iter_mut()
-                .find(|b| b.method.kind() == score.method.kind())
-            {
+            match best.iter_mut().find(|b| b.method.kind() == score.method.kind()) {
                 Some(known) if score.leave_one_out_rms < known.leave_one_out_rms => *known = *score,
                 Some(_) => {}
                 None => best.push(*score),

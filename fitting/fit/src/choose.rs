@@ -18,9 +18,7 @@ const AT_MOST: f64 = 1.1;
 pub fn fit_auto(x: &[f64], u: &[f64], options: &FitOptions) -> Result<AutoFit, FitError> {
     let (choice, mut fits) = choose_and_fit(&[(x, u)], options)?;
     // One set gives one fit.
-    let fit = fits
-        .pop()
-        .ok_or(FitError::Undetermined { coefficients: 1 })?;
+    let fit = fits.pop().ok_or(FitError::Undetermined { coefficients: 1 })?;
     Ok(AutoFit { fit, choice })
 }
 
@@ -82,10 +80,9 @@ pub fn choose_and_fit(
         let own = candidates(&targets, options)?;
         together = Some(match together {
             None => own,
-            Some(before) => before
-                .into_iter()
-                .filter_map(|candidate| candidate.with(&own))
-                .collect(),
+            Some(before) => {
+                before.into_iter().filter_map(|candidate| candidate.with(&own)).collect()
+            }
         });
         bands.push(Band::of(&targets));
         all_targets.extend(targets);
@@ -96,18 +93,10 @@ pub fn choose_and_fit(
         let rounded = |c: &Candidate| (c.coefficients * 1e6).round();
         rounded(a).total_cmp(&rounded(b))
     });
-    let meets = |c: &Candidate| {
-        options
-            .required_residual
-            .is_none_or(|r| c.largest_residual <= r)
-    };
+    let meets = |c: &Candidate| options.required_residual.is_none_or(|r| c.largest_residual <= r);
     let follows = |c: &Candidate| noise.is_none_or(|n| n.explains(c.squares, c.freedom));
     let mut swings = vec![false; candidates.len()];
-    let mut refusal = FitError::TooFewTargets {
-        purpose: "a curve",
-        found: 0,
-        needed: 1,
-    };
+    let mut refusal = FitError::TooFewTargets { purpose: "a curve", found: 0, needed: 1 };
     loop {
         let left: Vec<&Candidate> = candidates
             .iter()
@@ -156,11 +145,7 @@ pub fn choose_and_fit(
                 follows: follows(c),
                 swings,
             });
-            let choice = Choice {
-                method,
-                reason,
-                scores: scores.collect(),
-            };
+            let choice = Choice { method, reason, scores: scores.collect() };
             return Ok((choice, fits));
         }
         // The place exists: the method comes from the candidates.
@@ -178,43 +163,29 @@ fn simplest<'a>(
     let first = *candidates.first()?;
     // Without an inner target there is nothing to compare: the constant of one target, the line of two.
     if first.errors.is_empty() {
-        let most = candidates.iter().copied().reduce(|most, c| {
-            if c.coefficients > most.coefficients + 0.5 {
-                c
-            } else {
-                most
-            }
-        });
+        let most = candidates
+            .iter()
+            .copied()
+            .reduce(|most, c| if c.coefficients > most.coefficients + 0.5 { c } else { most });
         return Some((most?, Reason::FewTargets));
     }
     let least = |of: &mut dyn Iterator<Item = &&'a Candidate>| {
-        of.map(|c| c.leave_one_out_rms())
-            .fold(f64::INFINITY, f64::min)
+        of.map(|c| c.leave_one_out_rms()).fold(f64::INFINITY, f64::min)
     };
     let smallest = least(&mut candidates.iter());
     let near = |c: &&Candidate| c.leave_one_out_rms() <= FAR * smallest + rounding;
     let near: Vec<&Candidate> = candidates.iter().copied().filter(near).collect();
     let following = near.iter().copied().filter(|c| follows(c));
     let following: Vec<&Candidate> = following.collect();
-    let candidates = if following.is_empty() {
-        &near
-    } else {
-        &following
-    };
+    let candidates = if following.is_empty() { &near } else { &following };
     let smallest = least(&mut candidates.iter());
-    let best = *candidates
-        .iter()
-        .find(|c| c.leave_one_out_rms() <= smallest + rounding)?;
+    let best = *candidates.iter().find(|c| c.leave_one_out_rms() <= smallest + rounding)?;
     let as_good = |c: &&&Candidate| {
         c.method == best.method
             || c.leave_one_out_rms() <= AT_MOST * smallest + rounding && within_one_error(c, best)
     };
     let taken = *candidates.iter().find(as_good)?;
-    let reason = if taken.method == best.method {
-        Reason::Smallest
-    } else {
-        Reason::Simplest
-    };
+    let reason = if taken.method == best.method { Reason::Smallest } else { Reason::Simplest };
     Some((taken, reason))
 }
 
@@ -225,10 +196,6 @@ fn within_one_error(candidate: &Candidate, best: &Candidate) -> bool {
     let count = differences.len() as f64;
     let mean = differences.iter().sum::<f64>() / count;
     let squares: f64 = differences.iter().map(|d| (d - mean).powi(2)).sum();
-    let error = if count > 1.0 {
-        (squares / (count - 1.0) / count).sqrt()
-    } else {
-        0.0
-    };
+    let error = if count > 1.0 { (squares / (count - 1.0) / count).sqrt() } else { 0.0 };
     mean <= error
 }

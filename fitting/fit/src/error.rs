@@ -14,31 +14,13 @@ pub enum FitError {
         readings: usize,
     },
     #[error("{what} {index} is {value}: expected a finite number")]
-    NotFinite {
-        what: &'static str,
-        index: usize,
-        value: f64,
-    },
+    NotFinite { what: &'static str, index: usize, value: f64 },
     #[error("found {found} different targets: {purpose} needs at least {needed}")]
-    TooFewTargets {
-        purpose: &'static str,
-        found: usize,
-        needed: usize,
-    },
+    TooFewTargets { purpose: &'static str, found: usize, needed: usize },
     #[error("found {found} {what}: {purpose} needs at least {needed}")]
-    TooFew {
-        what: &'static str,
-        purpose: &'static str,
-        found: usize,
-        needed: usize,
-    },
+    TooFew { what: &'static str, purpose: &'static str, found: usize, needed: usize },
     #[error("target {index} is {value}: expected it in the domain [{lower}, {upper}]")]
-    OutsideDomain {
-        index: usize,
-        value: f64,
-        lower: f64,
-        upper: f64,
-    },
+    OutsideDomain { index: usize, value: f64, lower: f64, upper: f64 },
     #[error(
         "the targets do not determine {coefficients} coefficients: expected a lower order, or targets spread over the domain"
     )]
@@ -63,11 +45,7 @@ pub enum FitError {
     },
     /// A parameter is out of its range.
     #[error("{what} is {value}: expected {expected}")]
-    Parameter {
-        what: &'static str,
-        value: f64,
-        expected: &'static str,
-    },
+    Parameter { what: &'static str, value: f64, expected: &'static str },
     /// The curve rejects its parameters.
     #[error(transparent)]
     Curve(#[from] CurveError),

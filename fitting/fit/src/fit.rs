@@ -84,10 +84,7 @@ impl Fit {
 
     /// The largest residual, in the unit of the readings.
     pub fn max(&self) -> f64 {
-        self.residuals
-            .iter()
-            .copied()
-            .fold(f64::NEG_INFINITY, f64::max)
+        self.residuals.iter().copied().fold(f64::NEG_INFINITY, f64::max)
     }
 
     /// The largest magnitude of a residual.
@@ -111,11 +108,7 @@ fn over_readings(x: &[f64], u: &[f64], missed: impl Iterator<Item = (usize, f64)
             count += target.count;
         }
     }
-    if count > 0.0 {
-        (sum / count).sqrt()
-    } else {
-        f64::INFINITY
-    }
+    if count > 0.0 { (sum / count).sqrt() } else { f64::INFINITY }
 }
 
 pub(crate) fn rms(errors: impl Iterator<Item = f64>) -> f64 {
@@ -127,11 +120,7 @@ pub(crate) fn rms(errors: impl Iterator<Item = f64>) -> f64 {
 /// the diagonal of the hat matrix: `e / (1 − h)` (Allen, Technometrics 16, 1974).
 pub(crate) fn left_out(residual: f64, leverage: f64) -> f64 {
     let freedom = 1.0 - leverage;
-    if freedom > 1e-9 {
-        residual / freedom
-    } else {
-        f64::INFINITY
-    }
+    if freedom > 1e-9 { residual / freedom } else { f64::INFINITY }
 }
 
 /// Candidate of an automatic choice: whether it meets the required residual, and its leave-one-out RMS.

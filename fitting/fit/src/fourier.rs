@@ -23,15 +23,9 @@ pub fn fit_fourier(
     Fourier::new(vec![0.0], period, domain)?;
     readings::check_domain(x, domain)?;
     let coefficients = order.saturating_mul(2).saturating_add(1);
-    readings::require(
-        &readings::targets(x, u),
-        coefficients,
-        "this many harmonics",
-    )?;
+    readings::require(&readings::targets(x, u), coefficients, "this many harmonics")?;
     let nested = nested(&readings::counted(x, u), order, period);
-    let solution = nested
-        .solution(coefficients)
-        .ok_or(FitError::Undetermined { coefficients })?;
+    let solution = nested.solution(coefficients).ok_or(FitError::Undetermined { coefficients })?;
     let curve = Fourier::new(solution.coefficients.clone(), period, domain)?;
     Ok(Fit::least_squares(curve.into(), x, u, &solution))
 }
@@ -39,11 +33,7 @@ pub fn fit_fourier(
 pub(crate) fn nested(targets: &[Target], order: usize, period: f64) -> Nested {
     let matrix = DMatrix::from_fn(targets.len(), 2 * order + 1, |i, k| {
         let angle = TAU * (targets[i].x / period) * k.div_ceil(2) as f64;
-        if k % 2 == 0 && k > 0 {
-            angle.sin()
-        } else {
-            angle.cos()
-        }
+        if k % 2 == 0 && k > 0 { angle.sin() } else { angle.cos() }
     });
     Nested::new(matrix, targets)
 }

@@ -37,13 +37,7 @@ impl Nested {
         let qr = matrix.qr();
         let (q, r) = (qr.q(), qr.r());
         let turned = q.tr_mul(&right);
-        Self {
-            q,
-            r,
-            turned,
-            roots,
-            means,
-        }
+        Self { q, r, turned, roots, means }
     }
 
     /// Solution with the first `columns` columns; `None` if these are linearly dependent, or more than there are targets.

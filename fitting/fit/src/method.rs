@@ -76,11 +76,9 @@ impl Method {
                 fit_fourier(x, u, order, period, domain)
             }
             Self::BSpline => fit_bspline(x, u),
-            Self::MovingLeastSquares {
-                order,
-                support,
-                shape,
-            } => fit_mls(x, u, order, support, shape),
+            Self::MovingLeastSquares { order, support, shape } => {
+                fit_mls(x, u, order, support, shape)
+            }
             Self::CubicTable => fit_cubic_table(x, u),
             Self::LinearTable => fit_linear_table(x, u),
         }

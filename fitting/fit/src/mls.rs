@@ -79,10 +79,7 @@ pub fn scan_mls(x: &[f64], u: &[f64], shape: f64) -> Result<Vec<MlsTrial>, FitEr
         })
         .collect();
     if trials.is_empty() {
-        return Err(FitError::NoCandidate {
-            targets: targets.len(),
-            shape,
-        });
+        return Err(FitError::NoCandidate { targets: targets.len(), shape });
     }
     Ok(trials)
 }
@@ -126,10 +123,7 @@ pub fn fit_mls_auto(
                 best = Some(place);
             }
         }
-        let place = best.ok_or(FitError::NoCandidate {
-            targets: targets.len(),
-            shape,
-        })?;
+        let place = best.ok_or(FitError::NoCandidate { targets: targets.len(), shape })?;
         let expected = judged(place).meets;
         let setting = &mut settings[place];
         let made = Candidate::new(targets.clone(), setting.order, setting.support, shape)?;
@@ -139,10 +133,7 @@ pub fn fit_mls_auto(
             setting.max_residual = made.max_residual;
             continue;
         }
-        return Ok(Fit {
-            meets_required: required_residual.map(|_| meets),
-            ..made.fit(x, u)
-        });
+        return Ok(Fit { meets_required: required_residual.map(|_| meets), ..made.fit(x, u) });
     }
 }
 
@@ -194,8 +185,7 @@ pub fn choose_mls(
         targets: sets.iter().map(|(x, _)| x.len()).min().unwrap_or_default(),
         shape,
     };
-    best.map(|(setting, _)| (setting.order, setting.support))
-        .ok_or(none)
+    best.map(|(setting, _)| (setting.order, setting.support)).ok_or(none)
 }
 
 /// An order and a support with its errors at targets of one or more sets.
@@ -286,12 +276,7 @@ fn of_support(
     let Some(curve) = orders.clone().rev().find_map(curve_of) else {
         return Vec::new();
     };
-    let none = |order| Setting {
-        order,
-        support,
-        max_residual: 0.0,
-        missed: vec![Vec::new()],
-    };
+    let none = |order| Setting { order, support, max_residual: 0.0, missed: vec![Vec::new()] };
     let mut settings: Vec<Setting> = (*orders.start()..=curve.order()).map(none).collect();
     let ([lower, upper], h) = (curve.domain(), curve.half_width());
     let carry = |settings: &mut Vec<Setting>, x: f64| {
@@ -368,13 +353,7 @@ impl Candidate {
         let read = curve.nodes().iter().zip(&values);
         let residuals: Vec<f64> = read.map(|([_, u], [_, value])| u - value).collect();
         let max_residual = readings::magnitude(residuals.iter().copied());
-        Self {
-            curve,
-            values,
-            residuals,
-            influences,
-            max_residual,
-        }
+        Self { curve, values, residuals, influences, max_residual }
     }
 
     /// Assessment of the curve against the single readings `u` at `x`, to whose means it was

@@ -48,12 +48,7 @@ pub(crate) fn in_powers(series: &Chebyshev, magnitude: f64) -> Result<Polynomial
     });
     let error = readings::magnitude(probes.map(|x| polynomial.value(x) - series.value(x)));
     if error > 1e-7 * magnitude {
-        return Err(FitError::PowersLoseDigits {
-            order,
-            lower,
-            upper,
-            error,
-        });
+        return Err(FitError::PowersLoseDigits { order, lower, upper, error });
     }
     Ok(polynomial)
 }
@@ -72,13 +67,8 @@ fn series(
     readings::require(&readings::targets(x, u), needed, PURPOSE)?;
     let nested = nested(&readings::counted(x, u), order, domain);
     let coefficients = order + 1;
-    let solution = nested
-        .solution(coefficients)
-        .ok_or(FitError::Undetermined { coefficients })?;
-    Ok((
-        Chebyshev::new(solution.coefficients.clone(), domain)?,
-        solution,
-    ))
+    let solution = nested.solution(coefficients).ok_or(FitError::Undetermined { coefficients })?;
+    Ok((Chebyshev::new(solution.coefficients.clone(), domain)?, solution))
 }
 
 const PURPOSE: &str = "a polynomial of this order";
@@ -93,11 +83,8 @@ fn chebyshev_matrix(targets: &[Target], order: usize, [lower, upper]: [f64; 2]) 
     for (i, Target { x, .. }) in targets.iter().enumerate() {
         let t = ((x - lower) - (upper - x)) / (upper - lower);
         for k in 1..=order {
-            matrix[(i, k)] = if k == 1 {
-                t
-            } else {
-                2.0 * t * matrix[(i, k - 1)] - matrix[(i, k - 2)]
-            };
+            matrix[(i, k)] =
+                if k == 1 { t } else { 2.0 * t * matrix[(i, k - 1)] - matrix[(i, k - 2)] };
         }
     }
     matrix

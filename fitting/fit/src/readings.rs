@@ -2,18 +2,11 @@ use crate::FitError;
 
 pub(crate) fn check(x: &[f64], u: &[f64]) -> Result<(), FitError> {
     if x.len() != u.len() {
-        return Err(FitError::Lengths {
-            abscissae: x.len(),
-            readings: u.len(),
-        });
+        return Err(FitError::Lengths { abscissae: x.len(), readings: u.len() });
     }
     for (what, numbers) in [("abscissa", x), ("reading", u)] {
         if let Some(index) = numbers.iter().position(|v| !v.is_finite()) {
-            return Err(FitError::NotFinite {
-                what,
-                index,
-                value: numbers[index],
-            });
+            return Err(FitError::NotFinite { what, index, value: numbers[index] });
         }
     }
     Ok(())
@@ -32,12 +25,7 @@ pub(crate) fn check_required(residual: Option<f64>) -> Result<(), FitError> {
 
 pub(crate) fn check_domain(x: &[f64], [lower, upper]: [f64; 2]) -> Result<(), FitError> {
     match x.iter().position(|v| !(lower..=upper).contains(v)) {
-        Some(index) => Err(FitError::OutsideDomain {
-            index,
-            value: x[index],
-            lower,
-            upper,
-        }),
+        Some(index) => Err(FitError::OutsideDomain { index, value: x[index], lower, upper }),
         None => Ok(()),
     }
 }
@@ -93,19 +81,10 @@ pub(crate) fn require(
     purpose: &'static str,
 ) -> Result<(), FitError> {
     let found = targets.len();
-    if found < needed {
-        Err(FitError::TooFewTargets {
-            purpose,
-            found,
-            needed,
-        })
-    } else {
-        Ok(())
-    }
+    if found < needed { Err(FitError::TooFewTargets { purpose, found, needed }) } else { Ok(()) }
 }
 
 /// Magnitude of the readings; differences below 1e-9 of the magnitude are treated as rounding.
 pub(crate) fn magnitude(u: impl IntoIterator<Item = f64>) -> f64 {
-    u.into_iter()
-        .fold(0.0, |largest: f64, u| largest.max(u.abs()))
+    u.into_iter().fold(0.0, |largest: f64, u| largest.max(u.abs()))
 }

@@ -76,11 +76,7 @@ pub(crate) fn student_95(degrees: f64) -> f64 {
     for narrow in TABLE {
         let (from, to) = (1.0 / wide.0, 1.0 / narrow.0);
         if at >= to {
-            let share = if from > to {
-                (at - to) / (from - to)
-            } else {
-                1.0
-            };
+            let share = if from > to { (at - to) / (from - to) } else { 1.0 };
             return (narrow.1.ln() + share * (wide.1.ln() - narrow.1.ln())).exp();
         }
         wide = narrow;
@@ -122,9 +118,7 @@ mod tests {
     #[test]
     fn five_percent_lie_beyond() {
         let low = (0..=60).map(|step| 1.0 + 0.05 * f64::from(step));
-        let high = [
-            4.5, 5.5, 7.0, 9.0, 12.0, 17.0, 25.0, 45.0, 60.0, 90.0, 200.0, 500.0,
-        ];
+        let high = [4.5, 5.5, 7.0, 9.0, 12.0, 17.0, 25.0, 45.0, 60.0, 90.0, 200.0, 500.0];
         for degrees in low.chain(high) {
             let found = beyond(student_95(degrees), degrees);
             assert!((found - 0.05).abs() < 1.2e-4, "{degrees}: {found}");

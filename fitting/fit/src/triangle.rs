@@ -13,10 +13,7 @@ pub(crate) struct Triangle {
 
 impl Triangle {
     pub(crate) fn new(size: usize) -> Self {
-        Self {
-            r: vec![[0.0; WIDTH]; size],
-            y: vec![0.0; size],
-        }
+        Self { r: vec![[0.0; WIDTH]; size], y: vec![0.0; size] }
     }
 
     pub(crate) fn size(&self) -> usize {
@@ -73,12 +70,8 @@ impl Triangle {
         let mut sum = 0.0;
         for mine in self.r.iter().skip(first) {
             let z = pending[0] / mine[0];
-            pending = [
-                pending[1] - mine[1] * z,
-                pending[2] - mine[2] * z,
-                pending[3] - mine[3] * z,
-                0.0,
-            ];
+            pending =
+                [pending[1] - mine[1] * z, pending[2] - mine[2] * z, pending[3] - mine[3] * z, 0.0];
             sum += z * z;
             // Further terms are below the rounding of the sum.
             if pending.iter().all(|p| p.abs() < 1e-18 * mine[0].abs()) {
@@ -103,11 +96,7 @@ impl Triangle {
             for d in (0..WIDTH).rev() {
                 let known: f64 = (1..WIDTH).map(|l| r[l] * at(&inverse, i + l, i + d)).sum();
                 let unit = if d == 0 { 1.0 / r[0] } else { 0.0 };
-                inverse[i][d] = if i + d < size {
-                    (unit - known) / r[0]
-                } else {
-                    0.0
-                };
+                inverse[i][d] = if i + d < size { (unit - known) / r[0] } else { 0.0 };
             }
         }
         let row = |(i, s): (usize, &[f64; WIDTH])| {

@@ -124,25 +124,19 @@ fn main() -> Result<(), Box<dyn Error>> {
         let name = format!(
             "straightness over 8 m, bridge {bridge_mm} mm, {noise_urad} µrad ({um} µm a step), runs {runs}"
         );
-        figure(&name, "µm", |seed| {
-            angular_method(bridge_mm, noise_urad, runs, seed)
-        })?;
+        figure(&name, "µm", |seed| angular_method(bridge_mm, noise_urad, runs, seed))?;
     }
     for (length_mm, targets) in [(500.0, 11), (500.0, 51), (1000.0, 21), (4000.0, 41)] {
         let bound = 0.5 + 1.0 / length_mm * 1e3;
         let name = format!(
             "squareness, {length_mm} mm, {targets} targets, 1 µm: required {bound:.2} µrad"
         );
-        figure(&name, "µrad", |seed| {
-            squareness(length_mm, targets, 1.0, seed)
-        })?;
+        figure(&name, "µrad", |seed| squareness(length_mm, targets, 1.0, seed))?;
     }
     for (lever_mm, runs) in [(1000.0, 1), (1000.0, 10), (2000.0, 10), (4000.0, 10)] {
         let name =
             format!("angles from three lines {lever_mm} mm apart, 21 targets, 1 µm, runs {runs}");
-        figure(&name, "µrad", |seed| {
-            three_lines(lever_mm, runs, 1.0, seed)
-        })?;
+        figure(&name, "µrad", |seed| three_lines(lever_mm, runs, 1.0, seed))?;
     }
     Ok(())
 }

@@ -8,10 +8,7 @@ use volcomp_vocabulary::Direction;
 
 fn main() -> Result<(), MetrologyError> {
     // Two bidirectional runs over three targets, with 2 µm of lost motion in backward direction.
-    let mut measurement = Measurement {
-        unit: Some(DeviationUnit::Um),
-        ..Measurement::default()
-    };
+    let mut measurement = Measurement { unit: Some(DeviationUnit::Um), ..Measurement::default() };
     measurement.metadata.machine = Some("mill-1".to_owned());
     measurement.metadata.axis = Some("X".to_owned());
     for run in 1..=2 {
@@ -20,11 +17,7 @@ fn main() -> Result<(), MetrologyError> {
             if direction == Direction::Negative {
                 targets.reverse();
             }
-            let lost_um = if direction == Direction::Negative {
-                -2.0
-            } else {
-                0.0
-            };
+            let lost_um = if direction == Direction::Negative { -2.0 } else { 0.0 };
             let readings = targets.map(|target| Reading {
                 target,
                 run,
@@ -40,10 +33,7 @@ fn main() -> Result<(), MetrologyError> {
 
     // `RenishawKind::Angular` reads `.rta` files, in µrad.
     let read = parse_renishaw(text.as_bytes(), "x-axis.rtl", RenishawKind::Linear)?;
-    println!(
-        "axis {}",
-        read.metadata.axis.as_deref().unwrap_or("not stated")
-    );
+    println!("axis {}", read.metadata.axis.as_deref().unwrap_or("not stated"));
     for target in read.targets() {
         for direction in Direction::BOTH {
             if let Some(mean_um) = read.mean_at(target, direction) {

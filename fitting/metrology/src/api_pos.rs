@@ -33,11 +33,8 @@ pub fn parse_pos(bytes: &[u8], name: &str) -> Result<Measurement, MetrologyError
     })?;
     let tables = tables(&text, name)?;
     let of = |which: TableKind| tables.iter().find(|table| table.which == which);
-    let (both, forward, backward) = (
-        of(TableKind::Both),
-        of(TableKind::Forward),
-        of(TableKind::Backward),
-    );
+    let (both, forward, backward) =
+        (of(TableKind::Both), of(TableKind::Forward), of(TableKind::Backward));
     let mut notes: Vec<String> = encoding_note.into_iter().collect();
     notes.push(
         "the file holds means over the runs: single runs, A, R and outliers are not in it".into(),
@@ -63,9 +60,7 @@ pub fn parse_pos(bytes: &[u8], name: &str) -> Result<Measurement, MetrologyError
             return Err(Place::new(name, 1).wrong_kind(quoted(first), EXPECTED));
         }
     }
-    let above = text
-        .lines()
-        .take_while(|line| TableKind::of(line.trim()).is_none());
+    let above = text.lines().take_while(|line| TableKind::of(line.trim()).is_none());
     Ok(Measurement {
         name: name.into(),
         format: Some(FileFormat::ApiPos),
@@ -87,14 +82,9 @@ enum TableKind {
 
 impl TableKind {
     fn of(line: &str) -> Option<Self> {
-        let words = line
-            .split_ascii_whitespace()
-            .collect::<Vec<_>>()
-            .join(" ")
-            .to_ascii_lowercase();
-        let which = words
-            .strip_prefix("position ")?
-            .strip_suffix(" avg error")?;
+        let words =
+            line.split_ascii_whitespace().collect::<Vec<_>>().join(" ").to_ascii_lowercase();
+        let which = words.strip_prefix("position ")?.strip_suffix(" avg error")?;
         match which {
             "bidirectional" | "bi-directional" => Some(Self::Both),
             "forward directional" | "forward" => Some(Self::Forward),
@@ -141,11 +131,7 @@ fn tables(text: &str, name: &str) -> Result<Vec<Table>, MetrologyError> {
                 let found = format!("{} again (first in line {})", quoted(line), first.line);
                 return Err(place.contradictory("table", found, "each table once"));
             }
-            tables.push(Table {
-                which,
-                line: number,
-                rows: Vec::new(),
-            });
+            tables.push(Table { which, line: number, rows: Vec::new() });
             open = true;
             continue;
         }
@@ -227,10 +213,7 @@ fn compare(
             return Err(place.malformed(
                 "mean of both directions",
                 mean.to_string(),
-                format!(
-                    "{expected}, the mean of forward and backward at {}",
-                    row.target
-                ),
+                format!("{expected}, the mean of forward and backward at {}", row.target),
             ));
         }
     }
@@ -256,10 +239,7 @@ pub fn write_pos(measurement: &Measurement) -> String {
     if !forward.is_empty() && !backward.is_empty() {
         table("Bidirectional", &measurement.mean_curve());
     }
-    for (name, rows) in [
-        ("Forward Directional", &forward),
-        ("Backward Directional", &backward),
-    ] {
+    for (name, rows) in [("Forward Directional", &forward), ("Backward Directional", &backward)] {
         if !rows.is_empty() {
             table(name, rows);
         }

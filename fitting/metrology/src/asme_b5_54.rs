@@ -7,27 +7,11 @@ use crate::{Iso230Part2, StandardQuantity};
 pub fn asme_b5_54(result: &Iso230Part2) -> Vec<StandardQuantity> {
     [
         ("A", "bidirectional positioning accuracy", result.a),
-        (
-            "A_forward",
-            "unidirectional positioning accuracy, forward",
-            result.a_forward,
-        ),
-        (
-            "A_backward",
-            "unidirectional positioning accuracy, backward",
-            result.a_backward,
-        ),
+        ("A_forward", "unidirectional positioning accuracy, forward", result.a_forward),
+        ("A_backward", "unidirectional positioning accuracy, backward", result.a_backward),
         ("R", "bidirectional repeatability", result.r),
-        (
-            "R_forward",
-            "unidirectional repeatability, forward",
-            result.r_forward,
-        ),
-        (
-            "R_backward",
-            "unidirectional repeatability, backward",
-            result.r_backward,
-        ),
+        ("R_forward", "unidirectional repeatability, forward", result.r_forward),
+        ("R_backward", "unidirectional repeatability, backward", result.r_backward),
         ("E", "bidirectional systematic deviation", result.e),
         ("B", "largest reversal", result.b),
         ("mean_B", "mean reversal", result.mean_b),

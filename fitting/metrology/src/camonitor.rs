@@ -46,21 +46,14 @@ impl ChannelLog {
 
     /// Duration of the log, s.
     pub fn duration_s(&self) -> f64 {
-        let last = self
-            .channels
-            .iter()
-            .filter_map(|channel| channel.samples.last());
+        let last = self.channels.iter().filter_map(|channel| channel.samples.last());
         last.map(|(time, _)| *time).fold(0.0, f64::max)
     }
 }
 
 /// Whether most of the first lines of a text are in the format of `camonitor`.
 pub(crate) fn is_log(text: &str) -> bool {
-    let lines: Vec<&str> = text
-        .lines()
-        .filter(|line| !line.trim().is_empty())
-        .take(20)
-        .collect();
+    let lines: Vec<&str> = text.lines().filter(|line| !line.trim().is_empty()).take(20).collect();
     let read = lines.iter().filter(|line| Line::of(line).is_some()).count();
     read > 0 && 2 * read >= lines.len()
 }
@@ -138,11 +131,7 @@ impl RawValue {
             self.invalid += 1;
             return;
         }
-        if self
-            .samples
-            .last()
-            .is_some_and(|(last, _)| *last > line.time_us)
-        {
+        if self.samples.last().is_some_and(|(last, _)| *last > line.time_us) {
             self.out_of_order += 1;
         }
         self.samples.push((line.time_us, line.value));
@@ -157,10 +146,7 @@ impl RawValue {
         samples.sort_by_key(|(time, _)| *time);
         samples.dedup();
         let since = |time: i64| time.saturating_sub(start) as f64 / US_PER_S;
-        samples
-            .into_iter()
-            .map(|(time, value)| (since(time), value))
-            .collect()
+        samples.into_iter().map(|(time, value)| (since(time), value)).collect()
     }
 
     fn notes(&self, channel: &str) -> Vec<String> {
@@ -179,9 +165,7 @@ impl RawValue {
         }
         for (alarm, count) in &self.alarms {
             if !alarm.split(' ').any(|word| word == "INVALID") {
-                notes.push(format!(
-                    "{channel}: {count} values with the alarm {alarm} kept"
-                ));
+                notes.push(format!("{channel}: {count} values with the alarm {alarm} kept"));
             }
         }
         notes
@@ -209,9 +193,7 @@ impl<'t> Line<'t> {
         Some(Self {
             channel,
             date,
-            time_us: days_of(date)?
-                .checked_mul(86_400_000_000)?
-                .checked_add(us_of(time)?)?,
+            time_us: days_of(date)?.checked_mul(86_400_000_000)?.checked_add(us_of(time)?)?,
             value,
             alarm: alarm.join(" "),
         })
@@ -263,14 +245,9 @@ mod tests {
         assert_eq!(days_of("1970-01-01"), Some(0));
         assert_eq!(days_of("2000-03-01"), Some(11_017));
         assert_eq!(days_of("2024-02-29"), Some(19_782));
-        for wrong in [
-            "1970-13-01",
-            "24-02-29",
-            "1969-12-31",
-            "2024/02/29",
-            "2024-02",
-            "<undefined>",
-        ] {
+        for wrong in
+            ["1970-13-01", "24-02-29", "1969-12-31", "2024/02/29", "2024-02", "<undefined>"]
+        {
             assert_eq!(days_of(wrong), None, "{wrong}");
         }
         assert_eq!(us_of("00:00:01.25"), Some(1_250_000));

@@ -31,9 +31,7 @@ pub fn anomalies(measurement: &Measurement) -> Vec<String> {
     let several = measurement.readings.len() > 1;
     if several && sizes().all(|size| Some(size) == sizes().next()) {
         let first = sizes().next().unwrap_or_default();
-        odd.push(format!(
-            "every deviation is {first}{unit}: was anything measured?"
-        ));
+        odd.push(format!("every deviation is {first}{unit}: was anything measured?"));
     } else {
         odd.extend(small(largest, measurement.unit));
     }
@@ -43,9 +41,7 @@ pub fn anomalies(measurement: &Measurement) -> Vec<String> {
         odd.push(format!("there is a single target, {only}"));
     }
     if targets.iter().any(|target| target.abs() > LONGEST_MM) {
-        odd.push(format!(
-            "targets are beyond {LONGEST_MM} mm: are they in another unit?"
-        ));
+        odd.push(format!("targets are beyond {LONGEST_MM} mm: are they in another unit?"));
     }
     let axis = measurement.metadata.axis.as_deref().and_then(axis_named);
     if let Some(axis) = axis
@@ -143,14 +139,9 @@ pub fn outlier_hints(measurement: &Measurement) -> Vec<OutlierHint> {
     };
     let mut runs: BTreeMap<(Direction, u32), Vec<&Residual>> = BTreeMap::new();
     for residual in &residuals {
-        runs.entry((residual.direction, residual.run))
-            .or_default()
-            .push(residual);
+        runs.entry((residual.direction, residual.run)).or_default().push(residual);
     }
-    let unit = measurement
-        .unit
-        .map(|u| format!(" {u}"))
-        .unwrap_or_default();
+    let unit = measurement.unit.map(|u| format!(" {u}")).unwrap_or_default();
     let mut hints = Vec::new();
     for ((direction, run), residuals) in runs {
         let count = residuals.len() as f64;
@@ -160,31 +151,16 @@ pub fn outlier_hints(measurement: &Measurement) -> Vec<OutlierHint> {
                 "{} run {run} differs from the other runs by {rms:.2}{unit} (root mean square; usual scatter {scatter:.2}{unit})",
                 direction.name()
             );
-            hints.push(OutlierHint {
-                run,
-                direction,
-                target: None,
-                size: rms,
-                text,
-            });
+            hints.push(OutlierHint { run, direction, target: None, size: rms, text });
             continue;
         }
-        for residual in residuals
-            .iter()
-            .filter(|r| r.value.abs() > READING_LIMIT * scatter)
-        {
+        for residual in residuals.iter().filter(|r| r.value.abs() > READING_LIMIT * scatter) {
             let Residual { target, value, .. } = residual;
             let text = format!(
                 "target {target} in {} run {run} differs from the other runs by {value:.2}{unit} (usual scatter {scatter:.2}{unit})",
                 direction.name()
             );
-            hints.push(OutlierHint {
-                run,
-                direction,
-                target: Some(*target),
-                size: *value,
-                text,
-            });
+            hints.push(OutlierHint { run, direction, target: Some(*target), size: *value, text });
         }
     }
     hints
@@ -248,16 +224,9 @@ fn smallest_scatter(measurement: &Measurement) -> f64 {
     const SHARE: f64 = 0.6;
     const SMALLEST: f64 = 0.05;
     let is_multiple = |x: f64, step: f64| (x / step - (x / step).round()).abs() < 1e-6;
-    let all_are = |step: &&f64| {
-        measurement
-            .readings
-            .iter()
-            .all(|r| is_multiple(r.deviation, **step))
-    };
-    STEPS
-        .iter()
-        .find(all_are)
-        .map_or(SMALLEST, |step| (SHARE * step).max(SMALLEST))
+    let all_are =
+        |step: &&f64| measurement.readings.iter().all(|r| is_multiple(r.deviation, **step));
+    STEPS.iter().find(all_are).map_or(SMALLEST, |step| (SHARE * step).max(SMALLEST))
 }
 
 fn median(mut values: Vec<f64>) -> f64 {
@@ -291,11 +260,7 @@ pub fn environment_notes(environment: &Environment, quantity: Quantity) -> Vec<S
     for (index, sensor) in environment.material_temperature.iter().enumerate() {
         let Some(degc) = sensor else { continue };
         let name = format!("material temperature {}", index + 1);
-        let of_length = || {
-            is_length
-                .then(|| material(&name, degc, environment))
-                .flatten()
-        };
+        let of_length = || is_length.then(|| material(&name, degc, environment)).flatten();
         notes.extend(room(&name, degc).or_else(of_length));
     }
     if let Some(air) = &environment.air_temperature {
@@ -371,15 +336,8 @@ fn material(name: &str, degc: &StartEnd, environment: &Environment) -> Option<St
         None => "no expansion coefficient is stated, so it is not known whether the readings are brought to 20 °C".to_owned(),
     };
     let [start, end] = [degc.start, degc.end].map(|degc| format!("{degc:.2}"));
-    let span = if start == end {
-        start
-    } else {
-        format!("{start} to {end}")
-    };
-    Some(format!(
-        "{name} was {span} °C, {}: {hangs}",
-        odd.join(" and ")
-    ))
+    let span = if start == end { start } else { format!("{start} to {end}") };
+    Some(format!("{name} was {span} °C, {}: {hangs}", odd.join(" and ")))
 }
 
 /// Minimum number of different deviations to identify a test: with fewer, two tests may well agree by chance.
@@ -395,9 +353,7 @@ pub struct KnownReadings<T> {
 
 impl<T> Default for KnownReadings<T> {
     fn default() -> Self {
-        Self {
-            first: BTreeMap::new(),
-        }
+        Self { first: BTreeMap::new() }
     }
 }
 
@@ -454,16 +410,10 @@ mod tests {
         let said = |text: &str| anomalies(&parse_csv(text.as_bytes(), "x.csv").unwrap()).join("\n");
         for (text, expected) in [
             ("target,deviation_um\n0,0\n1,0\n", "every deviation is 0 µm"),
-            (
-                "target,deviation_um\n0,0.001\n1,0.002\n",
-                "every deviation is below 0.1 µm",
-            ),
+            ("target,deviation_um\n0,0.001\n1,0.002\n", "every deviation is below 0.1 µm"),
             ("target,deviation_um\n0,2500\n1,0\n", "up to 2500 µm"),
             ("target,deviation_um\n5,2\n", "a single target, 5"),
-            (
-                "target,deviation_um\n0,2\n9000000,3\n",
-                "targets are beyond",
-            ),
+            ("target,deviation_um\n0,2\n9000000,3\n", "targets are beyond"),
             ("target,deviation\n0,2\n9,3\n", "not stated"),
         ] {
             assert!(said(text).contains(expected), "{text}: {}", said(text));

@@ -87,13 +87,7 @@ pub fn write_csv(measurement: &Measurement) -> String {
     };
     let heads = NAMES.map(|name| format!("{name}{}", unit(name)));
     let mut text = heads.join(",") + "\n";
-    for Reading {
-        target,
-        run,
-        direction,
-        deviation,
-    } in &measurement.readings
-    {
+    for Reading { target, run, direction, deviation } in &measurement.readings {
         // Writing to a String cannot fail.
         let _ = writeln!(text, "{target},{run},{direction},{deviation}");
     }
@@ -117,11 +111,7 @@ impl Columns {
         let (target, deviation) = (with_unit(table, "target")?, with_unit(table, "deviation")?);
         let (Some((target, target_unit)), Some((deviation, unit))) = (target, deviation) else {
             let is_wide = target.is_some() && deviation.is_none() && table.names().count() > 2;
-            let expected = if is_wide {
-                ONE_ROW_A_READING
-            } else {
-                OTHER_HEADS
-            };
+            let expected = if is_wide { ONE_ROW_A_READING } else { OTHER_HEADS };
             return Err(wrong(heads(table), expected).into());
         };
         let targets_in_inches = ReadingUnit::named(target_unit) == Some(ReadingUnit::Inch);
@@ -156,14 +146,7 @@ impl Columns {
                 return Err(wrong(heads(table), expected).into());
             }
         };
-        Ok(Self {
-            target,
-            target_unit,
-            targets_in_inches,
-            deviation,
-            unit,
-            run_and_direction,
-        })
+        Ok(Self { target, target_unit, targets_in_inches, deviation, unit, run_and_direction })
     }
 }
 
@@ -184,11 +167,7 @@ impl Rows {
         let line = row.line();
         let place = Place::new(file, line);
         let stated = place.number("target", &row.cell(columns.target).decimal_text()?)?;
-        let target = if columns.targets_in_inches {
-            25.4 * stated
-        } else {
-            stated
-        };
+        let target = if columns.targets_in_inches { 25.4 * stated } else { stated };
         let deviation_text = row.cell(columns.deviation).decimal_text()?;
         let stated = place.number("deviation", &deviation_text)?;
         let deviation = stated * columns.unit.map_or(1.0, ReadingUnit::micro);
@@ -204,12 +183,7 @@ impl Rows {
                 format!("target {target} in run {run} {direction} again (first in line {first})");
             return Err(place.contradictory("reading", found, "each target once in a run"));
         }
-        self.readings.push(Reading {
-            target,
-            run,
-            direction,
-            deviation,
-        });
+        self.readings.push(Reading { target, run, direction, deviation });
         self.deviation_texts.push(deviation_text);
         Ok(())
     }
@@ -231,9 +205,7 @@ impl Rows {
             );
             return Err(Place::new(name, line).truncated("last deviation", found, expected));
         }
-        Ok(Some(
-            "the last line does not end in a line break: the file may be cut off".into(),
-        ))
+        Ok(Some("the last line does not end in a line break: the file may be cut off".into()))
     }
 }
 
@@ -253,11 +225,8 @@ fn columns_not_read(table: &CsvTable) -> Option<String> {
             _ => head.eq_ignore_ascii_case(name),
         })
     };
-    let names: Vec<&str> = table
-        .names()
-        .map(|(_, name)| name)
-        .filter(|name| !is_read(name))
-        .collect();
+    let names: Vec<&str> =
+        table.names().map(|(_, name)| name).filter(|name| !is_read(name)).collect();
     not_read(&names)
 }
 
@@ -273,27 +242,17 @@ pub(crate) fn incomplete_runs(readings: &[Reading]) -> Vec<String> {
     let mut targets_of_run: BTreeMap<(Direction, u32), usize> = BTreeMap::new();
     let mut all: BTreeSet<u64> = BTreeSet::new();
     for reading in readings {
-        *targets_of_run
-            .entry((reading.direction, reading.run))
-            .or_default() += 1;
+        *targets_of_run.entry((reading.direction, reading.run)).or_default() += 1;
         all.insert(reading.target.to_bits());
     }
     let lacking = targets_of_run.iter().filter(|(_, n)| **n < all.len());
     let mut notes: Vec<String> = lacking
         .map(|((d, run), n)| format!("run {run} {d} holds {n} of {} targets", all.len()))
         .collect();
-    let runs = |direction| {
-        targets_of_run
-            .keys()
-            .filter(|(d, _)| *d == direction)
-            .count()
-    };
+    let runs = |direction| targets_of_run.keys().filter(|(d, _)| *d == direction).count();
     let [forward, backward] = Direction::BOTH.map(runs);
     if forward > 0 && backward > 0 && forward != backward {
-        notes.push(format!(
-            "{} forward, {backward} backward",
-            counted(forward, "run")
-        ));
+        notes.push(format!("{} forward, {backward} backward", counted(forward, "run")));
     }
     notes.extend(alignment_notes(readings));
     notes

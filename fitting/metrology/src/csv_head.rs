@@ -25,9 +25,7 @@ pub(crate) fn one_column<'t>(
     name: &str,
     unit: impl Fn(&'t str) -> Option<&'t str>,
 ) -> Result<Option<(Column, &'t str)>, MetrologyError> {
-    let mut named = table
-        .names()
-        .filter_map(|(column, head)| Some((column, unit(head)?)));
+    let mut named = table.names().filter_map(|(column, head)| Some((column, unit(head)?)));
     let first = named.next();
     if named.next().is_some() {
         let message = format!("column `{name}` appears twice");

@@ -75,10 +75,7 @@ pub fn readings_at_dwells(
         read.widest
     ));
     if read.skipped > 0 {
-        notes.push(format!(
-            "{} standstills away from targets skipped",
-            read.skipped
-        ));
+        notes.push(format!("{} standstills away from targets skipped", read.skipped));
     }
     if read.joined > 0 {
         notes.push(format!(
@@ -99,10 +96,7 @@ pub fn readings_at_dwells(
         format: Some(FileFormat::Camonitor),
         unit: Some(unit),
         stated: Some(channels.unit),
-        metadata: Metadata {
-            date: log.date.clone(),
-            ..Metadata::default()
-        },
+        metadata: Metadata { date: log.date.clone(), ..Metadata::default() },
         readings,
         notes,
         ..Measurement::default()
@@ -151,10 +145,7 @@ impl DwellReadings {
             .iter()
             .map(|standstill| at_target(standstill).unwrap_or(standstill.position))
             .collect();
-        let mut read = Self {
-            joined: standstills.len() - visits.len(),
-            ..Self::default()
-        };
+        let mut read = Self { joined: standstills.len() - visits.len(), ..Self::default() };
         for (standstill, (run, direction)) in visits.into_iter().zip(runs_by_travel(&order)) {
             let Some(target) = at_target(standstill) else {
                 read.skipped += 1;
@@ -184,12 +175,7 @@ impl DwellReadings {
             } else {
                 0.0
             };
-            read.readings.push(Reading {
-                target,
-                run,
-                direction,
-                deviation: value * micro - zero,
-            });
+            read.readings.push(Reading { target, run, direction, deviation: value * micro - zero });
         }
         Ok(read)
     }
@@ -197,11 +183,7 @@ impl DwellReadings {
 
 fn channel_of<'l>(log: &'l ChannelLog, name: &str) -> Result<&'l Channel, MetrologyError> {
     log.channel(name).ok_or_else(|| {
-        let names: Vec<&str> = log
-            .channels
-            .iter()
-            .map(|channel| channel.name.as_str())
-            .collect();
+        let names: Vec<&str> = log.channels.iter().map(|channel| channel.name.as_str()).collect();
         MetrologyError::readings(
             log.name.clone(),
             "channel",
@@ -230,11 +212,7 @@ fn standstills(channel: &Channel, end_s: f64, channels: &Channels) -> Vec<Stands
             let here = &samples[start..index];
             let rest = at_rest(here);
             let position = rest.iter().map(|(_, value)| value).sum::<f64>() / rest.len() as f64;
-            standstills.push(Standstill {
-                from_s,
-                to_s,
-                position,
-            });
+            standstills.push(Standstill { from_s, to_s, position });
         }
         start = index;
     }
@@ -246,10 +224,8 @@ fn nominal_targets(standstills: &[Standstill], channels: &Channels) -> Vec<f64> 
     if !channels.targets.is_empty() {
         return channels.targets.clone();
     }
-    let mut positions: Vec<f64> = standstills
-        .iter()
-        .map(|standstill| standstill.position)
-        .collect();
+    let mut positions: Vec<f64> =
+        standstills.iter().map(|standstill| standstill.position).collect();
     positions.sort_by(f64::total_cmp);
     let groups = positions.chunk_by(|a, b| b - a <= 2.0 * channels.within);
     // −0 becomes 0.
@@ -285,10 +261,7 @@ fn at_rest(samples: &[(f64, f64)]) -> &[(f64, f64)] {
     let Some(&median) = values.get(values.len() / 2) else {
         return samples;
     };
-    let scatter = values
-        .iter()
-        .map(|value| (value - median).abs())
-        .fold(0.0, f64::max);
+    let scatter = values.iter().map(|value| (value - median).abs()).fold(0.0, f64::max);
     // Samples without scatter are equal up to rounding.
     let scatter = scatter + 1e-12 * median.abs();
     let moves = |(_, value): &(f64, f64)| (value - median).abs() > scatter;
@@ -300,20 +273,14 @@ fn at_rest(samples: &[(f64, f64)]) -> &[(f64, f64)] {
 fn mean_within(channel: &Channel, standstill: &Standstill, settle_s: f64) -> Option<(f64, f64)> {
     let from = standstill.from_s + settle_s;
     let first = channel.samples.partition_point(|(time, _)| *time < from);
-    let end = channel
-        .samples
-        .partition_point(|(time, _)| *time < standstill.to_s);
+    let end = channel.samples.partition_point(|(time, _)| *time < standstill.to_s);
     let within = channel.samples.get(first..end).unwrap_or_default();
     if within.is_empty() {
         let last = channel.samples.get(end.checked_sub(1)?)?;
         return Some((last.1, 0.0));
     }
     // A stated settling time is used as it is.
-    let read = if settle_s > 0.0 {
-        within
-    } else {
-        at_rest(within)
-    };
+    let read = if settle_s > 0.0 { within } else { at_rest(within) };
     let mean = read.iter().map(|(_, value)| value).sum::<f64>() / read.len() as f64;
     let [low, high] = range(within.iter().map(|(_, value)| *value));
     Some((mean, high - low))

@@ -19,13 +19,7 @@ pub enum Edition {
 type Names = (&'static str, [&'static str; 2]);
 
 const NAMES: [Names; 12] = [
-    (
-        "A",
-        [
-            "bidirectional accuracy of positioning",
-            "bidirectional positioning accuracy",
-        ],
-    ),
+    ("A", ["bidirectional accuracy of positioning", "bidirectional positioning accuracy"]),
     (
         "A_forward",
         [
@@ -42,10 +36,7 @@ const NAMES: [Names; 12] = [
     ),
     (
         "R",
-        [
-            "bidirectional repeatability of positioning",
-            "bidirectional positioning repeatability",
-        ],
+        ["bidirectional repeatability of positioning", "bidirectional positioning repeatability"],
     ),
     (
         "R_forward",

@@ -36,22 +36,14 @@ fn looks_like_gbk(bytes: &[u8]) -> bool {
     let runs = || bytes.split(u8::is_ascii).filter(|run| !run.is_empty());
     let all_pairs =
         runs().all(|run| run.len() % 2 == 0 && run.iter().all(|b| (0xA1..=0xFE).contains(b)));
-    let leads: Vec<u8> = runs()
-        .flat_map(|run| run.iter().step_by(2).copied())
-        .collect();
-    let common = leads
-        .iter()
-        .filter(|lead| matches!(lead, 0xA1..=0xA3 | 0xB0..=0xD7))
-        .count();
+    let leads: Vec<u8> = runs().flat_map(|run| run.iter().step_by(2).copied()).collect();
+    let common = leads.iter().filter(|lead| matches!(lead, 0xA1..=0xA3 | 0xB0..=0xD7)).count();
     all_pairs && 2 * common > leads.len()
 }
 
 pub(crate) fn refuse_empty(text: &str, file: &str, expected: &str) -> Result<(), MetrologyError> {
     if text.trim().is_empty() {
-        return Err(MetrologyError::Empty {
-            file: file.into(),
-            expected: expected.into(),
-        });
+        return Err(MetrologyError::Empty { file: file.into(), expected: expected.into() });
     }
     Ok(())
 }
@@ -73,17 +65,11 @@ mod tests {
         let text_of = |bytes: &[u8]| decode(bytes, "f").unwrap();
         assert_eq!(
             text_of(b"Gr\xF6\xDFe M\xFCller"),
-            (
-                "Größe Müller".into(),
-                Some("text that is not UTF-8 was read as Latin-1".into())
-            )
+            ("Größe Müller".into(), Some("text that is not UTF-8 was read as Latin-1".into()))
         );
         assert_eq!(
             text_of(b"\xCE\xDE\xCE\xFD: \xBB\xFA\xB4\xB2"),
-            (
-                "无锡: 机床".into(),
-                Some("text that is not UTF-8 was read as GBK".into())
-            )
+            ("无锡: 机床".into(), Some("text that is not UTF-8 was read as GBK".into()))
         );
         assert_eq!(text_of(b"\xEF\xBB\xBFa\xC2\xB5"), ("aµ".into(), None));
     }
@@ -91,11 +77,6 @@ mod tests {
     #[test]
     fn wide_text_and_binary_are_refused() {
         assert!(decode(b"\xFF\xFEh\0", "f").is_err());
-        assert!(
-            decode(b"a\nb\0", "f")
-                .unwrap_err()
-                .to_string()
-                .starts_with("f:2:")
-        );
+        assert!(decode(b"a\nb\0", "f").unwrap_err().to_string().starts_with("f:2:"));
     }
 }

@@ -20,17 +20,8 @@ pub struct Finding {
 
 impl std::fmt::Display for Finding {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let Self {
-            file,
-            line,
-            what,
-            found,
-            expected,
-        } = self;
-        write!(
-            f,
-            "{file}:{line}: {what}: found {found}, expected {expected}"
-        )
+        let Self { file, line, what, found, expected } = self;
+        write!(f, "{file}:{line}: {what}: found {found}, expected {expected}")
     }
 }
 
@@ -41,19 +32,10 @@ impl std::fmt::Display for Finding {
 pub enum MetrologyError {
     /// The operating system cannot read the file.
     #[error("{file}: cannot be read: {source}")]
-    Unreadable {
-        file: String,
-        source: std::io::Error,
-    },
-    #[error(
-        "{file}: found a directory, expected a measurement file ({})",
-        crate::READ_EXTENSIONS
-    )]
+    Unreadable { file: String, source: std::io::Error },
+    #[error("{file}: found a directory, expected a measurement file ({})", crate::READ_EXTENSIONS)]
     Directory { file: String },
-    #[error(
-        "{file}: found {found}, expected one that is read: {}",
-        crate::READ_EXTENSIONS
-    )]
+    #[error("{file}: found {found}, expected one that is read: {}", crate::READ_EXTENSIONS)]
     Extension { file: String, found: String },
     #[error(
         "{file}: found more than {limit_mib} MiB, expected a measurement file of at most that size"
@@ -107,12 +89,7 @@ pub enum MetrologyError {
     },
     /// Readings that cannot be evaluated (only possible if built in code).
     #[error("{name}: {what}: found {found}, expected {expected}")]
-    Readings {
-        name: String,
-        what: String,
-        found: String,
-        expected: String,
-    },
+    Readings { name: String, what: String, found: String, expected: String },
     #[error(
         "straightness by the angular method, targets {from} and {to}: found a spacing of {found} mm, expected the bridge length {bridge_mm} mm within 1 %"
     )]
@@ -127,28 +104,16 @@ pub enum MetrologyError {
         bridge_mm: f64,
     },
     #[error("{file}: found {found}, expected readings at targets: {how}")]
-    NoTargets {
-        file: String,
-        found: String,
-        how: String,
-    },
+    NoTargets { file: String, found: String, how: String },
     /// The mapping file of the columns or channels cannot be read.
     #[error("{message}")]
     Mapping { message: String },
     /// A mapping of columns was given for a log, or one of channels for a table.
     #[error("{file}: found {found}, expected {expected}")]
-    WrongMapping {
-        file: String,
-        found: &'static str,
-        expected: &'static str,
-    },
+    WrongMapping { file: String, found: &'static str, expected: &'static str },
     /// The error name is invalid here.
     #[error("{what}: found `{found}`, expected {expected}")]
-    ErrorName {
-        what: String,
-        found: String,
-        expected: String,
-    },
+    ErrorName { what: String, found: String, expected: String },
 }
 
 impl MetrologyError {

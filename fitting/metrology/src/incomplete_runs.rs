@@ -71,9 +71,7 @@ impl IncompleteRuns {
         if !self.has_separate_numbers() {
             return self.of_lines.len().saturating_sub(1);
         }
-        let passes = directions
-            .iter()
-            .map(|direction| &self.alignment.passes[*direction as usize]);
+        let passes = directions.iter().map(|direction| &self.alignment.passes[*direction as usize]);
         passes.map(|of| of.runs.len().saturating_sub(1)).sum()
     }
 
@@ -92,9 +90,7 @@ impl IncompleteRuns {
         }
         let slope = |by: &AtTargets| -> Option<f64> {
             let targets = self.alignment.passes.iter().flat_map(|of| &of.targets);
-            let shifts = targets
-                .map(|(target, _)| *target)
-                .zip(by.iter().flatten().copied());
+            let shifts = targets.map(|(target, _)| *target).zip(by.iter().flatten().copied());
             let line = ReferenceLine::least_squares(&shifts.collect::<Vec<_>>()).ok()?;
             Some(line.slope().0)
         };
@@ -108,10 +104,8 @@ impl IncompleteRuns {
             squares *= 1.0 + 1.0 / more.iter().map(|w| w * w).sum::<f64>();
         }
         let degrees = self.freedom_of_lines(&Direction::BOTH);
-        (degrees > 0).then(|| SlopeUncertainty {
-            standard_urad: squares.sqrt(),
-            degrees: degrees as f64,
-        })
+        (degrees > 0)
+            .then(|| SlopeUncertainty { standard_urad: squares.sqrt(), degrees: degrees as f64 })
     }
 
     /// Change of the means if each reading changes by the standard deviation of a reading times a number that `next` returns.
@@ -169,18 +163,12 @@ impl IncompleteRuns {
 fn means(alignment: &Alignment) -> AtTargets {
     let [forward, backward] = &alignment.passes;
     let [of_forward, of_backward] = &alignment.lines;
-    [
-        forward.means(of_forward.as_deref()),
-        backward.means(of_backward.as_deref()),
-    ]
+    [forward.means(of_forward.as_deref()), backward.means(of_backward.as_deref())]
 }
 
 /// Residuals of each run at targets that all runs of the direction hold, divided by √(n (n − 1)).
 fn residual_shifts(alignment: &Alignment) -> BTreeMap<u32, AtTargets> {
-    let zeros = alignment
-        .passes
-        .each_ref()
-        .map(|of| vec![0.0; of.targets.len()]);
+    let zeros = alignment.passes.each_ref().map(|of| vec![0.0; of.targets.len()]);
     let mut shifts: BTreeMap<u32, AtTargets> = BTreeMap::new();
     let means = means(alignment);
     for (direction, of) in alignment.passes.iter().enumerate() {
@@ -276,11 +264,7 @@ fn shares(weights: &[f64]) -> Vec<f64> {
 
 fn about_mean(lines: &[ReferenceLine], shares: &[f64]) -> Vec<ReferenceLine> {
     let mean = |of: fn(&ReferenceLine) -> f64| -> f64 {
-        lines
-            .iter()
-            .zip(shares)
-            .map(|(line, share)| share * of(line))
-            .sum()
+        lines.iter().zip(shares).map(|(line, share)| share * of(line)).sum()
     };
     let (slope, intercept) = (mean(|l| l.slope_um_per_mm), mean(|l| l.intercept_um));
     let about = |line: &ReferenceLine| ReferenceLine {

@@ -101,11 +101,7 @@ pub struct Iso230Part2 {
 pub fn evaluate(measurement: &Measurement) -> Result<Iso230Part2, MetrologyError> {
     check_readings(measurement)?;
     measurement.check_directions()?;
-    let targets = measurement
-        .by_target()
-        .iter()
-        .map(target_row)
-        .collect::<Vec<_>>();
+    let targets = measurement.by_target().iter().map(target_row).collect::<Vec<_>>();
     let forward = direction_summary(targets.iter().map(|row| row.forward));
     let backward = direction_summary(targets.iter().map(|row| row.backward));
     let both = direction_summary(targets.iter().flat_map(|row| [row.forward, row.backward]));
@@ -124,9 +120,7 @@ pub fn evaluate(measurement: &Measurement) -> Result<Iso230Part2, MetrologyError
         e_forward: forward.systematic,
         e_backward: backward.systematic,
         m: means.and_then(|x| range(&x)),
-        b: reversals
-            .as_ref()
-            .and_then(|b| largest(&b.iter().map(|b| b.abs()).collect::<Vec<_>>())),
+        b: reversals.as_ref().and_then(|b| largest(&b.iter().map(|b| b.abs()).collect::<Vec<_>>())),
         mean_b: reversals.and_then(|b| mean(&b)),
         outlier_hints: outlier_hints(measurement),
         targets,
@@ -170,12 +164,7 @@ pub(crate) fn approach(deviations: &[f64]) -> Option<Approach> {
     let (n, mean) = (deviations.len(), mean(deviations)?);
     let sum_of_squares: f64 = deviations.iter().map(|x| (x - mean).powi(2)).sum();
     let s = (n > 1).then(|| (sum_of_squares / (n - 1) as f64).sqrt());
-    Some(Approach {
-        n,
-        mean,
-        s,
-        repeatability: s.map(|s| 4.0 * s),
-    })
+    Some(Approach { n, mean, s, repeatability: s.map(|s| 4.0 * s) })
 }
 
 fn bidirectional_repeatability(up: &Approach, down: &Approach) -> Option<f64> {
@@ -193,13 +182,9 @@ struct DirectionSummary {
 /// A, the largest 4 s_i, and E over these approaches; `None` if an approach is missing or has no s.
 fn direction_summary(approaches: impl Iterator<Item = Option<Approach>>) -> DirectionSummary {
     let all: Option<Vec<Approach>> = approaches.collect();
-    let means = all
-        .as_ref()
-        .map(|all| all.iter().map(|x| x.mean).collect::<Vec<_>>());
+    let means = all.as_ref().map(|all| all.iter().map(|x| x.mean).collect::<Vec<_>>());
     let limits = all.as_ref().and_then(|all| {
-        let limits = all
-            .iter()
-            .map(|x| x.s.map(|s| [x.mean - 2.0 * s, x.mean + 2.0 * s]));
+        let limits = all.iter().map(|x| x.s.map(|s| [x.mean - 2.0 * s, x.mean + 2.0 * s]));
         limits.collect::<Option<Vec<_>>>()
     });
     let repeatabilities: Option<Vec<f64>> =

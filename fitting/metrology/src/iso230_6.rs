@@ -17,9 +17,8 @@ use crate::{
 pub struct Diagonal([i8; 3]);
 
 /// All diagonal names, body diagonals first.
-pub const DIAGONAL_NAMES: [&str; 10] = [
-    "PPP", "NPP", "PNP", "PPN", "PP0", "NP0", "P0P", "N0P", "0PP", "0NP",
-];
+pub const DIAGONAL_NAMES: [&str; 10] =
+    ["PPP", "NPP", "PNP", "PPN", "PP0", "NP0", "P0P", "N0P", "0PP", "0NP"];
 
 impl Diagonal {
     /// Diagonal of a name, case ignored: `PPP`, `NPP`, `PNP`, `PPN` through the body; `PP0` and `NP0` in a plane X–Y, `P0P` and `N0P` in X–Z, `0PP`
@@ -57,8 +56,7 @@ impl Diagonal {
 
     fn set(self) -> Vec<Self> {
         let all = DIAGONAL_NAMES.iter().filter_map(|name| Self::named(name));
-        all.filter(|other| other.moving() == self.moving())
-            .collect()
+        all.filter(|other| other.moving() == self.moving()).collect()
     }
 
     /// Diagonal named by a word of a text, such as `diagonal PPP` or `x-ppn.csv`; `None` without such a word or with more than one.
@@ -176,11 +174,8 @@ pub fn evaluate_diagonals(
         ));
     };
     let set = first.diagonal.set();
-    let lacking: Vec<Diagonal> = set
-        .iter()
-        .filter(|d| !diagonals.iter().any(|m| m.diagonal == **d))
-        .copied()
-        .collect();
+    let lacking: Vec<Diagonal> =
+        set.iter().filter(|d| !diagonals.iter().any(|m| m.diagonal == **d)).copied().collect();
     let order = |m: &MeasuredDiagonal| set.iter().position(|d| *d == m.diagonal);
     diagonals.sort_by_key(order);
     if let Some(edges) = edges_mm {
@@ -225,11 +220,7 @@ impl Iso230Part6 {
             ),
             ("B_d", "diagonal reversal value", self.b_d_um),
             ("M_d", "diagonal mean deviation", self.m_d_um),
-            (
-                "spread",
-                "range of the growths of the diagonals",
-                Some(self.spread_um),
-            ),
+            ("spread", "range of the growths of the diagonals", Some(self.spread_um)),
         ]
         .map(|(symbol, name, value)| StandardQuantity::new(symbol, name, value))
         .to_vec()
@@ -251,10 +242,7 @@ fn one_diagonal(
     })?;
     // There are at least two targets, because the line was fitted to them.
     let targets = measurement.targets();
-    let length_mm = targets
-        .last()
-        .zip(targets.first())
-        .map_or(0.0, |(b, a)| b - a);
+    let length_mm = targets.last().zip(targets.first()).map_or(0.0, |(b, a)| b - a);
     Ok(MeasuredDiagonal {
         diagonal,
         file: measurement.name.clone(),
@@ -301,10 +289,7 @@ fn check_edges(first: &MeasuredDiagonal, edges_mm: [f64; 3]) -> Result<(), Metro
     let length = squares.map(|(edge, _)| edge * edge).sum::<f64>().sqrt();
     if (length - first.length_mm).abs() > LENGTHS_WITHIN * first.length_mm {
         let found = format!("{a} × {b} × {c} mm, with a diagonal of {length:.1} mm");
-        let expected = format!(
-            "{:.1} mm within 1 %, as the targets have it",
-            first.length_mm
-        );
+        let expected = format!("{:.1} mm within 1 %, as the targets have it", first.length_mm);
         return Err(refuse(found, expected));
     }
     Ok(())
@@ -316,11 +301,7 @@ fn check_edges(first: &MeasuredDiagonal, edges_mm: [f64; 3]) -> Result<(), Metro
 /// with the signs of the diagonals isolate one squareness each.
 fn squareness_hints(diagonals: &[MeasuredDiagonal], edges_mm: [f64; 3]) -> Vec<SquarenessHint> {
     const URAD_PER_UM_PER_MM: f64 = 1e3;
-    let parts = [
-        (CircularPlane::Xy, 0, 1),
-        (CircularPlane::Yz, 1, 2),
-        (CircularPlane::Zx, 0, 2),
-    ];
+    let parts = [(CircularPlane::Xy, 0, 1), (CircularPlane::Yz, 1, 2), (CircularPlane::Zx, 0, 2)];
     let both = |(_, i, j): &(CircularPlane, usize, usize)| {
         let moving = diagonals.first().map(|m| m.diagonal.moving());
         moving.is_some_and(|moving| moving[*i] && moving[*j])

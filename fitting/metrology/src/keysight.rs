@@ -18,10 +18,7 @@ const COLUMNS: usize = 7;
 
 pub(crate) fn is_report(text: &str) -> bool {
     let lower = text.to_ascii_lowercase();
-    lower.contains("dead zone")
-        && ["forward", "reverse"]
-            .iter()
-            .all(|word| lower.contains(word))
+    lower.contains("dead zone") && ["forward", "reverse"].iter().all(|word| lower.contains(word))
 }
 
 /// Reads a text report of a HP, Agilent or Keysight 5529 or 5530 laser.
@@ -124,10 +121,7 @@ fn rows(text: &str, name: &str) -> Result<Vec<Row>, MetrologyError> {
         rows.push(row);
     }
     if rows.is_empty() {
-        return Err(MetrologyError::Empty {
-            file: name.into(),
-            expected: EXPECTED.into(),
-        });
+        return Err(MetrologyError::Empty { file: name.into(), expected: EXPECTED.into() });
     }
     Ok(rows)
 }
@@ -137,15 +131,8 @@ fn row(place: Place<'_>, cells: &[&str]) -> Result<Row, MetrologyError> {
     for (value, cell) in values.iter_mut().zip(cells) {
         *value = place.number("row", cell)?;
     }
-    let [
-        target,
-        forward,
-        reverse,
-        system,
-        two_sigma_forward,
-        two_sigma_reverse,
-        dead_zone,
-    ] = values;
+    let [target, forward, reverse, system, two_sigma_forward, two_sigma_reverse, dead_zone] =
+        values;
     // Each of the three numbers is rounded separately.
     let rounding = 2.01 * step_of(cells[1..].iter().map(|cell| decimals_of(cell)));
     let check = |what: &str, found: f64, expected: f64, why: &str| {
@@ -172,13 +159,7 @@ fn row(place: Place<'_>, cells: &[&str]) -> Result<Row, MetrologyError> {
     if two_sigma_forward.min(two_sigma_reverse) < 0.0 {
         return Err(place.not_a_number("2σ", "a negative number", "0 or more"));
     }
-    Ok(Row {
-        line: place.line,
-        target,
-        forward,
-        reverse,
-        two_sigma,
-    })
+    Ok(Row { line: place.line, target, forward, reverse, two_sigma })
 }
 
 /// Unit in brackets on lines about means, errors, the dead zone or sigma; an error if there are several.
@@ -186,10 +167,7 @@ fn unit(text: &str, name: &str) -> Result<Option<ReadingUnit>, MetrologyError> {
     let mut found: Option<ReadingUnit> = None;
     for (index, line) in text.lines().enumerate() {
         let lower = line.to_lowercase();
-        if !["mean", "error", "dead zone", "sigma"]
-            .iter()
-            .any(|word| lower.contains(word))
-        {
+        if !["mean", "error", "dead zone", "sigma"].iter().any(|word| lower.contains(word)) {
             continue;
         }
         let place = Place::new(name, index + 1);
@@ -224,9 +202,7 @@ fn unit(text: &str, name: &str) -> Result<Option<ReadingUnit>, MetrologyError> {
 
 fn bracketed(line: &str) -> impl Iterator<Item = &str> {
     let inner = line.split(['(', '[']).skip(1);
-    inner
-        .filter_map(|part| part.split([')', ']']).next())
-        .map(str::trim)
+    inner.filter_map(|part| part.split([')', ']']).next()).map(str::trim)
 }
 
 /// Decimals of targets, and of means and scatter in µm or µrad.
@@ -257,14 +233,7 @@ pub fn write_keysight_report(measurement: &Measurement) -> String {
     for (index, (target, [forward, forward_2s], [reverse, reverse_2s])) in both.enumerate() {
         let system = f64::midpoint(forward, reverse);
         let _ = write!(text, "{:>3} {target:>12.DECIMALS$}", index + 1);
-        for value in [
-            forward,
-            reverse,
-            system,
-            forward_2s,
-            reverse_2s,
-            reverse - forward,
-        ] {
+        for value in [forward, reverse, system, forward_2s, reverse_2s, reverse - forward] {
             let _ = write!(text, " {value:>14.DECIMALS$}");
         }
         text.push_str("\r\n");

@@ -44,10 +44,7 @@ pub fn parse_table_with(
     if read.is_empty() {
         return Err(MetrologyError::Empty {
             file: name.into(),
-            expected: format!(
-                "at least one reading under {} lines of header",
-                columns.header_rows
-            ),
+            expected: format!("at least one reading under {} lines of header", columns.header_rows),
         });
     }
     let readings = readings(name, &read)?;
@@ -80,10 +77,7 @@ fn rows(
     columns: &Columns,
 ) -> Result<Vec<(usize, Vec<String>)>, MetrologyError> {
     let Some(separator) = columns.separator else {
-        let lines = text
-            .lines()
-            .enumerate()
-            .map(|(index, line)| (index + 1, line));
+        let lines = text.lines().enumerate().map(|(index, line)| (index + 1, line));
         let filled = lines.filter(|(_, line)| !line.trim().is_empty());
         let cells = |line: &str| line.split_whitespace().map(str::to_owned).collect();
         return Ok(filled.map(|(number, line)| (number, cells(line))).collect());
@@ -96,11 +90,7 @@ fn rows(
         .delimiter(u8::try_from(separator).unwrap_or(b','))
         .from_reader(text.as_bytes());
     let mut rows = Vec::new();
-    let mut lines = Lines {
-        text,
-        at: 0,
-        line: 1,
-    };
+    let mut lines = Lines { text, at: 0, line: 1 };
     for record in reader.records() {
         let record = record.map_err(|error| {
             let line = error.position().map_or(1, csv::Position::line);
@@ -198,11 +188,7 @@ impl ColumnIndices {
         Ok(Self {
             target: place_of("target", &columns.target)?,
             reading: place_of("reading", &columns.reading)?,
-            run: columns
-                .run
-                .as_ref()
-                .map(|name| place_of("run", name))
-                .transpose()?,
+            run: columns.run.as_ref().map(|name| place_of("run", name)).transpose()?,
             direction: columns
                 .direction
                 .as_ref()
@@ -261,12 +247,7 @@ impl ColumnIndices {
     }
 
     fn columns_not_read(&self, header: Option<&(usize, Vec<String>)>) -> Option<String> {
-        let read = [
-            Some(self.target),
-            Some(self.reading),
-            self.run,
-            self.direction,
-        ];
+        let read = [Some(self.target), Some(self.reading), self.run, self.direction];
         let (_, cells) = header?;
         let others = cells.iter().enumerate();
         let others =
@@ -300,11 +281,7 @@ impl ColumnIndices {
             place.number(what, text)
         };
         let target = number("target", self.target)?;
-        let what = if columns.reads_position {
-            "measured"
-        } else {
-            "deviation"
-        };
+        let what = if columns.reads_position { "measured" } else { "deviation" };
         let stated = number(what, self.reading)?;
         let micro = columns.unit.map_or(1.0, ReadingUnit::micro);
         let deviation = if columns.reads_position {
@@ -336,14 +313,8 @@ fn unit_in(head: &str) -> Option<&'static str> {
         unit_named(inside.trim())
     });
     let ends_in_bracket = head.trim_end().ends_with([']', ')', '}']);
-    let behind = || {
-        (!ends_in_bracket)
-            .then(|| Some(split_unit(&head)?.1))
-            .flatten()
-    };
-    in_brackets
-        .or_else(|| unit_named(head.trim()))
-        .or_else(behind)
+    let behind = || (!ends_in_bracket).then(|| Some(split_unit(&head)?.1)).flatten();
+    in_brackets.or_else(|| unit_named(head.trim())).or_else(behind)
 }
 
 /// µm per mm or µrad per degree: by the unit of the targets if it is stated, else by that of the readings.
@@ -351,10 +322,7 @@ fn target_micro(columns: &Columns) -> f64 {
     match columns.target_unit {
         Some(TargetUnit::Deg) => ReadingUnit::Deg.micro(),
         Some(TargetUnit::Mm) => ReadingUnit::Mm.micro(),
-        None => columns
-            .unit
-            .unwrap_or(ReadingUnit::Um)
-            .micro_of_coordinate(),
+        None => columns.unit.unwrap_or(ReadingUnit::Um).micro_of_coordinate(),
     }
 }
 
@@ -365,11 +333,9 @@ fn direction(place: Place<'_>, text: &str) -> Result<Direction, MetrologyError> 
         }
         "-" | "−" | "-1" | "r" | "b" | "rev" | "reverse" | "bwd" | "backward" | "neg"
         | "negative" | "down" | "↓" => Ok(Direction::Negative),
-        _ => Err(place.malformed(
-            "direction",
-            quoted(text),
-            "+ or -, forward or backward, 1 or -1",
-        )),
+        _ => {
+            Err(place.malformed("direction", quoted(text), "+ or -, forward or backward, 1 or -1"))
+        }
     }
 }
 
@@ -394,12 +360,7 @@ fn readings(file: &str, rows: &[Row]) -> Result<Vec<Reading>, MetrologyError> {
             );
             return Err(place.contradictory("reading", found, "each target once in a run"));
         }
-        readings.push(Reading {
-            target: row.target,
-            run,
-            direction,
-            deviation: row.deviation,
-        });
+        readings.push(Reading { target: row.target, run, direction, deviation: row.deviation });
     }
     Ok(readings)
 }
@@ -416,9 +377,7 @@ fn counted_runs(file: &str, rows: &[Row]) -> Result<Vec<u32>, MetrologyError> {
         *count
     };
     let counted: Vec<u32> = rows.iter().map(count).collect();
-    let Some(of_first) = rows
-        .first()
-        .filter(|row| row.run.is_none() && row.direction.is_some())
+    let Some(of_first) = rows.first().filter(|row| row.run.is_none() && row.direction.is_some())
     else {
         return Ok(counted);
     };

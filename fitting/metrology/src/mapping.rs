@@ -242,17 +242,14 @@ impl Channels {
             "settle_s",
             "zero_at_first",
         ])?;
-        let reads_position = section
-            .require("reading_is")?
-            .one_of(&[("position", true), ("deviation", false)])?;
+        let reads_position =
+            section.require("reading_is")?.one_of(&[("position", true), ("deviation", false)])?;
         let channels = Self {
             target: section.require("target")?.text()?.to_owned(),
             reading: section.require("reading")?.text()?.to_owned(),
             reads_position,
             unit: section.require("unit")?.one_of(&UNITS)?,
-            targets: section
-                .optional("targets", Value::numbers)?
-                .unwrap_or_default(),
+            targets: section.optional("targets", Value::numbers)?.unwrap_or_default(),
             within: section.number_or("within", 0.0..=10.0, 0.005)?,
             dwell_s: section.number_or("dwell_s", 0.0..=86_400.0, 1.0)?,
             settle_s: section.number_or("settle_s", 0.0..=86_400.0, 0.0)?,
@@ -264,9 +261,9 @@ impl Channels {
         let mut sorted = channels.targets.clone();
         sorted.sort_by(f64::total_cmp);
         if let Some([twice, ..]) = sorted.windows(2).find(|pair| pair[0] == pair[1]) {
-            return Err(section.error(format!(
-                "found the target {twice} twice, expected each target once"
-            )));
+            return Err(
+                section.error(format!("found the target {twice} twice, expected each target once"))
+            );
         }
         Ok(channels)
     }

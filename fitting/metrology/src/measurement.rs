@@ -197,11 +197,7 @@ impl Measurement {
     /// All deviations at one target in one direction, in the order of the readings.
     pub fn deviations_at(&self, target: f64, direction: Direction) -> Vec<f64> {
         let here = |r: &&Reading| r.target == target && r.direction == direction;
-        self.readings
-            .iter()
-            .filter(here)
-            .map(|r| r.deviation)
-            .collect()
+        self.readings.iter().filter(here).map(|r| r.deviation).collect()
     }
 
     /// Mean of the deviations at one target in one direction (x̄_i↑ or x̄_i↓), `None` without readings.
@@ -215,10 +211,7 @@ impl Measurement {
     pub fn mean_curve(&self) -> Vec<(f64, f64)> {
         let at = |readings: &TargetReadings| {
             let means = Direction::BOTH.map(|direction| mean(&readings.deviations(direction)));
-            Some((
-                readings.target,
-                mean(&means.into_iter().flatten().collect::<Vec<_>>())?,
-            ))
+            Some((readings.target, mean(&means.into_iter().flatten().collect::<Vec<_>>())?))
         };
         let readings = by_target(&self.aligned_readings());
         readings.iter().filter_map(at).collect()
@@ -276,10 +269,7 @@ impl TargetReadings {
     }
 
     pub(crate) fn deviations(&self, direction: Direction) -> Vec<f64> {
-        self.of(direction)
-            .iter()
-            .map(|(_, deviation)| *deviation)
-            .collect()
+        self.of(direction).iter().map(|(_, deviation)| *deviation).collect()
     }
 }
 

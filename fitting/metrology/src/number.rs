@@ -76,11 +76,7 @@ impl<'a> Place<'a> {
 
     /// Parses a finite decimal number; −0 becomes 0, so that equal targets are equal.
     pub(crate) fn number(self, what: &str, text: &str) -> Result<f64, MetrologyError> {
-        let value = if is_decimal(text) {
-            text.parse::<f64>().ok()
-        } else {
-            None
-        };
+        let value = if is_decimal(text) { text.parse::<f64>().ok() } else { None };
         match value {
             Some(value) if value.abs() <= LARGEST => Ok(value + 0.0),
             _ => Err(self.not_a_number(
@@ -112,24 +108,20 @@ pub(crate) fn with_point(text: &str) -> Option<String> {
 }
 
 pub(crate) fn range(values: impl Iterator<Item = f64>) -> [f64; 2] {
-    values.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], x| {
-        [low.min(x), high.max(x)]
-    })
+    values.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], x| [low.min(x), high.max(x)])
 }
 
 pub(crate) fn decimals(text: &str) -> usize {
-    text.split_once('.')
-        .map_or(0, |(_, fraction)| fraction.len())
+    text.split_once('.').map_or(0, |(_, fraction)| fraction.len())
 }
 
 /// Matches `[+-] digits [. digits] [e [+-] digits]`; a number that ends in a point is truncated and does not match.
 fn is_decimal(text: &str) -> bool {
     let unsigned = text.strip_prefix(['+', '-']).unwrap_or(text);
     let (mantissa, exponent) = match unsigned.split_once(['e', 'E']) {
-        Some((mantissa, exponent)) => (
-            mantissa,
-            Some(exponent.strip_prefix(['+', '-']).unwrap_or(exponent)),
-        ),
+        Some((mantissa, exponent)) => {
+            (mantissa, Some(exponent.strip_prefix(['+', '-']).unwrap_or(exponent)))
+        }
         None => (unsigned, None),
     };
     let digits = |t: &str| !t.is_empty() && t.bytes().all(|b| b.is_ascii_digit());
@@ -147,13 +139,9 @@ mod tests {
     #[test]
     fn only_plain_finite_decimals_are_numbers() {
         let place = Place::new("f", 1);
-        for (text, value) in [
-            ("-12.50", -12.5),
-            ("+3", 3.0),
-            (".5", 0.5),
-            ("1e-3", 0.001),
-            ("2.5E+2", 250.0),
-        ] {
+        for (text, value) in
+            [("-12.50", -12.5), ("+3", 3.0), (".5", 0.5), ("1e-3", 0.001), ("2.5E+2", 250.0)]
+        {
             assert_eq!(place.number("x", text).unwrap(), value);
         }
         for text in [
@@ -183,15 +171,7 @@ mod tests {
     fn counts_are_whole_and_positive() {
         let place = Place::new("f", 1);
         assert_eq!(place.count("x", "007").unwrap(), 7);
-        for text in [
-            "",
-            "0",
-            "-1",
-            "+1",
-            "1.0",
-            "4294967296",
-            "99999999999999999999999",
-        ] {
+        for text in ["", "0", "-1", "+1", "1.0", "4294967296", "99999999999999999999999"] {
             assert!(place.count("x", text).is_err(), "{text:?}");
         }
     }

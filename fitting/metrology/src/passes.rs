@@ -17,10 +17,7 @@ const CONVERGED: f64 = 1e-13;
 /// check.
 const MIN_COMMON_TARGETS: usize = 3;
 
-const ZERO: ReferenceLine = ReferenceLine {
-    slope_um_per_mm: 0.0,
-    intercept_um: 0.0,
-};
+const ZERO: ReferenceLine = ReferenceLine { slope_um_per_mm: 0.0, intercept_um: 0.0 };
 
 /// Misalignment that is specific to each run and not treated as scatter: an instrument is zeroed,
 /// and a straightness reference aligned, before each run.
@@ -73,10 +70,7 @@ impl Basis {
 }
 
 fn dot(a: &[[f64; 2]], b: &[[f64; 2]]) -> f64 {
-    a.iter()
-        .zip(b)
-        .map(|(a, b)| a[0] * b[0] + a[1] * b[1])
-        .sum()
+    a.iter().zip(b).map(|(a, b)| a[0] * b[0] + a[1] * b[1]).sum()
 }
 
 impl Passes {
@@ -285,9 +279,7 @@ impl Passes {
                 groups[a.max(b)] = a.min(b);
             }
         }
-        (0..groups.len())
-            .map(|run| first_of(&mut groups, run))
-            .collect()
+        (0..groups.len()).map(|run| first_of(&mut groups, run)).collect()
     }
 
     /// The first run of each group of runs that are connected by common targets.

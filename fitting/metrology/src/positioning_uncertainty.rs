@@ -86,20 +86,14 @@ pub fn positioning_uncertainty(
     };
     // A beam misaligned by r over the length L measures r²/(2L) too little; that is the range of a uniform distribution. With r in mm and L in m the
     // result is in µm.
-    let misalignment = inputs
-        .misalignment_mm
-        .map(|r| EXPANDED_OF_RANGE * r * r / (2.0 * length_m));
+    let misalignment = inputs.misalignment_mm.map(|r| EXPANDED_OF_RANGE * r * r / (2.0 * length_m));
     let temperature = (inputs.expansion_um_per_m_k.zip(inputs.temperature_range_k))
         .map(|(alpha, range)| EXPANDED_OF_RANGE * alpha * length_m * range);
     let expansion = (inputs.from_20_degc_k.zip(inputs.expansion_range_um_per_m_k))
         .map(|(difference, range)| EXPANDED_OF_RANGE * difference.abs() * length_m * range);
     let environment = inputs.environment_um.map(|e| EXPANDED_OF_RANGE * e);
     let contributions = vec![
-        Contribution {
-            symbol: "U_DEVICE",
-            name: "instrument, by its calibration",
-            u_um: device,
-        },
+        Contribution { symbol: "U_DEVICE", name: "instrument, by its calibration", u_um: device },
         Contribution {
             symbol: "U_MISALIGNMENT",
             name: "beam along the axis, R²/(2√3 L)",
@@ -116,17 +110,12 @@ pub fn positioning_uncertainty(
             u_um: expansion,
         },
         Contribution {
-            symbol: "U_EVE",
-            name: "environment variation, E_VE/√3",
-            u_um: environment,
+            symbol: "U_EVE", name: "environment variation, E_VE/√3", u_um: environment
         },
     ];
     // Contributions that are equal in all readings at a target cancel in B and R.
-    let common: f64 = [device, misalignment, temperature, expansion]
-        .iter()
-        .flatten()
-        .map(|u| u * u)
-        .sum();
+    let common: f64 =
+        [device, misalignment, temperature, expansion].iter().flatten().map(|u| u * u).sum();
     let eve = environment.unwrap_or(0.0).powi(2);
     let n = runs as f64;
     Ok(PositioningUncertainty {
@@ -176,10 +165,7 @@ fn check(inputs: &UncertaintyInputs, length_m: f64, runs: usize) -> Result<(), M
         ("misalignment", inputs.misalignment_mm),
         ("range of the temperature", inputs.temperature_range_k),
         ("expansion coefficient", inputs.expansion_um_per_m_k),
-        (
-            "range of the expansion coefficient",
-            inputs.expansion_range_um_per_m_k,
-        ),
+        ("range of the expansion coefficient", inputs.expansion_range_um_per_m_k),
         ("difference to 20 °C", inputs.from_20_degc_k.map(f64::abs)),
         ("environment variation", inputs.environment_um),
     ];
@@ -200,21 +186,12 @@ fn left_out(inputs: &UncertaintyInputs, contributions: &[Contribution]) -> Vec<S
             "U_DEVICE" => vec![("uncertainty of the instrument", false)],
             "U_MISALIGNMENT" => vec![("misalignment", false)],
             "U_M" => vec![
-                (
-                    "expansion coefficient",
-                    inputs.expansion_um_per_m_k.is_some(),
-                ),
-                (
-                    "range of the temperature",
-                    inputs.temperature_range_k.is_some(),
-                ),
+                ("expansion coefficient", inputs.expansion_um_per_m_k.is_some()),
+                ("range of the temperature", inputs.temperature_range_k.is_some()),
             ],
             "U_E" => vec![
                 ("difference to 20 °C", inputs.from_20_degc_k.is_some()),
-                (
-                    "range of the expansion coefficient",
-                    inputs.expansion_range_um_per_m_k.is_some(),
-                ),
+                ("range of the expansion coefficient", inputs.expansion_range_um_per_m_k.is_some()),
             ],
             _ => vec![("environment variation", false)],
         };
@@ -222,12 +199,5 @@ fn left_out(inputs: &UncertaintyInputs, contributions: &[Contribution]) -> Vec<S
         lacking.map(|(name, _)| name).collect()
     };
     let open = contributions.iter().filter(|c| c.u_um.is_none());
-    open.map(|c| {
-        format!(
-            "{}: {} not stated",
-            c.symbol,
-            lacking(c.symbol).join(" and ")
-        )
-    })
-    .collect()
+    open.map(|c| format!("{}: {} not stated", c.symbol, lacking(c.symbol).join(" and "))).collect()
 }

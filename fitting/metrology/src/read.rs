@@ -90,10 +90,8 @@ pub fn read_file_with(
 /// Same as [`read_file`].
 pub fn read_content(path: &Path, mapping: Option<&Mapping>) -> Result<Content, MetrologyError> {
     let name = path.display().to_string();
-    let extension = path
-        .extension()
-        .map(|e| e.to_string_lossy().to_lowercase())
-        .unwrap_or_default();
+    let extension =
+        path.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
     if path.is_dir() {
         return Err(MetrologyError::Directory { file: name });
     }
@@ -131,19 +129,15 @@ fn by_content(
 ) -> Result<Content, MetrologyError> {
     let measured = |m: Measurement| Content::Measurement(Box::new(m));
     let (text, _) = decode(bytes, name)?;
-    let wrong = |found, expected| MetrologyError::WrongMapping {
-        file: name.to_owned(),
-        found,
-        expected,
-    };
+    let wrong =
+        |found, expected| MetrologyError::WrongMapping { file: name.to_owned(), found, expected };
     if is_log(&text) {
         let log = parse_camonitor(bytes, name)?;
         return match mapping {
             Some(Mapping::Channels(channels)) => readings_at_dwells(&log, channels).map(measured),
-            Some(Mapping::Columns(_)) => Err(wrong(
-                "`columns`",
-                "`channels`: the file is a log of camonitor",
-            )),
+            Some(Mapping::Columns(_)) => {
+                Err(wrong("`columns`", "`channels`: the file is a log of camonitor"))
+            }
             None => Ok(Content::Log(Box::new(log))),
         };
     }
@@ -155,10 +149,7 @@ fn by_content(
             return parse_table_with(bytes, name, columns).map(measured);
         }
         Some(Mapping::Channels(_)) => {
-            return Err(wrong(
-                "`channels`",
-                "`columns`: the file is no log of camonitor",
-            ));
+            return Err(wrong("`channels`", "`columns`: the file is no log of camonitor"));
         }
         None => {}
     }
@@ -190,21 +181,13 @@ fn file_name(path: &Path) -> String {
 }
 
 fn bytes_of(path: &Path, name: &str) -> Result<Vec<u8>, MetrologyError> {
-    let unreadable = |source| MetrologyError::Unreadable {
-        file: name.into(),
-        source,
-    };
+    let unreadable = |source| MetrologyError::Unreadable { file: name.into(), source };
     let limit = LIMIT_MIB * 1024 * 1024;
     let mut bytes = Vec::new();
     let file = std::fs::File::open(path).map_err(unreadable)?;
-    file.take(limit + 1)
-        .read_to_end(&mut bytes)
-        .map_err(unreadable)?;
+    file.take(limit + 1).read_to_end(&mut bytes).map_err(unreadable)?;
     if bytes.len() as u64 > limit {
-        return Err(MetrologyError::TooLarge {
-            file: name.into(),
-            limit_mib: LIMIT_MIB,
-        });
+        return Err(MetrologyError::TooLarge { file: name.into(), limit_mib: LIMIT_MIB });
     }
     Ok(bytes)
 }

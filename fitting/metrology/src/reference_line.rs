@@ -37,18 +37,10 @@ impl ReferenceLine {
         let n = points.len() as f64;
         let mean_target = points.iter().map(|(q, _)| q).sum::<f64>() / n;
         let mean_value = points.iter().map(|(_, x)| x).sum::<f64>() / n;
-        let about_mean = || {
-            points
-                .iter()
-                .map(|(q, x)| (q - mean_target, x - mean_value))
-        };
+        let about_mean = || points.iter().map(|(q, x)| (q - mean_target, x - mean_value));
         let variance: f64 = about_mean().map(|(q, _)| q * q).sum();
         let covariance: f64 = about_mean().map(|(q, x)| q * x).sum();
-        Ok(Self::through(
-            mean_target,
-            mean_value,
-            covariance / variance,
-        ))
+        Ok(Self::through(mean_target, mean_value, covariance / variance))
     }
 
     /// Line through the values at the smallest and the largest target.
@@ -58,14 +50,9 @@ impl ReferenceLine {
     pub fn end_points(points: &[(f64, f64)]) -> Result<Self, MetrologyError> {
         check_points("end-point reference line", points)?;
         let by_target = |a: &&(f64, f64), b: &&(f64, f64)| a.0.total_cmp(&b.0);
-        let (first, last) = (
-            points.iter().min_by(by_target),
-            points.iter().max_by(by_target),
-        );
-        let ((q_0, x_0), (q_1, x_1)) = (
-            first.copied().unwrap_or_default(),
-            last.copied().unwrap_or_default(),
-        );
+        let (first, last) = (points.iter().min_by(by_target), points.iter().max_by(by_target));
+        let ((q_0, x_0), (q_1, x_1)) =
+            (first.copied().unwrap_or_default(), last.copied().unwrap_or_default());
         Ok(Self::through(q_0, x_0, (x_1 - x_0) / (q_1 - q_0)))
     }
 
@@ -99,15 +86,10 @@ impl ReferenceLine {
         let mut slopes = edges(&lower, 1.0);
         slopes.extend(edges(&upper, -1.0));
         let width = |slope: &f64| above(*slope) - below(*slope);
-        let best = slopes
-            .into_iter()
-            .min_by(|a, b| width(a).total_cmp(&width(b)));
+        let best = slopes.into_iter().min_by(|a, b| width(a).total_cmp(&width(b)));
         // Two different targets make at least one edge.
         let slope = best.unwrap_or_default();
-        Ok(Self {
-            slope_um_per_mm: slope,
-            intercept_um: 0.5 * (above(slope) + below(slope)),
-        })
+        Ok(Self { slope_um_per_mm: slope, intercept_um: 0.5 * (above(slope) + below(slope)) })
     }
 
     /// Line of this kind.
@@ -123,10 +105,7 @@ impl ReferenceLine {
     }
 
     fn through(target_mm: f64, value_um: f64, slope_um_per_mm: f64) -> Self {
-        Self {
-            slope_um_per_mm,
-            intercept_um: value_um - slope_um_per_mm * target_mm,
-        }
+        Self { slope_um_per_mm, intercept_um: value_um - slope_um_per_mm * target_mm }
     }
 
     /// Slope as an angle, the unit of squareness: 1 µm/mm = 1000 µrad.
@@ -142,10 +121,7 @@ impl ReferenceLine {
 
     /// Profile after removing the line: (target in mm, deviation in µm).
     pub fn removed_from(&self, points: &[(f64, f64)]) -> Vec<(f64, f64)> {
-        points
-            .iter()
-            .map(|(q, x)| (*q, x - self.value_um(*q)))
-            .collect()
+        points.iter().map(|(q, x)| (*q, x - self.value_um(*q))).collect()
     }
 }
 
@@ -161,10 +137,7 @@ pub(crate) fn half_hull(points: impl Iterator<Item = (f64, f64)>) -> Vec<(f64, f
             hull.pop();
         }
         // Of several values at the first target the lowest is already in the hull.
-        if hull
-            .last()
-            .is_none_or(|last| last.0 < point.0 || last.1 > point.1)
-        {
+        if hull.last().is_none_or(|last| last.0 < point.0 || last.1 > point.1) {
             hull.push(point);
         }
     }

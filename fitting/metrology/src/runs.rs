@@ -77,16 +77,9 @@ impl Alignment {
                 lines[direction] = Some(found);
             }
             let own = own.into_iter().zip(counted);
-            weights[direction] = own
-                .map(|(w, counted)| if counted { w } else { 0.0 })
-                .collect();
+            weights[direction] = own.map(|(w, counted)| if counted { w } else { 0.0 }).collect();
         }
-        Self {
-            passes,
-            lines,
-            weights,
-            kind,
-        }
+        Self { passes, lines, weights, kind }
     }
 
     pub(crate) fn moves(&self) -> bool {
@@ -210,10 +203,7 @@ pub(crate) fn pooled_scatter(passes: &[Passes; 2], alignment: RunAlignment) -> O
         squares += own.0;
         freedom += own.1;
     }
-    (freedom > 0.0).then(|| RunScatter {
-        deviation: (squares / freedom).sqrt(),
-        freedom,
-    })
+    (freedom > 0.0).then(|| RunScatter { deviation: (squares / freedom).sqrt(), freedom })
 }
 
 impl Measurement {
@@ -230,10 +220,8 @@ impl Measurement {
         // Least squares of exactly straight lines leaves rounding errors.
         let largest = self.readings.iter().map(|r| r.deviation.abs());
         let rounding = 1e-12 * largest.fold(0.0, f64::max);
-        (deviation > rounding && deviation.is_finite()).then_some(RunScatter {
-            deviation,
-            freedom: scatter.freedom,
-        })
+        (deviation > rounding && deviation.is_finite())
+            .then_some(RunScatter { deviation, freedom: scatter.freedom })
     }
 }
 
@@ -249,10 +237,7 @@ mod tests {
         let reading = |run: u32, place: u32| {
             let pattern = [1.0, -1.0, -1.0, 1.0, 0.0, 0.0][place as usize];
             let times = [1.0, -1.0, 0.0][run as usize];
-            let (zero, slope) = (
-                [5.0, -3.0, 40.0][run as usize],
-                [0.1, -0.2, 0.3][run as usize],
-            );
+            let (zero, slope) = ([5.0, -3.0, 40.0][run as usize], [0.1, -0.2, 0.3][run as usize]);
             // The pattern has no mean and no slope over these targets.
             let target = [0.0, 10.0, 20.0, 30.0, 40.0, -10.0][place as usize];
             Reading {
@@ -263,22 +248,13 @@ mod tests {
             }
         };
         let readings = (0..3).flat_map(|run| (0..6).map(move |at| reading(run, at)));
-        let mut measurement = Measurement {
-            readings: readings.collect(),
-            ..Measurement::default()
-        };
-        let of_lines = measurement
-            .scatter_of_mean(RunAlignment::Line)
-            .expect("a scatter");
+        let mut measurement =
+            Measurement { readings: readings.collect(), ..Measurement::default() };
+        let of_lines = measurement.scatter_of_mean(RunAlignment::Line).expect("a scatter");
         let expected = (8.0 / 8.0_f64 / 3.0).sqrt();
-        assert!(
-            (of_lines.deviation - expected).abs() < 1e-12,
-            "{of_lines:?}"
-        );
+        assert!((of_lines.deviation - expected).abs() < 1e-12, "{of_lines:?}");
         assert_eq!(of_lines.freedom, 12.0 - 4.0);
-        let of_zeros = measurement
-            .scatter_of_mean(RunAlignment::Offset)
-            .expect("a scatter");
+        let of_zeros = measurement.scatter_of_mean(RunAlignment::Offset).expect("a scatter");
         assert!(of_zeros.deviation > 1.0);
         measurement.readings.retain(|reading| reading.run == 2);
         assert_eq!(measurement.scatter_of_mean(RunAlignment::Line), None);

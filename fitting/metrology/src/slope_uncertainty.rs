@@ -33,9 +33,7 @@ impl SlopeUncertainty {
         let mut means: BTreeMap<(Direction, u64), (f64, f64)> = BTreeMap::new();
         let mut runs_in = [BTreeSet::new(), BTreeSet::new()];
         for reading in readings {
-            let (sum, count) = means
-                .entry(key(reading.target, reading.direction))
-                .or_default();
+            let (sum, count) = means.entry(key(reading.target, reading.direction)).or_default();
             *sum += reading.deviation;
             *count += 1.0;
             runs_in[reading.direction as usize].insert(reading.run);
@@ -59,10 +57,7 @@ impl SlopeUncertainty {
             .map(|line| line.map(|line| line.slope().0.powi(2)))
             .sum::<Result<f64, _>>()
             .ok()?;
-        (degrees > 0.0).then(|| Self {
-            standard_urad: (squares / degrees / n).sqrt(),
-            degrees,
-        })
+        (degrees > 0.0).then(|| Self { standard_urad: (squares / degrees / n).sqrt(), degrees })
     }
 
     /// Uncertainty of the least-squares line through a profile of (target in mm, deviation in µm),
@@ -118,10 +113,7 @@ impl SlopeUncertainty {
     /// The uncertainty of this slope divided by a number.
     #[must_use]
     pub fn divided_by(self, number: f64) -> Self {
-        Self {
-            standard_urad: self.standard_urad / number,
-            ..self
-        }
+        Self { standard_urad: self.standard_urad / number, ..self }
     }
 
     /// Expanded uncertainty for 95.45 %, the probability of k = 2, by Student's t, µrad.
@@ -181,11 +173,7 @@ fn coverage_factor(degrees: f64) -> f64 {
     let (narrow_at, narrow) = TABLE[above];
     let (wide_at, wide) = TABLE[above.saturating_sub(1)];
     let [from, to] = [wide_at, narrow_at].map(|degrees| 1.0 / degrees);
-    let share = if from > to {
-        (at - to) / (from - to)
-    } else {
-        0.0
-    };
+    let share = if from > to { (at - to) / (from - to) } else { 0.0 };
     (narrow.ln() + share * (wide.ln() - narrow.ln())).exp()
 }
 
@@ -214,9 +202,7 @@ mod tests {
         }
         assert_eq!(coverage_factor(0.3), coverage_factor(1.0));
         // The factor decreases monotonically between the nodes.
-        let all: Vec<f64> = (0..400)
-            .map(|k| coverage_factor(1.0 + 0.1 * f64::from(k)))
-            .collect();
+        let all: Vec<f64> = (0..400).map(|k| coverage_factor(1.0 + 0.1 * f64::from(k))).collect();
         assert!(all.windows(2).all(|pair| pair[1] < pair[0]));
     }
 
@@ -242,10 +228,7 @@ mod tests {
                 slope(&(0..=tilts).map(at).collect::<Vec<_>>()).powi(2)
             };
             let expected = (1..=tilts).map(single).sum::<f64>().sqrt();
-            assert!(
-                (slope_gain_of_tilts(tilts) - expected).abs() < 1e-9,
-                "{tilts}"
-            );
+            assert!((slope_gain_of_tilts(tilts) - expected).abs() < 1e-9, "{tilts}");
         }
     }
 }

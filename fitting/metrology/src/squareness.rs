@@ -63,9 +63,7 @@ pub fn squareness(
         });
     }
     let opens = reference_angle - slope_1 - slope_2;
-    opening(error)
-        .map(|sign| Urad(sign * opens.0))
-        .ok_or_else(|| unknown(error))
+    opening(error).map(|sign| Urad(sign * opens.0)).ok_or_else(|| unknown(error))
 }
 
 fn unknown(error: ErrorName) -> MetrologyError {
@@ -139,19 +137,10 @@ pub fn squareness_uncertainty(
     }
     for (what, value) in [
         ("uncertainty of the square, µrad", inputs.square_urad),
-        (
-            "uncertainty of the straight edge, µm",
-            inputs.straight_edge_um,
-        ),
+        ("uncertainty of the straight edge, µm", inputs.straight_edge_um),
         ("range by temperature, µrad", inputs.temperature_urad),
-        (
-            "uncertainty of a slope, µrad",
-            Some(slopes[0].standard_urad),
-        ),
-        (
-            "uncertainty of a slope, µrad",
-            Some(slopes[1].standard_urad),
-        ),
+        ("uncertainty of a slope, µrad", Some(slopes[0].standard_urad)),
+        ("uncertainty of a slope, µrad", Some(slopes[1].standard_urad)),
     ] {
         if let Some(value) = value
             && !(0.0..=crate::number::LARGEST).contains(&value)
@@ -170,10 +159,7 @@ pub fn squareness_uncertainty(
         ("straight edge", straight_edge_urad),
         ("temperature", temperature_urad),
     ];
-    let whole_urad = named
-        .iter()
-        .filter_map(|(_, u)| *u)
-        .fold(scatter_urad, f64::hypot);
+    let whole_urad = named.iter().filter_map(|(_, u)| *u).fold(scatter_urad, f64::hypot);
     let left_out = named.iter().filter(|(_, u)| u.is_none());
     Ok(SquarenessUncertainty {
         scatter_urad,

@@ -66,12 +66,7 @@ pub fn angular_method_um(
         let [(from, _), (to, tilt_urad)] = [pair[0], pair[1]];
         let found = to - from;
         if (found - bridge_mm).abs() > SPACING_TOLERANCE * bridge_mm {
-            return Err(MetrologyError::BridgeSpacing {
-                from,
-                to,
-                found,
-                bridge_mm,
-            });
+            return Err(MetrologyError::BridgeSpacing { from, to, found, bridge_mm });
         }
         h_um += bridge_mm * sign * tilt_urad * UM_PER_MM_URAD;
         profile.push((to, h_um));
@@ -125,10 +120,8 @@ impl Straightness {
 /// Fewer than two targets, numbers that are not finite, a target without readings in a direction
 /// that was run, runs that cannot be aligned.
 pub fn straightness_of(measurement: &Measurement) -> Result<Straightness, MetrologyError> {
-    let measurement = &Measurement {
-        quantity: Some(Quantity::Straightness),
-        ..measurement.clone()
-    };
+    let measurement =
+        &Measurement { quantity: Some(Quantity::Straightness), ..measurement.clone() };
     measurement.check_directions()?;
     measurement.check_lines_of_runs()?;
     let mut straightness = straightness_of_profile(&measurement.mean_curve())?;
@@ -138,10 +131,7 @@ pub fn straightness_of(measurement: &Measurement) -> Result<Straightness, Metrol
     straightness.reversal_um = if backward.is_empty() || forward.is_empty() {
         None
     } else {
-        let differences = forward
-            .iter()
-            .zip(&backward)
-            .map(|(a, b)| (a.1 - b.1).abs());
+        let differences = forward.iter().zip(&backward).map(|(a, b)| (a.1 - b.1).abs());
         differences.reduce(f64::max)
     };
     Ok(straightness)
@@ -156,11 +146,7 @@ pub fn straightness_of_profile(profile: &[(f64, f64)]) -> Result<Straightness, M
         let line = ReferenceLine::of(kind, profile)?;
         let residuals = line.removed_from(profile);
         let [lowest, highest] = range(residuals.iter().map(|r| r.1));
-        Ok(StraightnessAbout {
-            kind,
-            line,
-            error_um: highest - lowest,
-        })
+        Ok(StraightnessAbout { kind, line, error_um: highest - lowest })
     };
     let about = [
         about(ReferenceKind::LeastSquares)?,

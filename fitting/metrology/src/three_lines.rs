@@ -43,18 +43,10 @@ pub fn separate_parallel_lines(
         let found = format!("{} beside {targets}", other.deviations_um.len());
         return Err(refuse("targets", found, "the same on each line"));
     }
-    let finite = |l: &ParallelLine| {
-        l.offset_mm
-            .iter()
-            .chain(&l.deviations_um)
-            .all(|x| x.is_finite())
-    };
+    let finite =
+        |l: &ParallelLine| l.offset_mm.iter().chain(&l.deviations_um).all(|x| x.is_finite());
     if !lines.iter().all(finite) {
-        return Err(refuse(
-            "numbers",
-            "one that is not finite".into(),
-            "finite numbers",
-        ));
+        return Err(refuse("numbers", "one that is not finite".into(), "finite numbers"));
     }
     // Lever in mm times angle in µrad: 1e-3 µm.
     let row = |l: &ParallelLine| Vector3::new(1.0, l.offset_mm[1] * 1e-3, -l.offset_mm[0] * 1e-3);
@@ -62,19 +54,12 @@ pub fn separate_parallel_lines(
     let singular = normal.singular_values();
     let in_one_plane = singular.min() <= 1e-12 * singular.max();
     let Some(inverse) = normal.try_inverse().filter(|_| !in_one_plane) else {
-        return Err(refuse(
-            "lines",
-            "all in one plane".into(),
-            "three that are not in one plane",
-        ));
+        return Err(refuse("lines", "all in one plane".into(), "three that are not in one plane"));
     };
     let at = |target: usize| {
         let sum: Vector3<f64> = lines.iter().map(|l| row(l) * l.deviations_um[target]).sum();
         let found = inverse * sum;
-        SeparatedAngles {
-            linear_um: found[0],
-            angles_urad: [found[1], found[2]],
-        }
+        SeparatedAngles { linear_um: found[0], angles_urad: [found[1], found[2]] }
     };
     Ok((0..targets).map(at).collect())
 }

@@ -16,11 +16,7 @@ pub struct StandardQuantity {
 
 impl StandardQuantity {
     pub(crate) fn new(symbol: &'static str, name: &'static str, value: Option<f64>) -> Self {
-        Self {
-            symbol,
-            name,
-            value,
-        }
+        Self { symbol, name, value }
     }
 }
 
@@ -227,10 +223,7 @@ pub fn parse_tolerances_of(
             let expected = "each symbol once".to_owned();
             return Err(refuse("symbol".into(), symbol, expected));
         }
-        tolerances.push(Tolerance {
-            symbol: named,
-            limit: value,
-        });
+        tolerances.push(Tolerance { symbol: named, limit: value });
     }
     Ok(tolerances)
 }

@@ -23,11 +23,7 @@ pub(crate) fn runs_by_travel(targets: &[f64]) -> Vec<(u32, Direction)> {
 /// Direction of each approach, and whether a new run in the same direction begins there.
 fn directions(targets: &[f64]) -> Vec<(Direction, bool)> {
     let toward = |from: f64, to: f64| {
-        if to > from {
-            Direction::Positive
-        } else {
-            Direction::Negative
-        }
+        if to > from { Direction::Positive } else { Direction::Negative }
     };
     let Some(moved) = targets.windows(2).position(|pair| pair[0] != pair[1]) else {
         return vec![(Direction::Positive, true); targets.len()];
@@ -68,11 +64,7 @@ mod tests {
     fn shown(targets: &[f64]) -> String {
         let found = runs_by_travel(targets);
         let one = |(run, direction): &(u32, Direction)| {
-            let sign = if *direction == Direction::Positive {
-                '+'
-            } else {
-                '-'
-            };
+            let sign = if *direction == Direction::Positive { '+' } else { '-' };
             format!("{sign}{run}")
         };
         found.iter().map(one).collect::<Vec<_>>().join(" ")

@@ -71,11 +71,7 @@ impl CsvTable {
             .map_err(|(line, message)| error(line, 0..0, message))?
             .into_iter();
         let Some(header) = records.next() else {
-            return Err(error(
-                1,
-                0..0,
-                "found no rows, expected a header".to_owned(),
-            ));
+            return Err(error(1, 0..0, "found no rows, expected a header".to_owned()));
         };
         let mut rows = Vec::new();
         for mut record in records {
@@ -144,9 +140,7 @@ impl CsvTable {
     /// # Errors
     /// The header has the name twice.
     pub fn column(&self, name: &str) -> Result<Option<Column>, InputError> {
-        let mut named = self
-            .names()
-            .filter(|(_, found)| found.eq_ignore_ascii_case(name));
+        let mut named = self.names().filter(|(_, found)| found.eq_ignore_ascii_case(name));
         let first = named.next().map(|(column, _)| column);
         match named.next() {
             Some(_) => Err(self.header_error(format!("column `{name}` appears twice"))),
@@ -175,10 +169,7 @@ impl CsvTable {
 
     /// Rows below the header, in the order of the file, without blank ones.
     pub fn rows(&self) -> impl ExactSizeIterator<Item = CsvRow<'_>> {
-        self.rows.iter().map(|record| CsvRow {
-            table: self,
-            record,
-        })
+        self.rows.iter().map(|record| CsvRow { table: self, record })
     }
 
     /// Error with this message, located at the header.
@@ -304,11 +295,7 @@ impl<R: BufRead + Seek> CsvBatches<R> {
 impl Record {
     /// A record without its location.
     fn nowhere(cells: StringRecord) -> Self {
-        Self {
-            line: 0,
-            span: 0..0,
-            cells,
-        }
+        Self { line: 0, span: 0..0, cells }
     }
 }
 
@@ -426,8 +413,7 @@ fn separator_of(header: &str) -> char {
         }
     }
     let most = counts.into_iter().max_by_key(|(_, count)| *count);
-    most.filter(|(_, count)| *count > 0)
-        .map_or(',', |(separator, _)| separator)
+    most.filter(|(_, count)| *count > 0).map_or(',', |(separator, _)| separator)
 }
 
 /// Whether a record is a line without text.
@@ -482,11 +468,7 @@ fn records(text: &str, start: usize, separator: char) -> Result<Vec<Record>, (us
         if is_blank(&cells) {
             continue;
         }
-        records.push(Record {
-            line,
-            span: from..to.max(from),
-            cells: cells.clone(),
-        });
+        records.push(Record { line, span: from..to.max(from), cells: cells.clone() });
     }
 }
 

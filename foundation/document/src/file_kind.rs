@@ -78,15 +78,15 @@ impl Section<'_> {
         let measured = (no_measurements && self.get("measurement").is_some())
             .then_some((FileKind::Calibration, &"measurement"));
         let mut others = FileKind::ALL.into_iter().filter(|other| *other != kind);
-        let found = others
-            .find_map(|other| foreign(other).map(|key| (other, key)))
-            .or(measured);
+        let found = others.find_map(|other| foreign(other).map(|key| (other, key))).or(measured);
         match found {
             Some((other, key)) if key_of(kind).is_none() => {
                 let (found, expected) = (other.name(), kind.name());
-                Some(self.error(format!(
-                    "found {found} (it has the key `{key}`), expected {expected}"
-                )))
+                Some(
+                    self.error(format!(
+                        "found {found} (it has the key `{key}`), expected {expected}"
+                    )),
+                )
             }
             _ => None,
         }

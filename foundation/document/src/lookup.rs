@@ -40,9 +40,7 @@ impl<'a> Section<'a> {
         range: RangeInclusive<f64>,
         default: f64,
     ) -> Result<f64, InputError> {
-        Ok(self
-            .optional(key, |value| value.number_in(range))?
-            .unwrap_or(default))
+        Ok(self.optional(key, |value| value.number_in(range))?.unwrap_or(default))
     }
 
     /// Whole number within `range`, or `default` (which may lie outside it) if the key is missing.
@@ -58,9 +56,7 @@ impl<'a> Section<'a> {
     where
         N: TryFrom<i128> + PartialOrd + Display,
     {
-        Ok(self
-            .optional(key, |value| value.whole(range))?
-            .unwrap_or(default))
+        Ok(self.optional(key, |value| value.whole(range))?.unwrap_or(default))
     }
 
     /// `true` or `false`, or `default` if the key is missing.
@@ -81,9 +77,7 @@ impl<'a> Section<'a> {
         words: &[(&str, T)],
         default: T,
     ) -> Result<T, InputError> {
-        Ok(self
-            .optional(key, |value| value.one_of(words))?
-            .unwrap_or(default))
+        Ok(self.optional(key, |value| value.one_of(words))?.unwrap_or(default))
     }
 
     /// Decodes every table of an array of tables (`[[key]]`) in order; empty if the key is missing.

@@ -80,13 +80,7 @@ mod tests {
 
     #[test]
     fn a_key_without_its_unit_is_taken_for_the_key() {
-        let known = [
-            "_um",
-            "limit_without_barrier_um",
-            "limit_um",
-            "limit_urad",
-            "hold_ms",
-        ];
+        let known = ["_um", "limit_without_barrier_um", "limit_um", "limit_urad", "hold_ms"];
         assert_eq!(nearest("limit", &known), Some("limit_um"));
         assert_eq!(nearest("hold", &known), Some("hold_ms"));
         assert_eq!(nearest("lim", &known), None);

@@ -29,20 +29,12 @@ pub struct Note {
 impl Note {
     /// A warning without a hint.
     pub fn warning(place: impl Into<String>, what: impl Into<String>) -> Self {
-        Self {
-            severity: Severity::Warning,
-            place: place.into(),
-            what: what.into(),
-            hint: "",
-        }
+        Self { severity: Severity::Warning, place: place.into(), what: what.into(), hint: "" }
     }
 
     /// A remark without a hint.
     pub fn info(place: impl Into<String>, what: impl Into<String>) -> Self {
-        Self {
-            severity: Severity::Info,
-            ..Self::warning(place, what)
-        }
+        Self { severity: Severity::Info, ..Self::warning(place, what) }
     }
 
     /// Adds a recommendation.

@@ -41,20 +41,14 @@ pub fn is_open_to_others(mode: u32) -> bool {
 /// # Errors
 /// The file cannot be opened, or other users may read it.
 pub fn open(path: &Path) -> Result<File, PrivateError> {
-    let failed = |source| PrivateError::Read {
-        file: path.to_owned(),
-        source,
-    };
+    let failed = |source| PrivateError::Read { file: path.to_owned(), source };
     let file = File::open(path).map_err(failed)?;
     let mode = mode(&file.metadata().map_err(failed)?);
     // The service manager keeps its credentials folder private; the modes of the files may reflect an access list.
     let is_credential =
         std::env::var_os("CREDENTIALS_DIRECTORY").is_some_and(|folder| path.starts_with(folder));
     if is_open_to_others(mode) && !is_credential {
-        return Err(PrivateError::Mode {
-            file: path.to_owned(),
-            mode,
-        });
+        return Err(PrivateError::Mode { file: path.to_owned(), mode });
     }
     Ok(file)
 }
@@ -79,10 +73,7 @@ pub fn read(path: &Path) -> Result<String, PrivateError> {
     let mut text = String::new();
     open(path)?
         .read_to_string(&mut text)
-        .map_err(|source| PrivateError::Read {
-            file: path.to_owned(),
-            source,
-        })?;
+        .map_err(|source| PrivateError::Read { file: path.to_owned(), source })?;
     Ok(text)
 }
 
@@ -97,13 +88,9 @@ mod tests {
         let dir = tempfile::tempdir().expect("writable");
         let file = dir.path().join("seed");
         fs::write(&file, "secret").expect("writable");
-        for (mode, is_taken) in [
-            (0o600, true),
-            (0o400, true),
-            (0o640, false),
-            (0o604, false),
-            (0o620, false),
-        ] {
+        for (mode, is_taken) in
+            [(0o600, true), (0o400, true), (0o640, false), (0o604, false), (0o620, false)]
+        {
             fs::set_permissions(&file, fs::Permissions::from_mode(mode)).expect("ours");
             match read(&file) {
                 Ok(text) => assert!(is_taken && text == "secret", "{mode:o}"),

@@ -3,21 +3,14 @@ pub fn quoted(text: &str) -> String {
     const LONGEST: usize = 60;
     let mut characters = text.chars();
     let shown: String =
-        characters
-            .by_ref()
-            .take(LONGEST)
-            .fold(String::new(), |mut shown, character| {
-                match character {
-                    // Show quotes and backslashes as written in the file.
-                    '"' | '\'' | '\\' => shown.push(character),
-                    _ => shown.extend(character.escape_debug()),
-                }
-                shown
-            });
-    let cut = if characters.next().is_some() {
-        "…"
-    } else {
-        ""
-    };
+        characters.by_ref().take(LONGEST).fold(String::new(), |mut shown, character| {
+            match character {
+                // Show quotes and backslashes as written in the file.
+                '"' | '\'' | '\\' => shown.push(character),
+                _ => shown.extend(character.escape_debug()),
+            }
+            shown
+        });
+    let cut = if characters.next().is_some() { "…" } else { "" };
     format!("`{shown}{cut}`")
 }

@@ -56,19 +56,13 @@ fn text_of(path: &Path, most: u64) -> Result<String, ReadError> {
     let mut bytes = Vec::new();
     File::open(path)
         .and_then(|open| open.take(most).read_to_end(&mut bytes))
-        .map_err(|source| ReadError::System {
-            file: file.clone(),
-            source,
-        })?;
+        .map_err(|source| ReadError::System { file: file.clone(), source })?;
     let is_cut = bytes.len() as u64 == most;
     String::from_utf8(bytes).or_else(|error| match error.utf8_error() {
         // The limit cut a character in two.
         end if is_cut && end.error_len().is_none() => {
             Ok(String::from_utf8_lossy(error.as_bytes()).into_owned())
         }
-        wrong => Err(ReadError::Encoding {
-            file,
-            offset: wrong.valid_up_to(),
-        }),
+        wrong => Err(ReadError::Encoding { file, offset: wrong.valid_up_to() }),
     })
 }

@@ -73,12 +73,7 @@ impl Document {
                 let error = match T::deserialize(Deserializer::from(spanned)) {
                     Ok(value) => {
                         let document = self;
-                        let mistakes = Mistakes {
-                            document,
-                            places,
-                            unread,
-                            found,
-                        };
+                        let mistakes = Mistakes { document, places, unread, found };
                         return Ok((value, mistakes));
                     }
                     Err(error) => error,
@@ -213,11 +208,7 @@ impl Mistakes<'_> {
 }
 
 fn under(above: &str, key: &str) -> String {
-    if above.is_empty() {
-        key.to_owned()
-    } else {
-        format!("{above}.{key}")
-    }
+    if above.is_empty() { key.to_owned() } else { format!("{above}.{key}") }
 }
 
 fn collect(table: &DeTable<'_>, above: &str, places: &mut Places) {
@@ -278,9 +269,9 @@ fn take<'i>(
 /// Whether a value contains a byte range. The span of a table that is written in parts covers only its first header.
 fn value_holds(value: &Spanned<DeValue<'_>>, holds: &impl Fn(Range<usize>) -> bool) -> bool {
     let inside = match value.get_ref() {
-        DeValue::Table(inner) => inner
-            .iter()
-            .any(|(key, value)| holds(key.span()) || value_holds(value, holds)),
+        DeValue::Table(inner) => {
+            inner.iter().any(|(key, value)| holds(key.span()) || value_holds(value, holds))
+        }
         DeValue::Array(items) => items.iter().any(|item| value_holds(item, holds)),
         _ => false,
     };
@@ -424,10 +415,7 @@ F:16: byte.at: found 70000, expected a whole number from 0 to 65535";
             limit_um: 3.0,
             range: [1.0, 2.5],
             word: Word::GrayCode,
-            part: vec![Part {
-                on: true,
-                inner: None,
-            }],
+            part: vec![Part { on: true, inner: None }],
             ..File::default()
         };
         assert_eq!(file, Ok(expected));

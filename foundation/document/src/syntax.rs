@@ -12,10 +12,7 @@ pub(crate) fn message(text: &str, span: &Range<usize>, parser: &str) -> String {
     let is_first = before.all(|line| line.is_empty() || line.starts_with('#'));
     let code = line.split('#').next().unwrap_or_default().trim();
     if is_first && !code.contains('=') && !code.starts_with('[') && !code.is_empty() {
-        return format!(
-            "found `{}`, expected TOML: `key = value` or `[table]`",
-            shown(code)
-        );
+        return format!("found `{}`, expected TOML: `key = value` or `[table]`", shown(code));
     }
     if parser.starts_with("unexpected leading zero")
         && let Some((whole, part)) = decimal_comma_at(text, at)
@@ -29,10 +26,7 @@ pub(crate) fn message(text: &str, span: &Range<usize>, parser: &str) -> String {
     };
     if parser.starts_with("duplicate key") {
         let key = code.split('=').next().unwrap_or_default().trim();
-        return format!(
-            "the key `{}` appears twice, expected each key once",
-            shown(key)
-        );
+        return format!("the key `{}` appears twice, expected each key once", shown(key));
     }
     if let Some((key, whole, part)) = decimal_comma_inside(value) {
         return format!(
@@ -90,9 +84,7 @@ fn decimal_comma_inside(value: &str) -> Option<(&str, &str, &str)> {
 /// Digits before and after a comma just before this offset: a list takes such a number as two.
 fn decimal_comma_at(text: &str, at: usize) -> Option<(&str, &str)> {
     let before = text.get(..at)?.strip_suffix(',')?;
-    let whole = before
-        .rsplit(|c: char| !c.is_ascii_digit() && c != '-' && c != '+')
-        .next()?;
+    let whole = before.rsplit(|c: char| !c.is_ascii_digit() && c != '-' && c != '+').next()?;
     let behind = text.get(at..)?;
     let end = behind.find(|c: char| !c.is_ascii_digit());
     let part = &behind[..end.unwrap_or(behind.len())];

@@ -82,10 +82,7 @@ fn key_count(text: &str) -> usize {
 impl Document {
     /// Builds a document from the text of `file`.
     pub fn new(file: &str, text: &str) -> Self {
-        Self {
-            name: file.to_owned(),
-            text: text.into(),
-        }
+        Self { name: file.to_owned(), text: text.into() }
     }
 
     /// Parses the text and calls `decode` with its root table.
@@ -140,9 +137,7 @@ const MEANT: usize = 4;
 /// Suggestions for an unknown word: similar expected words, or all expected words if none is similar.
 pub(crate) fn meant(found: &str, expected: &[&str]) -> String {
     let near = near(found, expected);
-    let near: Vec<String> = (near.iter().take(MEANT))
-        .map(|word| format!("`{word}`"))
-        .collect();
+    let near: Vec<String> = (near.iter().take(MEANT)).map(|word| format!("`{word}`")).collect();
     match &near[..] {
         [] => format!("expected one of: {}", expected.join(", ")),
         [one] => format!("did you mean {one}?"),
@@ -162,8 +157,7 @@ impl<'a> Section<'a> {
 
     /// Error with this message, located at this table.
     pub fn error(&self, message: impl Into<String>) -> InputError {
-        self.document
-            .error(self.span.clone(), self.key.clone(), message)
+        self.document.error(self.span.clone(), self.key.clone(), message)
     }
 
     /// Rejects unknown keys.
@@ -196,8 +190,7 @@ impl<'a> Section<'a> {
     /// # Errors
     /// The key is missing.
     pub fn require(&self, key: &str) -> Result<Value<'a>, InputError> {
-        self.get(key)
-            .ok_or_else(|| self.error(format!("key `{key}` is missing")))
+        self.get(key).ok_or_else(|| self.error(format!("key `{key}` is missing")))
     }
 
     /// Table of a key, if present.
@@ -210,11 +203,7 @@ impl<'a> Section<'a> {
 
     fn value(&self, key: &str, value: &'a Spanned<DeValue<'a>>) -> Value<'a> {
         let dot = if self.key.is_empty() { "" } else { "." };
-        Value {
-            document: self.document,
-            key: format!("{}{dot}{key}", self.key),
-            node: value,
-        }
+        Value { document: self.document, key: format!("{}{dot}{key}", self.key), node: value }
     }
 }
 
@@ -226,8 +215,7 @@ impl<'a> Value<'a> {
 
     /// Error with this message, located at the line and key of this value.
     pub fn error(&self, message: impl Into<String>) -> InputError {
-        self.document
-            .error(self.node.span(), self.key.clone(), message)
+        self.document.error(self.node.span(), self.key.clone(), message)
     }
 
     fn mismatch(&self, expected: &str) -> InputError {

@@ -44,17 +44,8 @@ pub struct UnknownAxis;
 
 impl AxisName {
     /// All letters, in the order in which volcomp lists axes: X Y Z A B C U V W.
-    pub const ALL: [Self; MAX_AXES] = [
-        Self::X,
-        Self::Y,
-        Self::Z,
-        Self::A,
-        Self::B,
-        Self::C,
-        Self::U,
-        Self::V,
-        Self::W,
-    ];
+    pub const ALL: [Self; MAX_AXES] =
+        [Self::X, Self::Y, Self::Z, Self::A, Self::B, Self::C, Self::U, Self::V, Self::W];
 
     /// Axis of an upper-case letter, `None` for any other character.
     pub fn from_letter(letter: char) -> Option<Self> {

@@ -44,11 +44,7 @@ impl Component {
 
     /// Kind of axis with the units of this component: linear for a translation, rotary for a rotation.
     pub fn kind(self) -> AxisKind {
-        if self.is_angular() {
-            AxisKind::Rotary
-        } else {
-            AxisKind::Linear
-        }
+        if self.is_angular() { AxisKind::Rotary } else { AxisKind::Linear }
     }
 
     /// Unit in keys of files and responses: `um` or `urad`.
@@ -98,20 +94,12 @@ pub struct UnknownErrorName {
 impl ErrorName {
     /// Name of the error motion `E?N` of `axis`.
     pub fn motion(component: Component, axis: AxisName) -> Self {
-        Self {
-            component,
-            axis,
-            location: false,
-        }
+        Self { component, axis, location: false }
     }
 
     /// Name of the location error `E?0N` of `axis`.
     pub fn location(component: Component, axis: AxisName) -> Self {
-        Self {
-            component,
-            axis,
-            location: true,
-        }
+        Self { component, axis, location: true }
     }
 }
 
@@ -142,9 +130,8 @@ impl FromStr for ErrorName {
             [b'E', component, axis] => (component, axis, false),
             _ => return Err(unknown()),
         };
-        let component = Component::ALL
-            .into_iter()
-            .find(|known| known.letter() == char::from(component));
+        let component =
+            Component::ALL.into_iter().find(|known| known.letter() == char::from(component));
         Ok(Self {
             component: component.ok_or_else(unknown)?,
             axis: AxisName::from_letter(char::from(axis)).ok_or_else(unknown)?,

@@ -150,9 +150,8 @@ impl<'de, T: Deserialize<'de> + Default> Visitor<'de> for Values<T> {
         let mut values: [T; MAX_AXES] = core::array::from_fn(|_| T::default());
         let mut count = 0;
         while let Some(value) = sequence.next_element()? {
-            let place = values
-                .get_mut(count)
-                .ok_or_else(|| A::Error::invalid_length(count + 1, &self))?;
+            let place =
+                values.get_mut(count).ok_or_else(|| A::Error::invalid_length(count + 1, &self))?;
             *place = value;
             count += 1;
         }

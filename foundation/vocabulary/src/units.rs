@@ -282,9 +282,5 @@ fn rounded(value: f64) -> f64 {
     // Adding and subtracting 1.5·2⁵² rounds to a whole number without libm.
     const WHOLE: f64 = 6_755_399_441_055_744.0;
     let thousandths = value * 1e3;
-    if thousandths.abs() < 1e15 {
-        ((thousandths + WHOLE) - WHOLE) / 1e3
-    } else {
-        value
-    }
+    if thousandths.abs() < 1e15 { ((thousandths + WHOLE) - WHOLE) / 1e3 } else { value }
 }

@@ -7,10 +7,7 @@ const MAX_NAME_BYTES: usize = 120;
 pub fn sanitised(name: &str) -> Option<String> {
     let last = name.rsplit(['/', '\\']).next().unwrap_or_default();
     let is_plain = |c: char| c.is_alphanumeric() || matches!(c, '-' | '_' | '.' | '+' | ' ');
-    let plain: String = last
-        .chars()
-        .map(|c| if is_plain(c) { c } else { '_' })
-        .collect();
+    let plain: String = last.chars().map(|c| if is_plain(c) { c } else { '_' }).collect();
     let mut plain = plain.trim_matches(['.', ' ']).to_owned();
     if plain.len() > MAX_NAME_BYTES {
         // Keep the extension, which determines how the file is read.

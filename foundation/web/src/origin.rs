@@ -28,10 +28,7 @@ mod tests {
             (&[host, ("origin", "http://mill.lan:8080")], false),
             (&[host, ("origin", "https://MILL.lan:8080")], false),
             (&[host, ("origin", "http://mill.lan")], true),
-            (
-                &[host, ("origin", "http://evil.example/mill.lan:8080")],
-                true,
-            ),
+            (&[host, ("origin", "http://evil.example/mill.lan:8080")], true),
             (&[host, ("origin", "ftp://mill.lan:8080")], true),
             (&[host, ("origin", "null")], true),
             (&[host, ("origin", "")], true),
@@ -40,14 +37,7 @@ mod tests {
             (&[host, ("sec-fetch-site", "none")], false),
             (&[host, ("sec-fetch-site", "same-site")], true),
             (&[host, ("sec-fetch-site", "cross-site")], true),
-            (
-                &[
-                    host,
-                    ("origin", "http://mill.lan:8080"),
-                    ("sec-fetch-site", "cross-site"),
-                ],
-                true,
-            ),
+            (&[host, ("origin", "http://mill.lan:8080"), ("sec-fetch-site", "cross-site")], true),
         ] {
             let mut headers = HeaderMap::new();
             for (name, value) in said {

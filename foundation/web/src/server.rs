@@ -49,9 +49,7 @@ pub async fn serve(listener: TcpListener, tls: Option<Tls>, router: Router) {
         let (router, tls) = (router.clone().layer(Extension(from)), tls.clone());
         let served = tokio::spawn(connection(stream, from, tls, router).in_current_span());
         open.push_back(served.abort_handle());
-        let mut all = ALL_CONNECTIONS
-            .lock()
-            .unwrap_or_else(PoisonError::into_inner);
+        let mut all = ALL_CONNECTIONS.lock().unwrap_or_else(PoisonError::into_inner);
         make_place(&mut all, MAX_TOTAL_CONNECTIONS);
         all.push_back(served.abort_handle());
     }

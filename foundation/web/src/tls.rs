@@ -89,11 +89,7 @@ pub fn acceptor(certificate: &Path, key: &Path) -> Result<Tls, TlsError> {
     let private = private.map_err(|e| wrong(key, e.into()))?;
     let config = ServerConfig::builder_with_provider(Arc::new(ring::default_provider()))
         .with_safe_default_protocol_versions()
-        .and_then(|builder| {
-            builder
-                .with_no_client_auth()
-                .with_single_cert(certificates, private)
-        })
+        .and_then(|builder| builder.with_no_client_auth().with_single_cert(certificates, private))
         .map_err(|e| wrong(certificate, e.into()))?;
     Ok(Tls::from(Arc::new(config)))
 }
@@ -104,11 +100,8 @@ pub fn acceptor(certificate: &Path, key: &Path) -> Result<Tls, TlsError> {
 /// # Errors
 /// Invalid names, a folder that cannot be written, files that exist already.
 pub fn make(dir: &Path, names: &[String]) -> Result<[PathBuf; 2], TlsError> {
-    let pair =
-        rcgen::generate_simple_self_signed(names.to_vec()).map_err(|source| TlsError::Names {
-            names: names.join(", "),
-            source,
-        })?;
+    let pair = rcgen::generate_simple_self_signed(names.to_vec())
+        .map_err(|source| TlsError::Names { names: names.join(", "), source })?;
     let [certificate, key] = ["certificate.pem", "key.pem"].map(|name| dir.join(name));
     let write = |path: &Path, mode: u32, text: &str| {
         let mut options = OpenOptions::new();
@@ -119,8 +112,7 @@ pub fn make(dir: &Path, names: &[String]) -> Result<[PathBuf; 2], TlsError> {
         #[cfg(not(unix))]
         let _ = mode;
         let file = options.open(path);
-        file.and_then(|mut file| file.write_all(text.as_bytes()))
-            .map_err(failed(path))
+        file.and_then(|mut file| file.write_all(text.as_bytes())).map_err(failed(path))
     };
     std::fs::create_dir_all(dir).map_err(failed(dir))?;
     write(&key, 0o600, &pair.signing_key.serialize_pem())?;

@@ -27,11 +27,8 @@ pub(crate) fn by_hand<S: ErrorSource>(
 ) -> [Vector3<f64>; 2] {
     let (mut actual, mut ideal) = (Matrix4::identity(), Matrix4::identity());
     for (i, (joint, &q)) in chain.joints().iter().zip(&state.q).enumerate() {
-        let (e, s, location) = (
-            errors.error_motion(i, state),
-            errors.assembly(i),
-            errors.location(i),
-        );
+        let (e, s, location) =
+            (errors.error_motion(i, state), errors.assembly(i), errors.location(i));
         let mut error = about(&small_rotation(&e.angular_rad), &joint.point_mm);
         for k in 0..3 {
             error[(k, 3)] += e.linear_mm[k];

@@ -11,10 +11,8 @@ fn vector(size: f64) -> impl Strategy<Value = Vector3<f64>> {
 }
 
 fn twist(angle: f64) -> impl Strategy<Value = Twist> {
-    (vector(1000.0), vector(angle)).prop_map(|(linear_mm, angular_rad)| Twist {
-        linear_mm,
-        angular_rad,
-    })
+    (vector(1000.0), vector(angle))
+        .prop_map(|(linear_mm, angular_rad)| Twist { linear_mm, angular_rad })
 }
 
 fn distance(a: &Twist, b: &Twist) -> f64 {

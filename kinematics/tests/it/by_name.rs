@@ -7,11 +7,7 @@ use volcomp_vocabulary::AxisName;
 /// The ideal tip of a chain of linear axes is at their coordinates, for any order of the chain and of the call.
 #[test]
 fn a_coordinate_goes_to_its_axis() {
-    let at = [
-        (AxisName::X, 10.0),
-        (AxisName::Y, 200.0),
-        (AxisName::Z, -3.0),
-    ];
+    let at = [(AxisName::X, 10.0), (AxisName::Y, 200.0), (AxisName::Z, -3.0)];
     for structure in ["w X' b Y Z t", "w Z' Y' X' b t", "w b Y X Z t"] {
         let chain = Chain::new(structure.parse().unwrap());
         for turn in 0..3 {
@@ -36,10 +32,7 @@ fn a_correction_is_read_by_name() {
         for &axis in structure.axes() {
             let expected = if axis == AxisName::Y { -4e-3 } else { 0.0 };
             let delta = chain.of_axis(axis, &found.delta).unwrap();
-            assert!(
-                (delta - expected).abs() < 1e-9,
-                "{structure} {axis}: {delta}"
-            );
+            assert!((delta - expected).abs() < 1e-9, "{structure} {axis}: {delta}");
         }
     }
 }
@@ -49,18 +42,9 @@ fn an_axis_that_is_unknown_missing_or_named_twice_is_refused() {
     let chain = Chain::new("w C' X' b Y t".parse().unwrap());
     let (x, y, c) = ((AxisName::X, 1.0), (AxisName::Y, 2.0), (AxisName::C, 0.1));
     for (coordinates, expected) in [
-        (
-            &[x, y, c, (AxisName::Z, 3.0)][..],
-            "the structure `w C' X' b Y t` has no axis Z",
-        ),
-        (
-            &[c, y],
-            "axis X has no value, expected one for each axis of `w C' X' b Y t`",
-        ),
-        (
-            &[],
-            "axis C has no value, expected one for each axis of `w C' X' b Y t`",
-        ),
+        (&[x, y, c, (AxisName::Z, 3.0)][..], "the structure `w C' X' b Y t` has no axis Z"),
+        (&[c, y], "axis X has no value, expected one for each axis of `w C' X' b Y t`"),
+        (&[], "axis C has no value, expected one for each axis of `w C' X' b Y t`"),
         (&[x, y, c, x], "axis X has two values, expected one"),
     ] {
         let refused = State::new(&chain, coordinates.iter().copied()).unwrap_err();

@@ -15,9 +15,7 @@ use crate::{motion, placed, seeded, state, vector};
 
 fn difference(a: &Pose, b: &Pose) -> f64 {
     let turned = (a.rotation - b.rotation).abs().max();
-    (a.translation_mm - b.translation_mm)
-        .amax()
-        .max(turned * 1e3)
+    (a.translation_mm - b.translation_mm).amax().max(turned * 1e3)
 }
 
 /// T(q) = base · Π A(q) · tool, each A from its four elementary motions.
@@ -70,14 +68,8 @@ fn a_table_moves_as_its_chain_in_every_type() {
                 // Oblique axes can be almost parallel, with a distant common normal.
                 let within = if oblique { 1e-6 } else { 1e-9 };
                 let from_table = plain_product(&table, &chain, &state);
-                assert!(
-                    difference(&from_table, &ideal) < within,
-                    "{structure}: {table:?}"
-                );
-                assert!(
-                    difference(&back.ideal_pose(&state), &ideal) < within,
-                    "{structure}"
-                );
+                assert!(difference(&from_table, &ideal) < within, "{structure}: {table:?}");
+                assert!(difference(&back.ideal_pose(&state), &ideal) < within, "{structure}");
             }
         }
     }
@@ -87,10 +79,7 @@ fn a_table_moves_as_its_chain_in_every_type() {
 /// links are in the rows of the next joints.
 #[test]
 fn a_proximal_table_has_its_links_in_the_next_row() {
-    let row = |a_mm| DhRow {
-        a_mm,
-        ..DhRow::default()
-    };
+    let row = |a_mm| DhRow { a_mm, ..DhRow::default() };
     let proximal = DhTable {
         convention: DhConvention::Proximal,
         base: Pose::identity(),
@@ -98,11 +87,7 @@ fn a_proximal_table_has_its_links_in_the_next_row() {
     };
     let structure: volcomp_kinematics::Structure = "w b A B C t".parse().unwrap();
     let chain = proximal.to_chain(structure.clone()).unwrap();
-    let points: Vec<f64> = chain
-        .joints()
-        .iter()
-        .map(|joint| joint.point_mm.x)
-        .collect();
+    let points: Vec<f64> = chain.joints().iter().map(|joint| joint.point_mm.x).collect();
     assert_eq!(points, [0.0, 300.0, 500.0]);
     let distal = proximal.in_convention(DhConvention::Distal);
     let links: Vec<f64> = distal.rows.iter().map(|row| row.a_mm).collect();
@@ -120,10 +105,7 @@ fn a_proximal_table_has_its_links_in_the_next_row() {
 /// Two links in a plane, the textbook's first table: x = a1 cos q1 + a2 cos(q1 + q2).
 #[test]
 fn two_links_in_a_plane() {
-    let row = |a_mm| DhRow {
-        a_mm,
-        ..DhRow::default()
-    };
+    let row = |a_mm| DhRow { a_mm, ..DhRow::default() };
     let table = DhTable {
         convention: DhConvention::Distal,
         base: Pose::identity(),
@@ -159,11 +141,8 @@ fn opposite_and_coinciding_axes_have_a_table() {
     assert_eq!(table.rows[0].alpha_rad, PI);
     assert_eq!(table.rows[0].a_mm, 0.0);
     assert!((table.rows[1].a_mm - 50.0).abs() < 1e-12);
-    let state = State::new(
-        &chain,
-        [(AxisName::C, 0.4), (AxisName::A, 1.2), (AxisName::B, -0.7)],
-    )
-    .unwrap();
+    let state =
+        State::new(&chain, [(AxisName::C, 0.4), (AxisName::A, 1.2), (AxisName::B, -0.7)]).unwrap();
     let moved = plain_product(&table, &chain, &state);
     assert!(difference(&moved, &chain.ideal_pose(&state)) < 1e-9);
 }
@@ -207,9 +186,7 @@ fn real_axes_are_location_errors() {
 #[test]
 fn an_axis_the_other_way_round_is_half_a_turn() {
     let chain = Chain::new("w b X C t".parse().unwrap());
-    let real = Screw::Prismatic {
-        direction: -Vector3::x(),
-    };
+    let real = Screw::Prismatic { direction: -Vector3::x() };
     let location = chain.joints()[0].location_of(&real);
     assert!((location.angular_rad.norm() - PI).abs() < 1e-12);
     assert_eq!(location.linear_mm, Vector3::zeros());
@@ -217,36 +194,22 @@ fn an_axis_the_other_way_round_is_half_a_turn() {
         panic!("a sliding joint");
     };
     assert!((direction + Vector3::x()).norm() < 1e-12);
-    assert_eq!(
-        chain.joints()[1].location_of(&chain.joints()[1].screw()),
-        ErrorMotion::ZERO
-    );
+    assert_eq!(chain.joints()[1].location_of(&chain.joints()[1].screw()), ErrorMotion::ZERO);
 }
 
 #[test]
 fn what_makes_no_chain_is_named() {
     let structure: volcomp_kinematics::Structure = "w b X C t".parse().unwrap();
-    let slide = Screw::Prismatic {
-        direction: Vector3::x(),
-    };
+    let slide = Screw::Prismatic { direction: Vector3::x() };
     let turn = |pitch_mm| Screw::Revolute {
         direction: Vector3::z(),
         point_mm: Vector3::zeros(),
         pitch_mm,
     };
     for (screws, expected) in [
-        (
-            vec![slide],
-            "found 1 joints for the structure `w b X C t`, expected 2",
-        ),
-        (
-            vec![slide, slide],
-            "axis C: found a sliding joint, expected a turning one",
-        ),
-        (
-            vec![turn(0.0), turn(0.0)],
-            "axis X: found a turning joint, expected a sliding one",
-        ),
+        (vec![slide], "found 1 joints for the structure `w b X C t`, expected 2"),
+        (vec![slide, slide], "axis C: found a sliding joint, expected a turning one"),
+        (vec![turn(0.0), turn(0.0)], "axis X: found a turning joint, expected a sliding one"),
         (vec![slide, turn(5.0)], "axis C: found a helical joint"),
     ] {
         let error = Chain::from_screws(structure.clone(), &screws).unwrap_err();
@@ -254,10 +217,7 @@ fn what_makes_no_chain_is_named() {
     }
     let table = DhTable {
         convention: DhConvention::Distal,
-        base: Pose {
-            rotation: Matrix3::from_element(f64::NAN),
-            translation_mm: Vector3::zeros(),
-        },
+        base: Pose { rotation: Matrix3::from_element(f64::NAN), translation_mm: Vector3::zeros() },
         rows: [DhRow::default(); 2].into_iter().collect(),
     };
     assert!(table.to_chain(structure.clone()).is_err());
@@ -266,11 +226,5 @@ fn what_makes_no_chain_is_named() {
         base: Pose::identity(),
         rows: [DhRow::default()].into_iter().collect(),
     };
-    assert!(
-        short
-            .to_chain(structure)
-            .unwrap_err()
-            .to_string()
-            .contains("found 1 joints")
-    );
+    assert!(short.to_chain(structure).unwrap_err().to_string().contains("found 1 joints"));
 }

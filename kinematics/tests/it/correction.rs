@@ -22,10 +22,7 @@ impl ErrorSource for Wavy {
     fn error_motion(&self, axis: usize, state: &State) -> ErrorMotion {
         let wave = (state.q[axis] / 80.0 + self.waves[axis]).sin();
         let motion = self.base.motion[axis];
-        ErrorMotion {
-            linear_mm: motion.linear_mm * wave,
-            angular_rad: motion.angular_rad * wave,
-        }
+        ErrorMotion { linear_mm: motion.linear_mm * wave, angular_rad: motion.angular_rad * wave }
     }
     fn location(&self, axis: usize) -> ErrorMotion {
         self.base.location[axis]
@@ -35,9 +32,8 @@ impl ErrorSource for Wavy {
 /// Singular values of the nominal rows by another method: the tool axis's rotation by finite differences, decomposed by nalgebra.
 fn nominal_singular_values(chain: &Chain, state: &State) -> Vec<f64> {
     let axis = |state: &State| chain.ideal_pose(state).rotation * chain.tool_axis();
-    let rotary: Vec<usize> = (0..chain.joints().len())
-        .filter(|&i| chain.joints()[i].kind == AxisKind::Rotary)
-        .collect();
+    let rotary: Vec<usize> =
+        (0..chain.joints().len()).filter(|&i| chain.joints()[i].kind == AxisKind::Rotary).collect();
     let mut rows = DMatrix::zeros(3, rotary.len().max(1));
     for (column, &index) in rotary.iter().enumerate() {
         let (mut plus, mut minus) = (*state, *state);
@@ -89,29 +85,19 @@ fn check(chain: &Chain, source: &impl ErrorSource, state: &State) -> Correction 
         "{structure}: {} um",
         found.residual_mm.norm() * 1e3
     );
-    assert!(
-        found.iterations <= 4,
-        "{structure}: {} iterations",
-        found.iterations
-    );
+    assert!(found.iterations <= 4, "{structure}: {} iterations", found.iterations);
     // The residual is the error of the actual machine at the corrected command.
     let mut command = *state;
     for (q, delta) in command.q.iter_mut().zip(found.delta) {
         *q += delta;
     }
     let tip = actual_pose(chain, source, &command).transform_point(&chain.tool_tip_mm());
-    let ideal = chain
-        .ideal_pose(state)
-        .transform_point(&chain.tool_tip_mm());
+    let ideal = chain.ideal_pose(state).transform_point(&chain.tool_tip_mm());
     assert!((tip - ideal - found.residual_mm).norm() < 1e-12);
     let most = 50.0 * tool_axis_error_rad(chain, source, state);
     for (joint, delta) in chain.joints().iter().zip(found.delta) {
         if joint.kind == AxisKind::Rotary {
-            assert!(
-                delta.abs() <= most * 1.001,
-                "{structure} {}: {delta} over {most}",
-                joint.name
-            );
+            assert!(delta.abs() <= most * 1.001, "{structure} {}: {delta} over {most}", joint.name);
         }
     }
     found
@@ -129,10 +115,7 @@ fn nothing_is_left_at_a_thousand_poses_of_each_type() {
         for pose in 0..1000 {
             let mut base = every_error(&chain, &mut rng);
             base.assembly = GivenErrors::default().assembly;
-            let source = Wavy {
-                base,
-                waves: [(); MAX_AXES].map(|()| rng.random_range(0.0..6.0)),
-            };
+            let source = Wavy { base, waves: [(); MAX_AXES].map(|()| rng.random_range(0.0..6.0)) };
             let mut state = state(&chain, &mut rng);
             // A third of the poses are at the singular one, or within 0.1° or 5° of it.
             if pose % 3 == 0 {
@@ -149,11 +132,7 @@ fn nothing_is_left_at_a_thousand_poses_of_each_type() {
             if values.iter().all(|s| (s - SINGULAR_BELOW).abs() > 1e-6) {
                 assert_eq!(found.tool_axis_partial, kept < 2, "{structure}: {values:?}");
             }
-            if rotary.len() >= 2
-                && values
-                    .iter()
-                    .all(|s| (s - NEAR_SINGULAR_BELOW).abs() > 1e-6)
-            {
+            if rotary.len() >= 2 && values.iter().all(|s| (s - NEAR_SINGULAR_BELOW).abs() > 1e-6) {
                 let near = values.get(1).is_none_or(|&s| s < NEAR_SINGULAR_BELOW);
                 assert_eq!(found.near_singular, near, "{structure}: {values:?}");
                 neighbours += usize::from(near && !found.tool_axis_partial);
@@ -193,10 +172,7 @@ fn passing_the_edge_of_a_singular_pose_turns_nothing_at_once() {
         state.q[a] = a_rad;
         state.q[c] = 0.3;
         let found = correct(&chain, &errors, &state, &CorrectionOptions::default());
-        assert!(
-            found.converged && found.residual_mm.norm() < 1e-8,
-            "{a_rad}"
-        );
+        assert!(found.converged && found.residual_mm.norm() < 1e-8, "{a_rad}");
         found.delta[c]
     };
     let digit = 0.001_f64.to_radians();
@@ -219,24 +195,12 @@ fn one_rotary_axis_corrects_what_it_can() {
     chain.set_tool([0.0, 0.0, -100.0], [0.0, 0.0, 1.0]).unwrap();
     let mut errors = GivenErrors::default();
     errors.motion[0] = ErrorMotion::from_um_urad([5.0, 6.0, 7.0, 30.0, 20.0, 10.0]);
-    let found = correct(
-        &chain,
-        &errors,
-        &State::default(),
-        &CorrectionOptions::default(),
-    );
+    let found = correct(&chain, &errors, &State::default(), &CorrectionOptions::default());
     assert!(found.tool_axis_partial && !found.near_singular && found.converged);
-    assert!(
-        (found.delta[3] + 20e-6).abs() < 1e-9,
-        "B takes the 20 µrad about Y"
-    );
+    assert!((found.delta[3] + 20e-6).abs() < 1e-9, "B takes the 20 µrad about Y");
     // 30 µrad about X tilt the axis (0, 0, 1) by −30 µrad along Y; that remains.
     let left = Vector3::new(0.0, -30e-6, 0.0);
-    assert!(
-        (found.residual_axis - left).norm() < 1e-9,
-        "{}",
-        found.residual_axis
-    );
+    assert!((found.residual_axis - left).norm() < 1e-9, "{}", found.residual_axis);
     assert!(found.residual_mm.norm() < 1e-8);
 }
 
@@ -265,30 +229,15 @@ fn a_correction_says_whether_it_converged() {
     base.motion[0] = ErrorMotion::from_um_urad([300.0, 0.0, 0.0, 0.0, 0.0, 900.0]);
     let waves = [1.0; MAX_AXES];
     let source = Wavy { base, waves };
-    let state = State::new(
-        &chain,
-        [
-            (AxisName::X, 20.0),
-            (AxisName::Y, 100.0),
-            (AxisName::Z, 0.0),
-        ],
-    )
-    .unwrap();
+    let state = State::new(&chain, [(AxisName::X, 20.0), (AxisName::Y, 100.0), (AxisName::Z, 0.0)])
+        .unwrap();
     let found = |options: &CorrectionOptions| correct(&chain, &source, &state, options);
     let exact = found(&CorrectionOptions::default());
-    assert!(
-        exact.converged && exact.residual_mm.norm() <= 1e-8,
-        "{exact:?}"
-    );
+    assert!(exact.converged && exact.residual_mm.norm() <= 1e-8, "{exact:?}");
     let one_step = found(&CorrectionOptions::first_order());
-    assert!(
-        !one_step.converged && one_step.residual_mm.norm() > 1e-8,
-        "{one_step:?}"
-    );
-    let impossible = found(&CorrectionOptions {
-        position_tolerance_mm: -1.0,
-        ..CorrectionOptions::default()
-    });
+    assert!(!one_step.converged && one_step.residual_mm.norm() > 1e-8, "{one_step:?}");
+    let impossible =
+        found(&CorrectionOptions { position_tolerance_mm: -1.0, ..CorrectionOptions::default() });
     assert!(!impossible.converged);
 }
 
@@ -297,12 +246,7 @@ fn a_missing_direction_is_left_as_residual() {
     let chain = Chain::new("w b X Z t".parse().unwrap());
     let mut errors = GivenErrors::default();
     errors.motion[0] = ErrorMotion::from_um_urad([3.0, 4.0, 5.0, 0.0, 0.0, 0.0]);
-    let found = correct(
-        &chain,
-        &errors,
-        &State::default(),
-        &CorrectionOptions::default(),
-    );
+    let found = correct(&chain, &errors, &State::default(), &CorrectionOptions::default());
     assert!((found.residual_mm - Vector3::new(0.0, 4e-3, 0.0)).norm() < 1e-9);
     assert!((found.delta[0] + 3e-3).abs() < 1e-9 && (found.delta[1] + 5e-3).abs() < 1e-9);
 }
@@ -326,10 +270,7 @@ fn a_pose_that_is_no_number_has_no_correction() {
         )
         .unwrap();
         let found = correct(&chain, &errors, &state, &CorrectionOptions::default());
-        assert!(
-            found.delta[..5].iter().all(|delta| !delta.is_finite()),
-            "{found:?}"
-        );
+        assert!(found.delta[..5].iter().all(|delta| !delta.is_finite()), "{found:?}");
         assert!(!found.converged);
     }
 }
@@ -340,11 +281,6 @@ fn nan_ends_and_does_not_panic() {
     let mut errors = GivenErrors::default();
     errors.motion[2] = motion(&mut seeded(6));
     errors.motion[2].linear_mm.x = f64::NAN;
-    let found = correct(
-        &chain,
-        &errors,
-        &State::default(),
-        &CorrectionOptions::default(),
-    );
+    let found = correct(&chain, &errors, &State::default(), &CorrectionOptions::default());
     assert!(found.residual_mm.x.is_nan() && !found.converged);
 }

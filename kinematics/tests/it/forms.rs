@@ -49,11 +49,7 @@ fn errors_in_the_turning_frame_turn_with_the_axis() {
             let turning = moved(&chain, form);
             // On the tool side the rotating frame is that of the tool, with its X along Y of the workpiece. On the workpiece side it is
             // that of the workpiece, from which the non-rotating frame is seen.
-            let (along_x, along_y) = if sign > 0.0 {
-                (fixed, turning)
-            } else {
-                (turning, fixed)
-            };
+            let (along_x, along_y) = if sign > 0.0 { (fixed, turning) } else { (turning, fixed) };
             let off_x = (along_x - Vector3::x() * 10.0).norm();
             let off_y = (along_y - Vector3::y() * 10.0).norm();
             assert!(off_x < 1e-9 && off_y < 1e-9, "{structure} {form}");
@@ -62,21 +58,16 @@ fn errors_in_the_turning_frame_turn_with_the_axis() {
     let mut chain = Chain::new("w b X t".parse().unwrap());
     let x = chain.structure().axes()[0];
     let refused = chain.set_motion_frame(x, MotionFrame::Turning).unwrap_err();
-    assert!(
-        refused.to_string().contains("axis X is linear"),
-        "{refused}"
-    );
+    assert!(refused.to_string().contains("axis X is linear"), "{refused}");
 }
 
 #[test]
 fn exact_and_htm_are_the_products_in_plain_matrices() {
     let mut rng = seeded(1);
     for structure in all_types() {
-        for (oblique, frame) in [
-            (false, MotionFrame::Fixed),
-            (true, MotionFrame::Fixed),
-            (true, MotionFrame::Turning),
-        ] {
+        for (oblique, frame) in
+            [(false, MotionFrame::Fixed), (true, MotionFrame::Fixed), (true, MotionFrame::Turning)]
+        {
             let mut chain = placed(&structure, &mut rng);
             in_frame(&mut chain, frame);
             if oblique {
@@ -127,10 +118,7 @@ fn all_forms_agree_to_first_order() {
             }
         }
     }
-    println!(
-        "largest distance from exact: htm {} um, twist {} um",
-        worst[0], worst[1]
-    );
+    println!("largest distance from exact: htm {} um, twist {} um", worst[0], worst[1]);
     assert!(worst[0] < 0.1 && worst[1] < 0.1, "{worst:?}");
 }
 
@@ -145,11 +133,7 @@ fn twist_is_the_first_order_part_of_exact() {
         let state = state(&chain, &mut rng);
         let distance = |factor: f64| {
             let mut errors = full.clone();
-            let sets = [
-                &mut errors.motion,
-                &mut errors.location,
-                &mut errors.assembly,
-            ];
+            let sets = [&mut errors.motion, &mut errors.location, &mut errors.assembly];
             for error in sets.into_iter().flatten() {
                 error.linear_mm *= factor;
                 error.angular_rad *= factor;

@@ -22,18 +22,9 @@ fn numbers_that_are_none_and_axes_that_are_not_there_are_refused() {
         );
     }
     let refused = errors.set(&chain, name("EYX"), f64::NAN).unwrap_err();
-    assert_eq!(
-        refused.to_string(),
-        "EYX is NaN, expected a finite number of µm"
-    );
+    assert_eq!(refused.to_string(), "EYX is NaN, expected a finite number of µm");
     let refused = errors.set(&chain, name("EZB"), 1.0);
-    assert!(matches!(
-        refused,
-        Err(ChainError::NoSuchAxis {
-            axis: AxisName::B,
-            ..
-        })
-    ));
+    assert!(matches!(refused, Err(ChainError::NoSuchAxis { axis: AxisName::B, .. })));
     assert_eq!(errors, GivenErrors::default());
 }
 
@@ -41,9 +32,7 @@ fn numbers_that_are_none_and_axes_that_are_not_there_are_refused() {
 #[test]
 fn a_location_error_is_refused_where_it_moves_nothing() {
     let mut chain = Chain::new("w C' X' b Y Z B t".parse().unwrap());
-    chain
-        .set_tool([10.0, 20.0, -150.0], [0.0, 0.0, 1.0])
-        .unwrap();
+    chain.set_tool([10.0, 20.0, -150.0], [0.0, 0.0, 1.0]).unwrap();
     chain.set_direction(AxisName::Y, [0.1, 1.0, 0.0]).unwrap();
     let state = State::new(
         &chain,
@@ -88,10 +77,7 @@ fn a_location_error_is_refused_where_it_moves_nothing() {
     };
     assert_eq!(
         reason,
-        NoEffect::OffsetOfLinearAxis(InsteadConstant {
-            error: name("EXX"),
-            side: Side::Workpiece,
-        })
+        NoEffect::OffsetOfLinearAxis(InsteadConstant { error: name("EXX"), side: Side::Workpiece })
     );
     let mut errors = GivenErrors::default();
     errors.set(&chain, name("EXX"), 5.0).unwrap();
@@ -103,9 +89,7 @@ fn a_location_error_is_refused_where_it_moves_nothing() {
 #[test]
 fn the_constant_that_is_named_says_the_same() {
     let mut chain = Chain::new("w C' X' b Y Z B t".parse().unwrap());
-    chain
-        .set_tool([10.0, 20.0, -150.0], [0.0, 0.0, 1.0])
-        .unwrap();
+    chain.set_tool([10.0, 20.0, -150.0], [0.0, 0.0, 1.0]).unwrap();
     let state = State::new(
         &chain,
         [
@@ -148,21 +132,12 @@ fn the_constant_that_is_named_says_the_same() {
                 .map(|errors| plain::error(&chain, errors, &state, Form::Exact));
             for (expected, found) in expected.iter().flatten().zip(found.iter().flatten()) {
                 let error = instead.error;
-                assert!(
-                    (expected - found).abs() < 1e-9,
-                    "{error}: {found}, expected {expected}"
-                );
+                assert!((expected - found).abs() < 1e-9, "{error}: {found}, expected {expected}");
             }
             named.push(reason.to_string());
         }
     }
     let told = |key: &str| named.iter().any(|line| line.contains(key));
-    assert!(
-        told("into the constant of EZC, with the opposite sign"),
-        "{named:#?}"
-    );
-    assert!(
-        told("into the constant of EYB, with the same sign"),
-        "{named:#?}"
-    );
+    assert!(told("into the constant of EZC, with the opposite sign"), "{named:#?}");
+    assert!(told("into the constant of EYB, with the same sign"), "{named:#?}");
 }

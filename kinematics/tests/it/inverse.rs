@@ -13,10 +13,7 @@ const ANY: PerAxis<[f64; 2]> = PerAxis([[f64::NEG_INFINITY, f64::INFINITY]; 9]);
 
 fn rotary(chain: &Chain) -> Vec<usize> {
     let joints = chain.joints().iter().enumerate();
-    joints
-        .filter(|(_, joint)| joint.kind == AxisKind::Rotary)
-        .map(|(index, _)| index)
-        .collect()
+    joints.filter(|(_, joint)| joint.kind == AxisKind::Rotary).map(|(index, _)| index).collect()
 }
 
 fn tool_axis(chain: &Chain, state: &State) -> Vector3<f64> {
@@ -26,9 +23,7 @@ fn tool_axis(chain: &Chain, state: &State) -> Vector3<f64> {
 /// Every solution, with the linear axes moved so that the tip is reached.
 fn solutions(chain: &Chain, at: &State) -> Vec<State> {
     let (tip, axis) = (chain.ideal_tip_mm(at), tool_axis(chain, at));
-    let pointings = chain
-        .pointing(&axis, &rotary(chain), &State::default())
-        .unwrap();
+    let pointings = chain.pointing(&axis, &rotary(chain), &State::default()).unwrap();
     let reach = |pointing: &volcomp_kinematics::Pointing| {
         chain.reaching(&tip, &pointing.state, &ANY).unwrap()
     };
@@ -95,16 +90,12 @@ fn a_singular_pose_names_the_axis_that_is_free() {
     ] {
         let chain = Chain::new(structure.parse().unwrap());
         let places = rotary(&chain);
-        let mut at = State {
-            q: PerAxis::leading([10.0, 20.0, 30.0, 40.0, 50.0]),
-            ..State::default()
-        };
+        let mut at =
+            State { q: PerAxis::leading([10.0, 20.0, 30.0, 40.0, 50.0]), ..State::default() };
         (at.q[places[0]], at.q[places[1]]) = (b_or_a[0], b_or_a[1]);
         let free = chain.structure().index_of(free);
         held.q[free.unwrap()] = 0.25;
-        let found = chain
-            .pointing(&tool_axis(&chain, &at), &places, &held)
-            .unwrap();
+        let found = chain.pointing(&tool_axis(&chain, &at), &places, &held).unwrap();
         assert_eq!(found.len(), 1, "{structure}");
         assert_eq!(found[0].free, free, "{structure}");
         assert_eq!(found[0].state.q[free.unwrap()], 0.25);
@@ -120,40 +111,23 @@ fn what_cannot_be_reached_says_by_how_much() {
     chain.set_direction(AxisName::B, [0.0, 1.0, 1.0]).unwrap();
     let down = -Vector3::z();
     let refused = chain.pointing(&down, &rotary(&chain), &State::default());
-    let Err(NoSolution::ToolAxis { miss_rad }) = refused else {
-        panic!("{refused:?}")
-    };
+    let Err(NoSolution::ToolAxis { miss_rad }) = refused else { panic!("{refused:?}") };
     assert!((miss_rad - FRAC_PI_2).abs() < 1e-12, "{miss_rad}");
     let side = Vector3::x();
-    let found = chain
-        .pointing(&side, &rotary(&chain), &State::default())
-        .unwrap();
+    let found = chain.pointing(&side, &rotary(&chain), &State::default()).unwrap();
     assert!((tool_axis(&chain, &found[0].state) - side).norm() < 1e-7);
     // At that limit both solutions are one.
     assert_eq!(found.len(), 1);
     let three = Chain::new("w b X Y Z t".parse().unwrap());
-    assert!(
-        three
-            .pointing(&Vector3::z(), &[], &State::default())
-            .is_ok()
-    );
+    assert!(three.pointing(&Vector3::z(), &[], &State::default()).is_ok());
     assert!(three.pointing(&side, &[], &State::default()).is_err());
-    assert!(
-        three
-            .pointing(&Vector3::zeros(), &[], &State::default())
-            .is_err()
-    );
+    assert!(three.pointing(&Vector3::zeros(), &[], &State::default()).is_err());
     let two = Chain::new("w b X Y t".parse().unwrap());
     let state = State::default();
     let refused = two.reaching(&Vector3::new(1.0, 2.0, 3.0), &state, &ANY);
     assert_eq!(refused, Err(NoSolution::Tip { miss_mm: 3.0 }));
-    assert!(
-        two.reaching(&Vector3::new(1.0, 2.0, f64::NAN), &state, &ANY)
-            .is_err()
-    );
-    let found = two
-        .reaching(&Vector3::new(1.0, 2.0, 0.0), &state, &ANY)
-        .unwrap();
+    assert!(two.reaching(&Vector3::new(1.0, 2.0, f64::NAN), &state, &ANY).is_err());
+    let found = two.reaching(&Vector3::new(1.0, 2.0, 0.0), &state, &ANY).unwrap();
     assert_eq!(found.q[..2], [1.0, 2.0]);
 }
 
@@ -166,18 +140,12 @@ fn redundant_linear_axes_share_what_one_cannot_reach() {
     travel[3] = [-50.0, 100.0];
     let state = State::default();
     let at = |x: f64| chain.reaching(&Vector3::new(x, 20.0, -30.0), &state, &travel);
-    for (x, expected) in [
-        (400.0, [400.0, 0.0]),
-        (560.0, [500.0, 60.0]),
-        (-20.0, [0.0, -20.0]),
-    ] {
+    for (x, expected) in [(400.0, [400.0, 0.0]), (560.0, [500.0, 60.0]), (-20.0, [0.0, -20.0])] {
         let found = at(x).unwrap();
         assert_eq!([found.q[0], found.q[3]], expected, "{x}");
         assert_eq!([found.q[1], found.q[2]], [20.0, -30.0]);
     }
-    let Err(NoSolution::Tip { miss_mm }) = at(650.0) else {
-        panic!("beyond both")
-    };
+    let Err(NoSolution::Tip { miss_mm }) = at(650.0) else { panic!("beyond both") };
     assert!((miss_mm - 50.0).abs() < 1e-9, "{miss_mm}");
     // Random poses of both sets are reached, by other coordinates.
     let mut rng = seeded(72);
@@ -193,13 +161,9 @@ fn redundant_linear_axes_share_what_one_cannot_reach() {
         ]) {
             *q = rng.random_range(low..=high);
         }
-        let pointing = chain
-            .pointing(&tool_axis(&chain, &at), &rotary(&chain), &state)
-            .unwrap();
+        let pointing = chain.pointing(&tool_axis(&chain, &at), &rotary(&chain), &state).unwrap();
         for one in &pointing {
-            let found = chain
-                .reaching(&chain.ideal_tip_mm(&at), &one.state, &travel)
-                .unwrap();
+            let found = chain.reaching(&chain.ideal_tip_mm(&at), &one.state, &travel).unwrap();
             assert!((chain.ideal_tip_mm(&found) - chain.ideal_tip_mm(&at)).norm() < 1e-9);
             assert!((0.0..=500.0).contains(&found.q[0]) && (-50.0..=100.0).contains(&found.q[3]));
         }
@@ -293,12 +257,7 @@ fn linear_axes_bring_the_tip_as_near_as_they_can() {
     let y = chain.structure().index_of(AxisName::Y).unwrap();
     let mut at = State::default();
     let to = chain.ideal_tip_mm(&at) + Vector3::new(3.0, 4.0, 0.0);
-    let left = chain.bring(
-        &mut at,
-        |place| place != y,
-        &to,
-        |state| chain.ideal_tip_mm(state),
-    );
+    let left = chain.bring(&mut at, |place| place != y, &to, |state| chain.ideal_tip_mm(state));
     assert!((left - 4.0).abs() < 1e-12 && at.q[y] == 0.0, "{left}");
     let chain = Chain::new("w C b t".parse().unwrap());
     let mut at = State::default();
@@ -315,12 +274,7 @@ fn a_tool_axis_without_a_direction_is_refused_by_every_type() {
         let chain = placed(&structure, &mut rng);
         let (rotary, none) = (rotary(&chain), State::default());
         let pointing = |axis: [f64; 3]| chain.pointing(&axis.into(), &rotary, &none);
-        for axis in [
-            [0.0; 3],
-            [f64::NAN; 3],
-            [0.0, f64::NAN, 1.0],
-            [f64::INFINITY, 0.0, 0.0],
-        ] {
+        for axis in [[0.0; 3], [f64::NAN; 3], [0.0, f64::NAN, 1.0], [f64::INFINITY, 0.0, 0.0]] {
             let found = pointing(axis);
             let is_refused =
                 matches!(found, Err(NoSolution::ToolAxis { miss_rad }) if miss_rad.is_nan());
@@ -347,12 +301,8 @@ fn a_tool_axis_without_a_direction_is_refused_by_every_type() {
 fn linear_axes_that_a_turn_brings_along_one_another_are_dependent() {
     let chain = Chain::new("w Z' B' b X Y t".parse().unwrap());
     let mut at = State::default();
-    for (b_rad, is_singular) in [
-        (FRAC_PI_2, true),
-        (-FRAC_PI_2, true),
-        (0.3, false),
-        (0.0, false),
-    ] {
+    for (b_rad, is_singular) in [(FRAC_PI_2, true), (-FRAC_PI_2, true), (0.3, false), (0.0, false)]
+    {
         at.q[1] = b_rad;
         let moves = chain.dependent_moves(&at);
         assert_eq!(moves.len(), usize::from(is_singular), "{b_rad}");
@@ -380,16 +330,8 @@ fn linear_axes_that_a_turn_brings_along_one_another_are_dependent() {
     assert!(found.q[0].abs() <= 10.0, "{:?}", found.q);
     // Two axes of one direction are parallel in every pose and do not count; structures that keep their linear axes together have no
     // dependent moves.
-    for structure in [
-        "w X' b Y Z U C A t",
-        "w C' A' b X Y Z t",
-        "w b X Y Z t",
-        "w b X Y t",
-    ] {
+    for structure in ["w X' b Y Z U C A t", "w C' A' b X Y Z t", "w b X Y Z t", "w b X Y t"] {
         let chain = Chain::new(structure.parse().unwrap());
-        assert!(
-            chain.dependent_moves(&State::default()).is_empty(),
-            "{structure}"
-        );
+        assert!(chain.dependent_moves(&State::default()).is_empty(), "{structure}");
     }
 }

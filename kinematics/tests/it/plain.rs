@@ -5,12 +5,8 @@ use volcomp_vocabulary::AxisKind;
 
 pub(crate) type M = [[f64; 4]; 4];
 
-const EYE: M = [
-    [1.0, 0.0, 0.0, 0.0],
-    [0.0, 1.0, 0.0, 0.0],
-    [0.0, 0.0, 1.0, 0.0],
-    [0.0, 0.0, 0.0, 1.0],
-];
+const EYE: M =
+    [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]];
 
 fn product(a: &M, b: &M) -> M {
     std::array::from_fn(|i| std::array::from_fn(|j| (0..4).map(|k| a[i][k] * b[k][j]).sum()))
@@ -25,21 +21,13 @@ fn trans(t: [f64; 3]) -> M {
 }
 
 fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
-    [
-        a[1] * b[2] - a[2] * b[1],
-        a[2] * b[0] - a[0] * b[2],
-        a[0] * b[1] - a[1] * b[0],
-    ]
+    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 }
 
 /// Rotation about a vector by its length: power series of the exponential.
 fn rot_vector(r: [f64; 3]) -> M {
-    let hat: M = [
-        [0.0, -r[2], r[1], 0.0],
-        [r[2], 0.0, -r[0], 0.0],
-        [-r[1], r[0], 0.0, 0.0],
-        [0.0; 4],
-    ];
+    let hat: M =
+        [[0.0, -r[2], r[1], 0.0], [r[2], 0.0, -r[0], 0.0], [-r[1], r[0], 0.0, 0.0], [0.0; 4]];
     let (mut sum, mut term) = (EYE, EYE);
     for n in 1..60 {
         term = product(&term, &hat);
@@ -99,11 +87,7 @@ pub(crate) fn error(
         let (q, u): (f64, [f64; 3]) = (state.q[i], joint.direction.into());
         let c: [f64; 3] = joint.point_mm.into();
         let omega: [f64; 3] = errors.location[i].angular_rad.into();
-        let mut d = if exact {
-            apply(&rot_vector(omega), u)
-        } else {
-            plus(u, cross(omega, u))
-        };
+        let mut d = if exact { apply(&rot_vector(omega), u) } else { plus(u, cross(omega, u)) };
         let linear = joint.kind == AxisKind::Linear;
         let (motion, nominal) = if linear {
             (trans(scaled(d, q)), trans(scaled(u, q)))
@@ -111,10 +95,7 @@ pub(crate) fn error(
             let length = d.iter().map(|x| x * x).sum::<f64>().sqrt();
             d = scaled(d, 1.0 / length);
             let line = plus(c, errors.location[i].linear_mm.into());
-            (
-                about(&rot_vector(scaled(d, q)), line),
-                about(&rot_vector(scaled(u, q)), c),
-            )
+            (about(&rot_vector(scaled(d, q)), line), about(&rot_vector(scaled(u, q)), c))
         };
         let mut twist = rotation(errors.motion[i].angular_rad.into());
         for (row, x) in twist.iter_mut().zip(errors.motion[i].linear_mm.iter()) {
@@ -143,16 +124,8 @@ pub(crate) fn error(
     let r: [[f64; 3]; 3] = std::array::from_fn(|i| {
         std::array::from_fn(|j| (0..3).map(|k| actual[i][k] * ideal[j][k]).sum())
     });
-    let skew = [
-        0.5 * (r[2][1] - r[1][2]),
-        0.5 * (r[0][2] - r[2][0]),
-        0.5 * (r[1][0] - r[0][1]),
-    ];
+    let skew = [0.5 * (r[2][1] - r[1][2]), 0.5 * (r[0][2] - r[2][0]), 0.5 * (r[1][0] - r[0][1])];
     let sine = skew.iter().map(|x| x * x).sum::<f64>().sqrt();
-    let scale = if exact && sine > 0.0 {
-        sine.asin() / sine
-    } else {
-        1.0
-    };
+    let scale = if exact && sine > 0.0 { sine.asin() / sine } else { 1.0 };
     [position, scaled(skew, scale)]
 }

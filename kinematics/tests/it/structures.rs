@@ -19,10 +19,7 @@ fn codes_of_the_published_types() {
         let structure = Structure::from_type(translational, rotary, axes).unwrap();
         assert_eq!(structure.to_string(), code);
         let numbers = structure.type_numbers().unwrap();
-        assert_eq!(
-            (numbers.translational, numbers.rotary),
-            (translational, rotary)
-        );
+        assert_eq!((numbers.translational, numbers.rotary), (translational, rotary));
         assert_eq!(&numbers.rotary_axes[..], axes);
     }
     assert_eq!(all_types().len(), 16);
@@ -49,37 +46,16 @@ fn other_chains_primes_and_blanks_are_free() {
 #[test]
 fn wrong_codes_are_refused_for_what_is_wrong_with_them() {
     let refusal = |code: &str| code.parse::<Structure>().unwrap_err();
-    assert_eq!(
-        refusal("w X' b Y' t"),
-        StructureError::PrimeOnToolSide { axis: AxisName::Y }
-    );
-    assert_eq!(
-        refusal("w X Y b X t"),
-        StructureError::RepeatedAxis { axis: AxisName::X }
-    );
-    assert_eq!(
-        refusal("w ' X b t"),
-        StructureError::StrayPrime { position: 3 }
-    );
+    assert_eq!(refusal("w X' b Y' t"), StructureError::PrimeOnToolSide { axis: AxisName::Y });
+    assert_eq!(refusal("w X Y b X t"), StructureError::RepeatedAxis { axis: AxisName::X });
+    assert_eq!(refusal("w ' X b t"), StructureError::StrayPrime { position: 3 });
     assert_eq!(refusal("w b t"), StructureError::NoAxes);
     assert_eq!(refusal("w b X"), StructureError::Missing { missing: 't' });
     assert_eq!(refusal("X b Y t"), StructureError::Missing { missing: 'w' });
-    assert_eq!(
-        refusal("w b X w t"),
-        StructureError::OutOfPlace {
-            found: 'w',
-            position: 7
-        }
-    );
+    assert_eq!(refusal("w b X w t"), StructureError::OutOfPlace { found: 'w', position: 7 });
     assert_eq!(refusal(""), StructureError::Missing { missing: 'w' });
     assert_eq!(refusal("w X Y t"), StructureError::Missing { missing: 'b' });
-    assert_eq!(
-        refusal("w b Q t"),
-        StructureError::UnknownCharacter {
-            found: 'Q',
-            position: 5
-        }
-    );
+    assert_eq!(refusal("w b Q t"), StructureError::UnknownCharacter { found: 'Q', position: 5 });
     assert!(Structure::from_type(4, 0, &[]).is_err());
     assert!(Structure::from_type(1, 2, &[AxisName::C, AxisName::C]).is_err());
     assert!(Structure::from_type(1, 0, &[AxisName::C]).is_err());

@@ -74,11 +74,7 @@ pub fn blocks(page: &Path) -> Vec<Block> {
                     info: line.trim_start()[marks..].trim().to_owned(),
                     text: String::new(),
                 };
-                open = Some((
-                    "`".repeat(marks),
-                    line.len() - line.trim_start().len(),
-                    block,
-                ));
+                open = Some(("`".repeat(marks), line.len() - line.trim_start().len(), block));
             }
             Some((fence, indent, block)) => {
                 if line.trim() == fence {
@@ -95,10 +91,7 @@ pub fn blocks(page: &Path) -> Vec<Block> {
     assert!(open.is_none(), "{name}: a block is not closed");
     for block in &blocks {
         let place = &block.place;
-        assert!(
-            !block.info.is_empty(),
-            "{place}: a block without a language, expected text"
-        );
+        assert!(!block.info.is_empty(), "{place}: a block without a language, expected text");
     }
     blocks
 }
@@ -154,12 +147,7 @@ pub fn decoded_keys(
         match decode(&broken.to_string()) {
             Err(message) => {
                 if let Some((_, known)) = message.split_once("unknown key, expected one of: ") {
-                    keys.extend(
-                        known
-                            .split(", ")
-                            .filter(|key| !key.is_empty())
-                            .map(str::to_owned),
-                    );
+                    keys.extend(known.split(", ").filter(|key| !key.is_empty()).map(str::to_owned));
                 } else {
                     assert!(
                         message.contains(UNKNOWN),
@@ -193,10 +181,7 @@ pub fn used_keys(text: &str) -> BTreeSet<String> {
         }
     }
     let mut keys = BTreeSet::new();
-    walk(
-        &toml::Value::Table(text.parse().expect("decoded before")),
-        &mut keys,
-    );
+    walk(&toml::Value::Table(text.parse().expect("decoded before")), &mut keys);
     keys
 }
 
@@ -251,10 +236,7 @@ pub fn joined(whole: &str, part: &str) -> String {
         }
     }
     let mut table: toml::Table = whole.parse().expect("a whole file of the test");
-    join(
-        &mut table,
-        part.parse().unwrap_or_else(|e| panic!("{e}\n{part}")),
-    );
+    join(&mut table, part.parse().unwrap_or_else(|e| panic!("{e}\n{part}")));
     table.to_string()
 }
 
@@ -268,9 +250,7 @@ pub fn run_console_blocks(programs: &[(&str, &str)], elsewhere: &[&str]) {
             continue;
         }
         let name = page.strip_prefix(root()).expect("a page of the repository");
-        let own = folder
-            .path()
-            .join(name.display().to_string().replace('/', "-"));
+        let own = folder.path().join(name.display().to_string().replace('/', "-"));
         // Commands of `page.md` run in `page.in`.
         let place = own.join("page.in");
         fs::create_dir_all(&place).expect("a folder for the page");
@@ -344,14 +324,8 @@ pub fn compare_keys(page: &Path, decoded: &BTreeSet<String>, used: &BTreeSet<Str
         a.difference(b).cloned().collect()
     };
     let wrong = [
-        (
-            "documented, but no decoder knows them",
-            only(&documented, decoded),
-        ),
-        (
-            "known to a decoder, but not documented",
-            only(decoded, &documented),
-        ),
+        ("documented, but no decoder knows them", only(&documented, decoded)),
+        ("known to a decoder, but not documented", only(decoded, &documented)),
         ("documented, but shown in no block", only(&documented, used)),
     ];
     let wrong: Vec<_> = wrong.iter().filter(|(_, keys)| !keys.is_empty()).collect();

@@ -57,9 +57,7 @@ pub fn cases<const CELLS: usize>(table: &str) -> Vec<[String; CELLS]> {
 pub fn rows<const CELLS: usize>(table: &str) -> Vec<[&'static str; CELLS]> {
     let rows = table.lines().filter(|row| !row.starts_with("//"));
     let rows = cases(&rows.collect::<Vec<_>>().join("\n"));
-    rows.into_iter()
-        .map(|row| row.map(|cell| &*cell.leak()))
-        .collect()
+    rows.into_iter().map(|row| row.map(|cell| &*cell.leak())).collect()
 }
 
 /// Waits until `holds` returns true; panics with `what` after the timeout `within`.

@@ -28,9 +28,7 @@ fn pages(command: Command, section: &str, end: &str) -> Vec<(String, String)> {
 /// A command, and those below it that its help lists.
 fn listed(command: &Command) -> Vec<&Command> {
     let below = command.get_subcommands().filter(|c| !c.is_hide_set());
-    std::iter::once(command)
-        .chain(below.flat_map(listed))
-        .collect()
+    std::iter::once(command).chain(below.flat_map(listed)).collect()
 }
 
 /// Writes the man pages of a program to `man` in cargo's target folder, where `docs/build` and packages find them.

@@ -29,26 +29,17 @@ pub fn compare(command: Command) {
     }
     let mut lines = page.lines().zip(expected.lines());
     let different = lines.find(|(found, expected)| found != expected);
-    panic!(
-        "{}: found, expected: {different:#?}\nrun this test with UPDATE=1",
-        path.display()
-    );
+    panic!("{}: found, expected: {different:#?}\nrun this test with UPDATE=1", path.display());
 }
 
 /// The page with the blocks of one program as they should be.
 fn rendered(page: &str, program: &Command) -> String {
-    let blocks = || {
-        page.split(BEGIN)
-            .skip(1)
-            .filter_map(|block| block.split_once("-->"))
-    };
+    let blocks = || page.split(BEGIN).skip(1).filter_map(|block| block.split_once("-->"));
     let mut shared = Vec::new();
     for (title, _) in blocks() {
         let (names, options) = words(title);
         if let Some(command) = find(program, &names) {
-            let named = command
-                .get_arguments()
-                .filter(|a| options.contains(&long(a)));
+            let named = command.get_arguments().filter(|a| options.contains(&long(a)));
             shared.extend(named.map(row));
         }
     }
@@ -56,11 +47,7 @@ fn rendered(page: &str, program: &Command) -> String {
     for command in visible {
         let name = [program.get_name(), command.get_name()].map(str::to_owned);
         let is_there = blocks().any(|(title, _)| words(title) == (name.to_vec(), Vec::new()));
-        assert!(
-            is_there,
-            "commands.md has no `{BEGIN}{}-->`",
-            name.join(" ")
-        );
+        assert!(is_there, "commands.md has no `{BEGIN}{}-->`", name.join(" "));
     }
     let mut parts = page.split(BEGIN);
     let mut text = parts.next().unwrap_or_default().to_owned();
@@ -88,10 +75,9 @@ fn words(title: &str) -> (Vec<String>, Vec<String>) {
 fn find<'a>(program: &'a Command, names: &[String]) -> Option<&'a Command> {
     let (name, commands) = names.split_first()?;
     let mut commands = commands.iter();
-    commands.try_fold(
-        (name == program.get_name()).then_some(program)?,
-        |found, name| found.find_subcommand(name),
-    )
+    commands.try_fold((name == program.get_name()).then_some(program)?, |found, name| {
+        found.find_subcommand(name)
+    })
 }
 
 /// The usage and the table; only a table of the named `options` if there are any.
@@ -107,10 +93,7 @@ fn table(command: &Command, options: &[String], shared: &[String]) -> String {
         let usage = usage.replace(" [OPTIONS]", "");
         let usage = usage.trim_start_matches("Usage: ").lines().map(str::trim);
         let usage = usage.map(|line| format!("`{line}`\n"));
-        (
-            usage.collect(),
-            rows.map(row).filter(|row| !shared.contains(row)).collect(),
-        )
+        (usage.collect(), rows.map(row).filter(|row| !shared.contains(row)).collect())
     } else {
         let rows = rows.filter(|a| options.contains(&long(a)));
         (String::new(), rows.map(row).collect())
@@ -119,10 +102,7 @@ fn table(command: &Command, options: &[String], shared: &[String]) -> String {
         return usage;
     }
     let blank = if usage.is_empty() { "" } else { "\n" };
-    format!(
-        "{usage}{blank}|option|meaning|\n|---|---|\n{}",
-        rows.concat()
-    )
+    format!("{usage}{blank}|option|meaning|\n|---|---|\n{}", rows.concat())
 }
 
 fn long(argument: &Arg) -> String {
@@ -146,17 +126,11 @@ fn row(argument: &Arg) -> String {
         }
     }
     let names: Vec<String> = names.iter().map(|name| format!("`{name}`")).collect();
-    let help = argument
-        .get_help()
-        .map(StyledStr::to_string)
-        .unwrap_or_default();
+    let help = argument.get_help().map(StyledStr::to_string).unwrap_or_default();
     let mut cell = help.replace('\n', " ");
     let defaults = argument.get_default_values();
     if takes_value && !argument.is_hide_default_value_set() && !defaults.is_empty() {
-        let defaults: Vec<_> = defaults
-            .iter()
-            .map(|value| value.to_string_lossy())
-            .collect();
+        let defaults: Vec<_> = defaults.iter().map(|value| value.to_string_lossy()).collect();
         write!(cell, " [default: {}]", defaults.join(" ")).expect("text");
     }
     let possible: Vec<String> = argument

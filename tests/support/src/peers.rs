@@ -4,10 +4,7 @@ use std::path::PathBuf;
 
 /// Reports that a program is missing and its test is skipped. If the environment variable `CI` is set, the test fails instead.
 pub fn not_run(what: &str) {
-    assert!(
-        std::env::var_os("CI").is_none(),
-        "{what} is missing: ./test installs it"
-    );
+    assert!(std::env::var_os("CI").is_none(), "{what} is missing: ./test installs it");
     eprintln!("not run: {what} is missing, ./test installs it");
 }
 

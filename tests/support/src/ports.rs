@@ -12,9 +12,8 @@ pub fn free_port() -> u16 {
     static NEXT: AtomicU32 = AtomicU32::new(0);
     for _ in 0..COUNT {
         // Concurrent test programs start at different ports.
-        let drawn = std::process::id()
-            .wrapping_mul(97)
-            .wrapping_add(NEXT.fetch_add(1, Ordering::Relaxed));
+        let drawn =
+            std::process::id().wrapping_mul(97).wrapping_add(NEXT.fetch_add(1, Ordering::Relaxed));
         let port = u16::try_from(FIRST + drawn % COUNT).expect("below 32768");
         if TcpListener::bind(("0.0.0.0", port)).is_ok() {
             return port;

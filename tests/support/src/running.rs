@@ -38,9 +38,8 @@ impl Running {
 
     /// Sends a signal, named without `SIG`.
     pub fn signal(&self, name: &str) {
-        let sent = Command::new("kill")
-            .args([&format!("-{name}"), &self.0.id().to_string()])
-            .status();
+        let sent =
+            Command::new("kill").args([&format!("-{name}"), &self.0.id().to_string()]).status();
         assert!(sent.is_ok_and(|status| status.success()), "SIG{name}");
     }
 

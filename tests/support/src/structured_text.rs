@@ -28,24 +28,16 @@ fn tokens(text: &str) -> Result<Vec<Token>, String> {
             let end = comment.find("*)").ok_or("a comment does not end")?;
             rest = &comment[end + 2..];
         } else if first.is_ascii_alphabetic() {
-            let end = rest
-                .find(|c: char| !c.is_ascii_alphanumeric() && c != '_')
-                .unwrap_or(rest.len());
+            let end =
+                rest.find(|c: char| !c.is_ascii_alphanumeric() && c != '_').unwrap_or(rest.len());
             tokens.push(Token::Word(rest[..end].to_owned()));
             rest = &rest[end..];
         } else if first.is_ascii_digit() {
-            let end = rest
-                .find(|c: char| !c.is_ascii_digit())
-                .unwrap_or(rest.len());
-            tokens.push(Token::Number(
-                rest[..end].parse().map_err(|e| format!("{e}"))?,
-            ));
+            let end = rest.find(|c: char| !c.is_ascii_digit()).unwrap_or(rest.len());
+            tokens.push(Token::Number(rest[..end].parse().map_err(|e| format!("{e}"))?));
             rest = &rest[end..];
         } else {
-            let sign = SIGNS
-                .iter()
-                .find(|s| rest.starts_with(**s))
-                .ok_or(format!("{first:?}"))?;
+            let sign = SIGNS.iter().find(|s| rest.starts_with(**s)).ok_or(format!("{first:?}"))?;
             tokens.push(Token::Sign(sign));
             rest = &rest[sign.len()..];
         }
@@ -95,18 +87,11 @@ impl Block {
     /// # Errors
     /// Text outside the subset, and undeclared names.
     pub fn parse(text: &str) -> Result<Self, String> {
-        let mut parser = Parser {
-            tokens: tokens(text)?,
-            at: 0,
-            named: HashMap::new(),
-        };
+        let mut parser = Parser { tokens: tokens(text)?, at: 0, named: HashMap::new() };
         parser.word("FUNCTION_BLOCK")?;
         parser.name()?;
         let mut variables: Vec<Variable> = Vec::new();
-        while parser
-            .peek_word()
-            .is_some_and(|word| word.starts_with("VAR"))
-        {
+        while parser.peek_word().is_some_and(|word| word.starts_with("VAR")) {
             parser.at += 1;
             if parser.peek_word() == Some("RETAIN") {
                 parser.at += 1;
@@ -121,22 +106,14 @@ impl Block {
                     return Err(format!("{name} is declared twice"));
                 }
                 let places = vec![0; length];
-                variables.push(Variable {
-                    name,
-                    range,
-                    places,
-                });
+                variables.push(Variable { name, range, places });
             }
             parser.at += 1;
         }
         let body = parser.statements(&["END_FUNCTION_BLOCK"])?;
         parser.word("END_FUNCTION_BLOCK")?;
         let named = parser.named;
-        Ok(Self {
-            variables,
-            named,
-            body,
-        })
+        Ok(Self { variables, named, body })
     }
 
     /// Sets an element of a variable; a scalar has element 0.
@@ -194,10 +171,7 @@ impl Parser {
         if self.takes(sign) {
             return Ok(());
         }
-        Err(format!(
-            "expected {sign}, found {:?}",
-            self.tokens.get(self.at)
-        ))
+        Err(format!("expected {sign}, found {:?}", self.tokens.get(self.at)))
     }
 
     fn word(&mut self, expected: &str) -> Result<(), String> {
@@ -447,11 +421,7 @@ fn value(expression: &Expression, variables: &[Variable]) -> Result<i64, String>
             }
         }
     };
-    if DINT.contains(&result) {
-        Ok(result)
-    } else {
-        Err(format!("{result} is no DINT"))
-    }
+    if DINT.contains(&result) { Ok(result) } else { Err(format!("{result} is no DINT")) }
 }
 
 #[cfg(test)]
@@ -492,12 +462,7 @@ mod tests {
         ] {
             assert!(parsed(wrong).expect("a program").run().is_err(), "{wrong}");
         }
-        for unknown in [
-            "x := 1;",
-            "a := x;",
-            "FOR x := 0 TO 1 DO END_FOR;",
-            "WHILE TRUE DO",
-        ] {
+        for unknown in ["x := 1;", "a := x;", "FOR x := 0 TO 1 DO END_FOR;", "WHILE TRUE DO"] {
             assert!(parsed(unknown).is_err(), "{unknown}");
         }
     }

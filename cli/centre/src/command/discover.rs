@@ -31,10 +31,8 @@ pub(super) fn act(arguments: &DiscoverArguments) -> Result<(), Error> {
         let seconds = search.connections() as f64 / arguments.rate;
         eprintln!("{of} addresses, about {seconds:.0} s");
     }
-    let runtime = tokio::runtime::Builder::new_multi_thread()
-        .worker_threads(1)
-        .enable_all()
-        .build()?;
+    let runtime =
+        tokio::runtime::Builder::new_multi_thread().worker_threads(1).enable_all().build()?;
     let devices = runtime.block_on(search.run(|done| {
         if shows {
             // Standard error may be closed.
@@ -44,9 +42,5 @@ pub(super) fn act(arguments: &DiscoverArguments) -> Result<(), Error> {
     if shows {
         eprintln!();
     }
-    if arguments.json {
-        print_json(&devices)
-    } else {
-        print(&table(&devices))
-    }
+    if arguments.json { print_json(&devices) } else { print(&table(&devices)) }
 }

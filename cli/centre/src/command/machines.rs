@@ -48,9 +48,7 @@ pub(super) fn add(config: &Config, add: &AddMachine, by: &str) -> Result<(), Err
 
 /// Builds the machine record from the arguments. Options that are not given keep the value in `before`. Only `machine enable` enables a machine.
 fn named(before: Option<Machine>, identity: &Identity, add: &AddMachine, like: Model) -> Machine {
-    let Model {
-        structure, axes, ..
-    } = like;
+    let Model { structure, axes, .. } = like;
     let new = || Machine::new(identity.clone(), String::new(), String::new(), Vec::new());
     let before = before.unwrap_or_else(new);
     Machine {
@@ -73,9 +71,8 @@ fn named(before: Option<Machine>, identity: &Identity, add: &AddMachine, like: M
 pub(super) fn list(config: &Config, json: bool) -> Result<(), Error> {
     let store = open(config)?;
     let (mut live, mut versions) = (store.live()?, store.newest_versions()?);
-    let models: BTreeMap<String, String> = (store.models()?.into_iter())
-        .map(|model| (model.sha256, model.name))
-        .collect();
+    let models: BTreeMap<String, String> =
+        (store.models()?.into_iter()).map(|model| (model.sha256, model.name)).collect();
     let named = |version: &Version| MachineModel {
         version: version.version,
         model: version.model.clone(),
@@ -100,11 +97,7 @@ pub(super) fn list(config: &Config, json: bool) -> Result<(), Error> {
             machine,
         });
     }
-    if json {
-        print_json(&shown)
-    } else {
-        print(&text::machines(&shown))
-    }
+    if json { print_json(&shown) } else { print(&text::machines(&shown)) }
 }
 
 pub(super) fn remove(config: &Config, machine: &str, by: &str) -> Result<(), Error> {
@@ -127,10 +120,9 @@ pub(super) fn enable(config: &Config, machine: &str, enable: bool, by: &str) -> 
         Ok(Machine { enable, ..known })
     })?;
     match settle(&store, &key, &name, by) {
-        Ok(Some(issued)) => print(&format!(
-            "version {} is issued; the running centre sends it\n",
-            issued.version
-        )),
+        Ok(Some(issued)) => {
+            print(&format!("version {} is issued; the running centre sends it\n", issued.version))
+        }
         Ok(None) => print(
             "its newest manifest contains this setting already; the running centre sends it if necessary\n",
         ),

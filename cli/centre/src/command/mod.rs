@@ -84,9 +84,7 @@ impl Arguments {
 fn os_user() -> String {
     let named = ["SUDO_USER", "USER", "LOGNAME"].iter();
     let mut named = named.filter_map(|key| std::env::var(key).ok());
-    named
-        .find(|name| !name.is_empty())
-        .unwrap_or_else(|| "command line".to_owned())
+    named.find(|name| !name.is_empty()).unwrap_or_else(|| "command line".to_owned())
 }
 
 pub fn open(config: &Config) -> Result<Arc<Store>, Error> {
@@ -111,8 +109,7 @@ fn print_json<T: serde::Serialize>(document: &T) -> Result<(), Error> {
 }
 
 fn machine_named(text: &str) -> Result<volcomp_fleet::MachineId, Error> {
-    text.parse()
-        .map_err(|e| Error::Wrong(format!("the name of a machine: {e}")))
+    text.parse().map_err(|e| Error::Wrong(format!("the name of a machine: {e}")))
 }
 
 fn shown(path: &Path) -> String {

@@ -28,11 +28,7 @@ pub(super) fn add(config: &Config, add: &AddModel, by: &str) -> Result<(), Error
 
 pub(super) fn list(config: &Config, json: bool) -> Result<(), Error> {
     let models = open(config)?.models()?;
-    if json {
-        print_json(&models)
-    } else {
-        print(&text::models(&models))
-    }
+    if json { print_json(&models) } else { print(&text::models(&models)) }
 }
 
 /// The only model whose checksum begins with `beginning`.
@@ -56,10 +52,7 @@ pub(super) fn show(config: &Config, beginning: &str) -> Result<(), Error> {
 pub(super) fn download(config: &Config, beginning: &str, output: &Path) -> Result<(), Error> {
     let store = open(config)?;
     let (model, text) = named(&store, beginning)?;
-    let file = std::fs::OpenOptions::new()
-        .write(true)
-        .create_new(true)
-        .open(output);
+    let file = std::fs::OpenOptions::new().write(true).create_new(true).open(output);
     let written = file.and_then(|mut file| {
         file.write_all(text.as_bytes())?;
         file.sync_all()
@@ -73,12 +66,7 @@ pub(super) fn download(config: &Config, beginning: &str, output: &Path) -> Resul
         };
         Error::Wrong(format!("{}: {why}", output.display()))
     })?;
-    print(&format!(
-        "{}: {} bytes, SHA-256 {}\n",
-        output.display(),
-        model.bytes,
-        model.sha256
-    ))
+    print(&format!("{}: {} bytes, SHA-256 {}\n", output.display(), model.bytes, model.sha256))
 }
 
 pub(super) fn diff(config: &Config, one: &str, other: &str) -> Result<(), Error> {
@@ -94,9 +82,7 @@ pub(super) fn drift(config: &Config, machine: &str) -> Result<(), Error> {
     let mut stages = Vec::new();
     for version in store.versions(&name)?.into_iter().rev() {
         let (model, text) = named(&store, &version.model)?;
-        let seen = stages
-            .iter()
-            .any(|stage: &Stage| stage.sha256 == model.sha256);
+        let seen = stages.iter().any(|stage: &Stage| stage.sha256 == model.sha256);
         if !seen {
             let parameters = parameters(&text)?;
             let sha256 = model.sha256;

@@ -22,18 +22,14 @@ pub(super) fn start(config: &Config, start: &StartRollout, by: &str) -> Result<(
     let (model, _) = named(&store, &start.model)?;
     let known = store.machines()?;
     let chosen: Vec<&Machine> = if start.all {
-        known
-            .iter()
-            .filter(|one| fits(&model, one).is_ok())
-            .collect()
+        known.iter().filter(|one| fits(&model, one).is_ok()).collect()
     } else {
         let mut chosen = Vec::new();
         for name in &start.machine {
             let name: MachineId = machine_named(name)?;
             let mut known = known.iter();
-            let machine = known
-                .find(|machine| machine.identity.machine == name)
-                .ok_or_else(|| {
+            let machine =
+                known.find(|machine| machine.identity.machine == name).ok_or_else(|| {
                     Error::Wrong(format!("found no machine {name}: see `machine list`"))
                 })?;
             fits(&model, machine)?;
@@ -66,9 +62,7 @@ pub(super) fn start(config: &Config, start: &StartRollout, by: &str) -> Result<(
         tolerate: start.tolerate.unwrap_or(config.rollout.tolerate),
         ..config.rollout.clone()
     };
-    rules
-        .check()
-        .map_err(|(key, why)| Error::Wrong(format!("{key}: {why}")))?;
+    rules.check().map_err(|(key, why)| Error::Wrong(format!("{key}: {why}")))?;
     let rollout = store.begin_rollout(&model.sha256, &machines, rules, by)?;
     let mut report = text::started(&rollout, &model);
     if rollout.targets.len() > 1 {
@@ -90,9 +84,7 @@ pub(super) fn back(config: &Config, machine: &str, by: &str) -> Result<(), Error
 pub(super) fn keep(config: &Config, id: u64, machine: &str, by: &str) -> Result<(), Error> {
     let name = machine_named(machine)?;
     open(config)?.keep_model(id, &name, by)?;
-    print(&format!(
-        "recorded: {name} keeps the model of roll-out {id}\n"
-    ))
+    print(&format!("recorded: {name} keeps the model of roll-out {id}\n"))
 }
 
 pub(super) fn status(config: &Config, id: Option<u64>, json: bool) -> Result<(), Error> {

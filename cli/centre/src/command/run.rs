@@ -29,13 +29,11 @@ use crate::{
 };
 
 pub(super) fn run(config: &Config, log: LogForm) -> Result<(), Error> {
-    let lines = fmt::layer()
-        .with_writer(std::io::stderr)
-        .with_ansi(std::io::stderr().is_terminal());
+    let lines =
+        fmt::layer().with_writer(std::io::stderr).with_ansi(std::io::stderr().is_terminal());
     // The NATS client logs every connection attempt; the engine already logs once that the server cannot be reached.
-    let reported = Targets::new()
-        .with_default(LevelFilter::INFO)
-        .with_target("async_nats", LevelFilter::OFF);
+    let reported =
+        Targets::new().with_default(LevelFilter::INFO).with_target("async_nats", LevelFilter::OFF);
     let registry = tracing_subscriber::registry().with(reported);
     match log {
         LogForm::Text => registry.with(lines.with_target(false)).init(),
@@ -51,9 +49,7 @@ pub(super) fn run(config: &Config, log: LogForm) -> Result<(), Error> {
     };
     let store = open(config)?;
     store.audit("centre", "centre.start", "", serde_json::json!({}))?;
-    let runtime = tokio::runtime::Builder::new_multi_thread()
-        .enable_all()
-        .build()?;
+    let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build()?;
     runtime.block_on(async {
         let mut running = Engine::start(store.clone(), engine).await?;
         let mut page = match &config.page {
@@ -106,10 +102,7 @@ async fn serve_page(
         } else {
             error.to_string()
         };
-        Error::Failed(format!(
-            "the web interface cannot listen on {}: {why}",
-            config.listen
-        ))
+        Error::Failed(format!("the web interface cannot listen on {}: {why}", config.listen))
     })?;
     let scheme = if acceptor.is_some() { "https" } else { "http" };
     tracing::info!("web interface: {scheme}://{}", listener.local_addr()?);
@@ -159,9 +152,7 @@ pub(super) fn check(config: &Config) -> Result<(), Error> {
     }
     let machines = store.machines()?;
     let without = machines.iter().filter(|machine| machine.nkey.is_none());
-    let without: Vec<&str> = without
-        .map(|machine| machine.identity.machine.as_str())
-        .collect();
+    let without: Vec<&str> = without.map(|machine| machine.identity.machine.as_str()).collect();
     let mut report = format!(
         "store        {}\nserver       {}\nsigns with   {} {}\nmachines     {}\n",
         config.store.file.display(),
@@ -171,10 +162,7 @@ pub(super) fn check(config: &Config) -> Result<(), Error> {
         machines.len(),
     );
     for name in without {
-        let _ = writeln!(
-            report,
-            "note: {name} has no nkey: it has no access to the server"
-        );
+        let _ = writeln!(report, "note: {name} has no nkey: it has no access to the server");
     }
     if let Some(server) = volcomp_fleet::in_the_clear(&config.nats.url).next() {
         let _ = writeln!(
@@ -187,9 +175,7 @@ pub(super) fn check(config: &Config) -> Result<(), Error> {
 }
 
 pub(super) fn demo(listen: SocketAddr) -> Result<(), Error> {
-    let runtime = tokio::runtime::Builder::new_multi_thread()
-        .enable_all()
-        .build()?;
+    let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build()?;
     runtime.block_on(async {
         let demo = Demo::start(listen)
             .await

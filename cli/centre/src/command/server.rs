@@ -28,11 +28,7 @@ pub(super) fn new_key(config: &Config, name: &str) -> Result<(), Error> {
 pub(super) fn list_keys(config: &Config) -> Result<(), Error> {
     let mut text = String::new();
     for key in Key::all(&config.keys.folder)? {
-        let signs = if key.name == config.keys.sign_with {
-            " signs"
-        } else {
-            ""
-        };
+        let signs = if key.name == config.keys.sign_with { " signs" } else { "" };
         let _ = writeln!(text, "{} {}{signs}", key.name, key.public());
     }
     print(&text)
@@ -40,9 +36,7 @@ pub(super) fn list_keys(config: &Config) -> Result<(), Error> {
 
 pub(super) fn generate_nkey(file: &Path) -> Result<String, Error> {
     let pair = KeyPair::new_user();
-    let seed = pair
-        .seed()
-        .map_err(|_| content(file, "the seed of an nkey"))?;
+    let seed = pair.seed().map_err(|_| content(file, "the seed of an nkey"))?;
     write_secret(file, &seed)?;
     Ok(pair.public_key())
 }
@@ -83,10 +77,7 @@ pub(super) fn settings(config: &Config) -> Result<ServerSettings, Error> {
         centres: vec![centre],
         machines: (machines.into_iter())
             .filter_map(|machine| {
-                Some(MachineUser {
-                    nkey: machine.nkey?,
-                    identity: machine.identity,
-                })
+                Some(MachineUser { nkey: machine.nkey?, identity: machine.identity })
             })
             .collect(),
     })
@@ -138,14 +129,6 @@ pub(super) fn check_audit_chain(store: &Store) -> Result<(), Error> {
 
 pub(super) fn alarms(config: &Config, all: bool, json: bool) -> Result<(), Error> {
     let store = open(config)?;
-    let alarms = if all {
-        store.alarms(None, 1000)?
-    } else {
-        store.open_alarms()?
-    };
-    if json {
-        print_json(&alarms)
-    } else {
-        print(&text::alarms(&alarms))
-    }
+    let alarms = if all { store.alarms(None, 1000)? } else { store.open_alarms()? };
+    if json { print_json(&alarms) } else { print(&text::alarms(&alarms)) }
 }

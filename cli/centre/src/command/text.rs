@@ -66,15 +66,8 @@ pub(super) fn started(rollout: &Rollout, model: &Model) -> String {
 }
 
 pub(super) fn machines(shown: &[MachineView]) -> String {
-    let mut rows = vec![row(&[
-        "machine",
-        "site",
-        "state",
-        "age",
-        "residual",
-        "corrects by",
-        "shall have",
-    ])];
+    let mut rows =
+        vec![row(&["machine", "site", "state", "age", "residual", "corrects by", "shall have"])];
     for one in shown {
         let condition = one.live.as_ref().and_then(|live| live.condition.as_ref());
         // The last report of a silent machine is not its current state.
@@ -122,11 +115,7 @@ pub(super) fn models(models: &[Model]) -> String {
             short(&model.sha256),
             &model.name,
             &model.structure,
-            if model.measured.is_empty() {
-                "-"
-            } else {
-                &model.measured
-            },
+            if model.measured.is_empty() { "-" } else { &model.measured },
             &model.by,
         ]));
     }
@@ -140,11 +129,7 @@ pub(super) fn model(model: &Model) -> String {
         Origin::File { name } => format!("the machine file {name}"),
         Origin::Calibration { path } => format!("the calibration {path}"),
     };
-    let measured = if model.measured.is_empty() {
-        "unknown"
-    } else {
-        &model.measured
-    };
+    let measured = if model.measured.is_empty() { "unknown" } else { &model.measured };
     let facts = [
         ("checksum", model.sha256.as_str()),
         ("in gateways", &model.checksum),
@@ -164,11 +149,7 @@ pub(super) fn alarms(alarms: &[Alarm]) -> String {
     let mut text = String::new();
     for alarm in alarms {
         let of = (alarm.machine.as_ref()).map_or("centre", |machine| machine.as_str());
-        let over = if alarm.until_s.is_some() {
-            " (over)"
-        } else {
-            ""
-        };
+        let over = if alarm.until_s.is_some() { " (over)" } else { "" };
         let _ = writeln!(text, "{of}: {}{over}: {}", alarm.kind.name(), alarm.text);
     }
     text
@@ -204,24 +185,13 @@ fn step(step: &Step) -> String {
         Step::Sent { version, waited_s } => {
             format!("version {version} is sent, no answer for {waited_s:.0} s")
         }
-        Step::NeedsConfirmation {
-            version,
-            hash,
-            worst_um,
-            worst_urad,
-            differences,
-        } => {
+        Step::NeedsConfirmation { version, hash, worst_um, worst_urad, differences } => {
             format!(
                 "version {version} moves its axes by up to {}: to be confirmed with {hash}",
                 largest_moves(worst_um, worst_urad, differences)
             )
         }
-        Step::Soaking {
-            version,
-            soaked_s,
-            idle_s,
-            ..
-        } => {
+        Step::Soaking { version, soaked_s, idle_s, .. } => {
             let waits = if *idle_s > 0.0 {
                 format!("; it has not compensated for {idle_s:.0} s")
             } else {
@@ -231,11 +201,7 @@ fn step(step: &Step) -> String {
         }
         Step::Done { version } => format!("version {version} is active"),
         Step::Out { why, excused, .. } => {
-            let excused = if *excused {
-                " (ignored by the user)"
-            } else {
-                ""
-            };
+            let excused = if *excused { " (ignored by the user)" } else { "" };
             format!("out: {why}{excused}")
         }
     }
@@ -264,11 +230,7 @@ pub(super) fn rollouts(rollouts: &[Rollout], whole: bool) -> String {
             phase(&rollout.phase)
         );
         let rows = rollout.targets.iter().filter(|target| {
-            whole
-                || matches!(
-                    target.step,
-                    Step::NeedsConfirmation { .. } | Step::Out { .. }
-                )
+            whole || matches!(target.step, Step::NeedsConfirmation { .. } | Step::Out { .. })
         });
         let rows: Vec<Vec<String>> = rows
             .map(|target| {
@@ -286,10 +248,7 @@ pub(super) fn rollouts(rollouts: &[Rollout], whole: bool) -> String {
 }
 
 pub(super) fn drift(stages: &[Stage]) -> String {
-    let parameters: BTreeSet<_> = stages
-        .iter()
-        .flat_map(|stage| stage.parameters.keys())
-        .collect();
+    let parameters: BTreeSet<_> = stages.iter().flat_map(|stage| stage.parameters.keys()).collect();
     let mut head = vec!["error".to_owned()];
     head.extend(stages.iter().map(|stage| short(&stage.sha256).to_owned()));
     let mut rows = vec![head];
@@ -316,11 +275,7 @@ mod tests {
         };
         let machine = Machine::new(identity.clone(), "1".into(), "w X' b t".into(), Vec::new());
         let named = |version: u64, model: &str, name: &str| {
-            Some(MachineModel {
-                version,
-                model: model.repeat(64),
-                name: name.to_owned(),
-            })
+            Some(MachineModel { version, model: model.repeat(64), name: name.to_owned() })
         };
         let mut shown = MachineView {
             live: Some(Live::new(identity.machine, 0.0, 3)),
@@ -335,25 +290,16 @@ mod tests {
             text.lines().last().unwrap_or_default().to_owned()
         };
         let both = line(&shown);
-        assert!(
-            both.ends_with("3: aaaaaaaaaaaa of spring  4: bbbbbbbbbbbb of autumn"),
-            "{both}"
-        );
+        assert!(both.ends_with("3: aaaaaaaaaaaa of spring  4: bbbbbbbbbbbb of autumn"), "{both}");
         shown.wanted.clone_from(&shown.in_force);
         let same = line(&shown);
-        assert!(
-            same.ends_with("3: aaaaaaaaaaaa of spring  the same"),
-            "{same}"
-        );
+        assert!(same.ends_with("3: aaaaaaaaaaaa of spring  the same"), "{same}");
         shown.in_force = None;
         if let Some(live) = &mut shown.live {
             live.version = 0;
         }
         let own = line(&shown);
-        assert!(
-            own.ends_with("its own file  3: aaaaaaaaaaaa of spring"),
-            "{own}"
-        );
+        assert!(own.ends_with("its own file  3: aaaaaaaaaaaa of spring"), "{own}");
         shown.live = None;
         let never = line(&shown);
         assert!(!never.contains("its own file"), "{never}");

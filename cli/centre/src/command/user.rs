@@ -25,11 +25,7 @@ pub(super) fn act(config: &Config, command: UserCommand, by: &str) -> Result<(),
             }
             let mut lines = String::new();
             for user in &users {
-                let disabled = if user.disabled {
-                    "  may not log in"
-                } else {
-                    ""
-                };
+                let disabled = if user.disabled { "  may not log in" } else { "" };
                 let (name, role) = (user.name.as_str(), user.role.name());
                 // Writing to a string never fails.
                 let _ = writeln!(lines, "{name:20}  {role:8}{disabled}");
@@ -42,12 +38,7 @@ pub(super) fn act(config: &Config, command: UserCommand, by: &str) -> Result<(),
         UserCommand::Password { name } => {
             store.set_password(&name, &read_password()?, by, ORIGIN)?;
         }
-        UserCommand::Change {
-            name,
-            role,
-            disable,
-            enable,
-        } => {
+        UserCommand::Change { name, role, disable, enable } => {
             let (user, _) = (store.user(&name)?).ok_or_else(|| Error::missing("user", &name))?;
             let role = role.unwrap_or(user.role);
             let disabled = !enable && (disable || user.disabled);

@@ -99,10 +99,7 @@ impl SimulatedMachine {
                 uptime_s: self.begun.elapsed().as_secs_f64(),
                 wall_s: now_s(),
                 version: self.active.as_ref().map_or(0, |(_, version)| *version),
-                model: self
-                    .active
-                    .as_ref()
-                    .map_or_else(String::new, |(model, _)| model.checksum()),
+                model: self.active.as_ref().map_or_else(String::new, |(model, _)| model.checksum()),
                 body,
             };
             let id = format!("{}-{}", self.instance, self.number);
@@ -152,11 +149,7 @@ impl SimulatedMachine {
             return Outcome::NeedsConfirmation {
                 hash,
                 worst_um: format!("{worst_um:.1}"),
-                worst_urad: if has_rotary {
-                    format!("{worst_urad:.1}")
-                } else {
-                    String::new()
-                },
+                worst_urad: if has_rotary { format!("{worst_urad:.1}") } else { String::new() },
                 differences: Vec::new(),
             };
         }
@@ -177,11 +170,9 @@ impl SimulatedMachine {
     fn largest_move(&self, new: &Model) -> [f64; 2] {
         let old = self.active.as_ref().map(|(model, _)| model);
         let mut worst = [0.0_f64; 2];
-        for stand in [
-            |axis: &Axis| axis.travel[0],
-            Axis::nearest_zero,
-            |axis: &Axis| axis.travel[1],
-        ] {
+        for stand in
+            [|axis: &Axis| axis.travel[0], Axis::nearest_zero, |axis: &Axis| axis.travel[1]]
+        {
             let rotary = (new.axes().iter()).filter(|axis| axis.name.kind() == AxisKind::Rotary);
             let at: Vec<(AxisName, f64)> = rotary.map(|axis| (axis.name, stand(axis))).collect();
             let Ok(grid) = MapGrid::over_travels(new, [CHECK_NODES; 3], &at) else {
@@ -190,10 +181,7 @@ impl SimulatedMachine {
             for index in 0..grid.len() {
                 let (_, state) = grid.node(new, index);
                 let [before, after] = [old, Some(new)].map(|model| correction(model, &state));
-                let moves = before
-                    .iter()
-                    .zip(after)
-                    .map(|(before, after)| after - before);
+                let moves = before.iter().zip(after).map(|(before, after)| after - before);
                 for (axis, moved) in self.machine.axes.iter().zip(moves) {
                     match axis.kind() {
                         AxisKind::Linear => worst[0] = worst[0].max(moved.abs() * 1e3),
@@ -307,17 +295,9 @@ impl SimulatedMachine {
             };
         }
         // Number of cycles that ended within each time, µs.
-        let permille = [
-            (1950, 2),
-            (2000, 600),
-            (2050, 370),
-            (2100, 20),
-            (2200, 7),
-            (2500, 1),
-        ];
-        let histogram: Vec<(u64, u64)> = (permille.iter())
-            .map(|&(edge, share)| (edge, self.cycles * share / 1000))
-            .collect();
+        let permille = [(1950, 2), (2000, 600), (2050, 370), (2100, 20), (2200, 7), (2500, 1)];
+        let histogram: Vec<(u64, u64)> =
+            (permille.iter()).map(|&(edge, share)| (edge, self.cycles * share / 1000)).collect();
         let none = PerAxis::ZERO;
         json!({
             "simulated": true,

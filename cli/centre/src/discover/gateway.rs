@@ -120,11 +120,7 @@ async fn get(
         format!("GET {path} HTTP/1.1\r\nHost: {at}\r\nConnection: close\r\nAccept: */*\r\n\r\n");
     stream.write_all(request.as_bytes()).await?;
     let mut bytes = Vec::new();
-    match stream
-        .take(MAX_RESPONSE_BYTES)
-        .read_to_end(&mut bytes)
-        .await
-    {
+    match stream.take(MAX_RESPONSE_BYTES).read_to_end(&mut bytes).await {
         // Some servers close TLS without the closing alert.
         Err(_) if !bytes.is_empty() => {}
         other => other.map(|_| ())?,
@@ -133,20 +129,11 @@ async fn get(
     let no_http = || io::Error::other("its answer is no HTTP");
     let (head, body) = text.split_once("\r\n\r\n").ok_or_else(no_http)?;
     let first = head.strip_prefix("HTTP/1.").ok_or_else(no_http)?;
-    let status = first
-        .split(' ')
-        .nth(1)
-        .and_then(|status| status.parse().ok());
-    let chunked = head
-        .to_ascii_lowercase()
-        .contains("transfer-encoding: chunked");
+    let status = first.split(' ').nth(1).and_then(|status| status.parse().ok());
+    let chunked = head.to_ascii_lowercase().contains("transfer-encoding: chunked");
     Ok(HttpResponse {
         status: status.ok_or_else(no_http)?,
-        body: if chunked {
-            unchunked(body)
-        } else {
-            body.to_owned()
-        },
+        body: if chunked { unchunked(body) } else { body.to_owned() },
     })
 }
 

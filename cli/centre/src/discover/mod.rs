@@ -94,11 +94,7 @@ impl Device {
     }
 
     fn other(address: SocketAddr, kind: Kind, why: impl AsRef<str>) -> Self {
-        Self {
-            answers: false,
-            note: clean(why.as_ref()),
-            ..Self::at(address, kind)
-        }
+        Self { answers: false, note: clean(why.as_ref()), ..Self::at(address, kind) }
     }
 }
 
@@ -241,15 +237,8 @@ pub struct RateLimiter {
 impl RateLimiter {
     /// `per_second` turns per second, clamped to 0.1 to 10 000.
     pub fn new(per_second: f64) -> Self {
-        let per_second = if per_second.is_finite() {
-            per_second.clamp(0.1, 10_000.0)
-        } else {
-            1.0
-        };
-        Self {
-            every: Duration::from_secs_f64(1.0 / per_second),
-            next: Mutex::new(Instant::now()),
-        }
+        let per_second = if per_second.is_finite() { per_second.clamp(0.1, 10_000.0) } else { 1.0 };
+        Self { every: Duration::from_secs_f64(1.0 / per_second), next: Mutex::new(Instant::now()) }
     }
 
     /// Waits for a turn. Unused turns are not saved up: there is no burst after a pause.
@@ -269,11 +258,8 @@ const MAX_TEXT: usize = 100;
 /// Sanitizes a text for display: one line of at most 100 characters, without control characters (which move a terminal's cursor) and without
 /// characters that change the writing direction.
 pub fn clean(text: &str) -> String {
-    let shown: String = text
-        .chars()
-        .map(|c| if is_harmless(c) { c } else { ' ' })
-        .take(4 * MAX_TEXT)
-        .collect();
+    let shown: String =
+        text.chars().map(|c| if is_harmless(c) { c } else { ' ' }).take(4 * MAX_TEXT).collect();
     let words: Vec<&str> = shown.split_whitespace().collect();
     words.join(" ").chars().take(MAX_TEXT).collect()
 }

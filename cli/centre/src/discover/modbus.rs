@@ -58,9 +58,8 @@ pub(super) async fn probe(at: SocketAddr, mut stream: TcpStream) -> Device {
             Ok(Some(Identification::Objects([vendor, product, revision]))) => {
                 let words: Vec<String> = [vendor, product].into_iter().flatten().collect();
                 device.control = clean(&words.join(" "));
-                device.note = revision.map_or_else(String::new, |revision| {
-                    clean(&format!("revision {revision}"))
-                });
+                device.note = revision
+                    .map_or_else(String::new, |revision| clean(&format!("revision {revision}")));
                 return device;
             }
             Ok(Some(Identification::Refused(code))) => {
@@ -84,9 +83,7 @@ async fn question(
 ) -> io::Result<Option<Identification>> {
     let [high, low] = transaction.to_be_bytes();
     let [function, mei] = FUNCTION;
-    stream
-        .write_all(&[high, low, 0, 0, 0, 5, unit, function, mei, 1, 0])
-        .await?;
+    stream.write_all(&[high, low, 0, 0, 0, 5, unit, function, mei, 1, 0]).await?;
     let mut head = [0; 7];
     stream.read_exact(&mut head).await?;
     let length = usize::from(u16::from_be_bytes([head[4], head[5]]));

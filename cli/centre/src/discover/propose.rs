@@ -34,13 +34,9 @@ pub fn proposals(letters: &[char]) -> Vec<Proposal> {
             axes.push(axis);
         }
     }
-    let has_linear = [AxisName::X, AxisName::Y, AxisName::Z]
-        .iter()
-        .all(|axis| axes.contains(axis));
-    let mut rotary: Vec<AxisName> = axes
-        .into_iter()
-        .filter(|axis| axis.kind() == AxisKind::Rotary)
-        .collect();
+    let has_linear = [AxisName::X, AxisName::Y, AxisName::Z].iter().all(|axis| axes.contains(axis));
+    let mut rotary: Vec<AxisName> =
+        axes.into_iter().filter(|axis| axis.kind() == AxisKind::Rotary).collect();
     rotary.sort_unstable();
     if !has_linear {
         return Vec::new();
@@ -67,9 +63,7 @@ pub fn proposals(letters: &[char]) -> Vec<Proposal> {
 }
 
 fn axis_of(letter: char) -> Option<AxisName> {
-    AxisName::ALL
-        .into_iter()
-        .find(|axis| axis.to_string() == letter.to_string())
+    AxisName::ALL.into_iter().find(|axis| axis.to_string() == letter.to_string())
 }
 
 fn proposal(translational: u8, rotary: u8, axes: &[AxisName]) -> Option<Proposal> {
@@ -85,11 +79,7 @@ fn proposal(translational: u8, rotary: u8, axes: &[AxisName]) -> Option<Proposal
         0 => String::new(),
         1 => format!(", {} turn the workpiece", list.join(" and ")),
         2 => format!(", {} turn the tool", list.join(" and ")),
-        _ => format!(
-            ", {} turns the workpiece and {} the tool",
-            list.first()?,
-            list.last()?
-        ),
+        _ => format!(", {} turns the workpiece and {} the tool", list.first()?, list.last()?),
     };
     Some(Proposal {
         structure: structure.to_string(),

@@ -51,9 +51,7 @@ impl FromStr for Subnet {
     type Err = SubnetError;
 
     fn from_str(text: &str) -> Result<Self, SubnetError> {
-        let unreadable = || SubnetError::Unreadable {
-            found: text.to_owned(),
-        };
+        let unreadable = || SubnetError::Unreadable { found: text.to_owned() };
         let (address, prefix) = match text.split_once('/') {
             Some((address, prefix)) => {
                 let digits = prefix.bytes().all(|byte| byte.is_ascii_digit());
@@ -69,10 +67,7 @@ impl FromStr for Subnet {
         if first == address {
             Ok(subnet)
         } else {
-            Err(SubnetError::Bits {
-                found: text.to_owned(),
-                expected: subnet,
-            })
+            Err(SubnetError::Bits { found: text.to_owned(), expected: subnet })
         }
     }
 }
@@ -84,9 +79,7 @@ impl fmt::Display for Subnet {
 }
 
 fn mask(prefix: u8) -> u32 {
-    u32::MAX
-        .checked_shl(32 - u32::from(prefix.min(32)))
-        .unwrap_or(0)
+    u32::MAX.checked_shl(32 - u32::from(prefix.min(32))).unwrap_or(0)
 }
 
 impl Subnet {
@@ -98,10 +91,7 @@ impl Subnet {
     pub fn check(&self, mine: bool) -> Result<(), SubnetError> {
         let addresses = u64::from(self.last() - u32::from(self.first)) + 1;
         if self.prefix < SHORTEST_PREFIX {
-            return Err(SubnetError::TooLarge {
-                found: *self,
-                addresses,
-            });
+            return Err(SubnetError::TooLarge { found: *self, addresses });
         }
         let [a, ..] = self.first.octets();
         if a == 0 || a >= 224 {
@@ -110,11 +100,7 @@ impl Subnet {
         let private = PRIVATE.iter().any(|(range, prefix)| {
             u32::from(self.first) & mask(*prefix) == u32::from(*range) && self.prefix >= *prefix
         });
-        if private || mine {
-            Ok(())
-        } else {
-            Err(SubnetError::Public { found: *self })
-        }
+        if private || mine { Ok(()) } else { Err(SubnetError::Public { found: *self }) }
     }
 
     /// Host addresses: all of them, except the network and broadcast addresses if there are more than two.

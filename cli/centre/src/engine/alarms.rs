@@ -83,9 +83,7 @@ pub(super) fn update(
             }
             Ok(())
         })?;
-        state
-            .changed_s
-            .extend(changed.into_iter().map(|(id, _)| (id, now)));
+        state.changed_s.extend(changed.into_iter().map(|(id, _)| (id, now)));
         state.changed_s.retain(|id, _| !gone.contains(id));
     }
     // Remove failures that are over and whose alarm has been stored.
@@ -230,25 +228,21 @@ fn add_centre_causes(
 fn waiting(rollout: &Rollout, causes: &mut BTreeMap<Key, String>) {
     for target in &rollout.targets {
         let (kind, text) = match &target.step {
-            Step::NeedsConfirmation {
-                version,
-                worst_um,
-                worst_urad,
-                differences,
-                ..
-            } => (
+            Step::NeedsConfirmation { version, worst_um, worst_urad, differences, .. } => (
                 AlarmKind::NeedsConfirmation,
                 needs_confirmation(*version, (worst_um, worst_urad), differences),
             ),
-            Step::Soaking {
-                version, idle_s, ..
-            } if *idle_s > rollout.rules.answer_s && rollout.phase == Phase::Running => (
-                AlarmKind::Idle,
-                format!(
-                    "Version {version} of roll-out {id} is active, but the machine has not compensated for {idle_s:.0} s: the roll-out waits until it does. Arm it, or end the roll-out with `rollout stop {id}`.",
-                    id = rollout.id
-                ),
-            ),
+            Step::Soaking { version, idle_s, .. }
+                if *idle_s > rollout.rules.answer_s && rollout.phase == Phase::Running =>
+            {
+                (
+                    AlarmKind::Idle,
+                    format!(
+                        "Version {version} of roll-out {id} is active, but the machine has not compensated for {idle_s:.0} s: the roll-out waits until it does. Arm it, or end the roll-out with `rollout stop {id}`.",
+                        id = rollout.id
+                    ),
+                )
+            }
             _ => continue,
         };
         let key = (Some(target.machine.clone()), kind);
@@ -312,9 +306,7 @@ fn causes_of(known: &MachineState<'_>) -> BTreeMap<AlarmKind, String> {
             ),
         );
     }
-    let unreadable = known
-        .reception
-        .and_then(|reception| reception.unreadable.as_ref());
+    let unreadable = known.reception.and_then(|reception| reception.unreadable.as_ref());
     let unreadable = unreadable.map(|(at, why)| (at.elapsed().as_secs_f64(), why));
     if let Some((ago_s, why)) = unreadable.filter(|(ago_s, _)| *ago_s < EVENT_ALARM_S) {
         causes.insert(
@@ -323,10 +315,7 @@ fn causes_of(known: &MachineState<'_>) -> BTreeMap<AlarmKind, String> {
         );
     }
     if let Some(days) = known.due_days.filter(|days| *days >= 0.0) {
-        causes.insert(
-            AlarmKind::Due,
-            format!("The calibration has been due for {days:.0} days."),
-        );
+        causes.insert(AlarmKind::Due, format!("The calibration has been due for {days:.0} days."));
     }
     if let Some(suspect) = known.suspect {
         let text = suspect.text(&known.machine.identity.machine);
@@ -357,12 +346,7 @@ fn add_version_causes(known: &MachineState<'_>, causes: &mut BTreeMap<AlarmKind,
                 format!("It has rejected version {}: {why}.", version.version),
             );
         }
-        Some(Outcome::NeedsConfirmation {
-            worst_um,
-            worst_urad,
-            differences,
-            ..
-        }) => {
+        Some(Outcome::NeedsConfirmation { worst_um, worst_urad, differences, .. }) => {
             causes.insert(
                 AlarmKind::NeedsConfirmation,
                 needs_confirmation(version.version, (worst_um, worst_urad), differences),
@@ -370,9 +354,7 @@ fn add_version_causes(known: &MachineState<'_>, causes: &mut BTreeMap<AlarmKind,
         }
         Some(Outcome::Activated) | None => {}
     }
-    let live = known
-        .reception
-        .and_then(|reception| reception.live.as_ref());
+    let live = known.reception.and_then(|reception| reception.live.as_ref());
     let Some(live) = live else {
         return;
     };
@@ -408,16 +390,10 @@ fn add_reception_causes(known: &MachineState<'_>, causes: &mut BTreeMap<AlarmKin
             "No condition is received from it. It continues with its active model.".to_owned(),
         );
     }
-    if reception
-        .instances
-        .cloned_s
-        .is_some_and(|at_s| live.heard_s - at_s < CLONE_ALARM_S)
-    {
-        let names: Vec<&str> = (reception
-            .instances
-            .active_since(live.heard_s - CLONE_ALARM_S))
-        .map(|one| one.instance.as_str())
-        .collect();
+    if reception.instances.cloned_s.is_some_and(|at_s| live.heard_s - at_s < CLONE_ALARM_S) {
+        let names: Vec<&str> = (reception.instances.active_since(live.heard_s - CLONE_ALARM_S))
+            .map(|one| one.instance.as_str())
+            .collect();
         causes.insert(
             AlarmKind::Clone,
             format!(
@@ -468,19 +444,11 @@ mod tests {
         let name: MachineId = "mill-1".parse().expect("a name");
         let machines = [(name.clone(), true)];
         let mut rollout = Rollout::new(7, "ab", &machines, Rules::default(), "anna", 0.0);
-        rollout.step(Event::Issued {
-            machine: name.clone(),
-            version: 3,
-            before_um: None,
-        });
+        rollout.step(Event::Issued { machine: name.clone(), version: 3, before_um: None });
         let mut look = |corrects: bool, passes: u32| {
             for _ in 0..passes {
-                let seen = Observation {
-                    reachable: true,
-                    version: 3,
-                    corrects,
-                    ..Observation::default()
-                };
+                let seen =
+                    Observation { reachable: true, version: 3, corrects, ..Observation::default() };
                 rollout.step(Event::Pass {
                     elapsed_s: 10.0,
                     seen: BTreeMap::from([(name.clone(), seen)]),
@@ -492,10 +460,7 @@ mod tests {
         };
         assert_eq!(look(false, 31), None, "it may take 300 s");
         let text = look(false, 1).expect("an alarm");
-        assert!(
-            text.contains("Version 3 of roll-out 7") && text.contains("for 310 s"),
-            "{text}"
-        );
+        assert!(text.contains("Version 3 of roll-out 7") && text.contains("for 310 s"), "{text}");
         assert_eq!(look(true, 1), None, "it compensates");
         assert_eq!(look(false, 2), None, "it is counted anew");
     }
@@ -514,11 +479,7 @@ mod tests {
             "It corrects with the model of roll-out 3, which was ended by anna before it was done: `model back mill-1` restores the previous model; `rollout keep 3 mill-1` keeps the model."
         );
         suspect.can_resume = true;
-        assert!(
-            suspect
-                .text(&name)
-                .contains("after `rollout stop 3` `model back mill-1`")
-        );
+        assert!(suspect.text(&name).contains("after `rollout stop 3` `model back mill-1`"));
         suspect.has_way_back = false;
         let reported = suspect.text(&name);
         assert!(!reported.contains("model back"), "{reported}");

@@ -57,12 +57,7 @@ fn due(engine: &Engine) -> Result<Vec<SignedValue>, Error> {
         if has_value {
             due.extend(engine.store.issued(&machine)?);
         } else {
-            due.push(SignedValue {
-                machine,
-                version,
-                model: String::new(),
-                value: String::new(),
-            });
+            due.push(SignedValue { machine, version, model: String::new(), value: String::new() });
         }
     }
     Ok(due)
@@ -111,10 +106,7 @@ async fn put(engine: &Arc<Engine>, issued: SignedValue) -> Result<(), volcomp_fl
         {
             report_foreign_value(engine, &issued.machine);
         }
-        engine
-            .hub
-            .put_desired(&issued.machine, value.clone())
-            .await?;
+        engine.hub.put_desired(&issued.machine, value.clone()).await?;
     }
     lock(&engine.put).insert(issued.machine, (issued.version, value));
     Ok(())
@@ -155,8 +147,7 @@ async fn restore_on_change(engine: &Engine, mut watch: DesiredWatch) {
 fn is_other(engine: &Engine, machine: &MachineId, value: Option<&Bytes>) -> bool {
     let put = lock(&engine.put);
     let own: &BTreeMap<MachineId, (u64, Bytes)> = &put;
-    own.get(machine)
-        .is_some_and(|(_, own)| non_empty(Some(own)) != non_empty(value))
+    own.get(machine).is_some_and(|(_, own)| non_empty(Some(own)) != non_empty(value))
 }
 
 /// Checks the value under a key, and restores the centre's value if another one is there.

@@ -109,19 +109,13 @@ impl Engine {
         let (send, jobs) = mpsc::sync_channel(MAX_QUEUED_BATCHES);
         let writer_engine = Arc::clone(&engine);
         let (alive, writer) = oneshot::channel::<()>();
-        std::thread::Builder::new()
-            .name("writer".to_owned())
-            .spawn(move || {
-                // Dropped when the thread ends for any reason.
-                let _alive = alive;
-                write(&writer_engine, &jobs);
-            })?;
+        std::thread::Builder::new().name("writer".to_owned()).spawn(move || {
+            // Dropped when the thread ends for any reason.
+            let _alive = alive;
+            write(&writer_engine, &jobs);
+        })?;
         let tasks = tokio::spawn(run(Arc::clone(&engine), send));
-        Ok(Running {
-            engine,
-            tasks,
-            writer,
-        })
+        Ok(Running { engine, tasks, writer })
     }
 
     pub fn store(&self) -> &Arc<Store> {
@@ -208,10 +202,8 @@ async fn run(engine: Arc<Engine>, jobs: mpsc::SyncSender<WriteJob>) {
 }
 
 async fn prepared(engine: &Engine, site: &SiteId) -> bool {
-    let made = engine
-        .hub
-        .prepare(std::slice::from_ref(site), engine.settings.stream_retention)
-        .await;
+    let made =
+        engine.hub.prepare(std::slice::from_ref(site), engine.settings.stream_retention).await;
     if let Err(error) = &made {
         tracing::warn!("the streams of {site}: {error}");
     }
@@ -235,10 +227,7 @@ async fn collect(mut collection: volcomp_fleet::Collection, jobs: mpsc::SyncSend
             continue;
         }
         let (stored, waits) = oneshot::channel();
-        let mut job = WriteJob {
-            messages: std::mem::take(&mut batch.messages),
-            stored,
-        };
+        let mut job = WriteJob { messages: std::mem::take(&mut batch.messages), stored };
         // The queue of the writer thread: if it is full, retry; the server holds further messages.
         while let Err(error) = jobs.try_send(job) {
             match error {
@@ -353,10 +342,7 @@ mod tests {
         let ended = tokio::time::timeout(Duration::from_secs(60), running.ended()).await;
         // Both tasks use the store, and either may meet the fault first.
         let ended = ended.expect("it ends");
-        assert!(
-            ["the engine", "the thread that writes"].contains(&ended),
-            "{ended}"
-        );
+        assert!(["the engine", "the thread that writes"].contains(&ended), "{ended}");
         assert_eq!(Error::Ended("the engine").status(), 1);
 
         let (alive, writer) = oneshot::channel();
@@ -368,11 +354,8 @@ mod tests {
         };
         assert_eq!(running.ended().await, "the thread that writes");
         let (_alive, writer) = oneshot::channel();
-        let mut running = Running {
-            engine: Arc::clone(running.engine()),
-            tasks: tokio::spawn(async {}),
-            writer,
-        };
+        let mut running =
+            Running { engine: Arc::clone(running.engine()), tasks: tokio::spawn(async {}), writer };
         assert_eq!(running.ended().await, "the engine");
     }
 }

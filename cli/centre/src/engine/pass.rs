@@ -53,10 +53,7 @@ pub(super) async fn sites(engine: &Arc<Engine>) -> BTreeSet<SiteId> {
     let engine_clone = Arc::clone(engine);
     let machines = blocking(move || engine_clone.store.machines()).await;
     let machines = machines.unwrap_or_default();
-    machines
-        .into_iter()
-        .map(|machine| machine.identity.site)
-        .collect()
+    machines.into_iter().map(|machine| machine.identity.site).collect()
 }
 
 /// Runs one pass. Database errors are reported, and the next pass tries again.
@@ -114,10 +111,7 @@ fn run_pass(engine: &Engine, state: &mut State) -> Result<(), Error> {
         lock(&engine.ingest).count_missing();
         engine.store.close_minutes(now_s() - CLOSED_AFTER_S)?;
     }
-    if state
-        .hour
-        .is_none_or(|hour| now.duration_since(hour) >= HOUR)
-    {
+    if state.hour.is_none_or(|hour| now.duration_since(hour) >= HOUR) {
         state.hour = Some(now);
         engine.store.delete_expired(engine.settings.keep, now_s())?;
     }
@@ -144,9 +138,8 @@ fn settle_all(
             differs(machine, newest)
         } else {
             // If there is no value under its key, the machine continues with its active version.
-            let live = lock(&engine.ingest)
-                .machine(name)
-                .and_then(|reception| reception.live.clone());
+            let live =
+                lock(&engine.ingest).machine(name).and_then(|reception| reception.live.clone());
             match live.filter(|live| live.version > 0) {
                 Some(live) => {
                     let versions = engine.store.versions(name)?;

@@ -54,25 +54,18 @@ pub(super) fn advance_all(
             seen.version = 0;
         }
     }
-    let input = PassInput {
-        elapsed_s,
-        seen,
-        residual_um,
-        versions,
-    };
+    let input = PassInput { elapsed_s, seen, residual_um, versions };
     let mut blocked = Blocked::default();
     let (mut moved, mut all_known) = (BTreeSet::new(), true);
     for id in open {
         match advance(engine, id, &input) {
             Ok(machines) => moved.extend(machines),
             Err(error) => {
-                blocked
-                    .why
-                    .push(format!("Roll-out {id} cannot proceed: {error}."));
+                blocked.why.push(format!("Roll-out {id} cannot proceed: {error}."));
                 match engine.store.rollout(id) {
-                    Ok(rollout) => blocked
-                        .machines
-                        .extend(rollout.into_iter().flat_map(machines_of)),
+                    Ok(rollout) => {
+                        blocked.machines.extend(rollout.into_iter().flat_map(machines_of))
+                    }
                     Err(_) => all_known = false,
                 }
             }
@@ -115,10 +108,7 @@ fn advance(
         let before = rollout.clone();
         let wished = (requests.into_iter()).map(|(request, by)| Event::Requested { request, by });
         let answered = answers(&rollout, &input.versions);
-        let heard = Event::Pass {
-            elapsed_s: input.elapsed_s,
-            seen: input.seen.clone(),
-        };
+        let heard = Event::Pass { elapsed_s: input.elapsed_s, seen: input.seen.clone() };
         for event in wished.chain(answered).chain([heard]) {
             let actions = rollout.step(event);
             source.execute(database, &mut rollout, actions)?;
@@ -139,11 +129,7 @@ fn answers(rollout: &Rollout, versions: &BTreeMap<MachineId, Version>) -> Vec<Ev
         let is_of_rollout = version.rollout.is_none_or(|id| id == rollout.id);
         let outcome = version.outcome.clone()?;
         (is_of_rollout && target.step.is_new_outcome(version.version, &outcome)).then(|| {
-            Event::Answered {
-                machine: target.machine.clone(),
-                version: version.version,
-                outcome,
-            }
+            Event::Answered { machine: target.machine.clone(), version: version.version, outcome }
         })
     });
     answered.collect()
@@ -185,10 +171,7 @@ impl ManifestSource<'_> {
                         machine,
                     },
                     Err(error) if error.is_of_database() => return Err(error),
-                    Err(other) => Event::NotIssued {
-                        machine,
-                        why: other.to_string(),
-                    },
+                    Err(other) => Event::NotIssued { machine, why: other.to_string() },
                 };
                 more.extend(rollout.step(event));
             }
@@ -213,9 +196,7 @@ impl ManifestSource<'_> {
         // Read in this transaction: the machine may have been disabled since the pass began.
         let machine = machine_named(database, name)?;
         let machine = machine.ok_or_else(|| Error::missing("machine", name))?;
-        let (model, text) = self
-            .model
-            .ok_or_else(|| Error::missing("model", &rollout.model))?;
+        let (model, text) = self.model.ok_or_else(|| Error::missing("model", &rollout.model))?;
         let order = Order {
             machine: &machine,
             model,

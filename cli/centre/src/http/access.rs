@@ -21,11 +21,7 @@ pub(super) const OURS: &str = "x-volcomp";
 
 /// Name of the cookie. The `__Host-` prefix under TLS makes the browser accept it only from this host and never over a plain connection.
 pub(super) fn cookie_name(secure: bool) -> &'static str {
-    if secure {
-        "__Host-volcomp-centre"
-    } else {
-        "volcomp-centre"
-    }
+    if secure { "__Host-volcomp-centre" } else { "volcomp-centre" }
 }
 
 /// The `Set-Cookie` header; an empty token deletes the cookie.
@@ -68,8 +64,7 @@ pub(super) async fn admit(
 ) -> Response {
     let changes = request.method() != Method::GET;
     if changes && let Err(refused) = is_ours(request.headers()) {
-        page.refused(Refusal::Forbidden, from.ip(), request.uri().path())
-            .await;
+        page.refused(Refusal::Forbidden, from.ip(), request.uri().path()).await;
         return refused.into_response();
     }
     let Some(role) = need else {
@@ -83,8 +78,7 @@ pub(super) async fn admit(
         Err(refused) => return refused.into_response(),
     };
     if user.role < role {
-        page.refused(Refusal::Forbidden, from.ip(), request.uri().path())
-            .await;
+        page.refused(Refusal::Forbidden, from.ip(), request.uri().path()).await;
         let why = format!("this needs the role {role}, {} is {}", user.name, user.role);
         return ApiError::new(StatusCode::FORBIDDEN, why).into_response();
     }
@@ -107,6 +101,5 @@ async fn user(page: &Arc<PageState>, headers: &HeaderMap) -> Result<Option<User>
     let Some(token) = token(headers, page.settings.secure) else {
         return Ok(None);
     };
-    page.query(move |store| store.session(&token, &BootTime::now()))
-        .await
+    page.query(move |store| store.session(&token, &BootTime::now())).await
 }

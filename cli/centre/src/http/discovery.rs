@@ -39,9 +39,7 @@ pub(super) async fn search(
 ) -> ApiResult {
     let request: SearchRequest = read(&body)?;
     if request.subnets.is_empty() || request.subnets.len() > MAX_SUBNETS {
-        return Err(ApiError::wrong(format!(
-            "subnets: expected 1 to {MAX_SUBNETS}"
-        )));
+        return Err(ApiError::wrong(format!("subnets: expected 1 to {MAX_SUBNETS}")));
     }
     let mut subnets = Vec::new();
     for text in &request.subnets {
@@ -90,9 +88,8 @@ pub(super) async fn search(
     let shared = Arc::clone(&page);
     tokio::spawn(async move {
         let progress = Arc::clone(&shared);
-        let devices = search
-            .run(move |done| progress.with_search(|latest| latest.done = done))
-            .await;
+        let devices =
+            search.run(move |done| progress.with_search(|latest| latest.done = done)).await;
         shared.with_search(|latest| {
             latest.devices = devices;
             latest.running = false;

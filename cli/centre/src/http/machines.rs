@@ -47,8 +47,7 @@ pub(super) async fn overview(State(page): Shared) -> ApiResult {
 
 /// Machine name in a path; an invalid name is reported as an unknown machine.
 pub(super) fn named(name: &str) -> Result<MachineId, ApiError> {
-    name.parse()
-        .map_err(|_| ApiError::missing("there is no such machine"))
+    name.parse().map_err(|_| ApiError::missing("there is no such machine"))
 }
 
 pub(super) async fn machine(State(page): Shared, Path(name): Path<String>) -> ApiResult {
@@ -120,9 +119,7 @@ pub(super) async fn history(
         })
         .await?;
     let together = points.len().div_ceil(MAX_POINTS).max(1);
-    let means = points
-        .chunks(together)
-        .filter_map(|some| Point::mean(some, some.first()?.at_s));
+    let means = points.chunks(together).filter_map(|some| Point::mean(some, some.first()?.at_s));
     let means: Vec<Point> = means.collect();
     // `together`: number of points averaged into one.
     document(&json!({ "now_s": now_s(), "together": together, "points": means }))
@@ -134,11 +131,8 @@ pub(super) async fn put_machine(
     body: Bytes,
 ) -> ApiResult {
     let machine: Machine = read(&body)?;
-    machine
-        .check()
-        .map_err(|error| ApiError::wrong(error.to_string()))?;
-    page.query(move |store| store.put_machine(&machine, user.name.as_str()))
-        .await?;
+    machine.check().map_err(|error| ApiError::wrong(error.to_string()))?;
+    page.query(move |store| store.put_machine(&machine, user.name.as_str())).await?;
     done()
 }
 
@@ -148,14 +142,8 @@ pub(super) async fn remove_machine(
     Path(name): Path<String>,
 ) -> ApiResult {
     let id = named(&name)?;
-    let removed = page
-        .query(move |store| store.remove_machine(&id, user.name.as_str()))
-        .await?;
-    if removed {
-        done()
-    } else {
-        Err(ApiError::missing("there is no such machine"))
-    }
+    let removed = page.query(move |store| store.remove_machine(&id, user.name.as_str())).await?;
+    if removed { done() } else { Err(ApiError::missing("there is no such machine")) }
 }
 
 const MAX_ALARMS: u32 = 500;
@@ -169,11 +157,8 @@ pub(super) struct AlarmQuery {
 
 pub(super) async fn alarms(State(page): Shared, Query(which): Query<AlarmQuery>) -> ApiResult {
     let alarms = page.query(move |store| {
-        let mut alarms = if which.all {
-            store.alarms(None, MAX_ALARMS)
-        } else {
-            store.open_alarms()
-        }?;
+        let mut alarms =
+            if which.all { store.alarms(None, MAX_ALARMS) } else { store.open_alarms() }?;
         alarms.extend(store_alarm(store));
         Ok(alarms)
     });
@@ -185,14 +170,8 @@ pub(super) async fn acknowledge_alarm(
     Extension(user): Extension<User>,
     Path(id): Path<u64>,
 ) -> ApiResult {
-    let seen = page
-        .query(move |store| store.acknowledge_alarm(id, user.name.as_str()))
-        .await?;
-    if seen {
-        done()
-    } else {
-        Err(ApiError::missing("there is no such alarm"))
-    }
+    let seen = page.query(move |store| store.acknowledge_alarm(id, user.name.as_str())).await?;
+    if seen { done() } else { Err(ApiError::missing("there is no such alarm")) }
 }
 
 #[derive(Deserialize)]
@@ -202,9 +181,5 @@ pub(super) struct AuditQuery {
 }
 
 pub(super) async fn audit(State(page): Shared, Query(range): Query<AuditQuery>) -> ApiResult {
-    document(
-        &page
-            .query(move |store| store.audit_records(range.before, MAX_AUDIT))
-            .await?,
-    )
+    document(&page.query(move |store| store.audit_records(range.before, MAX_AUDIT)).await?)
 }

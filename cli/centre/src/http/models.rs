@@ -36,9 +36,7 @@ pub(super) async fn found(
         let text = store.model_text(&model.sha256)?;
         Ok(text.map(|text| (model, text)))
     });
-    found
-        .await?
-        .ok_or_else(|| ApiError::missing("there is no such model"))
+    found.await?.ok_or_else(|| ApiError::missing("there is no such model"))
 }
 
 pub(super) async fn model(State(page): Shared, Path(checksum): Path<String>) -> ApiResult {
@@ -82,11 +80,7 @@ pub(super) async fn add(
     Extension(user): Extension<User>,
     body: Bytes,
 ) -> ApiResult {
-    let NewModelRequest {
-        text,
-        measured,
-        file: name,
-    } = read(&body)?;
+    let NewModelRequest { text, measured, file: name } = read(&body)?;
     if name.chars().count() > 1000 {
         return Err(ApiError::wrong("file: expected at most 1000 characters"));
     }
@@ -98,9 +92,7 @@ pub(super) async fn add(
     let NewModel { model, text } =
         (made.await?).map_err(|error| ApiError::wrong(error.to_string()))?;
     let answer = model.clone();
-    let added = page
-        .query(move |store| store.add_model(&model, &text))
-        .await?;
+    let added = page.query(move |store| store.add_model(&model, &text)).await?;
     // `added`: false if the model was already stored.
     document(&json!({ "model": answer, "added": added }))
 }

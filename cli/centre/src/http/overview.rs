@@ -145,12 +145,7 @@ impl Overview {
                 }
             })
             .collect();
-        let document = Document {
-            made_s: now_s,
-            notice,
-            machines: rows,
-            centre,
-        };
+        let document = Document { made_s: now_s, notice, machines: rows, centre };
         Ok(Self {
             document: serde_json::to_vec(&document)?.into(),
             ages_s,
@@ -220,21 +215,13 @@ impl Ages {
                 seen.then_s + now.saturating_duration_since(seen.at).as_secs_f64()
             }
             Some(seen) => {
-                *seen = LastCondition {
-                    made,
-                    at: now,
-                    then_s: made.late_s,
-                };
+                *seen = LastCondition { made, at: now, then_s: made.late_s };
                 made.late_s
             }
             None => {
                 // First observation: only the wall clocks are available.
                 let then_s = (now_s - made.at_s).max(made.late_s);
-                let seen = LastCondition {
-                    made,
-                    at: now,
-                    then_s,
-                };
+                let seen = LastCondition { made, at: now, then_s };
                 self.0.insert(machine.clone(), seen);
                 then_s
             }
@@ -258,20 +245,11 @@ mod tests {
             let start = Instant::now();
             let at = |s: u64| start + Duration::from_secs(s);
             ages.age_s(&machine, made(1000.0 + ahead_s), 1000.0, at(0));
-            assert_eq!(
-                ages.age_s(&machine, made(1001.0 + ahead_s), 1001.0, at(1)),
-                0.0
-            );
+            assert_eq!(ages.age_s(&machine, made(1001.0 + ahead_s), 1001.0, at(1)), 0.0);
             // The machine falls silent.
-            assert_eq!(
-                ages.age_s(&machine, made(1001.0 + ahead_s), 1010.0, at(10)),
-                9.0
-            );
+            assert_eq!(ages.age_s(&machine, made(1001.0 + ahead_s), 1010.0, at(10)), 9.0);
             // The clock of this computer is set back.
-            assert_eq!(
-                ages.age_s(&machine, made(1001.0 + ahead_s), 5.0, at(20)),
-                19.0
-            );
+            assert_eq!(ages.age_s(&machine, made(1001.0 + ahead_s), 5.0, at(20)), 19.0);
         }
     }
 }

@@ -34,10 +34,7 @@ impl ApiError {
     /// An internal failure; the details go to the log, not to the response.
     pub(super) fn inside(why: impl std::fmt::Display) -> Self {
         tracing::error!("page: {why}");
-        Self::new(
-            StatusCode::INTERNAL_SERVER_ERROR,
-            "internal error: see the log of the centre",
-        )
+        Self::new(StatusCode::INTERNAL_SERVER_ERROR, "internal error: see the log of the centre")
     }
 }
 

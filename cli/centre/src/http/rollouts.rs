@@ -41,18 +41,12 @@ pub(super) async fn rollouts(State(page): Shared) -> ApiResult {
 fn views(store: &Store) -> Result<Vec<RolloutView>, Error> {
     let rollouts = store.rollouts(MAX_ROLLOUTS)?;
     let has_broken_off = (rollouts.iter()).any(|rollout| rollout.phase.is_broken_off());
-    let in_force = if has_broken_off {
-        rollouts_in_force(store, &rollouts)?
-    } else {
-        BTreeMap::new()
-    };
+    let in_force =
+        if has_broken_off { rollouts_in_force(store, &rollouts)? } else { BTreeMap::new() };
     let views = rollouts.into_iter().map(|rollout| {
         let targets = rollout.targets.iter().map(|target| &target.machine);
         let in_force_on = targets.filter(|name| in_force.get(name) == Some(&rollout.id));
-        RolloutView {
-            in_force_on: in_force_on.cloned().collect(),
-            rollout,
-        }
+        RolloutView { in_force_on: in_force_on.cloned().collect(), rollout }
     });
     Ok(views.collect())
 }
@@ -105,9 +99,7 @@ pub(super) async fn start_rollout(
     let rules = rules.unwrap_or_else(|| page.settings.rules.clone());
     let checked = rules.check();
     checked.map_err(|(key, why)| ApiError::wrong(format!("rules.{key}: {why}")))?;
-    let started = page
-        .query(move |store| Ok(begin(store, &start, rules, &user)))
-        .await??;
+    let started = page.query(move |store| Ok(begin(store, &start, rules, &user))).await??;
     document(&started)
 }
 
@@ -117,9 +109,8 @@ fn begin(
     rules: Rules,
     user: &User,
 ) -> Result<Rollout, ApiError> {
-    let model = store
-        .model(&start.model)?
-        .ok_or_else(|| ApiError::missing("there is no such model"))?;
+    let model =
+        store.model(&start.model)?.ok_or_else(|| ApiError::missing("there is no such model"))?;
     if start.machines.is_empty() {
         return Err(ApiError::wrong("machines: expected at least one"));
     }
@@ -143,8 +134,7 @@ pub(super) async fn request(
     body: Bytes,
 ) -> ApiResult {
     let request: UserRequest = read(&body)?;
-    page.query(move |store| store.request_rollout_change(id, &request, user.name.as_str()))
-        .await?;
+    page.query(move |store| store.request_rollout_change(id, &request, user.name.as_str())).await?;
     done()
 }
 
@@ -161,8 +151,7 @@ pub(super) async fn keep(
     body: Bytes,
 ) -> ApiResult {
     let KeepRequest { machine } = read(&body)?;
-    page.query(move |store| store.keep_model(id, &machine, user.name.as_str()))
-        .await?;
+    page.query(move |store| store.keep_model(id, &machine, user.name.as_str())).await?;
     done()
 }
 
@@ -173,9 +162,8 @@ pub(super) async fn back(
 ) -> ApiResult {
     let machine = named(&name)?;
     let rules = page.settings.rules.clone();
-    let (rollout, _) = page
-        .query(move |store| start_way_back(store, &machine, rules, user.name.as_str()))
-        .await?;
+    let (rollout, _) =
+        page.query(move |store| start_way_back(store, &machine, rules, user.name.as_str())).await?;
     document(&rollout)
 }
 
@@ -201,12 +189,7 @@ mod tests {
         });
         let id = started.expect("stored").id;
         fixture.issue(1, id, None);
-        let in_force_on = || {
-            views(&fixture.store)
-                .expect("a store")
-                .remove(0)
-                .in_force_on
-        };
+        let in_force_on = || views(&fixture.store).expect("a store").remove(0).in_force_on;
         assert!(in_force_on().is_empty(), "no message yet");
         let live = Live::new(fixture.name().clone(), 1.0, 1);
         fixture.store.put_live(&[live]).expect("stored");

@@ -87,38 +87,14 @@ const PAGES: [(&str, &str, &str); 11] = [
     ("/", HTML, include_str!("../../web/index.html")),
     ("/style.css", CSS, include_str!("../../web/style.css")),
     ("/plot.js", JAVASCRIPT, volcomp_web::PLOT_JS),
-    (
-        "/common.js",
-        JAVASCRIPT,
-        include_str!("../../web/common.js"),
-    ),
+    ("/common.js", JAVASCRIPT, include_str!("../../web/common.js")),
     ("/shop.js", JAVASCRIPT, include_str!("../../web/shop.js")),
-    (
-        "/machine.js",
-        JAVASCRIPT,
-        include_str!("../../web/machine.js"),
-    ),
-    (
-        "/models.js",
-        JAVASCRIPT,
-        include_str!("../../web/models.js"),
-    ),
-    (
-        "/rollouts.js",
-        JAVASCRIPT,
-        include_str!("../../web/rollouts.js"),
-    ),
-    (
-        "/office.js",
-        JAVASCRIPT,
-        include_str!("../../web/office.js"),
-    ),
+    ("/machine.js", JAVASCRIPT, include_str!("../../web/machine.js")),
+    ("/models.js", JAVASCRIPT, include_str!("../../web/models.js")),
+    ("/rollouts.js", JAVASCRIPT, include_str!("../../web/rollouts.js")),
+    ("/office.js", JAVASCRIPT, include_str!("../../web/office.js")),
     ("/app.js", JAVASCRIPT, include_str!("../../web/app.js")),
-    (
-        "/icon.svg",
-        "image/svg+xml",
-        include_str!("../../web/icon.svg"),
-    ),
+    ("/icon.svg", "image/svg+xml", include_str!("../../web/icon.svg")),
 ];
 const HTML: &str = "text/html; charset=utf-8";
 const CSS: &str = "text/css; charset=utf-8";

@@ -104,10 +104,8 @@ impl PageState {
                     ages = kept;
                     match overview {
                         Ok(overview) => {
-                            let mut place = self
-                                .overview
-                                .write()
-                                .unwrap_or_else(PoisonError::into_inner);
+                            let mut place =
+                                self.overview.write().unwrap_or_else(PoisonError::into_inner);
                             *place = Arc::new(overview);
                         }
                         Err(error) => tracing::warn!("overview: {error}"),
@@ -136,8 +134,7 @@ impl PageState {
     ) -> Result<T, ApiError> {
         let store = Arc::clone(&self.store);
         let done = tokio::task::spawn_blocking(move || work(&store)).await;
-        done.map_err(|_| ApiError::inside("a computation was cancelled"))?
-            .map_err(ApiError::from)
+        done.map_err(|_| ApiError::inside("a computation was cancelled"))?.map_err(ApiError::from)
     }
 
     /// Writes a rejection to the audit log: immediately, or combined with similar ones of the same minute.
@@ -146,16 +143,14 @@ impl PageState {
             return;
         };
         let details = json!({ "from": from });
-        self.record("centre", refusal.action(), object.to_owned(), details)
-            .await;
+        self.record("centre", refusal.action(), object.to_owned(), details).await;
         let page = Arc::clone(self);
         tokio::spawn(async move {
             tokio::time::sleep(REFUSAL_WINDOW).await;
             if let Some(further) = page.refusals.take(key) {
                 let details =
                     json!({ "from": from, "count": further.count, "tried": further.tried });
-                page.record("centre", refusal.action(), String::new(), details)
-                    .await;
+                page.record("centre", refusal.action(), String::new(), details).await;
             }
         });
     }
@@ -168,9 +163,7 @@ impl PageState {
         details: serde_json::Value,
     ) {
         let by = by.to_owned();
-        let written = self
-            .query(move |store| store.audit(&by, action, &object, details))
-            .await;
+        let written = self.query(move |store| store.audit(&by, action, &object, details)).await;
         if written.is_err() {
             tracing::error!("page: {action} could not be written into the audit log");
         }

@@ -51,9 +51,7 @@ pub(super) async fn tables(
     Query(query): Query<TableQuery>,
 ) -> ApiResult {
     let (format, at, written) = made(&page, checksum, query).await?;
-    let files: Vec<&str> = (written.files.iter())
-        .map(|file| file.name.as_str())
-        .collect();
+    let files: Vec<&str> = (written.files.iter()).map(|file| file.name.as_str()).collect();
     document(&json!({
         "format": format.name(),
         "files": files,
@@ -115,12 +113,7 @@ async fn made(
 
 /// Rejection of an export, naming the fields of the web interface.
 fn refused(error: &ExchangeError) -> ApiError {
-    let ExchangeError::InvalidOption {
-        what,
-        found,
-        expected,
-    } = error
-    else {
+    let ExchangeError::InvalidOption { what, found, expected } = error else {
         return ApiError::wrong(error.to_string());
     };
     let field = match what.as_str() {

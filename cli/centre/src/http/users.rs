@@ -134,13 +134,10 @@ pub(super) async fn logout(
     headers: HeaderMap,
 ) -> ApiResult {
     if let Some(token) = access::token(&headers, page.settings.secure) {
-        page.query(move |store| store.end_session(&token, &user.name))
-            .await?;
+        page.query(move |store| store.end_session(&token, &user.name)).await?;
     }
     let mut response = done()?;
-    response
-        .headers_mut()
-        .insert(header::SET_COOKIE, cookie(&page, "")?);
+    response.headers_mut().insert(header::SET_COOKIE, cookie(&page, "")?);
     Ok(response)
 }
 
@@ -195,15 +192,10 @@ pub(super) async fn add_user(
     Extension(admin): Extension<User>,
     body: Bytes,
 ) -> ApiResult {
-    let NewUser {
-        name,
-        role,
-        password,
-    } = read(&body)?;
+    let NewUser { name, role, password } = read(&body)?;
     let hash = hashed(&page, password).await?;
     let from = from.ip().to_string();
-    page.query(move |store| store.add_user(&name, role, &hash, admin.name.as_str(), &from))
-        .await?;
+    page.query(move |store| store.add_user(&name, role, &hash, admin.name.as_str(), &from)).await?;
     done()
 }
 
@@ -217,8 +209,7 @@ struct ChangedUser {
 }
 
 fn named(name: &str) -> Result<UserName, ApiError> {
-    name.parse()
-        .map_err(|_| ApiError::missing("there is no such user"))
+    name.parse().map_err(|_| ApiError::missing("there is no such user"))
 }
 
 pub(super) async fn change_user(
@@ -229,11 +220,7 @@ pub(super) async fn change_user(
     body: Bytes,
 ) -> ApiResult {
     let name = named(&name)?;
-    let ChangedUser {
-        role,
-        disabled,
-        password,
-    } = read(&body)?;
+    let ChangedUser { role, disabled, password } = read(&body)?;
     let hash = match password {
         Some(password) => Some(hashed(&page, password).await?),
         None => None,
@@ -259,7 +246,6 @@ pub(super) async fn remove_user(
 ) -> ApiResult {
     let name = named(&name)?;
     let from = from.ip().to_string();
-    page.query(move |store| store.remove_user(&name, admin.name.as_str(), &from))
-        .await?;
+    page.query(move |store| store.remove_user(&name, admin.name.as_str(), &from)).await?;
     done()
 }

@@ -83,11 +83,7 @@ impl Store {
         loop {
             let page = self.read(|database| {
                 rows(database, sql, params![expected, PAGE], |row| {
-                    Ok((
-                        record(row)?,
-                        row.get::<_, String>(0)?,
-                        row.get::<_, u64>(2)?,
-                    ))
+                    Ok((record(row)?, row.get::<_, String>(0)?, row.get::<_, u64>(2)?))
                 })
             })?;
             if page.is_empty() {

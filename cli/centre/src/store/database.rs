@@ -94,10 +94,7 @@ pub(crate) fn machine(row: &Row<'_>, column: usize) -> Result<MachineId, Error> 
 
 /// Opens the file, creating it if it does not exist. Only its owner may read it: it holds password hashes and models.
 pub(super) fn open(path: &Path) -> Result<Connection, Error> {
-    let failed = |why: std::io::Error| Error::Database {
-        file: path.display().to_string(),
-        why,
-    };
+    let failed = |why: std::io::Error| Error::Database { file: path.display().to_string(), why };
     let mut options = fs::OpenOptions::new();
     // Create only, without opening an existing file: closing it would release the POSIX locks of connections that this program already has to it,
     // and another reading program would then delete the write-ahead log in use.
@@ -207,10 +204,8 @@ const FIRST: &[&str] = &[
 ];
 
 /// Minutes are closed machine by machine, which needs an index by machine.
-const CLOSED_BY_MACHINE: &[&str] = &[
-    "DROP INDEX recent_at",
-    "CREATE INDEX recent_of ON recent (machine, at_s)",
-];
+const CLOSED_BY_MACHINE: &[&str] =
+    &["DROP INDEX recent_at", "CREATE INDEX recent_of ON recent (machine, at_s)"];
 
 /// Requests for a roll-out are queued, so that none replaces another. The column `wish` is no longer used.
 const WISHES: &[&str] = &[
@@ -234,10 +229,7 @@ pub(super) fn migrate(database: &mut Connection) -> Result<(), Error> {
     if found > known {
         return Err(Error::Newer { found, known });
     }
-    for statements in STEPS
-        .iter()
-        .skip(usize::try_from(found).unwrap_or(usize::MAX))
-    {
+    for statements in STEPS.iter().skip(usize::try_from(found).unwrap_or(usize::MAX)) {
         database.execute_batch(&statements.join(";"))?;
     }
     execute(&database, "DELETE FROM schema", [])?;

@@ -37,22 +37,14 @@ pub struct Retention {
 
 impl Default for Retention {
     fn default() -> Self {
-        Self {
-            raw_h: 24.0,
-            minutes_d: 31.0,
-            telemetry_h: 24.0,
-            telemetry_hourly_d: 31.0,
-        }
+        Self { raw_h: 24.0, minutes_d: 31.0, telemetry_h: 24.0, telemetry_hourly_d: 31.0 }
     }
 }
 
 const MAX_MACHINES_PER_WRITE: usize = 32;
 
 /// Index of the minute or hour that contains a time.
-#[expect(
-    clippy::cast_possible_truncation,
-    reason = "a float is cut to the range of i64"
-)]
+#[expect(clippy::cast_possible_truncation, reason = "a float is cut to the range of i64")]
 fn place(at_s: f64, length_s: f64) -> i64 {
     (at_s / length_s).floor() as i64
 }
@@ -131,9 +123,7 @@ impl Store {
         let sql =
             "SELECT at_s, document FROM telemetry WHERE machine = ?1 ORDER BY at_s DESC LIMIT 1";
         self.read(|database| {
-            first(database, sql, [machine.as_str()], |row| {
-                Ok((row.get(0)?, json_or_text(row, 1)?))
-            })
+            first(database, sql, [machine.as_str()], |row| Ok((row.get(0)?, json_or_text(row, 1)?)))
         })
     }
 
@@ -159,10 +149,9 @@ impl Store {
             self.read(|database| rows(database, sql, [], |row| Ok(row.get(0)?)))?;
         for machine in machines {
             self.write(|database| {
-                for (table, kept_s) in [
-                    ("raw", keep.raw_h * HOUR_S),
-                    ("minutes", keep.minutes_d * DAY_S),
-                ] {
+                for (table, kept_s) in
+                    [("raw", keep.raw_h * HOUR_S), ("minutes", keep.minutes_d * DAY_S)]
+                {
                     execute(
                         database,
                         &format!("DELETE FROM {table} WHERE machine = ?1 AND minute < ?2"),
@@ -188,20 +177,14 @@ impl Store {
     /// Gateway instances of every machine, in the order in which they first appeared.
     pub(crate) fn instances(&self) -> Result<Vec<(MachineId, Instance)>, Error> {
         let sql = "SELECT machine, document FROM instances ORDER BY machine, first_s";
-        self.read(|database| {
-            rows(database, sql, [], |row| {
-                Ok((machine(row, 0)?, json(row, 1)?))
-            })
-        })
+        self.read(|database| rows(database, sql, [], |row| Ok((machine(row, 0)?, json(row, 1)?))))
     }
 }
 
 /// Closes a machine's oldest open minute before `end` and returns the number of its conditions.
 fn close_oldest(database: &Connection, machine: &str, end: i64) -> Result<u64, Error> {
     let sql = "SELECT min(at_s) FROM recent WHERE machine = ?1";
-    let oldest = first(database, sql, [machine], |row| {
-        Ok(row.get::<_, Option<f64>>(0)?)
-    })?;
+    let oldest = first(database, sql, [machine], |row| Ok(row.get::<_, Option<f64>>(0)?))?;
     let oldest = oldest.flatten().map(|at_s| place(at_s, 60.0));
     let Some(minute) = oldest.filter(|minute| *minute < end) else {
         return Ok(0);
@@ -232,10 +215,7 @@ fn close_one(
         return Ok(());
     };
     let before: Option<Point> = kept(database, "minutes", "minute", machine, minute)?;
-    if before
-        .as_ref()
-        .is_some_and(|before| before.count > mean.count)
-    {
+    if before.as_ref().is_some_and(|before| before.count > mean.count) {
         // The raw conditions of this minute have expired, and one arrived late: keep the mean of the others.
         return Ok(());
     }
@@ -357,12 +337,7 @@ pub(crate) fn put_instance(
         database,
         "INSERT INTO instances (machine, instance, first_s, document) VALUES (?1, ?2, ?3, ?4)
          ON CONFLICT (machine, instance) DO UPDATE SET document = excluded.document",
-        params![
-            machine.as_str(),
-            instance.instance,
-            instance.first_s,
-            document
-        ],
+        params![machine.as_str(), instance.instance, instance.first_s, document],
     )?;
     Ok(())
 }

@@ -67,16 +67,12 @@ impl Store {
     /// Makes every later use panic.
     #[cfg(test)]
     pub(crate) fn inject_fault(&self) {
-        self.is_faulty
-            .store(true, std::sync::atomic::Ordering::Relaxed);
+        self.is_faulty.store(true, std::sync::atomic::Ordering::Relaxed);
     }
 
     #[cfg(test)]
     fn check_fault(&self) {
-        assert!(
-            !self.is_faulty.load(std::sync::atomic::Ordering::Relaxed),
-            "injected"
-        );
+        assert!(!self.is_faulty.load(std::sync::atomic::Ordering::Relaxed), "injected");
     }
 
     /// Limits the file to a number of pages, which simulates a full disk; for tests.
@@ -133,10 +129,7 @@ impl Store {
         let hang = since.map(|since| since.elapsed());
         if let Some(hang) = hang.filter(|hang| *hang > HANG_TIMEOUT) {
             let s = hang.as_secs();
-            return Some((
-                hang,
-                format!("has not completed a change for {s} s: its disk hangs"),
-            ));
+            return Some((hang, format!("has not completed a change for {s} s: its disk hangs")));
         }
         let failing = lock(&self.failing).clone();
         failing.map(|(since, why)| (since.elapsed(), format!("rejects changes: {why}")))

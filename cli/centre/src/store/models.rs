@@ -79,9 +79,7 @@ impl Store {
     pub(crate) fn newest_models(&self) -> Result<BTreeMap<String, Model>, Error> {
         let sql = "SELECT document FROM models WHERE sha256 IN (SELECT model FROM desired)";
         let models: Vec<Model> = self.read(|database| documents(database, sql, []))?;
-        let by_checksum = models
-            .into_iter()
-            .map(|model| (model.sha256.clone(), model));
+        let by_checksum = models.into_iter().map(|model| (model.sha256.clone(), model));
         Ok(by_checksum.collect())
     }
 
@@ -118,9 +116,7 @@ impl Store {
     pub fn desired_versions(&self) -> Result<HashMap<MachineId, (u64, bool)>, Error> {
         let sql = "SELECT machine, version, value <> '' FROM desired";
         let wanted = self.read(|database| {
-            rows(database, sql, [], |row| {
-                Ok((machine(row, 0)?, (row.get(1)?, row.get(2)?)))
-            })
+            rows(database, sql, [], |row| Ok((machine(row, 0)?, (row.get(1)?, row.get(2)?))))
         })?;
         Ok(wanted.into_iter().collect())
     }
@@ -168,11 +164,7 @@ pub(crate) fn newest(database: &Connection, of: &MachineId) -> Result<Option<Sig
 /// Clears the key of a machine until the next version is issued: the last version was withdrawn, and there was none before it.
 pub(crate) fn clear_desired(database: &Connection, machine: &MachineId) -> Result<(), Error> {
     let name = machine.as_str();
-    execute(
-        database,
-        "UPDATE desired SET value = '' WHERE machine = ?1",
-        [name],
-    )?;
+    execute(database, "UPDATE desired SET value = '' WHERE machine = ?1", [name])?;
     audit::append(database, "centre", "version.withdraw", name, json!({}))
 }
 
@@ -214,13 +206,7 @@ pub(crate) fn add_version(
          ON CONFLICT (machine) DO UPDATE SET version = excluded.version, model = excluded.model, value = excluded.value",
         params![machine, version.version, version.model, value],
     )?;
-    audit::append(
-        database,
-        &version.by,
-        "version.issue",
-        machine,
-        json!(version),
-    )
+    audit::append(database, &version.by, "version.issue", machine, json!(version))
 }
 
 /// Stores the outcome that a machine reports for a version. Outcomes for values that were never issued here are ignored.
@@ -235,12 +221,7 @@ pub(crate) fn answer(
     execute(
         database,
         "INSERT INTO acknowledgements (machine, at_s, version, document) VALUES (?1, ?2, ?3, ?4)",
-        params![
-            machine.as_str(),
-            at_s,
-            version,
-            serde_json::to_string(answer)?
-        ],
+        params![machine.as_str(), at_s, version, serde_json::to_string(answer)?],
     )?;
     let sql = "SELECT document FROM versions WHERE machine = ?1 AND value_sha256 = ?2";
     let answered: Option<Version> =
@@ -248,11 +229,8 @@ pub(crate) fn answer(
     let Some(answered) = answered else {
         return Ok(());
     };
-    let answered = Version {
-        outcome: Some(answer.outcome.clone()),
-        answered_s: Some(at_s),
-        ..answered
-    };
+    let answered =
+        Version { outcome: Some(answer.outcome.clone()), answered_s: Some(at_s), ..answered };
     change_version(database, &answered)
 }
 

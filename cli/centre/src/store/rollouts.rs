@@ -81,9 +81,7 @@ impl Store {
             if let UserRequest::Confirm { machine, hash } = request {
                 // Reject requests without effect now, because the user would not see the running centre discard them.
                 let waiting = pending_requests(database, id)?;
-                let is_ending = waiting
-                    .iter()
-                    .any(|(request, _)| *request == UserRequest::Abort);
+                let is_ending = waiting.iter().any(|(request, _)| *request == UserRequest::Abort);
                 let checked = rollout.may_confirm(machine, hash, is_ending);
                 checked.map_err(Error::NotConfirmed)?;
             }
@@ -93,13 +91,7 @@ impl Store {
                  SELECT ?1, coalesce(max(number), 0) + 1, ?2 FROM wishes WHERE rollout = ?1",
                 params![id, serde_json::to_string(&(request, by))?],
             )?;
-            audit::append(
-                database,
-                by,
-                "rollout.wish",
-                &id.to_string(),
-                json!(request),
-            )
+            audit::append(database, by, "rollout.wish", &id.to_string(), json!(request))
         })
     }
 
@@ -161,10 +153,7 @@ pub(crate) fn take(
     if requests.is_empty() {
         return Ok(Some((rollout, requests)));
     }
-    if let Some(end) = requests
-        .iter()
-        .position(|(request, _)| *request == UserRequest::Abort)
-    {
+    if let Some(end) = requests.iter().position(|(request, _)| *request == UserRequest::Abort) {
         requests = vec![requests.swap_remove(end)];
     }
     execute(database, "DELETE FROM wishes WHERE rollout = ?1", [id])?;
@@ -180,13 +169,7 @@ pub(crate) fn save(database: &Connection, rollout: &Rollout, before: &Phase) -> 
         params![id, serde_json::to_string(rollout)?, phase.is_over()],
     )?;
     if before != phase {
-        audit::append(
-            database,
-            "centre",
-            "rollout.phase",
-            &id.to_string(),
-            json!(phase),
-        )?;
+        audit::append(database, "centre", "rollout.phase", &id.to_string(), json!(phase))?;
     }
     Ok(())
 }

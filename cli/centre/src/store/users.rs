@@ -30,9 +30,7 @@ fn check_other_admin(database: &Connection, name: &UserName) -> Result<(), Error
     if number(database, sql, [name.as_str()])? > 0 {
         return Ok(());
     }
-    Err(Error::Conflict(format!(
-        "{name} is the last admin who may log in: add another one first"
-    )))
+    Err(Error::Conflict(format!("{name} is the last admin who may log in: add another one first")))
 }
 
 /// True if the user may log in and still has the password hash `compared`. Passwords are verified outside of transactions and after a delay, so the user
@@ -68,11 +66,7 @@ fn changed(
     if changed == 0 {
         return Err(Error::missing("user", name));
     }
-    execute(
-        database,
-        "DELETE FROM sessions WHERE name = ?1",
-        [name.as_str()],
-    )?;
+    execute(database, "DELETE FROM sessions WHERE name = ?1", [name.as_str()])?;
     audit::append(database, by, action, name.as_str(), details)
 }
 
@@ -170,14 +164,7 @@ impl Store {
         self.write(|database| {
             let sql = "DELETE FROM users WHERE name = ?1";
             let count = execute(database, sql, [name.as_str()])?;
-            changed(
-                database,
-                name,
-                count,
-                by,
-                "user.remove",
-                json!({ "from": from }),
-            )?;
+            changed(database, name, count, by, "user.remove", json!({ "from": from }))?;
             check_other_admin(database, name)
         })
     }
@@ -190,9 +177,7 @@ impl Store {
     pub fn user(&self, name: &UserName) -> Result<Option<(User, String)>, Error> {
         let sql = format!("SELECT {COLUMNS} FROM users WHERE name = ?1");
         self.read(|database| {
-            first(database, &sql, [name.as_str()], |row| {
-                Ok((user(row)?, row.get(4)?))
-            })
+            first(database, &sql, [name.as_str()], |row| Ok((user(row)?, row.get(4)?)))
         })
     }
 

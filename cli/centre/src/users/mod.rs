@@ -72,10 +72,7 @@ impl FromStr for UserName {
     fn from_str(text: &str) -> Result<Self, Error> {
         let fits =
             |byte: u8| byte.is_ascii_lowercase() || byte.is_ascii_digit() || b".-_".contains(&byte);
-        let first = text
-            .bytes()
-            .next()
-            .is_some_and(|byte| byte.is_ascii_lowercase());
+        let first = text.bytes().next().is_some_and(|byte| byte.is_ascii_lowercase());
         // In the audit log, `centre` denotes the program itself.
         if first && text.len() <= 64 && text.bytes().all(fits) && text != "centre" {
             Ok(Self(text.to_owned()))
@@ -192,10 +189,7 @@ impl BootTime {
 
     #[must_use]
     pub fn later(&self, by: Duration) -> Self {
-        Self {
-            boot: self.boot.clone(),
-            since_boot_s: self.since_boot_s + by.as_secs_f64(),
-        }
+        Self { boot: self.boot.clone(), since_boot_s: self.since_boot_s + by.as_secs_f64() }
     }
 
     /// Seconds since an earlier time; `None` if that was in another boot, or is not earlier.
@@ -223,8 +217,7 @@ impl Session {
     /// True until a timeout has passed.
     pub fn is_alive(&self, now: &BootTime) -> bool {
         let within = |earlier: &BootTime, limit: Duration| {
-            now.since(earlier)
-                .is_some_and(|seconds| seconds <= limit.as_secs_f64())
+            now.since(earlier).is_some_and(|seconds| seconds <= limit.as_secs_f64())
         };
         within(&self.since, Self::MAX_DURATION) && within(&self.used, Self::IDLE_TIMEOUT)
     }
@@ -271,10 +264,7 @@ mod tests {
     fn only_the_same_password_matches() {
         let of = |text: &str| Password::entered(text.to_owned()).unwrap();
         let stored = hash(&of("correct horse battery")).unwrap();
-        assert!(
-            stored.starts_with("$argon2id$v=19$m=19456,t=2,p=1$"),
-            "{stored}"
-        );
+        assert!(stored.starts_with("$argon2id$v=19$m=19456,t=2,p=1$"), "{stored}");
         assert!(is_right(&of("correct horse battery"), Some(&stored)));
         assert!(!is_right(&of("correct horse batterz"), Some(&stored)));
         assert!(!is_right(&of(""), Some(&stored)));
@@ -289,20 +279,14 @@ mod tests {
     fn too_short_and_too_long_passwords_are_rejected() {
         let refused = |made: Result<Password, Error>| made.unwrap_err().to_string();
         let short = refused(Password::chosen("ä".repeat(11)));
-        assert_eq!(
-            short,
-            "the password has 11 characters, expected at least 12"
-        );
+        assert_eq!(short, "the password has 11 characters, expected at least 12");
         assert!(Password::chosen("ä".repeat(12)).is_ok());
         let long = refused(Password::entered("a".repeat(1025)));
         assert_eq!(long, "the password has 1025 bytes, expected at most 1024");
     }
 
     fn session() -> (Session, BootTime) {
-        let now = BootTime {
-            boot: "a".to_owned(),
-            since_boot_s: 1000.0,
-        };
+        let now = BootTime { boot: "a".to_owned(), since_boot_s: 1000.0 };
         let session = Session {
             user: "anna".parse().unwrap(),
             since: now.clone(),
@@ -321,16 +305,10 @@ mod tests {
         session.used = after(43_000);
         assert!(session.is_alive(&after(43_200)));
         assert!(!session.is_alive(&after(43_201)));
-        let other = BootTime {
-            boot: "b".to_owned(),
-            ..after(10)
-        };
+        let other = BootTime { boot: "b".to_owned(), ..after(10) };
         assert!(!session.is_alive(&other));
         // A time before the session's start is not of this boot.
-        let before = BootTime {
-            since_boot_s: 999.0,
-            ..start.clone()
-        };
+        let before = BootTime { since_boot_s: 999.0, ..start.clone() };
         assert!(!session.is_alive(&before));
         let (session, _) = self::session();
         assert!(

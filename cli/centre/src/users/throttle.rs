@@ -67,11 +67,7 @@ pub struct Attempt<'a> {
 
 impl Attempt<'_> {
     pub fn delay(&self) -> Duration {
-        if self.waiting.is_some() {
-            DELAY
-        } else {
-            Duration::ZERO
-        }
+        if self.waiting.is_some() { DELAY } else { Duration::ZERO }
     }
 }
 
@@ -115,19 +111,14 @@ impl Throttle {
         } else {
             None
         };
-        Some(Attempt {
-            throttle: self,
-            waiting,
-        })
+        Some(Attempt { throttle: self, waiting })
     }
 
     pub fn wrong(&self, from: IpAddr, account: &str) {
         let mut counts = self.counts();
         let keys = Key::all(from, account);
         if counts.wrong.len() + keys.len() > MAX_COUNTS {
-            counts
-                .wrong
-                .retain(|_, (_, since)| since.elapsed() < WINDOW);
+            counts.wrong.retain(|_, (_, since)| since.elapsed() < WINDOW);
         }
         if counts.wrong.len() + keys.len() > MAX_COUNTS {
             // Memory is bounded: restart all counts.
@@ -220,9 +211,7 @@ impl Refusals {
     /// Ends a window: the rejections after the first one, if any.
     pub(crate) fn take(&self, key: RefusalKey) -> Option<SuppressedRefusals> {
         let mut counts = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        counts
-            .remove(&key)
-            .filter(|suppressed| suppressed.count > 0)
+        counts.remove(&key).filter(|suppressed| suppressed.count > 0)
     }
 }
 
@@ -231,9 +220,7 @@ mod tests {
     use super::*;
 
     fn delay(throttle: &Throttle, from: IpAddr, account: &str) -> Option<Duration> {
-        throttle
-            .attempt(from, account)
-            .map(|attempt| attempt.delay())
+        throttle.attempt(from, account).map(|attempt| attempt.delay())
     }
 
     #[test]
@@ -285,11 +272,7 @@ mod tests {
             assert_eq!(refusals.count(Refusal::Login, one, &object), None);
         }
         let quiet = refusals.count(Refusal::Login, other, "anna").unwrap();
-        assert!(
-            refusals
-                .count(Refusal::Forbidden, one, "/api/users")
-                .is_some()
-        );
+        assert!(refusals.count(Refusal::Forbidden, one, "/api/users").is_some());
         let suppressed = refusals.take(key).unwrap();
         assert_eq!((suppressed.count, suppressed.tried.len()), (59, 8));
         assert_eq!(refusals.take(quiet), None);

@@ -48,10 +48,7 @@ pub(crate) fn run(script: &str, arguments: &[&str]) {
     }
     let output = browser.wait_with_output().expect("ours");
     let message = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert!(
-        output.status.success() && said == "done",
-        "{said}: {message}"
-    );
+    assert!(output.status.success() && said == "done", "{said}: {message}");
 }
 
 const MODEL: &str = "name = \"mill <script>document.title='hit'</script>\"\nstructure = \"w X' b Y Z t\"\n[axes.X]\ntravel = [0.0, 800.0]\n[axes.Y]\ntravel = [0.0, 600.0]\n[axes.Z]\ntravel = [-500.0, 0.0]\n[errors]\nEXX = { poly = [0.0, 0.03] }\nEC0Y = 15.0\n";
@@ -69,13 +66,7 @@ fn reported(page: &Page, number: usize, silent: bool) -> (Machine, Live) {
     }))
     .expect("a machine");
     page.store.put_machine(&machine, "test").expect("stored");
-    let states = [
-        "compensating",
-        "compensating",
-        "holding",
-        "disarmed",
-        "faulted",
-    ];
+    let states = ["compensating", "compensating", "holding", "disarmed", "faulted"];
     let condition: Condition = serde_json::from_value(serde_json::json!({
         "state": states[number % 5], "reasons": if number % 5 == 4 { vec![hostile] } else { Vec::new() }, "armed": true,
         "correction_um": { "X": 12.5 + number as f64 / 10.0, "Y": -3.25, "Z": 0.5 }, "residual_um": 1.5,
@@ -99,19 +90,12 @@ fn reported(page: &Page, number: usize, silent: bool) -> (Machine, Live) {
 /// A page with `count` machines: the last one is silent, the others send until the flag is set.
 fn shop(count: usize) -> (Page, Arc<AtomicBool>, std::thread::JoinHandle<()>) {
     let page = Page::start();
-    let new = NewModel::of_text(
-        MODEL.to_owned(),
-        "test",
-        Origin::File {
-            name: String::new(),
-        },
-        "test",
-    )
-    .expect("a model");
+    let new =
+        NewModel::of_text(MODEL.to_owned(), "test", Origin::File { name: String::new() }, "test")
+            .expect("a model");
     page.store.add_model(&new.model, &new.text).expect("stored");
-    let lives: Vec<Live> = (0..count)
-        .map(|number| reported(&page, number, number + 1 == count).1)
-        .collect();
+    let lives: Vec<Live> =
+        (0..count).map(|number| reported(&page, number, number + 1 == count).1).collect();
     page.store.put_live(&lives).expect("stored");
     // Later overviews contain the state of every machine.
     page.overview(&page.session(Role::Viewer));
@@ -144,24 +128,15 @@ fn the_page_of_a_stopped_rollout_shows_machine_states_and_options() {
     let (page, ends, talks) = shop(4);
     let model = page.store.models().expect("read").remove(0);
     let machines: Vec<_> = (0..4)
-        .map(|number| {
-            (
-                format!("mill-{number}").parse().expect("a name"),
-                number == 0,
-            )
-        })
+        .map(|number| (format!("mill-{number}").parse().expect("a name"), number == 0))
         .collect();
     let started = page.store.start_rollout(|number| {
         let rules = Rules::default();
         let mut rollout = Rollout::new(number, &model.sha256, &machines, rules, "anna", now_s());
         rollout.targets[0].step = Step::Done { version: 1 };
         let why = "its residual has risen from 1.0 µm to 9.0 µm".to_owned();
-        rollout.targets[1].step = Step::Out {
-            version: Some(1),
-            why: why.clone(),
-            against: true,
-            excused: false,
-        };
+        rollout.targets[1].step =
+            Step::Out { version: Some(1), why: why.clone(), against: true, excused: false };
         let why = format!("{}: {why}", rollout.targets[1].machine);
         rollout.phase = Phase::Stopped { why };
         rollout

@@ -49,11 +49,7 @@ fn configured(folder: &Path) {
 
 fn wrong(folder: &Path, arguments: &str, reported: &str) {
     let called = call(folder, arguments);
-    assert_eq!(
-        called.status, 2,
-        "{arguments}: {}{}",
-        called.out, called.err
-    );
+    assert_eq!(called.status, 2, "{arguments}: {}{}", called.out, called.err);
     assert!(called.err.contains(reported), "{arguments}: {}", called.err);
 }
 
@@ -71,30 +67,19 @@ fn keys_machines_models_and_a_rollout_by_command() {
     wrong("key new main", "main.key: exists and is not replaced");
     wrong("key new ../main", "expected letters");
     done("key nkey centre.nkey");
-    wrong(
-        "key nkey centre.nkey",
-        "centre.nkey: exists and is not replaced",
-    );
+    wrong("key nkey centre.nkey", "centre.nkey: exists and is not replaced");
     let gantry = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples/gantry.toml");
     let gantry = gantry.display();
     let add = format!("--site berlin --serial 4711 --like {gantry}");
-    done(&format!(
-        "machine add mill-1 {add} --new-nkey mill-1.nkey --canary"
-    ));
+    done(&format!("machine add mill-1 {add} --new-nkey mill-1.nkey --canary"));
     done(&format!("machine add mill-2 {add}"));
     wrong(&format!("machine add Mill {add}"), "lower-case");
     let listed = done("machine list");
-    assert!(
-        listed.contains("mill-1") && listed.contains("never connected"),
-        "{listed}"
-    );
+    assert!(listed.contains("mill-1") && listed.contains("never connected"), "{listed}");
     let checked = done("check");
     assert!(checked.contains("note: mill-2 has no nkey"), "{checked}");
     let server = done("nats-config");
-    for part in [
-        "listen: \"127.0.0.1:4300\"",
-        "volcomp.berlin.mill-1.condition",
-    ] {
+    for part in ["listen: \"127.0.0.1:4300\"", "volcomp.berlin.mill-1.condition"] {
         assert!(server.contains(part), "{part}: {server}");
     }
     assert!(!server.contains("mill-2"), "{server}");
@@ -108,44 +93,19 @@ fn models_and_roll_outs(folder: &Path, gantry: &str) {
     let done = |arguments: &str| done(folder, arguments);
     let wrong = |arguments: &str, reported: &str| wrong(folder, arguments, reported);
     let added = done(&format!("model add {gantry} --measured 2026-11-20"));
-    let model = added
-        .lines()
-        .last()
-        .unwrap()
-        .split(' ')
-        .next()
-        .unwrap()
-        .to_owned();
+    let model = added.lines().last().unwrap().split(' ').next().unwrap().to_owned();
     let short = &model[..8];
-    wrong(
-        &format!("model add {gantry} --measured yesterday"),
-        "expected a day",
-    );
-    wrong(
-        &format!("model add {gantry} --measured 2026-02-31"),
-        "expected a day",
-    );
+    wrong(&format!("model add {gantry} --measured yesterday"), "expected a day");
+    wrong(&format!("model add {gantry} --measured 2026-02-31"), "expected a day");
     assert!(done("model list").contains("2026-11-20"));
     let again = done(&format!("model add {gantry} --measured 2026-11-21"));
-    assert!(
-        again.contains("already stored; measured on 2026-11-21"),
-        "{again}"
-    );
+    assert!(again.contains("already stored; measured on 2026-11-21"), "{again}");
     assert!(done(&format!("model add {gantry}")).contains("(already stored)"));
     let listed = done("model list");
-    assert!(
-        listed.contains("2026-11-21") && !listed.contains("2026-11-20"),
-        "{listed}"
-    );
+    assert!(listed.contains("2026-11-21") && !listed.contains("2026-11-20"), "{listed}");
     assert!(done("audit").contains("model.measured"));
-    wrong(
-        "rollout start --model 00 --machine mill-1",
-        "expected the beginning of one checksum",
-    );
-    wrong(
-        &format!("rollout start --model {short} --machine mill-9"),
-        "found no machine",
-    );
+    wrong("rollout start --model 00 --machine mill-1", "expected the beginning of one checksum");
+    wrong(&format!("rollout start --model {short} --machine mill-9"), "found no machine");
     // A model is measured on one machine, so `--all` needs an explicit confirmation.
     wrong(
         &format!("rollout start --model {short} --all"),
@@ -153,30 +113,18 @@ fn models_and_roll_outs(folder: &Path, gantry: &str) {
     );
     let started = done(&format!("rollout start --model {short} --all --same-model"));
     assert!(started.contains("roll-out 1"), "{started}");
-    assert!(
-        started.contains("note: all receive the same model"),
-        "{started}"
-    );
-    wrong(
-        &format!("rollout start --model {short} --machine mill-1"),
-        "roll-out 1",
-    );
+    assert!(started.contains("note: all receive the same model"), "{started}");
+    wrong(&format!("rollout start --model {short} --machine mill-1"), "roll-out 1");
     wrong("rollout keep 1 mill-1", "roll-out 1 is running or done");
     wrong("rollout keep 7 mill-1", "found no roll-out 7");
     wrong("model back mill-1", "found no model that was active before");
     wrong("model back mill-7", "mill-7: found no model");
     let status = done("rollout status 1");
-    assert!(
-        status.contains("mill-1") && status.contains("waits for its wave"),
-        "{status}"
-    );
+    assert!(status.contains("mill-1") && status.contains("waits for its wave"), "{status}");
     done("rollout pause 1");
     wrong("rollout stop 2", "found no roll-out 2");
     let log = done("audit");
-    assert!(
-        log.contains("rollout.start") && log.contains("anna"),
-        "{log}"
-    );
+    assert!(log.contains("rollout.start") && log.contains("anna"), "{log}");
     done("machine remove mill-2");
     wrong("machine remove mill-2", "found no machine");
     // A secret file that other users can read is rejected.
@@ -221,18 +169,8 @@ fn a_confirmation_without_effect_is_rejected() {
     };
     refused(stopped, "mill-1", "abcd", "`rollout resume 1`");
     refused(ended, "mill-2", "abcd", "is over and sends nothing");
-    refused(
-        running,
-        "mill-1",
-        "abcd",
-        "mill-1 is not a machine of roll-out 3",
-    );
-    refused(
-        running,
-        "mill-3",
-        "abce",
-        "found the hash abce, expected abcd",
-    );
+    refused(running, "mill-1", "abcd", "mill-1 is not a machine of roll-out 3");
+    refused(running, "mill-3", "abce", "found the hash abce, expected abcd");
     assert!(done(folder, &format!("rollout confirm {running} mill-3 abcd")).contains("applies it"));
     done(folder, &format!("rollout stop {running}"));
     refused(running, "mill-3", "abcd", "is over and sends nothing");
@@ -247,11 +185,7 @@ fn empty_lists_and_existing_files_are_reported() {
     std::fs::write(folder.join("mill.toml"), crate::support::model_text(7)).unwrap();
     done("key new main");
     done("tls-init localhost");
-    wrong(
-        folder,
-        "tls-init localhost",
-        "key.pem: exists and is not replaced",
-    );
+    wrong(folder, "tls-init localhost", "key.pem: exists and is not replaced");
     assert_eq!(done("rollout status"), "there is no roll-out yet\n");
     done("machine add mill-1 --site berlin --serial 1 --like mill.toml");
     let drift = done("model drift mill-1");
@@ -284,10 +218,7 @@ fn adding_a_machine_again_keeps_unstated_fields() {
         "{add} --new-nkey one.nkey --due-days 365 --condition-s 10 --canary --note old --address 10.0.0.7"
     ));
     let noted = done("machine disable mill-1");
-    assert!(
-        noted.contains("recorded: mill-1 must not be corrected"),
-        "{noted}"
-    );
+    assert!(noted.contains("recorded: mill-1 must not be corrected"), "{noted}");
     let machine = || -> serde_json::Value {
         serde_json::from_str::<Vec<serde_json::Value>>(&done("machine list --json")).unwrap()[0]
             .take()
@@ -316,11 +247,7 @@ fn invalid_machines_are_rejected_without_showing_a_seed() {
     let seed = seed.trim();
     let called = call(folder, &format!("machine add mill-3 {add} --nkey {seed}"));
     assert_eq!(called.status, 2, "{}", called.err);
-    assert!(
-        called.err.contains("nkey: found 58 characters"),
-        "{}",
-        called.err
-    );
+    assert!(called.err.contains("nkey: found 58 characters"), "{}", called.err);
     assert!(!called.err.contains(seed), "{}", called.err);
     wrong(
         folder,
@@ -402,27 +329,13 @@ fn model_show_and_model_download() {
     let added = done(path, "model add m.toml --measured 2026-11-25");
     let sha256 = added.lines().last().unwrap().split(' ').next().unwrap();
     let shown = done(path, &format!("model show {}", &sha256[..6]));
-    for part in [
-        sha256,
-        "w X' b Y Z t",
-        "X Y Z",
-        "2026-11-25",
-        "m.toml",
-        "anna",
-    ] {
+    for part in [sha256, "w X' b Y Z t", "X Y Z", "2026-11-25", "m.toml", "anna"] {
         assert!(shown.contains(part), "{part}: {shown}");
     }
     let said = done(path, &format!("model download {sha256} -o out.toml"));
     assert!(said.contains(sha256), "{said}");
-    assert_eq!(
-        std::fs::read_to_string(path.join("out.toml")).unwrap(),
-        text
-    );
-    wrong(
-        path,
-        &format!("model download {sha256} -o m.toml"),
-        "m.toml: exists",
-    );
+    assert_eq!(std::fs::read_to_string(path.join("out.toml")).unwrap(), text);
+    wrong(path, &format!("model download {sha256} -o m.toml"), "m.toml: exists");
     assert_eq!(std::fs::read_to_string(path.join("m.toml")).unwrap(), text);
 }
 

@@ -34,10 +34,8 @@ fn the_book_shows_every_key_with_its_default() {
     assert_eq!(shown.store.file.file_name(), bare.store.file.file_name());
     // The book lists every key that the program accepts.
     for table in ["nats", "store", "keep", "keys", "rollout", "server"] {
-        let text = format!("[nats]\nurl = \"nats://a:1\"\n[{table}]\n").replace(
-            "[nats]\nurl = \"nats://a:1\"\n[nats]\n",
-            "[nats]\nurl = \"nats://a:1\"\n",
-        );
+        let text = format!("[nats]\nurl = \"nats://a:1\"\n[{table}]\n")
+            .replace("[nats]\nurl = \"nats://a:1\"\n[nats]\n", "[nats]\nurl = \"nats://a:1\"\n");
         let reported = read(&format!("{text}zzzzzzzz = 1\n")).unwrap_err();
         let expected = reported.split("expected").nth(1).unwrap();
         let block = book_example();
@@ -82,10 +80,7 @@ fn configuration_errors_name_line_and_key() {
             "[rollout]\nwaves = [50, 20]\n[nats]\nurl = \"nats://a:1\"\n",
             "centre.toml:2: rollout.waves: found [50, 20], expected percentages from 1, ascending to 100",
         ),
-        (
-            "[rollout]\nwaves = [50]\n[nats]\nurl = \"nats://a:1\"\n",
-            "ascending to 100",
-        ),
+        ("[rollout]\nwaves = [50]\n[nats]\nurl = \"nats://a:1\"\n", "ascending to 100"),
         (
             "[server]\nkey = \"a\"\n[nats]\nurl = \"nats://a:1\"\n",
             "certificate and key, expected both or neither",
@@ -94,10 +89,7 @@ fn configuration_errors_name_line_and_key() {
             "[store]\npostgres = \"host=a\"\n[nats]\nurl = \"nats://a:1\"\n",
             "centre.toml:2: store.postgres: PostgreSQL is not supported any more, expected `file`, a SQLite file",
         ),
-        (
-            "[server]\ncluster = \"a\"\n[nats]\nurl = \"nats://a:1\"\n",
-            "cluster_listen",
-        ),
+        ("[server]\ncluster = \"a\"\n[nats]\nurl = \"nats://a:1\"\n", "cluster_listen"),
     ] {
         let found = read(text).unwrap_err();
         assert!(found.contains(reported), "{text}: {found}");

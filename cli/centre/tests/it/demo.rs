@@ -31,10 +31,8 @@ fn the_demonstration_corrects_three_machines_and_removes_its_folder() {
         peers::not_run("nats-server");
         return;
     }
-    let runtime = tokio::runtime::Builder::new_multi_thread()
-        .enable_all()
-        .build()
-        .expect("threads");
+    let runtime =
+        tokio::runtime::Builder::new_multi_thread().enable_all().build().expect("threads");
     let listen = SocketAddr::from(([127, 0, 0, 1], 0));
     let demo = runtime.block_on(Demo::start(listen)).expect("it starts");
     let (folder, id) = (demo.folder().to_owned(), demo.server_id().expect("it runs"));
@@ -82,28 +80,16 @@ fn the_demonstration_corrects_three_machines_and_removes_its_folder() {
     assert!(notice.starts_with("Demonstration"), "{last}");
     // The model lacks 8 % of the simulated machine's errors; its predicted residual is only the rounding to 1 µm per axis.
     let mut machine = serde_json::Value::Null;
-    until(
-        "the true error is reported",
-        Duration::from_secs(60),
-        || {
-            machine = get("/api/machines/mill-1");
-            let reported = machine["live"]["condition"]["residual_um"].as_f64();
-            machine["live"]["condition"]["state"] == "compensating"
-                && reported.is_some_and(|um| um < 1.0)
-        },
-    );
+    until("the true error is reported", Duration::from_secs(60), || {
+        machine = get("/api/machines/mill-1");
+        let reported = machine["live"]["condition"]["residual_um"].as_f64();
+        machine["live"]["condition"]["state"] == "compensating"
+            && reported.is_some_and(|um| um < 1.0)
+    });
     let truth = &machine["telemetry"]["state"]["body"];
-    let truth = if truth.is_null() {
-        &machine["telemetry"]["state"]
-    } else {
-        truth
-    };
+    let truth = if truth.is_null() { &machine["telemetry"]["state"] } else { truth };
     assert_eq!(truth["simulated"], true, "{machine}");
-    assert_eq!(
-        truth["true_residual_um"].as_array().map(Vec::len),
-        Some(3),
-        "{machine}"
-    );
+    assert_eq!(truth["true_residual_um"].as_array().map(Vec::len), Some(3), "{machine}");
     in_the_browser(&format!("http://{address}/"), &password);
     runtime.block_on(demo.end());
     drop(runtime);

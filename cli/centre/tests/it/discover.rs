@@ -98,10 +98,7 @@ fn a_control_with_axes_yields_structure_proposals() {
     assert_eq!(device.proposals.len(), 24);
     assert_eq!(device.structure, None);
     let text = table(&found);
-    assert!(
-        text.contains("FOCAS") && text.contains("or one of 23 others"),
-        "{text}"
-    );
+    assert!(text.contains("FOCAS") && text.contains("or one of 23 others"), "{text}");
     let json = serde_json::to_value(&found).expect("JSON");
     assert_eq!(json[0]["kind"], "focas");
     assert!(control.world().shifts().iter().all(|shift| *shift == 0.0));
@@ -140,10 +137,7 @@ fn a_modbus_module_is_identified_by_reads_only() {
         }
     });
     let found = search(&[(Kind::Modbus, plain.port())], LONG);
-    assert!(
-        found[0].answers && found[0].note.contains("exception 1"),
-        "{found:?}"
-    );
+    assert!(found[0].answers && found[0].note.contains("exception 1"), "{found:?}");
 }
 
 /// A service that hangs or sends garbage is reported as another service, in bounded time and with sanitized text.
@@ -208,11 +202,7 @@ fn a_gateway_reports_its_machine_or_requires_a_token() {
             let count = stream.read(&mut request).unwrap_or(0);
             let text = String::from_utf8_lossy(&request[..count]).into_owned();
             let page = "HTTP/1.1 200 OK\r\nContent-Type: text/html\r\n\r\n<!DOCTYPE html><title>volcomp gateway</title>";
-            let answer = if text.starts_with("GET / ") {
-                page
-            } else {
-                state
-            };
+            let answer = if text.starts_with("GET / ") { page } else { state };
             let _ = stream.write_all(answer.as_bytes());
         })
     };
@@ -221,19 +211,13 @@ fn a_gateway_reports_its_machine_or_requires_a_token() {
     );
     let found = search(&[(Kind::Gateway, open.port())], LONG);
     let device = &found[0];
-    assert_eq!(
-        (device.name.as_str(), device.note.as_str()),
-        ("gantry", "compensating, simulated")
-    );
+    assert_eq!((device.name.as_str(), device.note.as_str()), ("gantry", "compensating, simulated"));
     assert_eq!(device.structure.as_deref(), Some("w X' b Y Z t"));
     assert_eq!(device.axes, ['X', 'Y', 'Z']);
     let closed =
         answers("HTTP/1.1 401 Unauthorized\r\n\r\n{\"error\":\"a valid token is needed\"}");
     let found = search(&[(Kind::Gateway, closed.port())], LONG);
-    assert!(
-        found[0].answers && found[0].note.contains("token"),
-        "{found:?}"
-    );
+    assert!(found[0].answers && found[0].note.contains("token"), "{found:?}");
 }
 
 #[test]
@@ -252,30 +236,15 @@ fn only_stated_private_subnets_are_searched() {
     ] {
         assert_eq!(check(fine, false), Ok(()), "{fine}");
     }
-    for public in [
-        "8.8.8.8",
-        "172.32.0.0/16",
-        "192.169.0.0/16",
-        "1.1.1.0/24",
-        "192.0.3.0/24",
-    ] {
-        assert!(
-            matches!(check(public, false), Err(SubnetError::Public { .. })),
-            "{public}"
-        );
+    for public in ["8.8.8.8", "172.32.0.0/16", "192.169.0.0/16", "1.1.1.0/24", "192.0.3.0/24"] {
+        assert!(matches!(check(public, false), Err(SubnetError::Public { .. })), "{public}");
         assert_eq!(check(public, true), Ok(()), "{public}");
     }
     for large in ["10.0.0.0/8", "192.168.0.0/15", "0.0.0.0/0"] {
-        assert!(
-            matches!(check(large, true), Err(SubnetError::TooLarge { .. })),
-            "{large}"
-        );
+        assert!(matches!(check(large, true), Err(SubnetError::TooLarge { .. })), "{large}");
     }
     for reserved in ["224.0.0.1", "255.255.255.255", "0.0.0.0/24", "240.0.0.0/16"] {
-        assert!(
-            matches!(check(reserved, true), Err(SubnetError::Reserved { .. })),
-            "{reserved}"
-        );
+        assert!(matches!(check(reserved, true), Err(SubnetError::Reserved { .. })), "{reserved}");
     }
     for wrong in [
         "",
@@ -287,28 +256,13 @@ fn only_stated_private_subnets_are_searched() {
         "host",
         "192.168.1.0/24/1",
     ] {
-        assert!(
-            matches!(wrong.parse::<Subnet>(), Err(SubnetError::Unreadable { .. })),
-            "{wrong}"
-        );
+        assert!(matches!(wrong.parse::<Subnet>(), Err(SubnetError::Unreadable { .. })), "{wrong}");
     }
-    let bits = "192.168.1.7/24"
-        .parse::<Subnet>()
-        .expect_err("bits beyond the prefix");
+    let bits = "192.168.1.7/24".parse::<Subnet>().expect_err("bits beyond the prefix");
     assert!(bits.to_string().contains("192.168.1.0/24"), "{bits}");
-    let of = |text: &str| {
-        text.parse::<Subnet>()
-            .expect("a subnet")
-            .addresses()
-            .count()
-    };
+    let of = |text: &str| text.parse::<Subnet>().expect("a subnet").addresses().count();
     assert_eq!(
-        (
-            of("192.168.1.0/24"),
-            of("192.0.2.4/31"),
-            of("192.0.2.4"),
-            of("10.1.0.0/16")
-        ),
+        (of("192.168.1.0/24"), of("192.0.2.4/31"), of("192.0.2.4"), of("10.1.0.0/16")),
         (254, 2, 1, 65_534)
     );
 }
@@ -320,19 +274,13 @@ fn axis_names_yield_structure_proposals() {
     assert!(three.iter().any(|one| one.structure == "w X' b Y Z t"));
     // Repeated letters, spindles and unknown axes do not count.
     assert_eq!(proposals(&['Z', 'Y', 'X', 'X', 'S', '?']), three);
-    assert!(
-        proposals(&['X', 'Z']).is_empty(),
-        "a lathe has none of the types"
-    );
+    assert!(proposals(&['X', 'Z']).is_empty(), "a lathe has none of the types");
     assert!(proposals(&['X', 'Y', 'Z', 'C']).is_empty());
     assert!(proposals(&['X', 'Y', 'Z', 'A', 'B', 'C']).is_empty());
     for one in proposals(&['X', 'Y', 'Z', 'A', 'C']) {
         let structure: volcomp_kinematics::Structure = one.structure.parse().expect("a structure");
         let numbers = structure.type_numbers().expect("one of the types");
-        assert_eq!(
-            (numbers.translational, numbers.rotary),
-            (one.translational, one.rotary)
-        );
+        assert_eq!((numbers.translational, numbers.rotary), (one.translational, one.rotary));
     }
 }
 

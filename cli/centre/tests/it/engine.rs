@@ -18,12 +18,7 @@ use crate::{
 };
 
 fn quick() -> Rules {
-    Rules {
-        waves: vec![50, 100],
-        soak_s: 2.0,
-        answer_s: 60.0,
-        ..Rules::default()
-    }
+    Rules { waves: vec![50, 100], soak_s: 2.0, answer_s: 60.0, ..Rules::default() }
 }
 
 /// Checks that every condition that the server has acknowledged is stored once.
@@ -34,15 +29,9 @@ async fn all_is_stored(shop: &Shop, gateways: Vec<(GatewayState, tokio::task::Jo
         let _ = task.await;
         let reported = reported.conditions();
         let machine = format!("mill-{place}");
-        until("everything is stored", || {
-            stored(shop.folder.path(), &machine) >= reported
-        })
-        .await;
+        until("everything is stored", || stored(shop.folder.path(), &machine) >= reported).await;
         let stored = stored(shop.folder.path(), &machine);
-        assert!(
-            stored <= reported + 1,
-            "{machine}: {stored} stored of {reported}"
-        );
+        assert!(stored <= reported + 1, "{machine}: {stored} stored of {reported}");
     }
 }
 
@@ -59,28 +48,19 @@ fn a_rollout_completes_and_all_messages_are_stored() {
         }
         until("each outcome is stored", || {
             let versions = shop.store.newest_versions().unwrap();
-            versions
-                .values()
-                .filter(|one| one.outcome.is_some())
-                .count()
-                == 4
+            versions.values().filter(|one| one.outcome.is_some()).count() == 4
         })
         .await;
         until("each telemetry is stored", || {
             let mut machines = shop.machines.iter();
             machines.all(|(machine, _)| {
                 let telemetry = shop.store.telemetry(&machine.identity.machine);
-                telemetry
-                    .unwrap()
-                    .is_some_and(|(_, body)| body["whole"] == true)
+                telemetry.unwrap().is_some_and(|(_, body)| body["whole"] == true)
             })
         })
         .await;
         all_is_stored(shop, gateways).await;
-        until("silence raises an alarm", || {
-            shop.is_open(AlarmKind::Silent)
-        })
-        .await;
+        until("silence raises an alarm", || shop.is_open(AlarmKind::Silent)).await;
         centre.end().await;
     });
 }
@@ -100,17 +80,10 @@ fn a_restarted_centre_continues_the_rollout() {
         assert_eq!(reported(3), 0, "not all of them");
         // Messages sent while the centre is down wait at the server.
         let before = gateways[1].0.conditions();
-        until("they keep sending", || {
-            gateways[1].0.conditions() > before + 10
-        })
-        .await;
+        until("they keep sending", || gateways[1].0.conditions() > before + 10).await;
         let centre = shop.centre(&shop.url()).await;
         until("the roll-out is done", || state().phase == Phase::Done).await;
-        assert_eq!(
-            (0..4).map(reported).collect::<Vec<_>>(),
-            [1; 4],
-            "each once"
-        );
+        assert_eq!((0..4).map(reported).collect::<Vec<_>>(), [1; 4], "each once");
         all_is_stored(shop, gateways).await;
         centre.end().await;
     });
@@ -128,10 +101,7 @@ fn a_risen_residual_stops_the_rollout() {
             let reported = GatewayState::default();
             gateways.push((reported.clone(), tokio::spawn(gateway::run(plan, reported))));
         }
-        until("all have sent a condition", || {
-            shop.store.live().unwrap().len() == 3
-        })
-        .await;
+        until("all have sent a condition", || shop.store.live().unwrap().len() == 3).await;
         let id = shop.roll_out(7, soak(600.0));
         until("the first has it", || gateways[0].0.version() == 1).await;
         *residuals[0].lock().unwrap() = 40.0;
@@ -216,10 +186,8 @@ fn a_killed_cluster_server_loses_no_message() {
         until("the first has it", || gateways[0].0.version() == 1).await;
         shop.servers[0] = None;
         let before = (reported(0), reported(1));
-        until("they keep sending", || {
-            reported(0) > before.0 + 5 && reported(1) > before.1 + 5
-        })
-        .await;
+        until("they keep sending", || reported(0) > before.0 + 5 && reported(1) > before.1 + 5)
+            .await;
         shop.until_done(id).await;
         shop.start_server(0);
         let before = reported(0);
@@ -235,16 +203,10 @@ fn a_full_disk_loses_no_message() {
     Shop::run(1, 2, async |shop| {
         let centre = shop.centre(&shop.url()).await;
         let gateways: Vec<_> = (0..2).map(|place| shop.gateway(place)).collect();
-        until("both have sent a condition", || {
-            shop.store.live().unwrap().len() == 2
-        })
-        .await;
+        until("both have sent a condition", || shop.store.live().unwrap().len() == 2).await;
         shop.store.limit_pages(1).unwrap();
         let before = gateways[0].0.conditions();
-        until("they keep sending", || {
-            gateways[0].0.conditions() > before + 30
-        })
-        .await;
+        until("they keep sending", || gateways[0].0.conditions() > before + 30).await;
         shop.store.limit_pages(u32::MAX - 1).unwrap();
         all_is_stored(shop, gateways).await;
         centre.end().await;
@@ -265,9 +227,7 @@ fn a_huge_version_of_one_machine_does_not_block_others() {
             for (number, version_of_it) in [(7, 1), (8, 2)] {
                 let id = shop.roll_out_to(number, &[0], quick());
                 until("it is issued", || version(0) == Some(version_of_it)).await;
-                shop.store
-                    .request_rollout_change(id, &UserRequest::Abort, "anna")
-                    .unwrap();
+                shop.store.request_rollout_change(id, &UserRequest::Abort, "anna").unwrap();
                 until("it is over", || shop.rollout(id).phase.is_over()).await;
             }
             shop.roll_out_to(9, &[1], quick());
@@ -374,17 +334,9 @@ fn an_acknowledged_rejection_survives_a_kill() {
         let answer = Acknowledgement {
             version: issued.version,
             value_sha256: ModelRef::of(issued.value.as_bytes()).sha256,
-            outcome: Outcome::Refused {
-                why: "it has other axes".into(),
-            },
+            outcome: Outcome::Refused { why: "it has other axes".into() },
         };
-        let message = received(
-            "mill-1",
-            Kind::Ack,
-            1,
-            1_800_000_000.0,
-            &envelope("b", 1, answer),
-        );
+        let message = received("mill-1", Kind::Ack, 1, 1_800_000_000.0, &envelope("b", 1, answer));
         tell(&shop.store, &[message]);
         let centre = shop.centre(&shop.url()).await;
         until("it stops or goes on", || {
@@ -411,10 +363,8 @@ fn a_foreign_value_put_while_the_centre_was_down_raises_an_alarm() {
         shop.until_done(id).await;
         centre.end().await;
         shop.forge().await;
-        until("it has reached the machine", || {
-            gateways[1].0.refused.load(Ordering::Relaxed) > 0
-        })
-        .await;
+        until("it has reached the machine", || gateways[1].0.refused.load(Ordering::Relaxed) > 0)
+            .await;
         let centre = shop.centre(&shop.url()).await;
         until("an alarm is raised", || shop.is_open(AlarmKind::Clobbered)).await;
         centre.end().await;

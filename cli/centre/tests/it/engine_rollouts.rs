@@ -25,10 +25,7 @@ use crate::{
 fn a_rollout_does_not_enable_a_machine_that_was_just_disabled() {
     Shop::run(1, 1, async |shop| {
         let centre = shop.centre(&shop.url()).await;
-        let rules = Rules {
-            answer_s: 1000.0,
-            ..soak(0.0)
-        };
+        let rules = Rules { answer_s: 1000.0, ..soak(0.0) };
         let gateway = shop.gateway(0);
         let first = shop.roll_out(7, rules.clone());
         let name = shop.name(0).clone();
@@ -43,17 +40,12 @@ fn a_rollout_does_not_enable_a_machine_that_was_just_disabled() {
         let by_hand = tokio::task::spawn_blocking(move || {
             let store = Store::open(&path).unwrap();
             let machines = [(machine.identity.machine.clone(), false)];
-            store
-                .begin_rollout(&sha256, &machines, rules, "anna")
-                .unwrap();
+            store.begin_rollout(&sha256, &machines, rules, "anna").unwrap();
             let raw = rusqlite::Connection::open(&path).unwrap();
             raw.busy_timeout(Duration::from_secs(30)).unwrap();
             raw.execute_batch("BEGIN IMMEDIATE").unwrap();
             std::thread::sleep(Duration::from_secs(2));
-            let disabled = Machine {
-                enable: false,
-                ..machine.clone()
-            };
+            let disabled = Machine { enable: false, ..machine.clone() };
             raw.execute(
                 "UPDATE machines SET document = ?1 WHERE machine = ?2",
                 rusqlite::params![
@@ -93,10 +85,7 @@ fn reissued_settings_do_not_restore_the_old_model() {
         shop.until_done(id).await;
         gateway.1.abort();
         centre.end().await;
-        let disabled = Machine {
-            enable: false,
-            ..shop.machines[0].0.clone()
-        };
+        let disabled = Machine { enable: false, ..shop.machines[0].0.clone() };
         shop.store.put_machine(&disabled, "anna").unwrap();
         let raw = shop.raw();
         let before = shop.issued(0).unwrap().version;
@@ -132,34 +121,17 @@ fn an_abort_is_not_replaced_by_another_request() {
     Shop::run(1, 1, async |shop| {
         let id = shop.roll_out(7, Rules::default());
         let machine = shop.name(0).clone();
-        shop.store
-            .request_rollout_change(id, &UserRequest::Abort, "anna")
-            .unwrap();
-        let confirm = UserRequest::Confirm {
-            machine: machine.clone(),
-            hash: "ab".into(),
-        };
-        let refused = shop
-            .store
-            .request_rollout_change(id, &confirm, "bert")
-            .unwrap_err();
-        assert!(
-            refused.to_string().contains("roll-out 1 is over"),
-            "{refused}"
-        );
-        shop.store
-            .request_rollout_change(id, &UserRequest::Resume, "bert")
-            .unwrap();
+        shop.store.request_rollout_change(id, &UserRequest::Abort, "anna").unwrap();
+        let confirm = UserRequest::Confirm { machine: machine.clone(), hash: "ab".into() };
+        let refused = shop.store.request_rollout_change(id, &confirm, "bert").unwrap_err();
+        assert!(refused.to_string().contains("roll-out 1 is over"), "{refused}");
+        shop.store.request_rollout_change(id, &UserRequest::Resume, "bert").unwrap();
         let centre = shop.centre(&shop.url()).await;
         let rollout = || shop.rollout(id);
         until("it is over", || rollout().phase.is_over()).await;
         centre.end().await;
         assert_eq!(rollout().phase, Phase::Aborted { by: "anna".into() });
-        assert_eq!(
-            shop.issued(0),
-            None,
-            "anna stopped it for good, and something was issued"
-        );
+        assert_eq!(shop.issued(0), None, "anna stopped it for good, and something was issued");
     });
 }
 
@@ -169,47 +141,26 @@ fn changed_settings_are_sent_once_whatever_changed_them() {
     Shop::run(1, 2, async |shop| {
         let centre = shop.centre(&shop.url()).await;
         let name = shop.name(0).clone();
-        shop.roll_out(
-            7,
-            Rules {
-                answer_s: 1000.0,
-                ..soak(0.0)
-            },
-        );
+        shop.roll_out(7, Rules { answer_s: 1000.0, ..soak(0.0) });
         let newest = || shop.store.versions(&name).unwrap().into_iter().next();
         until("it has a model", || newest().is_some()).await;
         let registered = shop.machines[0].0.clone();
-        let forbidden = Machine {
-            enable: false,
-            ..registered.clone()
-        };
+        let forbidden = Machine { enable: false, ..registered.clone() };
         shop.store.put_machine(&forbidden, "anna").unwrap();
-        until("the settings are sent", || {
-            newest().is_some_and(|newest| !newest.enable)
-        })
-        .await;
-        let slower = Machine {
-            condition_s: Some(10),
-            ..forbidden
-        };
+        until("the settings are sent", || newest().is_some_and(|newest| !newest.enable)).await;
+        let slower = Machine { condition_s: Some(10), ..forbidden };
         shop.store.put_machine(&slower, "anna").unwrap();
         until("the settings are sent", || {
             newest().is_some_and(|newest| newest.condition_s == Some(10) && !newest.enable)
         })
         .await;
         // A field that is not in the manifest causes no new version.
-        let noted = Machine {
-            note: "near the door".into(),
-            ..slower
-        };
+        let noted = Machine { note: "near the door".into(), ..slower };
         shop.store.put_machine(&noted, "anna").unwrap();
         tokio::time::sleep(Duration::from_secs(3)).await;
         centre.end().await;
         let reported = manifest(shop.issued(0).unwrap().value.as_bytes());
-        assert_eq!(
-            (reported.version, reported.enable, reported.condition_s),
-            (3, false, Some(10))
-        );
+        assert_eq!((reported.version, reported.enable, reported.condition_s), (3, false, Some(10)));
     });
 }
 
@@ -224,10 +175,7 @@ fn settings_do_not_send_an_unconfirmed_model() {
         let versions = || shop.store.versions(&name).unwrap();
         let centre = shop.centre(&shop.url()).await;
         let gateway = shop.gateway(0);
-        let rules = Rules {
-            answer_s: 1000.0,
-            ..soak(0.0)
-        };
+        let rules = Rules { answer_s: 1000.0, ..soak(0.0) };
         let first = shop.roll_out(7, rules.clone());
         shop.until_done(first).await;
         gateway.1.abort();
@@ -248,12 +196,7 @@ fn settings_do_not_send_an_unconfirmed_model() {
         let message = received("mill-0", Kind::Ack, 1, 1_800_000_000.0, &message);
         tell(&shop.store, &[message]);
         let centre = shop.centre(&shop.url()).await;
-        let waits = || {
-            matches!(
-                rollout(second).targets[0].step,
-                Step::NeedsConfirmation { .. }
-            )
-        };
+        let waits = || matches!(rollout(second).targets[0].step, Step::NeedsConfirmation { .. });
         until("it waits for confirmation", waits).await;
         let mut gateway = None;
         for (version, enable) in [(3, false), (4, true)] {
@@ -274,27 +217,16 @@ fn settings_do_not_send_an_unconfirmed_model() {
             })
             .await;
             let newest = versions()[0].clone();
-            assert_eq!(
-                (newest.model, newest.enable),
-                (old.model.sha256.clone(), enable)
-            );
+            assert_eq!((newest.model, newest.enable), (old.model.sha256.clone(), enable));
         }
         tokio::time::sleep(Duration::from_secs(2)).await;
         assert!(waits(), "it is taken for answered: {:?}", rollout(second));
         assert!(shop.is_open(AlarmKind::NeedsConfirmation));
-        let confirm = UserRequest::Confirm {
-            machine: name.clone(),
-            hash: "ab".into(),
-        };
-        shop.store
-            .request_rollout_change(second, &confirm, "anna")
-            .unwrap();
+        let confirm = UserRequest::Confirm { machine: name.clone(), hash: "ab".into() };
+        shop.store.request_rollout_change(second, &confirm, "anna").unwrap();
         shop.until_done(second).await;
         let newest = versions()[0].clone();
-        assert_eq!(
-            (newest.model, newest.confirm),
-            (new.model.sha256, Some("ab".into()))
-        );
+        assert_eq!((newest.model, newest.confirm), (new.model.sha256, Some("ab".into())));
         gateway.unwrap().abort();
         centre.end().await;
     });
@@ -314,14 +246,12 @@ fn a_fault_is_not_lost_by_a_failed_pass() {
         };
         until("it is watched", soaks).await;
         let raw = shop.raw();
-        let state: String = raw
-            .query_row("SELECT state FROM rollouts", [], |row| row.get(0))
-            .unwrap();
+        let state: String =
+            raw.query_row("SELECT state FROM rollouts", [], |row| row.get(0)).unwrap();
         raw.execute("UPDATE rollouts SET state = '{}'", []).unwrap();
         let reported = |words: &str| {
             let open = shop.store.open_alarms().unwrap();
-            open.iter()
-                .any(|one| one.kind == AlarmKind::Rollout && one.text.contains(words))
+            open.iter().any(|one| one.kind == AlarmKind::Rollout && one.text.contains(words))
         };
         until("an alarm is raised", || reported("cannot proceed")).await;
         let mut faulted = envelope("b", 1, condition(4.0));
@@ -330,8 +260,7 @@ fn a_fault_is_not_lost_by_a_failed_pass() {
         faulted.body.reasons = vec!["thermal runaway".into()];
         shop.tell(0, Kind::Condition, &faulted).await;
         tokio::time::sleep(Duration::from_secs(4)).await;
-        raw.execute("UPDATE rollouts SET state = ?1", [state])
-            .unwrap();
+        raw.execute("UPDATE rollouts SET state = ?1", [state]).unwrap();
         shop.until_stopped(id, "thermal runaway").await;
         gateway.1.abort();
         centre.end().await;
@@ -358,11 +287,7 @@ fn an_offline_machine_does_not_accept_a_stopped_rollout() {
         let staying = GatewayState::default();
         let stays = tokio::spawn(gateway::run(plan, staying.clone()));
         let leaves = shop.gateway(1);
-        let quick = Rules {
-            soak_s: 0.0,
-            waves: vec![100],
-            ..Rules::default()
-        };
+        let quick = Rules { soak_s: 0.0, waves: vec![100], ..Rules::default() };
         let first = shop.roll_out_to(7, &[0, 1], quick);
         let rollout = |id| shop.rollout(id);
         shop.until_done(first).await;
@@ -371,47 +296,29 @@ fn an_offline_machine_does_not_accept_a_stopped_rollout() {
         let all: Vec<_> = (shop.machines.iter())
             .map(|(machine, _)| (machine.identity.machine.clone(), true))
             .collect();
-        let rules = Rules {
-            soak_s: 600.0,
-            answer_s: 600.0,
-            ..Rules::default()
-        };
-        let begun = shop
-            .store
-            .begin_rollout(&new.model.sha256, &all, rules, "anna");
+        let rules = Rules { soak_s: 600.0, answer_s: 600.0, ..Rules::default() };
+        let begun = shop.store.begin_rollout(&new.model.sha256, &all, rules, "anna");
         let second = begun.unwrap().id;
         let issued = |place: usize| shop.store.issued(&all[place].0).unwrap();
-        until("it is sent", || {
-            issued(2).is_some() && issued(1).unwrap().version == 2
-        })
-        .await;
+        until("it is sent", || issued(2).is_some() && issued(1).unwrap().version == 2).await;
         until("one has it", || staying.version() == 2).await;
         assert!(!is_suspect(shop));
         *residual.lock().unwrap() = 400.0;
         shop.until_stopped(second, "").await;
-        until("it is taken back", || {
-            issued(2).is_none() && issued(1).unwrap().version == 3
-        })
-        .await;
+        until("it is taken back", || issued(2).is_none() && issued(1).unwrap().version == 3).await;
         let again = manifest(issued(1).unwrap().value.as_bytes());
-        assert_eq!(
-            (again.version, again.model.sha256),
-            (3, old.model.sha256.clone())
-        );
+        assert_eq!((again.version, again.model.sha256), (3, old.model.sha256.clone()));
         shop.until_under_key(1, 3).await;
         shop.until_under_key(2, 0).await;
         let back_again = shop.gateway(1);
         until("it has the old one again", || back_again.0.version() == 3).await;
         until("the version is reported", || {
             let live = shop.store.live().unwrap();
-            live.values()
-                .any(|live| live.version == 3 && live.model == old.model.checksum)
+            live.values().any(|live| live.version == 3 && live.model == old.model.checksum)
         })
         .await;
         until("the one that has it is suspect", || is_suspect(shop)).await;
-        shop.store
-            .request_rollout_change(second, &UserRequest::Abort, "anna")
-            .unwrap();
+        shop.store.request_rollout_change(second, &UserRequest::Abort, "anna").unwrap();
         until("it is over", || rollout(second).phase.is_over()).await;
         // A restarted centre still raises the alarm.
         centre.end().await;
@@ -440,23 +347,16 @@ fn the_user_may_keep_a_suspect_model() {
         let id = shop.roll_out(7, soak(600.0));
         let name = shop.name(0).clone();
         until("it has it", || gateway.0.version() == 1).await;
-        until("its answer is stored", || {
-            shop.store.versions(&name).unwrap()[0].outcome.is_some()
-        })
-        .await;
+        until("its answer is stored", || shop.store.versions(&name).unwrap()[0].outcome.is_some())
+            .await;
         let early = shop.store.keep_model(id, &name, "bert").unwrap_err();
         assert!(early.to_string().contains("is running or done"), "{early}");
-        shop.store
-            .request_rollout_change(id, &UserRequest::Abort, "anna")
-            .unwrap();
+        shop.store.request_rollout_change(id, &UserRequest::Abort, "anna").unwrap();
         until("it is suspect", || is_suspect(shop)).await;
         let alarms = shop.store.open_alarms().unwrap();
         let text = alarms.iter().find(|alarm| alarm.kind == AlarmKind::Suspect);
         let text = &text.unwrap().text;
-        assert!(
-            text.contains("was ended by anna before it was done"),
-            "{text}"
-        );
+        assert!(text.contains("was ended by anna before it was done"), "{text}");
         // Without a previous model none is proposed.
         assert!(!text.contains("model back"), "{text}");
         assert!(text.contains("`rollout keep 1 mill-0`"), "{text}");
@@ -484,19 +384,13 @@ fn the_user_may_keep_a_suspect_model() {
 fn a_machine_with_a_withdrawn_version_is_suspect_and_can_be_disabled() {
     Shop::run(1, 1, async |shop| {
         let centre = shop.centre(&shop.url()).await;
-        let rules = Rules {
-            answer_s: 1.0,
-            ..Rules::default()
-        };
+        let rules = Rules { answer_s: 1.0, ..Rules::default() };
         let id = shop.roll_out(7, rules);
         let name = shop.name(0).clone();
         shop.until_stopped(id, "").await;
         shop.until_under_key(0, 0).await;
         let without = shop.store.keep_model(id, &name, "bert").unwrap_err();
-        assert!(
-            without.to_string().contains("is not active on mill-0"),
-            "{without}"
-        );
+        assert!(without.to_string().contains("is not active on mill-0"), "{without}");
         let reported = GatewayState::default();
         reported.version.store(1, Ordering::Relaxed);
         let gateway = tokio::spawn(gateway::run(shop.plan(0, "run-0"), reported.clone()));
@@ -510,11 +404,7 @@ fn a_machine_with_a_withdrawn_version_is_suspect_and_can_be_disabled() {
         assert!(!manifest.enable);
         assert_eq!(manifest.model.sha256, model(7).model.sha256);
         until("the version is reported", || {
-            shop.store
-                .live()
-                .unwrap()
-                .values()
-                .any(|live| live.version == 2)
+            shop.store.live().unwrap().values().any(|live| live.version == 2)
         })
         .await;
         tokio::time::sleep(Duration::from_secs(2)).await;

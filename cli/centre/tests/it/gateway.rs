@@ -50,9 +50,7 @@ struct Gateway {
 }
 
 pub(crate) async fn run(plan: Plan, reported: GatewayState) {
-    let mut link = MachineLink::connect(&plan.link, &plan.identity)
-        .await
-        .unwrap();
+    let mut link = MachineLink::connect(&plan.link, &plan.identity).await.unwrap();
     let mut gateway = Gateway {
         trust: Trust {
             keys: plan.trusted.clone(),
@@ -153,11 +151,7 @@ impl Gateway {
                 (0, Outcome::Refused { why })
             }
         };
-        let answer = Acknowledgement {
-            version,
-            value_sha256: ModelRef::of(value).sha256,
-            outcome,
-        };
+        let answer = Acknowledgement { version, value_sha256: ModelRef::of(value).sha256, outcome };
         self.send(link, Kind::Ack, answer).await;
     }
 }

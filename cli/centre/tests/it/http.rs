@@ -67,11 +67,7 @@ fn every_role_on_every_route() {
 fn login_creates_a_session_that_ends() {
     let page = Page::start();
     let login = |password: &str| {
-        page.post(
-            "/api/login",
-            "",
-            &json!({ "name": "engineer", "password": password }),
-        )
+        page.post("/api/login", "", &json!({ "name": "engineer", "password": password }))
     };
     let answer = login(PASSWORD);
     assert_eq!(answer.status, 200, "{}", answer.body);
@@ -83,9 +79,7 @@ fn login_creates_a_session_that_ends() {
     let token = cookie.split('=').nth(1).expect("a token").to_owned();
     for file in std::fs::read_dir(page.folder.path()).expect("a folder") {
         let bytes = std::fs::read(file.expect("a file").path()).expect("readable");
-        let found = bytes
-            .windows(token.len())
-            .any(|part| part == token.as_bytes());
+        let found = bytes.windows(token.len()).any(|part| part == token.as_bytes());
         assert!(!found, "the token is stored");
     }
     let ended = page.post("/api/logout", &cookie, &json!({}));
@@ -93,10 +87,7 @@ fn login_creates_a_session_that_ends() {
     assert_eq!(page.get("/api/me", &cookie).status, 401);
     // Wrong passwords, unknown users and garbage get the same response.
     for _ in 0..5 {
-        assert_eq!(
-            login("wrong").json()["error"],
-            "the name or the password is wrong"
-        );
+        assert_eq!(login("wrong").json()["error"], "the name or the password is wrong");
     }
     for name in ["unknown-user", "<script>alert(1)</script>"] {
         let body = json!({ "name": name, "password": "x" });
@@ -109,10 +100,7 @@ fn login_creates_a_session_that_ends() {
     // The attempts are in the audit log with their origin.
     let admin = page.session(Role::Admin);
     let audit = page.get("/api/audit", &admin).body;
-    assert!(
-        audit.contains("login.refused") && audit.contains("127.0.0.1"),
-        "{audit}"
-    );
+    assert!(audit.contains("login.refused") && audit.contains("127.0.0.1"), "{audit}");
     assert!(!audit.contains(PASSWORD) && !audit.contains(&token));
 }
 
@@ -210,15 +198,9 @@ fn expired_sessions_are_rejected() {
         &ago(Session::IDLE_TIMEOUT.saturating_sub(Duration::from_secs(60))),
     );
     assert_eq!(page.get("/api/me", &alive).status, 200);
-    let idle = page.cookie_of(
-        Role::Admin,
-        &ago(Session::IDLE_TIMEOUT + Duration::from_secs(1)),
-    );
+    let idle = page.cookie_of(Role::Admin, &ago(Session::IDLE_TIMEOUT + Duration::from_secs(1)));
     assert_eq!(page.get("/api/me", &idle).status, 401);
-    let other_boot = BootTime {
-        boot: "another".to_owned(),
-        ..now.clone()
-    };
+    let other_boot = BootTime { boot: "another".to_owned(), ..now.clone() };
     let cookie = page.cookie_of(Role::Admin, &other_boot);
     assert_eq!(page.get("/api/me", &cookie).status, 401);
     for garbage in ["volcomp-centre=", "volcomp-centre=../../etc", "x=y"] {
@@ -261,11 +243,7 @@ fn cross_site_changes_are_rejected() {
     let origin = format!("Origin: http://{}", page.address);
     let post = |lines: &[String]| page.request("POST", "/api/alarms/1/seen", lines, "").status;
     assert_eq!(post(&[cookie.clone(), ours.clone(), origin.clone()]), 404);
-    assert_eq!(
-        post(&[cookie.clone(), ours.clone()]),
-        404,
-        "a program without a browser"
-    );
+    assert_eq!(post(&[cookie.clone(), ours.clone()]), 404, "a program without a browser");
     assert_eq!(post(&[cookie.clone(), origin]), 403);
     for other in [
         "Origin: http://evil.example",
@@ -279,17 +257,9 @@ fn cross_site_changes_are_rejected() {
         assert_eq!(post(&lines), 403, "{other}");
     }
     // No response permits another origin to change or read.
-    let asked = page.request(
-        "OPTIONS",
-        "/api/machines",
-        &["Origin: http://evil.example".to_owned()],
-        "",
-    );
-    assert!(
-        !asked.head.contains("access-control-allow"),
-        "{}",
-        asked.head
-    );
+    let asked =
+        page.request("OPTIONS", "/api/machines", &["Origin: http://evil.example".to_owned()], "");
+    assert!(!asked.head.contains("access-control-allow"), "{}", asked.head);
     let host = "GET /api/me HTTP/1.1\r\nHost: evil.example\r\nConnection: close\r\n\r\n";
     assert_eq!(page.raw(host.as_bytes()).status, 421);
 }
@@ -304,22 +274,10 @@ fn malformed_requests_and_paths_are_rejected() {
             continue;
         }
         let path = route.path.replace(['{', '}'], "");
-        for body in [
-            "",
-            "{",
-            "[]",
-            "\u{0}",
-            "{\"a\":1}",
-            "null",
-            "{\"subnets\":[\"8.8.8.8/8\"]}",
-        ] {
+        for body in ["", "{", "[]", "\u{0}", "{\"a\":1}", "null", "{\"subnets\":[\"8.8.8.8/8\"]}"] {
             let answer = page.request("POST", &path, &lines, body);
             let refused = (400..500).contains(&answer.status);
-            assert!(
-                refused,
-                "{path} {body:?}: {} {}",
-                answer.status, answer.body
-            );
+            assert!(refused, "{path} {body:?}: {} {}", answer.status, answer.body);
         }
         let deep = "[".repeat(100_000);
         assert!(page.request("POST", &path, &lines, &deep).status >= 400);
@@ -338,11 +296,7 @@ fn malformed_requests_and_paths_are_rejected() {
         "//evil.example/",
     ] {
         let answer = page.get(path, &admin);
-        assert!(
-            (400..500).contains(&answer.status),
-            "{path}: {}",
-            answer.status
-        );
+        assert!((400..500).contains(&answer.status), "{path}: {}", answer.status);
         assert!(!answer.body.contains("root:"), "{path}");
     }
     let large = "x".repeat(3 * 1024 * 1024);
@@ -365,10 +319,7 @@ fn the_page_loads_nothing_from_other_origins() {
         assert!(html.head.contains(line), "{line}: {}", html.head);
     }
     let files = html.body.split('"').filter(|part| {
-        part.starts_with('/')
-            && [".js", ".css", ".svg"]
-                .iter()
-                .any(|end| part.ends_with(end))
+        part.starts_with('/') && [".js", ".css", ".svg"].iter().any(|end| part.ends_with(end))
     });
     let mut count = 0;
     for file in files {
@@ -429,14 +380,8 @@ fn a_registered_machine_is_shown_with_unknown_values() {
     assert_eq!(row["age_s"], serde_json::Value::Null);
     assert_eq!(row["residual_um"], serde_json::Value::Null);
     let deep = page.get("/api/machines/mill-1", &viewer).json();
-    assert_eq!(
-        (&deep["live"], &deep["silent"]),
-        (&json!(null), &json!(true))
-    );
-    let history = page.get(
-        "/api/machines/mill-1/history?resolution=raw&hours=1",
-        &viewer,
-    );
+    assert_eq!((&deep["live"], &deep["silent"]), (&json!(null), &json!(true)));
+    let history = page.get("/api/machines/mill-1/history?resolution=raw&hours=1", &viewer);
     assert_eq!(history.json()["points"], json!([]));
     for range in [
         "resolution=raw&hours=-1",
@@ -469,20 +414,10 @@ fn a_machine_file_is_added_and_rolled_out() {
     assert!(!saved.json()["model"]["notes"].to_string().contains("guard"));
     let beyond = json!({ "text": text.replace("0.02", "20.0") });
     let beyond = page.post("/api/models", &engineer, &beyond).json();
-    assert!(
-        beyond["model"]["notes"]
-            .to_string()
-            .contains("No guard corrects"),
-        "{beyond}"
-    );
-    let sha = saved.json()["model"]["sha256"]
-        .as_str()
-        .expect("a checksum")
-        .to_owned();
+    assert!(beyond["model"]["notes"].to_string().contains("No guard corrects"), "{beyond}");
+    let sha = saved.json()["model"]["sha256"].as_str().expect("a checksum").to_owned();
     let viewer = page.session(Role::Viewer);
-    let model = page
-        .get(&format!("/api/models/{}", &sha[..12]), &viewer)
-        .json();
+    let model = page.get(&format!("/api/models/{}", &sha[..12]), &viewer).json();
     assert_eq!(model["model"]["measured"], "2026-11-20");
     assert_eq!(model["described"]["text"], text);
     assert_eq!(model["described"]["type_numbers"], json!([1, 0]));
@@ -502,25 +437,15 @@ fn a_machine_file_is_added_and_rolled_out() {
     let request = json!({ "wish": "pause" });
     page.posts("/api/rollouts/1", &engineer, &request, 200);
     page.posts("/api/rollouts/2", &engineer, &request, 404);
-    assert_eq!(
-        page.get("/api/rollouts", &viewer).json()[0]["turns"][0]["machine"],
-        "mill-1"
-    );
+    assert_eq!(page.get("/api/rollouts", &viewer).json()[0]["turns"][0]["machine"], "mill-1");
 }
 
 #[test]
 fn a_model_is_downloaded_as_signed_and_as_tables() {
     let page = Page::start();
     let text = "name = \"../a \\\"b\\\"\"\nstructure = \"w X' b Y Z t\"\n[axes.X]\ntravel = [0.0, 500.0]\n[axes.Y]\ntravel = [0.0, 400.0]\n[axes.Z]\ntravel = [0.0, 300.0]\n[errors]\n# a comment stays\nEXX = { poly = [0.0, 0.03] }\n";
-    let new = NewModel::of_text(
-        text.to_owned(),
-        "m",
-        Origin::File {
-            name: String::new(),
-        },
-        "test",
-    )
-    .expect("a model");
+    let new = NewModel::of_text(text.to_owned(), "m", Origin::File { name: String::new() }, "test")
+        .expect("a model");
     page.store.add_model(&new.model, &new.text).expect("stored");
     let viewer = page.session(Role::Viewer);
     let sha256 = &new.model.sha256;
@@ -529,13 +454,9 @@ fn a_model_is_downloaded_as_signed_and_as_tables() {
     let name = format!("filename=\"a--b-{}.toml\"", &sha256[..10]);
     assert!(file.head.contains(&name), "{}", file.head);
     let path = format!("/api/models/{sha256}/tables");
-    let reported = page
-        .get(&format!("{path}?format=csv&step_mm=100"), &viewer)
-        .json();
+    let reported = page.get(&format!("{path}?format=csv&step_mm=100"), &viewer).json();
     assert!(
-        reported["trust"]
-            .as_str()
-            .is_some_and(|text| text.starts_with("Sign proven")),
+        reported["trust"].as_str().is_some_and(|text| text.starts_with("Sign proven")),
         "{reported}"
     );
     let name = reported["files"][0].as_str().expect("a file").to_owned();
@@ -543,37 +464,18 @@ fn a_model_is_downloaded_as_signed_and_as_tables() {
     // 0.03 µm/mm of X are 15 µm at 500 mm.
     let row = (table.body.lines()).find_map(|line| line.strip_prefix("X,X,500,"));
     let reported = row.and_then(|row| row.split(',').next()?.parse::<f64>().ok());
-    assert!(
-        reported.is_some_and(|um| (um - 15.0).abs() < 0.01),
-        "{}",
-        table.body
-    );
-    for format in page
-        .get("/api/formats", &viewer)
-        .json()
-        .as_array()
-        .expect("formats")
-    {
+    assert!(reported.is_some_and(|um| (um - 15.0).abs() < 0.01), "{}", table.body);
+    for format in page.get("/api/formats", &viewer).json().as_array().expect("formats") {
         let format = format["format"].as_str().expect("a name");
-        let reported = page
-            .get(&format!("{path}?format={format}&step_mm=50"), &viewer)
-            .json();
+        let reported = page.get(&format!("{path}?format={format}&step_mm=50"), &viewer).json();
         let files = reported["files"].as_array().map_or(0, Vec::len);
         assert!(files > 0, "{format}: {reported}");
     }
     let wrong = page.get(&format!("{path}?format=csv&step_mm=0"), &viewer);
     assert_eq!(wrong.status, 400);
-    assert!(
-        wrong.body.contains("Step along linear axes: found 0"),
-        "{}",
-        wrong.body
-    );
+    assert!(wrong.body.contains("Step along linear axes: found 0"), "{}", wrong.body);
     assert_eq!(page.get(&format!("{path}?format=dxf"), &viewer).status, 400);
-    assert_eq!(
-        page.get(&format!("{path}/other.csv?format=csv"), &viewer)
-            .status,
-        404
-    );
+    assert_eq!(page.get(&format!("{path}/other.csv?format=csv"), &viewer).status, 404);
 }
 
 /// A rejected or unconfirmed model does not renew the due date. Reverting to an earlier model, and keeping a model, are rejected where
@@ -669,15 +571,8 @@ fn a_long_history_is_averaged_over_its_whole_span() {
 /// A roll-out without rules uses the configured ones, which the page shows; with invalid rules none starts.
 #[test]
 fn a_rollout_from_the_page_uses_the_configured_rules() {
-    let rules = Rules {
-        soak_s: 42.0,
-        waves: vec![10, 100],
-        ..Rules::default()
-    };
-    let page = Page::start_with(PageSettings {
-        rules: rules.clone(),
-        ..PageSettings::default()
-    });
+    let rules = Rules { soak_s: 42.0, waves: vec![10, 100], ..Rules::default() };
+    let page = Page::start_with(PageSettings { rules: rules.clone(), ..PageSettings::default() });
     let new = model(1);
     page.store.add_model(&new.model, &new.text).expect("stored");
     let mill = machine("mill-1");
@@ -696,11 +591,7 @@ fn a_rollout_from_the_page_uses_the_configured_rules() {
     ] {
         start["rules"] = wrong;
         let answer = page.posts("/api/rollouts", &engineer, &start, 400);
-        assert!(
-            answer.body.contains(&format!("rules.{key}: found")),
-            "{}",
-            answer.body
-        );
+        assert!(answer.body.contains(&format!("rules.{key}: found")), "{}", answer.body);
     }
     start["rules"] = json!(null);
     page.posts("/api/rollouts", &engineer, &start, 200);
@@ -724,9 +615,7 @@ fn wrong_passwords_of_clients_that_hang_up_are_counted() {
     }
     let admin = page.session(Role::Admin);
     until("the attempts are recorded", Duration::from_secs(30), || {
-        page.get("/api/audit", &admin)
-            .body
-            .contains("login.refused")
+        page.get("/api/audit", &admin).body.contains("login.refused")
     });
 }
 
@@ -736,9 +625,8 @@ fn concurrent_wrong_passwords_are_counted() {
     let page = Page::start();
     let body = json!({ "name": "admin", "password": "wrong" });
     let statuses: Vec<u16> = std::thread::scope(|scope| {
-        let asked: Vec<_> = (0..20)
-            .map(|_| scope.spawn(|| page.post("/api/login", "", &body).status))
-            .collect();
+        let asked: Vec<_> =
+            (0..20).map(|_| scope.spawn(|| page.post("/api/login", "", &body).status)).collect();
         asked.into_iter().map(|one| one.join().unwrap()).collect()
     });
     let looked_at = statuses.iter().filter(|status| **status == 401).count();
@@ -790,8 +678,7 @@ fn an_outdated_overview_is_not_served() {
     let cookie = page.session(Role::Viewer);
     page.overview(&cookie);
     let raw = rusqlite::Connection::open(page.folder.path().join("centre.db")).unwrap();
-    raw.execute_batch("ALTER TABLE live RENAME TO gone")
-        .unwrap();
+    raw.execute_batch("ALTER TABLE live RENAME TO gone").unwrap();
     let mut answer = page.get("/api/overview", &cookie);
     until("it is no longer served", LONG, || {
         answer = page.get("/api/overview", &cookie);
@@ -800,8 +687,7 @@ fn an_outdated_overview_is_not_served() {
     assert_eq!(answer.status, 503, "{}", answer.body);
     let why = answer.json()["error"].as_str().unwrap().to_owned();
     assert!(why.contains("the current states are unknown"), "{why}");
-    raw.execute_batch("ALTER TABLE gone RENAME TO live")
-        .unwrap();
+    raw.execute_batch("ALTER TABLE gone RENAME TO live").unwrap();
     let reported = page.overview(&cookie);
     let made_s = reported["made_s"].as_f64().unwrap();
     assert!((now_s() - made_s).abs() < 5.0, "{made_s}");
@@ -810,10 +696,9 @@ fn an_outdated_overview_is_not_served() {
 /// A stored document with a number that cannot be parsed does not make the machine's page fail.
 #[test]
 fn an_unreadable_document_does_not_close_the_machine_page() {
-    for (kind, body) in [
-        (Kind::Telemetry, "1e999"),
-        (Kind::Audit, "{\"checksum\":\"\",\"record\":\"\\ud800\"}"),
-    ] {
+    for (kind, body) in
+        [(Kind::Telemetry, "1e999"), (Kind::Audit, "{\"checksum\":\"\",\"record\":\"\\ud800\"}")]
+    {
         let page = Page::start();
         page.store.put_machine(&machine("mill-a"), "anna").unwrap();
         let mut message = received("mill-a", kind, 1, now_s(), &envelope("a", 1, ()));

@@ -29,20 +29,8 @@ fn large_numbers_and_broken_rows_do_not_stop_the_history() {
     let mut ingest = Ingest::of(&store).unwrap();
     let mut large = condition(4.0);
     large.temperatures_degc.insert("bed".into(), Some(1e306));
-    let bad = received(
-        "mill-b",
-        Kind::Condition,
-        1,
-        FROM_S,
-        &envelope("b", 1, large),
-    );
-    let good = received(
-        "mill-a",
-        Kind::Condition,
-        2,
-        FROM_S,
-        &envelope("a", 1, condition(4.0)),
-    );
+    let bad = received("mill-b", Kind::Condition, 1, FROM_S, &envelope("b", 1, large));
+    let good = received("mill-a", Kind::Condition, 2, FROM_S, &envelope("a", 1, condition(4.0)));
     ingest.take(&store, &[bad, good]).unwrap();
     let raw = rusqlite::Connection::open(folder.path().join("centre.db")).unwrap();
     let sql =
@@ -52,9 +40,8 @@ fn large_numbers_and_broken_rows_do_not_stop_the_history() {
     for machine in ["mill-a", "mill-b"] {
         for resolution in [Resolution::Raw, Resolution::Minute, Resolution::Hour] {
             let machine = &identity(machine).machine;
-            let reported = store
-                .history(machine, resolution, FROM_S - 60.0, FROM_S + 120.0, 10)
-                .unwrap();
+            let reported =
+                store.history(machine, resolution, FROM_S - 60.0, FROM_S + 120.0, 10).unwrap();
             assert_eq!(reported.len(), 1, "{machine} {resolution:?}");
             assert!(!reported[0].temperatures_degc.contains_key("bed"));
         }
@@ -71,13 +58,7 @@ fn a_redelivered_batch_of_many_instances_is_stored_once() {
     let batch: Vec<Received> = (0..17)
         .map(|start: u64| {
             let one = envelope(&format!("run-{start}"), 1, condition(4.0));
-            received(
-                "mill-a",
-                Kind::Condition,
-                start + 1,
-                FROM_S + start as f64,
-                &one,
-            )
+            received("mill-a", Kind::Condition, start + 1, FROM_S + start as f64, &one)
         })
         .collect();
     assert_eq!(ingest.take(&store, &batch).unwrap().stored, 17);
@@ -93,19 +74,14 @@ fn an_audit_record_resent_after_a_restart_is_stored_once() {
     let folder = tempfile::tempdir().unwrap();
     let store = store(folder.path());
     let mut ingest = Ingest::of(&store).unwrap();
-    let line = AuditLine {
-        checksum: "ab".repeat(32),
-        record: "{\"what\":\"armed\"}".into(),
-    };
+    let line = AuditLine { checksum: "ab".repeat(32), record: "{\"what\":\"armed\"}".into() };
     for (place, start) in ["before", "after"].into_iter().enumerate() {
         let at_s = FROM_S + 600.0 * place as f64;
         let one = envelope(start, 1, line.clone());
         let message = received("mill-a", Kind::Audit, place as u64 + 1, at_s, &one);
         ingest.take(&store, &[message]).unwrap();
     }
-    let kept = store
-        .machine_records(&identity("mill-a").machine, 10)
-        .unwrap();
+    let kept = store.machine_records(&identity("mill-a").machine, 10).unwrap();
     assert_eq!(kept.len(), 1, "the machine armed once");
     let one = envelope("a", 1, line);
     let other = received("mill-b", Kind::Audit, 3, FROM_S, &one);
@@ -122,13 +98,7 @@ fn a_limited_history_returns_its_newest_points() {
     let batch: Vec<Received> = (0..100)
         .map(|number: u64| {
             let one = envelope("a", number, condition(number as f64));
-            received(
-                "mill-a",
-                Kind::Condition,
-                number + 1,
-                FROM_S + 60.0 * number as f64,
-                &one,
-            )
+            received("mill-a", Kind::Condition, number + 1, FROM_S + 60.0 * number as f64, &one)
         })
         .map(|mut message| {
             let mut json: serde_json::Value = serde_json::from_slice(&message.bytes).unwrap();
@@ -140,12 +110,8 @@ fn a_limited_history_returns_its_newest_points() {
     ingest.take(&store, &batch).unwrap();
     store.close_minutes(FROM_S + 6000.0).unwrap();
     let machine = identity("mill-a").machine;
-    let all = store
-        .history(&machine, Resolution::Minute, FROM_S, FROM_S + 6000.0, 1000)
-        .unwrap();
-    let some = store
-        .history(&machine, Resolution::Minute, FROM_S, FROM_S + 6000.0, 20)
-        .unwrap();
+    let all = store.history(&machine, Resolution::Minute, FROM_S, FROM_S + 6000.0, 1000).unwrap();
+    let some = store.history(&machine, Resolution::Minute, FROM_S, FROM_S + 6000.0, 20).unwrap();
     assert_eq!(all.len(), 100);
     assert_eq!(
         some.last().map(|point| point.at_s),
@@ -180,10 +146,7 @@ fn a_record_resent_after_a_kill_is_no_gap() {
         let hub = shop.hub().await;
         let identity = &shop.machines[0].0.identity;
         while hub
-            .prepare(
-                std::slice::from_ref(&identity.site),
-                StreamRetention::default(),
-            )
+            .prepare(std::slice::from_ref(&identity.site), StreamRetention::default())
             .await
             .is_err()
         {
@@ -191,10 +154,7 @@ fn a_record_resent_after_a_kill_is_no_gap() {
         }
         let link = shop.link(0).await;
         until("it is connected", || link.is_connected()).await;
-        let line = AuditLine {
-            checksum: "ab".repeat(32),
-            record: "{}".into(),
-        };
+        let line = AuditLine { checksum: "ab".repeat(32), record: "{}".into() };
         let record = |start| serde_json::to_vec(&envelope(start, 2, line.clone())).unwrap();
         let reported =
             |start, number| serde_json::to_vec(&envelope(start, number, condition(4.0))).unwrap();
@@ -219,13 +179,7 @@ fn a_record_resent_after_a_kill_is_no_gap() {
         }
         ingest.count_missing();
         ingest.count_missing();
-        let lost = ingest
-            .machine(&identity.machine)
-            .unwrap()
-            .live
-            .as_ref()
-            .unwrap()
-            .lost;
+        let lost = ingest.machine(&identity.machine).unwrap().live.as_ref().unwrap().lost;
         assert_eq!(lost, 0, "nothing is missing");
         let kept = shop.store.machine_records(&identity.machine, 10).unwrap();
         assert_eq!(kept.len(), 1, "{kept:?}");
@@ -253,16 +207,10 @@ fn a_machine_is_silent_by_its_conditions_and_interval() {
     let answer = envelope(
         "a",
         1,
-        Acknowledgement {
-            version: 1,
-            value_sha256: "x".into(),
-            outcome: Outcome::Activated,
-        },
+        Acknowledgement { version: 1, value_sha256: "x".into(), outcome: Outcome::Activated },
     );
     let at_s = 1_800_000_000.0;
-    ingest
-        .take(&store, &[received("mill-1", Kind::Ack, 1, at_s, &answer)])
-        .unwrap();
+    ingest.take(&store, &[received("mill-1", Kind::Ack, 1, at_s, &answer)]).unwrap();
     assert!(!heard(&mut ingest, Some(60)));
     let reported = |number, stored_s| {
         received(
@@ -332,34 +280,17 @@ fn a_flood_of_one_machine_is_not_stored() {
     // Another machine is not concerned.
     let other = flood(Kind::Telemetry, 1, "mill-b", FROM_S + 121.0);
     ingest.take(&store, &[other]).unwrap();
-    assert!(
-        store
-            .telemetry(&identity("mill-b").machine)
-            .unwrap()
-            .is_some()
-    );
+    assert!(store.telemetry(&identity("mill-b").machine).unwrap().is_some());
     // Nor is one whose messages of four hours, 10 KiB a second, waited at the server while the centre was away.
     let waited: Vec<Received> = (1..=150)
-        .map(|number| {
-            flood(
-                Kind::Telemetry,
-                number,
-                "mill-c",
-                FROM_S + 100.0 * number as f64,
-            )
-        })
+        .map(|number| flood(Kind::Telemetry, number, "mill-c", FROM_S + 100.0 * number as f64))
         .collect();
     ingest.take(&store, &waited).unwrap();
     let reception = ingest.machine(&identity("mill-c").machine).unwrap();
     assert_eq!(reception.unreadable, None);
     // Nor is the first one two hours later, after its server's clock was set back and forth.
     for (number, at_s) in [(400, 0.0), (401, 7200.0), (402, 0.0), (403, 7200.0)] {
-        ingest
-            .take(
-                &store,
-                &[flood(Kind::Telemetry, number, "mill-a", FROM_S + at_s)],
-            )
-            .unwrap();
+        ingest.take(&store, &[flood(Kind::Telemetry, number, "mill-a", FROM_S + at_s)]).unwrap();
     }
     assert!(stored()[0] > states);
 }

@@ -1,10 +1,6 @@
 //! The centre: its rules, its store, and end to end with a real `nats-server`.
 
-#![allow(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    reason = "a test fails by panicking"
-)]
+#![allow(clippy::unwrap_used, clippy::expect_used, reason = "a test fails by panicking")]
 
 mod browser;
 mod command;

@@ -21,11 +21,7 @@ fn map(errors: &str) -> ErrorMap {
 #[test]
 fn the_largest_error_includes_points_between_map_nodes() {
     let map = map("EYX = { table = [[0, 0], [111, 0], [112, 5], [113, 0], [500, 0]] }");
-    assert!(
-        (map.largest_um[0] - 5.0).abs() < 0.01,
-        "{:?}",
-        map.largest_um
-    );
+    assert!((map.largest_um[0] - 5.0).abs() < 0.01, "{:?}", map.largest_um);
 }
 
 #[test]
@@ -46,10 +42,7 @@ fn a_squareness_error_appears_in_the_diagonals_before_correction_only() {
     let d = (500.0_f64.powi(2) + 400.0_f64.powi(2) + 300.0_f64.powi(2)).sqrt();
     let range_um = 20e-3 * 400.0 * 500.0 / d;
     for (name, [before, after]) in &map.diagonals_um {
-        assert!(
-            (before - range_um).abs() < 0.01,
-            "{name}: {before} {range_um}"
-        );
+        assert!((before - range_um).abs() < 0.01, "{name}: {before} {range_um}");
         assert!(*after < 1.1, "{name}: {after}");
     }
     assert_eq!(map.sections.len(), 3);
@@ -59,10 +52,7 @@ fn a_squareness_error_appears_in_the_diagonals_before_correction_only() {
     }
     // The first section has X across and Y up: the error grows only upwards.
     let rows = &map.sections[0].before_um;
-    assert!(
-        (rows[20][0] - 8.0).abs() < 0.01 && rows[0][20] < 0.01,
-        "{rows:?}"
-    );
+    assert!((rows[20][0] - 8.0).abs() < 0.01 && rows[0][20] < 0.01, "{rows:?}");
 }
 
 /// The page's largest error is that of the work space corner, where a scale error of three axes is largest.

@@ -40,10 +40,7 @@ impl Answer {
     }
 
     pub(crate) fn cookie(&self) -> Option<String> {
-        let line = self
-            .head
-            .lines()
-            .find(|line| line.starts_with("set-cookie: "))?;
+        let line = self.head.lines().find(|line| line.starts_with("set-cookie: "))?;
         let pair = line.strip_prefix("set-cookie: ")?.split(';').next()?;
         Some(pair.to_owned())
     }
@@ -61,9 +58,7 @@ impl Page {
         let hash = hash(&password).expect("memory");
         for role in Role::ALL {
             let name = role.name().parse().expect("a name");
-            store
-                .add_user(&name, role, &hash, "centre", "test")
-                .expect("stored");
+            store.add_user(&name, role, &hash, "centre", "test").expect("stored");
         }
         let runtime = tokio::runtime::Builder::new_multi_thread()
             .worker_threads(2)
@@ -71,18 +66,12 @@ impl Page {
             .build()
             .expect("threads");
         let page = PageState::new(Arc::clone(&store), settings);
-        let listener = runtime
-            .block_on(tokio::net::TcpListener::bind("127.0.0.1:0"))
-            .expect("a port");
+        let listener =
+            runtime.block_on(tokio::net::TcpListener::bind("127.0.0.1:0")).expect("a port");
         let address = listener.local_addr().expect("bound");
         runtime.spawn(Arc::clone(&page).refresh());
         runtime.spawn(volcomp_web::serve(listener, None, router(&page)));
-        Self {
-            store,
-            address,
-            folder,
-            _runtime: runtime,
-        }
+        Self { store, address, folder, _runtime: runtime }
     }
 
     /// The cookie of a session created in the store; logging in would hash a password.
@@ -106,31 +95,19 @@ impl Page {
 
     pub(crate) fn raw(&self, bytes: &[u8]) -> Answer {
         let mut stream = TcpStream::connect(self.address).expect("it listens");
-        stream
-            .set_read_timeout(Some(Duration::from_secs(120)))
-            .expect("a socket");
+        stream.set_read_timeout(Some(Duration::from_secs(120))).expect("a socket");
         // The server does not read all of a rejected request.
         let _ = stream.write_all(bytes);
         let mut all = Vec::new();
         let _ = stream.read_to_end(&mut all);
         let text = String::from_utf8_lossy(&all);
         let (head, body) = text.split_once("\r\n\r\n").unwrap_or((&text, ""));
-        let status = head
-            .split(' ')
-            .nth(1)
-            .and_then(|status| status.parse().ok());
-        Answer {
-            status: status.unwrap_or(0),
-            head: head.to_owned(),
-            body: body.to_owned(),
-        }
+        let status = head.split(' ').nth(1).and_then(|status| status.parse().ok());
+        Answer { status: status.unwrap_or(0), head: head.to_owned(), body: body.to_owned() }
     }
 
     pub(crate) fn request(&self, method: &str, path: &str, lines: &[String], body: &str) -> Answer {
-        let lines: String = lines
-            .iter()
-            .flat_map(|line| [line.as_str(), "\r\n"])
-            .collect();
+        let lines: String = lines.iter().flat_map(|line| [line.as_str(), "\r\n"]).collect();
         let text = format!(
             "{method} {path} HTTP/1.1\r\nHost: {}\r\nConnection: close\r\nContent-Length: {}\r\n{lines}\r\n{body}",
             self.address,

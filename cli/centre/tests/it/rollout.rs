@@ -24,9 +24,8 @@ fn rules() -> Rules {
 }
 
 fn rollout(machines: usize, canaries: &[usize], rules: Rules) -> Rollout {
-    let machines: Vec<(MachineId, bool)> = (0..machines)
-        .map(|place| (name(place), canaries.contains(&place)))
-        .collect();
+    let machines: Vec<(MachineId, bool)> =
+        (0..machines).map(|place| (name(place), canaries.contains(&place))).collect();
     Rollout::new(1, "model", &machines, rules, "anna", 0.0)
 }
 
@@ -58,10 +57,7 @@ fn looked(elapsed_s: f64, seen: &[(usize, u64, f64)]) -> Event {
         };
         (name(*place), seen)
     });
-    Event::Pass {
-        elapsed_s,
-        seen: seen.collect(),
-    }
+    Event::Pass { elapsed_s, seen: seen.collect() }
 }
 
 /// A machine that does not compensate shows nothing about its model: its soak time stops.
@@ -78,10 +74,7 @@ fn a_disarmed_machine_does_not_soak() {
             residual_um: Some(90.0),
             ..Observation::default()
         };
-        let event = Event::Pass {
-            elapsed_s: 10.0,
-            seen: BTreeMap::from([(name(0), disarmed)]),
-        };
+        let event = Event::Pass { elapsed_s: 10.0, seen: BTreeMap::from([(name(0), disarmed)]) };
         assert_eq!(rollout.step(event), []);
         // Single passes with an older version do not add up to a timeout.
         assert_eq!(rollout.step(looked(10.0, &[(0, 0, 4.0)])), []);
@@ -102,10 +95,7 @@ fn faulted(version: u64, why: &str) -> Event {
         faulted: Some(why.to_owned()),
         ..Observation::default()
     };
-    Event::Pass {
-        elapsed_s: 1.0,
-        seen: BTreeMap::from([(name(0), seen)]),
-    }
+    Event::Pass { elapsed_s: 1.0, seen: BTreeMap::from([(name(0), seen)]) }
 }
 
 fn needs() -> Outcome {
@@ -123,10 +113,7 @@ fn requested(request: UserRequest) -> Event {
 }
 
 fn confirm(hash: &str) -> Event {
-    requested(UserRequest::Confirm {
-        machine: name(0),
-        hash: hash.to_owned(),
-    })
+    requested(UserRequest::Confirm { machine: name(0), hash: hash.to_owned() })
 }
 
 fn stopped(rollout: &Rollout, words: &str) {
@@ -137,11 +124,7 @@ fn stopped(rollout: &Rollout, words: &str) {
 }
 
 fn answered(place: usize, version: u64, outcome: Outcome) -> Event {
-    Event::Answered {
-        machine: name(place),
-        version,
-        outcome,
-    }
+    Event::Answered { machine: name(place), version, outcome }
 }
 
 /// Executes the issue actions, each with version 1 and a residual of 4 µm before.
@@ -160,11 +143,7 @@ fn issue(rollout: &mut Rollout, actions: &[Action]) -> Vec<MachineId> {
 
 fn step_of(rollout: &Rollout, place: usize) -> Step {
     let mut targets = rollout.targets.iter();
-    targets
-        .find(|target| target.machine == name(place))
-        .unwrap()
-        .step
-        .clone()
+    targets.find(|target| target.machine == name(place)).unwrap().step.clone()
 }
 
 #[test]
@@ -220,11 +199,7 @@ fn rejection_timeout_fault_and_residual_stop_the_rollout() {
     };
     let mut refused = start();
     let why = "its serial number".to_owned();
-    assert!(
-        refused
-            .step(answered(0, 1, Outcome::Refused { why }))
-            .is_empty()
-    );
+    assert!(refused.step(answered(0, 1, Outcome::Refused { why })).is_empty());
     stopped(&refused, "m0: it has rejected the model: its serial number");
 
     let mut silent = start();
@@ -264,18 +239,8 @@ fn confirm_pause_and_resume() {
     }
     assert!(rollout.step(confirm("another")).is_empty());
     let actions = rollout.step(confirm("abc"));
-    assert_eq!(
-        actions,
-        [Action::Issue {
-            machine: name(0),
-            confirm: Some("abc".to_owned())
-        }]
-    );
-    rollout.step(Event::Issued {
-        machine: name(0),
-        version: 2,
-        before_um: Some(99.0),
-    });
+    assert_eq!(actions, [Action::Issue { machine: name(0), confirm: Some("abc".to_owned()) }]);
+    rollout.step(Event::Issued { machine: name(0), version: 2, before_um: Some(99.0) });
     assert_eq!(rollout.targets[0].before_um, Some(4.0));
     // A late duplicate of the first outcome.
     let why = "its version".to_owned();
@@ -354,9 +319,7 @@ fn event(happens: &Happens, machines: usize) -> Event {
             machine: machine(*place),
             version: u64::from(*version),
             outcome: match odd % 4 {
-                0 => Outcome::Refused {
-                    why: "no".to_owned(),
-                },
+                0 => Outcome::Refused { why: "no".to_owned() },
                 1 => Outcome::NeedsConfirmation {
                     hash: "h".to_owned(),
                     worst_um: String::new(),
@@ -371,17 +334,13 @@ fn event(happens: &Happens, machines: usize) -> Event {
                 0 => UserRequest::Pause,
                 1 => UserRequest::Abort,
                 2..5 => UserRequest::Resume,
-                _ => UserRequest::Confirm {
-                    machine: machine(*place),
-                    hash: "h".to_owned(),
-                },
+                _ => UserRequest::Confirm { machine: machine(*place), hash: "h".to_owned() },
             },
             by: "bert".to_owned(),
         },
-        Happens::Fails(place) => Event::NotIssued {
-            machine: machine(*place),
-            why: "no such model".to_owned(),
-        },
+        Happens::Fails(place) => {
+            Event::NotIssued { machine: machine(*place), why: "no such model".to_owned() }
+        }
     }
 }
 
@@ -546,10 +505,7 @@ fn inactive_versions_are_withdrawn_when_the_rollout_stops() {
     let actions = rollout.step(requested(UserRequest::Resume));
     assert!(actions.is_empty(), "it stays out: {actions:?}");
     assert!(rollout.step(looked(10.0, &[(2, 1, 4.0)])).is_empty());
-    assert!(matches!(
-        step_of(&rollout, 2),
-        Step::Out { version: None, .. }
-    ));
+    assert!(matches!(step_of(&rollout, 2), Step::Out { version: None, .. }));
 }
 
 /// A stopped roll-out ignores confirmations; a paused or resumed one sends the confirmed changes. A resume resets decisions to keep the
@@ -561,10 +517,7 @@ fn a_stopped_rollout_ignores_confirmations() {
     assert_eq!(issue(&mut rollout, &actions).len(), 2);
     rollout.step(answered(0, 1, needs()));
     let confirm = || confirm("abc");
-    let sent = [Action::Issue {
-        machine: name(0),
-        confirm: Some("abc".to_owned()),
-    }];
+    let sent = [Action::Issue { machine: name(0), confirm: Some("abc".to_owned()) }];
     let mut held = rollout.clone();
     held.step(requested(UserRequest::Pause));
     assert_eq!(held.step(confirm()), sent);

@@ -111,9 +111,7 @@ fn three_servers_of_one_centre_join_with_tls() {
 /// Connects to a cluster port with TLS and no client certificate; returns the number of received bytes.
 async fn greeted(address: &str, trusted: &Path) -> std::io::Result<usize> {
     let mut roots = RootCertStore::empty();
-    roots
-        .add(CertificateDer::from_pem_file(trusted).unwrap())
-        .unwrap();
+    roots.add(CertificateDer::from_pem_file(trusted).unwrap()).unwrap();
     let config = ClientConfig::builder_with_provider(Arc::new(ring::default_provider()))
         .with_safe_default_protocol_versions()
         .unwrap()
@@ -136,10 +134,7 @@ fn the_password_of_a_cluster_stays_private() {
         let private = std::fs::Permissions::from_mode(mode);
         printed.set_permissions(private).unwrap();
         let mut command = Command::new(env!("CARGO_BIN_EXE_volcomp-centre"));
-        command
-            .current_dir(folder)
-            .arg("nats-config")
-            .stdout(printed);
+        command.current_dir(folder).arg("nats-config").stdout(printed);
         command.output().unwrap()
     };
     // A configuration without a cluster has no secret.
@@ -149,14 +144,8 @@ fn the_password_of_a_cluster_stays_private() {
     let refused = print_into("open.conf", 0o644);
     assert_eq!(refused.status.code(), Some(2));
     let reported = String::from_utf8(refused.stderr).unwrap();
-    assert!(
-        reported.contains("644") && reported.contains("--output"),
-        "{reported}"
-    );
-    assert_eq!(
-        std::fs::read_to_string(folder.join("open.conf")).unwrap(),
-        ""
-    );
+    assert!(reported.contains("644") && reported.contains("--output"), "{reported}");
+    assert_eq!(std::fs::read_to_string(folder.join("open.conf")).unwrap(), "");
     assert!(print_into("private.conf", 0o600).status.success());
     let called = call(folder, "nats-config -o open.conf");
     assert_eq!(called.status, 0, "{}", called.err);
@@ -164,9 +153,7 @@ fn the_password_of_a_cluster_stays_private() {
     let printed = std::fs::read_to_string(folder.join("private.conf")).unwrap();
     assert!(written.contains("password:"));
     assert_eq!(written, printed);
-    let mode = std::fs::metadata(folder.join("open.conf"))
-        .unwrap()
-        .permissions();
+    let mode = std::fs::metadata(folder.join("open.conf")).unwrap().permissions();
     assert_eq!(mode.mode() & 0o777, 0o600);
     let routes = addresses.map(|_| "nats://anna:secret@192.0.2.1:6222".to_owned());
     let text = std::fs::read_to_string(folder.join("centre.toml")).unwrap();
@@ -174,10 +161,6 @@ fn the_password_of_a_cluster_stays_private() {
     std::fs::write(folder.join("centre.toml"), text).unwrap();
     let called = call(folder, "nats-config");
     assert_eq!(called.status, 2);
-    assert!(
-        called.err.contains("routes: found an address with a user"),
-        "{}",
-        called.err
-    );
+    assert!(called.err.contains("routes: found an address with a user"), "{}", called.err);
     assert!(!called.err.contains("secret@"), "{}", called.err);
 }

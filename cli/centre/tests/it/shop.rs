@@ -77,9 +77,8 @@ impl Shop {
                 nkey: key.public_key(),
             })
             .collect();
-        let routes: Vec<String> = (0..servers)
-            .map(|_| volcomp_test_support::free_address())
-            .collect();
+        let routes: Vec<String> =
+            (0..servers).map(|_| volcomp_test_support::free_address()).collect();
         let settings: Vec<ServerSettings> = (0..servers)
             .map(|place| ServerSettings {
                 name: format!("server-{place}"),
@@ -89,10 +88,7 @@ impl Shop {
                 cluster: (servers > 1).then(|| volcomp_fleet::Cluster {
                     name: "shop".to_owned(),
                     listen: routes[place].clone(),
-                    routes: routes
-                        .iter()
-                        .map(|route| format!("nats://{route}"))
-                        .collect(),
+                    routes: routes.iter().map(|route| format!("nats://{route}")).collect(),
                     password: volcomp_fleet::RoutePassword::of_seed(&centre.seed().unwrap()),
                     roots: None,
                 }),
@@ -109,10 +105,7 @@ impl Shop {
             settings,
             centre,
             machines,
-            key: Key {
-                name: "main".to_owned(),
-                key: SigningKey::from_bytes(&[7; 32]),
-            },
+            key: Key { name: "main".to_owned(), key: SigningKey::from_bytes(&[7; 32]) },
             store,
             folder,
         };
@@ -142,10 +135,7 @@ impl Shop {
 
     pub(crate) async fn centre(&self, url: &str) -> Running {
         let settings = Settings {
-            link: LinkSettings {
-                url: url.to_owned(),
-                ..self.link_of(&self.centre)
-            },
+            link: LinkSettings { url: url.to_owned(), ..self.link_of(&self.centre) },
             stream_retention: StreamRetention {
                 replicas: self.settings.len(),
                 ..StreamRetention::default()
@@ -154,9 +144,7 @@ impl Shop {
             key: self.key.clone(),
             own: vec![self.key.clone()],
         };
-        Engine::start(Arc::clone(&self.store), settings)
-            .await
-            .unwrap()
+        Engine::start(Arc::clone(&self.store), settings).await.unwrap()
     }
 
     pub(crate) fn plan(&self, place: usize, instance: &str) -> Plan {
@@ -199,11 +187,7 @@ impl Shop {
     }
 
     fn link_of(&self, key: &KeyPair) -> LinkSettings {
-        LinkSettings {
-            url: self.url(),
-            seed: key.seed().unwrap(),
-            roots: None,
-        }
+        LinkSettings { url: self.url(), seed: key.seed().unwrap(), roots: None }
     }
 
     pub(crate) async fn hub(&self) -> Hub {
@@ -220,11 +204,7 @@ impl Shop {
     pub(crate) async fn tell(&self, place: usize, kind: Kind, body: &impl serde::Serialize) {
         let link = self.link(place).await;
         let bytes = serde_json::to_vec(body).unwrap();
-        while link
-            .publish(kind, "b-1", bytes.clone().into())
-            .await
-            .is_err()
-        {
+        while link.publish(kind, "b-1", bytes.clone().into()).await.is_err() {
             tokio::time::sleep(Duration::from_millis(200)).await;
         }
     }
@@ -238,10 +218,7 @@ impl Shop {
             .await
             .unwrap();
         let subject = Subjects::of(&thief.identity).condition;
-        client
-            .publish_with_reply(subject, "$KV.desired.mill-1", "forged".into())
-            .await
-            .unwrap();
+        client.publish_with_reply(subject, "$KV.desired.mill-1", "forged".into()).await.unwrap();
         client.flush().await.unwrap();
     }
 
@@ -269,10 +246,7 @@ impl Shop {
     }
 
     pub(crate) async fn until_done(&self, id: u64) {
-        until("the roll-out is done", || {
-            self.rollout(id).phase == Phase::Done
-        })
-        .await;
+        until("the roll-out is done", || self.rollout(id).phase == Phase::Done).await;
     }
 
     pub(crate) async fn until_stopped(&self, id: u64, words: &str) {
@@ -296,18 +270,13 @@ impl Shop {
             .map(|place| &self.machines[*place].0)
             .map(|machine| (machine.identity.machine.clone(), machine.canary))
             .collect();
-        let begun = self
-            .store
-            .begin_rollout(&new.model.sha256, &machines, rules, "anna");
+        let begun = self.store.begin_rollout(&new.model.sha256, &machines, rules, "anna");
         begun.unwrap().id
     }
 }
 
 pub(crate) fn soak(soak_s: f64) -> Rules {
-    Rules {
-        soak_s,
-        ..Rules::default()
-    }
+    Rules { soak_s, ..Rules::default() }
 }
 
 pub(crate) fn manifest(value: &[u8]) -> Manifest {
@@ -316,11 +285,7 @@ pub(crate) fn manifest(value: &[u8]) -> Manifest {
 }
 
 pub(crate) fn runtime() -> tokio::runtime::Runtime {
-    tokio::runtime::Builder::new_multi_thread()
-        .worker_threads(2)
-        .enable_all()
-        .build()
-        .unwrap()
+    tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build().unwrap()
 }
 
 pub(crate) async fn until(what: &str, mut is_so: impl FnMut() -> bool) {
@@ -395,11 +360,7 @@ async fn pass(
 pub(crate) fn stored(folder: &Path, machine: &str) -> u64 {
     let connection = rusqlite::Connection::open(folder.join("centre.db")).unwrap();
     let recent: i64 = connection
-        .query_row(
-            "SELECT count(*) FROM recent WHERE machine = ?1",
-            [machine],
-            |row| row.get(0),
-        )
+        .query_row("SELECT count(*) FROM recent WHERE machine = ?1", [machine], |row| row.get(0))
         .unwrap();
     let closed: i64 = connection
         .query_row(

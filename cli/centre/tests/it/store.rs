@@ -61,28 +61,16 @@ fn changes_of_machines_and_models_are_logged() {
     let new = model(7);
     assert!(store.add_model(&new.model, &new.text).unwrap());
     assert!(!store.add_model(&new.model, &new.text).unwrap(), "once");
-    assert_eq!(
-        store.model(&new.model.sha256[..8]).unwrap(),
-        Some(new.model.clone())
-    );
-    assert_eq!(
-        store.model_text(&new.model.sha256).unwrap(),
-        Some(model_text(7))
-    );
+    assert_eq!(store.model(&new.model.sha256[..8]).unwrap(), Some(new.model.clone()));
+    assert_eq!(store.model_text(&new.model.sha256).unwrap(), Some(model_text(7)));
     assert_eq!(store.model("").unwrap(), None);
     assert_eq!(store.model("%").unwrap(), None);
     let other = place.open().unwrap();
-    assert!(
-        other
-            .remove_machine(&mill.identity.machine, "carl")
-            .unwrap()
-    );
+    assert!(other.remove_machine(&mill.identity.machine, "carl").unwrap());
     assert!(store.machines().unwrap().is_empty());
     let log = store.audit_records(None, 10).unwrap();
-    let reported: Vec<(&str, &str)> = log
-        .iter()
-        .map(|record| (record.by.as_str(), record.action.as_str()))
-        .collect();
+    let reported: Vec<(&str, &str)> =
+        log.iter().map(|record| (record.by.as_str(), record.action.as_str())).collect();
     assert_eq!(
         reported,
         [
@@ -102,10 +90,7 @@ fn a_concurrent_reader_loses_no_rows() {
     store.put_machine(&machine("mill-a"), "anna").unwrap();
     let file = place.0.path().join("centre.db");
     let read = "import sqlite3, sys; d = sqlite3.connect(sys.argv[1]); print(d.execute('SELECT count(*) FROM machines').fetchone()[0]); d.close()";
-    let output = std::process::Command::new("python3")
-        .args(["-c", read])
-        .arg(&file)
-        .output();
+    let output = std::process::Command::new("python3").args(["-c", read]).arg(&file).output();
     let output = output.unwrap();
     assert_eq!(String::from_utf8_lossy(&output.stdout), "1\n", "{output:?}");
     assert!(place.0.path().join("centre.db-wal").exists());
@@ -118,11 +103,8 @@ fn a_file_that_is_no_database_keeps_its_permissions() {
     use std::os::unix::fs::PermissionsExt;
     let place = DatabaseFile::new();
     let notes = place.0.path().join("centre.db");
-    std::fs::write(
-        &notes,
-        "notes of a person, longer than the head of a database\n".repeat(9),
-    )
-    .unwrap();
+    std::fs::write(&notes, "notes of a person, longer than the head of a database\n".repeat(9))
+        .unwrap();
     std::fs::set_permissions(&notes, std::fs::Permissions::from_mode(0o644)).unwrap();
     assert!(place.open().is_err());
     let mode = std::fs::metadata(&notes).unwrap().permissions().mode();
@@ -144,9 +126,7 @@ fn the_serial_number_is_fixed_during_a_rollout() {
     other.serial = "9999".into();
     store.put_machine(&mill, "anna").unwrap();
     let machines = [(mill.identity.machine.clone(), true)];
-    store
-        .begin_rollout("ab", &machines, Rules::default(), "anna")
-        .unwrap();
+    store.begin_rollout("ab", &machines, Rules::default(), "anna").unwrap();
     // Other fields may change; the serial number may not, also not by removing the machine first.
     store.put_machine(&mill, "anna").unwrap();
     let refused = |found: Result<(), Error>| {
@@ -154,9 +134,7 @@ fn the_serial_number_is_fixed_during_a_rollout() {
         assert!(said.contains("mill-a is in roll-out 1"), "{said}");
     };
     refused(store.put_machine(&other, "anna"));
-    store
-        .remove_machine(&mill.identity.machine, "anna")
-        .unwrap();
+    store.remove_machine(&mill.identity.machine, "anna").unwrap();
     refused(store.put_machine(&other, "anna"));
 }
 
@@ -164,10 +142,7 @@ fn the_serial_number_is_fixed_during_a_rollout() {
 fn a_changed_or_removed_audit_record_is_detected() {
     let place = &DatabaseFile::new();
     for (change, seen) in [
-        (
-            "UPDATE audit SET document = replace(document, 'anna', 'bert') WHERE number = 2",
-            2,
-        ),
+        ("UPDATE audit SET document = replace(document, 'anna', 'bert') WHERE number = 2", 2),
         ("DELETE FROM audit WHERE number = 2", 2),
         ("UPDATE audit SET number = 9 WHERE number = 3", 3),
     ] {
@@ -201,19 +176,15 @@ fn messages_are_stored_once_and_averaged() {
     let mut ingest = Ingest::of(&store).unwrap();
     let taken = ingest.take(&store, &batch).unwrap();
     assert_eq!((taken.stored, taken.duplicates), (30, 60));
-    let history = |resolution| {
-        store
-            .history(&mill(), resolution, from_s, from_s + 7200.0, 1000)
-            .unwrap()
-    };
+    let history =
+        |resolution| store.history(&mill(), resolution, from_s, from_s + 7200.0, 1000).unwrap();
     assert_eq!(history(Resolution::Raw).len(), 90);
     assert_eq!(store.close_minutes(from_s + 60.0).unwrap(), 60);
     assert_eq!(history(Resolution::Raw).len(), 90, "closed or not");
     assert_eq!(store.close_minutes(from_s + 120.0).unwrap(), 30);
     let minutes = history(Resolution::Minute);
-    let means: Vec<(u64, f64)> = (minutes.iter())
-        .map(|point| (point.count, point.residual_um.unwrap()))
-        .collect();
+    let means: Vec<(u64, f64)> =
+        (minutes.iter()).map(|point| (point.count, point.residual_um.unwrap())).collect();
     // Means of 0 … 59 and 60 … 89.
     assert_eq!(means, [(60, 29.5), (30, 74.5)]);
     assert_eq!(minutes[1].residual_max_um, Some(89.0));
@@ -258,9 +229,7 @@ fn expired_rows_are_deleted_and_hours_kept() {
     assert_eq!(points(Resolution::Minute), 1);
     // The hour's first telemetry is kept longer.
     assert_eq!(store.telemetry(&mill()).unwrap().unwrap().1["number"], 60);
-    store
-        .delete_expired(keep, from_s + 40.0 * 86_400.0)
-        .unwrap();
+    store.delete_expired(keep, from_s + 40.0 * 86_400.0).unwrap();
     assert_eq!(points(Resolution::Minute), 0);
     assert_eq!(points(Resolution::Hour), 1);
     assert_eq!(store.telemetry(&mill()).unwrap(), None);
@@ -295,10 +264,7 @@ fn a_rejected_batch_is_not_stored_in_part() {
 fn unreadable_messages_are_kept() {
     let (_place, store) = opened();
     let mut ingest = Ingest::of(&store).unwrap();
-    for (sequence, bytes) in [&b"no JSON"[..], b"{}", b"\xff\xfe", b"[1e999]"]
-        .iter()
-        .enumerate()
-    {
+    for (sequence, bytes) in [&b"no JSON"[..], b"{}", b"\xff\xfe", b"[1e999]"].iter().enumerate() {
         for kind in Kind::ALL {
             let message = Received {
                 identity: identity("mill-a"),
@@ -315,12 +281,7 @@ fn unreadable_messages_are_kept() {
         }
     }
     assert_eq!(store.machine_records(&mill(), 100).unwrap().len(), 16);
-    let (_, why) = ingest
-        .machine(&mill())
-        .unwrap()
-        .unreadable
-        .as_ref()
-        .unwrap();
+    let (_, why) = ingest.machine(&mill()).unwrap().unreadable.as_ref().unwrap();
     assert!(why.starts_with("telemetry: "), "{why}");
 }
 
@@ -328,9 +289,8 @@ fn unreadable_messages_are_kept() {
 fn a_machine_is_in_one_open_rollout() {
     let (_place, store) = opened();
     let start = |names: &[&str]| {
-        let machines: Vec<(MachineId, bool)> = (names.iter())
-            .map(|name| (name.parse().unwrap(), false))
-            .collect();
+        let machines: Vec<(MachineId, bool)> =
+            (names.iter()).map(|name| (name.parse().unwrap(), false)).collect();
         store.begin_rollout("model", &machines, Rules::default(), "anna")
     };
     assert_eq!(start(&["a", "b"]).unwrap().id, 1);
@@ -338,9 +298,7 @@ fn a_machine_is_in_one_open_rollout() {
     assert!(refused.starts_with("b is in roll-out 1"), "{refused}");
     assert_eq!(start(&["c"]).unwrap().id, 2);
     assert_eq!(store.open_rollouts().unwrap(), [1, 2]);
-    store
-        .request_rollout_change(1, &UserRequest::Abort, "anna")
-        .unwrap();
+    store.request_rollout_change(1, &UserRequest::Abort, "anna").unwrap();
     assert!(matches!(
         store.request_rollout_change(3, &UserRequest::Abort, "anna"),
         Err(Error::Missing { .. })
@@ -413,25 +371,14 @@ fn minutes_are_closed_machine_by_machine() {
         // Six conditions per minute, at 0, 10, … 50 s.
         let first = (0.0, 6, Some(base + 25.0));
         let second = (60.0, 6, Some(base + 85.0));
-        let expected = if silent {
-            vec![first]
-        } else {
-            vec![first, second]
-        };
+        let expected = if silent { vec![first] } else { vec![first, second] };
         assert_eq!(means, expected, "{id}");
         let hour = &history(Resolution::Hour)[0];
-        let of_hour = if silent {
-            (6, base + 25.0)
-        } else {
-            (12, base + 55.0)
-        };
+        let of_hour = if silent { (6, base + 25.0) } else { (12, base + 55.0) };
         assert_eq!((hour.count, hour.residual_um), (of_hour.0, Some(of_hour.1)));
-        let reported: Vec<f64> = (history(Resolution::Raw).iter())
-            .map(|point| point.at_s - from_s)
-            .collect();
-        let expected = (0..180)
-            .step_by(10)
-            .filter(|second| tells(machine, *second));
+        let reported: Vec<f64> =
+            (history(Resolution::Raw).iter()).map(|point| point.at_s - from_s).collect();
+        let expected = (0..180).step_by(10).filter(|second| tells(machine, *second));
         let expected: Vec<f64> = expected.map(|second| second as f64).collect();
         assert_eq!(reported, expected, "{id}");
     }
@@ -442,9 +389,7 @@ fn a_panic_in_a_transaction_is_rolled_back() {
     let (place, store) = opened();
     store.put_machine(&machine("mill-a"), "anna").unwrap();
     let ended = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| {
-        store.change_machine(&mill(), "anna", |_| -> Result<_, Error> {
-            panic!("in the middle")
-        })
+        store.change_machine(&mill(), "anna", |_| -> Result<_, Error> { panic!("in the middle") })
     }));
     assert!(ended.is_err());
     store.put_machine(&machine("mill-b"), "anna").unwrap();
@@ -460,9 +405,7 @@ fn an_older_database_is_migrated() {
     ingest.take(&store, &conditions(0..90, from_s)).unwrap();
     drop(store);
     let store = place.open().unwrap();
-    store
-        .begin_rollout("", &[(mill(), false)], Rules::default(), "anna")
-        .unwrap();
+    store.begin_rollout("", &[(mill(), false)], Rules::default(), "anna").unwrap();
     drop(store);
     for sql in [
         // A pending request in the first schema.
@@ -509,9 +452,7 @@ fn unstorable_instance_names_do_not_block_a_batch() {
     let why = kept[0].1["why"].as_str().unwrap();
     assert!(why.contains("bytes, expected at most 256"), "{why}");
     drop(Ingest::of(&store).unwrap());
-    store
-        .audit("anna\0", "test", "x", json!({ "zero": "\0" }))
-        .unwrap();
+    store.audit("anna\0", "test", "x", json!({ "zero": "\0" })).unwrap();
     assert_eq!(store.broken_audit().unwrap(), None);
 }
 
@@ -521,13 +462,8 @@ fn numbers_are_stored_exactly() {
     let mut ingest = Ingest::of(&store).unwrap();
     let at_s = 1_800_000_000.123_456_7;
     let body = json!({ "tiny": 5e-324, "third": 1.0 / 3.0, "large": u64::MAX });
-    let telemetry = received(
-        "mill-a",
-        Kind::Telemetry,
-        1,
-        at_s,
-        &envelope("run-1", 0, body.clone()),
-    );
+    let telemetry =
+        received("mill-a", Kind::Telemetry, 1, at_s, &envelope("run-1", 0, body.clone()));
     ingest.take(&store, &[telemetry]).unwrap();
     assert_eq!(store.telemetry(&mill()).unwrap(), Some((at_s, body)));
     // A version above the database's maximum integer is stored as that maximum.
@@ -570,9 +506,8 @@ fn two_programs_write_concurrently() {
     expected.extend(["a-c".to_owned(), "ab".to_owned()]);
     expected.sort();
     let machines = store.machines().unwrap();
-    let names: Vec<&str> = (machines.iter())
-        .map(|machine| machine.identity.machine.as_str())
-        .collect();
+    let names: Vec<&str> =
+        (machines.iter()).map(|machine| machine.identity.machine.as_str()).collect();
     assert_eq!(names, expected);
 }
 
@@ -601,12 +536,8 @@ fn the_sqlite_file_is_private() {
 fn a_session_begins_only_with_the_current_password_of_a_user_who_may_log_in() {
     let (_place, store) = opened();
     let [admin, anna] = ["otto", "anna"].map(|name| name.parse().unwrap());
-    store
-        .add_user(&admin, Role::Admin, "x", "test", "")
-        .unwrap();
-    store
-        .add_user(&anna, Role::Viewer, "old", "test", "")
-        .unwrap();
+    store.add_user(&admin, Role::Admin, "x", "test", "").unwrap();
+    store.add_user(&anna, Role::Viewer, "old", "test", "").unwrap();
     let begins = |compared: &str| {
         let token = Token::generate().unwrap();
         let session = Session {

@@ -18,17 +18,12 @@ pub(crate) fn model_text(number: u32) -> String {
 }
 
 pub(crate) fn model(number: u32) -> NewModel {
-    let origin = Origin::File {
-        name: "mill.toml".to_owned(),
-    };
+    let origin = Origin::File { name: "mill.toml".to_owned() };
     NewModel::of_text(model_text(number), "mill.toml", origin, "anna").unwrap()
 }
 
 pub(crate) fn identity(machine: &str) -> Identity {
-    Identity {
-        site: "berlin".parse().unwrap(),
-        machine: machine.parse().unwrap(),
-    }
+    Identity { site: "berlin".parse().unwrap(), machine: machine.parse().unwrap() }
 }
 
 pub(crate) fn machine(name: &str) -> Machine {

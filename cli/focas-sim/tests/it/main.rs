@@ -38,11 +38,7 @@ impl Simulator {
                 .stdin(Stdio::piped()),
         );
         let port = line.strip_prefix("listening on 127.0.0.1:").unwrap();
-        Self {
-            port: port.parse().unwrap(),
-            running,
-            output,
-        }
+        Self { port: port.parse().unwrap(), running, output }
     }
 
     fn client(&self) -> Client {
@@ -124,11 +120,7 @@ fn states_are_set_by_options_and_commands() {
     let mut states = move || {
         let status = client.status().unwrap();
         let bits = client.read_pmc(PmcArea::F, 120, 1).unwrap()[0];
-        [
-            status.alarm != 0,
-            status.emergency != 0,
-            bits & 0b111 != 0b111,
-        ]
+        [status.alarm != 0, status.emergency != 0, bits & 0b111 != 0b111]
     };
     assert_eq!(states(), [true; 3]);
     for (line, expected) in [
@@ -215,10 +207,7 @@ fn the_tool_error_is_reported() {
         "0.1",
     ]);
     let report = simulator.json();
-    assert_eq!(
-        report["positions_mm"],
-        serde_json::json!({"X": 100.0, "Y": 0.0, "Z": 0.0})
-    );
+    assert_eq!(report["positions_mm"], serde_json::json!({"X": 100.0, "Y": 0.0, "Z": 0.0}));
     let miss = |report: &Value, name: &str| {
         let of = |k: usize| report[name]["position_um"][k].as_f64().unwrap();
         [of(0), of(1), of(2)]
@@ -227,10 +216,7 @@ fn the_tool_error_is_reported() {
     assert_eq!(miss(&report, "residual"), [5.0, 10.0, 0.0]);
     // -4 µm on X and -10 µm on Y, as a gateway writes them.
     let words = [0xfc, 0xff, 0xf6, 0xff];
-    simulator
-        .client()
-        .write_pmc(PmcArea::R, 100, &words)
-        .unwrap();
+    simulator.client().write_pmc(PmcArea::R, 100, &words).unwrap();
     until("the shift acts", || {
         let report = simulator.json();
         assert_eq!(miss(&report, "error"), [5.0, 10.0, 0.0]);
@@ -246,10 +232,7 @@ fn the_tool_error_is_reported() {
         "{line}"
     );
     let mut simulator = Simulator::start(&["--at", "Y=7.25", "--no-barrier"]);
-    simulator
-        .client()
-        .write_pmc(PmcArea::R, 102, &[3, 0])
-        .unwrap();
+    simulator.client().write_pmc(PmcArea::R, 102, &[3, 0]).unwrap();
     simulator.type_line("report");
     let line = simulator.line();
     assert!(line.contains("X 0.0 (+0.0 µm) Y 7.2 (+3.0 µm)"), "{line}");
@@ -268,9 +251,7 @@ fn a_barrier_protects_the_axes_by_default() {
         "--json",
     ]);
     let mut client = simulator.client();
-    client
-        .write_pmc(PmcArea::R, 102, &[0x88, 0x13, 0x88, 0x13])
-        .unwrap();
+    client.write_pmc(PmcArea::R, 102, &[0x88, 0x13, 0x88, 0x13]).unwrap();
     let mut words = |at: u16, count: u16| -> Vec<u16> {
         let bytes = client.read_pmc(PmcArea::R, at, 2 * count).unwrap();
         let words = bytes.chunks_exact(2);
@@ -280,10 +261,7 @@ fn a_barrier_protects_the_axes_by_default() {
     simulator.type_line("steps");
     // In each scan the axes take their words after the program.
     let steps = simulator.json();
-    assert_eq!(
-        steps["largest_step_um"],
-        serde_json::json!({"X": 0.0, "Y": 0.0})
-    );
+    assert_eq!(steps["largest_step_um"], serde_json::json!({"X": 0.0, "Y": 0.0}));
     simulator.type_line("steps reset");
     // 30 µm and -10 counts of 0.001°, until they are applied.
     let mut session = Session::new(7);
@@ -291,23 +269,16 @@ fn a_barrier_protects_the_axes_by_default() {
     let mut settings = None;
     let layout = Layout::of([AxisName::X, AxisName::C]).unwrap();
     until("applied", || {
-        let bytes = client
-            .read_pmc(PmcArea::R, 240, 2 * (8 + 3 * 2 + 2))
-            .unwrap();
-        let words: Vec<u16> = bytes
-            .chunks_exact(2)
-            .map(|b| u16::from_le_bytes([b[0], b[1]]))
-            .collect();
+        let bytes = client.read_pmc(PmcArea::R, 240, 2 * (8 + 3 * 2 + 2)).unwrap();
+        let words: Vec<u16> =
+            bytes.chunks_exact(2).map(|b| u16::from_le_bytes([b[0], b[1]])).collect();
         let report = Report::decode(4711, layout, &words).expect("read whole");
         session.read(report.head());
         let frame = session.frame(&PerChannel::leading([30, -10]));
         let mut words = [0; FRAME_WORDS];
         if let Some(frame) = frame {
             let length = frame.encode(&report.settings, &mut words);
-            let bytes: Vec<u8> = words[..length]
-                .iter()
-                .flat_map(|w| w.to_le_bytes())
-                .collect();
+            let bytes: Vec<u8> = words[..length].iter().flat_map(|w| w.to_le_bytes()).collect();
             client.write_pmc(PmcArea::R, 200, &bytes).unwrap();
         }
         settings = Some(report.settings);
@@ -321,10 +292,7 @@ fn a_barrier_protects_the_axes_by_default() {
     simulator.type_line("quit");
     assert_eq!(simulator.end(), Some(0));
     let steps = simulator.json();
-    assert_eq!(
-        steps["largest_step_um"],
-        serde_json::json!({"X": 2.0, "Y": 0.0})
-    );
+    assert_eq!(steps["largest_step_um"], serde_json::json!({"X": 2.0, "Y": 0.0}));
     let rotary = steps["largest_step_urad"]["C"].as_f64().unwrap();
     assert!((rotary - 17.453).abs() < 1e-3, "{rotary}");
 }
@@ -338,10 +306,7 @@ fn the_machine_file_defines_five_axes() {
     // Two lines of at most 80 columns.
     let [places, misses] = [simulator.line(), simulator.line()];
     assert!(places.contains(" A 0.0 C 0.0"), "{places}");
-    assert!(
-        misses.starts_with("            tool error, unaligned "),
-        "{misses}"
-    );
+    assert!(misses.starts_with("            tool error, unaligned "), "{misses}");
 }
 
 #[test]
@@ -383,10 +348,7 @@ fn invalid_arguments_are_rejected() {
         (&["--stroke-mm", "inf"], "--stroke-mm"),
         (&["--axes", "X,Q"], "expected one of the axis letters"),
         (&["--axes", "X,X"], "--axes: found the axis X twice"),
-        (
-            &["--at", "X:1"],
-            "--at: found `X:1`, expected an axis letter",
-        ),
+        (&["--at", "X:1"], "--at: found `X:1`, expected an axis letter"),
         (&["--at", "C=1"], "expected an axis of X,Y,Z"),
         (&["--at", "X=1,X=2"], "every axis once"),
         (&["--at", "X=nan"], "--at: found `X=nan`"),
@@ -394,29 +356,17 @@ fn invalid_arguments_are_rejected() {
         (&["--pause-s", "60"], "less than --pause-every-s 30"),
         (&["--program", "none.csv"], "none.csv: cannot be read"),
         (&["--program", &empty], "no rows"),
-        (
-            &["--program", &column],
-            "column.csv:1: header: found the column `Q`",
-        ),
+        (&["--program", &column], "column.csv:1: header: found the column `Q`"),
         (&["--program", &number], "number.csv:3: X: found `x`"),
         (&["--program", &feed], "feed.csv:2: feed: found 0"),
         (&["--program", &dwell], "dwell.csv:2: dwell_s: found -1"),
         (&["--program", &short], "short.csv:2: "),
-        (
-            &["--scan-ms", "0"],
-            "--scan-ms: found 0, expected 0.1 to 1000",
-        ),
-        (
-            &["--time-out-ms", "398"],
-            "the barrier: time-out: found 199 scans",
-        ),
+        (&["--scan-ms", "0"], "--scan-ms: found 0, expected 0.1 to 1000"),
+        (&["--time-out-ms", "398"], "the barrier: time-out: found 199 scans"),
         (&["--limit-um", "0"], "the barrier: axis 0"),
         (&["--limit-um", "nan"], "the barrier: axis 0"),
         (&["--no-barrier", "--limit-um", "10"], "cannot be used with"),
-        (
-            &["--barrier-axes", "X,C"],
-            "--barrier-axes: found X,C, expected axes of X,Y,Z",
-        ),
+        (&["--barrier-axes", "X,C"], "--barrier-axes: found X,C, expected axes of X,Y,Z"),
         (&["--barrier-axes", "X,X"], "every one once"),
         (
             &["--acceleration-mm-s2", "0", "--program", &good],
@@ -444,10 +394,7 @@ fn invalid_arguments_are_rejected() {
         .output()
         .unwrap();
     assert_eq!(output.status.code(), Some(1));
-    let version = Command::new(env!("CARGO_BIN_EXE_focas-sim"))
-        .arg("--version")
-        .output()
-        .unwrap();
+    let version = Command::new(env!("CARGO_BIN_EXE_focas-sim")).arg("--version").output().unwrap();
     assert!(version.status.success());
 }
 

@@ -51,16 +51,8 @@ impl Exchange for Words {
 }
 
 fn places() -> MapPlaces {
-    let d = |at| PmcAddress {
-        area: PmcArea::D,
-        at,
-    };
-    MapPlaces {
-        mailbox: d(0),
-        report: d(144),
-        buffers: d(200),
-        capacity: CAPACITY.into(),
-    }
+    let d = |at| PmcAddress { area: PmcArea::D, at };
+    MapPlaces { mailbox: d(0), report: d(144), buffers: d(200), capacity: CAPACITY.into() }
 }
 
 fn open(simulator: &Simulator) -> Words {
@@ -75,20 +67,8 @@ fn field(at: &[f64; GRID_AXES]) -> [f64; 3] {
 
 fn map(counter: u16) -> Map {
     let request = Request {
-        axes: AXES
-            .map(|name| GridAxis {
-                name,
-                travel: [0.0, 1000.0],
-                step: 0.001,
-            })
-            .to_vec(),
-        outputs: AXES
-            .map(|name| Output {
-                name,
-                step_mm: 0.001,
-                limit_mm: 0.1,
-            })
-            .to_vec(),
+        axes: AXES.map(|name| GridAxis { name, travel: [0.0, 1000.0], step: 0.001 }).to_vec(),
+        outputs: AXES.map(|name| Output { name, step_mm: 0.001, limit_mm: 0.1 }).to_vec(),
         within_mm: 0.001,
         words: CAPACITY.into(),
         counter,
@@ -139,10 +119,7 @@ fn the_axes_follow_the_map_and_silence_ramps_to_zero() {
     steps_until(&simulator, &mut first, &mut words, um);
     // Another sender finds the control owned, and changes nothing.
     let held = sender(7, 22).step(&mut open(&simulator));
-    assert!(
-        matches!(held, Err(SendError::Held { by: 21, .. })),
-        "{held:?}"
-    );
+    assert!(matches!(held, Err(SendError::Held { by: 21, .. })), "{held:?}");
     let end = Instant::now() + PATIENCE;
     while shifts(&simulator) != [0.0; 3] {
         assert!(Instant::now() < end, "{:?}", shifts(&simulator));
@@ -170,25 +147,9 @@ fn the_axes_follow_the_map_and_silence_ramps_to_zero() {
 fn invalid_settings_are_rejected() {
     for (arguments, words) in [
         (&["--map-words", "68"][..], "69..=2450"),
-        (
-            &["--map-words", "700", "--axes", "X,A"],
-            "at most 3 linear axes",
-        ),
-        (
-            &["--map-words", "700", "--rate-um-per-s", "1"],
-            "--rate-um-per-s: found 1",
-        ),
-        (
-            &[
-                "--map-words",
-                "700",
-                "--hold-ms",
-                "400",
-                "--time-out-ms",
-                "500",
-            ],
-            "--map-words: ",
-        ),
+        (&["--map-words", "700", "--axes", "X,A"], "at most 3 linear axes"),
+        (&["--map-words", "700", "--rate-um-per-s", "1"], "--rate-um-per-s: found 1"),
+        (&["--map-words", "700", "--hold-ms", "400", "--time-out-ms", "500"], "--map-words: "),
     ] {
         let output = std::process::Command::new(env!("CARGO_BIN_EXE_focas-sim"))
             .args(["--listen", "127.0.0.1:0"])

@@ -57,18 +57,14 @@ fn rows(file: &Path) -> Vec<Vec<(String, String)>> {
         let cells: Vec<&str> = line.split(',').collect();
         assert_eq!(cells.len(), head.len(), "{line}");
         let named = head.iter().zip(cells);
-        named
-            .map(|(n, c)| ((*n).to_owned(), c.to_owned()))
-            .collect()
+        named.map(|(n, c)| ((*n).to_owned(), c.to_owned())).collect()
     };
     lines.map(row).collect()
 }
 
 fn number(row: &[(String, String)], name: &str) -> f64 {
     let cell = row.iter().find(|(found, _)| found == name).unwrap();
-    cell.1
-        .parse()
-        .unwrap_or_else(|_| panic!("{name}: {cell:?}"))
+    cell.1.parse().unwrap_or_else(|_| panic!("{name}: {cell:?}"))
 }
 
 /// Two lines and an intermediate point, the second pass with a correction of -4 µm on X and +3 µm on Y: the ranges equal those by hand
@@ -127,21 +123,12 @@ fn json_documents_are_one_per_line() {
     let shop = Shop::new("X,feed,dwell_s\n0,60000,0\n200,60000,0.4\n");
     let mut simulator = shop.start("targets.json", &[]);
     let pass = simulator.json();
-    assert_eq!(
-        (&pass["targets"], &pass["lines"]),
-        (&2.into(), &Value::Array(vec![]))
-    );
+    assert_eq!((&pass["targets"], &pass["lines"]), (&2.into(), &Value::Array(vec![])));
     let text = fs::read_to_string(shop.folder.path().join("targets.json")).unwrap();
-    let targets: Vec<Value> = text
-        .lines()
-        .map(|l| serde_json::from_str(l).unwrap())
-        .collect();
+    let targets: Vec<Value> = text.lines().map(|l| serde_json::from_str(l).unwrap()).collect();
     assert_eq!(targets.len(), 2);
     assert_eq!(targets[1]["positions_mm"]["X"], 200.0);
-    assert_eq!(
-        targets[1]["residual"]["position_um"],
-        serde_json::json!([10.0, 10.0, 0.0])
-    );
+    assert_eq!(targets[1]["residual"]["position_um"], serde_json::json!([10.0, 10.0, 0.0]));
     assert!(targets[1]["stood_s"].as_f64().unwrap() >= 0.4);
     simulator.type_line("quit");
     assert_eq!(simulator.end(), Some(0));
@@ -154,11 +141,7 @@ fn nothing_is_measured_during_an_emergency_stop() {
     let mut simulator = shop.start("targets.csv", &["--wait", "--no-barrier"]);
     let file = shop.folder.path().join("targets.csv");
     let mut client = simulator.client();
-    let mut x = move || {
-        client
-            .positions(volcomp_focas::PositionKind::Machine, 3)
-            .unwrap()[0]
-    };
+    let mut x = move || client.positions(volcomp_focas::PositionKind::Machine, 3).unwrap()[0];
     simulator.type_line("run");
     super::until("it moves", || x() > 1.0);
     simulator.type_line("estop on");
@@ -179,15 +162,7 @@ fn nothing_is_measured_during_an_emergency_stop() {
 fn text_output_for_operators() {
     let shop = Shop::new("line,X,feed\nPPP,0,60000\nPPP,200,60000\n");
     let [truth, program, report] = ["truth.toml", "program.csv", "r.csv"].map(|n| shop.path(n));
-    let arguments = [
-        "--truth",
-        &truth,
-        "--program",
-        &program,
-        "--report-s",
-        "0",
-        "--report",
-    ];
+    let arguments = ["--truth", &truth, "--program", &program, "--report-s", "0", "--report"];
     let mut simulator = Simulator::start(&[&arguments[..], &[&report]].concat());
     assert_eq!(simulator.line(), "pass 1: 2 targets; PPP 10.0 → 10.0 µm\n");
 }
@@ -197,20 +172,10 @@ fn an_unwritable_file_is_named() {
     let shop = Shop::new("X\n0\n");
     let [truth, program] = ["truth.toml", "program.csv"].map(|name| shop.path(name));
     let output = std::process::Command::new(env!("CARGO_BIN_EXE_focas-sim"))
-        .args([
-            "--truth",
-            &truth,
-            "--program",
-            &program,
-            "--report",
-            "/dev/null/x.csv",
-        ])
+        .args(["--truth", &truth, "--program", &program, "--report", "/dev/null/x.csv"])
         .output()
         .unwrap();
     let message = String::from_utf8_lossy(&output.stderr);
     assert_eq!(output.status.code(), Some(1), "{message}");
-    assert!(
-        message.contains("/dev/null/x.csv: cannot be written"),
-        "{message}"
-    );
+    assert!(message.contains("/dev/null/x.csv: cannot be written"), "{message}");
 }

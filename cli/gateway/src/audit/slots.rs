@@ -84,10 +84,7 @@ fn slot(count: u64, text: &str) -> io::Result<String> {
     if line.len() >= SLOT || text.contains('\n') {
         return Err(io::ErrorKind::FileTooLarge.into());
     }
-    Ok(format!(
-        "{line:<0$}\n",
-        SLOT - 1 - (line.len() - line.chars().count())
-    ))
+    Ok(format!("{line:<0$}\n", SLOT - 1 - (line.len() - line.chars().count())))
 }
 
 fn checksum(content: &str) -> String {
@@ -147,11 +144,7 @@ mod tests {
             for torn in (0..200).chain([SLOT, SLOT + 90, 2 * SLOT]) {
                 for from_behind in [false, true] {
                     let mut mixed = old.clone();
-                    let at = if from_behind {
-                        torn..new.len()
-                    } else {
-                        0..torn
-                    };
+                    let at = if from_behind { torn..new.len() } else { 0..torn };
                     mixed[at.clone()].copy_from_slice(&new[at]);
                     let other = dir.path().join("torn");
                     fs::write(&other, &mixed).expect("writable");

@@ -83,18 +83,12 @@ impl AuditWriter {
             log,
             health: Arc::clone(&health),
         };
-        thread::Builder::new()
-            .name("volcomp-audit".to_owned())
-            .spawn({
-                // The thread logs under the span of the machine that starts it.
-                let span = tracing::Span::current();
-                move || span.in_scope(|| thread_state.run(&work))
-            })?;
-        Ok(Self {
-            tasks,
-            health,
-            retried: Duration::ZERO,
-        })
+        thread::Builder::new().name("volcomp-audit".to_owned()).spawn({
+            // The thread logs under the span of the machine that starts it.
+            let span = tracing::Span::current();
+            move || span.in_scope(|| thread_state.run(&work))
+        })?;
+        Ok(Self { tasks, health, retried: Duration::ZERO })
     }
 
     /// Queues a record. If the queue is full, the record is counted as lost in the next one.

@@ -109,22 +109,13 @@ impl GuardTable {
         let linear = axes(
             self.limit_um,
             self.slew_um_per_s,
-            [
-                self.warn_um,
-                self.accel_um_per_s2,
-                self.confirm_um,
-                self.test_shift_um,
-            ],
+            [self.warn_um, self.accel_um_per_s2, self.confirm_um, self.test_shift_um],
             AxisSettings::<Um>::TEST_SHIFT.0,
         );
         let rotary = self.limit_urad.zip(self.slew_urad_per_s);
         let rotary = rotary.map(|(limit, slew)| {
-            let more = [
-                self.warn_urad,
-                self.accel_urad_per_s2,
-                self.confirm_urad,
-                self.test_shift_urad,
-            ];
+            let more =
+                [self.warn_urad, self.accel_urad_per_s2, self.confirm_urad, self.test_shift_urad];
             axes(limit, slew, more, AxisSettings::<Urad>::TEST_SHIFT.0).map(Urad)
         });
         let seconds = |s: f64| of_ms(s * 1e3);
@@ -141,10 +132,7 @@ impl GuardTable {
             ramp: seconds(self.ramp_s),
             stop: seconds(self.stop_s),
             hand_back: seconds(self.hand_back_s),
-            rapid: Rapid {
-                linear_m_per_min: self.rapid_m_per_min,
-                rotary_rpm: self.rapid_rpm,
-            },
+            rapid: Rapid { linear_m_per_min: self.rapid_m_per_min, rotary_rpm: self.rapid_rpm },
             temperatures: SensorLimits {
                 max_degc_per_min: self.max_degc_per_min,
                 range_degc: self.range_degc,
@@ -153,10 +141,7 @@ impl GuardTable {
                     .then(|| seconds(self.temperature_stuck_s)),
                 neighbours_k: self.temperature_neighbours_k,
             },
-            fading: Fading {
-                hold_s: self.temperature_hold_s,
-                fade_s: self.temperature_fade_s,
-            },
+            fading: Fading { hold_s: self.temperature_hold_s, fade_s: self.temperature_fade_s },
         }
     }
 

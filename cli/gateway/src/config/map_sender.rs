@@ -32,11 +32,7 @@ impl MapSender {
     pub fn read(path: &Path) -> Result<Self, GatewayError> {
         let folder = path.parent().unwrap_or(Path::new(""));
         let document = Document::read(path)?;
-        Ok(Self::decode(
-            &document,
-            &path.display().to_string(),
-            folder,
-        )?)
+        Ok(Self::decode(&document, &path.display().to_string(), folder)?)
     }
 
     /// Parses the text of a configuration; relative paths are resolved against `folder`.

@@ -189,11 +189,7 @@ impl DashboardConfig {
     }
 
     fn join(&mut self, folder: &Path) {
-        let files = [
-            &mut self.token_file,
-            &mut self.tls_certificate,
-            &mut self.tls_key,
-        ];
+        let files = [&mut self.token_file, &mut self.tls_certificate, &mut self.tls_key];
         join(folder, files.into_iter().flatten());
     }
 }
@@ -225,12 +221,10 @@ impl Config {
     }
 
     fn decode(document: Document, file: &str, folder: &Path) -> Result<Self, InputErrors> {
-        document.decode(
-            |root| match root.other_kind(FileKind::Gateway, &ROOT_KEYS) {
-                Some(error) => Err(error),
-                None => Ok(()),
-            },
-        )?;
+        document.decode(|root| match root.other_kind(FileKind::Gateway, &ROOT_KEYS) {
+            Some(error) => Err(error),
+            None => Ok(()),
+        })?;
         let (config, mut found) = document.structure::<Self>(replaced)?;
         validate::validate(&config, &mut found);
         let places = found.places().clone();
@@ -239,10 +233,7 @@ impl Config {
         config.complete(folder);
         file.clone_into(&mut config.file);
         config.machine.clone_from(&config.configured_machine);
-        config.source = Source {
-            document: Some(document),
-            places,
-        };
+        config.source = Source { document: Some(document), places };
         Ok(config)
     }
 
@@ -369,11 +360,7 @@ struct RealtimeKeys {
 }
 
 pub(crate) fn realtime() -> Realtime {
-    Realtime {
-        priority: 60,
-        cpu: None,
-        reference: false,
-    }
+    Realtime { priority: 60, cpu: None, reference: false }
 }
 
 /// The table `[fleet]`: the centre that provides the machine file and receives the condition of the machine.
@@ -428,10 +415,7 @@ pub struct OpcUaConfig {
 
 impl Default for OpcUaConfig {
     fn default() -> Self {
-        Self {
-            listen: SocketAddr::from(([127, 0, 0, 1], 4840)),
-            anyone_may_read: false,
-        }
+        Self { listen: SocketAddr::from(([127, 0, 0, 1], 4840)), anyone_may_read: false }
     }
 }
 
@@ -448,10 +432,7 @@ impl FleetConfig {
     /// # Errors
     /// A name is not valid in a message subject; this cannot occur in a configuration that was read from a file.
     pub fn identity(&self) -> Result<Identity, IdError> {
-        Ok(Identity {
-            site: self.site.parse()?,
-            machine: self.machine.parse()?,
-        })
+        Ok(Identity { site: self.site.parse()?, machine: self.machine.parse()? })
     }
 
     /// The public keys whose manifests are accepted.

@@ -26,10 +26,7 @@ pub(super) fn validate(config: &Config, found: &mut Mistakes<'_>) {
     }
     if count > volcomp_guard::MAX_PATHS {
         let most = volcomp_guard::MAX_PATHS;
-        found.add(
-            "controller",
-            format!("found {count} controllers, expected at most {most}"),
-        );
+        found.add("controller", format!("found {count} controllers, expected at most {most}"));
     }
     let has_barrier = config.controllers.iter().any(|own| own.barrier.is_some());
     for (index, own) in config.controllers.iter().enumerate() {
@@ -65,13 +62,7 @@ pub(super) fn validate(config: &Config, found: &mut Mistakes<'_>) {
 
 pub(super) fn dashboard(own: &DashboardConfig, found: &mut Mistakes<'_>) {
     let stated = [own.tls_certificate.is_some(), own.tls_key.is_some()];
-    both(
-        found,
-        "dashboard",
-        ["tls_certificate", "tls_key"],
-        stated,
-        "",
-    );
+    both(found, "dashboard", ["tls_certificate", "tls_key"], stated, "");
 }
 
 /// Requires that a server without authentication listens on loopback, or that its key `anyone`
@@ -103,10 +94,8 @@ fn controller(own: &ControllerConfig, cycle_ms: f64, rules: &Rules<'_>, found: &
     let driver = check_keys(own, at, is_reader, found);
     axes(own, at, found);
     if let Some(name) = own.channel.as_deref().filter(|name| is_blank(name)) {
-        found.add(
-            &key("channel"),
-            format!("found {name:?}, expected a name of visible characters"),
-        );
+        found
+            .add(&key("channel"), format!("found {name:?}, expected a name of visible characters"));
     }
     for (name, position) in &own.fixed {
         let key = key(&format!("fixed.{name}"));
@@ -116,41 +105,22 @@ fn controller(own: &ControllerConfig, cycle_ms: f64, rules: &Rules<'_>, found: &
     for (index, state) in own.unseen.iter().enumerate() {
         if own.unseen[..index].contains(state) {
             let name = serde_json::to_string(state).unwrap_or_default();
-            found.add(
-                &key("unseen"),
-                format!("duplicate {}", name.trim_matches('"')),
-            );
+            found.add(&key("unseen"), format!("duplicate {}", name.trim_matches('"')));
         }
     }
     for (name, step, kind, most) in [
         ("resolution_um", own.resolution_um, AxisKind::Linear, 1000.0),
-        (
-            "resolution_urad",
-            own.resolution_urad,
-            AxisKind::Rotary,
-            1e5,
-        ),
+        ("resolution_urad", own.resolution_urad, AxisKind::Rotary, 1e5),
     ] {
         if let Some(step) = step {
             has_axis(&key(name), kind, &own.axes, found);
             found.range(&key(name), step, 1e-4..=most);
         }
     }
-    if own
-        .terms
-        .as_ref()
-        .is_some_and(|terms| *terms != ["thermal"])
-    {
-        found.add(
-            &key("terms"),
-            "expected [\"thermal\"], or no such key: all terms",
-        );
+    if own.terms.as_ref().is_some_and(|terms| *terms != ["thermal"]) {
+        found.add(&key("terms"), "expected [\"thermal\"], or no such key: all terms");
     }
-    let longest = if own.terms.is_some() {
-        ceiling::HOLD_THERMAL
-    } else {
-        ceiling::HOLD
-    };
+    let longest = if own.terms.is_some() { ceiling::HOLD_THERMAL } else { ceiling::HOLD };
     if let Some(hold_ms) = own.hold_ms {
         found.range(&key("hold_ms"), hold_ms, cycle_ms..=ms(longest));
     }
@@ -166,10 +136,7 @@ fn axes(own: &ControllerConfig, at: &str, found: &mut Mistakes<'_>) {
     letters(&axes, &own.axes, found);
     letters(&reads, &own.reads, found);
     if found.states(&reads) && own.reads.is_empty() {
-        found.add(
-            &reads,
-            "found no axis, expected the letters of axes that are only read",
-        );
+        found.add(&reads, "found no axis, expected the letters of axes that are only read");
     }
     if let Some(name) = own.reads.iter().find(|name| own.axes.contains(name)) {
         let message = format!("axis {name} is also in axes: written axes are read anyway");
@@ -177,10 +144,7 @@ fn axes(own: &ControllerConfig, at: &str, found: &mut Mistakes<'_>) {
     }
     let count = own.axes.len() + own.reads.len();
     if found.states(&axes) && !(1..=MAX_AXES).contains(&count) {
-        found.add(
-            &axes,
-            format!("found {count} axes, expected 1 to {MAX_AXES}"),
-        );
+        found.add(&axes, format!("found {count} axes, expected 1 to {MAX_AXES}"));
     }
 }
 
@@ -202,33 +166,19 @@ fn barrier(own: &ControllerConfig, at: &str, found: &mut Mistakes<'_>) {
     for key in ["machine", "scan_ms"] {
         found.require(&table, key);
     }
-    found.whole(
-        &format!("{table}.machine"),
-        barrier.machine,
-        0..=LARGEST_MACHINE,
-    );
+    found.whole(&format!("{table}.machine"), barrier.machine, 0..=LARGEST_MACHINE);
     found.range(&format!("{table}.scan_ms"), barrier.scan_ms, 0.1..=100.0);
 }
 
 fn fleet(own: &FleetConfig, found: &mut Mistakes<'_>) {
-    for key in [
-        "url",
-        "site",
-        "machine",
-        "serial",
-        "nkey_file",
-        "trusted_keys",
-    ] {
+    for key in ["url", "site", "machine", "serial", "nkey_file", "trusted_keys"] {
         found.require("fleet", key);
     }
     let stated = |key: &str, found: &Mistakes<'_>| found.states(&format!("fleet.{key}"));
     if stated("url", found)
         && let Some(wrong) = wrong_address(&own.url)
     {
-        found.add(
-            "fleet.url",
-            format!("found {wrong:?}, expected {ADDRESSES}"),
-        );
+        found.add("fleet.url", format!("found {wrong:?}, expected {ADDRESSES}"));
     }
     if stated("site", found)
         && let Err(error) = own.site.parse::<SiteId>()
@@ -241,10 +191,8 @@ fn fleet(own: &FleetConfig, found: &mut Mistakes<'_>) {
         found.add("fleet.machine", error.to_string());
     }
     if stated("serial", found) && is_blank(&own.serial) {
-        let message = format!(
-            "found {:?}, expected the serial number of the machine tool",
-            own.serial
-        );
+        let message =
+            format!("found {:?}, expected the serial number of the machine tool", own.serial);
         found.add("fleet.serial", message);
     }
     if stated("nkey_file", found) {
@@ -254,17 +202,11 @@ fn fleet(own: &FleetConfig, found: &mut Mistakes<'_>) {
     if let Some(ca) = &own.ca {
         path("fleet.ca", ca, found);
         if !own.url.contains("tls://") {
-            found.add(
-                "fleet.ca",
-                "found this key without a tls:// in url, expected it only there",
-            );
+            found.add("fleet.ca", "found this key without a tls:// in url, expected it only there");
         }
     }
     if stated("trusted_keys", found) && own.trusted_keys.is_empty() {
-        found.add(
-            "fleet.trusted_keys",
-            "found no key, expected at least one public key",
-        );
+        found.add("fleet.trusted_keys", "found no key, expected at least one public key");
     }
     for (index, text) in own.trusted_keys.iter().enumerate() {
         if let Err(error) = trusted_key(text) {

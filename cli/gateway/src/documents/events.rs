@@ -86,17 +86,10 @@ impl From<&Record> for LogEvent {
                 in_words(change)
             }
             Event::Stop(_) => (EventKind::Program, format!("Gateway {}", record.what)),
-            Event::Reload {
-                from, to, limits, ..
-            } => {
+            Event::Reload { from, to, limits, .. } => {
                 let mut text = capital(&record.what);
                 if from != to {
-                    let _ = write!(
-                        text,
-                        ": machine file {} replaces {}",
-                        short(to),
-                        short(from)
-                    );
+                    let _ = write!(text, ": machine file {} replaces {}", short(to), short(from));
                 }
                 for (key, [old, new]) in limits {
                     let value =
@@ -106,18 +99,13 @@ impl From<&Record> for LogEvent {
                 (EventKind::Reload, text)
             }
             Event::Request { .. } => (EventKind::Request, capital(&record.what)),
-            Event::Refused(why) => (
-                EventKind::Refused,
-                format!("{}: {why}", capital(&record.what)),
-            ),
+            Event::Refused(why) => {
+                (EventKind::Refused, format!("{}: {why}", capital(&record.what)))
+            }
             Event::Nothing => (EventKind::Other, capital(&record.what)),
         };
         if record.lost > 0 {
-            let _ = write!(
-                text,
-                "; {} records before it could not be written",
-                record.lost
-            );
+            let _ = write!(text, "; {} records before it could not be written", record.lost);
         }
         Self {
             seq: record.seq,
@@ -134,10 +122,9 @@ impl From<&Record> for LogEvent {
 fn in_words(change: &StateChange) -> (EventKind, String) {
     let (kind, state) = match change.state {
         StateName::Disarmed => (EventKind::Disarmed, "Disarmed: nothing is written"),
-        StateName::Arming if change.test_shift => (
-            EventKind::TestShift,
-            "Test shift: does the reported position contain the correction?",
-        ),
+        StateName::Arming if change.test_shift => {
+            (EventKind::TestShift, "Test shift: does the reported position contain the correction?")
+        }
         StateName::Arming => (EventKind::Arming, "The correction ramps in"),
         StateName::Compensating => (EventKind::Compensating, "The correction follows the model"),
         StateName::Holding => (EventKind::Holding, "The correction is held"),
@@ -157,10 +144,7 @@ fn in_words(change: &StateChange) -> (EventKind, String) {
 
 /// Whether the reasons of a state explain why nothing, or less than the model requires, is corrected.
 fn explains(change: &StateChange) -> bool {
-    matches!(
-        change.state,
-        StateName::Holding | StateName::RampingOut | StateName::Faulted
-    )
+    matches!(change.state, StateName::Holding | StateName::RampingOut | StateName::Faulted)
 }
 
 /// Maximum number of actions of an event: those on the causes, which come first.
@@ -203,12 +187,8 @@ fn seconds(time: &str) -> Option<f64> {
     let small = |range| number(range).and_then(|number| u8::try_from(number).ok());
     let month = Month::try_from(small(5..7)?).ok()?;
     let date = Date::from_calendar_date(i32::from(number(0..4)?), month, small(8..10)?).ok()?;
-    let clock = Time::from_hms_milli(
-        small(11..13)?,
-        small(14..16)?,
-        small(17..19)?,
-        number(20..23)?,
-    );
+    let clock =
+        Time::from_hms_milli(small(11..13)?, small(14..16)?, small(17..19)?, number(20..23)?);
     let at = OffsetDateTime::new_utc(date, clock.ok()?);
     let ms = u64::try_from(at.unix_timestamp_nanos() / 1_000_000).ok()?;
     Some(Duration::from_millis(ms).as_secs_f64())
@@ -254,23 +234,16 @@ mod tests {
 
     #[test]
     fn a_stop_says_why_and_what_to_do() {
-        let held = state(
-            StateName::Holding,
-            &["positions stale", "applied correction not confirmed"],
-        );
+        let held =
+            state(StateName::Holding, &["positions stale", "applied correction not confirmed"]);
         assert_eq!(
             held.text,
             "The correction is held: positions stale, applied correction not confirmed"
         );
-        assert_eq!(
-            held.advice,
-            ["Check the cable.", "Check the cable and the control."]
-        );
+        assert_eq!(held.advice, ["Check the cable.", "Check the cable and the control."]);
         assert_eq!((held.kind, held.who), (EventKind::Holding, None));
-        let jumped = state(
-            StateName::RampingOut,
-            &["position jumped: X 4000.000 mm", "rate limited"],
-        );
+        let jumped =
+            state(StateName::RampingOut, &["position jumped: X 4000.000 mm", "rate limited"]);
         assert_eq!(
             jumped.advice,
             ["Compare units with the control. If the position is real, disarm and arm."]
@@ -285,14 +258,9 @@ mod tests {
 
     #[test]
     fn requests_and_reloads_name_the_requester_and_the_change() {
-        let request = Event::Request {
-            state: StateName::Disarmed,
-        };
+        let request = Event::Request { state: StateName::Disarmed };
         let armed = event("anna", "arm", request);
-        assert_eq!(
-            (armed.text.as_str(), armed.who.as_deref()),
-            ("Arm", Some("anna"))
-        );
+        assert_eq!((armed.text.as_str(), armed.who.as_deref()), ("Arm", Some("anna")));
         let reload = Event::Reload {
             from: "sha256:0123456789".to_owned(),
             to: "sha256:abcdef0123".to_owned(),
@@ -303,12 +271,7 @@ mod tests {
             event("anna", "reload", reload).text,
             "Reload: machine file abcdef01 replaces 01234567; limit_um: 100 → none"
         );
-        let start = Start {
-            records: 1,
-            cut_bytes: 0,
-            broken: None,
-            version: "1.2.3".to_owned(),
-        };
+        let start = Start { records: 1, cut_bytes: 0, broken: None, version: "1.2.3".to_owned() };
         let started = event("gateway", "started", Event::Start(start));
         assert_eq!(started.text, "Gateway 1.2.3 started");
         assert_eq!(started.kind, EventKind::Program);
@@ -320,12 +283,7 @@ mod tests {
         let event = state(StateName::Disarmed, &[]);
         assert_eq!(utc(at), "2026-11-30T13:08:03.250Z");
         assert!((event.time_s - 1_796_044_083.25).abs() < 1e-6);
-        for wrong in [
-            "",
-            "yesterday",
-            "2026-13-30T13:08:03.250Z",
-            "2026-11-30T25:08:03.250Z",
-        ] {
+        for wrong in ["", "yesterday", "2026-13-30T13:08:03.250Z", "2026-11-30T25:08:03.250Z"] {
             assert_eq!(seconds(wrong), None, "{wrong}");
         }
     }

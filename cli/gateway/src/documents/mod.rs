@@ -151,8 +151,6 @@ pub struct Refusal {
 impl Refusal {
     /// Creates a refusal with this reason.
     pub fn new(error: impl Into<String>) -> Self {
-        Self {
-            error: error.into(),
-        }
+        Self { error: error.into() }
     }
 }

@@ -71,10 +71,7 @@ impl From<volcomp_guard::State> for StateName {
 
 /// State of the gateway after one control cycle.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[expect(
-    clippy::struct_excessive_bools,
-    reason = "each is a key of the document"
-)]
+#[expect(clippy::struct_excessive_bools, reason = "each is a key of the document")]
 pub struct Status {
     /// State of the guard; `unknown` after a timeout without a report of the control thread.
     pub state: StateName,

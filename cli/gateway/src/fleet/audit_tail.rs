@@ -92,9 +92,8 @@ impl AuditTail {
         };
         // The file was rotated away and its unread records are lost; the centre detects the gap by their sequence
         // numbers.
-        let mut index = (files.iter())
-            .position(|(_, inode)| *inode == place.inode)
-            .unwrap_or_else(|| {
+        let mut index =
+            (files.iter()).position(|(_, inode)| *inode == place.inode).unwrap_or_else(|| {
                 place.offset = 0;
                 0
             });
@@ -122,10 +121,7 @@ impl AuditTail {
     fn find_position(&self, files: &[(PathBuf, u64)]) -> Option<LogPosition> {
         let (_, current) = files.last()?;
         if self.sent.checksum.is_empty() {
-            return Some(LogPosition {
-                inode: *current,
-                offset: 0,
-            });
+            return Some(LogPosition { inode: *current, offset: 0 });
         }
         for (path, inode) in files.iter().rev() {
             let mut at = 0;
@@ -136,10 +132,7 @@ impl AuditTail {
                     // A checksum, a space, the record and a line feed.
                     end += (line.checksum.len() + line.record.len() + 2) as u64;
                     if line.checksum == self.sent.checksum {
-                        return Some(LogPosition {
-                            inode: *inode,
-                            offset: end,
-                        });
+                        return Some(LogPosition { inode: *inode, offset: end });
                     }
                 }
                 if read == 0 {
@@ -149,10 +142,7 @@ impl AuditTail {
             }
         }
         let (_, oldest) = files.first()?;
-        Some(LogPosition {
-            inode: *oldest,
-            offset: 0,
-        })
+        Some(LogPosition { inode: *oldest, offset: 0 })
     }
 }
 
@@ -178,10 +168,7 @@ fn lines_at(path: &Path, offset: &mut u64) -> (Vec<AuditLine>, u64) {
     let lines = String::from_utf8_lossy(&bytes[..end]);
     let lines = lines.lines().filter_map(|line| {
         let (checksum, record) = line.split_once(' ')?;
-        Some(AuditLine {
-            checksum: checksum.to_owned(),
-            record: record.to_owned(),
-        })
+        Some(AuditLine { checksum: checksum.to_owned(), record: record.to_owned() })
     });
     (lines.collect(), end as u64)
 }

@@ -123,11 +123,7 @@ impl ManifestReceiver {
         shared: Arc<Shared>,
     ) -> Self {
         Self {
-            trust: Trust {
-                axes,
-                highest: kept.standing.highest,
-                ..trust
-            },
+            trust: Trust { axes, highest: kept.standing.highest, ..trust },
             newest: kept.newest.clone(),
             service,
             shared,
@@ -154,11 +150,7 @@ impl ManifestReceiver {
                 self.trust.highest = manifest.version;
                 let held = StoredManifest { desired, manifest };
                 self.newest = Some(held.clone());
-                JudgedValue::New(Box::new(AcceptedManifest {
-                    held,
-                    model,
-                    value_sha256,
-                }))
+                JudgedValue::New(Box::new(AcceptedManifest { held, model, value_sha256 }))
             }
             Err(error) => {
                 let manifest = serde_json::from_str::<Manifest>(&desired.manifest).ok();
@@ -172,11 +164,7 @@ impl ManifestReceiver {
                         let model = (desired.model.take())
                             .filter(|text| manifest.model.is(text.as_bytes()));
                         let held = StoredManifest { desired, manifest };
-                        JudgedValue::Again(Box::new(AcceptedManifest {
-                            held,
-                            model,
-                            value_sha256,
-                        }))
+                        JudgedValue::Again(Box::new(AcceptedManifest { held, model, value_sha256 }))
                     }
                     _ => JudgedValue::Refused {
                         version,
@@ -195,9 +183,7 @@ impl ManifestReceiver {
         // this order.
         self.shared.forbid(judged.held.manifest.version);
         let key = &judged.held.desired.key;
-        let mut sent = self
-            .service
-            .request(CentreOperation::Disable, who(key), None);
+        let mut sent = self.service.request(CentreOperation::Disable, who(key), None);
         while let Err(error) = sent {
             let TrySendError::Full(request) = error else {
                 return;
@@ -211,12 +197,7 @@ impl ManifestReceiver {
 pub(super) fn in_words(outcome: &Outcome) -> String {
     match outcome {
         Outcome::Activated => "active".to_owned(),
-        Outcome::NeedsConfirmation {
-            hash,
-            worst_um,
-            worst_urad,
-            differences,
-        } => format!(
+        Outcome::NeedsConfirmation { hash, worst_um, worst_urad, differences } => format!(
             "a person must confirm it with {hash}: it moves the axes by up to {}",
             largest_moves(worst_um, worst_urad, differences)
         ),
@@ -259,14 +240,11 @@ impl ManifestActivator {
         }
         // A gateway that stopped between acceptance and activation continues here.
         let is_open = kept.standing.outcome.is_none();
-        let current = kept
-            .newest
-            .filter(|_| is_open)
-            .map(|held| AcceptedManifest {
-                held,
-                model: None,
-                value_sha256: String::new(),
-            });
+        let current = kept.newest.filter(|_| is_open).map(|held| AcceptedManifest {
+            held,
+            model: None,
+            value_sha256: String::new(),
+        });
         Self {
             store,
             service,
@@ -309,8 +287,7 @@ impl ManifestActivator {
     fn begin(&mut self, new: AcceptedManifest) {
         let manifest = &new.held.manifest;
         tracing::info!(version = manifest.version, "fleet: manifest accepted");
-        self.shared
-            .set_pace(manifest.condition_s, manifest.telemetry_s);
+        self.shared.set_pace(manifest.condition_s, manifest.telemetry_s);
         self.standing.highest = manifest.version;
         self.standing.disabled |= !manifest.enable;
         self.standing.outcome = None;
@@ -340,12 +317,7 @@ impl ManifestActivator {
                     self.again = Instant::now();
                 }
             },
-            JudgedValue::Refused {
-                version,
-                value_sha256,
-                who,
-                why,
-            } => {
+            JudgedValue::Refused { version, value_sha256, who, why } => {
                 if self.refusal != why {
                     self.refusal.clone_from(&why);
                     self.tell(CentreOperation::Refused(why.clone()), who);
@@ -363,11 +335,7 @@ impl ManifestActivator {
         };
         match self.activate(current, sender).await {
             Ok((value_sha256, outcome)) => {
-                tracing::info!(
-                    version = self.standing.highest,
-                    "fleet: {}",
-                    in_words(&outcome)
-                );
+                tracing::info!(version = self.standing.highest, "fleet: {}", in_words(&outcome));
                 self.current = None;
                 self.refusal.clear();
                 self.acknowledge(self.standing.highest, value_sha256, outcome);
@@ -389,8 +357,7 @@ impl ManifestActivator {
         let held = current.held;
         if !self.is_kept {
             let standing = self.standing.clone();
-            self.on_disk(&held, move |store, held| store.keep(held, &standing))
-                .await?;
+            self.on_disk(&held, move |store, held| store.keep(held, &standing)).await?;
             self.is_kept = true;
         }
         let outcome = match self.store_machine(&held, current.model, sender).await? {
@@ -415,9 +382,7 @@ impl ManifestActivator {
         .await?;
         self.standing = standing;
         if is_active {
-            self.shared
-                .version
-                .store(held.manifest.version, std::sync::atomic::Ordering::Relaxed);
+            self.shared.version.store(held.manifest.version, std::sync::atomic::Ordering::Relaxed);
             if self.enables(&held) {
                 self.request(CentreOperation::Enable, &held).await?;
             }
@@ -455,10 +420,7 @@ impl ManifestActivator {
                 Err(error) => return Err(RetryReason(error.to_string())),
             },
         };
-        self.on_disk(held, move |store, held| {
-            store.keep_machine(&held.manifest, &text)
-        })
-        .await?;
+        self.on_disk(held, move |store, held| store.keep_machine(&held.manifest, &text)).await?;
         Ok(None)
     }
 
@@ -492,9 +454,7 @@ impl ManifestActivator {
         if self.service.request(operation, who, Some(answer)).is_err() {
             return Err(RetryReason("too many requests wait".to_owned()));
         }
-        answered
-            .await
-            .map_err(|_| RetryReason("the gateway is stopping".to_owned()))
+        answered.await.map_err(|_| RetryReason("the gateway is stopping".to_owned()))
     }
 
     /// Sends a request to record an event in the audit log, without waiting for the response.
@@ -515,9 +475,7 @@ impl ManifestActivator {
             tokio::task::spawn_blocking(move || work(&store, &held)).await
         };
         let later = |why: String| {
-            RetryReason(format!(
-                "the accepted manifest cannot be kept on disk: {why}"
-            ))
+            RetryReason(format!("the accepted manifest cannot be kept on disk: {why}"))
         };
         match done {
             Ok(done) => done.map_err(|e| later(e.to_string())),
@@ -530,11 +488,7 @@ impl ManifestActivator {
         if value_sha256.is_empty() {
             return;
         }
-        let acknowledgement = Acknowledgement {
-            version,
-            value_sha256,
-            outcome,
-        };
+        let acknowledgement = Acknowledgement { version, value_sha256, outcome };
         // The receiver ends only when the gateway ends.
         let _ = self.acknowledge.send(acknowledgement);
     }

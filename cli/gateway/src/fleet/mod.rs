@@ -106,10 +106,7 @@ pub fn start(
     let (acknowledge, acknowledged) = mpsc::unbounded_channel::<Acknowledgement>();
     let (link_told, link) = watch::channel(None);
     let model = published.model();
-    let service = manifests::Service {
-        requests: requests.clone(),
-        switch: switch.clone(),
-    };
+    let service = manifests::Service { requests: requests.clone(), switch: switch.clone() };
     let activator = ManifestActivator::new(
         store.clone(),
         kept.clone(),
@@ -141,18 +138,9 @@ pub fn start(
         until_stopped(until, Box::pin(work)).await;
     })
     .map_err(failed)?;
-    let reporter = Reporter::new(
-        store,
-        config.audit_dir().to_owned(),
-        Arc::clone(&shared),
-        link,
-    );
+    let reporter = Reporter::new(store, config.audit_dir().to_owned(), Arc::clone(&shared), link);
     let reporting = spawn("volcomp-report", reporter.run(acknowledged, stopped)).map_err(failed)?;
-    Ok(Some(Fleet {
-        stop,
-        threads: vec![receiving, reporting],
-        _lock: lock,
-    }))
+    Ok(Some(Fleet { stop, threads: vec![receiving, reporting], _lock: lock }))
 }
 
 /// Connection settings, with the seed from its file. Errors: the file is readable by other users, or does not contain a seed.
@@ -196,9 +184,7 @@ async fn connected(
                 tracing::error!("fleet: {error}");
                 last = Some(error.to_string());
                 let trouble = last.clone();
-                shared
-                    .published
-                    .update_fleet(|state| state.trouble = trouble);
+                shared.published.update_fleet(|state| state.trouble = trouble);
             }
         }
         tokio::time::sleep(RETRY_INTERVAL).await;

@@ -85,10 +85,7 @@ impl Reporter {
         link: watch::Receiver<Option<MachineSender>>,
     ) -> Self {
         let now = Instant::now();
-        let untried = || Attempts {
-            pause_until: now,
-            trouble: None,
-        };
+        let untried = || Attempts { pause_until: now, trouble: None };
         Self {
             log: AuditTail::new(audit_dir, store.audit_cursor()),
             store,
@@ -281,9 +278,7 @@ impl Reporter {
             }
             let waiting = {
                 let _waits = self.shared.reporting.wait();
-                self.spool
-                    .as_mut()
-                    .and_then(|spool| spool.first(lane).cloned())
+                self.spool.as_mut().and_then(|spool| spool.first(lane).cloned())
             };
             if let Some(message) = waiting {
                 return Some((Source::Spool(lane), message));
@@ -387,9 +382,7 @@ fn condition(status: &Status) -> Condition {
         correction_um: status.correction_um.clone(),
         correction_urad: status.correction_urad.clone(),
         residual_um: status.residual_um.map(length),
-        temperatures_degc: temperatures
-            .map(|sensor| (sensor.name.clone(), sensor.degc))
-            .collect(),
+        temperatures_degc: temperatures.map(|sensor| (sensor.name.clone(), sensor.degc)).collect(),
         cycle_p99_us: status.cycle.p99_us,
         overruns: status.cycle.overruns,
         faults: status.faults,

@@ -84,8 +84,7 @@ impl DiskMonitor {
     }
 
     fn hangs(&self) -> bool {
-        self.since()
-            .is_some_and(|since| since.elapsed() > DISK_TIMEOUT)
+        self.since().is_some_and(|since| since.elapsed() > DISK_TIMEOUT)
     }
 
     fn since(&self) -> MutexGuard<'_, Option<Instant>> {

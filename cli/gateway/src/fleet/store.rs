@@ -51,9 +51,7 @@ pub(crate) struct Store {
 
 impl Store {
     pub(crate) fn new(config: &FleetConfig) -> Self {
-        Self {
-            dir: config.dir.clone(),
-        }
+        Self { dir: config.dir.clone() }
     }
 
     pub(crate) fn spool(&self) -> PathBuf {
@@ -65,8 +63,7 @@ impl Store {
     }
 
     pub(crate) fn machine(&self, manifest: &Manifest) -> PathBuf {
-        self.dir
-            .join(format!("machine-{}.toml", manifest.model.sha256))
+        self.dir.join(format!("machine-{}.toml", manifest.model.sha256))
     }
 
     fn manifest(&self, version: u64) -> PathBuf {
@@ -167,12 +164,7 @@ impl Store {
     pub(crate) fn tidy(&self, held: &[&StoredManifest]) {
         let needed: BTreeSet<PathBuf> = held
             .iter()
-            .flat_map(|held| {
-                [
-                    self.manifest(held.manifest.version),
-                    self.machine(&held.manifest),
-                ]
-            })
+            .flat_map(|held| [self.manifest(held.manifest.version), self.machine(&held.manifest)])
             .collect();
         let Ok(entries) = fs::read_dir(&self.dir) else {
             return;
@@ -191,9 +183,9 @@ impl Store {
 
 fn read_standing(path: &Path) -> Result<Option<Standing>, String> {
     match fs::read_to_string(path) {
-        Ok(text) => serde_json::from_str(&text)
-            .map(Some)
-            .map_err(|e| format!("{}: {e}", path.display())),
+        Ok(text) => {
+            serde_json::from_str(&text).map(Some).map_err(|e| format!("{}: {e}", path.display()))
+        }
         Err(e) if e.kind() == io::ErrorKind::NotFound => Ok(None),
         Err(e) => Err(format!("{}: {e}", path.display())),
     }
@@ -204,15 +196,9 @@ fn read_standing(path: &Path) -> Result<Option<Standing>, String> {
 fn verified(path: &Path, config: &FleetConfig) -> Option<StoredManifest> {
     let desired = Desired::parse(&fs::read(path).ok()?).ok()?;
     let manifest: Manifest = serde_json::from_str(&desired.manifest).ok()?;
-    let trust = Trust {
-        axes: manifest.axes,
-        ..trust(config, config.identity().ok()?.machine)
-    };
+    let trust = Trust { axes: manifest.axes, ..trust(config, config.identity().ok()?.machine) };
     let accepted = trust.accept(&desired).ok()?;
-    Some(StoredManifest {
-        desired,
-        manifest: accepted.manifest,
-    })
+    Some(StoredManifest { desired, manifest: accepted.manifest })
 }
 
 /// Keys and identity that the machine trusts, without its axes.

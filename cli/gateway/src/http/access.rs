@@ -73,10 +73,7 @@ impl AccessControl {
             && token == Some(DEMO_TOKEN)
             && needed <= Role::Operate;
         if is_demo {
-            return Ok(Holder {
-                name: DEMO_TOKEN.to_owned(),
-                role: Role::Operate,
-            });
+            return Ok(Holder { name: DEMO_TOKEN.to_owned(), role: Role::Operate });
         }
         self.tokens.check(from, token, needed)
     }
@@ -120,11 +117,8 @@ pub(super) async fn check_request(
     request: Request,
     next: Next,
 ) -> Response {
-    let timeout = if request.uri().path() == UPLOAD_PATH {
-        UPLOAD_TIMEOUT
-    } else {
-        REQUEST_TIMEOUT
-    };
+    let timeout =
+        if request.uri().path() == UPLOAD_PATH { UPLOAD_TIMEOUT } else { REQUEST_TIMEOUT };
     let unknown = "this name is not configured: add it to [dashboard] hosts";
     let passed = hosts::pass(request, next, &access.hosts, unknown, timeout).await;
     let mut response = passed.unwrap_or_else(|(status, why)| refuse(status, why));
@@ -155,11 +149,8 @@ pub(super) async fn token(
     headers: HeaderMap,
 ) -> Response {
     match access.check(from.ip(), bearer(&headers), Role::View) {
-        Ok(holder) => Json(TokenPlan {
-            name: holder.name,
-            role: holder.role.name().to_owned(),
-        })
-        .into_response(),
+        Ok(holder) => Json(TokenPlan { name: holder.name, role: holder.role.name().to_owned() })
+            .into_response(),
         Err(denied) => denied.into_response(),
     }
 }
@@ -172,9 +163,7 @@ pub(super) fn answer(reply: Reply) -> Response {
 pub(super) fn bearer(headers: &HeaderMap) -> Option<&str> {
     let value = headers.get(header::AUTHORIZATION)?.to_str().ok()?;
     let (scheme, token) = value.split_once(' ')?;
-    scheme
-        .eq_ignore_ascii_case("bearer")
-        .then_some(token.trim())
+    scheme.eq_ignore_ascii_case("bearer").then_some(token.trim())
 }
 
 pub(super) fn refuse(status: StatusCode, why: &str) -> Response {
@@ -191,15 +180,13 @@ impl IntoResponse for Denied {
         match self {
             Self::NoneConfigured => refuse(StatusCode::NOT_FOUND, "no token is configured"),
             Self::Unknown => refuse(StatusCode::UNAUTHORIZED, "a valid token is needed"),
-            Self::AnotherPage => refuse(
-                StatusCode::FORBIDDEN,
-                "a page of another origin may not disarm",
-            ),
+            Self::AnotherPage => {
+                refuse(StatusCode::FORBIDDEN, "a page of another origin may not disarm")
+            }
             Self::Role => refuse(StatusCode::FORBIDDEN, "this token does not allow it"),
-            Self::TooMany => refuse(
-                StatusCode::TOO_MANY_REQUESTS,
-                "too many wrong tokens: wait a minute",
-            ),
+            Self::TooMany => {
+                refuse(StatusCode::TOO_MANY_REQUESTS, "too many wrong tokens: wait a minute")
+            }
         }
     }
 }
@@ -252,11 +239,7 @@ pub struct Tokens {
 
 impl Default for Tokens {
     fn default() -> Self {
-        Self {
-            holders: Vec::new(),
-            wrong: Mutex::default(),
-            clock: Clock::system(),
-        }
+        Self { holders: Vec::new(), wrong: Mutex::default(), clock: Clock::system() }
     }
 }
 
@@ -328,18 +311,9 @@ impl Tokens {
             if holders.iter().any(|(holder, _)| holder.name == name) {
                 return Err(wrong(TokenError::Twice));
             }
-            holders.push((
-                Holder {
-                    name: name.to_owned(),
-                    role,
-                },
-                hash(token),
-            ));
+            holders.push((Holder { name: name.to_owned(), role }, hash(token)));
         }
-        Ok(Self {
-            holders,
-            ..Self::default()
-        })
+        Ok(Self { holders, ..Self::default() })
     }
 
     /// Replaces the clock.
@@ -452,10 +426,7 @@ mod tests {
         let (given, none) = (Some(DEMO_TOKEN), Err(Denied::NoneConfigured));
         let demo = access(true, "");
         assert!(demo.is_operable());
-        assert_eq!(
-            check(&demo, here, given, Role::Operate),
-            Ok(DEMO_TOKEN.to_owned())
-        );
+        assert_eq!(check(&demo, here, given, Role::Operate), Ok(DEMO_TOKEN.to_owned()));
         assert_eq!(check(&demo, there, given, Role::Operate), none);
         assert_eq!(check(&demo, here, None, Role::Operate), none);
         assert_eq!(check(&demo, here, Some("other"), Role::Operate), none);
@@ -466,9 +437,6 @@ mod tests {
         assert_eq!(check(&configured, here, given, Role::Operate), none);
         let own = access(true, "anna operate 0123456789abcdef0123456789abcdef");
         assert_eq!(own.demo_token(), None);
-        assert_eq!(
-            check(&own, here, given, Role::Operate),
-            Err(Denied::Unknown)
-        );
+        assert_eq!(check(&own, here, given, Role::Operate), Err(Denied::Unknown));
     }
 }

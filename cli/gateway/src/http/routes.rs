@@ -107,9 +107,7 @@ struct StreamSlot(Arc<Dashboard>);
 impl StreamSlot {
     fn take(dashboard: &Arc<Dashboard>) -> Option<Self> {
         let more = |open| (open < MAX_STREAMS).then_some(open + 1);
-        let taken = dashboard
-            .streams
-            .fetch_update(Ordering::AcqRel, Ordering::Acquire, more);
+        let taken = dashboard.streams.fetch_update(Ordering::AcqRel, Ordering::Acquire, more);
         taken.ok().map(|_| Self(Arc::clone(dashboard)))
     }
 }
@@ -148,9 +146,7 @@ fn holder(parts: &Parts, shared: &Shared, needed: Role) -> Result<String, Respon
     let from = parts.extensions.get::<SocketAddr>();
     let from = from.map_or(IpAddr::from([0; 4]), SocketAddr::ip);
     let checked = (shared.access).check(from, bearer(&parts.headers), needed);
-    checked
-        .map(|holder| holder.name)
-        .map_err(IntoResponse::into_response)
+    checked.map(|holder| holder.name).map_err(IntoResponse::into_response)
 }
 
 /// Routes for pages, reading and operating.
@@ -164,33 +160,22 @@ pub fn router(dashboard: Shared) -> Router {
         .route("/api/model", get(model_state))
         .route("/api/model/candidate", get(model_candidate))
         .route("/metrics", get(prometheus))
-        .layer(middleware::from_fn_with_state(
-            Arc::clone(&dashboard.access),
-            require_view,
-        ));
+        .layer(middleware::from_fn_with_state(Arc::clone(&dashboard.access), require_view));
     let operate = Router::new()
         .route("/api/arm", post(arm))
         .route("/api/disarm", post(disarm))
         .route("/api/acknowledge", post(acknowledge))
         .route("/api/reload", post(reload))
         .route("/api/disturb", post(disturb))
-        .route(
-            "/api/token",
-            get(token).with_state(Arc::clone(&dashboard.access)),
-        );
-    let pages = PAGES
-        .iter()
-        .fold(Router::new(), |router, &(path, kind, text)| {
-            router.route(path, get(async move || page(kind, text)))
-        });
+        .route("/api/token", get(token).with_state(Arc::clone(&dashboard.access)));
+    let pages = PAGES.iter().fold(Router::new(), |router, &(path, kind, text)| {
+        router.route(path, get(async move || page(kind, text)))
+    });
     read.merge(operate)
         .merge(pages)
         .layer(DefaultBodyLimit::max(MAX_BODY))
         .merge(model_routes())
-        .layer(middleware::from_fn_with_state(
-            Arc::clone(&dashboard.access),
-            check_request,
-        ))
+        .layer(middleware::from_fn_with_state(Arc::clone(&dashboard.access), check_request))
         .with_state(dashboard)
 }
 
@@ -276,10 +261,7 @@ async fn log(
 /// Disturbs the built-in simulation.
 async fn disturb(State(dashboard): State<Shared>, _: Operator, body: Bytes) -> Response {
     let Some(demo) = &dashboard.demo else {
-        return refuse(
-            StatusCode::NOT_FOUND,
-            "only the built-in simulation can be disturbed",
-        );
+        return refuse(StatusCode::NOT_FOUND, "only the built-in simulation can be disturbed");
     };
     match decoded::<DisturbRequest>(&body) {
         Ok(request) => {
@@ -317,9 +299,7 @@ async fn events(State(dashboard): State<Shared>) -> Response {
         let event = Event::default().event("state").json_data(state).ok()?;
         Some(Ok::<_, Infallible>(event))
     });
-    Sse::new(stream)
-        .keep_alive(KeepAlive::new().interval(Duration::from_secs(10)))
-        .into_response()
+    Sse::new(stream).keep_alive(KeepAlive::new().interval(Duration::from_secs(10))).into_response()
 }
 
 async fn arm(dashboard: State<Shared>, operator: Operator, body: Bytes) -> Response {
@@ -502,11 +482,7 @@ async fn activate(
     Engineer(who): Engineer,
     body: Bytes,
 ) -> Response {
-    let ModelActivate {
-        candidate,
-        hash,
-        confirm,
-    } = match decoded(&body) {
+    let ModelActivate { candidate, hash, confirm } = match decoded(&body) {
         Ok(query) => query,
         Err(refusal) => return *refusal,
     };
@@ -550,11 +526,7 @@ fn error_map_of(model: &Model, status: &Status) -> ErrorMap {
     let model = model.warmed(temperature);
     let mut at = AxisState::default();
     for (q, name) in at.q.iter_mut().zip(&model.axes) {
-        let shown = if name.is_rotary() {
-            &status.positions_deg
-        } else {
-            &status.positions_mm
-        };
+        let shown = if name.is_rotary() { &status.positions_deg } else { &status.positions_mm };
         // Without the position of every axis there is no map.
         let Some(coordinate) = shown.get(name).copied() else {
             return ErrorMap::default();
@@ -582,8 +554,5 @@ fn error_map_of(model: &Model, status: &Status) -> ErrorMap {
         name: model.axes[index],
         travel: model.travel[index].map(Displacement::mm_or_deg),
     };
-    ErrorMap {
-        axes: vec![axis(first), axis(second)],
-        error_um,
-    }
+    ErrorMap { axes: vec![axis(first), axis(second)], error_um }
 }

@@ -40,11 +40,7 @@ pub struct Alarm {
 pub fn places(shape: &Shape) -> Vec<Place> {
     let sensors = (0..shape.sensors.len()).map(Place::Sensor);
     let controllers = (0..shape.controllers).map(Place::Controller);
-    [Place::Guard]
-        .into_iter()
-        .chain(sensors)
-        .chain(controllers)
-        .collect()
+    [Place::Guard].into_iter().chain(sensors).chain(controllers).collect()
 }
 
 impl Place {
@@ -59,11 +55,7 @@ impl Place {
                 let level = |reason: &str| {
                     let forbids = Reasons::with_text(reason)
                         .is_none_or(|reason| !Reasons::DOES_NOT_FORBID.contains(reason));
-                    if is_faulted && forbids {
-                        Level::Fault
-                    } else {
-                        Level::Warning
-                    }
+                    if is_faulted && forbids { Level::Fault } else { Level::Warning }
                 };
                 let reasons = reasons(status).into_iter();
                 Some(reasons.map(|reason| alarm(level(reason), reason)).collect())
@@ -79,20 +71,12 @@ impl Place {
             }
             Self::Controller(place) => {
                 let reasons = status.controllers.get(place)?.reasons.iter();
-                Some(
-                    reasons
-                        .map(|reason| alarm(Level::Warning, reason))
-                        .collect(),
-                )
+                Some(reasons.map(|reason| alarm(Level::Warning, reason)).collect())
             }
         }
     }
 }
 
 fn alarm(level: Level, text: &str) -> Alarm {
-    Alarm {
-        level,
-        code: key_of(text),
-        text: text.to_owned(),
-    }
+    Alarm { level, code: key_of(text), text: text.to_owned() }
 }

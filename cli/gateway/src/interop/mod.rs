@@ -39,9 +39,7 @@ impl Interop {
             #[cfg(feature = "shdr")]
             shdr: config.shdr.as_ref().map(shdr::Bound::new).transpose()?,
             #[cfg(feature = "opc-ua-server")]
-            opc_ua: (config.opc_ua.as_ref())
-                .map(opc_ua::Bound::new)
-                .transpose()?,
+            opc_ua: (config.opc_ua.as_ref()).map(opc_ua::Bound::new).transpose()?,
         })
     }
 
@@ -56,13 +54,9 @@ impl Interop {
     ) -> Result<RunningInterfaces, GatewayError> {
         Ok(RunningInterfaces {
             #[cfg(feature = "shdr")]
-            _shdr: (self.shdr)
-                .map(|shdr| shdr.serve(shape, published.clone()))
-                .transpose()?,
+            _shdr: (self.shdr).map(|shdr| shdr.serve(shape, published.clone())).transpose()?,
             #[cfg(feature = "opc-ua-server")]
-            _opc_ua: (self.opc_ua)
-                .map(|opc_ua| opc_ua.serve(shape, published))
-                .transpose()?,
+            _opc_ua: (self.opc_ua).map(|opc_ua| opc_ua.serve(shape, published)).transpose()?,
         })
     }
 }
@@ -126,8 +120,5 @@ fn start<F: Future<Output = ()>>(
             runtime.shutdown_background();
         })
         .map_err(failed)?;
-    Ok(InterfaceThread {
-        stop: Some(stop),
-        thread: Some(thread),
-    })
+    Ok(InterfaceThread { stop: Some(stop), thread: Some(thread) })
 }

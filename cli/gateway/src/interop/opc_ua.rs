@@ -128,17 +128,11 @@ const MAX_MESSAGE_BYTES: usize = 32 * 1024;
 fn server(listen: SocketAddr, shape: &Shape) -> Result<(Server, ServerHandle), String> {
     // The library relies on the working directory: report a missing one here.
     std::env::current_dir().map_err(|e| format!("the working directory: {e}"))?;
-    let metadata = NamespaceMetadata {
-        namespace_uri: NAMESPACE.to_owned(),
-        ..Default::default()
-    };
+    let metadata = NamespaceMetadata { namespace_uri: NAMESPACE.to_owned(), ..Default::default() };
     let endpoint = ServerEndpoint::new_none("/", &[ANONYMOUS_USER_TOKEN_ID.to_owned()]);
     let mut builder = ServerBuilder::new()
         .application_name("volcomp-gateway")
-        .application_uri(format!(
-            "{NAMESPACE}:{}",
-            super::quantities::key_of(&shape.machine)
-        ))
+        .application_uri(format!("{NAMESPACE}:{}", super::quantities::key_of(&shape.machine)))
         .product_uri(NAMESPACE)
         .build_info(BuildInfo {
             product_uri: NAMESPACE.into(),
@@ -246,10 +240,7 @@ fn fill(handle: &ServerHandle, shape: &Shape, published: &Published) -> Result<(
     let (manager, namespace) = (manager.zip(namespace))
         .ok_or_else(|| format!("the server has no namespace {NAMESPACE}"))?;
     let mut space = manager.address_space().write();
-    let mut folders = Folders {
-        namespace,
-        made: BTreeSet::new(),
-    };
+    let mut folders = Folders { namespace, made: BTreeSet::new() };
     for quantity in quantities(shape) {
         let folder = folders.of(&mut space, &quantity.folder());
         let node = NodeId::new(namespace, quantity.key.clone());
@@ -261,15 +252,13 @@ fn fill(handle: &ServerHandle, shape: &Shape, published: &Published) -> Result<(
             .component_of(folder)
             .insert(&mut *space);
         let published = published.clone();
-        manager
-            .inner()
-            .add_read_callback(node, move |range, stamps, _| {
-                if !matches!(range, NumericRange::None) {
-                    return Err(StatusCode::BadIndexRangeNoData);
-                }
-                let reading = quantity.read(&published.latest());
-                Ok(value(reading, SystemTime::now(), stamps))
-            });
+        manager.inner().add_read_callback(node, move |range, stamps, _| {
+            if !matches!(range, NumericRange::None) {
+                return Err(StatusCode::BadIndexRangeNoData);
+            }
+            let reading = quantity.read(&published.latest());
+            Ok(value(reading, SystemTime::now(), stamps))
+        });
     }
     Ok(())
 }
@@ -290,12 +279,7 @@ impl Folders {
             whole.push_str(name);
             let node = NodeId::new(self.namespace, whole.clone());
             if self.made.insert(whole.clone()) {
-                space.add_folder(
-                    &node,
-                    QualifiedName::new(self.namespace, *name),
-                    *name,
-                    &above,
-                );
+                space.add_folder(&node, QualifiedName::new(self.namespace, *name), *name, &above);
             }
             above = node;
         }
@@ -346,9 +330,7 @@ fn value(reading: Reading, now: SystemTime, stamps: TimestampsToReturn) -> DataV
 }
 
 fn time(at: SystemTime) -> DateTime {
-    let since = at
-        .duration_since(SystemTime::UNIX_EPOCH)
-        .unwrap_or_default();
+    let since = at.duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default();
     let ticks = i64::try_from(since.as_nanos() / 100).unwrap_or(i64::MAX);
     DateTime::from(ticks.saturating_add(UNIX_EPOCH_TICKS))
 }
@@ -361,11 +343,7 @@ mod tests {
     fn only_current_values_are_good() {
         let now = SystemTime::UNIX_EPOCH + Duration::from_millis(1_700_000_000_500);
         let converted = |quality, value: Option<f64>| {
-            let reading = Reading {
-                value: value.map(Value::Number),
-                quality,
-                age_ms: 1500.0,
-            };
+            let reading = Reading { value: value.map(Value::Number), quality, age_ms: 1500.0 };
             super::value(reading, now, TimestampsToReturn::Both)
         };
         for (quality, expected) in [

@@ -150,12 +150,7 @@ pub struct Quantity {
 
 /// A row of the table for one kind of part: name within the part, type (for linear axes), help text and read function.
 /// `P` identifies the part within its kind.
-pub struct Row<P>(
-    pub &'static str,
-    pub Kind,
-    pub &'static str,
-    pub fn(&Status, P) -> Reading,
-);
+pub struct Row<P>(pub &'static str, pub Kind, pub &'static str, pub fn(&Status, P) -> Reading);
 
 const UM: Kind = Kind::Number(Unit::Um);
 const URAD: Kind = Kind::Number(Unit::Urad);
@@ -348,11 +343,7 @@ impl Reading {
             Some(_) => quality,
             None => Quality::Unknown,
         };
-        Self {
-            value,
-            quality,
-            age_ms,
-        }
+        Self { value, quality, age_ms }
     }
 
     /// The value if it is valid now.
@@ -399,11 +390,7 @@ fn active(status: &Status) -> Option<&PathState> {
 fn by_position(status: &Status, value: Option<f64>) -> Reading {
     let old = Reasons::POSITIONS_STALE | Reasons::POSITIONS_LOST;
     let is_old = (old.texts()).any(|old| status.reasons.iter().any(|reason| reason == old));
-    let quality = if is_old {
-        Quality::Stale
-    } else {
-        Quality::Good
-    };
+    let quality = if is_old { Quality::Stale } else { Quality::Good };
     let age_ms = active(status).and_then(|path| path.positions_ms);
     Reading::new(number(value), quality, age_ms.unwrap_or(status.age_ms))
 }
@@ -425,27 +412,15 @@ fn of_tool(status: &Status, error: Option<[f64; 3]>) -> Reading {
 
 fn correction(status: &Status, axis: AxisName) -> Reading {
     let correction = by_kind(axis, &status.correction_um, &status.correction_urad);
-    let quality = if status.correction_known {
-        Quality::Good
-    } else {
-        Quality::Stale
-    };
+    let quality = if status.correction_known { Quality::Good } else { Quality::Stale };
     let confirmed = active(status).and_then(|path| path.confirmed_ms);
-    Reading::new(
-        number(correction),
-        quality,
-        confirmed.unwrap_or(status.age_ms),
-    )
+    Reading::new(number(correction), quality, confirmed.unwrap_or(status.age_ms))
 }
 
 fn temperature(status: &Status, sensor: Option<&SensorState>) -> Reading {
     let degc = sensor.and_then(|sensor| sensor.degc);
     let is_doubtful = sensor.is_some_and(|sensor| sensor.reason.is_some());
-    let quality = if is_doubtful {
-        Quality::Doubtful
-    } else {
-        Quality::Good
-    };
+    let quality = if is_doubtful { Quality::Doubtful } else { Quality::Good };
     Reading::new(number(degc), quality, status.age_ms)
 }
 
@@ -462,9 +437,7 @@ pub(crate) fn reasons(status: &Status) -> Vec<&str> {
         .map(|reason| {
             let known = Reasons::with_text(reason).and_then(|reason| reason.texts().next());
             known.unwrap_or_else(|| {
-                reason
-                    .strip_suffix(" ms")
-                    .map_or(reason.as_str(), |_| "no cycle")
+                reason.strip_suffix(" ms").map_or(reason.as_str(), |_| "no cycle")
             })
         })
         .collect()

@@ -81,19 +81,14 @@ impl Items {
             Place::Guard => "guard".to_owned(),
             // Sensors whose keys would be equal are numbered in the list of quantities: use the same key here.
             Place::Sensor(sensor) => {
-                let own = quantities
-                    .iter()
-                    .find(|quantity| quantity.part == Part::Sensor(sensor));
+                let own = quantities.iter().find(|quantity| quantity.part == Part::Sensor(sensor));
                 format!("{}_condition", own.map_or("", |own| own.key.as_str()))
             }
             Place::Controller(place) => format!("path_{place}_condition"),
         };
         let places = places(shape).into_iter();
         let conditions = places.map(|place| (key(place), place)).collect();
-        Self {
-            quantities,
-            conditions,
-        }
+        Self { quantities, conditions }
     }
 }
 
@@ -132,9 +127,8 @@ impl SentState {
         }
         for (quantity, sent) in items.quantities.iter().zip(&mut self.values) {
             let reading = quantity.read(status);
-            let value = reading
-                .current()
-                .map_or(UNAVAILABLE.to_owned(), |value| shown(quantity, value));
+            let value =
+                reading.current().map_or(UNAVAILABLE.to_owned(), |value| shown(quantity, value));
             if sent.as_deref() != Some(value.as_str()) {
                 line(&mut text, now, reading.age_ms, &[&quantity.key, &value]);
                 *sent = Some(value);
@@ -231,10 +225,7 @@ fn line(text: &mut String, now: SystemTime, age_ms: f64, fields: &[&str]) {
 /// Escapes a field. Only `|`, `"` and `\` have an escaped form; control characters, such as line ends, become spaces,
 /// and surrounding spaces are removed.
 pub fn escaped(text: &str) -> String {
-    let plain: String = text
-        .chars()
-        .map(|c| if c.is_control() { ' ' } else { c })
-        .collect();
+    let plain: String = text.chars().map(|c| if c.is_control() { ' ' } else { c }).collect();
     let plain = plain.trim_matches(|c: char| c.is_ascii_whitespace());
     // A backslash escapes the next character only within quotation marks.
     if !plain.contains('|') && !plain.starts_with('"') {
@@ -363,10 +354,7 @@ pub fn device(shape: &Shape, name: &str) -> String {
         own.map(data_item).collect()
     };
     let with_condition = |mut own: Vec<String>, wanted: Place, kind: &str| {
-        let conditions = items
-            .conditions
-            .iter()
-            .filter(|(_, place)| *place == wanted);
+        let conditions = items.conditions.iter().filter(|(_, place)| *place == wanted);
         own.extend(conditions.map(|(key, _)| {
             format!(r#"<DataItem category="CONDITION" id="{key}" name="{key}" type="{kind}"/>"#)
         }));
@@ -382,9 +370,7 @@ pub fn device(shape: &Shape, name: &str) -> String {
     );
     xml.open("Devices");
     let name = xml_escaped(name);
-    xml.open(&format!(
-        r#"Device id="d" name="{name}" uuid="volcomp-{name}""#
-    ));
+    xml.open(&format!(r#"Device id="d" name="{name}" uuid="volcomp-{name}""#));
     xml.line("<Description manufacturer=\"volcomp\">Volumetric compensation</Description>");
     xml.data_items(&[format!(
         r#"<DataItem category="EVENT" id="{AVAILABILITY}" name="{AVAILABILITY}" type="AVAILABILITY"/>"#
@@ -457,12 +443,7 @@ impl Xml {
 }
 
 fn data_item(quantity: &Quantity) -> String {
-    let Item {
-        category,
-        kind,
-        sub,
-        units,
-    } = item(quantity);
+    let Item { category, kind, sub, units } = item(quantity);
     let key = &quantity.key;
     let sub = sub.map_or(String::new(), |sub| format!(r#" subType="{sub}""#));
     let units = units.map_or(String::new(), |units| format!(r#" units="{units}""#));
@@ -473,12 +454,7 @@ fn data_item(quantity: &Quantity) -> String {
 
 fn item(quantity: &Quantity) -> Item {
     let Kind::Number(unit) = quantity.kind else {
-        return Item {
-            category: "EVENT",
-            kind: own_type(quantity),
-            sub: None,
-            units: None,
-        };
+        return Item { category: "EVENT", kind: own_type(quantity), sub: None, units: None };
     };
     let units = match unit {
         Unit::Mm | Unit::Um => "MILLIMETER",
@@ -492,12 +468,7 @@ fn item(quantity: &Quantity) -> Item {
         ("temperature", _) => ("TEMPERATURE".to_owned(), None),
         _ => (own_type(quantity), None),
     };
-    Item {
-        category: "SAMPLE",
-        kind,
-        sub,
-        units: Some(units),
-    }
+    Item { category: "SAMPLE", kind, sub, units: Some(units) }
 }
 
 /// An extension type, for quantities without a type in the standard. `COMPENSATION_` distinguishes it from states and

@@ -76,10 +76,7 @@ pub(super) fn take(
             since: utc_now(),
             step: CandidateStep::Working,
         },
-        file: UploadedFile {
-            name: name.clone(),
-            bytes: bytes.len() as u64,
-        },
+        file: UploadedFile { name: name.clone(), bytes: bytes.len() as u64 },
         error: None,
         result: None,
     };
@@ -95,10 +92,7 @@ pub(super) fn take(
             return Err(refused(503, why));
         }
         let document = document.clone();
-        *candidate = Some(HeldCandidate {
-            document,
-            text: None,
-        });
+        *candidate = Some(HeldCandidate { document, text: None });
     }
     let running = shared.published.model();
     let (of, begun) = (id.clone(), Arc::clone(shared));
@@ -203,10 +197,7 @@ fn compared(
     };
     let machine = Machine::parse(&text, name).map_err(named)?;
     let running = Machine::parse(running, "the active model").map_err(|e| e.to_string())?;
-    let Differences {
-        refusal,
-        to_confirm,
-    } = differences(&machine, &running, ACTIVE);
+    let Differences { refusal, to_confirm } = differences(&machine, &running, ACTIVE);
     let mut warnings = to_confirm;
     if machine.checksum() == running.checksum() {
         warnings.push("this is the active model: nothing would change".to_owned());
@@ -233,10 +224,7 @@ fn diagonals(before: &Machine, after: &Machine) -> Result<Vec<ModelDiagonal>, Mo
     if same(before) != same(after) {
         return Ok(Vec::new());
     }
-    let models = [
-        Model::new(before, Fading::default())?,
-        Model::new(after, Fading::default())?,
-    ];
+    let models = [Model::new(before, Fading::default())?, Model::new(after, Fading::default())?];
     let mut linear: Vec<AxisName> = same(after);
     linear.retain(|axis| !axis.is_rotary());
     linear.sort_unstable();
@@ -285,11 +273,7 @@ fn diagonal(
                     return (axis.name, axis.nearest_zero());
                 };
                 let [low, high] = axis.travel;
-                let share = if backward == Some(place) {
-                    1.0 - share
-                } else {
-                    share
-                };
+                let share = if backward == Some(place) { 1.0 - share } else { share };
                 (axis.name, low + share * (high - low))
             })
             .collect();
@@ -326,14 +310,12 @@ pub(super) fn spawn(
 ) -> io::Result<()> {
     // The thread logs under the span of the machine that starts it.
     let span = tracing::Span::current();
-    thread::Builder::new()
-        .name(name.to_owned())
-        .spawn(move || {
-            span.in_scope(|| {
-                step_back(cycle_cpu);
-                work();
-            });
-        })?;
+    thread::Builder::new().name(name.to_owned()).spawn(move || {
+        span.in_scope(|| {
+            step_back(cycle_cpu);
+            work();
+        });
+    })?;
     Ok(())
 }
 
@@ -388,17 +370,11 @@ mod tests {
         };
         let machine = |scale| Machine::parse(&text(scale), "m").expect("right");
         let found = diagonals(&machine(0.0), &machine(0.05)).expect("it compiles");
-        let names: Vec<&str> = found
-            .iter()
-            .map(|diagonal| diagonal.name.as_str())
-            .collect();
+        let names: Vec<&str> = found.iter().map(|diagonal| diagonal.name.as_str()).collect();
         assert_eq!(names, ["PP0", "NP0"]);
         for diagonal in found {
             let [length, before, after] = diagonal.points[STEPS];
-            assert!(
-                (length - 500.0).abs() < 1e-9 && before.abs() < 1e-9,
-                "{before}"
-            );
+            assert!((length - 500.0).abs() < 1e-9 && before.abs() < 1e-9, "{before}");
             assert!((after - 9.0).abs() < 1e-6, "{after}");
         }
     }

@@ -199,10 +199,7 @@ pub(crate) struct PendingReply {
 impl PendingReply {
     /// Waits for the response. If the disk hangs, the request times out and is withdrawn.
     pub(crate) async fn answer(self) -> Reply {
-        let Self {
-            mut answered,
-            deadline,
-        } = self;
+        let Self { mut answered, deadline } = self;
         let ended = match tokio::time::timeout(deadline.left(), &mut answered).await {
             Err(_) if deadline.withdraw() => {
                 tracing::warn!("models: {GIVEN_UP}");

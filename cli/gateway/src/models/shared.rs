@@ -43,12 +43,7 @@ pub(super) struct ShownModels {
 }
 
 pub(super) enum Activate {
-    Candidate {
-        id: String,
-        hash: String,
-        text: String,
-        file: String,
-    },
+    Candidate { id: String, hash: String, text: String, file: String },
     Kept(String),
     Configured,
 }
@@ -84,10 +79,7 @@ pub(super) struct RequestDeadline {
 
 impl RequestDeadline {
     pub(super) fn start() -> Self {
-        Self {
-            until: Instant::now() + ACTIVATION_TIMEOUT,
-            is_decided: Arc::default(),
-        }
+        Self { until: Instant::now() + ACTIVATION_TIMEOUT, is_decided: Arc::default() }
     }
 
     pub(super) fn left(&self) -> Duration {
@@ -110,10 +102,7 @@ pub(super) const BUILT_IN: &str = "the machine file of the built-in simulation c
 pub(super) const GIVEN_UP: &str = "the disk with the models has not answered in time: the model was not activated, and will not be later. Try again once it answers";
 
 pub(super) fn candidate_gone() -> Reply {
-    refused(
-        409,
-        "this machine file is not here any more: it was discarded or activated",
-    )
+    refused(409, "this machine file is not here any more: it was discarded or activated")
 }
 
 #[cfg(test)]
@@ -131,10 +120,7 @@ mod tests {
         assert!(deadline.withdraw());
         assert!(!of_desk.claim());
         // Not withdrawn, but past its deadline.
-        let late = RequestDeadline {
-            until: Instant::now(),
-            is_decided: Arc::default(),
-        };
+        let late = RequestDeadline { until: Instant::now(), is_decided: Arc::default() };
         assert!(!late.claim());
     }
 }

@@ -32,9 +32,7 @@ pub(crate) struct Store {
 
 impl Store {
     pub(crate) fn new(audit_dir: &Path) -> Self {
-        Self {
-            dir: audit_dir.join("models"),
-        }
+        Self { dir: audit_dir.join("models") }
     }
 
     pub(crate) fn machine(&self, hash: &str) -> PathBuf {
@@ -89,10 +87,9 @@ impl Store {
         let machine = Machine::parse(&text, &path.display().to_string());
         match machine {
             Ok(machine) if machine.checksum() == hash => Ok(text),
-            Ok(machine) => Err(wrong(format!(
-                "its hash is {}, expected {hash}",
-                machine.checksum()
-            ))),
+            Ok(machine) => {
+                Err(wrong(format!("its hash is {}, expected {hash}", machine.checksum())))
+            }
             Err(e) => Err(e.to_string()),
         }
     }
@@ -275,18 +272,12 @@ mod tests {
         }
         assert_eq!(kept.history.len(), MAX_HISTORY);
         store.keep_standing(&kept).expect("writable");
-        assert!(
-            store.text(&hash).is_err(),
-            "its entry is gone, and the file with it"
-        );
+        assert!(store.text(&hash).is_err(), "its entry is gone, and the file with it");
     }
 
     #[test]
     fn a_hash_from_outside_is_no_path() {
         let store = Store::new(Path::new("/a"));
-        assert_eq!(
-            store.machine("../../etc/passwd"),
-            Path::new("/a/models/machine-ecad.toml")
-        );
+        assert_eq!(store.machine("../../etc/passwd"), Path::new("/a/models/machine-ecad.toml"));
     }
 }

@@ -74,13 +74,7 @@ impl ModelWorker {
             match work.recv_timeout(POLL_INTERVAL) {
                 Ok(Job::Record(entry, text)) => self.note(*entry, text),
                 Ok(Job::Configured(machine)) => self.configured = machine,
-                Ok(Job::Activate {
-                    who,
-                    what,
-                    confirm,
-                    answer,
-                    deadline,
-                }) => {
+                Ok(Job::Activate { who, what, confirm, answer, deadline }) => {
                     let reply = self.activate(&who, what, confirm, &deadline, work);
                     // Publish first, so that a state read after the response is consistent with it.
                     self.publish();
@@ -102,10 +96,8 @@ impl ModelWorker {
 
     fn publish(&self) {
         let path = &self.configured;
-        let mut configured = ConfiguredModel {
-            file: path.display().to_string(),
-            ..ConfiguredModel::default()
-        };
+        let mut configured =
+            ConfiguredModel { file: path.display().to_string(), ..ConfiguredModel::default() };
         if !self.shared.is_built_in {
             match Machine::read(path) {
                 Ok(machine) => configured.hash = Some(machine.checksum()),
@@ -129,11 +121,7 @@ impl ModelWorker {
     fn keep(&mut self, hash: String, text: String) {
         self.unsaved = match self.shared.store.keep(&hash, &text) {
             Ok(()) => None,
-            Err(e) => Some(UnsavedModel {
-                hash,
-                text,
-                error: e.to_string(),
-            }),
+            Err(e) => Some(UnsavedModel { hash, text, error: e.to_string() }),
         };
     }
 
@@ -288,12 +276,7 @@ impl ModelWorker {
     ) -> Result<(ModelActivation, Option<String>), Reply> {
         let store = &self.shared.store;
         let (machine, hash, from, file, new, candidate) = match what {
-            Activate::Candidate {
-                id,
-                hash,
-                text,
-                file,
-            } => {
+            Activate::Candidate { id, hash, text, file } => {
                 store
                     .keep(&hash, &text)
                     .map_err(|e| refused(507, format!("the model cannot be kept on disk: {e}")))?;

@@ -36,17 +36,11 @@ pub(super) fn audit_folder(dir: &Path) -> Result<(), GatewayError> {
     };
     let refused = |found: &Path, source: io::Error| {
         let [dir, found] = [dir, found].map(|path| path.display().to_string());
-        GatewayError::invalid(format!(
-            "[audit] dir = {dir:?}: {found:?} cannot be used: {source}"
-        ))
+        GatewayError::invalid(format!("[audit] dir = {dir:?}: {found:?} cannot be used: {source}"))
     };
     for above in dir.ancestors() {
         // The parent of a relative path is the working directory.
-        let above = if above == Path::new("") {
-            Path::new(".")
-        } else {
-            above
-        };
+        let above = if above == Path::new("") { Path::new(".") } else { above };
         // A dangling link exists but is not a folder.
         match (above.symlink_metadata(), above.metadata()) {
             (_, Ok(found)) if found.is_dir() => {
@@ -69,10 +63,7 @@ pub(super) fn audit_folder(dir: &Path) -> Result<(), GatewayError> {
 }
 
 fn is_missing(error: &io::Error) -> bool {
-    matches!(
-        error.kind(),
-        io::ErrorKind::NotFound | io::ErrorKind::NotADirectory
-    )
+    matches!(error.kind(), io::ErrorKind::NotFound | io::ErrorKind::NotADirectory)
 }
 
 /// Whether files and folders can be created in a folder. The kernel's own file systems reject them even for root, for
@@ -150,20 +141,12 @@ fn overlapping(config: &Config, one: (usize, Block), other: (usize, Block)) -> G
         (None, Some(line)) => format!("the driver's own place, {} in line {line}", url(&beside)),
         (None, None) => "the driver's own place".to_owned(),
     };
-    let verb = if at.1.is_byte {
-        "lies within"
-    } else {
-        "overlap"
-    };
+    let verb = if at.1.is_byte { "lies within" } else { "overlap" };
     let message = format!(
         "{} {verb} {} ({where_beside}): expected bytes of their own for each",
         at.1.text, beside.1.text
     );
-    let place = if source.states(&key(&at)) {
-        key(&at)
-    } else {
-        url(&at)
-    };
+    let place = if source.states(&key(&at)) { key(&at) } else { url(&at) };
     GatewayError::Place(source.error(&config.file, &place, message))
 }
 
@@ -232,11 +215,7 @@ fn unknown_positions(axes: &[AxisName], machine: &Path) -> String {
     } else {
         format!(", or state fixed = {{ {} }}", linear.join(", "))
     };
-    let not_fixed = if linear.len() == axes.len() {
-        " and `fixed` does not state it"
-    } else {
-        ""
-    };
+    let not_fixed = if linear.len() == axes.len() { " and `fixed` does not state it" } else { "" };
     let letters = list("");
     format!(
         "{axis} {letters} of {}: the correction depends on where {they}, but no [[controller]] shows {them}{not_fixed}: name {letters} in axes where {they_are} corrected, in reads = [{}] where {they_are} not{or_fixed}",
@@ -289,18 +268,8 @@ pub(super) fn shown<'a>(
 
 pub(super) fn built(config: &Config) -> Result<(), GatewayError> {
     for (is_configured, is_built, table, feature) in [
-        (
-            config.shdr.is_some(),
-            cfg!(feature = "shdr"),
-            "shdr",
-            "shdr",
-        ),
-        (
-            config.opc_ua.is_some(),
-            cfg!(feature = "opc-ua-server"),
-            "opc_ua",
-            "opc-ua-server",
-        ),
+        (config.shdr.is_some(), cfg!(feature = "shdr"), "shdr", "shdr"),
+        (config.opc_ua.is_some(), cfg!(feature = "opc-ua-server"), "opc_ua", "opc-ua-server"),
     ] {
         if is_configured && !is_built {
             return Err(GatewayError::invalid_in(
@@ -337,10 +306,7 @@ pub(super) fn fleet(config: &Config) -> Result<Option<Fleet>, GatewayError> {
         accepted: kept.standing.highest,
         enabled: !kept.standing.disabled,
     };
-    Ok(Some(Fleet {
-        document,
-        damage: kept.damage,
-    }))
+    Ok(Some(Fleet { document, damage: kept.damage }))
 }
 
 /// Rejects `[fleet]`, which this build does not support.

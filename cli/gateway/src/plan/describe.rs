@@ -76,10 +76,7 @@ fn of_driver(description: &Description) -> ControllerPlan {
 }
 
 fn of_reader(reader: &ReaderPlan) -> ControllerPlan {
-    ControllerPlan {
-        sees_other_gateways: false,
-        ..of_driver(&reader.description)
-    }
+    ControllerPlan { sees_other_gateways: false, ..of_driver(&reader.description) }
 }
 
 fn of_controller(plan: &Plan, path: &PathPlan, needs: &Needs) -> ControllerPlan {
@@ -168,19 +165,13 @@ struct Needs {
 fn needs(plan: &Plan) -> Result<Vec<Needs>, ModelError> {
     let kelvin = plan.machine.each_kelvin()?;
     let largest = |path: &PathPlan, of: &dyn Fn(&State) -> PerAxis<f64>| -> ByAxis {
-        let all = plan
-            .machine
-            .largest_within_travels(&path.correctors, &path.fixed, of);
+        let all = plan.machine.largest_within_travels(&path.correctors, &path.fixed, of);
         all.into_iter().map(micro).collect()
     };
     let of_path = |path: &PathPlan| {
         let correction = |state: &State| plan.model.correction_of(state, &path.correctors).delta;
         let mut needs = Needs {
-            up_to: if path.only_thermal {
-                ByAxis::new()
-            } else {
-                largest(path, &correction)
-            },
+            up_to: if path.only_thermal { ByAxis::new() } else { largest(path, &correction) },
             per_k: kelvin.as_ref().map_or_else(ByAxis::new, |kelvin| {
                 largest(path, &|state| kelvin.change(state, &path.correctors))
             }),
@@ -210,29 +201,20 @@ fn notes(plan: &Plan, controllers: &[ControllerPlan], sensors: &[SensorPlan]) ->
     }
     let writes =
         |controller: &&ControllerPlan| !(controller.axes.is_empty() && controller.held.is_empty());
-    for controller in controllers
-        .iter()
-        .filter(writes)
-        .filter(|controller| !controller.watched)
-    {
+    for controller in controllers.iter().filter(writes).filter(|controller| !controller.watched) {
         notes.push(format!(
             "{}: nothing at the control ramps the correction out when the gateway stops",
             controller.url
         ));
     }
     for path in plan.paths() {
-        notes.extend(
-            path.uncorrected
-                .iter()
-                .map(|axis| of_uncorrected(path, *axis)),
-        );
+        notes.extend(path.uncorrected.iter().map(|axis| of_uncorrected(path, *axis)));
         notes.extend(linear_near_singular(plan, path));
     }
     for controller in &plan.config.controllers {
         let unseen = checks::by_name(controller.unseen()).into_iter();
-        let names: Vec<&str> = unseen
-            .filter_map(|(name, is_unseen)| is_unseen.then_some(name))
-            .collect();
+        let names: Vec<&str> =
+            unseen.filter_map(|(name, is_unseen)| is_unseen.then_some(name)).collect();
         if !names.is_empty() {
             notes.push(format!(
                 "{}: it does not show {}: nothing holds the correction by that",
@@ -384,11 +366,7 @@ fn beyond_limit(controller: &ControllerPlan, axis: &AxisPlan) -> Option<String> 
 fn test_shift(plan: &Plan, index: usize, axis: &AxisPlan) -> Option<String> {
     let device = plan.devices.controllers.get(index);
     let is_coarse = device.is_some_and(|device| device.settings().is_coarse);
-    let stated = plan
-        .config
-        .controllers
-        .get(index)
-        .and_then(|own| own.test_shift);
+    let stated = plan.config.controllers.get(index).and_then(|own| own.test_shift);
     let proves = stated.unwrap_or(!is_coarse);
     let configured = round(plan.guard.of(axis.name)?.test_shift.um_or_urad());
     if !proves || configured == 0.0 || configured == axis.test_shift {

@@ -93,19 +93,12 @@ impl Plan {
         let (devices, machine) = if config.controllers.is_empty() {
             let simulation = Simulation::with_barrier(Clock::system())?;
             let machine = simulation.model.clone();
-            (
-                Devices {
-                    simulation: Some(Box::new(simulation)),
-                    ..Devices::default()
-                },
-                machine,
-            )
+            (Devices { simulation: Some(Box::new(simulation)), ..Devices::default() }, machine)
         } else {
             let machine = Machine::read(&config.machine).map_err(|error| match error {
-                ModelError::Read(source) => GatewayError::MachineFile {
-                    file: config.file.clone(),
-                    source,
-                },
+                ModelError::Read(source) => {
+                    GatewayError::MachineFile { file: config.file.clone(), source }
+                }
                 other => other.into(),
             })?;
             (configured(&config)?, machine)
@@ -219,11 +212,7 @@ impl Plan {
         .with_rapid(self.guard.rapid);
         let opened = self.opened(cycle);
         let (truth, demo) = simulated.unzip();
-        Ok(OpenedPlan {
-            truth,
-            demo,
-            ..opened
-        })
+        Ok(OpenedPlan { truth, demo, ..opened })
     }
 
     pub(crate) fn opened(self, cycle: Cycle) -> OpenedPlan {
@@ -291,11 +280,7 @@ impl Devices {
     fn open(
         self,
     ) -> Result<
-        (
-            Vec<Box<dyn Controller>>,
-            Vec<Box<dyn Thermometer>>,
-            Option<(Truth, Arc<Demo>)>,
-        ),
+        (Vec<Box<dyn Controller>>, Vec<Box<dyn Thermometer>>, Option<(Truth, Arc<Demo>)>),
         volcomp_port::DeviceError,
     > {
         if let Some(simulation) = self.simulation {
@@ -310,11 +295,7 @@ impl Devices {
         }
         let controllers = self.controllers.iter().map(|device| device.open());
         let thermometers = self.thermometers.iter().map(ThermometerDevice::open);
-        Ok((
-            controllers.collect::<Result<_, _>>()?,
-            thermometers.collect::<Result<_, _>>()?,
-            None,
-        ))
+        Ok((controllers.collect::<Result<_, _>>()?, thermometers.collect::<Result<_, _>>()?, None))
     }
 }
 
@@ -341,19 +322,13 @@ fn configured(config: &Config) -> Result<Devices, GatewayError> {
         checks::sensor_names(config, &thermometers, &device, &own.url)?;
         thermometers.push(device);
     }
-    Ok(Devices {
-        controllers,
-        thermometers,
-        simulation: None,
-    })
+    Ok(Devices { controllers, thermometers, simulation: None })
 }
 
 /// Time a control needs to ramp from the largest correction to zero at the maximum slew rate of the guard.
 fn time_to_zero(guard: &GuardSettings) -> Duration {
     let linear = guard.linear.limit.0 / guard.linear.slew_per_s.0;
-    let rotary = guard
-        .rotary
-        .map_or(0.0, |rotary| rotary.limit.0 / rotary.slew_per_s.0);
+    let rotary = guard.rotary.map_or(0.0, |rotary| rotary.limit.0 / rotary.slew_per_s.0);
     Duration::try_from_secs_f64(linear.max(rotary)).unwrap_or(Duration::MAX / 4)
 }
 
@@ -378,10 +353,7 @@ fn paths(
             }),
             ..PathSettings::default()
         };
-        return Ok(vec![path(
-            simulation.controller.description().clone(),
-            &settings,
-        )?]);
+        return Ok(vec![path(simulation.controller.description().clone(), &settings)?]);
     }
     let configured = devices.controllers.iter().zip(&config.controllers);
     configured
@@ -390,10 +362,10 @@ fn paths(
             let described = device.describe();
             let description = described.map_err(|source| config.device_error(source))?;
             let settings = PathSettings {
-                time_out: device.settings().time_out.map(|after| ControlTimeOut {
-                    after,
-                    to_zero: time_to_zero(guard),
-                }),
+                time_out: device
+                    .settings()
+                    .time_out
+                    .map(|after| ControlTimeOut { after, to_zero: time_to_zero(guard) }),
                 ..settings(&**device, controller, period)
             };
             path(description, &settings)

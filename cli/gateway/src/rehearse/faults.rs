@@ -103,27 +103,15 @@ const ALL: Faults = Faults {
 };
 
 const fn fault(name: &'static str, meaning: &'static str, act: FaultAction) -> Fault {
-    Fault {
-        name,
-        meaning,
-        act,
-        is_unseen_without_barrier: false,
-        hides_interlock: false,
-    }
+    Fault { name, meaning, act, is_unseen_without_barrier: false, hides_interlock: false }
 }
 
 const fn unseen(name: &'static str, meaning: &'static str, act: FaultAction) -> Fault {
-    Fault {
-        is_unseen_without_barrier: true,
-        ..fault(name, meaning, act)
-    }
+    Fault { is_unseen_without_barrier: true, ..fault(name, meaning, act) }
 }
 
 const fn hiding(name: &'static str, meaning: &'static str, act: FaultAction) -> Fault {
-    Fault {
-        hides_interlock: true,
-        ..fault(name, meaning, act)
-    }
+    Fault { hides_interlock: true, ..fault(name, meaning, act) }
 }
 
 const fn lie(lie: Lie) -> FaultAction {
@@ -132,12 +120,7 @@ const fn lie(lie: Lie) -> FaultAction {
 
 /// A wrong position of the first axis: `factor` · position + `add`.
 const fn wrong_position(factor: f64, add: f64) -> FaultAction {
-    FaultAction::Directed(Injection::WrongPosition {
-        axis: 0,
-        factor,
-        add,
-        readings: 20,
-    })
+    FaultAction::Directed(Injection::WrongPosition { axis: 0, factor, add, readings: 20 })
 }
 
 /// All faults, in the order of the rehearsal.

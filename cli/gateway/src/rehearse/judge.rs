@@ -84,21 +84,13 @@ pub(super) fn judge(
         let limits = &path.limits.axes[place];
         let overwritten = matches!(fault.act, FaultAction::Garbage) && rig.barrier.is_none();
         // The values of the other sender were already applied; the correction ramps in from there.
-        let most = if overwritten {
-            limits.limit * GARBAGE
-        } else {
-            limits.reachable()
-        };
+        let most = if overwritten { limits.limit * GARBAGE } else { limits.reachable() };
         let allowed = match &rig.barrier {
             Some(barrier) => f64::from(barrier.rate[place]) * limits.resolution,
             None if bounded_by_limit => most + limits.limit,
             None => (limits.slew_per_s * period_s).max(limits.resolution),
         };
-        let forgiven = if overwritten {
-            limits.resolution
-        } else {
-            ROUNDING * limits.resolution
-        };
+        let forgiven = if overwritten { limits.resolution } else { ROUNDING * limits.resolution };
         let (is_fast, is_far) = (
             changes[place] > allowed + ROUNDING * limits.resolution,
             furthest[place] > most + forgiven,
@@ -149,10 +141,7 @@ pub(super) fn judge(
         } else {
             "again within 30 s"
         };
-        broken.push(format!(
-            "it did not compensate {when}: {}",
-            reasons.join(", ")
-        ));
+        broken.push(format!("it did not compensate {when}: {}", reasons.join(", ")));
     }
     RehearsedFault {
         fault: fault.name.to_owned(),

@@ -117,10 +117,7 @@ impl Controller for Wire {
 
 impl SharedController {
     fn new(wire: &SharedWire) -> Self {
-        Self {
-            description: locked(wire).device.description.clone(),
-            wire: Arc::clone(wire),
-        }
+        Self { description: locked(wire).device.description.clone(), wire: Arc::clone(wire) }
     }
 }
 
@@ -181,18 +178,13 @@ impl Rig {
             clock: clock.clone(),
         };
         let stopped = Arc::new(AtomicBool::new(false));
-        let wrong = |source| GatewayError::Barrier {
-            device: path.description.device.clone(),
-            source,
-        };
+        let wrong =
+            |source| GatewayError::Barrier { device: path.description.device.clone(), source };
         let barrier = barrier(&path)?;
         let (control, thermometer, controls) = match (barrier, path.barrier) {
             (Some(settings), Some(at)) => {
                 let faster = settings.rate.map(|counts| counts.saturating_mul(rate));
-                let settings = Settings {
-                    rate: faster,
-                    ..settings
-                };
+                let settings = Settings { rate: faster, ..settings };
                 let program = Stoppable {
                     program: Program::new(settings).map_err(wrong)?,
                     stopped: Arc::clone(&stopped),
@@ -202,11 +194,8 @@ impl Rig {
             }
             _ => machine.start(),
         };
-        let wire = Wire {
-            control,
-            description: path.description.clone(),
-            stopped: Arc::clone(&stopped),
-        };
+        let wire =
+            Wire { control, description: path.description.clone(), stopped: Arc::clone(&stopped) };
         let faulty = Faulty::new(wire, Faults::default(), seed).with_clock(clock.clone());
         let thermometer = (!plan.sensors.is_empty()).then(|| {
             let faulty = Faulty::new(thermometer, Faults::default(), seed);
@@ -265,10 +254,7 @@ impl Rig {
     /// Simulates another sender that writes these values (mm, rad) to the axes.
     pub fn overwrite(&self, values: &PerChannel<f64>) {
         // An unreachable machine is unreachable for other senders as well.
-        let _ = locked(&self.wire)
-            .device
-            .control
-            .apply(values, self.clock.now());
+        let _ = locked(&self.wire).device.control.apply(values, self.clock.now());
     }
 
     /// Injects a fault into the thermometer.
@@ -329,32 +315,20 @@ fn axes(description: &Description) -> Vec<Axis> {
         largest: None,
     };
     let written = description.axes.iter().copied();
-    written
-        .chain(description.reads.iter().map(only_read))
-        .collect()
+    written.chain(description.reads.iter().map(only_read)).collect()
 }
 
 fn warming(name: &str) -> Warming {
-    Warming {
-        name: name.to_owned(),
-        start_degc: 20.0,
-        rise_k: 3.0,
-        time_constant_s: 1800.0,
-    }
+    Warming { name: name.to_owned(), start_degc: 20.0, rise_k: 3.0, time_constant_s: 1800.0 }
 }
 
 /// Moves all axes simultaneously through the working volume, from the corner where the correction is largest relative
 /// to its limit to the opposite corner and back. Also returns the acceleration.
 fn moves(model: &Model, plan: &PathPlan) -> (Vec<Move>, f64) {
-    let (axes, written) = (
-        plan.description.shown_axes().count(),
-        plan.description.axes.len(),
-    );
+    let (axes, written) = (plan.description.shown_axes().count(), plan.description.axes.len());
     let at = |corner: usize, place: usize| {
         let ends = model.travel.get(plan.machine_axis[place]);
-        let [low, high] = ends
-            .map(|ends| ends.map(Displacement::mm_or_rad))
-            .unwrap_or_default();
+        let [low, high] = ends.map(|ends| ends.map(Displacement::mm_or_rad)).unwrap_or_default();
         if corner >> place & 1 == 0 { high } else { low }
     };
     let size = |corner: usize| {
@@ -370,28 +344,19 @@ fn moves(model: &Model, plan: &PathPlan) -> (Vec<Move>, f64) {
         (0..written).map(share).fold(0.0, f64::max)
     };
     let all = (1_usize << axes) - 1;
-    let corner = (0..=all)
-        .max_by(|a, b| size(*a).total_cmp(&size(*b)))
-        .unwrap_or(0);
+    let corner = (0..=all).max_by(|a, b| size(*a).total_cmp(&size(*b))).unwrap_or(0);
     let ends = [corner, all ^ corner].map(|corner| {
         PerChannel::from_fn(|place| if place < axes { at(corner, place) } else { 0.0 })
     });
     let squares = ends[0].iter().zip(&ends[1]).map(|(a, b)| (a - b) * (a - b));
     let feed_per_s = squares.sum::<f64>().sqrt() / MOVE_S;
-    let program = ends.map(|to| Move {
-        to,
-        feed_per_s,
-        dwell: Duration::from_millis(500),
-    });
+    let program = ends.map(|to| Move { to, feed_per_s, dwell: Duration::from_millis(500) });
     (program.to_vec(), feed_per_s / ACCELERATING_S)
 }
 
 /// The barrier in the control of a path; `None`: it has none. Errors: no barrier can be set to the limits.
 pub(super) fn barrier(plan: &PathPlan) -> Result<Option<Settings>, GatewayError> {
-    let wrong = |source| GatewayError::Barrier {
-        device: plan.description.device.clone(),
-        source,
-    };
+    let wrong = |source| GatewayError::Barrier { device: plan.description.device.clone(), source };
     (plan.barrier)
         .map(|barrier| settings(plan, barrier.machine, barrier.scan))
         .transpose()

@@ -55,11 +55,7 @@ pub struct Rehearsal {
 
 impl Default for Rehearsal {
     fn default() -> Self {
-        Self {
-            seed: 1,
-            faults: Vec::new(),
-            barrier_rate: 1,
-        }
+        Self { seed: 1, faults: Vec::new(), barrier_rate: 1 }
     }
 }
 
@@ -104,9 +100,7 @@ impl Rehearsal {
         let controllers = paths
             .map(|path| self.path(plan, path, &mut simulated))
             .collect::<Result<Vec<_>, _>>()?;
-        let passed = controllers
-            .iter()
-            .all(|path| path.faults.iter().all(|fault| fault.passed));
+        let passed = controllers.iter().all(|path| path.faults.iter().all(|fault| fault.passed));
         Ok(RehearsalDocument {
             passed,
             time: head.time,
@@ -117,9 +111,7 @@ impl Rehearsal {
             hash: plan.model.hash.clone(),
             config: plan.config.file.clone(),
             config_hash: head.config_hash,
-            selection: (self.faults.iter())
-                .map(|fault| fault.name.to_owned())
-                .collect(),
+            selection: (self.faults.iter()).map(|fault| fault.name.to_owned()).collect(),
             catalogue: CATALOGUE.len(),
             seed: self.seed,
             cycle_ms: plan.config.cycle_ms,
@@ -140,10 +132,8 @@ impl Rehearsal {
         let (mut found, mut left_out) = (Vec::new(), Vec::new());
         for fault in requested.chain(all) {
             // Faults of a sensor are skipped without one.
-            let needs_sensor = matches!(
-                fault.act,
-                FaultAction::SensorJump | FaultAction::SensorCorrupt
-            );
+            let needs_sensor =
+                matches!(fault.act, FaultAction::SensorJump | FaultAction::SensorCorrupt);
             if needs_sensor && plan.sensors.is_empty() {
                 left_out.push(fault.name.to_owned());
                 continue;
@@ -270,9 +260,7 @@ impl RehearsalDocument {
             return Ok(());
         }
         let count = faults().count();
-        Err(GatewayError::failed(format!(
-            "rehearsal: {broken} of {count} faults broke a rule"
-        )))
+        Err(GatewayError::failed(format!("rehearsal: {broken} of {count} faults broke a rule")))
     }
 }
 
@@ -286,10 +274,8 @@ struct Head {
 impl Head {
     /// Collects the data of a rehearsal that starts now. Errors: the configuration cannot be read any more.
     fn of(config: &str) -> Result<Self, GatewayError> {
-        let text = fs::read(config).map_err(|source| GatewayError::Read {
-            file: config.to_owned(),
-            source,
-        })?;
+        let text = fs::read(config)
+            .map_err(|source| GatewayError::Read { file: config.to_owned(), source })?;
         let mut names = ["USER", "LOGNAME"].into_iter();
         let user = names.find_map(|name| env::var(name).ok());
         let host = fs::read_to_string("/proc/sys/kernel/hostname").unwrap_or_default();
@@ -297,10 +283,7 @@ impl Head {
             time: utc_now(),
             user: user.unwrap_or_else(|| format!("uid {}", rustix::process::getuid().as_raw())),
             host: host.trim().to_owned(),
-            config_hash: format!(
-                "sha256:{}",
-                volcomp_model::hexadecimal(&Sha256::digest(&text))
-            ),
+            config_hash: format!("sha256:{}", volcomp_model::hexadecimal(&Sha256::digest(&text))),
         })
     }
 }
@@ -334,10 +317,7 @@ fn limits(path: &PathPlan, barrier: Option<&Settings>) -> Vec<RehearsedLimits> {
         let bounds = AxisBounds {
             limit: shown(limits.reachable()),
             slew_per_s: shown(limits.slew_per_s),
-            accel_per_s2: limits
-                .accel_per_s2
-                .is_finite()
-                .then(|| shown(limits.accel_per_s2)),
+            accel_per_s2: limits.accel_per_s2.is_finite().then(|| shown(limits.accel_per_s2)),
             step: shown(limits.resolution),
             barrier_per_s: rate.map(shown),
         };

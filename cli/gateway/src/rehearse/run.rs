@@ -106,10 +106,7 @@ impl<'a> Run<'a> {
 
     pub(super) fn step(&mut self, request: Option<Request>) {
         self.rig.clock.advance(self.plan.config.cycle());
-        let asked = CycleInput {
-            request,
-            ..CycleInput::default()
-        };
+        let asked = CycleInput { request, ..CycleInput::default() };
         let now = self.rig.clock.now();
         self.cycle.run(now, &asked, &mut || Duration::ZERO);
         self.cycles += 1;
@@ -143,17 +140,12 @@ impl<'a> Run<'a> {
     /// Arms, with the test shift if `proves`, and waits for compensation. Returns whether it was reached.
     pub(super) fn arm(&mut self, most: Duration, proves: bool) -> bool {
         let end = self.elapsed() + most;
-        let request = if proves {
-            Request::Arm
-        } else {
-            Request::TakeOver
-        };
+        let request = if proves { Request::Arm } else { Request::TakeOver };
         let mut standing = Duration::ZERO;
         let hold = Arc::clone(&self.rig.controls);
         while self.state() != State::Compensating && self.elapsed() < end {
             let proving = self.state() == State::Arming(Phase::Proving);
-            hold.feed_hold
-                .store(proving && standing < STANDING, Ordering::Relaxed);
+            hold.feed_hold.store(proving && standing < STANDING, Ordering::Relaxed);
             standing = if proving && standing < STANDING + Duration::from_secs(1) {
                 standing + self.plan.config.cycle()
             } else {
@@ -251,9 +243,9 @@ impl<'a> Run<'a> {
                     self.run(Duration::from_millis(200));
                 }
             }
-            FaultAction::HiddenStop => self
-                .rig
-                .inject(Injection::DroppedFlag { readings: u32::MAX }),
+            FaultAction::HiddenStop => {
+                self.rig.inject(Injection::DroppedFlag { readings: u32::MAX })
+            }
             FaultAction::HiddenStopByChance => self.rig.inject(Injection::Faults(Faults {
                 dropped_flag: 0.02,
                 calls: 20,
@@ -262,14 +254,12 @@ impl<'a> Run<'a> {
             FaultAction::PositionsLost => {
                 lasts = self.rig.path.limits.zero_after + Duration::from_secs(1);
             }
-            FaultAction::SensorJump => self.rig.inject_sensor(Injection::Jump {
-                sensor: 0,
-                kelvin: JUMP_K,
-            }),
-            FaultAction::SensorCorrupt => self.rig.inject_sensor(Injection::Faults(Faults {
-                corrupt: 0.1,
-                ..Faults::default()
-            })),
+            FaultAction::SensorJump => {
+                self.rig.inject_sensor(Injection::Jump { sensor: 0, kelvin: JUMP_K })
+            }
+            FaultAction::SensorCorrupt => self
+                .rig
+                .inject_sensor(Injection::Faults(Faults { corrupt: 0.1, ..Faults::default() })),
             FaultAction::Restart => self.restart(Duration::from_millis(20))?,
             FaultAction::Garbage if self.rig.barrier.is_none() => self.overwrite(),
             _ => {}
@@ -314,18 +304,10 @@ impl<'a> Run<'a> {
         self.switch(act, false);
         for injection in [
             Injection::Faults(Faults::default()),
-            Injection::Lie {
-                lie: volcomp_port::inject::Lie::Zero,
-                readings: 0,
-            },
+            Injection::Lie { lie: volcomp_port::inject::Lie::Zero, readings: 0 },
             Injection::Constant { readings: 0 },
             Injection::FrozenPositions { readings: 0 },
-            Injection::WrongPosition {
-                axis: 0,
-                factor: 1.0,
-                add: 0.0,
-                readings: 0,
-            },
+            Injection::WrongPosition { axis: 0, factor: 1.0, add: 0.0, readings: 0 },
             Injection::DroppedFlag { readings: 0 },
             Injection::Disconnect { calls: 0 },
             Injection::Lag(0),
@@ -337,10 +319,7 @@ impl<'a> Run<'a> {
         }
         self.rig.inject_sensor(Injection::Faults(Faults::default()));
         if matches!(act, FaultAction::SensorJump) {
-            self.rig.inject_sensor(Injection::Jump {
-                sensor: 0,
-                kelvin: 0.0,
-            });
+            self.rig.inject_sensor(Injection::Jump { sensor: 0, kelvin: 0.0 });
         }
         if matches!(act, FaultAction::Restart) {
             self.restart(Duration::from_secs(1))?;

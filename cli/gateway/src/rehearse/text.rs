@@ -18,10 +18,7 @@ const PREAMBLE: &str = "No device was opened and nothing was sent: a simulated m
 devices. Each fault begins once while compensating, once in the middle of the ramp.";
 const LEGEND: [(&str, &str); 5] = [
     ("state", "the worst state until it compensated again"),
-    (
-        "again",
-        "how long after the end of the fault that was; -: before its end",
-    ),
+    ("again", "how long after the end of the fault that was; -: before its end"),
     (
         "held",
         "how many scans (without a barrier: writes) moved an axis in emergency stop, alarm or unreferenced",
@@ -32,10 +29,8 @@ const LEGEND: [(&str, &str); 5] = [
     ),
     ("furthest", "the largest correction"),
 ];
-const BOUNDED: (&str, &str) = (
-    "*",
-    "without a barrier this cannot be detected; only the limit bounds the step",
-);
+const BOUNDED: (&str, &str) =
+    ("*", "without a barrier this cannot be detected; only the limit bounds the step");
 const HIDDEN: (&str, &str) = (
     "+",
     "the gateway is not shown that the machine must stand; without a barrier the axes may move then",
@@ -48,10 +43,7 @@ struct Page {
 
 /// Formats the protocol for a width of 40 to 60 columns.
 pub fn text(document: &RehearsalDocument, columns: usize) -> String {
-    let mut page = Page {
-        text: String::new(),
-        columns: columns.clamp(NARROWEST, COLUMNS),
-    };
+    let mut page = Page { text: String::new(), columns: columns.clamp(NARROWEST, COLUMNS) };
     page.head(document);
     page.wrapped("\n", PREAMBLE);
     let faults = || document.controllers.iter().flat_map(|path| &path.faults);
@@ -164,10 +156,8 @@ impl Page {
             (None, Some(bounds)) => (bounds, unit(AxisKind::Rotary)),
             (None, None) => return,
         };
-        let mut words = format!(
-            "limit {} {unit}, slew {} {unit}/s",
-            bounds.limit, bounds.slew_per_s
-        );
+        let mut words =
+            format!("limit {} {unit}, slew {} {unit}/s", bounds.limit, bounds.slew_per_s);
         // Writing to a string never fails.
         if let Some(accel) = bounds.accel_per_s2 {
             let _ = write!(words, ", {accel} {unit}/s²");
@@ -195,11 +185,7 @@ impl Page {
                 let axis = phase.axes.get(place)?;
                 axis.excursion().copied()
             });
-            let kind = if axis.um.is_some() {
-                AxisKind::Linear
-            } else {
-                AxisKind::Rotary
-            };
+            let kind = if axis.um.is_some() { AxisKind::Linear } else { AxisKind::Rotary };
             if let Some(found) = found.reduce(larger) {
                 self.row(axis.axis, kind, &found);
             }
@@ -218,9 +204,7 @@ impl Page {
             let words = format!("{name}: {state}, again {again}, held {held}, {verdict}");
             self.wrapped("  ", &words);
         } else {
-            self.line(format_args!(
-                "  {name:<14}{state:<14}{again:>9}{held:>6}  {verdict}"
-            ));
+            self.line(format_args!("  {name:<14}{state:<14}{again:>9}{held:>6}  {verdict}"));
         }
         if !phase.needed.is_empty() {
             self.wrapped("    by hand: ", &phase.needed.join(", "));
@@ -231,12 +215,7 @@ impl Page {
     }
 
     fn row(&mut self, axis: AxisName, kind: AxisKind, found: &Excursion) {
-        let numbers = [
-            found.largest_change,
-            found.allowed_change,
-            found.furthest,
-            found.limit,
-        ];
+        let numbers = [found.largest_change, found.allowed_change, found.furthest, found.limit];
         let label = format!("{axis} {}", unit(kind));
         self.columns_of(&label, numbers.map(|number| format!("{number:.2}")));
     }

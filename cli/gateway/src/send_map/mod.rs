@@ -37,21 +37,14 @@ pub fn check(path: &Path) -> Result<Checked, GatewayError> {
     // Reject an unreadable password before anything is prepared.
     map_device(&config.keys).map_err(GatewayError::Device)?;
     let shown = config.keys.map.display().to_string();
-    let bytes = std::fs::read(&config.keys.map).map_err(|source| GatewayError::Read {
-        file: shown.clone(),
-        source,
-    })?;
+    let bytes = std::fs::read(&config.keys.map)
+        .map_err(|source| GatewayError::Read { file: shown.clone(), source })?;
     let wrong = |what: String| GatewayError::invalid_in(&shown, what);
     let map = Map::from_image(&bytes, config.keys.number).map_err(|e| wrong(e.to_string()))?;
     let admitted = config.allowed.check_map(&map);
     admitted.map_err(|e| wrong(e.to_string()))?;
     let hash = volcomp_model::hexadecimal(&Sha256::digest(&bytes)[..8]);
-    Ok(Checked {
-        config,
-        map,
-        path: path.to_owned(),
-        hash,
-    })
+    Ok(Checked { config, map, path: path.to_owned(), hash })
 }
 
 impl Checked {
@@ -83,13 +76,7 @@ impl Checked {
         let allowed = &self.config.allowed;
         let mut text = String::new();
         let lines = [
-            (
-                "control",
-                format!(
-                    "{}, machine {}",
-                    self.config.keys.url, self.config.keys.number
-                ),
-            ),
+            ("control", format!("{}, machine {}", self.config.keys.url, self.config.keys.number)),
             (
                 "map",
                 format!(
@@ -101,10 +88,7 @@ impl Checked {
                     Transfer::of(&self.map).frames
                 ),
             ),
-            (
-                "corrects",
-                format!("{} over {}", names(header.outputs), names(header.grid)),
-            ),
+            ("corrects", format!("{} over {}", names(header.outputs), names(header.grid))),
             (
                 "within",
                 format!(

@@ -183,11 +183,8 @@ impl Sending {
         match made {
             Ok(checked) => {
                 let receipt = self.log.record(&checked, "another map is going to be sent");
-                self.recording = Some(Recording {
-                    checked,
-                    receipt,
-                    until: self.clock.now() + RECORD_TIMEOUT,
-                });
+                self.recording =
+                    Some(Recording { checked, receipt, until: self.clock.now() + RECORD_TIMEOUT });
             }
             Err(why) => self.refuse(&why),
         }
@@ -272,9 +269,7 @@ impl Sending {
                 Ok(SCAN_POLL_INTERVAL)
             }
             Err(SendError::Held { by, sequence }) if self.is_awaited(sequence) => {
-                self.warn_once(format!(
-                    "waiting until sender {by} has released the control"
-                ));
+                self.warn_once(format!("waiting until sender {by} has released the control"));
                 Ok(self.place.period)
             }
             Err(error) => {
@@ -289,11 +284,7 @@ impl Sending {
 
     /// Detects that the control has lost the map in use, also while a replacement is loaded.
     fn check_use(&mut self) {
-        if is_lost(
-            self.in_use,
-            self.checked.map.header().counter,
-            self.sender.in_use(),
-        ) {
+        if is_lost(self.in_use, self.checked.map.header().counter, self.sender.in_use()) {
             self.in_use = None;
             self.warn_once("the control has lost the map: sending it again".to_owned());
             self.record("the control has lost the map");
@@ -317,10 +308,7 @@ impl Sending {
     /// an active one is not disturbed.
     fn is_awaited(&mut self, sequence: u16) -> bool {
         let now = self.clock.now();
-        let other = (self.other).get_or_insert(OtherSender {
-            sequence,
-            since: now,
-        });
+        let other = (self.other).get_or_insert(OtherSender { sequence, since: now });
         other.sequence == sequence && now - other.since <= self.checked.patience()
     }
 
@@ -344,10 +332,7 @@ impl Sending {
                 }
                 continue;
             };
-            match words
-                .report()
-                .map(|words| self.sender.decode_report(&words))
-            {
+            match words.report().map(|words| self.sender.decode_report(&words)) {
                 Ok(Some(seen)) => {
                     let applied = seen.of.applied;
                     if last.replace(applied) != Some(applied) {
@@ -398,11 +383,7 @@ impl Log {
     /// Opens the log in a folder. Errors: the folder cannot be written, or the operating system cannot create a thread.
     fn begin(folder: &Path, clock: Clock) -> io::Result<Self> {
         let (audit, _) = AuditLog::open(folder)?;
-        Ok(Self {
-            writer: AuditWriter::start(audit, clock.clone())?,
-            clock,
-            trouble: None,
-        })
+        Ok(Self { writer: AuditWriter::start(audit, clock.clone())?, clock, trouble: None })
     }
 
     fn record(&self, checked: &Checked, what: &str) -> Receipt {
@@ -514,33 +495,31 @@ fn watch(running: &Checked) -> std::io::Result<Receiver<NewMap>> {
     let file = confirmation(&config.keys.audit.dir);
     // A confirmation left by an earlier sender is invalid.
     let _ = fs::remove_file(&file);
-    thread::Builder::new()
-        .name("volcomp-files".to_owned())
-        .spawn(move || {
-            let mut trouble = String::new();
-            loop {
-                thread::sleep(CONFIRMATION_POLL_INTERVAL);
-                let another = match take_confirmation(&file) {
-                    Ok(None) => {
-                        trouble.clear();
+    thread::Builder::new().name("volcomp-files".to_owned()).spawn(move || {
+        let mut trouble = String::new();
+        loop {
+            thread::sleep(CONFIRMATION_POLL_INTERVAL);
+            let another = match take_confirmation(&file) {
+                Ok(None) => {
+                    trouble.clear();
+                    continue;
+                }
+                Ok(Some(hash)) => read_replacement(&path, &config, hash.trim()),
+                Err(e) => {
+                    let what = format!("{}: {e}", file.display());
+                    // The error persists: report it once.
+                    if what == trouble {
                         continue;
                     }
-                    Ok(Some(hash)) => read_replacement(&path, &config, hash.trim()),
-                    Err(e) => {
-                        let what = format!("{}: {e}", file.display());
-                        // The error persists: report it once.
-                        if what == trouble {
-                            continue;
-                        }
-                        trouble.clone_from(&what);
-                        Err(what)
-                    }
-                };
-                if sender.send(another).is_err() {
-                    return;
+                    trouble.clone_from(&what);
+                    Err(what)
                 }
+            };
+            if sender.send(another).is_err() {
+                return;
             }
-        })?;
+        }
+    })?;
     Ok(receiver)
 }
 

@@ -66,16 +66,12 @@ impl Service {
     /// Starts the comparison with the model and limits armed last; `None` if the worker is still busy.
     fn comparison(&mut self, confirm: Option<String>) -> Option<Receiver<ComparisonResult>> {
         let judge = self.judge(confirm);
-        let judge = judge.map(|judge| Judge {
-            before: "the model armed last",
-            ..judge
-        });
+        let judge = judge.map(|judge| Judge { before: "the model armed last", ..judge });
         let fading = self.parts.config.guard_settings().map(|guard| guard.fading);
         let fading = fading.unwrap_or_default();
         let (paths, limits) = (self.confirmed_paths(), self.limits());
         let model = Arc::clone(&self.parts.model);
-        self.worker
-            .begin(move || against_last(&paths, &model, &limits, fading, judge.as_ref()))
+        self.worker.begin(move || against_last(&paths, &model, &limits, fading, judge.as_ref()))
     }
 
     /// Starts the check, after a start or a change, whether the model or limits need confirmation.
@@ -111,18 +107,10 @@ impl Service {
         let report = *self.parts.handle.report();
         if self.is_faulted_from_before() || matches!(report.state, State::Faulted(_)) {
             let why = "not armed: acknowledge the fault first";
-            return Err(settled(
-                409,
-                report.state,
-                self.all_reasons(&report),
-                Some(why),
-            ));
+            return Err(settled(409, report.state, self.all_reasons(&report), Some(why)));
         }
         let result = self.comparison(confirm).ok_or_else(disk_timeout)?;
-        Ok(Step::Comparison(Comparison {
-            result,
-            until: self.clock.now() + FILES_TIMEOUT,
-        }))
+        Ok(Step::Comparison(Comparison { result, until: self.clock.now() + FILES_TIMEOUT }))
     }
 
     /// Checks whether the comparison is complete; if it permits arming, starts writing the record.
@@ -139,15 +127,9 @@ impl Service {
                 tracing::error!("{what}");
                 Progress::Done(refused(409, what))
             }
-            Ok(Compared {
-                question: Some(question),
-                ..
-            }) => {
+            Ok(Compared { question: Some(question), .. }) => {
                 self.must_confirm(true);
-                Progress::Done(Reply {
-                    status: 409,
-                    answer: Answer::Question(Box::new(question)),
-                })
+                Progress::Done(Reply { status: 409, answer: Answer::Question(Box::new(question)) })
             }
             Ok(Compared { last, .. }) => {
                 // An automatic arming keeps the model last armed or confirmed by a person as the

@@ -171,11 +171,7 @@ impl Service {
             person_decides: parts.standing.disarmed_by.is_some(),
             auto_arm_after: now,
             received_disarms: 0,
-            output: LatestOutput {
-                at: now,
-                correction: PerAxis::ZERO,
-                receipt: None,
-            },
+            output: LatestOutput { at: now, correction: PerAxis::ZERO, receipt: None },
             lags: Lags::new(&parts.model, &parts.sensors),
             watchdog: Watchdog::new(
                 parts.proven_within,
@@ -228,11 +224,7 @@ impl Service {
     /// most 50 ms for a request.
     pub fn poll(&mut self) {
         let rest = TICK.saturating_sub(self.since(self.published_at));
-        self.poll_within(if self.pending.is_empty() {
-            rest
-        } else {
-            rest.min(STEP)
-        });
+        self.poll_within(if self.pending.is_empty() { rest } else { rest.min(STEP) });
     }
 
     /// One iteration that waits at most `rest` for a request; tests with simulated time use zero.
@@ -328,11 +320,7 @@ impl Service {
         self.write_output(&report, true);
         self.write_standing();
         let [left_um, left_urad] = self.applied(&report);
-        let stop = Stop {
-            state: report.state.into(),
-            left_um,
-            left_urad,
-        };
+        let stop = Stop { state: report.state.into(), left_um, left_urad };
         let _ = self.log(who, what, Event::Stop(stop));
         if !self.writer.settle(END_TIMEOUT) {
             tracing::error!("the disk of the audit log does not answer: the last records are lost");
@@ -358,12 +346,8 @@ impl Service {
     fn entry(&mut self, who: &str, what: &str, event: Event) -> Entry {
         let report = *self.parts.handle.report();
         let [output_um, output_urad] = self.applied(&report);
-        let details = Details {
-            model: self.parts.model.hash.clone(),
-            output_um,
-            output_urad,
-            what: event,
-        };
+        let details =
+            Details { model: self.parts.model.hash.clone(), output_um, output_urad, what: event };
         Entry::new(who, what, details)
     }
 

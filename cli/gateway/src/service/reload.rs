@@ -81,13 +81,7 @@ impl Service {
             return Progress::Done(self.reject_files(&origin, who, what));
         }
         if let Some(question) = judged.question.take() {
-            self.record_model(
-                &origin,
-                who,
-                &plan,
-                judged.worst,
-                ModelOutcome::MustBeConfirmed,
-            );
+            self.record_model(&origin, who, &plan, judged.worst, ModelOutcome::MustBeConfirmed);
             return Progress::Done(self.must_be_confirmed(&origin, who, question));
         }
         let to = identity::limits(&plan.config);
@@ -146,21 +140,11 @@ impl Service {
         let has_same_model = plan.model.hash == self.parts.model.hash;
         let unchanged = has_same_model && (plan.config == self.parts.config || !is_configured);
         if !(has_same_model && is_configured) {
-            self.record_model(
-                &origin,
-                &step.who,
-                &plan,
-                step.judged.worst,
-                ModelOutcome::InForce,
-            );
+            self.record_model(&origin, &step.who, &plan, step.judged.worst, ModelOutcome::InForce);
         }
         let mut note = None;
         if is_configured && plan.config.machine != plan.config.configured_machine {
-            let who = if plan.config.is_machine_of_centre() {
-                "the centre"
-            } else {
-                "an operator"
-            };
+            let who = if plan.config.is_machine_of_centre() { "the centre" } else { "an operator" };
             note = Some(format!(
                 "{} was not read: the model that {who} has activated remains active",
                 plan.config.configured_machine.display()
@@ -347,10 +331,7 @@ impl Service {
         origin: ModelOrigin,
     ) -> Result<Step, Reply> {
         let judge = self.judge(confirm);
-        let config = Config {
-            machine,
-            ..self.parts.config.clone()
-        };
+        let config = Config { machine, ..self.parts.config.clone() };
         let (model, limits) = (Arc::clone(&self.parts.model), self.limits());
         let opened = self.parts.controllers.clone();
         let work = move || plan_with(config, &opened, &model, &limits, judge.as_ref());
@@ -378,10 +359,7 @@ impl Service {
     fn apply(&mut self, plan: Plan, is_confirmed: bool) {
         for (index, limits) in plan.limits().into_iter().enumerate() {
             // The queue has room for all of them: this is the only sending thread.
-            let _ = self
-                .parts
-                .handle
-                .send(Order::Limits(index, Box::new(limits)));
+            let _ = self.parts.handle.send(Order::Limits(index, Box::new(limits)));
         }
         let Plan { config, model, .. } = plan;
         let has_other_model = model.hash != self.parts.model.hash;
@@ -421,11 +399,7 @@ fn plan_again(
     }
     // A model activated by the centre or an operator stays active; only the centre or an operator can change it.
     let holds = old.machine_from() != ModelSource::File;
-    let machine = if holds {
-        &old.machine
-    } else {
-        &config.configured_machine
-    };
+    let machine = if holds { &old.machine } else { &config.configured_machine };
     config.machine.clone_from(machine);
     plan_with(config, opened, model, limits, judge)
 }
@@ -488,13 +462,7 @@ fn can_change(old: &Config, config: &Config) -> Result<(), GatewayError> {
     let fixed = |config: &Config| {
         // Without limits the cycle runs with the limits of the simulation.
         let guard = config.guard_settings().unwrap_or_else(simulate::guard);
-        (
-            guard.hand_back,
-            guard.temperatures,
-            guard.fading,
-            guard.rotary_step,
-            guard.rapid,
-        )
+        (guard.hand_back, guard.temperatures, guard.fading, guard.rotary_step, guard.rapid)
     };
     let guard = fixed(config) == fixed(old);
     let same = [
@@ -542,10 +510,8 @@ mod tests {
         let path = dir.path().join("steps.dbc");
         let gateway = gateway.replace("DBC", &path.display().to_string());
         write("gateway.toml", &gateway).expect("writable");
-        let options = Options {
-            config: Some(dir.path().join("gateway.toml")),
-            ..Options::default()
-        };
+        let options =
+            Options { config: Some(dir.path().join("gateway.toml")), ..Options::default() };
         let config = options.configuration().expect("right");
         let running = Plan::new(config.clone()).expect("right");
         let opened: Vec<Description> = running.descriptions().cloned().collect();

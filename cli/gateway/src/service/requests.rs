@@ -305,10 +305,7 @@ mod tests {
     /// one reports now.
     #[test]
     fn a_fault_stays_while_any_controller_shows_an_interlock() {
-        let mut report = Report {
-            correction_known: true,
-            ..Report::default()
-        };
+        let mut report = Report { correction_known: true, ..Report::default() };
         report.paths[0].reasons = Reasons::CONTROLLER_ALARM | Reasons::INTERLOCK_UNSEEN;
         report.reasons = report.paths[0].reasons;
         assert!(!may_not_end(&report));

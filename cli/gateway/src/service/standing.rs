@@ -28,10 +28,7 @@ pub(crate) fn read(dir: &Path) -> Standing {
     let path = standing_file(dir);
     let unread = |error: String| {
         tracing::error!("{}: {error}: auto-arm is off", path.display());
-        Standing {
-            disarmed_by: Some(UNKNOWN_REQUESTER.to_owned()),
-            ..Standing::default()
-        }
+        Standing { disarmed_by: Some(UNKNOWN_REQUESTER.to_owned()), ..Standing::default() }
     };
     let standing = match std::fs::read(&path)
         .map(|bytes| String::from_utf8_lossy(&bytes).into_owned())
@@ -59,10 +56,7 @@ fn has_records(dir: &Path) -> bool {
 fn with_jumps(mut standing: Standing) -> Standing {
     let jumped = std::mem::take(&mut standing.jumped);
     if !jumped.is_empty() {
-        let what = format!(
-            "temperature that jumped before the restart: {}",
-            jumped.join(", ")
-        );
+        let what = format!("temperature that jumped before the restart: {}", jumped.join(", "));
         standing.faulted.get_or_insert_default().push(what);
     }
     standing
@@ -237,9 +231,6 @@ mod tests {
         assert_eq!(found, [(2, stop)]);
         let unseen = |device| format!("interlock not seen to clear before the restart: {device}");
         assert_eq!(standing.faulted, Some(["b", "c"].map(unseen).to_vec()));
-        assert_eq!(
-            standing.interlocks,
-            BTreeMap::from([shown("a", "emergency stop")])
-        );
+        assert_eq!(standing.interlocks, BTreeMap::from([shown("a", "emergency stop")]));
     }
 }

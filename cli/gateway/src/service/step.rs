@@ -169,9 +169,7 @@ pub(super) fn describe(answer: &Answer) -> String {
     match answer {
         Answer::Question(question) => {
             let size = |size: Option<f64>| {
-                size.map_or("an unknown number of".to_owned(), |size| {
-                    format!("{size:.1}")
-                })
+                size.map_or("an unknown number of".to_owned(), |size| format!("{size:.1}"))
             };
             let limits: Vec<&str> = question.limits.keys().map(String::as_str).collect();
             let limits = if limits.is_empty() {

@@ -96,10 +96,7 @@ mod tests {
             if ms.is_multiple_of(every) && !in_gap {
                 let missed = (ms - last) / 4 - 1;
                 last = ms;
-                let timing = Timing {
-                    missed,
-                    ..Timing::default()
-                };
+                let timing = Timing { missed, ..Timing::default() };
                 dog.count(&timing, now);
             }
             if ms.is_multiple_of(50) {
@@ -117,9 +114,6 @@ mod tests {
         assert_eq!(fed(16, 0), 0, "a quarter of the cycles");
         assert_eq!(fed(1000, 0), 0, "one a second");
         let with_gap = fed(4, 2000);
-        assert!(
-            (72..=80).contains(&with_gap),
-            "{with_gap}: none for two seconds"
-        );
+        assert!((72..=80).contains(&with_gap), "{with_gap}: none for two seconds");
     }
 }

@@ -46,15 +46,13 @@ impl Worker {
         open.fetch_add(1, Ordering::AcqRel);
         // The thread logs under the span of the machine that starts it.
         let span = tracing::Span::current();
-        let begun = thread::Builder::new()
-            .name("volcomp-files".to_owned())
-            .spawn(move || {
-                let result = span.in_scope(work);
-                busy.store(false, Ordering::Release);
-                // The receiver may have been dropped.
-                let _ = tell.send(result);
-                open.fetch_sub(1, Ordering::AcqRel);
-            });
+        let begun = thread::Builder::new().name("volcomp-files".to_owned()).spawn(move || {
+            let result = span.in_scope(work);
+            busy.store(false, Ordering::Release);
+            // The receiver may have been dropped.
+            let _ = tell.send(result);
+            open.fetch_sub(1, Ordering::AcqRel);
+        });
         if begun.is_err() {
             self.busy.store(false, Ordering::Release);
             self.open.fetch_sub(1, Ordering::AcqRel);

@@ -29,9 +29,7 @@ axes = ["X", "Y", "Z"]
 "#;
 
 fn decode(text: &str) -> Result<(), String> {
-    Config::parse(text, "gateway.toml", Path::new(""))
-        .map(drop)
-        .map_err(|e| e.to_string())
+    Config::parse(text, "gateway.toml", Path::new("")).map(drop).map_err(|e| e.to_string())
 }
 
 /// A configuration block; a fragment is completed with [`SMALL`].
@@ -97,20 +95,14 @@ impl Gateway {
                 .arg(audit_dir)
                 .stderr(Stdio::null()),
         );
-        Self {
-            _running: running,
-            address: line.rsplit('/').next().unwrap_or("").to_owned(),
-        }
+        Self { _running: running, address: line.rsplit('/').next().unwrap_or("").to_owned() }
     }
 
     fn get(&self, path: &str) -> String {
         let mut stream = TcpStream::connect(&self.address).expect("it listens");
         let address = &self.address;
-        write!(
-            stream,
-            "GET {path} HTTP/1.1\r\nHost: {address}\r\nConnection: close\r\n\r\n"
-        )
-        .expect("a request");
+        write!(stream, "GET {path} HTTP/1.1\r\nHost: {address}\r\nConnection: close\r\n\r\n")
+            .expect("a request");
         let mut answer = String::new();
         stream.read_to_string(&mut answer).expect("an answer");
         let (_, body) = answer.split_once("\r\n\r\n").expect("a body");
@@ -126,10 +118,8 @@ fn every_metric_and_every_key_of_the_state_is_in_the_chapter() {
 
     let metrics = gateway.get("/metrics");
     let types = metrics.lines().filter_map(|l| l.strip_prefix("# TYPE "));
-    let reported: BTreeSet<String> = types
-        .filter_map(|line| line.split(' ').next())
-        .map(str::to_owned)
-        .collect();
+    let reported: BTreeSet<String> =
+        types.filter_map(|line| line.split(' ').next()).map(str::to_owned).collect();
     let documented: BTreeSet<String> = first_column(&page, "metric")
         .iter()
         .filter_map(|name| name.split('{').next())
@@ -140,10 +130,7 @@ fn every_metric_and_every_key_of_the_state_is_in_the_chapter() {
     let state: serde_json::Value = serde_json::from_str(&gateway.get("/api/state")).expect("JSON");
     let documented = first_column(&page, "name");
     let state = state.as_object().expect("an object");
-    let missing: Vec<_> = state
-        .keys()
-        .filter(|key| !documented.contains(*key))
-        .collect();
+    let missing: Vec<_> = state.keys().filter(|key| !documented.contains(*key)).collect();
     assert!(missing.is_empty(), "http-api.md does not say {missing:?}");
     assert!(fs::read_dir(folder.path()).expect("the folder").count() > 0);
 }
@@ -151,9 +138,7 @@ fn every_metric_and_every_key_of_the_state_is_in_the_chapter() {
 #[test]
 fn every_reason_is_in_the_chapter() {
     let text = fs::read_to_string(chapter("operating.md")).expect("a page");
-    let rows = text
-        .lines()
-        .map(|line| line.split(" | ").collect::<Vec<_>>());
+    let rows = text.lines().map(|line| line.split(" | ").collect::<Vec<_>>());
     let reported: BTreeMap<&str, bool> = rows
         .filter_map(|row| match row[..] {
             [reasons, "no", ..] => Some((reasons, false)),
@@ -178,9 +163,7 @@ fn every_reason_is_in_the_chapter() {
 
 fn tests_of_hazards() -> BTreeSet<String> {
     let text = fs::read_to_string(chapter("guard.md")).expect("a page");
-    let rows = text
-        .lines()
-        .map(|line| line.split(" | ").collect::<Vec<_>>());
+    let rows = text.lines().map(|line| line.split(" | ").collect::<Vec<_>>());
     let mut rows = rows.skip_while(|row| row[0] != "| hazard");
     let place = rows.next().expect("the table");
     let place = place.iter().position(|head| *head == "test").expect("it");

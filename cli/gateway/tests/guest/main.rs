@@ -41,12 +41,7 @@ struct Control {
 }
 
 fn message(table: &SignalTable, name: &str) -> Message {
-    table
-        .messages
-        .iter()
-        .find(|m| m.name == name)
-        .unwrap()
-        .clone()
+    table.messages.iter().find(|m| m.name == name).unwrap().clone()
 }
 
 fn frame(message: &Message, values: &[f64], counter: u64) -> Frame {
@@ -60,10 +55,7 @@ fn frame(message: &Message, values: &[f64], counter: u64) -> Frame {
 
 impl Control {
     fn start() -> Self {
-        let (stop, silent) = (
-            Arc::new(AtomicBool::new(false)),
-            Arc::new(AtomicBool::new(false)),
-        );
+        let (stop, silent) = (Arc::new(AtomicBool::new(false)), Arc::new(AtomicBool::new(false)));
         let applied = Arc::new(Mutex::new([0.0; 3]));
         let (ends, quiet, takes) = (Arc::clone(&stop), Arc::clone(&silent), Arc::clone(&applied));
         let thread = std::thread::spawn(move || {
@@ -113,12 +105,7 @@ impl Control {
                 std::thread::sleep(Duration::from_millis(10));
             }
         });
-        Self {
-            stop,
-            silent,
-            applied,
-            thread: Some(thread),
-        }
+        Self { stop, silent, applied, thread: Some(thread) }
     }
 }
 
@@ -133,22 +120,15 @@ impl Drop for Control {
 fn over_vcan() {
     let dir = tempfile::tempdir_in("/var/tmp").unwrap();
     let control = Control::start();
-    let config = configuration(
-        dir.path(),
-        "url = \"can://vcan0\"\naxes = [\"X\", \"Y\", \"Z\"]",
-    );
+    let config = configuration(dir.path(), "url = \"can://vcan0\"\naxes = [\"X\", \"Y\", \"Z\"]");
     let mut program = Program::start(dir.path(), &["--config", path(&config)]);
     program.wait_for("compensating");
-    program
-        .wait(|state| state["correction_um"]["Y"] == -20.0)
-        .unwrap();
+    program.wait(|state| state["correction_um"]["Y"] == -20.0).unwrap();
     std::thread::sleep(Duration::from_millis(200));
     // 0.05 um/mm at 200 mm, and 20 um.
     assert_eq!(*control.applied.lock().unwrap(), [-10.0, -20.0, 0.0]);
     control.silent.store(true, Ordering::Relaxed);
-    program
-        .wait(|state| state["state"] == "holding" || state["state"] == "ramping-out")
-        .unwrap();
+    program.wait(|state| state["state"] == "holding" || state["state"] == "ramping-out").unwrap();
     control.silent.store(false, Ordering::Relaxed);
     program.wait_for("compensating");
     program.signal("TERM");
@@ -184,11 +164,7 @@ fn over_digital_lines() {
     let (outputs, inputs) = (bank("panel-out"), bank("panel-in"));
     let shows = |word: u32| {
         for line in 0..15 {
-            let pull = if word >> line & 1 == 1 {
-                "pull-up"
-            } else {
-                "pull-down"
-            };
+            let pull = if word >> line & 1 == 1 { "pull-up" } else { "pull-down" };
             fs::write(outputs.join(format!("sim_gpio{line}/pull")), pull).unwrap();
         }
     };
@@ -207,21 +183,13 @@ fn over_digital_lines() {
     let mut program = Program::start(dir.path(), &["--config", path(&config)]);
     let state = program.wait_for("compensating");
     let reasons = state["reasons"].to_string();
-    for reason in [
-        "unwatched",
-        "cannot see other gateways",
-        "not proven what positions contain",
-    ] {
+    for reason in ["unwatched", "cannot see other gateways", "not proven what positions contain"] {
         assert!(reasons.contains(reason), "{reasons}");
     }
-    program
-        .wait(|state| state["correction_um"]["X"] == -10.0)
-        .unwrap();
+    program.wait(|state| state["correction_um"]["X"] == -10.0).unwrap();
     assert_eq!(sees(), -10);
     shows(600 * 32);
-    program
-        .wait(|state| state["correction_um"]["X"] == -30.0)
-        .unwrap();
+    program.wait(|state| state["correction_um"]["X"] == -30.0).unwrap();
     assert_eq!(sees(), -30);
     program.signal("TERM");
     assert_eq!(program.end(), Some(0));

@@ -22,11 +22,7 @@ fn folder() -> tempfile::TempDir {
         std::fs::set_permissions(&file, std::fs::Permissions::from_mode(mode)).expect("ours");
     };
     token_file(dir.path());
-    write(
-        "open",
-        "anna operate 0123456789abcdef0123456789abcdef\n",
-        0o644,
-    );
+    write("open", "anna operate 0123456789abcdef0123456789abcdef\n", 0o644);
     write("short", "anna operate 0123\n", 0o600);
     write("bare.dbc", BARE, 0o644);
     write("barrier.dbc", volcomp_can::BARRIER_DBC, 0o644);
@@ -51,11 +47,7 @@ fn check_and_the_daemon_refuse_alike() {
         let daemon = machine(&config).plan().err().expect(&text);
         let said = check.to_string();
         assert_eq!(said, daemon.to_string(), "{text}");
-        assert!(
-            said.contains(case.says),
-            "{said} for {} in {text}",
-            case.says
-        );
+        assert!(said.contains(case.says), "{said} for {} in {text}", case.says);
         assert_eq!([check.status(), daemon.status()], [2; 2], "{said}");
     }
 }
@@ -93,9 +85,7 @@ fn a_plan_describes_what_is_opened() {
     let lines = "url = \"modbus://127.0.0.1:1?profile=ADAM-6050\"\naxes = [\"X\"]\nfixed = { Y = 0.0, Z = 0.0 }\nunwatched = true\nunseen = [\"referenced\", \"alarm\", \"emergency_stop\"]\n[controller.digital]\nposition_bits = 8\nposition_mm_per_count = 10.0\ncorrection_bits = 6";
     let slow = RIGHT.replace("cycle_ms = 4.0", "cycle_ms = 20.0");
     // Six correction bits with a sign hold at most 31 µm.
-    let lines = slow
-        .replace(FOCAS, lines)
-        .replace("limit_um = 150.0", "limit_um = 31.0");
+    let lines = slow.replace(FOCAS, lines).replace("limit_um = 150.0", "limit_um = 31.0");
     for text in [slow, lines] {
         std::fs::write(dir.path().join("machine.toml"), MACHINE).expect("writable");
         let config = Config::parse(&text, "G.toml", dir.path()).unwrap_or_else(|e| panic!("{e}"));

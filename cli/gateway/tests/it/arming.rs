@@ -74,10 +74,7 @@ fn auto_arm_follows_no_disarm_at_any_stage() {
         assert!(text.contains("\"disarmed_by\":\"anna\""), "{case}: {text}");
     }
     let cases = "of 20: before and after the record";
-    assert!(
-        (1..20).contains(&recorded_before),
-        "{recorded_before} {cases}"
-    );
+    assert!((1..20).contains(&recorded_before), "{recorded_before} {cases}");
 }
 
 /// Without `[guard]` the gateway runs and reports its state, but an arm request gets status 409: limits are not configured.
@@ -106,11 +103,7 @@ fn a_hanging_control_thread_is_reported_and_requests_expire() {
     let (_dir, config, mut gateway) = started("");
     gateway.watch();
     gateway.hang(Duration::from_millis(90));
-    assert_eq!(
-        gateway.state()["state"],
-        "disarmed",
-        "late, and no reason to doubt"
-    );
+    assert_eq!(gateway.state()["state"], "disarmed", "late, and no reason to doubt");
     gateway.hang(Duration::from_millis(20));
     let state = gateway.state();
     assert_eq!(state["state"], "unknown");
@@ -126,10 +119,7 @@ fn a_hanging_control_thread_is_reported_and_requests_expire() {
     assert!(path["answered_ms"].as_f64() > Some(12.0), "it ages: {path}");
     let shape = machine(&config).plan().expect("right").shape();
     let text = metrics::text(&gateway.parts.published.latest(), &quantities(&shape));
-    for line in [
-        "volcomp_state{state=\"unknown\"} 1",
-        "volcomp_reason{reason=\"no cycle\"} 1",
-    ] {
+    for line in ["volcomp_state{state=\"unknown\"} 1", "volcomp_reason{reason=\"no cycle\"} 1"] {
         assert!(text.contains(line), "{text}");
     }
     // This request expires while the thread hangs and must not be executed later.

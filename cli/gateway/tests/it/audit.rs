@@ -41,8 +41,7 @@ fn the_chain_goes_on_from_file_to_file_and_the_oldest_goes() {
     assert_eq!((found.records, found.cut_bytes), (0, 0));
     let mut log = log.rotating_at(1000);
     for number in 0..60 {
-        log.append("anna", "test", details(&number.to_string()))
-            .expect("room");
+        log.append("anna", "test", details(&number.to_string())).expect("room");
     }
     let mut files: Vec<_> = std::fs::read_dir(dir.path())
         .expect("readable")
@@ -52,11 +51,8 @@ fn the_chain_goes_on_from_file_to_file_and_the_oldest_goes() {
     assert_eq!(files.len(), 9, "{files:?}");
     let read = |name: &str| std::fs::read_to_string(dir.path().join(name)).expect("readable");
     // The rotated files, oldest first, are one chain of hashes.
-    let names: Vec<String> = (1..=8)
-        .rev()
-        .map(|n| format!("audit.{n}.log"))
-        .chain(["audit.log".to_owned()])
-        .collect();
+    let names: Vec<String> =
+        (1..=8).rev().map(|n| format!("audit.{n}.log")).chain(["audit.log".to_owned()]).collect();
     let all: String = names.iter().map(|name| read(name)).collect();
     let whole = verify(all.as_bytes());
     assert_eq!((whole.end, whole.broken), (all.len(), None));
@@ -70,8 +66,7 @@ fn the_chain_goes_on_from_file_to_file_and_the_oldest_goes() {
     // The last records come newest first, across files; a line that is no record is left out.
     let mut file = std::fs::OpenOptions::new();
     let file = file.append(true).open(log_file(dir.path()));
-    file.and_then(|mut file| file.write_all(b"no record\n"))
-        .expect("writable");
+    file.and_then(|mut file| file.write_all(b"no record\n")).expect("writable");
     let seqs = |count| {
         let last = last_records(dir.path(), count).expect("readable");
         last.iter().map(|record| record.seq).collect::<Vec<_>>()
@@ -82,10 +77,7 @@ fn the_chain_goes_on_from_file_to_file_and_the_oldest_goes() {
     assert_eq!(seqs(usize::MAX), (oldest..=61).rev().collect::<Vec<_>>());
     assert!(seqs(0).is_empty());
     let missing = dir.path().join("none");
-    assert_eq!(
-        last_records(&missing, 5).map(|last| last.len()).ok(),
-        Some(0)
-    );
+    assert_eq!(last_records(&missing, 5).map(|last| last.len()).ok(), Some(0));
 }
 
 fn whole_log(dir: &Path) -> String {
@@ -158,10 +150,7 @@ fn a_rotation_that_was_broken_off_is_completed() {
         }
         let before = whole_log(dir.path());
         append_until(9);
-        assert!(
-            whole_log(dir.path()).starts_with(&before),
-            "{is_current_renamed}"
-        );
+        assert!(whole_log(dir.path()).starts_with(&before), "{is_current_renamed}");
     }
 }
 
@@ -203,8 +192,7 @@ fn a_tail_torn_anywhere_is_cut() {
     let dir = tempfile::tempdir().expect("writable");
     let (mut log, _) = AuditLog::open(dir.path()).expect("new");
     for number in 0..3 {
-        log.append("anna", "test", details(&number.to_string()))
-            .expect("room");
+        log.append("anna", "test", details(&number.to_string())).expect("room");
     }
     drop(log);
     let path = dir.path().join("audit.log");
@@ -259,10 +247,7 @@ fn hanging(dir: &Path) -> (AuditWriter, Disk) {
         of_log.waits.store(false, Ordering::Relaxed);
         file.sync_data()
     });
-    (
-        AuditWriter::start(log, volcomp_port::Clock::system()).expect("a thread"),
-        disk,
-    )
+    (AuditWriter::start(log, volcomp_port::Clock::system()).expect("a thread"), disk)
 }
 
 fn entry(what: &str) -> Entry {
@@ -288,21 +273,13 @@ fn a_hanging_disk_blocks_no_caller_and_lost_records_are_counted() {
     disk.hang(true);
     let at_hand = writer.record(entry("at hand"));
     soon(|| disk.has_a_record());
-    let receipts: Vec<Receipt> = (0..400)
-        .map(|n| writer.record(entry(&n.to_string())))
-        .collect();
+    let receipts: Vec<Receipt> = (0..400).map(|n| writer.record(entry(&n.to_string()))).collect();
     // 256 records are queued behind the one that the disk holds.
-    let lost = receipts
-        .iter()
-        .filter(|r| r.written() == Some(false))
-        .count();
+    let lost = receipts.iter().filter(|r| r.written() == Some(false)).count();
     assert_eq!(lost, 400 - 256);
     assert_eq!(at_hand.written(), None);
     assert_eq!(writer.trouble(), Some("records of the audit log were lost"));
-    assert!(
-        !writer.settle(Duration::from_millis(20)),
-        "the end does not wait for ever"
-    );
+    assert!(!writer.settle(Duration::from_millis(20)), "the end does not wait for ever");
     disk.hang(false);
     assert!(writer.settle(PATIENCE));
     assert_eq!(writer.trouble(), None);

@@ -29,11 +29,7 @@ pub(crate) struct Watched<C> {
 
 impl<C: Controller> Watched<C> {
     pub(crate) fn new(inner: C, seen: &Arc<Mutex<Seen>>) -> Self {
-        Self {
-            description: inner.description().clone(),
-            inner,
-            seen: Arc::clone(seen),
-        }
+        Self { description: inner.description().clone(), inner, seen: Arc::clone(seen) }
     }
 
     pub(crate) fn on(mut self, channel: &str) -> Self {
@@ -122,17 +118,11 @@ pub(crate) fn path(
 
 /// Settings for a control that no other gateway can reach.
 pub(crate) fn alone() -> PathSettings {
-    PathSettings {
-        watch: Duration::ZERO,
-        ..PathSettings::default()
-    }
+    PathSettings { watch: Duration::ZERO, ..PathSettings::default() }
 }
 
 pub(crate) fn unproven() -> PathSettings {
-    PathSettings {
-        proves: false,
-        ..alone()
-    }
+    PathSettings { proves: false, ..alone() }
 }
 
 impl Bench {
@@ -205,11 +195,7 @@ impl Bench {
     /// Runs one cycle, and fails if the cycle allocates.
     pub(crate) fn step(&mut self, dt: Duration, request: Option<Request>) -> Report {
         self.clock.advance(dt);
-        let asked = CycleInput {
-            request,
-            forbids: self.forbids,
-            notes: Reasons::NONE,
-        };
+        let asked = CycleInput { request, forbids: self.forbids, notes: Reasons::NONE };
         let now = self.clock.now();
         assert_no_alloc(|| {
             self.cycle.run(now, &asked, &mut || Duration::ZERO);
@@ -231,10 +217,7 @@ impl Bench {
     }
 
     pub(crate) fn applied(&self) -> PerChannel<f64> {
-        self.seen
-            .lock()
-            .expect("no test holds it in a panic")
-            .applied
+        self.seen.lock().expect("no test holds it in a panic").applied
     }
 
     /// Runs for this time, and returns the largest change of a correction between two cycles, mm.

@@ -123,10 +123,8 @@ fn an_engineer_brings_measurements_from_the_studio_into_force() {
 fn corrects_as(machine: &Machine, state: &Value) -> bool {
     let at = |list: &str, axis: AxisName| state[list][axis.to_string()].as_f64();
     let axes = [AxisName::X, AxisName::Y, AxisName::Z];
-    let position: Option<Vec<(AxisName, f64)>> = axes
-        .iter()
-        .map(|axis| Some((*axis, at("positions_mm", *axis)?)))
-        .collect();
+    let position: Option<Vec<(AxisName, f64)>> =
+        axes.iter().map(|axis| Some((*axis, at("positions_mm", *axis)?))).collect();
     let Some(position) = position else {
         return false;
     };

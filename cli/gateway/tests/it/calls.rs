@@ -48,11 +48,8 @@ token_file = "tokens" | token_file = "G.toml" | mode
 fn the_documented_configuration_is_right() {
     let dir = tempfile::tempdir().expect("writable");
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
-    std::fs::copy(
-        root.join("../../examples/gantry.toml"),
-        dir.path().join("machine.toml"),
-    )
-    .expect("there");
+    std::fs::copy(root.join("../../examples/gantry.toml"), dir.path().join("machine.toml"))
+        .expect("there");
     let text = std::fs::read_to_string(root.join("debian/gateway.toml")).expect("there");
     let config = dir.path().join("G.toml");
     std::fs::write(&config, text).expect("writable");
@@ -68,10 +65,7 @@ fn the_documented_configuration_is_right() {
 fn elsewhere_only_with_tls_and_a_token() {
     let dir = tempfile::tempdir().expect("writable");
     let call = |arguments: &[&str]| {
-        Command::new(env!("CARGO_BIN_EXE_volcomp-gateway"))
-            .args(arguments)
-            .output()
-            .expect("built")
+        Command::new(env!("CARGO_BIN_EXE_volcomp-gateway")).args(arguments).output().expect("built")
     };
     let refused = call(&["--simulate", "--listen", "0.0.0.0:0"]);
     assert_eq!(refused.status.code(), Some(2));
@@ -106,13 +100,7 @@ fn elsewhere_only_with_tls_and_a_token() {
     let log = std::fs::read_to_string(&log_path).expect("readable");
     assert!(without.contains("answers 401"), "{without}\n{log}");
     let viewer = viewer(dir.path());
-    let with_token = [
-        "status",
-        "--config",
-        path(&config),
-        "--token-file",
-        path(&viewer),
-    ];
+    let with_token = ["status", "--config", path(&config), "--token-file", path(&viewer)];
     // The page answers before the first cycle.
     let end = Instant::now() + Duration::from_secs(60);
     loop {

@@ -17,10 +17,5 @@ pub(crate) fn control() -> Simulator {
 pub(crate) fn configuration(dir: &Path, control: &Simulator, more: &str) -> std::path::PathBuf {
     token_file(dir);
     let address = control.address().to_string();
-    configuration_of(
-        &address,
-        dir,
-        more,
-        "[dashboard]\ntoken_file = \"tokens\"\n",
-    )
+    configuration_of(&address, dir, more, "[dashboard]\ntoken_file = \"tokens\"\n")
 }

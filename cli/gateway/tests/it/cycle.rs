@@ -31,10 +31,7 @@ fn temperatures_reach_the_correction() {
     }
     assert_eq!(report.positions, place, "it stands where it stood");
     assert!(report.sensors[2].degc.is_some_and(|degc| degc > 28.0));
-    assert!(
-        (report.wanted[2] - cold[2]).abs() > 0.01,
-        "{cold:?} {report:?}"
-    );
+    assert!((report.wanted[2] - cold[2]).abs() > 0.01, "{cold:?} {report:?}");
 }
 
 /// A machine with two controllers.
@@ -53,10 +50,7 @@ fn two(left: &PerChannel<f64>) -> Two {
     let model = Model::new(&first.model, guard.fading).expect("built in");
     let mut seen = Vec::new();
     let mut paths = Vec::new();
-    for (index, controller) in [first.controller, second.controller]
-        .into_iter()
-        .enumerate()
-    {
+    for (index, controller) in [first.controller, second.controller].into_iter().enumerate() {
         seen.push(Arc::new(Mutex::new(Seen::default())));
         let controller = Watched::new(controller, &seen[index]);
         paths.push(path(controller, &model, &guard, &unproven()));
@@ -69,10 +63,7 @@ fn two(left: &PerChannel<f64>) -> Two {
         seen: seen.remove(0),
         forbids: Reasons::NONE,
     };
-    let mut two = Two {
-        bench,
-        second: seen.remove(0),
-    };
+    let mut two = Two { bench, second: seen.remove(0) };
     // Three consistent readings confirm the applied correction.
     two.bench.run(SECOND / 2);
     two.bench.request(Request::Arm);
@@ -131,21 +122,13 @@ fn a_path_with_fewer_axes_stands_in_only_where_the_others_are_known() {
         let second = Arc::new(Mutex::new(Seen::default()));
         let others = fixed.map_or(BTreeMap::new(), |at| {
             let named = [(AxisName::Y, at), (AxisName::Z, 500.0)];
-            named
-                .map(|(name, at)| (name, Displacement::Length(Mm(at))))
-                .into()
+            named.map(|(name, at)| (name, Displacement::Length(Mm(at)))).into()
         });
-        let settings = PathSettings {
-            fixed: others,
-            ..unproven()
-        };
+        let settings = PathSettings { fixed: others, ..unproven() };
         // Only a barrier removes the correction of the other axes when the first path falls silent.
         let protection = simulate::protection();
         let barrier = PathSettings {
-            barrier: Some(BarrierSettings {
-                machine: protection.machine,
-                scan: protection.scan,
-            }),
+            barrier: Some(BarrierSettings { machine: protection.machine, scan: protection.scan }),
             ..unproven()
         };
         let mut bench = Bench::through(&guard, |parts| {
@@ -221,11 +204,7 @@ fn the_error_goes_over_the_whole_volume_moving_and_warming_up() {
         if cycle % 50 != 0 {
             continue;
         }
-        let degc: Vec<f64> = report
-            .sensors
-            .iter()
-            .map_while(|sensor| sensor.degc)
-            .collect();
+        let degc: Vec<f64> = report.sensors.iter().map_while(|sensor| sensor.degc).collect();
         let positions = report.positions;
         // The correction applied when the machine arrived at this position.
         let b = bench.truth.error(&positions, &degc).norm() * 1e3;
@@ -239,10 +218,7 @@ fn the_error_goes_over_the_whole_volume_moving_and_warming_up() {
         after.push(a);
     }
     let count = before.len() as f64;
-    let rms = [
-        (squares_before / count).sqrt(),
-        (squares_after / count).sqrt(),
-    ];
+    let rms = [(squares_before / count).sqrt(), (squares_after / count).sqrt()];
     let largest = |v: &[f64]| v.iter().copied().fold(0.0, f64::max);
     println!(
         "before: rms {:.1} um, largest {:.1}; after: rms {:.2}, largest {:.2}; {:.1} %; at most {above_floor:.2} um above the floor",

@@ -48,10 +48,7 @@ fn diagonals() -> String {
         let at: Vec<String> = name.chars().zip([400.0, 300.0, 200.0]).map(at).collect();
         format!("{name},{},60000", at.join(","))
     };
-    let mut rows = vec![
-        "line,X,Y,Z,feed".to_owned(),
-        ",200,150,100,60000".to_owned(),
-    ];
+    let mut rows = vec!["line,X,Y,Z,feed".to_owned(), ",200,150,100,60000".to_owned()];
     for name in ["PPP", "NPP", "PNP", "PPN"] {
         rows.extend([0.0, 0.25, 0.5, 0.75, 1.0].map(|share| row(name, share)));
     }

@@ -13,10 +13,8 @@ pub(crate) fn validate(name: &str, document: &Value) {
     let (_, schema) = all.find(|(of, _)| *of == name).expect("a document");
     let schema = schema.to_value();
     let validator = jsonschema::validator_for(&schema).unwrap_or_else(|e| panic!("{name}: {e}"));
-    let errors: Vec<String> = validator
-        .iter_errors(document)
-        .map(|e| format!("{}: {e}", e.instance_path()))
-        .collect();
+    let errors: Vec<String> =
+        validator.iter_errors(document).map(|e| format!("{}: {e}", e.instance_path())).collect();
     assert!(errors.is_empty(), "{name}: {errors:?} in {document}");
 }
 
@@ -37,9 +35,7 @@ fn live_documents_fit_their_schemas() {
     for span_s in [120, 3600, 2_592_000] {
         let history = program.get(&format!("/api/history?span_s={span_s}")).json();
         validate("gateway-history.json", &history);
-        let last = history["points"]
-            .as_array()
-            .and_then(|points| points.last());
+        let last = history["points"].as_array().and_then(|points| points.last());
         let last = last.expect("a point");
         assert!(last["correction_um"].is_object(), "{last}");
     }
@@ -64,8 +60,7 @@ fn live_documents_fit_their_schemas() {
     let texts = |who: &str| {
         let events = log["events"].as_array().expect("a list").iter();
         let own = events.filter(move |event| event["who"] == who);
-        own.map(|event| event["text"].to_string())
-            .collect::<Vec<_>>()
+        own.map(|event| event["text"].to_string()).collect::<Vec<_>>()
     };
     assert!(texts("anna").contains(&"\"Disarm\"".to_owned()), "{log}");
     assert_eq!(program.get("/api/log?count=x").status, 400);

@@ -33,10 +33,8 @@ fn two_ways(barrier: bool, blind: bool) -> Bench {
     let simulation = simulation.expect("built in");
     let protection = protection();
     let settings = PathSettings {
-        barrier: barrier.then_some(BarrierSettings {
-            machine: protection.machine,
-            scan: protection.scan,
-        }),
+        barrier: barrier
+            .then_some(BarrierSettings { machine: protection.machine, scan: protection.scan }),
         ..unproven()
     };
     let model = Model::new(&simulation.model, guard.fading).expect("built in");
@@ -47,10 +45,8 @@ fn two_ways(barrier: bool, blind: bool) -> Bench {
     }
     let seen = Arc::new(Mutex::new(Seen::default()));
     let first = Watched::new(simulation.controller, &seen);
-    let paths = vec![
-        path(first, &model, &guard, &settings),
-        path(another, &model, &guard, &settings),
-    ];
+    let paths =
+        vec![path(first, &model, &guard, &settings), path(another, &model, &guard, &settings)];
     let thermometer = Box::new(simulation.thermometer);
     let mut bench = Bench {
         cycle: cycle(model, paths, &guard, thermometer, &clock),
@@ -107,23 +103,14 @@ fn an_emergency_stop_causes_no_change_of_path() {
         silence_first(&bench, Some(Fault::NotConnected));
         let report = bench.run(3 * SECOND);
         assert!(
-            report
-                .reasons
-                .contains(Reasons::EMERGENCY_STOP | Reasons::INTERLOCK_UNSEEN),
+            report.reasons.contains(Reasons::EMERGENCY_STOP | Reasons::INTERLOCK_UNSEEN),
             "{:?}",
             report.reasons
         );
         silence_first(&bench, None);
         bench.run(6 * SECOND);
-        assert_eq!(
-            bench.controls.axes.changes_while_held(),
-            0,
-            "barrier {barrier}"
-        );
-        bench
-            .controls
-            .emergency_stop
-            .store(false, Ordering::Relaxed);
+        assert_eq!(bench.controls.axes.changes_while_held(), 0, "barrier {barrier}");
+        bench.controls.emergency_stop.store(false, Ordering::Relaxed);
         let report = bench.run(4 * SECOND);
         assert_eq!(report.state.name(), "compensating", "{:?}", report.reasons);
         assert!(largest_change(&bench) <= MOST, "{}", largest_change(&bench));

@@ -124,11 +124,7 @@ fn axes_in_another_order_than_the_barriers_are_refused() {
     let dir = tempfile::tempdir().expect("writable");
     let control = start(world());
     let config = guarded(dir.path(), &control);
-    change(
-        &config,
-        r#"axes = ["X", "Y", "Z"]"#,
-        r#"axes = ["Y", "X", "Z"]"#,
-    );
+    change(&config, r#"axes = ["X", "Y", "Z"]"#, r#"axes = ["Y", "X", "Z"]"#);
     let (_, errors, status) = check(&config, &["--online"]);
     assert_eq!(status, 1, "{errors}");
     assert!(
@@ -139,10 +135,7 @@ fn axes_in_another_order_than_the_barriers_are_refused() {
     );
     let plan = machine(&config).plan().expect("right");
     let mut cycle = plan.open().expect("it listens").cycle;
-    let arm = CycleInput {
-        request: Some(Request::Arm),
-        ..CycleInput::default()
-    };
+    let arm = CycleInput { request: Some(Request::Arm), ..CycleInput::default() };
     for _ in 0..200 {
         cycle.run(Instant::now(), &arm, &mut || Duration::ZERO);
         sleep(Duration::from_millis(4));
@@ -153,10 +146,6 @@ fn axes_in_another_order_than_the_barriers_are_refused() {
     assert_eq!(state, ("disarmed", false), "{:?}", report.reasons);
     assert_eq!(control.world().shift_counts(), [0, 0, 0]);
     drop(cycle);
-    change(
-        &config,
-        r#"axes = ["Y", "X", "Z"]"#,
-        r#"axes = ["X", "Y", "Z"]"#,
-    );
+    change(&config, r#"axes = ["Y", "X", "Z"]"#, r#"axes = ["X", "Y", "Z"]"#);
     assert_eq!(check(&config, &["--online"]).2, 0);
 }

@@ -53,10 +53,7 @@ fn the_plan_shows_effective_and_configured_values() {
         assert!(joined.contains(part), "{part}: {text}");
     }
     let notes = text.split("# note").skip(1).flat_map(str::lines);
-    assert!(
-        notes.clone().all(|line| line.chars().count() <= 80),
-        "{text}"
-    );
+    assert!(notes.clone().all(|line| line.chars().count() <= 80), "{text}");
     assert!(notes.count() > 4, "{text}");
 }
 
@@ -98,10 +95,7 @@ fn a_skipped_test_shift_is_noted() {
     let document = plan(&coarse).document().expect("a plan");
     assert_eq!(document.controllers[0].axes[0].test_shift, 0.0);
     let reported = |note: &&String| note.contains("axes X, Y, Z: no test shift");
-    assert!(
-        document.notes.iter().any(|note| reported(&note)),
-        "{document:?}"
-    );
+    assert!(document.notes.iter().any(|note| reported(&note)), "{document:?}");
 }
 
 #[test]
@@ -141,27 +135,16 @@ fn uncorrected_axes_are_listed_as_held() {
     // `check` warns of a travel in radians, as `volcomp` does.
     let radians = machine.replace("travel = [-110.0, 110.0]", "travel = [-1.571, 1.571]");
     let plan = of(&format!("correct = [\"X\", \"Y\", \"Z\"]\n{radians}"));
-    let notes = plan
-        .unwrap_or_else(|e| panic!("{e}"))
-        .document()
-        .expect("a plan")
-        .notes;
-    let asks = notes
-        .iter()
-        .any(|note| note.contains("is it stated in radians?"));
+    let notes = plan.unwrap_or_else(|e| panic!("{e}")).document().expect("a plan").notes;
+    let asks = notes.iter().any(|note| note.contains("is it stated in radians?"));
     assert!(asks, "{notes:?}");
 }
 
 /// With auto-arm and no token `check` warns that the gateway can only be disarmed at its own computer.
 #[test]
 fn auto_arm_without_a_token_is_a_warning() {
-    let document = plan(&format!("auto_arm = true\n{TEXT}"))
-        .document()
-        .expect("a plan");
-    let reported = document
-        .notes
-        .iter()
-        .any(|note| note.contains("only this computer can disarm"));
+    let document = plan(&format!("auto_arm = true\n{TEXT}")).document().expect("a plan");
+    let reported = document.notes.iter().any(|note| note.contains("only this computer can disarm"));
     assert!(reported, "{:?}", document.notes);
 }
 

@@ -18,27 +18,16 @@ const ONE_CYCLE_MM: f64 = 0.003 + 1e-9;
 #[test]
 fn a_silent_controller_is_held_then_ramped_in_from_what_it_has() {
     let mut bench = Bench::compensating();
-    for fault in [
-        Fault::TimedOut,
-        Fault::NotConnected,
-        Fault::Disconnected,
-        Fault::Protocol("garbage"),
-    ] {
+    for fault in
+        [Fault::TimedOut, Fault::NotConnected, Fault::Disconnected, Fault::Protocol("garbage")]
+    {
         bench.seen.lock().unwrap().fault = Some(fault);
         let report = bench.run(SECOND / 10);
         assert_eq!(report.state.name(), "holding");
-        assert!(
-            report
-                .reasons
-                .contains(Reasons::NO_CONTROLLER | Reasons::POSITIONS_STALE)
-        );
+        assert!(report.reasons.contains(Reasons::NO_CONTROLLER | Reasons::POSITIONS_STALE));
         let writes = bench.seen.lock().unwrap().writes;
         assert!(bench.run(SECOND).reasons.contains(Reasons::POSITIONS_LOST));
-        assert_eq!(
-            bench.seen.lock().unwrap().writes,
-            writes,
-            "nothing is written blindly"
-        );
+        assert_eq!(bench.seen.lock().unwrap().writes, writes, "nothing is written blindly");
         bench.seen.lock().unwrap().fault = None;
         assert!(bench.largest_step(2 * SECOND) <= ONE_CYCLE_MM);
         assert_eq!(bench.run(PERIOD).state.name(), "compensating");
@@ -55,11 +44,7 @@ fn a_rebooted_controller_with_its_shift_cleared_is_ramped_in_from_zero() {
     // Three readings confirm the applied value.
     let report = bench.run(3 * PERIOD);
     assert_eq!(report.state.name(), "arming");
-    assert!(
-        bench.applied().iter().all(|x| x.abs() <= ONE_CYCLE_MM),
-        "{:?}",
-        bench.applied()
-    );
+    assert!(bench.applied().iter().all(|x| x.abs() <= ONE_CYCLE_MM), "{:?}", bench.applied());
     assert!(bench.largest_step(2 * SECOND) <= ONE_CYCLE_MM);
     assert_eq!(bench.run(PERIOD).state.name(), "compensating");
 }
@@ -75,15 +60,9 @@ fn a_frozen_position_keeps_its_correction() {
     // The machine continues to warm up: one step is allowed.
     let now = bench.applied();
     let moved = now.iter().zip(&held).map(|(a, b)| (a - b).abs());
-    assert!(
-        moved.fold(0.0, f64::max) <= 0.001 + 1e-9,
-        "{now:?} {held:?}"
-    );
+    assert!(moved.fold(0.0, f64::max) <= 0.001 + 1e-9, "{now:?} {held:?}");
     bench.controls.frozen.store(false, Ordering::Relaxed);
-    assert!(
-        bench.largest_step(2 * SECOND) <= ONE_CYCLE_MM,
-        "no jump when it goes on"
-    );
+    assert!(bench.largest_step(2 * SECOND) <= ONE_CYCLE_MM, "no jump when it goes on");
 }
 
 #[test]
@@ -115,11 +94,7 @@ fn a_second_gateway_keeps_this_one_from_arming() {
     assert_eq!(report.state.name(), "disarmed");
     assert!(report.reasons.contains(Reasons::OTHER_GATEWAY));
     bench.run(6 * SECOND);
-    assert_eq!(
-        bench.request(Request::Arm).state.name(),
-        "arming",
-        "it is gone"
-    );
+    assert_eq!(bench.request(Request::Arm).state.name(), "arming", "it is gone");
 }
 
 #[test]
@@ -131,13 +106,7 @@ fn a_starved_processor_makes_no_step() {
         let after = bench.applied();
         // Slew of 0.5 mm/s in five cycles of 4 ms, plus one output step.
         let allowed = 0.5 * 0.020 + 0.001 + 1e-9;
-        assert!(
-            before
-                .iter()
-                .zip(&after)
-                .all(|(a, b)| (a - b).abs() <= allowed),
-            "{gap_ms} ms"
-        );
+        assert!(before.iter().zip(&after).all(|(a, b)| (a - b).abs() <= allowed), "{gap_ms} ms");
         assert!(bench.largest_step(2 * SECOND) <= ONE_CYCLE_MM);
         assert_eq!(bench.run(PERIOD).state.name(), "compensating");
     }
@@ -210,9 +179,7 @@ impl Thermometer for Spoiled {
         self.latest.clear();
         self.latest.extend_from_slice(self.inner.latest());
         for (index, temperature) in self.latest.iter_mut().enumerate() {
-            let age = temperature
-                .taken
-                .map(|taken| taken.saturating_duration_since(self.start));
+            let age = temperature.taken.map(|taken| taken.saturating_duration_since(self.start));
             if age > Some(60 * SECOND) && self.sensor.is_none_or(|sensor| sensor == index) {
                 *temperature = (self.spoil)(temperature);
             }
@@ -225,13 +192,7 @@ fn spoiled(sensor: Option<usize>, spoil: Spoil) -> Bench {
     let mut bench = Bench::with(&simulate::guard(), |inner| {
         let latest = Vec::with_capacity(inner.names().len());
         let start = std::time::Instant::now();
-        Box::new(Spoiled {
-            inner,
-            sensor,
-            spoil,
-            start,
-            latest,
-        })
+        Box::new(Spoiled { inner, sensor, spoil, start, latest })
     });
     bench.run(SECOND / 2);
     bench.request(Request::Arm);
@@ -244,10 +205,7 @@ fn bad(t: &Temperature, reason: Reason) -> Temperature {
 }
 
 fn with(t: &Temperature, degc: f64) -> Temperature {
-    Temperature {
-        degc: Some(degc),
-        ..*t
-    }
+    Temperature { degc: Some(degc), ..*t }
 }
 
 /// The correction changes by at most one slew step per cycle, the state stays `compensating` with the reason `degraded`, and the other
@@ -269,10 +227,7 @@ fn bad_temperatures_are_excluded_and_reported() {
         let report = bench.run(PERIOD);
         assert_eq!(report.state.name(), "compensating", "{name}");
         assert!(report.reasons.contains(Reasons::DEGRADED), "{name}");
-        assert!(
-            report.sensors[2].degc.is_none() && report.sensors[2].flaw.is_some(),
-            "{name}"
-        );
+        assert!(report.sensors[2].degc.is_none() && report.sensors[2].flaw.is_some(), "{name}");
         assert_eq!(report.sensors[0].degc.is_none(), sensor.is_none(), "{name}");
         // The values are held for five minutes and fade in ten more.
         assert!(bench.largest_step(900 * SECOND) <= ONE_CYCLE_MM, "{name}");

@@ -78,10 +78,8 @@ fn the_commands_of_the_page_lead_to_a_correction() {
     let begun = Instant::now();
     let (mut simulated, mut gateway) = (None, None);
     for command in &commands {
-        let words: Vec<String> = command
-            .iter()
-            .map(|word| word.replace("127.0.0.1:8193", &control))
-            .collect();
+        let words: Vec<String> =
+            command.iter().map(|word| word.replace("127.0.0.1:8193", &control)).collect();
         let words: Vec<&str> = words.iter().map(String::as_str).collect();
         match words[..] {
             ["cargo", "install", "--locked", "--path", folder] => {
@@ -115,15 +113,9 @@ fn the_commands_of_the_page_lead_to_a_correction() {
     eprintln!("init to compensating: {:.1?}", begun.elapsed());
     let listen = gateway.address.to_string();
     let status = done(dir, &["status", "--listen", &listen]);
-    assert!(
-        status.contains("state             compensating"),
-        "{status}"
-    );
+    assert!(status.contains("state             compensating"), "{status}");
     let out = done(dir, &["disarm", "--listen", &listen]);
-    assert!(
-        out.contains("ramping-out") || out.contains("disarmed"),
-        "{out}"
-    );
+    assert!(out.contains("ramping-out") || out.contains("disarmed"), "{out}");
     gateway.wait_for("disarmed");
     let secret = fs::read_to_string(dir.join("tokens")).expect("a token file");
     let secret = secret.split_whitespace().last().expect("a token");
@@ -164,11 +156,7 @@ fn every_bus_gets_a_configuration_that_passes() {
     }
     assert_eq!(mode(&dir.join("volcomp.key")), 0o600);
     for (name, url, names) in [
-        (
-            "modbus",
-            "modbus://192.0.2.20?profile=PTA8C04",
-            "bed,column",
-        ),
+        ("modbus", "modbus://192.0.2.20?profile=PTA8C04", "bed,column"),
         ("can", "can://can0", "bed"),
         ("opc", "opc.tcp://192.0.2.20", "bed"),
     ] {
@@ -191,10 +179,7 @@ fn five_axes_get_rotary_limits_and_what_is_not_corrected_is_read() {
     done(dir, &[&["init", "a.toml"], &init[..]].concat());
     let text = done(dir, &["check", "a.toml"]);
     assert!(text.contains("limit_urad"), "{text}");
-    done(
-        dir,
-        &[&["init", "b.toml"], &init[..], &["--axes", "X,Y,Z"]].concat(),
-    );
+    done(dir, &[&["init", "b.toml"], &init[..], &["--axes", "X,Y,Z"]].concat());
     let text = done(dir, &["check", "b.toml"]);
     assert!(text.contains("reads = "), "{text}");
     // A file of another folder names the machine file by its whole path.
@@ -231,17 +216,10 @@ none/new.toml --machine m.toml --control focas://192.0.2.10 | none/new.toml
         let message = message.trim_end();
         assert!(message.starts_with("error: "), "{message}");
         let mut left: Vec<_> = fs::read_dir(dir).expect("there").flatten().collect();
-        left.retain(|entry| {
-            !["m.toml", "old.toml"]
-                .map(Into::into)
-                .contains(&entry.file_name())
-        });
+        left.retain(|entry| !["m.toml", "old.toml"].map(Into::into).contains(&entry.file_name()));
         assert!(left.is_empty(), "{left:?}");
     }
-    assert_eq!(
-        fs::read_to_string(dir.join("old.toml")).expect("kept"),
-        "mine"
-    );
+    assert_eq!(fs::read_to_string(dir.join("old.toml")).expect("kept"), "mine");
 }
 
 #[test]
@@ -250,18 +228,7 @@ fn tokens_are_added_to_a_private_file() {
     let dir = dir.path();
     let file = dir.join("tokens");
     let add = |name: &str, role: &str| {
-        call(
-            dir,
-            &[
-                "token",
-                "add",
-                name,
-                "--role",
-                role,
-                "--token-file",
-                "tokens",
-            ],
-        )
+        call(dir, &["token", "add", name, "--role", role, "--token-file", "tokens"])
     };
     let (status, first, message) = add("anna", "operate");
     assert_eq!(status, Some(0), "{message}");
@@ -384,10 +351,7 @@ fn the_service_is_installed_on_request_alone() {
         fs::write(tokens, "# mine\n").expect("ours");
     }
     let again = install(&["mill-1", "--yes"]);
-    assert!(
-        again.contains("replace ") && again.contains("keep "),
-        "{again}"
-    );
+    assert!(again.contains("replace ") && again.contains("keep "), "{again}");
     let tokens = fs::read_to_string(root.join("etc/volcomp/mill-1/tokens"));
     assert_eq!(tokens.expect("kept"), "# mine\n");
     let (status, _, message) = call(dir.path(), &["service", "install", "a/b"]);

@@ -68,9 +68,8 @@ test_shift_urad = 0";
     let keys = [guard, "resolution_urad = 1.0"];
     let config = configuration(dir.path(), MACHINE, "127.0.0.1:1", &axes, keys);
     let mut gateway = Gateway::start(&config);
-    let state = gateway.wait("shown", |state| {
-        state["error_um"].is_array() && state["residual_um"].is_array()
-    });
+    let state = gateway
+        .wait("shown", |state| state["error_um"].is_array() && state["residual_um"].is_array());
     assert_eq!(state["state"], "disarmed");
     assert_eq!(state["error_um"], state["residual_um"]);
     assert_eq!(state["error_axis_urad"], state["residual_axis_urad"]);
@@ -85,10 +84,7 @@ test_shift_urad = 0";
     });
     let shape = machine(&config).plan().expect("right").shape();
     let text = metrics::text(&gateway.parts.published.latest(), &quantities(&shape));
-    assert!(
-        text.contains("volcomp_correction_urad{axis=\"B\"}"),
-        "{text}"
-    );
+    assert!(text.contains("volcomp_correction_urad{axis=\"B\"}"), "{text}");
     gateway.stop();
     let log = std::fs::read_to_string(dir.path().join("audit/audit.log")).expect("a log");
     let last = log.lines().last().and_then(|line| line.split_once(' '));

@@ -35,9 +35,7 @@ fn an_order_to_disable_outlives_the_activation_of_an_older_version() {
         version += 1;
         centre.roll_out(version, &model);
         centre.acknowledged(version, "activated");
-        wait(&program, "it corrects again", |state| {
-            state["state"] == "compensating"
-        });
+        wait(&program, "it corrects again", |state| state["state"] == "compensating");
     }
 }
 
@@ -225,13 +223,9 @@ fn a_restart_between_acceptance_and_activation_continues() {
     };
     let before = ramps();
     centre.stop();
-    wait(&program, "it notices", |state| {
-        state["fleet"]["connected"] == false
-    });
+    wait(&program, "it notices", |state| state["fleet"]["connected"] == false);
     centre.restart();
-    wait(&program, "it is back", |state| {
-        state["fleet"]["connected"] == true
-    });
+    wait(&program, "it is back", |state| state["fleet"]["connected"] == true);
     centre.send(&manifest, &large);
     centre.roll_out(2, &machine_with(26.0));
     centre.acknowledged(2, "activated");

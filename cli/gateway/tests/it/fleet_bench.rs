@@ -56,10 +56,7 @@ impl Centre {
             tls: None,
             cluster: None,
             centres: vec![centre.public_key()],
-            machines: vec![MachineUser {
-                identity: identity.clone(),
-                nkey: machine.public_key(),
-            }],
+            machines: vec![MachineUser { identity: identity.clone(), nkey: machine.public_key() }],
         };
         let runtime = tokio::runtime::Builder::new_multi_thread()
             .worker_threads(1)
@@ -94,10 +91,8 @@ impl Centre {
         let url = format!("nats://{}", self.settings.listen);
         let seed = self.own.seed().expect("a seed");
         self.runtime.block_on(async move {
-            let client = async_nats::ConnectOptions::with_nkey(seed)
-                .connect(url)
-                .await
-                .expect("it listens");
+            let client =
+                async_nats::ConnectOptions::with_nkey(seed).connect(url).await.expect("it listens");
             async_nats::jetstream::new(client)
         })
     }
@@ -114,10 +109,8 @@ impl Centre {
         let context = self.context();
         let value = value.to_vec();
         self.runtime.block_on(async move {
-            let acknowledged = context
-                .publish("$KV.desired.mill-1", value.into())
-                .await
-                .expect("sent");
+            let acknowledged =
+                context.publish("$KV.desired.mill-1", value.into()).await.expect("sent");
             acknowledged.await.expect("stored");
         });
     }
@@ -183,9 +176,7 @@ impl Centre {
     pub(crate) fn bodies(&self, stream: &str, kind: &str) -> Vec<Value> {
         let reported = self.reported(stream).into_iter();
         let of_kind = reported.filter(|(found, _)| found == kind);
-        of_kind
-            .map(|(_, document)| document["body"].clone())
-            .collect()
+        of_kind.map(|(_, document)| document["body"].clone()).collect()
     }
 
     pub(crate) fn acknowledged(&self, version: u64, outcome: &str) -> Value {
@@ -196,10 +187,7 @@ impl Centre {
             if let Some(ack) = acks.iter().find(fits) {
                 return ack.clone();
             }
-            assert!(
-                Instant::now() < end,
-                "no {outcome} of version {version}: {acks:?}"
-            );
+            assert!(Instant::now() < end, "no {outcome} of version {version}: {acks:?}");
             std::thread::sleep(Duration::from_millis(50));
         }
     }
@@ -257,13 +245,7 @@ impl Member<'_> {
         std::fs::write(&file, format!("{}\n", self.seed)).expect("writable");
         std::fs::set_permissions(&file, std::fs::Permissions::from_mode(0o600)).expect("ours");
         let text = std::fs::read_to_string(config).expect("readable");
-        let Self {
-            url,
-            machine,
-            serial,
-            key,
-            ..
-        } = self;
+        let Self { url, machine, serial, key, .. } = self;
         let text = format!(
             r#"{text}
 [fleet]

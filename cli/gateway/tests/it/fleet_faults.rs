@@ -26,10 +26,7 @@ fn numbers(centre: &Centre) -> BTreeMap<String, BTreeSet<u64>> {
         for (_, document) in centre.reported(stream) {
             let instance = document["instance"].as_str().expect("text").to_owned();
             let number = document["number"].as_u64().expect("a number");
-            assert!(
-                numbers.entry(instance).or_default().insert(number),
-                "twice: {document}"
-            );
+            assert!(numbers.entry(instance).or_default().insert(number), "twice: {document}");
         }
     }
     numbers
@@ -62,9 +59,7 @@ fn messages_queued_while_the_centre_is_away_arrive_later() {
     centre.acknowledged(1, "activated");
     // A second outage, during the transfer.
     centre.stop();
-    wait(&program, "it notices", |state| {
-        state["fleet"]["connected"] == false
-    });
+    wait(&program, "it notices", |state| state["fleet"]["connected"] == false);
     corrects_y(&program, -25.0);
     assert_eq!(program.post("/api/disarm", "").status, 200);
     centre.restart();
@@ -94,11 +89,9 @@ fn messages_queued_while_the_centre_is_away_arrive_later() {
     assert_eq!(numbers(&centre).len(), 1, "one start");
     let conditions = centre.bodies("telemetry", "condition");
     assert!(
-        conditions
-            .iter()
-            .any(|reported| reported["state"] == "compensating"
-                && reported["correction_um"]["Y"] == -20.0
-                && reported["armed"] == true),
+        conditions.iter().any(|reported| reported["state"] == "compensating"
+            && reported["correction_um"]["Y"] == -20.0
+            && reported["armed"] == true),
         "{conditions:?}"
     );
     let whole = centre.bodies("telemetry", "telemetry");
@@ -184,9 +177,8 @@ fn a_wall_clock_that_jumps_changes_nothing_but_the_dates() {
         .lines()
         .filter_map(|line| serde_json::from_str(line.split_once(' ')?.1).ok())
         .collect();
-    let years: BTreeSet<&str> = (records.iter())
-        .filter_map(|record| record["time"].as_str()?.get(..4))
-        .collect();
+    let years: BTreeSet<&str> =
+        (records.iter()).filter_map(|record| record["time"].as_str()?.get(..4)).collect();
     assert!(years.len() >= 3, "the clock did jump: {years:?}");
     let steadily = |pair: &[serde_json::Value]| {
         pair[0]["monotonic_s"].as_f64() <= pair[1]["monotonic_s"].as_f64()
@@ -232,9 +224,7 @@ fn a_full_disk_accepts_nothing_new_and_delays_no_disarm() {
     disk.make_room();
     centre.acknowledged(3, "activated");
     let program = program.killed_and_started(&config);
-    let state = wait(&program, "it stays disabled", |state| {
-        says(state, "disabled by the centre")
-    });
+    let state = wait(&program, "it stays disabled", |state| says(state, "disabled by the centre"));
     assert_eq!(state["armed"], false, "{state}");
     assert_eq!(state["fleet"]["version"], 3, "{state}");
     drop(program);
@@ -255,20 +245,16 @@ fn a_damaged_machine_file_is_reported_and_fetched_again() {
     let rig = program.stop();
     centre.stop();
     let folder = dir.path().join("fleet");
-    let files = || {
-        std::fs::read_dir(&folder)
-            .expect("there")
-            .map(|entry| entry.expect("one").path())
-    };
+    let files =
+        || std::fs::read_dir(&folder).expect("there").map(|entry| entry.expect("one").path());
     let machine = files().find(|path| path.extension().is_some_and(|end| end == "toml"));
     let machine = machine.expect("kept");
     let text = std::fs::read_to_string(&machine).expect("readable");
     std::fs::write(&machine, text.replace("25.0", "125.0")).expect("writable");
     // 20 and not 25 µm moves the axes by less than would have to be confirmed.
     let program = Served::again(rig, &config);
-    let state = wait(&program, "it says so", |state| {
-        says(state, "machine file of the centre damaged")
-    });
+    let state =
+        wait(&program, "it says so", |state| says(state, "machine file of the centre damaged"));
     assert_eq!(state["fleet"]["version"], 0, "{state}");
     corrects_y(&program, -20.0);
     let audit = std::fs::read_to_string(dir.path().join("audit/audit.log")).expect("a log");
@@ -328,10 +314,7 @@ fn a_hanging_disk_delays_no_cycle_and_no_disarm() {
     let state = tells("trouble", "the disk does not answer: the accepted manifest");
     let count = state["cycle"]["count"].as_u64().expect("a count");
     // Its place in the log cannot be written either.
-    let state = tells(
-        "waiting",
-        "the disk does not answer: messages to the centre",
-    );
+    let state = tells("waiting", "the disk does not answer: messages to the centre");
     assert!(state["cycle"]["count"].as_u64() > Some(count), "{state}");
     assert_eq!(state["fleet"]["version"], 1, "{state}");
     corrects_y(&program, -22.0);
@@ -341,9 +324,7 @@ fn a_hanging_disk_delays_no_cycle_and_no_disarm() {
     centre.send(&forbids, &model);
     let state = program.wait_for("disarmed");
     assert!(says(&state, "disabled by the centre"), "{state}");
-    wait(&program, "it is ramped out", |_| {
-        control.world().shifts() == [0.0; 3]
-    });
+    wait(&program, "it is ramped out", |_| control.world().shifts() == [0.0; 3]);
     assert!(hangs.exists(), "all of that before the disk answered");
     std::fs::remove_file(&hangs).expect("ours");
     centre.acknowledged(3, "activated");

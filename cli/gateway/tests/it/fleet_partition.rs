@@ -48,13 +48,9 @@ impl Network {
     fn new() -> Self {
         let mut holder = Command::new("unshare");
         holder.args(["--net", "sh", "-c", "echo ready; exec sleep 600"]);
-        let network = Self {
-            holder: Running::start_ready(&mut holder),
-        };
+        let network = Self { holder: Running::start_ready(&mut holder) };
         let id = network.holder.id().to_string();
-        ip(&[
-            "link", "add", "site", "type", "veth", "peer", "name", "centre", "netns", &id,
-        ]);
+        ip(&["link", "add", "site", "type", "veth", "peer", "name", "centre", "netns", &id]);
         ip(&["addr", "add", &format!("{SITE}/30"), "dev", "site"]);
         ip(&["link", "set", "site", "up"]);
         network.at_centre(&["addr", "add", &format!("{CENTRE}/30"), "dev", "centre"]);
@@ -76,11 +72,7 @@ impl Network {
 
     fn place(&self) -> Place {
         let through = ["nsenter", &self.namespace()];
-        Place::elsewhere(
-            &through,
-            [&format!("{CENTRE}:4222"), "127.0.0.1:8460"],
-            SHORT,
-        )
+        Place::elsewhere(&through, [&format!("{CENTRE}:4222"), "127.0.0.1:8460"], SHORT)
     }
 
     fn cut(&self, lost: Lost) {
@@ -123,10 +115,7 @@ fn into_namespace() -> Option<&'static [&'static str]> {
     let probe =
         "ip link add site type veth peer name centre && nsenter --net=/proc/self/ns/net true";
     WAYS.into_iter().find(|way| {
-        let tried = Command::new(way[0])
-            .args(&way[1..])
-            .args(["sh", "-c", probe])
-            .output();
+        let tried = Command::new(way[0]).args(&way[1..]).args(["sh", "-c", probe]).output();
         tried.is_ok_and(|tried| tried.status.success())
     })
 }
@@ -149,17 +138,9 @@ fn at_site(name: &str, work: impl FnOnce()) {
     command
         .args(&way[1..])
         .arg(std::env::current_exe().expect("this program"))
-        .args([
-            "--exact",
-            &format!("fleet_partition::{name}"),
-            "--nocapture",
-        ])
+        .args(["--exact", &format!("fleet_partition::{name}"), "--nocapture"])
         .env(INSIDE, "1");
-    let Output {
-        status,
-        stdout,
-        stderr,
-    } = command.output().expect("just tried");
+    let Output { status, stdout, stderr } = command.output().expect("just tried");
     let [out, error] = [stdout, stderr].map(|text| String::from_utf8_lossy(&text).into_owned());
     println!("{out}\n{error}");
     assert!(status.success() && out.contains("1 passed"), "{status}");
@@ -206,16 +187,12 @@ fn partition(lost: Lost) {
     network.heal(lost);
     let state = program.wait_for("disarmed");
     assert!(says(&state, "disabled by the centre"), "{state}");
-    wait(&program, "it is ramped out", |_| {
-        program.gateway().shifts() == PerChannel::ZERO
-    });
+    wait(&program, "it is ramped out", |_| program.gateway().shifts() == PerChannel::ZERO);
     comes_later(&whole, &program, dir.path(), cut.elapsed());
 
     whole.done("machine enable mill-1");
     // It was disarmed by an operator, so an operator must arm it.
-    wait(&program, "it may be armed", |state| {
-        !says(state, "disabled by the centre")
-    });
+    wait(&program, "it may be armed", |state| !says(state, "disabled by the centre"));
     program.must_arm();
     program.wait_for("compensating");
     corrects_y(&program, -25.0);
@@ -277,14 +254,8 @@ fn comes_later(whole: &Whole, program: &Client, dir: &std::path::Path, cut: Dura
         let history = "/api/machines/mill-1/history?resolution=raw&hours=1";
         let history = whole.page(&cookie, history);
         let points = history["points"].as_array().expect("a list");
-        let times: Vec<f64> = points
-            .iter()
-            .filter_map(|point| point["at_s"].as_f64())
-            .collect();
-        let gap = times
-            .windows(2)
-            .map(|pair| pair[1] - pair[0])
-            .fold(0.0, f64::max);
+        let times: Vec<f64> = points.iter().filter_map(|point| point["at_s"].as_f64()).collect();
+        let gap = times.windows(2).map(|pair| pair[1] - pair[0]).fold(0.0, f64::max);
         times.len() as f64 > cut.as_secs_f64() && gap < 6.0
     });
     let one = whole.machine("mill-1");
@@ -293,8 +264,5 @@ fn comes_later(whole: &Whole, program: &Client, dir: &std::path::Path, cut: Dura
     let alarms = whole.document("alarms --all --json");
     let alarms = alarms.as_array().expect("a list");
     let has = |kind: &str| alarms.iter().any(|alarm: &Value| alarm["kind"] == kind);
-    assert!(
-        !has("gap") && !has("clone") && !has("unreadable"),
-        "{alarms:?}"
-    );
+    assert!(!has("gap") && !has("clone") && !has("unreadable"), "{alarms:?}");
 }

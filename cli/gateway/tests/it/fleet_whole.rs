@@ -30,10 +30,7 @@ fn a_model_goes_from_the_centre_to_the_axes() {
     // Registered as the gateway has it.
     let state = program.state();
     assert_eq!(received["axes"], state["machine"]["axes"], "{received}");
-    assert_eq!(
-        received["structure"], state["machine"]["structure"],
-        "{received}"
-    );
+    assert_eq!(received["structure"], state["machine"]["structure"], "{received}");
 
     let model = machine_text("small", 25.0);
     let rollout = whole.roll_out(&model, &["mill-1"]);
@@ -59,10 +56,7 @@ fn a_model_goes_from_the_centre_to_the_axes() {
     assert_eq!(turn["worst_um"], "75.0");
     let hash = turn["hash"].as_str().expect("a hash");
     let status = whole.done(&format!("rollout status {rollout}"));
-    assert!(
-        status.contains(hash) && status.contains("75.0 µm"),
-        "{status}"
-    );
+    assert!(status.contains(hash) && status.contains("75.0 µm"), "{status}");
     whole.wait("an alarm reports it", "alarms --json", |alarms| {
         alarms.to_string().contains("needs-confirmation")
     });
@@ -74,9 +68,7 @@ fn a_model_goes_from_the_centre_to_the_axes() {
     whole.done("machine disable mill-1");
     let state = program.wait_for("disarmed");
     assert!(says(&state, "disabled by the centre"), "{state}");
-    wait(&program, "it is ramped out", |_| {
-        program.gateway().shifts() == PerChannel::ZERO
-    });
+    wait(&program, "it is ramped out", |_| program.gateway().shifts() == PerChannel::ZERO);
     whole.machine_is("the centre hears it", "mill-1", |one| {
         one["enable"] == false && one["live"]["condition"]["state"] == "disarmed"
     });
@@ -86,10 +78,7 @@ fn a_model_goes_from_the_centre_to_the_axes() {
     page_shows(&whole, &program);
     no_step(&program.stop());
     let log = whole.done("audit");
-    assert!(
-        log.contains("rollout.start") && log.contains("anna"),
-        "{log}"
-    );
+    assert!(log.contains("rollout.start") && log.contains("anna"), "{log}");
 }
 
 /// The page shows the reports of a gateway: its condition, its whole state, its audit records, its versions.
@@ -117,10 +106,7 @@ fn page_shows(whole: &Whole, program: &Client) {
     volcomp_test_support::until("the overview shows it", LONG, || {
         whole.page(&cookie, "/api/overview")["machines"][0]["state"] == "compensating"
     });
-    let history = whole.page(
-        &cookie,
-        "/api/machines/mill-1/history?resolution=raw&hours=1",
-    );
+    let history = whole.page(&cookie, "/api/machines/mill-1/history?resolution=raw&hours=1");
     let points = history["points"].as_array().expect("a list");
     let corrected = |um: f64| points.iter().any(|point| point["correction_um"]["Y"] == um);
     assert!(corrected(-25.0) && corrected(-100.0), "{history}");
@@ -142,14 +128,10 @@ fn faults_and_silence_raise_alarms() {
         alarms.any(|alarm| {
             alarm["machine"] == "mill-1"
                 && alarm["kind"] == kind
-                && alarm["text"]
-                    .as_str()
-                    .is_some_and(|text| text.contains(words))
+                && alarm["text"].as_str().is_some_and(|text| text.contains(words))
         })
     };
-    whole.wait("the fault is reported", "alarms --json", |alarms| {
-        has(alarms, "faulted", reason)
-    });
+    whole.wait("the fault is reported", "alarms --json", |alarms| has(alarms, "faulted", reason));
     let cookie = whole.log_in();
     assert!(has(&whole.page(&cookie, "/api/alarms"), "faulted", reason));
     program.stop();
@@ -167,8 +149,7 @@ fn the_wrong_machine_is_refused_with_the_reason() {
         let text = machine_text("other", eyx_um);
         let x = "[axes.X]\ntravel = [0.0, 800.0]\n";
         let y = "[axes.Y]\ntravel = [0.0, 400.0]\n";
-        text.replace(&format!("{x}{y}"), &format!("{y}{x}"))
-            .replace("w X' b Y Z t", "w Y b X Z t")
+        text.replace(&format!("{x}{y}"), &format!("{y}{x}")).replace("w X' b Y Z t", "w Y b X Z t")
     };
     let with_c = |eyx_um| {
         let text = machine_text("turns", eyx_um);
@@ -190,16 +171,8 @@ fn the_wrong_machine_is_refused_with_the_reason() {
             machine_text("small", 25.0),
             r#"meant for the serial number "4712", this machine has "4711""#,
         ),
-        (
-            "order",
-            swapped(25.0),
-            "meant for the axes [Y, X, Z], this machine has [X, Y, Z]",
-        ),
-        (
-            "names",
-            with_c(25.0),
-            "meant for the axes [C, X, Y, Z], this machine has [X, Y, Z]",
-        ),
+        ("order", swapped(25.0), "meant for the axes [Y, X, Z], this machine has [X, Y, Z]"),
+        ("names", with_c(25.0), "meant for the axes [C, X, Y, Z], this machine has [X, Y, Z]"),
     ] {
         let dir = tempfile::tempdir().expect("writable");
         let config = whole.member(dir.path(), (name, "4711"));
@@ -217,9 +190,7 @@ fn the_wrong_machine_is_refused_with_the_reason() {
             alarms.any(|alarm| {
                 alarm["kind"] == "refused"
                     && alarm["machine"] == name
-                    && alarm["text"]
-                        .as_str()
-                        .is_some_and(|text| text.contains(words))
+                    && alarm["text"].as_str().is_some_and(|text| text.contains(words))
             })
         });
         let audit = std::fs::read_to_string(dir.path().join("audit/audit.log")).expect("a log");
@@ -233,11 +204,7 @@ fn the_wrong_machine_is_refused_with_the_reason() {
     for (name, words) in [("order", "the structure"), ("names", "the structure")] {
         let refused = whole.call(&format!("rollout start --model {short} --machine {name}"));
         assert_eq!(refused.status, Some(2), "{}", refused.err);
-        assert!(
-            refused.err.contains(words) && refused.err.contains(name),
-            "{}",
-            refused.err
-        );
+        assert!(refused.err.contains(words) && refused.err.contains(name), "{}", refused.err);
     }
 }
 
@@ -267,9 +234,7 @@ fn a_hanging_disk_of_the_centre_delays_no_machine() {
     let waits = |overview: &Value| {
         let mut alarms = overview["centre"].as_array().expect("a list").iter();
         alarms.any(|alarm| {
-            alarm["text"]
-                .as_str()
-                .is_some_and(|text| text.contains("has not completed a change"))
+            alarm["text"].as_str().is_some_and(|text| text.contains("has not completed a change"))
         })
     };
     volcomp_test_support::until("its page reports it", LONG, || {
@@ -317,9 +282,7 @@ fn a_killed_centre_resumes_its_roll_out() {
     whole.done(&format!(
         "rollout start --model {short} --machine mill-1 --machine mill-2 --soak-s 15"
     ));
-    wait(&programs[0], "the first has it", |state| {
-        state["fleet"]["version"] == 1
-    });
+    wait(&programs[0], "the first has it", |state| state["fleet"]["version"] == 1);
     whole.kill();
     let status = whole.document("rollout status 1 --json");
     assert_eq!(status[0]["phase"]["is"], "running", "{status}");

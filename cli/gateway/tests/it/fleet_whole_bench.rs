@@ -110,9 +110,8 @@ impl Place {
         if self.through.is_empty() {
             return TcpStream::connect(address).is_ok();
         }
-        let tried = (self.command(Path::new("bash")).args(["-c", &script]))
-            .stderr(Stdio::null())
-            .status();
+        let tried =
+            (self.command(Path::new("bash")).args(["-c", &script])).stderr(Stdio::null()).status();
         tried.is_ok_and(|status| status.success())
     }
 }
@@ -172,11 +171,7 @@ impl Whole {
         std::fs::write(at.join("centre.toml"), text).expect("writable");
         let done = |arguments: &str| call(&place, at, arguments, "").done();
         let key = done("key new main");
-        let key = key
-            .trim()
-            .strip_prefix("main ")
-            .expect("its name")
-            .to_owned();
+        let key = key.trim().strip_prefix("main ").expect("its name").to_owned();
         done("key nkey centre.nkey");
         for (name, serial, model) in machines {
             std::fs::write(at.join("machine.toml"), model).expect("writable");
@@ -188,11 +183,7 @@ impl Whole {
         std::fs::write(&conf, done("nats-config") + place.server).expect("writable");
         let log = std::fs::File::create(at.join("nats.log")).expect("writable");
         let server = Running::start(
-            (place.command(&server))
-                .arg("-c")
-                .arg(&conf)
-                .stdout(Stdio::null())
-                .stderr(log),
+            (place.command(&server)).arg("-c").arg(&conf).stdout(Stdio::null()).stderr(log),
         );
         let address: SocketAddr = listen.parse().expect("an address");
         until("the server listens", LONG, || place.listens(address));
@@ -217,12 +208,7 @@ impl Whole {
             .open(self.folder.path().join("centre.log"))
             .expect("writable");
         let mut command = centre(&self.place, self.folder.path(), &["run"]);
-        command.envs(
-            self.place
-                .environment
-                .iter()
-                .map(|(key, value)| (key, value)),
-        );
+        command.envs(self.place.environment.iter().map(|(key, value)| (key, value)));
         self.centre = Some(Running::start(command.stdout(Stdio::null()).stderr(log)));
         until("its page answers", LONG, || self.place.listens(self.page));
     }
@@ -272,10 +258,7 @@ impl Whole {
             call.push_str(machine);
         }
         let said = self.done(&call);
-        let number = said
-            .split(' ')
-            .nth(1)
-            .and_then(|number| number.parse().ok());
+        let number = said.split(' ').nth(1).and_then(|number| number.parse().ok());
         number.unwrap_or_else(|| panic!("it says {said}"))
     }
 
@@ -351,9 +334,7 @@ impl Whole {
         let mut lines = text.lines();
         let cookie = lines.find_map(|line| line.strip_prefix("set-cookie: "));
         let cookie = cookie.and_then(|line| line.split(';').next());
-        cookie
-            .unwrap_or_else(|| panic!("no cookie: {text}"))
-            .to_owned()
+        cookie.unwrap_or_else(|| panic!("no cookie: {text}")).to_owned()
     }
 
     pub(crate) fn page(&self, cookie: &str, path: &str) -> Value {
@@ -370,10 +351,8 @@ fn of(all: &Value, name: &str) -> Value {
 }
 
 fn call(place: &Place, folder: &Path, arguments: &str, input: &str) -> Called {
-    let arguments: Vec<&str> = ["--by", "anna"]
-        .into_iter()
-        .chain(arguments.split_whitespace())
-        .collect();
+    let arguments: Vec<&str> =
+        ["--by", "anna"].into_iter().chain(arguments.split_whitespace()).collect();
     let mut child = centre(place, folder, &arguments)
         .stdin(Stdio::piped())
         .stdout(Stdio::piped())

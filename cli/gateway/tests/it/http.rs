@@ -26,36 +26,19 @@ pub(crate) fn the_simulation_lives(program: &Program) {
     }
     assert_eq!(state["temperatures"][2]["name"], "spindle");
     assert_eq!(state["temperatures"][2]["quality"], "good");
-    let later = program
-        .wait(|later| later["positions_mm"] != state["positions_mm"])
-        .expect("it moves");
+    let later =
+        program.wait(|later| later["positions_mm"] != state["positions_mm"]).expect("it moves");
     assert!(later["cycle"]["count"].as_u64() > state["cycle"]["count"].as_u64());
     assert!(later["cycle"]["p99_us"].as_f64() >= later["cycle"]["p50_us"].as_f64());
     let metrics = program.get("/metrics");
-    assert!(
-        metrics
-            .body
-            .contains("volcomp_state{state=\"compensating\"} 1"),
-        "{}",
-        metrics.body
-    );
+    assert!(metrics.body.contains("volcomp_state{state=\"compensating\"} 1"), "{}", metrics.body);
     assert!(metrics.body.contains("volcomp_correction_um{axis=\"X\"}"));
     let map = program.get("/api/map").json();
     assert_eq!(map["error_um"].as_array().map(Vec::len), Some(25));
-    for page in [
-        "/",
-        "/common.js",
-        "/app.js",
-        "/plot.js",
-        "/style.css",
-        "/icon.svg",
-    ] {
+    for page in ["/", "/common.js", "/app.js", "/plot.js", "/style.css", "/icon.svg"] {
         let page = program.get(page);
         assert_eq!(page.status, 200);
-        assert!(
-            page.head
-                .contains("content-security-policy: default-src 'self'")
-        );
+        assert!(page.head.contains("content-security-policy: default-src 'self'"));
     }
     assert_eq!(program.get("/nothing").status, 404);
     the_stream_tells_the_state_again_and_again(program);
@@ -64,11 +47,7 @@ pub(crate) fn the_simulation_lives(program: &Program) {
 
 fn the_stream_tells_the_state_again_and_again(program: &Program) {
     let mut stream = program.connect();
-    write!(
-        stream,
-        "GET /api/events HTTP/1.1\r\nHost: localhost\r\n\r\n"
-    )
-    .expect("sent");
+    write!(stream, "GET /api/events HTTP/1.1\r\nHost: localhost\r\n\r\n").expect("sent");
     let mut text = String::new();
     let mut buffer = [0; 4096];
     while text.matches("event: state").count() < 5 {
@@ -86,35 +65,22 @@ fn tokens_decide() {
     let post = |path: &str, token: Option<&str>| program.request("POST", path, token, "").status;
     assert_eq!(post("/api/arm", None), 401);
     assert_eq!(post("/api/acknowledge", None), 401);
-    assert_eq!(
-        post("/api/disarm", Some("ffffffffffffffffffffffffffffffff")),
-        401
-    );
+    assert_eq!(post("/api/disarm", Some("ffffffffffffffffffffffffffffffff")), 401);
     assert_eq!(post("/api/disarm", Some(VIEW)), 403);
-    assert_eq!(
-        program
-            .request("GET", "/api/disarm", Some(OPERATE), "")
-            .status,
-        405
-    );
+    assert_eq!(program.request("GET", "/api/disarm", Some(OPERATE), "").status, 405);
     assert_eq!(program.state()["state"], "compensating");
     assert_eq!(post("/api/disarm", Some(OPERATE)), 200);
     program.wait_for("disarmed");
     let armed = program.post("/api/arm", "");
-    assert_eq!(
-        (armed.status, &armed.json()["state"]),
-        (200, &"arming".into())
-    );
+    assert_eq!((armed.status, &armed.json()["state"]), (200, &"arming".into()));
     assert_eq!(program.post("/api/arm", "no json").status, 400);
     let audit = std::fs::read_to_string(dir.path().join("audit/audit.log")).expect("a log");
     assert!(audit.contains("\"who\":\"anna\",\"what\":\"disarm\""));
     assert!(!audit.contains(OPERATE));
     // The page checks a token when it is entered, not only when the operator needs it.
-    for (token, status, role) in [
-        (Some(OPERATE), 200, Some("operate")),
-        (Some(VIEW), 200, Some("view")),
-        (None, 401, None),
-    ] {
+    for (token, status, role) in
+        [(Some(OPERATE), 200, Some("operate")), (Some(VIEW), 200, Some("view")), (None, 401, None)]
+    {
         let answer = program.request("GET", "/api/token", token, "");
         assert_eq!(answer.status, status, "{token:?}");
         assert_eq!(answer.json()["role"].as_str(), role, "{token:?}");
@@ -142,11 +108,7 @@ fn hanging_clients_do_not_prevent_disarming() {
     let mut clients = Vec::new();
     for number in 0..100 {
         let mut client = program.connect();
-        let bytes = if number % 2 == 0 {
-            requests.as_bytes()
-        } else {
-            b"GET / HT"
-        };
+        let bytes = if number % 2 == 0 { requests.as_bytes() } else { b"GET / HT" };
         client.set_nonblocking(true).expect("a socket");
         let _ = client.write(bytes);
         clients.push(client);
@@ -214,10 +176,7 @@ fn foreign_hosts_and_broken_requests_are_refused() {
         raw("GET /api/state HTTP/1.1\r\nHost: evil.example\r\nConnection: close\r\n\r\n"),
         421
     );
-    assert_eq!(
-        raw("GET /api/state HTTP/1.1\r\nConnection: close\r\n\r\n"),
-        400
-    );
+    assert_eq!(raw("GET /api/state HTTP/1.1\r\nConnection: close\r\n\r\n"), 400);
     assert_eq!(
         raw("GET /api/state HTTP/1.1\r\nHost: localhost:1\r\nConnection: close\r\n\r\n"),
         200
@@ -233,9 +192,7 @@ fn foreign_hosts_and_broken_requests_are_refused() {
     }
     let headers = "X-Long: ".to_owned() + &"a".repeat(200_000);
     assert!(matches!(
-        raw(&format!(
-            "GET / HTTP/1.1\r\nHost: localhost\r\n{headers}\r\n\r\n"
-        )),
+        raw(&format!("GET / HTTP/1.1\r\nHost: localhost\r\n{headers}\r\n\r\n")),
         0 | 400 | 431
     ));
     let many = "X: y\r\n".repeat(500);
@@ -266,28 +223,18 @@ fn slow_and_many_connections_are_bounded() {
     assert!(begun.elapsed() < Duration::from_secs(15));
     let mut rest = Vec::new();
     let _ = slow[0].read_to_end(&mut rest);
-    assert!(
-        rest.is_empty() || rest.starts_with(b"HTTP/1.1 408"),
-        "{rest:?}"
-    );
+    assert!(rest.is_empty() || rest.starts_with(b"HTTP/1.1 408"), "{rest:?}");
     drop(slow);
     let streams: Vec<_> = (0..17)
         .map(|_| {
             let mut stream = program.connect();
-            write!(
-                stream,
-                "GET /api/events HTTP/1.1\r\nHost: localhost\r\n\r\n"
-            )
-            .expect("sent");
+            write!(stream, "GET /api/events HTTP/1.1\r\nHost: localhost\r\n\r\n").expect("sent");
             let mut start = [0; 12];
             stream.read_exact(&mut start).expect("an answer");
             (String::from_utf8_lossy(&start).into_owned(), stream)
         })
         .collect();
-    let served = streams
-        .iter()
-        .filter(|(start, _)| start.ends_with("200"))
-        .count();
+    let served = streams.iter().filter(|(start, _)| start.ends_with("200")).count();
     assert_eq!(served, 16);
     assert!(streams.iter().any(|(start, _)| start.ends_with("503")));
 }
@@ -329,8 +276,6 @@ fn is_whole(text: &str) -> bool {
         return false;
     };
     let lower = head.to_ascii_lowercase();
-    let length = lower
-        .lines()
-        .find_map(|line| line.strip_prefix("content-length: ")?.parse().ok());
+    let length = lower.lines().find_map(|line| line.strip_prefix("content-length: ")?.parse().ok());
     length.is_some_and(|length: usize| body.len() >= length)
 }

@@ -39,12 +39,7 @@ impl Rig {
         let mut command = Command::new(env!("CARGO_BIN_EXE_volcomp-gateway"));
         command.env("LD_PRELOAD", library).env("HANGS", &hangs);
         let program = Program::spawn(command, dir.path(), &["--config", path(&config)]);
-        let rig = Self {
-            control,
-            program,
-            hangs,
-            dir,
-        };
+        let rig = Self { control, program, hangs, dir };
         rig.corrects(-20.0);
         Some(rig)
     }
@@ -94,10 +89,7 @@ fn on_a_hanging_disk_models_time_out_and_disarming_and_stopping_act() {
     let begun = Instant::now();
     rig.program.signal("TERM");
     assert_eq!(rig.program.end(), Some(0));
-    println!(
-        "disk hangs: ended after {:.1} s",
-        begun.elapsed().as_secs_f64()
-    );
+    println!("disk hangs: ended after {:.1} s", begun.elapsed().as_secs_f64());
     assert_eq!(rig.control.world().shifts(), [0.0; 3]);
     assert!(rig.hangs.exists());
     let reported = "the disk of the audit log does not answer";
@@ -113,11 +105,7 @@ fn model_times_out(rig: &Rig) {
     let given_up = activate(program, &made, None);
     assert!(rig.hangs.exists());
     assert_eq!(given_up.status, 503, "{}", given_up.body);
-    assert!(
-        given_up.body.contains("will not be later"),
-        "{}",
-        given_up.body
-    );
+    assert!(given_up.body.contains("will not be later"), "{}", given_up.body);
     std::fs::remove_file(&rig.hangs).expect("ours");
     let now = wait_model(program, |now| {
         let newest = &now["history"][0];

@@ -48,11 +48,7 @@ fn every_quantity_has_a_key_and_a_value_of_its_kind() {
     let shape = Shape {
         machine: "m".to_owned(),
         axes: vec![AxisName::X, AxisName::C],
-        sensors: vec![
-            "bed plate".to_owned(),
-            "bed|plate".to_owned(),
-            "Bed_plate 2".to_owned(),
-        ],
+        sensors: vec!["bed plate".to_owned(), "bed|plate".to_owned(), "Bed_plate 2".to_owned()],
         controllers: 1,
     };
     let list = quantities(&shape);
@@ -60,8 +56,7 @@ fn every_quantity_has_a_key_and_a_value_of_its_kind() {
     for key in &keys {
         assert!(key.starts_with(|c: char| c.is_ascii_lowercase()), "{key}");
         assert!(
-            key.chars()
-                .all(|c| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '_'),
+            key.chars().all(|c| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '_'),
             "{key}"
         );
     }
@@ -104,29 +99,13 @@ fn only_current_values_are_good() {
     for (changes, value, quality) in [
         (json!({}), Some(400.25), Quality::Good),
         (json!({ "positions_mm": {} }), None, Quality::Unknown),
-        (
-            json!({ "reasons": ["positions stale"] }),
-            Some(400.25),
-            Quality::Stale,
-        ),
-        (
-            json!({ "reasons": ["positions lost"] }),
-            Some(400.25),
-            Quality::Stale,
-        ),
-        (
-            json!({ "reasons": ["no barrier"] }),
-            Some(400.25),
-            Quality::Good,
-        ),
+        (json!({ "reasons": ["positions stale"] }), Some(400.25), Quality::Stale),
+        (json!({ "reasons": ["positions lost"] }), Some(400.25), Quality::Stale),
+        (json!({ "reasons": ["no barrier"] }), Some(400.25), Quality::Good),
     ] {
         let reading = x_position(&status(&changes));
         let expected = value.map(quantities::Value::Number);
-        assert_eq!(
-            (reading.value, reading.quality),
-            (expected, quality),
-            "{changes}"
-        );
+        assert_eq!((reading.value, reading.quality), (expected, quality), "{changes}");
     }
     let mut state = status(&json!({}));
     state.positions_mm.insert(AxisName::X, f64::NAN);
@@ -136,12 +115,10 @@ fn only_current_values_are_good() {
 /// A quantity added to the table appears in every interface without other changes.
 #[test]
 fn a_further_row_is_served_to_others() {
-    const ROW: Row<usize> = Row("play", Kind::Number(Unit::Um), "Play", |status, place| {
-        Reading {
-            value: Some(quantities::Value::Number(status.age_ms + place as f64)),
-            quality: Quality::Good,
-            age_ms: 0.0,
-        }
+    const ROW: Row<usize> = Row("play", Kind::Number(Unit::Um), "Play", |status, place| Reading {
+        value: Some(quantities::Value::Number(status.age_ms + place as f64)),
+        quality: Quality::Good,
+        age_ms: 0.0,
     });
     let row = || ROW.quantity(Part::Controller(2), "2", 2);
     let status = status(&json!({}));
@@ -153,10 +130,7 @@ fn a_further_row_is_served_to_others() {
     #[cfg(feature = "shdr")]
     {
         use volcomp_gateway::interop::shdr::{Items, SentState};
-        let items = Items {
-            quantities: vec![row()],
-            conditions: Vec::new(),
-        };
+        let items = Items { quantities: vec![row()], conditions: Vec::new() };
         let lines =
             SentState::nothing(&items).changes(&items, &status, std::time::SystemTime::now());
         assert!(lines.contains("|path_2_play|0.022\n"), "{lines}");

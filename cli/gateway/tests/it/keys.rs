@@ -13,10 +13,7 @@ const URLS: [(&str, &str); 7] = [
     ("can://can0", "a bridge on CAN"),
     ("gpio://?position=a:0-14&correction=b:0-7", "digital lines"),
     ("modbus://192.0.2.40?profile=ADAM-6050", "digital lines"),
-    (
-        "modbus-rtu:///dev/ttyUSB0?profile=WAGO-750-8DI/8DO",
-        "digital lines",
-    ),
+    ("modbus-rtu:///dev/ttyUSB0?profile=WAGO-750-8DI/8DO", "digital lines"),
     ("opc.tcp://192.0.2.20:4840", "a SINUMERIK control"),
     ("linuxcnc://127.0.0.1:47001", "a LinuxCNC control"),
 ];
@@ -83,9 +80,7 @@ fn needed(key: &str, kind: &str) -> String {
     if kind != "a SINUMERIK control" {
         return String::new();
     }
-    let needed = ["terms", "hold_ms"]
-        .into_iter()
-        .filter(|needed| *needed != key);
+    let needed = ["terms", "hold_ms"].into_iter().filter(|needed| *needed != key);
     needed.fold(String::new(), |text, needed| {
         text + &format!("{needed} = {}\n", value(needed, kind).0)
     })
@@ -108,9 +103,7 @@ fn every_key_with_every_kind_of_controller() {
             } else {
                 let message = found.expect_err(key);
                 assert!(message.starts_with("G.toml:5: "), "{message}");
-                let mut names = URLS
-                    .iter()
-                    .filter(|(other, _)| uses(driver(other), false, key));
+                let mut names = URLS.iter().filter(|(other, _)| uses(driver(other), false, key));
                 let first = names.next().expect("someone uses it").1;
                 for part in [key, kind, first] {
                     assert!(message.contains(part), "{part}: {message}");
@@ -132,10 +125,7 @@ fn a_controller_that_is_only_read_has_no_keys_about_corrections() {
             Config::parse(&text, "G.toml", Path::new("")).map_err(|e| e.to_string())
         };
         assert!(of("reads = [\"C\"]\n").is_ok(), "{url}");
-        assert!(
-            of("reads = [\"C\"]\nunseen = [\"alarm\"]\n").is_ok(),
-            "{url}"
-        );
+        assert!(of("reads = [\"C\"]\nunseen = [\"alarm\"]\n").is_ok(), "{url}");
         for (rest, says) in [
             ("", "found 0 axes"),
             ("reads = []\n", "found no axis"),
@@ -145,31 +135,18 @@ fn a_controller_that_is_only_read_has_no_keys_about_corrections() {
             assert!(message.contains(says), "{message}");
         }
         for key in KEYS {
-            let reads = [
-                "reads",
-                "referenced",
-                "unseen",
-                "digital",
-                "sinumerik",
-                "linuxcnc",
-            ];
+            let reads = ["reads", "referenced", "unseen", "digital", "sinumerik", "linuxcnc"];
             if reads.contains(&key) || !uses(driver(url), false, key) {
                 continue;
             }
             let (value, _) = value(key, kind);
             let message = of(&format!("reads = [\"C\"]\n{key} = {value}\n")).expect_err(key);
-            assert!(
-                message.contains("only read") && message.contains(key),
-                "{message}"
-            );
+            assert!(message.contains("only read") && message.contains(key), "{message}");
         }
     }
     let twice = "machine = \"m.toml\"\n[[controller]]\nurl = \"can://can0\"\naxes = [\"X\"]\nreads = [\"C\", \"X\"]\n";
     let refused = Config::parse(twice, "G.toml", Path::new("")).expect_err("refused");
-    assert!(
-        refused.to_string().contains("axis X is also in axes"),
-        "{refused}"
-    );
+    assert!(refused.to_string().contains("axis X is also in axes"), "{refused}");
 }
 
 /// A linear axis with a key for rotary axes next to its own is rejected: both keys of a pair are checked.
@@ -184,22 +161,15 @@ fn a_key_of_the_other_kind_is_refused_next_to_the_right_one() {
 /// Each key for rotary axes is rejected if `limit_urad` is missing.
 #[test]
 fn keys_of_rotary_axes_need_their_limit() {
-    for key in [
-        "warn_urad",
-        "slew_urad_per_s",
-        "accel_urad_per_s2",
-        "confirm_urad",
-        "test_shift_urad",
-    ] {
+    for key in
+        ["warn_urad", "slew_urad_per_s", "accel_urad_per_s2", "confirm_urad", "test_shift_urad"]
+    {
         let text = format!(
             "machine = \"m.toml\"\n[guard]\nlimit_um = 100.0\nslew_um_per_s = 100.0\nhold_ms = 50\nzero_after_ms = 500\n{key} = 1.0\n[[controller]]\nurl = \"can://can0\"\naxes = [\"X\"]\n"
         );
         let refused = Config::parse(&text, "G.toml", Path::new("")).expect_err(key);
         let message = refused.to_string();
-        assert!(
-            message.starts_with("G.toml:7: ") && message.contains(key),
-            "{message}"
-        );
+        assert!(message.starts_with("G.toml:7: ") && message.contains(key), "{message}");
         assert!(message.contains("limit_urad"), "{message}");
     }
 }
@@ -229,10 +199,7 @@ tls_key = \"key.pem\"
 ";
     let refused = Config::parse(text, "G.toml", Path::new("")).expect_err("wrong");
     let said = refused.to_string();
-    let found: Vec<String> = said
-        .lines()
-        .map(|line| line.chars().take(64).collect())
-        .collect();
+    let found: Vec<String> = said.lines().map(|line| line.chars().take(64).collect()).collect();
     let expected = [
         "G.toml:1: key `machine` is missing",
         "G.toml:1: cycle_ms: found 400, expected a number from 0.25 to 10",
@@ -279,22 +246,15 @@ fn a_rotary_axis_on_lines_has_its_own_steps() {
     let axis = described(&config).expect("good").axes[0];
     assert_eq!(axis.name, AxisName::C);
     assert_eq!(axis.resolution, Displacement::Angle(Urad(5.0).to_rad()));
-    let words = config.controllers[0]
-        .digital_axis(AxisName::C)
-        .expect("good");
+    let words = config.controllers[0].digital_axis(AxisName::C).expect("good");
     // 1.5° is π/120.
     let quarter = words.position.decode(60).position;
-    assert!(
-        (quarter + std::f64::consts::FRAC_PI_2).abs() < 1e-12,
-        "{quarter}"
-    );
+    assert!((quarter + std::f64::consts::FRAC_PI_2).abs() < 1e-12, "{quarter}");
     assert!(
         (words.position.decode(61).position - quarter - std::f64::consts::PI / 120.0).abs() < 1e-12
     );
-    let linear = parsed(&lines(
-        "X",
-        "resolution_um = 0.5\n[controller.digital]\nposition_bits = 8",
-    ));
+    let linear =
+        parsed(&lines("X", "resolution_um = 0.5\n[controller.digital]\nposition_bits = 8"));
     let step = described(&linear.expect("good")).expect("good").axes[0].resolution;
     assert_eq!(step, Displacement::from_micro(AxisKind::Linear, 0.5));
 }
@@ -304,30 +264,12 @@ fn keys_of_the_other_kind_are_refused() {
     for (axis, keys, line, key) in [
         ("C", "resolution_um = 5.0", 6, "resolution_um"),
         ("X", "resolution_urad = 5.0", 6, "resolution_urad"),
-        (
-            "C",
-            "[controller.digital]\nposition_mm_per_count = 0.1",
-            7,
-            "position_mm_per_count",
-        ),
-        (
-            "C",
-            "[controller.digital]\nposition_zero_mm = 0.1",
-            7,
-            "position_zero_mm",
-        ),
-        (
-            "Z",
-            "[controller.digital]\nposition_deg_per_count = 0.1",
-            7,
-            "position_deg_per_count",
-        ),
+        ("C", "[controller.digital]\nposition_mm_per_count = 0.1", 7, "position_mm_per_count"),
+        ("C", "[controller.digital]\nposition_zero_mm = 0.1", 7, "position_zero_mm"),
+        ("Z", "[controller.digital]\nposition_deg_per_count = 0.1", 7, "position_deg_per_count"),
     ] {
         let message = parsed(&lines(axis, keys)).expect_err("refused");
-        assert!(
-            message.starts_with(&format!("G.toml:{line}: ")),
-            "{message}"
-        );
+        assert!(message.starts_with(&format!("G.toml:{line}: ")), "{message}");
         assert!(
             message.contains(key) && message.contains(&format!("the axes {axis}")),
             "{message}"
@@ -337,9 +279,6 @@ fn keys_of_the_other_kind_are_refused() {
     let refused = described(&config).expect_err("refused");
     assert!(refused.is_input());
     let message = refused.to_string();
-    assert!(
-        message.contains("position_deg_per_count: missing"),
-        "{message}"
-    );
+    assert!(message.contains("position_deg_per_count: missing"), "{message}");
     assert!(message.contains("axis B is rotary"), "{message}");
 }

@@ -93,10 +93,7 @@ pub(crate) fn no_step(rig: &Rig) {
 
 pub(crate) fn machine(config: &Path) -> Machine {
     Machine {
-        options: Options {
-            config: Some(config.to_owned()),
-            ..Options::default()
-        },
+        options: Options { config: Some(config.to_owned()), ..Options::default() },
         proven_within: Duration::from_secs(4),
     }
 }
@@ -153,13 +150,7 @@ impl Gateway {
         });
         let mut parts = parts.expect("threads");
         parts.service.started(&found);
-        Self {
-            rig,
-            parts,
-            shape,
-            cycles: cycles.expect("launched"),
-            period,
-        }
+        Self { rig, parts, shape, cycles: cycles.expect("launched"), period }
     }
 
     /// One cycle and one iteration of the service, with its file work.
@@ -229,9 +220,7 @@ impl Gateway {
 
     /// Runs until the control has been observed long enough for arming.
     pub(crate) fn watch(&mut self) {
-        self.wait("watched", |state| {
-            state["error_um"].is_array() && !says(state, "watching")
-        });
+        self.wait("watched", |state| state["error_um"].is_array() && !says(state, "watching"));
     }
 
     /// Arms after [`watch`](Self::watch).

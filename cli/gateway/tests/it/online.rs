@@ -45,10 +45,7 @@ fn the_shift_words_of_the_control_are_compared() {
     control.world().reports_shift_source = false;
     let (text, errors, status) = check(&config, &["--online"]);
     assert_eq!(status, 0, "{errors}");
-    assert!(
-        text.contains("the control does not report parameters 1203"),
-        "{text}"
-    );
+    assert!(text.contains("the control does not report parameters 1203"), "{text}");
     // Offline, no request is sent, so a missing control does not matter.
     let asked = control.requests();
     let (json, _, status) = check(&config, &["--json"]);
@@ -71,9 +68,8 @@ fn a_barrier_that_would_not_arm_is_found_before_the_start() {
     let fits = |more: &[&str]| {
         let asked = [&["--online"], more].concat();
         let mut answers = (0..20).map(|_| check(&config, &asked));
-        let (text, errors, status) = answers
-            .find(|(_, errors, _)| !errors.contains("scan_ms"))
-            .expect("scans of 2 ms");
+        let (text, errors, status) =
+            answers.find(|(_, errors, _)| !errors.contains("scan_ms")).expect("scans of 2 ms");
         assert_eq!(status, 0, "{errors}");
         text
     };
@@ -110,11 +106,7 @@ fn a_barrier_that_would_not_arm_is_found_before_the_start() {
             "zero_after_ms = 400",
             "guard.zero_after_ms: found 400 ms, and the barrier releases the correction after 450 ms",
         ),
-        (
-            "scan_ms = 2.0",
-            "scan_ms = 8.0",
-            "barrier.scan_ms: found 8 ms, and the control counted",
-        ),
+        ("scan_ms = 2.0", "scan_ms = 8.0", "barrier.scan_ms: found 8 ms, and the control counted"),
     ] {
         change(&config, from, to);
         let (_, errors, status) = check(&config, &["--online"]);

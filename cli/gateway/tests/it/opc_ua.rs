@@ -47,12 +47,7 @@ impl Client {
         command.stdin(Stdio::piped());
         let (mut running, line, said) = Running::start_and_hear(&mut command);
         let orders = running.stdin.take();
-        Some(Self {
-            running,
-            orders,
-            said,
-            endpoints: serde_json::from_str(&line).expect("JSON"),
-        })
+        Some(Self { running, orders, said, endpoints: serde_json::from_str(&line).expect("JSON") })
     }
 
     fn order(&mut self, order: &str) -> Value {
@@ -72,8 +67,7 @@ impl Client {
 fn variables(client: &mut Client) -> BTreeMap<String, Value> {
     let all = client.order("all");
     let all = all.as_array().expect("a list").iter();
-    all.map(|own| (own["id"].as_str().expect("text").to_owned(), own.clone()))
-        .collect()
+    all.map(|own| (own["id"].as_str().expect("text").to_owned(), own.clone())).collect()
 }
 
 #[test]
@@ -84,10 +78,7 @@ fn a_client_reads_what_the_dashboard_shows() {
     let Some(mut client) = Client::start(&address) else {
         return;
     };
-    assert_eq!(
-        client.endpoints,
-        json!([[format!("opc.tcp://{address}/"), "None_"]])
-    );
+    assert_eq!(client.endpoints, json!([[format!("opc.tcp://{address}/"), "None_"]]));
     let corrects = |found: &BTreeMap<String, Value>| {
         let reported = |key: &str| (found[key]["value"].clone(), found[key]["status"].clone());
         let good = |value: Value| (value, json!("Good"));
@@ -111,28 +102,16 @@ fn a_client_reads_what_the_dashboard_shows() {
     for own in &list {
         let reported = &found[&own.key];
         let place = own.folder().join("/");
-        assert_eq!(
-            reported["path"],
-            format!("{place}/{}", own.name()),
-            "{reported}"
-        );
+        assert_eq!(reported["path"], format!("{place}/{}", own.name()), "{reported}");
         let help = reported["help"].as_str().expect("text");
         assert!(help.starts_with(own.help), "{reported}");
-        assert_eq!(
-            reported["access"],
-            json!([["CurrentRead"], ["CurrentRead"]]),
-            "{reported}"
-        );
+        assert_eq!(reported["access"], json!([["CurrentRead"], ["CurrentRead"]]), "{reported}");
     }
     let state = program.state();
     assert_eq!(found["machine"]["value"], "small");
     assert_eq!(found["machine_file"]["value"], state["machine"]["hash"]);
     assert_eq!(found["y_correction"]["type"], "Double");
-    assert!(
-        found["y_correction"]["help"]
-            .as_str()
-            .is_some_and(|help| help.ends_with(", µm"))
-    );
+    assert!(found["y_correction"]["help"].as_str().is_some_and(|help| help.ends_with(", µm")));
     assert_eq!(found["armed"]["value"], true);
     assert_eq!(found["faults"]["type"], "UInt64");
     for key in ["state", "x_position", "y_correction", "tool_residual"] {
@@ -167,13 +146,7 @@ fn unknown_values_are_bad_and_empty() {
     let Some(mut client) = Client::start(&address) else {
         return;
     };
-    for key in [
-        "x_position",
-        "x_correction",
-        "x_wanted",
-        "tool_error",
-        "path_0_answered",
-    ] {
+    for key in ["x_position", "x_correction", "x_wanted", "tool_error", "path_0_answered"] {
         let reported = client.order(&format!("wait {key} Bad"));
         assert_eq!(
             (&reported["value"], &reported["type"]),
@@ -240,62 +213,29 @@ fn nested_values_do_not_end_the_gateway() {
     let program = Served::start(&config);
     program.wait_for("compensating");
     let numbers = |numbers: &[u32]| -> Vec<u8> {
-        numbers
-            .iter()
-            .flat_map(|number| number.to_le_bytes())
-            .collect()
+        numbers.iter().flat_map(|number| number.to_le_bytes()).collect()
     };
     // Type of the request, and its header.
     let request = |of: u16| {
         let identifier = [&[1, 0][..], &of.to_le_bytes()].concat();
-        let header = [
-            &[0; 2][..],
-            &[0; 8],
-            &numbers(&[1, 0]),
-            &text(""),
-            &numbers(&[10_000]),
-            &[0; 3],
-        ]
-        .concat();
+        let header =
+            [&[0; 2][..], &[0; 8], &numbers(&[1, 0]), &text(""), &numbers(&[10_000]), &[0; 3]]
+                .concat();
         [identifier, header].concat()
     };
     for level in [&[0x40][..], &[0x17, 1]] {
         let mut stream = TcpStream::connect(&address).expect("it listens");
         stream.set_read_timeout(Some(PATIENCE)).expect("a socket");
-        let hello = [
-            numbers(&[0, 65_535, 65_535, 0, 0]),
-            text(&format!("opc.tcp://{address}/")),
-        ];
+        let hello = [numbers(&[0, 65_535, 65_535, 0, 0]), text(&format!("opc.tcp://{address}/"))];
         exchange(&mut stream, *b"HELF", &hello.concat()).expect("acknowledged");
         let none = text("http://opcfoundation.org/UA/SecurityPolicy#None");
-        let open = [
-            request(446),
-            numbers(&[0, 0, 1]),
-            text(""),
-            numbers(&[600_000]),
-        ]
-        .concat();
-        let open = [
-            numbers(&[0]),
-            none,
-            text(""),
-            text(""),
-            numbers(&[1, 1]),
-            open,
-        ]
-        .concat();
+        let open = [request(446), numbers(&[0, 0, 1]), text(""), numbers(&[600_000])].concat();
+        let open = [numbers(&[0]), none, text(""), text(""), numbers(&[1, 1]), open].concat();
         let opened = exchange(&mut stream, *b"OPNF", &open).expect("opened");
         let channel = &opened[..4];
         // A write of one value.
-        let write = [
-            request(673),
-            numbers(&[1]),
-            vec![0, 0x54],
-            numbers(&[13]),
-            text(""),
-            vec![1],
-        ]
-        .concat();
+        let write = [request(673), numbers(&[1]), vec![0, 0x54], numbers(&[13]), text(""), vec![1]]
+            .concat();
         let kind: &[u8] = if level.len() == 1 { &[0x19] } else { &[] };
         let nested = level.repeat((32 * 1024 - 200) / level.len());
         let token = [channel, &numbers(&[1, 2, 2])].concat();
@@ -363,8 +303,5 @@ fn it_listens_beyond_loopback_only_if_configured() {
     assert!(reported.contains("listen = \"0.0.0.0:4840\""), "{reported}");
     let (reported, errors, status) = with("");
     assert_eq!(status, 0, "{errors}");
-    assert!(
-        reported.contains("listen = \"127.0.0.1:4840\""),
-        "{reported}"
-    );
+    assert!(reported.contains("listen = \"127.0.0.1:4840\""), "{reported}");
 }

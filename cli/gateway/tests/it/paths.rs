@@ -50,12 +50,8 @@ fn the_metrics_show_what_is_not_known_of_a_standby_path() {
     };
     let controllers = json!([path(0, true), path(1, false), path(2, true)]);
     let status = interop::status(&json!({ "controllers": controllers }));
-    let shape = Shape {
-        machine: "m".to_owned(),
-        axes: Vec::new(),
-        sensors: Vec::new(),
-        controllers: 3,
-    };
+    let shape =
+        Shape { machine: "m".to_owned(), axes: Vec::new(), sensors: Vec::new(), controllers: 3 };
     let metrics = metrics::text(&status, &quantities(&shape));
     for line in [
         "volcomp_path_answered_seconds{path=\"1\"} +Inf",
@@ -85,26 +81,19 @@ fn an_unknown_correction_is_shown_as_unknown() {
         "no test shift is made"
     );
     program.gateway().disconnect();
-    let state = program
-        .wait(|state| state["correction_known"] == false)
-        .expect("it is not known any more");
+    let state =
+        program.wait(|state| state["correction_known"] == false).expect("it is not known any more");
     assert_eq!(state["residual_um"], Value::Null, "{state}");
     let metrics = program.get("/metrics").body;
     assert!(metrics.contains("volcomp_correction_known 0"), "{metrics}");
     assert!(!metrics.contains("volcomp_correction_um{"), "{metrics}");
     let text = volcomp_gateway::status::text(&serde_json::from_value(state).expect("a state"));
-    assert!(
-        text.contains("unknown: not confirmed by the control"),
-        "{text}"
-    );
+    assert!(text.contains("unknown: not confirmed by the control"), "{text}");
     // An old confirmation does not count as a current value.
     let state = program
         .wait(|state| state["controllers"][0]["holds_correction"].is_null())
         .expect("it is not known any more");
-    assert!(
-        state["controllers"][0]["confirmed_ms"].as_f64() > Some(2000.0),
-        "{state}"
-    );
+    assert!(state["controllers"][0]["confirmed_ms"].as_f64() > Some(2000.0), "{state}");
     let metrics = program.get("/metrics").body;
     let line = "volcomp_path_holds_correction{path=\"0\"} NaN";
     assert!(metrics.contains(line), "{metrics}");
@@ -126,14 +115,11 @@ fn unsent_and_unknown_values_are_not_shown() {
     let mut found = PerChannel::ZERO;
     found[1] = 0.021;
     program.gateway().rig.overwrite(&found);
-    let state = program
-        .wait(|state| state["correction_um"]["Y"] == 21.0)
-        .expect("it finds a correction");
+    let state =
+        program.wait(|state| state["correction_um"]["Y"] == 21.0).expect("it finds a correction");
     assert_eq!(state["sent_um"], json!({}), "{state}");
     program.gateway().disconnect();
-    program
-        .wait(|state| state["positions_mm"] == json!({}))
-        .expect("positions are lost");
+    program.wait(|state| state["positions_mm"] == json!({})).expect("positions are lost");
     assert_eq!(program.get("/api/map").json()["error_um"], json!([]));
 }
 
@@ -167,9 +153,6 @@ fn check_shows_the_addresses_in_the_pmc() {
     let plan = planned();
     let document = serde_json::to_value(plan.document().expect("a plan")).expect("plain data");
     let pmc = &document["controllers"][0]["pmc"];
-    assert_eq!(
-        (&pmc["frame"], &pmc["report"]),
-        (&json!("R300"), &json!("R400"))
-    );
+    assert_eq!((&pmc["frame"], &pmc["report"]), (&json!("R300"), &json!("R400")));
     assert_eq!(pmc["shift_words"], Value::Null);
 }

@@ -33,12 +33,9 @@ fn killed_in_the_middle_and_started_again_there_is_no_step() {
     let config = manual::configuration(dir.path(), "auto_arm = true");
     change(&config, "ramp_s = 0.1", "ramp_s = 0.5");
     let mut gateway = Gateway::start(&config);
-    for (state, ms) in [
-        ("arming", 100),
-        ("arming", 350),
-        ("compensating", 0),
-        ("compensating", 2500),
-    ] {
+    for (state, ms) in
+        [("arming", 100), ("arming", 350), ("compensating", 0), ("compensating", 2500)]
+    {
         gateway.wait_for(state);
         gateway.run(Duration::from_millis(ms));
         assert!(gateway.shifts()[1].abs() > 0.001, "{state}: it corrects");
@@ -61,9 +58,7 @@ fn the_simulation_lives_and_the_service_manager_is_notified() {
     let mut shell = Command::new("sh");
     let program = env!("CARGO_BIN_EXE_volcomp-gateway");
     shell.args(["-c", "ulimit -S -n 256; exec \"$0\" \"$@\"", program]);
-    shell
-        .env("NOTIFY_SOCKET", &socket)
-        .env("WATCHDOG_USEC", "400000");
+    shell.env("NOTIFY_SOCKET", &socket).env("WATCHDOG_USEC", "400000");
     let mut program = Program::simulated(shell, dir.path());
     let received = || {
         let mut buffer = [0; 256];
@@ -77,9 +72,7 @@ fn the_simulation_lives_and_the_service_manager_is_notified() {
     crate::http::the_simulation_lives(&program);
     let limits = std::fs::read_to_string(format!("/proc/{}/limits", program.running.id()));
     let limits = limits.expect("it runs");
-    let files = limits
-        .lines()
-        .find_map(|line| line.strip_prefix("Max open files"));
+    let files = limits.lines().find_map(|line| line.strip_prefix("Max open files"));
     let files: Vec<&str> = files.expect("a line").split_whitespace().collect();
     assert!(files[0] == files[1] && files[0] != "256", "{files:?}");
     program.signal("TERM");
@@ -125,25 +118,17 @@ fn two_gateways_on_one_controller() {
     let other = tempfile::tempdir().expect("writable");
     for spelling in ["127.0.0.1", "localhost", "LocalHost", "[::1]", "0.0.0.0"] {
         let why = does_not_start(at(other.path(), spelling, ""), "127.0.0.1:0");
-        assert!(
-            why.contains("another gateway on this computer"),
-            "{spelling}: {why}"
-        );
+        assert!(why.contains("another gateway on this computer"), "{spelling}: {why}");
     }
     let text = std::fs::read_to_string(&config).expect("written");
     let in_folder = dir.path().join("other.toml");
-    std::fs::write(
-        &in_folder,
-        text.replace("focas://127.0.0.1", "focas://127.0.0.3"),
-    )
-    .expect("writable");
+    std::fs::write(&in_folder, text.replace("focas://127.0.0.1", "focas://127.0.0.3"))
+        .expect("writable");
     let why = does_not_start(in_folder, "127.0.0.1:0");
     assert!(why.contains("[audit] dir: another gateway"), "{why}");
     let config = at(other.path(), "127.0.0.2", "");
     let second = Program::start(other.path(), &["--config", path(&config)]);
-    second
-        .wait(|state| state["cycle"]["count"].as_u64() > Some(100))
-        .expect("it runs");
+    second.wait(|state| state["cycle"]["count"].as_u64() > Some(100)).expect("it runs");
     let refused = second.post("/api/arm", "");
     assert_eq!(refused.status, 409);
     assert!(refused.body.contains("another gateway"), "{}", refused.body);
@@ -178,10 +163,7 @@ fn signals_reload_ramp_out_and_leave_at_once() {
     let dir = tempfile::tempdir().expect("writable");
     let mut world = World::new(&['X', 'Y', 'Z']);
     world.motion = Arc::new(|_| vec![400.0, 150.0, 50.0]);
-    let options = Options {
-        latency: Duration::from_millis(7),
-        ..Options::default()
-    };
+    let options = Options { latency: Duration::from_millis(7), ..Options::default() };
     let control = Simulator::start("127.0.0.1:0", options, world).expect("loopback");
     let config = configuration(dir.path(), &control, "auto_arm = true");
     let mut program = Program::start(dir.path(), &["--config", path(&config)]);

@@ -68,11 +68,8 @@ impl Answer {
 pub(crate) fn token_file(dir: &Path) -> PathBuf {
     use std::os::unix::fs::PermissionsExt;
     let path = dir.join("tokens");
-    std::fs::write(
-        &path,
-        format!("# who may\nanna operate {OPERATE}\nbert view {VIEW}\n"),
-    )
-    .expect("writable");
+    std::fs::write(&path, format!("# who may\nanna operate {OPERATE}\nbert view {VIEW}\n"))
+        .expect("writable");
     std::fs::set_permissions(&path, std::fs::Permissions::from_mode(0o600)).expect("ours");
     path
 }
@@ -80,31 +77,17 @@ pub(crate) fn token_file(dir: &Path) -> PathBuf {
 impl Program {
     /// Starts the program with these arguments on a free loopback port.
     pub(crate) fn start(dir: &Path, arguments: &[&str]) -> Self {
-        Self::spawn(
-            Command::new(env!("CARGO_BIN_EXE_volcomp-gateway")),
-            dir,
-            arguments,
-        )
+        Self::spawn(Command::new(env!("CARGO_BIN_EXE_volcomp-gateway")), dir, arguments)
     }
 
     /// Starts the program through another command, such as a shell that sets limits.
     pub(crate) fn spawn(mut command: Command, dir: &Path, arguments: &[&str]) -> Self {
         let log = dir.join("gateway.log");
-        let file = std::fs::File::options()
-            .create(true)
-            .append(true)
-            .open(&log)
-            .expect("writable");
+        let file = std::fs::File::options().create(true).append(true).open(&log).expect("writable");
         let (running, line, _) = Running::start_and_hear(
-            command
-                .args(arguments)
-                .args(["--listen", "127.0.0.1:0"])
-                .stderr(file),
+            command.args(arguments).args(["--listen", "127.0.0.1:0"]).stderr(file),
         );
-        let address = line
-            .rsplit('/')
-            .next()
-            .and_then(|address| address.parse().ok());
+        let address = line.rsplit('/').next().and_then(|address| address.parse().ok());
         let reported = || std::fs::read_to_string(&log).unwrap_or_default();
         let address = address.unwrap_or_else(|| panic!("it says {line:?}: {}", reported()));
         let client = Client { address, log };
@@ -125,19 +108,14 @@ impl Program {
 
     pub(crate) fn end(&mut self) -> Option<i32> {
         let ended = self.running.ended(PATIENCE);
-        ended
-            .unwrap_or_else(|| panic!("it does not end\n{}", self.log()))
-            .code()
+        ended.unwrap_or_else(|| panic!("it does not end\n{}", self.log())).code()
     }
 }
 
 impl Client {
     /// A client of a dashboard in this process; it has no log file.
     pub(crate) fn of(address: SocketAddr) -> Self {
-        Self {
-            address,
-            log: PathBuf::new(),
-        }
+        Self { address, log: PathBuf::new() }
     }
 
     pub(crate) fn log(&self) -> String {
@@ -160,9 +138,8 @@ impl Client {
         token: Option<&str>,
         body: &str,
     ) -> Answer {
-        let authorization = token.map_or(String::new(), |token| {
-            format!("Authorization: Bearer {token}\r\n")
-        });
+        let authorization =
+            token.map_or(String::new(), |token| format!("Authorization: Bearer {token}\r\n"));
         let text = self.raw(
             format!(
                 "{method} {path} HTTP/1.1\r\nHost: {}\r\n{authorization}Content-Length: {}\r\nConnection: close\r\n\r\n{body}",
@@ -254,16 +231,8 @@ pub(crate) fn exchange(address: SocketAddr, bytes: &[u8]) -> String {
 
 pub(crate) fn answer(text: &str) -> Answer {
     let (head, body) = text.split_once("\r\n\r\n").unwrap_or((text, ""));
-    let status = head
-        .split_whitespace()
-        .nth(1)
-        .and_then(|status| status.parse().ok())
-        .unwrap_or(0);
-    Answer {
-        status,
-        head: head.to_ascii_lowercase(),
-        body: body.to_owned(),
-    }
+    let status = head.split_whitespace().nth(1).and_then(|status| status.parse().ok()).unwrap_or(0);
+    Answer { status, head: head.to_ascii_lowercase(), body: body.to_owned() }
 }
 
 pub(crate) fn path(path: &Path) -> &str {

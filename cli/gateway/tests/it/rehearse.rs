@@ -69,10 +69,7 @@ fn shipped_configurations_pass() {
         let output = rehearse(dir.path(), &[file]);
         let table = String::from_utf8(output.stdout).expect("UTF-8");
         assert_eq!(output.status.code(), Some(0), "{table}");
-        assert!(
-            table.lines().all(|line| line.chars().count() <= 60),
-            "{table}"
-        );
+        assert!(table.lines().all(|line| line.chars().count() <= 60), "{table}");
         assert!(table.contains("No device was opened and nothing was sent"));
         assert!(table.contains("Not rehearsed:"));
         assert!(table.ends_with("broke no rule\n"));
@@ -89,11 +86,7 @@ fn shipped_configurations_pass() {
     assert_eq!(document["config_hash"], checksum);
     assert_eq!(document["version"], env!("CARGO_PKG_VERSION"));
     assert_eq!(document["user"], "anna");
-    assert!(
-        document["time"]
-            .as_str()
-            .is_some_and(|time| time.ends_with('Z'))
-    );
+    assert!(document["time"].as_str().is_some_and(|time| time.ends_with('Z')));
     assert_eq!(document["selection"], serde_json::json!([]));
     let path = &document["controllers"][0];
     assert_eq!(path["barrier"]["machine"], 1);
@@ -121,17 +114,10 @@ fn with_a_barrier_no_fault_is_excepted() {
         let faults = &found.controllers[0].faults;
         // Each fault while compensating and while ramping, including those of sensors.
         assert_eq!(faults.len(), 2 * CATALOGUE.len());
-        assert!(
-            faults
-                .iter()
-                .all(|f| !f.bounded_by_limit && !f.interlock_hidden)
-        );
+        assert!(faults.iter().all(|f| !f.bounded_by_limit && !f.interlock_hidden));
         assert!(faults.iter().all(|f| f.moved_while_held == 0));
         assert!(
-            faults[0]
-                .axes
-                .iter()
-                .any(|axis| axis.excursion().is_some_and(|e| e.furthest > 5.0))
+            faults[0].axes.iter().any(|axis| axis.excursion().is_some_and(|e| e.furthest > 5.0))
         );
     }
 }
@@ -154,18 +140,10 @@ fn every_hold_passes() {
         };
         let found = Rehearsal::of(1, &names).expect("in the catalogue");
         let found = found.run(&plan).expect("limits fit a barrier");
-        assert!(
-            found.verdict().is_ok(),
-            "hold_ms = {hold_ms}\n{}",
-            text(&found, COLUMNS)
-        );
+        assert!(found.verdict().is_ok(), "hold_ms = {hold_ms}\n{}", text(&found, COLUMNS));
         let by_hand = |fault: &RehearsedFault| fault.needed.len();
         let most = found.controllers[0].faults.iter().map(by_hand).max();
-        assert!(
-            most <= Some(4),
-            "hold_ms = {hold_ms}\n{}",
-            text(&found, COLUMNS)
-        );
+        assert!(most <= Some(4), "hold_ms = {hold_ms}\n{}", text(&found, COLUMNS));
     }
 }
 
@@ -182,10 +160,7 @@ fn a_barrier_that_is_faster_than_stated_fails() {
     let error = found.verdict().expect_err("a rule was broken");
     assert_eq!(error.status(), 1);
     let table = text(&found, COLUMNS);
-    assert!(
-        table.contains("FAIL") && table.contains("in one step, allowed 2 µm"),
-        "{table}"
-    );
+    assert!(table.contains("FAIL") && table.contains("in one step, allowed 2 µm"), "{table}");
 }
 
 #[test]
@@ -208,20 +183,12 @@ fn wrong_calls_and_configurations_end_with_2() {
 #[test]
 fn the_table_is_for_people() {
     let (dir, _) = changed(|text| without_barrier(&text));
-    let faults = [
-        "none",
-        "late_write_50",
-        "emergency_stop",
-        "garbage",
-        "sensor_jump",
-    ];
+    let faults = ["none", "late_write_50", "emergency_stop", "garbage", "sensor_jump"];
     let named = faults.iter().flat_map(|name| ["--fault", name]);
     let arguments: Vec<&str> = ["gateway.toml"].into_iter().chain(named).collect();
     let output = rehearse(dir.path(), &arguments);
     let table = String::from_utf8(output.stdout).expect("UTF-8");
-    let (head, rest) = table
-        .split_once("machine ")
-        .expect("the head of a protocol");
+    let (head, rest) = table.split_once("machine ").expect("the head of a protocol");
     assert!(head.starts_with("rehearsed     20") && head.contains(" UTC\nby            anna on "));
     insta::assert_snapshot!(rest);
 }
@@ -238,12 +205,6 @@ fn the_table_fits_a_narrow_terminal() {
     // A checksum, path or address cannot be wrapped.
     let is_long = |line: &&str| line.chars().count() > 40 && line.contains(' ');
     let long: Vec<&str> = table.lines().filter(is_long).collect();
-    assert!(
-        long.iter().all(|line| line.starts_with("configuration")),
-        "{long:?}"
-    );
-    assert!(
-        table.contains("\nfaults        a selection: 4 of "),
-        "{table}"
-    );
+    assert!(long.iter().all(|line| line.starts_with("configuration")), "{long:?}");
+    assert!(table.contains("\nfaults        a selection: 4 of "), "{table}");
 }

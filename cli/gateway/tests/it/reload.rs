@@ -91,9 +91,7 @@ fn a_model_changes_through_the_ramp_and_a_large_change_is_confirmed() {
     // No rotary axis is corrected, so none is mentioned.
     assert!(question["worst_corner_urad"].is_null(), "{question}");
     gateway.wait_until_says("must be confirmed");
-    let hash = gateway.state()["machine"]["hash"]
-        .as_str()
-        .map(str::to_owned);
+    let hash = gateway.state()["machine"]["hash"].as_str().map(str::to_owned);
     assert_eq!(gateway.ask(Operation::Reload(hash)).0, 409);
     wait_for_y(&mut gateway, -100.0);
     confirm(&mut gateway, &question);
@@ -228,10 +226,7 @@ fn signs_of_another_machine_need_confirmation() {
         let before = gateway.state()["machine"]["hash"].clone();
         change(&file, from, to);
         let signs = |question: &Value, before: &str| {
-            assert!(
-                question["worst_corner_um"].as_f64() < Some(1.0),
-                "{question}"
-            );
+            assert!(question["worst_corner_um"].as_f64() < Some(1.0), "{question}");
             let signs = question["differences"].to_string();
             assert!(signs.contains(sign) && signs.contains(before), "{question}");
         };
@@ -270,19 +265,15 @@ fn changed_terms_need_confirmation() {
     let mut gateway = Gateway::start(&config);
     gateway.wait_for("compensating");
     wait_for_y(&mut gateway, 0.0);
-    for (from, to, terms, um) in [
-        (thermal, all, json!([1.0, null]), -20.0),
-        (all, thermal, json!([null, 1.0]), 0.0),
-    ] {
+    for (from, to, terms, um) in
+        [(thermal, all, json!([1.0, null]), -20.0), (all, thermal, json!([null, 1.0]), 0.0)]
+    {
         change(&config, from, to);
         // A rig keeps the terms of its first start.
         drop(gateway);
         gateway = Gateway::start(&config);
         let question = arming_asks(&mut gateway);
-        assert_eq!(
-            question["limits"],
-            json!({ "controller[0].terms = [\"thermal\"]": terms })
-        );
+        assert_eq!(question["limits"], json!({ "controller[0].terms = [\"thermal\"]": terms }));
         let worst_um = question["worst_corner_um"].as_f64().expect("a number");
         // `EXX` at the end of X.
         assert!((worst_um - 40.0).abs() < 0.1, "{question}");

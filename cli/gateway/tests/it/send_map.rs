@@ -70,15 +70,11 @@ impl Control {
     /// Correction of X from the control's map, µm.
     fn x_um(&mut self) -> f64 {
         let report = self.report();
-        report["map_um"]["X"]
-            .as_f64()
-            .unwrap_or_else(|| panic!("{report}"))
+        report["map_um"]["X"].as_f64().unwrap_or_else(|| panic!("{report}"))
     }
 
     fn reaches(&mut self, um: f64) {
-        until("the correction", PATIENCE, || {
-            (self.x_um() - um).abs() <= 1.0
-        });
+        until("the correction", PATIENCE, || (self.x_um() - um).abs() <= 1.0);
     }
 }
 
@@ -93,20 +89,8 @@ fn write(dir: &Path, url: &str, largest_um: f64) -> PathBuf {
 fn write_map(dir: &Path, largest_um: f64, counter: u16) {
     let names = [AxisName::X, AxisName::Y, AxisName::Z];
     let request = Request {
-        axes: names
-            .map(|name| GridAxis {
-                name,
-                travel: [0.0, 1000.0],
-                step: 0.001,
-            })
-            .to_vec(),
-        outputs: names
-            .map(|name| MapOutput {
-                name,
-                step_mm: 0.001,
-                limit_mm: 1.0,
-            })
-            .to_vec(),
+        axes: names.map(|name| GridAxis { name, travel: [0.0, 1000.0], step: 0.001 }).to_vec(),
+        outputs: names.map(|name| MapOutput { name, step_mm: 0.001, limit_mm: 1.0 }).to_vec(),
         within_mm: 0.001,
         words: 700,
         counter,
@@ -179,13 +163,7 @@ impl Rig {
         let disk = Disk::new(dir.path())?;
         let (control, url) = Control::start("127.0.0.1:0")?;
         let file = write(dir.path(), &url, 80.0);
-        Some(Self {
-            dir,
-            control,
-            url,
-            file,
-            disk,
-        })
+        Some(Self { dir, control, url, file, disk })
     }
 
     /// Starts a sender of map `number`, and waits until the control applies its correction.
@@ -214,18 +192,12 @@ impl Rig {
 impl Sender {
     fn start(file: &Path, dir: &Path, number: u16, disk: &Disk) -> Self {
         let mut command = command(file, &["--confirm", &hash(file)]);
-        command
-            .env("LD_PRELOAD", &disk.library)
-            .env("HANGS", &disk.hangs);
+        command.env("LD_PRELOAD", &disk.library).env("HANGS", &disk.hangs);
         let log = dir.join("sender.log");
         let errors = std::fs::File::create(&log).expect("writable");
         let (running, line, output) = Running::start_and_hear(command.stderr(errors));
         assert_eq!(line, format!("map {number} is in use"));
-        Self {
-            running,
-            output,
-            log,
-        }
+        Self { running, output, log }
     }
 
     fn log(&self) -> String {
@@ -302,11 +274,7 @@ fn a_control_keeps_the_map_of_its_sender_until_its_end() {
     let files = std::fs::read_dir(rig.dir.path().join("audit")).expect("a folder");
     let texts = files.map(|file| std::fs::read(file.expect("listed").path()).unwrap_or_default());
     let log = String::from_utf8_lossy(&texts.collect::<Vec<_>>().concat()).into_owned();
-    for what in [
-        "a map is going to be sent",
-        "the map is in use",
-        "the corrections are zero",
-    ] {
+    for what in ["a map is going to be sent", "the map is in use", "the corrections are zero"] {
         assert!(log.contains(what), "{what}: {log}");
     }
 }
@@ -354,10 +322,7 @@ fn a_confirmation_during_a_refusal_is_separate(rig: &mut Rig, sender: &mut Sende
     std::fs::write(&confirmation, "0123456789abcdef").expect("writable");
     until("it is taken", PATIENCE, || !confirmation.exists());
     // Both ends are open: the rejection is in progress.
-    let mut bytes = std::fs::File::options()
-        .write(true)
-        .open(&pipe)
-        .expect("it is read");
+    let mut bytes = std::fs::File::options().write(true).open(&pipe).expect("it is read");
     change(&rig.file, "pipe.map", "machine.map");
     write_map(rig.dir.path(), 80.0, 9);
     rig.must_replace();
@@ -399,11 +364,7 @@ fn others_are_refused(rig: &mut Rig) {
     refused(&rig.file, &["--confirm", &confirmed], 1, "another gateway");
     // Another folder, and another name for the same control.
     let other = tempfile::tempdir().expect("writable");
-    let elsewhere = write(
-        other.path(),
-        &rig.url.replace("127.0.0.1", "localhost"),
-        -80.0,
-    );
+    let elsewhere = write(other.path(), &rig.url.replace("127.0.0.1", "localhost"), -80.0);
     let why = "another gateway on this computer uses it";
     refused(&elsewhere, &["--confirm", &hash(&elsewhere)], 1, why);
     rig.keeps(40.0);
@@ -423,9 +384,7 @@ fn a_fanuc_control_looks_up_as_well() {
     }
     let options = "--listen 127.0.0.1:0 --at X=500 --map-words 700 --json --machine-number 1002 --limit-um 100 --scan-ms 10 --rate-um-per-s 200 --hold-ms 800 --time-out-ms 2000";
     let mut command = Command::new(built);
-    command
-        .args(options.split_whitespace())
-        .stdin(Stdio::piped());
+    command.args(options.split_whitespace()).stdin(Stdio::piped());
     let (mut control, line, mut lines) = Running::start_and_hear(&mut command);
     let address = line.strip_prefix("listening on ").expect("an address");
     let mut x_um = || {
@@ -437,11 +396,7 @@ fn a_fanuc_control_looks_up_as_well() {
     };
     let dir = tempfile::tempdir().expect("writable");
     let file = write(dir.path(), &format!("focas://{address}"), 80.0);
-    change(
-        &file,
-        "[sinumerik]\ntime_out_ms = 2000.0\n",
-        "[pmc]\ntime_out_ms = 2000.0\n",
-    );
+    change(&file, "[sinumerik]\ntime_out_ms = 2000.0\n", "[pmc]\ntime_out_ms = 2000.0\n");
     let Some(disk) = Disk::new(dir.path()) else {
         return;
     };

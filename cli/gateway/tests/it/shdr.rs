@@ -60,10 +60,7 @@ fn every_item_is_sent_once_then_its_changes() {
         "2026-11-21T11:59:59.980Z|guard|NORMAL||||",
         "2026-11-21T11:59:59.980Z|temperature_bed_plate_2_condition|NORMAL||||",
     ] {
-        assert!(
-            first.lines().any(|reported| reported == line),
-            "{line} in {first}"
-        );
+        assert!(first.lines().any(|reported| reported == line), "{line} in {first}");
     }
     // One item is the availability; reasons are conditions.
     let count = 1 + quantities(&shape()).len() - 1 + items.conditions.len();
@@ -90,48 +87,24 @@ fn what_is_not_known_is_not_available() {
     next(json!({}));
     // Old positions keep their last value, and the state reports the age.
     let stale = next(json!({ "state": "holding", "reasons": ["positions stale"] }));
-    for key in [
-        "x_position",
-        "c_position",
-        "x_wanted",
-        "tool_error",
-        "tool_residual",
-    ] {
-        assert!(
-            stale.contains(&format!("|{key}|UNAVAILABLE\n")),
-            "{key} in {stale}"
-        );
+    for key in ["x_position", "c_position", "x_wanted", "tool_error", "tool_residual"] {
+        assert!(stale.contains(&format!("|{key}|UNAVAILABLE\n")), "{key} in {stale}");
     }
-    assert!(
-        stale.contains("|guard|WARNING|positions_stale|||positions stale\n"),
-        "{stale}"
-    );
+    assert!(stale.contains("|guard|WARNING|positions_stale|||positions stale\n"), "{stale}");
     assert!(!stale.contains("x_correction"), "{stale}");
     let back = next(json!({}));
     assert!(back.contains("|x_position|400.25\n"), "{back}");
     assert!(back.contains("|guard|NORMAL||||\n"), "{back}");
     let unconfirmed = next(json!({ "correction_known": false }));
-    assert!(
-        unconfirmed.contains("|x_correction|UNAVAILABLE\n"),
-        "{unconfirmed}"
-    );
+    assert!(unconfirmed.contains("|x_correction|UNAVAILABLE\n"), "{unconfirmed}");
     let silent = next(json!({
         "state": "unknown", "reasons": ["no cycle for 1234 ms"], "correction_known": false, "positions_mm": {},
         "positions_deg": {}, "correction_um": {}, "correction_urad": {}, "error_um": null,
     }));
-    for line in [
-        "avail",
-        "guard",
-        "path_0_condition",
-        "x_position",
-        "faults",
-        "armed",
-        "tool_error",
-    ] {
-        assert!(
-            silent.contains(&format!("|{line}|UNAVAILABLE")),
-            "{line} in {silent}"
-        );
+    for line in
+        ["avail", "guard", "path_0_condition", "x_position", "faults", "armed", "tool_error"]
+    {
+        assert!(silent.contains(&format!("|{line}|UNAVAILABLE")), "{line} in {silent}");
     }
     assert!(silent.contains("|state|UNKNOWN\n"), "{silent}");
     let longer = next(json!({
@@ -157,17 +130,11 @@ fn conditions_end_by_their_codes() {
     assert_eq!(next("compensating", &[]), ["NORMAL||||"]);
     assert_eq!(
         next("holding", &["emergency stop", "no barrier"]),
-        [
-            "WARNING|emergency_stop|||emergency stop",
-            "WARNING|no_barrier|||no barrier"
-        ]
+        ["WARNING|emergency_stop|||emergency stop", "WARNING|no_barrier|||no barrier"]
     );
     // In the state `faulted` a reason that forbids arming is a fault; other reasons do not change.
     assert_eq!(
-        next(
-            "faulted",
-            &["emergency stop", "correction does not stick", "no barrier"]
-        ),
+        next("faulted", &["emergency stop", "correction does not stick", "no barrier"]),
         [
             "FAULT|emergency_stop|||emergency stop",
             "FAULT|correction_does_not_stick|||correction does not stick"
@@ -252,11 +219,7 @@ impl Agent {
         let (mut running, line, said) = Running::start_and_hear(&mut command);
         assert_eq!(line, "ready");
         let wishes = running.stdin.take();
-        Some(Self {
-            running,
-            wishes,
-            said,
-        })
+        Some(Self { running, wishes, said })
     }
 
     fn line(&mut self) -> String {
@@ -276,14 +239,9 @@ impl Agent {
         drop(self.wishes.take());
         let end: Value = serde_json::from_str(&self.line()).expect("JSON");
         assert!(end["pongs"].as_u64() >= Some(1), "{end}");
-        assert!(
-            self.running
-                .ended(PATIENCE)
-                .is_some_and(|status| status.success())
-        );
+        assert!(self.running.ended(PATIENCE).is_some_and(|status| status.success()));
         let keys = end["keys"].as_array().expect("a list").iter();
-        keys.map(|key| key.as_str().expect("text").to_owned())
-            .collect()
+        keys.map(|key| key.as_str().expect("text").to_owned()).collect()
     }
 }
 
@@ -298,10 +256,7 @@ fn client(address: &str) -> TcpStream {
 fn served(dir: &Path, more: &str, device: &str) -> (Served, PathBuf, String) {
     let config = served_configuration(dir, more);
     let address = format!("127.0.0.1:{}", free_port());
-    append(
-        &config,
-        &format!("\n[shdr]\nlisten = \"{address}\"\n{device}"),
-    );
+    append(&config, &format!("\n[shdr]\nlisten = \"{address}\"\n{device}"));
     (Served::start(&config), config, address)
 }
 
@@ -319,10 +274,7 @@ fn an_agent_reads_what_the_dashboard_shows() {
     agent.hears("x_position", &json!(["number"]));
     // The machine file has -20 µm on Y.
     agent.hears("y_correction", &json!(["-0.02"]));
-    agent.hears(
-        "guard",
-        &json!(["WARNING", "no_barrier", null, null, "no barrier"]),
-    );
+    agent.hears("guard", &json!(["WARNING", "no_barrier", null, null, "no barrier"]));
     gateway.gateway().disconnect();
     agent.hears("x_position", &json!(["UNAVAILABLE"]));
     agent.hears("y_correction", &json!(["UNAVAILABLE"]));
@@ -414,11 +366,7 @@ fn received_data_neither_commands_nor_delays() {
         count += 1;
     }
     let ended = asking.join().expect("it was disconnected");
-    assert_ne!(
-        ended,
-        std::io::ErrorKind::WouldBlock,
-        "it was not disconnected"
-    );
+    assert_ne!(ended, std::io::ErrorKind::WouldBlock, "it was not disconnected");
     assert!(count > 1, "the other received {count} times");
     assert_eq!(gateway.state()["state"], "disarmed");
     drop(deaf);

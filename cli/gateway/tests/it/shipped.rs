@@ -31,11 +31,8 @@ impl Control {
         let address = line.strip_prefix("listening on ");
         let address = address.unwrap_or_else(|| panic!("it says {line:?}"));
         let report = Arc::default();
-        let control = Self {
-            _running: running,
-            address: address.to_owned(),
-            report: Arc::clone(&report),
-        };
+        let control =
+            Self { _running: running, address: address.to_owned(), report: Arc::clone(&report) };
         std::thread::spawn(move || {
             for line in output.lines().map_while(Result::ok) {
                 let found = serde_json::from_str(&line).ok();
@@ -129,11 +126,7 @@ fn rehearse(configuration: &str) {
         // At a position with a large error.
         misses[0] > 20.0 && misses[1] < 0.2 * misses[0]
     });
-    assert!(
-        reached.is_ok(),
-        "µm without and with correction: {seen:?}\n{}",
-        gateway.log()
-    );
+    assert!(reached.is_ok(), "µm without and with correction: {seen:?}\n{}", gateway.log());
 }
 
 #[test]

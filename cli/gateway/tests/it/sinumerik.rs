@@ -57,33 +57,16 @@ impl Control {
         let mut command = Command::new(python);
         command
             .arg(root().join("drivers/sinumerik/tests/peer/sinumerik-sim.py"))
-            .args([
-                "--listen",
-                "127.0.0.1:0",
-                "--json",
-                "--truth",
-                path(&machine),
-            ])
+            .args(["--listen", "127.0.0.1:0", "--json", "--truth", path(&machine)])
             // Axis positions do not affect thermal corrections.
-            .args([
-                "--at",
-                "X=400,Y=150,Z=50",
-                "--stroke-mm",
-                "60",
-                "--period-s",
-                "4",
-            ])
+            .args(["--at", "X=400,Y=150,Z=50", "--stroke-mm", "60", "--period-s", "4"])
             .args(["--temperature", "bed=20", "--user", "gateway:opc-ua-secret"])
             .args(arguments)
             .stdin(Stdio::piped());
         let (running, line, output) = Running::start_and_hear(&mut command);
         let url = line.strip_prefix("listening on ");
         let url = url.unwrap_or_else(|| panic!("found {line:?}")).to_owned();
-        Some(Self {
-            running,
-            output,
-            url,
-        })
+        Some(Self { running, output, url })
     }
 
     fn type_in(&mut self, command: &str) {
@@ -186,9 +169,7 @@ fn is(name: &str) -> impl Fn(&Value) -> bool {
 }
 
 fn is_zero(report: &Value) -> bool {
-    ["X", "Y", "Z"]
-        .iter()
-        .all(|axis| report["setting_um"][axis] == 0.0)
+    ["X", "Y", "Z"].iter().all(|axis| report["setting_um"][axis] == 0.0)
 }
 
 fn armed(dir: &Path, config: &Path) -> Program {
@@ -219,19 +200,12 @@ fn thirty_micrometres_of_drift_are_removed_and_geometry_is_left_alone() {
     let config = configuration(dir.path(), &control);
     let (text, errors, status) = check(&config, &["--online"]);
     assert_eq!(status, 0, "{errors}");
-    for part in [
-        "terms = [\"thermal\"]",
-        "# fastest_per_min = { X = 100.0",
-        "period_ms = 100.0",
-    ] {
+    for part in ["terms = [\"thermal\"]", "# fastest_per_min = { X = 100.0", "period_ms = 100.0"] {
         assert!(text.contains(part), "{part}: {text}");
     }
     assert!(!text.contains("opc-ua-secret"), "{text}");
     let (json, ..) = check(&config, &["--online", "--json"]);
-    crate::documents::validate(
-        "gateway-check.json",
-        &serde_json::from_str(&json).expect("JSON"),
-    );
+    crate::documents::validate("gateway-check.json", &serde_json::from_str(&json).expect("JSON"));
 
     let program = armed(dir.path(), &config);
     // At the reference temperature there is no correction, in spite of the geometric errors of the machine file.
@@ -246,10 +220,7 @@ fn thirty_micrometres_of_drift_are_removed_and_geometry_is_left_alone() {
     assert_eq!(control.um("drift_um", "Y"), -10.0);
     assert_eq!(control.um("setting_um", "Z"), 0.0);
     let state = program.state();
-    assert!(
-        state["reasons"].to_string().contains("no barrier"),
-        "{state}"
-    );
+    assert!(state["reasons"].to_string().contains("no barrier"), "{state}");
 
     assert!(program.post("/api/disarm", "").status < 300);
     control.wait(&program, "it went back", is_zero);
@@ -289,10 +260,7 @@ fn configurations_that_this_control_cannot_have() {
         "{errors}"
     );
     let errors = refused("hold_ms = 4000", "hold_ms = 250");
-    assert!(
-        errors.contains("found 250, expected 300 to 5000"),
-        "{errors}"
-    );
+    assert!(errors.contains("found 250, expected 300 to 5000"), "{errors}");
     let errors = refused("cycle_ms = 100.0", "cycle_ms = 50.0");
     assert!(errors.contains("100 ms"), "{errors}");
     let errors = refused("unwatched = true\n", "");

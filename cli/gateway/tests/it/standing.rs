@@ -179,12 +179,7 @@ fn an_operators_disarm_is_written_as_soon_as_possible() {
 fn an_operators_disarm_is_kept_on_a_full_disk() {
     for (is_fault, written, reported, state) in [
         (false, "\"disarmed_by\":\"anna\"", DISARMED, "disarmed"),
-        (
-            true,
-            "\"faulted\":[",
-            "faulted before the restart",
-            "faulted",
-        ),
+        (true, "\"faulted\":[", "faulted before the restart", "faulted"),
     ] {
         let dir = tempfile::tempdir().expect("writable");
         let Some(disk) = SmallDisk::at(dir.path().join("audit")) else {
@@ -247,9 +242,7 @@ fn a_disarm_while_stopping_survives_a_restart() {
             asked = vec![begin(Operation::Disarm), begin(Operation::Acknowledge)];
         }
     });
-    let answers = asked
-        .iter_mut()
-        .map(|wait| wait.try_recv().expect("answered").status);
+    let answers = asked.iter_mut().map(|wait| wait.try_recv().expect("answered").status);
     assert_eq!(answers.collect::<Vec<_>>(), [200, 503]);
     let mut gateway = Gateway::again(rig, &config);
     gateway.run(Duration::from_secs(10));
@@ -369,9 +362,7 @@ token_file = "tokens"
         let audit = dir.path().join("audit/audit.log");
         let rig = gateway.stop();
         let audit = std::fs::read_to_string(audit).expect("a log");
-        let stopped = audit
-            .lines()
-            .rfind(|line| line.contains("\"what\":\"stopped\""));
+        let stopped = audit.lines().rfind(|line| line.contains("\"what\":\"stopped\""));
         let stopped = stopped.expect("written");
         assert!(stopped.contains("\"left_um\":{}"), "{stopped}");
         gateway = Gateway::again(rig, &config);
@@ -387,10 +378,7 @@ pub(crate) fn with_thermometer(dir: &Path) -> PathBuf {
     let thermal = "[thermal]\nreference = 20.0\n[[thermal.expansion]]\nerror = \"EXX\"\nsensor = \"scale_x\"\num_per_m_k = 11.5\n";
     std::fs::write(dir.join("machine.toml"), format!("{MACHINE}{thermal}")).expect("writable");
     let url = format!("modbus://127.0.0.1:1?profile={}", file.display());
-    append(
-        &config,
-        &format!("[[thermometer]]\nurl = \"{url}\"\nnames = [\"scale_x\"]\n"),
-    );
+    append(&config, &format!("[[thermometer]]\nurl = \"{url}\"\nnames = [\"scale_x\"]\n"));
     config
 }
 
@@ -404,9 +392,7 @@ fn let_sensor_jump(gateway: &mut Gateway) {
     gateway.wait_for("compensating");
     gateway.wait("good", |state| quality(state).contains("good"));
     let (sensor, kelvin) = (0, 15.0);
-    gateway
-        .rig
-        .inject_sensor(Injection::Jump { sensor, kelvin });
+    gateway.rig.inject_sensor(Injection::Jump { sensor, kelvin });
     gateway.wait("jumped", |state| quality(state).contains("jumped"));
 }
 
@@ -430,9 +416,7 @@ fn a_sensor_that_jumped_keeps_a_restart_from_arming() {
         let_sensor_jump(&mut gateway);
         // The jump is kept while the sensor has another flaw.
         let (sensor, kelvin) = (0, 500.0);
-        gateway
-            .rig
-            .inject_sensor(Injection::Jump { sensor, kelvin });
+        gateway.rig.inject_sensor(Injection::Jump { sensor, kelvin });
         gateway.wait("out", |state| quality(state).contains("out of range"));
         gateway.run(Duration::from_millis(100));
         assert!(standing_text(&folder.join("standing.slots")).contains("scale_x"));
@@ -497,19 +481,13 @@ fn an_interlock_not_seen_to_clear_survives_a_restart() {
         let mut gateway = gateway.killed_and_started(&config);
         gateway.run(Duration::from_secs(1));
         let state = gateway.state();
-        assert!(
-            says(&state, unseen) && says(&state, "emergency stop"),
-            "{state}"
-        );
+        assert!(says(&state, unseen) && says(&state, "emergency stop"), "{state}");
         if returns {
             gateway.rig.inject(Injection::Disconnect { calls: 0 });
             gateway.run(Duration::from_secs(10));
             let state = gateway.state();
             assert_eq!(state["state"], "disarmed", "{state}");
-            assert!(
-                says(&state, "emergency stop") && !says(&state, unseen),
-                "{state}"
-            );
+            assert!(says(&state, "emergency stop") && !says(&state, unseen), "{state}");
             stop.emergency_stop.store(false, Ordering::Relaxed);
             gateway.wait_for("compensating");
         } else {
@@ -524,12 +502,7 @@ fn an_interlock_not_seen_to_clear_survives_a_restart() {
 
 /// The position of X is this much too high from now on, mm.
 fn displace(gateway: &Gateway, add: f64) {
-    gateway.rig.inject(Injection::WrongPosition {
-        axis: 0,
-        factor: 1.0,
-        add,
-        readings: u32::MAX,
-    });
+    gateway.rig.inject(Injection::WrongPosition { axis: 0, factor: 1.0, add, readings: u32::MAX });
 }
 
 const JUMPED: &str = "position jumped: X";
@@ -539,21 +512,13 @@ fn let_position_jump(gateway: &mut Gateway) {
     let x = gateway.state()["positions_mm"]["X"].as_f64();
     let is_high = x.expect("known") > 400.0;
     displace(gateway, if is_high { -200.0 } else { 200.0 });
-    let state = gateway.wait("held", |state| {
-        state["state"] == "holding" && says(state, JUMPED)
-    });
-    assert_eq!(
-        state["wanted_um"],
-        json!({}),
-        "unknown is not zero: {state}"
-    );
+    let state = gateway.wait("held", |state| state["state"] == "holding" && says(state, JUMPED));
+    assert_eq!(state["wanted_um"], json!({}), "unknown is not zero: {state}");
 }
 
 /// Auto-arm does not accept the position that was rejected; the operator does.
 fn accepts_no_jumped_position(gateway: &mut Gateway) {
-    gateway.wait("restarted", |state| {
-        state["error_um"].is_array() && !says(state, "watching")
-    });
+    gateway.wait("restarted", |state| state["error_um"].is_array() && !says(state, "watching"));
     gateway.run(Duration::from_secs(10));
     let state = gateway.state();
     assert_eq!(state["state"], "disarmed", "{state}");
@@ -572,11 +537,7 @@ fn a_position_that_jumped_keeps_a_restart_from_arming() {
         let (config, mut gateway) = compensating(dir.path());
         let_position_jump(&mut gateway);
         gateway.run(Duration::from_secs(6));
-        let rig = if is_killed {
-            gateway.killed()
-        } else {
-            gateway.stop()
-        };
+        let rig = if is_killed { gateway.killed() } else { gateway.stop() };
         let mut gateway = Gateway::again(rig, &config);
         accepts_no_jumped_position(&mut gateway);
         let mut gateway = Gateway::again(gateway.stop(), &config);
@@ -590,17 +551,13 @@ fn the_centre_enables_no_jumped_position() {
     let dir = tempfile::tempdir().expect("writable");
     let (_, mut gateway) = compensating(dir.path());
     let disable_and_enable = |gateway: &mut Gateway| {
-        for (operation, says) in [
-            (CentreOperation::Disable, true),
-            (CentreOperation::Enable, false),
-        ] {
+        for (operation, says) in
+            [(CentreOperation::Disable, true), (CentreOperation::Enable, false)]
+        {
             assert_eq!(gateway.ask(Operation::Centre(operation)).0, 200);
             gateway.wait("obeyed", |state| {
                 state["state"] == "disarmed"
-                    && state["reasons"]
-                        .to_string()
-                        .contains("disabled by the centre")
-                        == says
+                    && state["reasons"].to_string().contains("disabled by the centre") == says
             });
         }
     };
@@ -636,10 +593,7 @@ fn a_disarm_right_after_arming_survives_a_restart() {
         armed += u32::from(arms.try_recv().expect("answered").status == 200);
         assert_eq!(disarms.try_recv().expect("answered").status, 200);
         let text = standing_text(&standing);
-        assert!(
-            text.contains("\"disarmed_by\":\"anna\""),
-            "{cycles}: {text}"
-        );
+        assert!(text.contains("\"disarmed_by\":\"anna\""), "{cycles}: {text}");
         assert_eq!(gateway.state()["state"], "disarmed", "{cycles}");
     }
     assert!((1..12).contains(&armed), "{armed} of 12 were armed first");

@@ -53,10 +53,7 @@ fn status_fits_a_small_terminal() {
     });
     let status: Status = serde_json::from_value(state).expect("a state");
     let text = status::text(&status);
-    assert!(
-        text.lines().all(|line| line.chars().count() <= 80),
-        "{text}"
-    );
+    assert!(text.lines().all(|line| line.chars().count() <= 80), "{text}");
     insta::assert_snapshot!(text);
 }
 

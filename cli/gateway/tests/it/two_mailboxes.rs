@@ -83,11 +83,8 @@ fn rig() -> Rig {
         resolution: Displacement::Length(Mm(0.001)),
         largest: None,
     };
-    let go = |x: f64| simulated::Move {
-        to: PerChannel::leading([x]),
-        feed_per_s: 100.0,
-        dwell: SECOND,
-    };
+    let go =
+        |x: f64| simulated::Move { to: PerChannel::leading([x]), feed_per_s: 100.0, dwell: SECOND };
     let machine = simulated::Machine {
         axes: vec![axis],
         program: vec![go(100.0), go(900.0)],
@@ -102,11 +99,7 @@ fn rig() -> Rig {
     let (control, _, controls) = machine.start_with(Box::new(program), SCAN);
     let plant = control.plant();
 
-    let wiring = Wiring {
-        position: (0..20).collect(),
-        latch: Some(8),
-        ..Wiring::published()
-    };
+    let wiring = Wiring { position: (0..20).collect(), latch: Some(8), ..Wiring::published() };
     let x = DigitalAxis {
         position: PositionWord {
             bits: 20,
@@ -138,16 +131,9 @@ fn rig() -> Rig {
     let model = Machine::parse(MACHINE, "m").expect("valid");
     let model = Model::new(&model, guard.fading).expect("compiles");
     let fixed = [AxisName::Y, AxisName::Z].map(|name| (name, Displacement::Length(Mm(0.0))));
-    let settings = PathSettings {
-        fixed: fixed.into(),
-        unwatched: true,
-        ..unproven()
-    };
+    let settings = PathSettings { fixed: fixed.into(), unwatched: true, ..unproven() };
     let with_barrier = PathSettings {
-        barrier: Some(BarrierSettings {
-            machine: protection.machine,
-            scan: SCAN,
-        }),
+        barrier: Some(BarrierSettings { machine: protection.machine, scan: SCAN }),
         ..settings.clone()
     };
     let frames = Arc::new(Mutex::new(Seen::default()));
@@ -161,13 +147,7 @@ fn rig() -> Rig {
         path(Box::new(lines), &settings),
     ];
     let sensors = Sensors::new(Vec::new(), guard.temperatures);
-    let cycle = Cycle::new(
-        Box::new(model.clone()),
-        paths,
-        guard.hand_back,
-        sensors,
-        PERIOD,
-    );
+    let cycle = Cycle::new(Box::new(model.clone()), paths, guard.hand_back, sensors, PERIOD);
     Rig {
         cycle: cycle.expect("two paths").with_clock(clock.clone()),
         clock,
@@ -180,21 +160,13 @@ fn rig() -> Rig {
 impl Rig {
     fn run(&mut self, time: Duration, request: Option<Request>) -> Report {
         let end = self.clock.elapsed() + time;
-        let mut asked = CycleInput {
-            request,
-            ..CycleInput::default()
-        };
+        let mut asked = CycleInput { request, ..CycleInput::default() };
         while self.clock.elapsed() < end {
             self.clock.advance(PERIOD);
-            self.cycle
-                .run(self.clock.now(), &asked, &mut || Duration::ZERO);
+            self.cycle.run(self.clock.now(), &asked, &mut || Duration::ZERO);
             asked.request = None;
             let largest = self.controls.axes.largest_change()[0];
-            assert!(
-                largest <= MOST,
-                "{largest} mm at {:?}",
-                self.clock.elapsed()
-            );
+            assert!(largest <= MOST, "{largest} mm at {:?}", self.clock.elapsed());
         }
         *self.cycle.report()
     }

@@ -177,11 +177,7 @@ pub(crate) struct Wrong {
 impl Wrong {
     fn of(machine: &'static str, changes: &[(&str, &str)], says: &'static str) -> Self {
         let text = changes.iter().fold(RIGHT.to_owned(), changed);
-        Self {
-            text,
-            machine,
-            says,
-        }
+        Self { text, machine, says }
     }
 }
 
@@ -200,9 +196,8 @@ fn changed(text: String, (from, to): &(&str, &str)) -> String {
 
 /// One case for each rule that a configuration can break.
 pub(crate) fn cases() -> Vec<Wrong> {
-    let simple = rows(CHANGES)
-        .into_iter()
-        .map(|[from, to, says]| Wrong::of(MACHINE, &[(from, to)], says));
+    let simple =
+        rows(CHANGES).into_iter().map(|[from, to, says]| Wrong::of(MACHINE, &[(from, to)], says));
     let on_lines = rows(CHANGES_ON_LINES).into_iter().map(|[from, to, says]| {
         let to_lines = [("FOCAS", LINES), ("limit_um = 150.0", "limit_um = 120.0")];
         Wrong::of(MACHINE, &[to_lines[0], to_lines[1], (from, to)], says)
@@ -222,11 +217,7 @@ pub(crate) fn cases() -> Vec<Wrong> {
             &[("HEARTBEAT", barrier), (focas, "192.0.2.10")],
             "controller[0].url: 192.0.2.10: this is no device URL",
         ),
-        (
-            MACHINE,
-            &[("\"column\"]", "\"a\\nb\"]")],
-            "expected a name of visible characters",
-        ),
+        (MACHINE, &[("\"column\"]", "\"a\\nb\"]")], "expected a name of visible characters"),
         (
             MACHINE,
             &[
@@ -235,28 +226,12 @@ pub(crate) fn cases() -> Vec<Wrong> {
             ],
             "4 names for the 2 channels",
         ),
-        (
-            MACHINE,
-            &[("\"column\"]", "\"nowhere\"]"), (thermometer, "can://can9")],
-            "nowhere",
-        ),
-        (
-            MACHINE,
-            &[("token_file = \"tokens\"", ""), (listen, tls)],
-            "reading needs a token",
-        ),
+        (MACHINE, &[("\"column\"]", "\"nowhere\"]"), (thermometer, "can://can9")], "nowhere"),
+        (MACHINE, &[("token_file = \"tokens\"", ""), (listen, tls)], "reading needs a token"),
         (FIVE, &[], "in reads = [\"C\", \"B\"] where they are not"),
         // The position of a rotating axis cannot be fixed by a number.
-        (
-            FIVE,
-            &[("key", "fixed = { B = 0.0, C = 0.0 }")],
-            "name it in reads = [\"B\"]",
-        ),
-        (
-            FIVE,
-            &[("key", "reads = [\"C\"]\nnot_driven = [\"B\"]")],
-            "not_driven: axis B",
-        ),
+        (FIVE, &[("key", "fixed = { B = 0.0, C = 0.0 }")], "name it in reads = [\"B\"]"),
+        (FIVE, &[("key", "reads = [\"C\"]\nnot_driven = [\"B\"]")], "not_driven: axis B"),
         ("structure = \"w X' b Y Z t\"", &[], "machine.toml"),
     ];
     let others = others.map(|(machine, changes, says)| Wrong::of(machine, changes, says));

@@ -10,11 +10,7 @@ use volcomp_test_support::root;
 use crate::{SLOPE, copy, defaults, small};
 
 fn given(of: &str, key: &str, value: &str) -> TypedAnswer {
-    TypedAnswer {
-        of: of.to_owned(),
-        key: key.to_owned(),
-        value: value.to_owned(),
-    }
+    TypedAnswer { of: of.to_owned(), key: key.to_owned(), value: value.to_owned() }
 }
 
 fn request(limit_um: f64) -> TableRequest {
@@ -36,28 +32,17 @@ fn one_file_with_defaults_yields_a_machine_file() {
     let open = state.draft.expect("drafted").open;
     assert!(open > 0, "where the other axes were is not in the file");
     let refused = folder.fit("", None).expect_err("open").to_string();
-    assert!(
-        refused.starts_with(&format!("{open} open questions")),
-        "{refused}"
-    );
+    assert!(refused.starts_with(&format!("{open} open questions")), "{refused}");
     folder.answer(&defaults(&folder)).expect("answers");
     let fitted = folder.fit("EXX=100,V=100", None).expect("fitted");
     assert_eq!((fitted.curves, fitted.verdict), (1, Verdict::Pass));
     let of_v = &fitted.checks[1];
-    assert!(
-        of_v.starts_with("V of the measured errors alone: "),
-        "{of_v}"
-    );
-    assert_eq!(
-        folder.fit("EXX=1", None).expect("fitted").verdict,
-        Verdict::Fail
-    );
+    assert!(of_v.starts_with("V of the measured errors alone: "), "{of_v}");
+    assert_eq!(folder.fit("EXX=1", None).expect("fitted").verdict, Verdict::Fail);
     assert_eq!(folder.fit("", None).expect("fitted").verdict, Verdict::None);
     let machine = Machine::read(dir.path().join("result/machine.toml")).expect("valid");
     assert_eq!(machine.checksum(), fitted.machine);
-    let curve = machine
-        .error("EXX".parse().expect("a name"))
-        .expect("fitted");
+    let curve = machine.error("EXX".parse().expect("a name")).expect("fitted");
     let at = |x: f64| curve.value(0, &[x, 0.0, 0.0], None);
     assert!((at(400.0) - at(0.0) - 8.0).abs() < 0.2, "{}", at(400.0));
     let report = fs::read_to_string(dir.path().join("result/report.html")).expect("written");
@@ -72,18 +57,13 @@ fn one_file_with_defaults_yields_a_machine_file() {
     // A result is neither sent nor exported once an input has changed or is missing, whatever the dates of the files.
     let exx = dir.path().join("exx.csv");
     let text = fs::read_to_string(&exx).expect("there");
-    let date = fs::metadata(&exx)
-        .and_then(|of| of.modified())
-        .expect("a date");
+    let date = fs::metadata(&exx).and_then(|of| of.modified()).expect("a date");
     fs::write(&exx, text.replace("8.1", "8.2")).expect("writable");
     let file = fs::File::open(&exx).expect("there");
     file.set_modified(date).expect("settable");
     let is_stale = || folder.state().expect("readable").is_stale;
     assert!(is_stale());
-    let refused = folder
-        .tables(&request(250.0))
-        .expect_err("stale")
-        .to_string();
+    let refused = folder.tables(&request(250.0)).expect_err("stale").to_string();
     assert!(refused.contains("has changed since the fit"), "{refused}");
     fs::write(&exx, text).expect("writable");
     assert!(!is_stale());
@@ -125,11 +105,7 @@ fn the_gantry_files_reproduce_their_machine() {
     let example = root().join("examples/from-files/gantry");
     let dir = tempfile::tempdir().expect("writable");
     copy(&example.join("lasers"), &dir.path().join("lasers"));
-    fs::copy(
-        example.join("machine.toml"),
-        dir.path().join("machine.toml"),
-    )
-    .expect("writable");
+    fs::copy(example.join("machine.toml"), dir.path().join("machine.toml")).expect("writable");
     let folder = Folder::open(dir.path()).expect("there");
     // The set-up is in the example's calibration file; a missing key has its default.
     let text = fs::read_to_string(example.join("calibration.toml")).expect("there");
@@ -242,10 +218,7 @@ fn the_error_answer_determines_the_open_questions() {
     assert!(asks("sign"));
     answers[0] = given("scan.csv", "error", "EYQ");
     let refused = folder.answer(&answers).expect_err("no error").to_string();
-    assert!(
-        refused.contains("scan.csv: error: found \"EYQ\""),
-        "{refused}"
-    );
+    assert!(refused.contains("scan.csv: error: found \"EYQ\""), "{refused}");
     // Removing a file removes its answers.
     fs::remove_file(dir.path().join("scan.csv")).expect("there");
     assert_eq!(folder.state().expect("readable").files, []);
@@ -258,28 +231,19 @@ fn answers_that_make_a_squareness_possible_add_its_question() {
     let other = SLOPE.replace("8.1", "8.2");
     folder.receive("one.csv", SLOPE.as_bytes()).expect("taken");
     folder.receive("two.csv", other.as_bytes()).expect("taken");
-    let mut answers = vec![
-        given("one.csv", "error", "EYX"),
-        given("two.csv", "error", "EXY"),
-    ];
+    let mut answers = vec![given("one.csv", "error", "EYX"), given("two.csv", "error", "EXY")];
     folder.answer(&answers).expect("taken");
     answers = [answers, defaults(&folder)].concat();
     answers.push(given("EC0Y", "reference_angle_urad", "5"));
     folder.answer(&answers).expect("taken");
     let draft = folder.state().expect("readable").draft.expect("drafted");
-    assert!(
-        draft.text.contains("reference_angle_urad = 5.0"),
-        "{}",
-        draft.text
-    );
+    assert!(draft.text.contains("reference_angle_urad = 5.0"), "{}", draft.text);
 }
 
 #[test]
 fn an_unused_file_is_named_with_its_error() {
     let (_dir, folder) = small();
-    folder
-        .receive("EYY-report.xlsx", b"PK rubbish")
-        .expect("taken");
+    folder.receive("EYY-report.xlsx", b"PK rubbish").expect("taken");
     let state = folder.state().expect("readable");
     let reason = state.files.iter().find(|of| of.name == "EYY-report.xlsx");
     assert!(reason.expect("listed").not_used.is_some());
@@ -289,25 +253,16 @@ fn an_unused_file_is_named_with_its_error() {
     assert!(warnings[0].starts_with(first), "{warnings:?}");
     let out = [given("exx.csv", "leave_out", "true")];
     folder.answer(&out).expect("taken");
-    let refused = folder
-        .fit("", None)
-        .expect_err("nothing is left")
-        .to_string();
+    let refused = folder.fit("", None).expect_err("nothing is left").to_string();
     assert!(refused.contains("exx.csv are left out"), "{refused}");
 }
 
 #[test]
 fn dropped_files_do_not_replace_measurements() {
     let (dir, folder) = small();
-    folder
-        .receive("exx.csv", SLOPE.as_bytes())
-        .expect("the same");
+    folder.receive("exx.csv", SLOPE.as_bytes()).expect("the same");
     for (name, bytes, why) in [
-        (
-            "exx.csv",
-            "target_mm,deviation_um\n0,1\n",
-            "with different content",
-        ),
+        ("exx.csv", "target_mm,deviation_um\n0,1\n", "with different content"),
         ("answers.json", "[]", "a reserved name of the studio"),
         ("gateway.toml", "cycle_ms = 4.0", "gateway.toml"),
         ("setup.toml", "nonsense = 1", "setup.toml"),
@@ -318,18 +273,13 @@ fn dropped_files_do_not_replace_measurements() {
     }
     let large = vec![b'0'; volcomp_studio::MAX_FILE_BYTES + 1];
     assert!(folder.receive("large.csv", &large).is_err());
-    folder
-        .receive("../../escaped.csv", b"target_mm,deviation_um\n0,1\n")
-        .expect("its name");
+    folder.receive("../../escaped.csv", b"target_mm,deviation_um\n0,1\n").expect("its name");
     assert!(dir.path().join("escaped.csv").exists());
     for place in 0..volcomp_studio::MAX_FILES - 2 {
         fs::write(dir.path().join(format!("{place}.csv")), "").expect("writable");
     }
     let refused = folder.receive("more.csv", b"0").expect_err("one too many");
-    assert!(
-        refused.to_string().contains("the maximum of 200 files"),
-        "{refused}"
-    );
+    assert!(refused.to_string().contains("the maximum of 200 files"), "{refused}");
     fs::write(dir.path().join("more.csv"), "").expect("writable");
     let refused = folder.state().expect_err("too many").to_string();
     assert!(refused.contains("found more than 200 files"), "{refused}");
@@ -339,47 +289,25 @@ fn dropped_files_do_not_replace_measurements() {
 fn tables_and_programs_contain_the_correction() {
     let (dir, folder) = small();
     let none = folder.tables(&request(250.0)).expect_err("no result");
-    assert!(
-        none.to_string()
-            .starts_with("result/machine.toml: not found")
-    );
+    assert!(none.to_string().starts_with("result/machine.toml: not found"));
     folder.answer(&defaults(&folder)).expect("answers");
     folder.fit("", None).expect("fitted");
     let done = folder.tables(&request(250.0)).expect("written");
     assert!(
-        !done.files.is_empty()
-            && done
-                .files
-                .iter()
-                .all(|of| of.starts_with("result/tables/csv/"))
+        !done.files.is_empty() && done.files.iter().all(|of| of.starts_with("result/tables/csv/"))
     );
-    let x = done
-        .left
-        .iter()
-        .find(|of| of.axis.to_string() == "X")
-        .expect("X");
+    let x = done.left.iter().find(|of| of.axis.to_string() == "X").expect("X");
     assert!((x.without - 8.0).abs() < 0.5 && x.largest < 0.2, "{x:?}");
-    assert!(
-        folder.tables(&request(1.0)).is_err(),
-        "8 µm are beyond 1 µm"
-    );
+    assert!(folder.tables(&request(1.0)).is_err(), "8 µm are beyond 1 µm");
     let program = "G21 G90\nG1 X400 Y0 Z0 F1000\nM2\n";
-    let done = folder
-        .nc("part.ngc", program.as_bytes(), 1.0)
-        .expect("written");
-    assert_eq!(
-        (done.file.as_str(), done.motions),
-        ("result/nc/part.ngc", 1)
-    );
+    let done = folder.nc("part.ngc", program.as_bytes(), 1.0).expect("written");
+    assert_eq!((done.file.as_str(), done.motions), ("result/nc/part.ngc", 1));
     let text = fs::read_to_string(dir.path().join(&done.file)).expect("written");
     // The table moves 8 µm too far, so the command is 399.992.
     assert!(text.contains("X399.992"), "{text}");
     let wrong = folder.nc("part.ngc", b"G1 X1 F1000\nG1 X1.2.3\n", 1.0);
     let wrong = wrong.expect_err("no number").to_string();
-    assert!(
-        wrong.starts_with("part.ngc: ") && wrong.contains('2'),
-        "{wrong}"
-    );
+    assert!(wrong.starts_with("part.ngc: ") && wrong.contains('2'), "{wrong}");
     // Written programs are not listed as measurements.
     assert_eq!(folder.state().expect("readable").files.len(), 1);
     // Tables and programs belong to the current result only.
@@ -405,9 +333,7 @@ fn tables_and_programs_contain_the_correction() {
     let compared = folder.fit("", Some(names[0])).expect("fitted");
     assert_eq!(compared.position_um, fitted.position_um);
     assert!(compared.before_um < compared.position_um, "{compared:?}");
-    let refused = folder
-        .fit("", Some("machine.toml"))
-        .expect_err("no earlier model");
+    let refused = folder.fit("", Some("machine.toml")).expect_err("no earlier model");
     assert!(refused.to_string().contains("earlier models"), "{refused}");
     // Earlier programs, however many, leave room for the measurements.
     let earlier = dir.path().join("result/before-7/nc");

@@ -30,9 +30,7 @@ impl Answer {
     }
 
     fn has(&self, header: &str) -> bool {
-        self.head
-            .to_ascii_lowercase()
-            .contains(&header.to_ascii_lowercase())
+        self.head.to_ascii_lowercase().contains(&header.to_ascii_lowercase())
     }
 }
 
@@ -48,11 +46,7 @@ fn raw(address: SocketAddr, request: &str, headers: &str, body: &str) -> Answer 
     let _ = stream.read_to_string(&mut answer);
     let (head, body) = answer.split_once("\r\n\r\n").unwrap_or((&answer, ""));
     Answer {
-        status: head
-            .split(' ')
-            .nth(1)
-            .and_then(|of| of.parse().ok())
-            .unwrap_or(0),
+        status: head.split(' ').nth(1).and_then(|of| of.parse().ok()).unwrap_or(0),
         head: head.to_owned(),
         body: body.to_owned(),
     }
@@ -63,26 +57,15 @@ impl Page {
         let studio = Studio::listen(folder, "127.0.0.1:0".parse().expect("an address"));
         let studio = studio.expect("a free port");
         let (address, url) = (studio.address(), studio.url());
-        let path = url
-            .strip_prefix(&format!("http://{address}"))
-            .expect("its address");
+        let path = url.strip_prefix(&format!("http://{address}")).expect("its address");
         let path = path.to_owned();
         thread::spawn(move || studio.run());
-        Self {
-            _dir: dir,
-            address,
-            path,
-        }
+        Self { _dir: dir, address, path }
     }
 
     fn send(&self, method: &str, path: &str, headers: &str, body: &str) -> Answer {
         let host = format!("Host: {}\r\n{headers}", self.address);
-        raw(
-            self.address,
-            &format!("{method} {}{path}", self.path),
-            &host,
-            body,
-        )
+        raw(self.address, &format!("{method} {}{path}", self.path), &host, body)
     }
 
     fn get(&self, path: &str) -> Answer {
@@ -120,22 +103,12 @@ fn the_http_api_turns_a_folder_into_a_machine_file() {
     let state = page.get("api/state").json();
     let refused = page.post("api/fit", &json!({ "tolerance": "" }));
     assert_eq!(refused.status, 422);
-    assert!(
-        refused.json()["error"]
-            .as_str()
-            .expect("a text")
-            .contains("open questions")
-    );
+    assert!(refused.json()["error"].as_str().expect("a text").contains("open questions"));
     assert_eq!(page.get("report.html").status, 422);
     let answered = page.post("api/answers", &defaults(&state)).json();
     assert_eq!(answered["draft"]["open"], 0, "{answered}");
-    let fitted = page
-        .post("api/fit", &json!({ "tolerance": "EXX=1" }))
-        .json();
-    assert_eq!(
-        (&fitted["verdict"], &fitted["curves"]),
-        (&json!("fail"), &json!(1))
-    );
+    let fitted = page.post("api/fit", &json!({ "tolerance": "EXX=1" })).json();
+    assert_eq!((&fitted["verdict"], &fitted["curves"]), (&json!("fail"), &json!(1)));
     // The page may frame the report, which cannot send requests to the studio.
     let report = page.get("report.html");
     assert_eq!(report.status, 200);
@@ -143,40 +116,19 @@ fn the_http_api_turns_a_folder_into_a_machine_file() {
     assert!(report.body.contains("<svg"));
     let file = page.get("file?name=result/machine.toml");
     assert!(file.has("attachment; filename=\"machine.toml\"") && file.body.contains("EXX"));
-    for name in [
-        "machine.toml",
-        "../secret",
-        "result/../machine.toml",
-        "/etc/passwd",
-    ] {
+    for name in ["machine.toml", "../secret", "result/../machine.toml", "/etc/passwd"] {
         assert_eq!(page.get(&format!("file?name={name}")).status, 422, "{name}");
     }
     let request = json!({ "format": "csv", "step_mm": 100, "step_deg": 15, "limit_um": 250, "at": { "Y": 100 } });
     let tables = page.post("api/tables", &request).json();
     assert!(
-        tables["files"][0]
-            .as_str()
-            .expect("a name")
-            .starts_with("result/tables/csv/"),
+        tables["files"][0].as_str().expect("a name").starts_with("result/tables/csv/"),
         "{tables}"
     );
-    let program = page.send(
-        "POST",
-        "api/nc?name=part.ngc&tolerance_um=1",
-        "",
-        "G21 G90\nG1 X400 F100\nM2\n",
-    );
-    assert_eq!(
-        program.json()["file"],
-        "result/nc/part.ngc",
-        "{}",
-        program.body
-    );
-    assert!(
-        page.get("file?name=result/nc/part.ngc")
-            .body
-            .contains("X399.992")
-    );
+    let program =
+        page.send("POST", "api/nc?name=part.ngc&tolerance_um=1", "", "G21 G90\nG1 X400 F100\nM2\n");
+    assert_eq!(program.json()["file"], "result/nc/part.ngc", "{}", program.body);
+    assert!(page.get("file?name=result/nc/part.ngc").body.contains("X399.992"));
 }
 
 #[test]
@@ -193,10 +145,7 @@ fn uploads_are_limited() {
     let wrong = page.post("api/machine", &json!({ "text": "structure = 3" }));
     assert_eq!(wrong.status, 422);
     assert!(wrong.body.contains("machine.toml:1"), "{}", wrong.body);
-    assert_eq!(
-        page.post("api/fit", &json!({ "tolerence": "" })).status,
-        400
-    );
+    assert_eq!(page.post("api/fit", &json!({ "tolerence": "" })).status, 400);
 }
 
 #[test]
@@ -205,24 +154,14 @@ fn other_origins_and_hosts_are_rejected() {
     let (host, at) = (format!("Host: {}\r\n", page.address), page.address);
     let state = format!("GET {}api/state", page.path);
     // Without the token every path is rejected.
-    for path in [
-        "/",
-        "/api/state",
-        "/0123456789abcdef0123456789abcdef/api/state",
-    ] {
-        assert_eq!(
-            raw(at, &format!("GET {path}"), &host, "").status,
-            404,
-            "{path}"
-        );
+    for path in ["/", "/api/state", "/0123456789abcdef0123456789abcdef/api/state"] {
+        assert_eq!(raw(at, &format!("GET {path}"), &host, "").status, 404, "{path}");
     }
     assert_eq!(raw(at, &state, "Host: evil.example\r\n", "").status, 421);
     assert_eq!(raw(at, &state, "", "").status, 421);
-    for foreign in [
-        "Origin: http://evil.example\r\n",
-        "Origin: null\r\n",
-        "Sec-Fetch-Site: cross-site\r\n",
-    ] {
+    for foreign in
+        ["Origin: http://evil.example\r\n", "Origin: null\r\n", "Sec-Fetch-Site: cross-site\r\n"]
+    {
         let refused = page.send("POST", "api/answers", foreign, "[]");
         assert_eq!(refused.status, 403, "{foreign}");
     }
@@ -247,9 +186,7 @@ fn server(answers: Vec<(&'static str, String)>) -> (SocketAddr, thread::JoinHand
                 let count = stream.read(&mut buffer).expect("readable");
                 text += &String::from_utf8_lossy(&buffer[..count]);
                 let (head, body) = text.split_once("\r\n\r\n").unwrap_or((&text, ""));
-                let length = head
-                    .lines()
-                    .find_map(|line| line.strip_prefix("Content-Length: "));
+                let length = head.lines().find_map(|line| line.strip_prefix("Content-Length: "));
                 let length: usize = length.and_then(|of| of.parse().ok()).unwrap_or(0);
                 if text.contains("\r\n\r\n") && body.len() >= length || count == 0 {
                     break;
@@ -271,11 +208,7 @@ fn the_machine_file_is_sent_to_gateway_and_centre_with_authentication() {
     let unfitted = json!({ "to": "gateway", "url": "http://127.0.0.1:1", "token": "t" });
     assert_eq!(page.post("api/send", &unfitted).status, 409);
     page.post("api/fit", &json!({ "tolerance": "" }));
-    assert_eq!(
-        page.post("api/send", &unfitted).status,
-        502,
-        "no server listens"
-    );
+    assert_eq!(page.post("api/send", &unfitted).status, 502, "no server listens");
     let done = json!({ "step": "ready", "error": null, "result": { "refusal": null, "warnings": ["look"] } });
     let (address, served) = server(vec![
         ("200 OK", json!({ "step": "working" }).to_string()),
@@ -290,25 +223,13 @@ fn the_machine_file_is_sent_to_gateway_and_centre_with_authentication() {
     assert!(received[0].starts_with("POST /api/model/upload?kind=machine&name=machine.toml"));
     assert!(received[0].contains("Authorization: Bearer erna") && received[0].contains("[errors]"));
     let (address, served) = server(vec![
-        (
-            "200 OK\r\nSet-Cookie: volcomp-centre=abc; Path=/; HttpOnly",
-            "{}".to_owned(),
-        ),
-        (
-            "200 OK",
-            json!({ "added": true, "model": { "notes": [] } }).to_string(),
-        ),
+        ("200 OK\r\nSet-Cookie: volcomp-centre=abc; Path=/; HttpOnly", "{}".to_owned()),
+        ("200 OK", json!({ "added": true, "model": { "notes": [] } }).to_string()),
         ("200 OK", "{}".to_owned()),
     ]);
     let request = json!({ "to": "centre", "url": format!("http://{address}"), "name": "anna", "password": "p" });
     let sent = page.post("api/send", &request).json();
-    assert!(
-        sent["said"]
-            .as_str()
-            .expect("a text")
-            .starts_with("The centre has"),
-        "{sent}"
-    );
+    assert!(sent["said"].as_str().expect("a text").starts_with("The centre has"), "{sent}");
     let received = served.join().expect("no panic");
     assert!(
         received[1].contains("Cookie: volcomp-centre=abc\r\n")
@@ -316,18 +237,11 @@ fn the_machine_file_is_sent_to_gateway_and_centre_with_authentication() {
     );
     assert!(received[2].starts_with("POST /api/logout"));
     // The page shows the message of a rejection.
-    let refused = (
-        "401 Unauthorized",
-        json!({ "error": "a valid token is needed" }).to_string(),
-    );
+    let refused = ("401 Unauthorized", json!({ "error": "a valid token is needed" }).to_string());
     let (address, served) = server(vec![refused]);
     let request = json!({ "to": "gateway", "url": format!("http://{address}"), "token": "no" });
     let answer = page.post("api/send", &request);
     assert_eq!(answer.status, 502);
-    assert!(
-        answer.body.contains("a valid token is needed"),
-        "{}",
-        answer.body
-    );
+    assert!(answer.body.contains("a valid token is needed"), "{}", answer.body);
     served.join().expect("no panic");
 }

@@ -13,9 +13,7 @@ pub(crate) fn small() -> (TempDir, Folder) {
     let dir = tempfile::tempdir().expect("writable");
     let folder = Folder::open(dir.path()).expect("there");
     let machine = "name = \"small\"\nstructure = \"w b X Y Z t\"\naxes.X.travel = [0.0, 400.0]\naxes.Y.travel = [0.0, 300.0]\naxes.Z.travel = [-200.0, 0.0]\n";
-    folder
-        .set_machine("machine.toml", machine)
-        .expect("a machine");
+    folder.set_machine("machine.toml", machine).expect("a machine");
     folder.receive("exx.csv", SLOPE.as_bytes()).expect("taken");
     (dir, folder)
 }
@@ -28,11 +26,7 @@ pub(crate) fn defaults(folder: &Folder) -> Vec<TypedAnswer> {
     let questions = draft.questions.into_iter();
     questions
         .filter_map(|question| {
-            Some(TypedAnswer {
-                value: question.default?,
-                of: question.of,
-                key: question.key,
-            })
+            Some(TypedAnswer { value: question.default?, of: question.of, key: question.key })
         })
         .collect()
 }

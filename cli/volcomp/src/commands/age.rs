@@ -36,12 +36,7 @@ pub(crate) struct AgeArguments {
     #[arg(long, value_name = "N", allow_negative_numbers = true)]
     months: f64,
     /// Load, 0 to 100; 1 is one shift of mixed parts
-    #[arg(
-        long,
-        value_name = "L",
-        default_value_t = 1.0,
-        allow_negative_numbers = true
-    )]
+    #[arg(long, value_name = "L", default_value_t = 1.0, allow_negative_numbers = true)]
     load: f64,
     /// Machine of its type
     #[arg(long, value_name = "S", default_value_t = 1)]
@@ -89,9 +84,7 @@ pub(crate) fn run(arguments: &AgeArguments) -> Result<Answer, Failure> {
     let machine = Machine::read(&arguments.machine)?;
     let inputs = [(arguments.machine.as_path(), "--machine")];
     let output = OutputFile::open_beside(&arguments.output, &inputs)?;
-    let AgeArguments {
-        months, load, seed, ..
-    } = *arguments;
+    let AgeArguments { months, load, seed, .. } = *arguments;
     let worn = Wear { months, load, seed }.of(&machine);
     let worn = worn.map_err(|error| match error {
         WearError::Number { .. } => Failure::Input(format!("--{error}")),
@@ -126,8 +119,7 @@ fn text(document: &Age) -> String {
             of.name.clone(),
             fixed(of.largest_change, 2),
             fixed(of.largest, 2),
-            of.reversal
-                .map_or_else(String::new, |value| fixed(value, 2)),
+            of.reversal.map_or_else(String::new, |value| fixed(value, 2)),
             of.symbol.to_owned(),
         ]);
     }
@@ -148,9 +140,7 @@ fn changes(before: &Machine, after: &Machine) -> Vec<Aged> {
             let mut at = [0.0; 9];
             at[own] = low + (high - low) * f64::from(place) / f64::from(PLACES);
             let now = curve.value(own, &at, None);
-            let was = before
-                .error(name)
-                .map_or(0.0, |curve| curve.value(own, &at, None));
+            let was = before.error(name).map_or(0.0, |curve| curve.value(own, &at, None));
             largest_change = largest_change.max((now - was).abs());
             largest = largest.max(now.abs());
         }

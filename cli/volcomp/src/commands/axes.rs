@@ -29,12 +29,7 @@ pub(crate) struct AxesArguments {
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
     tip: String,
     /// Direction of the tool axis in workpiece axes, from the tip to the spindle, of any length
-    #[arg(
-        long,
-        value_name = "I,J,K",
-        allow_hyphen_values = true,
-        default_value = "0,0,1"
-    )]
+    #[arg(long, value_name = "I,J,K", allow_hyphen_values = true, default_value = "0,0,1")]
     tool_axis: String,
 }
 
@@ -104,16 +99,11 @@ fn text(machine: &Machine, document: &Axes) -> String {
     let Some(first) = document.solutions.first() else {
         let why = match &document.unreachable {
             Some(reason) => reason.clone(),
-            None => format!(
-                "it lies beyond the travel of {}",
-                listed(&document.outside_travel)
-            ),
+            None => format!("it lies beyond the travel of {}", listed(&document.outside_travel)),
         };
         return folded(&format!("No solution: {why}."), "");
     };
-    let heads = first
-        .keys()
-        .map(|&name| format!("{name} {}", name.kind().coordinate_unit()));
+    let heads = first.keys().map(|&name| format!("{name} {}", name.kind().coordinate_unit()));
     let heads: Vec<String> = [String::new()].into_iter().chain(heads).collect();
     let mut table = table(&heads.iter().map(String::as_str).collect::<Vec<_>>());
     for (index, solution) in document.solutions.iter().enumerate() {
@@ -122,16 +112,8 @@ fn text(machine: &Machine, document: &Axes) -> String {
     }
     let mut text = table_text(&table);
     if document.singular {
-        let turns = machine
-            .axes()
-            .iter()
-            .filter(|axis| axis.name.is_rotary())
-            .count();
-        let pose = if turns > 1 {
-            "Singular pose"
-        } else {
-            "The tool is along the axis"
-        };
+        let turns = machine.axes().iter().filter(|axis| axis.name.is_rotary()).count();
+        let pose = if turns > 1 { "Singular pose" } else { "The tool is along the axis" };
         let free = document.free.iter().zip(&document.free_ranges);
         for (free, ranges) in free.filter(|(free, _)| free.is_rotary()) {
             let ranges: Vec<String> = (ranges.iter())
@@ -156,9 +138,8 @@ fn dependent(document: &Axes) -> String {
     let mut text = String::new();
     for moves in &document.dependent_moves {
         let shares = moves.iter();
-        let shares: Vec<String> = shares
-            .map(|(name, &share)| format!("{name} by {}", fixed(share, 6)))
-            .collect();
+        let shares: Vec<String> =
+            shares.map(|(name, &share)| format!("{name} by {}", fixed(share, 6))).collect();
         text.push('\n');
         text += &folded(
             &format!(
@@ -175,10 +156,7 @@ fn dependent(document: &Axes) -> String {
             .map(|[from, to]| format!("from {} to {} mm", fixed(*from, 3), fixed(*to, 3)))
             .collect();
         text += &folded(
-            &format!(
-                "All are within their travels with {free} {}.",
-                ranges.join(", or ")
-            ),
+            &format!("All are within their travels with {free} {}.", ranges.join(", or ")),
             "",
         );
     }

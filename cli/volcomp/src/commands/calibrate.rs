@@ -32,12 +32,7 @@ pub(crate) struct CalibrateArguments {
     #[arg(required_unless_present = "draft")]
     calibration: Option<PathBuf>,
     /// Draft a calibration file, with open questions, from the files in this folder
-    #[arg(
-        long,
-        value_name = "DIR",
-        requires = "machine",
-        conflicts_with = "calibration"
-    )]
+    #[arg(long, value_name = "DIR", requires = "machine", conflicts_with = "calibration")]
     draft: Option<PathBuf>,
     /// With --draft: machine file with structure, axes and travels
     #[arg(long, short, value_name = "M.toml", requires = "draft")]
@@ -68,10 +63,7 @@ pub(crate) struct Calibrate {
 
 pub(crate) fn run(arguments: &CalibrateArguments) -> Result<Answer, Failure> {
     if let (Some(folder), Some(machine)) = (&arguments.draft, &arguments.machine) {
-        let wanted = Wanted {
-            answers: &arguments.answers,
-            replace: arguments.replace,
-        };
+        let wanted = Wanted { answers: &arguments.answers, replace: arguments.replace };
         return calibrate_draft::run(folder, machine, &arguments.output, &wanted);
     }
     // clap requires a calibration file unless a draft is requested.
@@ -88,10 +80,7 @@ pub(crate) fn run(arguments: &CalibrateArguments) -> Result<Answer, Failure> {
     let mut calibration = fit(&file)?;
     if arguments.date.is_some() {
         let provenance = calibration.machine.provenance().clone();
-        let dated = Provenance {
-            date: arguments.date.clone(),
-            ..provenance
-        };
+        let dated = Provenance { date: arguments.date.clone(), ..provenance };
         let set = calibration.machine.set_provenance(dated);
         set.map_err(|refusal| Failure::Input(format!("--date: {refusal}")))?;
     }

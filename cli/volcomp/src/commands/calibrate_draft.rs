@@ -70,9 +70,8 @@ fn answered(draft: &Draft, answers: &[String]) -> Result<(Draft, Vec<String>), F
     for turn in Turn::ALL {
         let now = answers.iter().filter(|given| turn_of(given) == turn);
         take(now.copied(), &[draft, &decided], &mut all, &mut notes)?;
-        decided = draft
-            .answered(&all)
-            .map_err(|error| Failure::Input(format!("--answer: {error}")))?;
+        decided =
+            draft.answered(&all).map_err(|error| Failure::Input(format!("--answer: {error}")))?;
     }
     Ok((decided, notes))
 }
@@ -113,9 +112,7 @@ fn take<'a>(
             return Err(wrong(message.to_owned()));
         };
         let found = drafts.iter();
-        let found: Vec<AnswerOf> = found
-            .flat_map(|draft| draft.for_all(of, key, value))
-            .collect();
+        let found: Vec<AnswerOf> = found.flat_map(|draft| draft.for_all(of, key, value)).collect();
         if found.is_empty() {
             let asked = drafts.iter().flat_map(|draft| &draft.questions);
             let mut keys: Vec<&str> = asked.map(|q| q.key.as_str()).collect();
@@ -165,11 +162,7 @@ fn base_of(output: &Path) -> PathBuf {
 /// The path of a file relative to a folder if it is inside, otherwise absolute.
 fn relative(path: &Path, base: &Path) -> String {
     let whole = path.canonicalize().unwrap_or_else(|_| path.to_owned());
-    whole
-        .strip_prefix(base)
-        .unwrap_or(&whole)
-        .display()
-        .to_string()
+    whole.strip_prefix(base).unwrap_or(&whole).display().to_string()
 }
 
 fn notes(draft: &Draft) -> Vec<String> {
@@ -184,9 +177,7 @@ fn text(file: &str, draft: &Draft) -> String {
     let mut proposed = table(&["error", "file", "open"]);
     for of in &draft.proposed {
         let open: Vec<String> = of.questions().into_iter().map(|asked| asked.key).collect();
-        let error = of
-            .error
-            .map_or_else(|| "?".to_owned(), |error| error.to_string());
+        let error = of.error.map_or_else(|| "?".to_owned(), |error| error.to_string());
         proposed.add_row([error, of.files.join(" or "), open.join(" ")]);
     }
     let mut text = table_text(&proposed);

@@ -228,10 +228,7 @@ fn limit_notes(machine: &Machine, temperatures: &Temperatures) -> Result<Vec<Str
     let largest = machine.largest_corrections(temperatures)?;
     // With correcting rotary axes, nc limits the combined effect of all axes at the tool.
     let (who, but) = if largest.iter().any(|(axis, _)| axis.is_rotary()) {
-        (
-            "export allows",
-            " (nc bounds by it what the corrections of all axes move the tool by)",
-        )
+        ("export allows", " (nc bounds by it what the corrections of all axes move the tool by)")
     } else {
         ("nc and export allow", "")
     };
@@ -326,11 +323,8 @@ fn assembly(machine: &Machine) -> Vec<Assembly> {
     let mut assembly: Vec<Assembly> = stated
         .filter_map(|(index, axis)| {
             let [x, y, z, a, b, c] = machine.assembly(index);
-            let found = Assembly {
-                axis: axis.name,
-                position_um: [x, y, z],
-                rotation_urad: [a, b, c],
-            };
+            let found =
+                Assembly { axis: axis.name, position_um: [x, y, z], rotation_urad: [a, b, c] };
             (machine.assembly(index) != [0.0; 6]).then_some(found)
         })
         .collect();
@@ -368,9 +362,7 @@ fn corners(machine: &Machine) -> Vec<State> {
             .collect();
     }
     // Cannot fail: ends of travel are finite, and the axes exist.
-    let states = corners
-        .iter()
-        .filter_map(|corner| machine.state(corner).ok());
+    let states = corners.iter().filter_map(|corner| machine.state(corner).ok());
     states.collect()
 }
 
@@ -380,9 +372,7 @@ fn place(machine: &Machine, temperatures: &Temperatures, state: &State) -> Place
     let mut outside_travel = machine.outside_travel(state);
     outside_travel.sort_unstable();
     Place {
-        at: joints
-            .map(|(joint, &q)| (joint.name, in_degrees(joint.kind, q)))
-            .collect(),
+        at: joints.map(|(joint, &q)| (joint.name, in_degrees(joint.kind, q))).collect(),
         tip_mm: machine.chain().ideal_tip_mm(state).into(),
         position_um: micrometres(&error.position_mm),
         rotation_urad: microradians(&error.rotation_rad),
@@ -397,11 +387,7 @@ struct Sizes {
 }
 
 fn sizes(machine: &Machine, axes: &[AxisName]) -> Sizes {
-    let mut sizes = Sizes {
-        there: Vec::new(),
-        zero: Vec::new(),
-        not_stated: Vec::new(),
-    };
+    let mut sizes = Sizes { there: Vec::new(), zero: Vec::new(), not_stated: Vec::new() };
     for &axis in axes {
         for component in Component::ALL {
             let name = ErrorName::motion(component, axis);
@@ -515,10 +501,7 @@ impl Provenance {
             }
         }
         files.sort_unstable();
-        (!stated.is_empty()).then(|| Self {
-            stated: stated.clone(),
-            files,
-        })
+        (!stated.is_empty()).then(|| Self { stated: stated.clone(), files })
     }
 
     fn notes(&self) -> Vec<String> {
@@ -553,9 +536,7 @@ impl Provenance {
             rows.add_row([
                 of.error.to_string(),
                 residual.map_or(String::new(), |residual| fixed(residual, 2)),
-                residual
-                    .map_or("", |_| of.error.component.symbol())
-                    .to_owned(),
+                residual.map_or("", |_| of.error.component.symbol()).to_owned(),
                 of.method.clone(),
             ]);
         }
@@ -579,15 +560,8 @@ impl Provenance {
 }
 
 fn text(check: &Check) -> String {
-    let name = if check.name.is_empty() {
-        "machine without a name"
-    } else {
-        &check.name
-    };
-    let mut text = format!(
-        "{HEAD}{name}{HEAD:#}: {}\n\n{}\n",
-        check.structure, check.sketch
-    );
+    let name = if check.name.is_empty() { "machine without a name" } else { &check.name };
+    let mut text = format!("{HEAD}{name}{HEAD:#}: {}\n\n{}\n", check.structure, check.sketch);
     text += &axes_text(check);
     text += &tool(check);
     text += &errors(check);
@@ -625,11 +599,8 @@ fn axes_text(check: &Check) -> String {
             text += &folded(signs, "   ");
         }
         if let Some(period) = axis.modulo {
-            let _ = writeln!(
-                text,
-                "   {} goes round: its curves repeat after {period} deg",
-                axis.name
-            );
+            let _ =
+                writeln!(text, "   {} goes round: its curves repeat after {period} deg", axis.name);
         }
     }
     text
@@ -637,10 +608,7 @@ fn axes_text(check: &Check) -> String {
 
 fn tool(check: &Check) -> String {
     let mut text = String::new();
-    head(
-        &mut text,
-        "Tool and workpiece at machine zero, in machine coordinates",
-    );
+    head(&mut text, "Tool and workpiece at machine zero, in machine coordinates");
     let tool = check.tool.name.as_deref().unwrap_or("[tool]");
     let _ = writeln!(
         text,
@@ -649,16 +617,9 @@ fn tool(check: &Check) -> String {
         vector(&check.tool.axis)
     );
     if !check.tools.is_empty() {
-        text += &folded(
-            &format!("other tools (--tool): {}", check.tools.join(" ")),
-            " ",
-        );
+        text += &folded(&format!("other tools (--tool): {}", check.tools.join(" ")), " ");
     }
-    let _ = writeln!(
-        text,
-        " workpiece origin {} mm",
-        vector(&check.workpiece_origin_mm)
-    );
+    let _ = writeln!(text, " workpiece origin {} mm", vector(&check.workpiece_origin_mm));
     text
 }
 
@@ -728,14 +689,10 @@ fn names(what: &str, names: &[ErrorName]) -> String {
 fn places(check: &Check) -> String {
     let mut text = String::new();
     head(&mut text, "Tool tip and its error, in workpiece axes");
-    let mut rows = table(&[
-        "", "x mm", "y mm", "z mm", "X µm", "Y µm", "Z µm", "A µrad", "B µrad", "C µrad",
-    ]);
+    let mut rows =
+        table(&["", "x mm", "y mm", "z mm", "X µm", "Y µm", "Z µm", "A µrad", "B µrad", "C µrad"]);
     let home = (String::from("home"), &check.home);
-    let corners = check
-        .corners
-        .iter()
-        .map(|place| (corner(check, place), place));
+    let corners = check.corners.iter().map(|place| (corner(check, place), place));
     for (name, place) in [home].into_iter().chain(corners) {
         let mut cells = vec![name];
         cells.extend(place.tip_mm.iter().map(|x| fixed(*x, 0)));
@@ -884,11 +841,7 @@ fn sketch(chain: &Chain) -> String {
             on_bed = true;
             places.push(bed());
         }
-        let prime = if joint.side == Side::Workpiece {
-            "'"
-        } else {
-            ""
-        };
+        let prime = if joint.side == Side::Workpiece { "'" } else { "" };
         let does = match joint.kind {
             AxisKind::Linear => "slide",
             AxisKind::Rotary => "turn",
@@ -923,10 +876,7 @@ mod tests {
             "   w-----C'----X'----b-----Y-----Z-----B-----t\n work  turn  slide  bed  slide slide turn  tool\n"
         );
         let longest = sketch(&chain("w A' B' C' X' Y' Z' U' V' W' b t"));
-        assert!(
-            longest.lines().all(|line| line.chars().count() <= 80),
-            "{longest}"
-        );
+        assert!(longest.lines().all(|line| line.chars().count() <= 80), "{longest}");
         assert!(longest.contains("W'----b-----t"), "{longest}");
     }
 }

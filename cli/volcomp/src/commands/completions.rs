@@ -34,9 +34,6 @@ pub(crate) fn run(
     generate(arguments.shell, command, "volcomp", &mut script);
     let script = String::from_utf8(script)
         .map_err(|e| Failure::Work(format!("the script of the shell: {e}")))?;
-    let document = Completions {
-        shell: arguments.shell.to_string(),
-        script: script.clone(),
-    };
+    let document = Completions { shell: arguments.shell.to_string(), script: script.clone() };
     Answer::new(&document, script, Vec::new())
 }

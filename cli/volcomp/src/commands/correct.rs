@@ -195,9 +195,7 @@ fn evaluate(
     let found = correct(machine.chain(), source, state, options);
     let joints = machine.chain().joints().iter().enumerate();
     let by_axis = |value: &dyn Fn(usize, AxisKind) -> f64| {
-        let values = joints
-            .clone()
-            .map(|(index, joint)| (joint.name, value(index, joint.kind)));
+        let values = joints.clone().map(|(index, joint)| (joint.name, value(index, joint.kind)));
         values.collect()
     };
     CorrectionAt {
@@ -228,9 +226,7 @@ fn uncertainty(
         std::array::from_fn::<f64, MAX_AXES, _>(|index| found.delta[index])
     });
     let joints = machine.chain().joints().iter().zip(spread);
-    joints
-        .map(|(joint, spread)| (joint.name, micro(joint.kind, spread)))
-        .collect()
+    joints.map(|(joint, spread)| (joint.name, micro(joint.kind, spread))).collect()
 }
 
 /// A single rotary axis never fully corrects the tool axis; this is noted once.
@@ -325,10 +321,7 @@ impl Row for CorrectionAt {
         let uncertainty = self.uncertainty.iter().flat_map(ByAxis::values);
         let numbers = self.correction.values().chain(uncertainty).copied();
         let residuals = [norm(&self.residual_um), norm(&self.residual_axis_urad)];
-        numbers
-            .chain(residuals)
-            .map(|value| fixed(value, 3))
-            .collect()
+        numbers.chain(residuals).map(|value| fixed(value, 3)).collect()
     }
 
     fn outside(&self) -> &Outside {
@@ -352,11 +345,7 @@ fn remark(row: &CorrectionAt, rotary: usize) -> String {
 
 /// Keeps the errors not included in the uncertainties, each at the position of its largest effect on the tool.
 fn keep_worst(worst: &mut Vec<NotCounted>, rows: &[CorrectionAt]) {
-    worst.extend(
-        rows.iter()
-            .filter_map(|row| row.not_counted.clone())
-            .flatten(),
-    );
+    worst.extend(rows.iter().filter_map(|row| row.not_counted.clone()).flatten());
     worst.sort_by(|a, b| b.moves_um.total_cmp(&a.moves_um));
     let mut seen = BTreeSet::new();
     worst.retain(|of| seen.insert(of.unknown.clone()));
@@ -427,9 +416,7 @@ impl<'t> Columns<'t> {
             let mut cells: Vec<String> = match row {
                 Some(row) => {
                     let carried = self.carried.iter();
-                    carried
-                        .map(|(column, _)| row.cell(*column).text().to_owned())
-                        .collect()
+                    carried.map(|(column, _)| row.cell(*column).text().to_owned()).collect()
                 }
                 None => self.numbers(correction.command.values()),
             };
@@ -457,8 +444,7 @@ impl<'t> Columns<'t> {
             names.collect()
         } else {
             let axes = self.axes.iter();
-            axes.map(|axis| format!("{axis}_{}", axis.kind().coordinate_unit()))
-                .collect()
+            axes.map(|axis| format!("{axis}_{}", axis.kind().coordinate_unit())).collect()
         };
         header.extend(written(&self.axes, self.uncertain));
         header
@@ -495,9 +481,8 @@ impl<'t> Columns<'t> {
 }
 
 fn written(axes: &[AxisName], uncertain: bool) -> Vec<String> {
-    let corrected = axes
-        .iter()
-        .map(|axis| format!("{axis}_corrected_{}", axis.kind().coordinate_unit()));
+    let corrected =
+        axes.iter().map(|axis| format!("{axis}_corrected_{}", axis.kind().coordinate_unit()));
     let correction = axes.iter().map(|axis| {
         let unit = axis.kind().micro_unit();
         format!("{axis}_correction_{unit}")
@@ -507,13 +492,8 @@ fn written(axes: &[AxisName], uncertain: bool) -> Vec<String> {
         format!("{axis}_u_correction_{unit}")
     });
     let not_counted = uncertain.then(|| "u_not_counted".to_owned());
-    let others = [
-        "residual_um",
-        "residual_axis_urad",
-        "singular",
-        "outside_range",
-        "outside_travel",
-    ];
+    let others =
+        ["residual_um", "residual_axis_urad", "singular", "outside_range", "outside_travel"];
     corrected
         .chain(correction)
         .chain(uncertainty)

@@ -260,10 +260,7 @@ fn measure_and_calibrate(
     simulate::write(shop, folder)?;
     let file = CalibrationFile::read(&folder.join("calibration.toml"))?;
     let calibration = calibrate::fit(&file)?;
-    write_listed(
-        folder,
-        &[("calibrated.toml", &calibration.machine.to_toml())],
-    )?;
+    write_listed(folder, &[("calibrated.toml", &calibration.machine.to_toml())])?;
     Ok(calibration.machine)
 }
 
@@ -289,9 +286,7 @@ fn compare(shop: &Shop, machine: &Machine, folder: &Path) -> Result<Demo, Failur
     let lines = compare_lines(shop, &command, |done| bar.set_position(done as u64))?;
     bar.finish_and_clear();
     let mean_of = |straightness: bool| {
-        let lines = lines
-            .iter()
-            .filter(|line| line.is_straightness == straightness);
+        let lines = lines.iter().filter(|line| line.is_straightness == straightness);
         mean_reduction(lines.map(|line| (line.before_um, line.after_um)))
     };
     Ok(Demo {
@@ -301,10 +296,7 @@ fn compare(shop: &Shop, machine: &Machine, folder: &Path) -> Result<Demo, Failur
             straightness: mean_of(true),
             diagonals: mean_reduction(diagonals.iter().map(|of| (of.before_um, of.after_um))),
         },
-        worst_times_floor: lines
-            .iter()
-            .map(|line| line.times_floor)
-            .fold(0.0, f64::max),
+        worst_times_floor: lines.iter().map(|line| line.times_floor).fold(0.0, f64::max),
         irregular_curve: irregular_curve(shop, &folder.join("exx.rtl"))?,
         curves: curves(machine),
         published: published(&lines, folder)?,
@@ -317,10 +309,9 @@ fn compare(shop: &Shop, machine: &Machine, folder: &Path) -> Result<Demo, Failur
 fn curves(machine: &Machine) -> Vec<FittedCurve> {
     let of = |(error, curve): (ErrorName, &ErrorCurve)| {
         let directions: &[Option<&'static str>] = match curve {
-            ErrorCurve::Pair { .. } => &[
-                Some(Direction::Positive.name()),
-                Some(Direction::Negative.name()),
-            ],
+            ErrorCurve::Pair { .. } => {
+                &[Some(Direction::Positive.name()), Some(Direction::Negative.name())]
+            }
             _ => &[None],
         };
         let parts = curve.fields().zip(directions.iter().copied());
@@ -389,10 +380,10 @@ fn text(shop: &Shop, found: &Demo, kept: Option<&Path>) -> String {
     }
     let irregular = &found.irregular_curve;
     let [x, y, z] = ["X", "Y", "Z"].map(|letter| travel_mm(&shop.truth, letter));
-    let kept = kept.map_or(
-        "The files can be kept: volcomp demo -o FOLDER\n".to_owned(),
-        |folder| format!("All files are in {}\n", folder.display()),
-    );
+    let kept = kept
+        .map_or("The files can be kept: volcomp demo -o FOLDER\n".to_owned(), |folder| {
+            format!("All files are in {}\n", folder.display())
+        });
     let settings = settings_text(&found.curves);
     format!(
         "Gantry {}, {x} x {y} x {z} mm: {} lines measured by laser\n\
@@ -470,10 +461,7 @@ fn compare_lines(
             continue;
         }
         // A line measured with a bridge is evaluated by the straightness itself.
-        let setup = Setup {
-            method: Method::Direct,
-            ..line.setup.clone()
-        };
+        let setup = Setup { method: Method::Direct, ..line.setup.clone() };
         let sight = LineOfSight::new(&shop.truth, &setup)?;
         let targets = points(shop, line);
         let profile = |command: &dyn Fn(&State) -> State| -> Vec<(f64, f64)> {
@@ -510,9 +498,7 @@ fn points(shop: &Shop, line: &ShopLine) -> Vec<f64> {
     let axis = shop.truth.axis(line.setup.error.axis);
     let [low, high] = axis.map_or([0.0; 2], |axis| axis.travel);
     let last = (POINTS - 1) as f64;
-    (0..POINTS)
-        .map(|index| low + (high - low) * index as f64 / last)
-        .collect()
+    (0..POINTS).map(|index| low + (high - low) * index as f64 / last).collect()
 }
 
 fn description(shop: &Shop, line: &ShopLine) -> String {
@@ -531,12 +517,7 @@ fn peak_to_peak(profile: &[(f64, f64)], is_straightness: bool) -> f64 {
     } else {
         Ok(profile.to_vec())
     };
-    range(
-        removed
-            .unwrap_or_default()
-            .into_iter()
-            .map(|(_, value)| value),
-    )
+    range(removed.unwrap_or_default().into_iter().map(|(_, value)| value))
 }
 
 /// The residual (peak to peak, µm) that would remain with a perfect curve between the targets: the noise of the mean of the runs at the
@@ -593,9 +574,7 @@ fn between(values: &[f64], share: f64) -> f64 {
     let place = share * (values.len() - 1) as f64;
     let pairs = values.windows(2).enumerate();
     let mut parts = pairs.map(|(first, pair)| (place - first as f64, pair));
-    let (part, pair) = parts
-        .find(|(part, _)| *part <= 1.0)
-        .unwrap_or((0.0, &[0.0; 2]));
+    let (part, pair) = parts.find(|(part, _)| *part <= 1.0).unwrap_or((0.0, &[0.0; 2]));
     pair[0] * (1.0 - part) + pair[1] * part
 }
 
@@ -609,11 +588,7 @@ fn squareness(shop: &Shop, lines: &[Line]) -> Vec<Squareness> {
         metrology::squareness(error, Urad(0.0), [slope(first)?, slope(second)?]).ok()
     };
     let both = |&(error, _): &(ErrorName, Urad)| {
-        Some(Squareness {
-            error,
-            before_urad: value(error, 0)?.0,
-            after_urad: value(error, 1)?.0,
-        })
+        Some(Squareness { error, before_urad: value(error, 0)?.0, after_urad: value(error, 1)?.0 })
     };
     shop.squareness.iter().filter_map(both).collect()
 }
@@ -623,10 +598,7 @@ fn irregular_curve(shop: &Shop, file: &Path) -> Result<IrregularCurve, Failure> 
     let measurement = read_file(file).map_err(Failure::input)?;
     let means = measurement.mean_curve_in(Direction::Positive);
     let (x, u): (Vec<f64>, Vec<f64>) = means.into_iter().unzip();
-    let exx = shop
-        .lines
-        .iter()
-        .find(|l| l.setup.error.to_string() == "EXX");
+    let exx = shop.lines.iter().find(|l| l.setup.error.to_string() == "EXX");
     let line = exx.ok_or_else(|| Failure::Work("the demo measures no EXX".to_owned()))?;
     let sight = LineOfSight::new(&shop.truth, &line.setup)?;
     let none = Temperatures::new();
@@ -695,19 +667,13 @@ fn published(lines: &[Line], folder: &Path) -> Result<Published, Failure> {
     for (error, file) in FILES {
         residuals.extend(left_at_targets(error, &folder.join(file))?);
     }
-    Ok(Published {
-        lines: PAPER_LINES.iter().map(row).collect::<Result<_, _>>()?,
-        residuals,
-    })
+    Ok(Published { lines: PAPER_LINES.iter().map(row).collect::<Result<_, _>>()?, residuals })
 }
 
 fn left_at_targets(error: &'static str, file: &Path) -> Result<Vec<PublishedResidual>, Failure> {
     let means = read_file(file).map_err(Failure::input)?.mean_curve();
     let (x, u): (Vec<f64>, Vec<f64>) = means.into_iter().unzip();
-    let domain = [
-        x.first().copied().unwrap_or_default(),
-        x.last().copied().unwrap_or_default(),
-    ];
+    let domain = [x.first().copied().unwrap_or_default(), x.last().copied().unwrap_or_default()];
     let mut fits: Vec<(String, Result<Fit, FitError>)> = Vec::new();
     for order in 6..=8 {
         let name = format!("polynomial of order {order}");

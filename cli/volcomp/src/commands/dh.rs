@@ -89,11 +89,7 @@ pub(crate) fn run(arguments: &DhArguments) -> Result<Answer, Failure> {
     let rows = dh.rows.iter().zip(structure.axes());
     let document = Dh {
         convention: word.to_owned(),
-        joints: structure
-            .axes()
-            .iter()
-            .map(|axis| letter(axis.kind()))
-            .collect(),
+        joints: structure.axes().iter().map(|axis| letter(axis.kind())).collect(),
         base: frame(&dh.base),
         rows: rows
             .map(|(row, &axis)| Row {
@@ -116,11 +112,7 @@ fn frame(pose: &Pose) -> Frame {
         let column = pose.rotation.column(place);
         [column[0], column[1], column[2]]
     };
-    Frame {
-        point_mm: pose.translation_mm.into(),
-        x: direction(0),
-        z: direction(2),
-    }
+    Frame { point_mm: pose.translation_mm.into(), x: direction(0), z: direction(2) }
 }
 
 fn text(document: &Dh) -> String {
@@ -134,16 +126,10 @@ fn text(document: &Dh) -> String {
     for row in &document.rows {
         let coordinate = |value: f64, kind| {
             let number = fixed(value, 6);
-            if row.kind == kind {
-                format!("{number} + {}", row.axis)
-            } else {
-                number
-            }
+            if row.kind == kind { format!("{number} + {}", row.axis) } else { number }
         };
-        let (theta, d) = (
-            coordinate(row.theta_deg, AxisKind::Rotary),
-            coordinate(row.d_mm, AxisKind::Linear),
-        );
+        let (theta, d) =
+            (coordinate(row.theta_deg, AxisKind::Rotary), coordinate(row.d_mm, AxisKind::Linear));
         let (a, alpha) = (fixed(row.a_mm, 6), fixed(row.alpha_deg, 6));
         let axis = row.axis.to_string();
         table.add_row(if proximal {
@@ -162,13 +148,8 @@ fn text(document: &Dh) -> String {
         let (point, x, z) = (vector(&frame.point_mm), vector(&frame.x), vector(&frame.z));
         folded(&format!("{name}: point {point} mm, x {x}, z {z}"), "")
     };
-    let mut text = folded(
-        &format!(
-            "{} rows, {}, at machine zero",
-            document.convention, document.joints
-        ),
-        "",
-    );
+    let mut text =
+        folded(&format!("{} rows, {}, at machine zero", document.convention, document.joints), "");
     text += &table_text(&table);
     text.push('\n');
     text += &line("Base, in machine coordinates", &document.base);

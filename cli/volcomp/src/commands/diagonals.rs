@@ -89,23 +89,13 @@ pub(crate) fn run(arguments: &DiagonalsArguments) -> Result<Answer, Failure> {
     let mut table = table(&["diagonal", "range µm", "at the end µm"]);
     for diagonal in &found {
         let last = diagonal.deviation_um.last().copied().unwrap_or(0.0);
-        table.add_row([
-            diagonal.name.to_owned(),
-            fixed(diagonal.range_um, 3),
-            fixed(last, 3),
-        ]);
+        table.add_row([diagonal.name.to_owned(), fixed(diagonal.range_um, 3), fixed(last, 3)]);
     }
     if let Some(plot) = plot {
         plot.write(&picture(arguments, &machine, &found, &compensation))?;
     }
     let [ppp, npp, pnp, ppn] = found;
-    let document = Diagonals {
-        ppp,
-        npp,
-        pnp,
-        ppn,
-        compensated: compensation.document(),
-    };
+    let document = Diagonals { ppp, npp, pnp, ppn, compensated: compensation.document() };
     Answer::new(&document, table_text(&table) + &compensation.words(), notes)
 }
 
@@ -121,9 +111,7 @@ fn picture(
             // The targets are poses of this machine.
             machine.state(&at).unwrap_or_default()
         });
-        let tips: Vec<_> = poses
-            .map(|pose| machine.chain().ideal_tip_mm(&pose))
-            .collect();
+        let tips: Vec<_> = poses.map(|pose| machine.chain().ideal_tip_mm(&pose)).collect();
         let places = tips.iter().map(|tip| (tip - tips[0]).norm());
         volcomp_report::Diagonal {
             name: diagonal.name.to_owned(),
@@ -132,21 +120,12 @@ fn picture(
         }
     });
     let (title, state) = if arguments.compensation.is_asked_for() {
-        (
-            "Body diagonals after correction, by the model",
-            Machined::TruthCorrected,
-        )
+        ("Body diagonals after correction, by the model", Machined::TruthCorrected)
     } else {
-        (
-            "Body diagonals of the machine, by the model",
-            Machined::Found,
-        )
+        ("Body diagonals of the machine, by the model", Machined::Found)
     };
     let of = volcomp_report::Diagonals {
-        before: volcomp_report::OfState {
-            state,
-            found: plotted.collect(),
-        },
+        before: volcomp_report::OfState { state, found: plotted.collect() },
         after: None,
     };
     let file = arguments.machine.machine.display().to_string();
@@ -175,9 +154,8 @@ fn program(
     feed: u32,
 ) -> Result<String, ModelError> {
     let axes = AxisName::ALL.into_iter();
-    let axes: Vec<(AxisName, usize)> = axes
-        .filter_map(|name| Some((name, machine.index_of(name).ok()?)))
-        .collect();
+    let axes: Vec<(AxisName, usize)> =
+        axes.filter_map(|name| Some((name, machine.index_of(name).ok()?))).collect();
     let mut text = "line".to_owned();
     for (name, _) in &axes {
         let _ = write!(text, ",{name}");

@@ -63,10 +63,7 @@ pub(crate) fn run(arguments: &ErrorArguments, json: bool) -> Result<Answer, Fail
         let rows: Vec<ErrorAt> = states.par_iter().map(row).collect();
         listing.extend(&rows, |row| row.outside.words())?;
     }
-    let notes = [
-        positions.note(listing.rows()),
-        outside_note(listing.outside()),
-    ];
+    let notes = [positions.note(listing.rows()), outside_note(listing.outside())];
     let mut notes: Vec<String> = notes.into_iter().flatten().collect();
     notes.extend(machine_notes(&machine, &temperatures));
     Ok(Answer::listed(listing, String::new(), notes))

@@ -38,12 +38,7 @@ pub(crate) struct Judgement {
 impl Judgement {
     pub(crate) fn new(quantities: Vec<JudgedQuantity>, notes: Vec<String>) -> Self {
         let decision = Decision::over(&quantities);
-        Self {
-            pass: decision.map(|decision| decision.pass),
-            decision,
-            quantities,
-            notes,
-        }
+        Self { pass: decision.map(|decision| decision.pass), decision, quantities, notes }
     }
 }
 
@@ -61,11 +56,7 @@ pub(crate) fn verdicts_text(rows: &[Row]) -> String {
     let all = || (rows.iter()).flat_map(|row| row.found.iter().flat_map(|found| &found.quantities));
     let is_judged = all().any(|quantity| quantity.limit.is_some());
     let is_shown = |quantity: &JudgedQuantity| {
-        if is_judged {
-            quantity.limit.is_some()
-        } else {
-            !quantity.symbol.contains('_')
-        }
+        if is_judged { quantity.limit.is_some() } else { !quantity.symbol.contains('_') }
     };
     let mut symbols: Vec<&str> = Vec::new();
     let mut names: Vec<(&str, &str)> = Vec::new();
@@ -84,19 +75,12 @@ pub(crate) fn verdicts_text(rows: &[Row]) -> String {
     for row in rows {
         let name = std::path::Path::new(&row.file);
         let name = name.file_name().unwrap_or_default().display().to_string();
-        let Ok(Judgement {
-            quantities,
-            decision,
-            ..
-        }) = &row.found
-        else {
+        let Ok(Judgement { quantities, decision, .. }) = &row.found else {
             shown.add_row([name, "REFUSED".to_owned()]);
             continue;
         };
-        let verdict = decision.map_or_else(
-            || "no limits".to_owned(),
-            |d| d.verdict.word().to_uppercase(),
-        );
+        let verdict =
+            decision.map_or_else(|| "no limits".to_owned(), |d| d.verdict.word().to_uppercase());
         let unit = quantities.first().map_or(DeviationUnit::Um, |q| q.unit);
         let mut cells = vec![name, verdict, unit.to_string()];
         for symbol in &symbols {
@@ -106,9 +90,7 @@ pub(crate) fn verdicts_text(rows: &[Row]) -> String {
         }
         shown.add_row(cells);
     }
-    let names = names
-        .iter()
-        .map(|(symbol, name)| format!("{symbol}: {name}"));
+    let names = names.iter().map(|(symbol, name)| format!("{symbol}: {name}"));
     let names: Vec<String> = names.collect();
     let names = if names.is_empty() {
         String::new()
@@ -170,17 +152,10 @@ pub(crate) fn decision_text(judgement: &Judgement) -> String {
         "ISO 14253-1" => "Decided by ISO 14253-1, with the measurement uncertainty on top",
         _ => "Decided by ISO 14253-1 where the uncertainty is stated, else by the value alone",
     };
-    let worst_first = [
-        Verdict::Fail,
-        Verdict::NotEvaluated,
-        Verdict::Undecided,
-        Verdict::Pass,
-    ];
+    let worst_first = [Verdict::Fail, Verdict::NotEvaluated, Verdict::Undecided, Verdict::Pass];
     let parts = worst_first.map(|verdict| (verdict, of(verdict)));
     let parts = parts.iter().filter(|(_, named)| !named.is_empty());
-    let parts: Vec<String> = parts
-        .map(|(verdict, named)| format!("{verdict} {named}"))
-        .collect();
+    let parts: Vec<String> = parts.map(|(verdict, named)| format!("{verdict} {named}")).collect();
     let verdict = decision.verdict.word().to_uppercase();
     folded(&format!("{verdict}: {}. {rule}.", parts.join("; ")), "")
 }
@@ -207,9 +182,7 @@ pub(crate) fn open_rows(path: &Path, files: &[PathBuf]) -> Result<OutputFile, Fa
 /// Writes the table: file, unit, one column per quantity, verdict, error.
 pub(crate) fn write_rows(output: OutputFile, rows: &[Row]) -> Result<(), Failure> {
     let mut heads: Vec<String> = Vec::new();
-    for quantity in rows
-        .iter()
-        .flat_map(|row| row.found.iter().flat_map(|found| &found.quantities))
+    for quantity in rows.iter().flat_map(|row| row.found.iter().flat_map(|found| &found.quantities))
     {
         let head = head(quantity);
         if !heads.contains(&head) {
@@ -227,11 +200,7 @@ pub(crate) fn write_rows(output: OutputFile, rows: &[Row]) -> Result<(), Failure
     for row in rows {
         let mut cells = vec![row.file.clone()];
         match &row.found {
-            Ok(Judgement {
-                quantities,
-                decision,
-                ..
-            }) => {
+            Ok(Judgement { quantities, decision, .. }) => {
                 cells.push(quantities.first().map_or("", |q| q.unit.key()).to_owned());
                 for name in &heads {
                     let value = quantities.iter().find(|q| head(q) == *name);
@@ -300,15 +269,10 @@ pub(crate) fn evaluated<D: Serialize>(
     one: impl Fn(&Path) -> Result<Evaluated<D>, Failure>,
 ) -> Result<Answer, Failure> {
     let csv = csv.map(|path| open_rows(path, files)).transpose()?;
-    let row = |path: &Path, found| Row {
-        file: path.display().to_string(),
-        found,
-    };
+    let row = |path: &Path, found| Row { file: path.display().to_string(), found };
     if let [only] = files {
         let one = one(only)?;
-        let Judgement {
-            decision, notes, ..
-        } = one.judgement.clone();
+        let Judgement { decision, notes, .. } = one.judgement.clone();
         if let Some(output) = csv {
             write_rows(output, &[row(only, Ok(one.judgement))])?;
         }
@@ -346,15 +310,10 @@ pub(crate) fn evaluated<D: Serialize>(
     let said: Vec<(String, &Metadata)> =
         (said.iter()).map(|(file, of)| (file.clone(), of)).collect();
     let document = Files::Many { files: all };
-    let decisions = rows
-        .iter()
-        .filter_map(|row| row.found.as_ref().ok()?.decision);
+    let decisions = rows.iter().filter_map(|row| row.found.as_ref().ok()?.decision);
     let answer = Answer::new(&document, texts.join("\n"), different_machines(&said))?;
     let answer = decisions.fold(answer, |answer, decision| answer.decided(Some(decision)));
-    Ok(Answer {
-        failed: some_refused(&refused, files.len()),
-        ..answer
-    })
+    Ok(Answer { failed: some_refused(&refused, files.len()), ..answer })
 }
 
 /// The failure reported after all files were read if some were rejected.

@@ -131,10 +131,8 @@ pub(crate) fn run(arguments: &ExportArguments) -> Result<Answer, Failure> {
         limit: arguments.limit.limit()?,
     };
     let reference = options.reference(&machine)?;
-    let stated: Vec<String> = temperatures
-        .iter()
-        .map(|(name, degc)| format!("{name} = {degc} °C"))
-        .collect();
+    let stated: Vec<String> =
+        temperatures.iter().map(|(name, degc)| format!("{name} = {degc} °C")).collect();
     let numbers = arguments.control.numbers()?;
     let write_options = WriteOptions {
         facts: Facts::of(&machine, reference.clone(), stated.join(", ")),
@@ -280,10 +278,7 @@ impl Place {
 
 /// Opens an output that must not be the machine file.
 fn beside_machine(path: &Path, arguments: &ExportArguments) -> Result<OutputFile, Failure> {
-    OutputFile::open_beside(
-        path,
-        &[(arguments.machine.machine.as_path(), "the machine")],
-    )
+    OutputFile::open_beside(path, &[(arguments.machine.machine.as_path(), "the machine")])
 }
 
 /// Notes on tables of earlier exports in the output folder, which a control may still load: tables of another format, or of an axis that no longer
@@ -308,10 +303,7 @@ fn other_tables(arguments: &ExportArguments, written: &[String]) -> Vec<String> 
             }
             // A file that cannot be read as text is not a table.
             let text = std::fs::read_to_string(&path).ok()?;
-            let format = Format::stated_in(&TextFile {
-                name: name.clone(),
-                text,
-            })?;
+            let format = Format::stated_in(&TextFile { name: name.clone(), text })?;
             Some((format, name))
         })
         .collect();
@@ -322,9 +314,7 @@ fn other_tables(arguments: &ExportArguments, written: &[String]) -> Vec<String> 
     others.dedup_by(|one, other| one.0 == other.0);
     let mut notes = Vec::new();
     if !others.is_empty() {
-        let all = others
-            .iter()
-            .map(|(format, name)| format!("{format} ({name})"));
+        let all = others.iter().map(|(format, name)| format!("{format} ({name})"));
         notes.push(format!(
             "in {folder} there are tables of another format, too: {}; of two formats a control may read both",
             all.collect::<Vec<_>>().join(", ")
@@ -379,24 +369,14 @@ fn made(content: &Content, left_out: &[(AxisName, AxisName)]) -> Vec<Made> {
 /// Position and direction of approach at which the difference between tables and model is largest, such as `X=100 Y=0 +`.
 fn place_of(axis: &AxisLoss) -> String {
     let at = axis.at.iter();
-    let mut words: Vec<String> = at
-        .map(|(name, at)| format!("{name}={}", fixed(*at, 0)))
-        .collect();
+    let mut words: Vec<String> = at.map(|(name, at)| format!("{name}={}", fixed(*at, 0))).collect();
     words.extend(axis.direction.map(|direction| direction.to_string()));
     words.join(" ")
 }
 
 fn text(document: &Export) -> String {
-    let mut tables = table(&[
-        "table",
-        "over",
-        "positions",
-        "first",
-        "last",
-        "directions",
-        "largest",
-        "unit",
-    ]);
+    let mut tables =
+        table(&["table", "over", "positions", "first", "last", "directions", "largest", "unit"]);
     for made in &document.tables {
         tables.add_row(vec![
             made.output.clone(),
@@ -420,11 +400,7 @@ fn text(document: &Export) -> String {
     ]);
     to_the_left(&mut lost, &[6]);
     let all = [("all errors", &document.loss.axes)];
-    let each = document
-        .loss
-        .categories
-        .iter()
-        .map(|of| (of.category.name(), &of.axes));
+    let each = document.loss.categories.iter().map(|of| (of.category.name(), &of.axes));
     for (name, axes) in all.into_iter().chain(each) {
         for (place, axis) in axes.iter().enumerate() {
             lost.add_row(vec![

@@ -74,9 +74,7 @@ pub(crate) fn run(arguments: &ExpressionArguments) -> Result<Answer, Failure> {
     let symbols = symbols.filter(|(_, mm)| *mm != 0.0);
     let document = Formulas {
         formulas,
-        tool_mm: symbols
-            .map(|(name, mm)| (name.to_owned(), mm))
-            .collect::<BTreeMap<_, _>>(),
+        tool_mm: symbols.map(|(name, mm)| (name.to_owned(), mm)).collect::<BTreeMap<_, _>>(),
     };
     let shown = if arguments.latex {
         // LaTeX treats a line break like a blank.
@@ -84,21 +82,15 @@ pub(crate) fn run(arguments: &ExpressionArguments) -> Result<Answer, Failure> {
         let lines: String = whole.lines().map(|line| folded(line, "")).collect();
         format!("\\begin{{align}}\n{lines}\\end{{align}}\n")
     } else {
-        let said: Vec<String> = document
-            .tool_mm
-            .iter()
-            .map(|(name, mm)| format!("{name} = {mm}"))
-            .collect();
+        let said: Vec<String> =
+            document.tool_mm.iter().map(|(name, mm)| format!("{name} = {mm}")).collect();
         let tool = if said.is_empty() {
             "the tool tip is at the origin".to_owned()
         } else {
             said.join(", ")
         };
         let formulas: String = text.iter().map(|formula| in_lines(formula)).collect();
-        format!(
-            "{formulas}\n{}",
-            folded(&format!("Lengths in mm, angles in rad; {tool}."), "")
-        )
+        format!("{formulas}\n{}", folded(&format!("Lengths in mm, angles in rad; {tool}."), ""))
     };
     Answer::new(&document, shown, Vec::new())
 }
@@ -116,8 +108,5 @@ fn term(group: &Grouped) -> Term {
     let signed = |(term, negative): &(ErrorTerm, bool)| {
         format!("{}{term}", if *negative { "-" } else { "" })
     };
-    Term {
-        lever: group.lever.to_string(),
-        errors: group.errors.iter().map(signed).collect(),
-    }
+    Term { lever: group.lever.to_string(), errors: group.errors.iter().map(signed).collect() }
 }

@@ -197,10 +197,7 @@ pub(crate) fn run(arguments: &FitArguments) -> Result<Answer, Failure> {
             return Err(Failure::Input(message));
         }
     }
-    let has_order = matches!(
-        arguments.method,
-        Method::Poly | Method::Chebyshev | Method::Mls
-    );
+    let has_order = matches!(arguments.method, Method::Poly | Method::Chebyshev | Method::Mls);
     if arguments.order.is_some() && !has_order {
         let found = arguments.method.to_possible_value();
         let found = found.map_or(String::new(), |value| value.get_name().to_owned());
@@ -216,9 +213,7 @@ pub(crate) fn run(arguments: &FitArguments) -> Result<Answer, Failure> {
     }
     let numbers = arguments.at.iter().chain(&arguments.residual);
     if let Some(wrong) = numbers.copied().find(|x| !x.is_finite()) {
-        return Err(Failure::Input(format!(
-            "found {wrong}, expected finite numbers in the call"
-        )));
+        return Err(Failure::Input(format!("found {wrong}, expected finite numbers in the call")));
     }
     let plot = (arguments.plot).open(&[(&arguments.data, "the readings")])?;
     let mut measurement = read_file(&arguments.data)?;
@@ -234,19 +229,11 @@ pub(crate) fn run(arguments: &FitArguments) -> Result<Answer, Failure> {
     let (kind, axis) = (axis_kind(&measurement), measurement.metadata.axis.clone());
     let mut notes = measurement.notes.clone();
     if fit.meets_required == Some(false) {
-        let what = if auto.is_some() {
-            "kind of curve"
-        } else {
-            "order and support"
-        };
-        notes.push(format!(
-            "no {what} meets the requested residual: the best is shown"
-        ));
+        let what = if auto.is_some() { "kind of curve" } else { "order and support" };
+        notes.push(format!("no {what} meets the requested residual: the best is shown"));
     }
     let between = Between::of(&fit, &x, &u, noise);
-    let of_choice = auto
-        .as_ref()
-        .and_then(|(choice, _)| choice.not_followed(&unit.to_string()));
+    let of_choice = auto.as_ref().and_then(|(choice, _)| choice.not_followed(&unit.to_string()));
     notes.extend(of_choice.or_else(|| between.not_followed(&unit.to_string())));
     let along = kind.map_or("mm or deg", AxisKind::coordinate_unit);
     let file = arguments.data.display();
@@ -264,19 +251,9 @@ pub(crate) fn run(arguments: &FitArguments) -> Result<Answer, Failure> {
     let (choice, band) = auto.unzip();
     let band = band.flatten();
     if let Some(plot) = plot {
-        plot.write(&picture(
-            arguments,
-            &measurement,
-            (&fit, band.as_ref()),
-            unit,
-        ))?;
+        plot.write(&picture(arguments, &measurement, (&fit, band.as_ref()), unit))?;
     }
-    let document = FittedCurve {
-        scan,
-        choice,
-        band,
-        ..document(&fit, &arguments.at, unit)?
-    };
+    let document = FittedCurve { scan, choice, band, ..document(&fit, &arguments.at, unit)? };
     Answer::new(&document, text, notes)
 }
 
@@ -328,19 +305,13 @@ fn scan_text(trials: &[MlsTrial], curve: &Curve, unit: DeviationUnit) -> String 
     let mut text = String::new();
     for (title, is_residual) in [("Largest residual", true), ("Leave-one-out error", false)] {
         let value = |trial: &MlsTrial| {
-            if is_residual {
-                trial.max_residual
-            } else {
-                trial.leave_one_out_rms
-            }
+            if is_residual { trial.max_residual } else { trial.leave_one_out_rms }
         };
         let orders = MLS_ORDERS.map(|order| match order {
             1 => "order 1".to_owned(),
             _ => order.to_string(),
         });
-        let heads: Vec<String> = std::iter::once("support".to_owned())
-            .chain(orders)
-            .collect();
+        let heads: Vec<String> = std::iter::once("support".to_owned()).chain(orders).collect();
         let heads: Vec<&str> = heads.iter().map(String::as_str).collect();
         let mut rows = table(&heads);
         for &support in &supports {
@@ -362,10 +333,7 @@ fn scan_text(trials: &[MlsTrial], curve: &Curve, unit: DeviationUnit) -> String 
         let _ = write!(text, "\n{title}, {unit}\n{}", table_text(&rows));
     }
     text += "\n* the curve above; - too few targets within the support\n";
-    if trials
-        .iter()
-        .any(|trial| !trial.leave_one_out_rms.is_finite())
-    {
+    if trials.iter().any(|trial| !trial.leave_one_out_rms.is_finite()) {
         text += &folded(
             &format!(
                 "{NOT_PREDICTED} no leave-one-out error: somewhere the curve goes through a target, since the others within its support hardly weigh there; such a setting is never chosen"
@@ -398,10 +366,7 @@ fn fit(
     (x, u): (&[f64], &[f64]),
 ) -> Result<(Fit, Option<Chosen>), FitError> {
     // Targets are sorted; the reader rejects an empty measurement.
-    let domain = [
-        x.first().copied().unwrap_or(0.0),
-        x.last().copied().unwrap_or(0.0),
-    ];
+    let domain = [x.first().copied().unwrap_or(0.0), x.last().copied().unwrap_or(0.0)];
     let (order, shape) = (arguments.order.unwrap_or(4), arguments.shape());
     let fit = match arguments.method {
         Method::Auto => {
@@ -421,11 +386,7 @@ fn fit(
 
 fn document(fit: &Fit, at: &[f64], unit: DeviationUnit) -> Result<FittedCurve, Failure> {
     let angular = unit == DeviationUnit::Urad;
-    let residual = Spread {
-        min: fit.min(),
-        max: fit.max(),
-        rms: fit.rms(),
-    };
+    let residual = Spread { min: fit.min(), max: fit.max(), rms: fit.rms() };
     let point = |&at: &f64| {
         let value = fit.curve.value(at);
         Point {
@@ -453,9 +414,7 @@ fn document(fit: &Fit, at: &[f64], unit: DeviationUnit) -> Result<FittedCurve, F
 
 fn curve_json(curve: &Curve) -> Result<Value, Failure> {
     let text = format!("curve = {}", write_curve(curve));
-    let table: toml::Table = text
-        .parse()
-        .map_err(|e| Failure::Work(format!("{text}: {e}")))?;
+    let table: toml::Table = text.parse().map_err(|e| Failure::Work(format!("{text}: {e}")))?;
     serde_json::to_value(&table["curve"]).map_err(|e| Failure::Work(e.to_string()))
 }
 

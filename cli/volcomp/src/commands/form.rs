@@ -283,11 +283,8 @@ fn text(document: &EvaluatedForm, feature: FeatureKind) -> String {
     let _ = writeln!(text, "{name} {least} µm (rms {} µm)", fixed(form.rms, 2));
     if let (Some(width), Some(zone)) = (form.minimum_zone, &document.minimum_zone) {
         let lines: Vec<String> = zone.contact_lines.iter().map(usize::to_string).collect();
-        let said = format!(
-            "minimum zone {} µm, held by lines {}",
-            fixed(width, 2),
-            lines.join(", ")
-        );
+        let said =
+            format!("minimum zone {} µm, held by lines {}", fixed(width, 2), lines.join(", "));
         text += &folded(&said, "");
     }
     if let Some(out) = document.out_of_plane_um {

@@ -47,11 +47,7 @@ pub(crate) fn run(arguments: &IdentifyArguments) -> Result<Answer, Failure> {
     let found = find(&observations)?;
     output.write_whole(found.machine.to_toml())?;
     if let Some(plot) = plot {
-        let Figures {
-            rms_um,
-            max_um,
-            rows,
-        } = found.residual;
+        let Figures { rms_um, max_um, rows } = found.residual;
         let [rms, max] = [rms_um, max_um].map(|um| fixed(um, 2));
         let file = arguments.observations.display().to_string();
         let figures = format!("{rows} fitted rows: RMS {rms} µm, largest {max} µm");
@@ -59,10 +55,7 @@ pub(crate) fn run(arguments: &IdentifyArguments) -> Result<Answer, Failure> {
     }
     let text = text(&found, &arguments.output);
     let notes = found.warnings.iter().map(ToString::to_string).collect();
-    let document = Identified {
-        file: arguments.output.display().to_string(),
-        found,
-    };
+    let document = Identified { file: arguments.output.display().to_string(), found };
     Answer::new(&document, text, notes)
 }
 
@@ -88,11 +81,7 @@ many unknowns are determined, of how many that are counted.
 const LITTLE: f64 = 1.05;
 
 fn next_text(next: &Next) -> String {
-    let pose: Vec<String> = next
-        .pose
-        .iter()
-        .map(|(axis, at)| format!("{axis}={at}"))
-        .collect();
+    let pose: Vec<String> = next.pose.iter().map(|(axis, at)| format!("{axis}={at}")).collect();
     let tool = next.tool.as_ref().map(|tool| format!("tool {tool}"));
     let with: String = [next.target.clone(), tool]
         .into_iter()
@@ -112,10 +101,7 @@ fn next_text(next: &Next) -> String {
             next.parameter,
             100.0 / improvement
         ),
-        None => format!(
-            "it helps to determine {}, which is not determined yet",
-            next.parameter
-        ),
+        None => format!("it helps to determine {}, which is not determined yet", next.parameter),
     };
     text + &folded(&what, "  ")
 }
@@ -129,11 +115,7 @@ pub(super) fn found_text(document: &Identification) -> String {
                 given_zero.push(name);
             }
         }
-        let mark = if parameter.given_zero.is_empty() {
-            ""
-        } else {
-            " *"
-        };
+        let mark = if parameter.given_zero.is_empty() { "" } else { " *" };
         found.add_row([
             parameter.name.clone(),
             shown(parameter, parameter.value),
@@ -232,10 +214,7 @@ mod tests {
         let helps = "another sphere, far from";
         let sphere = text(Kind::Sphere, "ball of the corner");
         assert!(sphere.contains(helps), "{sphere}");
-        assert!(
-            sphere.contains("stays at 98 % of what it is now"),
-            "{sphere}"
-        );
+        assert!(sphere.contains("stays at 98 % of what it is now"), "{sphere}");
         let target = text(Kind::Points, "spherical mirror");
         assert!(!target.contains(helps), "{target}");
     }

@@ -57,10 +57,7 @@ pub(crate) fn run(arguments: &ImportArguments) -> Result<Answer, Failure> {
     let paths = paths(&arguments.files)?;
     let mut files = Vec::new();
     for path in &paths {
-        files.push(TextFile {
-            name: path.display().to_string(),
-            text: read_text(path)?,
-        });
+        files.push(TextFile { name: path.display().to_string(), text: read_text(path)? });
     }
     let shown = || Format::of_files(&files);
     let Some(format) = arguments.format.or_else(shown) else {
@@ -69,10 +66,8 @@ pub(crate) fn run(arguments: &ImportArguments) -> Result<Answer, Failure> {
     let output = match &arguments.output {
         None => None,
         Some(path) => {
-            let inputs: Vec<(&Path, &str)> = paths
-                .iter()
-                .map(|path| (path.as_path(), "a table"))
-                .collect();
+            let inputs: Vec<(&Path, &str)> =
+                paths.iter().map(|path| (path.as_path(), "a table")).collect();
             Some(OutputFile::open_beside(path, &inputs)?)
         }
     };
@@ -98,10 +93,7 @@ pub(crate) fn run(arguments: &ImportArguments) -> Result<Answer, Failure> {
         warnings: warnings.clone(),
         tables: found.content.listed(),
         errors: as_json(&made)?,
-        output: arguments
-            .output
-            .as_ref()
-            .map(|path| path.display().to_string()),
+        output: arguments.output.as_ref().map(|path| path.display().to_string()),
     };
     let shown = match &arguments.output {
         None => text,
@@ -151,32 +143,22 @@ fn paths(given: &[PathBuf]) -> Result<Vec<PathBuf>, Failure> {
 }
 
 fn not_shown(paths: &[PathBuf]) -> Failure {
-    let is_comp = paths
-        .iter()
-        .any(|path| path.extension().is_some_and(|ending| ending == "comp"));
+    let is_comp = paths.iter().any(|path| path.extension().is_some_and(|ending| ending == "comp"));
     let expected = if is_comp {
         "--format linuxcnc for COMP_FILE_TYPE 0 or --format linuxcnc-type1 for 1: the file does not say it".to_owned()
     } else {
-        format!(
-            "--format and one of: {}",
-            Format::ALL.map(Format::name).join(", ")
-        )
+        format!("--format and one of: {}", Format::ALL.map(Format::name).join(", "))
     };
     let first = paths
         .iter()
         .find(|path| !is_facts(path))
         .map_or_else(|| Path::new("").to_owned(), Clone::clone);
-    Failure::in_file(
-        &first,
-        format_args!("found no format that is certain, expected {expected}"),
-    )
+    Failure::in_file(&first, format_args!("found no format that is certain, expected {expected}"))
 }
 
 fn as_json(made: &Curves) -> Result<Value, Failure> {
     let text = to_toml(made);
-    let table: toml::Table = text
-        .parse()
-        .map_err(|e| Failure::Work(format!("the curves: {e}")))?;
+    let table: toml::Table = text.parse().map_err(|e| Failure::Work(format!("the curves: {e}")))?;
     let json =
         serde_json::to_value(&table).map_err(|e| Failure::Work(format!("the curves: {e}")))?;
     Ok(json.get("errors").cloned().unwrap_or(Value::Null))

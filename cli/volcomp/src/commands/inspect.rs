@@ -230,9 +230,7 @@ pub(crate) fn run(arguments: &InspectArguments) -> Result<Answer, Failure> {
         match read_content(&path, None) {
             Ok(mut content) => {
                 if let Content::Measurement(measurement) = &mut content {
-                    measurement
-                        .notes
-                        .splice(0..0, others.compare(&file, measurement));
+                    measurement.notes.splice(0..0, others.compare(&file, measurement));
                 }
                 overview.add(&path, &content);
                 let (document, text) = one(file, &content)?;
@@ -257,15 +255,10 @@ pub(crate) fn run(arguments: &InspectArguments) -> Result<Answer, Failure> {
         Vec::new()
     } else {
         let not_read = not_read.join(", ");
-        vec![format!(
-            "no measurement files by their names, and not read: {not_read}"
-        )]
+        vec![format!("no measurement files by their names, and not read: {not_read}")]
     };
     let answer = Answer::new(&Files::Many { files }, texts.join("\n"), notes)?;
-    Ok(Answer {
-        failed: some_refused(&refused, count),
-        ..answer
-    })
+    Ok(Answer { failed: some_refused(&refused, count), ..answer })
 }
 
 /// The files to read, and whether each was named explicitly. A folder is replaced by all files
@@ -328,15 +321,8 @@ impl Overview {
     }
 
     fn text(&self) -> String {
-        let mut rows = table(&[
-            "file",
-            "error",
-            "machine",
-            "serial",
-            "runs ↑ + ↓",
-            "targets",
-            "range",
-        ]);
+        let mut rows =
+            table(&["file", "error", "machine", "serial", "runs ↑ + ↓", "targets", "range"]);
         to_the_left(&mut rows, &[1, 2, 3]);
         for row in &self.rows {
             rows.add_row(row);
@@ -389,9 +375,8 @@ impl Others {
         }
         if let Some(serial) = &measurement.metadata.serial {
             match &self.serial {
-                Some((other, of)) if other != serial => warnings.push(format!(
-                    "it states the serial number {serial}, {of} states {other}"
-                )),
+                Some((other, of)) if other != serial => warnings
+                    .push(format!("it states the serial number {serial}, {of} states {other}")),
                 Some(_) => {}
                 None => self.serial = Some((serial.clone(), file.to_owned())),
             }
@@ -411,10 +396,9 @@ fn one(file: String, content: &Content) -> Result<(Contents, String), Failure> {
             let readings = MeasurementSummary::new(file, measurement);
             (Contents::Readings(Box::new(readings)), Some(&**measurement))
         }
-        Content::Capture(capture) => (
-            Contents::Samples(Box::new(CaptureSummary::new(file, capture))),
-            None,
-        ),
+        Content::Capture(capture) => {
+            (Contents::Samples(Box::new(CaptureSummary::new(file, capture))), None)
+        }
         Content::Log(log) => (Contents::Log(LogSummary::new(file, log)), None),
     };
     let value = serde_json::to_value(&document)
@@ -472,10 +456,7 @@ fn text(document: &Map<String, Value>, measurement: Option<&Measurement>) -> Str
                     for (index, value) in sensors.iter().enumerate() {
                         if !value.is_null() {
                             let sensor = index + 1;
-                            line(
-                                &format!("{name} {sensor}"),
-                                format!("{}{unit}", plain(value)),
-                            );
+                            line(&format!("{name} {sensor}"), format!("{}{unit}", plain(value)));
                         }
                     }
                 }

@@ -161,11 +161,7 @@ pub(crate) fn run(arguments: &MapTableArguments) -> Result<Answer, Failure> {
     let file = OutputFile::open_beside(&arguments.output, &[(machine_file, "the machine")])?;
     let made = MachineMap::new(&machine, &temperatures, &options)?;
     let map = &made.table.map;
-    let order = if arguments.high_first {
-        ByteOrder::HighFirst
-    } else {
-        ByteOrder::LowFirst
-    };
+    let order = if arguments.high_first { ByteOrder::HighFirst } else { ByteOrder::LowFirst };
     let image = map.image(arguments.number, order);
     file.write_whole(&image)?;
     let document = document(arguments, &options, &made, image.len());
@@ -177,9 +173,7 @@ fn above_zero(option: &str, found: f64) -> Result<(), Failure> {
     if found > 0.0 && found.is_finite() {
         return Ok(());
     }
-    Err(Failure::Input(format!(
-        "{option}: found {found}, expected a number above 0"
-    )))
+    Err(Failure::Input(format!("{option}: found {found}, expected a number above 0")))
 }
 
 fn options(
@@ -229,15 +223,12 @@ fn document(
     let header = map.header();
     let names: Vec<AxisName> = axes_of(header.grid).collect();
     let transfer = Transfer::of(map);
-    let grid = names
-        .iter()
-        .zip(&header.lines)
-        .map(|(&name, lines)| GridAxis {
-            axis: name,
-            lines: lines.count,
-            first: lines.at(0),
-            pitch: lines.at(1) - lines.at(0),
-        });
+    let grid = names.iter().zip(&header.lines).map(|(&name, lines)| GridAxis {
+        axis: name,
+        lines: lines.count,
+        first: lines.at(0),
+        pitch: lines.at(1) - lines.at(0),
+    });
     MapTable {
         file: arguments.output.display().to_string(),
         bytes,
@@ -272,10 +263,7 @@ fn outputs(map: &Map) -> Vec<Output> {
     let header = map.header();
     let count = header.outputs.count();
     let named = axes_of(header.outputs).enumerate().map(|(place, name)| {
-        let values = map.words()[HEADER_WORDS..]
-            .iter()
-            .skip(place)
-            .step_by(count);
+        let values = map.words()[HEADER_WORDS..].iter().skip(place).step_by(count);
         let largest = values.map(|word| word.cast_signed().unsigned_abs()).max();
         let step_um = f64::from(header.output_step_nm[place]) * 1e-3;
         Output {
@@ -306,11 +294,7 @@ fn text(arguments: &MapTableArguments, document: &MapTable) -> String {
         document.model,
         table_text(&lines)
     );
-    let at: Vec<String> = document
-        .at
-        .iter()
-        .map(|(name, at)| format!("{name}={at:.3}"))
-        .collect();
+    let at: Vec<String> = document.at.iter().map(|(name, at)| format!("{name}={at:.3}")).collect();
     let corrected: Vec<String> = document
         .outputs
         .iter()
@@ -340,11 +324,8 @@ fn text(arguments: &MapTableArguments, document: &MapTable) -> String {
         refresh_words(arguments, document),
     ];
     if let Some(elsewhere) = document.elsewhere_um {
-        let held: Vec<String> = document
-            .held
-            .iter()
-            .map(|(name, at)| format!("{name}={at}"))
-            .collect();
+        let held: Vec<String> =
+            document.held.iter().map(|(name, at)| format!("{name}={at}")).collect();
         sentences.insert(
             2,
             format!(
@@ -363,11 +344,8 @@ fn refresh_words(arguments: &MapTableArguments, document: &MapTable) -> String {
     let Some(seconds) = document.refresh_s else {
         return "No temperature changes it.".to_owned();
     };
-    let each: Vec<String> = document
-        .um_per_k
-        .iter()
-        .map(|(name, um)| format!("{name} {um:.1} µm/K"))
-        .collect();
+    let each: Vec<String> =
+        document.um_per_k.iter().map(|(name, um)| format!("{name} {um:.1} µm/K")).collect();
     format!(
         "Temperatures ({}): at {} K/h each the map is old by {} µm after {:.0} s; until then another one has to be in use.",
         each.join(", "),

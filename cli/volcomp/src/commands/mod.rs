@@ -90,30 +90,17 @@ impl Answer {
 
     /// An answer without a document.
     pub(crate) fn of_text(text: String, notes: Vec<String>) -> Self {
-        Self {
-            json: Value::Null,
-            text,
-            listing: None,
-            notes,
-            failed: None,
-            tolerances_met: true,
-        }
+        Self { json: Value::Null, text, listing: None, notes, failed: None, tolerances_met: true }
     }
 
     /// An answer with the rows of `listing` as a table, followed by `text`.
     pub(crate) fn listed(listing: Listing, text: String, notes: Vec<String>) -> Self {
-        Self {
-            listing: Some(listing),
-            ..Self::of_text(text, notes)
-        }
+        Self { listing: Some(listing), ..Self::of_text(text, notes) }
     }
 
     pub(crate) fn decided(self, decision: Option<Decision>) -> Self {
         let met = decision.is_none_or(|decision| decision.pass);
-        Self {
-            tolerances_met: self.tolerances_met && met,
-            ..self
-        }
+        Self { tolerances_met: self.tolerances_met && met, ..self }
     }
 }
 
@@ -150,9 +137,8 @@ fn same_file<'a>(files: &'a [PathBuf], output: &Path) -> Option<&'a PathBuf> {
 /// Maximum minus minimum; −∞ for no values.
 fn range(values: impl IntoIterator<Item = f64>) -> f64 {
     let ends = [f64::INFINITY, f64::NEG_INFINITY];
-    let [low, high] = values
-        .into_iter()
-        .fold(ends, |[low, high], value| [low.min(value), high.max(value)]);
+    let [low, high] =
+        values.into_iter().fold(ends, |[low, high], value| [low.min(value), high.max(value)]);
     high - low
 }
 
@@ -175,10 +161,7 @@ fn in_degrees(kind: AxisKind, value: f64) -> f64 {
 }
 
 fn machine_notes(machine: &Machine, temperatures: &Temperatures) -> Vec<String> {
-    let thermal = [
-        thermal_note(machine, temperatures),
-        seen_note(machine, temperatures),
-    ];
+    let thermal = [thermal_note(machine, temperatures), seen_note(machine, temperatures)];
     let mut notes = machine.notes();
     notes.extend(thermal.into_iter().flatten());
     notes

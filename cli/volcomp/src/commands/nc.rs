@@ -57,12 +57,7 @@ pub(crate) struct NcArguments {
     #[arg(long, value_enum)]
     dialect: Option<Language>,
     /// Largest deviation of a motion before it is split, µm
-    #[arg(
-        long,
-        value_name = "UM",
-        default_value_t = 1.0,
-        allow_negative_numbers = true
-    )]
+    #[arg(long, value_name = "UM", default_value_t = 1.0, allow_negative_numbers = true)]
     tolerance: f64,
     /// Decimals of changed coordinates; further decimals of the program stay
     #[arg(long, value_name = "MM,INCH,DEG", default_value = "3,4,3", value_parser = decimals)]
@@ -195,9 +190,7 @@ impl NcArguments {
             (&self.ball_row, "--ball-row"),
         ];
         inputs.extend(
-            others
-                .into_iter()
-                .filter_map(|(path, option)| Some((path.as_deref()?, option))),
+            others.into_iter().filter_map(|(path, option)| Some((path.as_deref()?, option))),
         );
         inputs
     }
@@ -257,10 +250,7 @@ pub(crate) fn run(arguments: &NcArguments) -> Result<Answer, Failure> {
     let file = File::open(program)
         .map_err(|e| Failure::in_file(program, format_args!("cannot be read: {e}")))?;
     if file.metadata().is_ok_and(|about| about.is_dir()) {
-        return Err(Failure::in_file(
-            program,
-            "it is a directory, expected an NC program",
-        ));
+        return Err(Failure::in_file(program, "it is a directory, expected an NC program"));
     }
     let length = file.metadata().map_or(0, |about| about.len());
     let inputs = arguments.inputs();
@@ -343,9 +333,7 @@ fn refuse_subroutine(arguments: &NcArguments) -> Result<(), Failure> {
     };
     let mut folders = arguments.subroutines.iter();
     let is_in = |folder: &PathBuf| {
-        folder
-            .canonicalize()
-            .is_ok_and(|folder| output.parent() == Some(&folder))
+        folder.canonicalize().is_ok_and(|folder| output.parent() == Some(&folder))
     };
     match folders.find(|folder| is_in(folder)) {
         Some(folder) => Err(Failure::in_file(
@@ -430,10 +418,7 @@ fn answer(
         ended: summary.ended,
         verified,
         notes: (summary.notes.by_line().into_iter())
-            .map(|(line, note)| NcNote {
-                line,
-                text: note.to_string(),
-            })
+            .map(|(line, note)| NcNote { line, text: note.to_string() })
             .collect(),
     };
     let mut text = format!(
@@ -450,9 +435,8 @@ fn answer(
     if let Some(verified) = &document.verified {
         text += &verified_text(verified);
     }
-    let mut notes: Vec<String> = (document.notes.iter())
-        .map(|note| format!("line {}: {}", note.line, note.text))
-        .collect();
+    let mut notes: Vec<String> =
+        (document.notes.iter()).map(|note| format!("line {}: {}", note.line, note.text)).collect();
     notes.extend(more);
     if document.motions == 0 {
         notes.push(format!(
@@ -474,15 +458,8 @@ fn averaged(
     notes.extend(
         zeros.map(|note| format!("{note}. Here it is added to the values of the line G10 L2")),
     );
-    let document = NcAverage {
-        file: output.display().to_string(),
-        offsets: found,
-        verified,
-    };
-    let mut text = format!(
-        "{}: the mean correction is in the work offsets\n",
-        document.file
-    );
+    let document = NcAverage { file: output.display().to_string(), offsets: found, verified };
+    let mut text = format!("{}: the mean correction is in the work offsets\n", document.file);
     for of in &document.offsets {
         let [x, y, z] = of.mean_mm.map(|mm| 1e3 * mm);
         let [at_x, at_y, at_z] = of.offset_mm;
@@ -512,10 +489,7 @@ fn picture(arguments: &NcArguments, found: &Verification) -> String {
         line: of.line,
         tip_mm: of.tip_mm,
     });
-    let truth = arguments
-        .truth
-        .as_ref()
-        .unwrap_or(&arguments.machine.machine);
+    let truth = arguments.truth.as_ref().unwrap_or(&arguments.machine.machine);
     let machine = format!("on the machine of {}", truth.display());
     let files = [arguments.program.display().to_string(), machine];
     program_picture(&files, &places, figures)
@@ -604,20 +578,14 @@ fn is_better(
 ) -> Result<Option<String>, Failure> {
     let Decimals { mm, inch, .. } = arguments.decimals;
     let Verification { before, after, .. } = found;
-    let (unit_um, decimals) = if found.in_inches {
-        (25.4e3, inch)
-    } else {
-        (1e3, mm)
-    };
+    let (unit_um, decimals) = if found.in_inches { (25.4e3, inch) } else { (1e3, mm) };
     let step_um = unit_um / 10_f64.powi(i32::from(decimals));
     let no_matter_um = arguments.tolerance + 2.0 * step_um;
     let is_worse = |rms: [f64; 2], max: [f64; 2]| {
         rms[1] > rms[0] + no_matter_um || max[1] > 2.0 * max[0] + no_matter_um
     };
-    let form_is_worse = is_worse(
-        [before.form_rms_um, after.form_rms_um],
-        [before.form_max_um, after.form_max_um],
-    );
+    let form_is_worse =
+        is_worse([before.form_rms_um, after.form_rms_um], [before.form_max_um, after.form_max_um]);
     let is_further = is_worse([before.rms_um, after.rms_um], [before.max_um, after.max_um]);
     let form_is_better = after.form_rms_um < MUCH_BETTER * before.form_rms_um;
     if !form_is_worse && (form_is_better || !is_further) {
@@ -684,10 +652,7 @@ fn verified_text(verified: &Verified) -> String {
     };
     let place = |name: &str, of: &Deviation| {
         let [x, y, z] = of.tip_mm;
-        format!(
-            "largest {name}: line {}, tip at {x:.1} {y:.1} {z:.1} mm\n",
-            of.line
-        )
+        format!("largest {name}: line {}, tip at {x:.1} {y:.1} {z:.1} mm\n", of.line)
     };
     let mut text = format!(
         "\nDeviation of the tool from the programmed path, {} motions checked; across:\nwithout what is along the path; form: after alignment of the part, since how\nit lies is no error of it\n{:<8}{:>18}{:>18}{:>18}\n{:<8}{}\n",
@@ -765,11 +730,8 @@ fn part_text(features: &[NcFeature], best_fit: bool) -> String {
     for feature in features {
         let mut name = feature.name.as_str();
         for (what, of, unit) in NUMBERS {
-            let both = feature
-                .before
-                .as_ref()
-                .and_then(of)
-                .zip(feature.after.as_ref().and_then(of));
+            let both =
+                feature.before.as_ref().and_then(of).zip(feature.after.as_ref().and_then(of));
             if let Some((before, after)) = both {
                 let [before, after] = [before, after].map(|number| fixed(number, 2));
                 rows.add_row([name, what, &before, &after, unit]);
@@ -780,16 +742,8 @@ fn part_text(features: &[NcFeature], best_fit: bool) -> String {
             reasons += &folded(&format!("{}: {reason}", feature.name), "");
         }
     }
-    let part = if rows.is_empty() {
-        String::new()
-    } else {
-        table_text(&rows)
-    };
-    let aligned = if best_fit {
-        ", aligned by all its points"
-    } else {
-        ""
-    };
+    let part = if rows.is_empty() { String::new() } else { table_text(&rows) };
+    let aligned = if best_fit { ", aligned by all its points" } else { "" };
     format!("\nThe part as a measuring machine would find it{aligned}:\n{part}{reasons}")
 }
 
@@ -803,14 +757,7 @@ fn readings(path: &Path) -> Result<Vec<Reading>, Failure> {
             continue;
         }
         for row in &observation.rows {
-            let RowReading::Ball {
-                origin,
-                tilts,
-                axes,
-                offset_mm,
-                ..
-            } = &row.reading
-            else {
+            let RowReading::Ball { origin, tilts, axes, offset_mm, .. } = &row.reading else {
                 continue;
             };
             let setup = &observations.setup;

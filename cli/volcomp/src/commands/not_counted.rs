@@ -39,10 +39,7 @@ pub(crate) struct Open {
 
 impl Open {
     pub(crate) fn nothing(found: Machine) -> Self {
-        Self {
-            found,
-            others: Vec::new(),
-        }
+        Self { found, others: Vec::new() }
     }
 
     pub(crate) fn new(
@@ -52,9 +49,8 @@ impl Open {
     ) -> Result<Self, Failure> {
         let with = |by: &dyn Fn(&str) -> f64| -> Result<Machine, Failure> {
             let parameters = found.parameters.iter();
-            let values: Vec<(String, f64)> = parameters
-                .map(|of| (of.name.clone(), of.value + by(&of.name)))
-                .collect();
+            let values: Vec<(String, f64)> =
+                parameters.map(|of| (of.name.clone(), of.value + by(&of.name))).collect();
             let mut made = machine_with(observations, &values)?;
             made.use_tool_of(machine)?;
             Ok(made)
@@ -68,11 +64,7 @@ impl Open {
         };
         Ok(Self {
             found: with(&|_| 0.0)?,
-            others: found
-                .undetermined
-                .iter()
-                .map(other)
-                .collect::<Result<_, Failure>>()?,
+            others: found.undetermined.iter().map(other).collect::<Result<_, Failure>>()?,
         })
     }
 
@@ -82,9 +74,7 @@ impl Open {
             let error = machine.error_at(state, Form::Exact, &Temperatures::default());
             (error.position_mm, error.rotation_rad)
         };
-        let found: Vec<_> = (states.iter())
-            .map(|state| place(&self.found, state))
-            .collect();
+        let found: Vec<_> = (states.iter()).map(|state| place(&self.found, state)).collect();
         let effect = |(open, machine): &(UndeterminedError, Machine)| {
             let longest = |of: &dyn Fn((Vector3<f64>, Vector3<f64>)) -> Vector3<f64>| {
                 let pairs = states.iter().zip(&found);
@@ -114,14 +104,9 @@ pub(crate) fn all_over(machine: &Machine, grid: &MapGrid) -> Result<Vec<State>, 
         let last = nodes.len().saturating_sub(1);
         let mut own: Vec<usize> = (0..MOST).map(|k| k * last / (MOST - 1)).collect();
         own.dedup();
-        let own = nodes
-            .iter()
-            .enumerate()
-            .filter(|(node, _)| own.contains(node));
+        let own = nodes.iter().enumerate().filter(|(node, _)| own.contains(node));
         let with = |place: &Vec<_>| {
-            own.clone()
-                .map(|(_, at)| [&place[..], &[(*axis, *at)]].concat())
-                .collect::<Vec<_>>()
+            own.clone().map(|(_, at)| [&place[..], &[(*axis, *at)]].concat()).collect::<Vec<_>>()
         };
         places = places.iter().flat_map(with).collect();
     }
@@ -132,19 +117,14 @@ pub(crate) fn all_over(machine: &Machine, grid: &MapGrid) -> Result<Vec<State>, 
 /// Describes the errors that are not included; empty if all are.
 pub(crate) fn words(not_counted: &[NotCounted], place: &str) -> String {
     const SHOWN: usize = 6;
-    let moving: Vec<&NotCounted> = not_counted
-        .iter()
-        .filter(|of| of.moves_um >= NOTHING_UM)
-        .collect();
+    let moving: Vec<&NotCounted> =
+        not_counted.iter().filter(|of| of.moves_um >= NOTHING_UM).collect();
     if moving.is_empty() {
         return String::new();
     }
     let mut told: Vec<String> = moving.iter().take(SHOWN).map(|of| of.words()).collect();
     if moving.len() > SHOWN {
-        told.push(format!(
-            "{} more that move it by less",
-            moving.len() - SHOWN
-        ));
+        told.push(format!("{} more that move it by less", moving.len() - SHOWN));
     }
     format!(
         "the observations do not determine these errors, and the uncertainty does not count them; {place} they move the tool by: {}",
@@ -156,11 +136,6 @@ impl NotCounted {
     /// Text such as `ECZ legendre 1 2.70 µm per 10 µrad`.
     pub(crate) fn words(&self) -> String {
         let symbol = if self.unit == "urad" { "µrad" } else { "µm" };
-        format!(
-            "{} {} µm per {} {symbol}",
-            self.unknown,
-            fixed(self.moves_um, 3),
-            self.size
-        )
+        format!("{} {} µm per {} {symbol}", self.unknown, fixed(self.moves_um, 3), self.size)
     }
 }

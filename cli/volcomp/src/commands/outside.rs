@@ -20,10 +20,7 @@ pub(crate) struct Outside {
 pub(super) fn outside(machine: &Machine, state: &State) -> Outside {
     let mut outside_travel = machine.outside_travel(state);
     outside_travel.sort_unstable();
-    Outside {
-        outside_range: machine.outside_range(state),
-        outside_travel,
-    }
+    Outside { outside_range: machine.outside_range(state), outside_travel }
 }
 
 impl Outside {
@@ -34,10 +31,8 @@ impl Outside {
 
     /// `outside travel Z, range EZY EZZ`; empty if everything is within range.
     pub(crate) fn words(&self) -> String {
-        let parts = [
-            ("travel", joined(&self.outside_travel)),
-            ("range", joined(&self.outside_range)),
-        ];
+        let parts =
+            [("travel", joined(&self.outside_travel)), ("range", joined(&self.outside_range))];
         let said = parts.into_iter().filter(|(_, names)| !names.is_empty());
         let said: Vec<String> = said.map(|(of, names)| format!("{of} {names}")).collect();
         if said.is_empty() {
@@ -86,11 +81,8 @@ impl Remarks {
     /// The lines below the table; empty without remarks.
     pub(crate) fn text(&self) -> String {
         let lines = self.0.iter().map(|(remark, runs)| {
-            let plural = if matches!(runs[..], [[first, last]] if first == last) {
-                ""
-            } else {
-                "s"
-            };
+            let plural =
+                if matches!(runs[..], [[first, last]] if first == last) { "" } else { "s" };
             folded(&format!("row{plural} {}: {remark}", ranges(runs)), " ")
         });
         let lines: String = lines.collect();

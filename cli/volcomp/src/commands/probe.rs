@@ -32,11 +32,7 @@ pub(crate) fn run(arguments: &ProbeArguments) -> Result<Answer, Failure> {
     };
     let told = |e: DeviceError| {
         let message = e.to_string();
-        if e.is_input() {
-            Failure::Input(message)
-        } else {
-            Failure::Work(message)
-        }
+        if e.is_input() { Failure::Input(message) } else { Failure::Work(message) }
     };
     let address = Address::parse(url).map_err(told)?;
     let within = Duration::try_from_secs_f64(arguments.within)
@@ -109,9 +105,7 @@ fn text(found: &Probe) -> String {
     }
     for temperature in &found.temperatures {
         let quality = temperature.quality;
-        let value = temperature
-            .degc
-            .map_or_else(|| "-".to_owned(), |t| format!("{t:.2}"));
+        let value = temperature.degc.map_or_else(|| "-".to_owned(), |t| format!("{t:.2}"));
         let reason = match &temperature.reason {
             Some(why) => format!("{quality}: {why}"),
             None => quality.to_owned(),
@@ -124,11 +118,7 @@ fn text(found: &Probe) -> String {
         text += body.trim_start_matches('\n');
     }
     if !found.inputs.is_empty() {
-        let lines: String = found
-            .inputs
-            .iter()
-            .map(|on| if *on { '1' } else { '0' })
-            .collect();
+        let lines: String = found.inputs.iter().map(|on| if *on { '1' } else { '0' }).collect();
         let _ = writeln!(text, "inputs, line 0 first: {lines}");
     }
     if let Some(facts) = &found.facts {

@@ -215,10 +215,7 @@ pub(crate) fn run(arguments: &ReportArguments) -> Result<Answer, Failure> {
     report.checks = checks(&report, &limits);
     let page = html(&report);
     if output.replaces(&page) {
-        notes.push(format!(
-            "replaced the file that was there: {}",
-            arguments.output.display()
-        ));
+        notes.push(format!("replaced the file that was there: {}", arguments.output.display()));
     }
     output.write_whole(&page)?;
     answer(arguments, &report, &limits, notes)
@@ -227,10 +224,7 @@ pub(crate) fn run(arguments: &ReportArguments) -> Result<Answer, Failure> {
 /// Rejects file extensions other than those of HTML: a program that opens the report would fail.
 fn refuse_other_endings(output: &Path) -> Result<(), Failure> {
     let ending = output.extension().unwrap_or_default();
-    if ["html", "htm"]
-        .iter()
-        .any(|html| ending.eq_ignore_ascii_case(html))
-    {
+    if ["html", "htm"].iter().any(|html| ending.eq_ignore_ascii_case(html)) {
         return Ok(());
     }
     Err(Failure::Input(format!(
@@ -325,12 +319,7 @@ fn working_space(
     };
     if let Some(path) = &arguments.truth {
         // Checked before it is used as the truth, so that the message names the file of this call.
-        refuse_other_geometry(
-            path,
-            &Machine::read(path)?,
-            machine,
-            &arguments.source.display(),
-        )?;
+        refuse_other_geometry(path, &Machine::read(path)?, machine, &arguments.source.display())?;
     }
     let corrects = CompensationArguments {
         compensated: arguments.truth.is_some(),
@@ -356,10 +345,7 @@ fn working_space(
         Ok::<_, Failure>(found.map(|found| OfState { state, found }))
     };
     report.diagonals = match along(first)? {
-        Some(before) => Some(Diagonals {
-            before,
-            after: second.map(along).transpose()?.flatten(),
-        }),
+        Some(before) => Some(Diagonals { before, after: second.map(along).transpose()?.flatten() }),
         None => None,
     };
     let tools = tools(machine)?;
@@ -376,10 +362,8 @@ fn working_space(
         let errors = cases.iter().map(|case| errors_of(case, state, &none));
         errors.collect::<Vec<_>>()
     };
-    let (errors_before, errors_after) = (
-        errors_of(first.0),
-        second.map_or_else(Vec::new, |(state, _)| errors_of(state)),
-    );
+    let (errors_before, errors_after) =
+        (errors_of(first.0), second.map_or_else(Vec::new, |(state, _)| errors_of(state)));
     let fields_before = fields(&cases, &errors_before);
     let fields_after = fields(&cases, &errors_after);
     let judged = second.unwrap_or(first).1;
@@ -419,10 +403,7 @@ fn fields<'a>(cases: &'a [Case<'a>], errors: &'a [ErrorAt<'a>]) -> Vec<ErrorFiel
     all.map(|((tool, machine, truth, before), errors)| ErrorField {
         tool,
         machine,
-        curves: [*machine, truth.actual()]
-            .into_iter()
-            .chain(before)
-            .collect(),
+        curves: [*machine, truth.actual()].into_iter().chain(before).collect(),
         errors,
     })
     .collect()
@@ -489,11 +470,7 @@ fn answer(
         verdict,
         checks: report.checks.iter().map(Into::into).collect(),
         curves: report.curves.len(),
-        warnings: report
-            .warnings
-            .iter()
-            .map(|warning| warning.text.clone())
-            .collect(),
+        warnings: report.warnings.iter().map(|warning| warning.text.clone()).collect(),
         volumetric: volume.map(|volume| {
             let last = &volume.after.as_ref().unwrap_or(&volume.before).found;
             let at = last.at.iter().map(|of| (of.axis.clone(), of.at));
@@ -505,9 +482,7 @@ fn answer(
             }
         }),
         before: volume.map(|volume| largest(&volume.before.found)),
-        after: volume
-            .and_then(|volume| volume.after.as_ref())
-            .map(|after| largest(&after.found)),
+        after: volume.and_then(|volume| volume.after.as_ref()).map(|after| largest(&after.found)),
     };
     let mut text = format!("{words}\n");
     for check in &report.checks {
@@ -515,10 +490,7 @@ fn answer(
     }
     if let Some(before) = &document.before {
         let um = fixed(before.form_max_um, 2);
-        let _ = writeln!(
-            text,
-            "largest volumetric error over all axes, after alignment: {um} µm"
-        );
+        let _ = writeln!(text, "largest volumetric error over all axes, after alignment: {um} µm");
     }
     if let Some(after) = &document.after {
         let um = fixed(after.form_max_um, 2);
@@ -534,14 +506,7 @@ fn answer(
         );
     }
     let (curves, warnings) = (document.curves, document.warnings.len());
-    let _ = writeln!(
-        text,
-        "wrote {}: {curves} curves, {warnings} warnings",
-        document.file
-    );
+    let _ = writeln!(text, "wrote {}: {curves} curves, {warnings} warnings", document.file);
     let met = limits.is_empty() || whole == Outcome::Pass;
-    Ok(Answer {
-        tolerances_met: met,
-        ..Answer::new(&document, text, notes)?
-    })
+    Ok(Answer { tolerances_met: met, ..Answer::new(&document, text, notes)? })
 }

@@ -34,11 +34,7 @@ pub(super) fn notes(file: &Path, found: &Machine, machine: &Machine) -> Vec<Stri
     let named: Vec<String> = (differences.iter().take(MOST_NAMED))
         .map(|(name, by)| format!("{name} by {by:.2} {}", name.component.symbol()))
         .collect();
-    let more = if more > 0 {
-        format!(" and {more} more")
-    } else {
-        String::new()
-    };
+    let more = if more > 0 { format!(" and {more} more") } else { String::new() };
     notes.push(format!(
         "--machine was not made from {}, whose measurements give other errors: at most {}{more}; the uncertainty is that of the errors which that file gives",
         file.display(),
@@ -71,8 +67,7 @@ fn other_assembly(file: &Path, found: &Machine, machine: &Machine) -> Option<Str
     let differences = axes.flat_map(|(index, axis)| {
         let [a, b] = [found, machine].map(|of| of.assembly(index));
         let by = a.into_iter().zip(b).map(|(a, b)| (a - b).abs());
-        by.zip(Component::ALL)
-            .map(move |(by, component)| (axis.name, component, by))
+        by.zip(Component::ALL).map(move |(by, component)| (axis.name, component, by))
     });
     let matters = differences.filter(|(.., by)| *by > NO_MATTER);
     let (name, component, by) = matters.max_by(|a, b| a.2.total_cmp(&b.2))?;

@@ -115,9 +115,8 @@ pub(crate) fn run(arguments: &SensitivityArguments) -> Result<Answer, Failure> {
 }
 
 fn picture(file: &Path, found: &Sensitivity, values: bool) -> String {
-    let shown: Vec<&Effect> = (found.errors.iter())
-        .filter(|effect| !(values && is_zero(effect)))
-        .collect();
+    let shown: Vec<&Effect> =
+        (found.errors.iter()).filter(|effect| !(values && is_zero(effect))).collect();
     let rows = |of: fn(&Effect) -> [f64; 2]| {
         let row = |effect: &&Effect| {
             let [rms, max] = of(effect);
@@ -130,10 +129,7 @@ fn picture(file: &Path, found: &Sensitivity, values: bool) -> String {
     } else {
         "Effect of 1 µm or 1 µrad of each error"
     };
-    let lines = [
-        file.display().to_string(),
-        format!("over {} positions", found.poses),
-    ];
+    let lines = [file.display().to_string(), format!("over {} positions", found.poses)];
     effects_picture(
         title,
         &lines,
@@ -170,11 +166,7 @@ fn grid(machine: &Machine, count: usize) -> Result<Poses, ChainError> {
         let end = |end: f64| Displacement::from_coordinate(axis.name.kind(), end).mm_or_rad();
         let [low, high] = axis.all_poses().map(end);
         // A single node is the middle.
-        let step = if axis.turns_round() && count > 1 {
-            (high - low) / count as f64
-        } else {
-            0.0
-        };
+        let step = if axis.turns_round() && count > 1 { (high - low) / count as f64 } else { 0.0 };
         (axis.name, [low, high - step])
     };
     Poses::over(machine.chain(), machine.axes().iter().map(inside), count)
@@ -194,11 +186,7 @@ fn too_few(machine: &Machine, count: usize) -> Option<String> {
 /// The errors of a machine that are zero by definition with X as the first and Y as the second reference axis: of the six tilts of X, Y and
 /// Z only three differences matter.
 fn zero_by_definition(machine: &Machine, found: &Sensitivity) -> Vec<String> {
-    let pairs = [
-        ("EB0X", AxisName::Z),
-        ("EC0X", AxisName::Y),
-        ("EA0Y", AxisName::Z),
-    ];
+    let pairs = [("EB0X", AxisName::Z), ("EC0X", AxisName::Y), ("EA0Y", AxisName::Z)];
     // Errors that the machine file states nevertheless are not zero.
     let stated: Vec<String> = machine
         .locations()
@@ -228,11 +216,8 @@ fn text(machine: &Machine, found: &Sensitivity, values: bool) -> String {
             fixed(effect.share * 100.0, 2),
         ]);
     }
-    let of = if values {
-        "the errors of the machine file"
-    } else {
-        "1 µm or 1 µrad of each error"
-    };
+    let of =
+        if values { "the errors of the machine file" } else { "1 µm or 1 µrad of each error" };
     let mut text = format!(
         "{HEAD}Effect of {of} over {} positions{HEAD:#}\n{}",
         found.poses,
@@ -247,11 +232,7 @@ fn text(machine: &Machine, found: &Sensitivity, values: bool) -> String {
     if !zero.is_empty() {
         text += &folded(&format!("Zero or not stated: {}", zero.join(" ")), " ");
     }
-    let _ = writeln!(
-        text,
-        "\n{HEAD}{} distinct motions{HEAD:#}",
-        found.motions.len()
-    );
+    let _ = writeln!(text, "\n{HEAD}{} distinct motions{HEAD:#}", found.motions.len());
     for motion in &found.motions {
         let names: Vec<String> = motion.terms.iter().map(ToString::to_string).collect();
         text += &folded(&format!("{}: {}", motion.name, names.join(" ")), " ");
@@ -281,11 +262,7 @@ fn text(machine: &Machine, found: &Sensitivity, values: bool) -> String {
         };
         found.motions.iter().any(of_one)
     };
-    let mut nulls = found
-        .indistinguishable
-        .iter()
-        .filter(|null| !is_one_motion(null))
-        .peekable();
+    let mut nulls = found.indistinguishable.iter().filter(|null| !is_one_motion(null)).peekable();
     if nulls.peek().is_some() {
         text += "Besides errors of one motion, these together move it nowhere:\n";
     }

@@ -146,10 +146,7 @@ pub(crate) fn write(shop: &Shop, folder: &Path) -> Result<Written, Failure> {
         list.refuse_others(folder, name, text)?;
     }
     let mut first = Some(first);
-    let mut written = Written {
-        names: Vec::new(),
-        replaced: Vec::new(),
-    };
+    let mut written = Written { names: Vec::new(), replaced: Vec::new() };
     for (name, text) in files {
         let path = folder.join(&name);
         if path.exists() {
@@ -168,12 +165,8 @@ pub(crate) fn write(shop: &Shop, folder: &Path) -> Result<Written, Failure> {
 }
 
 pub(crate) fn make(folder: &Path) -> Result<(), Failure> {
-    std::fs::create_dir_all(folder).map_err(|e| {
-        Failure::Input(format!(
-            "{}: cannot be made a folder: {e}",
-            folder.display()
-        ))
-    })
+    std::fs::create_dir_all(folder)
+        .map_err(|e| Failure::Input(format!("{}: cannot be made a folder: {e}", folder.display())))
 }
 
 fn refuse_inputs(shop: &Shop, folder: &Path) -> Result<(), Failure> {
@@ -235,8 +228,7 @@ impl WrittenFiles {
     }
 
     fn add(&mut self, name: &str, text: &str) {
-        self.0
-            .insert(name.to_owned(), hexadecimal(&Sha256::digest(text)));
+        self.0.insert(name.to_owned(), hexadecimal(&Sha256::digest(text)));
     }
 
     fn write(&self, folder: &Path) -> Result<(), Failure> {

@@ -33,12 +33,7 @@ pub(crate) struct SquarenessArguments {
     #[arg(long)]
     error: ErrorName,
     /// Angle between the + directions of the reference beams, less 90°, µrad; 0 for a perfect optical square
-    #[arg(
-        long,
-        value_name = "URAD",
-        default_value_t = 0.0,
-        allow_hyphen_values = true
-    )]
+    #[arg(long, value_name = "URAD", default_value_t = 0.0, allow_hyphen_values = true)]
     reference_angle_urad: f64,
     /// Line whose slope counts
     #[arg(long, default_value = "least-squares")]
@@ -218,10 +213,8 @@ fn line(
     if let Some(axis) = stated.and_then(volcomp_metrology::axis_named)
         && axis != error.axis
     {
-        let what = format!(
-            "found axis {axis}, expected the straightness {error} of axis {}",
-            error.axis
-        );
+        let what =
+            format!("found axis {axis}, expected the straightness {error} of axis {}", error.axis);
         return Err(Failure::in_file(path, what));
     }
     let found = straightness_of(&measurement)?;
@@ -303,17 +296,9 @@ fn uncertainty_text(uncertainty: &SquarenessUncertainty) -> String {
     crate::table::to_the_left(&mut rows, &[2]);
     let size = |u: Option<f64>| u.map_or_else(|| "left out".to_owned(), |u| fixed(u, 2));
     for (name, u, from) in [
-        (
-            "scatter",
-            Some(uncertainty.scatter_urad),
-            "slopes of the runs (one: readings)",
-        ),
+        ("scatter", Some(uncertainty.scatter_urad), "slopes of the runs (one: readings)"),
         ("square", uncertainty.square_urad, "its calibration"),
-        (
-            "straight edge",
-            uncertainty.straight_edge_urad,
-            "its calibration, √2 U/L of each line",
-        ),
+        ("straight edge", uncertainty.straight_edge_urad, "its calibration, √2 U/L of each line"),
         ("temperature", uncertainty.temperature_urad, "R/√3"),
     ] {
         rows.add_row([name, &size(u), from]);
@@ -326,20 +311,14 @@ fn text(document: &SquarenessTest) -> String {
     for part in &document.parts {
         rows.add_row([part.error.clone(), fixed(part.slope_urad, 2)]);
     }
-    rows.add_row([
-        "reference angle".to_owned(),
-        fixed(document.reference_angle_urad, 2),
-    ]);
+    rows.add_row(["reference angle".to_owned(), fixed(document.reference_angle_urad, 2)]);
     format!(
         "squareness {}, µrad, slopes by {}\n\n{}\n{}{}{}",
         document.error,
         document.reference.replace('-', " "),
         table_text(&rows),
         quantities_text(&document.judgement.quantities, true),
-        document
-            .uncertainty
-            .as_ref()
-            .map_or_else(String::new, uncertainty_text),
+        document.uncertainty.as_ref().map_or_else(String::new, uncertainty_text),
         decision_text(&document.judgement)
     )
 }

@@ -286,11 +286,7 @@ fn text(document: &StraightnessTest, with_names: bool) -> String {
         quantities_text(&document.judgement.quantities, with_names)
     );
     if let Some(reversal) = document.reversal_um {
-        let _ = writeln!(
-            text,
-            "largest difference of the directions {} µm",
-            fixed(reversal, 2)
-        );
+        let _ = writeln!(text, "largest difference of the directions {} µm", fixed(reversal, 2));
     }
     text + &decision_text(&document.judgement)
 }

@@ -49,9 +49,7 @@ const KINDS: [&str; 15] = [
 ];
 
 fn machine(text: &str) -> Result<(), String> {
-    Machine::parse(text, "machine.toml")
-        .map(drop)
-        .map_err(|e| e.to_string())
+    Machine::parse(text, "machine.toml").map(drop).map_err(|e| e.to_string())
 }
 
 /// Parses a text as if it were a file in a copy of a folder of `examples`.
@@ -93,10 +91,7 @@ fn decoder(block: &Block) -> Option<(String, Decode)> {
     } else if block.is("shop file") {
         (text.clone(), shop)
     } else if block.is("part of a shop file") {
-        (
-            joined("machine = \"truth.toml\"\nformat = \"csv\"", text),
-            shop,
-        )
+        (joined("machine = \"truth.toml\"\nformat = \"csv\"", text), shop)
     } else if block.is("part file") {
         (text.clone(), |text| {
             let part = volcomp_nc::Part::parse(text, "of-the-book.toml");
@@ -186,14 +181,7 @@ fn every_crate_is_in_the_chapters_on_crates() {
     let [architecture, integrators] = ["architecture.md", "integrators.md"]
         .map(|name| fs::read_to_string(chapter(name)).expect("a chapter"));
     let mut count = 0;
-    for group in [
-        "foundation",
-        "fitting",
-        "compensation",
-        "drivers",
-        "cli",
-        ".",
-    ] {
+    for group in ["foundation", "fitting", "compensation", "drivers", "cli", "."] {
         for entry in fs::read_dir(root().join(group)).expect("a folder of the repository") {
             let folder = entry.expect("an entry").path();
             let Ok(text) = fs::read_to_string(folder.join("Cargo.toml")) else {
@@ -201,16 +189,10 @@ fn every_crate_is_in_the_chapters_on_crates() {
             };
             let manifest: toml::Table = text.parse().expect("a manifest");
             let name = manifest["package"]["name"].as_str().expect("a name");
-            assert!(
-                architecture.contains(&format!("| `{name}` |")),
-                "architecture.md: {name}"
-            );
+            assert!(architecture.contains(&format!("| `{name}` |")), "architecture.md: {name}");
             // Programs and the Python package have chapters of their own.
             if group != "cli" && name != "volcomp-python" {
-                assert!(
-                    integrators.contains(&format!("\n## {name}\n")),
-                    "integrators.md: {name}"
-                );
+                assert!(integrators.contains(&format!("\n## {name}\n")), "integrators.md: {name}");
                 // The chapter includes this example.
                 let readme = fs::read_to_string(folder.join("README.md")).expect("a README");
                 assert!(

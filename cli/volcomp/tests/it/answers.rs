@@ -10,17 +10,9 @@ const POSITIONING: &str = "fitting/metrology/tests/data/iso230-2-axis.csv";
 #[test]
 fn error_at_one_point_has_exactly_its_numbers() {
     let answer = json(&["error", "-m", GANTRY, "--at", "X=1000", "--model", "twist"]);
-    close(
-        &answer["position_um"][0],
-        0.0073 * 1000.0 - 2.1e-7 * 1e6,
-        1e-9,
-    );
+    close(&answer["position_um"][0], 0.0073 * 1000.0 - 2.1e-7 * 1e6, 1e-9);
     // Chebyshev coefficients 0, -4, 6 at t = 2*1000/8000 - 1 = -0.75.
-    close(
-        &answer["position_um"][1],
-        -4.0 * -0.75 + 6.0 * (2.0 * 0.5625 - 1.0),
-        1e-9,
-    );
+    close(&answer["position_um"][1], -4.0 * -0.75 + 6.0 * (2.0 * 0.5625 - 1.0), 1e-9);
     assert_eq!(answer["rotation_urad"].as_array().map(Vec::len), Some(3));
     assert_eq!(answer["outside_range"], json!([]));
 }
@@ -35,9 +27,7 @@ fn what_is_outside_its_range_is_named() {
 #[test]
 fn approach_and_temperature_reach_the_model() {
     let z = |approach: &str| {
-        json(&format!(
-            "error -m {GANTRY} --at Z=100 --approach {approach}"
-        ))["position_um"][2]
+        json(&format!("error -m {GANTRY} --at Z=100 --approach {approach}"))["position_um"][2]
             .clone()
     };
     close(&z("Z=+"), 1.2, 1e-3);
@@ -61,10 +51,7 @@ fn many_points_come_in_the_order_of_the_rows() {
 fn correction_has_every_axis_and_leaves_nothing() {
     let answer = json("correct -m examples/five-axis.toml --at X=100,Y=50,B=30,C=45");
     let correction = answer["correction"].as_object().expect("an object");
-    assert_eq!(
-        correction.keys().collect::<Vec<_>>(),
-        ["X", "Y", "Z", "B", "C"]
-    );
+    assert_eq!(correction.keys().collect::<Vec<_>>(), ["X", "Y", "Z", "B", "C"]);
     // Corrected position = command + correction.
     for (axis, per_unit) in [("X", 1e3), ("B", 1e6 * std::f64::consts::PI / 180.0)] {
         let number = |key: &str| float(&answer[key][axis]);
@@ -76,11 +63,7 @@ fn correction_has_every_axis_and_leaves_nothing() {
         close(&answer["residual_axis_urad"][axis], 0.0, 1e-3);
     }
     assert_eq!(answer["singular"], json!(false));
-    assert!(
-        answer["iterations"]
-            .as_u64()
-            .is_some_and(|n| (1..=4).contains(&n))
-    );
+    assert!(answer["iterations"].as_u64().is_some_and(|n| (1..=4).contains(&n)));
     let three_axes = json(&["correct", "-m", GANTRY, "--at", "X=100"]);
     assert_eq!(
         three_axes["singular"],
@@ -95,16 +78,7 @@ fn diagonals_are_written_as_a_program() {
     let folder = Folder::new();
     let file = folder.file("diagonals.csv");
     let machine = "examples/five-axis.toml";
-    let options = [
-        "--points",
-        "3",
-        "--at",
-        "C=90",
-        "--targets",
-        &file,
-        "--feed",
-        "6000",
-    ];
+    let options = ["--points", "3", "--at", "C=90", "--targets", &file, "--feed", "6000"];
     json(&[&["diagonals", "-m", machine], &options[..]].concat());
     let text = std::fs::read_to_string(&file).expect("written");
     let lines: Vec<&str> = text.lines().collect();
@@ -126,15 +100,8 @@ fn the_map_is_written_whole() {
     let dir = Folder::new();
     for name in ["map.csv", "map.vti", "map.vtr"] {
         let path = dir.path().join(name);
-        let answer = json(&[
-            "map",
-            "-m",
-            GANTRY,
-            "--grid",
-            "5x4x3",
-            "-o",
-            path.to_str().expect("UTF-8"),
-        ]);
+        let answer =
+            json(&["map", "-m", GANTRY, "--grid", "5x4x3", "-o", path.to_str().expect("UTF-8")]);
         assert_eq!(answer["counts"], json!([5, 4, 3]));
         assert_eq!(answer["nodes"], json!(60));
         let field = std::fs::read_to_string(&path).expect("the file is there");
@@ -149,11 +116,7 @@ fn the_map_is_written_whole() {
             "{name}"
         );
     }
-    assert_eq!(
-        std::fs::read_dir(dir.path()).expect("a folder").count(),
-        3,
-        "nothing else is left"
-    );
+    assert_eq!(std::fs::read_dir(dir.path()).expect("a folder").count(), 3, "nothing else is left");
 }
 
 #[test]
@@ -185,14 +148,7 @@ fn one_short_run_is_null_where_it_cannot_be_evaluated() {
     std::fs::write(&path, "target,deviation\n-10,1\n0,2\n10,4\n").expect("written");
     let answer = json(&["iso230", path.to_str().expect("UTF-8")]);
     close(&answer["E_forward_um"], 3.0, 1e-12);
-    for name in [
-        "A_um",
-        "A_forward_um",
-        "R_um",
-        "B_um",
-        "M_um",
-        "E_backward_um",
-    ] {
+    for name in ["A_um", "A_forward_um", "R_um", "B_um", "M_um", "E_backward_um"] {
         assert_eq!(answer[name], json!(null), "{name}");
     }
 }
@@ -228,16 +184,13 @@ fn fit_says_where_it_is_asked_outside_the_measured_range() {
     let path = &dir.write("line.csv", "target,deviation\n0,0\n250,1\n500,2\n");
     let call = |at| ["fit", path, "--method", "poly", "--order", "1", "--at", at];
     let beyond = json(&call("-100,0,500,900"));
-    let outside: Vec<&serde_json::Value> = (0..4)
-        .map(|i| &beyond["values"][i]["outside_range"])
-        .collect();
+    let outside: Vec<&serde_json::Value> =
+        (0..4).map(|i| &beyond["values"][i]["outside_range"]).collect();
     assert_eq!(outside, [true, false, false, true]);
     close(&beyond["values"][3]["value_um"], 2.0, 1e-9);
     let told = |at| {
         let output = volcomp(&call(at));
-        String::from_utf8(output.stderr)
-            .expect("UTF-8")
-            .replace('\n', " ")
+        String::from_utf8(output.stderr).expect("UTF-8").replace('\n', " ")
     };
     let note = told("-100,0,500,900");
     contains(&note, "-100,900: outside the measured range, 0 to 500");
@@ -323,10 +276,7 @@ fn points_that_are_no_feature_are_noted() {
 
 #[test]
 fn tables_for_people() {
-    insta::assert_snapshot!(
-        "error",
-        text(&["error", "-m", GANTRY, "--at", "X=1000,Y=500,Z=9000"])
-    );
+    insta::assert_snapshot!("error", text(&["error", "-m", GANTRY, "--at", "X=1000,Y=500,Z=9000"]));
     insta::assert_snapshot!(
         "correct",
         text("correct -m examples/five-axis.toml --at X=100,B=30,C=45")

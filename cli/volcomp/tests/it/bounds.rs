@@ -8,23 +8,15 @@ use crate::{Folder, contains, one_line, refused, root, volcomp, words};
 fn mill(folder: &Path, name: &str, line: &str) -> String {
     let text = fs::read_to_string(root().join("examples/mill.toml")).expect("the example");
     let key = line.split(' ').next().expect("a key");
-    let lines = text.lines().map(|old| {
-        if old.starts_with(&format!("{key} =")) {
-            line
-        } else {
-            old
-        }
-    });
+    let lines =
+        text.lines().map(|old| if old.starts_with(&format!("{key} =")) { line } else { old });
     let path = folder.join(name);
     fs::write(&path, lines.collect::<Vec<_>>().join("\n")).expect("written");
     path.to_str().expect("a path in UTF-8").to_owned()
 }
 
 fn said(output: &std::process::Output) -> String {
-    String::from_utf8_lossy(&output.stderr)
-        .split_whitespace()
-        .collect::<Vec<_>>()
-        .join(" ")
+    String::from_utf8_lossy(&output.stderr).split_whitespace().collect::<Vec<_>>().join(" ")
 }
 
 #[test]
@@ -33,10 +25,7 @@ fn a_slip_of_units_writes_no_program_and_no_table() {
     let machine = mill(folder.path(), "slip.toml", "EXX = { poly = [0.0, 20] }");
     let result = folder.file("result");
     for (call, limit) in [
-        (
-            "nc examples/part.ngc --setup examples/setup.toml --limit-um 2000",
-            2000,
-        ),
+        ("nc examples/part.ngc --setup examples/setup.toml --limit-um 2000", 2000),
         ("nc examples/part.mpf --setup examples/setup.toml", 250),
         ("export --format csv", 250),
     ] {
@@ -52,17 +41,12 @@ fn a_slip_of_units_writes_no_program_and_no_table() {
     }
     let checked = said(&volcomp(&["check", &machine]));
     contains(&checked, "WARNING: the correction of X reaches");
-    contains(
-        &checked,
-        "more than the 2000 µm that no command and no gateway applies",
-    );
+    contains(&checked, "more than the 2000 µm that no command and no gateway applies");
     // Between the default limit and the maximum of `--limit-um`.
     let machine = mill(folder.path(), "large.toml", "EXX = { poly = [0.0, 1] }");
     let checked = said(&volcomp(&["check", &machine]));
     contains(&checked, "more than the 250 µm that nc and export allow");
-    let output = volcomp(&format!(
-        "export -m {machine} --format csv -o {result} --limit-um 700"
-    ));
+    let output = volcomp(&format!("export -m {machine} --format csv -o {result} --limit-um 700"));
     assert!(output.status.success(), "{output:?}");
     let checked = said(&volcomp(&["check", "examples/mill.toml"]));
     assert!(!checked.contains("WARNING"), "{checked}");
@@ -79,10 +63,7 @@ fn a_slip_of_units_writes_no_program_and_no_table() {
     std::fs::write(&machine, text).expect("written");
     let checked = said(&volcomp(&["check", machine.to_str().expect("UTF-8")]));
     let checked = one_line(&checked);
-    contains(
-        &checked,
-        "more than the 250 µm that export allows without --limit-um (nc bounds",
-    );
+    contains(&checked, "more than the 250 µm that export allows without --limit-um (nc bounds");
 }
 
 #[test]
@@ -99,11 +80,7 @@ fn limits_above_the_ceiling_are_refused() {
 #[test]
 fn numbers_that_overflow_are_refused_by_every_command() {
     let folder = Folder::new();
-    for line in [
-        "EC0Y = 1e308",
-        "EXX = { poly = [0.0, 1e308] }",
-        "EXX = { poly = [1e14, 1e14] }",
-    ] {
+    for line in ["EC0Y = 1e308", "EXX = { poly = [0.0, 1e308] }", "EXX = { poly = [1e14, 1e14] }"] {
         let machine = mill(folder.path(), "m.toml", line);
         for call in [
             vec!["check", &machine],

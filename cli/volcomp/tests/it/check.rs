@@ -82,24 +82,13 @@ fn signs_of_errors_on_reversed_and_slanted_axes_are_told() {
     machine("C.direction = [0, 0, -1]");
     let signs = &json(&["check", &path])["axes"][1]["signs"];
     let signs = signs.as_str().expect("a warning");
-    assert!(
-        signs.contains("C counts against Z") && signs.ends_with("ECC is negative"),
-        "{signs}"
-    );
+    assert!(signs.contains("C counts against Z") && signs.ends_with("ECC is negative"), "{signs}");
     let error = json(&["error", "-m", &path, "--at", "C=0"]);
-    assert!(
-        (float(&error["rotation_urad"][2]) + 10.0).abs() < 1e-6,
-        "{error}"
-    );
+    assert!((float(&error["rotation_urad"][2]) + 10.0).abs() < 1e-6, "{error}");
     assert!(text(&["check", &path]).contains("C counts against Z"));
     machine("X.direction = [1, 1, 0]");
     let axes = &json(&["check", &path])["axes"];
-    assert!(
-        axes[0]["signs"]
-            .as_str()
-            .is_some_and(|s| s.contains("X lies aslant")),
-        "{axes}"
-    );
+    assert!(axes[0]["signs"].as_str().is_some_and(|s| s.contains("X lies aslant")), "{axes}");
     assert_eq!(axes[1].get("signs"), None);
     let said = volcomp(&["check", &path]).stderr;
     assert!(String::from_utf8_lossy(&said).contains("no `point` is stated for C"));
@@ -118,17 +107,11 @@ fn an_error_stated_as_zero_is_told_apart_from_one_not_stated() {
     assert_eq!(answer["zero"], json!(["EXX", "EC0Y"]));
     assert_eq!(answer["errors"], json!([]));
     assert_eq!(answer["home"]["outside_travel"], json!(["Y"]));
-    assert_eq!(
-        answer["assembly"][0]["rotation_urad"],
-        json!([0.0, 0.0, 2.0])
-    );
+    assert_eq!(answer["assembly"][0]["rotation_urad"], json!([0.0, 0.0, 2.0]));
     assert_eq!(answer["corners"].as_array().map(Vec::len), Some(4));
     let shown = text(&["check", &path]);
-    for words in [
-        "stated as zero: EXX EC0Y",
-        "Home lies outside the travel of Y",
-        "assembly of Y",
-    ] {
+    for words in ["stated as zero: EXX EC0Y", "Home lies outside the travel of Y", "assembly of Y"]
+    {
         contains(&shown, words);
     }
 }
@@ -152,9 +135,7 @@ fn a_compiled_machine_is_read_back() {
     assert_eq!(hash.len(), 64);
     let again = json(&["compile", GANTRY, "-o", &name]);
     assert_eq!(again["sha256"], hash);
-    let other = json(&format!(
-        "compile {GANTRY} -o {name} --temperature scale_x=25"
-    ));
+    let other = json(&format!("compile {GANTRY} -o {name} --temperature scale_x=25"));
     assert_ne!(other["sha256"], hash);
     assert!(refused(&["compile", GANTRY, "-o", &name, "--tolerance-nm", "0"]).contains("above 0"));
     assert!(refused(&["compile", GANTRY, "-o", "nowhere/m.blob"]).contains("cannot be written"));

@@ -14,10 +14,7 @@ fn a_point_beyond_travel_or_range_is_told() {
     assert_eq!(answer["outside_travel"], json!(["X", "Z"]));
     assert_eq!(answer["outside_range"], json!(["EXX", "EYX", "EZY", "EZZ"]));
     let inside = json(&["correct", "-m", GANTRY, "--at", "X=100"]);
-    assert_eq!(
-        (&inside["outside_travel"], &inside["outside_range"]),
-        (&json!([]), &json!([]))
-    );
+    assert_eq!((&inside["outside_travel"], &inside["outside_range"]), (&json!([]), &json!([])));
     for command in ["error", "correct"] {
         let shown = text(&[command, "-m", GANTRY, "--at", "X=9000,Z=-1"]);
         contains(&shown, "travel X Z, range EXX EYX EZY EZZ");
@@ -35,14 +32,8 @@ fn singular_is_spoken_of_only_where_rotary_axes_could_correct() {
     let folder = Folder::new();
     let path = folder.write("points.csv", points);
     let shown = text(&["correct", "-m", GANTRY, "--points", &path]);
-    assert!(
-        !shown.contains("correctable") && !shown.contains("singular"),
-        "{shown}"
-    );
-    assert_eq!(
-        json(&["correct", "-m", GANTRY, "--at", "X=1"])["singular"],
-        json!(true)
-    );
+    assert!(!shown.contains("correctable") && !shown.contains("singular"), "{shown}");
+    assert_eq!(json(&["correct", "-m", GANTRY, "--at", "X=1"])["singular"], json!(true));
     // At B = 0 the tool axis is parallel to C, so C cannot turn it.
     let shown = text(&["correct", "-m", "examples/five-axis.toml", "--at", "X=1"]);
     contains(&shown, "singular");
@@ -58,15 +49,7 @@ fn chosen_axes_alone_move() {
     // The former name of this option.
     let before = json("correct -m examples/gantry.toml --at X=1000,Y=500 --correct X,Y");
     assert_eq!(before, answer);
-    let small = json(&[
-        "correct",
-        "-m",
-        GANTRY,
-        "--at",
-        "x=1000 y=500",
-        "--axes",
-        "x,y",
-    ]);
+    let small = json(&["correct", "-m", GANTRY, "--at", "x=1000 y=500", "--axes", "x,y"]);
     assert_eq!(small, answer);
     for wrong in ["X,X", "Q", "XY", "A"] {
         refused(&["correct", "-m", GANTRY, "--at", "X=1", "--axes", wrong]);
@@ -78,11 +61,8 @@ fn other_columns_and_decimal_commas_pass_through_to_the_file() {
     let folder = Folder::new();
     let path = |name: &str| folder.path().join(name).display().to_string();
     let (points, out) = (path("points.csv"), path("out.csv"));
-    fs::write(
-        &points,
-        "N;X;Y;remark\r\n10;1000,0;0;\"drill; first\"\r\n20;0;500,5;\r\n",
-    )
-    .expect("written");
+    fs::write(&points, "N;X;Y;remark\r\n10;1000,0;0;\"drill; first\"\r\n20;0;500,5;\r\n")
+        .expect("written");
     let answer = json(&["correct", "-m", GANTRY, "--points", &points, "-o", &out]);
     let written = fs::read_to_string(&out).expect("written");
     let lines: Vec<&str> = written.lines().collect();
@@ -93,33 +73,16 @@ fn other_columns_and_decimal_commas_pass_through_to_the_file() {
         ),
         "{written}"
     );
-    assert!(
-        lines[1].starts_with("10;1000,0;0;\"drill; first\";"),
-        "{written}"
-    );
-    let corrected: f64 = lines[2]
-        .split(';')
-        .nth(5)
-        .expect("a cell")
-        .replace(',', ".")
-        .parse()
-        .expect("a number");
+    assert!(lines[1].starts_with("10;1000,0;0;\"drill; first\";"), "{written}");
+    let corrected: f64 =
+        lines[2].split(';').nth(5).expect("a cell").replace(',', ".").parse().expect("a number");
     let expected = float(&answer["points"][1]["corrected"]["Y"]);
-    assert!(
-        (corrected - expected).abs() < 1e-9,
-        "{corrected} {expected}"
-    );
+    assert!((corrected - expected).abs() < 1e-9, "{corrected} {expected}");
     // Decimal points and commas, and a single position.
     fs::write(&points, "remark,X\na,1\n").expect("written");
     json(&["correct", "-m", GANTRY, "--points", &points, "-o", &out]);
-    assert!(
-        fs::read_to_string(&out)
-            .expect("written")
-            .starts_with("remark,X,X_corrected_mm")
-    );
-    json(&format!(
-        "correct -m examples/five-axis.toml --at X=1,C=9 -o {out}"
-    ));
+    assert!(fs::read_to_string(&out).expect("written").starts_with("remark,X,X_corrected_mm"));
+    json(&format!("correct -m examples/five-axis.toml --at X=1,C=9 -o {out}"));
     let written = fs::read_to_string(&out).expect("written");
     assert!(written.starts_with("X_mm,Y_mm,Z_mm,B_deg,C_deg,X_corrected_mm,Y_corrected_mm,Z_corrected_mm,B_corrected_deg,C_corrected_deg,"), "{written}");
     assert!(
@@ -152,10 +115,7 @@ fn a_model_against_itself_is_called_so_and_another_truth_shows() {
     let folder = Folder::new();
     let truth = folder.file("truth.toml");
     let machine = fs::read_to_string(root().join(GANTRY)).expect("read");
-    let other = machine.replace(
-        "EXX = { poly = [0.0, 0.0073,",
-        "EXX = { poly = [0.0, 0.00855,",
-    );
+    let other = machine.replace("EXX = { poly = [0.0, 0.0073,", "EXX = { poly = [0.0, 0.00855,");
     assert_ne!(other, machine);
     fs::write(&truth, other).expect("written");
     let answer = json(&["diagonals", "-m", GANTRY, "--truth", &truth]);
@@ -177,19 +137,14 @@ fn a_model_against_itself_is_called_so_and_another_truth_shows() {
     let rounded = json(&["map", "-m", GANTRY, "--grid", "9x9x9", "--resolution", "2"]);
     let largest = float(&rounded["largest_um"]);
     // At most half an output step on each of three axes.
-    assert!(
-        (0.9..=3.0_f64.sqrt() + 0.01).contains(&largest),
-        "{largest}"
-    );
+    assert!((0.9..=3.0_f64.sqrt() + 0.01).contains(&largest), "{largest}");
     for (arguments, expected) in [
         (["--resolution", "0"], "above 0"),
         (["--truth", "examples/mill.toml"], "structure is"),
         (["--truth", "nowhere.toml"], "nowhere.toml: cannot be read"),
     ] {
-        for command in [
-            &["diagonals", "-m", GANTRY][..],
-            &["map", "-m", GANTRY, "--grid", "2x2x2"],
-        ] {
+        for command in [&["diagonals", "-m", GANTRY][..], &["map", "-m", GANTRY, "--grid", "2x2x2"]]
+        {
             refuses(&[command, &arguments].concat(), expected);
         }
     }

@@ -22,10 +22,8 @@ fn standards_and_editions_beside_one_another() {
     let all =
         json("iso230 fitting/metrology/tests/data/iso230-2-axis.csv --standard all --edition 2006");
     assert_eq!(all["edition"], 2006);
-    let standards: Vec<&str> = list(&all["quantities"])
-        .iter()
-        .filter_map(|row| row["standard"].as_str())
-        .collect();
+    let standards: Vec<&str> =
+        list(&all["quantities"]).iter().filter_map(|row| row["standard"].as_str()).collect();
     for standard in ["ISO 230-2:2006", "VDI/DGQ 3441", "ASME B5.54"] {
         assert!(standards.contains(&standard), "{standard}");
     }
@@ -36,15 +34,9 @@ fn standards_and_editions_beside_one_another() {
     let newest = json(&["iso230", POSITIONING]);
     assert_eq!(quantity(&newest, "B")["name"], "reversal error");
     assert_eq!(quantity(&newest, "P"), Value::Null);
-    assert_eq!(
-        (&newest["decision"], &newest["pass"]),
-        (&Value::Null, &Value::Null)
-    );
+    assert_eq!((&newest["decision"], &newest["pass"]), (&Value::Null, &Value::Null));
     let old = text(&["iso230", POSITIONING, "--edition", "1997"]);
-    assert!(
-        old.starts_with("ISO 230-2:1997") && old.contains("B reversal value"),
-        "{old}"
-    );
+    assert!(old.starts_with("ISO 230-2:1997") && old.contains("B reversal value"), "{old}");
 }
 
 /// B = 43.46 µm, A = 204.75 µm and U(B) = √(2/5) · E_VE/√3 are compared with limits, with and without uncertainty.
@@ -52,37 +44,22 @@ fn standards_and_editions_beside_one_another() {
 fn limits_are_judged_with_and_without_uncertainty() {
     let judged = |options: &[&str]| json(&[&["iso230", POSITIONING], options].concat());
     let good = judged(&["--tolerance", "A=204.8,b=43.5"]);
-    assert_eq!(
-        (&good["pass"], &good["decision"]["rule"]),
-        (&json!(true), &json!("simple"))
-    );
+    assert_eq!((&good["pass"], &good["decision"]["rule"]), (&json!(true), &json!("simple")));
     let bad = judged(&["--tolerance", "A=204.8,B=43.4"]);
-    assert_eq!(
-        (&bad["pass"], &bad["decision"]["verdict"]),
-        (&json!(false), &json!("fail"))
-    );
+    assert_eq!((&bad["pass"], &bad["decision"]["verdict"]), (&json!(false), &json!("fail")));
     assert_eq!(quantity(&bad, "A")["verdict"], "pass");
     let open = judged(&["--tolerance", "B=43.5", "--environment-um", "2"]);
     assert_eq!(open["decision"]["verdict"], "undecided");
-    assert_eq!(
-        (&open["pass"], &open["decision"]["rule"]),
-        (&json!(false), &json!("ISO 14253-1"))
-    );
+    assert_eq!((&open["pass"], &open["decision"]["rule"]), (&json!(false), &json!("ISO 14253-1")));
     close(
         &quantity(&open, "B")["uncertainty"],
         (2.0_f64 / 5.0).sqrt() * 2.0 / 3.0_f64.sqrt(),
         1e-9,
     );
     let left_out = open["uncertainty"]["left_out"].to_string();
-    assert!(
-        left_out.contains("U_DEVICE") && !left_out.contains("U_EVE"),
-        "{left_out}"
-    );
+    assert!(left_out.contains("U_DEVICE") && !left_out.contains("U_EVE"), "{left_out}");
     let said = text(&["iso230", POSITIONING, "--tolerance", "A=204.8,B=43.4"]);
-    assert!(
-        said.contains("FAIL: fail B; pass A. Decided by the values alone"),
-        "{said}"
-    );
+    assert!(said.contains("FAIL: fail B; pass A. Decided by the values alone"), "{said}");
 }
 
 #[test]
@@ -91,15 +68,8 @@ fn a_test_far_from_twenty_degrees_says_so_and_how_it_was_compensated() {
     let demo = folder.file("demo");
     json(&["demo", "-o", &demo]);
     let cold = json(&["iso230", &format!("{demo}/exx.rtl")]);
-    assert_eq!(
-        cold["material_compensation"],
-        "not stated: no expansion coefficient"
-    );
-    assert!(
-        cold["notes"].to_string().contains("asks for 33 at least"),
-        "{}",
-        cold["notes"]
-    );
+    assert_eq!(cold["material_compensation"], "not stated: no expansion coefficient");
+    assert!(cold["notes"].to_string().contains("asks for 33 at least"), "{}", cold["notes"]);
     let laser = fs::read_to_string(format!("{demo}/exx.rtl")).expect("read");
     let no_sensor = "Mat temp 1 : -10.000000 -10.000000 0\r\n";
     contains(&laser, no_sensor);
@@ -108,13 +78,7 @@ fn a_test_far_from_twenty_degrees_says_so_and_how_it_was_compensated() {
     let warm = folder.write("warm.rtl", &laser);
     let options = format!("iso230 {warm} --temperature-range-k 1 --expansion-range 2");
     let warm = json(&options);
-    assert!(
-        warm["notes"]
-            .to_string()
-            .contains("farther than 1 K from 20 °C"),
-        "{}",
-        warm["notes"]
-    );
+    assert!(warm["notes"].to_string().contains("farther than 1 K from 20 °C"), "{}", warm["notes"]);
     let said = warm["material_compensation"].as_str().expect("a text");
     contains(said, "11 µm/(m·K)");
     // At 8 m: α L R/√3, and ΔT L R(α)/√3 with the file's temperatures.
@@ -128,9 +92,7 @@ fn one_bad_file_does_not_hide_the_others() {
     let folder = Folder::new();
     let broken = folder.write("broken,\"one\".csv", "target,deviation\n1,nan\n");
     let table = folder.file("all.csv");
-    let output = volcomp(&format!(
-        "--json iso230 {POSITIONING} {broken} {POSITIONING} -o {table}"
-    ));
+    let output = volcomp(&format!("--json iso230 {POSITIONING} {broken} {POSITIONING} -o {table}"));
     assert_eq!(output.status.code(), Some(2));
     let document: Value = serde_json::from_slice(&output.stdout).expect("JSON");
     let files = list(&document["files"]);
@@ -140,12 +102,7 @@ fn one_bad_file_does_not_hide_the_others() {
     let said = String::from_utf8(output.stderr).expect("UTF-8");
     contains(&said, "1 of 3 files are refused");
     let mut rows = csv::Reader::from_path(&table).expect("a table");
-    let heads: Vec<String> = rows
-        .headers()
-        .expect("heads")
-        .iter()
-        .map(str::to_owned)
-        .collect();
+    let heads: Vec<String> = rows.headers().expect("heads").iter().map(str::to_owned).collect();
     let rows: Vec<csv::StringRecord> = rows.records().map(|row| row.expect("a row")).collect();
     assert_eq!(rows.len(), 3);
     let cell = |row: usize, head: &str| {
@@ -155,10 +112,7 @@ fn one_bad_file_does_not_hide_the_others() {
     assert!((cell(0, "B").parse::<f64>().expect("a number") - 43.46).abs() < 0.011);
     assert_eq!((cell(1, "B"), cell(1, "file")), (String::new(), broken));
     assert!(cell(1, "error").contains("found `nan`") && cell(2, "error").is_empty());
-    refuses(
-        &["iso230", POSITIONING, "-o", POSITIONING],
-        "expected another one to write",
-    );
+    refuses(&["iso230", POSITIONING, "-o", POSITIONING], "expected another one to write");
 }
 
 /// In a cube of 300 mm with a squareness error of 20 µrad each diagonal changes by ∓ a b EC0Y / D; the evaluation finds EC0Y.
@@ -193,10 +147,7 @@ fn diagonals_are_named_by_file_or_option_and_hint_at_squareness() {
     // Diagonals named in the call override those of the files.
     let turned = call(&["--diagonals", "NPP,PPP,PPN,PNP", "--box-mm", "300,300,300"]);
     close(&turned["squareness"][0]["urad"], -20.0, 1e-6);
-    refuses(
-        &["iso230", "--part", "6", POSITIONING],
-        "no name of a diagonal",
-    );
+    refuses(&["iso230", "--part", "6", POSITIONING], "no name of a diagonal");
 }
 
 #[test]
@@ -210,14 +161,10 @@ fn straightness_and_squareness_of_the_examples() {
     close(&quantity(&found, "minimum-zone")["value"], 4.0, 0.3);
     close(&found["slopes_urad"][0], -9.0, 0.4);
     close(&found["reversal_um"], 0.4, 0.4);
-    let square = json(&format!(
-        "squareness {exy} {eyx} --error EC0Y --reference-angle-urad 1.5"
-    ));
+    let square = json(&format!("squareness {exy} {eyx} --error EC0Y --reference-angle-urad 1.5"));
     // Reference angle 1.5, slopes 9 and 6 µrad.
     close(&square["squareness_urad"], 16.5, 0.6);
-    let other = json(&format!(
-        "squareness {exy} {eyx} --error EC0Y --reference minimum-zone"
-    ));
+    let other = json(&format!("squareness {exy} {eyx} --error EC0Y --reference minimum-zone"));
     assert_eq!(other["uncertainty_urad"], Value::Null);
     assert_eq!(other["uncertainty"], Value::Null);
     // Stated contributions: a square of 1 µrad, a straight edge of 0.5 µm for lines of 600 and 800 mm, a temperature range of 3 µrad.
@@ -242,9 +189,7 @@ fn straightness_and_squareness_of_the_examples() {
     let folder = Folder::new();
     let of_one_run = [exy, eyx].map(|file| {
         let text = fs::read_to_string(root().join(file)).expect("an example");
-        let rows = text
-            .lines()
-            .filter(|row| row.starts_with("target") || row.contains(",1,"));
+        let rows = text.lines().filter(|row| row.starts_with("target") || row.contains(",1,"));
         let name = file.rsplit('/').next().expect("a name");
         folder.write(name, rows.collect::<Vec<_>>().join("\n") + "\n")
     });
@@ -259,10 +204,7 @@ fn straightness_and_squareness_of_the_examples() {
     assert!(!notes.contains("one run of"), "{notes}");
     let [exy, eyx] = &of_one_run;
     let square = json(&["squareness", exy, eyx, "--error", "EC0Y"]);
-    contains(
-        &square["notes"].to_string(),
-        "one run of EXY and EYX: U has",
-    );
+    contains(&square["notes"].to_string(), "one run of EXY and EYX: U has");
     // Bridge of 250 mm; the straightness has waves of 12 and 5 µm.
     let tilts = json(&["straightness", "examples/tilts.csv", "--bridge-mm", "250"]);
     assert_eq!(tilts["method"], "angular-method");
@@ -270,16 +212,10 @@ fn straightness_and_squareness_of_the_examples() {
         let turn = std::f64::consts::TAU * q;
         12.0 * (turn / 8000.0).sin() + 5.0 * (turn / 2500.0).cos()
     };
-    let points: Vec<(f64, f64)> = (0..=32)
-        .map(|k| f64::from(k) * 250.0)
-        .map(|q| (q, wave(q)))
-        .collect();
+    let points: Vec<(f64, f64)> =
+        (0..=32).map(|k| f64::from(k) * 250.0).map(|q| (q, wave(q))).collect();
     let truth = volcomp_metrology::straightness_of_profile(&points).expect("a profile");
-    close(
-        &quantity(&tilts, "least-squares")["value"],
-        truth.about[0].error_um,
-        1.5,
-    );
+    close(&quantity(&tilts, "least-squares")["value"], truth.about[0].error_um, 1.5);
 }
 
 /// A file whose header has the wrong unit is 1000 times too large or too small: a note asks for the unit. An angle is no length.
@@ -307,10 +243,7 @@ fn a_wrong_unit_and_an_angle_are_told() {
         assert!(!said(&[command, &right]).contains("another unit"));
         for file in [&wrong, &tiny] {
             let notes = said(&[command, file]);
-            assert!(
-                notes.contains("are they in another unit?"),
-                "{command} {file}: {notes}"
-            );
+            assert!(notes.contains("are they in another unit?"), "{command} {file}: {notes}");
         }
     }
     let second = folder.write("second.csv", rows("um", "target"));
@@ -319,10 +252,7 @@ fn a_wrong_unit_and_an_angle_are_told() {
     let notes = said(&["iso230", &angle]);
     contains(&notes, "an angular error motion here, not of positioning");
     assert!(!said(&["iso230", &angle, "--axis", "C"]).contains("angular error motion"));
-    refuses(
-        &["straightness", &turned],
-        "found `target deg`, expected `target` or `target mm`",
-    );
+    refuses(&["straightness", &turned], "found `target deg`, expected `target` or `target mm`");
 }
 
 /// `--axis` other than the axis X of the file is rejected. A material temperature far from 20 °C gets a note for lengths only.
@@ -332,10 +262,7 @@ fn the_axis_of_a_file_is_not_another_one() {
     let demo = folder.file("demo");
     json(&["demo", "-o", &demo]);
     let laser = format!("{demo}/exx.rtl");
-    refuses(
-        &["iso230", &laser, "--axis", "Z"],
-        "found axis X, expected axis Z (--axis)",
-    );
+    refuses(&["iso230", &laser, "--axis", "Z"], "found axis X, expected axis Z (--axis)");
     json(&["iso230", &laser, "--axis", "X"]);
     let angles = fs::read_to_string(format!("{demo}/eay.rta")).expect("read");
     let no_sensor = "Mat temp 1 : -10.000000 -10.000000 0\r\n";
@@ -345,11 +272,7 @@ fn the_axis_of_a_file_is_not_another_one() {
     let shown = text(&["inspect", &warm]);
     contains(&shown, "26.0 to 26.2 °C");
     let warm = json(&["iso230", &warm]);
-    assert!(
-        !warm["notes"].to_string().contains("20 °C"),
-        "{}",
-        warm["notes"]
-    );
+    assert!(!warm["notes"].to_string().contains("20 °C"), "{}", warm["notes"]);
     assert_eq!(warm["material_compensation"], Value::Null);
 }
 
@@ -424,10 +347,7 @@ fn a_title_that_names_no_positioning_is_not_judged_as_one() {
     );
     let stated = json(&[&call[..], &["--error", "EYY"]].concat());
     assert_eq!(stated["pass"], true);
-    refuses(
-        &[&call[..], &["--error", "EXY"]].concat(),
-        "expected the positioning of an axis",
-    );
+    refuses(&[&call[..], &["--error", "EXY"]].concat(), "expected the positioning of an axis");
     refuses(
         &[&call[..], &["--error", "EYY", "--axis", "X"]].concat(),
         "expected an error of --axis X",
@@ -441,10 +361,6 @@ fn a_title_that_names_no_positioning_is_not_judged_as_one() {
     ] {
         let file = folder.write("b.txt", report(title, unit));
         let status = volcomp(&["iso230", &file]).status.code();
-        assert_eq!(
-            status,
-            Some(if is_refused { 2 } else { 0 }),
-            "{title} in {unit}"
-        );
+        assert_eq!(status, Some(if is_refused { 2 } else { 0 }), "{title} in {unit}");
     }
 }

@@ -20,16 +20,11 @@ fn from_a_machine_to_tables_and_back_to_curves() {
     let (folder, tables) = folder();
     let curves = folder.file("curves.toml");
     for format in ["csv", "siemens-840d"] {
-        let answer = json(&format!(
-            "export -m {MILL} --format {format} --step 25 -o {tables}"
-        ));
+        let answer = json(&format!("export -m {MILL} --format {format} --step 25 -o {tables}"));
         assert_eq!(answer["format"], format);
         // Except for the second coordinate, on which the mill depends by its pitch, the loss is small compared with the correction.
         let x = &answer["loss"]["axes"][0];
-        assert_eq!(
-            (x["axis"].as_str(), x["unit"].as_str()),
-            (Some("X"), Some("um"))
-        );
+        assert_eq!((x["axis"].as_str(), x["unit"].as_str()), (Some("X"), Some("um")));
         assert!(x["largest"].as_f64() < x["correction"].as_f64(), "{x}");
         let numbers = ["--axis-numbers", "X=1,Y=2,Z=3"];
         let back = json(&[&["import", &tables, "-o", &curves][..], &numbers].concat());
@@ -42,14 +37,8 @@ fn from_a_machine_to_tables_and_back_to_curves() {
         // 20 µm/m and 30 µrad at the end, 530 mm above the table surface.
         let exx = read.error("EXX".parse().expect("a name")).expect("a curve");
         let found = exx.value(0, &[600.0, 0.0, 0.0], None);
-        assert!(
-            (found - (12.0 + 0.03 * 530.0)).abs() < 0.01,
-            "{format}: {found}"
-        );
-        assert_eq!(
-            back["errors"]["EXX"]["table"].as_array().map(Vec::len),
-            Some(25)
-        );
+        assert!((found - (12.0 + 0.03 * 530.0)).abs() < 0.01, "{format}: {found}");
+        assert_eq!(back["errors"]["EXX"]["table"].as_array().map(Vec::len), Some(25));
         fs::remove_dir_all(&tables).expect("removed");
     }
 }
@@ -67,16 +56,8 @@ fn facts_of_each_format_and_back_without_numbers() {
         let facts =
             fs::read_to_string(format!("{tables}/volcomp-tables-{format}.txt")).expect("the facts");
         for file in list(&answer["files"]) {
-            let name = file
-                .as_str()
-                .expect("a name")
-                .rsplit('/')
-                .next()
-                .expect("a name");
-            assert!(
-                name.starts_with("volcomp-tables-") || facts.contains(name),
-                "{name}: {facts}"
-            );
+            let name = file.as_str().expect("a name").rsplit('/').next().expect("a name");
+            assert!(name.starts_with("volcomp-tables-") || facts.contains(name), "{name}: {facts}");
         }
     }
     let alone = format!("{all}/alone");
@@ -86,9 +67,7 @@ fn facts_of_each_format_and_back_without_numbers() {
     let back = json(&["import", &alone]);
     assert_eq!(back["format"], "fanuc");
     assert!(
-        back["warnings"]
-            .to_string()
-            .contains("taken from here: X=3,Y=1,Z=2"),
+        back["warnings"].to_string().contains("taken from here: X=3,Y=1,Z=2"),
         "{}",
         back["warnings"]
     );
@@ -101,9 +80,7 @@ fn facts_of_each_format_and_back_without_numbers() {
     assert_eq!(outputs(&back), outputs(&answer));
     // Only the facts file states the type of a LinuxCNC file.
     let linuxcnc = format!("{all}/linuxcnc");
-    json(&format!(
-        "export -m {GANTRY} --format linuxcnc-type1 --step 250 -o {linuxcnc}"
-    ));
+    json(&format!("export -m {GANTRY} --format linuxcnc-type1 --step 250 -o {linuxcnc}"));
     assert_eq!(json(&["import", &linuxcnc])["format"], "linuxcnc-type1");
 }
 
@@ -115,21 +92,12 @@ fn a_tilting_axis_is_left_out_and_the_others_are_written() {
         "export -m examples/five-axis.toml --format heidenhain --step 100 -o {tables}"
     ));
     let notes = answer["notes"].to_string();
-    contains(
-        &notes,
-        "left out, because a table over a rotary axis holds 0 to 360 deg:",
-    );
+    contains(&notes, "left out, because a table over a rotary axis holds 0 to 360 deg:");
     contains(&notes, " over B");
     let made = list(&answer["tables"]);
-    assert!(
-        !made.is_empty() && made.iter().all(|made| made["input"] != "B"),
-        "{made:?}"
-    );
+    assert!(!made.is_empty() && made.iter().all(|made| made["input"] != "B"), "{made:?}");
     let files = answer["files"].to_string();
-    assert!(
-        files.contains("X.COM") && !files.contains("B.COM"),
-        "{files}"
-    );
+    assert!(files.contains("X.COM") && !files.contains("B.COM"), "{files}");
 }
 
 #[test]
@@ -154,9 +122,7 @@ fn a_file_or_a_folder() {
 #[test]
 fn what_people_read() {
     let (_folder, tables) = folder();
-    let told = text(&format!(
-        "export -m {MILL} --format siemens-840d --at Z=-200 -o {tables}"
-    ));
+    let told = text(&format!("export -m {MILL} --format siemens-840d --at Z=-200 -o {tables}"));
     let flat: Vec<&str> = told.split_whitespace().collect();
     let flat = flat.join(" ");
     for words in [
@@ -170,20 +136,15 @@ fn what_people_read() {
         assert!(flat.contains(words), "{words}: {told}");
     }
     for line in told.lines() {
-        assert!(
-            line.chars().count() <= 80 || line.contains("/tables/"),
-            "{line}"
-        );
+        assert!(line.chars().count() <= 80 || line.contains("/tables/"), "{line}");
     }
     // Implausible rows give a note on standard error, and the curves are still printed.
     let comp = format!("{tables}/X.comp");
     fs::write(&comp, "0 0.001 0\n50 50.002 50\n\n100 100 100\n").expect("written");
     let output = volcomp(&["import", &comp, "--format", "linuxcnc"]);
     assert_eq!(output.status.code(), Some(0));
-    let (said, shown) = (
-        String::from_utf8_lossy(&output.stderr),
-        String::from_utf8_lossy(&output.stdout),
-    );
+    let (said, shown) =
+        (String::from_utf8_lossy(&output.stderr), String::from_utf8_lossy(&output.stdout));
     assert!(
         said.split_whitespace()
             .collect::<Vec<_>>()
@@ -256,9 +217,7 @@ fn a_table_that_does_harm_is_told() {
     };
     let run = |options: &[&str]| {
         let machine = machine.display().to_string();
-        let call = [
-            "export", "-m", &machine, "--format", "linuxcnc", "-o", &tables,
-        ];
+        let call = ["export", "-m", &machine, "--format", "linuxcnc", "-o", &tables];
         let output = volcomp(&[&call[..], options].concat());
         let told = String::from_utf8_lossy(&output.stderr).replace("\n  ", " ");
         assert_eq!(output.status.code(), Some(0), "{told}");
@@ -267,10 +226,7 @@ fn a_table_that_does_harm_is_told() {
     fs::write(&machine, of_travel(0.0, 400.0)).expect("written");
     // At Z = −500 the lever has the opposite sign, so that the table doubles the error.
     let (told, said) = run(&["--at", "X=0,Z=500"]);
-    contains(
-        &told,
-        "WARNING: with these tables axis X is further off than without",
-    );
+    contains(&told, "WARNING: with these tables axis X is further off than without");
     assert!(!told.contains("--at is not given"), "{told}");
     contains(&said, "error by");
     contains(&said, "left with");

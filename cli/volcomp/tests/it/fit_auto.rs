@@ -30,20 +30,14 @@ fn headed(head: &str, distance: f64, scatter: f64, f: impl Fn(f64) -> f64) -> (F
 
 fn chosen(choice: &serde_json::Value) -> &serde_json::Value {
     let scores = list(&choice["scores"]);
-    let mut chosen = scores
-        .iter()
-        .filter(|score| score["method"] == choice["method"]);
+    let mut chosen = scores.iter().filter(|score| score["method"] == choice["method"]);
     chosen.next().expect("one of them")
 }
 
 fn kind(score: &serde_json::Value) -> String {
     match &score["method"] {
         serde_json::Value::String(kind) => kind.clone(),
-        method => method
-            .as_object()
-            .and_then(|of| of.keys().next())
-            .expect("a kind")
-            .clone(),
+        method => method.as_object().and_then(|of| of.keys().next()).expect("a kind").clone(),
     }
 }
 
@@ -68,10 +62,7 @@ fn a_parabola_is_chosen_with_its_reason_and_its_band() {
     for (half, value) in halves.iter().step_by(8).zip(values) {
         let x = number(&half["at"]);
         assert_eq!(half["at"], value["at"]);
-        let (half, miss) = (
-            number(&half["half_width"]),
-            number(&value["value_um"]) - truth(x),
-        );
+        let (half, miss) = (number(&half["half_width"]), number(&value["value_um"]) - truth(x));
         assert!(half > 0.0 && half < 0.5, "{x}: {half}");
         held += usize::from(miss.abs() <= half);
     }
@@ -91,11 +82,7 @@ fn a_parabola_is_chosen_with_its_reason_and_its_band() {
 #[test]
 fn a_curve_that_does_not_follow_is_warned_of() {
     let (_folder, path) = file(0.02, |x| {
-        let zigzag = if (x / 50.0).round() % 2.0 == 0.0 {
-            0.3
-        } else {
-            -0.3
-        };
+        let zigzag = if (x / 50.0).round() % 2.0 == 0.0 { 0.3 } else { -0.3 };
         50.0 * (TAU * x / 1000.0).sin() + zigzag
     });
     let output = volcomp(&["--json", "fit", &path, "--method", "auto"]);
@@ -145,11 +132,9 @@ fn a_turn_is_a_fourier_series_and_nothing_else_is() {
         }
         assert_eq!(answer["band"]["from"], "runs");
     }
-    for (head, distance) in [
-        ("target_mm,run,direction,deviation_um", 18.0),
-        (DEG, 9.0),
-        (DEG, 16.0),
-    ] {
+    for (head, distance) in
+        [("target_mm,run,direction,deviation_um", 18.0), (DEG, 9.0), (DEG, 16.0)]
+    {
         let answer = of(head, distance);
         assert!(
             !kinds(&answer).contains(&"fourier".to_owned()),
@@ -198,9 +183,6 @@ fn a_run_that_stops_changes_neither_curve_nor_band() {
     for (answer, within) in [(&complete, 0.02), (&stopped, 1e-5)] {
         let halves = rows(&answer["band"]["half_widths"], "half_width");
         let is_near = |half: &f64| (half / expected - 1.0).abs() < within;
-        assert!(
-            !halves.is_empty() && halves.iter().all(is_near),
-            "{expected} {halves:?}"
-        );
+        assert!(!halves.is_empty() && halves.iter().all(is_near), "{expected} {halves:?}");
     }
 }

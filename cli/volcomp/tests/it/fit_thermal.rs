@@ -34,8 +34,7 @@ fn few_terms_are_enough_for_a_spindle() {
 
 fn section<'t>(printed: &'t str, name: &str, next: &str) -> &'t str {
     let (_, from) = printed.split_once(&format!("\n\n{name}\n")).expect(name);
-    from.split_once(&format!("\n\n{next}\n"))
-        .map_or(from, |(own, _)| own)
+    from.split_once(&format!("\n\n{next}\n")).map_or(from, |(own, _)| own)
 }
 
 /// Each displacement has the error named in the call, or a placeholder that a machine file rejects. All fits are good: the third has an
@@ -47,10 +46,8 @@ fn displacements_are_the_errors_that_the_call_names() {
     let printed = text(&named);
     let channels = list(&answer["displacements"]);
     let names = ["ch1_um", "ch2_um", "ch3_um", "ch4_um", "ch5_um", "-"];
-    for (place, (channel, error)) in channels
-        .iter()
-        .zip([Some("EZZ"), None, Some("EXZ"), Some("EYZ"), None])
-        .enumerate()
+    for (place, (channel, error)) in
+        channels.iter().zip([Some("EZZ"), None, Some("EXZ"), Some("EYZ"), None]).enumerate()
     {
         assert_eq!(channel["error"].as_str(), error);
         let rms = |which: &str| float(&channel[which]["rms"]);
@@ -62,16 +59,10 @@ fn displacements_are_the_errors_that_the_call_names() {
         contains(own, "[[thermal.drift]]");
         let toml = channel["toml"].as_str().expect("text");
         let stated = format!("error = \"{}\"\n", error.unwrap_or("???"));
-        assert_eq!(
-            toml.matches("error = ").count(),
-            toml.matches(&stated).count()
-        );
+        assert_eq!(toml.matches("error = ").count(), toml.matches(&stated).count());
     }
     let gap = channels[1]["toml"].as_str().expect("text");
-    assert!(
-        gap.starts_with("# Put the error that ch2_um is in place of ???."),
-        "{gap}"
-    );
+    assert!(gap.starts_with("# Put the error that ch2_um is in place of ???."), "{gap}");
     let folder = Folder::new();
     let path = folder.file("m.toml");
     let axes = volcomp_test_support::machines::gantry([[0.0, 1.0]; 3]);
@@ -119,9 +110,8 @@ fn half_way(channel: &Value, reference: f64) -> (String, f64) {
 /// The printed terms are valid in a machine file, and predict the same there.
 #[test]
 fn the_terms_go_into_a_machine_file() {
-    let answer = json(&format!(
-        "fit-thermal {SPINDLE} --displacement ch1_um --error EZZ --reference 26"
-    ));
+    let answer =
+        json(&format!("fit-thermal {SPINDLE} --displacement ch1_um --error EZZ --reference 26"));
     let channel = &answer["displacements"][0];
     let terms = channel["toml"].as_str().expect("text");
     let constant = float(&channel["constant"]);
@@ -146,10 +136,8 @@ fn the_terms_go_into_a_machine_file() {
     assert!(!said(&output));
     // Far outside the tested range the terms have no effect, and a note says so.
     let seen = list(&channel["seen"]);
-    let hot: Vec<String> = seen
-        .iter()
-        .map(|seen| format!("{}=90", seen["sensor"].as_str().expect("text")))
-        .collect();
+    let hot: Vec<String> =
+        seen.iter().map(|seen| format!("{}=90", seen["sensor"].as_str().expect("text"))).collect();
     let output = call(&hot.join(","));
     assert!(said(&output), "{}", String::from_utf8_lossy(&output.stderr));
     let found: Value = serde_json::from_slice(&output.stdout).expect("a document");
@@ -228,11 +216,7 @@ fn several_tests_are_judged_by_tests_left_out() {
     assert!((um_per_m_k - 11.0).abs() < 0.3, "{um_per_m_k}");
     assert!((fixed_mm - 200.0).abs() < 15.0, "{fixed_mm}");
     let printed = text(&call);
-    assert!(
-        printed
-            .lines()
-            .all(|line| line.chars().count() <= 80 || line.contains(" = {"))
-    );
+    assert!(printed.lines().all(|line| line.chars().count() <= 80 || line.contains(" = {")));
     assert!(printed.contains("[[thermal.expansion]]") && printed.contains("[[thermal.seen]]"));
     let other = folder.path().join("other.csv");
     let first = std::fs::read_to_string(files[0]).expect("read");
@@ -251,9 +235,8 @@ fn several_tests_are_judged_by_tests_left_out() {
 fn shipped_runs_and_the_machine_file_with_their_terms() {
     let runs = ["monday", "tuesday", "wednesday", "thursday"];
     let runs = runs.map(|day| format!("examples/thermal/{day}.csv"));
-    let call: Vec<&str> = std::iter::once("fit-thermal")
-        .chain(runs.iter().map(String::as_str))
-        .collect();
+    let call: Vec<&str> =
+        std::iter::once("fit-thermal").chain(runs.iter().map(String::as_str)).collect();
     let answer = json(&call);
     let channel = &answer["displacements"][0];
     // Noise of the displacement: 0.2 µm at the start of the run and in each row.
@@ -273,11 +256,9 @@ fn shipped_runs_and_the_machine_file_with_their_terms() {
 
 #[test]
 fn wrong_files_and_calls_end_with_status_2() {
-    for other in [
-        SPINDLE.to_owned(),
-        format!("./{SPINDLE}"),
-        root().join(SPINDLE).display().to_string(),
-    ] {
+    for other in
+        [SPINDLE.to_owned(), format!("./{SPINDLE}"), root().join(SPINDLE).display().to_string()]
+    {
         let twice = refused(&["fit-thermal", SPINDLE, &other]);
         assert!(twice.contains("appears twice"), "{other}: {twice}");
     }
@@ -291,14 +272,8 @@ fn wrong_files_and_calls_end_with_status_2() {
         ("time_s,t1_degc\n0,20\n", "no displacement"),
         ("time_s,ch1_um\n0,20\n", "no temperature"),
         ("t1_degc,ch1_um\n0,20\n", "no column time_s"),
-        (
-            "time_s,t1_degc,ch1_um\n0,20,1\n1,x,2\n",
-            ":3: t1_degc: found `x`",
-        ),
-        (
-            "time_s,t1_degc,ch1_um\n5,20,1\n1,20,2\n",
-            ":3: time_s: the time goes back",
-        ),
+        ("time_s,t1_degc,ch1_um\n0,20,1\n1,x,2\n", ":3: t1_degc: found `x`"),
+        ("time_s,t1_degc,ch1_um\n5,20,1\n1,20,2\n", ":3: time_s: the time goes back"),
         (
             "time_s,t1_degc,ch1_um\n0,20,1\n1,20,2\n",
             "found 2 rows, of which the first 1 (--train 0.7) find terms and the others judge",
@@ -326,11 +301,7 @@ fn wrong_files_and_calls_end_with_status_2() {
 fn tests_of(folder: &std::path::Path, seed: u64, um_per_k: f64) -> Vec<String> {
     let mut draw = Draw(seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) ^ 5);
     let test = |number: usize| {
-        let (phase, speed, other) = (
-            3.0 * draw.next(),
-            1.5 + 0.5 * draw.next(),
-            3.0 * draw.next(),
-        );
+        let (phase, speed, other) = (3.0 * draw.next(), 1.5 + 0.5 * draw.next(), 3.0 * draw.next());
         let mut text = String::from("time_s,spindle_degc,bed_degc,z_um\n");
         for row in 0..180_u32 {
             let hours = f64::from(row) / 60.0;
@@ -398,10 +369,8 @@ fn a_temperature_that_never_changes_is_named() {
     };
     written(|row| 25.0 + 10.0 * (f64::from(row) / 30.0).sin());
     let ran = volcomp(&["fit-thermal", &path]);
-    let said = String::from_utf8_lossy(&ran.stderr)
-        .split_whitespace()
-        .collect::<Vec<_>>()
-        .join(" ");
+    let said =
+        String::from_utf8_lossy(&ran.stderr).split_whitespace().collect::<Vec<_>>().join(" ");
     contains(&said, "note: bed_degc: the same value in all rows");
     written(|_| 20.0);
     let message = refused(&["fit-thermal", &path]);
@@ -441,10 +410,7 @@ fn inverted_files_dead_sensors_and_other_units_are_named() {
     contains(&sign, "1.csv looks inverted: with the opposite sign 0.");
     assert_eq!(sign.matches("inverted").count(), 1, "{sign}");
     let dead = notes(&|files| changed(&files[0], 1, |_| 20.0));
-    contains(
-        &dead,
-        "0.csv: the same value in all rows of spindle_degc (20 °C)",
-    );
+    contains(&dead, "0.csv: the same value in all rows of spindle_degc (20 °C)");
     let minutes = notes(&|files| {
         for file in files {
             changed(file, 0, |time_s| time_s / 60.0);
@@ -493,16 +459,7 @@ fn heads_have_their_units_in_any_usual_way() {
         std::fs::write(file, text).expect("written");
     }
     assert_eq!(json(&call), before);
-    let named = [
-        &[
-            "fit-thermal",
-            "--displacement",
-            "dx [µm]",
-            "--error",
-            "dx µm=EXX",
-        ],
-        &files[..],
-    ];
+    let named = [&["fit-thermal", "--displacement", "dx [µm]", "--error", "dx µm=EXX"], &files[..]];
     assert_eq!(json(&named.concat()), before);
     assert!(!notes(&call).contains("not read"));
     let spindle = notes(&["fit-thermal", SPINDLE]);
@@ -552,8 +509,5 @@ fn rows_too_far_apart_and_gaps_are_named() {
     contains(&coarse, "are 300 s apart, and the shortest time constant");
     contains(&coarse, "Record the temperatures every");
     let gap = said(60, 3600);
-    contains(
-        &gap,
-        "a gap in the log from 10740 to 14400 s, where rows are usually 60 s apart",
-    );
+    contains(&gap, "a gap in the log from 10740 to 14400 s, where rows are usually 60 s apart");
 }

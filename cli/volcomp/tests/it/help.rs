@@ -15,10 +15,7 @@ pub(crate) fn commands() -> Vec<String> {
         .take_while(|line| !line.is_empty());
     let named = listed.filter(|line| line.starts_with("  ") && !line.starts_with("   "));
     let names = named.filter_map(|line| line.split_whitespace().next());
-    names
-        .filter(|name| *name != "help")
-        .map(str::to_owned)
-        .collect()
+    names.filter(|name| *name != "help").map(str::to_owned).collect()
 }
 
 fn examples(command: &str) -> Vec<String> {
@@ -72,10 +69,7 @@ fn every_command_has_two_examples_that_run() {
         let examples = examples(&command);
         assert_eq!(examples.len(), 2, "volcomp {command} --help: {examples:?}");
         for example in examples {
-            assert!(
-                example.split_whitespace().any(|word| word == command),
-                "{example}"
-            );
+            assert!(example.split_whitespace().any(|word| word == command), "{example}");
             // The studio runs until stopped and opens a browser; `studio.rs` tests it.
             if command == "studio" {
                 continue;
@@ -105,11 +99,7 @@ fn every_command_has_two_examples_that_run() {
 fn help_fits_eighty_columns_and_speaks_of_micrometres() {
     for command in commands().iter().map(String::as_str).chain([""]) {
         let call = [command, "--help"];
-        let help = text(if command.is_empty() {
-            &call[1..]
-        } else {
-            &call
-        });
+        let help = text(if command.is_empty() { &call[1..] } else { &call });
         let mut among_values = false;
         for line in help.lines() {
             assert!(line.chars().count() <= 80, "{command}: {line}");

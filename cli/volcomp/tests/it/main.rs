@@ -160,10 +160,7 @@ pub(crate) fn refused(call: &(impl Call + ?Sized)) -> String {
     let stderr = String::from_utf8_lossy(&output.stderr).into_owned();
     let words = call.words();
     assert_eq!(output.status.code(), Some(2), "{words:?}: {stderr}");
-    assert!(
-        output.stdout.is_empty(),
-        "{words:?} printed on standard output"
-    );
+    assert!(output.stdout.is_empty(), "{words:?} printed on standard output");
     assert!(!stderr.contains("panicked"), "{stderr}");
     stderr
 }
@@ -183,9 +180,7 @@ pub(crate) fn cases(table: &str) -> impl Iterator<Item = (&str, &str)> {
 pub(crate) fn refuse_each(table: &str, files: &[(&str, &str)]) {
     for (call, expected) in cases(table) {
         let named = files.iter();
-        let call = named.fold(call.to_owned(), |call, (name, path)| {
-            call.replace(name, path)
-        });
+        let call = named.fold(call.to_owned(), |call, (name, path)| call.replace(name, path));
         refuses(&call, expected);
     }
 }
@@ -200,10 +195,8 @@ pub(crate) struct Draw(pub(crate) u64);
 
 impl Draw {
     pub(crate) fn next(&mut self) -> f64 {
-        self.0 = self
-            .0
-            .wrapping_mul(6_364_136_223_846_793_005)
-            .wrapping_add(1_442_695_040_888_963_407);
+        self.0 =
+            self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         2.0 * ((self.0 >> 11) as f64 / (1_u64 << 53) as f64) - 1.0
     }
 
@@ -226,8 +219,5 @@ pub(crate) fn list(value: &Value) -> &Vec<Value> {
 #[track_caller]
 pub(crate) fn close(value: &Value, expected: f64, tolerance: f64) {
     let found = value.as_f64().unwrap_or(f64::NAN);
-    assert!(
-        (found - expected).abs() <= tolerance,
-        "{found}, expected {expected}"
-    );
+    assert!((found - expected).abs() <= tolerance, "{found}, expected {expected}");
 }

@@ -15,9 +15,7 @@ fn uncertain(folder: &Path, threads: &str, file: &str, seed: &str) -> (Value, St
     let output = Command::new(env!("CARGO_BIN_EXE_volcomp"))
         .env("RAYON_NUM_THREADS", threads)
         .current_dir(root())
-        .args([
-            "--json", "map", "--grid", "5x4x3", "--trials", "12", "--seed", seed, "-m",
-        ])
+        .args(["--json", "map", "--grid", "5x4x3", "--trials", "12", "--seed", seed, "-m"])
         .arg(folder.join("machine.toml"))
         .arg("--uncertainty")
         .arg(calibration)
@@ -50,13 +48,8 @@ fn the_uncertainty_is_the_same_on_any_number_of_cores() {
             "X_mm,Y_mm,Z_mm,error_x_um,error_y_um,error_z_um,error_a_urad,error_b_urad,error_c_urad,uncertainty_x_um,uncertainty_y_um,uncertainty_z_um,uncertainty_a_urad,uncertainty_b_urad,uncertainty_c_urad"
         )
     );
-    let rows: Vec<Vec<f64>> = lines
-        .map(|line| {
-            line.split(',')
-                .map(|n| n.parse().expect("a number"))
-                .collect()
-        })
-        .collect();
+    let rows: Vec<Vec<f64>> =
+        lines.map(|line| line.split(',').map(|n| n.parse().expect("a number")).collect()).collect();
     assert_eq!(rows.len(), 60);
     // At the reference all positioning curves are zero by definition.
     assert!(rows[0][9..12].iter().all(|u| *u < 1.0), "{:?}", rows[0]);
@@ -104,13 +97,7 @@ fn rotary_axes_stand_where_at_says() {
         let number = |k: usize| float(&found["position_um"][k]);
         [number(0), number(1), number(2)]
     };
-    let map = json(
-        &[
-            &["map", "-m", MACHINE, "--grid", "1x1x1", "--exact"][..],
-            &at,
-        ]
-        .concat(),
-    );
+    let map = json(&[&["map", "-m", MACHINE, "--grid", "1x1x1", "--exact"][..], &at].concat());
     let middle = error("X=300,Y=250,Z=-200");
     for (k, expected) in middle.iter().enumerate() {
         let found = float(&map["position_um"][k]);
@@ -126,15 +113,9 @@ fn rotary_axes_stand_where_at_says() {
     let found = float(&diagonals["PPP"]["deviation_um"][1]);
     let (low, high) = (error("X=0,Y=0,Z=-400"), error("X=600,Y=500,Z=0"));
     // The diagonal in workpiece axes, which rotate with the table (C on A).
-    let ((sin_a, cos_a), (sin_c, cos_c)) = (
-        (-40.0_f64).to_radians().sin_cos(),
-        75.0_f64.to_radians().sin_cos(),
-    );
-    let [x, y, z] = [
-        600.0,
-        500.0 * cos_a - 400.0 * sin_a,
-        500.0 * sin_a + 400.0 * cos_a,
-    ];
+    let ((sin_a, cos_a), (sin_c, cos_c)) =
+        ((-40.0_f64).to_radians().sin_cos(), 75.0_f64.to_radians().sin_cos());
+    let [x, y, z] = [600.0, 500.0 * cos_a - 400.0 * sin_a, 500.0 * sin_a + 400.0 * cos_a];
     let way = [x * cos_c - y * sin_c, x * sin_c + y * cos_c, z];
     let length = way.iter().map(|w| w * w).sum::<f64>().sqrt();
     let along = |error: [f64; 3]| error.iter().zip(&way).map(|(e, w)| e * w).sum::<f64>() / length;
@@ -145,19 +126,13 @@ fn rotary_axes_stand_where_at_says() {
         &["map", "-m", MACHINE, "--grid", "2x2x2", "--at", "X=5"],
         "--at: found X, which goes over its travel here",
     );
-    for call in [
-        &["map", "-m", MACHINE, "--grid", "1x1x1"][..],
-        &["diagonals", "-m", MACHINE],
-    ] {
+    for call in [&["map", "-m", MACHINE, "--grid", "1x1x1"][..], &["diagonals", "-m", MACHINE]] {
         contains(
             &notes(&[call, &["--at", "A=400"]].concat()),
             "outside travel: A = 400 deg, travel -110 to 30 deg",
         );
     }
-    refuses(
-        &["diagonals", "-m", MACHINE, "--at", "B=5"],
-        "has no axis B",
-    );
+    refuses(&["diagonals", "-m", MACHINE, "--at", "B=5"], "has no axis B");
 }
 
 /// Constants and a common rotation of all axes only move the workpiece: 22.9 µm and 40 µrad in machine coordinates are no errors of form,
@@ -282,10 +257,7 @@ fn poses_of_all_axes_have_their_uncertainty() {
     let asked = ["--uncertainty", &calibration, "--trials", "2000"];
     let found = json(&[&map[..], &asked].concat());
     let number = |value: &serde_json::Value| value.as_f64().expect("a number");
-    assert!(
-        number(&found["uncertainty"]["largest_um"]) < 1e-6,
-        "{found}"
-    );
+    assert!(number(&found["uncertainty"]["largest_um"]) < 1e-6, "{found}");
     let own = &found["all_axes"]["uncertainty"];
     // 2000 samples determine a standard deviation within 1.6 %; the tolerance is three times that.
     let near = |found: f64, expected: f64| (found / expected - 1.0).abs() < 0.048;
@@ -294,10 +266,7 @@ fn poses_of_all_axes_have_their_uncertainty() {
     // Both values are from the same samples, so their ratio is more accurate.
     let ratio = number(&own["largest_um"]) / number(&own["rms_um"]);
     assert!((ratio / 2.0_f64.sqrt() - 1.0).abs() < 0.03, "{ratio}");
-    assert!(
-        number(&own["at"]["C"]).abs() > 175.0 && number(&own["rms_urad"]) < 1e-6,
-        "{own}"
-    );
+    assert!(number(&own["at"]["C"]).abs() > 175.0 && number(&own["rms_urad"]) < 1e-6, "{own}");
     let shown = text(&[&map[..], &asked].concat());
     contains(&shown, "standard uncertainty: root mean square 7.");
     assert!(json(&map)["all_axes"]["uncertainty"].is_null());
@@ -307,9 +276,7 @@ fn array(vtk: &str, name: &str) -> Vec<f64> {
     let (_, from) = vtk.split_once(&format!("Name=\"{name}\"")).expect(name);
     let (_, from) = from.split_once('>').expect("the end of the tag");
     let (numbers, _) = from.split_once("</DataArray>").expect("the end");
-    let numbers = numbers
-        .split_whitespace()
-        .map(|n| n.parse().expect("a number"));
+    let numbers = numbers.split_whitespace().map(|n| n.parse().expect("a number"));
     numbers.collect()
 }
 
@@ -340,25 +307,15 @@ fn vtk_files_hold_each_axis_at_its_own_place() {
     assert_eq!(array(&vtr, "X_mm"), [0.0, 50.0, 100.0]);
     assert_eq!(array(&vtr, "Y_mm"), [0.0]);
     assert_eq!(array(&vtr, "Z_mm"), [-40.0, 60.0]);
-    assert_eq!(
-        attribute(&vtr, "WholeExtent"),
-        ["0", "2", "0", "0", "0", "1"]
-    );
+    assert_eq!(attribute(&vtr, "WholeExtent"), ["0", "2", "0", "0", "0", "1"]);
     // EZZ = 0.1 µm/mm from the reference depends on Z only; the three nodes along X come first.
     let position = array(&vtr, "position_um");
     assert_eq!(position.len(), 3 * 6);
     let along_z: Vec<f64> = position.chunks(3).map(|node| node[2]).collect();
     assert!(along_z[..3].iter().all(|dz| *dz == along_z[0]));
-    assert!(
-        along_z[3..]
-            .iter()
-            .all(|dz| (dz - along_z[0] - 10.0).abs() < 1e-6)
-    );
+    assert!(along_z[3..].iter().all(|dz| (dz - along_z[0] - 10.0).abs() < 1e-6));
     let vti = map("w b Z X t", &both, "m.vti");
-    assert_eq!(
-        attribute(&vti, "WholeExtent"),
-        ["0", "2", "0", "0", "0", "1"]
-    );
+    assert_eq!(attribute(&vti, "WholeExtent"), ["0", "2", "0", "0", "0", "1"]);
     assert_eq!(attribute(&vti, "Origin"), ["0", "0", "-40"]);
     assert_eq!(attribute(&vti, "Spacing"), ["50", "1", "100"]);
     let alone = map("w b Z t", z, "z.vtr");
@@ -381,23 +338,14 @@ fn the_tilt_of_the_tool_is_told_apart_from_the_rotation_about_it() {
     let of = |key: &str| answer["all_axes"][key].as_f64().expect(key);
     assert!((of("tilt_rms_urad") - 50.0).abs() < 0.1, "{answer}");
     assert!((of("about_tool_rms_urad") - 200.0).abs() < 0.1, "{answer}");
-    assert!(
-        (of("rms_urad") - 50.0_f64.hypot(200.0)).abs() < 0.1,
-        "{answer}"
-    );
+    assert!((of("rms_urad") - 50.0_f64.hypot(200.0)).abs() < 0.1, "{answer}");
     for beside in ["", "form_"] {
         let parts = of(&format!("{beside}tilt_rms_urad"))
             .hypot(of(&format!("{beside}about_tool_rms_urad")));
-        assert!(
-            (of(&format!("{beside}rms_urad")) - parts).abs() < 1e-6,
-            "{answer}"
-        );
+        assert!((of(&format!("{beside}rms_urad")) - parts).abs() < 1e-6, "{answer}");
     }
     let shown = crate::text(&call);
-    contains(
-        &shown,
-        "  tilt of the tool axis 50.000 µrad, after alignment ",
-    );
+    contains(&shown, "  tilt of the tool axis 50.000 µrad, after alignment ");
     contains(&shown, "  rotation about it 200.000 µrad, after alignment ");
 }
 

@@ -23,18 +23,12 @@ fn the_file_is_the_map_that_is_told_of() {
     assert_eq!(map.header().counter, 12);
     assert_eq!(answer["words"], json!(map.words().len()));
     assert!(float(&answer["error_max_um"]) <= 3.0);
-    assert_eq!(
-        answer["grid"][0]["lines"],
-        json!(map.header().lines[0].count)
-    );
+    assert_eq!(answer["grid"][0]["lines"], json!(map.header().lines[0].count));
     // 11.5 µm/(m·K) over 8 m.
     let um_per_k = float(&answer["um_per_k"]["scale_x"]);
     assert!((um_per_k - 92.0).abs() < 0.5, "{um_per_k}");
     let refresh_s = float(&answer["refresh_s"]);
-    assert!(
-        (refresh_s - 3600.0 * 3.0 / um_per_k).abs() < 0.01,
-        "{refresh_s}"
-    );
+    assert!((refresh_s - 3600.0 * 3.0 / um_per_k).abs() < 0.01, "{refresh_s}");
 
     json(&format!("{call} --high-first"));
     let high = fs::read(&path).expect("written");
@@ -42,8 +36,7 @@ fn the_file_is_the_map_that_is_told_of() {
     let told = text(&call);
     contains(&told, "Error of the map: ");
     assert!(
-        told.lines()
-            .all(|line| line.chars().count() <= 80 || line.contains("gantry.map")),
+        told.lines().all(|line| line.chars().count() <= 80 || line.contains("gantry.map")),
         "{told}"
     );
 }

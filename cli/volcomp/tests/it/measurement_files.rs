@@ -14,10 +14,8 @@ fn inspect_takes_several_files_and_tells_the_odd_ones() {
     let good = folder.write("exx.csv", "target_mm,deviation_um\n0,1\n10,2\n20,4\n");
     let same = folder.write("eyy.csv", "target_mm,deviation_um\n0,-1\n10,-2\n20,-4\n");
     let cut = folder.write("ezz.rtl", "HEADER::\r\nFile type : rtl\r\n");
-    let log = folder.write(
-        "x.log",
-        "A:POS 2026-03-14 10:00:00.5 1.5\nA:POS 2026-03-14 10:00:01.5 2.5\n",
-    );
+    let log =
+        folder.write("x.log", "A:POS 2026-03-14 10:00:00.5 1.5\nA:POS 2026-03-14 10:00:01.5 2.5\n");
     let output = volcomp(&["--json", "inspect", &good, &same, &cut, &log]);
     assert_eq!(output.status.code(), Some(2));
     let document: Value = serde_json::from_slice(&output.stdout).expect("JSON");
@@ -25,18 +23,8 @@ fn inspect_takes_several_files_and_tells_the_odd_ones() {
     assert_eq!(files.len(), 4);
     assert_eq!(files[0]["kind"], "table");
     assert_eq!(files[0]["warnings"], Value::Array(Vec::new()));
-    assert!(
-        files[1]["warnings"][0]
-            .as_str()
-            .expect("a text")
-            .contains("the same readings as")
-    );
-    assert!(
-        files[2]["error"]
-            .as_str()
-            .expect("a text")
-            .contains("EOF::")
-    );
+    assert!(files[1]["warnings"][0].as_str().expect("a text").contains("the same readings as"));
+    assert!(files[2]["error"].as_str().expect("a text").contains("EOF::"));
     assert_eq!(files[3]["channels"][0]["max"], 2.5);
     let shown = text(&["inspect", &good, &log]);
     contains(&shown, "measured minus target");
@@ -53,27 +41,12 @@ fn a_folder_becomes_a_draft_that_asks_before_it_is_calibrated() {
     json(&["simulate", SHOP, "-o", &lasers]);
     let [machine, drafted, result] = ["machine.toml", "drafted.toml", "result.toml"]
         .map(|name| folder.path().join(name).display().to_string());
-    let call = [
-        "calibrate",
-        "--draft",
-        &lasers,
-        "--machine",
-        &machine,
-        "-o",
-        &drafted,
-    ];
+    let call = ["calibrate", "--draft", &lasers, "--machine", &machine, "-o", &drafted];
     let document = json(&call);
     let measurements = list(&document["measurements"]);
     let files = fs::read_dir(folder.path()).expect("a folder").count();
-    assert!(
-        measurements.len() > 10 && measurements.len() < files,
-        "{}",
-        measurements.len()
-    );
-    assert!(
-        measurements.iter().all(|of| of["error"].is_string()),
-        "{measurements:?}"
-    );
+    assert!(measurements.len() > 10 && measurements.len() < files, "{}", measurements.len());
+    assert!(measurements.iter().all(|of| of["error"].is_string()), "{measurements:?}");
     let questions = list(&document["questions"]);
     assert!(questions.iter().any(|asked| asked["key"] == "point"));
     let message = refused(&["calibrate", &drafted, "-o", &result]);
@@ -95,15 +68,7 @@ fn a_folder_becomes_a_draft_that_asks_before_it_is_calibrated() {
     assert!(refused(&["calibrate", &drafted, "--replace", "-o", &result]).contains("--draft"));
     // The draft must not overwrite a source file.
     let laser = folder.file("exx.rtl");
-    let call = [
-        "calibrate",
-        "--draft",
-        &lasers,
-        "--machine",
-        &machine,
-        "-o",
-        &laser,
-    ];
+    let call = ["calibrate", "--draft", &lasers, "--machine", &machine, "-o", &laser];
     assert!(refused(&call).contains("expected another file"));
     assert!(refused(&["calibrate", "--draft", &lasers, "-o", &drafted]).contains("--machine"));
     let empty = Folder::new();
@@ -124,12 +89,7 @@ fn an_error_is_answered_in_one_call_with_what_follows() {
         "calibrate --draft {files} --machine examples/calibration/machine.toml --replace -o {drafted}"
     );
     let answered = json(&format!("{call} --answer at.X=0 --answer error=EXX"));
-    assert!(
-        answered["warnings"]
-            .to_string()
-            .contains("at.X is no question for EXX"),
-        "{answered}"
-    );
+    assert!(answered["warnings"].to_string().contains("at.X is no question for EXX"), "{answered}");
     let answered = json(&format!("{call} --answer EZX:sign=-1 --answer error=EZX"));
     assert_eq!(answered["measurements"][0]["error"], "EZX");
     let text = fs::read_to_string(&drafted).expect("the draft");
@@ -148,15 +108,7 @@ fn straightnesses() -> (Folder, Vec<String>) {
     let machine = folder.write("m.toml", &mill);
     let drafted = folder.file("drafted.toml");
     let lasers = folder.path().display().to_string();
-    let call = [
-        "calibrate",
-        "--draft",
-        &lasers,
-        "--machine",
-        &machine,
-        "-o",
-        &drafted,
-    ];
+    let call = ["calibrate", "--draft", &lasers, "--machine", &machine, "-o", &drafted];
     let call = call.map(str::to_owned).to_vec();
     (folder, call)
 }
@@ -174,37 +126,18 @@ fn the_narrower_answer_counts_whatever_the_order() {
         assert_eq!(output.status.code(), Some(0));
         let draft = fs::read_to_string(drafted).expect("the draft");
         let of = |error: &str| {
-            let (_, behind) = draft
-                .split_once(&format!("error = \"{error}\""))
-                .expect(error);
+            let (_, behind) = draft.split_once(&format!("error = \"{error}\"")).expect(error);
             let (_, value) = behind.split_once("rides = ").expect("a key");
-            value
-                .lines()
-                .next()
-                .expect("a value")
-                .trim_matches('"')
-                .to_owned()
+            value.lines().next().expect("a value").trim_matches('"').to_owned()
         };
         let told = String::from_utf8_lossy(&output.stderr).replace("\n  ", " ");
-        (
-            [of("EYX"), of("EXY")].join(" "),
-            told.contains("settles nothing"),
-        )
+        ([of("EYX"), of("EXY")].join(" "), told.contains("settles nothing"))
     };
-    for answers in [
-        ["rides=other", "Y:rides=carriage"],
-        ["Y:rides=carriage", "rides=other"],
-    ] {
+    for answers in [["rides=other", "Y:rides=carriage"], ["Y:rides=carriage", "rides=other"]] {
         assert_eq!(rides(&answers), ("other carriage".to_owned(), false));
     }
-    assert_eq!(
-        rides(&["Y:rides=carriage", "EXY:rides=other"]),
-        ("? other".to_owned(), true)
-    );
-    assert_eq!(
-        rides(&["rides=other", "rides=carriage"]),
-        ("other other".to_owned(), true)
-    );
+    assert_eq!(rides(&["Y:rides=carriage", "EXY:rides=other"]), ("? other".to_owned(), true));
+    assert_eq!(rides(&["rides=other", "rides=carriage"]), ("other other".to_owned(), true));
 }
 
 fn laser(serial: &str, title: &str) -> String {
@@ -226,41 +159,19 @@ fn several_files_end_in_a_table() {
     let shown = text(&["inspect", &lasers]);
     let (_, overview) = shown.split_once("runs ↑ + ↓").expect("a table");
     for row in [
-        [
-            "exx.rtl",
-            "EXX",
-            "Mill 7",
-            "12",
-            "1 + 1",
-            "3",
-            "0 to 200 mm",
-        ],
-        [
-            "second.rtl",
-            "EXX",
-            "Mill 7",
-            "13",
-            "1 + 1",
-            "3",
-            "0 to 200 mm",
-        ],
+        ["exx.rtl", "EXX", "Mill 7", "12", "1 + 1", "3", "0 to 200 mm"],
+        ["second.rtl", "EXX", "Mill 7", "13", "1 + 1", "3", "0 to 200 mm"],
     ] {
-        let found = overview
-            .lines()
-            .find(|line| line.starts_with(&format!(" {}", row[0])));
+        let found = overview.lines().find(|line| line.starts_with(&format!(" {}", row[0])));
         let found = found.expect(row[0]);
         let mut rest = found;
         for cell in row {
-            let (_, behind) = rest
-                .split_once(cell)
-                .unwrap_or_else(|| panic!("{cell}: {found}"));
+            let (_, behind) = rest.split_once(cell).unwrap_or_else(|| panic!("{cell}: {found}"));
             rest = behind;
         }
     }
     assert!(
-        shown
-            .lines()
-            .all(|line| line.chars().count() <= 80 || line.contains(&lasers)),
+        shown.lines().all(|line| line.chars().count() <= 80 || line.contains(&lasers)),
         "{shown}"
     );
     let output = volcomp(&["inspect", &lasers]);
@@ -294,10 +205,7 @@ fn several_files_end_in_a_table() {
         "{told}"
     );
     let empty = Folder::new();
-    refuses(
-        &["inspect", &empty.path().display().to_string()],
-        "found a folder without files",
-    );
+    refuses(&["inspect", &empty.path().display().to_string()], "found a folder without files");
 }
 
 #[test]
@@ -318,10 +226,6 @@ fit examples/circle.csv --method poly => looks like a circle",
         ("x,deviation\n1,1\n", false),
     ] {
         let message = refused(&["inspect", &folder.write("a.csv", table)]);
-        assert_eq!(
-            message.contains("looks like a circle"),
-            is_circle,
-            "{table}: {message}"
-        );
+        assert_eq!(message.contains("looks like a circle"), is_circle, "{table}: {message}");
     }
 }

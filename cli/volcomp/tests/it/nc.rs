@@ -6,14 +6,7 @@ use crate::{Folder, contains, ended, float, refused, refuses, root, volcomp};
 
 fn run(output: &Path, more: &[&str]) -> std::process::Output {
     let output = output.to_str().expect("a path in UTF-8");
-    let mut call = vec![
-        "nc",
-        "examples/part.ngc",
-        "-o",
-        output,
-        "-m",
-        "examples/mill.toml",
-    ];
+    let mut call = vec!["nc", "examples/part.ngc", "-o", output, "-m", "examples/mill.toml"];
     call.extend(["--setup", "examples/setup.toml"]);
     call.extend(more);
     volcomp(&call)
@@ -37,13 +30,7 @@ fn the_examples_of_other_languages_are_better_afterwards() {
         let program = format!("examples/{program}");
         let output = result.to_str().expect("a path in UTF-8");
         let mut call = vec!["--json", "nc", &program, "-o", output];
-        call.extend([
-            "-m",
-            "examples/mill.toml",
-            "--setup",
-            "examples/setup.toml",
-            "--verify",
-        ]);
+        call.extend(["-m", "examples/mill.toml", "--setup", "examples/setup.toml", "--verify"]);
         let ran = volcomp(&call);
         assert!(ran.status.success(), "{ran:?}");
         let answer: serde_json::Value = serde_json::from_slice(&ran.stdout).expect("JSON");
@@ -75,26 +62,17 @@ fn the_example_is_better_afterwards() {
 #[test]
 fn a_worse_result_is_not_kept() {
     let folder = Folder::new();
-    let (result, truth) = (
-        folder.path().join("o.ngc"),
-        folder.path().join("truth.toml"),
-    );
+    let (result, truth) = (folder.path().join("o.ngc"), folder.path().join("truth.toml"));
     let machine = fs::read_to_string(root().join("examples/mill.toml")).expect("the example");
     let (head, _) = machine.split_once("[errors]").expect("errors");
-    fs::write(
-        &truth,
-        format!("{head}[errors]\nEXX = {{ poly = [0.0, -0.5] }}\n"),
-    )
-    .expect("a file");
+    fs::write(&truth, format!("{head}[errors]\nEXX = {{ poly = [0.0, -0.5] }}\n")).expect("a file");
     let truth = truth.to_str().expect("a path in UTF-8");
     fs::write(&result, "what was there before").expect("a file");
     let picture = folder.path().join("o.svg");
     let picture = picture.to_str().expect("a path in UTF-8");
     let (output, machine) = (result.to_str().expect("a path in UTF-8"), truth);
     let program = &folder.write("p.ngc", "G0 X0 Y0 Z-100\nG1 F100 X300\n");
-    let reversed = fs::read_to_string(machine)
-        .expect("a file")
-        .replace("-0.5", "0.5");
+    let reversed = fs::read_to_string(machine).expect("a file").replace("-0.5", "0.5");
     let model = &folder.write("model.toml", reversed);
     let ran = volcomp(&format!(
         "nc {program} -o {output} -m {model} --verify --truth {truth} --plot {picture}"
@@ -120,9 +98,7 @@ fn a_slightly_worse_form_is_stated() {
     let program = folder.write("p.ngc", "G0 X0 Y0 Z-100\nG1 F100 X300\n");
     let output = folder.path().join("o.ngc").display().to_string();
     let verified = |model: &str| {
-        let ran = volcomp(&format!(
-            "nc {program} -o {output} -m {model} --verify --truth {truth}"
-        ));
+        let ran = volcomp(&format!("nc {program} -o {output} -m {model} --verify --truth {truth}"));
         assert!(ran.status.success(), "{ran:?}");
         String::from_utf8(ran.stdout).expect("UTF-8")
     };
@@ -184,10 +160,7 @@ fn the_mean_correction_is_judged_as_well() {
     let result = folder.path().join("o.ngc");
     let answer = answered(&result, &["--average", "--verify"]);
     let number = |when: &str, key: &str| float(&answer["verified"][when][key]);
-    assert!(
-        number("after", "rms_um") < 0.5 * number("before", "rms_um"),
-        "{answer}"
-    );
+    assert!(number("after", "rms_um") < 0.5 * number("before", "rms_um"), "{answer}");
     let [before, after] = ["before", "after"].map(|when| number(when, "form_rms_um"));
     assert!((before - after).abs() < 0.05, "{answer}");
 }
@@ -204,10 +177,7 @@ fn what_is_wrong_is_told() {
         "this is the file of PROGRAM",
     );
     let output = result.to_str().expect("a path in UTF-8");
-    refuses(
-        &["nc", "examples", "-o", output, "-m", "examples/mill.toml"],
-        "it is a directory",
-    );
+    refuses(&["nc", "examples", "-o", output, "-m", "examples/mill.toml"], "it is a directory");
     assert!(!result.exists());
 }
 
@@ -218,17 +188,10 @@ fn options_without_sense_are_refused_before_the_work() {
     let path = |name: &str| folder.path().join(name).display().to_string();
     let (result, picture, part) = (path("o.ngc"), path("o.pdf"), path("part.toml"));
     let (same, odd) = (path("o.svg"), path("none/o.svg"));
-    fs::write(
-        &part,
-        "[[feature]]\nname = \"a\"\nkind = \"circle\"\nlines = [9, 9]\nradius = 0\n",
-    )
-    .expect("a file");
+    fs::write(&part, "[[feature]]\nname = \"a\"\nkind = \"circle\"\nlines = [9, 9]\nradius = 0\n")
+        .expect("a file");
     let cases: [(&str, &[&str], &str); 8] = [
-        (
-            &result,
-            &["--tolerance", "-1"],
-            "--tolerance: found -1, expected µm from 0.001 to 1000",
-        ),
+        (&result, &["--tolerance", "-1"], "--tolerance: found -1, expected µm from 0.001 to 1000"),
         (&result, &["--tolerance", "nan"], "--tolerance: found NaN"),
         (
             &result,
@@ -247,21 +210,10 @@ fn options_without_sense_are_refused_before_the_work() {
         ),
         (&same, &["--verify", "--plot", &same], "expected two files"),
         (&result, &["--verify", "--plot", &odd], "there is no folder"),
-        (
-            &result,
-            &["--verify", "--inspect", &part],
-            "part.toml:5: feature[0].radius: unknown key",
-        ),
+        (&result, &["--verify", "--inspect", &part], "part.toml:5: feature[0].radius: unknown key"),
     ];
     for (result, more, expected) in cases {
-        let call = [
-            "nc",
-            "examples/part.ngc",
-            "-o",
-            result,
-            "-m",
-            "examples/mill.toml",
-        ];
+        let call = ["nc", "examples/part.ngc", "-o", result, "-m", "examples/mill.toml"];
         let setup = ["--setup", "examples/setup.toml"];
         let said = refused(&[&call[..], &setup, more].concat());
         assert!(said.contains(expected), "{more:?}: {said}");
@@ -344,10 +296,9 @@ fn a_machine_of_no_months_is_as_it_was() {
         let call = ["age", "-m", machine, "-o", output, "--months"];
         volcomp(&[&call[..], more].concat())
     };
-    for (machine, output, more) in [
-        ("examples/mill.toml", &first, &["0"][..]),
-        (&first, &second, &["24", "--load", "0"]),
-    ] {
+    for (machine, output, more) in
+        [("examples/mill.toml", &first, &["0"][..]), (&first, &second, &["24", "--load", "0"])]
+    {
         let ran = call(machine, output, more);
         assert!(ran.status.success(), "{ran:?}");
         let said = String::from_utf8_lossy(&ran.stdout);
@@ -385,9 +336,8 @@ fn the_mean_correction_is_in_the_work_offset() {
     contains(&shown, "residual after the mean");
     let original = fs::read_to_string(root().join("examples/part.ngc")).expect("the example");
     let text = fs::read_to_string(&result).expect("the result");
-    let (added, kept): (Vec<&str>, Vec<&str>) = text
-        .lines()
-        .partition(|line| line.starts_with("G10 L2 P1 X") || *line == "G21 G90");
+    let (added, kept): (Vec<&str>, Vec<&str>) =
+        text.lines().partition(|line| line.starts_with("G10 L2 P1 X") || *line == "G21 G90");
     assert_eq!(kept, original.lines().collect::<Vec<_>>());
     assert_eq!(added.len(), 2, "{text}");
 }
@@ -452,14 +402,8 @@ fn other_machines_and_files_of_subroutines_are_refused() {
     };
     let message = said(run("subs/pocket.ngc", &[]));
     contains(&message, "of --subroutines, which the program may call");
-    assert_eq!(
-        fs::read_to_string(path("subs/pocket.ngc")).expect("there"),
-        called
-    );
+    assert_eq!(fs::read_to_string(path("subs/pocket.ngc")).expect("there"), called);
     assert!(run("subs/other.ngc", &[]).status.success());
-    let message = said(run(
-        "o.ngc",
-        &["--verify", "--truth", "examples/gantry.toml"],
-    ));
+    let message = said(run("o.ngc", &["--verify", "--truth", "examples/gantry.toml"]));
     contains(&message, "structure is `w X' b Y Z t`, expected");
 }

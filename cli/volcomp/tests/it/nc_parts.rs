@@ -47,17 +47,9 @@ fn a_bed_and_a_worktable_become_straight() {
     let folder = Folder::new();
     let model = calibrated(&folder, "cli/volcomp/demo/shop.toml");
     let found = inspected(&folder, &model, "cli/volcomp/demo/truth.toml", "bed", None);
-    for name in [
-        "bed, sideways",
-        "bed, height",
-        "worktable, sideways",
-        "worktable, height",
-    ] {
+    for name in ["bed, sideways", "bed, height", "worktable, sideways", "worktable, height"] {
         let [before, after] = number(&found, name, "minimum_zone_um");
-        assert!(
-            before > 10.0 && after < 0.15 * before,
-            "{name}: {before} {after}"
-        );
+        assert!(before > 10.0 && after < 0.15 * before, "{name}: {before} {after}");
     }
 }
 
@@ -94,20 +86,11 @@ fn a_rear_hub_is_better_point_by_point_than_by_the_mean() {
     let [mean_position, mean_roundness] = figures(&["--average"]);
     let [coarse_position, _] = figures(&[]);
     let [position, roundness] = figures(&["--decimals", "4,5,3", "--tolerance", "0.2"]);
-    assert!(
-        position[0] > 5.0 && position[1] <= 0.1 * position[0],
-        "{position:?}"
-    );
-    assert!(
-        coarse_position[1] <= 0.1 * coarse_position[0],
-        "{coarse_position:?}"
-    );
+    assert!(position[0] > 5.0 && position[1] <= 0.1 * position[0], "{position:?}");
+    assert!(coarse_position[1] <= 0.1 * coarse_position[0], "{coarse_position:?}");
     // The mean corrects the position of the part, but neither the relative positions of the holes nor the form.
     assert!(mean_position[1] > 2.0 * position[1], "{mean_position:?}");
-    assert!(
-        (mean_roundness[1] - mean_roundness[0]).abs() < 0.5,
-        "{mean_roundness:?}"
-    );
+    assert!((mean_roundness[1] - mean_roundness[0]).abs() < 0.5, "{mean_roundness:?}");
     assert!(roundness[1] < 0.1 * roundness[0], "{roundness:?}");
 }
 
@@ -118,23 +101,12 @@ fn a_test_piece_has_its_outlines() {
     let model = calibrated(&folder, OLD_MILL_SHOP);
     let fine = ["--decimals", "4,5,3", "--tolerance", "0.2"];
     let judged = |more: &[&str]| {
-        inspected_with(
-            &folder,
-            &model,
-            OLD_MILL,
-            "test-piece",
-            OLD_MILL_SETUP,
-            more,
-        )
+        inspected_with(&folder, &model, OLD_MILL, "test-piece", OLD_MILL_SETUP, more)
     };
     let (coarse, found) = (judged(&[]), judged(&fine));
     for feature in coarse.as_array().expect("features") {
         let name = feature["name"].as_str().expect("a name");
-        let key = if name == "cone" {
-            "form_um"
-        } else {
-            "minimum_zone_um"
-        };
+        let key = if name == "cone" { "form_um" } else { "minimum_zone_um" };
         number(&coarse, name, key);
     }
     let form = |of: &Value, name: &str| number(of, name, "minimum_zone_um");
@@ -145,23 +117,14 @@ fn a_test_piece_has_its_outlines() {
     for side in ["front", "right", "back", "left"] {
         let square = format!("square, {side}");
         let [before, after] = form(&found, &square);
-        assert!(
-            before > 3.0 && after < 0.1 * before,
-            "{square}: {before} {after}"
-        );
+        assert!(before > 3.0 && after < 0.1 * before, "{square}: {before} {after}");
         for outline in [square, format!("diamond, {side}")] {
             let [before, after] = direction(&found, &outline);
-            assert!(
-                before > 25.0 && after < 0.1 * before,
-                "{outline}: {before} {after}"
-            );
+            assert!(before > 25.0 && after < 0.1 * before, "{outline}: {before} {after}");
         }
     }
     let [before, after] = number(&found, "cone", "form_um");
-    assert!(
-        before > 10.0 && after < 0.2 * before,
-        "cone: {before} {after}"
-    );
+    assert!(before > 10.0 && after < 0.2 * before, "cone: {before} {after}");
 }
 
 /// The ISO 10791-7 cone frustum, tilted and off the table's centre: all five axes move; roundness and coaxiality improve by 90 %.
@@ -195,11 +158,8 @@ fn table_model(folder: &Folder, shop: &str) -> String {
     let unknown = &spheres[spheres.find("unknown").expect("unknowns")..];
     let (unknown, observations) = unknown.split_at(unknown.find("[[observation]]").expect("one"));
     let both = files.join("both.toml");
-    fs::write(
-        &both,
-        format!("{machine}\n{unknown}{measurements}\n{observations}"),
-    )
-    .expect("written");
+    fs::write(&both, format!("{machine}\n{unknown}{measurements}\n{observations}"))
+        .expect("written");
     let model = folder.file("model.toml");
     json(&["calibrate", &both.display().to_string(), "-o", &model]);
     model

@@ -21,38 +21,20 @@ const CALLS: [(&str, &str); 13] = [
         "Circular test to ISO 230-4, plane XY, radius 150.000 mm",
     ),
     ("fit {positioning}", "through the mean deviations"),
-    (
-        "map -m examples/gantry.toml --grid 2x2x2",
-        "Volumetric error",
-    ),
-    (
-        "map -m examples/two-axes.toml --grid 2x2x2",
-        "Volumetric error",
-    ),
-    (
-        "diagonals -m examples/gantry.toml",
-        "Body diagonals of the machine, by the model",
-    ),
+    ("map -m examples/gantry.toml --grid 2x2x2", "Volumetric error"),
+    ("map -m examples/two-axes.toml --grid 2x2x2", "Volumetric error"),
+    ("diagonals -m examples/gantry.toml", "Body diagonals of the machine, by the model"),
     (
         "nc examples/part.ngc -o {o} -m examples/mill.toml --setup examples/setup.toml --verify",
         "Tool deviation from the programmed path",
     ),
-    (
-        "straightness examples/straight-exy.csv",
-        "Straightness about the least squares line",
-    ),
+    ("straightness examples/straight-exy.csv", "Straightness about the least squares line"),
     (
         "squareness examples/straight-exy.csv examples/straight-eyx.csv --error EC0Y",
         "Squareness EC0Y of X and Y",
     ),
-    (
-        "sensitivity -m examples/gantry.toml",
-        "Effect of 1 µm or 1 µrad of each error",
-    ),
-    (
-        "sensitivity -m examples/gantry.toml --values",
-        "Effect of the errors of the machine file",
-    ),
+    ("sensitivity -m examples/gantry.toml", "Effect of 1 µm or 1 µrad of each error"),
+    ("sensitivity -m examples/gantry.toml --values", "Effect of the errors of the machine file"),
     (
         "identify examples/identification/observations.toml -o {o}",
         "Residuals of the identification",
@@ -61,10 +43,7 @@ const CALLS: [(&str, &str); 13] = [
 
 fn call(words: &str, folder: &Folder) -> Vec<String> {
     let output = folder.path().join("output").display().to_string();
-    let word = |word: &str| {
-        word.replace("{o}", &output)
-            .replace("{positioning}", POSITIONING)
-    };
+    let word = |word: &str| word.replace("{o}", &output).replace("{positioning}", POSITIONING);
     words.split(' ').map(word).collect()
 }
 
@@ -88,19 +67,15 @@ fn numbers(svg: &str, attribute: &str) -> Vec<f64> {
 
 /// The points of a series by the scales of its plot, which begins at the last `data-x` before it.
 fn series(svg: &str, name: &str) -> Vec<[f64; 2]> {
-    let start = svg
-        .find(&format!("data-n=\"{name}\""))
-        .unwrap_or_else(|| panic!("no {name} in {svg}"));
+    let start =
+        svg.find(&format!("data-n=\"{name}\"")).unwrap_or_else(|| panic!("no {name} in {svg}"));
     let plot = svg[..start].rfind("data-x=").expect("a plot");
     let [x, y] = ["data-x", "data-y"].map(|axis| numbers(&svg[plot..], axis));
     let value = |scale: &[f64], at: f64| {
         scale[2] + (at - scale[0]) / (scale[1] - scale[0]) * (scale[3] - scale[2])
     };
     let places = numbers(&svg[start..], "points");
-    places
-        .chunks(2)
-        .map(|at| [value(&x, at[0]), value(&y, at[1])])
-        .collect()
+    places.chunks(2).map(|at| [value(&x, at[0]), value(&y, at[1])]).collect()
 }
 
 /// Positions are rounded to hundredths of a unit: with at least 60 units, 1/6000 of the range.
@@ -137,10 +112,7 @@ fn every_command_draws_its_result_as_svg_and_png() {
                 continue;
             }
             let svg = String::from_utf8(bytes).expect("UTF-8");
-            assert!(
-                svg.starts_with("<svg xmlns") && svg.ends_with("</svg>\n"),
-                "{words}"
-            );
+            assert!(svg.starts_with("<svg xmlns") && svg.ends_with("</svg>\n"), "{words}");
             contains(&svg, title);
             contains(&svg, "prefers-color-scheme:dark");
             for wrong in ["NaN", "inf\"", "inf ", "var(--"] {
@@ -160,23 +132,14 @@ fn a_positioning_test_is_drawn_where_its_numbers_are() {
         let rows = list(&found["targets"]).iter();
         let upper = rows.map(|row| {
             let of = &row[direction];
-            [
-                float(&row["target"]),
-                float(&of["mean"]) + 2.0 * float(&of["s"]),
-            ]
+            [float(&row["target"]), float(&of["mean"]) + 2.0 * float(&of["s"])]
         });
-        same(
-            &series(&svg, &name.replace("mean", "mean + 2 s")),
-            &upper.collect::<Vec<_>>(),
-        );
+        same(&series(&svg, &name.replace("mean", "mean + 2 s")), &upper.collect::<Vec<_>>());
     }
     let [upper, lower] =
         ["upper", "lower"].map(|side| series(&svg, &format!("{side} limit of A"))[0][1]);
     assert!((upper - lower - 300.0).abs() < 0.5, "{upper} {lower}");
-    contains(
-        &svg,
-        &format!("A {:.2} µm (limit 300.00: pass)", float(&found["A_um"])),
-    );
+    contains(&svg, &format!("A {:.2} µm (limit 300.00: pass)", float(&found["A_um"])));
     contains(&svg, POSITIONING);
 }
 
@@ -186,9 +149,7 @@ fn a_fit_is_drawn_where_its_numbers_are() {
     let curve = series(&svg, "curve");
     for value in list(&found["values"]) {
         let at = float(&value["at"]);
-        let nearest = curve
-            .iter()
-            .min_by(|a, b| (a[0] - at).abs().total_cmp(&(b[0] - at).abs()));
+        let nearest = curve.iter().min_by(|a, b| (a[0] - at).abs().total_cmp(&(b[0] - at).abs()));
         let nearest = nearest.expect("a curve");
         close(&value["value_um"], nearest[1], 1.5);
     }
@@ -204,9 +165,7 @@ fn a_fit_is_drawn_where_its_numbers_are() {
 #[test]
 fn straightness_and_squareness_are_drawn_where_their_numbers_are() {
     let (found, svg) = drawn("straightness examples/straight-exy.csv --tolerance least-squares=5");
-    let profile = list(&found["profile"])
-        .iter()
-        .map(|p| [float(&p[0]), float(&p[1])]);
+    let profile = list(&found["profile"]).iter().map(|p| [float(&p[0]), float(&p[1])]);
     same(&series(&svg, "mean"), &profile.collect::<Vec<_>>());
     let words = format!("squareness {} {} --error EC0Y", STRAIGHT[0], STRAIGHT[1]);
     let (found, svg) = drawn(&words);
@@ -217,10 +176,7 @@ fn straightness_and_squareness_are_drawn_where_their_numbers_are() {
         let slope = 1e3 * (line[1][1] - line[0][1]) / (line[1][0] - line[0][0]);
         close(&part["slope_urad"], slope, 0.1);
     }
-    contains(
-        &svg,
-        &format!("XY: 90° + {:.1} µrad", float(&found["squareness_urad"])),
-    );
+    contains(&svg, &format!("XY: 90° + {:.1} µrad", float(&found["squareness_urad"])));
 }
 
 #[test]
@@ -232,13 +188,8 @@ fn diagonals_are_drawn_where_their_numbers_are_with_one_scale() {
         let drawn = series(&svg, name);
         let expected: Vec<[f64; 2]> = deviations.zip(&drawn).map(|(um, at)| [at[0], um]).collect();
         same(&drawn, &expected);
-        contains(
-            &svg,
-            &format!("{name}: range {:.2} µm", float(&found[name]["range_um"])),
-        );
-        let plot = svg
-            .find(&format!("aria-label=\"diagonal {name}\""))
-            .expect("a plot");
+        contains(&svg, &format!("{name}: range {:.2} µm", float(&found[name]["range_um"])));
+        let plot = svg.find(&format!("aria-label=\"diagonal {name}\"")).expect("a plot");
         scales.push(numbers(&svg[plot..], "data-y"));
     }
     assert!(scales.iter().all(|scale| *scale == scales[0]), "{scales:?}");
@@ -263,19 +214,11 @@ fn a_map_is_drawn_where_its_numbers_are() {
         ),
     );
     assert_eq!(svg.matches("class=\"plot heat\"").count(), 3);
-    let cells = svg
-        .split("data-v=\"")
-        .skip(1)
-        .map(|rest| rest.split_once('"').expect("an end").0);
-    let values: Vec<f64> = cells
-        .map(|value| value.parse().expect("a number"))
-        .collect();
+    let cells = svg.split("data-v=\"").skip(1).map(|rest| rest.split_once('"').expect("an end").0);
+    let values: Vec<f64> = cells.map(|value| value.parse().expect("a number")).collect();
     assert_eq!(values.len(), 3 * 625);
     // Both ends of X, in the first plane: 25 µm from the middle.
-    assert!(
-        (values[0] - 25.0).abs() < 1.0 && (values[24] - 25.0).abs() < 1.0,
-        "{values:?}"
-    );
+    assert!((values[0] - 25.0).abs() < 1.0 && (values[24] - 25.0).abs() < 1.0, "{values:?}");
     assert!(values[12] < 1.0, "{}", values[12]);
     // Two of the planes have the X axis: 25 arrows each; the third has arrows of no length.
     assert_eq!(svg.matches("class=\"arrow\"").count(), 75);
@@ -287,10 +230,7 @@ fn an_nc_program_is_drawn_with_the_figures_of_its_verification() {
     for (name, which) in [("original", "before"), ("compensated", "after")] {
         let of = &found["verified"][which];
         let [max, rms] = ["max_um", "rms_um"].map(|key| float(&of[key]));
-        let line = format!(
-            "{name}: at most {max:.1} µm (line {}), RMS {rms:.1} µm",
-            of["line"]
-        );
+        let line = format!("{name}: at most {max:.1} µm (line {}), RMS {rms:.1} µm", of["line"]);
         contains(&svg, &line);
     }
     let times = numbers(&svg, "data-times")[0];
@@ -303,16 +243,9 @@ fn sensitivities_are_bars_of_their_length() {
     let scale = numbers(&svg, "data-x");
     for effect in list(&found["errors"]).iter().take(6) {
         let name = effect["name"].as_str().expect("a name");
-        let bar = svg
-            .split_once(&format!("data-n=\"{name}\""))
-            .expect("a bar")
-            .1;
+        let bar = svg.split_once(&format!("data-n=\"{name}\"")).expect("a bar").1;
         let width = numbers(bar, "width")[0] / (scale[1] - scale[0]) * (scale[3] - scale[2]);
-        close(
-            &effect["position_rms_um"],
-            width,
-            1e-3 * (scale[3] - scale[2]),
-        );
+        close(&effect["position_rms_um"], width, 1e-3 * (scale[3] - scale[2]));
     }
 }
 
@@ -342,17 +275,11 @@ fn few_and_many_readings_are_drawn() {
         let _ = writeln!(rows, "{target},1,+,{}", target % 7);
         rows
     });
-    for (name, rows) in [
-        ("one", "0,1,+,3\n0,1,-,4\n"),
-        ("zeros", "0,1,+,0\n10,1,+,0\n20,1,+,0\n"),
-        ("many", &many),
-    ] {
+    for (name, rows) in
+        [("one", "0,1,+,3\n0,1,-,4\n"), ("zeros", "0,1,+,0\n10,1,+,0\n20,1,+,0\n"), ("many", &many)]
+    {
         let file = folder.write(&format!("{name}.csv"), format!("{header}{rows}"));
-        let plot = folder
-            .path()
-            .join(format!("{name}.svg"))
-            .display()
-            .to_string();
+        let plot = folder.path().join(format!("{name}.svg")).display().to_string();
         text(&["iso230", &file, "--plot", &plot]);
         let svg = fs::read_to_string(&plot).expect("the picture");
         assert!(!svg.contains("NaN") && !svg.contains("inf\""), "{name}");
@@ -370,35 +297,18 @@ fn a_plot_that_cannot_be_written_is_refused_before_the_work() {
         ("a.pdf", "a.pdf, expected a name that ends in .svg or .png"),
         ("a", "expected a name that ends in .svg or .png"),
         ("none/a.svg", "there is no folder"),
-        (
-            "a.svg",
-            "found it for --plot and for the readings, expected two files",
-        ),
+        ("a.svg", "found it for --plot and for the readings, expected two files"),
     ] {
-        contains(
-            &one_line(&refused(&["iso230", &file, "--plot", &plot(path)])),
-            expected,
-        );
+        contains(&one_line(&refused(&["iso230", &file, "--plot", &plot(path)])), expected);
     }
     let same = plot("b.svg");
     contains(
-        &one_line(&refused(&[
-            "iso230",
-            POSITIONING,
-            "-o",
-            &same,
-            "--plot",
-            &same,
-        ])),
+        &one_line(&refused(&["iso230", POSITIONING, "-o", &same, "--plot", &same])),
         "found it for --plot and for --csv",
     );
     let nc = "nc examples/part.ngc -m examples/mill.toml --setup examples/setup.toml";
     let nc = format!("{nc} -o {} --plot {same}", plot("o.ngc"));
     contains(&one_line(&refused(&nc)), "--plot: found without --verify");
-    assert!(
-        !volcomp(&["check", "-m", "examples/gantry.toml", "--plot", &same])
-            .status
-            .success()
-    );
+    assert!(!volcomp(&["check", "-m", "examples/gantry.toml", "--plot", &same]).status.success());
     assert_eq!(fs::read_dir(folder.path()).expect("a folder").count(), 1);
 }

@@ -17,13 +17,8 @@ fn first(machine: &str, points: &str) -> Value {
 fn a_head_may_name_its_unit() {
     let folder = Folder::new();
     let expected = json(&["error", "-m", FIVE_AXES, "--at", "X=700,Y=0,Z=0,B=0,C=30"]);
-    for header in [
-        "X,Y,C",
-        "x,y,c",
-        "X mm,Y_mm,C deg",
-        "X [mm],Y (mm),C_deg",
-        "X (MM),Y/mm,C [°]",
-    ] {
+    for header in ["X,Y,C", "x,y,c", "X mm,Y_mm,C deg", "X [mm],Y (mm),C_deg", "X (MM),Y/mm,C [°]"]
+    {
         let points = folder.write("p.csv", format!("{header}\n700,0,30\n"));
         assert_eq!(first(FIVE_AXES, &points), expected, "{header}");
     }
@@ -66,10 +61,7 @@ fn axes_that_nothing_names_are_told() {
     assert_eq!(said, "note: --points has no row under its header");
     let points = folder.write("p.csv", "X,Yposition\n1,2\n");
     let said = notes(&["error", "-m", "examples/first.toml", "--points", &points]);
-    assert_eq!(
-        said,
-        "note: at 0, as no column is headed by their letters: Y, Z"
-    );
+    assert_eq!(said, "note: at 0, as no column is headed by their letters: Y, Z");
 }
 
 #[test]
@@ -77,23 +69,15 @@ fn every_column_passes_through_and_an_answer_is_read_again() {
     let folder = Folder::new();
     let path = |name: &str| folder.path().join(name).display().to_string();
     let (once, twice) = (path("once.csv"), path("twice.csv"));
-    let points = folder.write(
-        "p.csv",
-        "N,X mm,,Y,remark,\n1,1000,lost,500,\"a \"\"b\"\", c\",end\n2,0,,0,,\n",
-    );
+    let points = folder
+        .write("p.csv", "N,X mm,,Y,remark,\n1,1000,lost,500,\"a \"\"b\"\", c\",end\n2,0,,0,,\n");
     let correct =
         |from: &str, to: &str| json(&["correct", "-m", GANTRY, "--points", from, "-o", to]);
     let answer = correct(&points, &once);
     let file = fs::read_to_string(&once).expect("written");
     let lines: Vec<&str> = file.lines().collect();
-    assert!(
-        lines[0].starts_with("N,X mm,,Y,remark,,X_corrected_mm,"),
-        "{file}"
-    );
-    assert!(
-        lines[1].starts_with("1,1000,lost,500,\"a \"\"b\"\", c\",end,999.99"),
-        "{file}"
-    );
+    assert!(lines[0].starts_with("N,X mm,,Y,remark,,X_corrected_mm,"), "{file}");
+    assert!(lines[1].starts_with("1,1000,lost,500,\"a \"\"b\"\", c\",end,999.99"), "{file}");
     assert!(lines[2].starts_with("2,0,,0,,,"), "{file}");
 
     // The output is a table of positions, with the same numbers and no column twice.
@@ -105,9 +89,7 @@ fn every_column_passes_through_and_an_answer_is_read_again() {
     assert_eq!(errors, json(&["error", "-m", GANTRY, "--points", &points]));
 
     // The output for a single position and a map are tables of positions as well.
-    json(&format!(
-        "correct -m {FIVE_AXES} --at X=700,B=10,C=30 -o {once}"
-    ));
+    json(&format!("correct -m {FIVE_AXES} --at X=700,B=10,C=30 -o {once}"));
     let one = json(&["correct", "-m", FIVE_AXES, "--at", "X=700,B=10,C=30"]);
     let again = json(&["correct", "-m", FIVE_AXES, "--points", &once]);
     assert_eq!(again, json!({ "points": [one] }));
@@ -120,25 +102,16 @@ fn every_column_passes_through_and_an_answer_is_read_again() {
     // Columns named `x_um` and `a_urad` may be positions in other units.
     let old = fs::read_to_string(&map).expect("written");
     fs::write(&map, old.replace("error_", "")).expect("written");
-    refuses(
-        &["error", "-m", GANTRY, "--points", &map],
-        "found column `a_urad`",
-    );
+    refuses(&["error", "-m", GANTRY, "--points", &map], "found column `a_urad`");
 }
 
 #[test]
 fn slips_of_the_hand_are_told_with_what_was_meant() {
     let at = |text: &str| refused(&["error", "-m", GANTRY, "--at", text]);
     for (text, expected) in [
-        (
-            "X=1,5",
-            "--at: found `X=1,5`, expected a decimal point: X=1.5",
-        ),
+        ("X=1,5", "--at: found `X=1,5`, expected a decimal point: X=1.5"),
         ("X=1,5,Y=2,5", "expected a decimal point: X=1.5"),
-        (
-            "X=1mm",
-            "--at: found `X=1mm`, expected a finite number of mm, without the unit",
-        ),
+        ("X=1mm", "--at: found `X=1mm`, expected a finite number of mm, without the unit"),
         ("1,2,3", "--at: found `1`, expected X=100"),
         ("", "--at: found no axis, expected X=100"),
         (" , ", "--at: found no axis, expected X=100"),
@@ -148,11 +121,7 @@ fn slips_of_the_hand_are_told_with_what_was_meant() {
     }
     let expected = json(&["error", "-m", GANTRY, "--at", "X=1,Y=2"]);
     for text in ["x=1,y=2", "X = 1, Y = 2", "X=1 Y=2", "X= 1\tY =2;"] {
-        assert_eq!(
-            json(&["error", "-m", GANTRY, "--at", text]),
-            expected,
-            "{text}"
-        );
+        assert_eq!(json(&["error", "-m", GANTRY, "--at", text]), expected, "{text}");
     }
     refuses(
         "error -m examples/gantry.toml --at X=1 --temperature scale_x=20,5",
@@ -184,26 +153,16 @@ fn any_number_of_rows_is_one_list() {
         assert_eq!(errors["points"][row - 1], alone, "{row}");
         let cells: Vec<&str> = shown[row].split_whitespace().collect();
         assert_eq!(cells[0], row.to_string());
-        assert_eq!(
-            cells[1],
-            format!("{:.3}", alone["position_um"][0].as_f64().expect("a number"))
-        );
+        assert_eq!(cells[1], format!("{:.3}", alone["position_um"][0].as_f64().expect("a number")));
         let alone = json(&["correct", "-m", GANTRY, "--at", &at]);
         assert_eq!(corrections["points"][row - 1], alone, "{row}");
-        assert!(
-            lines[row].starts_with(&format!("{x};{y},5;n{x};")),
-            "{}",
-            lines[row]
-        );
+        assert!(lines[row].starts_with(&format!("{x};{y},5;n{x};")), "{}", lines[row]);
     }
     // X beyond its travel of 8 m.
     let said = notes(&["error", "-m", GANTRY, "--points", &points]);
     let beyond = (1..=9000).filter(|row| place(*row).0 > 8000).count();
     contains(&said, &format!("note: {beyond} positions lie beyond"));
-    for (row, expected) in [
-        ("5;x;6", ":8001: Y: found `x`"),
-        ("5;6", ":8001: found 2 columns"),
-    ] {
+    for (row, expected) in [("5;x;6", ":8001: Y: found `x`"), ("5;6", ":8001: found 2 columns")] {
         let mut wrong = table.clone();
         wrong[7999] = format!("{row}\n");
         let points = folder.write("wrong.csv", format!("X;Y;note\n{}", wrong.concat()));

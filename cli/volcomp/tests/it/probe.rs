@@ -19,18 +19,12 @@ fn a_control_says_where_it_is() {
     let url = format!("focas://{}", simulator.address());
     let answer = json(&["probe", &url]);
     assert_eq!(answer["device"], url);
-    assert_eq!(
-        answer["positions_mm"],
-        json!({ "X": 1234.567, "Y": -0.001 })
-    );
+    assert_eq!(answer["positions_mm"], json!({ "X": 1234.567, "Y": -0.001 }));
     assert_eq!(answer["positions_deg"], json!({ "C": 45.0 }));
     assert_eq!(answer["alarm"], false);
     assert_eq!(answer["series"], "D4G3 28.0");
     let shown = text(&["probe", &url]).replace(&url, "URL");
-    let shown: Vec<&str> = shown
-        .lines()
-        .filter(|line| !line.starts_with("round trip"))
-        .collect();
+    let shown: Vec<&str> = shown.lines().filter(|line| !line.starts_with("round trip")).collect();
     insta::assert_snapshot!(shown.join("\n"));
 }
 
@@ -43,10 +37,7 @@ fn a_device_that_is_not_there_is_a_failed_work() {
     for (url, expected) in [
         ("focas://h?x=1", "found the key `x`"),
         ("modbus://h", "no profile is named"),
-        (
-            "modbus://h?profile=nothing",
-            "there is no profile `nothing`",
-        ),
+        ("modbus://h?profile=nothing", "there is no profile `nothing`"),
         ("gpio://?position=a:0", "correction is missing"),
         ("http://h", "found the scheme `http`"),
     ] {

@@ -32,16 +32,11 @@ fn the_same_input_gives_the_same_bytes_and_a_changed_file_is_named() {
         let answer = json(call);
         let files = list(&answer["provenance"]["files"]);
         let word = |of: &serde_json::Value| of.as_str().expect("a word").to_owned();
-        (files.iter())
-            .map(|file| (word(&file["file"]), word(&file["state"])))
-            .collect()
+        (files.iter()).map(|file| (word(&file["file"]), word(&file["state"]))).collect()
     };
     let call = ["check", &machine];
     let found = states(&call);
-    assert!(
-        found.len() >= 5 && found.iter().all(|(_, state)| state == "same"),
-        "{found:?}"
-    );
+    assert!(found.len() >= 5 && found.iter().all(|(_, state)| state == "same"), "{found:?}");
     // One file gets another byte, one is removed.
     let changed = one.path().join("exx.csv");
     let mut more = fs::read(&changed).expect("read");

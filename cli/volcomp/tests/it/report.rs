@@ -28,10 +28,7 @@ fn a_calibration_makes_a_report() {
         "E=1,EC0Y=1000,R=1",
     ]);
     assert_eq!(document["verdict"], "fail");
-    let outcomes: Vec<&Value> = list(&document["checks"])
-        .iter()
-        .map(|c| &c["outcome"])
-        .collect();
+    let outcomes: Vec<&Value> = list(&document["checks"]).iter().map(|c| &c["outcome"]).collect();
     assert_eq!(outcomes[0], "fail");
     assert!(outcomes.iter().any(|outcome| *outcome == "pass"));
     assert!(page.contains("4711 &lt;/style&gt;") && page.contains("2026-02-03"));
@@ -57,11 +54,7 @@ fn a_truth_shows_what_a_compensation_leaves() {
     let truth = ["--truth", "examples/calibration/truth.toml"];
     let judged = [&[CALIBRATION][..], &truth, &["--tolerance", "V=99,E=99"]].concat();
     for check in list(&report(&judged).0["checks"]) {
-        assert_eq!(
-            check["symbol"] == "V",
-            check["of"] == "what the correction leaves",
-            "{check}"
-        );
+        assert_eq!(check["symbol"] == "V", check["of"] == "what the correction leaves", "{check}");
     }
     // Compared with itself, a model leaves only what the correction neglects.
     let (document, _) = report(&["examples/gantry.toml", "--truth", "examples/gantry.toml"]);
@@ -96,10 +89,7 @@ fn what_is_wrong_is_named() {
     let other = refusal(&[CALIBRATION, "--truth", "examples/gantry.toml"]);
     contains(&other, "examples/gantry.toml: ");
     contains(&other, CALIBRATION);
-    assert!(
-        !fs::exists(&output).expect("a folder"),
-        "nothing half-written"
-    );
+    assert!(!fs::exists(&output).expect("a folder"), "nothing half-written");
     let own = refused(&["report", CALIBRATION, "-o", CALIBRATION]);
     contains(&own, "which this report reads");
 }
@@ -108,9 +98,7 @@ fn what_is_wrong_is_named() {
 fn people_read_the_verdict() {
     let folder = Folder::new();
     let output = folder.file("report.html");
-    let said = text(&format!(
-        "report {CALIBRATION} -o {output} --tolerance EC0Y=1000"
-    ));
+    let said = text(&format!("report {CALIBRATION} -o {output} --tolerance EC0Y=1000"));
     assert!(
         said.starts_with(
             "all stated tolerances are met; 15 errors were not measured and count as 0\n  EC0Y: "
@@ -147,10 +135,7 @@ fn wrong_rotary_axes_do_not_pass() {
 fn the_volume_of_a_gantry_has_one_figure() {
     let (document, _) = report(&["examples/gantry.toml"]);
     let map = json(&["map", "-m", "examples/gantry.toml", "--grid", "5x5x5"]);
-    assert_eq!(
-        map["all_axes"]["form_max_um"],
-        document["volumetric"]["position_um"]
-    );
+    assert_eq!(map["all_axes"]["form_max_um"], document["volumetric"]["position_um"]);
 }
 
 /// The expanded uncertainty in the verdict is twice the largest standard uncertainty of the same machine's map.
@@ -191,10 +176,7 @@ fn the_exit_status_is_that_of_the_verdict() {
     for ending in ["pdf", "txt", "svg"] {
         let output = folder.path().join("report").with_extension(ending);
         let output = output.display().to_string();
-        refuses(
-            &["report", "examples/gantry.toml", "-o", &output],
-            "--print-to-pdf",
-        );
+        refuses(&["report", "examples/gantry.toml", "-o", &output], "--print-to-pdf");
     }
 }
 
@@ -209,11 +191,8 @@ fn what_was_not_measured_is_not_met() {
     let (document, _) = report(&[&bare, "--tolerance", "V=10"]);
     assert_eq!(document["verdict"], "undecided", "{document}");
     assert_eq!(document["checks"][0]["value"], Value::Null);
-    fs::write(
-        &machine,
-        format!("{axes}[errors]\nEXX = {{ poly = [0.0, 0.001] }}\n"),
-    )
-    .expect("written");
+    fs::write(&machine, format!("{axes}[errors]\nEXX = {{ poly = [0.0, 0.001] }}\n"))
+        .expect("written");
     let (document, _) = report(&[&bare, "--tolerance", "V=10"]);
     assert_eq!(document["verdict"], "pass", "{document}");
     let (document, page) = report(&[CALIBRATION, "--tolerance", "V=1000"]);
@@ -235,11 +214,7 @@ fn what_observations_leave_open_is_not_met() {
         "structure = \"w C' b X Y Z t\"\n[axes]\nX.travel = [0.0, 400.0]\nY.travel = [0.0, 400.0]\nZ.travel = [-300.0, 0.0]\nC.travel = [-360.0, 360.0]\n",
     );
     let row = |(x, y, z): (u32, u32, u32)| {
-        let [x, y, z] = [
-            200.0 * f64::from(x),
-            200.0 * f64::from(y),
-            -150.0 * f64::from(z),
-        ];
+        let [x, y, z] = [200.0 * f64::from(x), 200.0 * f64::from(y), -150.0 * f64::from(z)];
         format!("{x},{y},{z},0,{:.6},{y},{z}\n", x + 2e-5 * x)
     };
     let places = (0..27).map(|i| (i % 3, i / 3 % 3, i / 9));
@@ -250,11 +225,7 @@ fn what_observations_leave_open_is_not_met() {
         "observations.toml",
         "machine = \"machine.toml\"\nfolds = 0\nunknown = [\"EX0C\", \"EB0C\", { error = \"EXX\", legendre = 1 }]\n[[observation]]\nkind = \"points\"\nfile = \"points.csv\"\n",
     );
-    let observations = folder
-        .path()
-        .join("observations.toml")
-        .display()
-        .to_string();
+    let observations = folder.path().join("observations.toml").display().to_string();
     let call = [&observations, "--tolerance", "EX0C=5,EB0C=5,V=50"];
     let (document, page) = report(&call);
     let checks = list(&document["checks"]);
@@ -262,10 +233,7 @@ fn what_observations_leave_open_is_not_met() {
         assert_eq!(check["value"], Value::Null, "{check}");
         assert_eq!(check["outcome"], "not_evaluated", "{check}");
     }
-    assert_eq!(
-        checks[2]["of"],
-        "errors that the measurements do not confirm"
-    );
+    assert_eq!(checks[2]["of"], "errors that the measurements do not confirm");
     assert_eq!(checks[2]["outcome"], "undecided");
     // A wave that no unknown describes makes the fit inconsistent with the readings.
     let wave = |x: f64| x + 0.06 * (x / 48.0).sin();
@@ -292,17 +260,11 @@ fn a_limit_is_of_one_unit() {
     let folder = Folder::new();
     let output = folder.file("report.html");
     let message = refused(&["report", BOTH, "-o", &output, "--tolerance", "A=30"]);
-    contains(
-        &message,
-        "--tolerance: A: found 30 for EXX (µm) and for ECC (µrad)",
-    );
+    contains(&message, "--tolerance: A: found 30 for EXX (µm) and for ECC (µrad)");
     contains(&message, "C.A=… or ECC.A=…");
     assert!(!folder.path().join("report.html").exists());
-    let (document, _) = report(&[
-        BOTH,
-        "--tolerance",
-        "A=1000,A.A=2000,C.A=0.001,EXX.A=0.001,B.A=5",
-    ]);
+    let (document, _) =
+        report(&[BOTH, "--tolerance", "A=1000,A.A=2000,C.A=0.001,EXX.A=0.001,B.A=5"]);
     let mut found: Vec<(String, f64, String, String)> = (document["checks"].as_array())
         .expect("checks")
         .iter()
@@ -342,10 +304,7 @@ fn a_report_that_is_replaced_is_told() {
         assert_eq!(output.status.code(), Some(0));
         String::from_utf8_lossy(&output.stderr).contains("replaced the file that was there")
     };
-    assert_eq!(
-        [told(&[]), told(&[]), told(&["--serial", "7"])],
-        [false, false, true]
-    );
+    assert_eq!([told(&[]), told(&[]), told(&["--serial", "7"])], [false, false, true]);
 }
 
 /// Thermal terms change the volumetric error, so a value below its limit is `undecided`.
@@ -355,10 +314,7 @@ fn thermal_terms_leave_the_volumetric_error_undecided() {
         let (document, page) = report(&["examples/gantry.toml", "--tolerance", limit]);
         let check = &document["checks"][0];
         assert_eq!(check["outcome"], outcome, "{document}");
-        assert_eq!(
-            check["of"],
-            "the machine at the reference temperature alone"
-        );
+        assert_eq!(check["of"], "the machine at the reference temperature alone");
         assert!(page.contains("hold at 20 °C: thermal terms of"));
     }
 }
@@ -401,15 +357,9 @@ fn a_volumetric_error_of_a_part_of_the_machine_is_told() {
         let error = &told[..3];
         let limit = format!("{error}=500");
         let (document, _) = report(&[&part, "--tolerance", &limit]);
-        assert_eq!(
-            document["checks"][0]["of"],
-            "the part of the travel that its curve covers"
-        );
+        assert_eq!(document["checks"][0]["of"], "the part of the travel that its curve covers");
     }
     let bare = write("bare.toml", "");
     let (document, _) = report(&[&model, "--truth", &bare, "--tolerance", "V=500"]);
-    assert_eq!(
-        document["checks"][0]["outcome"], "not_evaluated",
-        "{document}"
-    );
+    assert_eq!(document["checks"][0]["outcome"], "not_evaluated", "{document}");
 }

@@ -17,13 +17,8 @@ static SCHEMAS: LazyLock<BTreeMap<String, Value>> = LazyLock::new(|| {
     let schemas = files.map(|file| {
         let file = file.as_str().expect("a name");
         let text = fs::read_to_string(folder.path().join(file)).expect("written");
-        let name = file
-            .strip_prefix("volcomp-")
-            .and_then(|name| name.strip_suffix(".json"));
-        (
-            name.expect("a name").to_owned(),
-            serde_json::from_str(&text).expect("JSON"),
-        )
+        let name = file.strip_prefix("volcomp-").and_then(|name| name.strip_suffix(".json"));
+        (name.expect("a name").to_owned(), serde_json::from_str(&text).expect("JSON"))
     });
     schemas.collect()
 });
@@ -31,10 +26,8 @@ static SCHEMAS: LazyLock<BTreeMap<String, Value>> = LazyLock::new(|| {
 pub(crate) fn validate(name: &str, document: &Value) {
     let schema = &SCHEMAS[name];
     let validator = jsonschema::draft202012::new(schema).expect("the schema is one");
-    let wrong: Vec<String> = validator
-        .iter_errors(document)
-        .map(|e| format!("{}: {e}", e.instance_path()))
-        .collect();
+    let wrong: Vec<String> =
+        validator.iter_errors(document).map(|e| format!("{}: {e}", e.instance_path())).collect();
     assert!(wrong.is_empty(), "{name}: {wrong:?}\n{document}");
     // A key that the schema lacks is undocumented.
     let known = schema.to_string();
@@ -163,16 +156,9 @@ fn a_failure_is_one_object_on_standard_error() {
     assert_eq!(status, Some(2));
     assert_eq!(error["kind"], "input");
     assert_eq!(error["file"], machine);
-    assert!(
-        error["line"].as_u64().is_some_and(|line| line > 10),
-        "{error}"
-    );
+    assert!(error["line"].as_u64().is_some_and(|line| line > 10), "{error}");
     assert_eq!(error["key"], "errors.EC0Y");
-    assert!(
-        error["message"]
-            .as_str()
-            .is_some_and(|m| m.contains("found nan"))
-    );
+    assert!(error["message"].as_str().is_some_and(|m| m.contains("found nan")));
     let points = folder.file("points.csv");
     fs::write(&points, "X;Y\n1;2\n1;x\n").expect("written");
     let (_, error) = failure(&["error", "-m", GANTRY, "--points", &points]);

@@ -96,11 +96,8 @@ fn a_link_to_an_input_is_not_written_over() {
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
     fs::write(folder.join("truth.toml"), TRUTH).expect("written");
-    fs::write(
-        folder.join("shop.toml"),
-        format!("machine = \"truth.toml\"\n{LINES}"),
-    )
-    .expect("written");
+    fs::write(folder.join("shop.toml"), format!("machine = \"truth.toml\"\n{LINES}"))
+        .expect("written");
     fs::create_dir(folder.join("out")).expect("made");
     std::os::unix::fs::symlink("../truth.toml", folder.join("out/machine.toml")).expect("linked");
     assert_eq!(simulated(folder, "shop.toml", "out").status.code(), Some(2));
@@ -154,12 +151,7 @@ fn files_of_others_are_refused() {
     };
     let out = folder.join("out");
     fs::create_dir(&out).expect("made");
-    for name in [
-        "machine.toml",
-        "exx.rtl",
-        "points.csv",
-        "simulated-files.sha256",
-    ] {
+    for name in ["machine.toml", "exx.rtl", "points.csv", "simulated-files.sha256"] {
         fs::write(out.join(name), "structure = \"by hand\"\n").expect("written");
         refused(1, name);
         fs::remove_file(out.join(name)).expect("removed");
@@ -296,9 +288,7 @@ fn printed_commands_keep_paths_in_one_word() {
         let command = answer["next"][0].as_str().expect("a command");
         // A real shell splits the command.
         let script = format!("volcomp() {{ printf '%s' \"$2\"; }}\n{command}\n");
-        let output = std::process::Command::new("sh")
-            .args(["-c", &script])
-            .output();
+        let output = std::process::Command::new("sh").args(["-c", &script]).output();
         let output = output.expect("a shell");
         let read = String::from_utf8(output.stdout).expect("UTF-8");
         let dash = if name.starts_with('-') { "./" } else { "" };

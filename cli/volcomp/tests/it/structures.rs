@@ -12,9 +12,7 @@ const BLADE: &str = "examples/blade-mill.toml";
 
 fn names(list: &Value) -> Vec<&str> {
     let list = list.as_array().expect("a list");
-    list.iter()
-        .map(|name| name.as_str().expect("a name"))
-        .collect()
+    list.iter().map(|name| name.as_str().expect("a name")).collect()
 }
 
 #[test]
@@ -41,19 +39,14 @@ fn sixty_errors_are_twenty_motions() {
     assert_eq!(found["errors"].as_array().map(Vec::len), Some(44));
     let shown = text(&["sensitivity", "-m", BLADE, "--assembly", "--grid", "3"]);
     contains(&shown, "20 distinct motions");
-    contains(
-        &shown,
-        "rotation about X, line carried by Z: EAZ EAA SAA SAB",
-    );
+    contains(&shown, "rotation about X, line carried by Z: EAZ EAA SAA SAB");
 }
 
 #[test]
 fn positions_of_a_file_are_judged() {
     let folder = Folder::new();
     let points = folder.write("p.csv", "X,Y\n0,0\n100,0\n");
-    let found = json(&format!(
-        "sensitivity -m examples/first.toml --points {points}"
-    ));
+    let found = json(&format!("sensitivity -m examples/first.toml --points {points}"));
     assert_eq!(found["positions"], 2);
     // ECX of w X' b Y Z t with the tip at the origin: the table rotates under a tool that is 0 and 100 mm away.
     let errors = list(&found["errors"]);
@@ -61,10 +54,7 @@ fn positions_of_a_file_are_judged() {
     close(&ecx["position_max_um"], 0.1, 1e-12);
     close(&ecx["orientation_rms_urad"], 1.0, 1e-12);
     fs::write(&points, "X,Y\n").expect("written");
-    refuses(
-        &format!("sensitivity -m examples/first.toml --points {points}"),
-        "found 0 poses",
-    );
+    refuses(&format!("sensitivity -m examples/first.toml --points {points}"), "found 0 poses");
 }
 
 #[test]
@@ -79,10 +69,7 @@ fn the_published_formulas_are_printed() {
     let found = json(&call);
     assert_eq!(found["formulas"][5]["name"], "dC");
     assert_eq!(found["formulas"][0]["terms"][1]["lever"], "y + Yt");
-    assert_eq!(
-        names(&found["formulas"][0]["terms"][1]["errors"]),
-        ["-ECX", "-SCX", "-SCY"]
-    );
+    assert_eq!(names(&found["formulas"][0]["terms"][1]["errors"]), ["-ECX", "-SCX", "-SCY"]);
     assert_eq!(found["tool_mm"]["Yt"], 80.0);
     let latex = text(&[&call[..], &["--latex"]].concat());
     assert!(latex.starts_with("\\begin{align}\n\\Delta x &= E_{XX}"));
@@ -93,9 +80,7 @@ fn the_published_formulas_are_printed() {
 #[test]
 fn axes_are_found_and_a_singular_pose_is_named() {
     let trunnion = "examples/trunnion.toml";
-    let found = json(&format!(
-        "axes -m {trunnion} --tip 0,0,-50 --tool-axis 0,0.6,0.8"
-    ));
+    let found = json(&format!("axes -m {trunnion} --tip 0,0,-50 --tool-axis 0,0.6,0.8"));
     let solutions = list(&found["solutions"]);
     assert_eq!(solutions.len(), 3);
     assert_eq!(found["singular"], false);
@@ -109,10 +94,7 @@ fn axes_are_found_and_a_singular_pose_is_named() {
         }
     }
     let found = json(&["axes", "-m", trunnion, "--tip", "10,20,-50"]);
-    assert_eq!(
-        (&found["singular"], names(&found["free"])),
-        (&true.into(), vec!["C"])
-    );
+    assert_eq!((&found["singular"], names(&found["free"])), (&true.into(), vec!["C"]));
     let shown = text(&["axes", "-m", trunnion, "--tip", "10,20,-50"]);
     contains(&shown, "Singular pose: C does not turn");
     let shown = text(&["axes", "-m", trunnion, "--tip", "10,20,5000"]);
@@ -125,27 +107,18 @@ fn axes_are_found_and_a_singular_pose_is_named() {
     let path = path.display().to_string();
     let call = format!("axes -m {path} --tip 0,2,30 --tool-axis 1,0,0");
     let found = json(&call);
-    assert_eq!(
-        (&found["singular"], names(&found["free"])),
-        (&true.into(), vec!["Z", "X"])
-    );
+    assert_eq!((&found["singular"], names(&found["free"])), (&true.into(), vec!["Z", "X"]));
     let moves = &found["dependent_moves"][0];
     assert_eq!(moves.as_object().map(serde_json::Map::len), Some(2));
     assert!(text(&call).contains("the linear axes X, Z are dependent here"));
     let found = json("axes -m examples/first.toml --tip 1,2,3 --tool-axis 1,0,0");
     assert_eq!(found["solutions"].as_array().map(Vec::len), Some(0));
     assert!(
-        found["unreachable"]
-            .as_str()
-            .is_some_and(|why| why.contains("90.000000 deg")),
+        found["unreachable"].as_str().is_some_and(|why| why.contains("90.000000 deg")),
         "{found}"
     );
     for (option, value, expected) in [
-        (
-            "--tip",
-            "1,2",
-            "--tip: found `1,2`, expected three finite numbers",
-        ),
+        ("--tip", "1,2", "--tip: found `1,2`, expected three finite numbers"),
         ("--tip", "1,2,nan", "expected three finite numbers"),
         ("--tip", "1e10,0,0", "tool tip is [10000000000, 0, 0]"),
     ] {
@@ -161,13 +134,7 @@ fn axes_are_found_and_a_singular_pose_is_named() {
 #[test]
 fn a_printed_table_makes_the_same_machine() {
     let folder = Folder::new();
-    for machine in [
-        "trunnion",
-        "five-axis",
-        "gantry",
-        "poe-mill-table",
-        "blade-mill",
-    ] {
+    for machine in ["trunnion", "five-axis", "gantry", "poe-mill-table", "blade-mill"] {
         let file = format!("examples/{machine}.toml");
         let at = ["--at", "X=100,Y=50,Z=-20", "--model", "exact"];
         let expected = json(&[&["error", "-m", &file], &at[..]].concat());
@@ -197,10 +164,7 @@ fn a_printed_table_makes_the_same_machine() {
                 for k in 0..3 {
                     let number = |document: &Value| float(&document[key][k]);
                     let off = (number(&found) - number(&expected)).abs();
-                    assert!(
-                        off < 1e-9,
-                        "{machine} {convention} {key}: {found} {expected}"
-                    );
+                    assert!(off < 1e-9, "{machine} {convention} {key}: {found} {expected}");
                 }
             }
         }
@@ -224,10 +188,7 @@ fn effects_of_the_values_of_the_machine_file() {
     assert_eq!(found["values"], true);
     let errors = list(&found["errors"]);
     let number = |effect: &Value, key: &str| float(&effect[key]);
-    let sizes: Vec<f64> = errors
-        .iter()
-        .map(|e| number(e, "position_rms_um"))
-        .collect();
+    let sizes: Vec<f64> = errors.iter().map(|e| number(e, "position_rms_um")).collect();
     assert!(sizes.windows(2).all(|pair| pair[0] >= pair[1]), "{sizes:?}");
     let of = |name: &str| errors.iter().find(|e| e["name"] == name).expect("there");
     // EXX at 0, 2000 … 8000 mm is the displacement of the tool.
@@ -255,10 +216,7 @@ fn a_run_out_shows_whatever_the_number_of_nodes() {
     for grid in ["3", "4", "5", "8"] {
         let found = call(grid);
         let errors = list(&found["errors"]);
-        let of = errors
-            .iter()
-            .find(|error| error["name"] == "ECC")
-            .expect("ECC");
+        let of = errors.iter().find(|error| error["name"] == "ECC").expect("ECC");
         let rms = float(&of["orientation_rms_urad"]);
         assert!((rms - 12.0 / 2.0_f64.sqrt()).abs() < 1e-6, "{grid}: {rms}");
     }
@@ -270,10 +228,7 @@ fn a_run_out_shows_whatever_the_number_of_nodes() {
     std::fs::write(&nearly, text).expect("written");
     let found = json(&["sensitivity", "-m", &nearly, "--grid", "3", "--values"]);
     let errors = list(&found["errors"]);
-    let of = errors
-        .iter()
-        .find(|error| error["name"] == "ECC")
-        .expect("ECC");
+    let of = errors.iter().find(|error| error["name"] == "ECC").expect("ECC");
     let rms = float(&of["orientation_rms_urad"]);
     assert!((rms - 12.0 / 2.0_f64.sqrt()).abs() < 1e-2, "{rms}");
     contains(

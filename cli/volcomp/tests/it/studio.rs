@@ -36,18 +36,12 @@ fn it_prints_where_it_listens_and_serves_the_page_there() {
     stream.read_to_string(&mut answer).expect("it answers");
     program.kill().expect("it runs");
     program.wait().expect("ended");
-    assert!(
-        answer.starts_with("HTTP/1.1 200") && answer.contains("\"structure\""),
-        "{answer}"
-    );
+    assert!(answer.starts_with("HTTP/1.1 200") && answer.contains("\"structure\""), "{answer}");
 }
 
 #[test]
 fn a_folder_that_is_not_there_and_an_address_of_others_are_refused() {
-    refuses(
-        &["studio", "no-such-folder", "--no-browser"],
-        "no-such-folder",
-    );
+    refuses(&["studio", "no-such-folder", "--no-browser"], "no-such-folder");
     refuses(
         "studio examples --no-browser --listen 0.0.0.0:0",
         "expected an address of this computer",

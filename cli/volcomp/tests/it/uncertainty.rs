@@ -16,15 +16,10 @@ fn identified(folder: &Folder) -> String {
 /// The three standard uncertainties of position at each node of the map, µm.
 fn mapped(machine: &str, from: &str, csv: &std::path::Path) -> Vec<[f64; 3]> {
     let csv = csv.display().to_string();
-    json(&format!(
-        "map -m {machine} --grid 3x3x2 --trials {TRIALS} --uncertainty {from} -o {csv}"
-    ));
+    json(&format!("map -m {machine} --grid 3x3x2 --trials {TRIALS} --uncertainty {from} -o {csv}"));
     let text = fs::read_to_string(csv).expect("written");
     let row = |line: &str| {
-        let numbers: Vec<f64> = line
-            .split(',')
-            .map(|n| n.parse().expect("a number"))
-            .collect();
+        let numbers: Vec<f64> = line.split(',').map(|n| n.parse().expect("a number")).collect();
         [numbers[9], numbers[10], numbers[11]]
     };
     text.lines().skip(1).map(row).collect()
@@ -52,10 +47,7 @@ fn bands_of_the_covariance_are_those_of_repeated_identifications() {
     let allowed = 4.0 / 120.0_f64.sqrt();
     for (drawn, repeated) in drawn.iter().flatten().zip(repeated.iter().flatten()) {
         assert!(*repeated > 0.05, "{repeated}");
-        assert!(
-            (drawn / repeated - 1.0).abs() < allowed,
-            "{drawn} {repeated}"
-        );
+        assert!((drawn / repeated - 1.0).abs() < allowed, "{drawn} {repeated}");
     }
 }
 
@@ -68,21 +60,13 @@ fn a_correction_of_linear_axes_is_as_uncertain_as_the_error() {
     let output = folder.file("c.csv");
     let at = ["--at", "X=2100,Y=1200,Z=600", "--axes", "X,Y,Z"];
     let from = ["--uncertainty", OBSERVATIONS, "--trials", TRIALS];
-    let call = [
-        &["correct", "-m", &machine, "-o", &output],
-        &at[..],
-        &from[..],
-    ]
-    .concat();
+    let call = [&["correct", "-m", &machine, "-o", &output], &at[..], &from[..]].concat();
     let answer = json(&call);
     let uncertainty = &answer["uncertainty"];
     let last = nodes.last().expect("nodes");
     for (axis, expected) in ["X", "Y", "Z"].into_iter().zip(last) {
         let found = float(&uncertainty[axis]);
-        assert!(
-            (found / expected - 1.0).abs() < 1e-2,
-            "{axis}: {found} {expected}"
-        );
+        assert!((found / expected - 1.0).abs() < 1e-2, "{axis}: {found} {expected}");
     }
     // Axes that `--axes` excludes are not corrected.
     assert_eq!(float(&uncertainty["B"]), 0.0);
@@ -123,11 +107,8 @@ fn what_nothing_measured_is_named() {
     let machine = folder.file("m.toml");
     let calibration = "examples/calibration/calibration.toml";
     let of_calibration = notes(&format!("calibrate {calibration} -o {machine}"));
-    let from = |file| {
-        notes(&format!(
-            "map -m {machine} --grid 2x2x2 --trials 2 --uncertainty {file}"
-        ))
-    };
+    let from =
+        |file| notes(&format!("map -m {machine} --grid 2x2x2 --trials 2 --uncertainty {file}"));
     let of_map = from(calibration);
     let not_measured =
         |note: &&String| note.contains("not measured") && note.contains("taken as 0");
@@ -139,9 +120,8 @@ fn what_nothing_measured_is_named() {
     let heading = "errors that were not measured are in the uncertainty as if they were known";
     assert_eq!(of_map.iter().filter(|note| *note == heading).count(), 1);
     let machine = "examples/identification/machine.toml";
-    let of_observations = notes(&format!(
-        "map -m {machine} --grid 2x2x2 --trials 2 --uncertainty {OBSERVATIONS}"
-    ));
+    let of_observations =
+        notes(&format!("map -m {machine} --grid 2x2x2 --trials 2 --uncertainty {OBSERVATIONS}"));
     // The unknowns of the file are EYX, EBX and EXX of X, and all location errors but EA0B.
     assert!(
         of_observations.contains(&"not measured, taken as 0: EZX EAX ECX".to_owned()),
@@ -149,15 +129,9 @@ fn what_nothing_measured_is_named() {
     );
     let single: Vec<&str> = of_observations
         .iter()
-        .filter_map(|note| {
-            note.split_once(" was not measured and is")
-                .map(|(name, _)| name)
-        })
+        .filter_map(|note| note.split_once(" was not measured and is").map(|(name, _)| name))
         .collect();
-    assert!(
-        single.contains(&"EA0B") && !single.contains(&"EC0B"),
-        "{single:?}"
-    );
+    assert!(single.contains(&"EA0B") && !single.contains(&"EC0B"), "{single:?}");
 }
 
 #[test]
@@ -168,16 +142,11 @@ fn observations_of_another_machine_are_refused() {
         &[&["correct"], &call[..], &from[..]].concat(),
         "found the structure `w b X Y Z C B t`",
     );
-    refuses(
-        &[&["correct"], &call[..], &["--trials", "5"]].concat(),
-        "--uncertainty",
-    );
+    refuses(&[&["correct"], &call[..], &["--trials", "5"]].concat(), "--uncertainty");
 }
 
 fn said(machine: &str, from: &str) -> String {
-    crate::notes(&format!(
-        "map -m {machine} --grid 2x2x2 --trials 4 --uncertainty {from}"
-    ))
+    crate::notes(&format!("map -m {machine} --grid 2x2x2 --trials 4 --uncertainty {from}"))
 }
 
 /// A machine file with one change and without the checksums, which would no longer match.
@@ -195,10 +164,7 @@ fn a_file_that_did_not_make_the_machine_is_noted() {
     let folder = Folder::new();
     let machine = identified(&folder);
     let own = said(&machine, OBSERVATIONS);
-    assert!(
-        !own.contains("was not made from") && !own.contains("is of the machine"),
-        "{own}"
-    );
+    assert!(!own.contains("was not made from") && !own.contains("is of the machine"), "{own}");
 
     let text = fs::read_to_string(&machine).expect("written");
     let other = folder.file("other.toml");
@@ -207,20 +173,12 @@ fn a_file_that_did_not_make_the_machine_is_noted() {
     };
     changed("fork-head", "another");
     let words = said(&other, OBSERVATIONS);
-    contains(
-        &words,
-        "is of the machine \"fork-head\", --machine is \"another\"",
-    );
+    contains(&words, "is of the machine \"fork-head\", --machine is \"another\"");
     // Two location errors, one at a time; the others agree.
     let value = |name: &str| -> f64 {
-        let line = text
-            .lines()
-            .find(|line| line.starts_with(&format!("{name} = ")));
+        let line = text.lines().find(|line| line.starts_with(&format!("{name} = ")));
         let line = line.expect("the error");
-        line.split('=')
-            .nth(1)
-            .and_then(|v| v.trim().parse().ok())
-            .expect("a number")
+        line.split('=').nth(1).and_then(|v| v.trim().parse().ok()).expect("a number")
     };
     for name in ["EC0Y", "EB0C"] {
         let found = value(name);
@@ -244,9 +202,7 @@ fn a_file_that_did_not_make_the_machine_is_noted() {
     // Another point of an axis makes it another machine.
     let output = {
         changed("400.0]", "410.0]");
-        refused(&format!(
-            "map -m {other} --grid 2x2x2 --uncertainty {OBSERVATIONS}"
-        ))
+        refused(&format!("map -m {other} --grid 2x2x2 --uncertainty {OBSERVATIONS}"))
     };
     contains(&output, "point of axis");
 }
@@ -279,25 +235,15 @@ fn a_calibration_that_did_not_make_the_machine_is_noted() {
     contains(&words, "at most EYY by");
     // Errors stated at another point of a linear axis, and another travel.
     for (from, to, expected) in [
-        (
-            "point = [0.0, 0.0, -650.0]",
-            "point = [0.0, 0.0, -600.0]",
-            "(point of X)",
-        ),
-        (
-            "travel = [0.0, 400.0]",
-            "travel = [0.0, 390.0]",
-            "(travel of Y)",
-        ),
+        ("point = [0.0, 0.0, -650.0]", "point = [0.0, 0.0, -600.0]", "(point of X)"),
+        ("travel = [0.0, 400.0]", "travel = [0.0, 390.0]", "(travel of Y)"),
     ] {
         fs::write(&other, with_change(&text, from, to)).expect("written");
         let words = said(&other, &calibration);
         contains(&words, expected);
     }
     // Assembly errors and thermal terms that the calibration does not give.
-    let unsigned = text
-        .lines()
-        .filter(|line| !line.contains("sha256") && *line != "[assembly]");
+    let unsigned = text.lines().filter(|line| !line.contains("sha256") && *line != "[assembly]");
     let unsigned = unsigned.collect::<Vec<_>>().join("\n");
     for (table, expected) in [
         (

@@ -51,25 +51,19 @@ fn angles_stand_under_keys_of_angles() {
     let machine = folder.file("m.toml");
     let answer = json(&["calibrate", &file("calibration.toml"), "-o", &machine]);
     for curve in list(&answer["curves"]) {
-        let is_angular = curve["error"]
-            .as_str()
-            .is_some_and(|e| "ABC".contains(&e[1..2]));
+        let is_angular = curve["error"].as_str().is_some_and(|e| "ABC".contains(&e[1..2]));
         assert_eq!(is_angular, curve["unit"] == "urad", "{curve}");
     }
 
     // The option states the unit of a file without one; it never turns angles into lengths.
-    for (name, unit, found, expected) in [
-        ("eay.rta", "um", "µrad", "µm"),
-        ("exx.rtl", "urad", "µm", "µrad"),
-    ] {
+    for (name, unit, found, expected) in
+        [("eay.rta", "um", "µrad", "µm"), ("exx.rtl", "urad", "µm", "µrad")]
+    {
         let message = refused(&["iso230", &file(name), "--unit", unit]);
         let said = format!("{name}: found deviations in {found}, expected {expected}");
         contains(&message, &said);
     }
-    assert_eq!(
-        json(&["iso230", &file("eay.rta"), "--unit", "urad"]),
-        angles
-    );
+    assert_eq!(json(&["iso230", &file("eay.rta"), "--unit", "urad"]), angles);
 }
 
 /// A file without a unit is read in the requested unit: equal deviations in different units give the same evaluation.
@@ -100,25 +94,16 @@ fn a_file_without_a_unit_is_read_in_the_one_that_is_asked_for() {
         let answer = json(&["iso230", "--unit", unit, &file]);
         assert_eq!(answer["unit"], answered);
         let range = answer[format!("E_forward_{answered}")].as_f64();
-        assert!(
-            (range.expect("a number") - 6.25).abs() < 1e-9,
-            "{unit}: {range:?}"
-        );
+        assert!((range.expect("a number") - 6.25).abs() < 1e-9, "{unit}: {range:?}");
         let fit = json(&format!("fit --unit {unit} {file} --method poly --order 1"));
-        assert!(
-            !fit[format!("residual_{answered}")].is_null(),
-            "{unit}: {fit}"
-        );
+        assert!(!fit[format!("residual_{answered}")].is_null(), "{unit}: {fit}");
     }
     assert!(text(&["iso230", "--unit", "arcsec", &write(1.0)]).contains("all values in µrad"));
     // The option may repeat the unit of the header, which is then applied once.
     let path = folder.path().join("stated.csv");
     fs::write(&path, "target,deviation mm\n0,0.001\n10,0.003\n20,0.006\n").expect("written");
     let stated = path.display().to_string();
-    assert_eq!(
-        json(&["iso230", "--unit", "mm", &stated]),
-        json(&["iso230", &stated])
-    );
+    assert_eq!(json(&["iso230", "--unit", "mm", &stated]), json(&["iso230", &stated]));
     let message = refused(&["fit", "--unit", "um", &stated, "--method", "poly"]);
     let said = "stated.csv: found deviations in mm, expected µm (--unit um)";
     contains(&message, said);
@@ -161,10 +146,7 @@ fn tables_with_semicolons_and_decimal_commas_are_read() {
     );
     let in_mm = write("mm.csv", "target,deviation\n0,0\n300,0.0061\n600,0.0119\n");
     assert!(notes(&in_mm).contains("are they mm?"));
-    let stated = write(
-        "stated.csv",
-        "target mm,deviation mm\n0,0\n300,0.0061\n600,0.0119\n",
-    );
+    let stated = write("stated.csv", "target mm,deviation mm\n0,0\n300,0.0061\n600,0.0119\n");
     assert!(!notes(&stated).contains("deviations is not stated"));
     let mixed = write("mixed.csv", "target;deviation\n0;1,5\n1.234;2,25\n");
     refuses(

@@ -46,10 +46,7 @@ fn the_published_gantry_is_passed_in_every_row() {
         let (before, printed) = (float(&line["before_um"]), float(&line["paper_before_um"]));
         assert!((before - printed).abs() < 0.5, "{line}");
         if !line["paper_after_um"].is_null() {
-            assert!(
-                float(&line["after_um"]) < float(&line["paper_after_um"]),
-                "{line}"
-            );
+            assert!(float(&line["after_um"]) < float(&line["paper_after_um"]), "{line}");
         }
     }
     let printed = |line: &&Value| !line["paper_after_um"].is_null();
@@ -57,16 +54,10 @@ fn the_published_gantry_is_passed_in_every_row() {
     let residuals = list(&published["residuals"]);
     assert_eq!(residuals.len(), 15, "five methods on X, Y and Z");
     let mut rows = 0;
-    for row in residuals
-        .iter()
-        .filter(|row| !row["paper_min_um"].is_null())
-    {
+    for row in residuals.iter().filter(|row| !row["paper_min_um"].is_null()) {
         rows += 1;
         let size = |min: &str, max: &str| float(&row[max]) - float(&row[min]);
-        assert!(
-            size("min_um", "max_um") < size("paper_min_um", "paper_max_um"),
-            "{row}"
-        );
+        assert!(size("min_um", "max_um") < size("paper_min_um", "paper_max_um"), "{row}");
     }
     assert_eq!(rows, 4);
     let of = |error: &str, method: &str| {
@@ -77,10 +68,7 @@ fn the_published_gantry_is_passed_in_every_row() {
     for error in ["EXX", "EYY", "EZZ"] {
         for order in 6..=8 {
             let polynomial = of(error, &format!("polynomial of order {order}"));
-            assert!(
-                of(error, "moving least squares") < polynomial,
-                "{error} {order}"
-            );
+            assert!(of(error, "moving least squares") < polynomial, "{error} {order}");
         }
     }
     // The pitch at two heights of Y is almost linear: the tilts are compared with their own best-fit line.
@@ -90,10 +78,7 @@ fn the_published_gantry_is_passed_in_every_row() {
     let left = float(&left["max"]) - float(&left["min"]);
     assert!(left < 0.1 * float(&span["M_urad"]), "{left} {span}");
     let text = text(&["demo"]);
-    assert!(
-        text.lines().all(|line| line.chars().count() <= 80),
-        "{text}"
-    );
+    assert!(text.lines().all(|line| line.chars().count() <= 80), "{text}");
     insta::assert_snapshot!(text);
 }
 
@@ -117,12 +102,8 @@ fn the_demo_with_moving_least_squares_alone() {
     // The settings are those of the kept machine, and they differ.
     let settings = list(&answer["curves"]);
     assert_eq!(settings.len(), 36, "18 errors, two directions");
-    let of = |setting: &Value| {
-        format!(
-            "order = {}, support = {}",
-            setting["order"], setting["support"]
-        )
-    };
+    let of =
+        |setting: &Value| format!("order = {}, support = {}", setting["order"], setting["support"]);
     for setting in settings {
         assert_eq!(setting["curve"], "mls", "{setting}");
         let error = setting["error"].as_str().expect("a name");
@@ -130,11 +111,7 @@ fn the_demo_with_moving_least_squares_alone() {
         let line = lines.find(|line| line.starts_with(error)).expect("a curve");
         assert!(line.contains(&of(setting)), "{setting}: {line}");
     }
-    assert!(
-        settings
-            .iter()
-            .any(|setting| of(setting) != of(&settings[0]))
-    );
+    assert!(settings.iter().any(|setting| of(setting) != of(&settings[0])));
     let printed = text(&["demo", "--curve", "mls"]);
     assert!(printed.lines().all(|line| line.len() <= 80), "{printed}");
     contains(&printed, "moving least squares  direction  order  support");
@@ -161,10 +138,7 @@ fn the_automatic_mode_meets_2_um_on_the_demo() {
             assert!(float(&automatic["residual_um"][end]).abs() <= 2.0, "{file}");
         }
         let leave_one_out = float(&automatic["leave_one_out_um"]);
-        assert!(
-            leave_one_out <= float(&default["leave_one_out_um"]),
-            "{file}"
-        );
+        assert!(leave_one_out <= float(&default["leave_one_out_um"]), "{file}");
         // The scan contains the chosen setting.
         let scan = list(&automatic["scan"]);
         let curve = &automatic["curve"]["mls"];
@@ -177,12 +151,9 @@ fn the_automatic_mode_meets_2_um_on_the_demo() {
         // The scan factorises all orders of a target at once, the curve its own order alone.
         let scanned = float(&taken[0]["leave_one_out_rms"]);
         assert!((scanned - leave_one_out).abs() < 1e-9 * scanned, "{file}");
-        let meeting = scan
-            .iter()
-            .filter(|trial| float(&trial["max_residual"]) <= 2.0);
-        let least = meeting
-            .map(|trial| float(&trial["leave_one_out_rms"]))
-            .fold(f64::INFINITY, f64::min);
+        let meeting = scan.iter().filter(|trial| float(&trial["max_residual"]) <= 2.0);
+        let least =
+            meeting.map(|trial| float(&trial["leave_one_out_rms"])).fold(f64::INFINITY, f64::min);
         assert!((least - leave_one_out).abs() < 1e-6, "{file}");
     }
 }
@@ -278,10 +249,7 @@ fn broken_shops_are_refused() {
     }
     fs::write(&shop, format!("machine = \"truth.toml\"\n{line}")).expect("written");
     let file = truth_path(&folder);
-    refuses(
-        &["simulate", &shop.display().to_string(), "-o", &file],
-        "cannot be made a folder",
-    );
+    refuses(&["simulate", &shop.display().to_string(), "-o", &file], "cannot be made a folder");
     let output = volcomp(&["simulate", &shop.display().to_string(), "-o", &out]);
     assert_eq!(output.status.code(), Some(0));
 }
@@ -311,14 +279,7 @@ fn an_interrupt_leaves_nothing_half_written() {
     let folder = Folder::new();
     let map = folder.path().join("map.csv");
     let mut child = std::process::Command::new(env!("CARGO_BIN_EXE_volcomp"))
-        .args([
-            "map",
-            "-m",
-            "examples/gantry.toml",
-            "--grid",
-            "1000x1000x1000",
-            "-o",
-        ])
+        .args(["map", "-m", "examples/gantry.toml", "--grid", "1000x1000x1000", "-o"])
         .arg(&map)
         .current_dir(root())
         .stderr(std::process::Stdio::piped())
@@ -355,23 +316,13 @@ fn settings_without_a_leave_one_out_error_are_told() {
     let call = format!("fit {path} --method mls --scan --order 1 --support 1");
     let answer = json(&call);
     let scan = list(&answer["scan"]);
-    let without = scan
-        .iter()
-        .filter(|trial| trial["leave_one_out_rms"].is_null());
+    let without = scan.iter().filter(|trial| trial["leave_one_out_rms"].is_null());
     let without = without.count();
     assert!(without > 0, "{scan:?}");
     assert!(scan.iter().all(|trial| trial["max_residual"].is_number()));
     let printed = text(&call);
     let (_, left_out) = printed.split_once("Leave-one-out error").expect("a table");
-    let (left_out, said) = left_out
-        .split_once("* the curve above")
-        .expect("a line below");
-    assert_eq!(
-        left_out
-            .split_whitespace()
-            .filter(|cell| *cell == "x")
-            .count(),
-        without
-    );
+    let (left_out, said) = left_out.split_once("* the curve above").expect("a line below");
+    assert_eq!(left_out.split_whitespace().filter(|cell| *cell == "x").count(), without);
     contains(said, "x no leave-one-out error");
 }

@@ -9,8 +9,7 @@ fn machines() -> Vec<String> {
     let files = entries.map(|entry| entry.expect("an entry").path());
     let texts = files.filter_map(|path| {
         let text = fs::read_to_string(&path).ok()?;
-        text.contains("[axes.X]")
-            .then(|| path.display().to_string())
+        text.contains("[axes.X]").then(|| path.display().to_string())
     });
     let mut machines: Vec<String> = texts.collect();
     machines.sort();
@@ -28,15 +27,8 @@ fn fits(arguments: &str) {
         let is_path = line.split_whitespace().any(|word| word.contains('/'));
         let is_toml = line.contains(" = {");
         let wide = line.chars().count();
-        assert!(
-            wide <= 80 || is_path || is_toml,
-            "{arguments:?}: {wide} columns\n{line}"
-        );
-        assert_eq!(
-            line.trim_end(),
-            line,
-            "{arguments:?}: blanks at the end of a line"
-        );
+        assert!(wide <= 80 || is_path || is_toml, "{arguments:?}: {wide} columns\n{line}");
+        assert_eq!(line.trim_end(), line, "{arguments:?}: blanks at the end of a line");
     }
 }
 
@@ -44,10 +36,7 @@ fn fits(arguments: &str) {
 fn every_machine_in_every_command() {
     let folder = Folder::new();
     let place = folder.file("");
-    folder.write(
-        "points.csv",
-        "X,Y,Z\n1,2,3\n99999,-99999,99999\n-12345.678,0,0\n0,0,-1\n",
-    );
+    folder.write("points.csv", "X,Y,Z\n1,2,3\n99999,-99999,99999\n-12345.678,0,0\n0,0,-1\n");
     for machine in &machines() {
         for call in [
             "check M",
@@ -92,9 +81,7 @@ fn every_measurement_in_every_command() {
     for file in ["exx.rtl", "eay.rta"] {
         for method in ["poly", "chebyshev", "mls", "bspline"] {
             // The curve is one line of a machine file of any length.
-            let shown = text(&format!(
-                "fit {place}demo/{file} --method {method} --at 0,4000"
-            ));
+            let shown = text(&format!("fit {place}demo/{file} --method {method} --at 0,4000"));
             for line in shown.lines().skip(1) {
                 assert!(line.chars().count() <= 80, "{line}");
             }
@@ -129,10 +116,7 @@ fn closed_pipes_and_narrow_terminals() {
             assert!(!said.contains("panicked"), "{call} | {reader}: {said}");
         }
         let closed = run(&format!("{program} {call} >&- 2>&-"));
-        assert!(
-            matches!(closed.status.code(), Some(0..=2)),
-            "{call}: {closed:?}"
-        );
+        assert!(matches!(closed.status.code(), Some(0..=2)), "{call}: {closed:?}");
     }
     let narrow = run(&format!("{program} check examples/mill.toml"));
     let wide = volcomp(&["check", "examples/mill.toml"]);

@@ -65,11 +65,9 @@ fn bytes_that_are_not_utf_8_are_told_with_their_place() {
     let path = folder.path().join("latin.csv");
     fs::write(&path, b"time_s,spindle_degc,z_um\n0,20,\xb5\n").expect("written");
     let file = path.display().to_string();
-    for call in [
-        &["fit-thermal", &file][..],
-        &["error", "-m", FIRST, "--points", &file],
-        &["check", &file],
-    ] {
+    for call in
+        [&["fit-thermal", &file][..], &["error", "-m", FIRST, "--points", &file], &["check", &file]]
+    {
         let message = refused(call);
         let expected = format!("{file}: byte 30 is not UTF-8, expected a text file in UTF-8");
         assert!(message.contains(&expected), "{call:?}: {message}");
@@ -82,16 +80,8 @@ fn slips_in_a_machine_file_are_told_with_what_was_meant() {
     let folder = Folder::new();
     let good = fs::read_to_string(root().join(FIRST)).expect("read");
     for (from, to, expected) in [
-        (
-            "EC0Y = 12.0",
-            "ec0y = 12.0",
-            "found `ec0y`, expected upper-case letters: `EC0Y`",
-        ),
-        (
-            "[axes.X]",
-            "[axes.x]",
-            "found `x`, expected an upper-case letter: `X`",
-        ),
+        ("EC0Y = 12.0", "ec0y = 12.0", "found `ec0y`, expected upper-case letters: `EC0Y`"),
+        ("[axes.X]", "[axes.x]", "found `x`, expected an upper-case letter: `X`"),
         (
             "travel = [0.0, 1000.0]",
             "travel = [0,0, 1000,0]",

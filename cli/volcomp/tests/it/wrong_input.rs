@@ -64,10 +64,7 @@ fn wrong_arguments_say_what_was_found_and_expected() {
         ],
     );
     #[cfg(not(feature = "parquet"))]
-    refuses(
-        &format!("map -m {GANTRY} --grid 3x3x3 -o m.parquet"),
-        "no Parquet",
-    );
+    refuses(&format!("map -m {GANTRY} --grid 3x3x3 -o m.parquet"), "no Parquet");
 }
 
 fn written(folder: &Path, name: &str, bytes: &[u8]) -> String {
@@ -90,11 +87,7 @@ fn broken_files_are_named_with_their_line_unbroken() {
     assert_eq!(message, place);
     for (name, bytes, expected) in [
         ("points.csv", &b"P,Q\n1,2\n"[..], "found no axis letter"),
-        (
-            "points.csv",
-            b"X,Y\n1,2\n1,nan\n",
-            "points.csv:3: Y: found `nan`",
-        ),
+        ("points.csv", b"X,Y\n1,2\n1,nan\n", "points.csv:3: Y: found `nan`"),
         ("points.csv", b"X,Y\n1\n", "points.csv"),
         ("points.csv", b"", "points.csv"),
         ("points.csv", b"X,X\n1,2\n", "column `X` appears twice"),
@@ -145,9 +138,7 @@ fn an_output_is_opened_before_the_work_starts() {
 fn options_of_a_fit_that_have_no_effect_are_refused() {
     let folder = Folder::new();
     let path = folder.file("m.csv");
-    let rows: Vec<String> = (0..12)
-        .map(|row| format!("{},{}\n", 10 * row, row % 5))
-        .collect();
+    let rows: Vec<String> = (0..12).map(|row| format!("{},{}\n", 10 * row, row % 5)).collect();
     let rows = rows.concat();
     std::fs::write(&path, format!("target_mm,deviation_um\n{rows}")).expect("written");
     for (options, expected) in [
@@ -161,10 +152,7 @@ fn options_of_a_fit_that_have_no_effect_are_refused() {
             &["chebyshev", "--shape", "2"][..],
             "--shape: found another method, expected --method mls",
         ),
-        (
-            &["bspline", "--order", "3"][..],
-            "--order: found --method bspline",
-        ),
+        (&["bspline", "--order", "3"][..], "--order: found --method bspline"),
         (&["auto", "--order", "3"][..], "--order"),
         (&["poly", "--residual", "1"][..], "--residual"),
     ] {

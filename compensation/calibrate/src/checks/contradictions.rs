@@ -56,9 +56,7 @@ fn contradiction(
     let of_tilts = tilts.map_or(Ok(0.0), |tilts| tilts.noise_um(error, cleared, &beside))?;
     let noise = noise.hypot(of_tilts).max(LEAST_NOISE);
     let rms = (difference.iter().map(|d| d * d).sum::<f64>() / difference.len() as f64).sqrt();
-    let largest = difference
-        .iter()
-        .fold(0.0_f64, |largest, d| largest.max(d.abs()));
+    let largest = difference.iter().fold(0.0_f64, |largest, d| largest.max(d.abs()));
     if rms <= TIMES_NOISE * noise || largest <= NEVER_BELOW {
         return Ok(None);
     }
@@ -122,10 +120,7 @@ fn noise(profiles: [&Profile<'_>; 2], beside: &ParallelReadings) -> Option<f64> 
         // other, a value jumps by the total slope.
         let uneven = Direction::BOTH.into_iter().filter_map(|direction| {
             let own = points.clone().filter(|((of, _), _)| *of == direction);
-            unevenness(
-                &own.map(|((_, at), value)| (*at, *value))
-                    .collect::<Vec<_>>(),
-            )
+            unevenness(&own.map(|((_, at), value)| (*at, *value)).collect::<Vec<_>>())
         });
         let uneven = uneven.reduce(f64::max);
         let own = match profile.noise_of_shape() {
@@ -193,11 +188,7 @@ impl ParallelReadings {
         let targets = self.places.iter().map(|(_, target)| *target);
         let points: Vec<(f64, f64)> = targets.zip(values.iter().copied()).collect();
         if is_straightness && let Ok(line) = ReferenceLine::least_squares(&points) {
-            return line
-                .removed_from(&points)
-                .into_iter()
-                .map(|(_, value)| value)
-                .collect();
+            return line.removed_from(&points).into_iter().map(|(_, value)| value).collect();
         }
         let mean = values.iter().sum::<f64>() / values.len().max(1) as f64;
         values.into_iter().map(|value| value - mean).collect()

@@ -26,9 +26,8 @@ pub(crate) fn refuse_turning(
     error: ErrorName,
     machine: &Machine,
 ) -> Result<(), InputError> {
-    let turns = machine
-        .axis(error.axis)
-        .is_some_and(|axis| axis.motion_frame == MotionFrame::Turning);
+    let turns =
+        machine.axis(error.axis).is_some_and(|axis| axis.motion_frame == MotionFrame::Turning);
     let is_along = error.component.mcs_index() == error.axis.mcs_index();
     if !turns || is_along {
         return Ok(());
@@ -213,25 +212,17 @@ pub fn different_machines(files: &[(String, &Metadata)]) -> Vec<String> {
     for (what, is_serial) in [("machines", false), ("serial numbers", true)] {
         let mut found: Vec<(&str, &str)> = Vec::new();
         for (file, metadata) in files {
-            let text = if is_serial {
-                &metadata.serial
-            } else {
-                &metadata.machine
-            };
+            let text = if is_serial { &metadata.serial } else { &metadata.machine };
             let text = text.as_deref().unwrap_or_default().trim();
             if !text.is_empty() && !found.iter().any(|(known, _)| is_same_name(known, text)) {
                 found.push((text, file));
             }
         }
         if found.len() > 1 {
-            let each = found
-                .iter()
-                .map(|(text, file)| format!("`{text}` ({file})"));
+            let each = found.iter().map(|(text, file)| format!("`{text}` ({file})"));
             let each: Vec<String> = each.collect();
             let each = each.join(", ");
-            notes.push(format!(
-                "the measurement files state different {what}: {each}"
-            ));
+            notes.push(format!("the measurement files state different {what}: {each}"));
         }
     }
     notes
@@ -240,9 +231,7 @@ pub fn different_machines(files: &[(String, &Metadata)]) -> Vec<String> {
 pub(crate) fn files_of(lines: &[Line]) -> Vec<(String, &Metadata)> {
     let file = |line: &Line| line.file.display().to_string();
     let lines = lines.iter();
-    lines
-        .map(|line| (file(line), &line.readings.metadata))
-        .collect()
+    lines.map(|line| (file(line), &line.readings.metadata)).collect()
 }
 
 /// Rejects a file that states another serial number than the calibration file. `file` is the value that names the file.
@@ -306,9 +295,7 @@ pub(crate) fn odd_values(file: &CalibrationFile) -> Vec<String> {
             "{error} in [[{table}]]: {what}{size:.0} is large for a machine tool: check its unit"
         )
     };
-    let values = stated
-        .iter()
-        .filter(|of| of.value.abs() > LARGEST_PLAUSIBLE);
+    let values = stated.iter().filter(|of| of.value.abs() > LARGEST_PLAUSIBLE);
     let values = values.map(|of| note(of, "", of.value));
     let unsure = (stated.iter())
         .filter(|of| of.table == "location" && of.uncertainty > LARGEST_PLAUSIBLE)
@@ -371,17 +358,9 @@ pub(crate) fn odd(line: &Line, machine: &Machine) -> Vec<String> {
             error.axis
         ));
     }
-    let state_unit = if line.readings.unit.is_none() {
-        ", or state `unit`"
-    } else {
-        ""
-    };
+    let state_unit = if line.readings.unit.is_none() { ", or state `unit`" } else { "" };
     if let Some(largest) = largest_deviation(line).filter(|largest| *largest > LARGEST_PLAUSIBLE) {
-        let kind = if line.setup.reads_angles() {
-            AxisKind::Rotary
-        } else {
-            AxisKind::Linear
-        };
+        let kind = if line.setup.reads_angles() { AxisKind::Rotary } else { AxisKind::Linear };
         let size = Displacement::from_micro(kind, largest);
         note(format!(
             "a deviation of {size:.0} is large for a machine tool: check the unit of the file{state_unit}"
@@ -398,11 +377,8 @@ pub(crate) fn odd(line: &Line, machine: &Machine) -> Vec<String> {
     let sizes = line.readings.readings.iter().map(|r| r.deviation.abs());
     let largest = sizes.fold(0.0, f64::max);
     if line.readings.unit.is_none() && largest > 0.0 && largest < SMALLEST_PLAUSIBLE {
-        let (taken, perhaps) = if line.setup.reads_angles() {
-            ("µrad", "mrad")
-        } else {
-            ("µm", "mm")
-        };
+        let (taken, perhaps) =
+            if line.setup.reads_angles() { ("µrad", "mrad") } else { ("µm", "mm") };
         note(format!(
             "the unit of the deviations is not stated, taken as {taken}; all are below {SMALLEST_PLAUSIBLE} {taken}: are they {perhaps}? State `unit`"
         ));
@@ -432,12 +408,7 @@ pub(crate) fn without_point(lines: &[Line], tilted: &Machine) -> Option<String> 
             .map(|tilt| tilt.to_string())
             .collect();
         (!tilts.is_empty()).then(|| {
-            format!(
-                "{} ({}): {error} with {}",
-                line.file.display(),
-                line.place,
-                tilts.join(" ")
-            )
+            format!("{} ({}): {error} with {}", line.file.display(), line.place, tilts.join(" "))
         })
     };
     let lines: Vec<String> = lines.iter().filter_map(named).collect();

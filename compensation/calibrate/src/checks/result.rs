@@ -19,17 +19,10 @@ pub(crate) fn not_followed(curves: &[FittedCurve], lines: &[FittedLine]) -> Vec<
     // The branches of an error are adjacent; one of them represents both.
     while let Some(curve) = rest.first() {
         let error = curve.error;
-        let (branches, others) = rest.split_at(
-            rest.iter()
-                .take_while(|branch| branch.error == error)
-                .count(),
-        );
+        let (branches, others) =
+            rest.split_at(rest.iter().take_while(|branch| branch.error == error).count());
         rest = others;
-        let unit = if error.component.is_angular() {
-            Urad::SYMBOL
-        } else {
-            Um::SYMBOL
-        };
+        let unit = if error.component.is_angular() { Urad::SYMBOL } else { Um::SYMBOL };
         let choice = curve.choice.as_ref();
         let of_curves = || {
             let mut said = branches.iter().map(|branch| &branch.between);
@@ -55,16 +48,10 @@ pub(crate) fn not_followed(curves: &[FittedCurve], lines: &[FittedLine]) -> Vec<
 /// Files of an error as a prefix: `a.csv, b.csv: `.
 fn files(lines: &[FittedLine], error: ErrorName) -> String {
     let of_error = lines.iter().filter(|line| line.error == error);
-    let mut files: Vec<&str> = of_error
-        .flat_map(|line| &line.sources)
-        .map(|source| source.file.as_str())
-        .collect();
+    let mut files: Vec<&str> =
+        of_error.flat_map(|line| &line.sources).map(|source| source.file.as_str()).collect();
     files.dedup();
-    if files.is_empty() {
-        String::new()
-    } else {
-        files.join(", ") + ": "
-    }
+    if files.is_empty() { String::new() } else { files.join(", ") + ": " }
 }
 
 /// Stated values that the observations contradict: wrong sign, wrong unit, halved or doubled.
@@ -79,11 +66,7 @@ pub(crate) fn contradicted_values(
     // Changes to the opposite value, or farther if the value is much smaller than the change that
     // may be supported.
     let step = |of: &Stated| {
-        if 2.0 * of.value.abs() > CHANGE {
-            -2.0 * of.value
-        } else {
-            CHANGE
-        }
+        if 2.0 * of.value.abs() > CHANGE { -2.0 * of.value } else { CHANGE }
     };
     let machines = all.iter().map(|of| {
         let file = of.changed(lines.file, step(of));

@@ -43,17 +43,12 @@ fn open_keys(draft: &Draft) -> Vec<String> {
 }
 
 fn answer(of: Subject, key: &str, value: &str) -> Answer {
-    Answer {
-        of,
-        key: key.to_owned(),
-        value: value.to_owned(),
-    }
+    Answer { of, key: key.to_owned(), value: value.to_owned() }
 }
 
 fn place(draft: &Draft, file: &str) -> usize {
     let mut all = draft.proposed.iter();
-    all.position(|of| of.files.iter().any(|name| name == file))
-        .expect(file)
+    all.position(|of| of.files.iter().any(|name| name == file)).expect(file)
 }
 
 /// With every question answered, the file is valid, and its calibration has the slope of the example's machine.
@@ -121,19 +116,13 @@ fn invalid_answers_are_refused_by_key() {
     ] {
         let wrong = found.answered(&[answer(of.clone(), key, value)]);
         let message = wrong.expect_err(value).to_string();
-        assert!(
-            message.contains(expected) && message.contains(key),
-            "{message}"
-        );
+        assert!(message.contains(expected) && message.contains(key), "{message}");
     }
     // Answers without a question, and for a missing measurement.
     let key = found.answered(&[answer(of.clone(), "machine", "x")]);
     assert!(matches!(key, Err(AnswerError::Key { .. })), "{key:?}");
     let missing = found.answered(&[answer(Subject::Measurement(99), "sign", "1")]);
-    assert!(
-        matches!(missing, Err(AnswerError::Subject { .. })),
-        "{missing:?}"
-    );
+    assert!(matches!(missing, Err(AnswerError::Subject { .. })), "{missing:?}");
 }
 
 /// An answer cannot end its value: text that looks like another table adds none.
@@ -153,29 +142,15 @@ fn measurements_left_out_are_listed() {
     let (_dir, found) = drafted(&["eyx.csv", "exy.csv"]);
     assert!(found.text.contains("[[squareness]]"), "{}", found.text);
     let of = Subject::Measurement(place(&found, "exy.csv"));
-    let done = found
-        .answered(&[answer(of, "leave_out", "true")])
-        .expect("right");
+    let done = found.answered(&[answer(of, "leave_out", "true")]).expect("right");
     assert!(!done.text.contains("[[squareness]]"), "{}", done.text);
-    assert!(
-        done.text.contains("not used: exy.csv: left out"),
-        "{}",
-        done.text
-    );
+    assert!(done.text.contains("not used: exy.csv: left out"), "{}", done.text);
     let square: volcomp_vocabulary::ErrorName = "EC0Y".parse().expect("an error");
     let square = Subject::Squareness(square);
-    let done = found
-        .answered(&[answer(square.clone(), "leave_out", "true")])
-        .expect("right");
+    let done = found.answered(&[answer(square.clone(), "leave_out", "true")]).expect("right");
     assert!(!done.text.contains("[[squareness]]"), "{}", done.text);
-    let done = found
-        .answered(&[answer(square, "reference_angle_urad", "2.5")])
-        .expect("right");
-    assert!(
-        done.text.contains("reference_angle_urad = 2.5"),
-        "{}",
-        done.text
-    );
+    let done = found.answered(&[answer(square, "reference_angle_urad", "2.5")]).expect("right");
+    assert!(done.text.contains("reference_angle_urad = 2.5"), "{}", done.text);
 }
 
 /// Angular readings of a straightness come from a level on a bridge, so the length of the bridge becomes a question.
@@ -184,20 +159,14 @@ fn a_unit_of_angle_opens_the_question_for_the_bridge() {
     let (_dir, found) = drafted(&["ezx-level.csv"]);
     let of = Subject::Measurement(0);
     assert!(!open_keys(&found).contains(&"bridge_mm".to_owned()));
-    let answers = [
-        answer(of.clone(), "bridge_mm", "150"),
-        answer(of.clone(), "unit", "urad"),
-    ];
+    let answers = [answer(of.clone(), "bridge_mm", "150"), answer(of.clone(), "unit", "urad")];
     let done = found.answered(&answers).expect("right");
     assert!(
-        done.text
-            .contains("method = \"angular\"\nbridge_mm = 150.0\nreading = \"?\""),
+        done.text.contains("method = \"angular\"\nbridge_mm = 150.0\nreading = \"?\""),
         "{}",
         done.text
     );
-    let plain = found
-        .answered(&[answer(of.clone(), "unit", "um")])
-        .expect("right");
+    let plain = found.answered(&[answer(of.clone(), "unit", "um")]).expect("right");
     assert!(!plain.text.contains("angular"), "{}", plain.text);
     let none = found.answered(&[answer(of, "unit", "inch")]);
     assert!(none.expect_err("no unit").to_string().contains("one of mm"));
@@ -213,14 +182,9 @@ fn an_answered_error_opens_the_question_for_its_sign() {
     assert!(open_keys(&named).contains(&"sign".to_owned()));
     let (_dir, found) = drafted_of(&[("scan-1.csv", ARCH)]);
     for error in ["EZX", "EYX", "EBX"] {
-        let done = found
-            .answered(&[answer(Subject::Measurement(0), "error", error)])
-            .expect("right");
-        assert!(
-            open_keys(&done).contains(&"sign".to_owned()),
-            "{error}: {:?}",
-            open_keys(&done)
-        );
+        let done =
+            found.answered(&[answer(Subject::Measurement(0), "error", error)]).expect("right");
+        assert!(open_keys(&done).contains(&"sign".to_owned()), "{error}: {:?}", open_keys(&done));
     }
 }
 
@@ -233,16 +197,9 @@ fn an_error_of_another_axis_opens_the_question_for_that_position() {
     let open = open_keys(&done.expect("right"));
     assert!(open.contains(&"at.X".to_owned()), "{open:?}");
     assert!(!open.contains(&"at.Y".to_owned()), "{open:?}");
-    let both = [
-        answer(of.clone(), "at.X", "120"),
-        answer(of, "error", "EYY"),
-    ];
+    let both = [answer(of.clone(), "at.X", "120"), answer(of, "error", "EYY")];
     let done = found.answered(&both).expect("right");
-    assert!(
-        done.text.contains("at = { X = 120.0, Z = \"?\" }"),
-        "{}",
-        done.text
-    );
+    assert!(done.text.contains("at = { X = 120.0, Z = \"?\" }"), "{}", done.text);
 }
 
 /// Two tests of one error on one line, before and after a compensation, are a conflict: one has to be chosen, and they are never
@@ -307,10 +264,7 @@ fn follow_up_questions_can_be_answered_with_the_error() {
         assert!(done.notes.contains(&said), "{:?}", done.notes);
     }
     // The sign was answered before the error was changed.
-    let with = [
-        answer(scan.clone(), "error", "EXX"),
-        answer(scan, "sign", "-1"),
-    ];
+    let with = [answer(scan.clone(), "error", "EXX"), answer(scan, "sign", "-1")];
     assert!(found.answered(&with).is_ok());
     // For an error that the file names, the sign is no question.
     let named = Subject::Measurement(place(&found, "exx.csv"));

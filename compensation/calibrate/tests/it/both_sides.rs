@@ -23,22 +23,12 @@ fn image(m: &M, p: [f64; 4]) -> [f64; 4] {
 }
 
 fn shift(x: f64, y: f64) -> M {
-    [
-        [1.0, 0.0, 0.0, x],
-        [0.0, 1.0, 0.0, y],
-        [0.0, 0.0, 1.0, 0.0],
-        [0.0, 0.0, 0.0, 1.0],
-    ]
+    [[1.0, 0.0, 0.0, x], [0.0, 1.0, 0.0, y], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]]
 }
 
 fn about_z(angle: f64) -> M {
     let (s, c) = angle.sin_cos();
-    [
-        [c, -s, 0.0, 0.0],
-        [s, c, 0.0, 0.0],
-        [0.0, 0.0, 1.0, 0.0],
-        [0.0, 0.0, 0.0, 1.0],
-    ]
+    [[c, -s, 0.0, 0.0], [s, c, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]]
 }
 
 /// The tool in workpiece axes of `w X' b Y Z C B t` with X and Y moving. Y also moves to −X in proportion, and C, at 0, has its constant

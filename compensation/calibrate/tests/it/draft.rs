@@ -20,12 +20,7 @@ fn laser(axis: &str, title: &str, unit: DeviationUnit, quantity: Quantity, seed:
             for step in 0..5 {
                 let target = 100.0 * f64::from(step) * if axis == "Z" { -0.75 } else { 1.0 };
                 let deviation = (seed + target * 0.01).sin() * 3.0 + f64::from(run) * 0.1;
-                readings.push(Reading {
-                    target,
-                    run,
-                    direction,
-                    deviation,
-                });
+                readings.push(Reading { target, run, direction, deviation });
             }
         }
     }
@@ -89,70 +84,34 @@ fn keys(draft: &Draft, file: &str) -> Vec<String> {
 fn headers_and_file_names_give_proposals_and_questions() {
     let shop = Shop::new(&[
         ("laser/x-y50.rtl", linear("X", "X at Z = -20", 1.0)),
-        (
-            "eyx.rts",
-            laser("X", "", DeviationUnit::Um, Quantity::Straightness, 2.0),
-        ),
-        (
-            "exy.rts",
-            laser("Y", "", DeviationUnit::Um, Quantity::Straightness, 3.0),
-        ),
-        (
-            "y.rta",
-            laser("Y", "pitch", DeviationUnit::Urad, Quantity::Angle, 4.0),
-        ),
+        ("eyx.rts", laser("X", "", DeviationUnit::Um, Quantity::Straightness, 2.0)),
+        ("exy.rts", laser("Y", "", DeviationUnit::Um, Quantity::Straightness, 3.0)),
+        ("y.rta", laser("Y", "pitch", DeviationUnit::Urad, Quantity::Angle, 4.0)),
         ("notes.pdf", "%PDF".to_owned()),
         ("c.rtl", linear("C", "", 5.0)),
-        (
-            "far.csv",
-            "target_mm,deviation_um\n9000,1\n9100,2\n".to_owned(),
-        ),
-        (
-            "ezz.csv",
-            "target,deviation\n-10,1\n-20,2\n-30,2\n".to_owned(),
-        ),
+        ("far.csv", "target_mm,deviation_um\n9000,1\n9100,2\n".to_owned()),
+        ("ezz.csv", "target,deviation\n-10,1\n-20,2\n-30,2\n".to_owned()),
     ]);
     let found = shop.draft();
-    let errors: Vec<Option<String>> = found
-        .proposed
-        .iter()
-        .map(|of| of.error.map(|error| error.to_string()))
-        .collect();
+    let errors: Vec<Option<String>> =
+        found.proposed.iter().map(|of| of.error.map(|error| error.to_string())).collect();
     let expected = ["EXX", "EYX", "EXY", "EZZ"].map(|name| Some(name.to_owned()));
     let unknown = errors.iter().filter(|error| error.is_none()).count();
     assert_eq!(errors.iter().flatten().count(), 4, "{errors:?}");
-    assert!(
-        expected.iter().all(|error| errors.contains(error)),
-        "{errors:?}"
-    );
+    assert!(expected.iter().all(|error| errors.contains(error)), "{errors:?}");
     // The angle of Y, and the table without any hint of its content.
     assert_eq!(unknown, 2);
     // The first file states the positions of both other axes.
     assert_eq!(keys(&found, "laser/x-y50.rtl"), ["point", "rides"]);
-    assert!(
-        found.text.contains("at = { Y = 50.0, Z = -20.0 }"),
-        "{}",
-        found.text
-    );
-    assert_eq!(
-        keys(&found, "eyx.rts"),
-        ["at.Y", "at.Z", "point", "rides", "sign"]
-    );
+    assert!(found.text.contains("at = { Y = 50.0, Z = -20.0 }"), "{}", found.text);
+    assert_eq!(keys(&found, "eyx.rts"), ["at.Y", "at.Z", "point", "rides", "sign"]);
     assert_eq!(keys(&found, "y.rta")[..1], ["error"]);
-    assert!(
-        found.text.contains("# error: one of EAY, EBY, ECY"),
-        "{}",
-        found.text
-    );
+    assert!(found.text.contains("# error: one of EAY, EBY, ECY"), "{}", found.text);
     assert!(keys(&found, "ezz.csv").contains(&"unit".to_owned()));
     assert_eq!(keys(&found, "EC0Y"), ["reference_angle_urad"]);
     let left: Vec<&str> = found.left_over.iter().map(|of| of.file.as_str()).collect();
     assert_eq!(left, ["c.rtl", "notes.pdf"]);
-    assert!(
-        found.left_over[0].reason.contains("axis C"),
-        "{:?}",
-        found.left_over
-    );
+    assert!(found.left_over[0].reason.contains("axis C"), "{:?}", found.left_over);
     // The file is named once, before its reason.
     for of in &found.left_over {
         assert!(!of.reason.contains(&of.file), "{of:?}");
@@ -160,19 +119,10 @@ fn headers_and_file_names_give_proposals_and_questions() {
     let unread = "# not used: notes.pdf: found";
     assert!(found.text.contains(unread), "{}", found.text);
     // The text has every question as a value and as a comment.
-    assert_eq!(
-        found.text.matches("# QUESTION").count(),
-        found.questions.len()
-    );
-    assert_eq!(
-        found.text.matches("\"?\"").count(),
-        found.questions.len() + 1
-    );
+    assert_eq!(found.text.matches("# QUESTION").count(), found.questions.len());
+    assert_eq!(found.text.matches("\"?\"").count(), found.questions.len() + 1);
     let refused = shop.read().unwrap_err();
-    assert!(
-        refused.contains("open question") && refused.contains("c.toml:"),
-        "{refused}"
-    );
+    assert!(refused.contains("open question") && refused.contains("c.toml:"), "{refused}");
 }
 
 #[test]
@@ -190,18 +140,10 @@ fn duplicate_and_contradictory_files_are_conflicts() {
         said.contains("again/x-y50-z0.rtl and x-y50-z0.rtl both measure EXX at the same place"),
         "{said}"
     );
+    assert!(said.contains("y.rtl has the same readings as y-copy.rtl"), "{said}");
+    assert!(said.contains("both measure EYY: `at` must distinguish them"), "{said}");
     assert!(
-        said.contains("y.rtl has the same readings as y-copy.rtl"),
-        "{said}"
-    );
-    assert!(
-        said.contains("both measure EYY: `at` must distinguish them"),
-        "{said}"
-    );
-    assert!(
-        found
-            .text
-            .contains("# CONTRADICTION: the file states axis X, its name or title says EYY"),
+        found.text.contains("# CONTRADICTION: the file states axis X, its name or title says EYY"),
         "{}",
         found.text
     );
@@ -212,19 +154,9 @@ fn duplicate_and_contradictory_files_are_conflicts() {
 
 #[test]
 fn texts_from_files_stay_in_comments() {
-    let shop = Shop::new(&[(
-        "exx.rtl",
-        linear("X", "\"]]\t[[measurement]] # x\u{b}", 1.0),
-    )]);
+    let shop = Shop::new(&[("exx.rtl", linear("X", "\"]]\t[[measurement]] # x\u{b}", 1.0))]);
     let found = shop.draft();
-    assert_eq!(
-        found
-            .text
-            .lines()
-            .filter(|line| line.starts_with("[["))
-            .count(),
-        1
-    );
+    assert_eq!(found.text.lines().filter(|line| line.starts_with("[[")).count(), 1);
     assert!(shop.read().unwrap_err().contains("open question"));
 }
 
@@ -233,23 +165,13 @@ fn columns_of_the_calibration_file_are_those_of_its_tables() {
     let table = "Soll;Ist\n0,0;0,001\n100,0;100,003\n200,0;200,004\n";
     let shop = Shop::new(&[
         ("x.csv", table.to_owned()),
-        (
-            "x.ren",
-            "No. Axis position Combined\n1 0 1\n2 9 2\n".to_owned(),
-        ),
+        ("x.ren", "No. Axis position Combined\n1 0 1\n2 9 2\n".to_owned()),
     ]);
     let head = "machine = \"machine.toml\"\n[columns]\ntarget = \"Soll\"\nmeasured = \"Ist\"\nseparator = \";\"\ndecimal_comma = true\nunit = \"mm\"\n";
-    shop.write(
-        "c.toml",
-        &format!("{head}[[measurement]]\nerror = \"EXX\"\nfile = \"x.csv\"\n"),
-    );
+    shop.write("c.toml", &format!("{head}[[measurement]]\nerror = \"EXX\"\nfile = \"x.csv\"\n"));
     let file = shop.read().expect("read");
-    let largest = file.measurements[0]
-        .readings
-        .readings
-        .iter()
-        .map(|r| r.deviation)
-        .fold(0.0, f64::max);
+    let largest =
+        file.measurements[0].readings.readings.iter().map(|r| r.deviation).fold(0.0, f64::max);
     assert!((largest - 4.0).abs() < 1e-6, "{largest}");
     // Compensation values need answers about sign and unit.
     let export = |keys: &str| {
@@ -258,11 +180,7 @@ fn columns_of_the_calibration_file_are_those_of_its_tables() {
         )
     };
     shop.write("c.toml", &export("unit = \"um\"\n"));
-    assert!(
-        shop.read()
-            .unwrap_err()
-            .contains("compensation values for a control")
-    );
+    assert!(shop.read().unwrap_err().contains("compensation values for a control"));
     shop.write("c.toml", &export("unit = \"um\"\nsign = -1\n"));
     let file = shop.read().expect("read");
     assert_eq!(file.measurements[0].readings.readings[1].deviation, -2.0);
@@ -300,20 +218,10 @@ fn files_of_another_machine_and_targets_beyond_the_travel_are_noted() {
         notes.contains("ezz.rtl: targets from -375 to") && notes.contains("beyond the travel of Z"),
         "{notes}"
     );
-    assert!(
-        !notes.contains("exx.rtl") && !notes.contains("eyy.rtl"),
-        "{notes}"
-    );
+    assert!(!notes.contains("exx.rtl") && !notes.contains("eyy.rtl"), "{notes}");
     let conflicts = found.conflicts.join("\n");
-    assert!(
-        conflicts.contains("the measurement files state different machines"),
-        "{conflicts}"
-    );
-    assert!(
-        found.text.contains("# LOOK: it states the machine"),
-        "{}",
-        found.text
-    );
+    assert!(conflicts.contains("the measurement files state different machines"), "{conflicts}");
+    assert!(found.text.contains("# LOOK: it states the machine"), "{}", found.text);
 }
 
 #[test]
@@ -334,9 +242,5 @@ fn one_answer_applies_to_every_question_of_its_key() {
     answers.extend(found.for_all(Some("Y"), "at.X", "40"));
     let answered = found.answered(&answers).expect("answers");
     assert_eq!(answered.questions.len(), before - 4);
-    assert!(
-        answered.text.contains("at = { X = 40.0, Z = \"?\" }"),
-        "{}",
-        answered.text
-    );
+    assert!(answered.text.contains("at = { X = 40.0, Z = \"?\" }"), "{}", answered.text);
 }

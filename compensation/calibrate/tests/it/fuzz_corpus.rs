@@ -28,14 +28,8 @@ fn calibration_files() {
         write("c.toml", keys);
         write("m.csv", rows);
         let found = CalibrationFile::read(&folder.path().join("c.toml"));
-        assert!(
-            found.is_ok() || !name.starts_with("valid-"),
-            "{name}: {found:?}"
-        );
-        assert!(
-            found.is_err() || !name.starts_with("broken-"),
-            "{name} was read"
-        );
+        assert!(found.is_ok() || !name.starts_with("valid-"), "{name}: {found:?}");
+        assert!(found.is_err() || !name.starts_with("broken-"), "{name} was read");
         if let Ok(file) = found {
             let _ = calibrate(&file, |_, _| {});
         }

@@ -79,20 +79,14 @@ fn the_volumetric_error_comes_back() {
         measure(error, "", &|_| [0.0; 3]);
     }
     // X: retroreflector on the spindle at Y = 300, Z = 400 (tool side), while the table moves.
-    measure(
-        "EXX",
-        "at = { Y = 300, Z = 400 }\npoint = [0, 300, 400]\nrides = \"other\"",
-        &|q| [q, 300.0, 400.0],
-    );
+    measure("EXX", "at = { Y = 300, Z = 400 }\npoint = [0, 300, 400]\nrides = \"other\"", &|q| {
+        [q, 300.0, 400.0]
+    });
     measure("EYX", "", &|_| [0.0; 3]);
     // Y at two heights, for the pitch.
-    measure("EYY", "at = { Z = 650 }\npoint = [0, 0, 650]", &|_| {
-        [0.0, 0.0, 650.0]
-    });
+    measure("EYY", "at = { Z = 650 }\npoint = [0, 0, 650]", &|_| [0.0, 0.0, 650.0]);
     // Z away from its own point, which Y = 500 carries along: the lever is the difference.
-    measure("EZZ", "at = { Y = 500 }\npoint = [70, 530, 0]", &|_| {
-        [70.0, 30.0, 0.0]
-    });
+    measure("EZZ", "at = { Y = 500 }\npoint = [70, 530, 0]", &|_| [70.0, 30.0, 0.0]);
     calibration += "[[squareness]]\nerror = \"EC0Y\"\nvalue_urad = 25.0\n";
     let file = lab.read(&calibration).expect("read");
     let mut steps = Vec::new();
@@ -112,9 +106,8 @@ fn the_volumetric_error_comes_back() {
     let none = Temperatures::new();
     let error = |machine: &Machine, at: [f64; 3]| {
         let axes = [AxisName::X, AxisName::Y, AxisName::Z];
-        let state = machine
-            .state(&std::array::from_fn::<_, 3, _>(|i| (axes[i], at[i])))
-            .expect("a state");
+        let state =
+            machine.state(&std::array::from_fn::<_, 3, _>(|i| (axes[i], at[i]))).expect("a state");
         machine.error_at(&state, Form::Exact, &none).position_mm * 1e3
     };
     // The zero of the curves leaves a constant open.
@@ -142,10 +135,7 @@ fn the_volumetric_error_comes_back() {
     for name in ["EZX", "EXY", "EZY", "EXZ", "EYZ", "ECZ", "EA0Z", "EB0Z"] {
         assert!(missing.contains(name), "{name} in {missing}");
     }
-    assert!(
-        !missing.contains("EC0Y") && !missing.contains("EXX"),
-        "{missing}"
-    );
+    assert!(!missing.contains("EC0Y") && !missing.contains("EXX"), "{missing}");
 }
 
 /// Least-squares slope of the Chebyshev polynomial T3 over 11 equally spaced targets of [−1, 1].
@@ -189,11 +179,7 @@ reference_angle_urad = -3.0
 "#;
     let found = lab.calibrated(text);
     // (φ − π/2) − slope(EXY) − slope(EYX) = −3 − (−10) − 4.
-    assert!(
-        (found.squareness[0].1.0 - 3.0).abs() < 1e-6,
-        "{:?}",
-        found.squareness
-    );
+    assert!((found.squareness[0].1.0 - 3.0).abs() < 1e-6, "{:?}", found.squareness);
 }
 
 /// Without a stated point the travel is the lever on the other side: for a tool at rest at the MCS origin, the yaw of the table acts over
@@ -203,10 +189,8 @@ fn the_travel_is_a_lever_on_the_other_side_without_a_stated_point() {
     let lab = Lab::new(&axes());
     let machine = truth("ECX = { poly = [0, 0.015] }\n");
     let none = Temperatures::new();
-    let (mut tilt, mut straightness) = (
-        String::from("target,deviation\n"),
-        String::from("target,deviation\n"),
-    );
+    let (mut tilt, mut straightness) =
+        (String::from("target,deviation\n"), String::from("target,deviation\n"));
     let mut largest = 0.0_f64;
     for step in 0..=10 {
         let q = 200.0 * f64::from(step);
@@ -224,10 +208,7 @@ fn the_travel_is_a_lever_on_the_other_side_without_a_stated_point() {
     let found = lab.calibrated(text);
     for x in [0.0, 300.0, 1000.0, 2000.0] {
         let state = found.machine.state(&[(AxisName::X, x)]).expect("a state");
-        let difference = found
-            .machine
-            .error_at(&state, Form::Twist, &none)
-            .position_mm
+        let difference = found.machine.error_at(&state, Form::Twist, &none).position_mm
             - machine.error_at(&state, Form::Twist, &none).position_mm;
         assert!(difference.norm() * 1e3 < 1e-4, "{difference} at {x}");
     }

@@ -54,14 +54,8 @@ fn a_run_that_stops_makes_no_step() {
         }
     }
     let notes = found.warnings.join("\n");
-    assert!(
-        notes.contains("x.csv: run 2 + holds 11 of 21 targets"),
-        "{notes}"
-    );
-    assert!(
-        notes.contains("the runs are aligned at common targets"),
-        "{notes}"
-    );
+    assert!(notes.contains("x.csv: run 2 + holds 11 of 21 targets"), "{notes}");
+    assert!(notes.contains("the runs are aligned at common targets"), "{notes}");
 }
 
 #[test]
@@ -77,20 +71,14 @@ fn band_and_samples_contain_the_zeros_of_the_runs() {
             assert_eq!(band.source, BandSource::Runs);
             // The resampling of complete runs has a chance of its own.
             let near = |half: &f64| (half / expected - 1.0).abs() < 0.1;
-            assert!(
-                band.half_width.iter().all(near),
-                "{expected} {:?}",
-                band.half_width
-            );
+            assert!(band.half_width.iter().all(near), "{expected} {:?}", band.half_width);
         }
     }
     let shifts = |file: &CalibrationFile, trial: u64| -> Vec<f64> {
         let varied = file.varied(1, trial);
         let [from, to] = [file, &varied].map(|file| &file.measurements[0].readings);
         let readings = from.readings.iter().zip(&to.readings);
-        readings
-            .map(|(from, to)| to.deviation - from.deviation)
-            .collect()
+        readings.map(|(from, to)| to.deviation - from.deviation).collect()
     };
     for trial in 0..5 {
         let of_complete = shifts(&complete, trial)[0];
@@ -112,9 +100,7 @@ type Holds = fn(u32, usize) -> bool;
 const LAYOUTS: [(&str, u32, Holds); 5] = [
     ("one of three stops", 3, |run, at| run < 3 || at <= 12),
     ("one run holds the end", 3, |run, at| run == 1 || at <= 16),
-    ("scattered gaps", 4, |run, at| {
-        (7 * at + 5 * run as usize) % 11 > 2
-    }),
+    ("scattered gaps", 4, |run, at| (7 * at + 5 * run as usize) % 11 > 2),
     ("two of five are partial", 5, |run, at| match run {
         1 => at >= 9,
         2 => at <= 6,
@@ -144,10 +130,7 @@ fn simulated((runs, holds): (u32, Holds), zeros: f64, seed: u64) -> Measurement 
             });
         }
     }
-    Measurement {
-        readings,
-        ..Measurement::default()
-    }
+    Measurement { readings, ..Measurement::default() }
 }
 
 fn seeds(few: u64) -> u64 {
@@ -159,10 +142,7 @@ fn seeds(few: u64) -> u64 {
 /// in they held 49 to 64 % there.
 #[test]
 fn bands_of_incomplete_runs_hold_the_truth() {
-    let options = BandOptions {
-        resamples: 60,
-        ..BandOptions::default()
-    };
+    let options = BandOptions { resamples: 60, ..BandOptions::default() };
     for method in [Method::Polynomial { order: 3 }, Method::LinearTable] {
         let (mut all, mut of_few) = ([0_u32; 2], [0_u32; 2]);
         for (name, runs, holds) in LAYOUTS {
@@ -180,9 +160,8 @@ fn bands_of_incomplete_runs_hold_the_truth() {
                     let is_inside = (curve.value(x[at]) - smooth(x[at])).abs() <= *half;
                     let is_of_few =
                         (1..=runs).filter(|run| holds(*run, at)).count() < runs as usize;
-                    for count in [&mut here, &mut all]
-                        .into_iter()
-                        .chain(is_of_few.then_some(&mut of_few))
+                    for count in
+                        [&mut here, &mut all].into_iter().chain(is_of_few.then_some(&mut of_few))
                     {
                         count[0] += u32::from(is_inside);
                         count[1] += 1;
@@ -191,11 +170,7 @@ fn bands_of_incomplete_runs_hold_the_truth() {
             }
             println!("{method} {name}: {:.3}", share(here));
         }
-        println!(
-            "{method}: {:.3}, where runs lack a target {:.3}",
-            share(all),
-            share(of_few)
-        );
+        println!("{method}: {:.3}, where runs lack a target {:.3}", share(all), share(of_few));
         for share in [share(all), share(of_few)] {
             assert!((0.93..=0.97).contains(&share), "{method}: {share}");
         }
@@ -223,22 +198,14 @@ fn samples_of_incomplete_runs_hold_the_truth() {
             };
             let found = curve(&file);
             let change = |of: &CalibrationFile| -> Vec<f64> {
-                curve(of)
-                    .iter()
-                    .zip(&found)
-                    .map(|(a, b)| (a - b).powi(2))
-                    .collect()
+                curve(of).iter().zip(&found).map(|(a, b)| (a - b).powi(2)).collect()
             };
             let sum =
                 |squares: &[Vec<f64>], at: usize| squares.iter().map(|of| of[at]).sum::<f64>();
-            let samples: Vec<Vec<f64>> = (0..TRIALS)
-                .map(|trial| change(&file.varied(seed, trial)))
-                .collect();
+            let samples: Vec<Vec<f64>> =
+                (0..TRIALS).map(|trial| change(&file.varied(seed, trial))).collect();
             let scatter = file.scatters().next().expect("repeated runs");
-            let by_run = scatter
-                .runs
-                .iter()
-                .map(|run| change(&file.shifted_by_run(0, *run)));
+            let by_run = scatter.runs.iter().map(|run| change(&file.shifted_by_run(0, *run)));
             let by_run: Vec<Vec<f64>> = by_run.collect();
             for (at, mean) in found.iter().enumerate().skip(1) {
                 let variance = sum(&samples, at) / TRIALS as f64;
@@ -248,9 +215,8 @@ fn samples_of_incomplete_runs_hold_the_truth() {
                 let half = 1.959_964 * student_widening(degrees) * variance.sqrt();
                 let error = mean - (smooth(50.0 * at as f64) - smooth(0.0));
                 let is_of_few = (1..=runs).filter(|run| holds(*run, at)).count() < runs as usize;
-                for count in [&mut here, &mut all]
-                    .into_iter()
-                    .chain(is_of_few.then_some(&mut of_few))
+                for count in
+                    [&mut here, &mut all].into_iter().chain(is_of_few.then_some(&mut of_few))
                 {
                     count[0] += u32::from(error.abs() <= half);
                     count[1] += 1;
@@ -259,11 +225,7 @@ fn samples_of_incomplete_runs_hold_the_truth() {
         }
         println!("samples, {name}: {:.3}", share(here));
     }
-    println!(
-        "samples: {:.3}, where runs lack a target {:.3}",
-        share(all),
-        share(of_few)
-    );
+    println!("samples: {:.3}, where runs lack a target {:.3}", share(all), share(of_few));
     for share in [share(all), share(of_few)] {
         assert!((0.93..=0.975).contains(&share), "{share}");
     }
@@ -357,12 +319,5 @@ fn the_slope_of_two_runs_has_one_degree_of_freedom_beside_runs_of_one_direction(
     let expected = 0.04 / 2.0;
     assert!((changes.sum::<f64>().sqrt() - expected).abs() < 1e-9);
     // The zero of a positioning error does not count.
-    assert_eq!(
-        read("EXX")
-            .scatters()
-            .next()
-            .expect("repeated runs")
-            .degrees,
-        4
-    );
+    assert_eq!(read("EXX").scatters().next().expect("repeated runs").degrees, 4);
 }

@@ -95,16 +95,8 @@ pub(crate) fn measure(
         }
     }
     lab.write(file, &csv);
-    let held: Vec<String> = line
-        .at
-        .iter()
-        .map(|(a, q)| format!("{a} = {q:?}"))
-        .collect();
-    let rides = if line.other {
-        "rides = \"other\"\n"
-    } else {
-        ""
-    };
+    let held: Vec<String> = line.at.iter().map(|(a, q)| format!("{a} = {q:?}")).collect();
+    let rides = if line.other { "rides = \"other\"\n" } else { "" };
     format!(
         "[[measurement]]\nerror = \"{}\"\nfile = \"{file}\"\nat = {{ {} }}\npoint = {:?}\n{rides}",
         line.error,

@@ -43,19 +43,14 @@ pub(crate) const LOCATIONS: [(&str, f64); 7] = [
     ("EA0C", -16.0),
 ];
 /// The other location errors of the two rotary axes.
-pub(crate) const MORE: [(&str, f64); 4] = [
-    ("EZ0A", -12.0),
-    ("EX0C", 15.0),
-    ("EY0C", -13.0),
-    ("EB0C", 12.0),
-];
+pub(crate) const MORE: [(&str, f64); 4] =
+    [("EZ0A", -12.0), ("EX0C", 15.0), ("EY0C", -13.0), ("EB0C", 12.0)];
 
 /// Motions that are 0 at 0; straightnesses have no best-fit line over equally spaced targets from end to end.
 pub(crate) fn truth() -> Machine {
     let mut errors = String::new();
-    for (place, (axis, low, high)) in [("X", 0.0, 600.0), ("Y", 0.0, 500.0), ("Z", 0.0, 400.0)]
-        .into_iter()
-        .enumerate()
+    for (place, (axis, low, high)) in
+        [("X", 0.0, 600.0), ("Y", 0.0, 500.0), ("Z", 0.0, 400.0)].into_iter().enumerate()
     {
         for (k, component) in ["EX", "EY", "EZ", "EA", "EB", "EC"].into_iter().enumerate() {
             let wave = |f: f64| (f * (7 * place + 5 * k + 2) as f64).sin();
@@ -69,11 +64,7 @@ pub(crate) fn truth() -> Machine {
                     size / half.powi(2),
                 ]
             } else {
-                [
-                    0.0,
-                    20.0 * wave(0.7) / high,
-                    15.0 * wave(1.9) / (high * high),
-                ]
+                [0.0, 20.0 * wave(0.7) / high, 15.0 * wave(1.9) / (high * high)]
             };
             writeln!(errors, "{component}{axis} = {{ poly = {coefficients:?} }}")
                 .expect("a String");
@@ -82,16 +73,8 @@ pub(crate) fn truth() -> Machine {
     for (k, component) in ["EX", "EY", "EZ", "EA", "EB", "EC"].into_iter().enumerate() {
         let size = 6.0 + k as f64;
         // The parallelism of A must not be identified as this slope.
-        let slope = if component == "EB" {
-            0.049
-        } else {
-            -0.03 - 0.01 * k as f64
-        };
-        writeln!(
-            errors,
-            "{component}A = {{ poly = [0.0, {slope:?}, 0.0004] }}"
-        )
-        .expect("a String");
+        let slope = if component == "EB" { 0.049 } else { -0.03 - 0.01 * k as f64 };
+        writeln!(errors, "{component}A = {{ poly = [0.0, {slope:?}, 0.0004] }}").expect("a String");
         writeln!(
             errors,
             "{component}C = {{ fourier = [{0:?}, {1:?}, {size:?}, {1:?}, 2.0], period = 360.0 }}",
@@ -112,56 +95,19 @@ pub(crate) fn lines(lab: &Lab, truth: &Machine, rotary: impl Fn(&str) -> bool) -
     let mut noise = Noise::new(5);
     let mut text = String::new();
     for (axis, at, point, other, curve) in [
-        (
-            "X",
-            &[(Y, 200.0), (Z, 150.0)][..],
-            [30.0, 180.0, 90.0],
-            true,
-            "poly = { order = 2 }",
-        ),
-        (
-            "Y",
-            &[(X, 300.0), (Z, 100.0)],
-            [0.0, 20.0, 60.0],
-            false,
-            "poly = { order = 2 }",
-        ),
-        (
-            "Z",
-            &[(X, 250.0), (Y, 240.0)],
-            [40.0, 260.0, 10.0],
-            false,
-            "poly = { order = 2 }",
-        ),
+        ("X", &[(Y, 200.0), (Z, 150.0)][..], [30.0, 180.0, 90.0], true, "poly = { order = 2 }"),
+        ("Y", &[(X, 300.0), (Z, 100.0)], [0.0, 20.0, 60.0], false, "poly = { order = 2 }"),
+        ("Z", &[(X, 250.0), (Y, 240.0)], [40.0, 260.0, 10.0], false, "poly = { order = 2 }"),
         // The table of X has moved to −X by 300 mm: the axes are at −280 and 20.
-        (
-            "A",
-            &[(X, 300.0)],
-            [-240.0, 290.0, 180.0],
-            false,
-            "poly = { order = 2 }",
-        ),
-        (
-            "C",
-            &[(X, 300.0)],
-            [70.0, 200.0, 160.0],
-            false,
-            "fourier = { order = 2 }",
-        ),
+        ("A", &[(X, 300.0)], [-240.0, 290.0, 180.0], false, "poly = { order = 2 }"),
+        ("C", &[(X, 300.0)], [70.0, 200.0, 160.0], false, "fourier = { order = 2 }"),
     ] {
         for component in ["EX", "EY", "EZ", "EA", "EB", "EC"] {
             let error = format!("{component}{axis}");
             if matches!(axis, "A" | "C") && !rotary(&error) {
                 continue;
             }
-            let line = Line {
-                error: &error,
-                at,
-                point,
-                other,
-                targets: 11,
-                runs: 3,
-            };
+            let line = Line { error: &error, at, point, other, targets: 11, runs: 3 };
             let file = format!("{error}.csv");
             text += &measure(lab, truth, &file, &line, 0.3, &mut noise);
             writeln!(text, "curve = {{ {curve} }}").expect("a String");
@@ -202,10 +148,7 @@ pub(crate) fn slope(machine: &Machine, error: &str, from: f64, to: f64) -> f64 {
     let value = |at: f64| {
         let mut coordinates = [0.0; 9];
         coordinates[index] = at;
-        machine
-            .error(name)
-            .expect("a curve")
-            .value(index, &coordinates, None)
+        machine.error(name).expect("a curve").value(index, &coordinates, None)
     };
     (value(to) - value(from)) / (to - from)
 }
@@ -220,11 +163,8 @@ fn every_motion_and_the_locations_make_the_machine() {
     for (name, value) in LOCATIONS {
         let unit = if name.starts_with("EY") { "um" } else { "urad" };
         let value = value + noise.normal(0.3);
-        writeln!(
-            text,
-            "[[location]]\nerror = \"{name}\"\nvalue_{unit} = {value}"
-        )
-        .expect("a String");
+        writeln!(text, "[[location]]\nerror = \"{name}\"\nvalue_{unit} = {value}")
+            .expect("a String");
     }
     text += "[[location]]\nerrors = [\"EZ0A\", \"EX0C\", \"EY0C\"]\nvalues_um = [12.0, -15.0, 13.0]\nsign = -1\nuncertainty_um = 0.3\n";
     text += "[[location]]\nerror = \"EB0C\"\nvalue_urad = 12.0\nuncertainty_urad = 0.3\n";
@@ -234,10 +174,7 @@ fn every_motion_and_the_locations_make_the_machine() {
     // A tilt of 18 µrad would give −0.31 µrad/deg.
     let [found_slope, expected] =
         [&found.machine, &truth].map(|machine| slope(machine, "EBA", -30.0, 30.0));
-    assert!(
-        (found_slope - expected).abs() < 0.01,
-        "{found_slope} for {expected}"
-    );
+    assert!((found_slope - expected).abs() < 0.01, "{found_slope} for {expected}");
     assert!(found.warnings.is_empty(), "{:?}", found.warnings);
 }
 
@@ -269,20 +206,12 @@ fn unmeasured_errors_are_listed_with_their_effect() {
         ("EC0Y", 10e-3 * 200.0),
         ("EB0Z", 10e-3 * 400.0),
     ] {
-        let found = warnings
-            .iter()
-            .find(|note| note.starts_with(name))
-            .expect(name);
+        let found = warnings.iter().find(|note| note.starts_with(name)).expect(name);
         let expected = format!("by up to {effect_um:.1} µm");
-        assert!(
-            found.contains("taken as 0") && found.contains(&expected),
-            "{found}: {expected}"
-        );
+        assert!(found.contains("taken as 0") && found.contains(&expected), "{found}: {expected}");
     }
     assert!(
-        !warnings
-            .iter()
-            .any(|note| note.starts_with("EX0C") || note.starts_with("EA0Z")),
+        !warnings.iter().any(|note| note.starts_with("EX0C") || note.starts_with("EA0Z")),
         "{warnings:?}"
     );
 }
@@ -327,10 +256,7 @@ fn unknowns_that_lines_contain_are_found_with_them() {
     let tilt = identified.found.parameters.iter().find(own);
     let tilt = tilt.expect("an unknown");
     let uncertainty = tilt.uncertainty.expect("determined");
-    assert!(
-        (tilt.value + 37.8).abs() < 2.0 * uncertainty && uncertainty < 1.0,
-        "{tilt:?}"
-    );
+    assert!((tilt.value + 37.8).abs() < 2.0 * uncertainty && uncertainty < 1.0, "{tilt:?}");
     let is_noted = |note: &String| note.contains("they were found together");
     assert!(found.warnings.iter().any(is_noted), "{:?}", found.warnings);
 }

@@ -112,21 +112,13 @@ fn implausible_settings_are_refused_or_noted() {
     lab.write("exx.rtl", &write_renishaw(&laser));
     laser.metadata.serial = Some("4712".to_owned());
     lab.write("other.rtl", &write_renishaw(&laser));
-    lab.write(
-        "arcsec.csv",
-        "target,deviation mrad\n0,0\n500,2.1\n1000,9.65\n",
-    );
+    lab.write("arcsec.csv", "target,deviation mrad\n0,0\n500,2.1\n1000,9.65\n");
     lab.write("tilt.csv", "target,deviation\n0,0\n500,20\n1000,50\n");
     let table = |error: &str, file: &str| {
         format!("[[measurement]]\nerror = \"{error}\"\nfile = \"{file}\"\n")
     };
     for (top, error, file, expected) in [
-        (
-            "",
-            "EBX",
-            "arcsec.csv",
-            "found angles that vary by 9.7 mrad, expected less than 5 mrad",
-        ),
+        ("", "EBX", "arcsec.csv", "found angles that vary by 9.7 mrad, expected less than 5 mrad"),
         (
             "serial = \"4712\"",
             "EXX",
@@ -136,10 +128,7 @@ fn implausible_settings_are_refused_or_noted() {
     ] {
         let message = lab.refused(&format!("{top}\n{}", table(error, file)));
         let place = "calibration.toml:5: measurement[0].file: ";
-        assert!(
-            message.contains(place) && message.contains(expected),
-            "{message}"
-        );
+        assert!(message.contains(place) && message.contains(expected), "{message}");
     }
     let tables = table("EBX", "tilt.csv") + &table("EXX", "exx.rtl") + &table("EYY", "other.rtl");
     let warnings = lab.calibrated(&format!("\n{tables}")).warnings.join("\n");
@@ -158,38 +147,23 @@ fn lines_without_a_point_are_listed_in_one_note() {
     let readings = "0,0\n25,1\n50,2\n75,3\n100,4\n";
     let mut text = String::new();
     for error in ["EBX", "ECX", "EAY", "EXX", "EYX", "EYY", "EZZ"] {
-        lab.write(
-            &format!("{error}.csv"),
-            &format!("target,deviation\n{readings}"),
-        );
+        lab.write(&format!("{error}.csv"), &format!("target,deviation\n{readings}"));
         if error == "EZZ" {
             continue;
         }
-        let point = if error == "EYX" {
-            "point = [0, 0, 9]\n"
-        } else {
-            ""
-        };
-        let _ = write!(
-            text,
-            "[[measurement]]\nerror = \"{error}\"\nfile = \"{error}.csv\"\n{point}"
-        );
+        let point = if error == "EYX" { "point = [0, 0, 9]\n" } else { "" };
+        let _ =
+            write!(text, "[[measurement]]\nerror = \"{error}\"\nfile = \"{error}.csv\"\n{point}");
     }
     let all = lab.calibrated(&text).warnings;
-    let notes: Vec<&String> = all
-        .iter()
-        .filter(|note| note.contains("no `point`"))
-        .collect();
+    let notes: Vec<&String> = all.iter().filter(|note| note.contains("no `point`")).collect();
     assert_eq!(notes.len(), 1, "{all:?}");
     let named = |error: &str, line: usize, tilts: &str| {
         let folder = lab.folder().display();
         format!("{folder}/{error}.csv ({folder}/calibration.toml:{line}): {error} with {tilts}")
     };
     let expected = [named("EXX", 13, "EBX ECX"), named("EYY", 20, "EAY")].join("; ");
-    assert!(
-        notes[0].ends_with(&format!("where a line ran elsewhere: {expected}")),
-        "{notes:?}"
-    );
+    assert!(notes[0].ends_with(&format!("where a line ran elsewhere: {expected}")), "{notes:?}");
 }
 
 /// Contradictions between a measurement file and the calibration file: refused with line and key if certainly wrong, noted with the
@@ -218,53 +192,32 @@ fn a_file_that_does_not_fit_its_line_is_refused_or_noted() {
         let mut text = String::new();
         for (file, error) in files.iter().zip(["EXX", "EYY"]) {
             // Writing to a String cannot fail.
-            let _ = write!(
-                text,
-                "[[measurement]]\nerror = \"{error}\"\nfile = \"{file}\"\n"
-            );
+            let _ = write!(text, "[[measurement]]\nerror = \"{error}\"\nfile = \"{file}\"\n");
         }
         lab.read(&text)
     };
     lab.write("good.rtl", &laser("X", "Gantry", 100.0, 1.0));
     lab.write("other-axis.rtl", &laser("Y", "Gantry", 100.0, 1.0));
-    lab.write(
-        "other-axis-in-words.rtl",
-        &laser("y-axis", "Gantry", 100.0, 1.0),
-    );
+    lab.write("other-axis-in-words.rtl", &laser("y-axis", "Gantry", 100.0, 1.0));
     lab.write("far.csv", "target,deviation\n5000,1\n6000,2\n7000,4\n");
     lab.write("metres.csv", "target,deviation\n0,0\n500,1e6\n1000,2e6\n");
     for (file, expected) in [
-        (
-            "other-axis.rtl",
-            "states that axis Y was measured, expected X, the axis of EXX",
-        ),
-        (
-            "other-axis-in-words.rtl",
-            "states that axis Y was measured, expected X, the axis of EXX",
-        ),
+        ("other-axis.rtl", "states that axis Y was measured, expected X, the axis of EXX"),
+        ("other-axis-in-words.rtl", "states that axis Y was measured, expected X, the axis of EXX"),
         (
             "far.csv",
             "found targets from 5000 to 7000 mm, expected some within the travel of X, 0 to 1000 mm",
         ),
-        (
-            "metres.csv",
-            "found a deviation of 2000 mm, expected less than 100 mm",
-        ),
+        ("metres.csv", "found a deviation of 2000 mm, expected less than 100 mm"),
     ] {
         let message = read(&[file]).expect_err(file).to_string();
-        assert!(
-            message.contains("calibration.toml:4: measurement[0].file: "),
-            "{message}"
-        );
+        assert!(message.contains("calibration.toml:4: measurement[0].file: "), "{message}");
         assert!(message.contains(expected), "{message}");
     }
     let warnings = |files: &[&str]| {
         let file = read(files).expect("read");
         assert_eq!(file.files.len(), 2 + files.len());
-        calibrate(&file, |_, _| {})
-            .expect("calibrated")
-            .warnings
-            .join("\n")
+        calibrate(&file, |_, _| {}).expect("calibrated").warnings.join("\n")
     };
     assert!(!warnings(&["good.rtl"]).contains("good.rtl"));
     lab.write("short.rtl", &laser("X", "Gantry", 40.0, 1.0));
@@ -273,15 +226,9 @@ fn a_file_that_does_not_fit_its_line_is_refused_or_noted() {
     lab.write("mill.rtl", &laser("Y", "Mill", 10.0, 1.0));
     for (files, expected) in [
         (&["short.rtl"][..], "cover 40 % of the travel of X"),
-        (
-            &["long.rtl"],
-            "targets from 0 to 1100 mm go beyond the travel of X, 0 to 1000 mm",
-        ),
+        (&["long.rtl"], "targets from 0 to 1100 mm go beyond the travel of X, 0 to 1000 mm"),
         (&["mm.rtl"], "a deviation of 2000 µm is large"),
-        (
-            &["good.rtl", "mill.rtl"],
-            "state different machines: `Gantry` (",
-        ),
+        (&["good.rtl", "mill.rtl"], "state different machines: `Gantry` ("),
     ] {
         let message = warnings(files);
         assert!(message.contains(expected), "{files:?}: {message}");
@@ -296,19 +243,11 @@ fn targets_are_in_the_unit_of_the_axis() {
         lab.write("a.csv", &format!("{head}\n0,1\n50,2\n100,4\n"));
         lab.read(&format!("{GOOD}{unit}"))
     };
-    let error = of("target deg,deviation", "")
-        .expect_err("refused")
-        .to_string();
-    assert!(
-        error.contains("`target deg`") && error.contains("`target mm`"),
-        "{error}"
-    );
+    let error = of("target deg,deviation", "").expect_err("refused").to_string();
+    assert!(error.contains("`target deg`") && error.contains("`target mm`"), "{error}");
     for unit in ["um", "µm"] {
         let read = of("target mm,deviation", &format!("unit = \"{unit}\"\n"));
-        assert_eq!(
-            read.expect("read").measurements[0].readings.readings[1].deviation,
-            2.0
-        );
+        assert_eq!(read.expect("read").measurements[0].readings.readings[1].deviation, 2.0);
     }
 }
 
@@ -383,14 +322,8 @@ fn a_target_that_lacks_a_direction_is_refused() {
     lab.calibrated(GOOD);
     lab.write("a.csv", &rows.replace("100,1,-,5\n", ""));
     let error = lab.refused(GOOD);
-    assert!(
-        error.contains("a.csv: target 100: found no reading in direction -"),
-        "{error}"
-    );
-    lab.write(
-        "a.csv",
-        "target,run,direction,deviation\n0,1,+,0\n50,1,+,1\n100,1,+,2\n",
-    );
+    assert!(error.contains("a.csv: target 100: found no reading in direction -"), "{error}");
+    lab.write("a.csv", "target,run,direction,deviation\n0,1,+,0\n50,1,+,1\n100,1,+,2\n");
     lab.calibrated(GOOD);
 }
 
@@ -401,9 +334,7 @@ type Truth = fn(f64) -> f64;
 #[test]
 fn curves_unsupported_between_targets_are_noted() {
     let even: Vec<f64> = (0..=20).map(|k| 5.0 * f64::from(k)).collect();
-    let clustered = [
-        0.0, 2.0, 4.0, 6.0, 8.0, 10.0, 90.0, 92.0, 94.0, 96.0, 98.0, 100.0,
-    ];
+    let clustered = [0.0, 2.0, 4.0, 6.0, 8.0, 10.0, 90.0, 92.0, 94.0, 96.0, 98.0, 100.0];
     let cases: [(&[f64], &str, Truth, Option<&str>); 4] = [
         (
             &even,

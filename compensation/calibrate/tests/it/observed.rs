@@ -33,9 +33,7 @@ fn partial_truth() -> Machine {
         }
     }
     for (name, value) in full.locations() {
-        machine
-            .set_location(*name, *value)
-            .expect("a location error");
+        machine.set_location(*name, *value).expect("a location error");
     }
     machine
 }
@@ -82,22 +80,14 @@ fn unknown_locations_are_found_and_the_lines_cleared_of_them() {
     let mut text = format!("{UNKNOWN}folds = 4\n");
     text += &lines(&lab, &truth, |error| MEASURED.contains(&error));
     for (name, value) in &LOCATIONS[..3] {
-        writeln!(
-            text,
-            "[[location]]\nerror = \"{name}\"\nvalue_urad = {value}"
-        )
-        .expect("a String");
+        writeln!(text, "[[location]]\nerror = \"{name}\"\nvalue_urad = {value}").expect("a String");
     }
     text += "[[observation]]\nkind = \"points\"\nfile = \"tracker.csv\"\nframe = \"unknown\"\n";
     let found = lab.calibrated(&text);
     let identified = found.identified.expect("identified");
     assert!(identified.rounds > 2, "{}", identified.rounds);
     let message = format!("identified {} times", identified.rounds);
-    assert!(
-        found.warnings.iter().any(|w| w.contains(&message)),
-        "{:?}",
-        found.warnings
-    );
+    assert!(found.warnings.iter().any(|w| w.contains(&message)), "{:?}", found.warnings);
     let mut count = 0;
     for parameter in &identified.found.parameters {
         if parameter.name.contains("frame") {
@@ -107,10 +97,7 @@ fn unknown_locations_are_found_and_the_lines_cleared_of_them() {
         let u = parameter.uncertainty.expect("determined");
         // The lines add an uncertainty of 0.3 µm and 0.3 µrad to that of the rows.
         let allowed = 4.0 * u + 1.0;
-        assert!(
-            (parameter.value - expected).abs() < allowed,
-            "{parameter:?} {expected}"
-        );
+        assert!((parameter.value - expected).abs() < allowed, "{parameter:?} {expected}");
         let name: ErrorName = parameter.name.parse().expect("a name");
         let written = found.machine.locations()[&name];
         assert!((written - parameter.value).abs() < 1e-9);
@@ -122,10 +109,7 @@ fn unknown_locations_are_found_and_the_lines_cleared_of_them() {
     assert!(left <= 3.0, "{left} µm are left");
     let [found_slope, expected] =
         [&found.machine, &truth].map(|machine| slope(machine, "EBA", -30.0, 30.0));
-    assert!(
-        (found_slope - expected).abs() < 0.02,
-        "{found_slope} for {expected}"
-    );
+    assert!((found_slope - expected).abs() < 0.02, "{found_slope} for {expected}");
 }
 
 /// Unknowns that no line depends on are identified in one round; samples vary the rows as well.
@@ -135,9 +119,7 @@ fn lines_independent_of_the_unknowns_are_fitted_once() {
     let mut truth = partial_truth();
     truth.clear_errors();
     for (name, value) in MORE {
-        truth
-            .set_location(name.parse().expect("a name"), value)
-            .expect("a location error");
+        truth.set_location(name.parse().expect("a name"), value).expect("a location error");
     }
     tracker(&lab, &truth, 30, 0.0);
     let text = "unknown = [\"EZ0A\", \"EX0C\", \"EY0C\", \"EB0C\"]\n[[observation]]\nkind = \"points\"\nfile = \"tracker.csv\"\n";
@@ -246,9 +228,7 @@ fn a_location_with_the_wrong_sign_is_noted() {
     let mut truth = partial_truth();
     truth.clear_errors();
     for (name, value) in MORE {
-        truth
-            .set_location(name.parse().expect("a name"), value)
-            .expect("a location error");
+        truth.set_location(name.parse().expect("a name"), value).expect("a location error");
     }
     tracker(&lab, &truth, 30, 1.0);
     // EX0C is 15 µm, EY0C −13 µm, EZ0A −12 µm, EB0C 12 µrad.
@@ -269,33 +249,22 @@ fn a_location_with_the_wrong_sign_is_noted() {
         .expect("a String");
         let found = lab.calibrated(&text);
         let all = found.warnings.into_iter();
-        all.filter(|note| note.contains("the observations contradict its"))
-            .collect::<Vec<_>>()
+        all.filter(|note| note.contains("the observations contradict its")).collect::<Vec<_>>()
     };
     let others = "\"EZ0A\", \"EY0C\", \"EB0C\"";
     let said = notes(others, &[("EX0C", -15.0, 1.0)], 1.0);
     let expected = "EX0C in [[location]]: the observations contradict its -15.0 µm and fit with 1";
     assert!(said.len() == 1 && said[0].starts_with(expected), "{said:?}");
-    let two = [
-        ("EX0C", 15.0, 1.0),
-        ("EB0C", -12.0, 0.0),
-        ("EY0C", 13.0, 2.0),
-    ];
+    let two = [("EX0C", 15.0, 1.0), ("EB0C", -12.0, 0.0), ("EY0C", 13.0, 2.0)];
     let said = notes("\"EZ0A\"", &two, 1.0);
     assert_eq!(said.len(), 2, "{said:?}");
-    assert!(
-        said[0].contains("EB0C") && said[1].contains("EY0C"),
-        "{said:?}"
-    );
+    assert!(said[0].contains("EB0C") && said[1].contains("EY0C"), "{said:?}");
     assert_eq!(notes(others, &[("EX0C", 60.0, 1.0)], 1.0).len(), 1);
     // Correct; small relative to its uncertainty; small relative to that of the observations.
     for (value, uncertainty, noise_um) in [(15.0, 1.0, 1.0), (-15.0, 10.0, 1.0), (-15.0, 1.0, 60.0)]
     {
         let said = notes(others, &[("EX0C", value, uncertainty)], noise_um);
-        assert!(
-            said.is_empty(),
-            "{value} {uncertainty} {noise_um}: {said:?}"
-        );
+        assert!(said.is_empty(), "{value} {uncertainty} {noise_um}: {said:?}");
     }
 }
 
@@ -317,12 +286,7 @@ fn invalid_uncertainties_are_refused_and_implausible_ones_noted() {
             let odd = |note: &String| {
                 note.starts_with(error) && note.contains("a standard uncertainty of 2")
             };
-            assert_eq!(
-                found.warnings.iter().any(odd),
-                is_odd,
-                "{:?}",
-                found.warnings
-            );
+            assert_eq!(found.warnings.iter().any(odd), is_odd, "{:?}", found.warnings);
         }
     }
 }

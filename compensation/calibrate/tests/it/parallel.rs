@@ -69,15 +69,10 @@ fn two_heights_give_the_pitch_and_the_published_figures_over_heights() {
     // Published: 23 to 70 µm between these heights.
     for (z, expected) in [(1342.3, 23.0), (1050.0, 42.0), (650.0, 68.0), (619.2, 70.0)] {
         let value = positioning_um(&found.machine, z);
-        assert!(
-            (value - expected).abs() < 1.0,
-            "{value} µm at Z = {z}, expected {expected}"
-        );
+        assert!((value - expected).abs() < 1.0, "{value} µm at Z = {z}, expected {expected}");
     }
-    let words = [
-        "EAY was not measured: it was found from the lines of EYY",
-        "standard uncertainty",
-    ];
+    let words =
+        ["EAY was not measured: it was found from the lines of EYY", "standard uncertainty"];
     assert!(has(&found, &words), "{:?}", found.warnings);
     assert!(
         !has(&found, &["contradict"]) && !has(&found, &["keeps its part"]),
@@ -90,9 +85,8 @@ fn two_heights_give_the_pitch_and_the_published_figures_over_heights() {
 fn a_pitch_that_is_twice_too_large_contradicts_the_lines() {
     let lab = lab();
     let truth = gantry(&format!("{LENGTH}{PITCH}"));
-    let mut lines: Vec<String> = [1050.0, 650.0]
-        .map(|z| line(&lab, &truth, "EYY", [0.0, z], 0.3))
-        .into();
+    let mut lines: Vec<String> =
+        [1050.0, 650.0].map(|z| line(&lab, &truth, "EYY", [0.0, z], 0.3)).into();
     lines.push(line(&lab, &truth, "EAY", [0.0, 0.0], 0.3));
     let good = lab.calibrated(&lines.concat());
     assert!(!has(&good, &["contradict"]), "{:?}", good.warnings);
@@ -108,15 +102,8 @@ fn a_pitch_that_is_twice_too_large_contradicts_the_lines() {
         "check the files, and their `point`, `at`, `unit` and `sign`",
     ];
     assert!(has(&bad, &words), "{:?}", bad.warnings);
-    let note = bad
-        .warnings
-        .iter()
-        .find(|w| w.contains("contradict"))
-        .expect("a note");
-    let size = note
-        .split('±')
-        .nth(1)
-        .and_then(|rest| rest.split(' ').next());
+    let note = bad.warnings.iter().find(|w| w.contains("contradict")).expect("a note");
+    let size = note.split('±').nth(1).and_then(|rest| rest.split(' ').next());
     let size: f64 = size.expect("a size").parse().expect("a number");
     assert!((size - 13.1).abs() < 0.8, "{note}");
     // Two contradictory files of one tilt are noted as well.
@@ -137,39 +124,23 @@ fn lines_that_do_not_separate_the_tilts_are_noted() {
     let lab = lab();
     let truth = gantry(&format!("{LENGTH}{PITCH}ECY = {{ poly = [0, 0.01] }}\n"));
     let measured = |places: &[[f64; 2]]| {
-        let lines = places
-            .iter()
-            .map(|place| line(&lab, &truth, "EYY", *place, 0.3));
+        let lines = places.iter().map(|place| line(&lab, &truth, "EYY", *place, 0.3));
         lab.calibrated(&lines.collect::<String>())
     };
     let two = measured(&[[0.0, 1050.0], [900.0, 650.0]]);
-    let words = [
-        "EAY and ECY were not measured, and the 2 lines of EYY",
-        "determine 1 of 2 tilts",
-    ];
+    let words = ["EAY and ECY were not measured, and the 2 lines of EYY", "determine 1 of 2 tilts"];
     assert!(has(&two, &words), "{:?}", two.warnings);
     let near = measured(&[[0.0, 1050.0], [0.0, 1020.0]]);
-    assert!(
-        has(&near, &["EAY was not measured", "differ by too little"]),
-        "{:?}",
-        near.warnings
-    );
+    assert!(has(&near, &["EAY was not measured", "differ by too little"]), "{:?}", near.warnings);
     let three = measured(&[[0.0, 1050.0], [900.0, 650.0], [0.0, 650.0]]);
     for error in ["EAY", "ECY"] {
         let name = error.parse().expect("a name");
         let index = truth.index_of(AxisName::Y).expect("an axis");
         let mut at = [0.0; 9];
         at[index] = 4000.0;
-        let [found, expected] = [&three.machine, &truth].map(|machine| {
-            machine
-                .error(name)
-                .expect("a curve")
-                .value(index, &at, None)
-        });
-        assert!(
-            (found - expected).abs() < 3.0,
-            "{error}: {found} {expected}"
-        );
+        let [found, expected] = [&three.machine, &truth]
+            .map(|machine| machine.error(name).expect("a curve").value(index, &at, None));
+        assert!((found - expected).abs() < 3.0, "{error}: {found} {expected}");
         let text = format!("{error} was not measured: it was found");
         assert!(has(&three, &[&text]), "{:?}", three.warnings);
     }
@@ -224,11 +195,7 @@ fn lines_of_different_slopes_contradict_each_other() {
             format!("[[measurement]]\nerror = \"EXX\"\nfile = \"{file}\"\nat = {{ Y = 0.0, Z = {z:?} }}\ncurve = {{ poly = {{ order = 1 }} }}\n")
         });
         let found = lab.calibrated(&lines.concat());
-        assert!(
-            has(&found, &["EXX", "contradict"]),
-            "{name}: {:?}",
-            found.warnings
-        );
+        assert!(has(&found, &["EXX", "contradict"]), "{name}: {:?}", found.warnings);
         assert!(!found.machine.provenance().undecided.is_empty(), "{name}");
     }
 }

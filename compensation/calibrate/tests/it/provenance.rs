@@ -20,14 +20,8 @@ fn files(machine: &str) -> Lab {
     let lab = Lab::new(machine);
     fs::create_dir_all(lab.folder().join("lasers")).expect("made");
     lab.write("lasers/x.csv", ZIGZAG);
-    lab.write(
-        "eyx.csv",
-        "target,deviation_um\n0,0\n25,2\n50,3\n75,2\n100,0\n",
-    );
-    lab.write(
-        "exy.csv",
-        "target,deviation_um\n0,0\n25,1\n50,4\n75,1\n100,0\n",
-    );
+    lab.write("eyx.csv", "target,deviation_um\n0,0\n25,2\n50,3\n75,2\n100,0\n");
+    lab.write("exy.csv", "target,deviation_um\n0,0\n25,1\n50,4\n75,1\n100,0\n");
     lab
 }
 
@@ -39,10 +33,7 @@ fn a_curve_has_the_provenance_and_quality_of_its_file() {
     let provenance = found.machine.provenance();
     assert_eq!(provenance.serial.as_deref(), Some("GM-17"));
     assert_eq!(provenance.date, None);
-    assert_eq!(
-        provenance.version.as_deref(),
-        Some(env!("CARGO_PKG_VERSION"))
-    );
+    assert_eq!(provenance.version.as_deref(), Some(env!("CARGO_PKG_VERSION")));
     let of = |name: &str| {
         let error = name.parse().expect("a name");
         provenance.of(error).unwrap_or_else(|| panic!("{name}"))
@@ -58,13 +49,8 @@ fn a_curve_has_the_provenance_and_quality_of_its_file() {
     let squares = [0.4 / 0.4, 0.6 / 0.7, 0.4 / 0.8, 0.6 / 0.7, 0.4 / 0.4_f64];
     let squares: f64 = squares.iter().map(|error| error * error).sum();
     near(exx.leave_one_out, (squares / 5.0).sqrt());
-    let [source] = &exx.sources[..] else {
-        panic!("{:?}", exx.sources)
-    };
-    assert_eq!(
-        (source.file.as_str(), source.sha256.as_str()),
-        ("lasers/x.csv", HASH)
-    );
+    let [source] = &exx.sources[..] else { panic!("{:?}", exx.sources) };
+    assert_eq!((source.file.as_str(), source.sha256.as_str()), ("lasers/x.csv", HASH));
     assert_eq!((source.runs, source.targets), (Some(1), Some(5)));
     let at: Vec<(String, f64)> = source.at.iter().map(|(n, q)| (n.to_string(), *q)).collect();
     assert_eq!(at, [("Y".to_owned(), 40.0)]);
@@ -72,23 +58,14 @@ fn a_curve_has_the_provenance_and_quality_of_its_file() {
     assert_eq!(square.method, "slopes of EXY and EYX");
     let files: Vec<&str> = square.sources.iter().map(|s| s.file.as_str()).collect();
     assert_eq!(files, ["exy.csv", "eyx.csv"]);
-    assert!(
-        !of("EYX")
-            .rule
-            .as_deref()
-            .unwrap_or_default()
-            .contains("stated")
-    );
+    assert!(!of("EYX").rule.as_deref().unwrap_or_default().contains("stated"));
 }
 
 #[test]
 fn the_same_files_give_the_same_bytes() {
     let calibrated = |machine: &str| files(machine).calibrated(CALIBRATION).machine;
     let text = calibrated(MACHINE).to_toml();
-    assert!(
-        text.contains("[provenance]") && text.contains(HASH),
-        "{text}"
-    );
+    assert!(text.contains("[provenance]") && text.contains(HASH), "{text}");
     assert_eq!(calibrated(MACHINE).to_toml(), text);
     // Errors that are measured again get a new provenance; others keep theirs.
     let other = text.replace("EXX", "EZY");
@@ -100,18 +77,10 @@ fn the_same_files_give_the_same_bytes() {
         },
     );
     let again = calibrated(&other);
-    let names: Vec<String> = (again.provenance().errors.iter())
-        .map(|origin| origin.error.to_string())
-        .collect();
-    assert_eq!(
-        names.iter().filter(|name| *name == "EYX").count(),
-        1,
-        "{names:?}"
-    );
-    assert!(
-        names.contains(&"EZY".to_owned()) && names.contains(&"EXX".to_owned()),
-        "{names:?}"
-    );
+    let names: Vec<String> =
+        (again.provenance().errors.iter()).map(|origin| origin.error.to_string()).collect();
+    assert_eq!(names.iter().filter(|name| *name == "EYX").count(), 1, "{names:?}");
+    assert!(names.contains(&"EZY".to_owned()) && names.contains(&"EXX".to_owned()), "{names:?}");
 }
 
 #[test]
@@ -149,10 +118,7 @@ fn a_curve_that_does_not_follow_its_readings_is_noted() {
     let is_noted = |zigzag: f64, alignment: f64| {
         lab.write("x.csv", &readings(zigzag, alignment));
         let found = lab.calibrated("[[measurement]]\nerror = \"EXX\"\nfile = \"x.csv\"\n");
-        let said = found
-            .warnings
-            .iter()
-            .any(|w| w.starts_with("EXX: the curve chosen"));
+        let said = found.warnings.iter().any(|w| w.starts_with("EXX: the curve chosen"));
         let rule = found.machine.provenance().errors[0].rule.clone();
         (said, rule.unwrap_or_default().contains("does not follow"))
     };
@@ -170,12 +136,7 @@ fn a_straightness_in_the_wrong_unit_is_noted() {
         let mut text = String::from("target,deviation_um\n");
         for step in 0..=10 {
             let x = f64::from(step) / 10.0;
-            let _ = writeln!(
-                text,
-                "{},{}",
-                10 * step,
-                900.0 * x + scale * 8.0 * x * (1.0 - x)
-            );
+            let _ = writeln!(text, "{},{}", 10 * step, 900.0 * x + scale * 8.0 * x * (1.0 - x));
         }
         lab.write("e.csv", &text);
         let found = lab.calibrated("[[measurement]]\nerror = \"EYX\"\nfile = \"e.csv\"\n");

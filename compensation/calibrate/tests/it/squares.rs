@@ -18,9 +18,8 @@ const KNOWN: &str = "EXX = { poly = [0, 0.03] }\nEYY = { mean = { poly = [0, -0.
 
 fn position_um(machine: &Machine, at: [f64; 3], approach: Option<[Direction; 3]>) -> Vector3<f64> {
     let names = [AxisName::X, AxisName::Y, AxisName::Z];
-    let mut state = machine
-        .state(&std::array::from_fn::<_, 3, _>(|i| (names[i], at[i])))
-        .expect("a state");
+    let mut state =
+        machine.state(&std::array::from_fn::<_, 3, _>(|i| (names[i], at[i]))).expect("a state");
     for (axis, name) in names.into_iter().enumerate() {
         let index = machine.index_of(name).expect("an axis");
         state.approach[index] = approach.map(|approach| approach[axis]);
@@ -35,13 +34,12 @@ fn diagonal(lab: &Lab, truth: &Machine, name: &str, ends: [[f64; 3]; 2]) -> (Str
     let [from, to] = ends.map(Vector3::from);
     let way = to - from;
     let (length, along) = (way.norm(), way.normalize());
-    let approach = std::array::from_fn(|i| {
-        if way[i] > 0.0 {
-            Direction::Positive
-        } else {
-            Direction::Negative
-        }
-    });
+    let approach =
+        std::array::from_fn(
+            |i| {
+                if way[i] > 0.0 { Direction::Positive } else { Direction::Negative }
+            },
+        );
     let mut csv = String::from("target,run,direction,deviation\n");
     let mut ends_um = [0.0; 2];
     for step in 0..=10 {
@@ -54,11 +52,7 @@ fn diagonal(lab: &Lab, truth: &Machine, name: &str, ends: [[f64; 3]; 2]) -> (Str
     }
     lab.write(name, &csv);
     let place = |p: Vector3<f64>| format!("{{ X = {:?}, Y = {:?}, Z = {:?} }}", p.x, p.y, p.z);
-    let table = format!(
-        "{{ file = \"{name}\", from = {}, to = {} }}",
-        place(from),
-        place(to)
-    );
+    let table = format!("{{ file = \"{name}\", from = {}, to = {} }}", place(from), place(to));
     (table, ends_um[1] - ends_um[0])
 }
 
@@ -84,9 +78,7 @@ fn body_diagonals_match_the_closed_form() {
     for known in ["", KNOWN] {
         let machine = format!("{GEOMETRY}[errors]\n{known}");
         let lab = Lab::new(&machine);
-        let errors = squares
-            .map(|(name, value)| format!("{name} = {value}\n"))
-            .concat();
+        let errors = squares.map(|(name, value)| format!("{name} = {value}\n")).concat();
         let truth = Machine::parse(&format!("{machine}{errors}"), "truth");
         let truth = truth.expect("a machine");
         let names = ["PPP", "NPP", "PNP", "PPN"];
@@ -104,11 +96,7 @@ fn body_diagonals_match_the_closed_form() {
             let value = value(&found, name);
             assert!((value - expected).abs() < 0.01, "{name}: {value}");
         }
-        assert!(
-            !found.warnings.iter().any(|w| w.contains("EC0Y")),
-            "{:?}",
-            found.warnings
-        );
+        assert!(!found.warnings.iter().any(|w| w.contains("EC0Y")), "{:?}", found.warnings);
         if known.is_empty() {
             // The contrasts of the book, computed from the lengths alone.
             let [a, b, c] = EDGES;
@@ -140,19 +128,12 @@ fn face_diagonals_give_the_squareness_of_their_plane() {
         "reference_axes = [\"Y\", \"X\"]\n{table}[[location]]\nerror = \"EA0Z\"\nvalue_urad = 5.0\n"
     );
     let found = lab.calibrated(&text);
-    assert!(
-        (value(&found, "EC0Y") - 32.0).abs() < 0.01,
-        "{:?}",
-        found.squareness
-    );
+    assert!((value(&found, "EC0Y") - 32.0).abs() < 0.01, "{:?}", found.squareness);
     let tilt = found.machine.locations()[&"EC0X".parse().expect("a name")];
     assert!((tilt + 32.0).abs() < 0.01, "{tilt}");
     // A diagonal in one plane has no information about another plane.
     let message = lab.refused(&table.replace("EC0Y", "EB0Z"));
-    assert!(
-        message.contains("EB0Z from ") && message.contains("do not determine"),
-        "{message}"
-    );
+    assert!(message.contains("EB0Z from ") && message.contains("do not determine"), "{message}");
 }
 
 /// Diagonals that scatter by far more than stated: a note names the files and says that the squareness is unreliable.
@@ -170,14 +151,10 @@ fn diagonals_that_scatter_are_noted() {
     let notes = || {
         let found = lab.calibrated(&table);
         let own = found.warnings.into_iter();
-        own.filter(|note| note.starts_with("EC0Y from diagonals: "))
-            .collect::<Vec<_>>()
+        own.filter(|note| note.starts_with("EC0Y from diagonals: ")).collect::<Vec<_>>()
     };
     let quiet = notes();
-    assert!(
-        !quiet.iter().any(|note| note.contains("uncertaint")),
-        "{quiet:?}"
-    );
+    assert!(!quiet.iter().any(|note| note.contains("uncertaint")), "{quiet:?}");
     for name in ["pp.csv", "np.csv"] {
         let text = fs::read_to_string(lab.folder().join(name)).expect("read");
         let scattered: Vec<String> = text
@@ -195,10 +172,7 @@ fn diagonals_that_scatter_are_noted() {
         lab.write(name, &scattered.join("\n"));
     }
     let found = notes();
-    assert!(
-        found.iter().any(|note| note.contains("uncertaint")),
-        "{found:?}"
-    );
+    assert!(found.iter().any(|note| note.contains("uncertaint")), "{found:?}");
     assert!(!found.iter().any(|note| note.contains(":0:")), "{found:?}");
 }
 
@@ -218,12 +192,8 @@ const LINES: &str = "[[measurement]]\nerror = \"EYX\"\nfile = \"eyx.csv\"\ncurve
 #[test]
 fn reference_lines_split_the_same_machine_differently() {
     let lab = Lab::new(GEOMETRY);
-    straight(&lab, "eyx.csv", 600.0, |q| {
-        4.0 + 0.02 * q + 6.0 * (q / 100.0).sin()
-    });
-    straight(&lab, "exy.csv", 400.0, |q| {
-        -0.01 * q + 3.0 * (q / 60.0).cos()
-    });
+    straight(&lab, "eyx.csv", 600.0, |q| 4.0 + 0.02 * q + 6.0 * (q / 100.0).sin());
+    straight(&lab, "exy.csv", 400.0, |q| -0.01 * q + 3.0 * (q / 60.0).cos());
     let mut machines = Vec::new();
     let mut squares = Vec::new();
     for kind in ["least-squares", "end-points", "minimum-zone"] {
@@ -261,19 +231,10 @@ fn squares_and_beams_count_in_the_direction_of_the_light() {
     for (keys, expected) in [
         ("reference_angle_urad = 5.0".to_owned(), -9.0),
         ("optical_square_urad = 5.0".to_owned(), -9.0),
-        (
-            "optical_square_urad = 5.0\nbeams = [\"+X\", \"-Y\"]".to_owned(),
-            -19.0,
-        ),
-        (
-            "optical_square_urad = 5.0\nbeams = [\"-Y\", \"-X\"]".to_owned(),
-            -9.0,
-        ),
+        ("optical_square_urad = 5.0\nbeams = [\"+X\", \"-Y\"]".to_owned(), -19.0),
+        ("optical_square_urad = 5.0\nbeams = [\"-Y\", \"-X\"]".to_owned(), -9.0),
         (format!("beam_angle_deg = {angle}"), -9.0),
-        (
-            format!("beam_angle_deg = {angle}\nbeams = [\"-X\", \"+Y\"]"),
-            -19.0,
-        ),
+        (format!("beam_angle_deg = {angle}\nbeams = [\"-X\", \"+Y\"]"), -19.0),
     ] {
         let found = lab.calibrated(&format!("{}{keys}\n", LINES.replace("LINE", "")));
         let value = value(&found, "EC0Y");
@@ -314,36 +275,22 @@ fn the_uncertainty_of_a_squareness_contains_both_slopes() {
     }
     lab.write("exy.csv", &csv);
     let found = |more: &str| {
-        let text = format!(
-            "{more}{}reference_angle_urad = 0\n",
-            LINES.replace("LINE", "")
-        );
+        let text = format!("{more}{}reference_angle_urad = 0\n", LINES.replace("LINE", ""));
         let found = lab.calibrated(&text).square_uncertainties;
         found[&"EC0Y".parse().expect("a name")]
     };
     let near =
         |found: f64, expected: f64| assert!((found - expected).abs() < 2e-3, "{found} {expected}");
     near(found("").0, 7.8712);
-    near(
-        found("[uncertainty]\nsquare_urad = 3.0\n").0,
-        7.8712_f64.hypot(3.0),
-    );
+    near(found("[uncertainty]\nsquare_urad = 3.0\n").0, 7.8712_f64.hypot(3.0));
     // 0.5 µm of each mean reading, 1/√(5 · 200²) and 1/√(2 · 200²) of them per mm.
     let of_readings = (500.0 / 2e5_f64.sqrt()).hypot(500.0 / 8e4_f64.sqrt());
-    near(
-        found("[uncertainty]\nreading_um = 0.5\n").0,
-        7.8712_f64.hypot(of_readings),
-    );
+    near(found("[uncertainty]\nreading_um = 0.5\n").0, 7.8712_f64.hypot(of_readings));
     let file = lab
-        .read(&format!(
-            "{}reference_angle_urad = 0\n",
-            LINES.replace("LINE", "")
-        ))
+        .read(&format!("{}reference_angle_urad = 0\n", LINES.replace("LINE", "")))
         .expect("a file");
     let of_one_run = volcomp_calibrate::squareness_lines_of_one_run(&file);
-    let names: Vec<String> = of_one_run
-        .map(|line| line.setup.error.to_string())
-        .collect();
+    let names: Vec<String> = of_one_run.map(|line| line.setup.error.to_string()).collect();
     assert_eq!(names, ["EYX"]);
 }
 

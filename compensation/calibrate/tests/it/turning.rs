@@ -84,28 +84,18 @@ fn a_full_turn_is_closed() {
 #[test]
 fn a_part_of_a_turn_stays_one() {
     // 20·sin has the same value at 60° and 120°.
-    let machine = calibrated(
-        "[0, 360]",
-        (60..=120).step_by(5),
-        "{ fourier = { order = 2 } }",
-    );
+    let machine = calibrated("[0, 360]", (60..=120).step_by(5), "{ fourier = { order = 2 } }");
     let turned = |degrees: f64| {
         let state = machine.state(&[(AxisName::C, degrees)]).expect("a state");
         let found = machine.error_at(&state, Form::Exact, &Temperatures::new());
-        (
-            found.rotation_rad.z * 1e6,
-            machine.outside_range(&state).len(),
-        )
+        (found.rotation_rad.z * 1e6, machine.outside_range(&state).len())
     };
     let ((held, outside), (end, inside)) = (turned(270.0), turned(120.0));
     assert_eq!((outside, inside), (1, 0));
     assert!((held - end).abs() < 1e-6, "{held} µrad, expected {end}");
     let refused =
         tried("[0, 360]", (0..=40).step_by(5), "\"auto\"").expect_err("a jump of 12.9 µrad");
-    assert!(
-        refused.to_string().contains("where the axis rolls over"),
-        "{refused}"
-    );
+    assert!(refused.to_string().contains("where the axis rolls over"), "{refused}");
 }
 
 /// Lines of motions in a rotating frame are rejected: an instrument that does not rotate measures a mixture of two motions.
@@ -122,11 +112,7 @@ fn lines_of_motions_that_turn_with_the_axis_are_refused() {
             "structure = \"w C' b X t\"\n[axes]\nX.travel = [0, 500]\nC = {{ travel = [0, 360], motion_frame = \"{frame}\" }}\n"
         ));
         lab.write("c.csv", "target,deviation\n0,0\n90,1\n180,2\n270,1\n");
-        let unit = if error.starts_with("EB") || error.starts_with("EC") {
-            "urad"
-        } else {
-            "um"
-        };
+        let unit = if error.starts_with("EB") || error.starts_with("EC") { "urad" } else { "um" };
         let text =
             format!("[[measurement]]\nerror = \"{error}\"\nfile = \"c.csv\"\nunit = \"{unit}\"\n");
         let read = lab.read(&text);

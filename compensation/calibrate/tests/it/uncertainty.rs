@@ -72,10 +72,7 @@ fn the_spread_is_that_of_the_means_of_the_runs() {
         let found = uncertainty(&ensemble, &file.machine, 200.0 * i as f64, 0.0)[0];
         // Four standard deviations of a standard deviation from this number of trials.
         let allowed = 4.0 / (2.0 * TRIALS as f64).sqrt();
-        assert!(
-            (found / expected_mm - 1.0).abs() < allowed,
-            "{found} {expected_mm}"
-        );
+        assert!((found / expected_mm - 1.0).abs() < allowed, "{found} {expected_mm}");
     }
     let at_reference = uncertainty(&ensemble, &file.machine, 0.0, 0.0);
     assert!(at_reference.iter().all(|u| *u < 1e-15));

@@ -32,29 +32,18 @@ fn axes_of_several_turns_are_evaluated_over_one() {
         let expected =
             "EX0C was not measured and is taken as 0: 10 µm of it move the tool by up to 20.0 µm";
         assert!(
-            found
-                .not_measured
-                .iter()
-                .any(|note| note.starts_with(expected)),
+            found.not_measured.iter().any(|note| note.starts_with(expected)),
             "{turns}: {:?}",
             found.not_measured
         );
         let line = |error: &str| {
-            let readings: Vec<String> = (0..=12)
-                .map(|k| format!("{},{}\n", 30 * k, k % 3))
-                .collect();
+            let readings: Vec<String> =
+                (0..=12).map(|k| format!("{},{}\n", 30 * k, k % 3)).collect();
             let readings = readings.concat();
-            lab.write(
-                &format!("{error}.csv"),
-                &format!("target,deviation\n{readings}"),
-            );
+            lab.write(&format!("{error}.csv"), &format!("target,deviation\n{readings}"));
             format!("[[measurement]]\nerror = \"{error}\"\nfile = \"{error}.csv\"\nunit = \"um\"\n")
         };
-        let text = format!(
-            "unknown = [\"EX0C\"]\n{}{}{POINTS}",
-            line("EXC"),
-            line("EYC")
-        );
+        let text = format!("unknown = [\"EX0C\"]\n{}{}{POINTS}", line("EXC"), line("EYC"));
         let refused = lab.refused(&text);
         assert!(
             refused.contains("EX0C is unknown here, and the lines of EXC and EYC"),
@@ -81,10 +70,7 @@ fn a_value_contradicted_by_observations_is_noted() {
         ("60", "60.0"),
         ("0.0238", "0.0238"),
     ] {
-        let first = tried(value)
-            .expect("calibrated")
-            .identified
-            .expect("identified");
+        let first = tried(value).expect("calibrated").identified.expect("identified");
         let first = first.found.warnings[0].to_string();
         let expected = format!(
             "EX0C in [[location]]: the observations contradict its {stated} µm and fit with 2"
@@ -96,10 +82,7 @@ fn a_value_contradicted_by_observations_is_noted() {
     assert!(matches!(refused, CalibrateError::Identify(_)), "{refused}");
     for value in ["23.8", "24.5"] {
         let found = tried(value).expect("calibrated");
-        let named = found
-            .warnings
-            .iter()
-            .find(|note| note.contains("[[location]]"));
+        let named = found.warnings.iter().find(|note| note.contains("[[location]]"));
         assert_eq!(named, None, "{value}");
     }
 }
@@ -121,9 +104,7 @@ fn a_dial_along_a_mandrel_reads_as_the_book_states() {
             Machine::parse(&format!("{geometry}[errors]\n{errors}\n"), "truth").expect("a machine");
         // Tip relative to the mandrel in bed axes; C rotates the table.
         let reading = |z: f64, c: f64| {
-            let state = machine
-                .state(&[(AxisName::Z, z), (AxisName::C, c)])
-                .expect("a state");
+            let state = machine.state(&[(AxisName::Z, z), (AxisName::C, c)]).expect("a state");
             let error = machine.error_at(&state, Form::Exact, &Temperatures::new());
             let turned = machine.chain().ideal_pose(&state).rotation;
             -(turned.transpose() * error.position_mm)[axis] * 1e3
@@ -152,9 +133,5 @@ fn a_squareness_of_the_wrong_sign_is_noted() {
         ),
         "{first}"
     );
-    assert!(
-        tried("40.0")
-            .iter()
-            .all(|note| !note.contains("contradict its"))
-    );
+    assert!(tried("40.0").iter().all(|note| !note.contains("contradict its")));
 }

@@ -15,10 +15,9 @@ use crate::{
 
 #[test]
 fn batches_are_the_same_as_single_poses() {
-    for text in [
-        &machine(&"w X' b Y Z t".parse().unwrap(), 1),
-        &Machine::parse(EXAMPLE, "m").unwrap(),
-    ] {
+    for text in
+        [&machine(&"w X' b Y Z t".parse().unwrap(), 1), &Machine::parse(EXAMPLE, "m").unwrap()]
+    {
         let compiled = text.compile(Tolerance::default()).unwrap();
         let count = text.axes().len();
         let mut rng = ChaCha8Rng::seed_from_u64(8);
@@ -28,12 +27,8 @@ fn batches_are_the_same_as_single_poses() {
         let mut one = vec![[0.0; 6]; states.len()];
         let mut all = one.clone();
         let order = compiled.chain().structure().axes();
-        compiled
-            .evaluate_batch(order, &poses, approach, &mut one)
-            .unwrap();
-        compiled
-            .evaluate_batch_parallel(order, &poses, approach, &mut all)
-            .unwrap();
+        compiled.evaluate_batch(order, &poses, approach, &mut one).unwrap();
+        compiled.evaluate_batch_parallel(order, &poses, approach, &mut all).unwrap();
         assert_eq!(one, all);
         let largest = one.iter().flatten().fold(0.0_f64, |m, e| m.max(e.abs()));
         for (state, found) in states.iter().zip(&one) {
@@ -59,10 +54,7 @@ fn a_batch_in_another_order_is_refused() {
         compiled.evaluate_batch_parallel(&order, &[0.0; 5], approach, &mut errors),
         compiled.evaluate_batch(&order[1..], &[0.0; 5], approach, &mut errors),
     ] {
-        assert!(
-            matches!(found, Err(EvaluatorError::AxisOrder { .. })),
-            "{found:?}"
-        );
+        assert!(matches!(found, Err(EvaluatorError::AxisOrder { .. })), "{found:?}");
     }
 }
 
@@ -103,24 +95,13 @@ fn grids_are_the_same_as_single_poses() {
             state.q[linear[2]] = grid[2].1[node % 7];
             let single = compiled.evaluate(&state);
             for k in 0..3 {
-                assert!(
-                    (single.position_mm[k] - found[k]).abs() <= 1e-12 * largest,
-                    "{structure}"
-                );
+                assert!((single.position_mm[k] - found[k]).abs() <= 1e-12 * largest, "{structure}");
                 assert!((single.rotation_rad[k] - found[k + 3]).abs() <= 1e-12 * largest);
             }
         }
         assert!(compiled.linear_grid(&[], &held).is_none());
-        assert!(
-            compiled
-                .linear_grid(&[(grid[0].0, vec![])], &held)
-                .is_none()
-        );
-        assert!(
-            compiled
-                .linear_grid(&[(AxisName::W, vec![1.0])], &held)
-                .is_none()
-        );
+        assert!(compiled.linear_grid(&[(grid[0].0, vec![])], &held).is_none());
+        assert!(compiled.linear_grid(&[(AxisName::W, vec![1.0])], &held).is_none());
         let turned = [grid[1].clone(), grid[0].clone()];
         assert!(compiled.linear_grid(&turned, &held).is_none());
     }

@@ -30,10 +30,7 @@ fn compiled() -> CompiledMachine {
 fn places() -> impl Iterator<Item = State> {
     (0..50).map(|step| {
         let q = f64::from(step);
-        State {
-            q: PerAxis::leading([0.01 * q, 80.0 * q, 40.0 * q, 25.0 * q]),
-            ..State::default()
-        }
+        State { q: PerAxis::leading([0.01 * q, 80.0 * q, 40.0 * q, 25.0 * q]), ..State::default() }
     })
 }
 
@@ -119,13 +116,7 @@ fn each_fault_of_a_blob_has_its_error() {
     assert_eq!(refused(&[b'x'; 60]), BlobError::NotABlob);
     let mut version = blob.clone();
     version[8] = 5;
-    assert_eq!(
-        refused(&version),
-        BlobError::Version {
-            found: 5,
-            expected: 4
-        }
-    );
+    assert_eq!(refused(&version), BlobError::Version { found: 5, expected: 4 });
     let mut changed = blob.clone();
     changed[100] ^= 1;
     assert_eq!(refused(&changed), BlobError::Checksum);
@@ -140,16 +131,10 @@ fn each_fault_of_a_blob_has_its_error() {
     let mut frame = blob.clone();
     let last = frame.len() - FRAME;
     frame[last] = 2;
-    assert!(matches!(
-        refused(&with_checksum(frame)),
-        BlobError::TooMany { found: 2, .. }
-    ));
+    assert!(matches!(refused(&with_checksum(frame)), BlobError::TooMany { found: 2, .. }));
     let mut letters = blob;
     letters[HEAD] = 200;
-    assert!(matches!(
-        refused(&with_checksum(letters)),
-        BlobError::TooMany { found: 200, .. }
-    ));
+    assert!(matches!(refused(&with_checksum(letters)), BlobError::TooMany { found: 200, .. }));
 }
 
 #[test]

@@ -23,9 +23,7 @@ fn without(left_out: AxisName) -> MachineParts<'static> {
     let others = [AxisName::X, AxisName::Y, AxisName::Z].into_iter();
     others
         .filter(|axis| *axis != left_out)
-        .fold(MachineParts::new(&gantry()), |parts, axis| {
-            parts.axis(axis, ideal(axis)).unwrap()
-        })
+        .fold(MachineParts::new(&gantry()), |parts, axis| parts.axis(axis, ideal(axis)).unwrap())
 }
 
 fn message(parts: Result<MachineParts<'_>, EvaluatorError>) -> String {
@@ -35,10 +33,7 @@ fn message(parts: Result<MachineParts<'_>, EvaluatorError>) -> String {
 #[test]
 fn missing_and_foreign_axes_are_named() {
     let compiled = CompiledMachine::new(without(AxisName::Z), Tolerance::default());
-    assert!(matches!(
-        compiled,
-        Err(EvaluatorError::MissingAxis { axis: AxisName::Z })
-    ));
+    assert!(matches!(compiled, Err(EvaluatorError::MissingAxis { axis: AxisName::Z })));
     assert_eq!(
         message(without(AxisName::Z).axis(AxisName::C, ideal(AxisName::C))),
         "the structure `w X' b Y Z t` has no axis C"
@@ -52,12 +47,7 @@ fn missing_and_foreign_axes_are_named() {
 #[test]
 fn invalid_axis_numbers_are_refused() {
     let axis = |parts: AxisParts<'static>| message(without(AxisName::X).axis(AxisName::X, parts));
-    let mm = |low: f64, high: f64| {
-        [
-            Displacement::Length(Mm(low)),
-            Displacement::Length(Mm(high)),
-        ]
-    };
+    let mm = |low: f64, high: f64| [Displacement::Length(Mm(low)), Displacement::Length(Mm(high))];
     let wrong = [
         axis(AxisParts::without_errors(travel(AxisName::C))),
         axis(AxisParts::without_errors(mm(1.0, 1.0))),
@@ -69,10 +59,7 @@ fn invalid_axis_numbers_are_refused() {
         axis(ideal(AxisName::X).range(Component::EX, AxisName::W, [1.0, 2.0])),
     ];
     for message in &wrong {
-        assert!(
-            message.contains("axis X: ") || message.contains("no axis W"),
-            "{message}"
-        );
+        assert!(message.contains("axis X: ") || message.contains("no axis W"), "{message}");
     }
 }
 
@@ -90,31 +77,12 @@ fn errors_over_two_coordinates_are_checked() {
     };
     assert_eq!(message(good.clone()), "accepted");
     let wrong = [
-        Patch {
-            values: vec![0.0],
-            ..good.clone()
-        },
-        Patch {
-            nodes: [vec![], vec![0.0]],
-            values: vec![],
-            ..good.clone()
-        },
-        Patch {
-            nodes: [vec![1.0, 1.0], vec![0.0]],
-            ..good.clone()
-        },
-        Patch {
-            nodes: [vec![0.0, f64::NAN], vec![0.0]],
-            ..good.clone()
-        },
-        Patch {
-            weights: [f64::NAN; 3],
-            ..good.clone()
-        },
-        Patch {
-            axes: [AxisName::X, AxisName::B],
-            ..good.clone()
-        },
+        Patch { values: vec![0.0], ..good.clone() },
+        Patch { nodes: [vec![], vec![0.0]], values: vec![], ..good.clone() },
+        Patch { nodes: [vec![1.0, 1.0], vec![0.0]], ..good.clone() },
+        Patch { nodes: [vec![0.0, f64::NAN], vec![0.0]], ..good.clone() },
+        Patch { weights: [f64::NAN; 3], ..good.clone() },
+        Patch { axes: [AxisName::X, AxisName::B], ..good.clone() },
     ];
     for patch in wrong {
         assert_ne!(message(patch.clone()), "accepted", "{patch:?}");
@@ -131,10 +99,7 @@ fn location_errors_take_the_unit_of_their_name() {
     for (text, value) in [("EC0Y", length), ("EXX", length), ("EC0C", angle)] {
         assert_ne!(set(text, value), "accepted", "{text}");
     }
-    assert_ne!(
-        set("EC0Y", Displacement::new(AxisKind::Rotary, f64::NAN)),
-        "accepted"
-    );
+    assert_ne!(set("EC0Y", Displacement::new(AxisKind::Rotary, f64::NAN)), "accepted");
 }
 
 #[test]
@@ -142,13 +107,8 @@ fn a_curve_that_is_not_finite_is_refused_by_name() {
     let errors = |x: f64, _| ErrorMotion::from_um_urad([0.0, 1.0 / (x - 3.0), 0.0, 0.0, 0.0, 0.0]);
     let parts = AxisParts::new(travel(AxisName::X), errors).breakpoints(Component::EY, [0.0, 3.0]);
     let parts = without(AxisName::X).axis(AxisName::X, parts).unwrap();
-    let refused = CompiledMachine::new(parts, Tolerance::default())
-        .unwrap_err()
-        .to_string();
-    assert!(
-        refused.starts_with("curve EYX: found a value that is not finite near 3"),
-        "{refused}"
-    );
+    let refused = CompiledMachine::new(parts, Tolerance::default()).unwrap_err().to_string();
+    assert!(refused.starts_with("curve EYX: found a value that is not finite near 3"), "{refused}");
 }
 
 /// A function is compiled over the whole travel; breakpoints can only extend the range.
@@ -176,14 +136,7 @@ fn a_function_is_compiled_over_the_travel() {
         }
     }
     let x = AxisParts::new(travel(AxisName::X), |x: f64, _| {
-        ErrorMotion::from_um_urad([
-            if x > 50.0 { f64::NAN } else { 0.0 },
-            0.0,
-            0.0,
-            0.0,
-            0.0,
-            0.0,
-        ])
+        ErrorMotion::from_um_urad([if x > 50.0 { f64::NAN } else { 0.0 }, 0.0, 0.0, 0.0, 0.0, 0.0])
     });
     let parts = without(AxisName::X).axis(AxisName::X, x).unwrap();
     let refused = CompiledMachine::new(parts, Tolerance::default());
@@ -209,25 +162,15 @@ fn all_parts_act_as_in_closed_form() {
     let parts = without(AxisName::X)
         .axis(AxisName::X, x)
         .unwrap()
-        .location(
-            "EC0Y".parse().unwrap(),
-            Displacement::from_micro(AxisKind::Rotary, 20.0),
-        )
+        .location("EC0Y".parse().unwrap(), Displacement::from_micro(AxisKind::Rotary, 20.0))
         .unwrap()
-        .assembly(
-            AxisName::Z,
-            ErrorMotion::from_um_urad([0.0, 7.0, 0.0, 0.0, 0.0, 0.0]),
-        )
+        .assembly(AxisName::Z, ErrorMotion::from_um_urad([0.0, 7.0, 0.0, 0.0, 0.0, 0.0]))
         .unwrap();
     let machine = CompiledMachine::new(parts, Tolerance::default()).unwrap();
     let found = machine.evaluate(
         &State::new(
             machine.chain(),
-            [
-                (AxisName::X, 50.0),
-                (AxisName::Y, 40.0),
-                (AxisName::Z, 10.0),
-            ],
+            [(AxisName::X, 50.0), (AxisName::Y, 40.0), (AxisName::Z, 10.0)],
         )
         .unwrap(),
     );
@@ -243,13 +186,7 @@ fn all_parts_act_as_in_closed_form() {
         )
         .unwrap(),
     );
-    assert_eq!(
-        outside
-            .iter()
-            .map(|name| name.to_string())
-            .collect::<Vec<_>>(),
-        ["EXX"]
-    );
+    assert_eq!(outside.iter().map(|name| name.to_string()).collect::<Vec<_>>(), ["EXX"]);
     assert!(machine.outside_range(&State::default()).is_empty());
 }
 

@@ -23,9 +23,8 @@ fn found_mm(machine: &volcomp_evaluator::CompiledMachine, from: &State, to: &Sta
     for step in 1..100 {
         let share = f64::from(step) / 100.0;
         let found = at(share);
-        let away: f64 = (0..3)
-            .map(|i| (found[i] - first[i] - share * (last[i] - first[i])).powi(2))
-            .sum();
+        let away: f64 =
+            (0..3).map(|i| (found[i] - first[i] - share * (last[i] - first[i])).powi(2)).sum();
         largest = largest.max(away.sqrt());
     }
     largest
@@ -46,10 +45,7 @@ fn the_bound_holds_on_every_type() {
             }
             let bound = compiled.chord_bound_mm(&from, &to);
             let found = found_mm(&compiled, &from, &to);
-            assert!(
-                found <= bound + 1e-9,
-                "{structure:?} {share}: {found} {bound}"
-            );
+            assert!(found <= bound + 1e-9, "{structure:?} {share}: {found} {bound}");
             assert!(bound.is_finite());
         }
     }
@@ -67,16 +63,9 @@ fn the_bound_is_as_tight_as_the_curves_are() {
     let chain = volcomp_kinematics::Chain::new("w X' b Y Z t".parse().unwrap());
     let ends = |x: f64| {
         [
-            State::new(
-                &chain,
-                [(AxisName::X, 0.0), (AxisName::Y, 0.0), (AxisName::Z, 50.0)],
-            )
-            .unwrap(),
-            State::new(
-                &chain,
-                [(AxisName::X, x), (AxisName::Y, x), (AxisName::Z, 50.0)],
-            )
-            .unwrap(),
+            State::new(&chain, [(AxisName::X, 0.0), (AxisName::Y, 0.0), (AxisName::Z, 50.0)])
+                .unwrap(),
+            State::new(&chain, [(AxisName::X, x), (AxisName::Y, x), (AxisName::Z, 50.0)]).unwrap(),
         ]
     };
     let straight = text(
@@ -94,15 +83,9 @@ fn the_bound_is_as_tight_as_the_curves_are() {
         // 1e-4 µm/mm² over x: the parabola deviates from its chord by 1e-4·x²/4 µm in the middle.
         let exact = 1e-7 * x * x / 4.0;
         let found = found_mm(&compiled, &from, &to);
-        assert!(
-            (found - exact).abs() < 1e-3 * exact + 2e-9,
-            "{found} {exact}"
-        );
+        assert!((found - exact).abs() < 1e-3 * exact + 2e-9, "{found} {exact}");
         let bound = compiled.chord_bound_mm(&from, &to);
-        assert!(
-            bound >= exact - 1e-12 && bound <= 4.0 * exact,
-            "{bound} {exact}"
-        );
+        assert!(bound >= exact - 1e-12 && bound <= 4.0 * exact, "{bound} {exact}");
     }
 }
 
@@ -131,10 +114,7 @@ fn short_ways_are_within_the_tolerance() {
                 to.q[i] = from.q[i] + if rng.random() { way } else { -way };
             }
             let bound = compiled.chord_bound_mm(&from, &to);
-            assert!(
-                bound <= part * tolerance_mm * (1.0 + 1e-9),
-                "{structure:?}: {bound}"
-            );
+            assert!(bound <= part * tolerance_mm * (1.0 + 1e-9), "{structure:?}: {bound}");
         }
     }
 }

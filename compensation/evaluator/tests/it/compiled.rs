@@ -50,16 +50,9 @@ fn the_slope_bound_holds_and_is_tight() {
                 curve.derivative(own, &coordinates, None).abs()
             })
             .fold(0.0, f64::max);
-        let per_unit = if name.component.is_angular() {
-            1e6
-        } else {
-            1e3
-        };
+        let per_unit = if name.component.is_angular() { 1e6 } else { 1e3 };
         let bound = compiled.slope_bound(name.axis, name.component) * per_unit;
-        assert!(
-            bound >= steepest * 0.999 - 1e-6,
-            "{name}: {bound} under {steepest}"
-        );
+        assert!(bound >= steepest * 0.999 - 1e-6, "{name}: {bound} under {steepest}");
         // The grid's bound covers the second axis too.
         assert!(
             bound <= steepest * 1.05 + 1e-3 || name.to_string() == "EZY",
@@ -70,10 +63,8 @@ fn the_slope_bound_holds_and_is_tight() {
 
 #[test]
 fn a_tolerance_that_cannot_be_kept_is_refused() {
-    let text = EXAMPLE.replace(
-        "poly = [0.0, 0.0073, -2.1e-7]",
-        "fourier = [0.0, 0.0, 50.0], period = 0.01",
-    );
+    let text = EXAMPLE
+        .replace("poly = [0.0, 0.0073, -2.1e-7]", "fourier = [0.0, 0.0, 50.0], period = 0.01");
     let message = Machine::parse(&text, "m")
         .unwrap()
         .compile(Tolerance::from_nm(1e-3))

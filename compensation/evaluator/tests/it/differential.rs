@@ -41,9 +41,7 @@ fn random_chain(rng: &mut ChaCha8Rng) -> Chain {
         let aside = letter.cross(&random_vector(rng, 1.0)).normalize();
         let direction = letter * skew.cos() + aside * skew.sin();
         chain.set_direction(axis, direction.into()).unwrap();
-        chain
-            .set_point(axis, random_vector(rng, 300.0).into())
-            .unwrap();
+        chain.set_point(axis, random_vector(rng, 300.0).into()).unwrap();
     }
     let (tip, axis) = (random_vector(rng, 200.0), random_vector(rng, 1.0));
     chain.set_tool(tip.into(), axis.into()).unwrap();
@@ -61,14 +59,9 @@ fn tiny_errors(chain: &Chain, rng: &mut ChaCha8Rng) -> (GivenErrors, CompiledMac
         };
         errors.motion[index] = motion;
         let travel = [-1e3, 1e3].map(|end| Displacement::new(axis.kind(), end));
-        parts = parts
-            .axis(axis, AxisParts::new(travel, move |_, _| motion))
-            .unwrap();
+        parts = parts.axis(axis, AxisParts::new(travel, move |_, _| motion)).unwrap();
     }
-    (
-        errors,
-        CompiledMachine::new(parts, Tolerance::default()).unwrap(),
-    )
+    (errors, CompiledMachine::new(parts, Tolerance::default()).unwrap())
 }
 
 /// The correcting linear axes, chosen independently: the smallest singular value decides whether a column is independent.
@@ -103,11 +96,7 @@ fn by_decomposition(
     let mut error_mm = actual.transform_point(&tip) - ideal.transform_point(&tip);
     let error_axis = (actual.rotation - ideal.rotation) * axis;
     let derivative = |index: usize| {
-        let step = if chain.joints()[index].kind == AxisKind::Linear {
-            1.0
-        } else {
-            1e-4
-        };
+        let step = if chain.joints()[index].kind == AxisKind::Linear { 1.0 } else { 1e-4 };
         let at = |by: f64| {
             let mut moved = *state;
             moved.q[index] += by;
@@ -115,33 +104,20 @@ fn by_decomposition(
             (pose.transform_point(&tip), pose.rotation * axis)
         };
         let (up, down) = (at(step), at(-step));
-        (
-            (up.0 - down.0) / (2.0 * step),
-            (up.1 - down.1) / (2.0 * step),
-        )
+        ((up.0 - down.0) / (2.0 * step), (up.1 - down.1) / (2.0 * step))
     };
-    let places: Vec<usize> = names
-        .iter()
-        .filter_map(|name| chain.structure().index_of(*name))
-        .collect();
+    let places: Vec<usize> =
+        names.iter().filter_map(|name| chain.structure().index_of(*name)).collect();
     let kind = |index: usize| chain.joints()[index].kind;
-    let rotary: Vec<usize> = places
-        .iter()
-        .copied()
-        .filter(|&index| kind(index) == AxisKind::Rotary)
-        .collect();
+    let rotary: Vec<usize> =
+        places.iter().copied().filter(|&index| kind(index) == AxisKind::Rotary).collect();
     let mut delta = PerAxis::ZERO;
     let mut rank = 0;
     if !rotary.is_empty() {
-        let matrix = DMatrix::from_fn(3, rotary.len(), |row, place| {
-            derivative(rotary[place]).1[row]
-        });
+        let matrix =
+            DMatrix::from_fn(3, rotary.len(), |row, place| derivative(rotary[place]).1[row]);
         let svd = matrix.svd(true, true);
-        rank = svd
-            .singular_values
-            .iter()
-            .filter(|value| **value >= 0.02)
-            .count();
+        rank = svd.singular_values.iter().filter(|value| **value >= 0.02).count();
         let (u, v_t) = (svd.u.unwrap(), svd.v_t.unwrap());
         for (place, &index) in rotary.iter().enumerate() {
             // A singular direction below 0.015 is not corrected, one above 0.02 fully.
@@ -162,14 +138,10 @@ fn by_decomposition(
         .filter(|&&index| kind(index) == AxisKind::Linear)
         .map(|&index| (index, chain.joints()[index].direction))
         .collect();
-    let chosen: Vec<usize> = linear_of(&at_zero)
-        .into_iter()
-        .map(|(index, _)| index)
-        .collect();
+    let chosen: Vec<usize> = linear_of(&at_zero).into_iter().map(|(index, _)| index).collect();
     if !chosen.is_empty() {
-        let matrix = DMatrix::from_fn(3, chosen.len(), |row, place| {
-            derivative(chosen[place]).0[row]
-        });
+        let matrix =
+            DMatrix::from_fn(3, chosen.len(), |row, place| derivative(chosen[place]).0[row]);
         let solved = matrix
             .svd(true, true)
             .solve(&DVector::from_column_slice(error_mm.as_slice()), 1e-12)
@@ -185,17 +157,14 @@ fn by_decomposition(
 fn is_at_an_edge(chain: &Chain, state: &State, correctors: &Correctors) -> bool {
     let before = |last: usize| {
         let joints = chain.joints().iter().zip(&state.q).take(last);
-        joints.fold(volcomp_kinematics::Pose::identity(), |pose, (joint, &q)| {
-            pose * joint.motion(q)
-        })
+        joints
+            .fold(volcomp_kinematics::Pose::identity(), |pose, (joint, &q)| pose * joint.motion(q))
     };
     let axis = chain.ideal_pose(state).rotation * chain.tool_axis();
     let column = |index: usize| before(index).rotation * chain.joints()[index].direction;
     let rotary = correctors.rotary();
     let rows = DMatrix::from_fn(3, rotary.len().max(1), |row, place| {
-        rotary
-            .get(place)
-            .map_or(0.0, |&index| column(index).cross(&axis)[row])
+        rotary.get(place).map_or(0.0, |&index| column(index).cross(&axis)[row])
     });
     let near = |value: f64, edge: f64| (value - edge).abs() < 1e-6;
     let values = rows.svd(false, false).singular_values;
@@ -221,13 +190,11 @@ fn exact_first_order_and_decomposition_agree_over_random_machines() {
             names.truncate(rng.random_range(1..=names.len()));
         }
         let state = State {
-            q: PerAxis::from_fn(
-                |index| match chain.joints().get(index).map(|joint| joint.kind) {
-                    Some(AxisKind::Linear) => rng.random_range(-500.0..=500.0),
-                    Some(AxisKind::Rotary) => rng.random_range(-3.0..=3.0),
-                    None => 0.0,
-                },
-            ),
+            q: PerAxis::from_fn(|index| match chain.joints().get(index).map(|joint| joint.kind) {
+                Some(AxisKind::Linear) => rng.random_range(-500.0..=500.0),
+                Some(AxisKind::Rotary) => rng.random_range(-3.0..=3.0),
+                None => 0.0,
+            }),
             ..State::default()
         };
         let correctors = Correctors::named(&chain, &names).unwrap();
@@ -252,24 +219,11 @@ fn exact_first_order_and_decomposition_agree_over_random_machines() {
         );
         for (index, joint) in chain.joints().iter().enumerate() {
             // Levers of 1 m and corrections of fifty times the error: the comparison is relative to this size.
-            let size = if joint.kind == AxisKind::Linear {
-                1e-4
-            } else {
-                1e-8
-            };
+            let size = if joint.kind == AxisKind::Linear { 1e-4 } else { 1e-8 };
             let (e, f, p) = (exact.delta[index], first.delta[index], plain[index]);
-            let build = || {
-                format!(
-                    "{} of {} {names:?}: {e} {f} {p}",
-                    joint.name,
-                    chain.structure()
-                )
-            };
-            assert!(
-                (e - p).abs() < 1e-5 * size && (f - p).abs() < 1e-5 * size,
-                "{}",
-                build()
-            );
+            let build =
+                || format!("{} of {} {names:?}: {e} {f} {p}", joint.name, chain.structure());
+            assert!((e - p).abs() < 1e-5 * size && (f - p).abs() < 1e-5 * size, "{}", build());
             if !names.contains(&joint.name) {
                 assert_eq!((e, f), (0.0, 0.0), "an axis that is not named is held");
             }
@@ -291,31 +245,18 @@ fn exact_first_order_and_decomposition_agree_over_random_machines() {
 fn a_second_axis_half_a_degree_off_takes_no_share() {
     let mut chain = Chain::new("w X' b Y Z U t".parse().unwrap());
     let skew = 0.5_f64.to_radians();
-    chain
-        .set_direction(AxisName::U, [skew.cos(), skew.sin(), 0.0])
-        .unwrap();
+    chain.set_direction(AxisName::U, [skew.cos(), skew.sin(), 0.0]).unwrap();
     let straightness = ErrorMotion::from_um_urad([0.0, 10.0, 0.0, 0.0, 0.0, 0.0]);
     let mut errors = GivenErrors::default();
     errors.motion[0] = straightness;
     let mut parts = MachineParts::new(&chain);
     for &axis in chain.structure().axes() {
         let travel = [0.0, 1000.0].map(|end| Displacement::new(axis.kind(), end));
-        let motion = if axis == AxisName::X {
-            straightness
-        } else {
-            ErrorMotion::ZERO
-        };
-        parts = parts
-            .axis(axis, AxisParts::new(travel, move |_, _| motion))
-            .unwrap();
+        let motion = if axis == AxisName::X { straightness } else { ErrorMotion::ZERO };
+        parts = parts.axis(axis, AxisParts::new(travel, move |_, _| motion)).unwrap();
     }
     let compiled = CompiledMachine::new(parts, Tolerance::default()).unwrap();
-    let exact = correct(
-        &chain,
-        &errors,
-        &State::default(),
-        &CorrectionOptions::default(),
-    );
+    let exact = correct(&chain, &errors, &State::default(), &CorrectionOptions::default());
     let first = compiled.first_order(&State::default());
     for delta in [exact.delta, first.delta] {
         for (index, expected_mm) in [0.0, -0.01, 0.0, 0.0].into_iter().enumerate() {
@@ -335,12 +276,7 @@ fn axes_that_turn_into_one_direction_do_not_take_shares_without_bounds() {
         let angle = std::f64::consts::FRAC_PI_2 * quarter;
         let state = State::new(
             &chain,
-            [
-                (AxisName::Y, 100.0),
-                (AxisName::C, angle),
-                (AxisName::X, 50.0),
-                (AxisName::Z, -20.0),
-            ],
+            [(AxisName::Y, 100.0), (AxisName::C, angle), (AxisName::X, 50.0), (AxisName::Z, -20.0)],
         )
         .unwrap();
         let exact = correct(&chain, &errors, &state, &options);

@@ -65,12 +65,7 @@ fn together_they_are_the_whole_correction() {
             if !correctors.rotary().contains(&index) {
                 assert_eq!(parts.rotary[index], 0.0);
             }
-            if !compiled
-                .chain()
-                .structure()
-                .axes()
-                .get(index)
-                .is_some_and(|axis| axis.is_rotary())
+            if !compiled.chain().structure().axes().get(index).is_some_and(|axis| axis.is_rotary())
             {
                 assert_eq!(parts.follow[index], PerAxis::ZERO);
             }
@@ -149,9 +144,7 @@ fn slides_take_the_whole_error() {
     let mut solved = 0;
     over_all_types(|compiled, _, state, rng, _| {
         let joints = compiled.chain().joints();
-        let turns = joints
-            .iter()
-            .any(|joint| joint.kind == volcomp_vocabulary::AxisKind::Rotary);
+        let turns = joints.iter().any(|joint| joint.kind == volcomp_vocabulary::AxisKind::Rotary);
         let mut compiled = compiled.clone();
         let mut names = compiled.chain().structure().axes().to_vec();
         names.shuffle(rng);

@@ -18,17 +18,9 @@ pub(crate) fn machine(structure: &Structure, seed: u64) -> Machine {
     let mut frames = ChaCha8Rng::seed_from_u64(seed);
     let mut text = format!("structure = \"{structure}\"\n");
     for axis in structure.axes() {
-        let half = if axis.kind() == AxisKind::Linear {
-            400.0
-        } else {
-            180.0
-        };
+        let half = if axis.kind() == AxisKind::Linear { 400.0 } else { 180.0 };
         let point: [f64; 3] = [(); 3].map(|()| number(300.0));
-        writeln!(
-            text,
-            "[axes.{axis}]\ntravel = [-{half}, {half}]\npoint = {point:?}"
-        )
-        .unwrap();
+        writeln!(text, "[axes.{axis}]\ntravel = [-{half}, {half}]\npoint = {point:?}").unwrap();
         if axis.is_rotary() && frames.random_bool(0.5) {
             writeln!(text, "motion_frame = \"turning\"").unwrap();
         }
@@ -36,11 +28,7 @@ pub(crate) fn machine(structure: &Structure, seed: u64) -> Machine {
     let tip: [f64; 3] = [(); 3].map(|()| number(150.0));
     writeln!(text, "[tool]\ntip = {tip:?}\n[errors]").unwrap();
     for axis in structure.axes() {
-        let half = if axis.kind() == AxisKind::Linear {
-            400.0
-        } else {
-            180.0
-        };
+        let half = if axis.kind() == AxisKind::Linear { 400.0 } else { 180.0 };
         for what in ["EX", "EY", "EZ", "EA", "EB", "EC"] {
             let size = if what > "EW" { 20.0 } else { 30.0 } / 3.0;
             let c: [f64; 6] = [(); 6].map(|()| number(size));
@@ -109,17 +97,8 @@ fn within_tolerance_and_second_order_of_the_exact_form() {
                 .norm();
                 largest = largest.max(miss);
             }
-            println!(
-                "{}: {:.4} um of {:.4}",
-                types[index],
-                largest * 1e3,
-                bound_mm * 1e3
-            );
-            assert!(
-                largest <= bound_mm,
-                "{}: {largest} over {bound_mm}",
-                types[index]
-            );
+            println!("{}: {:.4} um of {:.4}", types[index], largest * 1e3, bound_mm * 1e3);
+            assert!(largest <= bound_mm, "{}: {largest} over {bound_mm}", types[index]);
             assert!(largest <= 1e-4, "{}: {largest}", types[index]);
         }
     };
@@ -146,10 +125,7 @@ fn the_same_as_the_twist_form_on_its_own_curves() {
             );
             let found = compiled.evaluate(&state);
             for k in 0..3 {
-                assert!(
-                    (twist.position_mm[k] - found.position_mm[k]).abs() < 1e-12,
-                    "{structure}"
-                );
+                assert!((twist.position_mm[k] - found.position_mm[k]).abs() < 1e-12, "{structure}");
                 assert!((twist.rotation_rad[k] - found.rotation_rad[k]).abs() < 1e-15);
             }
         }
@@ -177,10 +153,7 @@ fn the_first_order_correction_is_newtons_first_step() {
             let largest = expected.delta.iter().fold(0.0_f64, |m, d| m.max(d.abs()));
             let neglected = compiled.neglected().mm(&found.delta);
             for (f, e) in found.delta.iter().zip(&expected.delta) {
-                assert!(
-                    (f - e).abs() < 1e-4 + 0.05 * largest,
-                    "{structure}: {f} {e}"
-                );
+                assert!((f - e).abs() < 1e-4 + 0.05 * largest, "{structure}: {f} {e}");
             }
             // The bound holds for the residual after the correction.
             let ideal = machine.chain().ideal_tip_mm(&state);
@@ -196,18 +169,12 @@ fn the_first_order_correction_is_newtons_first_step() {
             };
             let corrected = volcomp_model::corrected(&state, &found.delta);
             let left = left_with(&found.delta);
-            assert!(
-                left <= neglected + 1e-4,
-                "{structure}: {left} over {neglected}"
-            );
+            assert!(left <= neglected + 1e-4, "{structure}: {left} over {neglected}");
             // The bound also holds for the correction computed at the first one's target.
             let second = compiled.first_order(&corrected).delta;
             let left = left_with(&second);
             let neglected = compiled.neglected().there_mm(&found.delta, &second);
-            assert!(
-                left <= neglected + 1e-4,
-                "{structure}, anew: {left} over {neglected}"
-            );
+            assert!(left <= neglected + 1e-4, "{structure}, anew: {left} over {neglected}");
         }
     }
 }
@@ -227,9 +194,7 @@ fn thermal_terms_are_those_of_the_source() {
         .zip([26.5, 31.0, 18.0])
         .map(|(name, degc)| ((*name).to_owned(), degc))
         .collect();
-    let compiled = machine
-        .compile_at(Tolerance::default(), &temperatures)
-        .unwrap();
+    let compiled = machine.compile_at(Tolerance::default(), &temperatures).unwrap();
     let cold = machine.compile(Tolerance::default()).unwrap();
     let mut rng = ChaCha8Rng::seed_from_u64(11);
     let mut moved = 0.0_f64;
@@ -257,18 +222,13 @@ fn curves_that_need_too_much_are_named() {
         );
         Machine::parse(&text, "m").map(|m| m.compile(Tolerance::default()))
     };
-    let nodes: Vec<String> = (0..5000)
-        .map(|i| format!("[{}.0, {}.5]", i, i % 7))
-        .collect();
+    let nodes: Vec<String> = (0..5000).map(|i| format!("[{}.0, {}.5]", i, i % 7)).collect();
     let table = format!(
         "structure = \"w b X t\"\n[axes.X]\ntravel = [0, 5000]\n[errors]\nEBX = {{ table = [{}] }}\n",
         nodes.join(", ")
     );
-    let reason = Machine::parse(&table, "m")
-        .unwrap()
-        .compile(Tolerance::default())
-        .unwrap_err()
-        .to_string();
+    let reason =
+        Machine::parse(&table, "m").unwrap().compile(Tolerance::default()).unwrap_err().to_string();
     assert!(
         reason.contains("curve EBX needs more than 1 MiB") && reason.contains("fewer breakpoints"),
         "{reason}"
@@ -276,10 +236,7 @@ fn curves_that_need_too_much_are_named() {
     // A machine file may reject a Fourier series on a linear axis, but not on C.
     if let Ok(compiled) = wave(2.0) {
         let reason = compiled.unwrap_err().to_string();
-        assert!(
-            reason.contains("curve EYX needs more than 1 MiB"),
-            "{reason}"
-        );
+        assert!(reason.contains("curve EYX needs more than 1 MiB"), "{reason}");
         assert!(reason.contains("expected a tolerance of"), "{reason}");
     }
 }
@@ -311,11 +268,8 @@ fn flags_are_those_of_the_source() {
             state.q[1] = [0.0, 8000.0][step / 10 % 2];
             state.q[2] = [0.0, 4000.0][step / 20 % 2];
         }
-        let expected: Vec<String> = machine
-            .outside_range(&state)
-            .iter()
-            .map(ErrorName::to_string)
-            .collect();
+        let expected: Vec<String> =
+            machine.outside_range(&state).iter().map(ErrorName::to_string).collect();
         let found = names(&compiled, &state);
         assert_eq!(found, expected, "{state:?}");
         seen.extend(found);

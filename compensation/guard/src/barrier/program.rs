@@ -64,10 +64,8 @@ impl Protection {
     /// [`SettingsError`] if a limit is below one step of its axis, the times are inconsistent, there is no axis, or one is named twice.
     pub fn settings(&self, axes: &[Axis]) -> Result<Settings, SettingsError> {
         let layout = Layout::of(axes.iter().map(|axis| axis.name))?;
-        let step_scans = axes
-            .iter()
-            .map(|axis| 1.0 / self.counts_in_a_scan(axis))
-            .fold(1.0, f64::max);
+        let step_scans =
+            axes.iter().map(|axis| 1.0 / self.counts_in_a_scan(axis)).fold(1.0, f64::max);
         // A rate too slow to be represented becomes zero counts in the longest step time, and is
         // rejected below.
         let step_scans = whole(libm::ceil(step_scans - 1e-9));
@@ -77,9 +75,7 @@ impl Protection {
                 AxisKind::Linear => self.limit.0,
                 AxisKind::Rotary => self.limit_rotary.0,
             };
-            let most = axis
-                .largest
-                .map_or(most, |largest| most.min(largest.mm_or_rad()));
+            let most = axis.largest.map_or(most, |largest| most.min(largest.mm_or_rad()));
             *limit = counts(most / axis.step());
             *rate = counts(self.counts_in_a_scan(axis) * f64::from(step_scans));
         }
@@ -131,10 +127,7 @@ impl Program {
     /// Invalid settings.
     pub fn new(settings: Settings) -> Result<Self, SettingsError> {
         let barrier = Barrier::start(settings, 0, 0, &Counts::default())?;
-        Ok(Self {
-            barrier,
-            lines: None,
-        })
+        Ok(Self { barrier, lines: None })
     }
 
     /// The barrier in its present state.
@@ -168,10 +161,7 @@ impl ControlProgram for Program {
     }
 
     fn restart(&mut self, applied: &PerChannel<i16>) {
-        let (settings, epoch) = (
-            self.barrier.report().settings,
-            self.barrier.memory().link.epoch,
-        );
+        let (settings, epoch) = (self.barrier.report().settings, self.barrier.memory().link.epoch);
         // The tick restarts: only the epoch is retained. The settings were accepted before.
         if let Ok(started) = Barrier::start(settings, epoch, 0, applied) {
             self.barrier = started;

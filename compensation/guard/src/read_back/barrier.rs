@@ -101,15 +101,9 @@ impl BarrierLink {
         }
         self.count(taken, report.epoch, report.tick);
         self.settings = Some(report.settings);
-        status.confirmed = Some(Confirmed {
-            values: values_of(&report.applied, limits),
-            at: taken,
-        });
-        let ReportStatus::Confirmed {
-            landed,
-            epoch_began,
-        } = seen
-        else {
+        status.confirmed =
+            Some(Confirmed { values: values_of(&report.applied, limits), at: taken });
+        let ReportStatus::Confirmed { landed, epoch_began } = seen else {
             (self.held_by_other, self.can_send) = (true, false);
             self.stands = None;
             status.changed = true;
@@ -123,11 +117,7 @@ impl BarrierLink {
             Some((at, since)) if at == report.applied => Some((at, since)),
             _ => landed.then_some((report.applied, taken)),
         };
-        if landed || epoch_began {
-            Arrival::All
-        } else {
-            Arrival::Unknown
-        }
+        if landed || epoch_began { Arrival::All } else { Arrival::Unknown }
     }
 
     /// Time until a movement of the control is seen: the frame must arrive, be accepted, move it by one step, and be reported.
@@ -157,29 +147,21 @@ impl BarrierLink {
     }
 
     pub(super) fn judge(&self, now: Duration, limits: &Limits, status: &mut ReadBackStatus) {
-        let hold = self
-            .settings
-            .map(|settings| self.time_of(settings.hold_scans));
-        let age = status
-            .confirmed
-            .map(|confirmed| now.saturating_sub(confirmed.at));
+        let hold = self.settings.map(|settings| self.time_of(settings.hold_scans));
+        let age = status.confirmed.map(|confirmed| now.saturating_sub(confirmed.at));
         status.motion_delay = self.motion_delay(limits);
         // Time from which the control could have moved; the age is that of the last report.
-        status.stationary_since = age.zip(self.stands).map(|(age, (_, since))| {
-            since
-                .saturating_add(status.motion_delay)
-                .saturating_add(age)
-        });
+        status.stationary_since = age
+            .zip(self.stands)
+            .map(|(age, (_, since))| since.saturating_add(status.motion_delay).saturating_add(age));
         status.barrier_time_out =
             (self.settings).map(|settings| self.time_of(settings.time_out_scans));
         // A frame that answers an older report would be rejected.
         status.writable = self.can_send && hold.zip(age).is_some_and(|(hold, age)| age < hold);
         let settings = self.settings;
         let of_settings = settings.and_then(|of| barrier_misfits(&of, self.scan, limits).next());
-        let of_scans = (self.scans_fit == Some(false)).then_some(BarrierMisfit::ScanPeriod {
-            found: self.scan_counted,
-            expected: self.scan,
-        });
+        let of_scans = (self.scans_fit == Some(false))
+            .then_some(BarrierMisfit::ScanPeriod { found: self.scan_counted, expected: self.scan });
         status.barrier_misfit = of_settings.or(of_scans);
         status.reasons = Reasons::OTHER_GATEWAY.when(self.held_by_other)
             | Reasons::BARRIER_UNFIT.when(status.barrier_misfit.is_some())
@@ -230,19 +212,12 @@ impl BarrierLink {
 
 fn values_of(counts: &Counts, limits: &Limits) -> PerChannel<f64> {
     PerChannel::from_fn(|i| {
-        if i < limits.count {
-            f64::from(counts[i]) * limits.axes[i].resolution
-        } else {
-            0.0
-        }
+        if i < limits.count { f64::from(counts[i]) * limits.axes[i].resolution } else { 0.0 }
     })
 }
 
 /// Converts mm and rad to counts of each axis; `None` if a count does not fit into a word.
-#[expect(
-    clippy::cast_possible_truncation,
-    reason = "the range of a word was checked before"
-)]
+#[expect(clippy::cast_possible_truncation, reason = "the range of a word was checked before")]
 fn counts_of(values: &PerChannel<f64>, limits: &Limits) -> Option<Counts> {
     let mut counts = Counts::default();
     for i in limits.places() {
@@ -267,15 +242,11 @@ pub fn barrier_misfits(
     scan: Duration,
     limits: &Limits,
 ) -> impl Iterator<Item = BarrierMisfit> {
-    let step_s = scan
-        .saturating_mul(u32::from(settings.step_scans))
-        .as_secs_f64();
+    let step_s = scan.saturating_mul(u32::from(settings.step_scans)).as_secs_f64();
     let time_out = scan.saturating_mul(u32::from(settings.time_out_scans));
     let zero_after = limits.zero_after;
-    let late = (time_out > zero_after).then_some(BarrierMisfit::TimeOut {
-        found: time_out,
-        expected: zero_after,
-    });
+    let late = (time_out > zero_after)
+        .then_some(BarrierMisfit::TimeOut { found: time_out, expected: zero_after });
     let axes = limits.places().flat_map(move |axis| {
         let of_axis = &limits.axes[axis];
         let largest = f64::from(settings.limit[axis]) * of_axis.resolution;

@@ -99,10 +99,7 @@ impl Echo {
             // Another sender changes the values.
             self.alone_since = Some(now);
         }
-        if self
-            .equal
-            .is_some_and(|equal| equal.readings >= EQUAL_READINGS)
-        {
+        if self.equal.is_some_and(|equal| equal.readings >= EQUAL_READINGS) {
             // Everything sent before is obsolete.
             status.changed = found.is_none();
             self.has_sent &= found.is_some();
@@ -138,11 +135,7 @@ impl Echo {
             return None;
         }
         let same = before.filter(|before| are_equal(&before.values, values, limits));
-        let mut equal = same.unwrap_or(Equal {
-            values: *values,
-            readings: 0,
-            taken,
-        });
+        let mut equal = same.unwrap_or(Equal { values: *values, readings: 0, taken });
         if same.is_none_or(|before| since(before.taken) >= limits.delay()) {
             equal.readings = equal.readings.saturating_add(1);
             equal.taken = taken;
@@ -152,10 +145,7 @@ impl Echo {
     }
 
     fn begin(&mut self, values: &PerChannel<f64>, now: Duration) {
-        self.candidates[0] = Candidate {
-            since: now,
-            values: *values,
-        };
+        self.candidates[0] = Candidate { since: now, values: *values };
         self.count = 1;
     }
 
@@ -167,10 +157,7 @@ impl Echo {
         status: &mut ReadBackStatus,
     ) {
         self.alone_since.get_or_insert(now);
-        status.confirmed = Some(Confirmed {
-            values: *values,
-            at: taken,
-        });
+        status.confirmed = Some(Confirmed { values: *values, at: taken });
         // If the memory is full, nothing more may be sent.
         status.writable = self.count < MOST;
     }
@@ -208,10 +195,7 @@ impl Echo {
             self.count = 0;
             return;
         }
-        self.candidates[self.count] = Candidate {
-            since: now,
-            values: *values,
-        };
+        self.candidates[self.count] = Candidate { since: now, values: *values };
         self.count += 1;
     }
 
@@ -246,15 +230,11 @@ impl Echo {
         let fresh = status
             .confirmed
             .is_some_and(|confirmed| now.saturating_sub(confirmed.at) <= limits.delay());
-        let still = self
-            .alone_since
-            .is_some_and(|since| now.saturating_sub(since) >= self.watch);
+        let still = self.alone_since.is_some_and(|since| now.saturating_sub(since) >= self.watch);
         // Before the first write nothing else may have changed the values, and no reading may be from the previous run.
         let alone = still || self.has_sent;
         status.writable &= fresh && alone;
-        let other = self
-            .other
-            .is_some_and(|seen| now.saturating_sub(seen) < OTHER_REPORTED_FOR);
+        let other = self.other.is_some_and(|seen| now.saturating_sub(seen) < OTHER_REPORTED_FOR);
         status.reasons = Reasons::WATCHING.when(!alone)
             | Reasons::OTHER_GATEWAY.when(other)
             | Reasons::NO_BARRIER;

@@ -93,15 +93,12 @@ impl NoReadBack {
         {
             // The control is going to zero for lack of writes, or is there: earlier words, which may still be on its lines, no longer count.
             self.echo = Echo::new(Duration::ZERO);
-            let was_zero = status
-                .confirmed
-                .is_some_and(|confirmed| confirmed.values == PerChannel::ZERO);
+            let was_zero =
+                status.confirmed.is_some_and(|confirmed| confirmed.values == PerChannel::ZERO);
             self.unknown = now < at_zero && !was_zero;
             status.changed = !self.unknown && !was_zero;
-            status.confirmed = (!self.unknown).then_some(Confirmed {
-                values: PerChannel::ZERO,
-                at: now,
-            });
+            status.confirmed =
+                (!self.unknown).then_some(Confirmed { values: PerChannel::ZERO, at: now });
         }
         // If a control ramps to zero on its own, the levels of its lines are valid only while it receives writes.
         let is_on = self.control.is_none()
@@ -134,10 +131,7 @@ impl NoReadBack {
     fn without_levels(&mut self, now: Duration, status: &mut ReadBackStatus) {
         // If nothing was ever written or restored, the correction is taken as zero.
         if !self.unknown {
-            status.confirmed.get_or_insert(Confirmed {
-                values: PerChannel::ZERO,
-                at: now,
-            });
+            status.confirmed.get_or_insert(Confirmed { values: PerChannel::ZERO, at: now });
         }
         if let Some(confirmed) = status.confirmed.as_mut().filter(|_| !self.has_reported) {
             // Only this gateway changes the correction, so the confirmation does not expire.
@@ -166,10 +160,7 @@ impl NoReadBack {
         if self.reports_now {
             return;
         }
-        status.confirmed = Some(Confirmed {
-            values: *values,
-            at: now,
-        });
+        status.confirmed = Some(Confirmed { values: *values, at: now });
     }
 
     /// Starts the control's timeout from a write `age` ago, made between these times.
@@ -240,15 +231,11 @@ impl NoReadBack {
 
     fn set_zero(&mut self, now: Duration, status: &mut ReadBackStatus) {
         self.unknown = false;
-        status.confirmed = Some(Confirmed {
-            values: PerChannel::ZERO,
-            at: now,
-        });
+        status.confirmed = Some(Confirmed { values: PerChannel::ZERO, at: now });
     }
 
     pub(super) fn zero_after_last_write(&self, limits: &Limits) -> Option<Duration> {
         // One more cycle, since the last write may have been in transit.
-        self.control
-            .map(|control| control.all().saturating_add(limits.period))
+        self.control.map(|control| control.all().saturating_add(limits.period))
     }
 }

@@ -43,17 +43,9 @@ pub enum Scheme {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum BarrierMisfit {
     /// The barrier's limit is below the guard's, mm or rad.
-    Limit {
-        axis: usize,
-        found: f64,
-        expected: f64,
-    },
+    Limit { axis: usize, found: f64, expected: f64 },
     /// The barrier's rate is less than twice the guard's slew, mm/s or rad/s.
-    Rate {
-        axis: usize,
-        found: f64,
-        expected: f64,
-    },
+    Rate { axis: usize, found: f64, expected: f64 },
     /// The barrier's timeout is longer than the time after which the guard ramps out (`zero_after`).
     TimeOut { found: Duration, expected: Duration },
     /// The measured scan period differs from the configured one. Not returned by
@@ -134,11 +126,7 @@ impl ArrivalMonitor {
     pub(super) fn sent(&mut self, now: Duration, ok: bool, is_unseen: bool) {
         self.sent = Some(now);
         self.failing_since = (!ok).then(|| self.failing_since.unwrap_or(now));
-        self.since = if ok && is_unseen {
-            None
-        } else {
-            self.since.or(Some(now))
-        };
+        self.since = if ok && is_unseen { None } else { self.since.or(Some(now)) };
     }
 
     pub(super) fn receive(
@@ -160,10 +148,7 @@ impl ArrivalMonitor {
             for since in times.into_iter().flatten() {
                 *since += now.saturating_sub(before);
             }
-        } else if self
-            .sent
-            .is_none_or(|sent| now.saturating_sub(sent) > limits.longest_delay())
-        {
+        } else if self.sent.is_none_or(|sent| now.saturating_sub(sent) > limits.longest_delay()) {
             // Nothing was sent for longer than the longest delay, so missing corrections are no longer expected.
             (self.since, self.failing_since) = (None, None);
         }
@@ -181,7 +166,5 @@ impl ArrivalMonitor {
 
 /// Whether two corrections are equal on every axis, to half a step.
 pub(crate) fn are_equal(a: &PerChannel<f64>, b: &PerChannel<f64>, limits: &Limits) -> bool {
-    limits
-        .places()
-        .all(|i| is_same_step(a[i], b[i], limits.axes[i].resolution))
+    limits.places().all(|i| is_same_step(a[i], b[i], limits.axes[i].resolution))
 }

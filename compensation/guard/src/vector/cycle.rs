@@ -58,8 +58,7 @@ impl Cycle<'_> {
 
     /// Acceleration over distances that all axes cover together, 1/s².
     pub(super) fn accel_over_all(&self, ways: &PerChannel<f64>) -> f64 {
-        self.accel_over(ways, AxisKind::Linear)
-            .min(self.accel_over(ways, AxisKind::Rotary))
+        self.accel_over(ways, AxisKind::Linear).min(self.accel_over(ways, AxisKind::Rotary))
     }
 
     /// Fraction of their remaining distances that axes with a common factor cover in this cycle. It is limited by the ramp and by the need to
@@ -72,12 +71,9 @@ impl Cycle<'_> {
         accel: f64,
     ) -> f64 {
         let rate = self.going(ways, rates) / self.dt_s;
-        let part = stopping_part(accel, self.dt_s)
-            .min(ramp)
-            .max(braking_part(rate, accel, self.dt_s));
-        self.places()
-            .map(|i| allowed_part(self.spans[i], ways[i]))
-            .fold(part, f64::min)
+        let part =
+            stopping_part(accel, self.dt_s).min(ramp).max(braking_part(rate, accel, self.dt_s));
+        self.places().map(|i| allowed_part(self.spans[i], ways[i])).fold(part, f64::min)
     }
 
     /// Fraction of their distances that axes would cover by a common factor at their present rates, or less; 0 without a distance.
@@ -87,11 +83,7 @@ impl Cycle<'_> {
             .filter(|i| ways[*i] != 0.0)
             .map(|i| rates[i] / ways[i])
             .fold(f64::INFINITY, f64::min);
-        if part.is_finite() {
-            part * self.dt_s
-        } else {
-            0.0
-        }
+        if part.is_finite() { part * self.dt_s } else { 0.0 }
     }
 
     /// The permitted advance in this cycle: rotary axes cover up to `part` of their distances, and the ramp advances by
@@ -136,19 +128,11 @@ fn needed_to_stop(distance: f64, rate: f64, dt_s: f64) -> f64 {
 /// passes its `limit`. Outside the limit it can only move inwards.
 pub(super) fn span(at: f64, rate: f64, slew: f64, accel: f64, limit: f64, dt_s: f64) -> [f64; 2] {
     let (up, down) = (limit - at, limit + at);
-    let accel = accel
-        .max(needed_to_stop(up, rate, dt_s))
-        .max(needed_to_stop(down, -rate, dt_s));
+    let accel = accel.max(needed_to_stop(up, rate, dt_s)).max(needed_to_stop(down, -rate, dt_s));
     // Slew takes precedence over acceleration, the limit over both.
     let within_slew = |rate: f64| rate.max(-slew).min(slew);
-    let (least, most) = (
-        within_slew(rate - accel * dt_s),
-        within_slew(rate + accel * dt_s),
-    );
-    let inwards = (
-        -stopping_rate(down, accel, dt_s),
-        stopping_rate(up, accel, dt_s),
-    );
+    let (least, most) = (within_slew(rate - accel * dt_s), within_slew(rate + accel * dt_s));
+    let inwards = (-stopping_rate(down, accel, dt_s), stopping_rate(up, accel, dt_s));
     let lowest = least.max(inwards.0).min(inwards.1);
     let highest = most.min(inwards.1).max(inwards.0);
     [lowest * dt_s, highest * dt_s]
@@ -161,11 +145,7 @@ pub(super) fn within([lowest, highest]: [f64; 2], value: f64) -> f64 {
 /// Fraction of `way` that the range of an axis allows.
 fn allowed_part([lowest, highest]: [f64; 2], way: f64) -> f64 {
     let most = if way > 0.0 { highest } else { -lowest };
-    if way == 0.0 {
-        1.0
-    } else {
-        (most / way.abs()).clamp(0.0, 1.0)
-    }
+    if way == 0.0 { 1.0 } else { (most / way.abs()).clamp(0.0, 1.0) }
 }
 
 /// Fraction of the remaining distance that can be covered in a cycle with a stop at its end; `accel` is the acceleration over the total distance,

@@ -27,10 +27,7 @@ pub struct RequestedCorrection {
 
 /// The result of a cycle that followed the requested correction.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[allow(
-    clippy::struct_excessive_bools,
-    reason = "four answers that do not exclude one another"
-)]
+#[allow(clippy::struct_excessive_bools, reason = "four answers that do not exclude one another")]
 pub struct FollowResult {
     /// Slew or acceleration limits the correction: the ramp, rotary axes on the way to their goal, or linear axes
     /// (`behind`).
@@ -48,10 +45,7 @@ pub struct FollowResult {
 impl RequestedCorrection {
     /// The correction of a machine without corrected rotary axes.
     pub fn linear(position: PerChannel<f64>) -> Self {
-        Self {
-            position,
-            ..Self::default()
-        }
+        Self { position, ..Self::default() }
     }
 
     /// The whole correction without limits, mm and rad.
@@ -111,9 +105,7 @@ impl RequestedCorrection {
         let rounded = rotary_of(limits, |i| {
             let axis = &limits.axes[i];
             let most = axis.reachable();
-            quantised(before[i], exact[i], axis.resolution)
-                .max(-most)
-                .min(most)
+            quantised(before[i], exact[i], axis.resolution).max(-most).min(most)
         });
         if self.fits(position, &rounded, &reach) {
             return rounded;
@@ -139,9 +131,7 @@ impl RequestedCorrection {
     ) -> Option<PerChannel<f64>> {
         // One bit per moving rotary axis: whether it uses the step above.
         let turning = rotary_of(limits, |i| exact[i]);
-        let all = (0..MAX_AXES)
-            .filter(|i| turning[*i] != 0.0)
-            .fold(0_usize, |all, i| all | 1 << i);
+        let all = (0..MAX_AXES).filter(|i| turning[*i] != 0.0).fold(0_usize, |all, i| all | 1 << i);
         let mut nearest: Option<(f64, PerChannel<f64>)> = None;
         let mut choice = 0_usize;
         loop {
@@ -187,11 +177,7 @@ impl RequestedCorrection {
     ) -> f64 {
         let following = self.following(rotary);
         let [least, most] = parts(&following, position, reach);
-        let part = if least <= most || least.is_infinite() {
-            most
-        } else {
-            0.5 * (least + most)
-        };
+        let part = if least <= most || least.is_infinite() { most } else { 0.5 * (least + most) };
         part.clamp(0.0, 1.0)
     }
 }
@@ -199,11 +185,7 @@ impl RequestedCorrection {
 /// A value for each rotary axis, zero for all others.
 fn rotary_of(limits: &Limits, mut value: impl FnMut(usize) -> f64) -> PerChannel<f64> {
     PerChannel::from_fn(|i| {
-        if i < limits.count && limits.axes[i].kind == AxisKind::Rotary {
-            value(i)
-        } else {
-            0.0
-        }
+        if i < limits.count && limits.axes[i].kind == AxisKind::Rotary { value(i) } else { 0.0 }
     })
 }
 

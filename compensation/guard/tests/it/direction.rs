@@ -43,11 +43,7 @@ fn one_wrong_position_causes_no_reversal() {
                 memory.at(position, 0.005, None);
             }
             for cycle in 0..100 {
-                let reported = if cycle % 3 == 0 {
-                    position + wrong
-                } else {
-                    position
-                };
+                let reported = if cycle % 3 == 0 { position + wrong } else { position };
                 assert_eq!(memory.at(reported, 0.005, None), Some(direction));
                 // A repeated reading counts once.
                 for _ in 0..5 {
@@ -73,11 +69,7 @@ fn it_reverses_only_beyond_the_threshold_from_the_last_extreme() {
     assert_eq!(at(10.004), None, "noise");
     assert_eq!(at(10.006), Some(Direction::Positive));
     assert_eq!(at(20.0), Some(Direction::Positive));
-    assert_eq!(
-        at(19.996),
-        Some(Direction::Positive),
-        "back by less than the threshold"
-    );
+    assert_eq!(at(19.996), Some(Direction::Positive), "back by less than the threshold");
     assert_eq!(at(20.001), Some(Direction::Positive), "a new extreme");
     assert_eq!(at(19.997), Some(Direction::Positive));
     assert_eq!(at(f64::NAN), Some(Direction::Positive));
@@ -108,24 +100,15 @@ fn rolling_over_is_no_reversal() {
 #[test]
 fn a_commanded_direction_applies_at_once() {
     let mut memory = Memory::default();
-    assert_eq!(
-        memory.memory.commanded(5.0, Direction::Negative),
-        Some(Direction::Negative)
-    );
+    assert_eq!(memory.memory.commanded(5.0, Direction::Negative), Some(Direction::Negative));
     assert_eq!(memory.stays(5.004, 0.005, None), Some(Direction::Negative));
-    assert_eq!(
-        memory.memory.commanded(f64::NAN, Direction::Positive),
-        Some(Direction::Positive)
-    );
+    assert_eq!(memory.memory.commanded(f64::NAN, Direction::Positive), Some(Direction::Positive));
     assert_eq!(memory.stays(5.0, 0.005, None), Some(Direction::Positive));
     assert_eq!(memory.stays(4.994, 0.005, None), Some(Direction::Negative));
 }
 
 fn axis(includes_correction: bool) -> AxisLimits {
-    AxisLimits {
-        includes_correction,
-        ..limits().axes[0]
-    }
+    AxisLimits { includes_correction, ..limits().axes[0] }
 }
 
 #[test]
@@ -138,14 +121,8 @@ fn the_threshold_follows_kind_step_and_lag() {
     close(reversal_threshold(&axis(true), 0.001, delay), 0.013);
     close(reversal_threshold(&axis(true), 0.0, Duration::ZERO), 0.005);
     close(reversal_threshold(&axis(false), f64::NAN, delay), 0.005);
-    let rotary = AxisLimits {
-        kind: AxisKind::Rotary,
-        ..axis(false)
-    };
-    close(
-        reversal_threshold(&rotary, 1e-7, delay),
-        5e-4_f64.to_radians(),
-    );
+    let rotary = AxisLimits { kind: AxisKind::Rotary, ..axis(false) };
+    close(reversal_threshold(&rotary, 1e-7, delay), 5e-4_f64.to_radians());
 }
 
 /// Number of reversals at standstill. The reversal value is 20 µm, and the position contains the correction `lag` cycles after the
@@ -178,10 +155,7 @@ fn turns_at_standstill(lag: usize, threshold: f64) -> u32 {
 /// it would oscillate.
 #[test]
 fn no_reversal_is_fed_back_at_standstill() {
-    assert!(
-        turns_at_standstill(5, 0.005) > 50,
-        "the defect is gone from the test"
-    );
+    assert!(turns_at_standstill(5, 0.005) > 50, "the defect is gone from the test");
     for lag in [0_usize, 2, 5, 8] {
         let delay = PERIOD * u32::try_from(lag).expect("few");
         let threshold = reversal_threshold(&axis(true), STEP, delay);
@@ -199,11 +173,7 @@ fn a_flickering_count_causes_no_reversal() {
     let mut turns = 0;
     let mut before = memory.at(100.0, threshold, None);
     for cycle in 0..4000_u32 {
-        let flicker = if (cycle / 60).is_multiple_of(2) {
-            0.0
-        } else {
-            step
-        };
+        let flicker = if (cycle / 60).is_multiple_of(2) { 0.0 } else { step };
         let direction = memory.at(100.0 + flicker, threshold, None);
         turns += u32::from(direction != before);
         before = direction;
@@ -221,9 +191,7 @@ fn a_creeping_axis_reverses_once_beyond_the_threshold() {
     let (mut memory, mut position) = (Memory::default(), 100.0);
     let mut turns: Vec<(Direction, f64)> = Vec::new();
     // The extremes are 100.009 and 99.996; targets less than 5 µm from the last extreme cause no reversal.
-    for target in [
-        100.009, 100.0045, 100.0085, 99.996, 99.996, 100.0, 99.9965, 100.004,
-    ] {
+    for target in [100.009, 100.0045, 100.0085, 99.996, 99.996, 100.0, 99.9965, 100.004] {
         let begun = position;
         #[expect(
             clippy::cast_possible_truncation,
@@ -288,17 +256,12 @@ fn many_turns_do_not_change_the_direction() {
 /// Up to two wrong readings in five delay the first direction but never invert it, also half a turn away from the first position.
 #[test]
 fn the_first_direction_is_right_half_a_turn_away() {
-    let reported = [
-        0.0, 210.0, 40.0, 0.0, 80.0, 100.0, 120.0, 240.0, 260.0, 180.0,
-    ];
+    let reported = [0.0, 210.0, 40.0, 0.0, 80.0, 100.0, 120.0, 240.0, 260.0, 180.0];
     for (sign, direction) in [(1.0, Direction::Positive), (-1.0, Direction::Negative)] {
         let mut memory = Memory::default();
         let mut seen = None;
         // 20° per reading; readings 2, 4, 8 and 9 are wrong.
-        for position in reported
-            .into_iter()
-            .chain((10..20).map(|k| 20.0 * f64::from(k)))
-        {
+        for position in reported.into_iter().chain((10..20).map(|k| 20.0 * f64::from(k))) {
             let position = (sign * position).rem_euclid(360.0).to_radians();
             let found = memory.at(position, 0.005, Some(TAU));
             assert!(found.is_none() || found == Some(direction), "{found:?}");
@@ -358,14 +321,8 @@ fn with_two_wrong_readings_in_five_every_direction_is_a_real_one() {
 
 /// Positions with arbitrary errors, at most two in any five consecutive readings.
 fn wrong_readings() -> impl Strategy<Value = Vec<Option<f64>>> {
-    let wrong = prop_oneof![
-        -0.05..0.05_f64,
-        -4.0..4.0_f64,
-        Just(1e6),
-        Just(-1e6),
-        Just(1.0),
-        Just(-1.0)
-    ];
+    let wrong =
+        prop_oneof![-0.05..0.05_f64, -4.0..4.0_f64, Just(1e6), Just(-1e6), Just(1.0), Just(-1.0)];
     prop::collection::vec(prop::option::weighted(0.6, wrong), 60..200).prop_map(|mut readings| {
         for i in 0..readings.len() {
             let before = &readings[i.saturating_sub(4)..i];

@@ -15,10 +15,7 @@ const COMPENSATING: State = State::Compensating;
 const DOES_NOT_STICK: State = State::Faulted(Cause::DoesNotStick);
 
 fn with_delay(read_back_cycles: usize) -> Limits {
-    Limits {
-        read_back_cycles,
-        ..limits()
-    }
+    Limits { read_back_cycles, ..limits() }
 }
 
 /// Controls with read-back, without and with a barrier.
@@ -43,9 +40,7 @@ fn the_control_overrides_the_stored_correction() {
     for mut world in readable(&with_delay(1)) {
         let limits = *world.guard.limits();
         let (now, stored) = (world.now, axes(0.040, 0.0));
-        world
-            .read_back
-            .restore(now, &stored, Duration::ZERO, &limits);
+        world.read_back.restore(now, &stored, Duration::ZERO, &limits);
         let shown = world.run(SECOND);
         assert_eq!(shown.correction, PerChannel::ZERO, "{:?}", scheme(&world));
         let mut world = world.arm_from_here();
@@ -375,11 +370,7 @@ fn an_axis_that_does_not_follow_is_reported() {
     for _ in 0..100 {
         // Tick and sequence advance; the applied correction does not.
         let barrier = world.barrier.expect("a barrier");
-        let memory = Memory {
-            applied: held,
-            from: held,
-            ..barrier.memory()
-        };
+        let memory = Memory { applied: held, from: held, ..barrier.memory() };
         world.barrier = Some(Barrier::resume(barrier.report().settings, memory).expect("valid"));
         let output = world.run(Duration::ZERO);
         reported += usize::from(output.reasons.contains(Reasons::SLEWING));

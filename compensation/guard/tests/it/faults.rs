@@ -48,11 +48,7 @@ fn after_a_reboot_it_ramps_from_the_applied_correction() {
     assert!(!back.write && back.state.name() != "arming");
     let back = world.run(Duration::ZERO);
     assert_eq!(back.state.name(), "arming");
-    assert!(
-        world.applied[0].abs() <= STEP,
-        "no step: {}",
-        world.applied[0]
-    );
+    assert!(world.applied[0].abs() <= STEP, "no step: {}", world.applied[0]);
     assert_eq!(world.run(2 * SECOND).state, State::Compensating);
     assert!((world.applied[0] - 0.040).abs() < 1e-9);
 }
@@ -115,10 +111,7 @@ fn a_write_that_does_not_stick_is_a_fault() {
 #[test]
 fn a_read_back_may_lag() {
     for (allowed, behind) in [(2, 1), (16, 12)] {
-        let mut world = World::new(&Limits {
-            read_back_cycles: allowed,
-            ..limits()
-        });
+        let mut world = World::new(&Limits { read_back_cycles: allowed, ..limits() });
         let mut history = vec![PerChannel::ZERO; behind];
         world.request(Request::Arm);
         for cycle in 0..500 {
@@ -126,10 +119,7 @@ fn a_read_back_may_lag() {
             history.push(truth);
             world.applied = history[history.len() - 1 - behind];
             let output = world.run(Duration::ZERO);
-            assert!(
-                !output.reasons.contains(Reasons::READ_BACK),
-                "cycle {cycle}"
-            );
+            assert!(!output.reasons.contains(Reasons::READ_BACK), "cycle {cycle}");
             if !output.write {
                 world.applied = truth;
             }
@@ -257,11 +247,7 @@ fn an_interrupted_proof_is_no_proof() {
         assert_eq!(world.guard.state(), State::Disarmed);
         assert_eq!(world.applied, PerChannel::ZERO);
         world.frozen_at = None;
-        assert_eq!(
-            world.run(SECOND).state,
-            State::Disarmed,
-            "not without a request"
-        );
+        assert_eq!(world.run(SECOND).state, State::Disarmed, "not without a request");
         world.request(Request::Arm);
         world.emergency_stop = true;
         world.run(SECOND);
@@ -277,10 +263,7 @@ fn an_interrupted_proof_is_no_proof() {
 /// Failed writes, single or consecutive, do not change the state; the correction continues from the applied one without a step.
 #[test]
 fn lost_writes_are_no_event() {
-    let mut world = World::compensating(&Limits {
-        read_back_cycles: 1,
-        ..limits()
-    });
+    let mut world = World::compensating(&Limits { read_back_cycles: 1, ..limits() });
     let mut before = world.applied[0];
     for cycle in 0..2000 {
         world.target = Some(axes(0.05 * (f64::from(cycle) * 0.01).sin(), 0.0));
@@ -352,9 +335,8 @@ fn a_slow_path_is_not_reported_as_a_held_control() {
         let limits = Limits {
             period,
             // Longer than the time until a frame is reported.
-            hold: Duration::from_millis(50).max(Duration::from_millis(
-                u64::try_from(delay_ms + 30).expect("few"),
-            )),
+            hold: Duration::from_millis(50)
+                .max(Duration::from_millis(u64::try_from(delay_ms + 30).expect("few"))),
             zero_after: Duration::from_secs(2),
             read_back_cycles: 2 * cycles + 2,
             ..limits()
@@ -377,27 +359,17 @@ fn a_slow_path_is_not_reported_as_a_held_control() {
         world.cycle_after(period, Some(Request::Arm));
         for cycle in 0..2600_u32 {
             // The correction creeps by one step every 20 to 300 ms, as for a slow rotary table or a machine that warms up.
-            let sign = if (cycle / 100).is_multiple_of(2) {
-                -1.0
-            } else {
-                1.0
-            };
+            let sign = if (cycle / 100).is_multiple_of(2) { -1.0 } else { 1.0 };
             let creeps = sign * STEP / f64::from(2 + cycle / 100);
             world.target = world.target.map(|target| axes(target[0] + creeps, 0.010));
             let output = world.cycle_after(period, None);
             let unconfirmed = output.reasons.contains(Reasons::UNCONFIRMED);
-            assert!(
-                !unconfirmed,
-                "{delay_ms} ms, {step_scans} of {scan:?}: cycle {cycle}"
-            );
+            assert!(!unconfirmed, "{delay_ms} ms, {step_scans} of {scan:?}: cycle {cycle}");
         }
         (world.holds, world.target) = (true, Some(axes(0.0, 0.0)));
         let begun = world.now;
         while world.cycle_after(period, None).state == State::Compensating {
-            assert!(
-                world.now < begun + Duration::from_secs(2),
-                "{delay_ms} ms: not reported"
-            );
+            assert!(world.now < begun + Duration::from_secs(2), "{delay_ms} ms: not reported");
         }
         let step = scan * u32::from(step_scans.unsigned_abs());
         let most = limits.hold + 2 * limits.delay() + step + 8 * period;

@@ -17,10 +17,7 @@ fn an_interlock_on_one_path_holds_all_until_the_same_path_clears_it() {
     interlocks.update(0, CLEAR);
     interlocks.update(1, None);
     let reported = interlocks.reasons();
-    assert_eq!(
-        reported,
-        Reasons::EMERGENCY_STOP | Reasons::INTERLOCK_UNSEEN
-    );
+    assert_eq!(reported, Reasons::EMERGENCY_STOP | Reasons::INTERLOCK_UNSEEN);
     interlocks.update(1, CLEAR);
     assert_eq!(interlocks.reasons(), Reasons::NONE);
 }
@@ -30,16 +27,9 @@ fn an_interlock_on_one_path_holds_all_until_the_same_path_clears_it() {
 #[test]
 fn old_flags_forbid() {
     let hold = Duration::from_millis(40);
-    let all = Interlock {
-        unreferenced: true,
-        alarm: true,
-        emergency_stop: true,
-    };
+    let all = Interlock { unreferenced: true, alarm: true, emergency_stop: true };
     let clear = Interlock::default();
-    let no_alarm = Interlock {
-        alarm: false,
-        ..all
-    };
+    let no_alarm = Interlock { alarm: false, ..all };
     assert_eq!(clear.at_age(hold, hold, all), clear);
     assert_eq!(all.at_age(Duration::ZERO, hold, clear), all);
     let old = hold + Duration::from_nanos(1);
@@ -54,11 +44,7 @@ fn an_acknowledgement_lifts_only_interlocks_of_silent_paths() {
     let mut interlocks = Interlocks::default();
     interlocks.update(0, STOP);
     interlocks.acknowledge();
-    assert_eq!(
-        interlocks.reasons(),
-        Reasons::EMERGENCY_STOP,
-        "it still says so"
-    );
+    assert_eq!(interlocks.reasons(), Reasons::EMERGENCY_STOP, "it still says so");
     interlocks.update(0, None);
     interlocks.acknowledge();
     assert_eq!(interlocks.reasons(), Reasons::NONE);
@@ -89,22 +75,14 @@ fn an_axis_holds_in_a_stop_reported_by_another_path() {
 /// In a stop the barrier holds some cycles beyond the last report: the guard adopts that correction and does not move back.
 #[test]
 fn the_correction_held_by_a_barrier_in_a_stop_is_adopted() {
-    let mut world = World::guarded(&Limits {
-        read_back_cycles: 8,
-        ..limits()
-    });
+    let mut world = World::guarded(&Limits { read_back_cycles: 8, ..limits() });
     (world.report_delay, world.target) = (6, Some(axes(0.140, -0.070)));
     world.request(Request::Arm);
     world.run(60 * PERIOD);
     world.emergency_stop = true;
     world.run(PERIOD);
     let stands = world.applied;
-    assert!(
-        !world
-            .run(Duration::from_secs(1))
-            .reasons
-            .contains(Reasons::UNCONFIRMED)
-    );
+    assert!(!world.run(Duration::from_secs(1)).reasons.contains(Reasons::UNCONFIRMED));
     (world.emergency_stop, world.answers) = (false, true);
     world.interlocks.update(1, STOP);
     world.run(Duration::from_secs(1));
@@ -125,15 +103,10 @@ fn neither_word_nor_axis_moves_back_when_a_stop_begins() {
             for cycle in 0..400 {
                 let stopped = (10..10 + cycles).contains(&cycle);
                 world.emergency_stop = holds && stopped;
-                world
-                    .interlocks
-                    .update(1, if stopped { STOP } else { CLEAR });
+                world.interlocks.update(1, if stopped { STOP } else { CLEAR });
                 let output = world.run(Duration::ZERO);
                 let applied = world.applied[0];
-                assert!(
-                    applied >= furthest,
-                    "{late} {cycles}: {applied} after {furthest}"
-                );
+                assert!(applied >= furthest, "{late} {cycles}: {applied} after {furthest}");
                 furthest = applied;
                 if output.write {
                     words.push((world.now.as_secs_f64(), output.correction[0]));
@@ -360,10 +333,7 @@ fn a_chattering_stop_does_not_speed_up_the_return_within_a_limit() {
     let begun = world.now;
     world.request(Request::Switched);
     for cycle in 0..100 {
-        let interlock = Interlock {
-            emergency_stop: cycle % 2 == 0,
-            ..Interlock::default()
-        };
+        let interlock = Interlock { emergency_stop: cycle % 2 == 0, ..Interlock::default() };
         world.interlocks.update(1, Some(interlock));
         world.cycle_after(PERIOD, None);
     }

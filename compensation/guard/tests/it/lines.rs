@@ -9,10 +9,8 @@ use crate::world::{PERIOD, SECOND, World, axes, limits, same_places};
 
 /// Slew per cycle, with rounding, mm.
 const MOST: f64 = 0.002 * (1.0 + 1e-9);
-const TIME_OUT: ControlTimeOut = ControlTimeOut {
-    after: Duration::from_millis(200),
-    to_zero: Duration::from_millis(300),
-};
+const TIME_OUT: ControlTimeOut =
+    ControlTimeOut { after: Duration::from_millis(200), to_zero: Duration::from_millis(300) };
 const UNKNOWN: Reasons = Reasons::LEFT_UNKNOWN;
 
 /// Lines with reported levels and this applied correction of X, mm.
@@ -57,10 +55,7 @@ fn lines_that_were_off_ramp_in_from_their_levels() {
     (world.answers, world.write_fails) = (false, true);
     world.applied = PerChannel::ZERO;
     let reasons = world.run(SECOND).reasons;
-    assert!(
-        reasons.contains(Reasons::UNCONFIRMED | UNKNOWN),
-        "{reasons:?}"
-    );
+    assert!(reasons.contains(Reasons::UNCONFIRMED | UNKNOWN), "{reasons:?}");
     (world.answers, world.write_fails) = (true, false);
     world.largest_step = 0.0;
     world.run_to(3 * SECOND, State::Compensating);
@@ -201,13 +196,9 @@ fn levels_of_a_control_that_times_out_count_only_while_it_is_written() {
 #[test]
 fn a_stored_correction_counts_until_the_control_times_out() {
     let stored = Some(0.040);
-    for (age_ms, expected) in [
-        (0, stored),
-        (199, stored),
-        (200, None),
-        (500, None),
-        (501, Some(0.0)),
-    ] {
+    for (age_ms, expected) in
+        [(0, stored), (199, stored), (200, None), (500, None), (501, Some(0.0))]
+    {
         let mut world = World::lines(&limits());
         world.read_back = ReadBack::no_read_back(Some(TIME_OUT));
         restore(&mut world, 0.040, Duration::from_millis(age_ms));
@@ -249,19 +240,13 @@ fn lines_that_take_over_do_not_guess_the_correction_of_the_previous_run() {
     ] {
         let mut world = World::lines(&limits());
         let (now, values) = (world.now, axes(stored, 0.0));
-        world
-            .read_back
-            .restore(now, &values, Duration::ZERO, &limits());
+        world.read_back.restore(now, &values, Duration::ZERO, &limits());
         if acknowledged {
             world.read_back.acknowledge(now);
         }
         world.read_back.take_over(now, false);
         let reasons = world.run(PERIOD).reasons;
-        assert_eq!(
-            reasons.contains(UNKNOWN),
-            !is_known,
-            "{stored}: {reasons:?}"
-        );
+        assert_eq!(reasons.contains(UNKNOWN), !is_known, "{stored}: {reasons:?}");
         world.request(Request::Acknowledge);
         world.request(Request::Arm);
         world.run_to(2 * SECOND, State::Compensating);

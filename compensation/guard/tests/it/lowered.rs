@@ -68,10 +68,7 @@ fn a_lowered_linear_limit_reduces_the_rotary_shares_too() {
         let (most, vector) = misses_most(&following_a(), &before, &after);
         assert!(most < 1e-4, "{rotary_slew}: {most}");
         let [x, a] = [vector.output()[0], vector.output()[3]];
-        assert!(
-            (x - 0.030).abs() < 1e-5 && (a - 60e-6).abs() < 1e-7,
-            "{x} {a}"
-        );
+        assert!((x - 0.030).abs() < 1e-5 && (a - 60e-6).abs() < 1e-7, "{x} {a}");
     }
 }
 
@@ -136,10 +133,7 @@ fn a_lowered_limit_scales_every_share_equally() {
 fn a_lowered_acceleration_does_not_overshoot() {
     let requested = RequestedCorrection::linear(of([0.091, -0.040, 0.0]));
     for (cycles, part) in [(10, 0.1), (30, 0.025), (40, 0.005), (20, 0.005)] {
-        let before = Limits {
-            ramp: Duration::from_millis(100),
-            ..with_accel(&three(), 20.0)
-        };
+        let before = Limits { ramp: Duration::from_millis(100), ..with_accel(&three(), 20.0) };
         let after = with_accel(&before, 20.0 * part);
         let mut vector = Vector::at(&PerChannel::ZERO);
         let mut rate = 0.0;
@@ -198,18 +192,14 @@ fn limits_lowered_in_motion_without_a_barrier_are_no_fault() {
             for (limit, emergency_stop) in
                 [(0.100, false), (0.030, false), (0.100, true), (0.030, true)]
             {
-                let mut world = World::new(&Limits {
-                    read_back_cycles: late + 2,
-                    ..world::limits()
-                });
+                let mut world =
+                    World::new(&Limits { read_back_cycles: late + 2, ..world::limits() });
                 world.report_delay = late;
                 world.target = Some(axes(0.140, -0.070));
                 world.request(Request::Arm);
                 world.run(after * PERIOD);
                 world.lower_limits(limit);
-                world
-                    .interlocks
-                    .update(1, if emergency_stop { STOP } else { CLEAR });
+                world.interlocks.update(1, if emergency_stop { STOP } else { CLEAR });
                 world.request(Request::Switched);
                 world.run(Duration::from_secs(1));
                 world.interlocks.update(1, CLEAR);
@@ -247,11 +237,9 @@ fn a_correction_sent_long_before_a_limit_was_lowered_is_a_fault() {
 #[test]
 fn a_path_with_lower_limits_reduces_the_previous_correction_by_a_ramp() {
     // Corrections found at the take-over: the sent ones, larger ones, and on one axis the word sent for the other.
-    for (found, is_expected) in [
-        (axes(-0.070, 0.140), true),
-        (axes(-0.070, 0.142), false),
-        (axes(-0.140, 0.140), false),
-    ] {
+    for (found, is_expected) in
+        [(axes(-0.070, 0.140), true), (axes(-0.070, 0.142), false), (axes(-0.140, 0.140), false)]
+    {
         let mut world = World::compensating(&world::limits());
         world.target = Some(axes(0.140, -0.070));
         world.run(Duration::from_secs(2));

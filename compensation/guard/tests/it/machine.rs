@@ -18,10 +18,8 @@ use crate::world::{MACHINE, PERIOD, SCAN, limits, same_places};
 
 const STANDBY_EVERY: Duration = Duration::from_millis(100);
 /// Timeout after which the control of lines ramps to zero, and maximum duration of that ramp.
-const LINES_TIME_OUT: ControlTimeOut = ControlTimeOut {
-    after: Duration::from_millis(300),
-    to_zero: Duration::from_millis(300),
-};
+const LINES_TIME_OUT: ControlTimeOut =
+    ControlTimeOut { after: Duration::from_millis(300), to_zero: Duration::from_millis(300) };
 /// Observation time before the first write, in which nothing else may have moved a control without a barrier.
 const WATCH: Duration = Duration::from_millis(700);
 /// Maximum age of a reading.
@@ -40,13 +38,8 @@ pub(crate) enum Kind {
     Barrier,
 }
 
-pub(crate) const KINDS: [Kind; 5] = [
-    Kind::Late,
-    Kind::Lossy,
-    Kind::Lines,
-    Kind::LinesWithTimeOut,
-    Kind::Barrier,
-];
+pub(crate) const KINDS: [Kind; 5] =
+    [Kind::Late, Kind::Lossy, Kind::Lines, Kind::LinesWithTimeOut, Kind::Barrier];
 
 /// One path to the control.
 #[expect(clippy::struct_excessive_bools, reason = "separate faults")]
@@ -149,13 +142,7 @@ fn full_limits(axes: usize) -> Limits {
 }
 
 fn layout(axes: usize) -> Layout {
-    let all = [
-        AxisName::X,
-        AxisName::Y,
-        AxisName::Z,
-        AxisName::A,
-        AxisName::C,
-    ];
+    let all = [AxisName::X, AxisName::Y, AxisName::Z, AxisName::A, AxisName::C];
     Layout::of(all.into_iter().take(axes)).expect("each once")
 }
 
@@ -163,9 +150,7 @@ fn barrier(limits: &Limits, tick: u16, epoch: u16, applied: &PerChannel<f64>) ->
     let counts = |i: usize, value: f64| {
         let axis = &limits.axes[i];
         let count = (value / axis.resolution).round();
-        (-1000..1000_i16)
-            .find(|n| f64::from(*n) == count)
-            .expect("a small number")
+        (-1000..1000_i16).find(|n| f64::from(*n) == count).expect("a small number")
     };
     let settings = Settings {
         axes: layout(limits.count),
@@ -238,12 +223,9 @@ impl Machine {
             Kind::Late | Kind::Lossy => ReadBack::plain(WATCH),
             Kind::Lines => ReadBack::no_read_back(None),
             Kind::LinesWithTimeOut => ReadBack::no_read_back(Some(LINES_TIME_OUT)),
-            Kind::Barrier => ReadBack::barrier(BarrierLink::new(
-                owner,
-                MACHINE,
-                layout(self.limits.count),
-                SCAN,
-            )),
+            Kind::Barrier => {
+                ReadBack::barrier(BarrierLink::new(owner, MACHINE, layout(self.limits.count), SCAN))
+            }
         }
     }
 
@@ -367,11 +349,8 @@ impl Machine {
         let exchange = Duration::from_micros(self.random.random_range(0..1000));
         self.pass(exchange);
         let barrier = self.barrier;
-        let late = if self.now < self.prompt_until {
-            Duration::ZERO
-        } else {
-            self.ways[index].late
-        };
+        let late =
+            if self.now < self.prompt_until { Duration::ZERO } else { self.ways[index].late };
         let then = self.now.saturating_sub(late);
         let past = self.past.iter().rev().find(|(since, _)| *since <= then);
         let applied = past.map_or(self.applied, |(_, values)| *values);
@@ -400,10 +379,8 @@ impl Machine {
             CorrectionReport::Values(false_reading.unwrap_or(applied))
         };
         way.read_back.receive(now, self.now, &reported, &limits);
-        way.reading = way.online.then_some(Reading {
-            taken: way.frozen_at.unwrap_or(self.now),
-            positions,
-        });
+        way.reading =
+            way.online.then_some(Reading { taken: way.frozen_at.unwrap_or(self.now), positions });
         let interlock = way.online.then_some(self.interlock);
         self.interlocks.update(index, interlock);
     }
@@ -440,23 +417,16 @@ impl Machine {
                     Some(reading) if index == self.active() => {
                         age(reading.taken) <= self.limits.hold
                     }
-                    Some(_) => way
-                        .requested_at
-                        .is_some_and(|at| age(at) <= 3 * STANDBY_EVERY),
+                    Some(_) => way.requested_at.is_some_and(|at| age(at) <= 3 * STANDBY_EVERY),
                     None => false,
                 };
-                PathHealth {
-                    usable,
-                    ready: self.is_ready(index),
-                }
+                PathHealth { usable, ready: self.is_ready(index) }
             })
             .collect();
         let choice = self.selector.choose(now, &health);
         if choice.switched {
             self.ways[choice.active].read_back.take_over(now, false);
-            self.guard
-                .take_path(self.limits, &same_places())
-                .expect("valid");
+            self.guard.take_path(self.limits, &same_places()).expect("valid");
             self.seen.began = true;
         }
         choice.switched
@@ -554,11 +524,7 @@ impl Machine {
         let late = Duration::from_millis(self.random.random_range(0..1000));
         if self.random.random_bool(self.channel.doubled) {
             let words = words.clone();
-            self.in_transit.push(Late {
-                at: now + late,
-                way,
-                words,
-            });
+            self.in_transit.push(Late { at: now + late, way, words });
         }
         let late = self.random.random_bool(self.channel.late) || (!lands && self.random.random());
         if self.random.random_bool(self.channel.lost) || (!lands && !late) {
@@ -579,8 +545,7 @@ impl Machine {
     }
 
     pub(crate) fn holds(&self) -> bool {
-        self.axes()
-            .any(|i| self.applied[i].abs() > 0.5 * self.limits.axes[i].resolution)
+        self.axes().any(|i| self.applied[i].abs() > 0.5 * self.limits.axes[i].resolution)
     }
 }
 
@@ -631,11 +596,7 @@ impl Machine {
             16 => return Some(Request::Switched),
             17 => return Some(Request::Acknowledge),
             18 => {
-                self.forbids = if self.forbids.is_empty() {
-                    Reasons::AUDIT
-                } else {
-                    Reasons::NONE
-                }
+                self.forbids = if self.forbids.is_empty() { Reasons::AUDIT } else { Reasons::NONE }
             }
             19 => self.ways[index].loses = self.kind == Kind::Lossy || self.kind == Kind::Barrier,
             20 => {
@@ -662,12 +623,8 @@ impl Machine {
             35 => self.restart(),
             36 => {
                 let mut often = || [0.0, 0.05, 0.3][self.random.random_range(0..3)];
-                self.channel = Channel {
-                    lost: often(),
-                    late: often(),
-                    doubled: often(),
-                    torn: often(),
-                };
+                self.channel =
+                    Channel { lost: often(), late: often(), doubled: often(), torn: often() };
             }
             37..50 => return Some(Request::Arm),
             50..56 => self.all_is_well(),
@@ -750,11 +707,7 @@ impl Machine {
         let full = full_limits(self.limits.count);
         for i in self.axes() {
             let mut part = |least: f64| {
-                if self.random.random() {
-                    1.0
-                } else {
-                    self.random.random_range(least..1.0)
-                }
+                if self.random.random() { 1.0 } else { self.random.random_range(least..1.0) }
             };
             let axis = &mut self.limits.axes[i];
             axis.limit = (full.axes[i].limit * part(0.05)).max(6.0 * axis.resolution);
@@ -799,9 +752,7 @@ impl Machine {
         }
         if has_no_read_back {
             let values = self.written;
-            self.ways[0]
-                .read_back
-                .restore(self.now, &values, age, &self.limits);
+            self.ways[0].read_back.restore(self.now, &values, age, &self.limits);
         }
     }
 }

@@ -10,21 +10,11 @@ const RAPID: f64 = 100_000.0 / 60.0;
 /// 200 rev/min in deg/s; the check does not depend on the unit.
 const TURNS: f64 = 1200.0;
 
-const LINEAR: PositionLimits = PositionLimits {
-    range: Some([-5.0, 4005.0]),
-    turn: None,
-    speed: RAPID,
-};
-const TABLE: PositionLimits = PositionLimits {
-    range: None,
-    turn: Some(360.0),
-    speed: TURNS,
-};
-const TILT: PositionLimits = PositionLimits {
-    range: Some([-125.0, 125.0]),
-    turn: None,
-    speed: TURNS,
-};
+const LINEAR: PositionLimits =
+    PositionLimits { range: Some([-5.0, 4005.0]), turn: None, speed: RAPID };
+const TABLE: PositionLimits = PositionLimits { range: None, turn: Some(360.0), speed: TURNS };
+const TILT: PositionLimits =
+    PositionLimits { range: Some([-125.0, 125.0]), turn: None, speed: TURNS };
 
 const OK: Result<(), PositionFlaw> = Ok(());
 const JUMP: Result<(), PositionFlaw> = Err(PositionFlaw::Jumped);
@@ -53,44 +43,20 @@ fn accepted_positions_of_a_linear_axis() {
     reported(
         "the ends, and no way back from beyond but the way that was gone",
         &LINEAR,
-        &[
-            (0.0, -5.0, OK),
-            (10.0, -5.1, OUT),
-            (1e6, 200.0, JUMP),
-            (1e6 + 100.0, 90.0, OK),
-        ],
+        &[(0.0, -5.0, OK), (10.0, -5.1, OUT), (1e6, 200.0, JUMP), (1e6 + 100.0, 90.0, OK)],
     );
-    reported(
-        "4 m in 10 ms",
-        &LINEAR,
-        &[(0.0, 2.0, OK), (10.0, 4002.0, JUMP), (20.0, 2.1, OK)],
-    );
+    reported("4 m in 10 ms", &LINEAR, &[(0.0, 2.0, OK), (10.0, 4002.0, JUMP), (20.0, 2.1, OK)]);
     reported(
         "the reach",
         &LINEAR,
-        &[
-            (0.0, 0.0, OK),
-            (0.0, 83.2, OK),
-            (0.0, 0.0, OK),
-            (10.0, 100.1, JUMP),
-            (20.0, 99.9, OK),
-        ],
+        &[(0.0, 0.0, OK), (0.0, 83.2, OK), (0.0, 0.0, OK), (10.0, 100.1, JUMP), (20.0, 99.9, OK)],
     );
     reported(
         "inches",
         &LINEAR,
-        &[
-            (0.0, 572.7, OK),
-            (10.0, 22.547, JUMP),
-            (20.0, 22.547, JUMP),
-            (30.0, 572.7, OK),
-        ],
+        &[(0.0, 572.7, OK), (10.0, 22.547, JUMP), (20.0, 22.547, JUMP), (30.0, 572.7, OK)],
     );
-    reported(
-        "mm where inches are meant",
-        &LINEAR,
-        &[(0.0, 100.0, OK), (10.0, 2540.0, JUMP)],
-    );
+    reported("mm where inches are meant", &LINEAR, &[(0.0, 100.0, OK), (10.0, 2540.0, JUMP)]);
     reported(
         "a repeated timestamp, and an earlier one from another path",
         &LINEAR,
@@ -126,11 +92,7 @@ fn a_jump_is_never_accepted_after_a_while() {
         (120.0, 199.9, OK),
         (220.0, 299.0, OK),
     ] {
-        assert_eq!(
-            check.judge(&LINEAR, position, ms(3e6 + at)),
-            expected,
-            "{position}"
-        );
+        assert_eq!(check.judge(&LINEAR, position, ms(3e6 + at)), expected, "{position}");
     }
     // After re-arming.
     assert_eq!(check.judge(&LINEAR, 2000.0, ms(3_000_300.0)), JUMP);
@@ -294,12 +256,7 @@ fn accepted_positions_of_a_rotary_axis() {
     reported(
         "a table that rolls over",
         &TABLE,
-        &[
-            (0.0, 350.0, OK),
-            (10.0, 2.0, OK),
-            (20.0, -350.0, OK),
-            (30.0, 3610.0, OK),
-        ],
+        &[(0.0, 350.0, OK), (10.0, 2.0, OK), (20.0, -350.0, OK), (30.0, 3610.0, OK)],
     );
     reported(
         "half a turn at once",
@@ -309,12 +266,7 @@ fn accepted_positions_of_a_rotary_axis() {
     reported(
         "an axis that does not go round",
         &TILT,
-        &[
-            (0.0, 120.0, OK),
-            (10.0, -120.0, JUMP),
-            (20.0, 480.0, OUT),
-            (30.0, 119.0, OK),
-        ],
+        &[(0.0, 120.0, OK), (10.0, -120.0, JUMP), (20.0, 480.0, OUT), (30.0, 119.0, OK)],
     );
 }
 

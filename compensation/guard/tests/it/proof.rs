@@ -42,10 +42,7 @@ const PLAIN: Axis = Axis {
     factor: None,
     rolls_over: false,
 };
-const CONTAINS: Axis = Axis {
-    contains: true,
-    ..PLAIN
-};
+const CONTAINS: Axis = Axis { contains: true, ..PLAIN };
 
 struct Rig {
     limits: Limits,
@@ -62,10 +59,7 @@ struct Rig {
 impl Rig {
     fn new(limits: &Limits, machine: [Axis; 2], from: PerChannel<f64>) -> Self {
         let mut rig = Self {
-            limits: Limits {
-                test_shift: PerChannel([SHIFT; 9]),
-                ..*limits
-            },
+            limits: Limits { test_shift: PerChannel([SHIFT; 9]), ..*limits },
             moves: MotionHistory::default(),
             now: SECOND,
             machine,
@@ -100,14 +94,9 @@ impl Rig {
             let axis = &self.machine[i];
             let late = axis.lag.min(self.history.len() - 1);
             let position = axis.frozen.unwrap_or(self.history[late][i]);
-            if axis.rolls_over {
-                position.rem_euclid(TAU)
-            } else {
-                position
-            }
+            if axis.rolls_over { position.rem_euclid(TAU) } else { position }
         });
-        self.moves
-            .update(self.now, &positions, &self.output, &self.limits);
+        self.moves.update(self.now, &positions, &self.output, &self.limits);
         positions
     }
 
@@ -119,10 +108,7 @@ impl Rig {
         while self.now < end {
             let positions = self.reading();
             let (now, output) = (self.now, self.output);
-            let reading = Reading {
-                taken: now * self.clock_rate,
-                positions,
-            };
+            let reading = Reading { taken: now * self.clock_rate, positions };
             let verdict = proof.read(now, &reading, &output, &from, &self.limits, &self.moves);
             if verdict.is_some() {
                 return (verdict, reached);
@@ -131,10 +117,7 @@ impl Rig {
             // At the slew: 2 µm per cycle.
             self.output =
                 PerChannel::from_fn(|i| output[i] + (goal[i] - output[i]).clamp(-0.002, 0.002));
-            reached = [
-                reached[0].min(self.output[0]),
-                reached[1].max(self.output[0]),
-            ];
+            reached = [reached[0].min(self.output[0]), reached[1].max(self.output[0])];
         }
         (None, reached)
     }
@@ -153,22 +136,12 @@ fn proven(machine: [Axis; 2]) -> [AxisProof; 2] {
 #[test]
 fn each_axis_has_its_own_result() {
     let (plain, contains) = (PLAIN, CONTAINS);
-    let stood = Axis {
-        stood: true,
-        ..plain
-    };
-    let frozen = Axis {
-        frozen: Some(3.0),
-        contains: true,
-        ..plain
-    };
+    let stood = Axis { stood: true, ..plain };
+    let frozen = Axis { frozen: Some(3.0), contains: true, ..plain };
     assert_eq!(proven([plain, contains]), [NotContained, Contained]);
     assert_eq!(proven([stood, frozen]), [NotProven, NotProven]);
     // A position that follows in both directions contains the correction, even if the axis was at rest before.
-    let stood_contains = Axis {
-        stood: true,
-        ..contains
-    };
+    let stood_contains = Axis { stood: true, ..contains };
     assert_eq!(proven([stood_contains, stood]), [Contained, NotProven]);
 }
 
@@ -183,11 +156,7 @@ fn a_position_that_follows_by_another_factor_is_a_contradiction() {
             for axis in &mut limits.axes {
                 axis.includes_correction = includes_correction;
             }
-            let wrong = Axis {
-                contains: true,
-                factor: Some(factor),
-                ..PLAIN
-            };
+            let wrong = Axis { contains: true, factor: Some(factor), ..PLAIN };
             let machine = [wrong, PLAIN];
             let (verdict, reached) = Rig::new(&limits, machine, PerChannel::ZERO).prove(5 * SECOND);
             let verdict = verdict.expect("after the first attempt");
@@ -207,11 +176,7 @@ fn a_shift_across_the_roll_over_is_found() {
     limits.axes[0].kind = AxisKind::Rotary;
     limits.axes[0].includes_correction = true;
     for contains in [true, false] {
-        let table = Axis {
-            contains,
-            rolls_over: true,
-            ..PLAIN
-        };
+        let table = Axis { contains, rolls_over: true, ..PLAIN };
         for past in [-0.004, -0.001, 0.0, 0.001, 0.004] {
             let mut rig = Rig::new(&limits, [table, PLAIN], PerChannel::ZERO);
             rig.place = 2.0 * TAU + past;
@@ -261,18 +226,12 @@ fn slow_creeping_and_flickering_positions() {
             let believed = [truth, NotProven];
             assert!(believed.contains(&shown), "lag {lag}: {shown:?}");
         }
-        let flicker = Axis {
-            flicker: SHIFT / 4.0,
-            ..axis
-        };
+        let flicker = Axis { flicker: SHIFT / 4.0, ..axis };
         assert_eq!(proven([flicker, PLAIN])[0], truth);
     }
     // Creep as fast as the slowest response to the shift in one leg matches one direction but not the other.
     for creep_mm_per_s in [0.002, 0.004, 0.01, 0.015, 0.02, -0.015] {
-        let creeps = Axis {
-            creep_mm_per_s,
-            ..PLAIN
-        };
+        let creeps = Axis { creep_mm_per_s, ..PLAIN };
         let mut rig = Rig::new(&limits(), [creeps, PLAIN], PerChannel::ZERO);
         let (verdict, _) = rig.prove(20 * SECOND);
         let shown = verdict.map_or(NotProven, |verdict| verdict.axes[0]);
@@ -345,11 +304,7 @@ fn only_motion_of_the_last_ten_seconds_counts() {
 #[test]
 fn a_correction_is_no_motion_of_the_axis() {
     for contains in [false, true] {
-        let axis = Axis {
-            contains,
-            stood: true,
-            ..PLAIN
-        };
+        let axis = Axis { contains, stood: true, ..PLAIN };
         let mut rig = Rig::new(&limits(), [axis; 2], PerChannel::ZERO);
         for cycle in 0..500 {
             rig.output[0] = 0.1 * (f64::from(cycle) * 0.05).sin();
@@ -368,10 +323,7 @@ fn a_correction_is_no_motion_of_the_axis() {
 /// A constant position with fresh timestamps is not proof that the position excludes the correction: the axis is not proven.
 #[test]
 fn a_frozen_position_is_reported_as_not_proven() {
-    let mut world = World::new(&Limits {
-        test_shift: PerChannel([SHIFT; 9]),
-        ..limits()
-    });
+    let mut world = World::new(&Limits { test_shift: PerChannel([SHIFT; 9]), ..limits() });
     world.really_includes = true;
     let frozen = world.positions;
     world.request(Request::Arm);
@@ -382,11 +334,7 @@ fn a_frozen_position_is_reported_as_not_proven() {
         last = Some(world.run(Duration::ZERO));
     }
     let last = last.expect("cycles");
-    assert!(
-        last.reasons.contains(Reasons::NOT_PROVEN),
-        "{:?}",
-        last.state
-    );
+    assert!(last.reasons.contains(Reasons::NOT_PROVEN), "{:?}", last.state);
     assert_eq!(world.guard.verdict().proven[..2], [false, false]);
 }
 
@@ -394,17 +342,11 @@ fn a_frozen_position_is_reported_as_not_proven() {
 /// change of path.
 #[test]
 fn a_frozen_position_proves_nothing_after_a_change_of_paths() {
-    let limits = Limits {
-        test_shift: PerChannel([SHIFT; 9]),
-        ..limits()
-    };
+    let limits = Limits { test_shift: PerChannel([SHIFT; 9]), ..limits() };
     let mut world = World::new(&limits);
     world.positions = axes(100.0, 100.0);
     world.run(SECOND);
-    world
-        .guard
-        .take_path(limits, &same_places())
-        .expect("valid");
+    world.guard.take_path(limits, &same_places()).expect("valid");
     world.positions = axes(100.2, 100.2);
     world.run(PERIOD);
     world.request(Request::Arm);
@@ -463,11 +405,7 @@ fn the_tip_stays_while_a_rotary_axis_is_shifted() {
         // The shift of X, or half a step each of table and X.
         assert!(off < SHIFT + 1e-9, "{off}");
         assert!((turned - 4.0 * COUNT_RAD).abs() < 1e-9, "{turned}");
-        let truth = if includes_correction {
-            Contained
-        } else {
-            NotContained
-        };
+        let truth = if includes_correction { Contained } else { NotContained };
         assert_eq!(world.guard.verdict().axes[..2], [truth; 2]);
         let output = world.run(PERIOD);
         assert!(!output.reasons.contains(Reasons::NOT_PROVEN));
@@ -477,10 +415,7 @@ fn the_tip_stays_while_a_rotary_axis_is_shifted() {
 /// Readings count towards the proof only while the applied correction is confirmed and a correction is requested: the proof waits.
 #[test]
 fn a_disturbed_proof_waits() {
-    let limits = Limits {
-        test_shift: PerChannel([SHIFT; 9]),
-        ..limits()
-    };
+    let limits = Limits { test_shift: PerChannel([SHIFT; 9]), ..limits() };
     let arming = || {
         let mut world = World::new(&limits);
         world.positions = axes(1.0, 1.0);

@@ -52,10 +52,7 @@ fn a_line_takes_the_ramp_or_as_long_as_its_slowest_axis() {
     // At least 20 cycles.
     let mut short = limits;
     short.ramp = Duration::ZERO;
-    short
-        .axes
-        .iter_mut()
-        .for_each(|axis| axis.slew_per_s *= 10.0);
+    short.axes.iter_mut().for_each(|axis| axis.slew_per_s *= 10.0);
     let short_s = line_s(&short, &from, &to);
     assert!((short_s - 0.08).abs() < 0.005, "{short_s}");
 }
@@ -143,11 +140,8 @@ fn a_ramp_that_is_too_fast_for_an_axis_is_slower_for_all() {
     let mut vector = Vector::default();
     let mut cycles = 0;
     while !vector.is_ramped() {
-        let followed = vector.follow(
-            &RequestedCorrection::linear(of([0.1, 0.02, -0.05])),
-            &limits,
-            0.004,
-        );
+        let followed =
+            vector.follow(&RequestedCorrection::linear(of([0.1, 0.02, -0.05])), &limits, 0.004);
         let [x, y, z, ..] = vector.smooth().0;
         assert!((x - 5.0 * y).abs() < 1e-9 && (z + 2.5 * y).abs() < 1e-9);
         assert!(!followed.behind && (followed.slewing || vector.is_ramped()));
@@ -178,10 +172,7 @@ fn a_motion_after_a_line_starts_with_its_last_rate() {
                     let rate = (vector.smooth()[i] - before[i]) / dt;
                     let most = axis.accel_per_s2 * dt * (1.0 + 1e-9);
                     let change = (rate - rates[i]).abs();
-                    assert!(
-                        change <= most,
-                        "{from_um} µm, {dt} s, {i}: {change} of {most}"
-                    );
+                    assert!(change <= most, "{from_um} µm, {dt} s, {i}: {change} of {most}");
                     rates[i] = rate;
                 }
                 arrived
@@ -207,11 +198,7 @@ fn an_absurd_request_at_the_start_of_a_ramp_ends_with_the_ramp() {
     let right = |follow_mm: f64| {
         let mut follow = PerChannel::default();
         follow[3] = of([follow_mm]);
-        RequestedCorrection {
-            position: of([0.010]),
-            rotary: of([0.0, 0.0, 0.0, 100e-6]),
-            follow,
-        }
+        RequestedCorrection { position: of([0.010]), rotary: of([0.0, 0.0, 0.0, 100e-6]), follow }
     };
     for from in [PerChannel::ZERO, of([0.020, 0.0, 0.0, 100e-6])] {
         for absurd in [1.0, 20.0, 1e3, 1e5, -1e12] {
@@ -225,10 +212,7 @@ fn an_absurd_request_at_the_start_of_a_ramp_ends_with_the_ramp() {
                 (
                     rotary,
                     right(100.0),
-                    RequestedCorrection {
-                        position: of([absurd]),
-                        ..right(1e3 * absurd)
-                    },
+                    RequestedCorrection { position: of([absurd]), ..right(1e3 * absurd) },
                 ),
             ] {
                 let mut from = from;
@@ -245,10 +229,7 @@ fn an_absurd_request_at_the_start_of_a_ramp_ends_with_the_ramp() {
                 for _ in 0..25 {
                     vector.follow(&requested, &limits, 0.004);
                 }
-                assert!(
-                    (vector.output()[0] - most).abs() < 0.001,
-                    "{absurd}: {vector:?}"
-                );
+                assert!((vector.output()[0] - most).abs() < 0.001, "{absurd}: {vector:?}");
             }
         }
     }
@@ -257,10 +238,7 @@ fn an_absurd_request_at_the_start_of_a_ramp_ends_with_the_ramp() {
 /// During a ramp of 5 s the request for X exceeds its limit by 5 µm: Y continues its ramp at no more than 0.05 mm/s.
 #[test]
 fn a_request_beyond_a_limit_does_not_end_the_ramp_of_the_others() {
-    let limits = Limits {
-        ramp: Duration::from_secs(5),
-        ..three()
-    };
+    let limits = Limits { ramp: Duration::from_secs(5), ..three() };
     let mut vector = Vector::at(&of([0.140, 0.0, 0.0]));
     vector.begin_ramp();
     let mut largest = 0.0_f64;
@@ -268,11 +246,7 @@ fn a_request_beyond_a_limit_does_not_end_the_ramp_of_the_others() {
         // The request increases by 0.2 µm per cycle.
         let x = (0.100 + 0.0002 * f64::from(cycle)).min(0.155);
         let before = vector.smooth()[1];
-        vector.follow(
-            &RequestedCorrection::linear(of([x, -0.120, 0.0])),
-            &limits,
-            0.004,
-        );
+        vector.follow(&RequestedCorrection::linear(of([x, -0.120, 0.0])), &limits, 0.004);
         let rate = (vector.smooth()[1] - before).abs() / 0.004;
         largest = largest.max(rate);
     }
@@ -311,11 +285,7 @@ fn the_tip_error_never_exceeds_that_at_the_start_of_the_ramp() {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
         let mut limits = five(if random.random() { 0.0 } else { 0.05 });
         for axis in limits.axes.iter_mut().take(5) {
-            axis.resolution = if axis.kind == AxisKind::Linear {
-                1e-5
-            } else {
-                1e-8
-            };
+            axis.resolution = if axis.kind == AxisKind::Linear { 1e-5 } else { 1e-8 };
         }
         let mut requested = any_request(&mut random);
         let mut vector = Vector::default();

@@ -30,10 +30,7 @@ fn any_target(random: &mut ChaCha8Rng) -> PerChannel<f64> {
 
 /// Another path reports whether there is an emergency stop.
 fn shows(world: &mut World, emergency_stop: bool) {
-    let interlock = Interlock {
-        emergency_stop,
-        ..Interlock::default()
-    };
+    let interlock = Interlock { emergency_stop, ..Interlock::default() };
     world.interlocks.update(1, Some(interlock));
 }
 
@@ -101,10 +98,7 @@ fn random_changes_of_limits_are_no_fault() {
             if let Some(frame) = world.read_back.last_frame() {
                 standby.also_sent(frame);
             }
-            let case = format!(
-                "seed {seed}, {late} late, cycle {cycle}, {:?}",
-                output.state
-            );
+            let case = format!("seed {seed}, {late} late, cycle {cycle}, {:?}", output.state);
             let beyond = State::Faulted(Cause::BeyondLimit);
             assert_ne!(output.state, beyond, "{case}");
             let other = State::Faulted(Cause::OtherGateway);
@@ -139,10 +133,7 @@ struct Window {
 
 impl Window {
     fn about(value: f64) -> Self {
-        Self {
-            lowest: value - STEP,
-            highest: value + STEP,
-        }
+        Self { lowest: value - STEP, highest: value + STEP }
     }
 
     /// Widens the range by the largest slew; returns how far the new value is outside.
@@ -161,10 +152,7 @@ fn random_changes_of_limits_without_a_barrier_are_no_fault() {
     for seed in 0..400_u64 {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
         let late = random.random_range(0..5);
-        let mut world = World::new(&Limits {
-            read_back_cycles: late + 2,
-            ..world::limits()
-        });
+        let mut world = World::new(&Limits { read_back_cycles: late + 2, ..world::limits() });
         world.report_delay = late;
         world.target = Some(axes(0.140, -0.070));
         world.request(Request::Arm);
@@ -206,10 +194,7 @@ fn random_changes_of_limits_without_a_barrier_are_no_fault() {
             }
             let before = world.applied;
             let output = world.cycle_after(PERIOD, request);
-            let case = format!(
-                "seed {seed}, {late} late, cycle {cycle}, {:?}",
-                output.state
-            );
+            let case = format!("seed {seed}, {late} late, cycle {cycle}, {:?}", output.state);
             let is_beyond = output.state == State::Faulted(Cause::BeyondLimit);
             assert!(!is_beyond, "{case}");
             // A write decided before the slew was lowered may arrive afterwards.

@@ -56,18 +56,12 @@ fn a_repeated_reading_ages() {
     assert_eq!(known.confirmed.map(|confirmed| confirmed.at), Some(last));
     assert!(!known.writable);
     let unlanded = known.unlanded_since.map(|since| now.saturating_sub(since));
-    assert!(
-        unlanded.is_some_and(|time| time < limits.zero_after),
-        "{unlanded:?}"
-    );
+    assert!(unlanded.is_some_and(|time| time < limits.zero_after), "{unlanded:?}");
 }
 
 #[test]
 fn late_readings_reveal_the_levels_of_lines() {
-    let control = ControlTimeOut {
-        after: 200 * MS,
-        to_zero: 100 * MS,
-    };
+    let control = ControlTimeOut { after: 200 * MS, to_zero: 100 * MS };
     for control in [None, Some(control)] {
         let mut read_back = ReadBack::no_read_back(control);
         let unknown = PerChannel::from_fn(|_| f64::NAN);
@@ -76,11 +70,7 @@ fn late_readings_reveal_the_levels_of_lines() {
         let (known, now) = received(&mut read_back, 7 * MS);
         let at = known.confirmed.map(|confirmed| confirmed.at);
         // Lines do not show whether their control has ramped to zero.
-        let expected = if control.is_none() {
-            now.saturating_sub(7 * MS)
-        } else {
-            now
-        };
+        let expected = if control.is_none() { now.saturating_sub(7 * MS) } else { now };
         assert_eq!(at, Some(expected), "{control:?}");
         assert!(known.writable);
     }
@@ -91,10 +81,7 @@ fn extreme_times_and_counts_do_not_panic() {
     use volcomp_guard::{
         BarrierLink, ControlTimeOut, Limits, barrier::Settings, barrier_misfits, scans_fit,
     };
-    let limits = Limits {
-        count: 1000,
-        ..crate::world::limits()
-    };
+    let limits = Limits { count: 1000, ..crate::world::limits() };
     let settings = Settings {
         axes: crate::world::layout(),
         machine: 1,
@@ -107,10 +94,7 @@ fn extreme_times_and_counts_do_not_panic() {
     let endless = Duration::MAX;
     assert!(barrier_misfits(&settings, endless, &limits).count() > 0);
     assert!(!scans_fit(u32::MAX, Duration::from_secs(1), endless));
-    let time_out = ControlTimeOut {
-        after: endless,
-        to_zero: endless,
-    };
+    let time_out = ControlTimeOut { after: endless, to_zero: endless };
     for mut read_back in [
         ReadBack::plain(endless),
         ReadBack::no_read_back(Some(time_out)),
@@ -121,18 +105,10 @@ fn extreme_times_and_counts_do_not_panic() {
             read_back.receive(now, now, &CorrectionReport::Values(values), &limits);
             read_back.restore(now, &values, endless, &limits);
             read_back.sent(now, &values, true);
-            read_back.receive(
-                now,
-                endless,
-                &CorrectionReport::Barrier(&[u16::MAX; 60]),
-                &limits,
-            );
+            read_back.receive(now, endless, &CorrectionReport::Barrier(&[u16::MAX; 60]), &limits);
             read_back.take_over(now, false);
             read_back.acknowledge(now);
-            let _ = (
-                read_back.zero_after_last_write(&limits),
-                read_back.status().holds(&limits),
-            );
+            let _ = (read_back.zero_after_last_write(&limits), read_back.status().holds(&limits));
         }
     }
 }

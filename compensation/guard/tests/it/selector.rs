@@ -2,19 +2,10 @@ use std::time::Duration;
 
 use volcomp_guard::{Choice, PathHealth, Selector};
 
-const UP: PathHealth = PathHealth {
-    usable: true,
-    ready: true,
-};
-const DOWN: PathHealth = PathHealth {
-    usable: false,
-    ready: false,
-};
+const UP: PathHealth = PathHealth { usable: true, ready: true };
+const DOWN: PathHealth = PathHealth { usable: false, ready: false };
 /// The path responds, but the correction left by the previous path is unknown.
-const UNKNOWN: PathHealth = PathHealth {
-    usable: true,
-    ready: false,
-};
+const UNKNOWN: PathHealth = PathHealth { usable: true, ready: false };
 
 /// Time (s), health of both paths, and the choice: active, preferred, switched, blocked.
 type Step = (u64, [PathHealth; 2], (usize, usize, bool, bool));
@@ -34,10 +25,8 @@ fn the_next_path_takes_over_and_hands_back_with_hysteresis() {
         (8, [UP, UP], (0, 0, true, false)),
         (9, [UP, UP], (0, 0, false, false)),
     ];
-    let is_unknown: [Step; 2] = [
-        (1, [DOWN, UNKNOWN], (0, 1, false, true)),
-        (2, [DOWN, UP], (1, 1, true, false)),
-    ];
+    let is_unknown: [Step; 2] =
+        [(1, [DOWN, UNKNOWN], (0, 1, false, true)), (2, [DOWN, UP], (1, 1, true, false))];
     let all_down: [Step; 1] = [(1, [DOWN, DOWN], (0, 0, false, false))];
     for steps in [&goes_down[..], &is_unknown, &all_down] {
         let mut selector = Selector::new(Duration::from_secs(2));

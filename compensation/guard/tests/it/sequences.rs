@@ -11,9 +11,7 @@ use crate::machine::{KINDS, Kind, Machine};
 
 fn environment(name: &str, otherwise: u32) -> u32 {
     let environment = std::env::var(name).ok();
-    environment
-        .and_then(|environment| environment.parse().ok())
-        .unwrap_or(otherwise)
+    environment.and_then(|environment| environment.parse().ok()).unwrap_or(otherwise)
 }
 
 /// The checks after each cycle.
@@ -31,10 +29,7 @@ impl Watch {
             self.trace.clear();
         }
         if !seen.changed && seen.step > 1.0 + 1e-6 {
-            return Err(format!(
-                "a step of {} times what is allowed at {now} s",
-                seen.step
-            ));
+            return Err(format!("a step of {} times what is allowed at {now} s", seen.step));
         }
         if seen.not_finite || !applied.iter().all(|value| value.is_finite()) {
             return Err(format!("no number at {now} s"));
@@ -111,10 +106,7 @@ fn run(seed: u64, kind: Kind, axes: usize, ways: usize, cycles: u32) -> Result<V
             return Ok(states);
         }
     }
-    Err(format!(
-        "it does not come to rest: {:?}",
-        machine.guard.state()
-    ))
+    Err(format!("it does not come to rest: {:?}", machine.guard.state()))
 }
 
 proptest! {
@@ -143,14 +135,7 @@ fn sequences_visit_every_state() {
             let states = run(seed as u64, kind, axes, ways, 4000).unwrap_or_default();
             seen.extend(states.into_iter().map(State::name));
         }
-        let all = [
-            "arming",
-            "compensating",
-            "disarmed",
-            "faulted",
-            "holding",
-            "ramping-out",
-        ];
+        let all = ["arming", "compensating", "disarmed", "faulted", "holding", "ramping-out"];
         assert_eq!(seen.into_iter().collect::<Vec<_>>(), all, "{kind:?}");
     }
 }

@@ -24,11 +24,7 @@ struct Watch {
 
 impl Watch {
     fn of(world: &World) -> Self {
-        Self {
-            word: Some(world.guard.output()[0]),
-            highest: world.applied[0],
-            ..Self::default()
-        }
+        Self { word: Some(world.guard.output()[0]), highest: world.applied[0], ..Self::default() }
     }
 
     /// Runs cycles, the first one with a request.
@@ -137,12 +133,8 @@ fn another_path_to_the_same_barrier_takes_over_in_motion() {
 /// For every request in the cycle of the take-over, the state is `arming` until the ramp is complete, then `compensating`.
 #[test]
 fn another_path_starts_with_a_ramp_for_every_request() {
-    let requested_at = [
-        None,
-        Some(Request::Acknowledge),
-        Some(Request::Arm),
-        Some(Request::Switched),
-    ];
+    let requested_at =
+        [None, Some(Request::Acknowledge), Some(Request::Arm), Some(Request::Switched)];
     for request in requested_at {
         let mut world = World::guarded(&limits()).arm();
         let limits = *world.guard.limits();

@@ -65,36 +65,16 @@ fn arming_is_refused_with_reasons() {
     // A cause, its duration before the request, and reasons that must and must not be reported.
     let cases: [Case; 6] = [
         (|world| world.forbids = Reasons::AUDIT, PERIOD, none, none),
-        (
-            |world| world.referenced = false,
-            Duration::ZERO,
-            Reasons::NOT_REFERENCED,
-            none,
-        ),
-        (
-            |world| world.answers = false,
-            SECOND,
-            Reasons::NO_CONTROLLER | stale,
-            none,
-        ),
-        (
-            |world| world.answers = false,
-            Duration::ZERO,
-            Reasons::NO_CONTROLLER,
-            stale,
-        ),
+        (|world| world.referenced = false, Duration::ZERO, Reasons::NOT_REFERENCED, none),
+        (|world| world.answers = false, SECOND, Reasons::NO_CONTROLLER | stale, none),
+        (|world| world.answers = false, Duration::ZERO, Reasons::NO_CONTROLLER, stale),
         (
             |world| world.target = Some(axes(f64::NAN, 0.0)),
             Duration::ZERO,
             Reasons::NOT_A_NUMBER,
             stale,
         ),
-        (
-            |world| world.positions[0] = f64::INFINITY,
-            Duration::ZERO,
-            Reasons::NOT_A_NUMBER,
-            none,
-        ),
+        (|world| world.positions[0] = f64::INFINITY, Duration::ZERO, Reasons::NOT_A_NUMBER, none),
     ];
     for (number, (cause, time, given, not_given)) in cases.into_iter().enumerate() {
         let mut world = World::new(&limits());
@@ -281,11 +261,8 @@ fn disarming_does_not_ramp_out_a_correction_beyond_the_limit() {
         let before = world.applied;
         world.largest_step = 0.0;
         let state = world.decide(Some(request)).state;
-        let expected = if is_armed || request == Request::Disarm {
-            BEYOND_LIMIT
-        } else {
-            State::Disarmed
-        };
+        let expected =
+            if is_armed || request == Request::Disarm { BEYOND_LIMIT } else { State::Disarmed };
         assert_eq!(state, expected, "{case}");
         for _ in 0..500 {
             assert!(!world.run(Duration::ZERO).write, "{case}");

@@ -17,12 +17,7 @@ struct Machine {
 
 impl Machine {
     fn new(sensors: usize, limits: SensorLimits) -> Self {
-        Self {
-            limits,
-            checks: vec![SensorCheck::default(); sensors],
-            now: 0.0,
-            pause: 1.0,
-        }
+        Self { limits, checks: vec![SensorCheck::default(); sensors], now: 0.0, pause: 1.0 }
     }
 
     /// Checks a round of readings measured now.
@@ -36,10 +31,8 @@ impl Machine {
 
     fn reads(&mut self, degc: &[f64]) -> Vec<Option<SensorFlaw>> {
         let taken = Duration::from_secs_f64(self.now + self.pause);
-        let readings: Vec<SensorReading> = degc
-            .iter()
-            .map(|degc| SensorReading::Temperature { degc: *degc, taken })
-            .collect();
+        let readings: Vec<SensorReading> =
+            degc.iter().map(|degc| SensorReading::Temperature { degc: *degc, taken }).collect();
         let reported = self.hears(&readings);
         for (reported, degc) in reported.iter().zip(degc) {
             let used = reported.flaw.is_none_or(SensorFlaw::is_used);
@@ -70,18 +63,9 @@ const DAY: f64 = 86_400.0;
 fn every_flaw() {
     let limits = SensorLimits::default();
     let check = |checks: &mut [SensorCheck], now: u64, degc: f64, taken: u64| {
-        let readings = SensorReading::Temperature {
-            degc,
-            taken: Duration::from_secs(taken),
-        };
+        let readings = SensorReading::Temperature { degc, taken: Duration::from_secs(taken) };
         let mut reported = [SensorReport::default()];
-        judge_temperatures(
-            checks,
-            &[readings],
-            Duration::from_secs(now),
-            &limits,
-            &mut reported,
-        );
+        judge_temperatures(checks, &[readings], Duration::from_secs(now), &limits, &mut reported);
         (reported[0].degc, reported[0].flaw)
     };
     let mut one = [SensorCheck::default()];
@@ -97,17 +81,8 @@ fn every_flaw() {
     for readings in [SensorReading::Silence, SensorReading::Fault] {
         let mut reported = [SensorReport::default()];
         let mut new = [SensorCheck::default()];
-        judge_temperatures(
-            &mut new,
-            &[readings],
-            Duration::ZERO,
-            &limits,
-            &mut reported,
-        );
-        assert_eq!(
-            (reported[0].degc, reported[0].flaw),
-            out(SensorFlaw::Broken)
-        );
+        judge_temperatures(&mut new, &[readings], Duration::ZERO, &limits, &mut reported);
+        assert_eq!((reported[0].degc, reported[0].flaw), out(SensorFlaw::Broken));
     }
 }
 
@@ -118,10 +93,7 @@ fn a_jump_of_forty_kelvin_is_never_accepted() {
     assert_eq!(alone.used_after(&[60.0], DAY), None);
     let mut among = Machine::new(4, SensorLimits::default());
     assert_eq!(among.reads(&[20.0, 21.0, 25.0, 22.0]), [None; 4]);
-    assert_eq!(
-        among.used_after(&[60.0, 21.0, 25.0, 22.0], 5.0 * 3600.0),
-        None
-    );
+    assert_eq!(among.used_after(&[60.0, 21.0, 25.0, 22.0], 5.0 * 3600.0), None);
     assert_eq!(among.reads(&[60.0, 21.0, 25.0, 22.0])[1..], [None; 3]);
 }
 
@@ -142,16 +114,8 @@ fn a_jump_after_a_gap_is_a_jump() {
 #[test]
 fn another_value_at_the_same_time_is_judged_anew() {
     let mut machine = Machine::new(1, SensorLimits::default());
-    let at_one = |degc: f64| SensorReading::Temperature {
-        degc,
-        taken: Duration::from_secs(1),
-    };
-    for (degc, flaw) in [
-        (20.0, None),
-        (20.0, None),
-        (60.0, Some(Jumped)),
-        (20.0, Some(Jumped)),
-    ] {
+    let at_one = |degc: f64| SensorReading::Temperature { degc, taken: Duration::from_secs(1) };
+    for (degc, flaw) in [(20.0, None), (20.0, None), (60.0, Some(Jumped)), (20.0, Some(Jumped))] {
         assert_eq!(machine.hears(&[at_one(degc)])[0].flaw, flaw, "{degc}");
     }
 }
@@ -288,11 +252,7 @@ fn a_short_disturbance_of_a_slow_sensor_ends() {
 fn sensors_that_jump_together_stay_out() {
     let mut machine = Machine::new(4, SensorLimits::default());
     machine.reads(&[20.0, 21.0, 22.0, 23.0]);
-    assert_eq!(
-        machine.used_after(&[60.0, 61.0, 62.0, 63.0], DAY),
-        None,
-        "a common fault"
-    );
+    assert_eq!(machine.used_after(&[60.0, 61.0, 62.0, 63.0], DAY), None, "a common fault");
 }
 
 #[test]
@@ -339,67 +299,39 @@ fn creeping_is_jumping() {
 
 #[test]
 fn unchanged_digits_are_reported_as_stuck() {
-    let limits = SensorLimits {
-        stuck_after: Some(Duration::from_secs(60)),
-        ..SensorLimits::default()
-    };
+    let limits =
+        SensorLimits { stuck_after: Some(Duration::from_secs(60)), ..SensorLimits::default() };
     let mut machine = Machine::new(1, limits);
     for _ in 0..60 {
         assert_eq!(machine.reads(&[20.1]), [None]);
     }
     assert_eq!(machine.reads(&[20.1]), [Some(SensorFlaw::Stuck)]);
     assert_eq!(machine.reads(&[20.2]), [None]);
-    let mut never = Machine::new(
-        1,
-        SensorLimits {
-            stuck_after: None,
-            ..limits
-        },
-    );
+    let mut never = Machine::new(1, SensorLimits { stuck_after: None, ..limits });
     assert!((0..86_400).all(|_| never.reads(&[20.1]) == [None]));
 }
 
 #[test]
 fn a_sensor_that_disagrees_is_reported() {
     let disagrees = |degc: &[f64]| {
-        let limits = SensorLimits {
-            neighbours_k: Some(3.0),
-            ..SensorLimits::default()
-        };
+        let limits = SensorLimits { neighbours_k: Some(3.0), ..SensorLimits::default() };
         let flaws = Machine::new(degc.len(), limits).reads(degc);
         let one = |flaw: &Option<SensorFlaw>| *flaw == Some(SensorFlaw::Disagrees);
         flaws.iter().map(one).collect::<Vec<_>>()
     };
     assert_eq!(disagrees(&[20.0, 21.0, 22.0, 22.9]), [false; 4]);
-    assert_eq!(
-        disagrees(&[20.0, 21.0, 27.0, 22.0]),
-        [false, false, true, false]
-    );
-    assert_eq!(
-        disagrees(&[20.0, 40.0]),
-        [false; 2],
-        "of two, either may be wrong"
-    );
+    assert_eq!(disagrees(&[20.0, 21.0, 27.0, 22.0]), [false, false, true, false]);
+    assert_eq!(disagrees(&[20.0, 40.0]), [false; 2], "of two, either may be wrong");
     let many: Vec<f64> = (0..80).map(|k| if k == 5 { 30.0 } else { 20.0 }).collect();
-    let limits = SensorLimits {
-        neighbours_k: Some(3.0),
-        ..SensorLimits::default()
-    };
+    let limits = SensorLimits { neighbours_k: Some(3.0), ..SensorLimits::default() };
     let reported = Machine::new(80, limits).hears(
         &many
             .iter()
-            .map(|degc| SensorReading::Temperature {
-                degc: *degc,
-                taken: Duration::ZERO,
-            })
+            .map(|degc| SensorReading::Temperature { degc: *degc, taken: Duration::ZERO })
             .collect::<Vec<_>>(),
     );
     assert_eq!(reported[5].flaw, Some(SensorFlaw::Disagrees));
-    assert_eq!(
-        reported[79],
-        SensorReport::default(),
-        "beyond the largest number"
-    );
+    assert_eq!(reported[79], SensorReport::default(), "beyond the largest number");
 }
 
 proptest! {

@@ -66,12 +66,8 @@ fn rounding_at_a_limit_takes_the_nearest_steps() {
 fn any_request() -> impl Strategy<Value = RequestedCorrection> {
     let share = |size: f64| -size..size;
     let row = move || [share(600.0), share(600.0), share(600.0)];
-    (
-        [share(0.3), share(0.3), share(0.3)],
-        [share(400e-6), share(400e-6)],
-        [row(), row()],
-    )
-        .prop_map(|([x, y, z], [a, c], [by_a, by_c])| {
+    ([share(0.3), share(0.3), share(0.3)], [share(400e-6), share(400e-6)], [row(), row()]).prop_map(
+        |([x, y, z], [a, c], [by_a, by_c])| {
             let mut follow = PerChannel::default();
             (follow[3], follow[4]) = (of(by_a), of(by_c));
             RequestedCorrection {
@@ -79,7 +75,8 @@ fn any_request() -> impl Strategy<Value = RequestedCorrection> {
                 rotary: of([0.0, 0.0, 0.0, a, c]),
                 follow,
             }
-        })
+        },
+    )
 }
 
 /// A motion of a vector, and its number of cycles.
@@ -360,10 +357,7 @@ fn nan_and_infinity_move_nothing() {
     for requested in [
         RequestedCorrection::linear(of([f64::NAN])),
         RequestedCorrection::linear(of([f64::INFINITY])),
-        RequestedCorrection {
-            follow,
-            ..RequestedCorrection::default()
-        },
+        RequestedCorrection { follow, ..RequestedCorrection::default() },
     ] {
         let mut vector = Vector::at(&here);
         assert!(vector.follow(&requested, &limits, 0.004).slewing);
@@ -420,10 +414,7 @@ fn one_absurd_request_does_not_end_the_ramp() {
                         let now = (0..3).map(differs).fold(0.0, f64::max);
                         // At most twice the slew for 20 cycles, then one cycle of the ramp.
                         let most = if cycle < at + 20 { 0.004 } else { 0.001 };
-                        assert!(
-                            now <= most,
-                            "{accel_s} {at} {disturbed:?}: {now} in {cycle}"
-                        );
+                        assert!(now <= most, "{accel_s} {at} {disturbed:?}: {now} in {cycle}");
                     }
                     assert!(vector.is_ramped());
                 }
@@ -472,11 +463,8 @@ fn a_limit_scales_every_share_equally() {
     let mut followed = vector.follow(&RequestedCorrection::default(), &limits, 0.004);
     assert!(!followed.limited && !followed.warned);
     for _ in 0..1000 {
-        followed = vector.follow(
-            &RequestedCorrection::linear(of([0.300, -0.100, 0.020])),
-            &limits,
-            0.004,
-        );
+        followed =
+            vector.follow(&RequestedCorrection::linear(of([0.300, -0.100, 0.020])), &limits, 0.004);
     }
     assert_eq!(vector.output(), of([0.150, -0.050, 0.010]));
     assert!(followed.limited && followed.warned && !followed.slewing);
@@ -517,10 +505,7 @@ fn at_rest_rotary_words_are_whole_steps() {
         rested += 1;
         let [output, smooth] = [vector.output(), vector.smooth()];
         let beside = |r: usize| (output[r] - smooth[r]).abs() / limits.axes[r].resolution;
-        assert!(
-            beside(3) < 1e-6 && beside(4) < 1e-6,
-            "{requested:?} {vector:?}"
-        );
+        assert!(beside(3) < 1e-6 && beside(4) < 1e-6, "{requested:?} {vector:?}");
         whole += u32::from(output[3] != 0.0 || output[4] != 0.0);
     }
     assert!(rested > 3900 && whole > 1500, "{rested} {whole}");

@@ -20,16 +20,10 @@ pub(crate) const MOST: f64 = 0.002 + 1e-9;
 pub(crate) const SECOND: Duration = Duration::from_secs(1);
 pub(crate) const MACHINE: u16 = 4711;
 /// The interlock flags of another path, none set.
-pub(crate) const CLEAR: Option<Interlock> = Some(Interlock {
-    unreferenced: false,
-    alarm: false,
-    emergency_stop: false,
-});
-pub(crate) const STOP: Option<Interlock> = Some(Interlock {
-    unreferenced: false,
-    alarm: false,
-    emergency_stop: true,
-});
+pub(crate) const CLEAR: Option<Interlock> =
+    Some(Interlock { unreferenced: false, alarm: false, emergency_stop: false });
+pub(crate) const STOP: Option<Interlock> =
+    Some(Interlock { unreferenced: false, alarm: false, emergency_stop: true });
 
 pub(crate) fn limits() -> Limits {
     let axis = AxisLimits {
@@ -167,10 +161,7 @@ impl World {
 
     /// A barrier with a delay of `late` cycles each way, `after` cycles into a ramp to 140 µm.
     pub(crate) fn ramping(late: usize, after: u32) -> Self {
-        let mut world = Self::guarded(&Limits {
-            read_back_cycles: 2 * late + 2,
-            ..limits()
-        });
+        let mut world = Self::guarded(&Limits { read_back_cycles: 2 * late + 2, ..limits() });
         (world.frame_delay, world.report_delay) = (late, late);
         world.target = Some(axes(0.140, -0.070));
         world.request(Request::Arm);
@@ -277,15 +268,9 @@ impl World {
                 *position += applied;
             }
         }
-        let reading = Reading {
-            taken: self.frozen_at.unwrap_or(self.now),
-            positions,
-        };
+        let reading = Reading { taken: self.frozen_at.unwrap_or(self.now), positions };
         let reading = match (self.positions_every, self.shown) {
-            (Some(_), [Some(before), Some(last)]) => Reading {
-                taken: last.taken,
-                ..before
-            },
+            (Some(_), [Some(before), Some(last)]) => Reading { taken: last.taken, ..before },
             _ => reading,
         };
         self.answers.then_some(reading)
@@ -308,8 +293,7 @@ impl World {
         let mut words = [0; REPORT_WORDS];
         let barrier = self.barrier.as_ref();
         let length = barrier.map_or(0, |barrier| barrier.report().encode(&mut words));
-        self.reported
-            .push_back((self.applied, words, length, self.now));
+        self.reported.push_back((self.applied, words, length, self.now));
         while self.reported.len() > self.report_delay + 1 {
             self.reported.pop_front();
         }
@@ -370,9 +354,7 @@ impl World {
         let lands = self.sticks && ok;
         if self.barrier.is_some() {
             let mut words = [0; FRAME_WORDS];
-            let frame = self
-                .read_back
-                .frame(&output.correction, &limits, &mut words);
+            let frame = self.read_back.frame(&output.correction, &limits, &mut words);
             if let (Some(length), true) = (frame, lands) {
                 self.in_transit.push_back(words[..length].to_vec());
                 if self.in_transit.len() > self.frame_delay {
@@ -426,10 +408,7 @@ impl World {
     #[track_caller]
     pub(crate) fn assert_steps(&self, most: f64, case: &str) {
         let found = self.largest_step;
-        assert!(
-            found <= most,
-            "{case}: a step of {found} mm, at most {most}"
-        );
+        assert!(found <= most, "{case}: a step of {found} mm, at most {most}");
     }
 
     /// Checks the corrections of X and Y, mm.

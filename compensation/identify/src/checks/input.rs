@@ -33,9 +33,7 @@ pub fn standard_uncertainty_um(found: f64) -> Result<f64, String> {
     if (LEAST * (1.0 - ROUNDING)..=MOST * (1.0 + ROUNDING)).contains(&found) {
         return Ok(found);
     }
-    Err(format!(
-        "found {found:e} µm, expected {LEAST:e} to {MOST:e} µm"
-    ))
+    Err(format!("found {found:e} µm, expected {LEAST:e} to {MOST:e} µm"))
 }
 
 /// Unit vector along a vector of any length.
@@ -46,10 +44,7 @@ pub(crate) fn unit_vector(value: &Value<'_>) -> Result<Vector3<f64>, InputError>
 }
 
 fn wrong(place: String, why: impl Into<String>) -> IdentifyError {
-    IdentifyError::Unusable {
-        place,
-        why: why.into(),
-    }
+    IdentifyError::Unusable { place, why: why.into() }
 }
 
 /// Rejects observations from which no equations can be formed. Observations read from a file always pass.
@@ -102,10 +97,8 @@ fn check_unknown(unknown: &Unknown) -> Result<(), IdentifyError> {
 fn check_setup(setup: &SetUp) -> Result<(), IdentifyError> {
     fn quantity<T>(of: &Quantity<T>, numbers: impl Fn(&T) -> bool) -> Result<(), IdentifyError> {
         if of.drift > MAX_DRIFT_ORDER {
-            let why = format!(
-                "found a drift of order {}, expected 0 to {MAX_DRIFT_ORDER}",
-                of.drift
-            );
+            let why =
+                format!("found a drift of order {}, expected 0 to {MAX_DRIFT_ORDER}", of.drift);
             return Err(wrong(of.name.clone(), why));
         }
         let within = of.known_within.unwrap_or_default();
@@ -160,25 +153,17 @@ fn check_row(file: &str, row: &Row, setup: &SetUp) -> Result<(), IdentifyError> 
         numbers.all(|number| number.is_finite())
     };
     let is_finite = match &row.reading {
-        RowReading::Point { at_mm: seen, .. }
-        | RowReading::Sphere {
-            offset_mm: seen, ..
-        } => seen.iter().all(|number| number.is_finite()),
+        RowReading::Point { at_mm: seen, .. } | RowReading::Sphere { offset_mm: seen, .. } => {
+            seen.iter().all(|number| number.is_finite())
+        }
         RowReading::Distance { length_mm, .. } => length_mm.is_finite(),
-        RowReading::Pair {
-            from, length_mm, ..
-        } => has_finite_numbers(from) && length_mm.is_finite(),
-        RowReading::Line {
-            direction,
-            deviation_mm,
-            ..
-        } => direction
-            .iter()
-            .chain([deviation_mm])
-            .all(|n| n.is_finite()),
-        RowReading::Ball {
-            axes, offset_mm, ..
-        } => {
+        RowReading::Pair { from, length_mm, .. } => {
+            has_finite_numbers(from) && length_mm.is_finite()
+        }
+        RowReading::Line { direction, deviation_mm, .. } => {
+            direction.iter().chain([deviation_mm]).all(|n| n.is_finite())
+        }
+        RowReading::Ball { axes, offset_mm, .. } => {
             let read = offset_mm.iter().flatten();
             axes.iter().chain(read).all(|number| number.is_finite())
         }
@@ -214,11 +199,7 @@ pub(crate) fn refuse_units(
     for row in rows {
         match &row.reading {
             RowReading::Point { at_mm, .. } => seen.push((*at_mm, nominal(&row.pose))),
-            RowReading::Pair {
-                from,
-                dead,
-                length_mm,
-            } => {
+            RowReading::Pair { from, dead, length_mm } => {
                 let dead = &setup.numbers[*dead];
                 let expected = (nominal(&row.pose) - nominal(from)).norm();
                 let found = length_mm + dead.value.unwrap_or_default();
@@ -261,16 +242,12 @@ pub(crate) fn oblique(rows: &[Row], direction: &Vector3<f64>, machine: &Machine)
     /// Largest spread across the line as a fraction of the spread along it.
     const STRAIGHT: f64 = 1e-3;
     const MIN_SPREAD_MM: f64 = 1.0;
-    let tips = rows
-        .iter()
-        .map(|row| row.pose.ideal_tip_mm(machine.chain()));
+    let tips = rows.iter().map(|row| row.pose.ideal_tip_mm(machine.chain()));
     let tips: Vec<Vector3<f64>> = tips.collect();
     let count = tips.len() as f64;
     let middle = tips.iter().sum::<Vector3<f64>>() / count;
-    let squares: Matrix3<f64> = tips
-        .iter()
-        .map(|tip| (tip - middle) * (tip - middle).transpose())
-        .sum();
+    let squares: Matrix3<f64> =
+        tips.iter().map(|tip| (tip - middle) * (tip - middle).transpose()).sum();
     let found = (squares / count).symmetric_eigen();
     let spread = found.eigenvalues.map(|square| square.max(0.0).sqrt());
     let longest = spread.imax();
@@ -285,9 +262,7 @@ pub(crate) fn oblique(rows: &[Row], direction: &Vector3<f64>, machine: &Machine)
         return None;
     }
     // Rounded first, so that no zero has a sign.
-    let [x, y, z] = along
-        .map(|x| format!("{:.3}", (x * 1e3).round() / 1e3 + 0.0))
-        .into();
+    let [x, y, z] = along.map(|x| format!("{:.3}", (x * 1e3).round() / 1e3 + 0.0)).into();
     Some(format!(
         "the rows run along [{x}, {y}, {z}] in workpiece axes, {angle_deg:.1} deg from this direction: expected a line of sight along them, or across them for a straightness"
     ))

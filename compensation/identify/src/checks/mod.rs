@@ -18,20 +18,16 @@ const SMALLEST_FACTOR: f64 = 0.1;
 /// tips in workpiece axes, whichever is larger, mm. Both are needed: with the tip on a sphere only
 /// the linear axes move, and rotary axes move the tip while the linear axes are at rest.
 fn extent_mm<'r>(machine: &Machine, rows: impl Iterator<Item = &'r Row>) -> f64 {
-    let is_linear: Vec<bool> = (machine.axes().iter())
-        .map(|axis| axis.name.kind() == AxisKind::Linear)
-        .collect();
+    let is_linear: Vec<bool> =
+        (machine.axes().iter()).map(|axis| axis.name.kind() == AxisKind::Linear).collect();
     let mut coordinates = [[f64::INFINITY, f64::NEG_INFINITY]; MAX_AXES];
     let mut tips = [[f64::INFINITY, f64::NEG_INFINITY]; 3];
     let grow = |ends: &mut [f64; 2], at: f64| *ends = [ends[0].min(at), ends[1].max(at)];
     for pose in rows.flat_map(Row::poses) {
         let q = coordinates.iter_mut().zip(&pose.state.q).zip(&is_linear);
-        q.filter(|(_, is_linear)| **is_linear)
-            .for_each(|((ends, q), _)| grow(ends, *q));
+        q.filter(|(_, is_linear)| **is_linear).for_each(|((ends, q), _)| grow(ends, *q));
         let tip = pose.ideal_tip_mm(machine.chain());
-        tips.iter_mut()
-            .zip(tip.iter())
-            .for_each(|(ends, at)| grow(ends, *at));
+        tips.iter_mut().zip(tip.iter()).for_each(|(ends, at)| grow(ends, *at));
     }
     let diagonal = |ends: &[[f64; 2]]| {
         let squares = ends.iter().map(|[low, high]| (high - low).max(0.0).powi(2));

@@ -97,11 +97,7 @@ pub(crate) fn refuse_unexplained(
         } else {
             (of_file.iter().map(|size| size * size).sum::<f64>() / count).sqrt()
         };
-        let stated = own
-            .clone()
-            .map(|row| rows.get(row).uncertainty_mm)
-            .sum::<f64>()
-            / count;
+        let stated = own.clone().map(|row| rows.get(row).uncertainty_mm).sum::<f64>() / count;
         let worst = own.max_by(|a, b| residuals[*a].norm().total_cmp(&residuals[*b].norm()));
         let Some(worst) = worst.filter(|_| typical_mm > limit_mm.max(WITHIN_UNCERTAINTY * stated))
         else {
@@ -153,10 +149,8 @@ pub(crate) fn refuse_target(
         let target = (null.iter()).find(|(param, share)| is_target(*param) && share.abs() > SHARE);
         if let Some(&(target, _)) = target {
             let others = null.iter().filter(|(param, _)| *param != target);
-            let others: Vec<String> = others
-                .map(|(param, _)| system.name(*param))
-                .take(4)
-                .collect();
+            let others: Vec<String> =
+                others.map(|(param, _)| system.name(*param)).take(4).collect();
             return Err(IdentifyError::Target {
                 target: system.name(target),
                 with: others.join(", "),
@@ -195,11 +189,7 @@ pub(crate) fn inverted(
         let inverted_equations =
             system.equations_in(0, &system.prepare(inverted_rows.iter()), values, false);
         // Calibrated numbers of the set-up follow after the rows and do not change sign.
-        let count: usize = inverted_equations
-            .places
-            .iter()
-            .map(|(_, count)| count)
-            .sum();
+        let count: usize = inverted_equations.places.iter().map(|(_, count)| count).sum();
         let mut change = DVector::zeros(plain.residuals.len());
         let by = inverted_equations.residuals.rows(0, count) - plain.residuals.rows(first, count);
         change.rows_mut(first, count).copy_from(&by);
@@ -220,12 +210,7 @@ pub(crate) fn inverted(
     }
     let triangle = triangle(columns);
     // Squares of a column of residuals that no change of the unknowns reduces.
-    let left = |place: usize| {
-        triangle
-            .column(kept + place)
-            .rows_range(kept..)
-            .norm_squared()
-    };
+    let left = |place: usize| triangle.column(kept + place).rows_range(kept..).norm_squared();
     let now = left(0);
     let freedom = fitted.solution.freedom.max(1.0);
     let good = (INVERTED_LEAVES * INVERTED_LEAVES * now).max(max_squares_by_chance(freedom));
@@ -354,10 +339,7 @@ pub(crate) fn large(system: &System, fitted: &Fitted) -> Vec<Note> {
     };
     let mut notes: Vec<Note> = large.iter().take(MAX_LISTED).map(note).collect();
     if large.len() > MAX_LISTED {
-        let what = format!(
-            "{} more errors beyond 1 mm or 1 mrad",
-            large.len() - MAX_LISTED
-        );
+        let what = format!("{} more errors beyond 1 mm or 1 mrad", large.len() - MAX_LISTED);
         notes.push(Note::warning("", what));
     }
     notes

@@ -36,16 +36,10 @@ fn positioning_and_straightness_are_found_on_a_bar_that_lies_askew() {
         let along = 0.02 * s + 0.5e-3 * (0.15_f64.powi(2) + 0.08_f64.powi(2)) * s;
         let side1 = 4.0 * (1.0 - ((s - 200.0) / 200.0).powi(2)) - 0.15 * s;
         let side2 = -0.08 * s;
-        let _ = writeln!(
-            text,
-            "{:?},30,20,{ball},{along:?},{side1:?},{side2:?}",
-            50.0 + s
-        );
+        let _ = writeln!(text, "{:?},30,20,{ball},{along:?},{side1:?},{side2:?}", 50.0 + s);
     }
     lab.write("read.csv", &text);
-    let found = lab
-        .identify(&format!("{UNKNOWN}{OBSERVATION}"))
-        .expect("found");
+    let found = lab.identify(&format!("{UNKNOWN}{OBSERVATION}")).expect("found");
     assert!(found.residual.max_um < 1e-3, "{:?}", found.residual);
     // Legendre over the range, which is 0.1 % wider at both ends: 20 µm/m, and 4(1 − t²) = const − (8/3) P2.
     let wider = 1.002;
@@ -91,20 +85,14 @@ fn squareness_from_rows_along_both_diagonals() {
     // A slope of ε/2 along each row; four balls at 1 µm, two rows.
     let squares: f64 = [-150.0, -50.0, 50.0, 150.0_f64].iter().map(|s| s * s).sum();
     let expected = 1e3 * 2.0 / (2.0 * squares).sqrt();
-    assert!(
-        (uncertainty / expected - 1.0).abs() < 1e-3,
-        "{uncertainty} {expected}"
-    );
+    assert!((uncertainty / expected - 1.0).abs() < 1e-3, "{uncertainty} {expected}");
 }
 
 /// A distance calibrated within 2 µm and measured 3 µm ± 1 µm off gives the weighted mean.
 #[test]
 fn a_calibrated_distance_is_one_more_observation() {
     let lab = lab();
-    lab.write(
-        "row.csv",
-        "ball,distance_mm,uncertainty_um\nA,0,0\nB,100,2\n",
-    );
+    lab.write("row.csv", "ball,distance_mm,uncertainty_um\nA,0,0\nB,100,2\n");
     lab.write("read.csv", "X,ball,along_um,side1_um\n0,A,0,0\n100,B,3,0\n");
     let text = format!(
         "folds = 0\nunknown = [{{ error = \"EYX\", legendre = 1 }}]\n{OBSERVATION}origin = [0, 0, 0]\ndirection = [1, 0, 0]\n"
@@ -112,10 +100,7 @@ fn a_calibrated_distance_is_one_more_observation() {
     let found = lab.identify(&text).expect("found");
     let (distance, uncertainty) = value(&found, "row.csv:ball B");
     assert!((distance - (100.0 - 2.4e-3)).abs() < 1e-9, "{distance}");
-    assert!(
-        (uncertainty - 0.8_f64.sqrt() * 1e-3).abs() < 1e-9,
-        "{uncertainty}"
-    );
+    assert!((uncertainty - 0.8_f64.sqrt() * 1e-3).abs() < 1e-9, "{uncertainty}");
 }
 
 #[test]
@@ -173,9 +158,7 @@ point = [1, 2, 3] | unknown key
     }
     let lab = lab();
     lab.write("read.csv", READ);
-    let message = lab.refused(&format!(
-        "{UNKNOWN}{}",
-        OBSERVATION.replace("row = \"row.csv\"\n", "")
-    ));
+    let message =
+        lab.refused(&format!("{UNKNOWN}{}", OBSERVATION.replace("row = \"row.csv\"\n", "")));
     assert!(message.contains("key `row` is missing"), "{message}");
 }

@@ -46,13 +46,7 @@ fn rows(
         let (sin_b, cos_b) = b.to_radians().sin_cos();
         let [x, y] = [cos_c * x + sin_c * y, cos_c * y - sin_c * x];
         let mut n = || noise.normal(0.0005);
-        let mut at = [
-            x + length * sin_b + n(),
-            y + n(),
-            z + length * cos_b + n(),
-            c,
-            b,
-        ];
+        let mut at = [x + length * sin_b + n(), y + n(), z + length * cos_b + n(), c, b];
         change(usize::from(k), &mut at, &mut name);
         let [x, y, z, c, b] = at;
         let _ = writeln!(text, "{x:?},{y:?},{z:?},{c:?},{b:?},{name}");
@@ -73,10 +67,9 @@ fn apart(name: &mut &str, [one, two]: [&'static str; 2]) {
 /// Rejected files, worst first: name, number of outlying rows, number of rows.
 fn far(result: Result<Identification, IdentifyError>) -> Vec<(String, usize, usize)> {
     match result {
-        Err(IdentifyError::FarRows { files }) => files
-            .into_iter()
-            .map(|file| (file.file, file.rows, file.of))
-            .collect(),
+        Err(IdentifyError::FarRows { files }) => {
+            files.into_iter().map(|file| (file.file, file.rows, file.of)).collect()
+        }
         other => panic!("{other:?}"),
     }
 }
@@ -116,10 +109,7 @@ fn implausible_rows_are_refused() {
         }),
     ];
     let lab = Lab::new(MACHINE);
-    lab.write(
-        "good.csv",
-        &rows(HEADER, 200.0, |_, _, name| apart(name, ["three", "four"])),
-    );
+    lab.write("good.csv", &rows(HEADER, 200.0, |_, _, name| apart(name, ["three", "four"])));
     // Rows along diagonals never deviate much. Although they are most of the rows, they must not hide a file that does.
     let diagonal = (0..200).map(|k| {
         let at = f64::from(k) * 2.0 - 200.0;
@@ -155,16 +145,12 @@ fn rows_of_another_sphere_are_refused() {
         let text = rows(HEADER, 200.0, |_, _, name| *name = "S1");
         let lines = text.lines().enumerate();
         let kept = lines.filter(|(line, _)| *line == 0 || (line % 2 == 1) != odd);
-        kept.flat_map(|(_, line)| [line, "\n"].map(str::to_owned))
-            .collect()
+        kept.flat_map(|(_, line)| [line, "\n"].map(str::to_owned)).collect()
     };
     lab.write("s.csv", &only(false));
     lab.write("high.csv", &only(true));
     let both = format!("{UNKNOWN}[[observation]]\nkind = \"sphere\"\nfile = \"high.csv\"\n");
-    let files: Vec<String> = far(lab.identify(&both))
-        .into_iter()
-        .map(|(file, ..)| file)
-        .collect();
+    let files: Vec<String> = far(lab.identify(&both)).into_iter().map(|(file, ..)| file).collect();
     assert!(files.iter().any(|file| file == "high.csv"), "{files:?}");
     lab.write("high.csv", &only(true).replace("S1", "S2"));
     assert!(lab.identify(&both).is_ok());
@@ -228,13 +214,8 @@ fn an_outlier_does_not_refuse_a_file() {
     assert!(words.contains("s.csv:9: this row is"), "{words}");
     let lab = Lab::new(MACHINE);
     lab.write("s.csv", &slip(8.0));
-    assert!(matches!(
-        lab.identify(UNKNOWN),
-        Err(IdentifyError::Unexplained { line: 9, .. })
-    ));
-    let robust = lab
-        .identify(&format!("robust = true\n{UNKNOWN}"))
-        .expect("found");
+    assert!(matches!(lab.identify(UNKNOWN), Err(IdentifyError::Unexplained { line: 9, .. })));
+    let robust = lab.identify(&format!("robust = true\n{UNKNOWN}")).expect("found");
     assert!(value(&robust, "EX0C").0.abs() < 1.0);
 }
 
@@ -247,27 +228,14 @@ fn rows_of_the_machine_are_accepted() {
     // The proposed pose rotates the tool about a ball, instead of moving the tip away from every ball.
     let next = found.next.expect("a pose");
     let of = |axis| next.pose.get(&axis).copied();
-    let [x, y, z, c, b] = [
-        AxisName::X,
-        AxisName::Y,
-        AxisName::Z,
-        AxisName::C,
-        AxisName::B,
-    ]
-    .map(|axis| of(axis).expect("a coordinate"));
+    let [x, y, z, c, b] = [AxisName::X, AxisName::Y, AxisName::Z, AxisName::C, AxisName::B]
+        .map(|axis| of(axis).expect("a coordinate"));
     let (sin_c, cos_c) = c.to_radians().sin_cos();
     let (sin_b, cos_b) = b.to_radians().sin_cos();
     let [u, v] = [x - 200.0 * sin_b, y];
-    let ball = [
-        cos_c * u - sin_c * v,
-        cos_c * v + sin_c * u,
-        z - 200.0 * cos_b,
-    ];
+    let ball = [cos_c * u - sin_c * v, cos_c * v + sin_c * u, z - 200.0 * cos_b];
     let is_at = |place: [f64; 3]| place.iter().zip(ball).all(|(a, b)| (a - b).abs() < 0.01);
-    assert!(
-        is_at([120.0, 40.0, -300.0]) || is_at([-150.0, 60.0, -280.0]),
-        "{next:?} {ball:?}"
-    );
+    assert!(is_at([120.0, 40.0, -300.0]) || is_at([-150.0, 60.0, -280.0]), "{next:?} {ball:?}");
 }
 
 #[test]
@@ -306,10 +274,7 @@ dx_um,foo,bar | `dy_um`
     lab.write("t.csv", "X,Y,x mm,y mm,z_um\n1,2,3,4,5\n");
     let message =
         lab.refused("unknown = [\"EC0Y\"]\n[[observation]]\nkind = \"points\"\nfile = \"t.csv\"\n");
-    assert!(
-        message.contains("found a column `z_um`, expected `z`:"),
-        "{message}"
-    );
+    assert!(message.contains("found a column `z_um`, expected `z`:"), "{message}");
 }
 
 #[test]
@@ -320,10 +285,7 @@ fn axis_columns_may_have_a_unit() {
     assert_eq!(crate::lab::words(&found_as_headed), "");
     // An unused column `x` next to `X mm` is noted and not read as X.
     let mut beside = String::new();
-    for (k, line) in rows("X mm,Y,Z,C,B,sphere", 200.0, |_, _, _| ())
-        .lines()
-        .enumerate()
-    {
+    for (k, line) in rows("X mm,Y,Z,C,B,sphere", 200.0, |_, _, _| ()).lines().enumerate() {
         let added = if k == 0 { "x" } else { "7" };
         for text in [line, ",", added, "\n"] {
             beside.push_str(text);
@@ -337,19 +299,12 @@ fn axis_columns_may_have_a_unit() {
 #[test]
 fn readings_below_their_uncertainty_are_noted() {
     let mut text = String::from("X,Y,Z,C,B,sphere,dx_um,dy_um,dz_um\n");
-    for (k, line) in rows(HEADER, 200.0, |_, _, _| ())
-        .lines()
-        .skip(1)
-        .enumerate()
-    {
+    for (k, line) in rows(HEADER, 200.0, |_, _, _| ()).lines().skip(1).enumerate() {
         let _ = writeln!(text, "{line},0.0{},0.01,-0.02", k % 7);
     }
     let found = found(&text).expect("found");
     let words = crate::lab::words(&found);
-    assert!(
-        words.contains("all are below their uncertainty: are they mm?"),
-        "{words}"
-    );
+    assert!(words.contains("all are below their uncertainty: are they mm?"), "{words}");
 }
 
 #[test]
@@ -374,10 +329,7 @@ fn the_proposed_pose_informs_about_undetermined_errors() {
     assert_eq!(next.improvement, None);
     let c = next.pose[&AxisName::C];
     assert!(c.rem_euclid(360.0) > 5.0, "{next:?}");
-    assert!(
-        ["EX0C", "EA0C"].contains(&next.parameter.as_str()),
-        "{next:?}"
-    );
+    assert!(["EX0C", "EA0C"].contains(&next.parameter.as_str()), "{next:?}");
 }
 
 /// An R-test and diagonals share the unknown squareness: the contradiction is small but depends on the sign, and the inverted R-test is
@@ -398,9 +350,7 @@ fn an_inverted_r_test_is_named() {
     });
     let diagonal: Vec<[f64; 4]> = diagonal.collect();
     let diagonals = |times: f64| {
-        let rows = diagonal
-            .iter()
-            .map(|[x, y, z, um]| [*x, *y, *z, times * um]);
+        let rows = diagonal.iter().map(|[x, y, z, um]| [*x, *y, *z, times * um]);
         csv("X,Y,Z,deviation_um", rows)
     };
     lab.write("d.csv", &diagonals(1.0));
@@ -453,15 +403,7 @@ fn rows_over_a_small_part_of_the_travel_are_noted() {
         "structure = \"w b X Y t\"\naxes = { X = { travel = [0, 600] }, Y = { travel = [0, 500] } }\ntool = { tip = [0, 0, 0] }\n",
     );
     let mut text = String::from("X,Y,x,y,z\n");
-    for (x, y) in [
-        (1, 1),
-        (1, 19),
-        (12, 3),
-        (23, 1),
-        (22, 18),
-        (11, 10),
-        (5, 14),
-    ] {
+    for (x, y) in [(1, 1), (1, 19), (12, 3), (23, 1), (22, 18), (11, 10), (5, 14)] {
         let _ = writeln!(text, "{x},{y},{x},{y},0");
     }
     lab.write("t.csv", &text);
@@ -480,10 +422,7 @@ fn rows_over_a_small_part_of_the_travel_are_noted() {
     assert!(words.contains("j.csv:4: this judged row is 50"), "{words}");
     assert!(found.undecided().is_empty());
     // A judged file that deviates as a whole leaves the errors undecided, and so does a fitted file that contradicts the others.
-    lab.write(
-        "j.csv",
-        "X,Y,x,y,z\n2,2,2.3,2,0\n9,9,9.3,9,0\n20,15,20.3,15,0\n",
-    );
+    lab.write("j.csv", "X,Y,x,y,z\n2,2,2.3,2,0\n9,9,9.3,9,0\n20,15,20.3,15,0\n");
     let found = lab.identify(&judged).expect("found");
     assert!(found.undecided().contains(&"EC0Y".parse().expect("a name")));
     let mut many = String::from("X,Y,x,y,z\n");
@@ -498,11 +437,7 @@ fn rows_over_a_small_part_of_the_travel_are_noted() {
             "[[observation]]\nkind = \"points\"\nfile = \"{file}\"\nframe = [0, 0, 0, 0, 0, 0]\nuncertainty_um = 1\n"
         )
     };
-    let two = format!(
-        "folds = 0\nunknown = [\"EC0Y\"]\n{}{}",
-        of("t.csv"),
-        of("u.csv")
-    );
+    let two = format!("folds = 0\nunknown = [\"EC0Y\"]\n{}{}", of("t.csv"), of("u.csv"));
     let found = lab.identify(&two).expect("found");
     assert!(found.variance < 9.0, "{}", found.variance);
     assert!(!found.undecided().is_empty());
@@ -554,10 +489,7 @@ fn truth() -> Machine {
 
 /// Readings of a line of sight along `direction` through the middle of the travels, µm.
 fn line(seed: u64, direction: [f64; 3], sign: f64) -> String {
-    let (truth, nominal) = (
-        truth(),
-        Machine::parse(HEAD_MACHINE, "nominal").expect("a machine"),
-    );
+    let (truth, nominal) = (truth(), Machine::parse(HEAD_MACHINE, "nominal").expect("a machine"));
     let mut noise = Noise::new(seed);
     let length = direction.iter().map(|d| d * d).sum::<f64>().sqrt();
     let rows = (0..21).map(|k| {
@@ -620,16 +552,8 @@ fn an_inverted_diagonal_is_named() {
 /// Of three ball rows across the table, read along and to the sides, the one whose indicators are inverted is named.
 #[test]
 fn inverted_ball_rows_are_named() {
-    let (truth, nominal) = (
-        truth(),
-        Machine::parse(HEAD_MACHINE, "nominal").expect("a machine"),
-    );
-    let directions = [
-        [1.0, 1.0, 0.0],
-        [1.0, -1.0, 0.0],
-        [1.0, 0.0, 0.0],
-        [0.0, 1.0, 0.0],
-    ];
+    let (truth, nominal) = (truth(), Machine::parse(HEAD_MACHINE, "nominal").expect("a machine"));
+    let directions = [[1.0, 1.0, 0.0], [1.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
     for wrong in [None, Some(0), Some(1), Some(2)] {
         let lab = Lab::new(HEAD_MACHINE);
         lab.write(
@@ -667,10 +591,9 @@ fn inverted_ball_rows_are_named() {
         let message = words(&found);
         match wrong {
             None => assert!(!message.contains("looks inverted"), "{message}"),
-            Some(k) => assert!(
-                message.contains(&format!("b{k}.csv: looks inverted")),
-                "{k}: {message}"
-            ),
+            Some(k) => {
+                assert!(message.contains(&format!("b{k}.csv: looks inverted")), "{k}: {message}")
+            }
         }
     }
 }

@@ -25,10 +25,9 @@ fn coverage_of_95_percent_bands() {
     let truth = worn(MACHINE, "EC0Y = 20.0\nEXX = { poly = [-5.0, 0.02] }\n");
     let lab = Lab::new(MACHINE);
     // Columns and rows of poses and their spacing, mm; the slope is 0.02 µm/mm times half of their extent in X.
-    for (seed, robust, [columns, rows], [by_x, by_y], slope) in [
-        (5, false, [4, 3], [160.0, 190.0], 4.8),
-        (6, true, [6, 4], [100.0, 125.0], 5.0),
-    ] {
+    for (seed, robust, [columns, rows], [by_x, by_y], slope) in
+        [(5, false, [4, 3], [160.0, 190.0], 4.8), (6, true, [6, 4], [100.0, 125.0], 5.0)]
+    {
         let mut noise = Noise::new(seed);
         let mut inside = [0_u32; 2];
         for _ in 0..RUNS {
@@ -78,10 +77,8 @@ fn coverage_at_the_tip_with_a_ruler_measured_target() {
     const RULER_MM: f64 = 5.0;
     let target = Vector3::new(40.0, -60.0, -250.0);
     let lab = Lab::new(PORTAL);
-    let unknown: Vec<String> = MOTIONS
-        .iter()
-        .map(|error| format!("{{ error = \"{error}\", legendre = 2 }}"))
-        .collect();
+    let unknown: Vec<String> =
+        MOTIONS.iter().map(|error| format!("{{ error = \"{error}\", legendre = 2 }}")).collect();
     let grid: Vec<[f64; 3]> = (0..27)
         .map(|k| [k % 3, k / 3 % 3, k / 9].map(f64::from))
         .map(|[x, y, z]| [60.0 + 240.0 * x, 250.0 * y, 200.0 * z - 400.0])
@@ -92,18 +89,14 @@ fn coverage_at_the_tip_with_a_ruler_measured_target() {
         for k in 0..3 {
             rigid[(3 * row + k, k)] = 1.0;
             let turned = Vector3::ith(k, 1e-3).cross(&Vector3::from(*at));
-            rigid
-                .fixed_view_mut::<3, 1>(3 * row, 3 + k)
-                .copy_from(&turned);
+            rigid.fixed_view_mut::<3, 1>(3 * row, 3 + k).copy_from(&turned);
         }
     }
     let rigid = rigid.qr().q();
     let beside = |of: DVector<f64>| &of - &rigid * (rigid.transpose() * &of);
     let of_machine = |machine: &Machine| {
         let errors = grid.iter().flat_map(|[x, y, z]| {
-            let state = machine
-                .state(&[(X, *x), (Y, *y), (Z, *z)])
-                .expect("a state");
+            let state = machine.state(&[(X, *x), (Y, *y), (Z, *z)]).expect("a state");
             let error = machine.error_at(&state, Form::Exact, &Temperatures::default());
             (error.position_mm * 1e3).as_slice().to_vec()
         });
@@ -115,11 +108,7 @@ fn coverage_at_the_tip_with_a_ruler_measured_target() {
         let curves: Vec<[f64; 2]> = MOTIONS
             .iter()
             .map(|error| {
-                let size = if matches!(&error[1..2], "A" | "B" | "C") {
-                    200.0
-                } else {
-                    20.0
-                };
+                let size = if matches!(&error[1..2], "A" | "B" | "C") { 200.0 } else { 20.0 };
                 [noise.normal(size), noise.normal(size)]
             })
             .collect();

@@ -140,10 +140,7 @@ fn coverage_on_a_diagonal_with_unknown_approach() {
             let mut inside = 0;
             let mut sum = 0.0;
             for _ in 0..DIAGONALS {
-                lab.write(
-                    "d.csv",
-                    &diagonal_file(&diagonal(&mut noise, first, reversal_um)),
-                );
+                lab.write("d.csv", &diagonal_file(&diagonal(&mut noise, first, reversal_um)));
                 let found = lab
                     .identify(&format!("folds = 0\nunknown = [\"EC0Y\"]\n{DIAGONAL}"))
                     .expect("found");
@@ -228,10 +225,7 @@ fn an_axis_at_rest_has_one_approach_direction_per_file() {
         let (value, uncertainty) = value(&found, "EC0Y");
         assert!((value - expected).abs() < 1e-3, "{value} {expected}");
         let expected = (variance / square).sqrt();
-        assert!(
-            (uncertainty - expected).abs() < 1e-3,
-            "{uncertainty} {expected}"
-        );
+        assert!((uncertainty - expected).abs() < 1e-3, "{uncertainty} {expected}");
         assert_no_cause(&found);
     }
 }
@@ -261,11 +255,7 @@ fn tracker(noise: &mut Noise, first: First, poses: u32, reversal_um: f64, slips:
             at[axis] + 1e-3 * um
         };
         // EC0Y = 20, EA0Z = 5 and EB0Z = −10 µrad.
-        let tip = [
-            own(0) - 20e-6 * at[1] - 10e-6 * at[2],
-            own(1) - 5e-6 * at[2],
-            own(2),
-        ];
+        let tip = [own(0) - 20e-6 * at[1] - 10e-6 * at[2], own(1) - 5e-6 * at[2], own(2)];
         let [x, y, z] = tip.map(|q| {
             let is_slip = slips && noise.between(0.0, 1.0) < 0.05;
             q + noise.normal(if is_slip { 0.03 } else { 0.001 })
@@ -291,10 +281,7 @@ fn share_of_tracker(first: First, poses: u32, reversal_um: f64, slips: bool) -> 
     let more = if slips { "robust = true\n" } else { "" };
     let mut inside = 0;
     for _ in 0..TRACKER_WORLDS {
-        lab.write(
-            "t.csv",
-            &tracker(&mut noise, first, poses, reversal_um, slips),
-        );
+        lab.write("t.csv", &tracker(&mut noise, first, poses, reversal_um, slips));
         let found = lab.identify(&of_tracker(more)).expect("found");
         for (name, expected) in [
             ("EC0Y", 20.0),

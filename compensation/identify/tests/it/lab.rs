@@ -82,9 +82,7 @@ impl Noise {
     }
 
     pub(crate) fn normal(&mut self, sigma: f64) -> f64 {
-        Normal::new(0.0, sigma)
-            .expect("a sigma")
-            .sample(&mut self.0)
+        Normal::new(0.0, sigma).expect("a sigma").sample(&mut self.0)
     }
 
     pub(crate) fn between(&mut self, low: f64, high: f64) -> f64 {

@@ -64,12 +64,7 @@ tip = [0.0, 0.0, -20.0]
             let c = 15.0 * f64::from(k) - 170.0;
             let (sin, cos) = c.to_radians().sin_cos();
             let mut n = || noise.normal(0.0005);
-            [
-                8.0 * cos + 3.0 * sin + n(),
-                3.0 * cos - 8.0 * sin + n(),
-                10.0 + n(),
-                sign * c,
-            ]
+            [8.0 * cos + 3.0 * sin + n(), 3.0 * cos - 8.0 * sin + n(), 10.0 + n(), sign * c]
         });
         lab.write("s.csv", &csv("X,Y,Z,C", rows));
         match lab.identify(unknown) {
@@ -120,10 +115,7 @@ uncertainty_um = 20
     let (bent, uncertainty) = value(&found, "EYX legendre 2");
     let ends = found.machine.error("EYX".parse().expect("a name"));
     assert!(ends.is_some());
-    assert!(
-        bent > 1.1e4 && bent < 1.36e4 && uncertainty < 50.0,
-        "{bent} {uncertainty}"
-    );
+    assert!(bent > 1.1e4 && bent < 1.36e4 && uncertainty < 50.0, "{bent} {uncertainty}");
     assert!(found.residual.max_um < 200.0, "{:?}", found.residual);
 }
 
@@ -131,18 +123,12 @@ uncertainty_um = 20
 fn all_uncertainties_have_the_same_bounds() {
     let lab = lab();
     for (column, unit) in [("1e-9", "1e-9 µm"), ("1e7", "1e7 µm"), ("-3", "-3e0 µm")] {
-        lab.write(
-            "c.csv",
-            &format!("X,x,y,z,uncertainty_um\n1,1,0,0,1\n2,2,0,0,{column}\n"),
-        );
+        lab.write("c.csv", &format!("X,x,y,z,uncertainty_um\n1,1,0,0,1\n2,2,0,0,{column}\n"));
         let refused = lab
             .refused("unknown = [\"EXX\"]\n[[observation]]\nkind = \"points\"\nfile = \"c.csv\"\n");
         let expected = format!("c.csv:3: uncertainty_um: found {unit}, expected 1e-6 to 1e6 µm");
         assert!(refused.contains(&expected), "{refused}");
-        lab.write(
-            "row.csv",
-            &format!("ball,distance_mm,uncertainty_um\nA,0,0\nB,100,{column}\n"),
-        );
+        lab.write("row.csv", &format!("ball,distance_mm,uncertainty_um\nA,0,0\nB,100,{column}\n"));
         lab.write("read.csv", "X,ball,along_um\n0,A,0\n100,B,1\n");
         let refused = lab.refused("unknown = [\"EXX\"]\n[[observation]]\nkind = \"ball-row\"\nfile = \"read.csv\"\nrow = \"row.csv\"\n");
         let expected =
@@ -157,17 +143,11 @@ fn a_direction_of_infinite_length_is_refused() {
     let lab = lab();
     lab.write("row.csv", "ball,distance_mm\nA,0\nB,100\n");
     lab.write("read.csv", "X,ball,along_um\n0,A,0\n100,B,1\n");
-    for keys in [
-        "direction = [1e200, 0, 0]",
-        "direction = [1, 0, 0]\nside1 = [0, 1e200, 0]",
-    ] {
+    for keys in ["direction = [1e200, 0, 0]", "direction = [1, 0, 0]\nside1 = [0, 1e200, 0]"] {
         let refused = lab.refused(&format!(
             "unknown = [\"EXX\"]\n[[observation]]\nkind = \"ball-row\"\nfile = \"read.csv\"\nrow = \"row.csv\"\n{keys}\n"
         ));
-        assert!(
-            refused.contains("found 1e200, expected a number from -1e15 to 1e15"),
-            "{refused}"
-        );
+        assert!(refused.contains("found 1e200, expected a number from -1e15 to 1e15"), "{refused}");
     }
 }
 
@@ -184,17 +164,13 @@ fn invalid_observations_of_a_program_are_refused() {
             o.unknown[0].basis = Some(Basis::Legendre { order: usize::MAX });
         }),
         ("EXX: found BSpline", |o| {
-            o.unknown[0].basis = Some(Basis::BSpline {
-                coefficients: usize::MAX,
-            });
+            o.unknown[0].basis = Some(Basis::BSpline { coefficients: usize::MAX });
         }),
         ("EXX: found BSpline", |o| {
             o.unknown[0].basis = Some(Basis::BSpline { coefficients: 2 });
         }),
         ("EXX: found Fourier", |o| {
-            o.unknown[0].basis = Some(Basis::Fourier {
-                harmonics: usize::MAX,
-            });
+            o.unknown[0].basis = Some(Basis::Fourier { harmonics: usize::MAX });
         }),
         ("along the second axis", |o| {
             let basis = Basis::Legendre { order: usize::MAX };
@@ -217,9 +193,7 @@ fn invalid_observations_of_a_program_are_refused() {
     for (expected, change) in cases {
         let mut observations = observations(&lab);
         change(&mut observations);
-        let refused = identify(&observations, |_, _| {})
-            .expect_err(expected)
-            .to_string();
+        let refused = identify(&observations, |_, _| {}).expect_err(expected).to_string();
         assert!(refused.contains(expected), "{refused}");
     }
     // A number without its kind has no unit.
@@ -227,13 +201,8 @@ fn invalid_observations_of_a_program_are_refused() {
     lab.write("l.csv", "X,deviation_um\n0,1\n100,1\n200,1\n");
     let mut observations = lab.read(line).expect("read");
     observations.setup.number_kinds.pop();
-    let refused = identify(&observations, |_, _| {})
-        .expect_err("one kind is missing")
-        .to_string();
-    assert!(
-        refused.contains("found 1 kinds for 2 numbers, expected one for each"),
-        "{refused}"
-    );
+    let refused = identify(&observations, |_, _| {}).expect_err("one kind is missing").to_string();
+    assert!(refused.contains("found 1 kinds for 2 numbers, expected one for each"), "{refused}");
 }
 
 #[test]
@@ -248,9 +217,7 @@ fn a_row_without_a_line_is_named_by_its_file() {
     {
         at_mm.x += 60.0;
     }
-    let refused = identify(&observations, |_, _| {})
-        .expect_err("a slip")
-        .to_string();
+    let refused = identify(&observations, |_, _| {}).expect_err("a slip").to_string();
     assert!(refused.starts_with("t.csv: this row is 60"), "{refused}");
 }
 
@@ -302,19 +269,11 @@ fn an_unknown_is_read_back_as_it_was_written() {
         of("EAZ", Some(spline(5)), along(C, fourier(1)), true),
     ];
     for basis in [Basis::Constant, legendre(3), spline(5)] {
-        for second in [
-            None,
-            along(Y, legendre(2)),
-            along(Y, spline(4)),
-            along(Y, spline(8)),
-        ] {
+        for second in [None, along(Y, legendre(2)), along(Y, spline(4)), along(Y, spline(8))] {
             all.push(of("EXX", Some(basis), second, false));
         }
     }
-    let penalised = |unknown: &Unknown| Unknown {
-        penalised: true,
-        ..*unknown
-    };
+    let penalised = |unknown: &Unknown| Unknown { penalised: true, ..*unknown };
     let with_penalty: Vec<Unknown> = all.iter().map(penalised).collect();
     for unknown in all.into_iter().chain(with_penalty) {
         let written = unknown.to_toml(false);

@@ -59,11 +59,8 @@ fn rounded_coordinates_determine_nothing() {
     };
     let mut random = Noise::new(5);
     let tracker = (0..80).map(|_| {
-        let at = [
-            random.between(0.0, 600.0),
-            random.between(0.0, 400.0),
-            random.between(-500.0, 0.0),
-        ];
+        let at =
+            [random.between(0.0, 600.0), random.between(0.0, 400.0), random.between(-500.0, 0.0)];
         let seen = tip(&truth, &places(at), [0.0; 3]);
         let [x, y, z] = [seen.x, seen.y, seen.z].map(|q| q + random.normal(0.003));
         [at[0], at[1], at[2], x, y, z]
@@ -73,9 +70,8 @@ fn rounded_coordinates_determine_nothing() {
         "EXX", "EYX", "EZX", "EAX", "EBX", "ECX", "EXY", "EYY", "EZY", "EAY", "EBY", "ECY", "EXZ",
         "EYZ", "EZZ", "EAZ", "EBZ", "ECZ",
     ];
-    let curves: Vec<String> = names
-        .map(|name| format!("{{ error = \"{name}\", legendre = 2 }}"))
-        .to_vec();
+    let curves: Vec<String> =
+        names.map(|name| format!("{{ error = \"{name}\", legendre = 2 }}")).to_vec();
     let ranks: Vec<(usize, (f64, f64))> = [20, 19]
         .into_iter()
         .map(|steps| {
@@ -104,10 +100,7 @@ fn rounded_coordinates_determine_nothing() {
     };
     assert_eq!(exact, rounded);
     assert!(uncertainty < 40.0, "{ranks:?}");
-    assert!(
-        (ec0y - 30.0).abs() < 3.0 * uncertainty && (ec0y - same).abs() < 1.0,
-        "{ranks:?}"
-    );
+    assert!((ec0y - 30.0).abs() < 3.0 * uncertainty && (ec0y - same).abs() < 1.0, "{ranks:?}");
 }
 
 fn unit(of: [f64; 3]) -> [f64; 3] {
@@ -133,34 +126,19 @@ fn a_line_of_sight_that_is_oblique_to_its_rows_is_noted() {
             "folds = 0\nunknown = [\"EC0Y\"]\n[[observation]]\nkind = \"line\"\nfile = \"l.csv\"\ndirection = {direction}\n"
         );
         let notes = lab.read(&file).expect("read").notes;
-        notes
-            .into_iter()
-            .filter(|note| note.contains("the rows run along"))
-            .collect::<Vec<_>>()
+        notes.into_iter().filter(|note| note.contains("the rows run along")).collect::<Vec<_>>()
     };
-    for fine in [
-        "[3, 2, 0]",
-        "[-3, -2, 0]",
-        "[3, 2.05, 0]",
-        "[-2, 3, 0]",
-        "[0, 0, 1]",
-    ] {
+    for fine in ["[3, 2, 0]", "[-3, -2, 0]", "[3, 2.05, 0]", "[-2, 3, 0]", "[0, 0, 1]"] {
         assert!(notes(fine).is_empty(), "{fine}");
     }
     // Angle between rows and X: atan(2/3) = 33.7°. The angle to the other diagonal is twice that.
-    for (direction, angle) in [
-        ("[1, 0, 0]", "33.7"),
-        ("[3, -2, 0]", "67.4"),
-        ("[1, 1, 0]", "11.3"),
-    ] {
+    for (direction, angle) in [("[1, 0, 0]", "33.7"), ("[3, -2, 0]", "67.4"), ("[1, 1, 0]", "11.3")]
+    {
         let found = notes(direction);
         let expected = format!(
             "o.toml:7: observation[0].direction: the rows run along [0.832, 0.555, 0.000] in workpiece axes, {angle} deg from this direction"
         );
-        assert!(
-            found.len() == 1 && found[0].contains(&expected),
-            "{found:?}"
-        );
+        assert!(found.len() == 1 && found[0].contains(&expected), "{found:?}");
     }
     // Rows that are not on a line are not checked.
     lab.write("l.csv", &(text + "300,0,-200,1\n"));

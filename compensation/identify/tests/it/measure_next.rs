@@ -52,10 +52,7 @@ fn a_ballbar_on_three_axes_gets_a_new_pose() {
     assert!(stood.iter().all(|row| apart(row) > 0.01), "{at:?}");
     // Within its reachable arc of 0° to 140°.
     let angle = (at[1] - 20.0).atan2(at[0] - 10.0).to_degrees();
-    assert!(
-        (-0.1..=140.1).contains(&angle) && (at[2] + 30.0).abs() < 0.01,
-        "{at:?}"
-    );
+    assert!((-0.1..=140.1).contains(&angle) && (at[2] + 30.0).abs() < 0.01, "{at:?}");
 }
 
 /// No pose is proposed where none is new: on three axes a sphere can only be probed where it was, and a step gauge has faces only where
@@ -156,12 +153,8 @@ fn a_machine_without_linear_axes_is_identified() {
     let mut text = String::from("C,sphere,dx_um,dy_um,dz_um\n");
     for k in 0..12 {
         let c = 0.1 * f64::from(k);
-        let _ = writeln!(
-            text,
-            "{c},one,{:?},{:?},1",
-            0.5 * f64::from(k % 3),
-            0.2 * f64::from(k % 4)
-        );
+        let _ =
+            writeln!(text, "{c},one,{:?},{:?},1", 0.5 * f64::from(k % 3), 0.2 * f64::from(k % 4));
     }
     lab.write("s.csv", &text);
     let observed =
@@ -187,10 +180,7 @@ point = [0, 0, -50]
     if let Some(next) = found.next {
         let at = next.pose[&AxisName::C];
         let measured = [0.0, 30.0, 60.0, 90.0, 120.0, 150.0, -30.0, -60.0];
-        assert!(
-            (-180.0..=180.0).contains(&at) && !measured.contains(&at),
-            "{at}"
-        );
+        assert!((-180.0..=180.0).contains(&at) && !measured.contains(&at), "{at}");
     }
 }
 
@@ -202,11 +192,7 @@ fn errors_are_compared_by_their_largest_effect() {
     let mut noise = Noise::new(14);
     let rows = (0..40).map(|k| {
         // Most rows are at one end of X, where the modes of EXX are hard to distinguish. Y stays within 60 mm.
-        let x = if k < 36 {
-            250.0 + f64::from(k)
-        } else {
-            -280.0 + 100.0 * f64::from(k - 36)
-        };
+        let x = if k < 36 { 250.0 + f64::from(k) } else { -280.0 + 100.0 * f64::from(k - 36) };
         let y = noise.between(-30.0, 30.0);
         let mut n = || noise.normal(0.001);
         [x, y, 0.0, x + n(), y + n(), n()]
@@ -231,16 +217,9 @@ frame = [0, 0, 0, 0, 0, 0]
             (lever * value(&found, name).1, name)
         })
         .collect();
-    let largest = effects
-        .iter()
-        .max_by(|a, b| a.0.total_cmp(&b.0))
-        .expect("four");
+    let largest = effects.iter().max_by(|a, b| a.0.total_cmp(&b.0)).expect("four");
     let next = found.next.expect("a pose");
-    assert_eq!(
-        (largest.1, next.parameter.as_str()),
-        ("EC0Y", "EC0Y"),
-        "{effects:?}"
-    );
+    assert_eq!((largest.1, next.parameter.as_str()), ("EC0Y", "EC0Y"), "{effects:?}");
     let y = next.pose[&AxisName::Y];
     assert!(y.abs() > 200.0, "{next:?}");
 }
@@ -295,10 +274,7 @@ axes.C.travel = [-360.0, 360.0]
         let mut noise = Noise::new(16);
         let mut text = String::from("X,Y,Z,C,sphere\n");
         for k in 0..poses {
-            let (sphere, c) = (
-                k as usize % spheres.len(),
-                f64::from(k) * 37.0 % 360.0 - 180.0,
-            );
+            let (sphere, c) = (k as usize % spheres.len(), f64::from(k) * 37.0 % 360.0 - 180.0);
             let (radius, height) = spheres[sphere];
             let (sin, cos) = c.to_radians().sin_cos();
             // The table rotates the sphere by −C (ISO 841: the tool moves around it by +C).
@@ -311,13 +287,8 @@ axes.C.travel = [-360.0, 360.0]
             .identify("folds = 0\nunknown = [\"EX0C\", \"EY0C\", \"EA0C\", \"EB0C\", \"EC0Y\"]\n[[observation]]\nkind = \"sphere\"\nfile = \"s.csv\"\n")
             .expect("found");
         let of = |name: &str, lever: f64| lever * value(&found, name).1;
-        let all = [
-            of("EX0C", 1.0),
-            of("EY0C", 1.0),
-            of("EA0C", 0.3),
-            of("EB0C", 0.3),
-            of("EC0Y", 0.3),
-        ];
+        let all =
+            [of("EX0C", 1.0), of("EY0C", 1.0), of("EA0C", 0.3), of("EB0C", 0.3), of("EC0Y", 0.3)];
         [all[2].max(all[3]), all[4]]
     };
     let near = largest(&[(60.0, 100.0)], 24);

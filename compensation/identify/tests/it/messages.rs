@@ -35,14 +35,8 @@ fn rows(places: &[(f64, f64)], noise_um: f64) -> String {
     csv("X,Y,x,y,z", rows)
 }
 
-const SQUARE: [(f64, f64); 6] = [
-    (0.0, 0.0),
-    (500.0, 0.0),
-    (500.0, 400.0),
-    (0.0, 400.0),
-    (250.0, 200.0),
-    (100.0, 300.0),
-];
+const SQUARE: [(f64, f64); 6] =
+    [(0.0, 0.0), (500.0, 0.0), (500.0, 400.0), (0.0, 400.0), (250.0, 200.0), (100.0, 300.0)];
 
 #[test]
 fn wrong_rows_are_refused_with_their_place() {
@@ -85,10 +79,7 @@ fn a_row_file_of_two_observations_is_refused_with_both_places() {
             "{message}"
         );
     }
-    lab.write(
-        "balls.csv",
-        "ball,distance_mm,uncertainty_um\n0,0,0\n1,100,1\n2,200,1\n3,300,1\n",
-    );
+    lab.write("balls.csv", "ball,distance_mm,uncertainty_um\n0,0,0\n1,100,1\n2,200,1\n3,300,1\n");
     let mut text = String::from("folds = 0\nunknown = [{ error = \"EXX\", legendre = 1 }]\n");
     for y in [0, 300] {
         let file = format!("bar{y}.csv");
@@ -137,19 +128,10 @@ fn uninformative_poses_are_refused() {
     let lab = Lab::new(MACHINE);
     lab.write("t.csv", &rows(&[(100.0, 100.0); 5], 1.0));
     let message = lab.refused(&points(""));
-    assert!(
-        message.contains("found 5 rows that all have the same pose"),
-        "{message}"
-    );
-    lab.write(
-        "t.csv",
-        &rows(&[(0.0, 0.0), (250.0, 200.0), (500.0, 400.0)], 1.0),
-    );
+    assert!(message.contains("found 5 rows that all have the same pose"), "{message}");
+    lab.write("t.csv", &rows(&[(0.0, 0.0), (250.0, 200.0), (500.0, 400.0)], 1.0));
     let message = lab.refused(&points(""));
-    assert!(
-        message.contains("t.csv:frame: the frame cannot be determined"),
-        "{message}"
-    );
+    assert!(message.contains("t.csv:frame: the frame cannot be determined"), "{message}");
     lab.write("t.csv", &rows(&SQUARE[..3], 1.0));
     let many = points("").replace(
         "[\"EC0Y\"]",
@@ -170,28 +152,16 @@ fn poses_outside_travel_and_unused_columns_are_noted() {
     let text: Vec<String> = text
         .lines()
         .enumerate()
-        .map(|(k, l)| {
-            if k == 0 {
-                l.to_owned()
-            } else {
-                format!("{l},me")
-            }
-        })
+        .map(|(k, l)| if k == 0 { l.to_owned() } else { format!("{l},me") })
         .collect();
-    lab.write(
-        "t.csv",
-        &text.join("\n").replace("\n500.0,400.0,", "\n500.2,400.0,"),
-    );
+    lab.write("t.csv", &text.join("\n").replace("\n500.0,400.0,", "\n500.2,400.0,"));
     let found = lab.identify(&points("")).expect("found");
     let words = crate::lab::words(&found);
     assert!(
         words.contains("line 4: X: found 500.2 mm, expected a position within the travel of X"),
         "{words}"
     );
-    assert!(
-        words.contains("columns that are not used: operator"),
-        "{words}"
-    );
+    assert!(words.contains("columns that are not used: operator"), "{words}");
 }
 
 #[test]
@@ -218,10 +188,7 @@ fn readings_in_another_unit_are_refused() {
         "{message}"
     );
     // A step gauge in inches.
-    lab.write(
-        "t.csv",
-        "pose,X,from,to,length_mm\na,0,,,\nb,254,,,\n,,a,b,10\n",
-    );
+    lab.write("t.csv", "pose,X,from,to,length_mm\na,0,,,\nb,254,,,\n,,a,b,10\n");
     let message = lab
         .refused("unknown = [\"EXX\"]\n[[observation]]\nkind = \"distance\"\nfile = \"t.csv\"\n");
     assert!(
@@ -286,26 +253,12 @@ fn references_outside_the_set_up_are_refused() {
 #[test]
 fn invalid_followers_are_refused() {
     let lab = Lab::new(MACHINE);
-    lab.write(
-        "t.csv",
-        &rows(
-            &[(0.0, 0.0), (400.0, 10.0), (30.0, 300.0), (350.0, 380.0)],
-            1.0,
-        ),
-    );
+    lab.write("t.csv", &rows(&[(0.0, 0.0), (400.0, 10.0), (30.0, 300.0), (350.0, 380.0)], 1.0));
     let text = points("frame = \"unknown\"");
     let observations = lab.read(&text).expect("read");
-    let parameters = identify(&observations, |_, _| {})
-        .expect("found")
-        .parameters;
-    let own = parameters
-        .iter()
-        .find(|p| p.name == "EC0Y")
-        .expect("an unknown");
-    let set_up = parameters
-        .iter()
-        .find(|p| p.error.is_none())
-        .expect("a set-up");
+    let parameters = identify(&observations, |_, _| {}).expect("found").parameters;
+    let own = parameters.iter().find(|p| p.name == "EC0Y").expect("an unknown");
+    let set_up = parameters.iter().find(|p| p.error.is_none()).expect("a set-up");
     let machine = || Machine::parse(MACHINE, "m").expect("a machine");
     let other = || Machine::parse(&MACHINE.replace("w b X Y t", "w X b Y t"), "m").expect("one");
     for (parameter, second, by, expected) in [
@@ -327,10 +280,7 @@ fn invalid_followers_are_refused() {
     };
     let foreign = Follower::new(own, [other(), other()], 10.0).expect("one structure");
     let words = refused(&[foreign], &text);
-    assert!(
-        words.contains("another structure than that of the observations"),
-        "{words}"
-    );
+    assert!(words.contains("another structure than that of the observations"), "{words}");
     let fitting = Follower::new(own, [machine(), machine()], 10.0).expect("right");
     let words = refused(&[fitting], &text.replace("EC0Y", "EXX"));
     assert!(words.contains("it is not an unknown"), "{words}");

@@ -43,17 +43,11 @@ fn too_few_numbers_are_noted() {
     lab.write("t.csv", &points(3, 0.0, 1.0));
     let few = words(&lab, &square);
     assert!(few.contains("9 numbers in 3 poses for 7 unknowns"), "{few}");
-    assert!(
-        few.contains("no cross-validation: 3 poses cannot be split into 10 parts"),
-        "{few}"
-    );
+    assert!(few.contains("no cross-validation: 3 poses cannot be split into 10 parts"), "{few}");
     // A second tracker with one point determines only its own frame, although the total number of readings would suffice.
     lab.write("t.csv", &points(30, 0.0, 1.0));
     lab.write("u.csv", "X,Y,x,y,z\n0,0,0,0,0\n");
-    let thin = lab.identify(&observed(
-        "folds = 0\nunknown = [\"EC0Y\"]",
-        &["t.csv", "u.csv"],
-    ));
+    let thin = lab.identify(&observed("folds = 0\nunknown = [\"EC0Y\"]", &["t.csv", "u.csv"]));
     let thin = thin.expect_err("one point makes no frame");
     assert!(matches!(thin, IdentifyError::Frame { .. }), "{thin}");
 }
@@ -61,17 +55,13 @@ fn too_few_numbers_are_noted() {
 /// A curve fitted to lines that is also an unknown here is dropped with a note.
 #[test]
 fn a_curve_that_is_dropped_is_noted() {
-    let lab = Lab::new(&format!(
-        "{MACHINE}\n[errors]\nEXX = {{ poly = [0.0, 0.01] }}\n"
-    ));
+    let lab = Lab::new(&format!("{MACHINE}\n[errors]\nEXX = {{ poly = [0.0, 0.01] }}\n"));
     lab.write("t.csv", &points(30, 0.0, 1.0));
     let is_noted = |unknown: &str| {
         words(&lab, &observed(unknown, &["t.csv"]))
             .contains("the curve of EXX in the machine file is dropped")
     };
-    assert!(is_noted(
-        "unknown = [\"EC0Y\", { error = \"EXX\", legendre = 2 }]"
-    ));
+    assert!(is_noted("unknown = [\"EC0Y\", { error = \"EXX\", legendre = 2 }]"));
     assert!(!is_noted("unknown = [\"EC0Y\"]"));
 }
 
@@ -129,12 +119,7 @@ fn a_machine_file_is_validated_with_an_identified_set_up() {
     lab.write("t.csv", &points(30, 40.0, 1.0));
     let judge = observed("folds = 0\nunknown = []", &["t.csv"]);
     let found = lab.identify(&judge).expect("found");
-    assert!(
-        found
-            .parameters
-            .iter()
-            .all(|p| p.name.starts_with("t.csv:frame"))
-    );
+    assert!(found.parameters.iter().all(|p| p.name.starts_with("t.csv:frame")));
     assert!(found.residual.rms_um > 3.0, "{:?}", found.residual);
     assert_eq!(found.next, None);
     lab.write("machine.toml", &format!("{MACHINE}[errors]\nEC0Y = 40.0\n"));
@@ -155,11 +140,7 @@ fn a_judged_file_that_is_far_off_is_noted() {
     for (urad, is_far) in [(300.0, true), (50.0, true), (5.0, false)] {
         lab.write("j.csv", &points(12, urad, 1.0));
         let noted = words(&lab, &observed);
-        assert_eq!(
-            noted.contains("j.csv: its judged rows are "),
-            is_far,
-            "{urad}: {noted}"
-        );
+        assert_eq!(noted.contains("j.csv: its judged rows are "), is_far, "{urad}: {noted}");
     }
 }
 
@@ -206,10 +187,8 @@ fn a_turn_of_a_modulo_is_the_same_pose() {
         let found = lab.identify(
             "folds = 0\nunknown = [\"EX0C\"]\n[[observation]]\nkind = \"sphere\"\nfile = \"s.csv\"\n",
         );
-        let is_refused = matches!(
-            found,
-            Err(volcomp_identify::IdentifyError::AllAlike { rows: 5 })
-        );
+        let is_refused =
+            matches!(found, Err(volcomp_identify::IdentifyError::AllAlike { rows: 5 }));
         assert_eq!(is_refused, is_one, "{found:?}");
     }
 }
@@ -222,10 +201,7 @@ fn one_test_under_two_names_is_noted() {
     lab.write("t.csv", &points(30, 20.0, 1.0));
     lab.write("u.csv", &points(30, 20.0, 1.0));
     let twice = words(&lab, &observed(head, &["t.csv", "u.csv"]));
-    assert!(
-        twice.contains("u.csv has the same content as t.csv"),
-        "{twice}"
-    );
+    assert!(twice.contains("u.csv has the same content as t.csv"), "{twice}");
     lab.write("u.csv", &points(29, 20.0, 1.0));
     let twin = words(&lab, &observed(head, &["t.csv", "u.csv"]));
     assert!(!twin.contains("the same content"), "{twin}");

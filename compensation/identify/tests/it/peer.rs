@@ -29,25 +29,13 @@ fn values_and_covariance_are_those_of_scipy() {
     };
     let script = root().join("compensation/identify/tests/reference/exact.py");
     let data = root().join("examples/identification");
-    let output = Command::new(python)
-        .arg(script)
-        .arg("fit")
-        .arg(&data)
-        .output()
-        .expect("Python is there");
-    assert!(
-        output.status.success(),
-        "{}",
-        String::from_utf8_lossy(&output.stderr)
-    );
+    let output =
+        Command::new(python).arg(script).arg("fit").arg(&data).output().expect("Python is there");
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let text = String::from_utf8(output.stdout).expect("UTF-8");
     let lines: Vec<Vec<f64>> = text
         .lines()
-        .map(|line| {
-            line.split_whitespace()
-                .map(|n| n.parse().expect("a number"))
-                .collect()
-        })
+        .map(|line| line.split_whitespace().map(|n| n.parse().expect("a number")).collect())
         .collect();
     let (values, rows) = lines.split_first().expect("values and covariance");
 
@@ -71,33 +59,17 @@ uncertainty_um = 5.0
     )
     .expect("written");
     let found = identify(&Observations::read(&path).expect("read"), |_, _| {}).expect("found");
-    let determined: Vec<&str> = found
-        .parameters
-        .iter()
-        .filter(|p| p.determined)
-        .map(|p| p.name.as_str())
-        .collect();
-    let place: BTreeMap<&str, usize> = determined
-        .iter()
-        .enumerate()
-        .map(|(k, n)| (*n, k))
-        .collect();
+    let determined: Vec<&str> =
+        found.parameters.iter().filter(|p| p.determined).map(|p| p.name.as_str()).collect();
+    let place: BTreeMap<&str, usize> =
+        determined.iter().enumerate().map(|(k, n)| (*n, k)).collect();
     let mut largest = [0.0_f64; 2];
     for (k, name) in NAMES.iter().enumerate() {
-        let parameter = found
-            .parameters
-            .iter()
-            .find(|p| p.name == *name)
-            .expect("an unknown");
+        let parameter = found.parameters.iter().find(|p| p.name == *name).expect("an unknown");
         let sigma = parameter.uncertainty.expect("determined");
         let difference = (parameter.value - values[k]).abs();
         largest[0] = largest[0].max(difference / sigma);
-        assert!(
-            difference < 1e-6 * sigma,
-            "{name}: {} {} ± {sigma}",
-            parameter.value,
-            values[k]
-        );
+        assert!(difference < 1e-6 * sigma, "{name}: {} {} ± {sigma}", parameter.value, values[k]);
         for (j, other) in NAMES.iter().enumerate() {
             let ours = found.covariance[(place[name], place[other])];
             let size = (rows[k][k] * rows[j][j]).sqrt();

@@ -56,11 +56,7 @@ kind = \"points\"
 file = \"t.csv\"
 uncertainty_um = 0.5
 ",
-        if second.is_empty() {
-            ""
-        } else {
-            ", second = { axis = \"Y\", legendre = 2 }"
-        }
+        if second.is_empty() { "" } else { ", second = { axis = \"Y\", legendre = 2 }" }
     )
 }
 
@@ -93,12 +89,7 @@ fn a_sag_over_a_second_axis_is_found() {
     }
     let curve = found.machine.error("EZY".parse().expect("a name"));
     assert!(
-        matches!(
-            curve,
-            Some(volcomp_curve::ErrorCurve::Single(
-                volcomp_curve::Field::Grid(_)
-            ))
-        ),
+        matches!(curve, Some(volcomp_curve::ErrorCurve::Single(volcomp_curve::Field::Grid(_)))),
         "{curve:?}"
     );
     // Products without a true effect are almost zero.
@@ -147,8 +138,5 @@ file = \"t.csv\"
     assert!(other.abs() < 1e-6, "{other}");
     // A rotation of the frame and a slope over Y are indistinguishable.
     let named = crate::lab::words(&found);
-    assert!(
-        named.contains("× Y legendre 1 cannot be distinguished"),
-        "{named}"
-    );
+    assert!(named.contains("× Y legendre 1 cannot be distinguished"), "{named}");
 }

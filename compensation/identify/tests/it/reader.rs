@@ -71,10 +71,7 @@ const VALID: &str = "folds = 2\nunknown = [{ error = \"EXX\", legendre = 1 }]\n[
 #[test]
 fn both_tilts_of_a_squareness_are_refused() {
     let lab = Lab::new(MACHINE);
-    lab.write(
-        "t.csv",
-        "X,Y,x,y,z\n0,0,0,0,0\n100,0,100,0,0\n0,100,0,100,0\n100,100,100,100,0\n",
-    );
+    lab.write("t.csv", "X,Y,x,y,z\n0,0,0,0,0\n100,0,100,0,0\n0,100,0,100,0\n100,100,100,100,0\n");
     let observed = |unknown: &str| {
         format!(
             "folds = 0\nunknown = {unknown}\n[[observation]]\nkind = \"points\"\nfile = \"t.csv\"\n"
@@ -113,23 +110,17 @@ fn an_axis_with_two_columns_is_refused() {
 #[test]
 fn rows_without_a_tool_column_are_noted() {
     let rows = |tool: &str| {
-        let (head, cell) = if tool.is_empty() {
-            ("", String::new())
-        } else {
-            ("tool,", format!("{tool},"))
-        };
+        let (head, cell) =
+            if tool.is_empty() { ("", String::new()) } else { ("tool,", format!("{tool},")) };
         format!(
             "{head}X,Y,x,y,z\n{cell}0,0,0,0,0\n{cell}100,0,100,0,0\n{cell}0,100,0,100,0\n{cell}100,100,100,100,0\n"
         )
     };
     let one = "[tools.short]\ntip = [0, 0, -10]\n";
     let two = "[tools.short]\ntip = [0, 0, -10]\n[tools.long]\ntip = [0, 0, -90]\n";
-    for (tools, tool, is_noted) in [
-        ("", "", false),
-        (one, "", false),
-        (two, "", true),
-        (two, "long", false),
-    ] {
+    for (tools, tool, is_noted) in
+        [("", "", false), (one, "", false), (two, "", true), (two, "long", false)]
+    {
         let lab = Lab::new(&format!("{MACHINE}{tools}"));
         lab.write("t.csv", &rows(tool));
         let observed = "folds = 0\nunknown = [\"EC0Y\"]\n[[observation]]\nkind = \"points\"\nfile = \"t.csv\"\n";
@@ -152,30 +143,16 @@ fn corpus_files_are_read_or_refused_by_their_names() {
     for entry in std::fs::read_dir(root().join("tests/fuzz/corpus/observations")).expect("a folder")
     {
         let path = entry.expect("an entry").path();
-        let name = path
-            .file_name()
-            .expect("a name")
-            .to_string_lossy()
-            .into_owned();
+        let name = path.file_name().expect("a name").to_string_lossy().into_owned();
         let text = String::from_utf8_lossy(&std::fs::read(&path).expect("read")).into_owned();
         let (keys, rows) = text.split_once("\n===\n").unwrap_or((&text, ""));
         let read = |path: &Path| {
-            let text = if path.ends_with("machine.toml") {
-                CORPUS_MACHINE
-            } else {
-                rows
-            };
+            let text = if path.ends_with("machine.toml") { CORPUS_MACHINE } else { rows };
             Ok(text.to_owned())
         };
         let found = Observations::parse(keys, Path::new("observations.toml"), &read);
-        assert!(
-            found.is_ok() || !name.starts_with("valid-"),
-            "{name} was refused: {found:?}"
-        );
-        assert!(
-            found.is_err() || !name.starts_with("broken-"),
-            "{name} was read"
-        );
+        assert!(found.is_ok() || !name.starts_with("valid-"), "{name} was refused: {found:?}");
+        assert!(found.is_err() || !name.starts_with("broken-"), "{name} was read");
         if let Ok(found) = found {
             let _ = identify(&found, |_, _| {});
         }

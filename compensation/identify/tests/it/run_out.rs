@@ -56,29 +56,13 @@ fn sphere_heights_do_not_separate_tilts_from_sphere_positions() {
     for (what, spheres) in [
         ("one", vec![[100.0, 0.0, 50.0]]),
         ("heights", vec![[100.0, 0.0, 50.0], [100.0, 0.0, 250.0]]),
-        (
-            "heights and sides",
-            vec![[100.0, 0.0, 50.0], [-100.0, 0.0, 250.0]],
-        ),
+        ("heights and sides", vec![[100.0, 0.0, 50.0], [-100.0, 0.0, 250.0]]),
         ("radii", vec![[100.0, 0.0, 50.0], [200.0, 0.0, 50.0]]),
-        (
-            "radii and heights",
-            vec![[100.0, 0.0, 50.0], [200.0, 0.0, 250.0]],
-        ),
+        ("radii and heights", vec![[100.0, 0.0, 50.0], [200.0, 0.0, 250.0]]),
         ("axis", vec![[0.0, 0.0, 50.0], [0.0, 0.0, 250.0]]),
-        (
-            "three",
-            vec![
-                [100.0, 0.0, 50.0],
-                [0.0, 150.0, 250.0],
-                [-120.0, -80.0, 120.0],
-            ],
-        ),
+        ("three", vec![[100.0, 0.0, 50.0], [0.0, 150.0, 250.0], [-120.0, -80.0, 120.0]]),
     ] {
-        let left: Vec<usize> = left(&spheres, &errors)
-            .iter()
-            .map(|(_, count)| *count)
-            .collect();
+        let left: Vec<usize> = left(&spheres, &errors).iter().map(|(_, count)| *count).collect();
         let [exc, eyc, ezc, eac, ebc] = left[..] else {
             panic!("{left:?}");
         };
@@ -94,10 +78,7 @@ fn sphere_heights_do_not_separate_tilts_from_sphere_positions() {
 fn a_series_from_half_a_turn_closes() {
     let lab = Lab::new(MACHINE);
     let mut text = String::from("X,Y,Z,C,sphere,dx_um,dy_um,dz_um\n");
-    for (place, [x, y, z]) in [[200.0, 0.0, 50.0], [-50.0, 150.0, 50.0]]
-        .into_iter()
-        .enumerate()
-    {
+    for (place, [x, y, z]) in [[200.0, 0.0, 50.0], [-50.0, 150.0, 50.0]].into_iter().enumerate() {
         for k in 0..13 {
             let c = 15.0 * f64::from(k);
             let (sin, cos) = c.to_radians().sin_cos();
@@ -119,14 +100,9 @@ fn a_series_from_half_a_turn_closes() {
         .expect("a curve that closes");
     assert!(found.residual.max_um < 0.1, "{:?}", found.residual);
     let at = |c: f64| {
-        let state = found
-            .machine
-            .state(&[(volcomp_vocabulary::AxisName::C, c)])
-            .expect("a state");
+        let state = found.machine.state(&[(volcomp_vocabulary::AxisName::C, c)]).expect("a state");
         let none = volcomp_model::Temperatures::default();
-        let error = found
-            .machine
-            .error_at(&state, volcomp_kinematics::Form::Exact, &none);
+        let error = found.machine.error_at(&state, volcomp_kinematics::Form::Exact, &none);
         error.rotation_rad.z * 1e6
     };
     // Equal values at 0° and 360°, and the observed difference between 0° and 180°.
@@ -134,12 +110,7 @@ fn a_series_from_half_a_turn_closes() {
     let difference = at(0.0) - at(180.0);
     assert!((difference.abs() - 50.0).abs() < 0.1, "{difference}");
     let said = crate::lab::words(&found);
-    let note = said
-        .lines()
-        .find(|note| note.contains("undetermined there"));
+    let note = said.lines().find(|note| note.contains("undetermined there"));
     let note = note.expect("a note on what was not observed");
-    assert!(
-        note.ends_with("observe it over the full turn, or use fewer harmonics"),
-        "{note}"
-    );
+    assert!(note.ends_with("observe it over the full turn, or use fewer harmonics"), "{note}");
 }

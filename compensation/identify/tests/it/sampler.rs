@@ -72,18 +72,12 @@ fn samples_spread_like_repeated_identifications() {
     let drawn = |trial| errors(&draws.machine(3, trial).expect("drawn"));
     // With residuals of twice the stated uncertainty the samples spread twice as far.
     assert_eq!(once.excess, 1.0);
-    let more = Identification {
-        excess: 2.0,
-        ..once.clone()
-    };
+    let more = Identification { excess: 2.0, ..once.clone() };
     let wide = MachineSampler::new(&observations, &more).expect("of these observations");
     let wide = errors(&wide.machine(3, 0).expect("drawn"));
     for ((wide, drawn), found) in wide.iter().zip(drawn(0)).zip(errors(&once.machine)) {
         let [wide, drawn] = [wide - found, drawn - found];
-        assert!(
-            (wide - 2.0 * drawn).abs() < 1e-3 * drawn.abs().max(0.1),
-            "{wide} {drawn}"
-        );
+        assert!((wide - 2.0 * drawn).abs() < 1e-3 * drawn.abs().max(0.1), "{wide} {drawn}");
     }
     let drawn: Vec<Vec<f64>> = (0..REPEATS as u64).map(drawn).collect();
     let repeat = |_| errors(&found(&lab, &truth, &mut noise).machine);
@@ -93,18 +87,10 @@ fn samples_spread_like_repeated_identifications() {
     let allowed = 4.0 / (REPEATS as f64).sqrt();
     for (k, (drawn, repeated)) in drawn.0.iter().zip(&repeated.0).enumerate() {
         assert!(*repeated > 0.1, "{k}: {repeated}");
-        assert!(
-            (drawn / repeated - 1.0).abs() < allowed,
-            "{k}: {drawn} {repeated}"
-        );
+        assert!((drawn / repeated - 1.0).abs() < allowed, "{k}: {drawn} {repeated}");
     }
     let difference = (drawn.1 - repeated.1).abs();
-    assert!(
-        difference < allowed * core::f64::consts::SQRT_2,
-        "{} {}",
-        drawn.1,
-        repeated.1
-    );
+    assert!(difference < allowed * core::f64::consts::SQRT_2, "{} {}", drawn.1, repeated.1);
 }
 
 #[test]
@@ -120,8 +106,5 @@ fn samples_are_reproducible_and_belong_to_their_observations() {
     assert_ne!(errors(&draws.machine(1, 6).expect("drawn")), fifth);
     assert_ne!(errors(&draws.machine(2, 5).expect("drawn")), fifth);
     let other = lab.read(&KEYS.replace("\"EC0Y\", ", "")).expect("read");
-    assert!(matches!(
-        MachineSampler::new(&other, &once),
-        Err(IdentifyError::OtherObservations)
-    ));
+    assert!(matches!(MachineSampler::new(&other, &once), Err(IdentifyError::OtherObservations)));
 }

@@ -56,12 +56,7 @@ struct Held {
 
 fn held(penalty: &str, ebx_urad: f64, worlds: u32) -> Held {
     let poly = |l1: f64, l2: f64| {
-        format!(
-            "{{ poly = [{}, {}, {}] }}",
-            -0.5 * l2,
-            l1 / 250.0,
-            1.5 * l2 / 62500.0
-        )
+        format!("{{ poly = [{}, {}, {}] }}", -0.5 * l2, l1 / 250.0, 1.5 * l2 / 62500.0)
     };
     let truth = format!(
         "{MACHINE}[errors]\nEX0C = 8.0\nEY0C = -5.0\nEA0C = 20.0\nEB0C = -12.0\nEC0Y = 30.0\nEXX = {}\nEYX = {}\nEBX = {}\nEZY = {}\n",
@@ -76,12 +71,7 @@ fn held(penalty: &str, ebx_urad: f64, worlds: u32) -> Held {
     let chain = nominal.chain();
     let centre = Vector3::new(90.0, 40.0, -60.0);
     let mut noise = Noise::new(11);
-    let mut held = Held {
-        coefficients: [0; 11],
-        places: 0,
-        of_places: 0,
-        widths: 0.0,
-    };
+    let mut held = Held { coefficients: [0; 11], places: 0, of_places: 0, widths: 0.0 };
     for _ in 0..worlds {
         let rows = (0..12).map(|k| {
             let [mut x, mut y, z] = [(); 3].map(|()| noise.between(-240.0, 240.0));
@@ -103,21 +93,14 @@ fn held(penalty: &str, ebx_urad: f64, worlds: u32) -> Held {
             let mut state = State::default();
             let c = -180.0 + 30.0 * f64::from(k);
             state.q[nominal.index_of(C).expect("C")] = c.to_radians();
-            chain.bring(
-                &mut state,
-                |_| true,
-                &centre,
-                |state| chain.ideal_tip_mm(state),
-            );
+            chain.bring(&mut state, |_| true, &centre, |state| chain.ideal_tip_mm(state));
             let [x, y, z] = [X, Y, Z].map(|axis| state.q[nominal.index_of(axis).expect("an axis")]);
             let at = tip(&truth, &[(X, x), (Y, y), (Z, z), (C, c)], [0.0; 3]) - centre;
             let [dx, dy, dz] = [at.x, at.y, at.z].map(|p| 1e3 * p + noise.normal(0.5));
             [x, y, z, c, dx, dy, dz]
         });
         lab.write("s.csv", &csv("X,Y,Z,C,dx_um,dy_um,dz_um", rows));
-        let observations = lab
-            .read(&format!("penalty = \"{penalty}\"\n{UNKNOWN}"))
-            .expect("read");
+        let observations = lab.read(&format!("penalty = \"{penalty}\"\n{UNKNOWN}")).expect("read");
         let found = identify(&observations, |_, _| {}).expect("found");
         let names = TRUTH.into_iter().chain([("EBX legendre 1", ebx_urad)]);
         for (count, (name, expected)) in held.coefficients.iter_mut().zip(names) {
@@ -128,9 +111,8 @@ fn held(penalty: &str, ebx_urad: f64, worlds: u32) -> Held {
             }
         }
         let draws = MachineSampler::new(&observations, &found).expect("draws");
-        let machines: Vec<Machine> = (0..60)
-            .map(|trial| draws.machine(1, trial).expect("a machine"))
-            .collect();
+        let machines: Vec<Machine> =
+            (0..60).map(|trial| draws.machine(1, trial).expect("a machine")).collect();
         for _ in 0..6 {
             let [x, y, z] = [(); 3].map(|()| noise.between(-240.0, 240.0));
             let at = [(X, x), (Y, y), (Z, z), (C, noise.between(-180.0, 180.0))];
@@ -155,23 +137,16 @@ fn held(penalty: &str, ebx_urad: f64, worlds: u32) -> Held {
 #[test]
 fn bands_cover_errors_that_a_penalty_shrinks() {
     let worlds = 150_u32;
-    for (penalty, ebx_urad) in [
-        ("none", 10.0),
-        ("auto", 0.0),
-        ("auto", 2.0),
-        ("auto", 10.0),
-        ("auto", 30.0),
-    ] {
+    for (penalty, ebx_urad) in
+        [("none", 10.0), ("auto", 0.0), ("auto", 2.0), ("auto", 10.0), ("auto", 30.0)]
+    {
         let held = held(penalty, ebx_urad, worlds);
         let share = f64::from(held.places) / f64::from(held.of_places);
         println!(
             "{penalty} {ebx_urad}: {:?} of {worlds}, EBX ± {:.2}, places {share:.3}",
             held.coefficients, held.widths
         );
-        assert!(
-            (0.93..=0.97).contains(&share),
-            "{penalty} {ebx_urad}: {share}"
-        );
+        assert!((0.93..=0.97).contains(&share), "{penalty} {ebx_urad}: {share}");
         // 95 % of 150 simulations are 142.5 ± 2.7.
         for (place, count) in held.coefficients.into_iter().enumerate() {
             assert!(count >= 134, "{penalty} {ebx_urad}: {place}: {count}");

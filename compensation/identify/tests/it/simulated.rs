@@ -77,11 +77,7 @@ target = \"unknown\"
 /// the exact kinematics, which apply the frame themselves.
 #[test]
 fn error_motions_that_turn_with_their_axis_are_found() {
-    for (c, b) in [
-        ("turning", "fixed"),
-        ("fixed", "turning"),
-        ("turning", "turning"),
-    ] {
+    for (c, b) in [("turning", "fixed"), ("fixed", "turning"), ("turning", "turning")] {
         let machine = MACHINE
             .replace("[axes.C]\n", &format!("[axes.C]\nmotion_frame = \"{c}\"\n"))
             .replace("[axes.B]\n", &format!("[axes.B]\nmotion_frame = \"{b}\"\n"));
@@ -103,22 +99,12 @@ target = \"unknown\"
 ",
             )
             .expect("found");
-        assert!(
-            found.residual.max_um < 1e-3,
-            "C {c}, B {b}: {:?}",
-            found.residual
-        );
-        for (name, expected) in [
-            ("EXC cos 2", 20.0),
-            ("EXC sin 2", -9.0),
-            ("EAC cos 2", 5.0),
-            ("EAC sin 2", 7.0),
-        ] {
+        assert!(found.residual.max_um < 1e-3, "C {c}, B {b}: {:?}", found.residual);
+        for (name, expected) in
+            [("EXC cos 2", 20.0), ("EXC sin 2", -9.0), ("EAC cos 2", 5.0), ("EAC sin 2", 7.0)]
+        {
             let (found, _) = value(&found, name);
-            assert!(
-                (found - expected).abs() < 0.01,
-                "C {c}, B {b}: {name} {found}"
-            );
+            assert!((found - expected).abs() < 0.01, "C {c}, B {b}: {name} {found}");
         }
     }
 }
@@ -151,17 +137,9 @@ target = \"unknown\"
     // Only the constant of EXX is redundant.
     assert_eq!(found.redundant, ["EXX constant"]);
     assert!(found.score_of_determined > 1e-4 && found.score_of_determined < 1.0);
-    let left = found
-        .parameters
-        .iter()
-        .find(|p| p.name == "EXX constant")
-        .expect("there");
+    let left = found.parameters.iter().find(|p| p.name == "EXX constant").expect("there");
     assert!(!left.determined && left.value == 0.0 && left.uncertainty.is_none());
-    let mixed = found
-        .parameters
-        .iter()
-        .find(|p| p.name == "EX0C")
-        .expect("there");
+    let mixed = found.parameters.iter().find(|p| p.name == "EX0C").expect("there");
     assert!(mixed.determined);
     assert_eq!(mixed.given_zero, ["EXX constant"]);
     let words = crate::lab::words(&found);
@@ -177,9 +155,7 @@ fn a_reversal_value_is_found_from_the_order_of_the_rows() {
     let lab = Lab::new(MACHINE);
     let mut text = String::from("X,deviation_um\n");
     let mut before: Option<f64> = None;
-    for x in [
-        -300.0, -100.0, 0.0, 100.0, 300.0, 100.0, 0.0, -100.0, -200.0, 50.0,
-    ] {
+    for x in [-300.0, -100.0, 0.0, 100.0, 300.0, 100.0, 0.0, -100.0, -200.0, 50.0] {
         let mut state = truth.state(&[(X, x)]).expect("a state");
         let index = truth.index_of(X).expect("X");
         state.approach[index] = before.and_then(|b| volcomp_vocabulary::Direction::of(x - b));
@@ -256,9 +232,7 @@ dead_length = \"unknown\"
     assert!((value(&found, "bar.csv:point.x").0 - 20.0).abs() < 0.01);
     assert!(value(&found, "EC0Y").0.abs() < 1e-3);
     let slope = |machine: &Machine| {
-        let curve = machine
-            .error("EYY".parse().expect("a name"))
-            .expect("a curve");
+        let curve = machine.error("EYY".parse().expect("a name")).expect("a curve");
         let index = machine.index_of(Y).expect("Y");
         let mut at = [0.0; 9];
         at[index] = 100.0;
@@ -267,11 +241,7 @@ dead_length = \"unknown\"
         high - curve.value(index, &at, None)
     };
     let [ours, expected] = [&found.machine, &truth].map(slope);
-    assert!(
-        (ours - expected).abs() < 1e-3,
-        "{ours} {expected} {:#?}",
-        found.parameters
-    );
+    assert!((ours - expected).abs() < 1e-3, "{ours} {expected} {:#?}", found.parameters);
 }
 
 #[test]
@@ -281,10 +251,7 @@ fn a_judged_file_uses_the_set_up_of_the_fitted_one() {
     let rows = tracker(&truth, 40, 0.0);
     let lines: Vec<&str> = rows.lines().collect();
     lab.write("fit.csv", &lines[..31].join("\n"));
-    lab.write(
-        "judge.csv",
-        &[&lines[..1], &lines[31..]].concat().join("\n"),
-    );
+    lab.write("judge.csv", &[&lines[..1], &lines[31..]].concat().join("\n"));
     let text = |unknown: &str| {
         format!(
             "folds = 0\nunknown = [{unknown}]
@@ -300,29 +267,18 @@ target = \"unknown\"
 "
         )
     };
-    let judged = lab
-        .identify(&text("\"EC0Y\""))
-        .expect("found")
-        .judged
-        .expect("judged");
+    let judged = lab.identify(&text("\"EC0Y\"")).expect("found").judged.expect("judged");
     assert_eq!(judged.rows, 10);
     assert!(judged.max_um < 1e-6, "{judged:?}");
     // With the wrong unknown a residual remains.
-    let judged = lab
-        .identify(&text("\"EA0Z\""))
-        .expect("found")
-        .judged
-        .expect("judged");
+    let judged = lab.identify(&text("\"EA0Z\"")).expect("found").judged.expect("judged");
     assert!(judged.rms_um > 0.5, "{judged:?}");
 }
 
 /// A Fourier series identified over part of a turn keeps its end values beyond, and a note says that it does not close.
 #[test]
 fn a_series_over_a_part_of_a_turn_stays_within_it() {
-    let truth = worn(
-        MACHINE,
-        "ECC = { fourier = [0.0, 5.0, -3.0], period = 360.0 }\n",
-    );
+    let truth = worn(MACHINE, "ECC = { fourier = [0.0, 5.0, -3.0], period = 360.0 }\n");
     let found = |last: f64| {
         let lab = Lab::new(MACHINE);
         let mut noise = Noise::new(3);
@@ -353,13 +309,8 @@ fn a_series_over_a_part_of_a_turn_stays_within_it() {
         let mut end = at;
         end[own] = last;
         let (there, expected) = (curve.value(own, &at, None), curve.value(own, &end, None));
-        assert!(
-            goes_round || (there - expected).abs() < 1e-9,
-            "{there} {expected}"
-        );
-        let said = crate::lab::words(&found)
-            .lines()
-            .any(|note| note.contains("of a turn"));
+        assert!(goes_round || (there - expected).abs() < 1e-9, "{there} {expected}");
+        let said = crate::lab::words(&found).lines().any(|note| note.contains("of a turn"));
         assert_eq!(said, !goes_round, "{:?}", found.warnings);
     }
 }
@@ -392,10 +343,7 @@ fn reversal_values_are_found_from_lengths_between_poses() {
             }
         }
         before = Some(at);
-        let tip = [
-            x + 1e-3 * (0.02 * x + 3.0 * sides[0]),
-            y + 1e-3 * (0.01 * y - 4.0 * sides[1]),
-        ];
+        let tip = [x + 1e-3 * (0.02 * x + 3.0 * sides[0]), y + 1e-3 * (0.01 * y - 4.0 * sides[1])];
         tips.insert(name, tip);
         let _ = writeln!(text, "{name},{x:?},{y:?},,,");
     }
@@ -403,11 +351,7 @@ fn reversal_values_are_found_from_lengths_between_poses() {
         ["BC", "CD", "BE", "EF", "DF", "CE", "BF", "EG", "FG"].map(|pair| pair.split_at(1))
     {
         let [a, b] = [tips[from], tips[to]];
-        let _ = writeln!(
-            text,
-            ",,,{from},{to},{:?}",
-            (b[0] - a[0]).hypot(b[1] - a[1])
-        );
+        let _ = writeln!(text, ",,,{from},{to},{:?}", (b[0] - a[0]).hypot(b[1] - a[1]));
     }
     lab.write("pairs.csv", &text);
     let found = lab

@@ -24,10 +24,7 @@ const MEASUREMENTS: [(&str, &[Part]); 7] = [
     ("one sphere, two probes", &[Part::Sphere { tools: 2 }]),
     ("ballbar", &[Part::Ballbar]),
     ("tracker", &[Part::Tracker]),
-    (
-        "tracker and one sphere, one probe",
-        &[Part::Tracker, Part::Sphere { tools: 1 }],
-    ),
+    ("tracker and one sphere, one probe", &[Part::Tracker, Part::Sphere { tools: 1 }]),
 ];
 
 #[derive(Clone, Copy)]
@@ -79,11 +76,8 @@ impl Readings<'_> {
 
     /// The tip at a pose, with a tool that is longer by `beyond`, mm.
     fn tip(&self, linear: [f64; 3], angles: [f64; 2], beyond: f64) -> Vector3<f64> {
-        let at: Vec<_> = LINEAR
-            .into_iter()
-            .zip(linear)
-            .chain(ROTARY.into_iter().zip(angles))
-            .collect();
+        let at: Vec<_> =
+            LINEAR.into_iter().zip(linear).chain(ROTARY.into_iter().zip(angles)).collect();
         tip(self.machine, &at, [0.0, 0.0, beyond])
     }
 
@@ -228,22 +222,14 @@ impl Readings<'_> {
 fn found(translational: usize, rotary: usize, parts: &[Part]) -> (usize, Vec<String>) {
     let lab = Lab::new(&machine_text(translational, rotary));
     let machine = lab.machine();
-    let mut readings = Readings {
-        machine: &machine,
-        noise: Noise::new(7),
-    };
+    let mut readings = Readings { machine: &machine, noise: Noise::new(7) };
     let tables: String = parts.iter().map(|part| readings.of(*part, &lab)).collect();
-    let identified = lab
-        .identify(&format!("{UNKNOWN}{tables}"))
-        .expect("identified");
+    let identified = lab.identify(&format!("{UNKNOWN}{tables}")).expect("identified");
     let is_error = |name: &str| UNKNOWN.contains(&format!("\"{name}\""));
     let parameters = identified.parameters.iter();
     let errors = parameters.filter(|parameter| is_error(&parameter.name));
     let (determined, left): (Vec<_>, Vec<_>) = errors.partition(|p| p.determined);
-    (
-        determined.len(),
-        left.into_iter().map(|p| p.name.clone()).collect(),
-    )
+    (determined.len(), left.into_iter().map(|p| p.name.clone()).collect())
 }
 
 fn table() -> String {
@@ -285,9 +271,5 @@ fn the_table_of_the_book_matches_the_equations() {
         fs::write(&page, whole).expect("written");
         return;
     }
-    assert_eq!(
-        &text[begin..end],
-        found,
-        "write it anew with VOLCOMP_WRITE=1"
-    );
+    assert_eq!(&text[begin..end], found, "write it anew with VOLCOMP_WRITE=1");
 }

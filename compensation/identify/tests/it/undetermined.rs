@@ -54,10 +54,7 @@ uncertainty_um = {noise_um:?}
 frame = [0, 0, 0, 0, 0, 0]
 "
     );
-    (
-        lab.read(&text).expect("read"),
-        lab.identify(&text).expect("found"),
-    )
+    (lab.read(&text).expect("read"), lab.identify(&text).expect("found"))
 }
 
 /// With a target 50 mm off the Z line a yaw of 1 µrad equals a straightness of −0.05 µm: both are undetermined, and the combination
@@ -66,11 +63,7 @@ frame = [0, 0, 0, 0, 0, 0]
 fn undetermined_combinations_state_their_lever() {
     let lab = lab(0.0, 1e-3);
     let (observations, found) = identified(&lab, 1.0);
-    let names: Vec<&str> = found
-        .undetermined
-        .iter()
-        .map(|of| of.name.as_str())
-        .collect();
+    let names: Vec<&str> = found.undetermined.iter().map(|of| of.name.as_str()).collect();
     assert_eq!(names, ["ECZ legendre 1", "ECZ legendre 2"]);
     let none = Temperatures::default();
     for open in &found.undetermined {
@@ -85,17 +78,12 @@ fn undetermined_combinations_state_their_lever() {
         let machine = |size: f64| {
             let values = found.parameters.iter().map(|of| {
                 let moves = open.moves.iter().find(|(moved, _)| *moved == of.name);
-                (
-                    of.name.clone(),
-                    of.value + size * moves.map_or(0.0, |(_, by)| *by),
-                )
+                (of.name.clone(), of.value + size * moves.map_or(0.0, |(_, by)| *by))
             });
             machine_with(&observations, &values.collect::<Vec<_>>()).expect("a machine")
         };
         let [without, with] = [0.0, 10.0].map(machine);
-        let state = without
-            .state(&[(X, 100.0), (Y, 200.0), (Z, 200.0)])
-            .expect("a state");
+        let state = without.state(&[(X, 100.0), (Y, 200.0), (Z, 200.0)]).expect("a state");
         // Every Legendre polynomial is 1 at the end of the travel.
         for (out_mm, expected_um) in [(50.0, 0.0), (150.0, 1.0)] {
             let at = |machine: &volcomp_model::Machine| {
@@ -107,10 +95,7 @@ fn undetermined_combinations_state_their_lever() {
                 pose.transform_point(&Vector3::new(out_mm, 0.0, -100.0))
             };
             let moved_um = 1e3 * (at(&with) - at(&without)).norm();
-            assert!(
-                (moved_um - expected_um).abs() < 1e-5,
-                "{out_mm}: {moved_um}"
-            );
+            assert!((moved_um - expected_um).abs() < 1e-5, "{out_mm}: {moved_um}");
         }
         let seen = with.error_at(&state, Form::Exact, &none).position_mm
             - without.error_at(&state, Form::Exact, &none).position_mm;
@@ -123,10 +108,7 @@ fn undetermined_combinations_state_their_lever() {
 #[test]
 fn unknowns_below_the_noise_are_undetermined() {
     let is_determined = |found: &Identification| {
-        let own = found
-            .parameters
-            .iter()
-            .filter(|of| of.name.starts_with("ECZ legendre"));
+        let own = found.parameters.iter().filter(|of| of.name.starts_with("ECZ legendre"));
         own.map(|of| of.determined).collect::<Vec<_>>()
     };
     let (_, close) = identified(&lab(0.05, 5e-3), 5.0);
@@ -137,25 +119,13 @@ fn unknowns_below_the_noise_are_undetermined() {
             "ECZ legendre {order} is not determined: with the stated noise its standard uncertainty would be "
         );
         let figure = said.split_once(&start).expect(&said).1;
-        let figure: f64 = figure
-            .split(' ')
-            .next()
-            .and_then(|n| n.parse().ok())
-            .expect(&said);
+        let figure: f64 = figure.split(' ').next().and_then(|n| n.parse().ok()).expect(&said);
         // Slopes of 20 readings at each of two tools: σ/0.05 mm · √(2/20 · 3), within a factor that depends on the positions and the
         // unknowns fixed before.
         let expected = 5.0 / 0.05 * 1e3 * (2.0_f64 / 20.0 * (2.0 * f64::from(order) + 1.0)).sqrt();
-        assert!(
-            (0.6..1.6).contains(&(figure / expected)),
-            "{figure} {expected}"
-        );
+        assert!((0.6..1.6).contains(&(figure / expected)), "{figure} {expected}");
     }
-    assert!(
-        close
-            .undetermined
-            .iter()
-            .any(|of| of.name == "ECZ legendre 2")
-    );
+    assert!(close.undetermined.iter().any(|of| of.name == "ECZ legendre 2"));
     for (differ_mm, noise_mm, uncertainty_um) in [(100.0, 5e-3, 5.0), (0.05, 1e-7, 1e-4)] {
         let (_, found) = identified(&lab(differ_mm, noise_mm), uncertainty_um);
         assert_eq!(is_determined(&found), [true; 2], "{differ_mm}");

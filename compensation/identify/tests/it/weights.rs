@@ -29,19 +29,12 @@ fn a_straight_line_takes_two_coefficients_and_a_wave_takes_what_it_needs() {
     let lab = Lab::new(MACHINE);
     lab.write("x.csv", &readings(|x| 0.01 * x - 3.0, 1.0));
     let straight = lab.identify(TEXT).expect("found");
-    assert!(
-        (1.0..6.0).contains(&straight.degrees),
-        "{}",
-        straight.degrees
-    );
+    assert!((1.0..6.0).contains(&straight.degrees), "{}", straight.degrees);
     lab.write("x.csv", &readings(|x| 10.0 * (x / 60.0).sin(), 1.0));
     let bent = lab.identify(TEXT).expect("found");
     assert!((10.0..20.0).contains(&bent.degrees), "{}", bent.degrees);
     // The curve deviates from the truth by less than the scatter of the readings.
-    let curve = bent
-        .machine
-        .error("EXX".parse().expect("a name"))
-        .expect("a curve");
+    let curve = bent.machine.error("EXX".parse().expect("a name")).expect("a curve");
     let wrong = (0..100).map(|k| {
         let x = 10.0 * f64::from(k);
         (curve.value(0, &[x], None) - 10.0 * (x / 60.0).sin()).powi(2)
@@ -57,15 +50,9 @@ fn noise_above_the_stated_uncertainty_is_noted() {
     let lab = Lab::new(MACHINE);
     lab.write("x.csv", &readings(|x| 0.01 * x, 5.0));
     let found = lab.identify(TEXT).expect("found");
+    assert!((3.5..6.5).contains(&found.variance.sqrt()), "{}", found.variance);
     assert!(
-        (3.5..6.5).contains(&found.variance.sqrt()),
-        "{}",
-        found.variance
-    );
-    assert!(
-        crate::lab::words(&found)
-            .lines()
-            .any(|w| w.contains("times the stated uncertainty")),
+        crate::lab::words(&found).lines().any(|w| w.contains("times the stated uncertainty")),
         "{:?}",
         found.warnings
     );

@@ -26,23 +26,16 @@ pub(super) fn place_by_table(
         return Ok(());
     };
     section.allow(&["convention", "base", "rows"])?;
-    let conventions = [
-        ("distal", DhConvention::Distal),
-        ("proximal", DhConvention::Proximal),
-    ];
+    let conventions = [("distal", DhConvention::Distal), ("proximal", DhConvention::Proximal)];
     let table = DhTable {
         convention: section.one_of("convention", &conventions, DhConvention::Distal)?,
         base: match section.section("base")? {
             Some(base) => decode_base(&base)?,
             None => Pose::identity(),
         },
-        rows: decode_rows(&section.require("rows")?, structure)?
-            .into_iter()
-            .collect(),
+        rows: decode_rows(&section.require("rows")?, structure)?.into_iter().collect(),
     };
-    let chain = table
-        .to_chain(structure.clone())
-        .map_err(|e| section.error(e.to_string()))?;
+    let chain = table.to_chain(structure.clone()).map_err(|e| section.error(e.to_string()))?;
     let stated = root.require("axes")?.section()?;
     for (axis, joint) in axes.iter_mut().zip(chain.joints()) {
         let keys = stated.require(&axis.name.to_string())?.section()?;
@@ -59,9 +52,7 @@ pub(super) fn place_by_table(
         }
         match (axis.point_mm, keys.get("point")) {
             (Some(point), Some(value)) => {
-                let off_mm = (Vector3::from(point) - joint.point_mm)
-                    .cross(&joint.direction)
-                    .norm();
+                let off_mm = (Vector3::from(point) - joint.point_mm).cross(&joint.direction).norm();
                 // NaN is rejected as well.
                 if off_mm > ON_THE_LINE_MM || off_mm.is_nan() {
                     return Err(value.error(format!(
@@ -83,15 +74,10 @@ fn rounded(vector: &Vector3<f64>, below: f64) -> [f64; 3] {
 fn decode_base(section: &Section<'_>) -> Result<Pose, InputError> {
     section.allow(&["point", "x", "z"])?;
     let vector = |key: &str, default: [f64; 3]| {
-        Ok::<_, InputError>(Vector3::from(
-            section.optional(key, Value::vector)?.unwrap_or(default),
-        ))
+        Ok::<_, InputError>(Vector3::from(section.optional(key, Value::vector)?.unwrap_or(default)))
     };
-    let (point, x, z) = (
-        vector("point", [0.0; 3])?,
-        vector("x", [1.0, 0.0, 0.0])?,
-        vector("z", [0.0, 0.0, 1.0])?,
-    );
+    let (point, x, z) =
+        (vector("point", [0.0; 3])?, vector("x", [1.0, 0.0, 0.0])?, vector("z", [0.0, 0.0, 1.0])?);
     // Scaled first, so that the squares neither underflow nor overflow.
     let unit = |v: Vector3<f64>| (v.amax() > 0.0).then(|| (v / v.amax()).normalize());
     let frame = unit(z).zip(unit(x)).and_then(|(z, x)| {
@@ -103,10 +89,7 @@ fn decode_base(section: &Section<'_>) -> Result<Pose, InputError> {
             "found x along z or a vector of zeros, expected two directions across each other",
         ));
     };
-    Ok(Pose {
-        rotation,
-        translation_mm: point,
-    })
+    Ok(Pose { rotation, translation_mm: point })
 }
 
 fn decode_rows(value: &Value<'_>, structure: &Structure) -> Result<Vec<DhRow>, InputError> {

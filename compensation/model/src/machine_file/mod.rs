@@ -81,10 +81,7 @@ impl Machine {
 }
 
 fn checksum_of(canonical: &str) -> String {
-    format!(
-        "sha256:{}",
-        hexadecimal(&Sha256::digest(canonical.as_bytes()))
-    )
+    format!("sha256:{}", hexadecimal(&Sha256::digest(canonical.as_bytes())))
 }
 
 fn decode_machine(root: &Section<'_>) -> Result<Machine, ModelError> {
@@ -93,9 +90,7 @@ fn decode_machine(root: &Section<'_>) -> Result<Machine, ModelError> {
     let structure = decode_structure(root)?;
     let mut axes = decode_axes(root, &structure)?;
     place_by_table(root, &structure, &mut axes)?;
-    let tool = root
-        .section("tool")?
-        .map_or_else(|| Ok(Tool::default()), |s| decode_tool(&s))?;
+    let tool = root.section("tool")?.map_or_else(|| Ok(Tool::default()), |s| decode_tool(&s))?;
     let mut tools = BTreeMap::new();
     if let Some(section) = root.section("tools")? {
         for (name, value) in section.values() {
@@ -106,9 +101,7 @@ fn decode_machine(root: &Section<'_>) -> Result<Machine, ModelError> {
     let origin = match root.section("workpiece")? {
         Some(section) => {
             section.allow(&["origin"])?;
-            section
-                .optional("origin", Value::vector)?
-                .unwrap_or_default()
+            section.optional("origin", Value::vector)?.unwrap_or_default()
         }
         None => [0.0; 3],
     };
@@ -125,9 +118,7 @@ fn decode_machine(root: &Section<'_>) -> Result<Machine, ModelError> {
     decode_assembly(root, &mut machine)?;
     if let Some(section) = root.section("thermal")? {
         let thermal = decode_thermal(&section, machine.chain().structure())?;
-        machine
-            .set_thermal(thermal)
-            .map_err(|e| section.error(e.to_string()))?;
+        machine.set_thermal(thermal).map_err(|e| section.error(e.to_string()))?;
     }
     decode_correct(root, &mut machine)?;
     decode_provenance(root, &mut machine)?;
@@ -181,13 +172,9 @@ fn decode_errors(root: &Section<'_>, machine: &mut Machine) -> Result<(), ModelE
             })
         })?;
         if let Some(other) = seen.insert(name, key.to_owned()) {
-            return Err(value
-                .error(format!("{key} is the same error as {other}"))
-                .into());
+            return Err(value.error(format!("{key} is the same error as {other}")).into());
         }
-        let axis = machine
-            .axis(name.axis)
-            .ok_or_else(|| value.error(machine.lacks(name.axis)))?;
+        let axis = machine.axis(name.axis).ok_or_else(|| value.error(machine.lacks(name.axis)))?;
         let set = if name.location {
             if value.section().is_ok() {
                 let message = "a location error is one number, never a curve";
@@ -196,10 +183,7 @@ fn decode_errors(root: &Section<'_>, machine: &mut Machine) -> Result<(), ModelE
             let number = value.number()?;
             machine.set_location(name, number)
         } else {
-            let context = CurveContext {
-                axes: machine.axes(),
-                travel: axis.travel,
-            };
+            let context = CurveContext { axes: machine.axes(), travel: axis.travel };
             let curve = decode_error_curve(&value, &context)?;
             machine.set_error(name, curve)
         };
@@ -261,19 +245,14 @@ fn decode_structure(root: &Section<'_>) -> Result<Structure, InputError> {
 fn decode_axis_name(value: &Value<'_>) -> Result<AxisName, InputError> {
     let text = value.text()?;
     text.parse().map_err(|_| {
-        value.error(format!(
-            "found \"{text}\", expected an axis letter: X Y Z A B C U V W"
-        ))
+        value.error(format!("found \"{text}\", expected an axis letter: X Y Z A B C U V W"))
     })
 }
 
 fn decode_axes(root: &Section<'_>, structure: &Structure) -> Result<Vec<Axis>, InputError> {
     let section = root.require("axes")?.section()?;
     for (key, value) in section.values() {
-        if key
-            .parse()
-            .map_or(true, |name| structure.index_of(name).is_none())
-        {
+        if key.parse().map_or(true, |name| structure.index_of(name).is_none()) {
             let upper = key.to_uppercase();
             let is_lower_case = upper != key && upper.parse::<AxisName>().is_ok();
             return Err(value.error(if is_lower_case {
@@ -355,9 +334,7 @@ fn decode_correct(root: &Section<'_>, machine: &mut Machine) -> Result<(), Input
             Err(error) => return Err(item.error(error.to_string())),
         }
     }
-    machine
-        .set_correct(Some(&axes))
-        .map_err(|e| value.error(e.to_string()))
+    machine.set_correct(Some(&axes)).map_err(|e| value.error(e.to_string()))
 }
 
 fn decode_thermal(section: &Section<'_>, structure: &Structure) -> Result<Thermal, InputError> {
@@ -397,10 +374,8 @@ fn decode_motion(term: &Section<'_>, structure: &Structure) -> Result<ErrorName,
     let found = value.text()?;
     let known = |name: &ErrorName| !name.location && structure.index_of(name.axis).is_some();
     found.parse().ok().filter(known).ok_or_else(|| {
-        let refusal = ThermalRefusal::Motion {
-            found: found.to_owned(),
-            structure: structure.to_string(),
-        };
+        let refusal =
+            ThermalRefusal::Motion { found: found.to_owned(), structure: structure.to_string() };
         value.error(refusal.to_string())
     })
 }

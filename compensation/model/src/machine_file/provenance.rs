@@ -26,9 +26,7 @@ pub(super) fn decode_provenance(
         version: text("version")?,
         serial: text("serial")?,
         date: text("date")?,
-        undecided: section
-            .optional("undecided", decode_names)?
-            .unwrap_or_default(),
+        undecided: section.optional("undecided", decode_names)?.unwrap_or_default(),
         errors: section.tables("error", decode_origin)?,
     };
     let refused = machine.set_provenance(provenance);
@@ -99,10 +97,7 @@ pub(super) fn write_provenance(provenance: &Provenance) -> String {
         }
     }
     if !provenance.undecided.is_empty() {
-        let names = provenance
-            .undecided
-            .iter()
-            .map(|name| format!("\"{name}\""));
+        let names = provenance.undecided.iter().map(|name| format!("\"{name}\""));
         let names: Vec<String> = names.collect();
         let _ = writeln!(text, "undecided = [{}]", names.join(", "));
     }

@@ -19,10 +19,7 @@ pub(super) fn canonical(machine: &Machine) -> String {
         line(format!("correct = [{}]", names.join(", ")));
     }
     for axis in machine.axes() {
-        line(format!(
-            "\n[axes.{}]\ntravel = {:?}",
-            axis.name, axis.travel
-        ));
+        line(format!("\n[axes.{}]\ntravel = {:?}", axis.name, axis.travel));
         if let Some(point) = axis.point_mm {
             line(format!("point = {point:?}"));
         }
@@ -39,22 +36,12 @@ pub(super) fn canonical(machine: &Machine) -> String {
     line("\n[tool]".to_owned());
     line(write_tool(machine.tool()));
     for (name, tool) in machine.tools() {
-        line(format!(
-            "[tools.{}]\n{}",
-            toml_string(name),
-            write_tool(tool)
-        ));
+        line(format!("[tools.{}]\n{}", toml_string(name), write_tool(tool)));
     }
-    line(format!(
-        "[workpiece]\norigin = {:?}",
-        machine.workpiece_origin_mm()
-    ));
+    line(format!("[workpiece]\norigin = {:?}", machine.workpiece_origin_mm()));
     line("\n[errors]".to_owned());
     for (name, curve) in machine.errors() {
-        line(format!(
-            "{name} = {}",
-            write_error_curve(curve, machine.axes())
-        ));
+        line(format!("{name} = {}", write_error_curve(curve, machine.axes())));
     }
     for (name, value) in machine.locations() {
         line(format!("{name} = {value:?}"));

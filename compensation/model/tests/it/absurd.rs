@@ -36,51 +36,26 @@ fn axis() -> impl Strategy<Value = AxisName> {
 }
 
 fn error_name() -> impl Strategy<Value = ErrorName> {
-    (
-        prop::sample::select(&Component::ALL[..]),
-        axis(),
-        any::<bool>(),
-    )
-        .prop_map(|(component, axis, location)| ErrorName {
-            component,
-            axis,
-            location,
-        })
+    (prop::sample::select(&Component::ALL[..]), axis(), any::<bool>())
+        .prop_map(|(component, axis, location)| ErrorName { component, axis, location })
 }
 
 fn thermal() -> impl Strategy<Value = Thermal> {
     let name = "[a-z]{0,2}";
     let expansion = (error_name(), name, number(), number()).prop_map(
-        |(error, sensor, um_per_m_k, fixed_mm)| Expansion {
-            error,
-            sensor,
-            um_per_m_k,
-            fixed_mm,
-        },
+        |(error, sensor, um_per_m_k, fixed_mm)| Expansion { error, sensor, um_per_m_k, fixed_mm },
     );
-    let drift = (
-        error_name(),
-        prop::collection::btree_map(name, number(), 0..3),
-        number(),
-        number(),
-    )
-        .prop_map(|(error, sensors, per_k, lag_s)| Drift {
-            error,
-            sensors,
-            per_k,
-            lag_s,
-        });
-    (
-        number(),
-        prop::collection::vec(expansion, 0..3),
-        prop::collection::vec(drift, 0..3),
-    )
-        .prop_map(|(reference_degc, expansion, drift)| Thermal {
+    let drift =
+        (error_name(), prop::collection::btree_map(name, number(), 0..3), number(), number())
+            .prop_map(|(error, sensors, per_k, lag_s)| Drift { error, sensors, per_k, lag_s });
+    (number(), prop::collection::vec(expansion, 0..3), prop::collection::vec(drift, 0..3)).prop_map(
+        |(reference_degc, expansion, drift)| Thermal {
             reference_degc,
             expansion,
             drift,
             ..Thermal::default()
-        })
+        },
+    )
 }
 
 /// A coordinate far beyond any machine is rejected with its axis; an accepted one gives finite errors and corrections.
@@ -110,10 +85,7 @@ fn huge_coordinates_are_refused_or_have_numbers_for_answers() {
     let found = machine.correction_at(&state, &steady, &options);
     assert!(!found.converged || found.delta.iter().all(|delta| delta.is_finite()));
     let twice = machine.state(&[(AxisName::X, 1.0), (AxisName::Y, 2.0), (AxisName::X, 1.0)]);
-    assert!(matches!(
-        twice,
-        Err(ModelError::AxisTwice { axis: AxisName::X })
-    ));
+    assert!(matches!(twice, Err(ModelError::AxisTwice { axis: AxisName::X })));
 }
 
 proptest! {
@@ -200,10 +172,7 @@ fn what_is_refused_says_why() {
         refused(machine.set_error(exx, Curve::Constant(f64::NAN).into())),
         ErrorRefusal::NotFinite
     );
-    assert_eq!(
-        refused(machine.set_location(exx, 1.0)),
-        ErrorRefusal::ErrorMotion
-    );
+    assert_eq!(refused(machine.set_location(exx, 1.0)), ErrorRefusal::ErrorMotion);
     // A grid over a missing axis would read a coordinate that does not exist.
     let nodes = [vec![0.0, 1.0], vec![0.0, 1.0]];
     let grid = Grid::new([1, 7], nodes, vec![vec![0.0; 2]; 2]).unwrap();
@@ -231,10 +200,7 @@ fn what_is_refused_says_why() {
         per_k: 1.0,
         lag_s: f64::NAN,
     };
-    let thermal = Thermal {
-        drift: vec![drift],
-        ..Thermal::default()
-    };
+    let thermal = Thermal { drift: vec![drift], ..Thermal::default() };
     assert!(matches!(
         machine.set_thermal(thermal),
         Err(ModelError::Thermal(ThermalRefusal::Lag { .. }))

@@ -18,32 +18,16 @@ fn grid(axes: &str, nodes: &str, values: &str) -> String {
 #[test]
 fn a_grid_closes_along_the_axis_that_goes_round() {
     let closed = [
-        grid(
-            "[\"C\", \"X\"]",
-            "[[0, 180, 360], [0, 500]]",
-            "[[0, 1], [5, 6], [0, 1]]",
-        ),
-        grid(
-            "[\"X\", \"C\"]",
-            "[[0, 500], [0, 180, 360]]",
-            "[[0, 5, 0], [1, 6, 1]]",
-        ),
+        grid("[\"C\", \"X\"]", "[[0, 180, 360], [0, 500]]", "[[0, 1], [5, 6], [0, 1]]"),
+        grid("[\"X\", \"C\"]", "[[0, 500], [0, 180, 360]]", "[[0, 5, 0], [1, 6, 1]]"),
         grid("[\"X\", \"Z\"]", "[[0, 500], [0, 500]]", "[[0, 5], [1, 6]]"),
     ];
     for error in closed {
         assert!(parsed(&error).is_ok(), "{error}: {:?}", parsed(&error));
     }
     let open = [
-        grid(
-            "[\"C\", \"X\"]",
-            "[[0, 180, 360], [0, 500]]",
-            "[[0, 1], [5, 6], [0, 2]]",
-        ),
-        grid(
-            "[\"X\", \"C\"]",
-            "[[0, 500], [0, 180, 360]]",
-            "[[0, 5, 0], [1, 6, 2]]",
-        ),
+        grid("[\"C\", \"X\"]", "[[0, 180, 360], [0, 500]]", "[[0, 1], [5, 6], [0, 2]]"),
+        grid("[\"X\", \"C\"]", "[[0, 500], [0, 180, 360]]", "[[0, 5, 0], [1, 6, 2]]"),
         // An error of another axis that also depends on C.
         grid("[\"X\", \"C\"]", "[[0, 500], [0, 360]]", "[[0, 0], [1, 2]]").replace("EZC", "EZX"),
     ];
@@ -51,10 +35,7 @@ fn a_grid_closes_along_the_axis_that_goes_round() {
         let message = parsed(&error).expect_err(&error);
         let expected =
             "first value 1 and last value 2 differ, expected the same: the axis has a modulo";
-        assert!(
-            message.contains(expected) && message.starts_with("m.toml:8: "),
-            "{message}"
-        );
+        assert!(message.contains(expected) && message.starts_with("m.toml:8: "), "{message}");
     }
 }
 
@@ -79,10 +60,7 @@ fn curves_of_every_kind_close_where_the_axis_rolls_over() {
                 && message.contains("EXC"),
             "{message}"
         );
-        assert!(
-            message.contains("expected at most 1 µm or µrad"),
-            "{message}"
-        );
+        assert!(message.contains("expected at most 1 µm or µrad"), "{message}");
     }
     for curve in [
         "{ poly = [3.0] }",

@@ -33,51 +33,30 @@ fn machine(correct: &str) -> Machine {
 
 /// The axes that the correction moves, in chain order: C, X, U, Y, Z.
 fn moved(machine: &Machine, options: &CorrectionOptions) -> String {
-    let state = machine
-        .state(&[
-            (AxisName::X, 400.0),
-            (AxisName::Y, 200.0),
-            (AxisName::C, 30.0),
-        ])
-        .unwrap();
+    let state =
+        machine.state(&[(AxisName::X, 400.0), (AxisName::Y, 200.0), (AxisName::C, 30.0)]).unwrap();
     let found = machine.correction_at(&state, &Temperatures::new(), options);
     let joints = machine.chain().joints().iter().zip(&found.delta);
-    joints
-        .filter(|(_, delta)| **delta != 0.0)
-        .map(|(joint, _)| joint.name.letter())
-        .collect()
+    joints.filter(|(_, delta)| **delta != 0.0).map(|(joint, _)| joint.name.letter()).collect()
 }
 
 #[test]
 fn the_machine_file_says_which_axes_correct() {
     let default = CorrectionOptions::default();
     assert_eq!(moved(&machine(""), &default), "CXYZ");
-    assert_eq!(
-        moved(&machine("correct = [\"X\", \"Y\", \"Z\"]"), &default),
-        "XYZ"
-    );
-    assert_eq!(
-        moved(&machine("correct = [\"U\", \"X\", \"Y\", \"Z\"]"), &default),
-        "UYZ"
-    );
+    assert_eq!(moved(&machine("correct = [\"X\", \"Y\", \"Z\"]"), &default), "XYZ");
+    assert_eq!(moved(&machine("correct = [\"U\", \"X\", \"Y\", \"Z\"]"), &default), "UYZ");
     assert_eq!(moved(&machine("correct = [\"Y\"]"), &default), "Y");
     // The key also applies to the first-order step; explicit options override it.
     let file = machine("correct = [\"Y\"]");
     assert_eq!(moved(&file, &CorrectionOptions::first_order()), "Y");
-    let asked = CorrectionOptions {
-        correct: Some([AxisName::Z].into_iter().collect()),
-        ..default
-    };
+    let asked = CorrectionOptions { correct: Some([AxisName::Z].into_iter().collect()), ..default };
     assert_eq!(moved(&file, &asked), "Z");
 }
 
 #[test]
 fn the_compiled_machine_corrects_the_same_axes() {
-    for correct in [
-        "",
-        "correct = [\"X\", \"Z\"]",
-        "correct = [\"U\", \"Y\", \"C\"]",
-    ] {
+    for correct in ["", "correct = [\"X\", \"Z\"]", "correct = [\"U\", \"Y\", \"C\"]"] {
         let machine = machine(correct);
         let compiled = machine.compile(Tolerance::default()).unwrap();
         let state = State::new(
@@ -91,17 +70,11 @@ fn the_compiled_machine_corrects_the_same_axes() {
             ],
         )
         .unwrap();
-        let exact = machine.correction_at(
-            &state,
-            &Temperatures::new(),
-            &CorrectionOptions::first_order(),
-        );
+        let exact =
+            machine.correction_at(&state, &Temperatures::new(), &CorrectionOptions::first_order());
         let compiled = compiled.first_order(&state);
         for (exact, compiled) in exact.delta.iter().zip(&compiled.delta) {
-            assert!(
-                (exact - compiled).abs() < 2e-6,
-                "{correct}: {exact} {compiled}"
-            );
+            assert!((exact - compiled).abs() < 2e-6, "{correct}: {exact} {compiled}");
             assert_eq!(*exact == 0.0, *compiled == 0.0, "{correct}");
         }
     }
@@ -126,23 +99,12 @@ fn the_key_is_written_back_and_is_part_of_the_checksum() {
 fn lists_that_cannot_be_are_refused() {
     let mut machine = machine("correct = [\"Y\"]");
     let mut set = |axes: &[AxisName]| machine.set_correct(Some(axes));
-    assert!(matches!(
-        set(&[]),
-        Err(ModelError::Correct(CorrectRefusal::Empty))
-    ));
+    assert!(matches!(set(&[]), Err(ModelError::Correct(CorrectRefusal::Empty))));
     let axis = AxisName::X;
     assert!(matches!(
         set(&[axis, axis]),
-        Err(ModelError::Correct(CorrectRefusal::Twice {
-            axis: AxisName::X
-        }))
+        Err(ModelError::Correct(CorrectRefusal::Twice { axis: AxisName::X }))
     ));
-    assert!(matches!(
-        set(&[AxisName::B]),
-        Err(ModelError::NoSuchAxis {
-            axis: AxisName::B,
-            ..
-        })
-    ));
+    assert!(matches!(set(&[AxisName::B]), Err(ModelError::NoSuchAxis { axis: AxisName::B, .. })));
     assert_eq!(machine.correct(), Some(&[AxisName::Y][..]));
 }

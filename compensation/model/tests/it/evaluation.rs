@@ -17,9 +17,7 @@ fn plain(errors: &str) -> Machine {
 }
 
 fn linear_um(machine: &Machine, axis: usize, state: &State) -> [f64; 3] {
-    let motion = machine
-        .source(&Temperatures::new())
-        .error_motion(axis, state);
+    let motion = machine.source(&Temperatures::new()).error_motion(axis, state);
     (motion.linear_mm * 1e3).into()
 }
 
@@ -45,11 +43,9 @@ fn every_kind_of_curve_has_its_value() {
     assert!((linear_um(&machine, 3, &state)[1] - (1.0 + 850.0 / 1250.0)).abs() < 1e-12);
     let motion = machine.source(&Temperatures::new()).error_motion(0, &state);
     assert!((motion.angular_rad.x * 1e6 - (0.5 - 1.2)).abs() < 1e-12);
-    for (approach, value) in [
-        (Some(Direction::Positive), 1.0),
-        (Some(Direction::Negative), 3.5),
-        (None, 2.25),
-    ] {
+    for (approach, value) in
+        [(Some(Direction::Positive), 1.0), (Some(Direction::Negative), 3.5), (None, 2.25)]
+    {
         state.approach[2] = approach;
         assert!((linear_um(&machine, 2, &state)[0] - value).abs() < 1e-12);
     }
@@ -79,13 +75,7 @@ fn travel_in_radians_is_noted() {
         );
     }
     // Travels that do not look like radians: a table of small tilts, a full circle, only one matching end, unusual fractions.
-    for travel in [
-        "[-3, 3]",
-        "[0, 360]",
-        "[-3.14, 90]",
-        "[-5.5, 5.5]",
-        "[0, 6]",
-    ] {
+    for travel in ["[-3, 3]", "[0, 360]", "[-3.14, 90]", "[-5.5, 5.5]", "[0, 6]"] {
         assert_eq!(notes(travel), Vec::<String>::new(), "{travel}");
     }
 }
@@ -93,20 +83,12 @@ fn travel_in_radians_is_noted() {
 #[test]
 fn names_what_is_outside_its_range_sorted() {
     let machine = machine(EXAMPLE);
-    let state = machine
-        .state(&[(AxisName::X, 9000.0), (AxisName::Y, 600.0)])
-        .unwrap();
-    let names: Vec<String> = machine
-        .outside_range(&state)
-        .iter()
-        .map(ErrorName::to_string)
-        .collect();
+    let state = machine.state(&[(AxisName::X, 9000.0), (AxisName::Y, 600.0)]).unwrap();
+    let names: Vec<String> =
+        machine.outside_range(&state).iter().map(ErrorName::to_string).collect();
     assert_eq!(names, ["EXX", "EYX", "EZX", "EZY"]);
     assert_eq!(machine.outside_travel(&state), [AxisName::X]);
-    assert!(
-        (linear_um(&machine, 1, &state)[2] - 1.5).abs() < 1e-12,
-        "end value held"
-    );
+    assert!((linear_um(&machine, 1, &state)[2] - 1.5).abs() < 1e-12, "end value held");
 }
 
 #[test]
@@ -122,18 +104,11 @@ fn expansion_and_drift_add_to_their_errors() {
         (warm.error_motion(axis, &state).linear_mm - cold.error_motion(axis, &state).linear_mm)
             * 1e3
     };
-    assert!(
-        (change(1).x - 11.5 * 2.0).abs() < 1e-9,
-        "1 m from the fixed point, 2 K"
-    );
+    assert!((change(1).x - 11.5 * 2.0).abs() < 1e-9, "1 m from the fixed point, 2 K");
     assert!((change(3).z - 32.0).abs() < 1e-9);
     let without_bed: Temperatures = [("spindle".to_owned(), 31.0)].into();
     let partial = machine.source(&without_bed).error_motion(3, &state);
-    assert_eq!(
-        partial,
-        cold.error_motion(3, &state),
-        "a term with a missing sensor is left out"
-    );
+    assert_eq!(partial, cold.error_motion(3, &state), "a term with a missing sensor is left out");
 }
 
 #[test]
@@ -143,10 +118,7 @@ fn tools_override_the_tool() {
     machine.select_tool("T5").unwrap();
     assert_eq!(machine.chain().tool_tip_mm().z, -250.0);
     let message = machine.select_tool("T6").unwrap_err().to_string();
-    assert!(
-        message.contains("T6") && message.contains("T5"),
-        "{message}"
-    );
+    assert!(message.contains("T6") && message.contains("T5"), "{message}");
     let gauge = plain("")
         .to_toml()
         .replace("[tool]", "[tool]\ngauge = [1.0, 2.0, 3.0]\nlength = 100.0\noffset = [0.5, 0.0, 0.0]\naxis = [0, 0, 2]")
@@ -164,10 +136,7 @@ fn modulo_brings_the_coordinate_into_travel() {
     );
     for (degrees, value) in [(90.0, 2.0), (450.0, 2.0), (-270.0, 2.0), (360.0, 1.0)] {
         let state = machine.state(&[(AxisName::C, degrees)]).unwrap();
-        assert!(
-            (linear_um(&machine, 0, &state)[0] - value).abs() < 1e-9,
-            "{degrees}"
-        );
+        assert!((linear_um(&machine, 0, &state)[0] - value).abs() < 1e-9, "{degrees}");
         assert!(machine.outside_range(&state).is_empty());
     }
 }
@@ -178,25 +147,14 @@ fn diagonals_of_a_scale_error_and_of_squareness() {
     let length = (1000.0_f64.powi(2) + 500.0_f64.powi(2) + 400.0_f64.powi(2)).sqrt();
     let of = |errors: &str| {
         let machine = plain(errors);
-        diagonals(
-            &machine,
-            &machine.source(&Temperatures::new()),
-            20,
-            &[],
-            |s| *s,
-        )
-        .unwrap()
+        diagonals(&machine, &machine.source(&Temperatures::new()), 20, &[], |s| *s).unwrap()
     };
     let names: Vec<_> = of("EXX = { poly = [0, 0.01] }")
         .iter()
         .map(|d| {
             assert_eq!(d.deviation_um.len(), 20);
             assert_eq!(d.deviation_um[0], 0.0);
-            assert!(
-                (d.range_um - 10.0 * 1000.0 / length).abs() < 1e-6,
-                "{}",
-                d.range_um
-            );
+            assert!((d.range_um - 10.0 * 1000.0 / length).abs() < 1e-6, "{}", d.range_um);
             d.name
         })
         .collect();
@@ -206,11 +164,7 @@ fn diagonals_of_a_scale_error_and_of_squareness() {
     let share = 10.0 * 1000.0 / length;
     let last = |d: &volcomp_model::Diagonal| d.deviation_um[19];
     for (diagonal, sign) in square.iter().zip([-1.0, 1.0, 1.0, -1.0]) {
-        assert!(
-            (last(diagonal) - sign * share).abs() < 1e-3,
-            "{}",
-            diagonal.name
-        );
+        assert!((last(diagonal) - sign * share).abs() < 1e-3, "{}", diagonal.name);
     }
 }
 
@@ -220,20 +174,10 @@ fn correction_leaves_the_diagonals_straight() {
     let none = Temperatures::new();
     let source = machine.source(&none);
     let correct = |s: &State| {
-        corrected(
-            s,
-            &machine
-                .correction_at(s, &none, &CorrectionOptions::default())
-                .delta,
-        )
+        corrected(s, &machine.correction_at(s, &none, &CorrectionOptions::default()).delta)
     };
     for diagonal in diagonals(&machine, &source, 11, &[], correct).unwrap() {
-        assert!(
-            diagonal.range_um < 1e-4,
-            "{} {}",
-            diagonal.name,
-            diagonal.range_um
-        );
+        assert!(diagonal.range_um < 1e-4, "{} {}", diagonal.name, diagonal.range_um);
     }
     let rounded = quantised(&machine, &PerAxis::leading([0.0014, -0.0006]), 1e-3, 1e-6);
     assert_eq!(rounded[..3], [0.001, -0.001, 0.0]);

@@ -8,9 +8,7 @@ use volcomp_model::{CompiledMachine, Machine, evaluator::BLOB_VERSION};
 use volcomp_vocabulary::PerAxis;
 
 fn replay(target: &str, is_read: impl Fn(&[u8]) -> bool) {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR"))
-        .join("../../tests/fuzz/corpus")
-        .join(target);
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/fuzz/corpus").join(target);
     let mut count = 0;
     for entry in std::fs::read_dir(folder).unwrap() {
         let path = entry.unwrap().path();
@@ -43,10 +41,7 @@ fn compiled_machines() {
         blob.extend(Sha256::digest(body));
         blob.extend(body);
         CompiledMachine::from_blob(&blob).is_ok_and(|machine| {
-            let _ = machine.evaluate(&State {
-                q: PerAxis([f64::INFINITY; 9]),
-                ..State::default()
-            });
+            let _ = machine.evaluate(&State { q: PerAxis([f64::INFINITY; 9]), ..State::default() });
             true
         })
     });

@@ -17,23 +17,12 @@ const LINEAR: &str = "X.travel = [-500, 500]\nY.travel = [-500, 500]\nZ.travel =
 /// The coordinates of an axis in all solutions, deg.
 fn degrees(machine: &Machine, reached: &Reached, axis: AxisName) -> Vec<f64> {
     let place = machine.index_of(axis).unwrap();
-    reached
-        .solutions
-        .iter()
-        .map(|state| state.q[place].to_degrees())
-        .collect()
+    reached.solutions.iter().map(|state| state.q[place].to_degrees()).collect()
 }
 
 fn near(found: &[f64], expected: &[f64]) {
-    let off = found
-        .iter()
-        .zip(expected)
-        .map(|(a, b)| (a - b).abs())
-        .fold(0.0, f64::max);
-    assert!(
-        found.len() == expected.len() && off < 1e-9,
-        "{found:?} {expected:?}"
-    );
+    let off = found.iter().zip(expected).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+    assert!(found.len() == expected.len() && off < 1e-9, "{found:?} {expected:?}");
 }
 
 /// A tilting rotary table with the tool axis at (sin 30°, 0, cos 30°), solved by hand: A = ±30 with C = ±90 (A′ and C′ relative to the
@@ -47,17 +36,11 @@ fn every_solution_within_travel_the_smaller_turns_first() {
     assert!(!reached.singular && reached.free.is_empty() && reached.missed.is_none());
     // Rot_z(C)·Rot_x(A)·z = (sin C sin A, −cos C sin A, cos A).
     near(
-        &degrees(&table, &reached, AxisName::A)
-            .iter()
-            .map(|a| a.abs())
-            .collect::<Vec<_>>(),
+        &degrees(&table, &reached, AxisName::A).iter().map(|a| a.abs()).collect::<Vec<_>>(),
         &[30.0; 4],
     );
     let mut angles = degrees(&table, &reached, AxisName::C);
-    near(
-        &angles.iter().map(|c| c.abs()).collect::<Vec<_>>(),
-        &[90.0, 90.0, 270.0, 270.0],
-    );
+    near(&angles.iter().map(|c| c.abs()).collect::<Vec<_>>(), &[90.0, 90.0, 270.0, 270.0]);
     angles.sort_by(f64::total_cmp);
     near(&angles, &[-270.0, -90.0, 90.0, 270.0]);
     for state in &reached.solutions {
@@ -80,10 +63,7 @@ fn a_singular_pose_has_a_free_axis_near_zero_and_ends_of_travel_count() {
     let axes = format!("{LINEAR}A.travel = [-90, 90]\nC.travel = [45, 400]");
     let table = machine("w C' A' b X Y Z t", &axes);
     let reached = table.axes_at([100.0, 0.0, 0.0], [0.0, 0.0, 3.0]).unwrap();
-    assert_eq!(
-        (reached.singular, &reached.free[..]),
-        (true, &[AxisName::C][..])
-    );
+    assert_eq!((reached.singular, &reached.free[..]), (true, &[AxisName::C][..]));
     near(&degrees(&table, &reached, AxisName::C), &[45.0]);
     let side = table.axes_at([0.0; 3], [0.0, -1.0, 0.0]).unwrap();
     // A = 90 at C = 0 or 360, A = −90 at C = 180.
@@ -92,10 +72,7 @@ fn a_singular_pose_has_a_free_axis_near_zero_and_ends_of_travel_count() {
     near(&both, &[180.0, 360.0]);
     let round = machine(
         "w C' A' b X Y Z t",
-        &axes.replace(
-            "C.travel = [45, 400]",
-            "C = { travel = [0, 360], modulo = 360 }",
-        ),
+        &axes.replace("C.travel = [45, 400]", "C = { travel = [0, 360], modulo = 360 }"),
     );
     let reached = round.axes_at([0.0; 3], [0.0, -1.0, 0.0]).unwrap();
     assert_eq!(reached.solutions.len(), 2, "0 and 360 are one place");
@@ -104,14 +81,7 @@ fn a_singular_pose_has_a_free_axis_near_zero_and_ends_of_travel_count() {
 #[test]
 fn what_has_no_solution_says_why() {
     let three = machine("w X' b Y Z t", LINEAR);
-    assert_eq!(
-        three
-            .axes_at([1.0, 2.0, 3.0], [0.0, 0.0, 1.0])
-            .unwrap()
-            .solutions
-            .len(),
-        1
-    );
+    assert_eq!(three.axes_at([1.0, 2.0, 3.0], [0.0, 0.0, 1.0]).unwrap().solutions.len(), 1);
     let tilted = three.axes_at([0.0; 3], [0.0, 1.0, 1.0]).unwrap();
     let why = tilted.missed.unwrap().to_string();
     assert!(why.contains("miss it by 45.000000 deg"), "{why}");
@@ -122,20 +92,12 @@ fn what_has_no_solution_says_why() {
         ([0.0; 3], [0.0; 3]),
         ([0.0; 3], [f64::INFINITY, 0.0, 0.0]),
     ] {
-        assert!(matches!(
-            three.axes_at(tip, axis),
-            Err(ModelError::Target { .. })
-        ));
+        assert!(matches!(three.axes_at(tip, axis), Err(ModelError::Target { .. })));
     }
     let axes = format!("{LINEAR}A.travel = [-9e8, 9e8]\nC.travel = [0, 360]");
     let endless = machine("w C' A' b X Y Z t", &axes);
     let refused = endless.axes_at([0.0; 3], [0.0, 1.0, 1.0]).unwrap_err();
-    assert!(
-        refused
-            .to_string()
-            .contains("solutions, expected at most 1000"),
-        "{refused}"
-    );
+    assert!(refused.to_string().contains("solutions, expected at most 1000"), "{refused}");
 }
 
 /// With three rotary axes each pair moves in turn, while the third is as near to 0 as possible.
@@ -168,31 +130,18 @@ fn a_free_axis_stands_where_the_linear_axes_reach() {
     let degrees_of = |ranges: &[[f64; 2]]| -> Vec<f64> {
         ranges.iter().flatten().map(|q| q.to_degrees()).collect()
     };
-    near(
-        &degrees_of(&reached.ranges[0]),
-        &[edge - 180.0, -edge, edge, 180.0 - edge],
-    );
+    near(&degrees_of(&reached.ranges[0]), &[edge - 180.0, -edge, edge, 180.0 - edge]);
     let mut found = degrees(&table, &reached, AxisName::C);
     found.sort_by(f64::total_cmp);
     near(&found, &[edge - 360.0, -edge, edge, 360.0 - edge]);
     assert!(reached.singular && reached.missed.is_none());
     // A single coordinate: the radius equals the combined reach of Y and X.
-    let corner = machine(
-        "w C' A' b X Y Z t",
-        &axes.replace("[-300, 300]", "[-1, 400]"),
-    );
+    let corner = machine("w C' A' b X Y Z t", &axes.replace("[-300, 300]", "[-1, 400]"));
     let [x, y] = [400.0_f64, 250.0];
-    let reached = corner
-        .axes_at([0.0, x.hypot(y), -50.0], [0.0, 0.0, 1.0])
-        .unwrap();
+    let reached = corner.axes_at([0.0, x.hypot(y), -50.0], [0.0, 0.0, 1.0]).unwrap();
     assert!(!reached.solutions.is_empty(), "{reached:?}");
-    let reached = corner
-        .axes_at([0.0, x.hypot(y) + 0.01, -50.0], [0.0, 0.0, 1.0])
-        .unwrap();
-    assert!(
-        reached.solutions.is_empty() && !reached.outside.is_empty(),
-        "{reached:?}"
-    );
+    let reached = corner.axes_at([0.0, x.hypot(y) + 0.01, -50.0], [0.0, 0.0, 1.0]).unwrap();
+    assert!(reached.solutions.is_empty() && !reached.outside.is_empty(), "{reached:?}");
 }
 
 /// Ranges next to half a turn that are narrower than the sampling steps are found: at a radius of 100 mm Y is at 100·|sin C|.
@@ -200,11 +149,7 @@ fn a_free_axis_stands_where_the_linear_axes_reach() {
 fn a_narrow_range_next_to_half_a_turn_is_found() {
     let [low, high] = [0.05_f64, 0.15].map(f64::to_radians);
     let [near_y, far_y] = [low, high].map(|beyond| 100.0 * beyond.sin());
-    for (turns, count) in [
-        ("[-360, 360]", 2),
-        ("[-180, 180]", 1),
-        ("[-179.97, 179.97]", 1),
-    ] {
+    for (turns, count) in [("[-360, 360]", 2), ("[-180, 180]", 1), ("[-179.97, 179.97]", 1)] {
         let found = [1.0, -1.0].map(|sign: f64| {
             let ends = [sign * near_y, sign * far_y];
             let y = format!("[{}, {}]", ends[0].min(ends[1]), ends[0].max(ends[1]));
@@ -231,9 +176,7 @@ fn a_narrow_range_next_to_half_a_turn_is_found() {
 fn a_singular_pose_that_was_there_is_found() {
     let mut seed = 7_u64;
     let mut draw = |low: f64, high: f64| {
-        seed = seed
-            .wrapping_mul(6_364_136_223_846_793_005)
-            .wrapping_add(1_442_695_040_888_963_407);
+        seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         low + (high - low) * ((seed >> 11) as f64 / (1_u64 << 53) as f64)
     };
     // The axis that is free if the others are at 0.
@@ -250,10 +193,7 @@ fn a_singular_pose_that_was_there_is_found() {
         let (structure, free) = structures[round % structures.len()];
         let mut axes = String::new();
         let mut stands = Vec::new();
-        for letter in structure
-            .chars()
-            .filter(|letter| "XYZABC".contains(*letter))
-        {
+        for letter in structure.chars().filter(|letter| "XYZABC".contains(*letter)) {
             let is_rotary = "ABC".contains(letter);
             let q = match letter {
                 'A' | 'B' => 0.0,
@@ -324,17 +264,13 @@ fn linear_axes_along_one_another_are_free() {
         assert_eq!(reached.solutions.len(), 1);
         assert!(reached.singular);
         assert_eq!(reached.free, [AxisName::Z, AxisName::X]);
-        let [moves] = reached.dependent[..] else {
-            panic!("{:?}", reached.dependent)
-        };
+        let [moves] = reached.dependent[..] else { panic!("{:?}", reached.dependent) };
         assert!((moves.q[z].abs() - 1.0).abs() < 1e-12 && (moves.q[x].abs() - 1.0).abs() < 1e-12);
         // At both ends of its range the free axis, with the dependent motion, leaves the tip where it is.
         let state = reached.solutions[0];
         let tip = wide.chain().ideal_tip_mm(&state);
         for (place, ranges) in [z, x].into_iter().zip(&reached.ranges) {
-            let [range] = ranges[..] else {
-                panic!("{ranges:?}")
-            };
+            let [range] = ranges[..] else { panic!("{ranges:?}") };
             assert!(range[1] - range[0] > 900.0, "{range:?}");
             for end in range {
                 let mut at = state;
@@ -362,9 +298,7 @@ fn points_near_a_pose_of_dependent_axes_are_reached() {
     for structure in ["w Z' B' b X Y t", "w b X Y B Z t"] {
         let axes = "Z.travel = [-500, 500]\nB.travel = [-180, 180]\nX.travel = [-500, 500]\nY.travel = [-500, 500]\n";
         let machine = machine(structure, axes);
-        for off in [
-            0.0, 1e-12, 1e-10, 1e-9, 1e-8, 1e-7, 1e-6, 1e-5, 1e-4, 5e-4, 1e-3, 2e-3,
-        ] {
+        for off in [0.0, 1e-12, 1e-10, 1e-9, 1e-8, 1e-7, 1e-6, 1e-5, 1e-4, 5e-4, 1e-3, 2e-3] {
             let mut state = State::default();
             for (axis, q) in [
                 (AxisName::X, 100.0),
@@ -378,10 +312,7 @@ fn points_near_a_pose_of_dependent_axes_are_reached() {
             let direction =
                 machine.chain().ideal_pose(&state).rotation * machine.chain().tool_axis();
             let reached = machine.axes_at(tip.into(), direction.into()).unwrap();
-            assert!(
-                !reached.solutions.is_empty(),
-                "{structure} {off}: {reached:?}"
-            );
+            assert!(!reached.solutions.is_empty(), "{structure} {off}: {reached:?}");
             for found in &reached.solutions {
                 let miss = (machine.chain().ideal_tip_mm(found) - tip).norm();
                 assert!(miss < 1e-6, "{structure} {off}: {miss}");
@@ -389,10 +320,7 @@ fn points_near_a_pose_of_dependent_axes_are_reached() {
             if off > 1e-6 {
                 let z = machine.index_of(AxisName::Z).unwrap();
                 let near = |found: &State| (found.q[z] - 20.0).abs() < 1e-3;
-                assert!(
-                    reached.solutions.iter().any(near),
-                    "{structure} {off}: {reached:?}"
-                );
+                assert!(reached.solutions.iter().any(near), "{structure} {off}: {reached:?}");
             }
         }
     }

@@ -34,13 +34,10 @@ fn each_kelvin_changes_the_largest_correction_by_the_sum_over_the_sensors() {
         (format!("{DRIFT}{SEEN}"), 5.0),
     ] {
         let machine = Machine::parse(&format!("{MACHINE}{terms}"), "m").unwrap();
-        let found = machine.largest_corrections_per_k().unwrap()[0]
-            .1
-            .um_or_urad();
+        let found = machine.largest_corrections_per_k().unwrap()[0].1.um_or_urad();
         assert!((found - um_per_k).abs() < 1e-6, "{terms}: {found}");
-        let at_reference = machine.largest_corrections(&Temperatures::new()).unwrap()[0]
-            .1
-            .um_or_urad();
+        let at_reference =
+            machine.largest_corrections(&Temperatures::new()).unwrap()[0].1.um_or_urad();
         assert!((at_reference - 8.0).abs() < 1e-6, "{at_reference}");
     }
     let machine = Machine::parse(MACHINE, "m").unwrap();

@@ -85,9 +85,7 @@ fn every_broken_file_has_its_message() {
     for [from, to] in &cases(CHANGES) {
         assert!(EXAMPLE.contains(from), "{from}");
         let broken = EXAMPLE.replacen(from, to, 1);
-        let message = Machine::parse(&broken, "machine.toml")
-            .expect_err(to)
-            .to_string();
+        let message = Machine::parse(&broken, "machine.toml").expect_err(to).to_string();
         let to = to.replace('\n', " ⏎ ");
         text.extend([to.as_str(), "\n    ", message.as_str(), "\n"]);
     }

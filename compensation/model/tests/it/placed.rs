@@ -6,21 +6,14 @@ use volcomp_model::kinematics::{DhConvention, DhTable, MotionFrame, State};
 /// A tilting rotary table with these additional lines.
 fn table_table(rest: &str) -> Machine {
     let axes = "[axes]\nC.travel = [-360, 360]\nA.travel = [-120, 30]\nX.travel = [0, 800]\nY.travel = [0, 600]\nZ.travel = [-500, 0]\n";
-    Machine::parse(
-        &format!("structure = \"w C' A' b X Y Z t\"\n{axes}{rest}"),
-        "m.toml",
-    )
-    .unwrap()
+    Machine::parse(&format!("structure = \"w C' A' b X Y Z t\"\n{axes}{rest}"), "m.toml").unwrap()
 }
 
 #[test]
 fn a_motion_frame_is_read_and_written() {
     let text = "structure = \"w C' b X t\"\n[axes.C]\ntravel = [0, 360]\nmotion_frame = \"turning\"\n[axes.X]\ntravel = [0, 1]\n";
     let machine = Machine::parse(text, "m.toml").unwrap();
-    assert_eq!(
-        machine.chain().joints()[0].motion_frame,
-        MotionFrame::Turning
-    );
+    assert_eq!(machine.chain().joints()[0].motion_frame, MotionFrame::Turning);
     let again = Machine::parse(&machine.to_toml(), "n.toml").unwrap();
     assert_eq!(again, machine);
     let fixed = Machine::parse(&text.replace("turning", "fixed"), "m.toml").unwrap();
@@ -50,24 +43,12 @@ fn rows_of(rows: &[(&str, [f64; 4])]) -> String {
 #[test]
 fn a_table_places_the_axes() {
     let machine = table_table(&format!("[dh]\n{}", rows_of(&ROWS)));
-    let directions: Vec<[f64; 3]> = machine
-        .axes()
-        .iter()
-        .map(|axis| axis.direction.unwrap())
-        .collect();
-    let expected = [
-        [0.0, 0.0, 1.0],
-        [1.0, 0.0, 0.0],
-        [1.0, 0.0, 0.0],
-        [0.0, 1.0, 0.0],
-        [0.0, 0.0, 1.0],
-    ];
+    let directions: Vec<[f64; 3]> =
+        machine.axes().iter().map(|axis| axis.direction.unwrap()).collect();
+    let expected =
+        [[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
     for (found, expected) in directions.iter().zip(expected) {
-        let off = found
-            .iter()
-            .zip(expected)
-            .map(|(a, b)| (a - b).abs())
-            .fold(0.0, f64::max);
+        let off = found.iter().zip(expected).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
         assert!(off < 1e-15, "{directions:?}");
     }
     assert_eq!(machine.axes()[1].point_mm, Some([0.0, 0.0, 50.0]));
@@ -89,29 +70,15 @@ fn by_hand(rows: &[(&str, [f64; 4])], proximal: bool, coordinates: &[f64]) -> [[
     };
     let z = |angle: f64, slide: f64| -> M {
         let (s, c) = angle.sin_cos();
-        [
-            [c, -s, 0.0, 0.0],
-            [s, c, 0.0, 0.0],
-            [0.0, 0.0, 1.0, slide],
-            [0.0, 0.0, 0.0, 1.0],
-        ]
+        [[c, -s, 0.0, 0.0], [s, c, 0.0, 0.0], [0.0, 0.0, 1.0, slide], [0.0, 0.0, 0.0, 1.0]]
     };
     let x = |angle: f64, slide: f64| -> M {
         let (s, c) = angle.sin_cos();
-        [
-            [1.0, 0.0, 0.0, slide],
-            [0.0, c, -s, 0.0],
-            [0.0, s, c, 0.0],
-            [0.0, 0.0, 0.0, 1.0],
-        ]
+        [[1.0, 0.0, 0.0, slide], [0.0, c, -s, 0.0], [0.0, s, c, 0.0], [0.0, 0.0, 0.0, 1.0]]
     };
     let mut all = z(0.0, 0.0);
     for ((axis, [theta, d, a, alpha]), q) in rows.iter().zip(coordinates) {
-        let (turn, slide) = if "ABC".contains(axis) {
-            (*q, 0.0)
-        } else {
-            (0.0, *q)
-        };
+        let (turn, slide) = if "ABC".contains(axis) { (*q, 0.0) } else { (0.0, *q) };
         let along_z = z(theta.to_radians() + turn, d + slide);
         let along_x = x(alpha.to_radians(), *a);
         all = if proximal {
@@ -140,10 +107,7 @@ fn a_table_moves_as_the_product_of_its_rows() {
             rows_of(&rows)
         );
         let machine = table_table(&text);
-        let (moved, home) = (
-            by_hand(&rows, proximal, &q),
-            by_hand(&rows, proximal, &[0.0; 5]),
-        );
+        let (moved, home) = (by_hand(&rows, proximal, &q), by_hand(&rows, proximal, &[0.0; 5]));
         // The tip in the last frame: Rᵀ(tip − p).
         let tip = [10.0, 20.0, -150.0];
         let inside: [f64; 3] =
@@ -156,20 +120,14 @@ fn a_table_moves_as_the_product_of_its_rows() {
         let state = State::new(machine.chain(), named).unwrap();
         let found = machine.chain().ideal_tip_mm(&state);
         for (k, expected) in expected.into_iter().enumerate() {
-            assert!(
-                (found[k] - expected).abs() < 1e-9,
-                "{word}: {found} {expected:?}"
-            );
+            assert!((found[k] - expected).abs() < 1e-9, "{word}: {found} {expected:?}");
         }
         // The Denavit–Hartenberg table of the chain gives the same motion in both conventions.
         for convention in [DhConvention::Distal, DhConvention::Proximal] {
             let table = DhTable::of_chain(machine.chain()).in_convention(convention);
             let back = table.to_chain(machine.chain().structure().clone()).unwrap();
             for (one, other) in back.joints().iter().zip(machine.chain().joints()) {
-                assert!(
-                    (one.direction - other.direction).norm() < 1e-12,
-                    "{convention:?}"
-                );
+                assert!((one.direction - other.direction).norm() < 1e-12, "{convention:?}");
             }
         }
     }

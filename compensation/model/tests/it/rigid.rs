@@ -113,16 +113,10 @@ fn dense_left_um(points: &[Point]) -> [f64; 2] {
         let (place, axis) = (points[row / 3].0 - middle, row % 3);
         let mut unit = Vector3::zeros();
         unit[column % 3] = 1.0;
-        if column < 3 {
-            unit[axis]
-        } else {
-            unit.cross(&place)[axis]
-        }
+        if column < 3 { unit[axis] } else { unit.cross(&place)[axis] }
     });
     let lengths: Vec<f64> = matrix.column_iter().map(|c| c.norm().max(1e-300)).collect();
-    let scaled = DMatrix::from_fn(rows, 6, |row, column| {
-        matrix[(row, column)] / lengths[column]
-    });
+    let scaled = DMatrix::from_fn(rows, 6, |row, column| matrix[(row, column)] / lengths[column]);
     let errors = DVector::from_fn(rows, |row, _| points[row / 3].1[row % 3]);
     let svd = scaled.clone().svd(true, true);
     let found = svd.solve(&errors, 1e-12).unwrap();
@@ -143,18 +137,14 @@ fn points_in_a_plane_on_a_line_or_at_one_place() {
     let off_zero = Vector3::new(1e5, 2e4, -3e4);
     let across = Vector3::new(2.0, 6.0, 1.0).normalize();
     let point = |place: Vector3<f64>| (place, shift + turn.cross(&place));
-    let line: Vec<Point> = (0..30)
-        .map(|k| point(off_zero + along * f64::from(k) * 11.3))
-        .collect();
+    let line: Vec<Point> = (0..30).map(|k| point(off_zero + along * f64::from(k) * 11.3)).collect();
     let plane: Vec<Point> = (0..30)
         .map(|k| point(off_zero + along * f64::from(k) * 11.3 + across * f64::from(k % 4) * 70.0))
         .collect();
     let single = vec![point(off_zero); 5];
-    for (points, seen) in [
-        (&line, turn - along * along.dot(&turn)),
-        (&plane, turn),
-        (&single, Vector3::zeros()),
-    ] {
+    for (points, seen) in
+        [(&line, turn - along * along.dot(&turn)), (&plane, turn), (&single, Vector3::zeros())]
+    {
         let found = best(points);
         assert!((found.rotation_rad - seen).norm() < 1e-11, "{found:?}");
         let [_, max] = left_um(points);

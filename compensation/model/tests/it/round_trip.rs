@@ -18,10 +18,7 @@ fn comments_and_order_do_not_change_the_checksum_but_numbers_do() {
     let other = "structure = \"w b X t\" # chain\nname = \"m\"\n[errors]\nEYX = 2.0\nEXX = 1.0\n[axes]\nX.travel = [0.0, 1.0]\n";
     let checksum = |text: &str| Machine::parse(text, "m.toml").unwrap().checksum();
     assert_eq!(checksum(plain), checksum(other));
-    assert_ne!(
-        checksum(plain),
-        checksum(&plain.replace("EYX = 2", "EYX = 2.1"))
-    );
+    assert_ne!(checksum(plain), checksum(&plain.replace("EYX = 2", "EYX = 2.1")));
 }
 
 #[test]
@@ -30,10 +27,7 @@ fn a_changed_file_is_noticed() {
     let changed = text.replace("EAY = 4.0", "EAY = 4.5");
     assert_ne!(text, changed);
     let message = Machine::parse(&changed, "a.toml").unwrap_err().to_string();
-    assert!(
-        message.starts_with("a.toml:2: checksum: found sha256:"),
-        "{message}"
-    );
+    assert!(message.starts_with("a.toml:2: checksum: found sha256:"), "{message}");
 }
 
 proptest! {

@@ -42,9 +42,7 @@ fn state_of(text: &str) -> (Machine, ThermalState) {
 
 fn steady(thermal: &ThermalState, degc: &[Option<f64>]) -> Temperatures {
     let named = thermal.sensors().iter().zip(degc);
-    named
-        .filter_map(|(name, degc)| Some((name.clone(), (*degc)?)))
-        .collect()
+    named.filter_map(|(name, degc)| Some((name.clone(), (*degc)?))).collect()
 }
 
 /// At steady temperatures the error equals that of a machine compiled at these, with three axes and with more, without allocation.
@@ -79,10 +77,8 @@ fn steady_temperatures_are_those_of_the_source() {
             let source = machine.source(&temperatures);
             for axis in 0..machine.axes().len() {
                 use volcomp_kinematics::ErrorSource;
-                let (a, b) = (
-                    source.error_motion(axis, &state),
-                    compiled.error_motion(axis, &state),
-                );
+                let (a, b) =
+                    (source.error_motion(axis, &state), compiled.error_motion(axis, &state));
                 assert!((a.linear_mm - b.linear_mm).norm() < 5e-6);
                 assert!((a.angular_rad - b.angular_rad).norm() < 5e-9);
             }
@@ -92,10 +88,7 @@ fn steady_temperatures_are_those_of_the_source() {
         thermal.step(1e9, &[Some(20.0); 3]);
         thermal.apply(&mut compiled);
         let cold = machine.compile(Tolerance::default()).unwrap();
-        let state = State {
-            q: PerAxis::leading([0.3, 20.0, 30.0, 40.0]),
-            ..State::default()
-        };
+        let state = State { q: PerAxis::leading([0.3, 20.0, 30.0, 40.0]), ..State::default() };
         assert_eq!(compiled.evaluate(&state), cold.evaluate(&state));
     }
 }
@@ -119,11 +112,8 @@ fn a_lag_answers_a_step_exactly() {
         thermal.step(0.0, &at(20.0));
         let mut left_s: f64 = 450.0;
         for piece in 0..pieces {
-            let dt_s = if piece + 1 == pieces {
-                left_s
-            } else {
-                left_s * rng.random_range(0.0..0.5)
-            };
+            let dt_s =
+                if piece + 1 == pieces { left_s } else { left_s * rng.random_range(0.0..0.5) };
             thermal.step(dt_s, &at(30.0));
             left_s -= dt_s;
         }
@@ -139,10 +129,7 @@ fn a_lag_answers_a_step_exactly() {
 #[test]
 fn a_missing_sensor_holds_then_fades_then_counts_again() {
     let (machine, mut thermal) = state_of(THREE_AXES);
-    let (warm, missing) = (
-        [Some(20.0), Some(20.0), Some(30.0)],
-        [Some(20.0), Some(20.0), None],
-    );
+    let (warm, missing) = ([Some(20.0), Some(20.0), Some(30.0)], [Some(20.0), Some(20.0), None]);
     thermal.step(1.0, &missing);
     assert!(thermal.is_degraded());
     assert!(tilt_y(&machine, &thermal).abs() < 1e-15, "no temperature");
@@ -152,10 +139,7 @@ fn a_missing_sensor_holds_then_fades_then_counts_again() {
     assert!(thermal.is_degraded());
     assert!((tilt_y(&machine, &thermal) - 2e-5).abs() < 1e-15, "held");
     thermal.step(301.0, &[Some(20.0), Some(20.0), Some(f64::NAN)]);
-    assert!(
-        (tilt_y(&machine, &thermal) - 1e-5).abs() < 1e-15,
-        "half faded"
-    );
+    assert!((tilt_y(&machine, &thermal) - 1e-5).abs() < 1e-15, "half faded");
     thermal.step(1e6, &missing);
     assert!(tilt_y(&machine, &thermal).abs() < 1e-15, "gone");
     thermal.step(150.0, &warm);
@@ -228,11 +212,7 @@ fn a_scale_grows_along_the_direction_of_its_axis() {
             thermal.apply(&mut compiled);
             let state = State::new(
                 machine.chain(),
-                [
-                    (AxisName::X, 1000.0),
-                    (AxisName::Y, 0.0),
-                    (AxisName::Z, 0.0),
-                ],
+                [(AxisName::X, 1000.0), (AxisName::Y, 0.0), (AxisName::Z, 0.0)],
             )
             .unwrap();
             let of_source = machine.error_at(&state, Form::Exact, &temperatures);
@@ -269,10 +249,7 @@ fn lags_are_carried_over_to_the_same_terms() {
     };
     let (warm, before) = z_um(&text(3.0, 600.0, 20.0), None);
     // The final value is 30 µm, of which e^(-1/2) is still to come.
-    assert!(
-        (warm - 30.0 * (1.0 - (-0.5_f64).exp())).abs() < 0.01,
-        "{warm}"
-    );
+    assert!((warm - 30.0 * (1.0 - (-0.5_f64).exp())).abs() < 0.01, "{warm}");
     let (same, _) = z_um(&text(3.0, 600.0, 20.0), Some(&before));
     assert!((same - warm).abs() < 1e-9, "{same}");
     // The lagged temperature does not depend on the error and factor of the term.
@@ -379,10 +356,7 @@ fn beyond_what_they_have_seen_terms_hold_and_fade() {
         let steady = [error.position_mm[0] * 1e3, error.position_mm[2] * 1e3];
         for found in [found, steady] {
             for (found, expected) in found.iter().zip(expected) {
-                assert!(
-                    (found - expected).abs() < 1e-3,
-                    "{spindle}: {found} {expected}"
-                );
+                assert!((found - expected).abs() < 1e-3, "{spindle}: {found} {expected}");
             }
         }
         assert_eq!(thermal.is_beyond_seen(), share < 1.0, "{spindle}");
@@ -448,10 +422,7 @@ fn a_rate_beyond_what_was_seen_fades_as_well() {
     let mut unseen = 0.0_f64;
     // A rate of 0.45 K/min is within the range.
     for i in 1..=1200 {
-        thermal.step(
-            1.0,
-            &column_spindle(20.0, 20.0 + 0.45 * f64::from(i) / 60.0),
-        );
+        thermal.step(1.0, &column_spindle(20.0, 20.0 + 0.45 * f64::from(i) / 60.0));
         assert!(!thermal.is_beyond_seen(), "{i}");
     }
     // 29 °C for an hour; then a fall of 0.7 K/min, whose smoothed rate passes 0.3 K/min after some minutes.
@@ -503,11 +474,7 @@ fn what_was_seen_is_written_and_read_and_checked() {
         ("[20.0, 30.0]", "[30.0, 20.0]", "30 to 20 °C"),
         ("[20.0, 30.0]", "[20.0]", "an array of 2 numbers"),
         ("[-0.3, 0.5]", "[0.1, 0.5]", "0.1 to 0.5 K/min"),
-        (
-            "sensor = \"spindle\"",
-            "sensor = \"bed\"",
-            "has the sensor bed",
-        ),
+        ("sensor = \"spindle\"", "sensor = \"bed\"", "has the sensor bed"),
         ("k_per_min = [", "k_per_s = [", "k_per_s"),
     ] {
         let wrong = SEEN.replace(from, to);

@@ -23,22 +23,15 @@ fn random_machine(structure: &str, random: &mut ChaCha8Rng) -> Machine {
     for axis in &axes {
         if axis.is_rotary() {
             let point: [f64; 3] = std::array::from_fn(|_| random.random_range(-200.0..200.0));
-            writeln!(
-                text,
-                "{axis} = {{ travel = [-110.0, 90.0], point = {point:?} }}"
-            )
-            .unwrap();
+            writeln!(text, "{axis} = {{ travel = [-110.0, 90.0], point = {point:?} }}").unwrap();
         } else {
             writeln!(text, "{axis}.travel = [-300.0, 300.0]").unwrap();
         }
     }
     text += "[errors]\n";
     for axis in &axes {
-        let (domain, period) = if axis.is_rotary() {
-            ("[-110.0, 90.0]", 360.0)
-        } else {
-            ("[-300.0, 300.0]", 0.0)
-        };
+        let (domain, period) =
+            if axis.is_rotary() { ("[-110.0, 90.0]", 360.0) } else { ("[-300.0, 300.0]", 0.0) };
         for component in ["EX", "EY", "EZ", "EA", "EB", "EC"] {
             let mut c = || random.random_range(-8.0..8.0);
             let curve = if period > 0.0 {
@@ -51,20 +44,11 @@ fn random_machine(structure: &str, random: &mut ChaCha8Rng) -> Machine {
                     c()
                 )
             } else {
-                format!(
-                    "chebyshev = [{}, {}, {}, {}], domain = {domain}",
-                    c(),
-                    c(),
-                    c(),
-                    c()
-                )
+                format!("chebyshev = [{}, {}, {}, {}], domain = {domain}", c(), c(), c(), c())
             };
             let reversal: f64 = random.random_range(-8.0..8.0);
-            writeln!(
-                text,
-                "{component}{axis} = {{ mean = {{ {curve} }}, reversal = {reversal} }}"
-            )
-            .unwrap();
+            writeln!(text, "{component}{axis} = {{ mean = {{ {curve} }}, reversal = {reversal} }}")
+                .unwrap();
         }
     }
     for axis in axes.iter().filter(|axis| axis.is_rotary()) {
@@ -79,12 +63,7 @@ fn random_machine(structure: &str, random: &mut ChaCha8Rng) -> Machine {
             if along == own || component.as_bytes()[1] == b'X' + own {
                 continue;
             }
-            writeln!(
-                text,
-                "{component}{axis} = {}",
-                random.random_range(-100.0..100.0)
-            )
-            .unwrap();
+            writeln!(text, "{component}{axis} = {}", random.random_range(-100.0..100.0)).unwrap();
         }
     }
     Machine::parse(&text, "random.toml").unwrap()
@@ -133,12 +112,7 @@ fn brute_force(machine: &Machine, random: &mut ChaCha8Rng) -> [f64; 3] {
 
 fn of_one_tool(machine: &Machine) -> VolumetricError {
     let error_at = errors(machine);
-    let field = ErrorField {
-        tool: "",
-        machine,
-        curves: vec![machine],
-        errors: &error_at,
-    };
+    let field = ErrorField { tool: "", machine, curves: vec![machine], errors: &error_at };
     volumetric(&[field]).unwrap()
 }
 
@@ -153,10 +127,7 @@ fn the_largest_error_over_all_axes_is_that_of_brute_force() {
         let brute = brute_force(&machine, &mut random);
         let ours = [found.position.value, found.tilt.value, found.max_mm];
         for (ours, brute) in ours.into_iter().zip(brute) {
-            assert!(
-                ours > 0.99 * brute && ours < 1.3 * brute,
-                "{structure}: {ours} {brute}"
-            );
+            assert!(ours > 0.99 * brute && ours < 1.3 * brute, "{structure}: {ours} {brute}");
         }
     }
 }
@@ -250,12 +221,8 @@ fn spots_that_add_up_elsewhere_are_found() {
     assert!((found.max_mm - 0.06).abs() < 1e-6, "{found:?}");
     let (model, truth) = (three("EXX = { poly = [0.0] }\n"), three(&spot(60.0)));
     let errors = errors(&truth);
-    let field = ErrorField {
-        tool: "",
-        machine: &model,
-        curves: vec![&model, &truth],
-        errors: &errors,
-    };
+    let field =
+        ErrorField { tool: "", machine: &model, curves: vec![&model, &truth], errors: &errors };
     let found = volumetric(&[field]).unwrap();
     assert!((found.max_mm - 0.06).abs() < 1e-6, "{found:?}");
 }
@@ -274,18 +241,10 @@ fn tools_of_two_lengths_have_one_alignment() {
     };
     let [short, long] = ["SHORT", "LONG"].map(with);
     let (of_short, of_long) = (errors(&short), errors(&long));
-    let field = |tool, machine, errors| ErrorField {
-        tool,
-        machine,
-        curves: vec![machine],
-        errors,
-    };
+    let field = |tool, machine, errors| ErrorField { tool, machine, curves: vec![machine], errors };
     let one = volumetric(&[field("SHORT", &short, &of_short)]).unwrap();
     assert!(one.position.value < 1e-5, "{one:?}");
-    let both = [
-        field("SHORT", &short, &of_short),
-        field("LONG", &long, &of_long),
-    ];
+    let both = [field("SHORT", &short, &of_short), field("LONG", &long, &of_long)];
     let both = volumetric(&both).unwrap();
     // 100 µrad over 200 mm are 20 µm between the tools; a rotation of the workpiece removes a part.
     assert!(both.position.value > 0.005, "{both:?}");
@@ -313,12 +272,7 @@ fn largest(machine: &Machine, names: &[&str]) -> f64 {
     };
     let machines: Vec<Machine> = names.iter().map(with).collect();
     let of_machines: Vec<_> = machines.iter().map(errors).collect();
-    let field = |(machine, errors)| ErrorField {
-        tool: "",
-        machine,
-        curves: vec![machine],
-        errors,
-    };
+    let field = |(machine, errors)| ErrorField { tool: "", machine, curves: vec![machine], errors };
     let fields: Vec<_> = machines
         .iter()
         .zip(of_machines.iter().map(|errors| errors as &dyn Fn(&_) -> _))
@@ -336,10 +290,7 @@ fn the_longest_straight_tool_counts_beside_angled_heads() {
     let extreme = machine.extreme_tools().unwrap();
     let all: Vec<&str> = machine.tools().keys().map(String::as_str).collect();
     let (of_extreme, of_all) = (largest(&machine, &extreme), largest(&machine, &all));
-    assert!(
-        (of_extreme - of_all).abs() < 1e-9,
-        "{of_extreme} {of_all} {extreme:?}"
-    );
+    assert!((of_extreme - of_all).abs() < 1e-9, "{of_extreme} {of_all} {extreme:?}");
     assert!(extreme.contains(&"LONG"), "{extreme:?}");
 }
 
@@ -425,11 +376,7 @@ fn largest_at_nodes(machine: &Machine, nodes: &[Vec<f64>], found: &VolumetricErr
         let [x, y, z, ..] = error_at(&pose);
         let error = Vector3::new(x, y, z);
         before.take(&error);
-        after.take(
-            &found
-                .alignment
-                .left_mm(&machine.chain().ideal_tip_mm(&pose), &error),
-        );
+        after.take(&found.alignment.left_mm(&machine.chain().ideal_tip_mm(&pose), &error));
     }
     [before.max(), after.max()]
 }

@@ -22,10 +22,7 @@ fn a_constant_error_shifts_an_arc() {
 fn equal_scales_do_not_split_an_arc() {
     let scales = "[errors]\nEXX = { poly = [0.0, 0.1] }\nEYY = { poly = [0.0, 0.1] }\n";
     assert_eq!(
-        text(
-            scales,
-            "G90 G0 X100 Y0 Z0\nG3 F100 X0 Y100 I-100 J0\nG3 X-100 Y0 R100\n"
-        ),
+        text(scales, "G90 G0 X100 Y0 Z0\nG3 F100 X0 Y100 I-100 J0\nG3 X-100 Y0 R100\n"),
         "G90 G0 X99.990 Y0 Z0\nG3 F100 X0 Y99.990 I-99.990 J0\nG3 X-99.990 Y0 R99.990\n"
     );
 }
@@ -40,10 +37,8 @@ fn unequal_scales_split_a_circle_into_arcs() {
     for line in out.lines() {
         let word = |letter: char| {
             let text = line.split(letter).nth(1)?;
-            let number: String = text
-                .chars()
-                .take_while(|c| c.is_ascii_digit() || matches!(c, '.' | '-'))
-                .collect();
+            let number: String =
+                text.chars().take_while(|c| c.is_ascii_digit() || matches!(c, '.' | '-')).collect();
             number.parse::<f64>().ok()
         };
         let to = (word('X').unwrap_or(at.0), word('Y').unwrap_or(at.1));
@@ -59,10 +54,7 @@ fn unequal_scales_split_a_circle_into_arcs() {
             }
             for step in 0..=50 {
                 let turned = from + (until - from) * f64::from(step) / 50.0;
-                let (x, y) = (
-                    centre.0 + radius * turned.cos(),
-                    centre.1 + radius * turned.sin(),
-                );
+                let (x, y) = (centre.0 + radius * turned.cos(), centre.1 + radius * turned.sin());
                 // Actual tool position: X by the squareness, Y by the straightness of X.
                 let tool = (x - 1e-4 * y, y + 2e-8 * x * x);
                 let off = tool.0.hypot(tool.1) - 100.0;
@@ -96,20 +88,11 @@ fn a_correction_is_taken_up_before_an_arc() {
         let program = format!("G90 G0 X0 Y0 Z0\nG53 G0 X0\n{line}\n");
         let (out, _) = crate::identity::compensated_in(&setup, shift, program.as_bytes())
             .expect("compensated");
-        String::from_utf8(out)
-            .expect("text")
-            .lines()
-            .skip(2)
-            .map(str::to_owned)
-            .collect::<Vec<_>>()
+        String::from_utf8(out).expect("text").lines().skip(2).map(str::to_owned).collect::<Vec<_>>()
     };
     assert_eq!(
         arc("G2 X20 Y0 I10 J0 (half)\nX40 I10 J0"),
-        [
-            "G1 X-0.020",
-            "G2 X19.980 Y0 I10 J0 (half)",
-            "X39.980 I10 J0"
-        ]
+        ["G1 X-0.020", "G2 X19.980 Y0 I10 J0 (half)", "X39.980 I10 J0"]
     );
     assert_eq!(arc("/G3 X20 I10")[..2], ["/G1 X-0.020", "/G3 X19.980 I10"]);
     // The added line is read under the modes before the block: the start of the arc is a position in G90.

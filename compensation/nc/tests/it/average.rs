@@ -26,19 +26,12 @@ fn run_of(
     let corrector = Corrector::new(&machine, &Temperatures::new(), 0.001)?;
     let setup = SetUp::parse(setup, "setup.toml").expect("a set-up");
     let mut out = Vec::new();
-    let found = average(
-        program.as_bytes(),
-        &mut out,
-        Job::new(&corrector, &setup),
-        of,
-    )?;
+    let found = average(program.as_bytes(), &mut out, Job::new(&corrector, &setup), of)?;
     Ok((String::from_utf8(out).expect("text"), found))
 }
 
 fn message(errors: &str, setup: &str, program: &str) -> String {
-    run(errors, setup, program)
-        .expect_err("it is refused")
-        .to_string()
+    run(errors, setup, program).expect_err("it is refused").to_string()
 }
 
 #[test]
@@ -54,10 +47,7 @@ fn a_constant_error_is_removed_completely() {
         "%\n(part)\nG21 G90\nG10 L2 P1 X99.990 Y50.000 Z-20.496\nG90 G54 G0 X0 Y0 Z10\nG1 F100 Z-5\nX20\nG0 Z10\n%\n"
     );
     assert_eq!((found.len(), found[0].places), (1, 2));
-    assert!(
-        (found[0].before_um[0] - 116.0_f64.sqrt()).abs() < 1e-6,
-        "{found:?}"
-    );
+    assert!((found[0].before_um[0] - 116.0_f64.sqrt()).abs() < 1e-6, "{found:?}");
     assert!(found[0].left_um[0] < 1e-6, "{found:?}");
 }
 
@@ -77,9 +67,7 @@ fn a_scale_error_leaves_its_spread() {
         ),
         "{out}"
     );
-    let [first, second] = &found[..] else {
-        panic!("{found:?}")
-    };
+    let [first, second] = &found[..] else { panic!("{found:?}") };
     assert!(
         (first.mean_mm[0] + 0.019_998).abs() < 1e-8 && (first.left_um[0] - 9.999).abs() < 1e-5,
         "{found:?}"
@@ -125,17 +113,11 @@ fn programs_without_a_mean_correction_are_refused() {
 /// Readings along X, along a slanted direction, and none along Y; worked out by hand.
 #[test]
 fn the_mean_of_measured_errors() {
-    let at = |direction: [f64; 3], um: f64| Reading {
-        direction,
-        error_mm: 1e-3 * um,
-    };
+    let at = |direction: [f64; 3], um: f64| Reading { direction, error_mm: 1e-3 * um };
     let program = "G90 G54 G0 X0 Y0 Z10\nG1 F100 Z-5\n";
     // X: 10 and 14, mean 12; Z: -6. Residuals: 2, 2 and 0.
-    let readings = [
-        at([1.0, 0.0, 0.0], 10.0),
-        at([1.0, 0.0, 0.0], 14.0),
-        at([0.0, 0.0, -1.0], 6.0),
-    ];
+    let readings =
+        [at([1.0, 0.0, 0.0], 10.0), at([1.0, 0.0, 0.0], 14.0), at([0.0, 0.0, -1.0], 6.0)];
     let taken = |errors: &str, readings: &[Reading]| {
         run_of(errors, SETUP, program, MeanOf::Readings(readings)).expect("averaged")
     };
@@ -144,14 +126,8 @@ fn the_mean_of_measured_errors() {
     let near =
         |found: [f64; 2], expected: [f64; 2]| (0..2).all(|i| (found[i] - expected[i]).abs() < 1e-9);
     let rms = |of: [f64; 3]| (of.iter().map(|x| x * x).sum::<f64>() / 3.0).sqrt();
-    assert!(
-        near(found[0].left_um, [2.0, rms([2.0, 2.0, 0.0])]),
-        "{found:?}"
-    );
-    assert!(
-        near(found[0].before_um, [14.0, rms([10.0, 14.0, 6.0])]),
-        "{found:?}"
-    );
+    assert!(near(found[0].left_um, [2.0, rms([2.0, 2.0, 0.0])]), "{found:?}");
+    assert!(near(found[0].before_um, [14.0, rms([10.0, 14.0, 6.0])]), "{found:?}");
     // Along a diagonal of X and Y each axis corrects half.
     let half = std::f64::consts::FRAC_1_SQRT_2;
     let (out, _) = taken("", &[at([half, half, 0.0], 20.0 * half)]);
@@ -162,11 +138,8 @@ fn the_mean_of_measured_errors() {
 /// hand; the error in the note on the zero equals the sum of the words.
 #[test]
 fn measured_errors_become_axis_offsets() {
-    let readings =
-        [([1.0, 0.0, 0.0], 0.010), ([0.0, 1.0, 0.0], 0.004)].map(|(direction, mm)| Reading {
-            direction,
-            error_mm: mm,
-        });
+    let readings = [([1.0, 0.0, 0.0], 0.010), ([0.0, 1.0, 0.0], 0.004)]
+        .map(|(direction, mm)| Reading { direction, error_mm: mm });
     for [correct, x, y, words, left_um, x_tenths, y_tenths] in rows(
         r#"
  | [1, 0, 0] | [0, 1, 0] | X-0.010 Y-0.004 | 0.0 | 100 | 40
@@ -216,11 +189,8 @@ fn a_probed_zero_contains_the_measured_error() {
     let temperatures = Temperatures::new();
     let corrector = Corrector::new(&model, &temperatures, 0.001).expect("compiles");
     let setup = SetUp::parse(SETUP, "setup.toml").expect("a set-up");
-    let readings =
-        [([1.0, 0.0, 0.0], 0.010), ([0.0, 1.0, 0.0], 0.004)].map(|(direction, mm)| Reading {
-            direction,
-            error_mm: mm,
-        });
+    let readings = [([1.0, 0.0, 0.0], 0.010), ([0.0, 1.0, 0.0], 0.004)]
+        .map(|(direction, mm)| Reading { direction, error_mm: mm });
     let program = b"G90 G54 G0 X0 Y0 Z0\nG81 X5 Y5 Z-5 R2 F100\nG80\n";
     let mut out = Vec::new();
     let of = MeanOf::Readings(&readings);
@@ -236,10 +206,7 @@ fn a_probed_zero_contains_the_measured_error() {
         part: Some((&part, &corrector)),
     };
     let found = verify_average(&mut &program[..], &mut &out[..], &averages, of).expect("verified");
-    assert!(
-        found.before.max_um > 10.0 && found.after.max_um < 1e-6,
-        "{found:?}"
-    );
+    assert!(found.before.max_um > 10.0 && found.after.max_um < 1e-6, "{found:?}");
     for found in found.features[0].found.clone().expect("found") {
         assert!(found.position_um.is_some_and(|um| um < 1e-6), "{found:?}");
     }
@@ -248,10 +215,7 @@ fn a_probed_zero_contains_the_measured_error() {
 /// The note is added for the first cut from the zero of the set-up file only; a zero set by the program was not probed.
 #[test]
 fn a_zero_set_by_the_program_was_not_probed() {
-    let reading = [Reading {
-        direction: [1.0, 0.0, 0.0],
-        error_mm: 0.010,
-    }];
+    let reading = [Reading { direction: [1.0, 0.0, 0.0], error_mm: 0.010 }];
     let own = "G90 G54 G0 X0 Y0\nG53 G0 Z0\nG92 Z0\nG1 X1 F100\n";
     let both = format!("{own}G92.1\nG0 Z0\nG1 X2\n");
     let zero = Note::OffAtZero("G54".to_owned(), [100, 0, 0]);
@@ -275,17 +239,9 @@ fn the_tool_length_counts_and_the_program_number_stays_first() {
         SetUp::parse(&format!("{SETUP}[tool.1]\nZ = 300\n"), "setup.toml").expect("a set-up");
     let program = "%\nO0007\nG90 G54 G43 H1 G0 X0 Y0 Z0\nG1 F100 X10\n%\n";
     let mut out = Vec::new();
-    let found = average(
-        program.as_bytes(),
-        &mut out,
-        Job::new(&corrector, &setup),
-        MeanOf::Places,
-    )
-    .expect("averaged");
-    assert!(
-        (found[0].mean_mm[0].abs() - 0.030).abs() < 1e-4,
-        "{found:?}"
-    );
+    let found = average(program.as_bytes(), &mut out, Job::new(&corrector, &setup), MeanOf::Places)
+        .expect("averaged");
+    assert!((found[0].mean_mm[0].abs() - 0.030).abs() < 1e-4, "{found:?}");
     assert!(String::from_utf8_lossy(&out).starts_with("%\nO0007\nG21 G90\nG10 L2 P1"));
 }
 
@@ -375,10 +331,7 @@ fn the_mean_has_the_direction_of_approach() {
     for (start, mean) in [("[start]\nX = 100\nY = 0\nZ = 0\n", -0.002), ("", 0.0)] {
         let program = "G54 G0 X50 Y0 Z0\nG1 Y10 F100\n";
         let (_, found) = run(errors, &format!("{offset}{start}"), program).expect("averaged");
-        assert!(
-            (found[0].mean_mm[0] - mean).abs() < 1e-9,
-            "{start}{found:?}"
-        );
+        assert!((found[0].mean_mm[0] - mean).abs() < 1e-9, "{start}{found:?}");
     }
 }
 
@@ -404,10 +357,7 @@ fn a_hole_is_cut_from_above_and_left_from_below() {
         let errors = format!("EZZ = {{ mean = {{ poly = [0.0] }}, reversal = {reversal} }}\n");
         for (program, offset) in [
             ("G90 G54 G81 X0 Y0 Z-10 R2 F100\nG80\nG1 X20\n", "Z0.000"),
-            (
-                "G90 G54 G0 Z80\nG81 X0 Y0 Z-10 R2 F100\nX10\nG80\n",
-                of_holes,
-            ),
+            ("G90 G54 G0 Z80\nG81 X0 Y0 Z-10 R2 F100\nX10\nG80\n", of_holes),
         ] {
             let (out, found) = run(&errors, setup, program).expect("averaged");
             assert!(out.contains(&format!("Y0.000 {offset}\n")), "{out}");

@@ -69,19 +69,13 @@ fn a_correction_beyond_the_limit_is_refused() {
     }
     for (dialect, program) in [
         (Dialect::Siemens, "G90 G0 X0 Y0\nG1 F100 X200\nM30\n"),
-        (
-            Dialect::Heidenhain,
-            "0 BEGIN PGM A MM\n1 L X+200 Y+0 R0 FMAX\n2 END PGM A MM\n",
-        ),
+        (Dialect::Heidenhain, "0 BEGIN PGM A MM\n1 L X+200 Y+0 R0 FMAX\n2 END PGM A MM\n"),
     ] {
         let found = limited("EXX = { poly = [0.0, 20] }\n", program, dialect, 250.0);
         assert!(
             matches!(
                 found,
-                Err(NcError::OutOfBounds {
-                    violation: BoundViolation::BeyondLimit { .. },
-                    ..
-                })
+                Err(NcError::OutOfBounds { violation: BoundViolation::BeyondLimit { .. }, .. })
             ),
             "{dialect:?}: {found:?}"
         );
@@ -181,9 +175,7 @@ fn corrections_beyond_the_bounds_are_not_written() {
         };
         written += 1;
         let words = |text: &str, letter: char| -> Vec<f64> {
-            let words = text
-                .split_whitespace()
-                .filter_map(|word| word.strip_prefix(letter));
+            let words = text.split_whitespace().filter_map(|word| word.strip_prefix(letter));
             words.filter_map(|number| number.parse().ok()).collect()
         };
         for (letter, [low, high]) in [('X', [0.0, 600.0]), ('Y', [-300.0, 300.0])] {
@@ -197,8 +189,5 @@ fn corrections_beyond_the_bounds_are_not_written() {
             assert!((before - after).abs() <= 0.2505, "{errors}{program}{out}");
         }
     }
-    assert!(
-        written > 20 && refused > 20,
-        "{written} written, {refused} refused"
-    );
+    assert!(written > 20 && refused > 20, "{written} written, {refused} refused");
 }

@@ -53,21 +53,13 @@ G54\nG68 X0 Y0 R90000\nG0 X10000 Y0\n | G54\nG68 X0 Y0 R90000\nG0 X10000 Y-10\n
 G0 X50. Y25. Z0\nG4 P1000\nG5.1 Q1 R5\nG1 X60. F200\n | G0 X50.025 Y25. Z0\nG4 P1000\nG5.1 Q1 R5\nG1 X60.025 F200\n
 ",
         ) {
-            assert_eq!(
-                result(control, program).as_deref(),
-                Ok(expected),
-                "{control}{program}"
-            );
+            assert_eq!(result(control, program).as_deref(), Ok(expected), "{control}{program}");
         }
     }
     // On other controls X60 is 60 mm.
     for control in ["", "control = \"linuxcnc\"\n", "control = \"grbl\"\n"] {
         let found = result(control, "G0 X50. Y25. Z0\nX60\n");
-        assert_eq!(
-            found.as_deref(),
-            Ok("G0 X50.025 Y25. Z0\nX60.025\n"),
-            "{control}"
-        );
+        assert_eq!(found.as_deref(), Ok("G0 X50.025 Y25. Z0\nX60.025\n"), "{control}");
     }
 }
 
@@ -109,10 +101,7 @@ fn increments_and_points_give_the_same_numbers() {
                 }
                 3 => {
                     at[0] += 2 * radius;
-                    write(
-                        "G2 F500",
-                        &[('X', at[0]), ('Y', at[1]), ('I', radius), ('J', 0)],
-                    );
+                    write("G2 F500", &[('X', at[0]), ('Y', at[1]), ('I', radius), ('J', 0)]);
                 }
                 4 => {
                     at[0] += radius;
@@ -144,10 +133,7 @@ fn increments_and_points_give_the_same_numbers() {
                 "{points}{increments}"
             );
         }
-        assert_eq!(
-            points.split_whitespace().count(),
-            increments.split_whitespace().count()
-        );
+        assert_eq!(points.split_whitespace().count(), increments.split_whitespace().count());
         assert!(!increments.contains('.'), "{increments}");
     }
     assert!(compared > 40, "{compared} of 60 are not refused");
@@ -196,10 +182,7 @@ unit | G0 X50 Y100\n | G0 X50.100 Y100\n
 #[test]
 fn computed_numbers_get_a_point() {
     let program = "G0 X0 Y0 Z0\nG1 X[#5420+20.] Y100. F100\n#1=50\nG1 X#1 Y100.\n";
-    let found = result(
-        "control = \"fanuc\"\nwithout_point = \"increment\"\n",
-        program,
-    );
+    let found = result("control = \"fanuc\"\nwithout_point = \"increment\"\n", program);
     let expected = "G0 X0 Y0 Z0\nG1 X20.100 Y100. F100\n#1=50\nG1 X50.100 Y100.\n";
     assert_eq!(found.as_deref(), Ok(expected));
     let found = result("control = \"fanuc\"\n", "G0 X50. Y900.\nX-0.9\n");
@@ -216,10 +199,7 @@ fn increments_are_verified_as_increments() {
         let (text, summary, found) =
             verified_in(Dialect::Rs274, [&machine, FANUC, program], strategy).expect("compensated");
         assert!(summary.counts.added > 4, "{text}");
-        assert!(
-            found.before.max_um > 20.0 && found.after.max_um < 2.0,
-            "{text}{found:?}"
-        );
+        assert!(found.before.max_um > 20.0 && found.after.max_um < 2.0, "{text}{found:?}");
         let has_point = |line: &str| line.contains('.') && line != "G0 X0 Y0 Z0";
         assert!(!text.lines().any(has_point), "{text}");
     }
@@ -342,11 +322,7 @@ fn g52_and_g92_together_are_refused() {
         ("G92 X5. Y5.\nG52 X50.\n", 5, Some("G52 while a G92 shift")),
         ("G52 X5.\nG92 Y3.\n", 5, Some("G92 while a G52 shift")),
         ("G92 X5. Y5.\nG92.1 X0.\n", 5, Some("G92.1 without Y")),
-        (
-            "G92 X5. Y5.\nG92.1 X0. Y0.\nG52 X5.\nG52 X0.\nG92 X5.\n",
-            0,
-            None,
-        ),
+        ("G92 X5. Y5.\nG92.1 X0. Y0.\nG52 X5.\nG52 X0.\nG92 X5.\n", 0, None),
         ("G92 X5. Y5.\nG92.1\n", 0, None),
         ("G92 X5.\nG92.1 X0.\n", 0, None),
     ] {
@@ -370,23 +346,14 @@ fn g52_and_g92_together_are_refused() {
 /// U, V and W are refused where they may be incremental X, Y and Z, unless the machine has an axis W.
 #[test]
 fn incremental_u_v_w_are_refused() {
-    for line in [
-        "G1 U20. F100.",
-        "G0 W-5.",
-        "G28 U0. W0.",
-        "G92 V5.",
-        "G83 X1. W-2. R1. F1.",
-    ] {
+    for line in ["G1 U20. F100.", "G0 W-5.", "G28 U0. W0.", "G92 V5.", "G83 X1. W-2. R1. F1."] {
         for control in COUNTING {
             let error = result(control, &around(line)).expect_err(line);
             assert!(error.starts_with("line 4: "), "{error}");
             has(&error, " without such an axis in the machine file");
         }
         let other = result("", &around(line));
-        assert!(
-            other.is_err() || other.is_ok_and(|text| text.contains(line)),
-            "{line}"
-        );
+        assert!(other.is_err() || other.is_ok_and(|text| text.contains(line)), "{line}");
     }
     let machine = "structure = \"w X' W' b Y Z t\"\n[axes.X]\ntravel = [-1000, 1000]\n[axes.Y]\ntravel = [-1000, 1000]\n[axes.Z]\ntravel = [-1000, 1000]\n[axes.W]\ntravel = [-1000, 1000]\ndirection = [0, 0, 1]\n";
     let program = around("G0 W-5.");
@@ -421,39 +388,26 @@ fn work_offsets_have_numbers() {
     }
     // An offset that the program sets.
     for (control, code) in [(FANUC, "G54.1 P7"), (HAAS, "G154 P7"), (MAZAK, "G54.1 P7")] {
-        let found = result(
-            control,
-            &format!("G90\nG10 L20 P7 X0 Y400. Z0\n{code}\nG0 X0 Y100. Z0\n"),
-        );
+        let found =
+            result(control, &format!("G90\nG10 L20 P7 X0 Y400. Z0\n{code}\nG0 X0 Y100. Z0\n"));
         assert_eq!(
             found,
-            Ok(format!(
-                "G90\nG10 L20 P7 X0 Y400. Z0\n{code}\nG0 X0.500 Y100. Z0\n"
-            )),
+            Ok(format!("G90\nG10 L20 P7 X0 Y400. Z0\n{code}\nG0 X0.500 Y100. Z0\n")),
             "{control}"
         );
     }
     // An offset that is not stated counts as zero, with a note.
     let set = SetUp::parse(FANUC, "setup.toml").expect("a set-up");
     let (_, summary) = compensated_in(&set, ERRORS, b"G54.1 P12\nG0 X0 Y100. Z0\n").expect("taken");
-    let notes: Vec<String> = summary
-        .notes
-        .by_line()
-        .iter()
-        .map(|(_, note)| note.to_string())
-        .collect();
+    let notes: Vec<String> =
+        summary.notes.by_line().iter().map(|(_, note)| note.to_string()).collect();
     assert!(
-        notes
-            .iter()
-            .any(|note| note.starts_with("the set-up file has no work offset P12")),
+        notes.iter().any(|note| note.starts_with("the set-up file has no work offset P12")),
         "{notes:?}"
     );
     for (text, expected) in [
         ("[work_offset.P0]\nX = 1\n", "there is no work offset P0"),
-        (
-            "[work_offset.P301]\nX = 1\n",
-            "there is no work offset P301",
-        ),
+        ("[work_offset.P301]\nX = 1\n", "there is no work offset P301"),
     ] {
         let error = result(text, "").expect_err(text);
         assert!(error.contains(expected), "{error}");
@@ -474,10 +428,7 @@ fn cycles_are_stored_by_k0_and_l0() {
         let stored = |line: &str| format!("G90 G0 X0 Y100. Z10.\n{line}\nX30. Y100.\nX40.\nG80\n");
         for (line, deep) in [
             (format!("G99 G81 Z-5. R2. F100. {zero}"), " Z-4.995 R1.998"),
-            (
-                format!("G98 G81 X10. Y100. Z-5. R2. F100. {zero}"),
-                " Z-4.995 R1.998",
-            ),
+            (format!("G98 G81 X10. Y100. Z-5. R2. F100. {zero}"), " Z-4.995 R1.998"),
         ] {
             let found = run(control, &stored(&line));
             let expected =
@@ -532,12 +483,9 @@ fn presets_are_work_offsets() {
     let machine = format!("{LINEAR}{ERRORS}");
     let program = "0 BEGIN PGM PART MM\n1 CYCL DEF 247 BEZUGSPUNKT SETZEN ~\n    Q339=+3    ;BEZUGSPUNKT-NUMMER\n2 TOOL CALL 5 Z S8000\n3 L X+10 Y+100 Z+0 R0 FMAX M3\n4 END PGM PART MM\n";
     let setup = "control = \"heidenhain\"\n[work_offset.P3]\nY = 400\n[tool.5]\nZ = 0\n";
-    let (text, summary, _) = verified_in(
-        Dialect::Heidenhain,
-        [&machine, setup, program],
-        Strategy::Plain,
-    )
-    .expect("taken");
+    let (text, summary, _) =
+        verified_in(Dialect::Heidenhain, [&machine, setup, program], Strategy::Plain)
+            .expect("taken");
     assert_eq!(text, program.replace("X+10 Y", "X+10.500 Y"));
     assert!(summary.notes.by_line().is_empty(), "{:?}", summary.notes);
     // A shift that has ended does not matter; one after the preset is added to it.
@@ -545,12 +493,9 @@ fn presets_are_work_offsets() {
         let begins = "TRANS DATUM AXIS X+60 Z-5\n";
         let behind = "CYCL DEF 247 ~\nQ339=+3\nTRANS DATUM AXIS X-10\nL X+20 Y+100 Z+0 R0 F500\n";
         let program = format!("{begins}{ends}\n{behind}");
-        let (text, summary, _) = verified_in(
-            Dialect::Heidenhain,
-            [&machine, setup, &program],
-            Strategy::Plain,
-        )
-        .expect(ends);
+        let (text, summary, _) =
+            verified_in(Dialect::Heidenhain, [&machine, setup, &program], Strategy::Plain)
+                .expect(ends);
         assert_eq!(text, program.replace("X+20", "X+20.500"));
         // At Y 400, where the preset is, X needs 0.4 mm, whatever shift is added.
         let zero = Note::OffAtZero("P3".to_owned(), [-4000, 0, 0]);
@@ -567,13 +512,9 @@ fn presets_are_work_offsets() {
 ",
     ) {
         let program = format!("0 BEGIN PGM PART MM\n{line}");
-        let error = verified_in(
-            Dialect::Heidenhain,
-            [&machine, setup, &program],
-            Strategy::Plain,
-        )
-        .expect_err(line)
-        .to_string();
+        let error = verified_in(Dialect::Heidenhain, [&machine, setup, &program], Strategy::Plain)
+            .expect_err(line)
+            .to_string();
         assert!(error.starts_with(expected), "{error}");
     }
 }
@@ -582,10 +523,7 @@ fn presets_are_work_offsets() {
 fn noted(dialect: Dialect, machine: &str, program: &str, text: &str) -> Vec<String> {
     let machine = Machine::parse(machine, "m.toml").expect("a good machine");
     let (_, notes) = written(dialect, &machine, "", program).expect(program);
-    notes
-        .into_iter()
-        .filter(|note| note.contains(text))
-        .collect()
+    notes.into_iter().filter(|note| note.contains(text)).collect()
 }
 
 /// M10 clamps a rotary axis: a word that only corrects the axis gets a note, until M11.
@@ -598,26 +536,13 @@ fn corrections_of_a_clamped_axis_are_noted() {
     };
     for (codes, line) in [
         (["", ""], None),
-        (
-            ["M10\n", ""],
-            Some("3: M10 clamps a rotary axis, and A gets words"),
-        ),
-        (
-            ["", "M10\n"],
-            Some("4: M10 clamps a rotary axis, and A gets words"),
-        ),
+        (["M10\n", ""], Some("3: M10 clamps a rotary axis, and A gets words")),
+        (["", "M10\n"], Some("4: M10 clamps a rotary axis, and A gets words")),
         (["M10\nM11\n", ""], None),
     ] {
         let found = noted(Dialect::Rs274, tilts, &program(codes), "M10");
-        assert_eq!(
-            found.len(),
-            usize::from(line.is_some()),
-            "{codes:?}: {found:?}"
-        );
-        assert!(
-            line.is_none_or(|line| found[0].starts_with(line)),
-            "{found:?}"
-        );
+        assert_eq!(found.len(), usize::from(line.is_some()), "{codes:?}: {found:?}");
+        assert!(line.is_none_or(|line| found[0].starts_with(line)), "{found:?}");
     }
 }
 
@@ -636,14 +561,7 @@ fn split_motions_with_an_exact_stop_are_noted() {
     ] {
         let program = format!("{code}\nG0 X0 Y0 Z0\n{cuts}G1 X400 F100\nG1 X0\n");
         let found = noted(dialect, &bends, &program, "exact stop");
-        assert_eq!(
-            found.len(),
-            usize::from(noted_line > 0),
-            "{program}{found:?}"
-        );
-        assert!(
-            found.iter().all(|note| note.starts_with("3: ")),
-            "{found:?}"
-        );
+        assert_eq!(found.len(), usize::from(noted_line > 0), "{program}{found:?}");
+        assert!(found.iter().all(|note| note.starts_with("3: ")), "{found:?}");
     }
 }

@@ -39,10 +39,8 @@ fn program(draw: &mut ChaCha8Rng, axes: &[(char, f64)]) -> Vec<String> {
                     ["", "G1", "g01", "G0", "G1.0", " G1 "][draw.random_range(0..6)].to_owned();
                 let first = draw.random_range(0..axes.len());
                 for place in 0..axes.len() {
-                    let ((letter, _), at) = (
-                        axes[(first + place) % axes.len()],
-                        at[(first + place) % axes.len()],
-                    );
+                    let ((letter, _), at) =
+                        (axes[(first + place) % axes.len()], at[(first + place) % axes.len()]);
                     let decimals = draw.random_range(0..6);
                     if place == 0 || draw.random_range(0..4) > 0 {
                         let blank = ["", " ", "\t"][draw.random_range(0..3)];
@@ -50,9 +48,7 @@ fn program(draw: &mut ChaCha8Rng, axes: &[(char, f64)]) -> Vec<String> {
                     }
                 }
                 let number = ["", "", "N10", "n 7 ", "N1.5 "][draw.random_range(0..5)];
-                let end = [
-                    "", "", "", "F900", " f 12.5", "F1F2", " (c)", "(c) ", "; c", "(c)(c)",
-                ];
+                let end = ["", "", "", "F900", " f 12.5", "F1F2", " (c)", "(c) ", "; c", "(c)(c)"];
                 let end = end[draw.random_range(0..end.len())];
                 format!("{number}{line}{end}")
             }
@@ -90,9 +86,8 @@ fn program(draw: &mut ChaCha8Rng, axes: &[(char, f64)]) -> Vec<String> {
 
 /// Those lines that are also valid in the language of SINUMERIK controls.
 fn siemens(lines: Vec<String>) -> Vec<String> {
-    const OTHER: [&str; 13] = [
-        "G92", "G68", "G69", "G8", "M4", "T1", "G49", "G41", "G2 ", "G20", "[", "W", "G40",
-    ];
+    const OTHER: [&str; 13] =
+        ["G92", "G68", "G69", "G8", "M4", "T1", "G49", "G41", "G2 ", "G20", "[", "W", "G40"];
     let is_siemens = |line: &String| !OTHER.iter().any(|other| line.contains(other));
     let in_siemens = |line: String| {
         let line = line.replace("G21", "G71").replace("G1.0", "G1");
@@ -102,11 +97,7 @@ fn siemens(lines: Vec<String>) -> Vec<String> {
             None => line.replace("; c", ";c"),
         }
     };
-    lines
-        .into_iter()
-        .filter(is_siemens)
-        .map(in_siemens)
-        .collect()
+    lines.into_iter().filter(is_siemens).map(in_siemens).collect()
 }
 
 /// A HEIDENHAIN program, mostly of short straight motions.
@@ -163,11 +154,7 @@ fn heidenhain(draw: &mut ChaCha8Rng, axes: &[(char, f64)]) -> Vec<String> {
                 // Two feeds, and R0 with a point, are errors.
                 let end = end[draw.random_range(0..if lines.len() < 140 { 11 } else { 14 })];
                 let is_usual = draw.random_range(0..20) > 0;
-                let sign = if is_usual {
-                    sign
-                } else {
-                    [".", ","][draw.random_range(0..2)]
-                };
+                let sign = if is_usual { sign } else { [".", ","][draw.random_range(0..2)] };
                 format!("{line}{end}").replace('.', sign)
             }
             85 => "L IX+0.25 IY-0.5".to_owned(),
@@ -236,13 +223,7 @@ fn compensated(
 
 #[test]
 fn comments_do_not_change_numbers() {
-    let five = [
-        ('X', 300.0),
-        ('Y', 250.0),
-        ('Z', -150.0),
-        ('A', -45.0),
-        ('C', 10.0),
-    ];
+    let five = [('X', 300.0), ('Y', 250.0), ('Z', -150.0), ('A', -45.0), ('C', 10.0)];
     let trunnion = include_str!("../../../../examples/trunnion.toml");
     let [ahead, lags] = ["", "-"].map(|sign| {
         let reversal = REVERSAL.replace("= 3", &format!("= {sign}3"));
@@ -320,10 +301,7 @@ fn the_first_correction_with_an_assumed_offset_is_noted() {
     let by_line = by_line.map(|(line, note)| (line, note.to_string()));
     let by_line = by_line.filter(|(_, note)| note.contains("work offset"));
     let expected = [(3, "G54"), (6, "G56")].map(|(line, name)| {
-        (
-            line,
-            format!("the set-up file has no work offset {name}: zero is assumed"),
-        )
+        (line, format!("the set-up file has no work offset {name}: zero is assumed"))
     });
     assert_eq!(by_line.collect::<Vec<_>>(), expected, "{out}");
 }

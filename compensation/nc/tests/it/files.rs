@@ -76,10 +76,8 @@ fn line_ends_across_buffers() {
             for size in [1, 2, 3, 7] {
                 let mut input = std::io::BufReader::with_capacity(size, &program[..]);
                 let mut out = Vec::new();
-                compensate(&mut input, &mut out, Job::new(&corrector, &setup), |_| {
-                    Ok(())
-                })
-                .expect("compensated");
+                compensate(&mut input, &mut out, Job::new(&corrector, &setup), |_| Ok(()))
+                    .expect("compensated");
                 assert_eq!(out, expected, "{size}");
             }
         }
@@ -101,9 +99,7 @@ G0 X0\no1 repeat [2]\rX2\no1 endrepeat\n | line 2: column 14: found a carriage r
 <PART> G0 X0\n | line 1: expected nothing but a comment after the name of a program
 ",
     );
-    let texts = texts
-        .into_iter()
-        .map(|[program, expected]| (program.as_bytes(), expected));
+    let texts = texts.into_iter().map(|[program, expected]| (program.as_bytes(), expected));
     let bytes: [(&[u8], &str); 3] = [
         (b"G0 X0\nG1 X1\0\n", "line 2: byte 0x00 at column 6"),
         (b"\0\0\nG1 X1 Q\n", "line 2: column 7: expected a number"),
@@ -119,10 +115,7 @@ G0 X0\no1 repeat [2]\rX2\no1 endrepeat\n | line 2: column 14: found a carriage r
         let corrector =
             Corrector::new(&machine, &Temperatures::new(), 0.0005).expect("a corrector");
         let setup = SetUp::default();
-        let job = Job {
-            dialect,
-            ..Job::new(&corrector, &setup)
-        };
+        let job = Job { dialect, ..Job::new(&corrector, &setup) };
         let mut out = Vec::new();
         compensate(&mut &program[..], &mut out, job, |_| Ok(())).map(|_| out)
     };
@@ -149,10 +142,7 @@ fn programs_have_numbers_and_names() {
     // A call finds its program by either letter.
     let program = "G0 X0 Y0 Z0\nM98 P97\nM30\n:0097\nG1 Y100. F100\nM99\n";
     let out = result(program.as_bytes()).expect("compensated");
-    assert_eq!(
-        String::from_utf8_lossy(&out),
-        program.replace("Y100. F100", "Y100. F100 X0.100")
-    );
+    assert_eq!(String::from_utf8_lossy(&out), program.replace("Y100. F100", "Y100. F100 X0.100"));
 }
 
 #[test]
@@ -160,21 +150,13 @@ fn mean_corrections_follow_the_leader() {
     let machine = Machine::parse(&format!("{TRAVELS}[errors]\nEC0Y = 1000.0\n"), "m.toml")
         .expect("a good machine");
     let corrector = Corrector::new(&machine, &Temperatures::new(), 0.0005).expect("a corrector");
-    let setup = SetUp::parse(
-        "[work_offset.G54]\nX = 0\n[start]\nX = 0\nY = 0\nZ = 0\n",
-        "s.toml",
-    )
-    .expect("a set-up");
+    let setup = SetUp::parse("[work_offset.G54]\nX = 0\n[start]\nX = 0\nY = 0\nZ = 0\n", "s.toml")
+        .expect("a set-up");
     for (leader, end) in [("\u{feff}", "\r\n"), ("\0\0\0", "\n\r\r"), ("", "\r")] {
         let program = format!("{leader}%\n:0097\nG1 X0 Y100 Z0 F100\n").replace('\n', end);
         let mut out = Vec::new();
-        average(
-            program.as_bytes(),
-            &mut out,
-            Job::new(&corrector, &setup),
-            MeanOf::Places,
-        )
-        .expect("compensated");
+        average(program.as_bytes(), &mut out, Job::new(&corrector, &setup), MeanOf::Places)
+            .expect("compensated");
         let expected = format!(
             "{leader}%\n:0097\nG21 G90\nG10 L2 P1 X0.100 Y0.000 Z0.000\nG1 X0 Y100 Z0 F100\n"
         )

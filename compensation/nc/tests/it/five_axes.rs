@@ -95,9 +95,7 @@ fn miss_um(length: f64, wanted: [f64; 5], commanded: [f64; 5]) -> f64 {
     let error = machine.error_at(&state(commanded), Form::Exact, &Temperatures::new());
     let tip = |[x, y, z, a, c]: [f64; 5]| seen_from_table([x, y, z - length], a, c);
     let (wanted, reached) = (tip(wanted), tip(commanded));
-    let off: f64 = (0..3)
-        .map(|i| (reached[i] + error.position_mm[i] - wanted[i]).powi(2))
-        .sum();
+    let off: f64 = (0..3).map(|i| (reached[i] + error.position_mm[i] - wanted[i]).powi(2)).sum();
     1e3 * off.sqrt()
 }
 
@@ -114,9 +112,7 @@ const PLACES: [[f64; 5]; 6] = [
 fn random_places(count: usize) -> Vec<[f64; 5]> {
     let mut seed = 7_u64;
     let mut random = |low: f64, high: f64| {
-        seed = seed
-            .wrapping_mul(6_364_136_223_846_793_005)
-            .wrapping_add(1_442_695_040_888_963_407);
+        seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         low + (high - low) * ((seed >> 11) as f64 / (1_u64 << 53) as f64)
     };
     let mut places = PLACES.to_vec();
@@ -153,9 +149,7 @@ fn coordinates_of_the_axes() {
     let text = program("G90 G54", random_places(300).into_iter());
     let (out, _) = run(&machine, LINEAR_WORDS, &text, Decimals::default());
     let mut before = 0.0;
-    for (wanted, commanded) in random_places(300)
-        .into_iter()
-        .zip(places(&out).into_iter().skip(1))
+    for (wanted, commanded) in random_places(300).into_iter().zip(places(&out).into_iter().skip(1))
     {
         before += miss_um(LENGTH, wanted, wanted);
         let miss = miss_um(LENGTH, wanted, commanded);
@@ -183,10 +177,7 @@ fn coordinates_of_the_centre_point() {
             [x, y, z + length, a, c]
         };
         let text = program(first, random_places(300).into_iter().map(to_centre));
-        let decimals = Decimals {
-            mm: 4,
-            ..Decimals::default()
-        };
+        let decimals = Decimals { mm: 4, ..Decimals::default() };
         let (out, _) = run(&own, &format!("{LINEAR_WORDS}{setup}"), &text, decimals);
         let commanded = places(&out).into_iter().skip(1).map(to_axes);
         for (wanted, commanded) in random_places(300).into_iter().zip(commanded) {
@@ -223,18 +214,14 @@ fn centre_point_control_lasts_until_it_is_switched_off() {
     let by_axes = last("", "G43.1 Z150");
     assert_ne!(by_centre, by_axes);
     let on = "tool_centre_point = true\n";
-    for (setup, first) in [
-        ("", "M428\nG43.1 Z150"),
-        ("", "M428\nG49\nG43.1 Z150"),
-        (on, "G43.1 Z150"),
-    ] {
+    for (setup, first) in
+        [("", "M428\nG43.1 Z150"), ("", "M428\nG49\nG43.1 Z150"), (on, "G43.1 Z150")]
+    {
         assert_eq!(last(setup, first), by_centre, "{first}");
     }
-    for (setup, first) in [
-        ("", "M428\nG43.1 Z150\nM429"),
-        (on, "M429\nG43.1 Z150"),
-        ("", "G43.4\nG49\nG43.1 Z150"),
-    ] {
+    for (setup, first) in
+        [("", "M428\nG43.1 Z150\nM429"), (on, "M429\nG43.1 Z150"), ("", "G43.4\nG49\nG43.1 Z150")]
+    {
         assert_eq!(last(setup, first), by_axes, "{first}");
     }
 }
@@ -248,10 +235,7 @@ fn play_is_taken_up_where_an_axis_reverses() {
         "G90 G0 X300 Y250 Z-250 A0 C0\nG1 F1000 X340 Y260 A-40 C60\nX250 Y220 Z-260 A-80 C170\n";
     let (summary, found) = verified(&machine, "tool_centre_point = true\n", program);
     assert!(found.after.max_um < 2.5, "{:?}", found.after);
-    let inner = summary
-        .shares
-        .windows(2)
-        .filter(|pair| pair[0] == pair[1] && pair[0] > 0.0);
+    let inner = summary.shares.windows(2).filter(|pair| pair[0] == pair[1] && pair[0] > 0.0);
     assert!(inner.count() > 0, "{:?}", summary.shares);
 }
 
@@ -264,10 +248,7 @@ fn own_kinematics_after_m428_are_refused() {
         taken(good).expect("taken");
     }
     let error = taken("M428\nG1 X1 F1\nM430\nG1 X2\n").expect_err("refused");
-    assert!(
-        error.to_string().starts_with("line 3: M430 after M428"),
-        "{error}"
-    );
+    assert!(error.to_string().starts_with("line 3: M430 after M428"), "{error}");
 }
 
 /// With tool centre point control, words of a rotary axis that the machine file lacks are refused, because the table would turn.
@@ -279,9 +260,7 @@ fn rotary_words_of_missing_axes_are_refused_with_centre_point_control() {
     taken("G1 X1 B10 F1\nM428\nG1 X2 A5 C5\nM429\nB20\n").expect("taken");
     let error = taken("M428\nG1 X1 F1\nX2 B10\n").expect_err("refused");
     assert!(
-        error
-            .to_string()
-            .starts_with("line 3: a motion of B, which the machine file lacks"),
+        error.to_string().starts_with("line 3: a motion of B, which the machine file lacks"),
         "{error}"
     );
 }
@@ -291,10 +270,8 @@ fn a_new_tool_length_at_a_tilt_makes_positions_unknown() {
     let machine = machine(LENGTH);
     let program = "M428\nG43.1 Z93\nG0 X320 Y260 Z-300 A0 C0\nG1 Z-350 A29 C45 F100\nG43.1 Z120\nG1 Z-340\nG1 X330\nY250\nM2\n";
     let (result, _) = run(&machine, "", program, Decimals::default());
-    let behind: Vec<&str> = result
-        .lines()
-        .skip_while(|line| !line.starts_with("G43.1 Z120"))
-        .collect();
+    let behind: Vec<&str> =
+        result.lines().skip_while(|line| !line.starts_with("G43.1 Z120")).collect();
     let names = |line: &str| -> String { line.chars().filter(|c| "XYZAC".contains(*c)).collect() };
     assert_eq!(names(behind[1]), "Z", "{result}");
     assert_eq!(names(behind[2]).replace('Z', ""), "X", "{result}");
@@ -363,10 +340,7 @@ fn linuxcnc_centre_lines_equal_points_of_the_machine_file() {
 #[test]
 fn an_axis_with_modulo_does_not_leave_its_travel() {
     let turns = "G0 X10 Y20 Z0 A0 C0\nG1 C370 F500\nC-900.5\nC12345\n";
-    for (modulo, expected) in [
-        ("modulo = 360.0\n", None),
-        ("", Some("C leaves its travel")),
-    ] {
+    for (modulo, expected) in [("modulo = 360.0\n", None), ("", Some("C leaves its travel"))] {
         let text = format!(
             "structure = \"w C' A' X' Y' b Z t\"\n[axes.X]\ntravel = [-300, 300]\n[axes.Y]\ntravel = [-300, 300]\n[axes.Z]\ntravel = [-300, 300]\n[axes.A]\ntravel = [-100, 100]\n[axes.C]\ntravel = [0, 360]\n{modulo}[errors]\nEC0Y = 20.0\n"
         );
@@ -421,11 +395,9 @@ fn the_direction_of_a_modulo_axis_must_be_stated() {
         })
     };
     let over_the_end = "G0 X10 Y20 Z0 C250\nG1 C10 F500\n";
-    for program in [
-        over_the_end,
-        "G0 X10 Y20 Z0 C0\nC180\n",
-        "G0 X10 Y20 Z0 C0\nG1 X20 C-200 F500\n",
-    ] {
+    for program in
+        [over_the_end, "G0 X10 Y20 Z0 C0\nC180\n", "G0 X10 Y20 Z0 C0\nG1 X20 C-200 F500\n"]
+    {
         let (_, noted) = result(TURNS, "", program).expect(program);
         assert!(!noted.is_empty(), "{program}");
         let fanuc = "control = \"fanuc\"\nwithout_point = \"unit\"\n";
@@ -455,22 +427,13 @@ fn the_direction_of_a_modulo_axis_must_be_stated() {
         assert!(words.len() > 2, "it is split: {words:?}");
         assert_eq!((words[0], words[words.len() - 1] % 360.0), (250.0, 10.0));
     }
-    assert!(
-        linear.windows(2).all(|pair| pair[1] < pair[0]),
-        "{linear:?}"
-    );
+    assert!(linear.windows(2).all(|pair| pair[1] < pair[0]), "{linear:?}");
     // The set-up applies to rollover axes only: A moves by +200 through 0, within its travel.
     let swivel = "G0 X10 Y20 Z0 C-100\nG1 C100 F500\n";
     let (out, _) = result(SWIVELS, SHORTER, swivel).expect("compensated");
     let turned: Vec<f64> = places(&out).iter().map(|place| place[4]).collect();
-    assert!(
-        turned.windows(2).all(|pair| pair[1] > pair[0]),
-        "{turned:?}"
-    );
-    assert!(
-        shorter.iter().all(|c| !(10.1..249.9).contains(c)),
-        "{shorter:?}"
-    );
+    assert!(turned.windows(2).all(|pair| pair[1] > pair[0]), "{turned:?}");
+    assert!(shorter.iter().all(|c| !(10.1..249.9).contains(c)), "{shorter:?}");
 }
 
 /// A machine with a table that turns about A, and the start of its programs.
@@ -485,12 +448,9 @@ fn turned(errors: &str, setup: &str, dialect: Dialect, program: &str) -> Result<
     );
     let machine = Machine::parse(&text, "m.toml").expect("a good machine");
     let setup = SetUp::parse(setup, "setup.toml").expect("a set-up");
-    let done = result_of((&machine, 0.001), &setup, program.as_bytes(), |job| Job {
-        dialect,
-        ..job
-    });
-    done.map(|(out, _)| String::from_utf8(out).expect("text"))
-        .map_err(|error| error.to_string())
+    let done =
+        result_of((&machine, 0.001), &setup, program.as_bytes(), |job| Job { dialect, ..job });
+    done.map(|(out, _)| String::from_utf8(out).expect("text")).map_err(|error| error.to_string())
 }
 
 /// In a purely rotary motion F applies to the rotary axis. Where a linear word would change that, X, Y and Z follow in separate blocks,
@@ -503,11 +463,9 @@ fn a_purely_rotary_motion_keeps_its_feed() {
         out.lines().map(str::to_owned).collect()
     };
     let names = |line: &str, letters: &str| line.contains(|of: char| letters.contains(of));
-    for (setup, dialect) in [
-        ("", Dialect::Rs274),
-        ("control = \"linuxcnc\"\n", Dialect::Rs274),
-        ("", Dialect::Siemens),
-    ] {
+    for (setup, dialect) in
+        [("", Dialect::Rs274), ("control = \"linuxcnc\"\n", Dialect::Rs274), ("", Dialect::Siemens)]
+    {
         let lines = lines(setup, dialect);
         let turn = &lines[2..lines.len() - 1];
         let is_mixed = |line: &String| names(line, "A") && names(line, "XYZ");
@@ -522,15 +480,9 @@ fn a_purely_rotary_motion_keeps_its_feed() {
             }
         }
         // The next motion corrects the remainder at the end.
-        assert!(
-            turn.last().is_some_and(|line| line.contains("A90")),
-            "{lines:?}"
-        );
+        assert!(turn.last().is_some_and(|line| line.contains("A90")), "{lines:?}");
     }
-    let together = lines(
-        "control = \"fanuc\"\nwithout_point = \"unit\"\n",
-        Dialect::Rs274,
-    );
+    let together = lines("control = \"fanuc\"\nwithout_point = \"unit\"\n", Dialect::Rs274);
     let is_mixed = |line: &String| names(line, "A") && names(line, "XYZ");
     assert!(together[2..].iter().any(is_mixed), "{together:?}");
     // An unchanged word must not move the axis away from its corrected position.
@@ -538,10 +490,7 @@ fn a_purely_rotary_motion_keeps_its_feed() {
     let program = "G94 G0 X0 Y0 Z0 A0\nG1 Z0 A10 F600\nG1 Z0 A20\nG1 Z-5\n";
     let out = turned(bent, "", Dialect::Rs274, program).expect("compensated");
     for pair in places(&out).windows(2) {
-        assert!(
-            pair[0][3] == pair[1][3] || pair[0][2] == pair[1][2],
-            "{out}"
-        );
+        assert!(pair[0][3] == pair[1][3] || pair[0][2] == pair[1][2], "{out}");
     }
 }
 
@@ -560,15 +509,9 @@ fn the_limit_holds_at_the_tool() {
     };
     let tip = |[x, y, z, a, c]: [f64; 5]| seen_from_table([x, y, z - LENGTH], a, c);
     let mut beyond_of_axis = 0;
-    for wanted in random_places(200).into_iter().chain((0..20).map(|i| {
-        [
-            310.0 + 5.0 * f64::from(i),
-            260.0,
-            -160.0,
-            -2.0,
-            20.0 * f64::from(i),
-        ]
-    })) {
+    for wanted in random_places(200).into_iter().chain(
+        (0..20).map(|i| [310.0 + 5.0 * f64::from(i), 260.0, -160.0, -2.0, 20.0 * f64::from(i)]),
+    ) {
         let text = program("G90 G54", [wanted].into_iter());
         let out = run(&text, 250.0).expect("the tool moves by less than 250 µm");
         let commanded = places(&out)[1];
@@ -585,16 +528,11 @@ fn the_limit_holds_at_the_tool() {
         assert!(
             matches!(
                 refused,
-                NcError::OutOfBounds {
-                    violation: BoundViolation::ToolBeyondLimit { .. },
-                    ..
-                }
+                NcError::OutOfBounds { violation: BoundViolation::ToolBeyondLimit { .. }, .. }
             ) && message.starts_with(begins),
             "{message}"
         );
-        let turns = (commanded[4] - wanted[4])
-            .abs()
-            .max((commanded[3] - wanted[3]).abs());
+        let turns = (commanded[4] - wanted[4]).abs().max((commanded[3] - wanted[3]).abs());
         beyond_of_axis += usize::from(1e6 * turns.to_radians() > 250.0);
     }
     assert!(beyond_of_axis > 5, "{beyond_of_axis}");

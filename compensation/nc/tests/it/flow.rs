@@ -146,12 +146,8 @@ fn numbered_subprograms_are_executed() {
     let comments: Vec<&str> = main.lines().filter(|line| line.starts_with('(')).collect();
     assert_eq!(comments, ["(M98 P1000 L3)", "(N70 M98 P21000)"]);
     let ways = |text: &str| -> f64 {
-        let words = text
-            .split([' ', '\n'])
-            .filter_map(|word| word.strip_prefix('X'));
-        words
-            .map(|word| word.parse::<f64>().expect("a number"))
-            .sum()
+        let words = text.split([' ', '\n']).filter_map(|word| word.strip_prefix('X'));
+        words.map(|word| word.parse::<f64>().expect("a number")).sum()
     };
     let (before, after) = main.split_once("(N70").expect("two calls");
     assert!((ways(before) - 399.984).abs() < 1e-9, "{out}");
@@ -171,18 +167,10 @@ fn invalid_subprograms_are_refused() {
             1,
             "the program O7 is neither in this file nor in a file such as O0007 or 7.nc",
         ),
-        (
-            "G0 X0\nM99\n",
-            2,
-            "M99 in the main program would repeat it endlessly",
-        ),
+        ("G0 X0\nM99\n", 2, "M99 in the main program would repeat it endlessly"),
         ("M98 P7\nM30\nO7\nM98 P7\nM99\n", 4, "call one another"),
         ("M98 P7\nM30\nO7\nM99\nO7\nM99\n", 5, "is defined twice"),
-        (
-            "G0 X0 M98 P7\nM30\nO7\nM99\n",
-            1,
-            "must be alone in their line",
-        ),
+        ("G0 X0 M98 P7\nM30\nO7\nM99\n", 1, "must be alone in their line"),
     ] {
         let message = refused(program);
         assert!(
@@ -198,21 +186,15 @@ fn invalid_subprograms_are_refused() {
 fn a_return_ends_the_loops_it_leaves() {
     let bent = "[errors]\nEXX = { poly = [0.0, 0.0, 0.001] }\n";
     let plain = "o1 sub\nG91 G1 X100 F1\no1 endsub\nG90 G0 X0 Y0 Z0\no3 repeat [2]\no1 call\no3 endrepeat\nM2\n";
-    let left = plain.replace(
-        "G91 G1 X100 F1\n",
-        "o2 repeat [3]\nG91 G1 X100 F1\no1 return\no2 endrepeat\n",
-    );
+    let left = plain
+        .replace("G91 G1 X100 F1\n", "o2 repeat [3]\nG91 G1 X100 F1\no1 return\no2 endrepeat\n");
     let motions = |program: &str| -> Vec<String> {
         let result = text(bent, program);
         let lines = result.lines().filter(|line| line.starts_with("G91 G1"));
         lines.map(str::to_owned).collect()
     };
     assert_eq!(motions(&left)[1..], motions(plain)[1..]);
-    assert_eq!(
-        motions(plain).len(),
-        3,
-        "the subroutine, and both of its passes"
-    );
+    assert_eq!(motions(plain).len(), 3, "the subroutine, and both of its passes");
     let program =
         "G90 G0 X0 Y0 Z0\nM98 P7 L2\nM30\nO7\no2 repeat [3]\nG91 G0 X100\nM99\no2 endrepeat\nM99\n";
     let result = text(bent, program);
@@ -227,9 +209,8 @@ fn words_with_g69_are_a_motion() {
         text(scale, "G0 X0 Y0\nG69 G1 X300 F1\nX100\n"),
         "G0 X0 Y0\nG69 G1 X299.970 F1\nX99.990\n"
     );
-    let error = compensated("", b"G0 X0\nG91 G81 X10 Z-5 R-2 K5\n")
-        .expect_err("refused")
-        .to_string();
+    let error =
+        compensated("", b"G0 X0\nG91 G81 X10 Z-5 R-2 K5\n").expect_err("refused").to_string();
     assert!(error.starts_with("line 2: a cycle with K"), "{error}");
 }
 
@@ -258,20 +239,14 @@ fn loops_left_early() {
     // Also if the break is not executed, so that the loop ends by its condition.
     let passed =
         "#5=0\no1 while [#5 lt 2]\n#5=[#5+1]\no2 if [#5 eq 9]\no1 break\no2 endif\no1 endwhile\n";
-    says(
-        &format!("{passed}{three}"),
-        "line 12: LinuxCNC ends this loop here",
-    );
+    says(&format!("{passed}{three}"), "line 12: LinuxCNC ends this loop here");
     let in_own = "o4 do\n#5=[#5+1]\nG0 Y1\no4 continue\no4 break\no4 while [#5 lt 3]\n";
     says(in_own, "line 6: LinuxCNC ends this loop here");
     // A loop with a single pass clears the pending break.
     let once = three.replace("lt 3", "lt 0").replace("o4", "o5");
     assert_eq!(motions(&format!("{while_left}{once}{three}")).ok(), Some(5));
     let broken = "o4 do\nG0 Y1\no4 break\nG0 Y2\no4 while [1 eq 1]\n";
-    assert_eq!(
-        motions(&format!("{broken}{three}").replacen("o4", "o6", 3)).ok(),
-        Some(4)
-    );
+    assert_eq!(motions(&format!("{broken}{three}").replacen("o4", "o6", 3)).ok(), Some(4));
     // A continue in do … while: rs274 executes the next counted loop twice, and continues one that was left.
     assert_eq!(motions(do_left).ok(), Some(2));
     says(
@@ -287,10 +262,7 @@ fn loops_left_early() {
     // A counted loop that was left has fewer passes later: one in the first call, and two instead of three in the second.
     let sub = "o1 sub\no2 repeat [3]\nG0 X1\no3 if [#100 eq 0]\n#100=1\no1 return\no3 endif\no2 endrepeat\no1 endsub\n#100=0\no1 call\n";
     assert_eq!(motions(sub).ok(), Some(1));
-    says(
-        &format!("{sub}o1 call\n"),
-        "line 8: this loop was left before its last pass",
-    );
+    says(&format!("{sub}o1 call\n"), "line 8: this loop was left before its last pass");
     for word in ["break", "continue"] {
         let counted = format!("o2 repeat [2]\no2 {word}\no2 endrepeat\n");
         says(

@@ -61,26 +61,13 @@ fn all_pairs_equal_relaxation() {
 fn invalid_graphs_are_refused() {
     let seen = |_: usize, _: &[Vec<f64>]| ();
     let error = all_pairs(&[vec![0.0, 1.0], vec![0.0]], seen);
-    assert_eq!(
-        error,
-        Err(GraphError::NotSquare {
-            node: 1,
-            found: 1,
-            expected: 2
-        })
-    );
+    assert_eq!(error, Err(GraphError::NotSquare { node: 1, found: 1, expected: 2 }));
     for found in [-1.0, f64::NAN] {
         let error = all_pairs(&[vec![0.0, found], vec![1.0, 0.0]], seen);
-        assert!(matches!(
-            error,
-            Err(GraphError::Weight { from: 0, to: 1, .. })
-        ));
+        assert!(matches!(error, Err(GraphError::Weight { from: 0, to: 1, .. })));
     }
     let empty = all_pairs(&[], seen).expect("no nodes");
-    assert_eq!(
-        (empty.path(0, 0), empty.distance(3, 4)),
-        (None, f64::INFINITY)
-    );
+    assert_eq!((empty.path(0, 0), empty.distance(3, 4)), (None, f64::INFINITY));
     assert_eq!(through(&[], |_, _, _| 1.0), None);
     assert_eq!(through(&[2, 0, 2], |_, _, _| 1.0), None);
     assert_eq!(through(&[2, 2], |_, _, _| f64::INFINITY), None);
@@ -91,13 +78,10 @@ fn invalid_graphs_are_refused() {
 fn layered_and_all_pairs_search_agree() {
     let mut random = ChaCha8Rng::seed_from_u64(6);
     for _ in 0..40 {
-        let counts: Vec<usize> = (0..random.random_range(2..7))
-            .map(|_| random.random_range(1..6))
-            .collect();
-        let mut edges: Vec<Vec<Vec<f64>>> = counts
-            .windows(2)
-            .map(|pair| vec![vec![0.0; pair[1]]; pair[0]])
-            .collect();
+        let counts: Vec<usize> =
+            (0..random.random_range(2..7)).map(|_| random.random_range(1..6)).collect();
+        let mut edges: Vec<Vec<Vec<f64>>> =
+            counts.windows(2).map(|pair| vec![vec![0.0; pair[1]]; pair[0]]).collect();
         for weight in edges.iter_mut().flatten().flatten() {
             *weight = random.random_range(0.0..1.0);
         }
@@ -120,12 +104,8 @@ fn layered_and_all_pairs_search_agree() {
         let all = all_pairs(&weights, |_, _| ()).expect("a graph");
         assert!((all.distance(total, total + 1) - found.length).abs() < 1e-12);
         let path = all.path(total, total + 1).expect("a way");
-        let nodes: Vec<usize> = found
-            .nodes
-            .iter()
-            .enumerate()
-            .map(|(layer, node)| first(layer) + node)
-            .collect();
+        let nodes: Vec<usize> =
+            found.nodes.iter().enumerate().map(|(layer, node)| first(layer) + node).collect();
         assert_eq!(path[1..path.len() - 1], nodes);
         assert!(found.operations < all.operations);
     }
@@ -138,9 +118,8 @@ fn along_x(count: u32) -> Vec<Place> {
 
 #[test]
 fn without_limits_the_deviation_is_zero() {
-    let path: Vec<Place> = (0..30)
-        .map(|k| [f64::from(k), 0.5 * f64::from(k), -0.2 * f64::from(k)])
-        .collect();
+    let path: Vec<Place> =
+        (0..30).map(|k| [f64::from(k), 0.5 * f64::from(k), -0.2 * f64::from(k)]).collect();
     let actual = |at: Place| {
         [
             at[0] + 0.02 * (0.3 * at[0]).sin(),
@@ -148,11 +127,7 @@ fn without_limits_the_deviation_is_zero() {
             at[2] + 0.01 * (0.2 * at[1]).cos(),
         ]
     };
-    let limits = Limits {
-        step_mm: 0.0,
-        tolerance_mm: 2e-5,
-        ..Limits::default()
-    };
+    let limits = Limits { step_mm: 0.0, tolerance_mm: 2e-5, ..Limits::default() };
     let found = plan(&path, actual, &limits).expect("a plan");
     // Half-way between stations the curvature of the sine remains: 0.02·0.3²/8.
     assert!(found.max_mm < 2.3e-4, "{found:?}");
@@ -174,10 +149,7 @@ fn without_limits_the_deviation_is_zero() {
 fn a_rate_limit_centres_the_plan_on_a_jump() {
     let path = along_x(60);
     let actual = |at: Place| [at[0], at[1] + if at[0] < 29.5 { 0.0 } else { 0.010 }, at[2]];
-    let limits = Limits {
-        most_change_mm: 0.001,
-        ..Limits::default()
-    };
+    let limits = Limits { most_change_mm: 0.001, ..Limits::default() };
     let found = plan(&path, actual, &limits).expect("a plan");
     let off = |k: usize| actual(found.commands[k])[1];
     let worst = (0..60).map(|k| off(k).abs()).fold(0.0, f64::max);
@@ -185,12 +157,7 @@ fn a_rate_limit_centres_the_plan_on_a_jump() {
     for pair in found.commands.windows(2) {
         assert!((pair[1][1] - pair[0][1]).abs() <= 0.001 + 1e-12);
     }
-    assert!(
-        found
-            .commands
-            .iter()
-            .all(|c| (c[1] * 1e3 - (c[1] * 1e3).round()).abs() < 1e-9)
-    );
+    assert!(found.commands.iter().all(|c| (c[1] * 1e3 - (c[1] * 1e3).round()).abs() < 1e-9));
     // A correction that follows the error as fast as permitted from the jump on.
     let mut following = 0.0_f64;
     let mut worst_following = 0.0_f64;
@@ -199,32 +166,20 @@ fn a_rate_limit_centres_the_plan_on_a_jump() {
         following += (wanted - following).clamp(-0.001, 0.001);
         worst_following = worst_following.max((actual(*at)[1] + following).abs());
     }
-    assert!(
-        worst > 0.0 && worst_following > 1.6 * worst,
-        "{worst_following} {worst}"
-    );
+    assert!(worst > 0.0 && worst_following > 1.6 * worst, "{worst_following} {worst}");
 }
 
 /// An error that falls faster than the path rises would reverse the command. With `keeps_direction` there is no reversal, at a larger RMS
 /// deviation.
 #[test]
 fn keeps_direction_forbids_reversals() {
-    let path: Vec<Place> = (0..40)
-        .map(|k| [f64::from(k), 0.002 * f64::from(k), 0.0])
-        .collect();
+    let path: Vec<Place> = (0..40).map(|k| [f64::from(k), 0.002 * f64::from(k), 0.0]).collect();
     let actual = |at: Place| [at[0], at[1] + 0.01 * (0.5 * at[0]).sin(), at[2]];
     let free = plan(&path, actual, &Limits::default()).expect("a plan");
-    let turns = |commands: &[Place]| {
-        commands
-            .windows(2)
-            .filter(|p| p[1][1] < p[0][1] - 1e-12)
-            .count()
-    };
+    let turns =
+        |commands: &[Place]| commands.windows(2).filter(|p| p[1][1] < p[0][1] - 1e-12).count();
     assert!(turns(&free.commands) > 0);
-    let limits = Limits {
-        keeps_direction: true,
-        ..Limits::default()
-    };
+    let limits = Limits { keeps_direction: true, ..Limits::default() };
     let kept = plan(&path, actual, &limits).expect("a plan");
     assert_eq!(turns(&kept.commands), 0);
     assert!(kept.rms_mm > free.rms_mm);
@@ -253,10 +208,8 @@ fn compensated(program: &str, strategy: Strategy) -> String {
     let machine = Machine::parse(MILL, "mill.toml").expect("a machine");
     let setup =
         SetUp::parse("start = { X = 0.0, Y = 0.0, Z = 0.0 }\n", "setup.toml").expect("a set-up");
-    let result = result_of((&machine, 2e-4), &setup, program.as_bytes(), |job| Job {
-        strategy,
-        ..job
-    });
+    let result =
+        result_of((&machine, 2e-4), &setup, program.as_bytes(), |job| Job { strategy, ..job });
     String::from_utf8(result.expect("compensated").0).expect("text")
 }
 
@@ -266,14 +219,10 @@ fn across_um(program: &str) -> Vec<f64> {
     let length = dx.hypot(dy);
     let number = |line: &str, letter: char| {
         let rest = &line[line.find(letter).expect("a word") + 1..];
-        let end = rest
-            .find(|c: char| !"0123456789.-".contains(c))
-            .unwrap_or(rest.len());
+        let end = rest.find(|c: char| !"0123456789.-".contains(c)).unwrap_or(rest.len());
         rest[..end].parse::<f64>().expect("a number")
     };
-    let lines = program
-        .lines()
-        .filter(|line| line.contains('X') && !line.contains("G0"));
+    let lines = program.lines().filter(|line| line.contains('X') && !line.contains("G0"));
     lines
         .map(|line| {
             let (x, y) = (number(line, 'X'), number(line, 'Y'));
@@ -306,30 +255,17 @@ fn joint_rounding_is_closer_to_the_line() {
     );
     // Two words, each uniform within half a step of 1 µm: 0.29 µm perpendicular to the line.
     assert!((0.25..0.33).contains(&rms(&by_plain)), "{}", rms(&by_plain));
-    assert!(
-        rms(&by_floyd) < 0.6 * rms(&by_plain),
-        "{} {}",
-        rms(&by_floyd),
-        rms(&by_plain)
-    );
+    assert!(rms(&by_floyd) < 0.6 * rms(&by_plain), "{} {}", rms(&by_floyd), rms(&by_plain));
     assert!(max(&by_floyd) <= max(&by_plain) + 1e-9);
     // The end of the line is unchanged.
-    let last = |program: &str| {
-        program
-            .lines()
-            .rfind(|line| line.contains('X'))
-            .map(str::to_owned)
-    };
+    let last = |program: &str| program.lines().rfind(|line| line.contains('X')).map(str::to_owned);
     assert_eq!(last(&plain), last(&floyd));
 }
 
 #[test]
 fn unsplit_lines_are_equal_with_either_strategy() {
     let program = "G21 G90 G0 X20 Y30\nG1 X20.5 Y30.4 F1000\nX21 Y31\nG91 X300 Y200\nG90 G2 X421 Y231 I50 J0\nM2\n";
-    assert_eq!(
-        compensated(program, Strategy::Plain),
-        compensated(program, Strategy::Floyd)
-    );
+    assert_eq!(compensated(program, Strategy::Plain), compensated(program, Strategy::Floyd));
 }
 
 #[path = "../../examples/floyd.rs"]
@@ -339,10 +275,7 @@ mod example;
 fn the_example_prints_its_recorded_output() {
     let printed =
         example::printed(include_str!("../../../../examples/mill.toml")).expect("printed");
-    assert_eq!(
-        printed,
-        include_str!("../../../../examples/floyd/printed.txt")
-    );
+    assert_eq!(printed, include_str!("../../../../examples/floyd/printed.txt"));
 }
 
 /// The rounds D(0) … D(6) of the example equal Bellman–Ford on the paths through the first nodes only.
@@ -350,9 +283,8 @@ fn the_example_prints_its_recorded_output() {
 fn each_round_holds_the_paths_over_the_first_nodes() {
     let mut random = ChaCha8Rng::seed_from_u64(9);
     let count = 7;
-    let weights: Vec<Vec<f64>> = (0..count)
-        .map(|_| (0..count).map(|_| random.random_range(0.0..5.0)).collect())
-        .collect();
+    let weights: Vec<Vec<f64>> =
+        (0..count).map(|_| (0..count).map(|_| random.random_range(0.0..5.0)).collect()).collect();
     let found = all_pairs(&weights, |round, distances| {
         for (from, own) in distances.iter().enumerate() {
             for to in (0..count).filter(|to| *to != from) {

@@ -58,9 +58,8 @@ fn step_lines(draw: &mut Draw, step: &Step, words: &str) -> Vec<String> {
 fn absolute_words() {
     // Reversal values of both signs: the carriage of X runs ahead or lags.
     let machines = [6.0, -6.0].map(worn);
-    for (machine, seed) in machines
-        .iter()
-        .flat_map(|machine| (0..SEEDS).map(move |seed| (machine, seed)))
+    for (machine, seed) in
+        machines.iter().flat_map(|machine| (0..SEEDS).map(move |seed| (machine, seed)))
     {
         let draw = &mut Draw::new(10_000 + seed);
         let path = path(draw, 12);
@@ -111,10 +110,7 @@ fn commas_and_points_in_one_program() {
     let mixed =
         "0 BEGIN PGM A MM\n1 L X+10,5 Y+20.5 Z-30,5 F100\n2 L X+150.25 Y+80,25\n3 END PGM A MM\n";
     let (result, _) = run(mixed).expect("it is read");
-    assert!(
-        !result.contains("X+10,5 ") && !result.contains("Y+20.5 "),
-        "{result}"
-    );
+    assert!(!result.contains("X+10,5 ") && !result.contains("Y+20.5 "), "{result}");
     let signs =
         |text: &str| -> String { text.chars().filter(|c| matches!(c, '.' | ',')).collect() };
     assert_eq!(signs(&result), signs(mixed), "{result}");
@@ -152,17 +148,9 @@ fn shifts_of_the_datum() {
                 Way::Arc([i, j], turns) => Way::Arc([i - datum[0], j - datum[1]], turns),
                 way => way,
             };
-            let inside = Step {
-                way,
-                from: at(step.from),
-                to: at(step.to),
-            };
+            let inside = Step { way, from: at(step.from), to: at(step.to) };
             let [x, y, z] = inside.to;
-            lines.extend(step_lines(
-                draw,
-                &inside,
-                &format!("X{x:+.6} Y{y:+.6} Z{z:+.6}"),
-            ));
+            lines.extend(step_lines(draw, &inside, &format!("X{x:+.6} Y{y:+.6} Z{z:+.6}")));
         }
         assert_same_positions(&machine, &path, Dialect::Heidenhain, &program(&lines));
     }
@@ -180,10 +168,7 @@ fn q_parameters() {
             let more = draw.thousandths(-20.0, 20.0);
             lines.push(format!("FN 0: Q1 = {:+.6}", x - more));
             lines.push(format!("FN 1: Q2 = +Q1 + {more:+.3}"));
-            lines.push(format!(
-                "Q3 = ( {:.6} - 9 * SIN 90 + SQ 3 ) / 2 ;half",
-                2.0 * y
-            ));
+            lines.push(format!("Q3 = ( {:.6} - 9 * SIN 90 + SQ 3 ) / 2 ;half", 2.0 * y));
             lines.push(format!("QL4 = {:.6}", -z));
             lines.extend(step_lines(draw, step, "X+Q2 Y+Q3 Z-QL4"));
         }
@@ -195,9 +180,8 @@ fn q_parameters() {
 fn polar_coordinates() {
     // The rounding of polar words must not reverse an axis.
     let machines = [0.0, -6.0].map(worn);
-    for (machine, seed) in machines
-        .iter()
-        .flat_map(|machine| (0..SEEDS).map(move |seed| (machine, seed)))
+    for (machine, seed) in
+        machines.iter().flat_map(|machine| (0..SEEDS).map(move |seed| (machine, seed)))
     {
         let draw = &mut Draw::new(14_000 + seed);
         let path = path(draw, 12);
@@ -230,11 +214,7 @@ fn polar_coordinates() {
                 0 => format!("PA{:+.8}", to.1),
                 _ => format!("IPA{:+.8}", to.1 - from.1),
             };
-            let feed = if step.way == Way::Rapid {
-                "FMAX"
-            } else {
-                "F500"
-            };
+            let feed = if step.way == Way::Rapid { "FMAX" } else { "F500" };
             lines.push(format!("LP {distance} {turned} Z{z:+.6} {feed}"));
         }
         assert_same_positions(machine, &path, Dialect::Heidenhain, &program(&lines));
@@ -254,14 +234,8 @@ fn m128_has_the_numbers_of_m428() {
             if place == on {
                 rs274.push("M428".to_owned());
             }
-            let [x, y] = [
-                draw.thousandths(260.0, 340.0),
-                draw.thousandths(210.0, 290.0),
-            ];
-            let [z, a] = [
-                draw.thousandths(-250.0, -100.0),
-                draw.thousandths(-80.0, -5.0),
-            ];
+            let [x, y] = [draw.thousandths(260.0, 340.0), draw.thousandths(210.0, 290.0)];
+            let [z, a] = [draw.thousandths(-250.0, -100.0), draw.thousandths(-80.0, -5.0)];
             let c = draw.thousandths(-300.0, 300.0);
             let code = draw.below(2);
             rs274.push(format!("G{code} X{x:.3} Y{y:.3} Z{z:.3} A{a:.3} C{c:.3}"));
@@ -286,13 +260,8 @@ fn m128_has_the_numbers_of_m428() {
             });
         }
         let in_heidenhain = program(&lines);
-        let (expected, _, of_rs274) = judged(
-            &machine,
-            "rotary_words = \"linear\"\n",
-            Dialect::Rs274,
-            &text,
-        )
-        .expect("taken");
+        let (expected, _, of_rs274) =
+            judged(&machine, "rotary_words = \"linear\"\n", Dialect::Rs274, &text).expect("taken");
         let (found, _, of_heidenhain) =
             judged(&machine, "", Dialect::Heidenhain, &in_heidenhain).expect("taken");
         let numbers = |text: &str| -> Vec<String> {
@@ -389,25 +358,14 @@ fn tools_and_the_shorter_way() {
     let setup = "[tool.3]\nZ = 200.0\n";
     let program = "TOOL CALL 3 Z S1000 DL+100 DR-0.1\nL Z+0 X+0\nTOOL DEF 4 L+100 R+5\nTOOL CALL 4 Z\nL Z+0 X+0\n";
     let (text, _) = compensated(errors, setup, program).expect("taken");
-    assert_eq!(
-        text,
-        program
-            .replacen("X+0", "X-0.030", 1)
-            .replacen("X+0", "X-0.010", 1)
-    );
+    assert_eq!(text, program.replacen("X+0", "X-0.030", 1).replacen("X+0", "X-0.010", 1));
     let machine = "name = \"m\"\nstructure = \"w A' b X Y Z t\"\n[axes.X]\ntravel = [-500, 500]\n[axes.Y]\ntravel = [-500, 500]\n[axes.Z]\ntravel = [-500, 500]\n[axes.A]\ntravel = [-360, 360]\n[errors]\nEAA = { poly = [104.719755] }\n";
     let machine = Machine::parse(machine, "m.toml").expect("a good machine");
     // 0.006°.
-    let (text, _) = written(
-        &machine,
-        "",
-        "L X+0 Y+0 Z+0 A+350 FMAX\nL M126\nL A+10 FMAX\nL IA+350 FMAX\n",
-    )
-    .expect("taken");
-    assert_eq!(
-        text,
-        "L X+0 Y+0 Z+0 A+349.994 FMAX\nL M126\nL A+9.994 FMAX\nL IA+350 FMAX\n"
-    );
+    let (text, _) =
+        written(&machine, "", "L X+0 Y+0 Z+0 A+350 FMAX\nL M126\nL A+10 FMAX\nL IA+350 FMAX\n")
+            .expect("taken");
+    assert_eq!(text, "L X+0 Y+0 Z+0 A+349.994 FMAX\nL M126\nL A+9.994 FMAX\nL IA+350 FMAX\n");
     let error = written(&machine, "", "L X+0 Y+0 Z+0 A+0 M126\nL A+180\n").expect_err("refused");
     assert!(error.to_string().contains("half a turn"), "{error}");
 }
@@ -424,12 +382,7 @@ fn cycles_are_copied() {
         .replace("L Z+100", "L Z+99.980")
         .replace("X+300", "X+299.970 Z+99.970");
     assert_eq!(text, expected);
-    assert!(
-        notes
-            .iter()
-            .any(|note| note.contains("motions of cycle 200 are copied")),
-        "{notes:?}"
-    );
+    assert!(notes.iter().any(|note| note.contains("motions of cycle 200 are copied")), "{notes:?}");
 }
 
 #[test]
@@ -538,11 +491,7 @@ fn block_numbers_without_a_next_one_are_refused() {
         compensated("[errors]\nEYX = { poly = [0, 0, 0.001] }\n", "", &program)
     };
     taken("1000000000").expect("taken");
-    for number in [
-        "1000000001",
-        "18446744073709551615",
-        "99999999999999999999999",
-    ] {
+    for number in ["1000000001", "18446744073709551615", "99999999999999999999999"] {
         let message = taken(number).expect_err("refused").to_string();
         begins(&message, "line 3: column 1: the number of a block above");
     }

@@ -79,14 +79,10 @@ pub(crate) fn written(
 ) -> Result<(String, Vec<String>), NcError> {
     let setup = SetUp::parse(setup, "setup.toml").expect("a good set-up");
     let program = program.as_bytes();
-    let (out, summary) = result_of((machine, 0.001), &setup, program, |job| Job {
-        dialect,
-        ..job
-    })?;
+    let (out, summary) =
+        result_of((machine, 0.001), &setup, program, |job| Job { dialect, ..job })?;
     let notes = summary.notes.by_line().into_iter();
-    let notes = notes
-        .map(|(line, note)| format!("{line}: {note}"))
-        .collect();
+    let notes = notes.map(|(line, note)| format!("{line}: {note}")).collect();
     Ok((String::from_utf8(out).expect("text"), notes))
 }
 
@@ -169,10 +165,7 @@ fn long_programs_are_streamed() {
     let setup = SetUp::default();
     let lines = (0..20_000).map(|i| format!("G1 X{}.{:03} Y5 (a line)\n", i % 500, i % 1000));
     let good: String = lines.collect();
-    for (last, is_good) in [
-        ("M30\nbehind the end", true),
-        ("G1 X1\nG1 X\nG1 X2\n", false),
-    ] {
+    for (last, is_good) in [("M30\nbehind the end", true), ("G1 X1\nG1 X\nG1 X2\n", false)] {
         let program = format!("{good}{last}");
         let mut out = Counted::default();
         let job = Job::new(&corrector, &setup);
@@ -200,14 +193,9 @@ X1\n | line 1: axis words without a motion code
 G2 X1 Y1\n | line 1: an arc without a centre and without a radius R
 ",
     );
-    let texts = texts
-        .into_iter()
-        .map(|[program, expected]| (program.as_bytes(), expected));
+    let texts = texts.into_iter().map(|[program, expected]| (program.as_bytes(), expected));
     let bytes: [(&[u8], &str); 2] = [
-        (
-            b"\x7fELF\x00",
-            "line 1: byte 0x00 at column 5; this is no NC program",
-        ),
+        (b"\x7fELF\x00", "line 1: byte 0x00 at column 5; this is no NC program"),
         (
             b"G1 X\xff\n",
             "line 1: column 4: expected a number, a parameter or an expression after 'X'",
@@ -234,11 +222,7 @@ fn fuzz_inputs_are_copied_byte_for_byte() {
         }
         if let Ok((out, _)) = compensated("", &program) {
             taken += 1;
-            assert_eq!(
-                String::from_utf8_lossy(&out),
-                String::from_utf8_lossy(&program),
-                "{name}"
-            );
+            assert_eq!(String::from_utf8_lossy(&out), String::from_utf8_lossy(&program), "{name}");
         }
     }
     assert!(taken >= 2, "only {taken} were taken");

@@ -24,10 +24,7 @@ fn inspected_with(
     let corrector = Corrector::new(&model, &temperatures, 1e-3).expect("compiled");
     let start = "start = { X = 0.0, Y = 0.0, Z = 0.0, B = 0.0 }\n";
     let setup = SetUp::parse(&format!("{start}{work_offset}"), "s.toml").expect("a set-up");
-    let job = Job {
-        keep_shares: true,
-        ..Job::new(&corrector, &setup)
-    };
+    let job = Job { keep_shares: true, ..Job::new(&corrector, &setup) };
     let mut out = Vec::new();
     let summary =
         compensate(&mut program.as_bytes(), &mut out, job, |_| Ok(())).expect("compensated");
@@ -40,12 +37,7 @@ fn inspected_with(
         dialect: volcomp_nc::Dialect::Rs274,
         part: Some((&part, &corrector)),
     };
-    let found = verify(
-        &mut program.as_bytes(),
-        &mut out.as_slice(),
-        &summary.shares,
-        of,
-    );
+    let found = verify(&mut program.as_bytes(), &mut out.as_slice(), &summary.shares, of);
     (found.expect("verified").features, summary.notes)
 }
 
@@ -168,15 +160,9 @@ fn features_that_are_not_cut_are_reported() {
     let program = "G21 G90\nG0 X100 Y400 Z-10\nG1 X900 F500\nM2\n";
     let part = "[[feature]]\nname = \"a\"\nkind = \"hole\"\nlines = [3, 3]\n[[feature]]\nname = \"b\"\nkind = \"circle\"\nlines = [2, 3]\n[[feature]]\nname = \"c\"\nkind = \"line\"\nlines = [7, 9]\n";
     let found = inspected("EXX = 1.0", program, part);
-    assert_eq!(
-        found[0].found,
-        Err(InspectError::NothingCut { lines: [3, 3] })
-    );
+    assert_eq!(found[0].found, Err(InspectError::NothingCut { lines: [3, 3] }));
     assert!(matches!(found[1].found, Err(InspectError::Form(_))));
-    assert_eq!(
-        found[2].found,
-        Err(InspectError::NothingCut { lines: [7, 9] })
-    );
+    assert_eq!(found[2].found, Err(InspectError::NothingCut { lines: [7, 9] }));
 }
 
 #[test]
@@ -212,10 +198,7 @@ fn a_part_aligned_by_its_points_has_no_position_error() {
     let turned = "EXX = 30.0\nEC0X = 200.0\nEC0Y = 200.0";
     let before = |errors: &str, alignment: &str| -> Vec<Found> {
         let part = format!("alignment = \"{alignment}\"\n{features}");
-        inspected(errors, program, &part)
-            .iter()
-            .map(|feature| both(feature)[0])
-            .collect()
+        inspected(errors, program, &part).iter().map(|feature| both(feature)[0]).collect()
     };
     let of_program = before(turned, "program");
     let own = before(turned, "best-fit");

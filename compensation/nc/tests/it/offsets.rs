@@ -20,8 +20,7 @@ fn verified(errors: &str, program: &str) -> (String, Verification) {
 fn places(program: &str) -> Vec<[f64; 2]> {
     let (_, found) = verified("", program);
     let ends = found.path.iter().filter(|place| place.begins);
-    ends.map(|place| [place.tip_mm[0], place.tip_mm[1]])
-        .collect()
+    ends.map(|place| [place.tip_mm[0], place.tip_mm[1]]).collect()
 }
 
 fn refused(program: &str) -> String {
@@ -56,10 +55,7 @@ fn a_rotated_offset_is_set_with_its_own_correction() {
 fn the_active_offset_may_change_under_a_shift() {
     let program = "G90 G54\nG52 X5\nG10 L2 P1 X30\nG91 G0 X1\nG90 G0 X10\nG92 X3\nG10 L2 P1 X-20 Y7\nG91 G0 X1\nG90 G0 X2 Y1\nM2\n";
     // rs274: -34 + 5 + 30; 10 + 5 + 30; then a shift of 12: 54 + 12 - 20; 2 + 12 - 20.
-    are_near(
-        &places(program),
-        &[[1.0, 0.0], [45.0, 0.0], [46.0, 0.0], [-6.0, 8.0]],
-    );
+    are_near(&places(program), &[[1.0, 0.0], [45.0, 0.0], [46.0, 0.0], [-6.0, 8.0]]);
 }
 
 /// Rotating the active offset about its zero under a shift is refused: LinuxCNC loses the shift, and G91 X1 would continue from
@@ -71,12 +67,7 @@ fn the_active_offset_may_not_rotate_under_a_shift() {
         let message = refused(&turned);
         begins(&message, "line 3: G10 L2 with R, which rotates");
         // The shift remains if it is off, if another offset is rotated, or if the rotation does not change.
-        for (from, to) in [
-            (shift, "G92.2"),
-            ("P1", "P2"),
-            ("R30", "R0"),
-            (shift, "G92 Z5"),
-        ] {
+        for (from, to) in [(shift, "G92.2"), ("P1", "P2"), ("R30", "R0"), (shift, "G92 Z5")] {
             let other = turned.replace(from, to);
             assert_eq!(places(&other).len(), 1, "{other}");
         }
@@ -85,25 +76,15 @@ fn the_active_offset_may_not_rotate_under_a_shift() {
     let before = "G90 G54\nG10 L2 P1 R30\nG92 X5\nG10 L2 P1 X30\nG91 G0 X1\nM2\n";
     let (sin, cos) = 30_f64.to_radians().sin_cos();
     let [x, y] = [-19.9808 - 5.0, 15.0];
-    are_near(
-        &places(before),
-        &[[cos * x - sin * y + 30.0, sin * x + cos * y]],
-    );
+    are_near(&places(before), &[[cos * x - sin * y + 30.0, sin * x + cos * y]]);
 }
 
 /// G92.3 restores the shift that G92.2 switched off, together with later shifts. A shift from an earlier program is unknown.
 #[test]
 fn g92_3_restores_the_shift() {
     let program = "G92 X10\nG0 X0\nG92.2\nG0 X1\nG92.3\nG0 X2\nG92.2\nG92 Y5\nG0 X3 Y3\nG92.2\nG10 L2 P1 X30\nG0 X4 Y4\nG92.3\nG0 X5 Y5\nG92.1\nG92.3\nG0 X6 Y6\nM2\n";
-    let expected = [
-        [-10.0, 0.0],
-        [1.0, 0.0],
-        [-8.0, 0.0],
-        [3.0, -2.0],
-        [34.0, 4.0],
-        [35.0, 0.0],
-        [36.0, 6.0],
-    ];
+    let expected =
+        [[-10.0, 0.0], [1.0, 0.0], [-8.0, 0.0], [3.0, -2.0], [34.0, 4.0], [35.0, 0.0], [36.0, 6.0]];
     are_near(&places(program), &expected);
     let message = refused("G0 X1\nG92.3\nG0 X2\n");
     begins(&message, "line 2: G92.3 before any G92, G52 or G92.1");
@@ -118,17 +99,11 @@ fn setting_a_zero_keeps_the_correction() {
         let step = format!("G0 X[100/3] Y[2/3]\n{set}\n");
         let program = format!("G90 G54\n{}G0 X10 Y10\nM2\n", step.repeat(9));
         let (text, found) = verified(errors, &program);
-        assert!(
-            found.after.max_um < 0.5 * 2_f64.sqrt() + 0.01,
-            "{text}{found:?}"
-        );
+        assert!(found.after.max_um < 0.5 * 2_f64.sqrt() + 0.01, "{text}{found:?}");
         // In inches a step is 2.54 µm.
         let inches = program.replace(set, &format!("G20 {set}\nG21"));
         let (text, found) = verified(errors, &inches);
-        assert!(
-            found.after.max_um < 0.5 * 2_f64.sqrt() + 0.01,
-            "{text}{found:?}"
-        );
+        assert!(found.after.max_um < 0.5 * 2_f64.sqrt() + 0.01, "{text}{found:?}");
     }
     // If the position has no more decimals, the word has none either.
     let (text, _) = verified(errors, "G0 X100\nG92 X0\nM2\n");

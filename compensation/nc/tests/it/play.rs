@@ -183,9 +183,7 @@ START | G0 X60\nG53 G0 X0\nG53 G0 X90\nG0 X80\n | G0 X60.002\nG53 G0 X0\nG53 G0 
         };
         let (out, notes) = written(Dialect::Rs274, &machine, setup, program).expect(program);
         assert_eq!(out, expected, "{setup}{notes:?}");
-        let approach = notes
-            .iter()
-            .find(|note| note.contains("direction of approach of X"));
+        let approach = notes.iter().find(|note| note.contains("direction of approach of X"));
         let line = approach.and_then(|note| note.split(':').next());
         assert_eq!(line.unwrap_or("0"), noted, "{program}{notes:?}");
     }
@@ -230,10 +228,7 @@ fn the_virtual_machine_assumes_no_direction_of_approach() {
             for (line, share) in [(1, first), (2, first), (3, 0.5), (4, -0.5)] {
                 let at = found.path.iter().rfind(|place| place.line == line);
                 let at = at.expect("a place of the line");
-                assert!(
-                    (at.before_um[0] - share * reversal).abs() < 1e-6,
-                    "{setup}{at:?}"
-                );
+                assert!((at.before_um[0] - share * reversal).abs() < 1e-6, "{setup}{at:?}");
                 assert!(at.after_um[0].abs() < 1e-6, "{setup}{at:?}");
             }
         }
@@ -279,11 +274,7 @@ G28 C0\nG3 X10 Y20 R10 C0\n | G28 C0\nG1 Y9.984\nG1 Y9.996\nG3 X
                 let (_, after) = out.split_once("Y10.006\n").expect("the first motion");
                 assert!(after.starts_with(expected), "{out}");
             }
-            assert!(
-                found.after.max_um < 1.1,
-                "{reversal} µm: {:?}\n{out}",
-                found.after
-            );
+            assert!(found.after.max_um < 1.1, "{reversal} µm: {:?}\n{out}", found.after);
         }
     }
 }

@@ -34,9 +34,8 @@ fn line(step: &Step, words: &str) -> String {
 
 #[test]
 fn distances_and_angles_of_linuxcnc() {
-    for (play, seed) in [6.0, -6.0]
-        .into_iter()
-        .flat_map(|play| (0..48).map(move |seed| (play, seed)))
+    for (play, seed) in
+        [6.0, -6.0].into_iter().flat_map(|play| (0..48).map(move |seed| (play, seed)))
     {
         let draw = &mut Draw::new(3000 + seed);
         let path = path(draw, 12);
@@ -87,14 +86,7 @@ fn distances_and_angles_under_g16() {
             let by_radius = match step.way {
                 Way::Arc(centre, turns) => {
                     let radius = (centre[0] - step.from[0]).hypot(centre[1] - step.from[1]);
-                    Some((
-                        turns,
-                        if turns.abs() > std::f64::consts::PI {
-                            -radius
-                        } else {
-                            radius
-                        },
-                    ))
+                    Some((turns, if turns.abs() > std::f64::consts::PI { -radius } else { radius }))
                 }
                 _ => None,
             };
@@ -118,19 +110,11 @@ fn distances_and_angles_under_g16() {
                 let [x, y, z] = step.to;
                 let code = i32::from(step.way == Way::Line);
                 let radius = distance([x, y, z]);
-                writeln!(
-                    program,
-                    "G{code} X{radius:.9} Y{angle:.9} Z{:.6}",
-                    step.from[2]
-                )
-                .expect("a string");
+                writeln!(program, "G{code} X{radius:.9} Y{angle:.9} Z{:.6}", step.from[2])
+                    .expect("a string");
                 let turn = to - angle;
-                writeln!(
-                    program,
-                    "G91 G{code} Y{turn:.9} Z{:.6}\nG90",
-                    z - step.from[2]
-                )
-                .expect("a string");
+                writeln!(program, "G91 G{code} Y{turn:.9} Z{:.6}\nG90", z - step.from[2])
+                    .expect("a string");
                 (angle, said) = (to, true);
                 continue;
             }
@@ -174,18 +158,12 @@ fn by_x_and_y(program: &str) -> String {
                 found.map(|value| value.parse().expect("a number"))
             });
             let before: f64 = angle;
-            let from = [
-                radius * before.to_radians().cos(),
-                radius * before.to_radians().sin(),
-            ];
+            let from = [radius * before.to_radians().cos(), radius * before.to_radians().sin()];
             radius = x.unwrap_or(radius);
             angle = y.map_or(angle, |y| if is_way { angle + y } else { y });
             if x.is_some() || y.is_some() {
                 words.retain(|word| !word.starts_with(['X', 'Y']));
-                let mut to = [
-                    radius * angle.to_radians().cos(),
-                    radius * angle.to_radians().sin(),
-                ];
+                let mut to = [radius * angle.to_radians().cos(), radius * angle.to_radians().sin()];
                 if is_way {
                     to = [to[0] - from[0], to[1] - from[1]];
                 }
@@ -251,10 +229,7 @@ G16\nG28 X1\n | line 2: an intermediate point (G28, G30) under G16
             Ok(_) => assert!(expected.is_empty(), "{program}"),
             Err(error) => {
                 let error = error.to_string();
-                assert!(
-                    !expected.is_empty() && error.starts_with(expected),
-                    "{program}{error}"
-                );
+                assert!(!expected.is_empty() && error.starts_with(expected), "{program}{error}");
             }
         }
     }

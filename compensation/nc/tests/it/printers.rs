@@ -22,9 +22,7 @@ fn run(control: &str, errors: &str, program: &str) -> Result<(String, Summary), 
 
 fn result(control: &str, errors: &str, program: &str) -> Result<String, String> {
     let result = run(control, errors, program);
-    result
-        .map(|(text, _)| text)
-        .map_err(|error| error.to_string())
+    result.map(|(text, _)| text).map_err(|error| error.to_string())
 }
 
 /// A split motion shares its filament in proportion to length. Each part has the motion code, which printers require.
@@ -50,9 +48,7 @@ M82\nG0 X0 Y0 Z0.2\nG92 E0\nG1 E5\nG1 X100 E5\n | M82\nG0 X0 Y0 Z0.2\nG92 E0\nG1
 
 /// Numbers of the words with this letter, in units of the ninth decimal.
 fn numbers(text: &str, letter: char) -> Vec<i64> {
-    let lines = text
-        .lines()
-        .filter(|line| line.starts_with("G1") || line.starts_with('G'));
+    let lines = text.lines().filter(|line| line.starts_with("G1") || line.starts_with('G'));
     let words = lines.flat_map(|line| line.split_whitespace());
     (words.filter_map(|word| word.strip_prefix(letter)))
         .map(|number| {
@@ -77,10 +73,8 @@ fn no_filament_is_lost() {
         let control = PRINTERS[case % 2];
         let relative = case % 4 < 2;
         let decimals = draw.random_range(0..8_usize);
-        let mut program = format!(
-            "G90\n{}\nG0 X0 Y0 Z0.2\nG92 E0\n",
-            ["M82", "M83"][usize::from(relative)]
-        );
+        let mut program =
+            format!("G90\n{}\nG0 X0 Y0 Z0.2\nG92 E0\n", ["M82", "M83"][usize::from(relative)]);
         let mut e = 0.0;
         let mut words = Vec::new();
         for _ in 0..12 {
@@ -98,11 +92,9 @@ fn no_filament_is_lost() {
         }
         // Each motion alone, after the preceding lines.
         let lines: Vec<&str> = program.lines().collect();
-        let mut before = numbers(
-            &result(control, BENT, &(lines[..4].join("\n") + "\n")).expect("taken"),
-            'E',
-        )
-        .len();
+        let mut before =
+            numbers(&result(control, BENT, &(lines[..4].join("\n") + "\n")).expect("taken"), 'E')
+                .len();
         let mut e_before = 0;
         for (place, word) in words.iter().enumerate() {
             let part = lines[..5 + place].join("\n") + "\n";
@@ -115,10 +107,7 @@ fn no_filament_is_lost() {
             if relative {
                 assert_eq!(parts.iter().sum::<i64>(), said, "{text}");
                 // No part retracts.
-                assert!(
-                    parts.iter().all(|part| part.signum() * said.signum() >= 0),
-                    "{text}"
-                );
+                assert!(parts.iter().all(|part| part.signum() * said.signum() >= 0), "{text}");
                 continue;
             }
             if said == e_before && parts.is_empty() {
@@ -292,26 +281,15 @@ N3 G1 X10 Y5*71 | line 1: column 13: found '*'
 /// After homing an incremental motion is not split, and shifts have ended.
 #[test]
 fn homing_makes_positions_unknown() {
-    let text = result(
-        "klipper",
-        BENT,
-        "G90\nM83\nG0 X0 Y0 Z0\nG28\nG1 X100 E1\nG1 Y1\nG1 X0 E1\n",
-    )
-    .expect("taken");
+    let text = result("klipper", BENT, "G90\nM83\nG0 X0 Y0 Z0\nG28\nG1 X100 E1\nG1 Y1\nG1 X0 E1\n")
+        .expect("taken");
     assert_eq!(
         text,
         "G90\nM83\nG0 X0 Y0 Z0\nG28\nG1 X99.990 E1\nG1 Y1\nG1 X49.995 E0.5 Y0.980\nG1 X0.000 Y1.000 E0.5\n"
     );
-    let text = result(
-        "klipper",
-        SKEW,
-        "G90\nG0 X0 Y0\nG92 Y100\nG0 Y200\nG28\nG0 X0 Y200\n",
-    )
-    .expect("taken");
-    assert_eq!(
-        text,
-        "G90\nG0 X0 Y0\nG92 Y100\nG0 Y200 X0.100\nG28\nG0 X0.200 Y200\n"
-    );
+    let text = result("klipper", SKEW, "G90\nG0 X0 Y0\nG92 Y100\nG0 Y200\nG28\nG0 X0 Y200\n")
+        .expect("taken");
+    assert_eq!(text, "G90\nG0 X0 Y0\nG92 Y100\nG0 Y200 X0.100\nG28\nG0 X0.200 Y200\n");
 }
 
 #[test]

@@ -26,10 +26,7 @@ struct World {
 impl World {
     fn draw(draw: &mut ChaCha8Rng) -> Self {
         let line = |draw: &mut ChaCha8Rng| {
-            [
-                draw.random_range(-10.0..10.0),
-                draw.random_range(-0.08..0.08),
-            ]
+            [draw.random_range(-10.0..10.0), draw.random_range(-0.08..0.08)]
         };
         Self {
             lost_um: [(); 3].map(|()| draw.random_range(2.0..25.0)),
@@ -100,11 +97,7 @@ impl Drives<'_> {
 
 /// Position of the tool at each mark `(N)` of a program; in a hole, at its bottom.
 fn played(text: &str, world: &World) -> BTreeMap<usize, Xyz> {
-    let mut drives = Drives {
-        world,
-        drive: [0.0; 3],
-        carriage: [0.0; 3],
-    };
+    let mut drives = Drives { world, drive: [0.0; 3], carriage: [0.0; 3] };
     let in_machine = |at: Xyz| [0, 1, 2].map(|axis| at[axis] + world.offset[axis]);
     // Program coordinates.
     let mut at = world.offset.map(|offset| -offset);
@@ -243,11 +236,7 @@ fn program(draw: &mut ChaCha8Rng, world: &World) -> (String, BTreeMap<usize, Xyz
                 for other in 0..3 {
                     if other == axis || draw.random_bool(0.3) {
                         let to = near(draw, at[other]);
-                        let word = if incremental {
-                            round(to - at[other])
-                        } else {
-                            to
-                        };
+                        let word = if incremental { round(to - at[other]) } else { to };
                         let _ = write!(line, " {}{word:.3}", LETTERS[other]); // writing to a String cannot fail
                         at[other] = if incremental { at[other] + word } else { to };
                     }
@@ -272,13 +261,7 @@ fn the_tool_is_where_the_program_wants_it() {
             (&world.machine(), 0.000_05),
             &world.set_up(),
             program.as_bytes(),
-            |job: Job<'_>| Job {
-                decimals: Decimals {
-                    mm: 6,
-                    ..Decimals::default()
-                },
-                ..job
-            },
+            |job: Job<'_>| Job { decimals: Decimals { mm: 6, ..Decimals::default() }, ..job },
         );
         let (out, _) = result.expect(&program);
         let out = String::from_utf8(out).expect("text");

@@ -16,10 +16,8 @@ impl Draw {
     }
 
     pub(crate) fn between(&mut self, low: f64, high: f64) -> f64 {
-        self.0 = self
-            .0
-            .wrapping_mul(6_364_136_223_846_793_005)
-            .wrapping_add(1_442_695_040_888_963_407);
+        self.0 =
+            self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         low + (high - low) * ((self.0 >> 11) as f64 / (1_u64 << 53) as f64)
     }
 
@@ -131,11 +129,7 @@ pub(crate) fn judged(
     program: &str,
 ) -> Result<(String, Summary, Verification), NcError> {
     let setup = SetUp::parse(setup, "setup.toml").expect("a good set-up");
-    let decimals = Decimals {
-        mm: 5,
-        inch: 6,
-        deg: 5,
-    };
+    let decimals = Decimals { mm: 5, inch: 6, deg: 5 };
     let bytes = program.as_bytes();
     let (out, summary) = result_of((machine, 0.001), &setup, bytes, |job| Job {
         dialect,
@@ -176,9 +170,7 @@ pub(crate) fn assert_equal_paths(
     let ends = |of: &Verification| -> Vec<Place> {
         let path = of.path.iter();
         let is_last = |(at, place): &(usize, &Place)| {
-            of.path
-                .get(at + 1)
-                .is_none_or(|next| next.line != place.line)
+            of.path.get(at + 1).is_none_or(|next| next.line != place.line)
         };
         let ends = path.enumerate().filter(is_last);
         ends.map(|(_, place)| *place).collect()
@@ -200,10 +192,7 @@ pub(crate) fn assert_equal_paths(
     // Tolerance of splitting plus that of a rotated frame.
     let most_um = expected.after.max_um.max(1.0) + 0.1;
     assert!(found.after.max_um < most_um, "{found:?}\n{program}");
-    assert!(
-        found.after.rms_um < 0.5 * found.before.rms_um,
-        "{found:?}\n{program}"
-    );
+    assert!(found.after.rms_um < 0.5 * found.before.rms_um, "{found:?}\n{program}");
 }
 
 /// Checks that a machine without errors returns every byte; `Err` is the reason for a refusal.
@@ -218,10 +207,7 @@ pub(crate) fn copy_unchanged(
         most_blocks: 20_000,
         ..job
     })?;
-    assert_eq!(
-        String::from_utf8_lossy(&out),
-        String::from_utf8_lossy(program)
-    );
+    assert_eq!(String::from_utf8_lossy(&out), String::from_utf8_lossy(program));
     assert_eq!((summary.counts.changed, summary.counts.added), (0, 0));
     Ok(())
 }

@@ -27,11 +27,8 @@ fn holes_of_a_row_equal_single_holes() {
         let is_polar = draw.below(2) == 0;
         let [dx, dy] = [number(draw, 20.0), number(draw, 20.0)];
         let [by, turn] = [number(draw, 10.0), number(draw, 15.0)];
-        let way = if is_polar {
-            format!("@{by:.3} ^{turn:.3}")
-        } else {
-            format!("X{dx:.3} Y{dy:.3}")
-        };
+        let way =
+            if is_polar { format!("@{by:.3} ^{turn:.3}") } else { format!("X{dx:.3} Y{dy:.3}") };
         writeln!(row, "{back} G91 G81 {way} R-12.5 Z{deep:.3} L{count} F100").expect("a string");
         let (mut at, bottom) = ([x, y], 7.5 + deep);
         for place in 0..count {
@@ -102,19 +99,12 @@ fn a_polar_row_may_start_off_its_circle() {
         for (axis, letter) in ['X', 'Y'].into_iter().enumerate() {
             let word = line.split(' ').find_map(|word| word.strip_prefix(letter));
             if let Some(value) = word.map(|value| value.parse::<f64>().expect("a number")) {
-                at[axis] = if line.starts_with("G0 ") {
-                    value
-                } else {
-                    at[axis] + value
-                };
+                at[axis] = if line.starts_with("G0 ") { value } else { at[axis] + value };
             }
         }
     }
     let is_kept = result == program;
-    assert!(
-        is_kept || at[0].abs() < 1e-3 && (at[1] - 100.0).abs() < 1e-3,
-        "{result}{at:?}"
-    );
+    assert!(is_kept || at[0].abs() < 1e-3 && (at[1] - 100.0).abs() < 1e-3, "{result}{at:?}");
 }
 
 /// Depth and plane R each get the correction at their own height: scale error of Z 50 µm/m, hole 200 mm deep.
@@ -143,10 +133,7 @@ G0 X0 Y0 Z20\nG91 G81 X10 R-20 Z-200 L2 F100\nX10 Z-100\nG80\nM2\n | G0 X0 Y0 Z1
 fn repeated_holes_at_one_position_have_a_word() {
     let tilt = "[errors]\nEYZ = { poly = [0.0, 0.4] }\n";
     assert_eq!(
-        text(
-            tilt,
-            "G0 X0 Y0 Z20\nG91 G99 G81 R-10 Z-10 L3 F100\nG80\nM2\n"
-        ),
+        text(tilt, "G0 X0 Y0 Z20\nG91 G99 G81 R-10 Z-10 L3 F100\nG80\nM2\n"),
         "G0 X0 Y-0.008 Z20\n(G91 G99 G81 R-10 Z-10 L3 F100)\nG91 G99 G81 R-10 Z-10 F100 Y0.006\nX0.000\nX0.000\nG80\nM2\n"
     );
 }

@@ -44,9 +44,8 @@ fn code(way: Way) -> u32 {
 fn absolute_words() {
     // Reversal values of both signs: the carriage of X runs ahead or lags.
     let machines = [6.0, -6.0].map(worn);
-    for (machine, seed) in machines
-        .iter()
-        .flat_map(|machine| (0..SEEDS).map(move |seed| (machine, seed)))
+    for (machine, seed) in
+        machines.iter().flat_map(|machine| (0..SEEDS).map(move |seed| (machine, seed)))
     {
         let draw = &mut Draw::new(seed);
         let path = path(draw, 12);
@@ -126,10 +125,7 @@ impl Frame {
 
 #[test]
 fn frames_in_their_order() {
-    const NONE: Frame = Frame {
-        angle: 0.0,
-        by: [0.0; 3],
-    };
+    const NONE: Frame = Frame { angle: 0.0, by: [0.0; 3] };
     // Without backlash, since the rounding of words in a rotated frame must not reverse an axis.
     let machine = worn(0.0);
     for seed in 0..SEEDS {
@@ -141,10 +137,7 @@ fn frames_in_their_order() {
                 let by: [f64; 3] = std::array::from_fn(|_| draw.thousandths(-50.0, 50.0));
                 let shift = Frame { angle: 0.0, by };
                 let degrees = draw.thousandths(-170.0, 170.0);
-                let turn = Frame {
-                    angle: degrees.to_radians(),
-                    by: [0.0; 3],
-                };
+                let turn = Frame { angle: degrees.to_radians(), by: [0.0; 3] };
                 let [x, y, z] = by;
                 let added = draw.below(6);
                 frame = match added {
@@ -163,11 +156,8 @@ fn frames_in_their_order() {
                 };
                 writeln!(text, "{line}").expect("a string");
             }
-            let inside = Step {
-                way: step.way,
-                from: frame.inside(step.from),
-                to: frame.inside(step.to),
-            };
+            let inside =
+                Step { way: step.way, from: frame.inside(step.from), to: frame.inside(step.to) };
             let [x, y, z] = inside.to;
             let rest = match step.way {
                 Way::Arc([i, j], turns) => {
@@ -199,11 +189,8 @@ fn r_parameters() {
             writeln!(text, "R1={:.6} R[2]={:.6}\nDEPTH={z:.6}", x - more, 2.0 * y)
                 .expect("a string");
             let code = code(step.way);
-            writeln!(
-                text,
-                "G{code} X=R1+({more}) Y=R2*HALF+POT(3)-9*SIN(90) {rest}"
-            )
-            .expect("a string");
+            writeln!(text, "G{code} X=R1+({more}) Y=R2*HALF+POT(3)-9*SIN(90) {rest}")
+                .expect("a string");
         }
         assert_same_positions(&machine, &path, Dialect::Siemens, &(text + "M30\n"));
     }
@@ -222,14 +209,8 @@ fn traori_has_the_numbers_of_m428() {
             if place == on {
                 lines.push("ON".to_owned());
             }
-            let [x, y] = [
-                draw.thousandths(260.0, 340.0),
-                draw.thousandths(210.0, 290.0),
-            ];
-            let [z, a] = [
-                draw.thousandths(-250.0, -100.0),
-                draw.thousandths(-80.0, -5.0),
-            ];
+            let [x, y] = [draw.thousandths(260.0, 340.0), draw.thousandths(210.0, 290.0)];
+            let [z, a] = [draw.thousandths(-250.0, -100.0), draw.thousandths(-80.0, -5.0)];
             let c = draw.thousandths(-300.0, 300.0);
             let code = draw.below(2);
             lines.push(format!("G{code} X{x} Y{y} Z{z} A{a} C{c}"));
@@ -245,9 +226,7 @@ fn traori_has_the_numbers_of_m428() {
             judged(&machine, &in_linear_words, Dialect::Rs274, &in_rs274).expect("taken");
         let (found, _, of_siemens) =
             judged(&machine, setup, Dialect::Siemens, &in_siemens).expect("taken");
-        let expected = expected
-            .replace("M428", "TRAORI(1)")
-            .replace("M429", "TRAFOOF");
+        let expected = expected.replace("M428", "TRAORI(1)").replace("M429", "TRAFOOF");
         assert_eq!(found, expected, "{seed}");
         assert_equal_paths(&of_siemens, &of_rs274, &in_siemens, &found);
     }
@@ -313,10 +292,7 @@ fn added_lines_keep_the_notation() {
         "G0 X0 Y0 Z0\n/1 N10 G1 X=IC(100.000) Y=AC(-0.020) F500\n/1 X=IC(100.000) Y=AC(0.000) M0\n"
     );
     let (text, _) = compensated(bent, "", "G0 X0 Y0 Z0\nG9 G1 X200 F500\n").expect("taken");
-    assert!(
-        text.ends_with(" G9\n") && text.matches("G9").count() == 1,
-        "{text}"
-    );
+    assert!(text.ends_with(" G9\n") && text.matches("G9").count() == 1, "{text}");
 }
 
 /// DC takes the shorter way after any number of turns and stays within one turn; DC of half a turn is refused.
@@ -338,10 +314,7 @@ fn the_shorter_way() {
     let swivel = machine_text.replace("[-360, 360]", "[-120, 120]");
     let swivel = Machine::parse(&swivel, "m.toml").expect("a good machine");
     let error = written(&swivel, "", "G0 X0 Y0 Z0 A-100\nA=DC(100)\n").expect_err("refused");
-    assert!(
-        error.to_string().contains("over the end of a travel"),
-        "{error}"
-    );
+    assert!(error.to_string().contains("over the end of a travel"), "{error}");
     // A word that applies to one block would apply to the first part only.
     let error = written(&machine, "", "G0 X0 Y0 Z0\nG1 X50 F100 FB=50\n").expect_err("refused");
     assert!(error.to_string().contains("FB is not supported"), "{error}");
@@ -379,14 +352,9 @@ fn cycles_are_copied() {
         "G0 X99.990 Y0 Z49.990\nCYCLE81(20, 0, 2, -10)\nX199.980 Z19.980\nMCALL CYCLE82(30,0,2,-5,,1)\nG1 X299.970 F100 Z19.970\nX399.960 Z29.960\nMCALL\nPOCKET3(50,0,2,-5,40,30,5,0,0,0)\nX99.990\n"
     );
     let passed = |name: &str| {
-        notes
-            .iter()
-            .any(|note| note.contains(&format!("motions of {name} are copied")))
+        notes.iter().any(|note| note.contains(&format!("motions of {name} are copied")))
     };
-    assert!(
-        passed("CYCLE81") && passed("CYCLE82") && passed("POCKET3"),
-        "{notes:?}"
-    );
+    assert!(passed("CYCLE81") && passed("CYCLE82") && passed("POCKET3"), "{notes:?}");
 }
 
 #[test]
@@ -499,15 +467,10 @@ fn blanks_after_computed_words_stay() {
     let program = "R1=10 R2=20\nG0 X=R1 Y=R2 Z0\nG1 X=R1+1  Y=R2 F=R2 ; more\nM30\n";
     assert_eq!(
         taken(program).expect("taken"),
-        program
-            .replace("X=R1 ", "X=9.989 ")
-            .replace("X=R1+1 ", "X=10.989 ")
+        program.replace("X=R1 ", "X=9.989 ").replace("X=R1+1 ", "X=10.989 ")
     );
     let error = taken(&format!("X={}\n", "R[".repeat(200_000))).expect_err("refused");
-    assert!(
-        matches!(error, NcError::Block { .. } | NcError::LongLine { .. }),
-        "{error}"
-    );
+    assert!(matches!(error, NcError::Block { .. } | NcError::LongLine { .. }), "{error}");
     let error = taken(&format!("X={}\n", "R[".repeat(2000))).expect_err("refused");
     assert!(error.to_string().contains("nested too deeply"), "{error}");
 }
@@ -517,9 +480,7 @@ fn blanks_after_computed_words_stay() {
 fn surface_speed_ends_inverse_time() {
     let bends = format!("{TRAVELS}[errors]\nEZX = {{ poly = [0.0, 0.0, 0.0005] }}\n");
     let machine = Machine::parse(&bends, "m.toml").expect("a good machine");
-    for code in [
-        "G93", "G94", "G96", "G961", "G962", "G97", "G971", "G972", "G973",
-    ] {
+    for code in ["G93", "G94", "G96", "G961", "G962", "G97", "G971", "G972", "G973"] {
         let program = format!("G0 X0 Y0 Z0\nG93 G1 X10 F2\n{code} S100\nG1 X400 F0.2\n");
         let (out, _) = identity::written(Dialect::Siemens, &machine, "", &program).expect(code);
         let lines: Vec<&str> = out.lines().skip(3).collect();

@@ -43,12 +43,8 @@ fn words_are_added_for_unnamed_axes() {
         String::from_utf8(out).expect("text"),
         "G90\nG1 F100 Y200\nX0.010 Y200\nY100 X0.005\nG91 Y100 X0.005\n"
     );
-    let notes: Vec<String> = summary
-        .notes
-        .by_line()
-        .iter()
-        .map(|(line, note)| format!("{line}: {note}"))
-        .collect();
+    let notes: Vec<String> =
+        summary.notes.by_line().iter().map(|(line, note)| format!("{line}: {note}")).collect();
     assert_eq!(
         notes,
         [
@@ -70,10 +66,8 @@ fn lines_are_split_where_the_correction_bends() {
     for line in &out[1..out.len() - 1] {
         let word = |letter: char| {
             let text = line.split(letter).nth(1)?;
-            let text: String = text
-                .chars()
-                .take_while(|c| c.is_ascii_digit() || matches!(c, '.' | '-'))
-                .collect();
+            let text: String =
+                text.chars().take_while(|c| c.is_ascii_digit() || matches!(c, '.' | '-')).collect();
             text.parse::<f64>().ok()
         };
         let at = (word('X').expect("X"), word('Y').unwrap_or(before.1));
@@ -95,17 +89,8 @@ fn lines_are_split_where_the_correction_bends() {
 fn offsets_are_set_with_the_correction_in_the_axes() {
     let scale = "[errors]\nEXX = { poly = [0.0, 0.1] }\n";
     assert_eq!(
-        lines(
-            scale,
-            "G90 G0 X100 Y0 Z0\nG92 X0\nG1 F1 X100\nG92.1\nX200\n"
-        ),
-        [
-            "G90 G0 X99.990 Y0 Z0",
-            "G92 X-0.010",
-            "G1 F1 X99.980",
-            "G92.1",
-            "X199.980"
-        ]
+        lines(scale, "G90 G0 X100 Y0 Z0\nG92 X0\nG1 F1 X100\nG92.1\nX200\n"),
+        ["G90 G0 X99.990 Y0 Z0", "G92 X-0.010", "G1 F1 X99.980", "G92.1", "X199.980"]
     );
 }
 
@@ -137,8 +122,5 @@ fn a_resting_axis_returns_at_the_end_of_a_split_line() {
     let (out, _) =
         crate::identity::compensated(bent, b"G0 X0 Y0 Z0\nG1 F100 X200 Y0\n").expect("taken");
     let text = String::from_utf8(out).expect("text");
-    assert_eq!(
-        text,
-        "G0 X0 Y0 Z0\nG1 F100 X100.000 Y-0.020\nX200.000 Y0.000\n"
-    );
+    assert_eq!(text, "G0 X0 Y0 Z0\nG1 F100 X100.000 Y-0.020\nX200.000 Y0.000\n");
 }

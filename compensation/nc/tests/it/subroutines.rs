@@ -31,20 +31,15 @@ const PROGRAM: &str = "G90 G0 X0 Y0 Z0\no<square> call [100]\nG0 X50\no<Square> 
 #[test]
 fn an_uncorrected_call_is_copied() {
     let files = folder("stays", &[("square.ngc", SQUARE)]);
-    assert_eq!(
-        compensated("", PROGRAM, vec![files]).expect("taken"),
-        PROGRAM
-    );
+    assert_eq!(compensated("", PROGRAM, vec![files]).expect("taken"), PROGRAM);
 }
 
 #[test]
 fn a_corrected_call_is_unrolled() {
     let files = folder("written", &[("square.ngc", SQUARE)]);
     let result = compensated(SCALE, PROGRAM, vec![files]).expect("taken");
-    let inside = flow::text(
-        SCALE,
-        &(SQUARE.replace("M2\n", "").replace("(a square)\n", "") + PROGRAM),
-    );
+    let inside =
+        flow::text(SCALE, &(SQUARE.replace("M2\n", "").replace("(a square)\n", "") + PROGRAM));
     let behind = inside.split("endsub\n").nth(1).expect("what is behind it");
     assert_eq!(result, behind);
     assert!(result.contains(";o<square> call [100]\n"), "{result}");
@@ -56,16 +51,10 @@ fn files_call_each_other_and_have_local_subroutines() {
     let outer = "o<outer> sub\no1 call [#1]\no<inner> call [#1]\no<outer> endsub\no1 sub\nG1 X#1 F1\no1 endsub\n";
     let inner = "o<inner> sub\no1 call\no<inner> endsub\no1 sub\nG1 Y1\no1 endsub\n";
     let first = folder("first", &[("outer.ngc", outer)]);
-    let second = folder(
-        "second",
-        &[("INNER.ngc", inner), ("outer.ngc", "not this one")],
-    );
+    let second = folder("second", &[("INNER.ngc", inner), ("outer.ngc", "not this one")]);
     let program = "o1 sub\nG1 Z5 F1\no1 endsub\nG0 X0 Y0 Z0\no<outer> call [100]\no1 call\nM2\n";
     let folders = vec![first, second];
-    assert_eq!(
-        compensated("", program, folders.clone()).expect("taken"),
-        program
-    );
+    assert_eq!(compensated("", program, folders.clone()).expect("taken"), program);
     let result = compensated(SCALE, program, folders).expect("taken");
     assert_eq!(
         result,
@@ -79,10 +68,7 @@ fn files_of_numbered_programs() {
     let program = "G0 X0 Y0\nM98 P1000 L2\nM98 P2\nM30\n";
     for name in ["O1000", "o1000.NC", "1000.ngc"] {
         let files = folder("numbers", &[(name, text), ("0002.nc", "G1 Y7\nM99\n")]);
-        assert_eq!(
-            compensated("", program, vec![files.clone()]).expect("taken"),
-            program
-        );
+        assert_eq!(compensated("", program, vec![files.clone()]).expect("taken"), program);
         assert_eq!(
             compensated(SCALE, program, vec![files]).expect("taken"),
             "G0 X0 Y0\n(M98 P1000 L2)\nG91 G1 X99.990 F100\nG90\nG91 G1 X99.990 F100\nG90\nM98 P2\nM30\n"
@@ -119,27 +105,15 @@ fn errors_name_the_file_and_line() {
             "o<a> call\n",
             "a.ngc: line 2: more than 100 subroutines call one another",
         ),
-        (
-            "G1 X1 F1\n",
-            "M98 P7\nM30\n",
-            "O0007: line 1: the subprogram ends here without M99",
-        ),
-        (
-            "G0 X1\0",
-            "M98 P7\nM30\n",
-            "O0007: line 1: byte 0x00 at column 6; this is no NC program",
-        ),
+        ("G1 X1 F1\n", "M98 P7\nM30\n", "O0007: line 1: the subprogram ends here without M99"),
+        ("G0 X1\0", "M98 P7\nM30\n", "O0007: line 1: byte 0x00 at column 6; this is no NC program"),
     ];
     for (file, program, expected) in cases {
-        let error = compensated("", program, vec![files(file)])
-            .expect_err(expected)
-            .to_string();
+        let error = compensated("", program, vec![files(file)]).expect_err(expected).to_string();
         let error = error.rsplit('/').next().unwrap_or_default();
         assert!(error.starts_with(expected), "{error}");
     }
     let nowhere = PathBuf::from("no such folder");
-    let error = compensated("", "o<a> call\n", vec![nowhere])
-        .expect_err("none")
-        .to_string();
+    let error = compensated("", "o<a> call\n", vec![nowhere]).expect_err("none").to_string();
     assert!(error.starts_with("no such folder: "), "{error}");
 }

@@ -13,10 +13,7 @@ fn verified(errors: &str, program: &str) -> Result<(String, Summary, f64), NcErr
     let machine = format!("{LINEAR}{errors}");
     let texts = [&machine, START, program];
     let (text, summary, found) = verified_in(Dialect::Rs274, texts, Strategy::Plain)?;
-    assert!(
-        found.after.max_um < found.before.max_um + 3.0,
-        "{program}{text}{found:?}"
-    );
+    assert!(found.after.max_um < found.before.max_um + 3.0, "{program}{text}{found:?}");
     Ok((text, summary, found.after.max_um))
 }
 
@@ -35,9 +32,7 @@ fn random_arcs_are_within_the_tolerance() {
     let errors = "EXX = { mean = { poly = [3, 0.05] }, reversal = 4 }\nEYX = { poly = [0, 0, 0.0001] }\nEYY = { mean = { poly = [-2, -0.08] }, reversal = 2 }\nEZX = { poly = [1, 0.02] }\n";
     let mut seed = 2_026_u64;
     let mut random = |low: f64, high: f64| {
-        seed = seed
-            .wrapping_mul(6_364_136_223_846_793_005)
-            .wrapping_add(1_442_695_040_888_963_407);
+        seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         low + (high - low) * ((seed >> 11) as f64 / (1_u64 << 53) as f64)
     };
     for case in 0..3000 {
@@ -51,28 +46,18 @@ fn random_arcs_are_within_the_tolerance() {
         };
         let clockwise = random(0.0, 1.0) < 0.5;
         let sense = if clockwise { -1.0 } else { 1.0 };
-        let (x, y, begins) = (
-            random(-300.0, 300.0),
-            random(-300.0, 300.0),
-            random(0.0, std::f64::consts::TAU),
-        );
+        let (x, y, begins) =
+            (random(-300.0, 300.0), random(-300.0, 300.0), random(0.0, std::f64::consts::TAU));
         let round = |value: f64| (value * 1e4).round() / 1e4;
         let (x, y) = (round(x), round(y));
         let (i, j) = (round(-radius * begins.cos()), round(-radius * begins.sin()));
         let radius = i.hypot(j);
         let ends = (-j).atan2(-i) + sense * turns;
-        let (to_x, to_y) = (
-            round(x + i + radius * ends.cos()),
-            round(y + j + radius * ends.sin()),
-        );
+        let (to_x, to_y) = (round(x + i + radius * ends.cos()), round(y + j + radius * ends.sin()));
         let code = if clockwise { 2 } else { 3 };
         let circle = if case % 3 == 0 && turns < 6.0 && (turns - std::f64::consts::PI).abs() > 0.02
         {
-            let sign = if turns > std::f64::consts::PI {
-                -1.0
-            } else {
-                1.0
-            };
+            let sign = if turns > std::f64::consts::PI { -1.0 } else { 1.0 };
             format!("R{:.5}", sign * radius)
         } else {
             format!("I{i:.4} J{j:.4}")
@@ -133,10 +118,7 @@ fn half_circles_by_radius_get_a_centre() {
 fn full_circles_stay_closed() {
     let constant = "EXX = { poly = [0.8] }\nEYY = { poly = [0.8] }\n";
     assert_eq!(
-        result(
-            constant,
-            "G0 X0 Y0 Z0\nG53 G0 X0 Y0\nG2 I-5\nG3 X0 Y0 J5\nG1 X10\n"
-        ),
+        result(constant, "G0 X0 Y0 Z0\nG53 G0 X0 Y0\nG2 I-5\nG3 X0 Y0 J5\nG1 X10\n"),
         "G0 X-0.001 Y-0.001 Z0\nG53 G0 X0 Y0\nG2 I-5\nG3 X0 Y0 J5\nG1 X9.999 Y-0.001\n"
     );
 }
@@ -156,11 +138,7 @@ fn the_parts_of_several_turns_add_up() {
             // Without P a part is half a turn or a whole turn.
             let ends_beyond = word('X').is_some_and(|x| x < -5.0);
             let starts_beyond = word('I').is_some_and(|i| i > 0.0);
-            let share = if ends_beyond == starts_beyond {
-                1.0
-            } else {
-                0.5
-            };
+            let share = if ends_beyond == starts_beyond { 1.0 } else { 0.5 };
             word('P').map_or(0.0, |turns| turns - 1.0) + share
         })
         .sum();
@@ -175,15 +153,9 @@ fn stops_follow_the_last_part() {
         let out = result(bent, &format!("G0 X0 Y0 Z0\nG1 X400 {stop} (wait)\n"));
         let lines: Vec<&str> = out.lines().collect();
         assert!(lines.len() > 2, "{out}");
-        assert!(
-            lines[1].ends_with(" (wait)") && !lines[1].contains('M'),
-            "{out}"
-        );
+        assert!(lines[1].ends_with(" (wait)") && !lines[1].contains('M'), "{out}");
         let last = lines.last().expect("there are lines");
-        assert!(
-            last.starts_with("X399.960") && last.ends_with(stop),
-            "{out}"
-        );
+        assert!(last.starts_with("X399.960") && last.ends_with(stop), "{out}");
     }
     let out = result(bent, "G0 X0 Y0 Z0\nG3 X400 Y0 R2000M2\n");
     assert_eq!(out.matches('M').count(), 1, "{out}");
@@ -198,11 +170,7 @@ fn stops_follow_the_last_part() {
         ("fanuc", "G9", true),
         ("fanuc", "M8", false),
     ] {
-        let without_point = if control == "linuxcnc" {
-            ""
-        } else {
-            "without_point = \"unit\"\n"
-        };
+        let without_point = if control == "linuxcnc" { "" } else { "without_point = \"unit\"\n" };
         let setup = format!("control = \"{control}\"\n{without_point}");
         let program = format!("G0 X0 Y0 Z0\nG1 X400 {word}\n");
         let machine = format!("{LINEAR}{bent}");
@@ -218,9 +186,7 @@ fn stops_follow_the_last_part() {
     // Codes that are executed before the motion stay in the first part.
     let out = result(bent, "G0 X0 Y0 Z0\nG1 M3 S100 X400 M8\n");
     assert!(
-        out.lines()
-            .nth(1)
-            .is_some_and(|line| line.contains("M3 S100") && line.contains("M8")),
+        out.lines().nth(1).is_some_and(|line| line.contains("M3 S100") && line.contains("M8")),
         "{out}"
     );
 }
@@ -232,15 +198,9 @@ fn shifts_that_were_switched_off_stay_off() {
     for shift in ["G92 Y10", "G52 Y10"] {
         let program = |x: &str| format!("G0 X0 Y0 Z0\nG92 X1000\nG92.2\n{shift}\nG1 {x} Y0\n");
         let out = result(errors, &program("X500"));
-        let x = if shift == "G92 Y10" {
-            "X499.949"
-        } else {
-            "X499.951"
-        };
+        let x = if shift == "G92 Y10" { "X499.949" } else { "X499.951" };
         assert!(
-            out.lines()
-                .last()
-                .is_some_and(|line| line.starts_with(&format!("G1 {x}"))),
+            out.lines().last().is_some_and(|line| line.starts_with(&format!("G1 {x}"))),
             "{out}"
         );
     }
@@ -258,13 +218,8 @@ G0 X600 Y0 Z0\n#2=[#<_x>-500]\nG1 X#2\n | G0 X599.950 Y0 Z0\n#2=100\nG1 X#2\n
     ) {
         assert_eq!(result(errors, program), expected);
     }
-    let refused = run(
-        errors,
-        "G0 X600 Y0 Z0\no1 while [#<_x> LT 700]\nG91 G1 X10\no1 endwhile\n",
-    );
-    let message = refused
-        .expect_err("the count of the loop would change")
-        .to_string();
+    let refused = run(errors, "G0 X600 Y0 Z0\no1 while [#<_x> LT 700]\nG91 G1 X10\no1 endwhile\n");
+    let message = refused.expect_err("the count of the loop would change").to_string();
     begins(&message, "line 2: the position of an axis is read here");
 }
 
@@ -312,10 +267,7 @@ fn entry_moves_stay_whole() {
         let out = result(bent, &program);
         assert_eq!(out.lines().count(), program.lines().count(), "{out}");
     }
-    let out = result(
-        bent,
-        "G0 X-400 Y-20 Z0\nG41.1 D6\nG1 X0 Y-10\nG40\nG1 X1\nG1 X400\n",
-    );
+    let out = result(bent, "G0 X-400 Y-20 Z0\nG41.1 D6\nG1 X0 Y-10\nG40\nG1 X1\nG1 X400\n");
     assert!(out.lines().count() > 8, "{out}");
 }
 
@@ -327,9 +279,7 @@ fn a_row_after_g80_starts_anew() {
     // 50 µm at X500, none at X0: from 1.950 to R at 1, and from there to -4.
     assert_eq!(
         result(errors, program),
-        program
-            .replace("R2 Z-5", "R1.950 Z-5.050")
-            .replace("R-1", "R-0.950")
+        program.replace("R2 Z-5", "R1.950 Z-5.050").replace("R-1", "R-0.950")
     );
 }
 
@@ -368,15 +318,10 @@ G0 X0 Y0 Z10\nG81 X10 Z-5 R2\nR5\nX20\n | line 3: R alone while a cycle is activ
 #[test]
 fn a_stored_position_is_corrected_once() {
     let errors = "EXX = { poly = [0, 0.1] }\n";
-    let (out, summary) = run(
-        errors,
-        "G0 X500 Y0 Z0\nG28.1\nG0 X0\nG28\nG91\nG1 X0 Y10\nG90 X500\n",
-    )
-    .expect("compensated");
-    assert_eq!(
-        out,
-        "G0 X499.950 Y0 Z0\nG28.1\nG0 X0\nG28\nG91\nG1 X0 Y10\nG90 X499.950\n"
-    );
+    let (out, summary) =
+        run(errors, "G0 X500 Y0 Z0\nG28.1\nG0 X0\nG28\nG91\nG1 X0 Y10\nG90 X500\n")
+            .expect("compensated");
+    assert_eq!(out, "G0 X499.950 Y0 Z0\nG28.1\nG0 X0\nG28\nG91\nG1 X0 Y10\nG90 X499.950\n");
     let notes: Vec<_> = summary.notes.by_line();
     assert!(
         matches!(notes[..], [(4, note)] if note.to_string().contains("machine coordinates")),
@@ -407,26 +352,18 @@ fn g80_with_the_next_motion() {
     ] {
         let around = |block: &str| format!("G0 X0 Y0 Z10\nG81 X100 Z-5 R2 F10\n{block}\nX60\nM2\n");
         let (out, _) = compensated(scale, around(block).as_bytes()).expect("taken");
-        let expected = around(expected)
-            .replace("X100 ", "X99.990 ")
-            .replace("X60", "X59.994");
+        let expected = around(expected).replace("X100 ", "X99.990 ").replace("X60", "X59.994");
         assert_eq!(String::from_utf8_lossy(&out), expected);
     }
     let error = compensated(scale, b"G0 X1\nG81 G80 X1 Z-5 R2\n").expect_err("refused");
-    assert!(
-        error.to_string().contains("expected only one of them"),
-        "{error}"
-    );
+    assert!(error.to_string().contains("expected only one of them"), "{error}");
 }
 
 /// A percent sign also ends a program with O-words, and added lines have the line ends of the program.
 #[test]
 fn percent_signs_and_ends_of_lines() {
     let bent = "EXX = { poly = [0.0, 0.1] }\nEYX = { poly = [0.0, 0.0, 0.00002] }\n";
-    let out = result(
-        bent,
-        "%\no1 repeat [2]\nG91 G1 X10\no1 endrepeat\n%\no2 while [\n",
-    );
+    let out = result(bent, "%\no1 repeat [2]\nG91 G1 X10\no1 endrepeat\n%\no2 while [\n");
     assert!(out.ends_with("\n%\no2 while [\n"), "{out}");
     let out = result(bent, "G0 X0 Y0 Z0\r\nG1 X400");
     assert!(out.matches('\n').count() > 1, "{out:?}");
@@ -440,9 +377,7 @@ fn implausible_coordinates_are_refused() {
         let (letter, exponent) = word.split_once('e').expect("an exponent");
         let zeros = "0".repeat(exponent.parse().expect("a number"));
         let program = format!("G0 X0 {letter}{zeros}1 Z0\n");
-        let message = run("", &program.replace("X0 X", "X"))
-            .expect_err("too large")
-            .to_string();
+        let message = run("", &program.replace("X0 X", "X")).expect_err("too large").to_string();
         assert!(
             message.starts_with(&format!("line {line}: "))
                 && message.contains("expected at most 1e9"),
@@ -477,25 +412,17 @@ fn no_line_is_added_between_a_probe_and_its_retract() {
     let errors = format!("[errors]\n{errors}");
     let (out, _) = crate::identity::compensated(&errors, program.as_bytes()).expect("taken");
     let out = String::from_utf8(out).expect("text");
-    let behind = out
-        .lines()
-        .skip_while(|line| !line.starts_with("G38.2"))
-        .nth(1)
-        .expect("a line");
-    assert!(
-        behind.starts_with("G1 X-5") || behind.starts_with("G1 X-4.99"),
-        "{out}"
-    );
+    let behind = out.lines().skip_while(|line| !line.starts_with("G38.2")).nth(1).expect("a line");
+    assert!(behind.starts_with("G1 X-5") || behind.starts_with("G1 X-4.99"), "{out}");
 }
 
 /// Lines after the first O-word are executed, not streamed: zero bytes and endless lines are refused there as well.
 #[test]
 fn zero_bytes_and_endless_lines_are_refused_after_an_o_word() {
     let long = "(".to_owned() + &"x".repeat(1 << 20) + ")";
-    for (line, expected) in [
-        ("G1 X1 F1 \0", "line 3: byte 0x00 at column 10"),
-        (long.as_str(), "line 3: longer than"),
-    ] {
+    for (line, expected) in
+        [("G1 X1 F1 \0", "line 3: byte 0x00 at column 10"), (long.as_str(), "line 3: longer than")]
+    {
         let program = format!("G0 X0\no<a> sub\n{line}\no<a> endsub\nM2\n");
         let error = compensated("", program.as_bytes()).expect_err(expected);
         assert!(error.to_string().starts_with(expected), "{error}");
@@ -506,10 +433,7 @@ fn zero_bytes_and_endless_lines_are_refused_after_an_o_word() {
 fn a_program_ends_by_its_second_percent_sign() {
     for (program, ends) in [
         ("%\nG0 X1\n%\nwhat ever\n", true),
-        (
-            "%\no<a> repeat [2]\nG0 X1\no<a> endrepeat\n%\nwhat ever\n",
-            true,
-        ),
+        ("%\no<a> repeat [2]\nG0 X1\no<a> endrepeat\n%\nwhat ever\n", true),
         ("%\no<a> repeat [2]\nG0 X1\no<a> endrepeat\n", false),
         ("%\nG0 X1\n", false),
     ] {
@@ -531,11 +455,7 @@ fn a_plunge_during_radius_compensation_stays_vertical() {
     // Corrections at the ends of motions in the plane, per mm of Z: X -0.1 µm, Y -0.06 µm.
     for (place, line) in after.iter().enumerate() {
         let changes = matches!(place, 7 | 10 | 13);
-        assert_eq!(
-            *line != before[place],
-            changes,
-            "line {place}: {line}\n{out}"
-        );
+        assert_eq!(*line != before[place], changes, "line {place}: {line}\n{out}");
     }
     assert!(out.contains("X99.996 Y99.998"), "{out}");
 }

@@ -135,9 +135,7 @@ fn coordinates_set_at_an_unknown_position_are_not_corrected() {
         assert_eq!(out, program);
         let notes = summary.notes.by_line();
         assert!(
-            notes
-                .iter()
-                .any(|(line, note)| *line == 1 && note.to_string().contains("[start]")),
+            notes.iter().any(|(line, note)| *line == 1 && note.to_string().contains("[start]")),
             "{notes:?}"
         );
         // 400 mm from 100 mm are at 500 mm.
@@ -183,10 +181,7 @@ fn a_rotation_turns_about_its_centre() {
     let [x, y] = [20.0 - 10.0, 0.0 - 5.0];
     let machine = [10.0 + cos * x - sin * y, 5.0 + sin * x + cos * y];
     let delta = [-2e-4 * machine[0], -4e-4 * machine[1]];
-    let back = [
-        cos * delta[0] + sin * delta[1],
-        cos * delta[1] - sin * delta[0],
-    ];
+    let back = [cos * delta[0] + sin * delta[1], cos * delta[1] - sin * delta[0]];
     let expected = format!("G0 X{:.3} Y{:.3}", 20.0 + back[0], back[1]);
     let out = String::from_utf8(out).expect("text");
     assert_eq!(out.lines().nth(2), Some(expected.as_str()), "{out}");
@@ -240,10 +235,7 @@ G43.4 H1\nG1 X1 B5 F1\n | line 2: a motion of B, which the machine file lacks
     }
     // G05.1 Q1 moves nothing; X continues with G1.
     assert_eq!(
-        result(
-            "",
-            "G0 X0 Y0 Z0\nG1 X100 F100\nG05.1 Q1\nX400\nG5 P10000\nX0\n"
-        ),
+        result("", "G0 X0 Y0 Z0\nG1 X100 F100\nG05.1 Q1\nX400\nG5 P10000\nX0\n"),
         "G0 X0 Y0 Z0\nG1 X100 F100 Z-0.010\nG05.1 Q1\nX400 Z-0.040\nG5 P10000\nX0 Z0.000\n"
     );
 }
@@ -293,9 +285,8 @@ fn other_languages_are_recognised() {
 fn a_hole_from_an_unknown_height_leaves_an_unknown_height() {
     let without_start = |program: &str| {
         let (out, summary) = run("[work_offset.G54]\nX = 0\n", program).expect("taken");
-        let notes: Vec<String> = (summary.notes.by_line().iter())
-            .map(|(_, note)| note.to_string())
-            .collect();
+        let notes: Vec<String> =
+            (summary.notes.by_line().iter()).map(|(_, note)| note.to_string()).collect();
         (out, notes.join("; "))
     };
     let (out, notes) = without_start("G98\nG81 X100 Y0 Z-10 R5\nX200\nG80\nG0 X300\nG0 X400 Z9\n");
@@ -306,10 +297,7 @@ fn a_hole_from_an_unknown_height_leaves_an_unknown_height() {
     assert!(notes.contains("corrections of Z are omitted"), "{notes}");
     // In plane R the height is known.
     let (out, _) = without_start("G99\nG81 X100 Y0 Z-10 R5\nG80\nG0 X300\n");
-    assert_eq!(
-        out,
-        "G99\nG81 X100 Y0 Z-10.010 R4.990\nG80\nG0 X300 Z4.970\n"
-    );
+    assert_eq!(out, "G99\nG81 X100 Y0 Z-10.010 R4.990\nG80\nG0 X300 Z4.970\n");
     // After a skippable block the height is unknown, and also after the next hole.
     let (out, _) = without_start("G98\nG0 X0 Y0 Z150\n/G0 Z30\nG81 X100 Z-10 R5\nG80\nG0 X300\n");
     assert!(out.ends_with("G80\nG0 X300\n"), "{out}");
@@ -339,10 +327,7 @@ fn an_arc_with_one_unknown_axis_is_not_split() {
         ("G2 X420 I10 J0 F100", "G2 X419.980 I10 J0 F100"),
         ("G3 X420 R10 F100", "G3 X419.980 R10 F100"),
         ("G3 X420 Y0 R-10 F100", "G3 X419.980 Y0 R-10 F100"),
-        (
-            "G90.1 G2 X420 I410 J0 F100",
-            "G90.1 G2 X419.980 I409.980 J0 F100",
-        ),
+        ("G90.1 G2 X420 I410 J0 F100", "G90.1 G2 X419.980 I409.980 J0 F100"),
         ("G91 G2 X20 I10 J0 F100", "G91 G2 X20 I10 J0 F100"),
         ("G2 X420 Z-5 I10 J0 F100", "G2 X419.980 Z-5 I10 J0 F100"),
         ("G2 I10 J0 F100", "G2 I10 J0 F100"),
@@ -354,10 +339,7 @@ fn an_arc_with_one_unknown_axis_is_not_split() {
     assert_eq!(out, "G0 X399.980\nG18 G2 X419.980 I10 K0 F100\n");
     // After the arc each known axis is corrected again.
     let out = result("G0 X400\nG2 X420 Y0 I10 J0 F100\nG1 X500 Y1\n");
-    assert!(
-        out.ends_with("G2 X419.980 Y0 I10 J0 F100\nG1 X499.975 Y1\n"),
-        "{out}"
-    );
+    assert!(out.ends_with("G2 X419.980 Y0 I10 J0 F100\nG1 X499.975 Y1\n"), "{out}");
 }
 
 /// Words of an unknown code (steps per mm, accelerations, macro arguments) may not be coordinates: they are not changed, and positions
@@ -506,10 +488,7 @@ fn a_spline_is_not_split() {
             let (out, summary) =
                 compensated_in(&SetUp::default(), errors, program.as_bytes()).expect(spline);
             let out = String::from_utf8(out).expect("text");
-            assert_eq!(
-                out,
-                format!("G0 X399.980{y}\n{expected}\nG90 G1 X799.960 Y0 F100\n")
-            );
+            assert_eq!(out, format!("G0 X399.980{y}\n{expected}\nG90 G1 X799.960 Y0 F100\n"));
             let notes = format!("{:?}", summary.notes);
             assert!(notes.contains("GoesWhole"), "{notes}");
         }
@@ -524,9 +503,7 @@ fn unknown_axes_in_cycles_and_in_each_language() {
     let machine = Machine::parse(&format!("{TRAVELS}{errors}"), "m.toml").expect("good");
     let run = |dialect, program: &str| {
         let written = written(dialect, &machine, "", program);
-        written
-            .map(|(text, _)| text)
-            .map_err(|error| error.to_string())
+        written.map(|(text, _)| text).map_err(|error| error.to_string())
     };
     for [language, program, expected] in rows(
         r"
@@ -566,10 +543,7 @@ LP PR+50 PA+45 | line 3: polar coordinates without a pole (CC) at a known positi
 /// End position of a program of plain words, with its slash blocks executed or skipped.
 fn ends(program: &str, skips: bool) -> [f64; 3] {
     let mut at = [0.0; 3];
-    for line in program
-        .lines()
-        .filter(|line| !(skips && line.starts_with('/')))
-    {
+    for line in program.lines().filter(|line| !(skips && line.starts_with('/'))) {
         for word in line.trim_start_matches('/').split(' ') {
             let axis = "XYZ".find(|letter| word.starts_with(letter));
             if let Some(axis) = axis {
@@ -593,10 +567,7 @@ fn no_word_relies_on_a_skippable_block() {
         for skips in [false, true] {
             let (wanted, found) = (ends(program, skips), ends(&result, skips));
             for axis in 0..3 {
-                assert!(
-                    (wanted[axis] - found[axis]).abs() < 0.1,
-                    "{program}{result}"
-                );
+                assert!((wanted[axis] - found[axis]).abs() < 0.1, "{program}{result}");
             }
         }
     }
@@ -608,10 +579,7 @@ fn motions_after_a_skippable_block_are_not_split() {
     let result = text(bent, "G0 X0 Y0 Z0\n/X500\nG1 X-500 F100\nX500\n");
     let lines: Vec<&str> = result.lines().collect();
     assert!(lines[2].starts_with("G1 X-500"), "{result}");
-    assert!(
-        !lines[3].starts_with("X500"),
-        "the way back is split: {result}"
-    );
+    assert!(!lines[3].starts_with("X500"), "the way back is split: {result}");
     // Also if the program does not state its start.
     let result = text(bent, "G0 Z0\nG1 X-500 Y0 F100\nX500\n");
     let second = result.lines().nth(1).expect("a line");
@@ -633,20 +601,11 @@ fn modal_codes_in_skippable_blocks_are_refused() {
         ("/G0 X5", 3),
     ] {
         let program = format!("G1 X0 Y0 Z0 F1\n{block}\nX10\n");
-        let error = compensated("", program.as_bytes())
-            .expect_err(block)
-            .to_string();
+        let error = compensated("", program.as_bytes()).expect_err(block).to_string();
         begins(&error, &format!("line {line}: a "));
         has(&error, "(/)");
     }
-    for good in [
-        "/M8",
-        "/G4 P1",
-        "/X5 F100",
-        "/G1 X5",
-        "/(nothing)",
-        "/G0 Z5\nG1",
-    ] {
+    for good in ["/M8", "/G4 P1", "/X5 F100", "/G1 X5", "/(nothing)", "/G0 Z5\nG1"] {
         let program = format!("G1 X0 Y0 Z0 F1\n{good}\nG1 X10\n");
         let (out, _) = compensated("", program.as_bytes()).expect(good);
         assert_eq!(String::from_utf8_lossy(&out), program);

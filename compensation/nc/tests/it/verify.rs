@@ -11,10 +11,8 @@ fn verified(model: &str, truth: &str, program: &str) -> Result<Verification, NcE
     };
     let (model, truth, setup) = (machine(model), machine(truth), SetUp::default());
     let bytes = program.as_bytes();
-    let (out, summary) = result_of((&model, 0.0005), &setup, bytes, |job| Job {
-        keep_shares: true,
-        ..job
-    })?;
+    let (out, summary) =
+        result_of((&model, 0.0005), &setup, bytes, |job| Job { keep_shares: true, ..job })?;
     let out = String::from_utf8(out).expect("text");
     let texts = [program, out.as_str()];
     verified_by(&truth, &setup, Dialect::Rs274, texts, &summary.shares)
@@ -87,21 +85,12 @@ fn deviations_along_the_path_are_not_across() {
     let along = ways(scale, "G1 F100 X100\n");
     let eighths: f64 = (1..=8).map(|i| f64::from(i * i) / 64.0).sum();
     assert!((along.max_um - 10.0).abs() < 1e-6, "{along:?}");
-    assert!(
-        (along.rms_um - 10.0 * (eighths / 8.0).sqrt()).abs() < 1e-6,
-        "{along:?}"
-    );
-    assert!(
-        along.across_max_um < 1e-6 && along.across_rms_um < 1e-6,
-        "{along:?}"
-    );
+    assert!((along.rms_um - 10.0 * (eighths / 8.0).sqrt()).abs() < 1e-6, "{along:?}");
+    assert!(along.across_max_um < 1e-6 && along.across_rms_um < 1e-6, "{along:?}");
     let straightness = "[errors]\nEYX = { poly = [0.0, 0.1] }\n";
     let across = ways(straightness, "G1 F100 X100\n");
     assert!((across.across_max_um - 10.0).abs() < 1e-5, "{across:?}");
-    assert!(
-        (across.across_rms_um - across.rms_um).abs() < 1e-6,
-        "{across:?}"
-    );
+    assert!((across.across_rms_um - across.rms_um).abs() < 1e-6, "{across:?}");
     // On a diagonal both shares are equal.
     let diagonal = ways(scale, "G1 F100 X100 Y100\n");
     let half = 10.0 / 2_f64.sqrt();
@@ -113,19 +102,13 @@ fn deviations_along_the_path_are_not_across() {
     assert!((radial.across_max_um - 5.0).abs() < 1e-3, "{radial:?}");
     // Two segments of more than 100 mm have 32 positions; none has a deviation across.
     let of_circle = 5.0 * (32.0_f64 / 40.0).sqrt();
-    assert!(
-        (radial.across_rms_um - of_circle).abs() < 1e-3,
-        "{radial:?}"
-    );
+    assert!((radial.across_rms_um - of_circle).abs() < 1e-3, "{radial:?}");
     let turned = "[errors]\nEYX = { poly = [0.0, 0.1] }\nEXY = { poly = [0.0, -0.1] }\n";
     let tangential = ways(turned, "G0 X50\nG3 F100 I-50\nG3 I-50\n");
     // The end of the rapid motion has no direction, so its 5 µm count.
     assert!((tangential.max_um - 5.0).abs() < 1e-3, "{tangential:?}");
     let of_end = 5.0 / 65_f64.sqrt();
-    assert!(
-        (tangential.across_rms_um - of_end).abs() < 1e-3,
-        "{tangential:?}"
-    );
+    assert!((tangential.across_rms_um - of_end).abs() < 1e-3, "{tangential:?}");
 }
 
 /// The evaluated positions depend on the program only: split and unsplit results have the same deviation before, also with backlash.

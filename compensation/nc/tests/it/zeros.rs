@@ -61,10 +61,7 @@ fn uncorrected_axes_are_omitted() {
         let machine = format!("{correct}\n{TRAVELS}{CONSTANT}");
         let program = "G90 G54 G0 X0 Y0 Z0\nG1 X10 F100\n";
         let found = note(Dialect::Rs274, &machine, START, program);
-        assert_eq!(
-            found,
-            Some(format!("2: G54 the machine is off by {expected} µm"))
-        );
+        assert_eq!(found, Some(format!("2: G54 the machine is off by {expected} µm")));
     }
     let machine = format!("correct = [\"X\"]\n{TRAVELS}[errors]\nEZZ = 30.0\n");
     let program = "G90 G54 G0 X0 Y0 Z0\nG1 X10 F100\n";
@@ -130,10 +127,6 @@ fn own_zeros_of_the_program_are_not_noted() {
     ] {
         let program = format!("G90 G54\n{begins}{cuts}");
         let found = note(Dialect::Rs274, &machine, START, &program);
-        assert_eq!(
-            found,
-            line.map(|line| format!("{line}: {OFF}")),
-            "{program}"
-        );
+        assert_eq!(found, line.map(|line| format!("{line}: {OFF}")), "{program}");
     }
 }

@@ -11,10 +11,8 @@ use crate::{
 };
 
 pub(super) fn curves(page: &mut Page, report: &Report) {
-    let (measured, stated): (Vec<&Curve>, Vec<&Curve>) = report
-        .curves
-        .iter()
-        .partition(|curve| !curve.lines.is_empty());
+    let (measured, stated): (Vec<&Curve>, Vec<&Curve>) =
+        report.curves.iter().partition(|curve| !curve.lines.is_empty());
     if report.curves.is_empty() {
         page.paragraph("lead", "None.");
     }
@@ -51,17 +49,9 @@ pub(super) fn curves(page: &mut Page, report: &Report) {
 fn one(page: &mut Page, curve: &Curve) {
     page.put("<div class=\"keep curve\">");
     page.heading(3, &curve.error, &described(&curve.error));
-    let files: Vec<&str> = curve
-        .lines
-        .iter()
-        .filter_map(|line| line.file.as_deref())
-        .collect();
+    let files: Vec<&str> = curve.lines.iter().filter_map(|line| line.file.as_deref()).collect();
     page.figure(&xy(&curve_plot(curve)), &files.join(", "));
-    if curve
-        .branches
-        .iter()
-        .any(|branch| !branch.residuals.is_empty())
-    {
+    if curve.branches.iter().any(|branch| !branch.residuals.is_empty()) {
         page.figure(&xy(&residual_plot(curve)), "");
     }
     numbers(page, curve);
@@ -69,10 +59,7 @@ fn one(page: &mut Page, curve: &Curve) {
         if line.file.is_none() {
             page.paragraph("note", "Found from several parallel lines of other errors.");
         } else if line.runs.is_empty() {
-            page.paragraph(
-                "note",
-                "Tilts of a bridge, summed up: only means are shown.",
-            );
+            page.paragraph("note", "Tilts of a bridge, summed up: only means are shown.");
         }
     }
     let has_readings = !curve.lines.is_empty();

@@ -52,10 +52,7 @@ pub(super) fn head(page: &mut Page, report: &Report) {
             Some(value) => escaped(value).replace('\n', "<br>"),
             None => "<span class=\"none\">not stated</span>".to_owned(),
         };
-        page.put(&format!(
-            "<div class=\"fact\"><dt>{}</dt><dd>{value}</dd></div>",
-            escaped(name)
-        ));
+        page.put(&format!("<div class=\"fact\"><dt>{}</dt><dd>{value}</dd></div>", escaped(name)));
     }
     page.put("</dl>");
 }
@@ -74,11 +71,7 @@ pub(super) fn verdict(page: &mut Page, report: &Report) {
     let (class, sign, sentence) = match whole {
         _ if report.checks.is_empty() => ("open", "–", "No tolerance stated."),
         Verdict::Fail => ("fail", "✗", "Not all stated tolerances are met."),
-        Verdict::NotEvaluated => (
-            "open",
-            "?",
-            "Not every stated tolerance could be evaluated.",
-        ),
+        Verdict::NotEvaluated => ("open", "?", "Not every stated tolerance could be evaluated."),
         Verdict::Undecided => ("open", "?", "Not every stated tolerance is decided."),
         Verdict::Pass => ("pass", "✓", met.as_str()),
     };
@@ -112,10 +105,7 @@ pub(super) fn verdict(page: &mut Page, report: &Report) {
         };
         vec![
             Cell::text(&check.symbol),
-            Cell::Markup(format!(
-                "<span class=\"out {class}\">{sign} {}</span>",
-                escaped(word)
-            )),
+            Cell::Markup(format!("<span class=\"out {class}\">{sign} {}</span>", escaped(word))),
             Cell::Path(match &check.of {
                 CheckOf::Symbol if check.symbol == VOLUME => LARGEST.to_owned(),
                 CheckOf::Symbol => described(&check.symbol),
@@ -172,17 +162,9 @@ pub(super) fn warnings(page: &mut Page, report: &Report) {
 }
 
 pub(super) fn files(page: &mut Page, report: &Report) {
-    let columns = [
-        "file",
-        "measures",
-        ">targets",
-        "runs ↑ / ↓",
-        "Date of measurement",
-    ];
+    let columns = ["file", "measures", ">targets", "runs ↑ / ↓", "Date of measurement"];
     let rows = report.head.files.iter().map(|file| {
-        let runs = file
-            .runs
-            .map(|[forward, backward]| format!("{forward} / {backward}"));
+        let runs = file.runs.map(|[forward, backward]| format!("{forward} / {backward}"));
         vec![
             Cell::Path(file.file.clone()),
             Cell::text(&file.measures),

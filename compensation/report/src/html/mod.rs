@@ -44,11 +44,7 @@ pub fn html(report: &Report) -> String {
         ("verdict", "Verdict", first_page::verdict),
         ("warnings", "Warnings", first_page::warnings),
         ("curves", "Error curves", curves::curves),
-        (
-            "positioning",
-            "Positioning tests (ISO 230-2)",
-            positioning::positioning,
-        ),
+        ("positioning", "Positioning tests (ISO 230-2)", positioning::positioning),
         ("squareness", "Squareness", volume::squareness),
         ("diagonals", "Body diagonals (ISO 230-6)", volume::diagonals),
         ("volume", "Volumetric error", volume::volume),
@@ -89,8 +85,5 @@ type Section = fn(&mut Page, &Report);
 
 /// The hash source of a script or a style in a content security policy.
 fn hash(text: &str) -> String {
-    format!(
-        "sha256-{}",
-        STANDARD.encode(Sha256::digest(text.as_bytes()))
-    )
+    format!("sha256-{}", STANDARD.encode(Sha256::digest(text.as_bytes())))
 }

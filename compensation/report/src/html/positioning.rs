@@ -41,19 +41,9 @@ fn figures(page: &mut Page, test: &Positioning) {
     let r = &test.result;
     let unit = &test.unit;
     let [e, m, b, mean_b] = if test.edition < 2014 {
-        [
-            "E systematic deviation",
-            "M mean deviation",
-            "B reversal value",
-            "mean reversal value",
-        ]
+        ["E systematic deviation", "M mean deviation", "B reversal value", "mean reversal value"]
     } else {
-        [
-            "E systematic error",
-            "M mean error",
-            "B reversal error",
-            "mean reversal error",
-        ]
+        ["E systematic error", "M mean error", "B reversal error", "mean reversal error"]
     };
     let columns = [
         &format!("ISO 230-2:{}, {unit}", test.edition),
@@ -79,23 +69,8 @@ fn figures(page: &mut Page, test: &Positioning) {
         page.paragraph("note", "VDI/DGQ 3441 is not evaluated: it needs both directions and at least two runs in each.");
         return;
     };
-    let values = [
-        vdi.p,
-        vdi.pa,
-        vdi.u_max,
-        vdi.u_mean,
-        vdi.ps_max,
-        vdi.ps_mean,
-    ];
-    let columns = [
-        "VDI/DGQ 3441",
-        ">P",
-        ">Pa",
-        ">U max",
-        ">Ū",
-        ">Ps max",
-        ">P̄s",
-    ];
+    let values = [vdi.p, vdi.pa, vdi.u_max, vdi.u_mean, vdi.ps_max, vdi.ps_mean];
+    let columns = ["VDI/DGQ 3441", ">P", ">Pa", ">U max", ">Ū", ">Ps max", ">P̄s"];
     let mut row = vec![Cell::text(unit)];
     row.extend(values.map(|value| Cell::number(value, 2)));
     page.table(&columns, [row]);
@@ -103,15 +78,7 @@ fn figures(page: &mut Page, test: &Positioning) {
 }
 
 fn targets(page: &mut Page, test: &Positioning) {
-    let columns = [
-        &format!(">target {}", test.x_unit),
-        ">x̄ ↑",
-        ">x̄ ↓",
-        ">s ↑",
-        ">s ↓",
-        ">B",
-        ">R",
-    ];
+    let columns = [&format!(">target {}", test.x_unit), ">x̄ ↑", ">x̄ ↓", ">s ↑", ">s ↓", ">B", ">R"];
     let all = &test.result.targets;
     let shown = chosen(all);
     if shown.len() < all.len() {
@@ -139,10 +106,7 @@ fn chosen(all: &[TargetRow]) -> Vec<&TargetRow> {
         return all.iter().collect();
     }
     let step = all.len().div_ceil(MOST_ROWS - 8);
-    let mut places: Vec<usize> = (0..all.len())
-        .step_by(step)
-        .chain([all.len() - 1])
-        .collect();
+    let mut places: Vec<usize> = (0..all.len()).step_by(step).chain([all.len() - 1]).collect();
     let values: [fn(&TargetRow) -> Option<f64>; 4] = [
         |row| row.forward.map(|of| of.mean),
         |row| row.backward.map(|of| of.mean),
@@ -150,10 +114,7 @@ fn chosen(all: &[TargetRow]) -> Vec<&TargetRow> {
         |row| row.repeatability,
     ];
     for value in values {
-        let with = all
-            .iter()
-            .enumerate()
-            .filter_map(|(place, row)| Some((place, value(row)?)));
+        let with = all.iter().enumerate().filter_map(|(place, row)| Some((place, value(row)?)));
         let with: Vec<(usize, f64)> = with.collect();
         let by = |a: &&(usize, f64), b: &&(usize, f64)| a.1.total_cmp(&b.1);
         places.extend(with.iter().min_by(by).map(|found| found.0));

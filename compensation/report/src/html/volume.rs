@@ -27,18 +27,13 @@ pub(super) fn squareness(page: &mut Page, report: &Report) {
         page.put("</div>");
         let rows = report.squareness.iter().map(|square| {
             let from = square.from.iter();
-            let from: Vec<String> = from
-                .map(|tilt| format!("{} = {}", tilt.error, short(tilt.urad, 2)))
-                .collect();
+            let from: Vec<String> =
+                from.map(|tilt| format!("{} = {}", tilt.error, short(tilt.urad, 2))).collect();
             vec![
                 Cell::text(format!("{}{}", square.first, square.second)),
                 Cell::number(square.angle_urad, 2),
                 Cell::text(from.join(", ")),
-                Cell::text(if square.measured {
-                    "this calibration"
-                } else {
-                    "the machine file"
-                }),
+                Cell::text(if square.measured { "this calibration" } else { "the machine file" }),
             ]
         });
         page.table(&["pair", ">angle − 90°, µrad", "from", "known from"], rows);
@@ -92,11 +87,7 @@ pub(super) fn diagonals(page: &mut Page, report: &Report) {
     if let Some(volume) = &report.volume {
         standing(page, volume);
     }
-    states(
-        page,
-        found.before.state,
-        found.after.as_ref().map(|after| after.state),
-    );
+    states(page, found.before.state, found.after.as_ref().map(|after| after.state));
     page.put("<div class=\"maps two\">");
     for panel in diagonal_plots(found) {
         page.figure(&panel.svg, &panel.heading);
@@ -112,15 +103,9 @@ pub(super) fn diagonals(page: &mut Page, report: &Report) {
         &["diagonal", ">range, µm"]
     };
     let rows = found.before.found.iter().map(|diagonal| {
-        let mut row = vec![
-            Cell::text(&diagonal.name),
-            Cell::number(diagonal.range_um, 2),
-        ];
+        let mut row = vec![Cell::text(&diagonal.name), Cell::number(diagonal.range_um, 2)];
         if found.after.is_some() {
-            row.push(Cell::Number(
-                after_of(&diagonal.name).map(|of| of.range_um),
-                2,
-            ));
+            row.push(Cell::Number(after_of(&diagonal.name).map(|of| of.range_um), 2));
         }
         row
     });
@@ -133,11 +118,7 @@ pub(super) fn volume(page: &mut Page, report: &Report) {
         return;
     };
     page.paragraph("lead", "Length of the error of the tool tip after best-fit rigid-body alignment of the workpiece, on planes through the middle of the working space, with the error in the plane as arrows. One colour scale for all maps.");
-    states(
-        page,
-        volume.before.state,
-        volume.after.as_ref().map(|after| after.state),
-    );
+    states(page, volume.before.state, volume.after.as_ref().map(|after| after.state));
     let columns = [
         "state",
         ">largest, µm",
@@ -194,11 +175,7 @@ fn standing(page: &mut Page, volume: &Volume) {
 
 /// All maps before, then all after compensation, with a common colour scale.
 fn maps(page: &mut Page, volume: &Volume) {
-    let Maps {
-        before,
-        after,
-        most_um,
-    } = pictures::maps(volume);
+    let Maps { before, after, most_um } = pictures::maps(volume);
     let class = match volume.slices.len() {
         1 => "maps one",
         2 | 4 => "maps two",
@@ -217,11 +194,7 @@ fn maps(page: &mut Page, volume: &Volume) {
 
 fn vectors(page: &mut Page, volume: &Volume) {
     let arrows = volume.vectors.iter().flat_map(|vector| {
-        let arrow = |error_um, after| Arrow {
-            at_mm: vector.at_mm,
-            error_um,
-            after,
-        };
+        let arrow = |error_um, after| Arrow { at_mm: vector.at_mm, error_um, after };
         let after = vector.after_um.map(|error| arrow(error, true));
         core::iter::once(arrow(vector.before_um, false)).chain(after)
     });

@@ -28,32 +28,16 @@ pub(super) fn uncertainty(page: &mut Page, report: &Report) {
     };
     if let Some(drawn) = &found.drawn {
         page.paragraph("lead", "Of the position error over poses of all axes: the readings are drawn again from their scatter and from the stated contributions, and the spread of the machines that they give is the standard uncertainty (JCGM 101).");
-        let columns = [
-            "",
-            ">standard uncertainty, µm",
-            ">expanded, k = 2, µm",
-            "at",
-        ];
+        let columns = ["", ">standard uncertainty, µm", ">expanded, k = 2, µm", "at"];
         let at = place(&drawn.at);
         let row = |name: &str, um: f64, at: String| {
-            vec![
-                Cell::text(name),
-                Cell::number(um, 2),
-                Cell::number(2.0 * um, 2),
-                Cell::Fixed(at),
-            ]
+            vec![Cell::text(name), Cell::number(um, 2), Cell::number(2.0 * um, 2), Cell::Fixed(at)]
         };
         page.table(
             &columns,
-            [
-                row("rms", drawn.rms_um, String::new()),
-                row("largest", drawn.max_um, at),
-            ],
+            [row("rms", drawn.rms_um, String::new()), row("largest", drawn.max_um, at)],
         );
-        page.paragraph(
-            "note",
-            &format!("{} machines drawn, seed {}", drawn.trials, drawn.seed),
-        );
+        page.paragraph("note", &format!("{} machines drawn, seed {}", drawn.trials, drawn.seed));
     } else {
         page.paragraph(
             "lead",
@@ -70,11 +54,7 @@ pub(super) fn uncertainty(page: &mut Page, report: &Report) {
                 "reading_urad" => "mean angular reading at a target",
                 other => other,
             };
-            vec![
-                Cell::text(words),
-                Cell::number(of.standard, 2),
-                Cell::text(&of.unit),
-            ]
+            vec![Cell::text(words), Cell::number(of.standard, 2), Cell::text(&of.unit)]
         });
         page.table(&["", ">value", ""], rows);
     }
@@ -87,17 +67,11 @@ pub(super) fn uncertainty(page: &mut Page, report: &Report) {
 pub(super) fn open(page: &mut Page, report: &Report) {
     let is_machine_file = report.head.files.is_empty();
     if is_machine_file {
-        page.paragraph(
-            "lead",
-            "This report is of a machine file: nothing was measured here.",
-        );
+        page.paragraph("lead", "This report is of a machine file: nothing was measured here.");
     }
     if report.not_measured.is_empty() {
         if !is_machine_file {
-            page.paragraph(
-                "lead",
-                "Every error of the structure was measured or found.",
-            );
+            page.paragraph("lead", "Every error of the structure was measured or found.");
         }
         return;
     }
@@ -116,20 +90,11 @@ pub(super) fn identified(page: &mut Page, report: &Report) {
         "deg" => 6,
         _ => 2,
     };
-    let columns = [
-        "unknown",
-        ">value",
-        ">standard uncertainty",
-        "unit",
-        "holds if zero",
-    ];
+    let columns = ["unknown", ">value", ">standard uncertainty", "unit", "holds if zero"];
     let rows = found.parameters.iter().map(|parameter| {
         let digits = digits(&parameter.unit);
         let (value, uncertainty) = match parameter.uncertainty {
-            Some(u) => (
-                Cell::number(parameter.value, digits),
-                Cell::number(u, digits),
-            ),
+            Some(u) => (Cell::number(parameter.value, digits), Cell::number(u, digits)),
             None => (Cell::Number(None, 0), Cell::text("not determined")),
         };
         vec![
@@ -157,11 +122,7 @@ pub(super) fn identified(page: &mut Page, report: &Report) {
         ])
     });
     page.table(&columns, rows);
-    page.heading(
-        4,
-        "Null space: changes that the observations do not see",
-        "",
-    );
+    page.heading(4, "Null space: changes that the observations do not see", "");
     if found.null_space.is_empty() {
         page.paragraph("", "Empty: every unknown is determined.");
     } else {
@@ -186,13 +147,8 @@ pub(super) fn identified(page: &mut Page, report: &Report) {
 
 /// Formats a combination: `EXX constant + 0.50 EX0C`.
 fn combined(parts: &[Weighted]) -> String {
-    let largest = parts
-        .iter()
-        .map(|part| part.weight.abs())
-        .fold(0.0, f64::max);
-    let kept = parts
-        .iter()
-        .filter(|part| part.weight.abs() >= LEAST_WEIGHT * largest);
+    let largest = parts.iter().map(|part| part.weight.abs()).fold(0.0, f64::max);
+    let kept = parts.iter().filter(|part| part.weight.abs() >= LEAST_WEIGHT * largest);
     let mut text = String::new();
     for Weighted { name, weight } in kept {
         let sign = match (text.is_empty(), *weight < 0.0) {

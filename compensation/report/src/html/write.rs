@@ -64,11 +64,9 @@ impl Page {
             for cell in row {
                 let _ = match cell {
                     Cell::Text(text) => write!(self.text, "<td>{}</td>", escaped(&text)),
-                    Cell::Path(text) => write!(
-                        self.text,
-                        "<td><span class=\"path\">{}</span></td>",
-                        escaped(&text)
-                    ),
+                    Cell::Path(text) => {
+                        write!(self.text, "<td><span class=\"path\">{}</span></td>", escaped(&text))
+                    }
                     Cell::Fixed(text) => {
                         write!(self.text, "<td class=\"fix\">{}</td>", escaped(&text))
                     }

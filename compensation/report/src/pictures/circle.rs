@@ -41,11 +41,7 @@ pub fn circles_picture(tests: &[CirclePlot]) -> String {
         .iter()
         .map(|of| {
             vec![Panel {
-                heading: if tests.len() > 1 {
-                    of.file.clone()
-                } else {
-                    String::new()
-                },
+                heading: if tests.len() > 1 { of.file.clone() } else { String::new() },
                 svg: polar(&plot(of)),
             }]
         })

@@ -45,9 +45,8 @@ impl Curve {
             }
         });
         let values = points.iter().map(|point| point.1);
-        let [smallest, largest] = values.fold([f64::INFINITY, f64::NEG_INFINITY], |[a, b], x| {
-            [a.min(x), b.max(x)]
-        });
+        let [smallest, largest] =
+            values.fold([f64::INFINITY, f64::NEG_INFINITY], |[a, b], x| [a.min(x), b.max(x)]);
         Self {
             error: String::new(),
             axis: measurement.metadata.axis.clone().unwrap_or_default(),
@@ -77,11 +76,7 @@ pub fn curve_picture(title: &str, lines: &[String], curve: &Curve) -> String {
     let panel = |plot: XyPlot, height: f64, heading: &str| {
         vec![Panel {
             heading: heading.to_owned(),
-            svg: xy(&XyPlot {
-                height,
-                x_named: true,
-                ..plot
-            }),
+            svg: xy(&XyPlot { height, x_named: true, ..plot }),
         }]
     };
     let rows = [
@@ -109,11 +104,7 @@ pub(crate) fn look(direction: Option<Direction>) -> (Look, Mark) {
 
 pub(crate) fn run_series(runs: &[crate::report::Run], line: bool) -> Vec<Series> {
     let series = runs.iter().map(|run| Series {
-        name: format!(
-            "run {}, {}",
-            run.number,
-            direction_word(Some(run.direction))
-        ),
+        name: format!("run {}, {}", run.number, direction_word(Some(run.direction))),
         points: run.points.clone(),
         look: match run.direction {
             Direction::Positive => Look::RunForward,
@@ -180,10 +171,7 @@ pub(crate) fn curve_plot(curve: &Curve) -> XyPlot {
         words: format!("{}: {}", name(curve), described(&curve.error)),
         x_label: coordinate(curve),
         // The residual plot below has the label of the coordinate.
-        x_named: curve
-            .branches
-            .iter()
-            .all(|branch| branch.residuals.is_empty()),
+        x_named: curve.branches.iter().all(|branch| branch.residuals.is_empty()),
         y_label: format!("{}, {}", name(curve), curve.unit),
         x_range: Some(curve.travel),
         y_range: None,
@@ -198,19 +186,11 @@ pub(crate) fn curve_plot(curve: &Curve) -> XyPlot {
 }
 
 fn name(curve: &Curve) -> &str {
-    if curve.error.is_empty() {
-        "deviation"
-    } else {
-        &curve.error
-    }
+    if curve.error.is_empty() { "deviation" } else { &curve.error }
 }
 
 fn coordinate(curve: &Curve) -> String {
-    let axis = if curve.axis.is_empty() {
-        "target"
-    } else {
-        &curve.axis
-    };
+    let axis = if curve.axis.is_empty() { "target" } else { &curve.axis };
     format!("{axis}, {}", curve.x_unit)
 }
 
@@ -231,21 +211,14 @@ fn legend(curve: &Curve) -> Vec<(Look, Mark, String)> {
         };
         entries.push((of, mark, format!("{word}: {words}")));
     }
-    if curve
-        .branches
-        .iter()
-        .any(|branch| branch.direction.is_none())
-    {
+    if curve.branches.iter().any(|branch| branch.direction.is_none()) {
         entries.push((Look::Both, Mark::None, "curve".to_owned()));
     }
     entries
 }
 
 pub(crate) fn residual_plot(curve: &Curve) -> XyPlot {
-    let branches = curve
-        .branches
-        .iter()
-        .filter(|branch| !branch.residuals.is_empty());
+    let branches = curve.branches.iter().filter(|branch| !branch.residuals.is_empty());
     let series = branches.map(|branch: &Branch| {
         let (of, mark) = look(branch.direction);
         Series {
@@ -253,10 +226,7 @@ pub(crate) fn residual_plot(curve: &Curve) -> XyPlot {
             points: branch.residuals.clone(),
             look: of,
             mark,
-            line: branch
-                .residuals
-                .windows(2)
-                .all(|pair| pair[0].0 < pair[1].0),
+            line: branch.residuals.windows(2).all(|pair| pair[0].0 < pair[1].0),
         }
     });
     XyPlot {

@@ -46,11 +46,7 @@ pub(crate) fn diagonal_plots(of: &Diagonals) -> Vec<Panel> {
 pub fn diagonals_picture(title: &str, lines: &[String], of: &Diagonals) -> String {
     let mut panels = diagonal_plots(of);
     for (panel, diagonal) in panels.iter_mut().zip(&of.before.found) {
-        panel.heading = format!(
-            "{}: range {} µm",
-            diagonal.name,
-            short(diagonal.range_um, 2)
-        );
+        panel.heading = format!("{}: range {} µm", diagonal.name, short(diagonal.range_um, 2));
     }
     picture(title, lines, &in_pairs(&panels))
 }
@@ -60,11 +56,7 @@ pub fn measured_diagonals_picture(of: &Iso230Part6, quantities: &[JudgedQuantity
     let plots = of.diagonals.iter().map(|measured| {
         let mut series = Vec::new();
         let mut legend = Vec::new();
-        let from = measured
-            .result
-            .targets
-            .first()
-            .map_or(0.0, |row| row.target);
+        let from = measured.result.targets.first().map_or(0.0, |row| row.target);
         for direction in Direction::BOTH {
             let points = measured.result.targets.iter().filter_map(|row| {
                 let approach = match direction {
@@ -120,10 +112,7 @@ fn with_one_scale(mut plots: Vec<(String, XyPlot)>) -> Vec<Panel> {
     for (_, plot) in &mut plots {
         plot.y_range = range;
     }
-    let panel = |(heading, plot): (String, XyPlot)| Panel {
-        heading,
-        svg: xy(&plot),
-    };
+    let panel = |(heading, plot): (String, XyPlot)| Panel { heading, svg: xy(&plot) };
     plots.into_iter().map(panel).collect()
 }
 

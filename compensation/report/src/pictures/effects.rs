@@ -16,9 +16,7 @@ pub fn effects_picture(
             rows,
         }),
     };
-    let panels = vec![
-        panel("position", "µm", positions),
-        panel("orientation", "µrad", orientations),
-    ];
+    let panels =
+        vec![panel("position", "µm", positions), panel("orientation", "µrad", orientations)];
     picture(title, lines, &[panels])
 }

@@ -35,9 +35,7 @@ fn figures(quantities: &[JudgedQuantity]) -> Vec<String> {
     let of_standards = quantities.chunk_by(|a, b| a.standard == b.standard);
     let line = |of: &[JudgedQuantity]| {
         let is_of_both = |of: &JudgedQuantity| {
-            !["forward", "backward", "unidirectional"]
-                .iter()
-                .any(|way| of.symbol.contains(way))
+            !["forward", "backward", "unidirectional"].iter().any(|way| of.symbol.contains(way))
         };
         let shown = of.iter().filter(|of| of.limit.is_some() || is_of_both(of));
         let shown: Vec<String> = shown.filter_map(figure).collect();
@@ -96,11 +94,7 @@ pub(crate) fn exaggeration(angles_urad: impl IntoIterator<Item = f64>) -> f64 {
     const DRAWN_RAD: f64 = 0.2;
     let angles = angles_urad.into_iter().map(f64::abs);
     let largest = angles.filter(|angle| angle.is_finite()).fold(0.0, f64::max);
-    if largest > 0.0 {
-        round_below(DRAWN_RAD / (largest * 1e-6))
-    } else {
-        1.0
-    }
+    if largest > 0.0 { round_below(DRAWN_RAD / (largest * 1e-6)) } else { 1.0 }
 }
 
 /// The sketch of the angle between two axes.

@@ -53,18 +53,11 @@ pub fn program_picture(
         sizes.map(|um| um.iter().map(|x| x * x).sum::<f64>().sqrt())
     });
     let most_um = sizes.filter(|um| um.is_finite()).fold(0.0, f64::max);
-    let magnification = if most_um > 0.0 {
-        round_below(DRAWN * extent / (1e-3 * most_um)).max(1.0)
-    } else {
-        1.0
-    };
+    let magnification =
+        if most_um > 0.0 { round_below(DRAWN * extent / (1e-3 * most_um)).max(1.0) } else { 1.0 };
     let points = |after: bool| {
         let point = move |place: &ProgramPlace| {
-            let um = if after {
-                place.after_um
-            } else {
-                place.before_um
-            };
+            let um = if after { place.after_um } else { place.before_um };
             PathPoint {
                 at_mm: plane.map(|axis| place.tip_mm[axis]),
                 deviation_um: plane.map(|axis| um[axis]),
@@ -105,15 +98,10 @@ pub fn program_picture(
         ),
         svg: path_plot(&plot(name, points, of)),
     };
-    let mut panels = vec![
-        panel("original", &states[0], before),
-        panel("compensated", &states[1], after),
-    ];
-    let mut rows: Vec<Vec<Panel>> = if beside {
-        vec![panels]
-    } else {
-        panels.drain(..).map(|panel| vec![panel]).collect()
-    };
+    let mut panels =
+        vec![panel("original", &states[0], before), panel("compensated", &states[1], after)];
+    let mut rows: Vec<Vec<Panel>> =
+        if beside { vec![panels] } else { panels.drain(..).map(|panel| vec![panel]).collect() };
     rows.push(vec![Panel {
         heading: String::new(),
         svg: colour_bar("length of the deviation of the tool, µm", most_um),
@@ -134,10 +122,7 @@ fn worst(
     let at = plane.map(|axis| of.tip_mm[axis]);
     let far = |point: &PathPoint| (point.at_mm[0] - at[0]).hypot(point.at_mm[1] - at[1]);
     let nearest = points.iter().min_by(|a, b| far(a).total_cmp(&far(b)))?;
-    let point = PathPoint {
-        at_mm: at,
-        ..*nearest
-    };
+    let point = PathPoint { at_mm: at, ..*nearest };
     Some((point, format!("{} µm", short(of.max_um, 1))))
 }
 
@@ -149,9 +134,7 @@ fn plane_of(path: &[ProgramPlace]) -> [usize; 2] {
         let [low, high] = span(drawn.map(|place| place.tip_mm[i])).unwrap_or([0.0; 2]);
         high - low
     };
-    let shortest = (0..3)
-        .rev()
-        .min_by(|a, b| extent(*a).total_cmp(&extent(*b)));
+    let shortest = (0..3).rev().min_by(|a, b| extent(*a).total_cmp(&extent(*b)));
     match shortest {
         Some(0) => [1, 2],
         Some(1) => [0, 2],

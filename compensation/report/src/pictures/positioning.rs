@@ -58,10 +58,8 @@ pub fn positioning_picture(tests: &[(Positioning, Vec<JudgedQuantity>)]) -> Stri
             (plot, test)
         })
         .collect();
-    let ranges: Vec<([f64; 2], &str)> = plots
-        .iter()
-        .map(|(plot, test)| (plot.value_range(), test.unit.as_str()))
-        .collect();
+    let ranges: Vec<([f64; 2], &str)> =
+        plots.iter().map(|(plot, test)| (plot.value_range(), test.unit.as_str())).collect();
     for (plot, test) in &mut plots {
         let alike = ranges.iter().filter(|(_, unit)| *unit == test.unit);
         plot.y_range = span(alike.flat_map(|(range, _)| *range));
@@ -77,11 +75,7 @@ pub fn positioning_picture(tests: &[(Positioning, Vec<JudgedQuantity>)]) -> Stri
     let rows: Vec<Vec<Panel>> = plots
         .iter()
         .map(|(plot, test)| {
-            let heading = if plots.len() > 1 {
-                test.file.clone()
-            } else {
-                String::new()
-            };
+            let heading = if plots.len() > 1 { test.file.clone() } else { String::new() };
             let svg = xy(plot);
             vec![Panel { heading, svg }]
         })
@@ -104,8 +98,7 @@ fn title(test: &Positioning) -> String {
 
 fn limit_of(quantities: &[JudgedQuantity], symbol: &str) -> Option<f64> {
     let mut all = quantities.iter();
-    all.find(|of| of.symbol == symbol && of.limit.is_some())?
-        .limit
+    all.find(|of| of.symbol == symbol && of.limit.is_some())?.limit
 }
 
 fn of(row: &TargetRow, direction: Direction) -> Option<&Approach> {
@@ -128,8 +121,7 @@ pub(crate) fn positioning_plot(test: &Positioning) -> XyPlot {
         let word = direction_word(Some(direction));
         let with = |value: &dyn Fn(&Approach) -> Option<f64>| -> Vec<(f64, f64)> {
             let rows = test.result.targets.iter();
-            rows.filter_map(|row| Some((row.target, value(of(row, direction)?)?)))
-                .collect()
+            rows.filter_map(|row| Some((row.target, value(of(row, direction)?)?))).collect()
         };
         let means = with(&|of| Some(of.mean));
         if means.is_empty() {
@@ -186,11 +178,7 @@ type Span = (&'static str, Option<f64>, Option<[f64; 2]>);
 /// A, E and M.
 fn spans(result: &Iso230Part2) -> [Span; 3] {
     let rows = &result.targets;
-    let approaches = || {
-        rows.iter()
-            .flat_map(|row| [row.forward, row.backward])
-            .flatten()
-    };
+    let approaches = || rows.iter().flat_map(|row| [row.forward, row.backward]).flatten();
     let limits = approaches().filter_map(|of| Some([of.mean - 2.0 * of.s?, of.mean + 2.0 * of.s?]));
     [
         ("A", result.a, span(limits.flatten())),
@@ -203,11 +191,7 @@ fn spans(result: &Iso230Part2) -> [Span; 3] {
 fn brackets(result: &Iso230Part2) -> Vec<Bracket> {
     let rows = &result.targets;
     let [a, e, m] = spans(result).map(|(letter, value, span)| {
-        Some(Bracket {
-            label: format!("{letter} {}", short(value?, 1)),
-            span: span?,
-            at: None,
-        })
+        Some(Bracket { label: format!("{letter} {}", short(value?, 1)), span: span?, at: None })
     });
     let most = |value: fn(&TargetRow) -> Option<f64>| {
         let with = rows.iter().filter_map(|row| Some((row, value(row)?)));
@@ -215,9 +199,8 @@ fn brackets(result: &Iso230Part2) -> Vec<Bracket> {
     };
     let r = most(|row| row.repeatability).and_then(|row| {
         let both = [row.forward?, row.backward?];
-        let limits = both
-            .iter()
-            .filter_map(|of| Some([of.mean - 2.0 * of.s?, of.mean + 2.0 * of.s?]));
+        let limits =
+            both.iter().filter_map(|of| Some([of.mean - 2.0 * of.s?, of.mean + 2.0 * of.s?]));
         Some(Bracket {
             label: format!("R {}", short(row.repeatability?, 1)),
             span: span(limits.flatten())?,

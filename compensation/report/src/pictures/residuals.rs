@@ -15,12 +15,7 @@ pub fn residuals_picture(lines: &[String], files: &[FileResiduals]) -> String {
     let rows: Vec<Vec<Panel>> = files
         .iter()
         .zip(&plots)
-        .map(|(of, plot)| {
-            vec![Panel {
-                heading: of.file.clone(),
-                svg: xy(plot),
-            }]
-        })
+        .map(|(of, plot)| vec![Panel { heading: of.file.clone(), svg: xy(plot) }])
         .collect();
     let title = "Residuals of the identification: distance of each row from the model";
     picture(title, lines, &rows)
@@ -29,8 +24,7 @@ pub fn residuals_picture(lines: &[String], files: &[FileResiduals]) -> String {
 fn plot(of: &FileResiduals) -> XyPlot {
     let column = |index: usize| -> Vec<(f64, f64)> {
         let rows = of.rows.iter().enumerate();
-        rows.map(|(place, row)| (place as f64 + 1.0, row[index]))
-            .collect()
+        rows.map(|(place, row)| (place as f64 + 1.0, row[index])).collect()
     };
     let series = |name: &str, index, look, mark, line| Series {
         name: name.to_owned(),

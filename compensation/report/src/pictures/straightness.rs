@@ -37,11 +37,7 @@ pub fn straightness_picture(profiles: &[StraightnessPlot]) -> String {
         .iter()
         .zip(&plots)
         .map(|(profile, plot)| {
-            let heading = if profiles.len() > 1 {
-                profile.file.clone()
-            } else {
-                String::new()
-            };
+            let heading = if profiles.len() > 1 { profile.file.clone() } else { String::new() };
             let svg = xy(plot);
             vec![Panel { heading, svg }]
         })
@@ -53,11 +49,8 @@ fn profile_plot(of: &StraightnessPlot) -> XyPlot {
     let quantity = of.quantities.iter().find(|q| q.symbol == of.reference);
     let value = quantity.and_then(|q| q.value);
     let height = span(of.profile.iter().map(|point| point.1));
-    let bracket = value.zip(height).map(|(value, span)| Bracket {
-        label: short(value, 2),
-        span,
-        at: None,
-    });
+    let bracket =
+        value.zip(height).map(|(value, span)| Bracket { label: short(value, 2), span, at: None });
     let mut plot = XyPlot {
         words: format!("straightness: {}", of.file),
         x_label: "target, mm".to_owned(),
@@ -122,11 +115,7 @@ pub fn squareness_picture(of: &SquarenessPlot) -> String {
         plot.y_range = range;
     }
     let panels = of.lines.iter().zip(&plots).map(|(line, plot)| Panel {
-        heading: format!(
-            "{}: slope {} µrad",
-            line.error,
-            short(line.line.slope().0, 2)
-        ),
+        heading: format!("{}: slope {} µrad", line.error, short(line.line.slope().0, 2)),
         svg: xy(plot),
     });
     let exaggeration = super::exaggeration([of.angle_urad]);
@@ -134,15 +123,9 @@ pub fn squareness_picture(of: &SquarenessPlot) -> String {
         heading: String::new(),
         svg: square_sketch(&super::sketch(&of.axes, of.angle_urad, exaggeration)),
     };
-    let files = of
-        .lines
-        .iter()
-        .map(|line| format!("{}: {}", line.error, line.file));
+    let files = of.lines.iter().map(|line| format!("{}: {}", line.error, line.file));
     let lines = [files.collect(), figures(&of.quantities)].concat();
-    let title = format!(
-        "Squareness {} of {} and {}",
-        of.error, of.axes[0], of.axes[1]
-    );
+    let title = format!("Squareness {} of {} and {}", of.error, of.axes[0], of.axes[1]);
     picture(&title, &lines, &[panels.collect(), vec![sketch]])
 }
 
@@ -170,12 +153,7 @@ fn slope_plot(of: &SlopePlot) -> XyPlot {
         height: 190.0,
         series: vec![
             series("mean", of.profile.clone(), Look::Both, Mark::Dot),
-            series(
-                "line",
-                ends.map(|at| (at, line(at))).to_vec(),
-                Look::Backward,
-                Mark::None,
-            ),
+            series("line", ends.map(|at| (at, line(at))).to_vec(), Look::Backward, Mark::None),
         ],
         bands: Vec::new(),
         brackets: Vec::new(),

@@ -35,11 +35,7 @@ pub(crate) fn maps(volume: &Volume) -> Maps {
     let lengths = arrows.iter().flatten().flatten();
     let longest = lengths.map(|(_, [u, v])| u.hypot(*v));
     let longest = longest.filter(|um| um.is_finite()).fold(0.0, f64::max);
-    let arrow_scale = if longest > 0.0 {
-        LONGEST / longest
-    } else {
-        0.0
-    };
+    let arrow_scale = if longest > 0.0 { LONGEST / longest } else { 0.0 };
     let map = |slice: &Slice, word: &str, values: &[f64], arrows: &[([f64; 2], [f64; 2])]| {
         let held = match &slice.held {
             Some(held) => format!(", {} = {} mm", held.axis, short(held.at, 0)),
@@ -70,11 +66,7 @@ pub(crate) fn maps(volume: &Volume) -> Maps {
     let after = slices()
         .zip(&arrows_after)
         .filter_map(|(slice, arrows)| Some(map(slice, "after", slice.after_um.as_ref()?, arrows)));
-    Maps {
-        before: before.collect(),
-        after: after.collect(),
-        most_um,
-    }
+    Maps { before: before.collect(), after: after.collect(), most_um }
 }
 
 fn is_rotary(axis: &str) -> bool {
@@ -90,11 +82,7 @@ fn arrows(slice: &Slice, after: bool) -> Vec<([f64; 2], [f64; 2])> {
     let index = |axis: &str| axis.parse().map_or(0, AxisName::mcs_index);
     let (across, up) = (index(&slice.across), index(&slice.up));
     let arrow = |vector: &Vector| {
-        let error = if after {
-            vector.after_um?
-        } else {
-            vector.before_um
-        };
+        let error = if after { vector.after_um? } else { vector.before_um };
         let in_plane = |of: [f64; 3]| [of[across], of[up]];
         Some((in_plane(vector.at_mm), in_plane(error)))
     };
@@ -104,16 +92,10 @@ fn arrows(slice: &Slice, after: bool) -> Vec<([f64; 2], [f64; 2])> {
 /// The picture of the volumetric error: planes with the error vectors in them, a map over two rotary axes, and one colour scale.
 pub fn map_picture(title: &str, lines: &[String], volume: &Volume) -> String {
     let maps = maps(volume);
-    let panel = |map: &HeatMap| Panel {
-        heading: String::new(),
-        svg: heat_map(map),
-    };
+    let panel = |map: &HeatMap| Panel { heading: String::new(), svg: heat_map(map) };
     let panels: Vec<Panel> = maps.before.iter().chain(&maps.after).map(panel).collect();
     let mut rows = in_pairs(&panels);
-    rows.push(vec![Panel {
-        heading: String::new(),
-        svg: colour_bar(COLOURS, maps.most_um),
-    }]);
+    rows.push(vec![Panel { heading: String::new(), svg: colour_bar(COLOURS, maps.most_um) }]);
     picture(title, lines, &rows)
 }
 

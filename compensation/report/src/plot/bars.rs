@@ -27,15 +27,11 @@ pub fn bars(bars: &Bars) -> String {
     let bottom = TOP + ROW * bars.rows.len() as f64;
     let values = bars.rows.iter().flat_map(|row| [row.1, row.2]);
     let x = Scale::over(values.chain([0.0]), [LEFT, right], 0.0);
-    let frame = format!(
-        " data-x=\"{} {} {} {}\"",
-        x.places[0], x.places[1], x.values[0], x.values[1]
-    );
+    let frame =
+        format!(" data-x=\"{} {} {} {}\"", x.places[0], x.places[1], x.values[0], x.values[1]);
     let mut svg = Svg::new("plot bars", (WIDTH, bottom + 42.0), &bars.words, &frame);
     let [of_bar, of_mark] = &bars.legend;
-    svg.put(format_args!(
-        "<rect class=\"bar\" x=\"{LEFT}\" y=\"8\" width=\"20\" height=\"10\"/>"
-    ));
+    svg.put(format_args!("<rect class=\"bar\" x=\"{LEFT}\" y=\"8\" width=\"20\" height=\"10\"/>"));
     svg.text("key", [LEFT + 26.0, 17.0], Anchor::Start, of_bar);
     svg.line("mean b", [LEFT + 146.0, 6.0], [LEFT + 146.0, 20.0]);
     svg.text("key", [LEFT + 154.0, 17.0], Anchor::Start, of_mark);

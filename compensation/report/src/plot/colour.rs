@@ -77,10 +77,7 @@ pub fn colour_scale(strips: usize) -> impl Iterator<Item = (f64, String)> {
     let count = strips.max(1) as f64;
     (0..strips).map(move |strip| {
         let share = strip as f64 / count;
-        (
-            finite(share * 1e4) / 1e4,
-            colour_at((strip as f64 + 0.5) / count),
-        )
+        (finite(share * 1e4) / 1e4, colour_at((strip as f64 + 0.5) / count))
     })
 }
 
@@ -117,11 +114,7 @@ mod tests {
         let channel = |at: usize| {
             let value = u8::from_str_radix(&colour[at..at + 2], 16).expect("hexadecimal");
             let part = f64::from(value) / 255.0;
-            if part <= 0.04045 {
-                part / 12.92
-            } else {
-                ((part + 0.055) / 1.055).powf(2.4)
-            }
+            if part <= 0.04045 { part / 12.92 } else { ((part + 0.055) / 1.055).powf(2.4) }
         };
         0.2126 * channel(1) + 0.7152 * channel(3) + 0.0722 * channel(5)
     }
@@ -129,9 +122,7 @@ mod tests {
     /// Lightness alone distinguishes the colours.
     #[test]
     fn it_grows_ever_lighter() {
-        let all: Vec<f64> = (0..=50)
-            .map(|i| luminance(&colour_at(f64::from(i) / 50.0)))
-            .collect();
+        let all: Vec<f64> = (0..=50).map(|i| luminance(&colour_at(f64::from(i) / 50.0))).collect();
         assert!(all.windows(2).all(|pair| pair[1] > pair[0]), "{all:?}");
         assert_eq!(colour_at(f64::NAN), "#808080");
         assert_eq!(colour_at(-3.0), colour_at(0.0));

@@ -60,11 +60,7 @@ pub fn heat_map(map: &HeatMap) -> String {
     let y_edges = edges(&map.y);
     let x = Scale::over(x_edges.iter().copied(), [LEFT, right], 0.0);
     let y = Scale::over(y_edges.iter().copied(), [bottom, TOP], 0.0);
-    let most = if map.most > 0.0 && map.most.is_finite() {
-        map.most
-    } else {
-        1.0
-    };
+    let most = if map.most > 0.0 && map.most.is_finite() { map.most } else { 1.0 };
     svg.raw("<g class=\"cells\">");
     for (row, (low, high)) in pairs(&y_edges).enumerate() {
         for (column, (from, to)) in pairs(&x_edges).enumerate() {
@@ -77,11 +73,7 @@ pub fn heat_map(map: &HeatMap) -> String {
             let over = |is_last: bool| if is_last { 0.0 } else { 0.6 };
             let width = finite(right - left + over(column + 1 == map.x.len()));
             let height = finite(lower - upper + over(row == 0));
-            let digits = if value.is_finite() {
-                short(*value, 2)
-            } else {
-                short(f64::NAN, 0)
-            };
+            let digits = if value.is_finite() { short(*value, 2) } else { short(f64::NAN, 0) };
             svg.put(format_args!(
                 "<rect x=\"{left}\" y=\"{upper}\" width=\"{width}\" height=\"{height}\" fill=\"{}\" data-v=\"{digits}\"/>",
                 colour_at(value / most)
@@ -92,22 +84,12 @@ pub fn heat_map(map: &HeatMap) -> String {
     let (values, decimals) = ticks(y.values, 5);
     for value in values {
         svg.line("frame", [LEFT - 4.0, y.at(value)], [LEFT, y.at(value)]);
-        svg.text(
-            "tick",
-            [LEFT - 6.0, y.at(value) + 4.0],
-            Anchor::End,
-            &short(value, decimals),
-        );
+        svg.text("tick", [LEFT - 6.0, y.at(value) + 4.0], Anchor::End, &short(value, decimals));
     }
     let (values, decimals) = ticks(x.values, 4);
     for value in values {
         svg.line("frame", [x.at(value), bottom], [x.at(value), bottom + 4.0]);
-        svg.text(
-            "tick",
-            [x.at(value), bottom + 16.0],
-            Anchor::Middle,
-            &short(value, decimals),
-        );
+        svg.text("tick", [x.at(value), bottom + 16.0], Anchor::Middle, &short(value, decimals));
     }
     arrows(&mut svg, map, (&x, &y), bottom);
     svg.text("name", [right, bottom + 32.0], Anchor::End, &map.x_label);
@@ -148,11 +130,7 @@ fn arrows(svg: &mut Svg, map: &HeatMap, (x, y): (&Scale, &Scale), bottom: f64) {
         svg.line("rule", [LEFT, bottom + 28.0], [end, bottom + 28.0]);
         let decimals = if round < 1.0 { 4 } else { 0 };
         let text = short(round, decimals);
-        let text = if decimals > 0 {
-            text.trim_end_matches('0')
-        } else {
-            &text
-        };
+        let text = if decimals > 0 { text.trim_end_matches('0') } else { &text };
         let text = format!("{text} {}", map.unit);
         svg.text("tick", [end + 6.0, bottom + 32.0], Anchor::Start, &text);
     }

@@ -53,42 +53,24 @@ pub struct PathPlot {
 /// Draws a path plot with one scale for both axes.
 pub fn path_plot(plot: &PathPlot) -> String {
     let [left, right, top, bottom] = MARGINS;
-    let width = if plot.width.is_finite() {
-        plot.width.clamp(200.0, 2000.0)
-    } else {
-        WIDTH
-    };
+    let width = if plot.width.is_finite() { plot.width.clamp(200.0, 2000.0) } else { WIDTH };
     let range_mm = plot.range_mm.map(drawn_range);
-    let times = if plot.magnification.is_finite() {
-        plot.magnification
-    } else {
-        1.0
-    };
+    let times = if plot.magnification.is_finite() { plot.magnification } else { 1.0 };
     let [across, up] = range_mm.map(|[low, high]| high - low);
     // Both axes have the same scale; a minimum height leaves room for the labels of a long thin path.
     let scale = ((width - left - right) / across).min(1.3 * width / up);
     let height = (up * scale).max(60.0);
     let (foot, middle) = (top + height, 0.5 * (height - up * scale));
     let [[x_low, _], [y_low, _]] = range_mm;
-    let on_page = |[x, y]: [f64; 2]| {
-        [
-            left + (x - x_low) * scale,
-            foot - middle - (y - y_low) * scale,
-        ]
-    };
+    let on_page =
+        |[x, y]: [f64; 2]| [left + (x - x_low) * scale, foot - middle - (y - y_low) * scale];
     let frame = format!(
         " data-x=\"{left} {x_low} {scale}\" data-y=\"{} {y_low} {scale}\" data-times=\"{times}\"",
         foot - middle
     );
     let end = width - right;
     let mut svg = Svg::new("plot path", (width, foot + bottom), &plot.words, &frame);
-    axes(
-        &mut svg,
-        plot,
-        range_mm,
-        ([left, end], [top, foot]),
-        &on_page,
-    );
+    axes(&mut svg, plot, range_mm, ([left, end], [top, foot]), &on_page);
     let drawn = |magnification: f64| {
         plot.points.iter().map(move |point| {
             let at = [0, 1].map(|i| point.at_mm[i] + 1e-3 * magnification * point.deviation_um[i]);
@@ -107,14 +89,8 @@ pub fn path_plot(plot: &PathPlot) -> String {
     if let Some((point, label)) = &plot.worst {
         let at = [0, 1].map(|i| point.at_mm[i] + 1e-3 * times * point.deviation_um[i]);
         let [x, y] = on_page(at).map(finite);
-        svg.put(format_args!(
-            "<circle class=\"worst\" cx=\"{x}\" cy=\"{y}\" r=\"5\"/>"
-        ));
-        let (dx, anchor) = if x > 0.6 * width {
-            (-9.0, Anchor::End)
-        } else {
-            (9.0, Anchor::Start)
-        };
+        svg.put(format_args!("<circle class=\"worst\" cx=\"{x}\" cy=\"{y}\" r=\"5\"/>"));
+        let (dx, anchor) = if x > 0.6 * width { (-9.0, Anchor::End) } else { (9.0, Anchor::Start) };
         svg.text("letter", [x + dx, y - 7.0], anchor, label);
     }
     svg.finish()
@@ -124,11 +100,7 @@ pub fn path_plot(plot: &PathPlot) -> String {
 fn drawn_range([low, high]: [f64; 2]) -> [f64; 2] {
     /// Maximum magnitude that is drawn, mm.
     const MOST: f64 = 1e9;
-    if high - low > 1e-9 && low.abs().max(high.abs()) <= MOST {
-        [low, high]
-    } else {
-        [0.0, 1.0]
-    }
+    if high - low > 1e-9 && low.abs().max(high.abs()) <= MOST { [low, high] } else { [0.0, 1.0] }
 }
 
 /// One element per colour: the deviated path, in steps of at least half a pixel.
@@ -184,11 +156,7 @@ fn coloured<'a>(
     reason = "held between 0 and the number of colours"
 )]
 fn colour_of(size_um: f64, most_um: f64) -> usize {
-    let share = if most_um > 0.0 {
-        size_um / most_um
-    } else {
-        0.0
-    };
+    let share = if most_um > 0.0 { size_um / most_um } else { 0.0 };
     (share.clamp(0.0, 1.0) * COLOURS as f64).min(COLOURS as f64 - 1.0) as usize
 }
 

@@ -76,10 +76,8 @@ pub fn picture(title: &str, lines: &[String], rows: &[Vec<Panel>]) -> String {
     }
     let height = finite(y + MARGIN - GAP);
     let style = format!("{PAGE}{STYLE}");
-    let (light, dark) = (
-        without_variables(&style, false),
-        without_variables(&colours_of(&style), true),
-    );
+    let (light, dark) =
+        (without_variables(&style, false), without_variables(&colours_of(&style), true));
     format!(
         "<svg xmlns=\"http://www.w3.org/2000/svg\" class=\"page\" viewBox=\"0 0 {WIDTH} {height}\" width=\"{WIDTH}\" height=\"{height}\">\n\
          <title>{}</title>\n<style>\n{light}{SCREEN}\n@media screen and (prefers-color-scheme:dark){{\n.page{{background:#171a1d}}\n{dark}}}\n</style>\n\
@@ -107,9 +105,7 @@ fn chars(width: f64) -> usize {
 
 /// Width and height of a plot by its `viewBox`, which [`Svg::new`] wrote.
 fn size(svg: &str) -> [f64; 2] {
-    let inside = svg
-        .split_once("viewBox=\"0 0 ")
-        .and_then(|(_, rest)| rest.split_once('"'));
+    let inside = svg.split_once("viewBox=\"0 0 ").and_then(|(_, rest)| rest.split_once('"'));
     let mut numbers = inside
         .map_or("", |(inside, _)| inside)
         .split(' ')
@@ -157,11 +153,7 @@ mod tests {
             heading: "<b>".to_owned(),
             svg: Svg::new("plot", (width, 100.0), "x", "").finish(),
         };
-        let svg = picture(
-            "a < b",
-            &[],
-            &[vec![panel(332.0), panel(332.0)], vec![panel(100.0)]],
-        );
+        let svg = picture("a < b", &[], &[vec![panel(332.0), panel(332.0)], vec![panel(100.0)]]);
         let place =
             |x: &str, y: &str| format!("<svg x=\"{x}\" y=\"{y}\" width=\"332\" height=\"100\"");
         assert!(svg.contains(&place("20", "75")), "{svg}");

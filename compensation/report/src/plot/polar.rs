@@ -53,11 +53,7 @@ pub fn polar(plot: &PolarPlot) -> String {
     svg.line("grid", [cx, cy - far], [cx, cy + far]);
     let [right, up] = &plot.axes;
     for (at, anchor, text) in [
-        (
-            [cx + far + 6.0, cy + 4.0],
-            Anchor::Start,
-            format!("+{right}"),
-        ),
+        ([cx + far + 6.0, cy + 4.0], Anchor::Start, format!("+{right}")),
         ([cx - far - 6.0, cy + 4.0], Anchor::End, format!("−{right}")),
         ([cx, cy - far - 6.0], Anchor::Middle, format!("+{up}")),
         ([cx, cy + far + 15.0], Anchor::Middle, format!("−{up}")),

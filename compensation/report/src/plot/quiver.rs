@@ -40,11 +40,7 @@ const VIEW: [f64; 2] = [-0.62, 0.42];
 pub fn quiver(quiver: &Quiver) -> String {
     let [width, height] = SIZE;
     let range = |[low, high]: [f64; 2]| {
-        if high > low && (high - low).is_finite() {
-            high - low
-        } else {
-            1.0
-        }
+        if high > low && (high - low).is_finite() { high - low } else { 1.0 }
     };
     let largest = quiver.travels_mm.map(range).into_iter().fold(0.0, f64::max);
     let middle = quiver.travels_mm.map(|[low, high]| {
@@ -57,23 +53,10 @@ pub fn quiver(quiver: &Quiver) -> String {
     let finite_arrows: Vec<&Arrow> = quiver
         .arrows
         .iter()
-        .filter(|arrow| {
-            arrow
-                .at_mm
-                .iter()
-                .chain(&arrow.error_um)
-                .all(|x| x.is_finite())
-        })
+        .filter(|arrow| arrow.at_mm.iter().chain(&arrow.error_um).all(|x| x.is_finite()))
         .collect();
-    let longest_um = finite_arrows
-        .iter()
-        .map(|a| length(&a.error_um))
-        .fold(0.0, f64::max);
-    let per_um = if longest_um > 0.0 {
-        LONGEST / longest_um
-    } else {
-        0.0
-    };
+    let longest_um = finite_arrows.iter().map(|a| length(&a.error_um)).fold(0.0, f64::max);
+    let per_um = if longest_um > 0.0 { LONGEST / longest_um } else { 0.0 };
     let [x, y, z] = quiver.travels_mm;
     let corners = edges_of_box([x, y, z]).into_iter().flatten().map(to_box);
     let scale_px = fitting(corners);
@@ -103,11 +86,7 @@ pub fn quiver(quiver: &Quiver) -> String {
         let class = if arrow.after { "vector f" } else { "vector b" };
         put(&mut svg, class, [from, to]);
         // A dot at the start of the arrow.
-        put(
-            &mut svg,
-            if arrow.after { "root f" } else { "root b" },
-            [from, from],
-        );
+        put(&mut svg, if arrow.after { "root f" } else { "root b" }, [from, from]);
     }
     for (axis, name) in ["X", "Y", "Z"].into_iter().enumerate() {
         let mut at = [x[0], y[0], z[0]];
@@ -123,11 +102,7 @@ pub fn quiver(quiver: &Quiver) -> String {
     if longest_um > 0.0 {
         let round = round_below(longest_um);
         let pixels = round * per_um * scale_px;
-        svg.line(
-            "rule",
-            [24.0, height - 20.0],
-            [24.0 + pixels, height - 20.0],
-        );
+        svg.line("rule", [24.0, height - 20.0], [24.0 + pixels, height - 20.0]);
         let decimals = if round < 1.0 { 3 } else { 0 };
         let text = format!("{} {} µm", quiver.scale_word, short(round, decimals));
         svg.text("key", [24.0, height - 28.0], Anchor::Start, &text);
@@ -141,10 +116,7 @@ fn fitting(corners: impl Iterator<Item = [f64; 3]>) -> f64 {
     const FILLED: f64 = 0.76;
     let halves = corners.fold([0.0_f64; 2], |[across, up], corner| {
         let [x, y] = projected(corner, VIEW, 1.0);
-        [
-            across.max((x - 0.5 * SIZE[0]).abs()),
-            up.max((y - 0.5 * SIZE[1]).abs()),
-        ]
+        [across.max((x - 0.5 * SIZE[0]).abs()), up.max((y - 0.5 * SIZE[1]).abs())]
     });
     let [across, up] = [0, 1].map(|axis| 0.5 * FILLED * SIZE[axis] / halves[axis].max(1e-3));
     finite(across.min(up).min(1e4))
@@ -156,10 +128,7 @@ fn projected([x, y, z]: [f64; 3], [turn, tilt]: [f64; 2], scale_px: f64) -> [f64
     let (across, away) = (x * cos - y * sin, x * sin + y * cos);
     let (sin, cos) = tilt.sin_cos();
     let up = z * cos + away * sin;
-    [
-        0.5 * SIZE[0] + across * scale_px,
-        0.5 * SIZE[1] - up * scale_px,
-    ]
+    [0.5 * SIZE[0] + across * scale_px, 0.5 * SIZE[1] - up * scale_px]
 }
 
 fn edges_of_box([x, y, z]: [[f64; 2]; 3]) -> Vec<[[f64; 3]; 2]> {
@@ -201,26 +170,11 @@ mod tests {
 
     #[test]
     fn nothing_infinite_is_drawn() {
-        let arrow = |x: f64| Arrow {
-            at_mm: [0.0; 3],
-            error_um: [x, 0.0, 0.0],
-            after: false,
-        };
-        let svg = quiver(&cube(vec![
-            arrow(1.0),
-            arrow(f64::NAN),
-            arrow(f64::INFINITY),
-        ]));
+        let arrow = |x: f64| Arrow { at_mm: [0.0; 3], error_um: [x, 0.0, 0.0], after: false };
+        let svg = quiver(&cube(vec![arrow(1.0), arrow(f64::NAN), arrow(f64::INFINITY)]));
         assert!(!svg.contains("NaN") && !svg.contains("inf"));
-        assert_eq!(
-            svg.matches("vector").count() - 1,
-            1,
-            "one arrow, and the words"
-        );
-        let nothing = quiver(&Quiver {
-            travels_mm: [[f64::NAN, 0.0]; 3],
-            ..cube(Vec::new())
-        });
+        assert_eq!(svg.matches("vector").count() - 1, 1, "one arrow, and the words");
+        let nothing = quiver(&Quiver { travels_mm: [[f64::NAN, 0.0]; 3], ..cube(Vec::new()) });
         assert!(!nothing.contains("NaN"));
     }
 }

@@ -13,9 +13,8 @@ impl Scale {
         /// Maximum magnitude that is drawn: far beyond measured values, and small enough to subtract.
         const MOST: f64 = 1e12;
         let finite = values.into_iter().filter(|x| x.abs() <= MOST);
-        let (low, high) = finite.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), x| {
-            (low.min(x), high.max(x))
-        });
+        let (low, high) = finite
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), x| (low.min(x), high.max(x)));
         let (low, high) = if low <= high { (low, high) } else { (0.0, 1.0) };
         let least = 1e-6 * low.abs().max(high.abs()).max(1e-3);
         let range = high - low;
@@ -25,10 +24,7 @@ impl Scale {
         } else {
             (low - margin * range, high + margin * range)
         };
-        Self {
-            values: [low, high],
-            places,
-        }
+        Self { values: [low, high], places }
     }
 
     /// The position of a value.
@@ -87,10 +83,7 @@ pub fn round_below(value: f64) -> f64 {
         return 1.0;
     }
     let rounds = [5.0, 2.0, 1.0].map(|f| f * power);
-    rounds
-        .into_iter()
-        .find(|round| *round <= value)
-        .unwrap_or(power)
+    rounds.into_iter().find(|round| *round <= value).unwrap_or(power)
 }
 
 #[cfg(test)]
@@ -105,21 +98,13 @@ mod tests {
 
     #[test]
     fn ticks_are_round_and_within() {
-        assert_eq!(
-            ticks([0.0, 1000.0], 5),
-            (vec![0.0, 200.0, 400.0, 600.0, 800.0, 1000.0], 0)
-        );
+        assert_eq!(ticks([0.0, 1000.0], 5), (vec![0.0, 200.0, 400.0, 600.0, 800.0, 1000.0], 0));
         let (values, decimals) = ticks([-0.31, 0.42], 4);
         assert_eq!(decimals, 1);
         assert_eq!(values.len(), 4);
         assert!(values.iter().all(|v| (-0.31..=0.42).contains(v)));
         assert_eq!(ticks([0.0, 1.0], 4).1, 2);
-        for wrong in [
-            [1.0, 1.0],
-            [2.0, 1.0],
-            [f64::NAN, 1.0],
-            [0.0, f64::INFINITY],
-        ] {
+        for wrong in [[1.0, 1.0], [2.0, 1.0], [f64::NAN, 1.0], [0.0, f64::INFINITY]] {
             assert!(ticks(wrong, 5).0.is_empty());
         }
     }

@@ -44,18 +44,8 @@ pub fn square_sketch(sketch: &SquareSketch) -> String {
     svg.polyline("arc", arc);
     svg.line("frame", [x + 14.0, y], [x + 14.0, y - 14.0]);
     svg.line("frame", [x, y - 14.0], [x + 14.0, y - 14.0]);
-    svg.text(
-        "name",
-        [x + LONG + 8.0, y + 4.0],
-        Anchor::Start,
-        &sketch.first,
-    );
-    svg.text(
-        "name",
-        [tip[0], tip[1] - 7.0],
-        Anchor::Middle,
-        &sketch.second,
-    );
+    svg.text("name", [x + LONG + 8.0, y + 4.0], Anchor::Start, &sketch.first);
+    svg.text("name", [tip[0], tip[1] - 7.0], Anchor::Middle, &sketch.second);
     svg.text("letter", [6.0, 196.0], Anchor::Start, &sketch.label);
     let times = format!("× {}", short(sketch.exaggeration, 0));
     svg.text("tick", [6.0, 216.0], Anchor::Start, &times);

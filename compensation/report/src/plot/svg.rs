@@ -29,9 +29,7 @@ impl Svg {
 
     /// Elements without an `<svg>` around them, for [`Svg::finish_inner`].
     pub(super) fn inner() -> Self {
-        Self {
-            text: String::new(),
-        }
+        Self { text: String::new() }
     }
 
     pub(super) fn finish_inner(self) -> String {
@@ -47,9 +45,7 @@ impl Svg {
     pub fn line(&mut self, class: &str, [x1, y1]: [f64; 2], [x2, y2]: [f64; 2]) {
         if [x1, y1, x2, y2].iter().all(|x| x.is_finite()) {
             let [x1, y1, x2, y2] = [x1, y1, x2, y2].map(finite);
-            self.put(format_args!(
-                "<path class=\"{class}\" d=\"M{x1} {y1}L{x2} {y2}\"/>"
-            ));
+            self.put(format_args!("<path class=\"{class}\" d=\"M{x1} {y1}L{x2} {y2}\"/>"));
         }
     }
 
@@ -108,11 +104,7 @@ impl Svg {
 /// A number rounded to hundredths, never −0; 0 if it is not finite.
 pub fn finite(x: f64) -> f64 {
     let hundredths = (x * 100.0).round() / 100.0;
-    if hundredths.is_finite() {
-        hundredths + 0.0
-    } else {
-        0.0
-    }
+    if hundredths.is_finite() { hundredths + 0.0 } else { 0.0 }
 }
 
 /// Escapes a text for HTML and quoted attributes. Control characters that are invalid in documents are replaced.

@@ -17,9 +17,8 @@ pub fn thinned(points: &[(f64, f64)], most: usize) -> Vec<(f64, f64)> {
         return finite;
     }
     let parts = (most / 4).max(2);
-    let (low, high) = finite
-        .iter()
-        .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), (x, _)| {
+    let (low, high) =
+        finite.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), (x, _)| {
             (low.min(*x), high.max(*x))
         });
     let width = (high - low) / parts as f64;
@@ -51,20 +50,17 @@ pub(super) fn spaced(
 ) -> impl Iterator<Item = ([f64; 2], bool)> {
     let mut before: Option<[f64; 2]> = None;
     let last = points.len().saturating_sub(1);
-    let kept = points
-        .iter()
-        .enumerate()
-        .filter(move |(place, (at, begins))| {
-            if !(at[0].is_finite() && at[1].is_finite()) {
-                return false;
-            }
-            let near = before.is_some_and(|from| (at[0] - from[0]).hypot(at[1] - from[1]) < least);
-            let keeps = !near || *begins || *place == last;
-            if keeps {
-                before = Some(*at);
-            }
-            keeps
-        });
+    let kept = points.iter().enumerate().filter(move |(place, (at, begins))| {
+        if !(at[0].is_finite() && at[1].is_finite()) {
+            return false;
+        }
+        let near = before.is_some_and(|from| (at[0] - from[0]).hypot(at[1] - from[1]) < least);
+        let keeps = !near || *begins || *place == last;
+        if keeps {
+            before = Some(*at);
+        }
+        keeps
+    });
     kept.map(|(_, point)| *point)
 }
 

@@ -132,9 +132,7 @@ impl XyPlot {
     fn coordinates(&self) -> impl Iterator<Item = f64> {
         let series = self.series.iter().flat_map(|s| &s.points).map(|p| p.0);
         let bands = self.bands.iter().flat_map(|b| b.x.iter().copied());
-        series
-            .chain(bands)
-            .chain(self.x_range.into_iter().flatten())
+        series.chain(bands).chain(self.x_range.into_iter().flatten())
     }
 
     fn values(&self) -> impl Iterator<Item = f64> {
@@ -166,18 +164,8 @@ fn range(values: impl Iterator<Item = f64>) -> [f64; 2] {
 /// Draws the plot as one `<svg>` element.
 pub fn xy(plot: &XyPlot) -> String {
     let beside = plot.brackets.iter().filter(|b| b.at.is_none()).count();
-    let whole = if plot.width.is_finite() {
-        plot.width.clamp(240.0, 4000.0)
-    } else {
-        WIDTH
-    };
-    let right = whole
-        - 14.0
-        - if beside > 0 {
-            10.0 + SLOT * beside as f64
-        } else {
-            0.0
-        };
+    let whole = if plot.width.is_finite() { plot.width.clamp(240.0, 4000.0) } else { WIDTH };
+    let right = whole - 14.0 - if beside > 0 { 10.0 + SLOT * beside as f64 } else { 0.0 };
     let (legend, rows) = legend_places(plot);
     let top = 10.0 + ROW * rows as f64 + 14.0;
     let bottom = top + plot.height;
@@ -231,10 +219,7 @@ type Entry = (Option<Look>, Mark, String, [f64; 2]);
 fn legend_places(plot: &XyPlot) -> (Vec<Entry>, usize) {
     let band = (!plot.bands.is_empty() && !plot.band_label.is_empty())
         .then(|| (None, Mark::None, plot.band_label.clone()));
-    let entries = plot
-        .legend
-        .iter()
-        .map(|(look, mark, text)| (Some(*look), *mark, text.clone()));
+    let entries = plot.legend.iter().map(|(look, mark, text)| (Some(*look), *mark, text.clone()));
     let mut placed = Vec::new();
     let (mut at, mut row) = (LEFT, 0_u32);
     for (look, mark, text) in entries.chain(band) {
@@ -246,11 +231,7 @@ fn legend_places(plot: &XyPlot) -> (Vec<Entry>, usize) {
         placed.push((look, mark, text, [at, 14.0 + ROW * f64::from(row)]));
         at += width;
     }
-    let rows = if placed.is_empty() {
-        0
-    } else {
-        row as usize + 1
-    };
+    let rows = if placed.is_empty() { 0 } else { row as usize + 1 };
     (placed, rows)
 }
 
@@ -267,12 +248,7 @@ fn sample(svg: &mut Svg, look: Option<Look>, mark: Mark, text: &str, [x, y]: [f6
         }
         None => svg.polygon(
             "band f",
-            [
-                [x, y - 10.0],
-                [x + 26.0, y - 10.0],
-                [x + 26.0, y + 2.0],
-                [x, y + 2.0],
-            ],
+            [[x, y - 10.0], [x + 26.0, y - 10.0], [x + 26.0, y + 2.0], [x, y + 2.0]],
         ),
     }
     svg.text("key", [x + 32.0, y], Anchor::Start, text);
@@ -285,23 +261,13 @@ fn axes(svg: &mut Svg, plot: &XyPlot, (x, y): (&Scale, &Scale)) {
         let at = y.at(value);
         let class = if value == 0.0 { "zero" } else { "grid" };
         svg.line(class, [left, at], [right, at]);
-        svg.text(
-            "tick",
-            [left - 7.0, at + 4.0],
-            Anchor::End,
-            &short(value, decimals),
-        );
+        svg.text("tick", [left - 7.0, at + 4.0], Anchor::End, &short(value, decimals));
     }
     let (values, decimals) = ticks(x.values, if plot.width < 400.0 { 4 } else { 8 });
     for value in values {
         let at = x.at(value);
         svg.line("grid", [at, top], [at, bottom]);
-        svg.text(
-            "tick",
-            [at, bottom + 16.0],
-            Anchor::Middle,
-            &short(value, decimals),
-        );
+        svg.text("tick", [at, bottom + 16.0], Anchor::Middle, &short(value, decimals));
     }
     svg.line("frame", [left, top], [left, bottom]);
     svg.line("frame", [left, bottom], [right, bottom]);
@@ -319,11 +285,7 @@ fn area(svg: &mut Svg, band: &Band, (x, y): (&Scale, &Scale)) {
     let place = |(at, value): (f64, f64)| [x.at(at), y.at(value)];
     let upper = high.into_iter().map(place);
     let lower = low.into_iter().rev().map(place);
-    let class = if band.look == Look::Backward {
-        "band b"
-    } else {
-        "band f"
-    };
+    let class = if band.look == Look::Backward { "band b" } else { "band f" };
     svg.polygon(class, upper.chain(lower));
 }
 
@@ -333,15 +295,10 @@ fn one(svg: &mut Svg, series: &Series, most: usize, (x, y): (&Scale, &Scale)) {
         return;
     }
     let class = series.look.class();
-    let places: Vec<[f64; 2]> = points
-        .iter()
-        .map(|(at, value)| [x.at(*at), y.at(*value)])
-        .collect();
+    let places: Vec<[f64; 2]> =
+        points.iter().map(|(at, value)| [x.at(*at), y.at(*value)]).collect();
     let shown = if series.line { class } else { "none" };
-    svg.put(format_args!(
-        "<g class=\"s\" data-n=\"{}\">",
-        escaped(&series.name)
-    ));
+    svg.put(format_args!("<g class=\"s\" data-n=\"{}\">", escaped(&series.name)));
     svg.polyline(shown, places.iter().copied());
     if series.mark != Mark::None && places.len() <= MOST_MARKS {
         let size = match series.look {

@@ -28,16 +28,8 @@ pub(crate) fn whole() -> Report {
     report.volume = volume(
         [machine; 2],
         &[],
-        (
-            State::Truth,
-            &[field(machine, &errors)],
-            error_of(machine, &errors),
-        ),
-        Some((
-            State::TruthCorrected,
-            &[field(machine, &less)],
-            error_of(machine, &less),
-        )),
+        (State::Truth, &[field(machine, &errors)], error_of(machine, &errors)),
+        Some((State::TruthCorrected, &[field(machine, &less)], error_of(machine, &less))),
     )
     .expect("three axes");
     report.checks = checks(&report, &tolerances("A=100,B=1,V=30").expect("three"));
@@ -68,8 +60,5 @@ fn a_browser_without_a_network_shows_the_page() {
         .expect("Python");
     let said = String::from_utf8_lossy(&output.stdout);
     let message = String::from_utf8_lossy(&output.stderr);
-    assert!(
-        output.status.success() && said.trim() == "done",
-        "{said}: {message}"
-    );
+    assert!(output.status.success() && said.trim() == "done", "{said}: {message}");
 }

@@ -14,23 +14,14 @@ fn stated(more: &str) -> Report {
 fn runs_stand_where_their_curve_is() {
     let shop = Shop::new();
     let report = shop.report();
-    let names: Vec<&str> = report
-        .curves
-        .iter()
-        .map(|curve| curve.error.as_str())
-        .collect();
+    let names: Vec<&str> = report.curves.iter().map(|curve| curve.error.as_str()).collect();
     assert_eq!(names, ["EBX", "EXX", "EYX"]);
     for curve in &report.curves {
-        let [line] = &curve.lines[..] else {
-            panic!("one line")
-        };
+        let [line] = &curve.lines[..] else { panic!("one line") };
         assert_eq!(line.runs.len(), 10, "{}", curve.error);
         // The mean of the runs equals the fitted mean reading.
         for (direction, means) in line.means.iter().enumerate() {
-            let runs = line
-                .runs
-                .iter()
-                .filter(|run| run.direction as usize == direction);
+            let runs = line.runs.iter().filter(|run| run.direction as usize == direction);
             let runs: Vec<_> = runs.collect();
             for (place, (at, mean)) in means.iter().enumerate() {
                 let sum: f64 = runs.iter().map(|run| run.points[place].1).sum();
@@ -67,10 +58,7 @@ fn drawn_at(x: &[f64], y: &[f64], at: f64) -> f64 {
 fn the_band_is_that_of_the_fit() {
     let shop = Shop::new();
     // Waves that targets every 50 mm miss: the band is much wider between the targets.
-    shop.write(
-        "exx.csv",
-        &crate::csv(17, 50.0, 5, |x, _| 0.02 * x + 3.0 * (x / 21.0).sin()),
-    );
+    shop.write("exx.csv", &crate::csv(17, 50.0, 5, |x, _| 0.02 * x + 3.0 * (x / 21.0).sin()));
     let (file, calibration) = shop.calibrated();
     let report = Report::of_calibration("c.toml", &file, &calibration, &Stated::default());
     let branches = report.curves.iter().flat_map(|curve| &curve.branches);
@@ -80,10 +68,7 @@ fn the_band_is_that_of_the_fit() {
         assert!(band.x.len() <= found.at.len());
         let mut widest = [0.0_f64; 2];
         for (place, (&at, half)) in found.at.iter().zip(&found.half_width).enumerate() {
-            let (low, high) = (
-                drawn_at(&band.x, &band.low, at),
-                drawn_at(&band.x, &band.high, at),
-            );
+            let (low, high) = (drawn_at(&band.x, &band.low, at), drawn_at(&band.x, &band.high, at));
             let drawn = 0.5 * (high - low);
             assert!((drawn - half).abs() <= 0.021 * half, "{at}: {drawn} {half}");
             let kind = usize::from(place % 8 != 0);
@@ -134,10 +119,7 @@ fn a_figure_near_its_limit_is_undecided() {
         assert_eq!(found[0].outcome, outcome, "{limit}");
     }
     let limits = tolerances(&format!("E={}", e + 0.7)).expect("one");
-    let report = Report {
-        checks: checks(&report, &limits),
-        ..report
-    };
+    let report = Report { checks: checks(&report, &limits), ..report };
     let page = volcomp_report::html(&report);
     assert!(page.contains("undecided") && page.contains("Not every stated tolerance is decided"));
 }
@@ -151,11 +133,7 @@ fn squareness_and_error_motions_are_judged_with_their_uncertainty() {
     let judged = |uncertainty: &str| {
         shop.write(
             "calibration.toml",
-            &text.replacen(
-                "[[measurement]]",
-                &format!("{uncertainty}[[measurement]]"),
-                1,
-            ),
+            &text.replacen("[[measurement]]", &format!("{uncertainty}[[measurement]]"), 1),
         );
         let limits = tolerances("EC0Y=15,EYX=100,EBX=100,EXX=100,V=20").expect("five");
         let mut report = shop.report();
@@ -174,11 +152,7 @@ fn squareness_and_error_motions_are_judged_with_their_uncertainty() {
     // 12 + 4 is above 15, 12 is not.
     assert_eq!(of("EC0Y").outcome, Verdict::Undecided);
     assert!((u("EYX") - 0.848_528).abs() < 1e-6, "{}", u("EYX"));
-    assert!(
-        (u("EBX") - core::f64::consts::SQRT_2).abs() < 1e-6,
-        "{}",
-        u("EBX")
-    );
+    assert!((u("EBX") - core::f64::consts::SQRT_2).abs() < 1e-6, "{}", u("EBX"));
     // 0.02 µm/mm over 800 mm with a wave: the extremes are at or near the ends.
     let (least, most) = (
         (0.848_528_f64.powi(2) + 0.7_f64.powi(2)).sqrt(),
@@ -190,12 +164,7 @@ fn squareness_and_error_motions_are_judged_with_their_uncertainty() {
 
     let report = judged("");
     let page = volcomp_report::html(&report);
-    assert!(
-        report
-            .checks
-            .iter()
-            .all(|check| check.uncertainty.is_none())
-    );
+    assert!(report.checks.iter().all(|check| check.uncertainty.is_none()));
     assert_eq!(page.matches("no uncertainty given").count(), 4);
 }
 
@@ -234,10 +203,7 @@ fn editions_and_vdi_stand_in_the_report() {
     let shop = Shop::new();
     let (file, calibration) = shop.calibrated();
     let page = |edition| {
-        let stated = Stated {
-            edition,
-            ..Stated::default()
-        };
+        let stated = Stated { edition, ..Stated::default() };
         let mut report = Report::of_calibration("c.toml", &file, &calibration, &stated);
         report.checks = checks(&report, &tolerances("P=100,Ps_max=0.001").expect("two"));
         volcomp_report::html(&report)
@@ -255,16 +221,10 @@ fn editions_and_vdi_stand_in_the_report() {
 #[test]
 fn a_figure_that_the_curve_does_not_bear_out_does_not_pass() {
     let shop = Shop::new();
-    shop.write(
-        "exx.csv",
-        &crate::csv(17, 50.0, 5, |x, _| 20.0 * (x / 40.0).sin()),
-    );
+    shop.write("exx.csv", &crate::csv(17, 50.0, 5, |x, _| 20.0 * (x / 40.0).sin()));
     let text = shop.read("calibration.toml");
     let parabola = "file = \"exx.csv\"\ncurve = { poly = { order = 2 } }\n";
-    shop.write(
-        "calibration.toml",
-        &text.replace("file = \"exx.csv\"\n", parabola),
-    );
+    shop.write("calibration.toml", &text.replace("file = \"exx.csv\"\n", parabola));
     let (_, calibration) = shop.calibrated();
     let mut report = shop.report();
     assert_eq!(report.undecided, ["EXX"]);
@@ -278,10 +238,7 @@ fn a_figure_that_the_curve_does_not_bear_out_does_not_pass() {
     report.volume = volume([machine; 2], &[], of_curves(), None).expect("three axes");
     let limits = tolerances("V=1000,EXX=60").expect("two");
     let found = checks(&report, &limits);
-    assert_eq!(
-        (found[0].outcome, &found[0].of),
-        (Verdict::Undecided, &CheckOf::NotConfirmed)
-    );
+    assert_eq!((found[0].outcome, &found[0].of), (Verdict::Undecided, &CheckOf::NotConfirmed));
     assert_eq!(found[1].outcome, Verdict::Pass);
     // The machine file reports the undecided error until the error is set again.
     let text_of_machine = machine.to_toml();
@@ -290,17 +247,9 @@ fn a_figure_that_the_curve_does_not_bear_out_does_not_pass() {
     let mut report = Report::of_machine("m.toml", &read, &Stated::default());
     report.volume = volume([machine; 2], &[], of_curves(), None).expect("three axes");
     for check in checks(&report, &limits) {
-        assert_eq!(
-            (check.outcome, &check.of),
-            (Verdict::Undecided, &CheckOf::NotConfirmed)
-        );
+        assert_eq!((check.outcome, &check.of), (Verdict::Undecided, &CheckOf::NotConfirmed));
     }
-    assert!(
-        report
-            .warnings
-            .iter()
-            .any(|of| of.text.contains("do not confirm EXX"))
-    );
+    assert!(report.warnings.iter().any(|of| of.text.contains("do not confirm EXX")));
     assert!(report.not_measured.iter().any(|of| of.contains("EZX")));
     let name = "EXX".parse().expect("a name");
     let curve = read.error(name).expect("stated").clone();
@@ -311,10 +260,7 @@ fn a_figure_that_the_curve_does_not_bear_out_does_not_pass() {
         shop.write(file, &crate::csv(17, 50.0, 1, |x, _| slope * x));
     }
     let second = "file = \"exx.csv\"\n[[measurement]]\nerror = \"EXX\"\nat = { Y = 500.0 }\nfile = \"second.csv\"\n";
-    shop.write(
-        "calibration.toml",
-        &text.replace("file = \"exx.csv\"\n", second),
-    );
+    shop.write("calibration.toml", &text.replace("file = \"exx.csv\"\n", second));
     assert_eq!(shop.report().undecided, ["EXX"]);
     shop.write("calibration.toml", &text);
     shop.write("exx.csv", &crate::csv(1, 50.0, 5, |_, _| 20.0));
@@ -330,10 +276,7 @@ fn an_uncertainty_without_the_scatter_of_a_file_passes_nothing() {
     let limits = tolerances("V=1000").expect("one");
     let found = |runs, stated: &str| {
         shop.write("exx.csv", &crate::csv(17, 50.0, runs, |x, _| 0.01 * x));
-        shop.write(
-            "calibration.toml",
-            &text.replacen("[[m", &format!("{stated}[[m"), 1),
-        );
+        shop.write("calibration.toml", &text.replacen("[[m", &format!("{stated}[[m"), 1));
         let (_, calibration) = shop.calibrated();
         let mut report = shop.report();
         let none = |_: &volcomp_kinematics::State| [0.0; 6];
@@ -344,22 +287,11 @@ fn an_uncertainty_without_the_scatter_of_a_file_passes_nothing() {
             (State::Found, &fields[..], found)
         };
         report.volume = volume(both, &[], of_curves(), None).expect("three axes");
-        assert_eq!(
-            checks(&report, &limits)[0].outcome,
-            Verdict::Pass,
-            "by the figure alone"
-        );
+        assert_eq!(checks(&report, &limits)[0].outcome, Verdict::Pass, "by the figure alone");
         let judged = [0.1, 0.0].map(|um| {
-            report.uncertainty.get_or_insert_default().drawn = Some(Drawn {
-                trials: 100,
-                seed: 1,
-                rms_um: um,
-                max_um: um,
-                at: Vec::new(),
-            });
-            let [check] = &checks(&report, &limits)[..] else {
-                panic!("one check")
-            };
+            report.uncertainty.get_or_insert_default().drawn =
+                Some(Drawn { trials: 100, seed: 1, rms_um: um, max_um: um, at: Vec::new() });
+            let [check] = &checks(&report, &limits)[..] else { panic!("one check") };
             (check.outcome, check.of.clone())
         });
         // Where no file has several runs nothing is drawn at all.
@@ -382,11 +314,7 @@ fn an_unknown_that_holds_if_another_is_zero_is_open_where_that_is() {
         unit: "µrad".to_owned(),
         given_zero: given_zero.iter().map(|zero| (*zero).to_owned()).collect(),
     };
-    let left = Left {
-        rms_um: 0.0,
-        max_um: 0.0,
-        rows: 9,
-    };
+    let left = Left { rms_um: 0.0, max_um: 0.0, rows: 9 };
     let found = Identified {
         parameters: vec![
             parameter("EA0Z", Some(0.3), &["EAZ legendre 1"]),
@@ -413,11 +341,7 @@ fn an_unknown_that_holds_if_another_is_zero_is_open_where_that_is() {
     // The residual is twice the stated uncertainty, so U is twice as large.
     let mut report = Shop::new().report();
     let known = parameter("EC0Y", Some(0.5), &[]);
-    report.identified = Some(Identified {
-        parameters: vec![known],
-        excess: 2.0,
-        ..found
-    });
+    report.identified = Some(Identified { parameters: vec![known], excess: 2.0, ..found });
     let check = checks(&report, &tolerances("EC0Y=20").expect("one"));
     assert_eq!(check[0].uncertainty, Some(2.0));
     report.without_scatter.push("one.csv".to_owned());
@@ -439,21 +363,13 @@ fn what_a_squareness_is_judged_by() {
     };
     let (on_y, report) = judged(&text);
     assert_eq!((on_y.value, on_y.uncertainty), (Some(12.0), None));
-    assert!(
-        !report
-            .not_measured
-            .iter()
-            .any(|of| of.contains("one direction"))
-    );
+    assert!(!report.not_measured.iter().any(|of| of.contains("one direction")));
     let (on_x, _) = judged(&format!("reference_axes = [\"Y\", \"Z\"]\n{text}"));
     assert_eq!(on_x.value, Some(12.0));
     let (square, _) = text.split_once("[[squareness]]").expect("the last table");
     let stated = "[[location]]\nerror = \"EC0Y\"\nvalue_urad = 12\nuncertainty_urad = 5\n";
     let (own, _) = judged(&format!("{square}{stated}"));
-    assert_eq!(
-        (own.uncertainty, own.outcome),
-        (Some(10.0), Verdict::Undecided)
-    );
+    assert_eq!((own.uncertainty, own.outcome), (Some(10.0), Verdict::Undecided));
     let exx = shop.read("exx.csv");
     let forward = exx.lines().filter(|line| !line.contains(",-,"));
     shop.write("exx.csv", &(forward.collect::<Vec<_>>().join("\n") + "\n"));
@@ -473,10 +389,7 @@ fn what_a_squareness_is_judged_by() {
 fn no_location_is_judged_beside_assembly_errors() {
     let report = stated("[assembly]\nY = [0, 0, 0, 0, 0, 50]\n[errors]\nEXX = 3.0\n");
     let found = checks(&report, &tolerances("EC0Y=1").expect("one"));
-    assert_eq!(
-        (found[0].value, found[0].outcome),
-        (None, Verdict::NotEvaluated)
-    );
+    assert_eq!((found[0].value, found[0].outcome), (None, Verdict::NotEvaluated));
     let told = |of: &volcomp_report::Warning| of.text.contains("[assembly] states errors of Y");
     assert!(report.warnings.iter().any(told), "{:?}", report.warnings);
 }
@@ -496,17 +409,9 @@ fn the_range_of_a_stated_error_is_over_all_that_it_depends_on() {
         ("EZY", grid("\"Y\", \"Z\"", "[[0, 0], [60, 0]]"), 60.0),
         // A grid need not depend on its own axis, and each direction may have its own grid.
         ("EZX", grid("\"Y\", \"Z\"", of_the_end), 60.0),
-        (
-            "EZY",
-            format!("{{ forward = {forward}, backward = {backward} }}"),
-            60.0,
-        ),
+        ("EZY", format!("{{ forward = {forward}, backward = {backward} }}"), 60.0),
         // Peaks between the points of a plot: a wave, and a narrow peak.
-        (
-            "EXX",
-            "{ fourier = [0, 0, 10], period = 5.0 }".to_owned(),
-            20.0,
-        ),
+        ("EXX", "{ fourier = [0, 0, 10], period = 5.0 }".to_owned(), 20.0),
         (
             "EXX",
             "{ table = [[0, 0], [502, 0], [502.083, 100], [503, 0], [600, 0]] }".to_owned(),
@@ -526,9 +431,7 @@ fn the_range_of_a_stated_error_is_over_all_that_it_depends_on() {
 #[test]
 fn the_uncertainty_counts_the_longest_tool() {
     let machine = |tools: &str, slope: f64| {
-        machine(&format!(
-            "{tools}[errors]\nEAX = {{ poly = [{slope:?}] }}\n"
-        ))
+        machine(&format!("{tools}[errors]\nEAX = {{ poly = [{slope:?}] }}\n"))
     };
     let drawn_with = |tools: &str| {
         let tolerance = volcomp_model::Tolerance::from_nm(1.0);
@@ -549,11 +452,8 @@ fn figures_stand_against_tolerances() {
     let mut report = shop.report();
     let limits = tolerances("A=100,B=1,R=0.001,EC0Y=12.5,EYX=1,V=20,EZZ=3").expect("seven");
     report.checks = checks(&report, &limits);
-    let outcomes: Vec<_> = report
-        .checks
-        .iter()
-        .map(|check| (check.symbol.as_str(), check.outcome))
-        .collect();
+    let outcomes: Vec<_> =
+        report.checks.iter().map(|check| (check.symbol.as_str(), check.outcome)).collect();
     assert_eq!(
         outcomes,
         [
@@ -569,10 +469,7 @@ fn figures_stand_against_tolerances() {
     let CheckOf::Test { error, file } = &report.checks[0].of else {
         panic!("a test: {:?}", report.checks[0])
     };
-    assert!(
-        error == "EXX" && file.ends_with("exx.csv"),
-        "{error} {file}"
-    );
+    assert!(error == "EXX" && file.ends_with("exx.csv"), "{error} {file}");
     assert_eq!(report.checks[0].of.to_string(), format!("EXX, {file}"));
     // Without a volume no errors are missing from it.
     assert_eq!(report.checks[5].of, CheckOf::Symbol);
@@ -581,10 +478,7 @@ fn figures_stand_against_tolerances() {
 #[test]
 fn warnings_name_what_lacks_the_gravest_first() {
     let shop = Shop::new();
-    shop.write(
-        "exx.csv",
-        "target,run,direction,deviation\n0,1,+,0\n200,1,+,1\n400,1,+,2\n",
-    );
+    shop.write("exx.csv", "target,run,direction,deviation\n0,1,+,0\n200,1,+,1\n400,1,+,2\n");
     let report = shop.report();
     let kinds: Vec<WarningKind> = report.warnings.iter().map(|warning| warning.kind).collect();
     assert!(kinds.is_sorted(), "{kinds:?}");
@@ -614,20 +508,12 @@ fn an_outlier_is_named_with_its_file_run_and_target() {
     let shop = Shop::new();
     let good = crate::csv(17, 50.0, 5, |x, _| 0.02 * x);
     // One reading is 3 µm too large; the line starts with target, run and direction.
-    let spoilt = good.lines().map(|line| {
-        if line.starts_with("400,3,+,") {
-            "400,3,+,11.0"
-        } else {
-            line
-        }
-    });
+    let spoilt =
+        good.lines().map(|line| if line.starts_with("400,3,+,") { "400,3,+,11.0" } else { line });
     shop.write("exx.csv", &spoilt.collect::<Vec<_>>().join("\n"));
     let report = shop.report();
-    let outlier = report
-        .warnings
-        .iter()
-        .find(|w| w.kind == WarningKind::Outlier)
-        .expect("an outlier");
+    let outlier =
+        report.warnings.iter().find(|w| w.kind == WarningKind::Outlier).expect("an outlier");
     assert!(
         outlier.text.contains("exx.csv: ") && outlier.text.contains("target 400 in forward run 3"),
         "{}",
@@ -639,12 +525,7 @@ pub(crate) fn field<'a>(
     machine: &'a volcomp_model::Machine,
     errors: &'a dyn Fn(&volcomp_kinematics::State) -> [f64; 6],
 ) -> volcomp_model::ErrorField<'a> {
-    volcomp_model::ErrorField {
-        tool: "",
-        machine,
-        curves: vec![machine],
-        errors,
-    }
+    volcomp_model::ErrorField { tool: "", machine, curves: vec![machine], errors }
 }
 
 pub(crate) fn error_of(
@@ -662,9 +543,7 @@ fn the_working_space_has_the_sizes_of_its_errors() {
     let machine = &calibration.machine;
     let errors = |pose: &volcomp_kinematics::State| {
         [
-            1e-3 * pose.q[machine
-                .index_of(volcomp_vocabulary::AxisName::X)
-                .expect("X")],
+            1e-3 * pose.q[machine.index_of(volcomp_vocabulary::AxisName::X).expect("X")],
             0.0,
             0.0,
             0.0,
@@ -676,16 +555,8 @@ fn the_working_space_has_the_sizes_of_its_errors() {
     let found = volume(
         [machine; 2],
         &[],
-        (
-            State::Truth,
-            &[field(machine, &errors)],
-            error_of(machine, &errors),
-        ),
-        Some((
-            State::TruthCorrected,
-            &[field(machine, &half)],
-            error_of(machine, &half),
-        )),
+        (State::Truth, &[field(machine, &errors)], error_of(machine, &errors)),
+        Some((State::TruthCorrected, &[field(machine, &half)], error_of(machine, &half))),
     )
     .expect("no other axes")
     .expect("three axes");
@@ -696,16 +567,10 @@ fn the_working_space_has_the_sizes_of_its_errors() {
     assert_eq!(size.at[0].axis, "X");
     assert!([0.0, 800.0].contains(&size.at[0].at));
     // Uniformly distributed over the travel.
-    assert!(
-        (size.rms_um / (800.0 / 3.0_f64.sqrt()) - 1.0).abs() < 1e-3,
-        "{size:?}"
-    );
+    assert!((size.rms_um / (800.0 / 3.0_f64.sqrt()) - 1.0).abs() < 1e-3, "{size:?}");
     assert!((found.after.expect("after").found.max_um - 400.0).abs() < 1e-9);
     assert_eq!(found.slices.len(), 3);
-    assert!(
-        (found.slices[0].before_um[24] - 400.0).abs() < 1.0,
-        "the last node of the first row"
-    );
+    assert!((found.slices[0].before_um[24] - 400.0).abs() < 1.0, "the last node of the first row");
     assert_eq!(found.vectors.len(), 125);
 }
 
@@ -717,16 +582,10 @@ fn a_machine_file_has_curves_without_readings_and_says_so() {
     assert!(!report.squareness[0].measured);
     let told: Vec<&str> = report.warnings.iter().map(|of| of.text.as_str()).collect();
     assert_eq!(told[0], "not measured, taken as 0: EYX EZX EAX EBX ECX");
-    assert!(
-        told[3].starts_with("EC0Y was not measured and is taken as 0"),
-        "{told:?}"
-    );
+    assert!(told[3].starts_with("EC0Y was not measured and is taken as 0"), "{told:?}");
     let report = stated("");
     let warning = &report.warnings[0].text;
-    assert!(
-        warning.starts_with("no error of this machine is known"),
-        "{warning}"
-    );
+    assert!(warning.starts_with("no error of this machine is known"), "{warning}");
 }
 
 #[test]
@@ -749,24 +608,17 @@ fn axes_that_stand_still_are_named() {
     report.volume = volume(
         [&machine; 2],
         &others,
-        (
-            State::Found,
-            &[field(&machine, &nothing)],
-            error_of(&machine, &nothing),
-        ),
+        (State::Found, &[field(&machine, &nothing)], error_of(&machine, &nothing)),
         None,
     )
     .expect("three axes");
     let map = report.volume.as_ref().expect("a map");
-    let planes: Vec<String> = (map.slices.iter())
-        .map(|slice| format!("{}{}", slice.across, slice.up))
-        .collect();
+    let planes: Vec<String> =
+        (map.slices.iter()).map(|slice| format!("{}{}", slice.across, slice.up)).collect();
     assert_eq!(planes, ["XY", "XZ", "YZ", "CB"]);
     assert_eq!(map.slices[3].before_um.len(), 625);
     let standing = &map.standing;
-    let standing: Vec<_> = (standing.iter())
-        .map(|axis| (axis.axis.as_str(), axis.at))
-        .collect();
+    let standing: Vec<_> = (standing.iter()).map(|axis| (axis.axis.as_str(), axis.at)).collect();
     assert_eq!(standing, [("C", 90.0), ("B", 0.0)]);
     let page = volcomp_report::html(&report);
     assert!(

@@ -55,9 +55,7 @@ pub(crate) struct Shop {
 
 impl Shop {
     pub(crate) fn new() -> Self {
-        let shop = Self {
-            folder: tempfile::tempdir().expect("a folder"),
-        };
+        let shop = Self { folder: tempfile::tempdir().expect("a folder") };
         shop.write("machine.toml", MACHINE);
         shop.write(
             "exx.csv",
@@ -65,10 +63,7 @@ impl Shop {
                 0.02 * x + 3.0 * (x / 90.0).sin() - if back { 2.0 } else { 0.0 }
             }),
         );
-        shop.write(
-            "eyx.csv",
-            &csv(17, 50.0, 5, |x, _| 4.0 * (x / 800.0 * 3.1).sin()),
-        );
+        shop.write("eyx.csv", &csv(17, 50.0, 5, |x, _| 4.0 * (x / 800.0 * 3.1).sin()));
         shop.write("ebx.csv", &csv(17, 50.0, 5, |x, _| 0.03 * x));
         shop.write(
             "calibration.toml",

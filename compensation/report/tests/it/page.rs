@@ -60,11 +60,7 @@ fn texts_of_files_are_never_markup() {
 fn many_targets_are_thinned() {
     let shop = Shop::new();
     let spike = |x: f64, _| {
-        if (x - 333.36).abs() < 1e-9 {
-            60.0
-        } else {
-            0.01 * x
-        }
+        if (x - 333.36).abs() < 1e-9 { 60.0 } else { 0.01 * x }
     };
     shop.write("exx.csv", &csv(10_000, 0.08, 2, spike));
     shop.write("calibration.toml", "machine = \"machine.toml\"\n[[measurement]]\nerror = \"EXX\"\nfile = \"exx.csv\"\ncurve = { poly = { order = 3 } }\n");
@@ -73,20 +69,14 @@ fn many_targets_are_thinned() {
     let rows = page.matches("<tr>").count();
     assert!(rows < 200, "{rows}");
     assert!(page.contains("10000 targets in all"));
-    assert!(
-        page.contains(">333.360<"),
-        "the target of the largest mean is in the table"
-    );
+    assert!(page.contains(">333.360<"), "the target of the largest mean is in the table");
 }
 
 /// In the plot and in the table B is the absolute value of the largest reversal value, whichever direction is higher.
 #[test]
 fn b_beside_the_plot_has_no_sign() {
     let shop = Shop::new();
-    shop.write(
-        "exx.csv",
-        &csv(9, 100.0, 5, |_, back| if back { 6.0 } else { 2.0 }),
-    );
+    shop.write("exx.csv", &csv(9, 100.0, 5, |_, back| if back { 6.0 } else { 2.0 }));
     let report = shop.report();
     let result = &report.positioning[0].result;
     assert!(result.mean_b.is_some_and(|mean| mean < -3.0), "{result:?}");
@@ -99,15 +89,10 @@ fn b_beside_the_plot_has_no_sign() {
 #[test]
 fn nothing_infinite_stands_in_the_page() {
     let page = html(&Shop::new().report());
-    let pictures = page
-        .split("<svg")
-        .skip(1)
-        .map(|rest| rest.split("</svg>").next().unwrap_or_default());
+    let pictures =
+        page.split("<svg").skip(1).map(|rest| rest.split("</svg>").next().unwrap_or_default());
     for picture in pictures {
-        assert!(
-            !picture.contains("NaN") && !picture.contains("inf"),
-            "{picture}"
-        );
+        assert!(!picture.contains("NaN") && !picture.contains("inf"), "{picture}");
     }
 }
 

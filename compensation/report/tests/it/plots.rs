@@ -110,18 +110,11 @@ fn a_picture_is_one_document() {
             line: true,
         }],
         bands: Vec::new(),
-        brackets: vec![Bracket {
-            label: "E 2.0".to_owned(),
-            span,
-            at: None,
-        }],
+        brackets: vec![Bracket { label: "E 2.0".to_owned(), span, at: None }],
         legend: vec![(Look::Forward, Mark::Up, "mean".to_owned())],
         band_label: String::new(),
     };
-    let panel = |heading: &str, plot: XyPlot| Panel {
-        heading: heading.to_owned(),
-        svg: xy(&plot),
-    };
+    let panel = |heading: &str, plot: XyPlot| Panel { heading: heading.to_owned(), svg: xy(&plot) };
     let row = vec![
         panel("first", plot(&[(0.0, 0.0), (100.0, 2.0)], [0.0, 2.0])),
         panel("second", plot(&[(0.0, 1.0), (100.0, -1.0)], [-1.0, 1.0])),

@@ -10,9 +10,7 @@ fn between_tags(page: &str) -> Vec<String> {
     let mut found = Vec::new();
     while let Some((text, after)) = rest.split_once('<') {
         found.push(text.split_whitespace().collect::<Vec<_>>().join(" "));
-        let unseen = ["style", "script"]
-            .into_iter()
-            .find(|tag| after.starts_with(tag));
+        let unseen = ["style", "script"].into_iter().find(|tag| after.starts_with(tag));
         let end = unseen.map_or_else(|| ">".to_owned(), |tag| format!("</{tag}>"));
         rest = after.split_once(&end).map_or("", |(_, rest)| rest);
     }

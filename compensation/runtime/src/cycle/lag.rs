@@ -118,9 +118,7 @@ impl Lag {
         if part < 1.0 {
             self.last = Some(now);
         }
-        let is_reported = self
-            .last
-            .is_some_and(|last| now.saturating_sub(last) <= REPORTED_FOR);
+        let is_reported = self.last.is_some_and(|last| now.saturating_sub(last) <= REPORTED_FOR);
         Reduction {
             part,
             fast_ramp_out: self.goes_out,
@@ -155,12 +153,7 @@ impl Lag {
         let part = ahead.as_secs_f64() / stretch.as_secs_f64();
         let most = (CALM_CHANGE / part).min(MOST_CHANGE);
         let mut past = self.wanted.iter().flatten();
-        past.all(|(then, _)| {
-            inputs
-                .compare(then)
-                .iter()
-                .all(|compare| compare.is_within(most))
-        })
+        past.all(|(then, _)| inputs.compare(then).iter().all(|compare| compare.is_within(most)))
     }
 
     fn remember(&mut self, wanted: &CoupledCorrection, taken: Duration) {
@@ -192,12 +185,7 @@ impl PredictionInputs<'_> {
             *q += speed * time.as_secs_f64();
         }
         let model = self.model;
-        let then = model.wanted_by(
-            self.only_thermal,
-            &ahead_state,
-            self.correctors,
-            self.applied,
-        );
+        let then = model.wanted_by(self.only_thermal, &ahead_state, self.correctors, self.applied);
         let [linear, rotary] = self.compare(&then).map(|compare| compare.part());
         linear.min(rotary)
     }
@@ -239,20 +227,12 @@ struct Comparison {
 impl Comparison {
     fn new(does: &PerAxis<f64>, needed: &PerAxis<f64>, step: f64) -> Self {
         let norm = |values: &PerAxis<f64>| values.iter().map(|x| x * x).sum::<f64>().sqrt();
-        Self {
-            size: norm(does),
-            differs: norm(&PerAxis::from_fn(|i| does[i] - needed[i])),
-            step,
-        }
+        Self { size: norm(does), differs: norm(&PerAxis::from_fn(|i| does[i] - needed[i])), step }
     }
 
     fn part(&self) -> f64 {
         let differs = self.differs - self.step;
-        if differs <= 0.5 * self.size {
-            1.0
-        } else {
-            (2.0 * (1.0 - differs / self.size)).max(0.0)
-        }
+        if differs <= 0.5 * self.size { 1.0 } else { (2.0 * (1.0 - differs / self.size)).max(0.0) }
     }
 
     /// Whether the distance is at most `part` of the correction; above 0.5 the correction is reduced.

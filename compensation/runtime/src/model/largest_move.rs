@@ -31,10 +31,7 @@ pub struct LargestMove {
 }
 
 impl LargestMove {
-    const NONE: Self = Self {
-        linear: Mm(0.0),
-        rotary: Rad(0.0),
-    };
+    const NONE: Self = Self { linear: Mm(0.0), rotary: Rad(0.0) };
 
     /// The larger value of each kind.
     #[must_use]
@@ -62,13 +59,7 @@ impl<'a> Pair<'a> {
         worst: LargestMove,
         left: usize,
     ) -> Self {
-        Self {
-            models,
-            correctors,
-            worst,
-            left,
-            most: PerAxis::default(),
-        }
+        Self { models, correctors, worst, left, most: PerAxis::default() }
     }
 
     /// The change at a state, mm and rad; updates the largest ones.
@@ -91,20 +82,14 @@ impl<'a> Pair<'a> {
             let worst = &mut worst[usize::from(name.is_rotary())];
             *worst = worst.max(if moved.is_nan() { f64::INFINITY } else { moved });
         }
-        let moved = LargestMove {
-            linear: Mm(worst[0]),
-            rotary: Rad(worst[1]),
-        };
+        let moved = LargestMove { linear: Mm(worst[0]), rotary: Rad(worst[1]) };
         self.worst = self.worst.max(moved);
         moved
     }
 
     fn sample_from(&mut self, q: &PerAxis<f64>, directions: &[PerAxis<Option<Direction>>]) -> f64 {
         let moves = directions.iter().map(|approach| {
-            let state = State {
-                q: *q,
-                approach: *approach,
-            };
+            let state = State { q: *q, approach: *approach };
             let moved = self.sample(&state);
             // One number that ranks positions: a milliradian counts like a millimetre.
             moved.linear.0 + moved.rotary.0
@@ -124,10 +109,7 @@ impl Model {
         ways: impl IntoIterator<Item = [Correctors; 2]>,
     ) -> LargestMove {
         if self.axes != other.axes {
-            return LargestMove {
-                linear: Mm(f64::INFINITY),
-                rotary: Rad(f64::INFINITY),
-            };
+            return LargestMove { linear: Mm(f64::INFINITY), rotary: Rad(f64::INFINITY) };
         }
         let all = [self, other].map(|model| model.correctors_among(&model.axes));
         let mut sets: Vec<[Correctors; 2]> = Vec::new();
@@ -138,18 +120,14 @@ impl Model {
         }
         let space = Space::of(self, other);
         if space.node_states() * sets.len() > MAX_NODE_STATES {
-            return LargestMove {
-                linear: Mm(f64::INFINITY),
-                rotary: Rad(f64::INFINITY),
-            };
+            return LargestMove { linear: Mm(f64::INFINITY), rotary: Rad(f64::INFINITY) };
         }
         let left = MAX_STATES / sets.len() + space.node_states();
-        sets.into_iter()
-            .fold(LargestMove::NONE, |worst, correctors| {
-                let mut pair = Pair::new([self, other], correctors, worst, left);
-                space.sample(&mut pair);
-                pair.worst
-            })
+        sets.into_iter().fold(LargestMove::NONE, |worst, correctors| {
+            let mut pair = Pair::new([self, other], correctors, worst, left);
+            space.sample(&mut pair);
+            pair.worst
+        })
     }
 }
 
@@ -201,10 +179,7 @@ impl Space {
             space.places.push(places);
         }
         for model in [old, new] {
-            let more = model
-                .grids
-                .iter()
-                .filter(|grid| !space.grids.contains(grid));
+            let more = model.grids.iter().filter(|grid| !space.grids.contains(grid));
             let more: Vec<GridNodes> = more.cloned().collect();
             space.grids.extend(more);
         }
@@ -231,9 +206,7 @@ impl Space {
         let along: usize = self.places.iter().map(Vec::len).sum();
         let of_grid = |grid: &GridNodes| grid.nodes[0].len().saturating_mul(grid.nodes[1].len());
         let on_grids = self.grids.iter().map(of_grid);
-        on_grids
-            .fold(along, usize::saturating_add)
-            .saturating_mul(self.both().len())
+        on_grids.fold(along, usize::saturating_add).saturating_mul(self.both().len())
     }
 
     fn sample(&self, pair: &mut Pair<'_>) {
@@ -256,11 +229,7 @@ impl Space {
                 }
             }
         }
-        for GridNodes {
-            axes: [one, two],
-            nodes,
-        } in &self.grids
-        {
+        for GridNodes { axes: [one, two], nodes } in &self.grids {
             let points = nodes[0].iter().flat_map(|a| {
                 let row = nodes[1].iter();
                 row.map(move |b| vec![(*one, *a), (*two, *b)])
@@ -285,16 +254,9 @@ impl Space {
             for (axis, most) in along.iter().enumerate() {
                 let (moved, at) = most[*goal][*sign];
                 let is_found = moved > 0.0;
-                together.q[axis] = if is_found {
-                    at.q[axis]
-                } else {
-                    self.middle[axis]
-                };
-                together.approach[axis] = if is_found {
-                    at.approach[axis]
-                } else {
-                    Some(Direction::Positive)
-                };
+                together.q[axis] = if is_found { at.q[axis] } else { self.middle[axis] };
+                together.approach[axis] =
+                    if is_found { at.approach[axis] } else { Some(Direction::Positive) };
             }
             pair.sample(&together);
             pair.sample_from(&together.q, &self.directions);
@@ -337,12 +299,7 @@ impl Space {
             q
         };
         let mut found: Vec<_> = points
-            .map(|point| {
-                (
-                    pair.sample_from(&at(self.middle, &point), self.both()),
-                    point,
-                )
-            })
+            .map(|point| (pair.sample_from(&at(self.middle, &point), self.both()), point))
             .collect();
         found.sort_by(|a, b| b.0.total_cmp(&a.0));
         for (_, point) in found.into_iter().take(MAX_BEST_NODES) {
@@ -366,11 +323,7 @@ impl Space {
             let sizes = grid.iter().map(Vec::len);
             sizes.fold(self.directions.len(), usize::saturating_mul)
         };
-        let grid = if count(&with_middles) <= at_most {
-            &with_middles
-        } else {
-            &self.ends
-        };
+        let grid = if count(&with_middles) <= at_most { &with_middles } else { &self.ends };
         pair.sample_from(&self.middle, &self.directions);
         let all = grid.iter().map(Vec::len).product::<usize>();
         // If there are too many corners, an evenly spread subset is sampled.
@@ -392,11 +345,7 @@ impl Space {
             let mut q = PerAxis::default();
             for (axis, ends) in self.ends.iter().enumerate() {
                 let is_high = (number & 1 == 1) ^ (number & 2 == 2 && axis % 2 == 1);
-                q[axis] = if is_high {
-                    ends[ends.len() - 1]
-                } else {
-                    ends[0]
-                };
+                q[axis] = if is_high { ends[ends.len() - 1] } else { ends[0] };
             }
             q
         })
@@ -462,18 +411,9 @@ mod tests {
                 "EAX = { table = [[0.0, 0.0], [100.0, 200.0], [800.0, 0.0]], interpolation = \"linear\" }\n",
                 25.0,
             ),
-            (
-                "EXX = { mean = { poly = [0.0] }, reversal = 300.0 }\n",
-                149.0,
-            ),
-            (
-                "EYY = { forward = { poly = [0.0] }, backward = { poly = [80.0] } }\n",
-                79.0,
-            ),
-            (
-                "EYX = { fourier = [0.0, 0.0, 90.0], period = 800.0 }\n",
-                89.0,
-            ),
+            ("EXX = { mean = { poly = [0.0] }, reversal = 300.0 }\n", 149.0),
+            ("EYY = { forward = { poly = [0.0] }, backward = { poly = [80.0] } }\n", 79.0),
+            ("EYX = { fourier = [0.0, 0.0, 90.0], period = 800.0 }\n", 89.0),
             (
                 "EZY = { grid = { axes = [\"Y\", \"Z\"], nodes = [[0, 200, 400], [0, 100, 250]], values = [[0, 0, 0], [0, 70, 0], [0, 0, 0]] } }\n",
                 35.0,
@@ -501,22 +441,14 @@ mod tests {
         for target in [1, 15, 400, 799] {
             let rows = (0..=800).map(|k| format!("[{k}, {}]", if k == target { 200 } else { 0 }));
             let rows: Vec<String> = rows.collect();
-            let table = format!(
-                "EYX = {{ table = [{}], interpolation = \"linear\" }}\n",
-                rows.join(", ")
-            );
-            let um = flat
-                .largest_move(&model(SMALL, &table), [])
-                .linear
-                .to_um()
-                .0;
+            let table =
+                format!("EYX = {{ table = [{}], interpolation = \"linear\" }}\n", rows.join(", "));
+            let um = flat.largest_move(&model(SMALL, &table), []).linear.to_um().0;
             assert!(um > 199.0, "target {target}: {um} µm");
         }
         let still = model(TILTING, "EXX = 0.0\n");
-        let wobbles = model(
-            TILTING,
-            "EBC = { fourier = [0.0, 0.0, 0.0, 0.0, 200.0], period = 360.0 }\n",
-        );
+        let wobbles =
+            model(TILTING, "EBC = { fourier = [0.0, 0.0, 0.0, 0.0, 200.0], period = 360.0 }\n");
         let um = still.largest_move(&wobbles, []).linear.to_um().0;
         assert!(um > 300.0, "both turned: {um} µm");
     }
@@ -525,10 +457,7 @@ mod tests {
     #[test]
     fn a_periodic_error_between_samples_is_found() {
         let flat = model(SMALL, "EZZ = 0.0\n");
-        let screw = model(
-            SMALL,
-            "EZZ = { fourier = [0.0, 0.0, 90.0], period = 10.0 }\n",
-        );
+        let screw = model(SMALL, "EZZ = { fourier = [0.0, 0.0, 90.0], period = 10.0 }\n");
         let um = flat.largest_move(&screw, []).linear.to_um().0;
         assert!(um > 80.0, "{um} µm");
     }
@@ -536,10 +465,7 @@ mod tests {
     #[test]
     fn a_whole_turn_is_sampled() {
         let flat = model(TURNING, "EXC = 0.0\n");
-        let wobbles = model(
-            TURNING,
-            "EXC = { fourier = [-80.0, 80.0, 0.0], period = 360.0 }\n",
-        );
+        let wobbles = model(TURNING, "EXC = { fourier = [-80.0, 80.0, 0.0], period = 360.0 }\n");
         let um = flat.largest_move(&wobbles, []).linear.to_um().0;
         assert!(um > 150.0, "{um} µm at 180 deg");
     }
@@ -547,10 +473,8 @@ mod tests {
     #[test]
     fn the_number_of_states_is_bounded() {
         let nodes: Vec<String> = (0..=800).map(|k| format!("[{}, {}]", k, k % 7)).collect();
-        let table = format!(
-            "EYX = {{ table = [{}], interpolation = \"linear\" }}\n",
-            nodes.join(", ")
-        );
+        let table =
+            format!("EYX = {{ table = [{}], interpolation = \"linear\" }}\n", nodes.join(", "));
         let (old, new) = (model(SMALL, "EYX = 0.0\n"), model(SMALL, &table));
         let correctors = [&old, &new].map(|model| model.correctors_among(&model.axes));
         let left = MAX_STATES + Space::of(&old, &new).node_states();

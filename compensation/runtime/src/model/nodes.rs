@@ -6,9 +6,7 @@ use volcomp_vocabulary::Displacement;
 /// Converts coordinates along each axis from mm or deg to mm or rad.
 pub(super) fn in_mm_or_rad(machine: &Machine, along: Vec<Vec<f64>>) -> Vec<Vec<f64>> {
     let along = along.into_iter().enumerate();
-    along
-        .map(|(axis, coordinates)| places(machine, axis, &coordinates))
-        .collect()
+    along.map(|(axis, coordinates)| places(machine, axis, &coordinates)).collect()
 }
 
 /// Converts coordinates of an axis from mm or deg to mm or rad; empty for an axis that does not exist.

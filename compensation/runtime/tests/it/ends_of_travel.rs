@@ -32,11 +32,7 @@ fn an_end_of_travel_has_the_error_of_its_own_side() {
         let model = Model::new(&machine, fading).expect("a model");
         let none = PerAxis::default();
         for (end, side) in [(high, 1.0), (high - 360.0, -1.0)] {
-            let at = [
-                (AxisName::X, 100.0),
-                (AxisName::B, side * high),
-                (AxisName::C, end),
-            ];
+            let at = [(AxisName::X, 100.0), (AxisName::B, side * high), (AxisName::C, end)];
             let state = machine.state(&at).expect("a state");
             let exact = machine.error_at(&state, Form::Exact, &warm);
             let [reported, _] = model.errors(&state, &none);
@@ -53,9 +49,7 @@ fn an_end_of_travel_has_the_error_of_its_own_side() {
             assert!(!model.is_outside_range(&state), "{end} deg");
         }
         // A position beyond the end is still outside.
-        let state = machine
-            .state(&[(AxisName::B, high + 1e-6)])
-            .expect("a state");
+        let state = machine.state(&[(AxisName::B, high + 1e-6)]).expect("a state");
         assert_eq!(machine.outside_travel(&state), [AxisName::B]);
         assert!(model.is_outside_range(&state));
     }

@@ -109,24 +109,14 @@ fn compare(machine: &Machine, seed: u64) {
         let reported = model.correction_of(&state, &correctors);
         let found = reported.delta;
         let partial = exact.tool_axis_partial && correctors.rotary().len() >= 2;
-        assert_eq!(
-            (reported.singular, reported.near_singular),
-            (partial, exact.near_singular)
-        );
+        assert_eq!((reported.singular, reported.near_singular), (partial, exact.near_singular));
         for (index, axis) in machine.axes().iter().enumerate() {
             let (f, e) = (found[index], exact.delta[index]);
             // Second-order difference: 0.1 µm per 0.1 mm, and likewise for rotary axes.
             let size = exact.delta.iter().fold(0.0_f64, |m, x| m.max(x.abs()));
             let bound = if axis.name.is_rotary() { 1e-8 } else { 2e-5 } + 1e-3 * size;
-            assert!(
-                (f - e).abs() < bound,
-                "{} of {names:?} at {state:?}: {f} {e}",
-                axis.name
-            );
-            assert!(
-                names.contains(&axis.name) || f == 0.0,
-                "an axis that is not written is held"
-            );
+            assert!((f - e).abs() < bound, "{} of {names:?} at {state:?}: {f} {e}", axis.name);
+            assert!(names.contains(&axis.name) || f == 0.0, "an axis that is not written is held");
         }
     }
 }

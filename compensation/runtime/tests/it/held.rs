@@ -52,13 +52,7 @@ fn largest_outputs(rig: &mut Rig, machine: &Machine) -> Vec<(AxisName, f64)> {
 #[test]
 fn nothing_is_written_to_axes_that_do_not_correct() {
     let machine = correcting("\"X\", \"Y\", \"Z\"");
-    for guard in [
-        shifting(),
-        GuardSettings {
-            rotary: None,
-            ..shifting()
-        },
-    ] {
+    for guard in [shifting(), GuardSettings { rotary: None, ..shifting() }] {
         let mut rig = Rig::of(&machine, &guard, PLACE, &NAMES);
         for (name, largest) in largest_outputs(&mut rig, &machine) {
             if name.is_rotary() {
@@ -125,11 +119,7 @@ fn axes_without_a_test_shift_are_reported_as_not_proven() {
         let mut rig = Rig::of(&machine(), &guard, PLACE, &NAMES);
         let report = rig.run(5);
         let reasons = report.reasons;
-        assert_eq!(
-            reasons.contains(Reasons::NOT_PROVEN),
-            reported,
-            "{reasons:?}"
-        );
+        assert_eq!(reasons.contains(Reasons::NOT_PROVEN), reported, "{reasons:?}");
     }
 }
 
@@ -162,21 +152,15 @@ fn shipped(
     rotary: Option<AxisSettings<Urad>>,
 ) -> Result<PathPlan, PlanError> {
     let mut description: Description = control([0.0; 5], &Clock::manual()).description().clone();
-    for axis in description
-        .axes
-        .iter_mut()
-        .filter(|axis| axis.name.is_rotary())
-    {
+    for axis in description.axes.iter_mut().filter(|axis| axis.name.is_rotary()) {
         axis.resolution = Displacement::from_micro(AxisKind::Rotary, step_deg.to_radians() * 1e6);
     }
     description.barrier = has_barrier;
     let mut guard = guard();
     (guard.rotary, guard.without_barrier) = (rotary, WithoutBarrier::default());
     let mut settings = alone();
-    settings.barrier = has_barrier.then_some(BarrierSettings {
-        machine: 1,
-        scan: Duration::from_millis(2),
-    });
+    settings.barrier =
+        has_barrier.then_some(BarrierSettings { machine: 1, scan: Duration::from_millis(2) });
     let model = Model::new(&machine(), guard.fading).expect("compiles");
     PathPlan::new(description, &model, &guard, &settings, PERIOD)
 }
@@ -205,10 +189,7 @@ fn axes_that_are_too_coarse_to_correct_need_no_limits() {
     // A correcting axis whose limit is below its step is rejected.
     let fine = AxisSettings::new(Urad(0.5), Urad(500.0));
     let refused = shipped(0.0001, true, Some(fine)).expect_err("less than a step");
-    assert!(
-        refused.to_string().contains("expected at least one step"),
-        "{refused}"
-    );
+    assert!(refused.to_string().contains("expected at least one step"), "{refused}");
 }
 
 /// A rotary axis corrects only if half its step times its lever is within the permitted error.
@@ -225,10 +206,7 @@ fn a_rotary_axis_with_coarse_steps_is_not_corrected() {
     let corrects = |most: f64| {
         let plan = plan(&NAMES, 20.0, Um(most)).expect("fits");
         let uncorrected = plan.uncorrected.iter().map(|out| (out.axis, out.why));
-        (
-            plan.correctors.rotary().len(),
-            uncorrected.collect::<Vec<_>>(),
-        )
+        (plan.correctors.rotary().len(), uncorrected.collect::<Vec<_>>())
     };
     assert_eq!(corrects(c.0 * 1.001), (2, Vec::new()));
     let (count, uncorrected) = corrects(c.0 * 0.999);
@@ -254,10 +232,7 @@ fn rotary_axes_correct_only_with_three_linear_directions() {
         (b, UncorrectedReason::Uncatchable)
     );
     let refused = plan(&[b, c]).expect_err("nothing corrects");
-    assert!(
-        refused.to_string().contains("three linear directions"),
-        "{refused}"
-    );
+    assert!(refused.to_string().contains("three linear directions"), "{refused}");
 }
 
 /// With X, Y and A only, A is not corrected, since no axis compensates its motion of the tip along Z; the tool error does not grow.
@@ -298,25 +273,13 @@ errors = { EXX = 10.0, EYY = 6.0, EXZ = 8.0, EYZ = -7.0 }
     assert!((at - 90.0).abs() < 10.0, "{at}");
     // If no rotary axis turns linear axes relative to each other, there is no such pose.
     let five = Model::new(&crate::rig::machine(), Fading::default()).expect("compiles");
-    assert_eq!(
-        five.linear_near_singular(&five.correctors_among(&five.axes)),
-        None
-    );
+    assert_eq!(five.linear_near_singular(&five.correctors_among(&five.axes)), None);
     let names = [AxisName::X, AxisName::Y, AxisName::Z, AxisName::C];
-    for (c_deg, reported) in [
-        (0.0, false),
-        (80.0, false),
-        (85.0, true),
-        (89.9, true),
-        (91.0, true),
-    ] {
+    for (c_deg, reported) in [(0.0, false), (80.0, false), (85.0, true), (89.9, true), (91.0, true)]
+    {
         let mut rig = Rig::with(&machine, &guard(), &names, &[20.0, 30.0, 40.0, c_deg]);
         let (report, worst) = rig.arm_and_compare(1000);
-        assert_eq!(
-            report.reasons.contains(Reasons::LINEAR_NEAR_SINGULAR),
-            reported,
-            "C {c_deg}"
-        );
+        assert_eq!(report.reasons.contains(Reasons::LINEAR_NEAR_SINGULAR), reported, "C {c_deg}");
         assert!(worst < 1e-6, "C {c_deg}: {worst} mm worse");
         for (output, name) in report.correction.iter().zip(&model.axes) {
             assert!(output.abs() <= 0.25 + 1e-6, "{name}: {output}");
@@ -358,10 +321,6 @@ fn a_rotary_axis_that_stops_correcting_counts_as_a_move() {
     let linear = linear.into_iter().fold(0.0, f64::max);
     let rotary = moved(AxisName::B).max(moved(AxisName::C));
     assert!(linear > 0.03 && rotary > 1e-4, "{linear} mm, {rotary} rad");
-    assert!(
-        reported.linear.0 > linear - 1e-3,
-        "{} of {linear}",
-        reported.linear
-    );
+    assert!(reported.linear.0 > linear - 1e-3, "{} of {linear}", reported.linear);
     assert!(reported.rotary.0 > rotary - 1e-6, "{:?}", reported.rotary);
 }

@@ -87,10 +87,7 @@ impl Table {
         let machine = Machine::parse(MACHINE, "m").expect("valid");
         let model = Model::new(&machine, Fading::default()).expect("compiles");
         let guard = GuardSettings {
-            without_barrier: WithoutBarrier {
-                linear: Um(150.0),
-                rotary: Urad(30.0),
-            },
+            without_barrier: WithoutBarrier { linear: Um(150.0), rotary: Urad(30.0) },
             hold,
             ..GuardSettings::new(AxisSettings::new(Um(150.0), Um(500.0)))
         };
@@ -98,21 +95,14 @@ impl Table {
         for axis in &mut description.axes {
             axis.resolution = Displacement::Length(Um(STEP * 1e3).to_mm());
         }
-        let table = Description {
-            axes: Vec::new(),
-            reads: vec![AxisName::C],
-            ..description.clone()
-        };
+        let table =
+            Description { axes: Vec::new(), reads: vec![AxisName::C], ..description.clone() };
         let reads = ReaderPlan::new(table.clone(), &model, &alone()).expect("fits");
         let reader = PositionReader::new(ways.controller(table), &reads);
         let path = ways.path(description, &model, &guard, &alone());
         let cycle = ways.cycle(model.clone(), &guard, vec![path]);
         let cycle = cycle.and_then(|cycle| cycle.with_readers(vec![reader]));
-        Self {
-            cycle: cycle.expect("a path and a reader"),
-            model,
-            ways,
-        }
+        Self { cycle: cycle.expect("a path and a reader"), model, ways }
     }
 
     fn step(&mut self, request: Option<Request>) -> Report {
@@ -130,12 +120,7 @@ impl Table {
         [Duration::ZERO, PERIOD].map(|later| {
             let mut state = State::default();
             let mut correction = PerAxis::ZERO;
-            let at = [
-                150.0,
-                -80.0,
-                60.0,
-                turned(self.ways.clock.elapsed() + later),
-            ];
+            let at = [150.0, -80.0, 60.0, turned(self.ways.clock.elapsed() + later)];
             let names = NAMES.into_iter().chain([AxisName::C]);
             for (i, name) in names.enumerate() {
                 let axis = self.model.index_of(name).expect("an axis");
@@ -177,17 +162,8 @@ fn a_correction_by_late_positions_is_never_worse_than_none() {
         for _ in 0..1000 {
             let report = table.step(None);
             // At 200 ms the positions may be too old in some cycles.
-            let state = if age_ms <= 180 {
-                "compensating"
-            } else {
-                report.state.name()
-            };
-            assert_eq!(
-                report.state.name(),
-                state,
-                "{age_ms} ms: {:?}",
-                report.reasons
-            );
+            let state = if age_ms <= 180 { "compensating" } else { report.state.name() };
+            assert_eq!(report.state.name(), state, "{age_ms} ms: {:?}", report.reasons);
             for [without, with] in table.off() {
                 squares[0] += without * without;
                 squares[1] += with * with;
@@ -204,30 +180,17 @@ fn a_correction_by_late_positions_is_never_worse_than_none() {
             with * 1e3,
             worst * 1e3
         );
-        assert!(
-            worst <= ROUNDING,
-            "{age_ms} ms: {worst} mm worse than without"
-        );
-        assert!(
-            reported == 0 || reported == 1000,
-            "{age_ms} ms: reported {reported} times"
-        );
+        assert!(worst <= ROUNDING, "{age_ms} ms: {worst} mm worse than without");
+        assert!(reported == 0 || reported == 1000, "{age_ms} ms: reported {reported} times");
         lefts.push((age_ms, left, reported > 0));
     }
     // Values of the table in the book.
     for (age_ms, expected) in [(0, 0.03), (20, 0.1), (40, 0.17), (100, 0.4), (200, 1.0)] {
-        let (_, left, _) = lefts
-            .iter()
-            .find(|(age, _, _)| *age == age_ms)
-            .expect("measured");
+        let (_, left, _) = lefts.iter().find(|(age, _, _)| *age == age_ms).expect("measured");
         assert!(*left <= expected, "{age_ms} ms: {left} is left");
     }
     assert!(!lefts[0].2, "no reduction with fresh positions");
-    assert!(
-        lefts
-            .iter()
-            .any(|(age, _, reported)| *age == 160 && *reported)
-    );
+    assert!(lefts.iter().any(|(age, _, reported)| *age == 160 && *reported));
 }
 
 /// Positions freeze while the table turns on: the held correction ramps out before it is worse than none.
@@ -290,11 +253,6 @@ fn no_reduction_is_reported_without_a_correction() {
             table.step(None);
         }
         let report = table.step(None);
-        assert!(
-            !is_told(&report),
-            "{:?}: {:?}",
-            report.state,
-            report.reasons
-        );
+        assert!(!is_told(&report), "{:?}: {:?}", report.state, report.reasons);
     }
 }

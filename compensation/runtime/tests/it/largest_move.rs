@@ -79,11 +79,7 @@ fn the_largest_move_is_that_of_a_dense_scan() {
         let mut sums = [0.0; 2];
         let axes = 1 + round / 7 % 3;
         for (axis, name) in ["EXX", "EXY", "EXZ"].into_iter().enumerate().take(axes) {
-            let kind = if axis == 0 {
-                round % 7
-            } else {
-                rng.random_range(0..7)
-            };
+            let kind = if axis == 0 { round % 7 } else { rng.random_range(0..7) };
             let curve = drawn(kind, TRAVELS[axis], &mut rng);
             for (sum, extreme) in sums.iter_mut().zip(extremes(&curve, TRAVELS[axis])) {
                 *sum += extreme;

@@ -100,11 +100,7 @@ fn a_limit_near_the_singular_pose_makes_no_error() {
                 };
                 let followed = vector.follow(&wanted, &limits, 0.004);
                 let with = off_um(&machine, &state, &PerAxis(vector.output().0));
-                let worst = if cycle < 150 {
-                    &mut moving
-                } else {
-                    &mut settled
-                };
+                let worst = if cycle < 150 { &mut moving } else { &mut settled };
                 if !followed.behind {
                     *worst = worst.max(with - without);
                 }
@@ -142,10 +138,7 @@ impl Holding {
         let machine = Machine::parse(TABLE_AND_HEAD, "m").expect("valid");
         let mut state = State::default();
         for (q, joint) in state.q.iter_mut().zip(machine.chain().joints()) {
-            let at = NAMES
-                .iter()
-                .zip(PLACE)
-                .find(|(name, _)| **name == joint.name);
+            let at = NAMES.iter().zip(PLACE).find(|(name, _)| **name == joint.name);
             let (name, at) = at.expect("its axis");
             *q = Displacement::from_coordinate(name.kind(), at).mm_or_rad();
         }
@@ -163,12 +156,7 @@ impl Holding {
         assert!(report.correction[b].abs() > 1e-4, "B holds a share");
         let off = |correction| off_um(&machine, &state, correction);
         let bound_um = off(&PerAxis::ZERO).max(off(&report.correction));
-        Self {
-            rig,
-            machine,
-            state,
-            bound_um,
-        }
+        Self { rig, machine, state, bound_um }
     }
 
     fn corrects(&mut self, axes: &str) {
@@ -186,11 +174,7 @@ impl Holding {
             report = self.rig.step(None);
         }
         println!("{what}: {worst} µm, {} µm before", self.bound_um);
-        assert!(
-            worst <= self.bound_um + 0.1,
-            "{what}: {worst} of {} µm",
-            self.bound_um
-        );
+        assert!(worst <= self.bound_um + 0.1, "{what}: {worst} of {} µm", self.bound_um);
         report
     }
 
@@ -200,11 +184,7 @@ impl Holding {
 }
 
 /// Slew and acceleration of the rotary axes, µrad/s and µrad/s².
-const PACES: [(f64, f64); 3] = [
-    (500.0, f64::INFINITY),
-    (100.0, f64::INFINITY),
-    (500.0, 1000.0),
-];
+const PACES: [(f64, f64); 3] = [(500.0, f64::INFINITY), (100.0, f64::INFINITY), (500.0, 1000.0)];
 
 /// A new machine file removes the rotary axes from `correct`: they ramp out with the linear axes that follow them. Alone, at 100 µrad/s,
 /// they would move the tool by 26 µm.
@@ -223,12 +203,7 @@ fn rotary_axes_that_stop_correcting_ramp_out_with_the_linear_axes() {
 #[test]
 fn a_linear_axis_that_stops_correcting_ramps_out_with_the_rotary_axes() {
     for (slew, accel) in PACES {
-        for left in [
-            "\"Y\", \"Z\"",
-            "\"X\", \"Z\", \"B\", \"C\"",
-            "\"X\", \"Y\", \"B\"",
-            "\"Z\"",
-        ] {
+        for left in ["\"Y\", \"Z\"", "\"X\", \"Z\", \"B\", \"C\"", "\"X\", \"Y\", \"B\"", "\"Z\""] {
             let mut holding = Holding::new(slew, accel);
             holding.corrects(left);
             let what = format!("{slew}, {accel}: {left}");

@@ -32,17 +32,11 @@ fn a_position_far_outside_the_travel_holds_and_comes_back() {
     for displaced in [105.1, 4000.0, -405.1] {
         control.displace(displaced);
         let report = rig.step(None);
-        assert!(
-            report.reasons.contains(Reasons::OUTSIDE_TRAVEL),
-            "{report:?}"
-        );
+        assert!(report.reasons.contains(Reasons::OUTSIDE_TRAVEL), "{report:?}");
         assert_eq!(report.outside_travel, 1 << z);
         assert_eq!(report.error, None);
         let held = rig.run(10);
-        assert!(
-            (held.sent.unwrap()[z] - applied[z]).abs() < 1e-9,
-            "{held:?}"
-        );
+        assert!((held.sent.unwrap()[z] - applied[z]).abs() < 1e-9, "{held:?}");
         let lost = rig.run(5000);
         assert_eq!(lost.state, State::Holding(Hold::Lost), "{lost:?}");
         assert_eq!(lost.sent.unwrap()[z], 0.0);
@@ -50,10 +44,7 @@ fn a_position_far_outside_the_travel_holds_and_comes_back() {
         let report = rig.run(5000);
         assert_eq!(report.state, State::Compensating, "{report:?}");
         assert!(!report.reasons.contains(Reasons::OUTSIDE_TRAVEL));
-        assert!(
-            (report.sent.unwrap()[z] - applied[z]).abs() < 1e-6,
-            "{report:?}"
-        );
+        assert!((report.sent.unwrap()[z] - applied[z]).abs() < 1e-6, "{report:?}");
     }
 }
 

@@ -18,19 +18,14 @@ use crate::{
 
 const SCAN: Duration = Duration::from_millis(2);
 /// Timeout of a control, and duration of its ramp to zero.
-const TIME_OUT: ControlTimeOut = ControlTimeOut {
-    after: Duration::from_millis(200),
-    to_zero: Duration::from_millis(100),
-};
+const TIME_OUT: ControlTimeOut =
+    ControlTimeOut { after: Duration::from_millis(200), to_zero: Duration::from_millis(100) };
 /// EXX of 0.5 µm per mm, −25 µm at 0.
 const SLOPE: &str = "EXX = { poly = [-25, 0.5] }";
 
 fn to_barrier() -> PathSettings {
     PathSettings {
-        barrier: Some(BarrierSettings {
-            machine: 1,
-            scan: SCAN,
-        }),
+        barrier: Some(BarrierSettings { machine: 1, scan: SCAN }),
         proves: false,
         ..alone()
     }
@@ -38,30 +33,20 @@ fn to_barrier() -> PathSettings {
 
 /// Settings of a path whose control ramps to zero at its timeout.
 fn lets_go() -> PathSettings {
-    PathSettings {
-        time_out: Some(TIME_OUT),
-        proves: false,
-        ..alone()
-    }
+    PathSettings { time_out: Some(TIME_OUT), proves: false, ..alone() }
 }
 
 /// A controller that writes these axes and reads the others of [`AXES`].
 fn writing(device: &str, axes: &[AxisName]) -> Description {
     let others = AXES.iter().filter(|name| !axes.contains(name));
-    Description {
-        reads: others.copied().collect(),
-        ..without_barrier(device, axes)
-    }
+    Description { reads: others.copied().collect(), ..without_barrier(device, axes) }
 }
 
 /// X stops, travels 100 mm at 60 m/min from cycle `begins` on, and stops. The first path fails for one second from cycle 800 + `offset`
 /// on. Returns the largest change of the axis by one write, µm.
 fn largest_write_um(offset: u64, begins: u64, hand_back: Duration) -> f64 {
     let ways = Ways::to(Control::default(), Clock::manual());
-    let guard = GuardSettings {
-        hand_back,
-        ..guard_um(30.0)
-    };
+    let guard = GuardSettings { hand_back, ..guard_um(30.0) };
     let model = three_axes(SLOPE, &guard);
     let paths = ["first", "second"]
         .map(|device| ways.path(without_barrier(device, &AXES), &model, &guard, &alone()));
@@ -112,10 +97,7 @@ fn a_path_with_lower_limits_reduces_the_previous_correction_by_a_ramp() {
     let model = three_axes(SLOPE, &guard);
     let mut turned = AXES;
     turned.reverse();
-    let descriptions = [
-        without_barrier("first", &AXES),
-        without_barrier("second", &turned),
-    ];
+    let descriptions = [without_barrier("first", &AXES), without_barrier("second", &turned)];
     let second = descriptions[1].clone();
     let plan = PathPlan::new(second, &model, &guard, &alone(), PERIOD).expect("fits");
     let mut lower = plan.limits;
@@ -157,10 +139,7 @@ fn fewer_axes(
             tells_applied: time_out.is_none(),
             ..writing(if is_first { "first" } else { "second" }, axes)
         };
-        let settings = PathSettings {
-            time_out,
-            ..alone()
-        };
+        let settings = PathSettings { time_out, ..alone() };
         ways.path(description, &model, &guard, &settings)
     });
     ways.cycle(model, &guard, paths.into())
@@ -201,10 +180,7 @@ fn fewer_axes_take_over_once_the_others_are_at_zero() {
         }
         let report = ways.run(&mut cycle, (number == 50).then_some(Request::Arm));
         let word = value(&ways.plant().words, AxisName::Z);
-        assert!(
-            report.active == 0 || word == 0.0,
-            "cycle {number}: {word} mm are left on Z"
-        );
+        assert!(report.active == 0 || word == 0.0, "cycle {number}: {word} mm are left on Z");
         reports.push(report);
     }
     assert!((reports[999].correction[2] - 0.020).abs() < 0.001);
@@ -223,19 +199,10 @@ fn left_on_z(real_scan: Duration, time_out_scans: u16, stop_until: i32) -> (i16,
         ..Control::at(&[(AxisName::X, 10.0)])
     };
     let ways = Ways::to(control, Clock::manual());
-    let guard = GuardSettings {
-        zero_after: Duration::from_secs(3),
-        ..guard_um(150.0)
-    };
+    let guard = GuardSettings { zero_after: Duration::from_secs(3), ..guard_um(150.0) };
     let model = three_axes("EZZ = -120", &guard);
-    let first = Description {
-        barrier: true,
-        ..writing("first", &AXES)
-    };
-    let second = Description {
-        tells_applied: false,
-        ..writing("second", &AXES[..2])
-    };
+    let first = Description { barrier: true, ..writing("first", &AXES) };
+    let second = Description { tells_applied: false, ..writing("second", &AXES[..2]) };
     let paths = [(first, to_barrier()), (second, lets_go())]
         .map(|(description, settings)| ways.path(description, &model, &guard, &settings));
     let mut cycle = ways.cycle(model, &guard, paths.into()).expect("fits");
@@ -274,16 +241,10 @@ fn a_stop_does_not_count_towards_the_time_to_zero() {
 
 /// A path with read-back, and a path over digital lines.
 fn words_and_lines(ways: &Ways<Control>) -> Cycle {
-    let guard = GuardSettings {
-        ramp: Duration::from_millis(500),
-        ..guard_um(30.0)
-    };
+    let guard = GuardSettings { ramp: Duration::from_millis(500), ..guard_um(30.0) };
     let model = three_axes(SLOPE, &guard);
     let paths = [("words", true), ("lines", false)].map(|(name, tells_applied)| {
-        let description = Description {
-            tells_applied,
-            ..without_barrier(name, &AXES)
-        };
+        let description = Description { tells_applied, ..without_barrier(name, &AXES) };
         ways.path(description, &model, &guard, &PathSettings::default())
     });
     ways.cycle(model, &guard, paths.into()).expect("fits")
@@ -297,11 +258,8 @@ fn after_a_restart(
     acknowledged: bool,
     was_faulted: bool,
 ) -> (State, Reasons, f64) {
-    let control = Control {
-        away: Some("words"),
-        words: [(AxisName::X, x)].into(),
-        ..Control::default()
-    };
+    let control =
+        Control { away: Some("words"), words: [(AxisName::X, x)].into(), ..Control::default() };
     let ways = Ways::to(control, Clock::manual());
     let mut cycle = words_and_lines(&ways);
     if let Some(x) = remembered {
@@ -333,10 +291,7 @@ fn lines_do_not_take_over_while_a_silent_path_may_hold_a_correction() {
         let (state, reasons, change) = after_a_restart(-0.025, remembered, false, false);
         assert_eq!(change, 0.0, "{remembered:?}: nothing is written");
         assert_eq!(state, State::Disarmed, "{remembered:?}");
-        assert!(
-            reasons.contains(Reasons::OTHER_CHANNEL_UNKNOWN),
-            "{reasons:?}"
-        );
+        assert!(reasons.contains(Reasons::OTHER_CHANNEL_UNKNOWN), "{reasons:?}");
     }
     for (remembered, acknowledged) in [(Some(0.0), false), (None, true), (Some(-0.025), true)] {
         let (state, reasons, change) = after_a_restart(0.0, remembered, acknowledged, false);
@@ -354,21 +309,14 @@ fn acknowledging_a_fault_does_not_clear_corrections_on_other_paths() {
 
 #[test]
 fn corrections_left_on_lines_after_a_hand_back_are_reported() {
-    let control = Control {
-        away: Some("words"),
-        lines: Some([].into()),
-        ..Control::default()
-    };
+    let control = Control { away: Some("words"), lines: Some([].into()), ..Control::default() };
     let ways = Ways::to(control, Clock::manual());
     let mut cycle = words_and_lines(&ways);
     cycle.restore(&PerAxis::ZERO, Duration::from_secs(1));
     let x_um = || {
         let control = ways.plant();
         let lines = control.lines.as_ref().expect("other words");
-        [
-            control.um(AxisName::X),
-            (value(lines, AxisName::X) * 1e3).round(),
-        ]
+        [control.um(AxisName::X), (value(lines, AxisName::X) * 1e3).round()]
     };
     let holds = |cycle: &Cycle| cycle.report().reasons.contains(Reasons::STANDBY_HOLDS);
     for n in 0..500 {
@@ -496,13 +444,7 @@ EYY = 100.0
 EXC = { fourier = [0.0, 0.0, 40.0], period = 30.0 }
 EZC = { fourier = [0.0, 0.0, 40.0], period = 30.0 }
 ";
-const FIVE: [AxisName; 5] = [
-    AxisName::X,
-    AxisName::Y,
-    AxisName::Z,
-    AxisName::A,
-    AxisName::C,
-];
+const FIVE: [AxisName; 5] = [AxisName::X, AxisName::Y, AxisName::Z, AxisName::A, AxisName::C];
 
 /// Digital lines take over from a barrier. Returns the corrections that the axes receive over the lines in each cycle from then on (order
 /// of `FIVE`, mm and rad), and the final request.
@@ -524,11 +466,8 @@ fn lines_after_a_change(second: [AxisName; 5], place: [f64; 5]) -> (Vec<[f64; 5]
     let model = Model::new(&machine, guard.fading).expect("compiles");
     let index = FIVE.map(|name| model.index_of(name).expect("an axis"));
     let paths = [true, false].map(|is_first| {
-        let (device, names, settings) = if is_first {
-            ("first", FIVE, to_barrier())
-        } else {
-            ("second", second, lets_go())
-        };
+        let (device, names, settings) =
+            if is_first { ("first", FIVE, to_barrier()) } else { ("second", second, lets_go()) };
         let mut description = Description {
             barrier: is_first,
             tells_applied: is_first,

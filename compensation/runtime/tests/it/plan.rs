@@ -29,10 +29,7 @@ fn planned(
 fn conflicts_are_named() {
     type Change = fn(&mut Description, &mut GuardSettings, &mut PathSettings);
     let cases: [(Change, &str); 9] = [
-        (
-            |description, _, _| description.axes[0].name = AxisName::W,
-            "axis W: the machine",
-        ),
+        (|description, _, _| description.axes[0].name = AxisName::W, "axis W: the machine"),
         (
             |_, guard, _| guard.rotary = None,
             "axis B is rotary: [guard] limit_urad and slew_urad_per_s are missing",
@@ -44,10 +41,7 @@ fn conflicts_are_named() {
             },
             "fixed: axis U",
         ),
-        (
-            |description, _, _| description.heartbeat = Heartbeat::Unwatched,
-            "unwatched = true",
-        ),
+        (|description, _, _| description.heartbeat = Heartbeat::Unwatched, "unwatched = true"),
         (
             |description, _, _| description.shortest_cycle = Duration::from_micros(7500),
             "cycle_ms: found 4 ms, expected at least 7.5 ms",
@@ -74,10 +68,7 @@ fn conflicts_are_named() {
             |_, guard, _| {
                 let rotary = guard.rotary.expect("stated");
                 let slew_per_s = Urad(0.0);
-                guard.rotary = Some(AxisSettings {
-                    slew_per_s,
-                    ..rotary
-                });
+                guard.rotary = Some(AxisSettings { slew_per_s, ..rotary });
             },
             "simulated: [guard] slew_urad_per_s of axis B: found 0 µrad/s, expected a positive number",
         ),
@@ -100,19 +91,13 @@ fn a_fixed_rotary_axis_is_refused_unless_no_drive_turns_it() {
             description.axes.retain(|axis| !axis.name.is_rotary());
             path.not_driven.extend(not_driven);
             let at = |name: AxisName| Displacement::from_coordinate(name.kind(), 10.0);
-            path.fixed
-                .extend(fixed.iter().map(|name| (*name, at(*name))));
+            path.fixed.extend(fixed.iter().map(|name| (*name, at(*name))));
         })
     };
     let [b, c] = [AxisName::B, AxisName::C];
     let refused = plan(&[b], &[b, c]).expect_err("C is driven");
     assert!(matches!(refused, PlanError::FixedRotary { axis, .. } if axis == c));
-    assert!(
-        refused
-            .to_string()
-            .contains("of a controller that shows its position"),
-        "{refused}"
-    );
+    assert!(refused.to_string().contains("of a controller that shows its position"), "{refused}");
     assert!(plan(&[b, c], &[b, c]).is_ok());
     for (not_driven, fixed) in [(&[b, c][..], &[b][..]), (&[AxisName::X], &[])] {
         let refused = plan(not_driven, fixed).expect_err("nothing is stated of it");
@@ -135,13 +120,7 @@ fn a_fixed_position_beyond_the_travel_is_refused() {
     }
     for at in [1e12, low - 1.0, high + 1.0] {
         let error = fixed(at).expect_err("beyond");
-        assert!(matches!(
-            error,
-            PlanError::FixedBeyond {
-                axis: AxisName::Z,
-                ..
-            }
-        ));
+        assert!(matches!(error, PlanError::FixedBeyond { axis: AxisName::Z, .. }));
         let expected = format!(
             "simulated: fixed: axis Z: found {at} mm, expected a position within its travel, {low} to {high} mm"
         );
@@ -160,17 +139,10 @@ fn a_cycle_needs_a_path() {
 /// Invalid periods, and periods other than planned, are rejected.
 #[test]
 fn a_cycle_has_the_period_of_its_plan() {
-    for period in [
-        Duration::ZERO,
-        Duration::from_nanos(1),
-        Duration::from_secs(3600),
-        Duration::MAX,
-    ] {
-        let guard = GuardSettings {
-            hold: Duration::MAX,
-            zero_after: Duration::MAX,
-            ..guard()
-        };
+    for period in
+        [Duration::ZERO, Duration::from_nanos(1), Duration::from_secs(3600), Duration::MAX]
+    {
+        let guard = GuardSettings { hold: Duration::MAX, zero_after: Duration::MAX, ..guard() };
         let model = Model::new(&machine(), guard.fading).expect("shipped");
         let described = control([0.0; 5], &Clock::manual()).description().clone();
         let settings = alone();
@@ -249,10 +221,7 @@ fn refused_limits_change_nothing() {
     let refused = rig.cycle.swap_model(&mut replacement);
     assert_eq!(refused, Err(OrderRefusal::OtherAxes));
     let after = rig.run(2000);
-    assert_eq!(
-        (after.state, after.correction),
-        (before.state, before.correction)
-    );
+    assert_eq!((after.state, after.correction), (before.state, before.correction));
 }
 
 #[test]
@@ -264,13 +233,7 @@ fn a_position_step_has_the_kind_of_its_axis() {
     ] {
         let refused = planned(|_, _, path| path.position_steps = [(AxisName::X, step)].into());
         assert!(
-            matches!(
-                refused,
-                Err(PlanError::PositionStep {
-                    axis: AxisName::X,
-                    ..
-                })
-            ),
+            matches!(refused, Err(PlanError::PositionStep { axis: AxisName::X, .. })),
             "{refused:?}"
         );
     }
@@ -285,10 +248,7 @@ errors = { EYY = 1000, EXX = 280 }";
     let only_x = format!("correct = [\"X\"]\n{text}");
     let mut settings = GuardSettings::new(AxisSettings::new(Um(250.0), Um(500.0)));
     settings.rotary = Some(AxisSettings::new(Urad(250.0), Urad(500.0)));
-    settings.without_barrier = WithoutBarrier {
-        linear: Um(30.0),
-        rotary: Urad(30.0),
-    };
+    settings.without_barrier = WithoutBarrier { linear: Um(30.0), rotary: Urad(30.0) };
     let machine = Machine::parse(&only_x, "m").expect("valid");
     let names = [AxisName::X, AxisName::Y, AxisName::Z];
     let mut rig = Rig::with(&machine, &settings, &names, &[100.0, 200.0, 0.0]);
@@ -322,8 +282,5 @@ errors = { EYY = 1000, EXX = 280 }";
     let plan = PathPlan::new(description, &model, &guard(), &alone(), PERIOD).expect("fits");
     let limits = plan.limits.axes.map(|axis| [axis.limit, axis.warn]);
     assert!((limits[0][0] - 0.25).abs() < 1e-12, "{limits:?}");
-    assert!(
-        (limits[1][0] - 0.1).abs() < 1e-12 && limits[1][1] <= 0.1,
-        "{limits:?}"
-    );
+    assert!((limits[1][0] - 0.1).abs() < 1e-12 && limits[1][1] <= 0.1, "{limits:?}");
 }

@@ -51,10 +51,7 @@ errors = { EXX = { mean = { poly = [0.0] }, reversal = 20.0 } }
     let machine = Machine::parse(text, "m").expect("valid");
     let model = Model::new(&machine, Fading::default()).expect("compiles");
     let guard = |slew: f64| GuardSettings {
-        without_barrier: WithoutBarrier {
-            linear: Um(100.0),
-            rotary: Urad(30.0),
-        },
+        without_barrier: WithoutBarrier { linear: Um(100.0), rotary: Urad(30.0) },
         ramp: Duration::from_millis(100),
         ..GuardSettings::new(AxisSettings::new(Um(100.0), Um(slew)))
     };
@@ -87,9 +84,7 @@ errors = { EXX = { mean = { poly = [0.0] }, reversal = 20.0 } }
     for _ in 0..500 {
         step(&mut cycle, None);
     }
-    cycle
-        .set_limits(0, &plan(slew_after).limits)
-        .expect("taken");
+    cycle.set_limits(0, &plan(slew_after).limits).expect("taken");
     step(&mut cycle, Some(Request::Switched));
     for _ in 0..500 {
         step(&mut cycle, None);

@@ -36,11 +36,7 @@ fn program(names: &[AxisName], ends: [&[f64]; 2], seconds: f64) -> Vec<Move> {
     let ends = ends.map(|end| at(names, end));
     let way = PerChannel::from_fn(|i| ends[1][i] - ends[0][i]);
     let length = way.iter().map(|x| x * x).sum::<f64>().sqrt();
-    let moves = ends.map(|to| Move {
-        to,
-        feed_per_s: length / seconds,
-        dwell: Duration::ZERO,
-    });
+    let moves = ends.map(|to| Move { to, feed_per_s: length / seconds, dwell: Duration::ZERO });
     moves.to_vec()
 }
 
@@ -74,11 +70,7 @@ impl Moving {
         };
         let cycle = cycle_of(model, &guard, vec![path]).expect("one path");
         let cycle = cycle.with_readers(readers).expect("few");
-        Self {
-            cycle: cycle.with_start(clock.start()),
-            clock,
-            reader,
-        }
+        Self { cycle: cycle.with_start(clock.start()), clock, reader }
     }
 
     fn step(&mut self, request: Option<Request>) -> Report {
@@ -113,11 +105,7 @@ fn the_tip_is_corrected_at_the_positions_of_read_only_axes() {
             turned = [turned[0].min(at), turned[1].max(at)];
             for name in READ {
                 let axis = machine.index_of(name).expect("an axis");
-                assert_eq!(
-                    report.sent.expect("it corrects")[axis],
-                    0.0,
-                    "{name} is not written"
-                );
+                assert_eq!(report.sent.expect("it corrects")[axis], 0.0, "{name} is not written");
             }
         }
         assert!(turned[1] - turned[0] > 2.5, "it turned: {turned:?}");

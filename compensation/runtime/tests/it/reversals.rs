@@ -96,11 +96,7 @@ fn corrected_um(blind: Blind) -> f64 {
     };
     let report = scene.run(cycles);
     let is_rejected = report.jumped != 0;
-    assert_eq!(
-        is_rejected,
-        !matches!(blind, Blind::Silence(_)),
-        "{report:?}"
-    );
+    assert_eq!(is_rejected, !matches!(blind, Blind::Silence(_)), "{report:?}");
     wrong(&scene, -95.0);
     let report = scene.run(1000);
     assert_eq!(report.state, State::Compensating, "{blind:?}: {report:?}");

@@ -23,13 +23,8 @@ use volcomp_runtime::{
 use volcomp_vocabulary::{AxisName, Displacement, Mm, PerChannel, Um, Urad};
 
 pub(crate) const PERIOD: Duration = Duration::from_millis(4);
-pub(crate) const NAMES: [AxisName; 5] = [
-    AxisName::Z,
-    AxisName::B,
-    AxisName::X,
-    AxisName::C,
-    AxisName::Y,
-];
+pub(crate) const NAMES: [AxisName; 5] =
+    [AxisName::Z, AxisName::B, AxisName::X, AxisName::C, AxisName::Y];
 
 pub(crate) fn machine_file() -> String {
     let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples/five-axis.toml");
@@ -44,10 +39,7 @@ pub(crate) fn guard() -> GuardSettings {
     let mut guard = GuardSettings::new(AxisSettings::new(Um(250.0), Um(500.0)));
     guard.rotary = Some(AxisSettings::new(Urad(250.0), Urad(500.0)));
     // The simulated control has no barrier.
-    guard.without_barrier = WithoutBarrier {
-        linear: Um(2000.0),
-        rotary: Urad(2000.0),
-    };
+    guard.without_barrier = WithoutBarrier { linear: Um(2000.0), rotary: Urad(2000.0) };
     guard
 }
 
@@ -84,10 +76,7 @@ pub(crate) fn referenced(
         state_taken: taken,
         correction_taken: taken,
         uncertainty: Duration::ZERO,
-        state: ControllerState {
-            referenced: true,
-            ..ControllerState::default()
-        },
+        state: ControllerState { referenced: true, ..ControllerState::default() },
         applied,
         report: None,
     }
@@ -107,11 +96,7 @@ fn control_of(
     for ((to, name), at) in to.iter_mut().zip(names).zip(coordinates) {
         *to = Displacement::from_coordinate(name.kind(), *at).mm_or_rad();
     }
-    let stands = simulated::Move {
-        to,
-        feed_per_s: 1.0,
-        dwell: Duration::from_secs(3600),
-    };
+    let stands = simulated::Move { to, feed_per_s: 1.0, dwell: Duration::from_secs(3600) };
     simulated_control(names, vec![stands], clock)
 }
 
@@ -185,10 +170,7 @@ struct Injections {
 
 impl Injected {
     pub(crate) fn disturb<C: Controller>(&self, inner: C) -> impl Controller + use<C> {
-        Disturbed {
-            inner,
-            by: self.clone(),
-        }
+        Disturbed { inner, by: self.clone() }
     }
 
     pub(crate) fn set_silent(&self, silent: bool) {
@@ -236,10 +218,7 @@ impl<C: Controller> Controller for Disturbed<C> {
 }
 
 pub(crate) fn alone() -> PathSettings {
-    PathSettings {
-        watch: Duration::ZERO,
-        ..PathSettings::default()
-    }
+    PathSettings { watch: Duration::ZERO, ..PathSettings::default() }
 }
 
 pub(crate) fn path_of(
@@ -276,10 +255,7 @@ pub(crate) fn step(cycle: &mut Cycle, clock: &Clock, request: Option<Request>) -
 }
 
 pub(crate) fn run(cycle: &mut Cycle, clock: &Clock, request: Option<Request>) -> Report {
-    let input = CycleInput {
-        request,
-        ..CycleInput::default()
-    };
+    let input = CycleInput { request, ..CycleInput::default() };
     cycle.run(clock.now(), &input, &mut || Duration::ZERO);
     *cycle.report()
 }
@@ -321,10 +297,8 @@ impl Rig {
         let others = NAMES.iter().filter(|name| !names.contains(name));
         let all: Vec<AxisName> = names.iter().chain(others.filter(has)).copied().collect();
         let at = |name: &AxisName| NAMES.iter().zip(place).find(|(known, _)| *known == name);
-        let coordinates: Vec<f64> = all
-            .iter()
-            .map(|name| at(name).expect("one of the machine").1)
-            .collect();
+        let coordinates: Vec<f64> =
+            all.iter().map(|name| at(name).expect("one of the machine").1).collect();
         let clock = Clock::manual();
         let control = control_of(&all, &coordinates, &clock);
         Self::on(machine, guard, Writes::first(names.len(), control), clock)
@@ -351,11 +325,7 @@ impl Rig {
         let model = Model::new(machine, guard.fading).expect("compiles");
         let (path, limits) = path_of(control, &model, guard, &alone());
         let cycle = cycle_of(model, guard, vec![path]).expect("one path");
-        Self {
-            cycle: cycle.with_start(clock.start()),
-            clock,
-            limits,
-        }
+        Self { cycle: cycle.with_start(clock.start()), clock, limits }
     }
 
     /// Arms after some readings, and runs for `cycles`.

@@ -26,16 +26,8 @@ struct Silent {
     correction: bool,
 }
 
-const NONE: Silent = Silent {
-    positions: false,
-    state: false,
-    correction: false,
-};
-const ALL: Silent = Silent {
-    positions: true,
-    state: true,
-    correction: true,
-};
+const NONE: Silent = Silent { positions: false, state: false, correction: false };
+const ALL: Silent = Silent { positions: true, state: true, correction: true };
 
 #[derive(Default)]
 struct Control {
@@ -142,11 +134,7 @@ fn stale_positions_are_held_and_ramped_out() {
     let positions = true;
     let report = scene.holds(Silent { positions, ..NONE }, State::Holding(Hold::Stale));
     assert!(report.reasons.contains(Reasons::POSITIONS_STALE));
-    scene.runs_to(
-        ZERO_AFTER.saturating_sub(HOLD + PERIOD),
-        State::Holding(Hold::Stale),
-        25.0,
-    );
+    scene.runs_to(ZERO_AFTER.saturating_sub(HOLD + PERIOD), State::Holding(Hold::Stale), 25.0);
     scene.runs_to(Duration::from_secs(1), State::Holding(Hold::Lost), 0.0);
     scene.comes_back();
 }
@@ -156,13 +144,7 @@ fn stale_positions_are_held_and_ramped_out() {
 fn stale_flags_forbid() {
     let mut scene = Scene::new();
     let interlocked = State::Holding(Hold::Interlocked);
-    let report = scene.holds(
-        Silent {
-            state: true,
-            ..NONE
-        },
-        interlocked,
-    );
+    let report = scene.holds(Silent { state: true, ..NONE }, interlocked);
     for reason in Interlock::REASONS {
         assert!(report.reasons.contains(reason), "{:?}", report.reasons);
     }

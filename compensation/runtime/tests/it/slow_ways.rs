@@ -56,8 +56,7 @@ impl Slow {
         }
         let mut words = [0; REPORT_WORDS];
         let length = self.barrier.report().encode(&mut words);
-        self.reports
-            .push_back(Words::new(&words[..length]).expect("fits"));
+        self.reports.push_back(Words::new(&words[..length]).expect("fits"));
         while self.reports.len() > self.late + 1 {
             self.reports.pop_front();
         }
@@ -78,8 +77,7 @@ impl Plant for Slow {
         if way.device == "first" && self.first_is_away {
             return Err(Fault::TimedOut);
         }
-        self.air
-            .push_back((self.cycle + self.late, frame.as_slice().to_vec()));
+        self.air.push_back((self.cycle + self.late, frame.as_slice().to_vec()));
         Ok(())
     }
 }
@@ -89,18 +87,12 @@ fn slow_ways(late: usize) -> (Ways<Slow>, Cycle) {
     let guard = guard_um(150.0);
     let model = three_axes("EXX = { poly = [-75, 1.5] }", &guard);
     let settings = PathSettings {
-        barrier: Some(BarrierSettings {
-            machine: 1,
-            scan: Duration::from_millis(2),
-        }),
+        barrier: Some(BarrierSettings { machine: 1, scan: Duration::from_millis(2) }),
         read_back_cycles: 2 * late + 2,
         proves: false,
         ..alone()
     };
-    let describe = |device| Description {
-        barrier: true,
-        ..without_barrier(device, &AXES)
-    };
+    let describe = |device| Description { barrier: true, ..without_barrier(device, &AXES) };
     let paths =
         ["first", "second"].map(|device| ways.path(describe(device), &model, &guard, &settings));
     let cycle = ways.cycle(model, &guard, paths.into()).expect("fits");
@@ -147,10 +139,7 @@ fn a_hand_back_in_motion_reverses_no_axis() {
             for value in about {
                 furthest = furthest.max(value * sign);
                 let back = furthest - value * sign;
-                assert!(
-                    back <= 1,
-                    "{late} late, offset {offset}: {back} um in {about:?}"
-                );
+                assert!(back <= 1, "{late} late, offset {offset}: {back} um in {about:?}");
             }
         }
     }

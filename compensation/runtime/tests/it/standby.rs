@@ -64,11 +64,7 @@ fn until(handle: &mut Handle, what: &str, holds: impl Fn(&Report) -> bool) -> Re
 
 #[test]
 fn a_hanging_standby_delays_no_cycle_and_takes_over_later() {
-    let TwoWays {
-        cycle,
-        first,
-        second,
-    } = two_ways();
+    let TwoWays { cycle, first, second } = two_ways();
     let (mut handle, _) = start(cycle, Realtime::default()).expect("a thread");
     let hears = |report: &Report| report.paths[1].answered.is_some() && report.correction_known;
     until(&mut handle, "read", hears);
@@ -108,15 +104,10 @@ fn a_hanging_standby_delays_no_cycle_and_takes_over_later() {
 /// A take-over allocates nothing, including the transfer of controller and readings.
 #[test]
 fn taking_over_allocates_nothing() {
-    let TwoWays {
-        mut cycle, first, ..
-    } = two_ways();
+    let TwoWays { mut cycle, first, .. } = two_ways();
     cycle.start_standby_threads().expect("threads");
     let mut run = |cycles: u32, request: Option<Request>| {
-        let mut input = CycleInput {
-            request,
-            ..CycleInput::default()
-        };
+        let mut input = CycleInput { request, ..CycleInput::default() };
         for _ in 0..cycles {
             assert_no_alloc(|| {
                 cycle.run(Instant::now(), &input, &mut || Duration::ZERO);

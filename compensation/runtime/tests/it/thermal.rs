@@ -45,18 +45,12 @@ impl Rig {
         let injected = Injected::default();
         let control = injected.disturb(simulated_control(&AXES, vec![stands], &clock));
         let guard = GuardSettings {
-            without_barrier: WithoutBarrier {
-                linear: Um(limit),
-                rotary: Urad(30.0),
-            },
+            without_barrier: WithoutBarrier { linear: Um(limit), rotary: Urad(30.0) },
             ..GuardSettings::new(AxisSettings::new(Um(limit), Um(500.0)))
         };
         let (path, _) = path_of(control, &model, &guard, settings);
         let (publisher, thermometer) = published("t", vec!["spindle".to_owned()]);
-        let limits = SensorLimits {
-            stuck_after: None,
-            ..SensorLimits::default()
-        };
+        let limits = SensorLimits { stuck_after: None, ..SensorLimits::default() };
         let sensors = Sensors::new(vec![Box::new(thermometer)], limits);
         let paths = vec![path];
         let cycle = Cycle::new(Box::new(model), paths, guard.hand_back, sensors, PERIOD);
@@ -110,10 +104,7 @@ fn temperatures_beyond_the_tested_range_are_reported() {
     let lines = text.lines().filter(|line| !line.starts_with("checksum"));
     let text: String = lines.map(|line| line.to_owned() + "\n").collect();
     let machine = Machine::parse(&text, "m").expect("valid");
-    let fading = Fading {
-        fade_s: 20.0,
-        ..Fading::default()
-    };
+    let fading = Fading { fade_s: 20.0, ..Fading::default() };
     let warming = Model::new(&machine, fading).expect("compiles");
     let mut rig = Rig::new(warming, 100.0, &alone());
     // Steps of 0.5 K do not count as jumps.
@@ -196,11 +187,7 @@ fn terms(parts: [&str; 2]) -> Model {
 }
 
 fn settings(hold: Duration) -> PathSettings {
-    PathSettings {
-        only_thermal: true,
-        hold: Some(hold),
-        ..alone()
-    }
+    PathSettings { only_thermal: true, hold: Some(hold), ..alone() }
 }
 
 /// Runs a path for 10 s at 25 °C, then for 3 s in which the control does not answer; returns the reports at both ends.
@@ -221,10 +208,7 @@ fn a_path_for_thermal_terms_carries_these_alone_and_holds_longer() {
     let [received, silent] = run(&alone());
     assert_eq!(um(&received)[..3], [-15.0, 0.0, -10.0], "all terms");
     let state = silent.state;
-    assert!(matches!(
-        state,
-        GuardState::Holding(_) | GuardState::RampingOut(_)
-    ));
+    assert!(matches!(state, GuardState::Holding(_) | GuardState::RampingOut(_)));
     let [received, silent] = run(&settings(Duration::from_secs(5)));
     for report in [&received, &silent] {
         assert_eq!(um(report)[..3], [0.0, 0.0, -10.0]);
@@ -246,29 +230,17 @@ fn five_seconds_are_the_ceiling_and_only_for_thermal_terms() {
     let five = Duration::from_secs(5);
     let plan = planned(&thermal, &settings(five)).expect("fits");
     assert_eq!((plan.limits.hold, plan.limits.zero_after), (five, five));
-    let all_terms = PathSettings {
-        only_thermal: false,
-        ..settings(Duration::from_millis(201))
-    };
+    let all_terms = PathSettings { only_thermal: false, ..settings(Duration::from_millis(201)) };
     for settings in [settings(five + PERIOD), all_terms] {
         let refused = planned(&thermal, &settings).expect_err("too long");
         assert!(
             matches!(
                 refused,
-                PlanError::Limits {
-                    source: LimitsError {
-                        what: Quantity::Hold,
-                        ..
-                    },
-                    ..
-                }
+                PlanError::Limits { source: LimitsError { what: Quantity::Hold, .. }, .. }
             ),
             "{refused}"
         );
     }
     let refused = planned(&terms([ERRORS, ""]), &settings(five)).expect_err("no thermal terms");
-    assert!(
-        matches!(refused, PlanError::NoThermalTerms { .. }),
-        "{refused}"
-    );
+    assert!(matches!(refused, PlanError::NoThermalTerms { .. }), "{refused}");
 }

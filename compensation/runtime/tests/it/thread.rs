@@ -61,10 +61,7 @@ fn a_request_to_arm_expires_while_the_thread_hangs() {
     assert_eq!(handle.changes(), []);
     assert!(handle.send(Order::Request(Request::Arm)));
     after_cycles(&mut handle, 20);
-    assert!(
-        handle.report().state.is_armed(),
-        "a new request is executed"
-    );
+    assert!(handle.report().state.is_armed(), "a new request is executed");
 }
 
 /// Disarming needs no room in the full queue, and no earlier request arms afterwards.
@@ -142,11 +139,7 @@ fn a_thread_arms_and_ends() {
         refusals,
         [
             OrderRefusal::NoSuchPath { path: 7, paths: 1 },
-            OrderRefusal::Period {
-                path: 0,
-                found: Duration::from_millis(1),
-                expected: PERIOD
-            }
+            OrderRefusal::Period { path: 0, found: Duration::from_millis(1), expected: PERIOD }
         ]
     );
     handle.stop();
@@ -164,9 +157,7 @@ fn a_cycle_allocates_nothing() {
         rig.run(20);
         rig.step(Some(Request::Arm));
         rig.run(300);
-        rig.cycle
-            .swap_model(&mut replacement)
-            .expect("the same axes");
+        rig.cycle.swap_model(&mut replacement).expect("the same axes");
         rig.step(Some(Request::Switched));
         rig.run(300);
         rig.step(Some(Request::Disarm));

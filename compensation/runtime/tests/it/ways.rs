@@ -106,10 +106,7 @@ pub(crate) struct Control {
 
 impl Control {
     pub(crate) fn at(place: &[(AxisName, f64)]) -> Self {
-        Self {
-            place: place.iter().copied().collect(),
-            ..Self::default()
-        }
+        Self { place: place.iter().copied().collect(), ..Self::default() }
     }
 
     pub(crate) fn um(&self, axis: AxisName) -> f64 {
@@ -133,11 +130,7 @@ impl Control {
 
     fn answers(&self, way: &Description) -> Result<(), Fault> {
         let is_away = self.away == Some(way.device.as_str());
-        if is_away {
-            Err(Fault::TimedOut)
-        } else {
-            Ok(())
-        }
+        if is_away { Err(Fault::TimedOut) } else { Ok(()) }
     }
 }
 
@@ -207,10 +200,7 @@ pub(crate) struct Ways<P> {
 
 impl<P: Plant + 'static> Ways<P> {
     pub(crate) fn to(plant: P, clock: Clock) -> Self {
-        Self {
-            plant: Arc::new(Mutex::new(plant)),
-            clock,
-        }
+        Self { plant: Arc::new(Mutex::new(plant)), clock }
     }
 
     pub(crate) fn plant(&self) -> MutexGuard<'_, P> {
@@ -218,11 +208,7 @@ impl<P: Plant + 'static> Ways<P> {
     }
 
     pub(crate) fn controller(&self, description: Description) -> Box<dyn Controller> {
-        Box::new(Way {
-            plant: Arc::clone(&self.plant),
-            clock: self.clock.clone(),
-            description,
-        })
+        Box::new(Way { plant: Arc::clone(&self.plant), clock: self.clock.clone(), description })
     }
 
     pub(crate) fn path(
@@ -283,8 +269,7 @@ impl<P: Plant> Controller for Way<P> {
     }
 
     fn apply(&mut self, corrections: &PerChannel<f64>, _: Instant) -> Result<(), Fault> {
-        self.plant()
-            .apply(&self.description, corrections, &self.clock)
+        self.plant().apply(&self.description, corrections, &self.clock)
     }
 
     fn post(&mut self, frame: &Words, _: Instant) -> Result<(), Fault> {

@@ -54,11 +54,7 @@ impl Reader<'_> {
     }
 
     fn sum(&mut self) -> f64 {
-        let mut sum = if self.takes('-') {
-            -self.product()
-        } else {
-            self.product()
-        };
+        let mut sum = if self.takes('-') { -self.product() } else { self.product() };
         loop {
             if self.takes('+') {
                 sum += self.product();
@@ -85,10 +81,8 @@ impl Reader<'_> {
             return sum;
         }
         self.peek();
-        let end = self
-            .text
-            .find(|c: char| !(c.is_alphanumeric() || c == '.'))
-            .unwrap_or(self.text.len());
+        let end =
+            self.text.find(|c: char| !(c.is_alphanumeric() || c == '.')).unwrap_or(self.text.len());
         let (word, rest) = self.text.split_at(end);
         self.text = rest;
         if word == "sin" || word == "cos" {
@@ -159,9 +153,7 @@ fn every_printed_formula_is_the_sum_of_twists() {
                     values.insert(format!("S{}{name}", component.letter()), assembly[k]);
                     if joint.no_effect(component).is_none() {
                         let location = ErrorName::location(component, name);
-                        given
-                            .set(&chain, location, rng.random_range(-20.0..=20.0))
-                            .unwrap();
+                        given.set(&chain, location, rng.random_range(-20.0..=20.0)).unwrap();
                         values.insert(location.to_string(), parts(&given.location[axis])[k]);
                     }
                 }
@@ -173,10 +165,7 @@ fn every_printed_formula_is_the_sum_of_twists() {
             let size = [twist.position_mm.norm(), twist.rotation_rad.norm()];
             for (k, line) in text.iter().enumerate() {
                 let (_, formula) = line.split_once(" = ").unwrap();
-                let mut reader = Reader {
-                    text: formula,
-                    values: &values,
-                };
+                let mut reader = Reader { text: formula, values: &values };
                 let read = reader.sum();
                 assert_eq!(reader.peek(), None, "{line}");
                 for value in [read, ours[k]] {

@@ -23,11 +23,7 @@ fn random_chain(structure: &volcomp_kinematics::Structure, rng: &mut ChaCha8Rng)
         chain.set_point(axis, vector(300.0)).unwrap();
         if axis.is_rotary() {
             turning = !turning;
-            let frame = if turning {
-                MotionFrame::Turning
-            } else {
-                MotionFrame::Fixed
-            };
+            let frame = if turning { MotionFrame::Turning } else { MotionFrame::Fixed };
             chain.set_motion_frame(axis, frame).unwrap();
         }
     }
@@ -172,12 +168,7 @@ fn proportional(found: &Sensitivity, errors: &[ErrorTerm], scaled: &DMatrix<f64>
     for (at, &one) in first.iter().enumerate() {
         for &other in &first[at + 1..] {
             let cosine = scaled.column(one).dot(&scaled.column(other));
-            assert!(
-                cosine.abs() < 1.0 - 1e-9,
-                "{} {}",
-                errors[one],
-                errors[other]
-            );
+            assert!(cosine.abs() < 1.0 - 1e-9, "{} {}", errors[one], errors[other]);
         }
     }
     let named: usize = found.motions.iter().map(|motion| motion.terms.len()).sum();
@@ -190,42 +181,27 @@ fn proportional(found: &Sensitivity, errors: &[ErrorTerm], scaled: &DMatrix<f64>
 fn a_null_direction_names_its_errors() {
     let chain = Chain::new("w C' b t".parse().unwrap());
     let named = |names: &[&str]| {
-        names
-            .iter()
-            .map(|name| ErrorTerm::Named(name.parse().unwrap()))
-            .collect::<Vec<_>>()
+        names.iter().map(|name| ErrorTerm::Named(name.parse().unwrap())).collect::<Vec<_>>()
     };
     let poses = Poses::over(&chain, [(AxisName::C, [-3.0, 3.0])], 9).unwrap();
     let found = sensitivity(&chain, &named(&["EXC", "EYC", "EX0C", "EY0C"]), &poses).unwrap();
     assert_eq!((found.rank, found.indistinguishable.len()), (4, 0));
     // Two slides along X: every error of the first is also one of the second.
     let chain = Chain::new("w b X U t".parse().unwrap());
-    let poses = Poses::over(
-        &chain,
-        [AxisName::X, AxisName::U].map(|axis| (axis, [0.0, 100.0])),
-        3,
-    )
-    .unwrap();
+    let poses = Poses::over(&chain, [AxisName::X, AxisName::U].map(|axis| (axis, [0.0, 100.0])), 3)
+        .unwrap();
     let found = sensitivity(&chain, &named(&["EXX", "EYX", "EYU"]), &poses).unwrap();
     assert_eq!(found.rank, 2);
-    let [null] = &found.indistinguishable[..] else {
-        panic!("{found:?}")
-    };
-    let words: Vec<(String, f64)> = null
-        .iter()
-        .map(|(term, weight)| (term.coefficient(), *weight))
-        .collect();
+    let [null] = &found.indistinguishable[..] else { panic!("{found:?}") };
+    let words: Vec<(String, f64)> =
+        null.iter().map(|(term, weight)| (term.coefficient(), *weight)).collect();
     let half = 0.5_f64.sqrt();
     assert_eq!(words[0].0, "EYX constant");
     assert_eq!(words[1].0, "EYU constant");
     assert!((words[0].1 - half).abs() < 1e-12 && (words[1].1 + half).abs() < 1e-12);
     // A tilt of a slide about its own line has no effect if the tool is on that line.
     let found = sensitivity(&chain, &named(&["EAX"]), &poses).unwrap();
-    assert_eq!(
-        (found.rank, found.motions.len()),
-        (1, 1),
-        "it turns the tool"
-    );
+    assert_eq!((found.rank, found.motions.len()), (1, 1), "it turns the tool");
 }
 
 #[test]
@@ -247,10 +223,7 @@ fn digits_do_not_depend_on_the_number_of_cores() {
 }
 
 fn rayon_of<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> T {
-    let pool = rayon::ThreadPoolBuilder::new()
-        .num_threads(threads)
-        .build()
-        .unwrap();
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
     pool.install(work)
 }
 
@@ -259,25 +232,13 @@ fn invalid_poses_are_refused() {
     let chain = Chain::new("w b X t".parse().unwrap());
     let errors = terms(&chain, false, &[]);
     let none = sensitivity(&chain, &errors, &Poses::List(Vec::new()));
-    assert!(matches!(
-        none,
-        Err(SensitivityError::Poses { found: Some(0), .. })
-    ));
+    assert!(matches!(none, Err(SensitivityError::Poses { found: Some(0), .. })));
     let many = Poses::Grid(vec![vec![0.0; 256]; 9]);
     let uncounted = sensitivity(&chain, &errors, &many).unwrap_err();
-    assert!(
-        uncounted.to_string().contains("found too many poses"),
-        "{uncounted}"
-    );
-    assert_eq!(
-        sensitivity(&chain, &[], &many),
-        Err(SensitivityError::NoErrors)
-    );
+    assert!(uncounted.to_string().contains("found too many poses"), "{uncounted}");
+    assert_eq!(sensitivity(&chain, &[], &many), Err(SensitivityError::NoErrors));
     // Nodes beyond any memory are counted without creating them.
-    let endless = Poses::Even {
-        travels: vec![[0.0, 1.0]; 9],
-        count: usize::MAX,
-    };
+    let endless = Poses::Even { travels: vec![[0.0, 1.0]; 9], count: usize::MAX };
     assert_eq!(endless.count(), None);
     let uncounted = sensitivity(&chain, &errors, &endless).unwrap_err();
     assert!(uncounted.to_string().contains("found too many poses"));
@@ -285,13 +246,8 @@ fn invalid_poses_are_refused() {
     let foreign = ErrorTerm::Named("EXY".parse().unwrap());
     let refused = sensitivity(&chain, &[foreign], &few).unwrap_err();
     assert_eq!(refused.to_string(), "EXY: the structure has no axis Y");
-    let infinite = Poses::List(vec![
-        State::new(&chain, [(AxisName::X, f64::INFINITY)]).unwrap(),
-    ]);
-    assert_eq!(
-        sensitivity(&chain, &errors, &infinite),
-        Err(SensitivityError::NotFinite)
-    );
+    let infinite = Poses::List(vec![State::new(&chain, [(AxisName::X, f64::INFINITY)]).unwrap()]);
+    assert_eq!(sensitivity(&chain, &errors, &infinite), Err(SensitivityError::NotFinite));
 }
 
 #[test]
@@ -304,9 +260,7 @@ fn dependence_of_a_known_matrix() {
     let found = Dependence::of(&matrix);
     assert_eq!(found.rank(), 2);
     let five = 5.0_f64.sqrt();
-    let [twice, nothing] = &found.null[..] else {
-        panic!("{found:?}")
-    };
+    let [twice, nothing] = &found.null[..] else { panic!("{found:?}") };
     assert!(
         (twice[0].1 - 2.0 / five).abs() < 1e-15 && (twice[1].1 + 1.0 / five).abs() < 1e-15,
         "{twice:?}"
@@ -384,11 +338,7 @@ Z = [0.0, 5.0, 0.0, 8.0, 0.0, 0.0]
     let mut poses = random_poses(chain, 300, &mut rng);
     for (place, pose) in poses.iter_mut().enumerate() {
         let forward = place % 2 == 0;
-        let direction = if forward {
-            Direction::Positive
-        } else {
-            Direction::Negative
-        };
+        let direction = if forward { Direction::Positive } else { Direction::Negative };
         pose.approach = [Some(direction); MAX_AXES].into();
     }
     let errors = all_terms(chain);
@@ -398,17 +348,10 @@ Z = [0.0, 5.0, 0.0, 8.0, 0.0, 0.0]
     let mut squares = Vec::new();
     for (effect, &term) in found.iter().zip(&errors) {
         let axis = chain.structure().index_of(term.axis()).unwrap();
-        let only = Only {
-            source: &source,
-            term,
-            axis,
-        };
-        let each = poses
-            .iter()
-            .map(|pose| volumetric_error(chain, &only, pose, Form::Twist));
-        let each: Vec<[f64; 2]> = each
-            .map(|e| [e.position_mm.norm() * 1e3, e.rotation_rad.norm() * 1e6])
-            .collect();
+        let only = Only { source: &source, term, axis };
+        let each = poses.iter().map(|pose| volumetric_error(chain, &only, pose, Form::Twist));
+        let each: Vec<[f64; 2]> =
+            each.map(|e| [e.position_mm.norm() * 1e3, e.rotation_rad.norm() * 1e6]).collect();
         let rms = |k: usize| (each.iter().map(|e| e[k] * e[k]).sum::<f64>() / 300.0).sqrt();
         let max = |k: usize| each.iter().map(|e| e[k]).fold(0.0, f64::max);
         for (found, expected) in [
@@ -426,11 +369,7 @@ Z = [0.0, 5.0, 0.0, 8.0, 0.0, 0.0]
     }
     let total: f64 = squares.iter().sum();
     for (effect, square) in found.iter().zip(&squares) {
-        assert!(
-            (effect.share - square / total).abs() < 1e-12,
-            "{}",
-            effect.term
-        );
+        assert!((effect.share - square / total).abs() < 1e-12, "{}", effect.term);
     }
     let moving = found.iter().filter(|effect| effect.share > 0.0).count();
     assert_eq!(moving, 10, "the errors of the file: {found:?}");
@@ -445,12 +384,8 @@ fn progress_counts_every_pose_once() {
     .unwrap();
     let chain = machine.chain();
     let errors = terms(chain, false, &[]);
-    let poses = Poses::over(
-        chain,
-        machine.axes().iter().map(|axis| (axis.name, axis.travel)),
-        20,
-    )
-    .unwrap();
+    let poses =
+        Poses::over(chain, machine.axes().iter().map(|axis| (axis.name, axis.travel)), 20).unwrap();
     let reported = std::sync::Mutex::new(Vec::new());
     let progress = |done: usize, of: usize| {
         assert_eq!(of, 8000);

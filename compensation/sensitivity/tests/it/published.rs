@@ -24,20 +24,15 @@ fn sixty(machine: &Machine) -> Sensitivity {
 }
 
 fn names(found: &Sensitivity) -> Vec<&str> {
-    found
-        .motions
-        .iter()
-        .map(|motion| motion.name.as_str())
-        .collect()
+    found.motions.iter().map(|motion| motion.name.as_str()).collect()
 }
 
 #[test]
 fn sixty_errors_are_twenty_motions_in_the_turning_frame() {
     let machine = example("blade-mill.toml");
     assert_eq!(machine.errors().count(), 30);
-    let assembled: usize = (0..5)
-        .map(|axis| machine.assembly(axis).iter().filter(|x| **x != 0.0).count())
-        .sum();
+    let assembled: usize =
+        (0..5).map(|axis| machine.assembly(axis).iter().filter(|x| **x != 0.0).count()).sum();
     assert_eq!(assembled, 30);
     let found = sixty(&machine);
     let mut names = names(&found);
@@ -72,12 +67,7 @@ fn sixty_errors_are_twenty_motions_in_the_turning_frame() {
             motion.terms.iter().any(|t| t.to_string() == term)
         };
         let motion = found.motions.iter().find(has).unwrap();
-        motion
-            .terms
-            .iter()
-            .map(ToString::to_string)
-            .collect::<Vec<_>>()
-            .join(" ")
+        motion.terms.iter().map(ToString::to_string).collect::<Vec<_>>().join(" ")
     };
     assert_eq!(of("EXX"), "EXX SXX EXY SXY EXZ SXZ EXA SXA SXB");
     assert_eq!(of("EYA"), "EYA EYB SYB");
@@ -92,27 +82,14 @@ fn sixty_errors_are_twenty_motions_in_the_turning_frame() {
 #[test]
 fn sixty_errors_are_sixteen_motions_in_the_fixed_frame() {
     let turning = example("blade-mill.toml");
-    let fixed = turning
-        .to_toml()
-        .replace("motion_frame = \"turning\"\n", "");
-    let fixed = fixed
-        .lines()
-        .filter(|line| !line.starts_with("checksum"))
-        .collect::<Vec<_>>()
-        .join("\n");
+    let fixed = turning.to_toml().replace("motion_frame = \"turning\"\n", "");
+    let fixed =
+        fixed.lines().filter(|line| !line.starts_with("checksum")).collect::<Vec<_>>().join("\n");
     let machine = Machine::parse(&fixed, "fixed.toml").unwrap();
-    assert!(
-        machine
-            .axes()
-            .iter()
-            .all(|axis| axis.motion_frame == MotionFrame::Fixed)
-    );
+    assert!(machine.axes().iter().all(|axis| axis.motion_frame == MotionFrame::Fixed));
     let found = sixty(&machine);
     assert_eq!(found.motions.len(), 16, "{:#?}", names(&found));
-    let translations = names(&found)
-        .iter()
-        .filter(|name| name.starts_with("translation"))
-        .count();
+    let translations = names(&found).iter().filter(|name| name.starts_with("translation")).count();
     assert_eq!(translations, 5);
 }
 
@@ -124,9 +101,7 @@ fn the_machine_with_37_errors() {
     assert_eq!(machine.chain().structure().to_string(), structure);
     assert_eq!(machine.errors().count(), 30);
     let stated: Vec<ErrorName> = machine.locations().keys().copied().collect();
-    let linear = stated
-        .iter()
-        .filter(|name| name.axis.kind() == AxisKind::Linear);
+    let linear = stated.iter().filter(|name| name.axis.kind() == AxisKind::Linear);
     assert_eq!((stated.len(), linear.count()), (7, 3));
     let all = terms(machine.chain(), false, &[]);
     let stated: Vec<_> = all
@@ -139,15 +114,8 @@ fn the_machine_with_37_errors() {
     assert_eq!(stated.len(), 37, "{file}");
     let found = sensitivity(machine.chain(), &stated, &poses(&machine, 3)).unwrap();
     // The published location errors are independent of the motions.
-    assert!(
-        found.errors.iter().all(|error| error.position_rms_um > 0.0),
-        "{file}"
-    );
-    println!(
-        "{file}: rank {} of 37, {} motions",
-        found.rank,
-        found.motions.len()
-    );
+    assert!(found.errors.iter().all(|error| error.position_rms_um > 0.0), "{file}");
+    println!("{file}: rank {} of 37, {} motions", found.rank, found.motions.len());
 }
 
 /// At 1000 poses the sum of the 60 error twists deviates from the exact product by less than 0.1 % and more than 0.0001 %, its second

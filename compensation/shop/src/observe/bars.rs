@@ -65,19 +65,12 @@ impl Observer<'_> {
         for (pass, marks) in passes.into_iter().enumerate() {
             for mark in marks {
                 let nominal = real.origin + real.axes.column(0) * bar.distances[mark];
-                let held = self
-                    .free_axes
-                    .ideal(self.tools.machine(pass), self.held()?, &nominal);
+                let held = self.free_axes.ideal(self.tools.machine(pass), self.held()?, &nominal);
                 let state = held.ok_or(ObservationError::NotReached { at: nominal.into() })?;
                 let drifted = self.drift_mm(&drift, found.len(), rows);
                 let place = real.origin + drifted + real.along * real.distances[mark];
                 let (state, read) = self.at_centre(pass, state, &place, &real.axes, reads)?;
-                found.push(AtMark {
-                    pass,
-                    mark,
-                    state,
-                    read,
-                });
+                found.push(AtMark { pass, mark, state, read });
             }
         }
         Ok(found)
@@ -111,48 +104,21 @@ impl Observer<'_> {
         [head, always]: [&str; 2],
     ) -> Made {
         let mut text = format!("{}{}ball{head}\n", self.axes_header(), self.tool_header());
-        for AtMark {
-            pass,
-            mark,
-            state,
-            read,
-        } in rows
-        {
+        for AtMark { pass, mark, state, read } in rows {
             let (at, tool) = (self.coordinates(state), self.tools.cell(*pass));
-            push_offset(
-                &mut text,
-                &format!("{at}{tool}{letter}{}{always}", mark + 1),
-                *read,
-            );
+            push_offset(&mut text, &format!("{at}{tool}{letter}{}{always}", mark + 1), *read);
         }
         let mut row = String::from("ball,distance_mm,uncertainty_um\n");
         for (mark, &distance) in bar.distances.iter().enumerate() {
-            let uncertainty = if distance == 0.0 {
-                0.0
-            } else {
-                bar.calibration.0
-            };
-            let _ = writeln!(
-                row,
-                "{letter}{},{},{}",
-                mark + 1,
-                number(distance),
-                number(uncertainty)
-            );
+            let uncertainty = if distance == 0.0 { 0.0 } else { bar.calibration.0 };
+            let _ =
+                writeln!(row, "{letter}{},{},{}", mark + 1, number(distance), number(uncertainty));
         }
         let name = &self.what.name;
         let (file, row_file) = (format!("{name}.csv"), format!("{name}-row.csv"));
         let mut tables = self.table("ball-row", &file, self.what.uncertainty_um());
         let side: Vec<String> = real.axes.column(1).iter().map(|x| number(*x)).collect();
-        let _ = writeln!(
-            tables,
-            "row = {}\nside1 = [{}]",
-            toml_string(&row_file),
-            side.join(", ")
-        );
-        Made {
-            files: vec![(file, text), (row_file, row)],
-            tables,
-        }
+        let _ = writeln!(tables, "row = {}\nside1 = [{}]", toml_string(&row_file), side.join(", "));
+        Made { files: vec![(file, text), (row_file, row)], tables }
     }
 }

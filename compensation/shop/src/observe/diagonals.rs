@@ -10,23 +10,14 @@ use crate::{error::ObservationError, poses::actual_tip};
 
 impl Observer<'_> {
     pub(super) fn diagonals(&mut self, names: &[String]) -> Result<Made, ObservationError> {
-        let mut made = Made {
-            files: Vec::new(),
-            tables: String::new(),
-        };
+        let mut made = Made { files: Vec::new(), tables: String::new() };
         for name in names {
             let (file, text, direction) = self.diagonal(name)?;
             let mut tables = self.table("line", &file, self.what.uncertainty_um());
             let [x, y, z] = direction.map(number).into();
-            let slope = if self.what.instrument.alignment.0 > 0.0 {
-                "slope = \"unknown\"\n"
-            } else {
-                ""
-            };
-            let _ = write!(
-                tables,
-                "direction = [{x}, {y}, {z}]\noffset = \"unknown\"\n{slope}"
-            );
+            let slope =
+                if self.what.instrument.alignment.0 > 0.0 { "slope = \"unknown\"\n" } else { "" };
+            let _ = write!(tables, "direction = [{x}, {y}, {z}]\noffset = \"unknown\"\n{slope}");
             made.tables.push_str(&tables);
             made.files.push((file, text));
         }
@@ -36,16 +27,9 @@ impl Observer<'_> {
     fn diagonal(&mut self, name: &str) -> Result<(String, String, Vector3<f64>), ObservationError> {
         let targets = self.what.instrument.targets;
         let mut ends = [self.what.at.clone(), self.what.at.clone()];
-        for (axis, sense) in [AxisName::X, AxisName::Y, AxisName::Z]
-            .into_iter()
-            .zip(name.chars())
-        {
+        for (axis, sense) in [AxisName::X, AxisName::Y, AxisName::Z].into_iter().zip(name.chars()) {
             let travel = self.truth.axes()[self.truth.index_of(axis)?].travel;
-            let [from, to] = if sense == 'N' {
-                [travel[1], travel[0]]
-            } else {
-                travel
-            };
+            let [from, to] = if sense == 'N' { [travel[1], travel[0]] } else { travel };
             ends[0].push((axis, from));
             ends[1].push((axis, to));
         }
@@ -61,9 +45,7 @@ impl Observer<'_> {
         };
         let tip = |state: &State| self.truth.chain().ideal_tip_mm(state);
         let way = tip(&to) - tip(&from);
-        let along = way
-            .try_normalize(1e-12)
-            .ok_or(ObservationError::NoDirection)?;
+        let along = way.try_normalize(1e-12).ok_or(ObservationError::NoDirection)?;
         let axes = across(&along);
         let first = tip(&from);
         let tilt = 1e-6 * self.what.instrument.alignment.0;

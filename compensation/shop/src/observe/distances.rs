@@ -47,9 +47,6 @@ impl Observer<'_> {
         if dead_length_mm != 0.0 {
             tables.push_str("dead_length = \"unknown\"\n");
         }
-        Ok(Made {
-            files: vec![(file, text)],
-            tables,
-        })
+        Ok(Made { files: vec![(file, text)], tables })
     }
 }

@@ -25,11 +25,9 @@ impl Observer<'_> {
         let offset = Vector3::from(target.unwrap_or_default());
         let states = self.everywhere(poses);
         let poses = states.len();
-        let middle = states
-            .iter()
-            .map(|state| self.truth.chain().ideal_tip_mm(state))
-            .sum::<Vector3<f64>>()
-            / poses.max(1) as f64;
+        let middle =
+            states.iter().map(|state| self.truth.chain().ideal_tip_mm(state)).sum::<Vector3<f64>>()
+                / poses.max(1) as f64;
         let (shift, turn) = (self.direction(), self.direction());
         let turn = turn * (1e-6 * self.what.instrument.angle.drift.0);
         let mut text = format!("{}{}x,y,z\n", self.axes_header(), self.tool_header());
@@ -76,10 +74,7 @@ impl Observer<'_> {
                 let _ = writeln!(tables, "target_within_mm = {}", number(RULER_MM));
             }
         }
-        Made {
-            files: vec![(file, text)],
-            tables,
-        }
+        Made { files: vec![(file, text)], tables }
     }
 
     /// Whether a tracker determines the target position on the tool, which requires rotation about two directions.

@@ -27,11 +27,7 @@ impl Observer<'_> {
             Reads::Coordinates => "",
             Reads::Offset => ",dx_um,dy_um,dz_um",
         };
-        let mut text = format!(
-            "{}{}sphere{offsets}\n",
-            self.axes_header(),
-            self.tool_header()
-        );
+        let mut text = format!("{}{}sphere{offsets}\n", self.axes_header(), self.tool_header());
         match poses {
             &Poses::Drawn(poses) => {
                 for (sphere, centre) in centres.iter().enumerate() {
@@ -65,10 +61,7 @@ impl Observer<'_> {
         }
         let file = format!("{}.csv", self.what.name);
         let tables = self.table("sphere", &file, self.what.uncertainty_um());
-        Ok(Made {
-            files: vec![(file, text)],
-            tables,
-        })
+        Ok(Made { files: vec![(file, text)], tables })
     }
 
     fn around(
@@ -79,12 +72,7 @@ impl Observer<'_> {
     ) -> Result<Vec<State>, ObservationError> {
         let tools = &self.tools;
         self.free_axes
-            .around(
-                poses,
-                |pose| tools.machine(pose),
-                |_, _| centre,
-                &mut self.random,
-            )
+            .around(poses, |pose| tools.machine(pose), |_, _| centre, &mut self.random)
             .map_err(|found| ObservationError::Reach {
                 what: format!("sphere S{}", sphere + 1),
                 at: centre.into(),
@@ -160,9 +148,7 @@ impl Observer<'_> {
                 let machine = self.tools.machine(pose);
                 let found = |state| {
                     let found = self.free_axes.actual(machine, state, centre);
-                    found.ok_or(ObservationError::NotReached {
-                        at: (*centre).into(),
-                    })
+                    found.ok_or(ObservationError::NotReached { at: (*centre).into() })
                 };
                 // The approach direction follows from the actual motion, so that it can be derived from the recorded coordinates.
                 let mut state = found(state)?;

@@ -17,17 +17,12 @@ fn geometry(structure: &str) -> String {
     let mut text = format!(
         "structure = \"{structure}\"\n[axes]\nX.travel = [0, 600]\nY.travel = [0, 500]\nZ.travel = [0, 400]\n"
     );
-    for (letter, point) in [
-        ('A', [30.0, 250.0, 120.0]),
-        ('B', [280.0, -20.0, 150.0]),
-        ('C', [310.0, 240.0, 10.0]),
-    ] {
+    for (letter, point) in
+        [('A', [30.0, 250.0, 120.0]), ('B', [280.0, -20.0, 150.0]), ('C', [310.0, 240.0, 10.0])]
+    {
         if structure.contains(letter) {
-            writeln!(
-                text,
-                "{letter} = {{ travel = [-90, 90], point = {point:?} }}"
-            )
-            .expect("a String");
+            writeln!(text, "{letter} = {{ travel = [-90, 90], point = {point:?} }}")
+                .expect("a String");
         }
     }
     text + "[tool]\ntip = [40.0, -30.0, -150.0]\n"
@@ -49,21 +44,13 @@ pub(crate) fn round_trip(
     };
     write("truth.toml", truth);
     let shop = Shop::read(&write("shop.toml", shop)).expect("a valid shop");
-    let mut files: BTreeMap<String, String> = shop
-        .files(|_, _| {})
-        .expect("measured")
-        .into_iter()
-        .collect();
+    let mut files: BTreeMap<String, String> =
+        shop.files(|_, _| {}).expect("measured").into_iter().collect();
     if let Some(observations) = files.remove("observations.toml") {
-        let (head, tables) = observations
-            .split_once("[[observation]]")
-            .expect("an observation");
+        let (head, tables) = observations.split_once("[[observation]]").expect("an observation");
         let unknown = head.find("unknown").expect("unknowns");
         let calibration = &files["calibration.toml"];
-        let merged = format!(
-            "{}\n{calibration}\n[[observation]]{tables}",
-            &head[unknown..]
-        );
+        let merged = format!("{}\n{calibration}\n[[observation]]{tables}", &head[unknown..]);
         files.insert("calibration.toml".to_owned(), merged);
     }
     if !kept.is_empty() {
@@ -152,17 +139,13 @@ fn assembly_angles_that_are_kept_are_no_squareness() {
 /// Every error motion of the linear axes, with constants and slopes, and every location error.
 pub(crate) fn every_error(structure: &str) -> (String, Vec<String>) {
     let mut errors = String::new();
-    for (axis, (letter, length)) in [("X", 600.0), ("Y", 500.0), ("Z", 400.0_f64)]
-        .into_iter()
-        .enumerate()
+    for (axis, (letter, length)) in
+        [("X", 600.0), ("Y", 500.0), ("Z", 400.0_f64)].into_iter().enumerate()
     {
         for (component, what) in COMPONENTS.into_iter().enumerate() {
             let wave = |k: f64| ((7 * axis + 5 * component + 3) as f64 * k).sin();
-            let c = [
-                6.0 * wave(1.3),
-                20.0 * wave(2.1) / length,
-                -25.0 * wave(0.7) / length.powi(2),
-            ];
+            let c =
+                [6.0 * wave(1.3), 20.0 * wave(2.1) / length, -25.0 * wave(0.7) / length.powi(2)];
             writeln!(errors, "{what}{letter} = {{ poly = {c:?} }}").expect("a String");
         }
     }
@@ -190,11 +173,8 @@ pub(crate) fn every_line(held: &str, more: &str) -> String {
         "" => format!("at = {{ {linear} }}"),
         _ => format!("at = {{ {linear}, {held} }}"),
     };
-    let at = [
-        held("Y = 200.0, Z = 100.0"),
-        held("X = 300.0, Z = 150.0"),
-        held("X = 250.0, Y = 150.0"),
-    ];
+    let at =
+        [held("Y = 200.0, Z = 100.0"), held("X = 300.0, Z = 150.0"), held("X = 250.0, Y = 150.0")];
     let mut lines = format!(
         "machine = \"truth.toml\"\nformat = \"csv\"\n{more}[instrument]\nruns = 1\ntargets = 7\nboth_directions = false\nalignment_urad = 40.0\n"
     );

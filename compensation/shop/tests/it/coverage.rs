@@ -76,18 +76,14 @@ impl Count {
         let squares: f64 = self.shops.iter().map(|share| (share - mean).powi(2)).sum();
         let standard_error = (squares / (count - 1.0) / count).sqrt();
         assert!(standard_error < 0.03, "{what}: too few shops to judge by");
-        assert!(
-            (mean - 0.95).abs() <= 3.0 * standard_error,
-            "{what}: {mean} +/- {standard_error}"
-        );
+        assert!((mean - 0.95).abs() <= 3.0 * standard_error, "{what}: {mean} +/- {standard_error}");
     }
 
     /// Share of all components within their bands.
     fn report(&self, what: &str) -> f64 {
         let share = |inside: u32, of: u32| f64::from(inside) / f64::from(of.max(1));
-        let each: Vec<String> = (0..6)
-            .map(|k| format!("{:.3}", share(self.inside[k], self.of[k])))
-            .collect();
+        let each: Vec<String> =
+            (0..6).map(|k| format!("{:.3}", share(self.inside[k], self.of[k]))).collect();
         let all = share(self.inside.iter().sum(), self.of.iter().sum());
         println!("{what}: {all:.4}, by component {}", each.join(" "));
         all
@@ -251,11 +247,7 @@ fn calibrated(
 #[test]
 fn bands_of_lines_hold_the_truth() {
     // All numbers of runs are tested for the full figure only.
-    let counts = if asked().is_some() {
-        &["3", "5", "10"][..]
-    } else {
-        &["5"]
-    };
+    let counts = if asked().is_some() { &["3", "5", "10"][..] } else { &["5"] };
     for runs in counts {
         let text = LINES.replace("RUNS", runs);
         let count = calibrated((GANTRY, &text), shops(), |_, _| {});
@@ -322,10 +314,9 @@ fn bands_of_lines_squares_and_locations_hold_the_truth() {
         (Component::EA, 30.0, 4.0),
         (Component::EB, -20.0, 5.0),
     ];
-    let mut truth = GANTRY.replace("w X' b", "w C' X' b").replace(
-        "axes = {",
-        "axes = { C = { travel = [-180, 180], point = [900, 400, 0] },",
-    );
+    let mut truth = GANTRY
+        .replace("w X' b", "w C' X' b")
+        .replace("axes = {", "axes = { C = { travel = [-180, 180], point = [900, 400, 0] },");
     for (component, value, _) in LOCATIONS {
         let _ = writeln!(truth, "{} = {value:?}", location(component));
     }
@@ -377,10 +368,9 @@ fn unknowns_beside_lines(runs: u32, few: u64) {
     const SQUARE_URAD: f64 = 2.0;
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
-    let mut truth = GANTRY.replace("w X' b", "w C' X' b").replace(
-        "axes = {",
-        "axes = { C = { travel = [-180, 180], point = [900, 400, 0] },",
-    );
+    let mut truth = GANTRY
+        .replace("w X' b", "w C' X' b")
+        .replace("axes = {", "axes = { C = { travel = [-180, 180], point = [900, 400, 0] },");
     truth += "EX0C = 25.0\nEY0C = -15.0\nEA0C = 30.0\nEB0C = -20.0\nEZC = { fourier = [0.0, 4.0, -3.0], period = 360.0 }\n";
     fs::write(folder.join("truth.toml"), truth).expect("written");
     let lines = LINES.replace("RUNS", &runs.to_string());
@@ -504,10 +494,7 @@ fn bands_of_observations_hold_the_truth() {
                 let squares: f64 = changes.iter().map(|c| (c[k] - mean).powi(2)).sum();
                 (squares / (TRIALS - 1) as f64).sqrt()
             });
-            count.take(
-                &minus(change(&found.machine), change(&shop.truth)),
-                &uncertainty,
-            );
+            count.take(&minus(change(&found.machine), change(&shop.truth)), &uncertainty);
         }
         count.shop_ends();
     }

@@ -64,12 +64,7 @@ centres = {centres}
 tools = [\"short\", \"long\"]
 "
     );
-    for point in [
-        [350, 250, -450],
-        [850, 300, -400],
-        [400, 750, -420],
-        [600, 450, 250],
-    ] {
+    for point in [[350, 250, -450], [850, 300, -400], [400, 750, -420], [600, 450, 250]] {
         let _ = write!(
             text,
             "[[observation]]
@@ -103,10 +98,7 @@ fn thirty_seven_errors_are_found_to_two_micrometres() {
     assert_eq!(found.residual.rows, 600);
     println!("{file}: {before:?} to {after:?}");
     assert!(before.position_um > 30.0, "{file}: {before:?}");
-    assert!(
-        after.position_um < 2.0 && after.tool_axis_urad < 3.0,
-        "{file}: {after:?}"
-    );
+    assert!(after.position_um < 2.0 && after.tool_axis_urad < 3.0, "{file}: {after:?}");
 }
 
 /// The published machine with a tilting table, 800 × 600 × 800: two direction cosines and two offsets of each rotary axis, squareness and
@@ -174,14 +166,8 @@ at = { A = 0, C = 0 }
     // Three spheres with 50 poses each; rows of 9, 7 and 7 balls, six times.
     assert_eq!(found.residual.rows, 3 * 50 + 6 * 23);
     println!("tilting table: {before:?} to {after:?}");
-    assert!(
-        before.position_um > 50.0 && before.rotation_urad > 30.0,
-        "{before:?}"
-    );
-    assert!(
-        after.position_um < 2.0 && after.rotation_urad < 3.0,
-        "{after:?}"
-    );
+    assert!(before.position_um > 50.0 && before.rotation_urad > 30.0, "{before:?}");
+    assert!(after.position_um < 2.0 && after.rotation_urad < 3.0, "{after:?}");
 }
 
 /// The reversal value is identified from probed balls: the machine moves to their actual positions, so that an axis without command still
@@ -212,8 +198,5 @@ EZX = { poly = [0.0, 0.05] }
     let reversal = reversal.expect("asked for");
     let uncertainty = reversal.uncertainty.expect("determined");
     assert!(uncertainty < 0.3, "{reversal:?}");
-    assert!(
-        (reversal.value - 2.0).abs() < 4.0 * uncertainty,
-        "{reversal:?}"
-    );
+    assert!((reversal.value - 2.0).abs() < 4.0 * uncertainty, "{reversal:?}");
 }

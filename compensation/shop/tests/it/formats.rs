@@ -14,9 +14,7 @@ const MACHINE: &str = "name = \"m\"\nstructure = \"w X' b Y Z t\"\n[axes]\nX.tra
 
 fn shop(lines: &str) -> Result<Shop, ShopError> {
     let text = format!("machine = \"m.toml\"\nseed = 3\n{lines}");
-    Shop::parse(&text, "shop.toml", |_| {
-        Ok(Machine::parse(MACHINE, "m.toml")?)
-    })
+    Shop::parse(&text, "shop.toml", |_| Ok(Machine::parse(MACHINE, "m.toml")?))
 }
 
 /// The measurement of a shop's single line, written in a format and read back.
@@ -41,20 +39,10 @@ fn the_means_are_the_same_in_every_format() {
     for (error, formats) in [
         (
             "EXX",
-            &[
-                ("renishaw", "exx.rtl"),
-                ("api-pos", "exx.pos"),
-                ("keysight-report", "exx.txt"),
-            ][..],
+            &[("renishaw", "exx.rtl"), ("api-pos", "exx.pos"), ("keysight-report", "exx.txt")][..],
         ),
-        (
-            "EYX",
-            &[("renishaw", "eyx.rts"), ("keysight-report", "eyx.txt")],
-        ),
-        (
-            "ECX",
-            &[("renishaw", "ecx.rta"), ("keysight-report", "ecx.txt")],
-        ),
+        ("EYX", &[("renishaw", "eyx.rts"), ("keysight-report", "eyx.txt")]),
+        ("ECX", &[("renishaw", "ecx.rta"), ("keysight-report", "ecx.txt")]),
     ] {
         let (_, table) = measured("csv", error);
         for (format, file) in formats {
@@ -67,10 +55,7 @@ fn the_means_are_the_same_in_every_format() {
                 assert_eq!(found.len(), 5, "{name}");
                 for ((at, mean), (found_at, found)) in expected.iter().zip(&found) {
                     // µm with four decimals, mm with seven, mrad with nine.
-                    assert!(
-                        (at - found_at).abs() < 1e-9 && (mean - found).abs() < 6e-5,
-                        "{name}"
-                    );
+                    assert!((at - found_at).abs() < 1e-9 && (mean - found).abs() < 6e-5, "{name}");
                 }
             }
         }
@@ -91,27 +76,17 @@ fn files_say_what_the_shop_says_of_the_test() {
             of(&said.axis),
             of(&said.title),
         ];
-        assert_eq!(
-            found,
-            ["m", "17", "2026-11-02", "A. Meier", "X", "EXX"],
-            "{name}"
-        );
+        assert_eq!(found, ["m", "17", "2026-11-02", "A. Meier", "X", "EXX"], "{name}");
     }
     let (_, read) = measured("renishaw", "EXX");
-    assert_eq!(
-        read.environment.material_temperature[0].unwrap().start,
-        20.5
-    );
+    assert_eq!(read.environment.material_temperature[0].unwrap().start, 20.5);
 }
 
 #[test]
 fn what_a_format_has_no_place_for_is_refused() {
     let message = |lines: &str| shop(lines).unwrap_err().to_string();
     let angles = message("[[measurement]]\nerror = \"ECX\"\nformat = \"api-pos\"");
-    assert!(
-        angles.contains("shop.toml:") && angles.contains("holds lengths"),
-        "{angles}"
-    );
+    assert!(angles.contains("shop.toml:") && angles.contains("holds lengths"), "{angles}");
     let one_way = message(
         "[[measurement]]\nerror = \"EXX\"\nformat = \"keysight-report\"\nboth_directions = false",
     );
@@ -144,8 +119,5 @@ fn the_files_of_the_examples_are_those_of_their_shops() {
         }
     }
     assert!(count >= 40, "{count}");
-    assert_eq!(
-        kinds.into_iter().collect::<Vec<_>>(),
-        ["csv", "pos", "rta", "rtl", "rts", "txt"]
-    );
+    assert_eq!(kinds.into_iter().collect::<Vec<_>>(), ["csv", "pos", "rta", "rtl", "rts", "txt"]);
 }

@@ -27,22 +27,12 @@ fn product(a: &M, b: &M) -> M {
 }
 
 fn shift([x, y, z]: [f64; 3]) -> M {
-    [
-        [1.0, 0.0, 0.0, x],
-        [0.0, 1.0, 0.0, y],
-        [0.0, 0.0, 1.0, z],
-        [0.0, 0.0, 0.0, 1.0],
-    ]
+    [[1.0, 0.0, 0.0, x], [0.0, 1.0, 0.0, y], [0.0, 0.0, 1.0, z], [0.0, 0.0, 0.0, 1.0]]
 }
 
 fn about_y(angle: f64, point: [f64; 3]) -> M {
     let (s, c) = angle.sin_cos();
-    let turn = [
-        [c, 0.0, s, 0.0],
-        [0.0, 1.0, 0.0, 0.0],
-        [-s, 0.0, c, 0.0],
-        [0.0, 0.0, 0.0, 1.0],
-    ];
+    let turn = [[c, 0.0, s, 0.0], [0.0, 1.0, 0.0, 0.0], [-s, 0.0, c, 0.0], [0.0, 0.0, 0.0, 1.0]];
     let back = shift(point.map(|x| -x));
     product(&shift(point), &product(&turn, &back))
 }
@@ -60,14 +50,8 @@ fn error_of_z(z: f64) -> M {
 
 /// With Z on the tool, carried by B, carried by Y: excess motion of a point on the carriage, in the frame of Z.
 fn reading_on_the_tool_um(z: f64) -> f64 {
-    let held = product(
-        &shift([0.0, HELD[1], 0.0]),
-        &about_y(HELD[0].to_radians(), POINT_B),
-    );
-    let back = product(
-        &about_y(-HELD[0].to_radians(), POINT_B),
-        &shift([0.0, -HELD[1], 0.0]),
-    );
+    let held = product(&shift([0.0, HELD[1], 0.0]), &about_y(HELD[0].to_radians(), POINT_B));
+    let back = product(&about_y(-HELD[0].to_radians(), POINT_B), &shift([0.0, -HELD[1], 0.0]));
     let on_carriage = at(&back, MEASURED);
     let ideal = product(&held, &shift([0.0, 0.0, z]));
     let actual = product(&ideal, &error_of_z(z));
@@ -80,10 +64,7 @@ fn reading_on_the_tool_um(z: f64) -> f64 {
 
 /// With Z and B carrying the workpiece, Z outermost: the errors of Z move the workpiece axes.
 fn reading_on_the_table_um(z: f64) -> f64 {
-    let held = product(
-        &about_y(HELD[0].to_radians(), POINT_B),
-        &shift([0.0, HELD[1], 0.0]),
-    );
+    let held = product(&about_y(HELD[0].to_radians(), POINT_B), &shift([0.0, HELD[1], 0.0]));
     // The point is fixed on the table, so it does not move in workpiece axes.
     let on_table = at(&held, MEASURED);
     let actual = at(&error_of_z(z), on_table);
@@ -114,10 +95,8 @@ fn shop(folder: &std::path::Path, structure: &str) -> Shop {
 
 type Reading = fn(f64) -> f64;
 
-const SIDES: [(&str, Reading); 2] = [
-    ("w b Y B Z t", reading_on_the_tool_um),
-    ("w Z' B' Y' b t", reading_on_the_table_um),
-];
+const SIDES: [(&str, Reading); 2] =
+    [("w b Y B Z t", reading_on_the_tool_um), ("w Z' B' Y' b t", reading_on_the_table_um)];
 
 #[test]
 fn readings_are_those_of_a_chain_written_by_hand() {
@@ -148,10 +127,7 @@ fn readings_are_those_of_a_chain_written_by_hand() {
 fn the_errors_come_back() {
     for (structure, _) in SIDES {
         let folder = tempfile::tempdir().expect("a folder");
-        for (name, text) in shop(folder.path(), structure)
-            .files(|_, _| {})
-            .expect("measured")
-        {
+        for (name, text) in shop(folder.path(), structure).files(|_, _| {}).expect("measured") {
             fs::write(folder.path().join(name), text).expect("written");
         }
         let file = CalibrationFile::read(&folder.path().join("calibration.toml")).expect("read");

@@ -24,9 +24,7 @@ EX0B = 5.0
 
 fn shop(text: &str) -> Result<Shop, ShopError> {
     let text = format!("machine = \"truth.toml\"\n{text}");
-    Shop::parse(&text, "shop.toml", |_| {
-        Ok(Machine::parse(TRUTH, "truth.toml")?)
-    })
+    Shop::parse(&text, "shop.toml", |_| Ok(Machine::parse(TRUTH, "truth.toml")?))
 }
 
 fn calibrated(text: &str, folder: &Path) -> Machine {
@@ -61,18 +59,11 @@ fn the_noise_is_what_the_file_states() {
     for seed in 0..seeds {
         let text = format!("seed = {seed}\n[[location]]\nerror = \"EX0C\"\nnoise_um = 2.5\n");
         let files = shop(&text).expect("valid").files(|_, _| {}).expect("made");
-        let (_, text) = files
-            .iter()
-            .find(|(name, _)| name == "calibration.toml")
-            .expect("made");
+        let (_, text) = files.iter().find(|(name, _)| name == "calibration.toml").expect("made");
         let number = |key: &str| {
             let line = text.lines().find(|line| line.starts_with(key));
             let line = line.expect("the key is there");
-            line.rsplit(" = ")
-                .next()
-                .expect("a value")
-                .parse::<f64>()
-                .expect("a number")
+            line.rsplit(" = ").next().expect("a value").parse::<f64>().expect("a number")
         };
         assert_eq!(number("uncertainty_um"), 2.5);
         squares += (number("value_um") - 31.0).powi(2);
@@ -90,12 +81,8 @@ fn lines_of_the_axis_are_freed_of_it() {
     let lines = "[instrument]\nalignment_urad = 0\nboth_directions = false\nruns = 1\n[[measurement]]\nerror = \"EXC\"\nat = { X = 0, Y = 0, Z = 0, B = 0 }\n";
     let all = "[[location]]\nerrors = [\"EX0C\", \"EY0C\"]\n[[location]]\nerror = \"EA0C\"\n[[location]]\nerror = \"EX0B\"\n";
     let largest = |machine: &Machine| {
-        let exc = machine
-            .error("EXC".parse().expect("a name"))
-            .expect("measured");
-        let own = machine
-            .index_of(volcomp_vocabulary::AxisName::C)
-            .expect("there");
+        let exc = machine.error("EXC".parse().expect("a name")).expect("measured");
+        let own = machine.index_of(volcomp_vocabulary::AxisName::C).expect("there");
         let places = (0..=36).map(|step| {
             let mut at = [0.0; 9];
             at[own] = 10.0 * f64::from(step);
@@ -103,9 +90,7 @@ fn lines_of_the_axis_are_freed_of_it() {
         });
         let values: Vec<f64> = places.collect();
         let mean = values.iter().sum::<f64>() / values.len() as f64;
-        values
-            .iter()
-            .fold(0.0_f64, |most, x| most.max((x - mean).abs()))
+        values.iter().fold(0.0_f64, |most, x| most.max((x - mean).abs()))
     };
     let without = largest(&calibrated(lines, folder.path()));
     let with = largest(&calibrated(&format!("{lines}{all}"), folder.path()));

@@ -68,10 +68,7 @@ fn what_is_wrong_with_an_instrument_built_in_code_is_named() {
         panic!("{error}");
     };
     assert!(matches!(source, InstrumentError::Targets { found: 1, .. }));
-    assert_eq!(
-        error.to_string(),
-        "the line of EXX: found 1 targets, expected 2 to 100000"
-    );
+    assert_eq!(error.to_string(), "the line of EXX: found 1 targets, expected 2 to 100000");
 }
 
 /// Too many readings are rejected: all are in memory at once, so a number that one line permits is too large for many lines.
@@ -89,10 +86,7 @@ fn more_readings_than_fit_are_refused() {
     let line = many.lines[0].clone();
     many.lines[0].instrument.runs = 100_000;
     many.lines = vec![many.lines[0].clone(); 6];
-    assert!(matches!(
-        many.files(|_, _| {}),
-        Err(ShopError::Readings { .. })
-    ));
+    assert!(matches!(many.files(|_, _| {}), Err(ShopError::Readings { .. })));
     many.lines = vec![line];
     assert!(many.files(|_, _| {}).is_ok());
     many.observations = vec![ShopObservation {
@@ -106,10 +100,7 @@ fn more_readings_than_fit_are_refused() {
             reads: volcomp_shop::Reads::Offset,
         },
     }];
-    assert!(matches!(
-        many.files(|_, _| {}),
-        Err(ShopError::Readings { .. })
-    ));
+    assert!(matches!(many.files(|_, _| {}), Err(ShopError::Readings { .. })));
 }
 
 /// An invalid observation built in code is rejected like one in a shop file.
@@ -121,26 +112,17 @@ fn what_is_wrong_with_an_observation_built_in_code_is_named() {
         distances: (0..marks).map(|mark| mark as f64).collect(),
         calibration: Um(0.0),
     };
-    let points = |poses| Setting::Points {
-        poses: Poses::Drawn(poses),
-        frame: [0.0; 6],
-        target: None,
-    };
+    let points =
+        |poses| Setting::Points { poses: Poses::Drawn(poses), frame: [0.0; 6], target: None };
     let diagonals = |names: &[&str]| Setting::Diagonals {
         names: names.iter().map(|name| (*name).to_owned()).collect(),
     };
     for (setting, expected) in [
         (points(0), "found 0 poses, expected 1 to 100000"),
         (points(usize::MAX), "poses, expected 1 to 100000"),
-        (
-            Setting::StepGauge(bar(1)),
-            "found 1 distances, expected 2 to 10000",
-        ),
+        (Setting::StepGauge(bar(1)), "found 1 distances, expected 2 to 10000"),
         (diagonals(&[]), "found 0 diagonals, expected 1 to 4"),
-        (
-            diagonals(&["../x"]),
-            "found the diagonal \"../x\", expected one of PPP, NPP, PNP, PPN",
-        ),
+        (diagonals(&["../x"]), "found the diagonal \"../x\", expected one of PPP, NPP, PNP, PPN"),
     ] {
         let mut wrong = shop(SHOP).expect("a valid shop");
         wrong.observations.push(ShopObservation {
@@ -159,10 +141,7 @@ fn what_is_wrong_with_an_observation_built_in_code_is_named() {
 #[test]
 fn a_measurement_names_each_error_once_and_at_least_one() {
     for (errors, expected) in [
-        (
-            "[]",
-            "shop.toml:2: measurement[0]: found no error in `errors`, expected at least one",
-        ),
+        ("[]", "shop.toml:2: measurement[0]: found no error in `errors`, expected at least one"),
         ("[\"EXX\", \"EYX\", \"EXX\"]", "EXX appears twice"),
     ] {
         let text = format!("machine = \"truth.toml\"\n[[measurement]]\nerrors = {errors}\n");

@@ -16,9 +16,7 @@ tip = [0, 0, 10]
 ";
 
 fn shop(text: &str) -> Result<Shop, ShopError> {
-    Shop::parse(text, "shop.toml", |_| {
-        Ok(Machine::parse(TRUTH, "truth.toml")?)
-    })
+    Shop::parse(text, "shop.toml", |_| Ok(Machine::parse(TRUTH, "truth.toml")?))
 }
 
 fn refused(text: &str) -> String {

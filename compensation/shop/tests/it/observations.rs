@@ -33,21 +33,14 @@ fn tip_of_head([x, y, z, b_deg]: [f64; 4]) -> [f64; 3] {
     let turned = [20.03 + c * dx + s * dz, 0.0, 400.0 - s * dx + c * dz + z];
     // The roll of Y about X moves with the carriage.
     let (sr, cr) = roll.sin_cos();
-    let rolled = [
-        turned[0],
-        cr * turned[1] - sr * turned[2] + y,
-        sr * turned[1] + cr * turned[2],
-    ];
+    let rolled = [turned[0], cr * turned[1] - sr * turned[2] + y, sr * turned[1] + cr * turned[2]];
     [rolled[0] + x + 0.05e-3 * x, rolled[1], rolled[2]]
 }
 
 fn shop(folder: &Path, truth: &str, text: &str) -> Shop {
     fs::write(folder.join("truth.toml"), truth).expect("written");
-    fs::write(
-        folder.join("shop.toml"),
-        format!("machine = \"truth.toml\"\n{text}"),
-    )
-    .expect("written");
+    fs::write(folder.join("shop.toml"), format!("machine = \"truth.toml\"\n{text}"))
+        .expect("written");
     Shop::read(&folder.join("shop.toml")).expect("a valid shop")
 }
 
@@ -67,9 +60,7 @@ fn identified(folder: &Path) -> Identification {
 /// Header and rows of a row file.
 fn table(folder: &Path, name: &str) -> (Vec<String>, Vec<Vec<String>>) {
     let text = fs::read_to_string(folder.join(name)).expect("written");
-    let mut lines = text
-        .lines()
-        .map(|line| line.split(',').map(str::to_owned).collect());
+    let mut lines = text.lines().map(|line| line.split(',').map(str::to_owned).collect());
     (lines.next().expect("a header"), lines.collect())
 }
 
@@ -123,10 +114,7 @@ both_directions = false
     write(folder, &shop);
     let state = |table: &_, row| ["X", "Y", "Z", "B"].map(|axis| number(table, row, axis));
     let near = |found: f64, expected: f64, what: &str| {
-        assert!(
-            (found - expected).abs() < 3e-6,
-            "{what}: {found} for {expected}"
-        );
+        assert!((found - expected).abs() < 3e-6, "{what}: {found} for {expected}");
     };
     let centre = [50.0, -40.0, 300.0];
     let probe = table(folder, "sphere.csv");
@@ -136,11 +124,7 @@ both_directions = false
     let mut angles = Vec::new();
     for row in 0..12 {
         for (place, axis) in ["x", "y", "z"].into_iter().enumerate() {
-            near(
-                tip_of_head(state(&probe, row))[place],
-                centre[place],
-                "probe",
-            );
+            near(tip_of_head(state(&probe, row))[place], centre[place], "probe");
             let read = number(&offset, row, &format!("d{axis}_um"));
             let expected = tip_of_head(state(&offset, row))[place] - centre[place];
             near(read * 1e-3, expected, "offset");
@@ -152,11 +136,7 @@ both_directions = false
         // The tracker is rotated by 90° about Z, so its x is our y. Without B the target moves only along X.
         let tip = tip_of_head(state(&tracker, row));
         near(number(&tracker, row, "x"), tip[1] - 200.0, "tracker x");
-        near(
-            number(&tracker, row, "y"),
-            -(tip[0] + 3.0 - 1000.0),
-            "tracker y",
-        );
+        near(number(&tracker, row, "y"), -(tip[0] + 3.0 - 1000.0), "tracker y");
         near(number(&tracker, row, "z"), tip[2] + 300.0, "tracker z");
         angles.push(number(&probe, row, "B"));
     }
@@ -165,21 +145,9 @@ both_directions = false
     let row = table(folder, "ball-row.csv");
     for (ball, distance) in [0.0, 60.0, 130.0].into_iter().enumerate() {
         let tip = tip_of_head(state(&row, ball));
-        near(
-            number(&row, ball, "along_um") * 1e-3,
-            tip[0] + 100.0 - distance,
-            "along",
-        );
-        near(
-            number(&row, ball, "side1_um") * 1e-3,
-            tip[1] - 10.0,
-            "side 1",
-        );
-        near(
-            number(&row, ball, "side2_um") * 1e-3,
-            tip[2] - 300.0,
-            "side 2",
-        );
+        near(number(&row, ball, "along_um") * 1e-3, tip[0] + 100.0 - distance, "along");
+        near(number(&row, ball, "side1_um") * 1e-3, tip[1] - 10.0, "side 1");
+        near(number(&row, ball, "side2_um") * 1e-3, tip[2] - 300.0, "side 2");
     }
 }
 
@@ -312,11 +280,7 @@ dead_length_mm = 100.02
         let before =
             largest_difference_um(&shop.truth, &Machine::parse(TABLE, "m").expect("valid"));
         let left = largest_difference_um(&shop.truth, &found.machine);
-        assert!(
-            before > 10.0 && left < 0.1,
-            "{name}: {left} of {before}, {:?}",
-            found.warnings
-        );
+        assert!(before > 10.0 && left < 0.1, "{name}: {left} of {before}, {:?}", found.warnings);
     }
 }
 
@@ -329,11 +293,8 @@ fn noise_is_that_of_the_shop_and_a_seed_repeats_itself() {
             "seed = {seed}\n{UNKNOWN}[[observation]]\nkind = \"points\"\nposes = 400\nnoise_um = {noise:?}\nframe = [900, 0, 0, 0, 0, 0]\n"
         )
     };
-    let files = |seed, noise| {
-        shop(folder, TABLE, &text(seed, noise))
-            .files(|_, _| {})
-            .expect("measured")
-    };
+    let files =
+        |seed, noise| shop(folder, TABLE, &text(seed, noise)).files(|_, _| {}).expect("measured");
     assert_eq!(files(1, 2.0), files(1, 2.0));
     assert_ne!(files(1, 2.0), files(2, 2.0));
     let [clean, noisy] = [files(1, 0.0), files(1, 2.0)];
@@ -393,12 +354,8 @@ fn names_are_read_back_whatever_stands_in_them() {
     let tools = [r#""T1, long""#, r#"'T"2"'"#, r##""# T3""##, r#""T\u200B4""#];
     let mut truth = HEAD.to_owned();
     for (place, name) in tools.iter().enumerate() {
-        writeln!(
-            truth,
-            "[tools.{name}]\ntip = [0.0, 0.0, {}]",
-            120 + 10 * place
-        )
-        .expect("a string");
+        writeln!(truth, "[tools.{name}]\ntip = [0.0, 0.0, {}]", 120 + 10 * place)
+            .expect("a string");
     }
     let names = format!("[{}]", tools.join(", "));
     let text = format!(
@@ -454,10 +411,7 @@ EC0Y = 25.0
         }
         let share = f64::from(inside) / f64::from(SHOPS);
         println!("{calibration_um} µm, {runs} runs: {share}");
-        assert!(
-            (0.92..=0.98).contains(&share),
-            "{calibration_um} µm, {runs} runs: {share}"
-        );
+        assert!((0.92..=0.98).contains(&share), "{calibration_um} µm, {runs} runs: {share}");
     }
 }
 

@@ -33,11 +33,7 @@ fn turned(m: &M, u: V) -> V {
 }
 
 fn cross(a: V, b: V) -> V {
-    [
-        a[1] * b[2] - a[2] * b[1],
-        a[2] * b[0] - a[0] * b[2],
-        a[0] * b[1] - a[1] * b[0],
-    ]
+    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 }
 
 fn plus(a: V, b: V) -> V {
@@ -46,26 +42,16 @@ fn plus(a: V, b: V) -> V {
 
 /// Coefficients of an error of a truth: a polynomial, a single number, or none if missing.
 fn numbers(truth: &str, name: &str) -> Vec<f64> {
-    let line = truth
-        .lines()
-        .find_map(|line| line.strip_prefix(&format!("{name} = ")));
+    let line = truth.lines().find_map(|line| line.strip_prefix(&format!("{name} = ")));
     let text = line.unwrap_or("0.0");
-    let text = text
-        .trim_start_matches("{ poly = [")
-        .trim_end_matches("] }");
-    text.split(", ")
-        .map(|number| number.parse().expect("a number"))
-        .collect()
+    let text = text.trim_start_matches("{ poly = [").trim_end_matches("] }");
+    text.split(", ").map(|number| number.parse().expect("a number")).collect()
 }
 
 /// Value at 0 and slope of the best-fit line through equally spaced targets over a travel.
 fn least_squares(poly: &[f64], length: f64, targets: usize) -> [f64; 2] {
-    let x: Vec<f64> = (0..targets)
-        .map(|i| length * i as f64 / (targets - 1) as f64)
-        .collect();
-    let y = x
-        .iter()
-        .map(|x| poly.iter().rev().fold(0.0, |sum, c| sum * x + c));
+    let x: Vec<f64> = (0..targets).map(|i| length * i as f64 / (targets - 1) as f64).collect();
+    let y = x.iter().map(|x| poly.iter().rev().fold(0.0, |sum, c| sum * x + c));
     let y: Vec<f64> = y.collect();
     let n = targets as f64;
     let [mx, my] = [&x, &y].map(|of| of.iter().sum::<f64>() / n);
@@ -187,17 +173,11 @@ fn a_value_holds_with_all_axes_at_the_reference() {
         let (truth, _) = every_error(structure);
         let truth = truth + &of_rotary(structure);
         let mut shop = every_line("", "");
-        for letter in ['A', 'B', 'C']
-            .into_iter()
-            .filter(|l| structure.contains(*l))
-        {
+        for letter in ['A', 'B', 'C'].into_iter().filter(|l| structure.contains(*l)) {
             let tilts = format!("\"EA{letter}\", \"EB{letter}\", \"EC{letter}\"");
             for names in [
                 tilts.clone(),
-                tilts
-                    .replace("\"EA", "\"EX")
-                    .replace("\"EB", "\"EY")
-                    .replace("\"EC", "\"EZ"),
+                tilts.replace("\"EA", "\"EX").replace("\"EB", "\"EY").replace("\"EC", "\"EZ"),
             ] {
                 writeln!(
                     shop,
@@ -225,9 +205,6 @@ fn a_value_holds_with_all_axes_at_the_reference() {
         }
         let (truth, found) = round_trip(folder.path(), &truth, "", &shop, "");
         let left = compare(&truth, &found.machine, 1000, 4);
-        assert!(
-            left.position_um < 0.02,
-            "{structure}, read by the shop: {left:?}"
-        );
+        assert!(left.position_um < 0.02, "{structure}, read by the shop: {left:?}");
     }
 }

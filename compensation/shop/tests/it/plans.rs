@@ -63,10 +63,7 @@ fn angles_alone_let_the_linear_axes_follow() {
         let RowReading::Sphere { offset_mm, .. } = &row.reading else {
             panic!("a sphere");
         };
-        for (read, real) in offset_mm
-            .iter()
-            .zip([expected[0] - 150.0, expected[1] - 50.0])
-        {
+        for (read, real) in offset_mm.iter().zip([expected[0] - 150.0, expected[1] - 50.0]) {
             assert!((read - real).abs() < 2e-6, "{c}: {read} for {real}");
         }
     }
@@ -78,18 +75,12 @@ fn rows_alternate_between_spheres() {
     let spheres = "kind = \"sphere\"\ncentres = [[150, 0, 20], [0, 150, 120]]\n";
     made(folder.path(), spheres, "sphere,C\nS2,0\nS1,90\nS2,180\n");
     let text = fs::read_to_string(folder.path().join("sphere.csv")).expect("made");
-    let cells: Vec<Vec<&str>> = text
-        .lines()
-        .skip(1)
-        .map(|line| line.split(',').collect())
-        .collect();
+    let cells: Vec<Vec<&str>> =
+        text.lines().skip(1).map(|line| line.split(',').collect()).collect();
     let order: Vec<[&str; 2]> = cells.iter().map(|row| [row[0], row[4]]).collect();
     assert_eq!(order, [["0", "S2"], ["90", "S1"], ["180", "S2"]]);
     // A touch probe records machine coordinates: S1 at C = 90°.
-    let at: Vec<f64> = cells[1][1..4]
-        .iter()
-        .map(|q| q.parse().expect("a number"))
-        .collect();
+    let at: Vec<f64> = cells[1][1..4].iter().map(|q| q.parse().expect("a number")).collect();
     let [x, y] = tip(at[0], at[1], 90.0, [0.020, -0.010]);
     assert!((x - 150.0).abs() < 2e-6 && y.abs() < 2e-6, "{x} {y}");
 }
@@ -147,11 +138,6 @@ kind = "sphere"\ncentres = [[600, 0, 0]]\n | C\n90\n0\n | row 1 of the plan: fou
     let text =
         format!("machine = \"truth.toml\"\nunknown = [\"EX0C\"]\n[[observation]]\n{missing}");
     fs::write(folder.path().join("shop.toml"), text).expect("written");
-    let message = Shop::read(&folder.path().join("shop.toml"))
-        .expect_err("refused")
-        .to_string();
-    assert!(
-        message.contains("shop.toml:5:") && message.contains("nothing.csv"),
-        "{message}"
-    );
+    let message = Shop::read(&folder.path().join("shop.toml")).expect_err("refused").to_string();
+    assert!(message.contains("shop.toml:5:") && message.contains("nothing.csv"), "{message}");
 }

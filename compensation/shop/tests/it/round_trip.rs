@@ -16,9 +16,8 @@ use volcomp_vocabulary::{AxisName, Um};
 /// All errors of three axes: polynomials of order 3 with constants and slopes.
 fn truth(structure: &str, axes: &str, more: &str) -> String {
     let mut errors = String::new();
-    for (axis, (letter, length)) in [("X", 2000.0), ("Y", 1000.0), ("Z", 800.0)]
-        .into_iter()
-        .enumerate()
+    for (axis, (letter, length)) in
+        [("X", 2000.0), ("Y", 1000.0), ("Z", 800.0)].into_iter().enumerate()
     {
         for (component, what) in ["EX", "EY", "EZ", "EA", "EB", "EC"].into_iter().enumerate() {
             // Different signs and sizes, up to about 20 µm and 30 µrad over the travel.
@@ -124,14 +123,10 @@ fn round_trip(folder: &Path, truth: &str, lines: &str, more: &str) -> (Machine, 
 /// Tip (mm) and its error (µm) at a node, in workpiece axes.
 fn tip_and_error(machine: &Machine, node: [f64; 3]) -> [Vector3<f64>; 2] {
     let axes = [AxisName::X, AxisName::Y, AxisName::Z];
-    let state = machine
-        .state(&std::array::from_fn::<_, 3, _>(|i| (axes[i], node[i])))
-        .expect("a state");
+    let state =
+        machine.state(&std::array::from_fn::<_, 3, _>(|i| (axes[i], node[i]))).expect("a state");
     let error = machine.error_at(&state, Form::Exact, &Temperatures::new());
-    [
-        machine.chain().ideal_tip_mm(&state),
-        error.position_mm * 1e3,
-    ]
+    [machine.chain().ideal_tip_mm(&state), error.position_mm * 1e3]
 }
 
 /// Largest difference between two machines after best-fit rigid-body alignment, the gauge freedom of a calibration.
@@ -145,9 +140,7 @@ fn largest_difference_um(one: &Machine, other: &Machine) -> f64 {
     for (index, node) in nodes.into_iter().enumerate() {
         let [tip, error] = tip_and_error(one, node);
         let found = tip_and_error(other, node)[1];
-        difference
-            .rows_mut(3 * index, 3)
-            .copy_from(&(error - found));
+        difference.rows_mut(3 * index, 3).copy_from(&(error - found));
         let turning = -tip.cross_matrix() * 1e-3;
         rigid.view_mut((3 * index, 0), (3, 3)).fill_with_identity();
         rigid.view_mut((3 * index, 3), (3, 3)).copy_from(&turning);
@@ -175,11 +168,7 @@ fn positioning_of_an_oblique_axis_comes_back() {
     let (truth, found) = round_trip(folder.path(), &truth, lines, "");
     assert!(largest_difference_um(&truth, &found.machine) < 1e-4);
     let names: Vec<String> = found.curves.iter().map(|c| c.error.to_string()).collect();
-    assert_eq!(
-        names,
-        ["EXY", "EXY", "EYY", "EYY"],
-        "both directions of both"
-    );
+    assert_eq!(names, ["EXY", "EXY", "EYY", "EYY"], "both directions of both");
 }
 
 fn small_gantry() -> String {
@@ -197,13 +186,7 @@ fn laser_files_with_reversal_and_noise_come_back() {
                  reversal_um = 1.5\nresolution_um = 0.01\n[[measurement]]\nerrors = [\"EAX\", \"EXX\"]\n\
                  [[measurement]]\nerror = \"EXX\"\nboth_directions = false\nat = { Y = 100 }\n";
     let (truth, found) = round_trip(folder.path(), &truth, lines, "");
-    for name in [
-        "machine.toml",
-        "eax.rta",
-        "exx.rtl",
-        "exx-2.rtl",
-        "calibration.toml",
-    ] {
+    for name in ["machine.toml", "eax.rta", "exx.rtl", "exx-2.rtl", "calibration.toml"] {
         assert!(folder.path().join(name).exists(), "{name}");
     }
     // The lost motion of the set-up is indistinguishable from that of the machine.
@@ -227,10 +210,7 @@ fn a_shop_repeats_itself_and_lines_do_not_disturb_each_other() {
             "machine = \"truth.toml\"\nformat = \"csv\"\n[instrument]\nnoise_um = 1.0\n{lines}"
         );
         fs::write(&path, text).expect("written");
-        Shop::read(&path)
-            .expect("a valid shop")
-            .files(|_, _| {})
-            .expect("measured")
+        Shop::read(&path).expect("a valid shop").files(|_, _| {}).expect("measured")
     };
     let x = "[[measurement]]\nerror = \"EXX\"\n";
     let one = files(x);
@@ -259,14 +239,8 @@ w X' b Y Z t | X.direction = [-1, 0, 0]\nY.direction = [0, -1, 0] |
         let mut without = found.machine.clone();
         without.clear_errors();
         let before = largest_difference_um(&truth, &without);
-        assert!(
-            before > 20.0,
-            "{structure} {axes}: nothing to measure: {before}"
-        );
-        assert!(
-            left < 5e-3,
-            "{structure} {axes} {reference}: {left} of {before}"
-        );
+        assert!(before > 20.0, "{structure} {axes}: nothing to measure: {before}");
+        assert!(left < 5e-3, "{structure} {axes} {reference}: {left} of {before}");
         assert!(found.warnings.is_empty(), "{:?}", found.warnings);
     }
 }
@@ -294,10 +268,7 @@ errors = { EX0C = 40.0 }
         let file = CalibrationFile::read(&folder.path().join("calibration.toml")).expect("read");
         assert_eq!(file.measurements[0].holds_location, key.is_empty());
         let readings = &file.measurements[0].readings.readings;
-        let largest = readings
-            .iter()
-            .map(|reading| reading.deviation.abs())
-            .fold(0.0, f64::max);
+        let largest = readings.iter().map(|reading| reading.deviation.abs()).fold(0.0, f64::max);
         assert!((largest - expected).abs() < 0.1, "{key}: {largest}");
     }
 }

@@ -35,13 +35,9 @@ pub(crate) fn compare(one: &Machine, other: &Machine, poses: usize, seed: u64) -
         let [a, b] = [one, other].map(|machine| machine.error_at(&state, Form::Exact, &none));
         let tip = one.chain().ideal_tip_mm(&state);
         let row = 3 * pose;
-        difference
-            .rows_mut(row, 3)
-            .copy_from(&(a.position_mm - b.position_mm));
+        difference.rows_mut(row, 3).copy_from(&(a.position_mm - b.position_mm));
         rigid.view_mut((row, 0), (3, 3)).fill_with_identity();
-        rigid
-            .view_mut((row, 3), (3, 3))
-            .copy_from(&(-tip.cross_matrix()));
+        rigid.view_mut((row, 3), (3, 3)).copy_from(&(-tip.cross_matrix()));
         let axis = one.chain().ideal_pose(&state).rotation * one.chain().tool_axis();
         turned.push((a.rotation_rad - b.rotation_rad, axis));
     }
@@ -55,9 +51,7 @@ pub(crate) fn compare(one: &Machine, other: &Machine, poses: usize, seed: u64) -
         position_um: largest(&mut (0..poses).map(|pose| left.rows(3 * pose, 3).norm() * 1e3)),
         rotation_urad: largest(&mut turned.iter().map(|(by, _)| (by - turn).norm() * 1e6)),
         tool_axis_urad: largest(
-            &mut turned
-                .iter()
-                .map(|(by, axis)| (by - turn).cross(axis).norm() * 1e6),
+            &mut turned.iter().map(|(by, axis)| (by - turn).cross(axis).norm() * 1e6),
         ),
     }
 }

@@ -21,9 +21,7 @@ fn value(machine: &Machine, name: &str, q: f64, direction: Option<Direction>) ->
     let mut coordinates = [0.0; 9];
     let own = machine.index_of(name.axis).expect("an axis");
     coordinates[own] = q;
-    machine
-        .error(name)
-        .map_or(0.0, |curve| curve.value(own, &coordinates, direction))
+    machine.error(name).map_or(0.0, |curve| curve.value(own, &coordinates, direction))
 }
 
 #[test]
@@ -68,10 +66,7 @@ fn wear_is_proportional_to_time() {
                 for direction in [None, Some(Direction::Positive), Some(Direction::Negative)] {
                     let at = |machine| value(machine, &name, q, direction);
                     let (first, both) = (at(&one) - at(&new), at(&two) - at(&new));
-                    assert!(
-                        (both - 2.0 * first).abs() < 4e-6,
-                        "{name} {q}: {first} {both}"
-                    );
+                    assert!((both - 2.0 * first).abs() < 4e-6, "{name} {q}: {first} {both}");
                     changed += usize::from(first.abs() > 0.05);
                 }
             }
@@ -81,10 +76,7 @@ fn wear_is_proportional_to_time() {
     for (name, value) in two.locations() {
         let before = new.locations().get(name).copied().unwrap_or(0.0);
         let once = one.locations()[name];
-        assert!(
-            (value - before - 2.0 * (once - before)).abs() < 4e-6,
-            "{name}"
-        );
+        assert!((value - before - 2.0 * (once - before)).abs() < 4e-6, "{name}");
     }
     let c: ErrorName = "EC0Y".parse().expect("a name");
     assert_ne!(two.locations()[&c], 0.0);
@@ -104,10 +96,7 @@ fn tilts_are_the_tangents_of_the_bent_ways() {
         ("Z", "EXZ", "EBZ", 1.0),
         ("Z", "EYZ", "EAZ", -1.0),
     ] {
-        let [low, high] = machine()
-            .axis(axis.parse().expect("an axis"))
-            .expect("it")
-            .travel;
+        let [low, high] = machine().axis(axis.parse().expect("an axis")).expect("it").travel;
         // Over an eighth of the travel, because the curve between tabulated positions is not exact.
         let way = (high - low) / 8.0;
         for part in 0..8 {
@@ -131,16 +120,10 @@ fn a_wave_that_was_there_stays() {
         let text = format!("structure = \"w b X t\"\naxes.X.travel = [0.0, 500.0]\n{errors}");
         Machine::parse(&text, "m.toml").expect("a good machine")
     };
-    let wear = Wear {
-        months: 12.0,
-        load: 1.0,
-        seed: 7,
-    };
+    let wear = Wear { months: 12.0, load: 1.0, seed: 7 };
     let worn = |errors: &str| wear.of(&machine(errors)).expect("worn").machine;
-    let (plain, waved) = (
-        worn(""),
-        worn("[errors]\nEXX = { fourier = [0.0, 0.0, 5.0], period = 10.0 }\n"),
-    );
+    let (plain, waved) =
+        (worn(""), worn("[errors]\nEXX = { fourier = [0.0, 0.0, 5.0], period = 10.0 }\n"));
     for step in 0..=3000 {
         let q = 500.0 * f64::from(step) / 3000.0;
         let [old, new] = [&plain, &waved].map(|machine| value(machine, "EXX", q, None));
@@ -152,11 +135,7 @@ fn a_wave_that_was_there_stays() {
 #[test]
 fn what_cannot_be_is_refused() {
     for (months, load) in [(-1.0, 1.0), (f64::NAN, 1.0), (12.0, -1.0), (1e9, 1.0)] {
-        let wear = Wear {
-            months,
-            load,
-            seed: 1,
-        };
+        let wear = Wear { months, load, seed: 1 };
         let error = wear.of(&machine()).expect_err("it cannot be");
         assert!(matches!(error, WearError::Number { .. }), "{error}");
     }

@@ -44,21 +44,12 @@ pub(crate) fn write(tables: &[AxisTable], options: &WriteOptions) -> Written {
         }
     }
     let name = "tables.csv".to_owned();
-    Written {
-        files: vec![TextFile { name, text }],
-        ..Written::default()
-    }
+    Written { files: vec![TextFile { name, text }], ..Written::default() }
 }
 
 /// Replaces comment lines by blank ones, so that line numbers stay the same.
 fn without_comments(text: &str) -> String {
-    let lines = text.lines().map(|line| {
-        if line.trim_start().starts_with('#') {
-            ""
-        } else {
-            line
-        }
-    });
+    let lines = text.lines().map(|line| if line.trim_start().starts_with('#') { "" } else { line });
     lines.collect::<Vec<_>>().join("\n")
 }
 
@@ -72,10 +63,9 @@ pub(crate) fn read(files: &[&TextFile]) -> Result<Vec<AxisTable>, ExchangeError>
 
 fn read_file(file: &TextFile, tables: &mut Vec<AxisTable>) -> Result<(), ExchangeError> {
     let csv = CsvTable::parse(&file.name, &without_comments(&file.text))?;
-    let [input, output, position, forward, backward, modulo] = [
-        "input", "output", "position", "forward", "backward", "modulo",
-    ]
-    .map(|name| csv.require(name));
+    let [input, output, position, forward, backward, modulo] =
+        ["input", "output", "position", "forward", "backward", "modulo"]
+            .map(|name| csv.require(name));
     let (input, output, position) = (input?, output?, position?);
     let (forward, backward, modulo) = (forward?, backward?, modulo?);
     let mut last_line = 1;
@@ -85,9 +75,7 @@ fn read_file(file: &TextFile, tables: &mut Vec<AxisTable>) -> Result<(), Exchang
         let axis = |column| -> Result<AxisName, ExchangeError> {
             let text: &str = row.cell(column).text();
             let expected = "an axis: one of X Y Z A B C U V W";
-            text.trim()
-                .parse()
-                .map_err(|_| here.error(format!("`{text}`"), expected))
+            text.trim().parse().map_err(|_| here.error(format!("`{text}`"), expected))
         };
         let (input, output) = (axis(input)?, axis(output)?);
         let value = |column| -> Result<f64, ExchangeError> {

@@ -44,13 +44,8 @@ fn name_of(table: &AxisTable) -> ErrorName {
 pub fn curves(content: &Content) -> Result<Curves, ExchangeError> {
     let found = match content {
         Content::Axes(tables) => {
-            let each = tables
-                .iter()
-                .map(|table| Ok((name_of(table), curve_of(table)?)));
-            Curves {
-                motions: each.collect::<Result<_, ExchangeError>>()?,
-                locations: Vec::new(),
-            }
+            let each = tables.iter().map(|table| Ok((name_of(table), curve_of(table)?)));
+            Curves { motions: each.collect::<Result<_, ExchangeError>>()?, locations: Vec::new() }
         }
         Content::Errors(errors) => of_errors(errors)?,
     };
@@ -73,10 +68,9 @@ fn curve_of(table: &AxisTable) -> Result<ErrorCurve, ExchangeError> {
     let forward = curve(&table.forward)?;
     Ok(match &table.backward {
         None => ErrorCurve::from(forward),
-        Some(backward) => ErrorCurve::Pair {
-            forward: forward.into(),
-            backward: curve(backward)?.into(),
-        },
+        Some(backward) => {
+            ErrorCurve::Pair { forward: forward.into(), backward: curve(backward)?.into() }
+        }
     })
 }
 
@@ -90,9 +84,9 @@ fn linear(
     let edge = |at: &f64| tidy(Displacement::new(axis.kind(), *at).mm_or_deg());
     let nodes = positions.iter().map(edge).zip(values.map(tidy));
     let table = Table::linear(nodes.map(|(at, value)| [at, value]).collect());
-    Ok(Curve::Table(table.map_err(|error| {
-        ExchangeError::NoCurves(format!("table over {axis}: {error}"))
-    })?))
+    Ok(Curve::Table(
+        table.map_err(|error| ExchangeError::NoCurves(format!("table over {axis}: {error}")))?,
+    ))
 }
 
 fn of_errors(errors: &ErrorTables) -> Result<Curves, ExchangeError> {
@@ -100,17 +94,10 @@ fn of_errors(errors: &ErrorTables) -> Result<Curves, ExchangeError> {
         |name: ErrorName, value: f64| Displacement::new(name.component.kind(), value).um_or_urad();
     let motion = |table: &ErrorTable| {
         let values = table.values.iter().map(|value| micro(table.name, *value));
-        Ok((
-            table.name,
-            ErrorCurve::from(linear(table.name.axis, &table.positions, values)?),
-        ))
+        Ok((table.name, ErrorCurve::from(linear(table.name.axis, &table.positions, values)?)))
     };
     Ok(Curves {
-        motions: errors
-            .curves
-            .iter()
-            .map(motion)
-            .collect::<Result<_, ExchangeError>>()?,
+        motions: errors.curves.iter().map(motion).collect::<Result<_, ExchangeError>>()?,
         locations: errors
             .locations
             .iter()
@@ -140,11 +127,7 @@ pub fn to_toml(curves: &Curves) -> String {
                 )
             }
             ErrorCurve::Reversal { mean, reversal } => {
-                writeln!(
-                    text,
-                    "{name} = {{ mean = {}, reversal = {reversal:?} }}",
-                    field(mean)
-                )
+                writeln!(text, "{name} = {{ mean = {}, reversal = {reversal:?} }}", field(mean))
             }
         };
     }

@@ -22,10 +22,7 @@ impl Format {
         let (facts, tables): (Vec<_>, Vec<_>) =
             (files.iter()).partition(|file| is_facts_file(file.base()));
         // The format in the facts files applies, if these agree.
-        let mut stated: Vec<Self> = facts
-            .iter()
-            .filter_map(|file| stated_format(file))
-            .collect();
+        let mut stated: Vec<Self> = facts.iter().filter_map(|file| stated_format(file)).collect();
         stated.dedup();
         match stated[..] {
             [only] => Some(only),
@@ -63,15 +60,14 @@ impl Format {
 
 impl Content {
     fn check_plausible(&self, files: &[&TextFile]) -> Result<(), ExchangeError> {
-        self.first_refused(is_plausible_error)
-            .map_or(Ok(()), |entry| {
-                Err(ExchangeError::Implausible {
-                    files: files.iter().map(|file| file.name.clone()).collect(),
-                    most: CorrectionLimit::LARGEST.of(entry.value.kind()),
-                    what: entry.what,
-                    found: entry.value,
-                })
+        self.first_refused(is_plausible_error).map_or(Ok(()), |entry| {
+            Err(ExchangeError::Implausible {
+                files: files.iter().map(|file| file.name.clone()).collect(),
+                most: CorrectionLimit::LARGEST.of(entry.value.kind()),
+                what: entry.what,
+                found: entry.value,
             })
+        })
     }
 }
 
@@ -97,10 +93,7 @@ pub fn write(
         return Err(ExchangeError::NoCurves(refusal));
     }
     content.check_plausible(&[])?;
-    let options = &WriteOptions {
-        facts: options.facts.with_tables(content),
-        ..options.clone()
-    };
+    let options = &WriteOptions { facts: options.facts.with_tables(content), ..options.clone() };
     let mut written = match (format, content) {
         (Format::Csv, Content::Axes(tables)) => csv::write(tables, options),
         (Format::Linuxcnc | Format::LinuxcncType1, Content::Axes(tables)) => {
@@ -125,9 +118,7 @@ pub fn write(
             notes => format!("none that it holds ({notes})"),
         };
         let expected = "at least one; errors that are zero at every position of a table, such as those with the period of the step, need another --step";
-        return Err(ExchangeError::not_representable(
-            format, "tables", found, expected,
-        ));
+        return Err(ExchangeError::not_representable(format, "tables", found, expected));
     }
     if !format.has_comments() {
         let facts = facts_with(format, options, &written);
@@ -153,19 +144,14 @@ pub fn read(
         && format != Format::Siemens840d
         && let Some((file, numbers)) = stated_numbers(format, files)
     {
-        let named = numbers
-            .iter()
-            .map(|(name, number)| format!("{name}={number}"));
+        let named = numbers.iter().map(|(name, number)| format!("{name}={number}"));
         let named = named.collect::<Vec<_>>().join(",");
         let text = format!("the numbers of the axes are taken from here: {named}");
         warnings.push(file.whole().warning(text));
         options.axes = numbers;
     }
     let options = &options;
-    let files: Vec<&TextFile> = files
-        .iter()
-        .filter(|file| !is_facts_file(file.base()))
-        .collect();
+    let files: Vec<&TextFile> = files.iter().filter(|file| !is_facts_file(file.base())).collect();
     let content = match format {
         Format::Csv => Content::Axes(csv::read(&files)?),
         Format::Linuxcnc | Format::LinuxcncType1 => {
@@ -192,9 +178,7 @@ pub fn read(
     if is_empty {
         let last = warnings.last();
         let why = last.map_or_else(String::new, |warning| format!(" ({})", warning.text));
-        return Err(in_files(format!(
-            "found no table, expected one of the format {format}{why}"
-        )));
+        return Err(in_files(format!("found no table, expected one of the format {format}{why}")));
     }
     Ok(ReadTables { content, warnings })
 }

@@ -50,12 +50,8 @@ pub(crate) fn read(
                     format!("the letter of this number: --axis-numbers X={number}"),
                 )
             })?;
-            let reader = Reader {
-                here,
-                parameters,
-                data: &found.data,
-                unit: options.detection_unit,
-            };
+            let reader =
+                Reader { here, parameters, data: &found.data, unit: options.detection_unit };
             let Some(table) = reader.table(axis, warnings)? else {
                 continue;
             };
@@ -168,12 +164,7 @@ impl Reader<'_> {
             );
             warnings.push(self.here.warning(text));
         }
-        Ok(Some(Extent {
-            first,
-            last,
-            reference,
-            interval,
-        }))
+        Ok(Some(Extent { first, last, reference, interval }))
     }
 
     fn table(
@@ -181,13 +172,7 @@ impl Reader<'_> {
         axis: AxisName,
         warnings: &mut Vec<Warning>,
     ) -> Result<Option<AxisTable>, ExchangeError> {
-        let Some(Extent {
-            first,
-            last,
-            reference,
-            interval,
-        }) = self.extent(axis, warnings)?
-        else {
+        let Some(Extent { first, last, reference, interval }) = self.extent(axis, warnings)? else {
             return Ok(None);
         };
         let magnification = self.real(3623).filter(|m| *m > 0.0).unwrap_or(1.0);
@@ -217,18 +202,17 @@ impl Reader<'_> {
         let is_missing = |point: &u32| !self.data.contains_key(point);
         let missing = (first..=last).filter(is_missing).count();
         if missing > 0 {
-            warnings.push(self.here.warning(format!(
-                "axis {axis}: {missing} points are missing: read as 0"
-            )));
+            warnings.push(
+                self.here.warning(format!("axis {axis}: {missing} points are missing: read as 0")),
+            );
         }
         let backward = match (self.text(3605).ends_with('1'), self.point(3626)) {
             (false, _) => None,
             (true, Some(from)) => Some(deviations(summed(from), self.real(3627).unwrap_or(0.0))),
             (true, None) => {
-                return Err(self.here.error(
-                    "3605#0 is 1 without 3626",
-                    "the first point for negative motion",
-                ));
+                return Err(self
+                    .here
+                    .error("3605#0 is 1 without 3626", "the first point for negative motion"));
             }
         };
         let at =
@@ -311,10 +295,9 @@ pub(crate) fn write(
         return Ok(written);
     }
     data.axes.sort_by_key(|points| points.axis);
-    written.files.push(TextFile {
-        name: "PITCH.TXT".to_owned(),
-        text: text(&data.axes, &data.data),
-    });
+    written
+        .files
+        .push(TextFile { name: "PITCH.TXT".to_owned(), text: text(&data.axes, &data.data) });
     written.notes.push(format!(
         "detection unit {} mm or deg, magnification 1",
         short(options.detection_unit, 9)
@@ -354,8 +337,7 @@ impl PitchData {
             // mm to µm, rad to µrad.
             let micro = base * Displacement::new(table.output.kind(), 1.0).um_or_urad();
             let micro = short(micro, 2);
-            self.offsets
-                .push(format!("{} {micro} µm or µrad", table.input));
+            self.offsets.push(format!("{} {micro} µm or µrad", table.input));
         }
         let counted = |values: &[f64]| -> Result<Vec<i64>, ExchangeError> {
             let units = values.iter().map(|value| {
@@ -385,11 +367,7 @@ impl PitchData {
             first,
             last,
             interval,
-            turn: if table.modulo {
-                interval * (count - 1) as f64
-            } else {
-                0.0
-            },
+            turn: if table.modulo { interval * (count - 1) as f64 } else { 0.0 },
             negative,
         });
         Ok(())
@@ -445,9 +423,7 @@ fn text(all: &[Points], data: &[(u32, i64)]) -> String {
             let _ = writeln!(text, "N{number:05}{values}");
         }
     };
-    put(3605, &|points| {
-        Some(format!("{:08}", u8::from(points.negative.is_some())))
-    });
+    put(3605, &|points| Some(format!("{:08}", u8::from(points.negative.is_some()))));
     put(3620, &|points| Some(points.reference.to_string()));
     put(3621, &|points| Some(points.first.to_string()));
     put(3622, &|points| Some(points.last.to_string()));
@@ -465,9 +441,5 @@ fn text(all: &[Points], data: &[(u32, i64)]) -> String {
 /// Formats a number with a decimal point, such as 30.0 in known files.
 fn real(value: f64) -> String {
     let text = short(value, 9);
-    if text.contains('.') {
-        text
-    } else {
-        text + ".0"
-    }
+    if text.contains('.') { text } else { text + ".0" }
 }

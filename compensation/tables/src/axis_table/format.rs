@@ -126,8 +126,6 @@ impl FromStr for Format {
 
     fn from_str(text: &str) -> Result<Self, UnknownFormat> {
         let named = Self::ALL.into_iter().find(|format| format.name() == text);
-        named.ok_or_else(|| UnknownFormat {
-            found: text.to_owned(),
-        })
+        named.ok_or_else(|| UnknownFormat { found: text.to_owned() })
     }
 }

@@ -20,9 +20,7 @@ const DECIMALS: usize = 4;
 /// Non-empty lines of a file, with their numbers.
 fn lines(file: &TextFile) -> impl Iterator<Item = (usize, &str)> {
     let lines = file.text.lines().enumerate();
-    lines
-        .map(|(index, line)| (index + 1, line.trim()))
-        .filter(|(_, line)| !line.is_empty())
+    lines.map(|(index, line)| (index + 1, line.trim())).filter(|(_, line)| !line.is_empty())
 }
 
 /// Axis letter in `AXIS_X.COM` or `AXIS-X.COM`.
@@ -36,9 +34,7 @@ fn begin<'a>(
     line: Option<&(usize, &'a str)>,
 ) -> Result<&'a str, ExchangeError> {
     let found = line.map_or("", |(_, text)| *text);
-    let name = found
-        .strip_prefix("BEGIN ")
-        .and_then(|rest| rest.split_whitespace().next());
+    let name = found.strip_prefix("BEGIN ").and_then(|rest| rest.split_whitespace().next());
     name.ok_or_else(|| {
         let here = file.at(line.map_or(1, |(number, _)| *number));
         here.error(quoted(found), "BEGIN and the name of the table")
@@ -115,17 +111,8 @@ fn read_com(
         return Ok(Vec::new());
     };
     let head = columns_of(file, input, &all)?;
-    let Rows {
-        positions,
-        backlash,
-        columns,
-        ends,
-    } = rows_of(file, input, &head, &all)?;
-    let Columns {
-        outputs,
-        has_backlash,
-        ..
-    } = head;
+    let Rows { positions, backlash, columns, ends } = rows_of(file, input, &head, &all)?;
+    let Columns { outputs, has_backlash, .. } = head;
     if !ends {
         warnings.push(file.whole().warning("no [END]: is the file complete?"));
     }
@@ -214,20 +201,15 @@ fn columns_of(
     }
     let has_backlash = names.get(2) == Some(&"BACKLASH");
     let outputs = names.iter().skip(if has_backlash { 3 } else { 2 });
-    let outputs: Vec<AxisName> = outputs
-        .map(|name| name.parse().map_err(|_| wrong()))
-        .collect::<Result<_, _>>()?;
+    let outputs: Vec<AxisName> =
+        outputs.map(|name| name.parse().map_err(|_| wrong())).collect::<Result<_, _>>()?;
     if outputs.is_empty()
         || (1..outputs.len()).any(|place| outputs[..place].contains(&outputs[place]))
         || has_backlash && !outputs.contains(&input)
     {
         return Err(wrong());
     }
-    Ok(Columns {
-        outputs,
-        has_backlash,
-        cells: names.len(),
-    })
+    Ok(Columns { outputs, has_backlash, cells: names.len() })
 }
 
 #[derive(Default)]
@@ -244,10 +226,7 @@ fn rows_of(
     head: &Columns,
     all: &[(usize, &str)],
 ) -> Result<Rows, ExchangeError> {
-    let mut rows = Rows {
-        columns: vec![Vec::new(); head.outputs.len()],
-        ..Rows::default()
-    };
+    let mut rows = Rows { columns: vec![Vec::new(); head.outputs.len()], ..Rows::default() };
     for (line, text) in all.iter().skip(2) {
         let here = file.at(*line);
         if *text == "[END]" {
@@ -353,9 +332,7 @@ fn is_turn(table: &AxisTable) -> bool {
 /// Whether the values at both ends agree to the last decimal of a file.
 fn closes(table: &AxisTable) -> bool {
     let half_a_digit = 0.5 * 10.0_f64.powi(-i32::try_from(DECIMALS).unwrap_or(0));
-    let mut both_directions = [Some(&table.forward), table.backward.as_ref()]
-        .into_iter()
-        .flatten();
+    let mut both_directions = [Some(&table.forward), table.backward.as_ref()].into_iter().flatten();
     both_directions.all(|values| {
         let ends = values.first().zip(values.last());
         ends.is_none_or(|(a, b)| table.output_in_file_unit(a - b).abs() <= half_a_digit)
@@ -365,10 +342,7 @@ fn closes(table: &AxisTable) -> bool {
 /// A full-turn table shifted to 0 to 360 deg. It keeps its nodes if one of them is at 0 or the spacing is uneven; otherwise it is resampled
 /// from 0 with the same spacing.
 fn wrapped(table: &AxisTable) -> AxisTable {
-    let turn = AxisTable {
-        modulo: true,
-        ..table.clone()
-    };
+    let turn = AxisTable { modulo: true, ..table.clone() };
     let mut positions: Vec<f64> = if let Some(spacing) = table.spacing() {
         // Multiples of the spacing from 0, which are the existing nodes except for rounding.
         let inner = 1..table.positions.len().saturating_sub(1);
@@ -384,10 +358,8 @@ fn wrapped(table: &AxisTable) -> AxisTable {
         *last = TAU;
     }
     let along = |direction: Direction| -> Vec<f64> {
-        let mut values: Vec<f64> = positions
-            .iter()
-            .map(|at| turn.deviation(*at, Some(direction)))
-            .collect();
+        let mut values: Vec<f64> =
+            positions.iter().map(|at| turn.deviation(*at, Some(direction))).collect();
         if let [first, .., last] = values.as_mut_slice() {
             *last = *first;
         }
@@ -395,12 +367,7 @@ fn wrapped(table: &AxisTable) -> AxisTable {
     };
     let forward = along(Direction::Positive);
     let backward = table.backward.is_some().then(|| along(Direction::Negative));
-    AxisTable {
-        positions,
-        forward,
-        backward,
-        ..turn
-    }
+    AxisTable { positions, forward, backward, ..turn }
 }
 
 pub(crate) fn write_tnc640(tables: &[AxisTable]) -> Result<Written, ExchangeError> {
@@ -453,13 +420,7 @@ pub(crate) fn write_tnc640(tables: &[AxisTable]) -> Result<Written, ExchangeErro
         row(&mut text, &head);
         let columns: Vec<Vec<f64>> = of
             .iter()
-            .map(|table| {
-                if table.is_own() {
-                    table.forward.clone()
-                } else {
-                    table.mean()
-                }
-            })
+            .map(|table| if table.is_own() { table.forward.clone() } else { table.mean() })
             .collect();
         for (place, at) in first.positions_in_file_unit().enumerate() {
             let mut cells = vec![place.to_string(), signed(at, DECIMALS)];
@@ -475,10 +436,7 @@ pub(crate) fn write_tnc640(tables: &[AxisTable]) -> Result<Written, ExchangeErro
             row(&mut text, &cells);
         }
         text += "[END]\n";
-        written.files.push(TextFile {
-            name: format!("AXIS_{input}.COM"),
-            text,
-        });
+        written.files.push(TextFile { name: format!("AXIS_{input}.COM"), text });
     }
     if inputs.is_empty() {
         return Ok(written);
@@ -492,10 +450,7 @@ pub(crate) fn write_tnc640(tables: &[AxisTable]) -> Result<Written, ExchangeErro
     let files: Vec<String> = inputs.iter().map(|axis| format!("AXIS_{axis}")).collect();
     line("0", "*", &files);
     text += "[END]\n";
-    written.files.push(TextFile {
-        name: "CONFIG.CMA".to_owned(),
-        text,
-    });
+    written.files.push(TextFile { name: "CONFIG.CMA".to_owned(), text });
     if !averaged.is_empty() {
         written.notes.push(format!("mean of both directions, because a .COM file has one column of values after negative motion: {}", averaged.join(", ")));
     }

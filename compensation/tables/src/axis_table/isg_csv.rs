@@ -31,8 +31,7 @@ pub(crate) fn is_head(line: &str) -> bool {
 }
 
 fn cells(line: &str) -> impl Iterator<Item = &str> {
-    line.split([',', ';', ' ', '\t'])
-        .filter(|cell| !cell.is_empty())
+    line.split([',', ';', ' ', '\t']).filter(|cell| !cell.is_empty())
 }
 
 pub(crate) fn write(errors: &ErrorTables, options: &WriteOptions) -> Written {
@@ -67,10 +66,8 @@ pub(crate) fn write(errors: &ErrorTables, options: &WriteOptions) -> Written {
         let names: Vec<String> = group.iter().map(|table| table.name.to_string()).collect();
         let _ = writeln!(text, "{},{}", first.name.axis, names.join(","));
         for (place, at) in first.positions.iter().enumerate() {
-            let values: Vec<String> = group
-                .iter()
-                .map(|table| value(table.name, table.values[place]))
-                .collect();
+            let values: Vec<String> =
+                group.iter().map(|table| value(table.name, table.values[place])).collect();
             let _ = writeln!(
                 text,
                 "{},{}",
@@ -79,10 +76,7 @@ pub(crate) fn write(errors: &ErrorTables, options: &WriteOptions) -> Written {
             );
         }
     }
-    written.files.push(TextFile {
-        name: "errors.csv".to_owned(),
-        text,
-    });
+    written.files.push(TextFile { name: "errors.csv".to_owned(), text });
     written
 }
 
@@ -133,9 +127,8 @@ fn head_of(here: FilePosition<'_>, text: &str) -> Result<Head, ExchangeError> {
                 "one axis: tables over several axes are not read",
             ));
         }
-        let name: ErrorName = word
-            .parse()
-            .map_err(|_| here.error(format!("`{word}`"), "an error name: EXX"))?;
+        let name: ErrorName =
+            word.parse().map_err(|_| here.error(format!("`{word}`"), "an error name: EXX"))?;
         if name.axis != axis || name.location || names.contains(&name) {
             return Err(here.error(
                 format!("{name} in a table over {axis}"),
@@ -145,10 +138,7 @@ fn head_of(here: FilePosition<'_>, text: &str) -> Result<Head, ExchangeError> {
         names.push(name);
     }
     if names.is_empty() {
-        return Err(here.error(
-            format!("`{axis}` alone"),
-            "an axis and error names: X EXX EYX",
-        ));
+        return Err(here.error(format!("`{axis}` alone"), "an axis and error names: X EXX EYX"));
     }
     Ok((axis, names, Vec::new()))
 }
@@ -161,17 +151,11 @@ fn close(
     let Some((axis, names, rows)) = head else {
         return Ok(());
     };
-    let column = |place: usize| {
-        rows.iter()
-            .map(move |row| row.get(place).copied().unwrap_or(0.0))
-    };
+    let column = |place: usize| rows.iter().map(move |row| row.get(place).copied().unwrap_or(0.0));
     let positions: Vec<f64> = column(0).map(|at| from_file_unit(axis, at)).collect();
     for (place, name) in names.into_iter().enumerate() {
-        let table = ErrorTable {
-            name,
-            positions: positions.clone(),
-            values: column(place + 1).collect(),
-        };
+        let table =
+            ErrorTable { name, positions: positions.clone(), values: column(place + 1).collect() };
         if let Some(refusal) = table.refusal() {
             return Err(here.error(refusal, "a complete table"));
         }

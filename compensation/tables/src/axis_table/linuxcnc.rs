@@ -24,11 +24,7 @@ fn holds_trims(format: Format) -> bool {
 
 pub(crate) fn write(tables: &[AxisTable], format: Format) -> Result<Written, ExchangeError> {
     let value = |nominal: f64, deviation: f64| {
-        if holds_trims(format) {
-            -deviation
-        } else {
-            nominal + deviation
-        }
+        if holds_trims(format) { -deviation } else { nominal + deviation }
     };
     let mut written = Written::default();
     let mut crossed = Vec::new();
@@ -46,17 +42,10 @@ pub(crate) fn write(tables: &[AxisTable], format: Format) -> Result<Written, Exc
                 format!("at most {MAX_LINES}: use a larger step"),
             ));
         }
-        let decimals = if table.input.is_rotary() {
-            DECIMALS_ROTARY
-        } else {
-            DECIMALS
-        };
+        let decimals = if table.input.is_rotary() { DECIMALS_ROTARY } else { DECIMALS };
         let mut text = String::new();
         let backward = table.backward.as_ref().unwrap_or(&table.forward);
-        let rows = table
-            .positions_in_file_unit()
-            .zip(&table.forward)
-            .zip(backward);
+        let rows = table.positions_in_file_unit().zip(&table.forward).zip(backward);
         for ((at, forward), backward) in rows {
             // The nominal as written, so that the difference is the exact deviation.
             let nominal: f64 = short(at, decimals).parse().unwrap_or(at);
@@ -72,10 +61,7 @@ pub(crate) fn write(tables: &[AxisTable], format: Format) -> Result<Written, Exc
                 table.positions_in_file_unit().last().unwrap_or(0.0)
             ));
         }
-        written.files.push(TextFile {
-            name: format!("{}.comp", table.input),
-            text,
-        });
+        written.files.push(TextFile { name: format!("{}.comp", table.input), text });
     }
     written.leave_out("a COMP_FILE corrects its own joint alone", &crossed);
     if !written.files.is_empty() {
@@ -108,10 +94,7 @@ pub(crate) fn read(
     format: Format,
     warnings: &mut Vec<Warning>,
 ) -> Result<Vec<AxisTable>, ExchangeError> {
-    files
-        .iter()
-        .map(|file| read_file(file, format, warnings))
-        .collect()
+    files.iter().map(|file| read_file(file, format, warnings)).collect()
 }
 
 fn read_file(
@@ -152,11 +135,7 @@ fn read_file(
             return Err(here.too_many(MAX_LINES));
         }
         let deviations = [forward, back].map(|value| {
-            let deviation = if holds_trims(format) {
-                0.0 - value
-            } else {
-                value - nominal
-            };
+            let deviation = if holds_trims(format) { 0.0 - value } else { value - nominal };
             from_file_unit(axis, deviation)
         });
         let implausible = (deviations.into_iter())
@@ -180,16 +159,11 @@ fn read_file(
         backward.push(deviations[1]);
     }
     if table.positions.len() < 2 {
-        return Err(file.whole().error(
-            format!("{} lines of three numbers", table.positions.len()),
-            "at least 2",
-        ));
+        return Err(file
+            .whole()
+            .error(format!("{} lines of three numbers", table.positions.len()), "at least 2"));
     }
-    if backward
-        .iter()
-        .zip(&table.forward)
-        .any(|(a, b)| (a - b).abs() > 1e-12)
-    {
+    if backward.iter().zip(&table.forward).any(|(a, b)| (a - b).abs() > 1e-12) {
         table.backward = Some(backward);
     }
     Ok(table)
@@ -210,13 +184,7 @@ fn scanned(line: &str) -> Option<[f64; 3]> {
 }
 
 fn prefix(bytes: &[u8]) -> Option<usize> {
-    let digits = |from: usize| {
-        bytes
-            .iter()
-            .skip(from)
-            .take_while(|b| b.is_ascii_digit())
-            .count()
-    };
+    let digits = |from: usize| bytes.iter().skip(from).take_while(|b| b.is_ascii_digit()).count();
     let mut at = usize::from(matches!(bytes.first(), Some(b'+' | b'-')));
     let whole = digits(at);
     at += whole;

@@ -199,15 +199,11 @@ pub fn loss(
     write: &WriteOptions,
 ) -> Result<Loss, ExchangeError> {
     // A single category may need larger corrections than all errors together.
-    let options = &TableOptions {
-        limit: CorrectionLimit::LARGEST,
-        ..options.clone()
-    };
+    let options = &TableOptions { limit: CorrectionLimit::LARGEST, ..options.clone() };
     let correction = machine.correction_options();
     let correctors = correction.correctors(machine.chain());
-    let mut outputs: Vec<usize> = (0..machine.axes().len())
-        .filter(|place| correctors.contains(*place))
-        .collect();
+    let mut outputs: Vec<usize> =
+        (0..machine.axes().len()).filter(|place| correctors.contains(*place)).collect();
     outputs.sort_by_key(|&place| machine.axes()[place].name.index());
     let comparison = Comparison {
         temperatures,
@@ -233,21 +229,12 @@ pub fn loss(
                 }
                 // Difference between one direction and the mean of both.
                 let added = |of: &dyn Fn(&State) -> PerAxis<f64>, state: &State| {
-                    let (here, mean) = (
-                        of(state),
-                        of(&State {
-                            q: state.q,
-                            ..State::default()
-                        }),
-                    );
+                    let (here, mean) = (of(state), of(&State { q: state.q, ..State::default() }));
                     PerAxis::from_fn(|place| here[place] - mean[place])
                 };
-                comparison.compare(
-                    machine,
-                    &directions,
-                    &|state| added(&model, state),
-                    &|state| added(&control, state),
-                )
+                comparison.compare(machine, &directions, &|state| added(&model, state), &|state| {
+                    added(&control, state)
+                })
             }
             Category::Thermal => {
                 let Some(warmer) = warmer(machine, temperatures) else {
@@ -274,11 +261,7 @@ pub fn loss(
         };
         categories.push(CategoryLoss { category, axes });
     }
-    Ok(Loss {
-        poses: comparison.spread.len() + comparison.likely.len(),
-        axes,
-        categories,
-    })
+    Ok(Loss { poses: comparison.spread.len() + comparison.likely.len(), axes, categories })
 }
 
 /// Poses over the travel of all axes. The spacing is uneven, because even spacing would coincide with table positions and with the zeros of
@@ -287,9 +270,7 @@ fn spread_poses(machine: &Machine) -> Vec<State> {
     let axes = machine.axes();
     let count = (1..=MAX_POSITIONS_PER_AXIS).rev().find(|count| {
         let power = u32::try_from(axes.len()).unwrap_or(u32::MAX);
-        count
-            .checked_pow(power)
-            .is_some_and(|poses| poses <= MAX_POSES)
+        count.checked_pow(power).is_some_and(|poses| poses <= MAX_POSES)
     });
     let count = count.unwrap_or(1);
     let mut poses = vec![State::default()];
@@ -304,11 +285,7 @@ fn spread_poses(machine: &Machine) -> Vec<State> {
         }
         poses = poses
             .iter()
-            .flat_map(|pose| {
-                nodes
-                    .iter()
-                    .map(move |at| with_coordinate(pose, axis, index, *at))
-            })
+            .flat_map(|pose| nodes.iter().map(move |at| with_coordinate(pose, axis, index, *at)))
             .collect();
     }
     poses
@@ -365,9 +342,7 @@ fn thinned(places: &[f64]) -> impl Iterator<Item = f64> + '_ {
 }
 
 fn has_reversal(machine: &Machine) -> bool {
-    machine
-        .errors()
-        .any(|(_, curve)| !matches!(curve, ErrorCurve::Single(_)))
+    machine.errors().any(|(_, curve)| !matches!(curve, ErrorCurve::Single(_)))
 }
 
 /// Temperatures with every sensor warmer by 1 K; `None` without thermal terms.
@@ -375,10 +350,7 @@ fn warmer(machine: &Machine, temperatures: &Temperatures) -> Option<Temperatures
     let thermal = machine.thermal();
     let sensors = thermal.sensors();
     let warmer = sensors.iter().map(|name| {
-        let now = temperatures
-            .get(*name)
-            .copied()
-            .unwrap_or(thermal.reference_degc);
+        let now = temperatures.get(*name).copied().unwrap_or(thermal.reference_degc);
         ((*name).to_owned(), now + 1.0)
     });
     (!sensors.is_empty()).then(|| warmer.collect())
@@ -419,9 +391,7 @@ impl Comparison<'_> {
     }
 
     fn model(&self, machine: &Machine, temperatures: &Temperatures, state: &State) -> PerAxis<f64> {
-        machine
-            .correction_at(state, temperatures, &self.correction)
-            .delta
+        machine.correction_at(state, temperatures, &self.correction).delta
     }
 
     fn control(
@@ -431,11 +401,8 @@ impl Comparison<'_> {
         state: &State,
     ) -> PerAxis<f64> {
         let axes = machine.axes();
-        let index = |name: AxisName| {
-            axes.iter()
-                .position(|axis| axis.name == name)
-                .unwrap_or(MAX_AXES)
-        };
+        let index =
+            |name: AxisName| axes.iter().position(|axis| axis.name == name).unwrap_or(MAX_AXES);
         let mut sum = PerAxis::ZERO;
         let mut add = |axis: AxisName, deviation: f64| {
             if let Some(place) = sum.0.get_mut(index(axis)) {
@@ -484,10 +451,7 @@ impl Comparison<'_> {
         let likely = self.likely.iter().map(|pose| (pose, 0.0));
         for (pose, counts) in spread.chain(likely) {
             for &direction in directions {
-                let state = State {
-                    q: pose.q,
-                    approach: PerAxis([direction; MAX_AXES]),
-                };
+                let state = State { q: pose.q, approach: PerAxis([direction; MAX_AXES]) };
                 let (expected, applied) = (model(&state), control(&state));
                 for (found, &place) in found.iter_mut().zip(&self.outputs) {
                     let kind = found.axis.kind();
@@ -502,10 +466,7 @@ impl Comparison<'_> {
                             .iter()
                             .zip(state.q.iter())
                             .map(|(axis, q)| {
-                                (
-                                    axis.name,
-                                    Displacement::new(axis.name.kind(), *q).mm_or_deg(),
-                                )
+                                (axis.name, Displacement::new(axis.name.kind(), *q).mm_or_deg())
                             })
                             .collect();
                     }

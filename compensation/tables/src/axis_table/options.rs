@@ -64,9 +64,7 @@ pub fn facts_file(format: Format) -> String {
 
 /// Whether this is the name of a facts file, which no control reads; also the older name without a format.
 pub fn is_facts_file(name: &str) -> bool {
-    let format = name
-        .strip_prefix(FACTS_STEM)
-        .and_then(|end| end.strip_suffix(".txt"));
+    let format = name.strip_prefix(FACTS_STEM).and_then(|end| end.strip_suffix(".txt"));
     format.is_some_and(|format| format.is_empty() || format.starts_with('-'))
 }
 
@@ -112,14 +110,9 @@ impl Facts {
             let at = from_file_unit(table.input, at.map_or(0.0, |(_, at)| *at));
             (table.input, table.deviation(at, None))
         };
-        let own = tables
-            .iter()
-            .filter(|table| table.is_own())
-            .map(at_reference);
+        let own = tables.iter().filter(|table| table.is_own()).map(at_reference);
         Self {
-            own_at_reference: own
-                .filter(|(_, by)| by.abs() > NEGLIGIBLE_DEVIATION)
-                .collect(),
+            own_at_reference: own.filter(|(_, by)| by.abs() > NEGLIGIBLE_DEVIATION).collect(),
             ..self.clone()
         }
     }
@@ -166,9 +159,7 @@ impl Facts {
             format.trust().to_owned(),
         ]);
         if matches!(format, Format::Siemens840d | Format::Fanuc) {
-            let used = axes
-                .iter()
-                .map(|(name, number)| format!(" {name}={number}"));
+            let used = axes.iter().map(|(name, number)| format!(" {name}={number}"));
             lines.push(format!("{NUMBERS}{}", used.collect::<String>()));
         }
         lines.push("No real control was tried, and nothing is certified.".to_owned());
@@ -229,9 +220,7 @@ fn directions(format: Format) -> &'static str {
 
 /// Replaces control characters, so that the text stays on one line.
 fn one_line(text: &str) -> String {
-    text.chars()
-        .map(|c| if c.is_control() { ' ' } else { c })
-        .collect()
+    text.chars().map(|c| if c.is_control() { ' ' } else { c }).collect()
 }
 
 pub(crate) fn facts_with(format: Format, options: &WriteOptions, written: &Written) -> TextFile {
@@ -244,10 +233,7 @@ pub(crate) fn facts_with(format: Format, options: &WriteOptions, written: &Writt
         text += line;
         text.push('\n');
     }
-    TextFile {
-        name: facts_file(format),
-        text,
-    }
+    TextFile { name: facts_file(format), text }
 }
 
 /// Machine data and control settings that the written tables depend on.
@@ -287,11 +273,7 @@ impl Default for WriteOptions {
 
 impl Default for ReadOptions {
     fn default() -> Self {
-        Self {
-            axes: AxisNumbers::default(),
-            encoder: None,
-            detection_unit: 0.001,
-        }
+        Self { axes: AxisNumbers::default(), encoder: None, detection_unit: 0.001 }
     }
 }
 
@@ -311,12 +293,9 @@ impl Written {
         if tables.is_empty() {
             return;
         }
-        let names = tables
-            .iter()
-            .map(|table| format!("{} over {}", table.output, table.input));
+        let names = tables.iter().map(|table| format!("{} over {}", table.output, table.input));
         let names: Vec<String> = names.collect();
-        self.notes
-            .push(format!("left out, because {why}: {}", names.join(", ")));
+        self.notes.push(format!("left out, because {why}: {}", names.join(", ")));
         let pairs = tables.iter().map(|table| (table.output, table.input));
         self.left_out.extend(pairs);
     }

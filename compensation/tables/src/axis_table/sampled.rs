@@ -28,12 +28,7 @@ pub struct TableOptions {
 impl Default for TableOptions {
     /// Nodes every 50 mm and 15 deg, the other axes at 0, a limit of 250 µm and 250 µrad.
     fn default() -> Self {
-        Self {
-            step_mm: 50.0,
-            step_deg: 15.0,
-            at: Vec::new(),
-            limit: CorrectionLimit::default(),
-        }
+        Self { step_mm: 50.0, step_deg: 15.0, at: Vec::new(), limit: CorrectionLimit::default() }
     }
 }
 
@@ -52,11 +47,7 @@ impl TableOptions {
             }
             let [low, high] = axis.travel;
             let expected = format!("{low} to {high}, its travel");
-            Err(ExchangeError::option(
-                format!("--at {}", axis.name),
-                &at,
-                expected,
-            ))
+            Err(ExchangeError::option(format!("--at {}", axis.name), &at, expected))
         };
         machine.axes().iter().map(stands).collect()
     }
@@ -76,10 +67,7 @@ pub fn sampled(
     options: &TableOptions,
     format: Format,
 ) -> Result<Content, ExchangeError> {
-    for (what, step) in [
-        ("--step", options.step_mm),
-        ("--step-deg", options.step_deg),
-    ] {
+    for (what, step) in [("--step", options.step_mm), ("--step-deg", options.step_deg)] {
         if !(step > 0.0 && step.is_finite()) {
             return Err(ExchangeError::option(what, &step, "a number above 0"));
         }
@@ -209,24 +197,13 @@ impl Lines<'_> {
             if within(place) {
                 return Node::Within(place);
             }
-            let (inner, end) = if place > high {
-                (place - step, high)
-            } else {
-                (place + step, low)
-            };
+            let (inner, end) =
+                if place > high { (place - step, high) } else { (place + step, low) };
             if (end - inner).abs() < 1e-6 * step {
                 // The axis has no travel, so the single value applies.
-                return Node::Beyond {
-                    inner: end,
-                    end: end + step.copysign(place - end),
-                    at: end,
-                };
+                return Node::Beyond { inner: end, end: end + step.copysign(place - end), at: end };
             }
-            Node::Beyond {
-                inner,
-                end,
-                at: place,
-            }
+            Node::Beyond { inner, end, at: place }
         };
         Ok((first..=last).map(node).collect())
     }
@@ -259,9 +236,7 @@ impl Lines<'_> {
         let options = machine.correction_options();
         let correctors = options.correctors(machine.chain());
         let correction = |state: &State| -> PerAxis<f64> {
-            machine
-                .correction_at(state, self.temperatures, &options)
-                .delta
+            machine.correction_at(state, self.temperatures, &options).delta
         };
         let standing = correction(&self.reference);
         let mut tables = Vec::new();
@@ -289,11 +264,7 @@ impl Lines<'_> {
                 if !correctors.contains(output) {
                     continue;
                 }
-                let base = if output == input {
-                    0.0
-                } else {
-                    standing[output]
-                };
+                let base = if output == input { 0.0 } else { standing[output] };
                 let values = |found: &[PerAxis<f64>]| -> Vec<f64> {
                     let of = |delta: &PerAxis<f64>| base - delta[output] + 0.0;
                     found.iter().map(of).collect()
@@ -332,16 +303,12 @@ impl Lines<'_> {
                 state.q[index] = from_file_unit(axis.name, at);
                 let motion = source.error_motion(index, &state);
                 let (linear, angular) = (motion.linear_mm, motion.angular_rad);
-                [
-                    linear.x, linear.y, linear.z, angular.x, angular.y, angular.z,
-                ]
+                [linear.x, linear.y, linear.z, angular.x, angular.y, angular.z]
             };
             let values: Vec<[f64; 6]> = nodes.iter().map(|node| node.values(of)).collect();
             for component in Component::ALL {
-                let mut values: Vec<f64> = values
-                    .iter()
-                    .map(|six| six[component.index()] + 0.0)
-                    .collect();
+                let mut values: Vec<f64> =
+                    values.iter().map(|six| six[component.index()] + 0.0).collect();
                 if values.iter().all(|value| value.abs() < 1e-12) {
                     continue;
                 }

@@ -23,11 +23,7 @@ pub(crate) fn read(
         found.take(file, warnings)?;
     }
     let stated = AxisNumbers::stated(std::mem::take(&mut found.stated)).unwrap_or_default();
-    let names = AxisNames {
-        options: &options.axes,
-        stated,
-        numbered: RefCell::default(),
-    };
+    let names = AxisNames { options: &options.axes, stated, numbered: RefCell::default() };
     let mut tables = Vec::new();
     leadscrews(&found, &names, options.encoder, &mut tables, warnings)?;
     cross(&found, &names, &mut tables, warnings)?;
@@ -152,10 +148,8 @@ fn cross(
 
 /// Joins two unidirectional tables; a missing direction has no deviation.
 fn joined(halves: [Option<AxisTable>; 2]) -> Option<AxisTable> {
-    let zero = |table: &AxisTable| AxisTable {
-        forward: vec![0.0; table.forward.len()],
-        ..table.clone()
-    };
+    let zero =
+        |table: &AxisTable| AxisTable { forward: vec![0.0; table.forward.len()], ..table.clone() };
     let (forward, backward) = match halves {
         [Some(forward), Some(backward)] => (forward, backward),
         [Some(forward), None] => (forward.clone(), zero(&forward)),
@@ -166,10 +160,7 @@ fn joined(halves: [Option<AxisTable>; 2]) -> Option<AxisTable> {
     positions.sort_by(f64::total_cmp);
     positions.dedup_by(|a, b| (*a - *b).abs() < 1e-9);
     let backward = backward.at_positions(positions.clone()).forward;
-    Some(AxisTable {
-        backward: Some(backward),
-        ..forward.at_positions(positions)
-    })
+    Some(AxisTable { backward: Some(backward), ..forward.at_positions(positions) })
 }
 
 enum Statement {
@@ -212,10 +203,7 @@ fn statement(line: &str) -> Result<Statement, &'static str> {
         return Ok(Statement::Other(name.to_owned()));
     }
     let (index, rest) = rest.split_once(']').ok_or("a `]` after the index")?;
-    let index = index
-        .split([',', '.'])
-        .map(|part| part.trim().to_owned())
-        .collect();
+    let index = index.split([',', '.']).map(|part| part.trim().to_owned()).collect();
     let value = rest.trim();
     let has_equals = value.starts_with('=');
     let value = value.strip_prefix('=').unwrap_or(value).trim();
@@ -224,9 +212,7 @@ fn statement(line: &str) -> Result<Statement, &'static str> {
         (None, "TRUE") => Value::Number(1.0),
         (None, "FALSE") => Value::Number(0.0),
         (None, text) => {
-            let inner = text
-                .strip_prefix('(')
-                .and_then(|rest| rest.strip_suffix(')'));
+            let inner = text.strip_prefix('(').and_then(|rest| rest.strip_suffix(')'));
             let bare = inner.unwrap_or(text).trim();
             let is_name =
                 !bare.is_empty() && bare.bytes().all(|b| b.is_ascii_alphanumeric() || b == b'_');
@@ -236,12 +222,7 @@ fn statement(line: &str) -> Result<Statement, &'static str> {
             Value::Axis(bare.to_owned())
         }
     };
-    Ok(Statement::Set {
-        name: name.to_owned(),
-        index,
-        value,
-        has_equals,
-    })
+    Ok(Statement::Set { name: name.to_owned(), index, value, has_equals })
 }
 
 /// Removes a block number such as `N120`.
@@ -250,11 +231,7 @@ fn without_number(text: &str) -> &str {
         return text;
     };
     let digits = rest.bytes().take_while(u8::is_ascii_digit).count();
-    if digits == 0 {
-        text
-    } else {
-        rest[digits..].trim_start()
-    }
+    if digits == 0 { text } else { rest[digits..].trim_start() }
 }
 
 struct Parameters<'a> {
@@ -344,12 +321,7 @@ impl<'a> Statements<'a> {
                     let text = format!("`{name}` is not part of a compensation table: ignored");
                     warnings.push(here.warning(text));
                 }
-                Statement::Set {
-                    name,
-                    index,
-                    value,
-                    has_equals,
-                } => {
+                Statement::Set { name, index, value, has_equals } => {
                     if !has_equals && !has_equals_warning {
                         has_equals_warning = true;
                         warnings.push(here.warning(
@@ -471,18 +443,8 @@ fn extent(
         clippy::cast_sign_loss,
         reason = "above 0, at most MAX_POINTS"
     )]
-    let last = if is_whole {
-        parts.round()
-    } else {
-        parts.ceil()
-    } as u32;
-    Ok(Some(Extent {
-        min,
-        max,
-        step,
-        last,
-        is_whole,
-    }))
+    let last = if is_whole { parts.round() } else { parts.ceil() } as u32;
+    Ok(Some(Extent { min, max, step, last, is_whole }))
 }
 
 fn points(
@@ -493,13 +455,7 @@ fn points(
     let Some(extent) = extent(name, parameters, warnings)? else {
         return Ok(None);
     };
-    let Extent {
-        min,
-        max,
-        step,
-        last,
-        is_whole,
-    } = extent;
+    let Extent { min, max, step, last, is_whole } = extent;
     let here = parameters.last;
     let mut positions = Vec::new();
     let mut values = Vec::new();
@@ -532,22 +488,19 @@ fn points(
             "{name}: {unused} values after point {last} are not 0, and are not used"
         )));
     }
-    let modulo = match parameters.number("_IS_MODULO").unwrap_or(0.0) {
-        0.0 => false,
-        1.0 => true,
-        -1.0 => {
-            warnings.push(here.warning(format!(
-                "{name}: IS_MODULO is -1: read as 1; a control expects 0 or 1"
-            )));
-            true
-        }
-        found => return Err(here.error(format!("{name} with IS_MODULO {found}"), "0 or 1")),
-    };
-    Ok(Some(Points {
-        positions,
-        values,
-        modulo,
-    }))
+    let modulo =
+        match parameters.number("_IS_MODULO").unwrap_or(0.0) {
+            0.0 => false,
+            1.0 => true,
+            -1.0 => {
+                warnings.push(here.warning(format!(
+                    "{name}: IS_MODULO is -1: read as 1; a control expects 0 or 1"
+                )));
+                true
+            }
+            found => return Err(here.error(format!("{name} with IS_MODULO {found}"), "0 or 1")),
+        };
+    Ok(Some(Points { positions, values, modulo }))
 }
 
 impl Points {
@@ -564,10 +517,7 @@ impl Points {
 }
 
 fn all_from_file_unit(axis: AxisName, values: &[f64]) -> Vec<f64> {
-    values
-        .iter()
-        .map(|value| from_file_unit(axis, *value))
-        .collect()
+    values.iter().map(|value| from_file_unit(axis, *value)).collect()
 }
 
 const FORMAT: Format = Format::Siemens840d;
@@ -579,11 +529,7 @@ pub(crate) fn write(
 ) -> Result<Written, ExchangeError> {
     let mut written = Written::default();
     if options.encoder > 1 {
-        return Err(ExchangeError::option(
-            "--encoder",
-            &options.encoder,
-            "0 or 1",
-        ));
+        return Err(ExchangeError::option("--encoder", &options.encoder, "0 or 1"));
     }
     let (own, crossed): (Vec<_>, Vec<_>) = tables.iter().partition(|table| table.is_own());
     if !own.is_empty() {
@@ -592,10 +538,7 @@ pub(crate) fn write(
             leadscrew(&mut text, table, options)?;
         }
         text += "M17\n";
-        written.files.push(TextFile {
-            name: "AX_EEC.INI".to_owned(),
-            text,
-        });
+        written.files.push(TextFile { name: "AX_EEC.INI".to_owned(), text });
         let points = own.iter().map(|table| table.positions.len());
         let most = points.max().unwrap_or(0);
         written.notes.push(format!(
@@ -626,10 +569,7 @@ pub(crate) fn write(
             }
         }
         text += "M17\n";
-        written.files.push(TextFile {
-            name: "NC_CEC.INI".to_owned(),
-            text,
-        });
+        written.files.push(TextFile { name: "NC_CEC.INI".to_owned(), text });
         written.notes.push(format!(
             "MD18342[0] to MD18342[{}] must be at least {points}; tables are loaded while MD32710 is 0",
             number.saturating_sub(1)

@@ -92,15 +92,11 @@ impl AxisTable {
         let name = self.title();
         let nodes = self.positions.len();
         if nodes < 2 {
-            return Some(format!(
-                "{name}: found {nodes} positions, expected at least 2"
-            ));
+            return Some(format!("{name}: found {nodes} positions, expected at least 2"));
         }
         let backward = self.backward.as_ref().map_or(nodes, Vec::len);
         if self.forward.len() != nodes || backward != nodes {
-            return Some(format!(
-                "{name}: expected a value at each of its {nodes} positions"
-            ));
+            return Some(format!("{name}: expected a value at each of its {nodes} positions"));
         }
         if let Some(pair) = self.positions.windows(2).find(|pair| pair[0] >= pair[1]) {
             return Some(format!(
@@ -144,18 +140,14 @@ impl AxisTable {
                 "the same distance everywhere",
             ));
         };
-        Ok((
-            self.input_in_file_unit(*first),
-            self.input_in_file_unit(spacing),
-        ))
+        Ok((self.input_in_file_unit(*first), self.input_in_file_unit(spacing)))
     }
 
     /// The curves resampled at these positions; nodes in between are lost.
     pub(crate) fn at_positions(&self, positions: Vec<f64>) -> Self {
         let along = |values: &Vec<f64>| {
             let each = positions.iter();
-            each.map(|&at| interpolated(&self.positions, values, at))
-                .collect()
+            each.map(|&at| interpolated(&self.positions, values, at)).collect()
         };
         Self {
             forward: along(&self.forward),

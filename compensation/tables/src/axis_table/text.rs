@@ -24,17 +24,11 @@ impl TextFile {
 
     /// Location of a line, counted from 1.
     pub(crate) fn at(&self, line: usize) -> FilePosition<'_> {
-        FilePosition {
-            file: self,
-            line: Some(line),
-        }
+        FilePosition { file: self, line: Some(line) }
     }
 
     pub(crate) fn whole(&self) -> FilePosition<'_> {
-        FilePosition {
-            file: self,
-            line: None,
-        }
+        FilePosition { file: self, line: None }
     }
 }
 
@@ -65,11 +59,7 @@ impl FilePosition<'_> {
     }
 
     pub(crate) fn warning(self, text: impl Into<String>) -> Warning {
-        Warning {
-            file: self.file.name.clone(),
-            line: self.line,
-            text: text.into(),
-        }
+        Warning { file: self.file.name.clone(), line: self.line, text: text.into() }
     }
 }
 
@@ -115,11 +105,7 @@ pub(crate) fn short(value: f64, decimals: usize) -> String {
 
 pub(crate) fn signed(value: f64, decimals: usize) -> String {
     let text = fixed(value, decimals);
-    if text.starts_with('-') {
-        text
-    } else {
-        format!("+{text}")
-    }
+    if text.starts_with('-') { text } else { format!("+{text}") }
 }
 
 /// The nearest whole number; `None` if it is out of the range of the files.
@@ -159,17 +145,9 @@ pub enum ExchangeError {
     Cell(#[from] Box<InputError>),
     /// An option has an invalid value.
     #[error("{what}: found {found}, expected {expected}")]
-    InvalidOption {
-        what: String,
-        found: String,
-        expected: String,
-    },
+    InvalidOption { what: String, found: String, expected: String },
     #[error("{what} is {found:.1}, expected at most {limit}: check the units in the machine file")]
-    BeyondLimit {
-        what: String,
-        found: Displacement,
-        limit: Displacement,
-    },
+    BeyondLimit { what: String, found: Displacement, limit: Displacement },
     /// A value in a file, or in tables to be written, is implausible for a machine tool.
     #[error("{}{what} is {found:.1}, expected at most {most}", if files.is_empty() { String::new() } else { format!("{}: ", files.join(", ")) })]
     Implausible {
@@ -181,12 +159,7 @@ pub enum ExchangeError {
     },
     /// The format cannot hold the data.
     #[error("{format}: {what}: found {found}, expected {expected}")]
-    NotRepresentable {
-        format: Format,
-        what: String,
-        found: String,
-        expected: String,
-    },
+    NotRepresentable { format: Format, what: String, found: String, expected: String },
     /// Tables cannot be converted to curves of a machine file.
     #[error("{0}")]
     NoCurves(String),

@@ -22,10 +22,7 @@ fn places_mm(table: &Table) -> f64 {
 
 fn counts(table: &Table) -> Vec<u16> {
     let header = table.map.header();
-    header.lines[..header.grid.count()]
-        .iter()
-        .map(|lines| lines.count)
-        .collect()
+    header.lines[..header.grid.count()].iter().map(|lines| lines.count).collect()
 }
 
 #[test]
@@ -34,11 +31,7 @@ fn a_product_is_exact_on_two_lines() {
     let field = |at: &[f64; GRID_AXES]| [0.1 * at[0] * at[1] * at[2] * 1e-9, 0.0, 0.0];
     let table = build(&request(3, 1, 0.1), &field).expect("a map");
     assert_eq!(counts(&table), [2, 2, 2]);
-    assert!(
-        table.misfit.max_mm <= rounding_mm(3, 1) + places_mm(&table),
-        "{:?}",
-        table.misfit
-    );
+    assert!(table.misfit.max_mm <= rounding_mm(3, 1) + places_mm(&table), "{:?}", table.misfit);
     assert_eq!(table.map.words().len(), HEADER_WORDS + 8);
     // 100 µm over 1000 mm, at the far sides.
     assert!((table.steepest - 1e-4).abs() < 1e-6);
@@ -63,10 +56,7 @@ fn a_square_needs_as_many_lines_as_its_second_derivative_says() {
         assert!(table.misfit.max_mm <= within_um * 1e-3);
         // At most a third more lines than needed.
         let needed = (80.0 / within_um).sqrt().ceil();
-        assert!(
-            gaps >= needed && gaps <= 1.3 * needed + 1.0,
-            "{within_um}: {gaps}, {needed}"
-        );
+        assert!(gaps >= needed && gaps <= 1.3 * needed + 1.0, "{within_um}: {gaps}, {needed}");
     }
 }
 
@@ -117,20 +107,14 @@ fn a_memory_shortage_states_the_words_needed() {
     wanted.words = 1000;
     let refused = build(&wanted, &field).expect_err("three waves of 2.5 m");
     let TablesError::Memory {
-        needed: Some(needed),
-        reached_um: Some(reached_um),
-        words: 1000,
-        ..
+        needed: Some(needed), reached_um: Some(reached_um), words: 1000, ..
     } = refused
     else {
         panic!("{refused}")
     };
     assert!(reached_um > 0.8, "{reached_um}");
     let said = refused.to_string();
-    assert!(
-        said.starts_with("0.8 µm need ") && said.contains("lines along X "),
-        "{said}"
-    );
+    assert!(said.starts_with("0.8 µm need ") && said.contains("lines along X "), "{said}");
     // Both numbers in the message are correct.
     wanted.words = needed;
     let table = build(&wanted, &field).expect("as many words as it takes");
@@ -142,16 +126,7 @@ fn a_memory_shortage_states_the_words_needed() {
     // Room for no map.
     wanted.words = 60;
     let refused = build(&wanted, &field).expect_err("no room");
-    assert!(
-        matches!(
-            refused,
-            TablesError::Memory {
-                reached_um: None,
-                ..
-            }
-        ),
-        "{refused}"
-    );
+    assert!(matches!(refused, TablesError::Memory { reached_um: None, .. }), "{refused}");
 }
 
 #[test]
@@ -160,22 +135,13 @@ fn invalid_requests_are_refused() {
     let cases: [(Change, &str); 7] = [
         (|r| r.axes[0].travel = [0.0, f64::NAN], "travel of X"),
         (|r| r.within_mm = f64::NAN, "bound (mm) is NaN"),
-        (
-            |r| r.axes[0].step = 0.000_000_1,
-            "step of the position of X",
-        ),
+        (|r| r.axes[0].step = 0.000_000_1, "step of the position of X"),
         (
             |r| r.outputs[0].limit_mm = 0.005,
             "the correction of X is 10.0 µm at X=0, expected at most 5 µm",
         ),
-        (
-            |r| r.outputs[0].limit_mm = 2.001,
-            "limit of X (mm) is 2.001",
-        ),
-        (
-            |r| r.axes.clear(),
-            "expected one to five different axes of the grid",
-        ),
+        (|r| r.outputs[0].limit_mm = 2.001, "limit of X (mm) is 2.001"),
+        (|r| r.axes.clear(), "expected one to five different axes of the grid"),
         // A bound finer than the parts of a step.
         (|r| r.within_mm = 5e-6, "no grid keeps 0.005 µm"),
     ];
@@ -225,17 +191,10 @@ fn a_constant_reversal_is_in_the_map_and_the_rest_counts() {
     );
     // The backlash varies by 2 µm, so half of it by ±0.5 µm about its mean.
     let table = build(&request(1, 1, 1.0), &Play { varies_mm: 0.002 }).expect("a map");
-    assert!(
-        (table.misfit.max_mm - 0.0005).abs() <= 2.0 * rounding_mm(1, 1),
-        "{:?}",
-        table.misfit
-    );
+    assert!((table.misfit.max_mm - 0.0005).abs() <= 2.0 * rounding_mm(1, 1), "{:?}", table.misfit);
     assert!(table.misfit.directions[0].is_some());
     let refused = build(&request(1, 1, 0.4), &Play { varies_mm: 0.002 }).expect_err("0.5 µm");
-    assert!(
-        matches!(refused, TablesError::Unreachable { .. }),
-        "{refused}"
-    );
+    assert!(matches!(refused, TablesError::Unreachable { .. }), "{refused}");
 }
 
 #[test]
@@ -246,15 +205,9 @@ fn five_axes_are_looked_up_too() {
     };
     let table = build(&request(5, 2, 0.2), &field).expect("a map");
     assert_eq!(counts(&table), [2; 5]);
-    let position = Position {
-        steps: [500_000; GRID_AXES],
-        ..Position::default()
-    };
+    let position = Position { steps: [500_000; GRID_AXES], ..Position::default() };
     let found = table.map.correction_mm(&position);
-    assert!(
-        (found[0] - 0.1 / 32.0).abs() < 1e-4 && (found[1] - 0.025).abs() < 1e-4,
-        "{found:?}"
-    );
+    assert!((found[0] - 0.1 / 32.0).abs() < 1e-4 && (found[1] - 0.025).abs() < 1e-4, "{found:?}");
 }
 
 #[test]

@@ -82,11 +82,7 @@ fn largest_mm(machine: &Machine, temperatures: &Temperatures, made: &MachineMap)
             position.steps[place] = steps;
             position.directions[place] = Some(Direction::BOTH[rng.random_range(0..2)]);
             let at = f64::from(steps) * 1e-3;
-            state.q[index] = if name.is_rotary() {
-                at.to_radians()
-            } else {
-                at
-            };
+            state.q[index] = if name.is_rotary() { at.to_radians() } else { at };
             state.approach[index] = position.directions[place];
         }
         let exact = machine.correction_at(&state, temperatures, &options);
@@ -103,30 +99,19 @@ fn largest_mm(machine: &Machine, temperatures: &Temperatures, made: &MachineMap)
 #[test]
 fn the_map_of_a_gantry_is_its_correction_within_the_bound() {
     let machine = parsed(GANTRY);
-    let temperatures: Temperatures = [("scale_x", 23.0), ("spindle", 28.0)]
-        .map(|(name, t)| (name.to_owned(), t))
-        .into();
+    let temperatures: Temperatures =
+        [("scale_x", 23.0), ("spindle", 28.0)].map(|(name, t)| (name.to_owned(), t)).into();
     for within_mm in [0.003, 0.001] {
-        let options = MapOptions {
-            within_mm,
-            words: 20000,
-            ..MapOptions::default()
-        };
+        let options = MapOptions { within_mm, words: 20000, ..MapOptions::default() };
         let made = MachineMap::new(&machine, &temperatures, &options).expect("a map");
         let stated = made.table.misfit.max_mm;
         let found = largest_mm(&machine, &temperatures, &made);
         assert!(stated <= within_mm, "{stated}");
-        assert!(
-            found <= 1.02 * stated && found > 0.3 * stated,
-            "{found}, stated {stated}"
-        );
+        assert!(found <= 1.02 * stated && found > 0.3 * stated, "{found}, stated {stated}");
         // Half of the reversal value of 6 µm, opposite to the error.
         let header = made.table.map.header();
         let step = f64::from(header.scale);
-        assert!(
-            (f64::from(header.reversal[0][0]) + 3.0 * step).abs() < 0.1 * step,
-            "{header:?}"
-        );
+        assert!((f64::from(header.reversal[0][0]) + 3.0 * step).abs() < 0.1 * step, "{header:?}");
         assert_eq!(made.held, []);
         assert_eq!(made.elsewhere_mm, None);
         let checksum =
@@ -141,25 +126,14 @@ fn the_refresh_interval_follows_from_the_effect_of_1_k() {
     let made = MachineMap::new(
         &machine,
         &Temperatures::new(),
-        &MapOptions {
-            within_mm: 0.003,
-            ..MapOptions::default()
-        },
+        &MapOptions { within_mm: 0.003, ..MapOptions::default() },
     )
     .expect("a map");
     // 11.5 µm/(m·K) over 800 mm, and 3.2 µm/K.
-    let found: Vec<(&str, f64)> = made
-        .sensitivities
-        .iter()
-        .map(|s| (s.sensor.as_str(), s.mm_per_k * 1e3))
-        .collect();
-    let [("scale_x", scale), ("spindle", spindle)] = found[..] else {
-        panic!("{found:?}")
-    };
-    assert!(
-        (scale - 9.2).abs() < 0.05 && (spindle - 3.2).abs() < 0.02,
-        "{found:?}"
-    );
+    let found: Vec<(&str, f64)> =
+        made.sensitivities.iter().map(|s| (s.sensor.as_str(), s.mm_per_k * 1e3)).collect();
+    let [("scale_x", scale), ("spindle", spindle)] = found[..] else { panic!("{found:?}") };
+    assert!((scale - 9.2).abs() < 0.05 && (spindle - 3.2).abs() < 0.02, "{found:?}");
     // 12.4 µm/K at 0.5 K/h: 1 µm in 580 s.
     let seconds = refresh_s(&made.sensitivities, 0.5, 0.001).expect("temperatures count");
     assert!((seconds - 3600.0 / 6.2).abs() < 5.0, "{seconds}");
@@ -170,10 +144,7 @@ fn the_refresh_interval_follows_from_the_effect_of_1_k() {
 #[test]
 fn fixed_rotary_axes_and_their_neglected_effect() {
     let machine = parsed(FIVE_AXES);
-    let options = MapOptions {
-        within_mm: 0.002,
-        ..MapOptions::default()
-    };
+    let options = MapOptions { within_mm: 0.002, ..MapOptions::default() };
     let made = MachineMap::new(&machine, &Temperatures::new(), &options).expect("a map");
     assert_eq!(made.held, [(AxisName::C, 0.0), (AxisName::B, 0.0)]);
     // An offset of C by 20 µm: half a turn from the fixed position it is 40 µm, plus the tilt of B.
@@ -181,13 +152,7 @@ fn fixed_rotary_axes_and_their_neglected_effect() {
     assert!((38.0..80.0).contains(&elsewhere_um), "{elsewhere_um}");
     // With both axes in the grid nothing is neglected.
     let options = MapOptions {
-        grid: vec![
-            AxisName::X,
-            AxisName::Y,
-            AxisName::Z,
-            AxisName::B,
-            AxisName::C,
-        ],
+        grid: vec![AxisName::X, AxisName::Y, AxisName::Z, AxisName::B, AxisName::C],
         within_mm: 0.006,
         words: 32767,
         ..MapOptions::default()
@@ -201,25 +166,13 @@ fn fixed_rotary_axes_and_their_neglected_effect() {
 fn invalid_map_options_are_refused() {
     let gantry = parsed(GANTRY);
     let mut only_rotary = parsed(FIVE_AXES);
-    only_rotary
-        .set_correct(Some(&[AxisName::B]))
-        .expect("its axis");
-    let no_axis = MapOptions {
-        grid: vec![AxisName::A],
-        ..MapOptions::default()
-    };
-    let small = MapOptions {
-        limit_mm: 0.01,
-        ..MapOptions::default()
-    };
+    only_rotary.set_correct(Some(&[AxisName::B])).expect("its axis");
+    let no_axis = MapOptions { grid: vec![AxisName::A], ..MapOptions::default() };
+    let small = MapOptions { limit_mm: 0.01, ..MapOptions::default() };
     for (machine, options, expected) in [
         (&gantry, no_axis, "has no axis A"),
         (&gantry, small, "expected at most 10 µm"),
-        (
-            &only_rotary,
-            MapOptions::default(),
-            "expected one to five different axes",
-        ),
+        (&only_rotary, MapOptions::default(), "expected one to five different axes"),
     ] {
         let refused = MachineMap::new(machine, &Temperatures::new(), &options);
         let message = refused.expect_err(expected).to_string();
@@ -230,10 +183,7 @@ fn invalid_map_options_are_refused() {
 #[test]
 fn a_transfer_counts_every_frame() {
     let machine = parsed(GANTRY);
-    let options = MapOptions {
-        within_mm: 0.003,
-        ..MapOptions::default()
-    };
+    let options = MapOptions { within_mm: 0.003, ..MapOptions::default() };
     let made = MachineMap::new(&machine, &Temperatures::new(), &options).expect("a map");
     let map = &made.table.map;
     let transfer = Transfer::of(map);
@@ -250,10 +200,8 @@ fn a_transfer_counts_every_frame() {
 /// the equivalent position.
 #[test]
 fn an_axis_that_rolls_over_has_no_map() {
-    let text = FIVE_AXES.replace(
-        "C = { travel = [0.0, 360.0] }",
-        "C = { travel = [0.0, 360.0], modulo = 360.0 }",
-    );
+    let text = FIVE_AXES
+        .replace("C = { travel = [0.0, 360.0] }", "C = { travel = [0.0, 360.0], modulo = 360.0 }");
     let machine = parsed(&text);
     let made = |grid: &[AxisName]| {
         let options = MapOptions {
@@ -269,13 +217,7 @@ fn an_axis_that_rolls_over_has_no_map() {
     let [x, y, z] = linear;
     let refused = made(&[x, y, z, AxisName::C]);
     assert!(
-        matches!(
-            refused,
-            Err(TablesError::RollsOver {
-                axis: AxisName::C,
-                ..
-            })
-        ),
+        matches!(refused, Err(TablesError::RollsOver { axis: AxisName::C, .. })),
         "{refused:?}"
     );
 }

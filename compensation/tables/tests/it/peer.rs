@@ -37,9 +37,7 @@ fn look_up_and_error_match_scipy() {
     let lines: Vec<String> = header.lines[..3]
         .iter()
         .map(|lines| {
-            let at: Vec<String> = (0..lines.count)
-                .map(|line| lines.at(line).to_string())
-                .collect();
+            let at: Vec<String> = (0..lines.count).map(|line| lines.at(line).to_string()).collect();
             format!("[{}]", at.join(","))
         })
         .collect();
@@ -70,11 +68,7 @@ fn look_up_and_error_match_scipy() {
         .output()
         .expect("runs");
     std::fs::remove_file(&folder).expect("removed");
-    assert!(
-        output.status.success(),
-        "{}",
-        String::from_utf8_lossy(&output.stderr)
-    );
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let answer = String::from_utf8(output.stdout).expect("text");
     let numbers: Vec<f64> = answer
         .split(['[', ']', ',', ' ', '\n'])
@@ -84,10 +78,8 @@ fn look_up_and_error_match_scipy() {
     assert_eq!(numbers.len(), 3 * positions.len());
     // Half a part per axis, plus half a digit along each axis times the steepest slope.
     let slope = table.steepest;
-    let places: f64 = header.lines[..3]
-        .iter()
-        .map(|lines| 0.5 * f64::from(lines.part) * 1e-3)
-        .sum();
+    let places: f64 =
+        header.lines[..3].iter().map(|lines| 0.5 * f64::from(lines.part) * 1e-3).sum();
     let close_mm = 1.5 * parts_in_mm + 3.0_f64.sqrt() * slope * places + 1e-9;
     let mut largest_mm = 0.0_f64;
     for (at, scipy) in positions.iter().zip(numbers.chunks_exact(3)) {
@@ -111,9 +103,6 @@ fn look_up_and_error_match_scipy() {
     }
     // SciPy's interpolation error on the same values is within the stated one and not far below.
     let stated = table.misfit.max_mm;
-    assert!(
-        largest_mm <= stated + close_mm,
-        "{largest_mm}, stated {stated}"
-    );
+    assert!(largest_mm <= stated + close_mm, "{largest_mm}, stated {stated}");
     assert!(largest_mm > 0.5 * stated, "{largest_mm}, stated {stated}");
 }

@@ -101,18 +101,10 @@ impl Exchange for Control {
 
 /// A map that corrects X by 80 µm along X and Y by 50 µm along Y, times `times`.
 fn map(counter: u16, times: f64) -> Map {
-    let request = volcomp_tables::Request {
-        counter,
-        words: 600,
-        ..world::request(2, 2, 0.5)
-    };
+    let request = volcomp_tables::Request { counter, words: 600, ..world::request(2, 2, 0.5) };
     let field = |at: &[f64; GRID_AXES]| {
         let bend = 1e-6 * (at[0] - 500.0).powi(2) * 0.1;
-        [
-            times * (0.08 * at[0] / 1000.0 - bend),
-            times * 0.05 * at[1] / 1000.0,
-            0.0,
-        ]
+        [times * (0.08 * at[0] / 1000.0 - bend), times * 0.05 * at[1] / 1000.0, 0.0]
     };
     build(&request, &field).expect("a map").map
 }
@@ -179,10 +171,7 @@ fn a_map_is_transferred_and_kept() {
     bring(&mut sender, &mut control);
     keep(&mut sender, &mut control, 200);
     let report = control.lookup.report();
-    assert!(
-        report.valid && report.counter == 3 && report.of.owner == 9,
-        "{report:?}"
-    );
+    assert!(report.valid && report.counter == 3 && report.of.owner == 9, "{report:?}");
     let wanted = [0.08 * 700.0 - 4.0, 0.05 * 200.0].map(f64::round);
     for (applied, wanted) in report.of.applied.iter().zip(wanted) {
         assert!((f64::from(*applied) - wanted).abs() <= 1.0, "{report:?}");
@@ -203,10 +192,7 @@ fn lost_writes_and_a_wrong_word_only_cost_time() {
         let with = bring(&mut sender, &mut control);
         assert!(with > without, "{with} {without}");
         let buffer = usize::from(control.lookup.report().buffer);
-        assert_eq!(
-            control.lookup.buffer(buffer)[..map.words().len()],
-            *map.words()
-        );
+        assert_eq!(control.lookup.buffer(buffer)[..map.words().len()], *map.words());
     }
 }
 
@@ -225,16 +211,8 @@ fn a_lost_sender_ramps_to_zero() {
         assert_eq!(first.step(&mut control), Ok(Step::Loading));
     }
     let report = control.lookup.report();
-    assert!(
-        report
-            .loading
-            .is_some_and(|(counter, next)| counter == 4 && next > 0),
-        "{report:?}"
-    );
-    assert!(
-        report.valid && report.counter == 3 && control.applied == full,
-        "{report:?}"
-    );
+    assert!(report.loading.is_some_and(|(counter, next)| counter == 4 && next > 0), "{report:?}");
+    assert!(report.valid && report.counter == 3 && control.applied == full, "{report:?}");
     control.largest = 0;
     for _ in 0..39 {
         control.scan();
@@ -268,10 +246,7 @@ fn a_second_map_is_swapped_in_without_a_jump() {
         let mut way = vec![from];
         for _ in 0..2000 {
             first.step(&mut control).expect("no fault that lasts");
-            assert!(
-                control.lookup.report().valid,
-                "a map is in use at all times"
-            );
+            assert!(control.lookup.report().valid, "a map is in use at all times");
             way.push(control.applied);
         }
         let report = control.lookup.report();
@@ -280,10 +255,7 @@ fn a_second_map_is_swapped_in_without_a_jump() {
         for output in 0..2 {
             assert!(to[output] < from[output] - 4, "{from:?} to {to:?}");
             let between = to[output]..=from[output];
-            assert!(
-                way.iter().all(|at| between.contains(&at[output])),
-                "{way:?}"
-            );
+            assert!(way.iter().all(|at| between.contains(&at[output])), "{way:?}");
             assert!(way.is_sorted_by(|was, is| is[output] <= was[output]));
         }
         assert!(control.largest <= 3, "at the control's rate");
@@ -299,10 +271,7 @@ fn a_second_sender_sends_nothing() {
     // Also a sender with the same owner number by chance.
     for owner in [10, 9] {
         let found = sender(&map(4, -1.0), owner).step(&mut control);
-        assert!(
-            matches!(found, Err(SendError::Held { by: 9, .. })),
-            "{found:?}"
-        );
+        assert!(matches!(found, Err(SendError::Held { by: 9, .. })), "{found:?}");
     }
     assert_eq!((control.mailbox, control.writes), (mailbox, writes));
     keep(&mut first, &mut control, 20);
@@ -334,10 +303,7 @@ type Change = fn(&mut Settings);
 fn limits_of_sender_and_control_are_checked() {
     let large = Sender::new(map(3, 2.0), MACHINE, 9, allowed());
     assert!(matches!(large, Err(LimitError::Value { .. })), "{large:?}");
-    let small = SenderLimits {
-        capacity: 70,
-        ..allowed()
-    };
+    let small = SenderLimits { capacity: 70, ..allowed() };
     let found = Sender::new(map(3, 1.0), MACHINE, 9, small);
     assert!(matches!(found, Err(LimitError::Words { .. })), "{found:?}");
     let change: [(Change, &str); 3] = [

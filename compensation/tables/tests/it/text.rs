@@ -151,29 +151,10 @@ impl Sender {
             _ => Body::Begin { counter, words },
         };
         match rng.random_range(0..40) {
-            0 => {
-                body = Body::Begin {
-                    counter: rng.random_range(0..3),
-                    words: rng.random(),
-                }
-            }
-            1 => {
-                body = Body::Words {
-                    place: rng.random_range(0..300),
-                    data: rng.random(),
-                }
-            }
-            2 => {
-                body = Body::Swap {
-                    counter,
-                    check: rng.random(),
-                }
-            }
-            3 => {
-                body = Body::Keep {
-                    counter: rng.random_range(0..5),
-                }
-            }
+            0 => body = Body::Begin { counter: rng.random_range(0..3), words: rng.random() },
+            1 => body = Body::Words { place: rng.random_range(0..300), data: rng.random() },
+            2 => body = Body::Swap { counter, check: rng.random() },
+            3 => body = Body::Keep { counter: rng.random_range(0..5) },
             4 => {
                 let check = checksum(settings, &self.map);
                 body = Body::Swap { counter, check };
@@ -196,11 +177,7 @@ impl Sender {
             epoch: of.epoch,
             tick: of.tick.wrapping_sub(rng.random_range(0..3)),
             sequence: of.sequence.wrapping_add(1),
-            owner: if of.owner == 0 {
-                rng.random_range(0..30)
-            } else {
-                of.owner
-            },
+            owner: if of.owner == 0 { rng.random_range(0..30) } else { of.owner },
         };
         match rng.random_range(0..40) {
             0 => head.epoch = head.epoch.wrapping_sub(rng.random_range(0..3)),
@@ -210,9 +187,7 @@ impl Sender {
             _ => {}
         }
         let outputs = &settings.outputs;
-        let mut words = (Frame { head, body })
-            .encode(outputs.machine, outputs.axes)
-            .to_vec();
+        let mut words = (Frame { head, body }).encode(outputs.machine, outputs.axes).to_vec();
         match rng.random_range(0..40) {
             0 => {
                 let at = rng.random_range(0..words.len());
@@ -234,11 +209,7 @@ impl Sender {
         let map = random_map(rng, settings, counter);
         let header =
             Header::decode(&map).unwrap_or_else(|_| *world::map(rng, settings, counter).header());
-        Self {
-            map,
-            counter,
-            header,
-        }
+        Self { map, counter, header }
     }
 }
 
@@ -261,11 +232,7 @@ fn compare(text: &str) -> Result<(usize, [usize; 11]), String> {
     for _ in 0..110 {
         let settings = world::settings(&mut rng);
         let (mut epoch, tick) = (rng.random(), rng.random());
-        let mut applied = if rng.random_bool(0.5) {
-            [0; OUTPUTS]
-        } else {
-            rng.random()
-        };
+        let mut applied = if rng.random_bool(0.5) { [0; OUTPUTS] } else { rng.random() };
         for applied in applied.iter_mut().skip(settings.outputs.axes.count()) {
             *applied = 0;
         }
@@ -282,11 +249,7 @@ fn compare(text: &str) -> Result<(usize, [usize; 11]), String> {
                 let words = sender.frame(&mut rng, &settings, &lookup);
                 // Some frames are torn: a part of the previous frame remains.
                 let torn = rng.random_bool(0.02);
-                let until = if torn {
-                    rng.random_range(0..FRAME_WORDS)
-                } else {
-                    FRAME_WORDS
-                };
+                let until = if torn { rng.random_range(0..FRAME_WORDS) } else { FRAME_WORDS };
                 mailbox[..until].copy_from_slice(&words[..until]);
             }
             if rng.random_bool(0.05) {
@@ -337,10 +300,7 @@ fn compare(text: &str) -> Result<(usize, [usize; 11]), String> {
 #[test]
 fn the_structured_text_matches_the_reference() {
     let (swaps, refused) = compare(TEXT).expect("the same words");
-    assert!(
-        swaps > 60,
-        "{swaps} maps came into use, refused {refused:?}"
-    );
+    assert!(swaps > 60, "{swaps} maps came into use, refused {refused:?}");
     assert!(refused.iter().all(|count| *count > 20), "{refused:?}");
 }
 

@@ -31,11 +31,7 @@ struct Wire {
 
 impl Wire {
     fn new(bad: Badness) -> Self {
-        Self {
-            bad,
-            writes: Vec::new(),
-            report: Vec::new(),
-        }
+        Self { bad, writes: Vec::new(), report: Vec::new() }
     }
 
     fn write(&mut self, rng: &mut ChaCha8Rng, scan: usize, words: &[u16; FRAME_WORDS]) {
@@ -54,8 +50,7 @@ impl Wire {
                 let (first, second) = all.split_at(rng.random_range(0..FRAME_WORDS));
                 self.writes.push((arrives, first.to_vec()));
                 if rng.random_bool(0.7) {
-                    self.writes
-                        .push((arrives + rng.random_range(1..60), second.to_vec()));
+                    self.writes.push((arrives + rng.random_range(1..60), second.to_vec()));
                 }
             } else {
                 self.writes.push((arrives, all));
@@ -122,16 +117,10 @@ fn reference(map: &Map, steps: &[i32; GRID_AXES], output: usize) -> f64 {
             let last = f64::from(lines.count - 1);
             let at = (f64::from(*steps) - f64::from(lines.origin)) / f64::from(lines.pitch());
             let at = at.clamp(0.0, last);
-            let line = (0..lines.count - 2)
-                .rev()
-                .find(|line| at >= f64::from(line + 1));
+            let line = (0..lines.count - 2).rev().find(|line| at >= f64::from(line + 1));
             let cell = line.map_or(0, |line| line + 1);
             let upper = corner >> axis & 1;
-            weight *= if upper == 1 {
-                at - f64::from(cell)
-            } else {
-                1.0 - (at - f64::from(cell))
-            };
+            weight *= if upper == 1 { at - f64::from(cell) } else { 1.0 - (at - f64::from(cell)) };
             node = node * usize::from(lines.count) + usize::from(cell) + upper;
         }
         sum += weight * f64::from(values[node * outputs + output].cast_signed());
@@ -145,10 +134,7 @@ fn reversals(map: &Map, output: usize) -> Vec<f64> {
     let mut sums = vec![0.0];
     for row in header.reversal.iter().take(header.grid.count()) {
         let half = f64::from(row[output]);
-        sums = sums
-            .iter()
-            .flat_map(|sum| [*sum, sum + half, sum - half])
-            .collect();
+        sums = sums.iter().flat_map(|sum| [*sum, sum + half, sum - half]).collect();
     }
     sums
 }
@@ -215,11 +201,8 @@ fn run(seed: u64, bad: Badness, scans: usize) -> Result<usize, TestCaseError> {
                         words[0] ^= 1;
                     }
                     let same = words.starts_with(gateway.map.words());
-                    gateway.loaded = if same {
-                        ReadBackResult::Same
-                    } else {
-                        ReadBackResult::Other
-                    };
+                    gateway.loaded =
+                        if same { ReadBackResult::Same } else { ReadBackResult::Other };
                 }
             }
         }
@@ -264,10 +247,7 @@ fn run(seed: u64, bad: Badness, scans: usize) -> Result<usize, TestCaseError> {
             let words = &lookup.buffer(memory.buffer)[..header.words()];
             let sent = gateways.iter().flat_map(|gateway| &gateway.sent);
             let whole = sent.into_iter().find(|map| map.words() == words);
-            prop_assert!(
-                whole.is_some(),
-                "scan {scan}: the map in use was never sent"
-            );
+            prop_assert!(whole.is_some(), "scan {scan}: the map in use was never sent");
             let map = whole.expect("seen above");
             swaps += usize::from(before.used != memory.used);
             // Corrections approach the map's values for one of the possible directions of each axis.
@@ -283,11 +263,7 @@ fn run(seed: u64, bad: Badness, scans: usize) -> Result<usize, TestCaseError> {
                     let expected = ((value + reversal) / scale).clamp(-limit, limit);
                     (goal - expected).abs() <= fits
                 });
-                prop_assert!(
-                    close,
-                    "scan {scan}: output {output} goes to {}",
-                    memory.goal[output]
-                );
+                prop_assert!(close, "scan {scan}: output {output} goes to {}", memory.goal[output]);
             }
         } else {
             // On the way to zero the corrections never increase.
@@ -312,10 +288,7 @@ fn run(seed: u64, bad: Badness, scans: usize) -> Result<usize, TestCaseError> {
 fn cell_rounding(map: &Map, output: usize) -> f64 {
     let header = map.header();
     let outputs = header.outputs.count();
-    let values = map.words()[HEADER_WORDS..]
-        .iter()
-        .skip(output)
-        .step_by(outputs);
+    let values = map.words()[HEADER_WORDS..].iter().skip(output).step_by(outputs);
     let values: Vec<i32> = values.map(|word| i32::from(word.cast_signed())).collect();
     let range = values.iter().max().unwrap_or(&0) - values.iter().min().unwrap_or(&0);
     let places = header.lines[..header.grid.count()].iter();
@@ -340,22 +313,10 @@ proptest! {
 
 #[test]
 fn maps_become_active_over_good_and_bad_wires() {
-    let good = Badness {
-        lost: 0.0,
-        torn: 0.0,
-        doubled: 0.0,
-        late: 0.0,
-    };
-    let bad = Badness {
-        lost: 0.3,
-        torn: 0.1,
-        doubled: 0.2,
-        late: 0.05,
-    };
+    let good = Badness { lost: 0.0, torn: 0.0, doubled: 0.0, late: 0.0 };
+    let bad = Badness { lost: 0.3, torn: 0.1, doubled: 0.2, late: 0.05 };
     for (name, wire) in [("good", good), ("bad", bad)] {
-        let swaps: usize = (0..20)
-            .map(|seed| run(seed, wire, 800).expect("keeps the rules"))
-            .sum();
+        let swaps: usize = (0..20).map(|seed| run(seed, wire, 800).expect("keeps the rules")).sum();
         assert!(swaps >= 20, "{name}: {swaps} maps came into use");
     }
 }

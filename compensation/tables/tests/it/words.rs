@@ -12,10 +12,7 @@ fn some_map(seed: u64) -> (Map, u16) {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let settings = world::settings(&mut rng);
     let counter = rng.random_range(1..=u16::MAX);
-    (
-        world::map(&mut rng, &settings, counter),
-        settings.outputs.machine,
-    )
+    (world::map(&mut rng, &settings, counter), settings.outputs.machine)
 }
 
 proptest! {
@@ -72,48 +69,30 @@ fn invalid_images_are_refused_with_a_reason() {
     let wrong = |at: usize, to: u8| {
         let mut image = image.clone();
         image[at] = to;
-        Map::from_image(&image, machine)
-            .expect_err("damaged")
-            .to_string()
+        Map::from_image(&image, machine).expect_err("damaged").to_string()
     };
     assert_eq!(
         wrong(0, 0),
         "the first word is 0x5600, expected 0x564d (VM): this is not a volcomp map"
     );
     assert_eq!(wrong(2, 2), "layout version 2, expected 1");
-    assert_eq!(
-        wrong(18, 65),
-        "an output step has 65 parts, expected 1 to 64"
-    );
+    assert_eq!(wrong(18, 65), "an output step has 65 parts, expected 1 to 64");
     let last = image.len() - 1;
     assert_eq!(
         wrong(last, image[last] ^ 1),
         "the checksum does not fit: the map is damaged, or for the machine of another number"
     );
-    assert_eq!(
-        Map::from_image(&image, machine ^ 1),
-        Err(MapError::Checksum)
-    );
+    assert_eq!(Map::from_image(&image, machine ^ 1), Err(MapError::Checksum));
     assert_eq!(
         Map::from_image(&image[1..], machine),
-        Err(MapError::OddBytes {
-            found: image.len() - 1
-        })
+        Err(MapError::OddBytes { found: image.len() - 1 })
     );
     let short = Map::from_image(&image[..image.len() - 2], machine);
     let words = map.words().len();
-    assert_eq!(
-        short,
-        Err(MapError::Count {
-            found: words - 1,
-            expected: words
-        })
-    );
+    assert_eq!(short, Err(MapError::Count { found: words - 1, expected: words }));
     assert_eq!(
         Map::from_words(&[0; HEADER_WORDS - 1]),
-        Err(MapError::Short {
-            found: HEADER_WORDS - 1
-        })
+        Err(MapError::Short { found: HEADER_WORDS - 1 })
     );
 }
 

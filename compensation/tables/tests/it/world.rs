@@ -11,16 +11,8 @@ use volcomp_tables::{
 /// A request over X, Y and Z, 0 to 1000 mm each, for the correction of these axes.
 pub(crate) fn request(axes: usize, outputs: usize, within_um: f64) -> Request {
     let names = [X, Y, Z, AxisName::A, AxisName::C];
-    let axis = |name| GridAxis {
-        name,
-        travel: [0.0, 1000.0],
-        step: 0.001,
-    };
-    let output = |name| Output {
-        name,
-        step_mm: 0.001,
-        limit_mm: 2.0,
-    };
+    let axis = |name| GridAxis { name, travel: [0.0, 1000.0], step: 0.001 };
+    let output = |name| Output { name, step_mm: 0.001, limit_mm: 2.0 };
     Request {
         axes: names[..axes].iter().copied().map(axis).collect(),
         outputs: names[..outputs].iter().copied().map(output).collect(),
@@ -33,10 +25,7 @@ pub(crate) fn request(axes: usize, outputs: usize, within_um: f64) -> Request {
 
 /// Random settings with few scans of each kind, and buffers for maps of 300 words.
 pub(crate) fn settings(rng: &mut ChaCha8Rng) -> Settings {
-    let (axes, outputs) = (
-        rng.random_range(1..=GRID_AXES),
-        rng.random_range(1..=OUTPUTS),
-    );
+    let (axes, outputs) = (rng.random_range(1..=GRID_AXES), rng.random_range(1..=OUTPUTS));
     let hold_scans = rng.random_range(1..20);
     let furthest = [40, 32767][rng.random_range(0..2)];
     let grid = [X, AxisName::C, Z, AxisName::W, Y];

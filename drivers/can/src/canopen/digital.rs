@@ -70,20 +70,16 @@ impl<P: CanPort> DigitalIo for CanopenDigital<P> {
     /// The inputs that the node sent last with their arrival time, regardless of their age, as long as the node runs.
     fn read(&mut self, _deadline: Instant) -> Result<InputLevels, Fault> {
         let (own, inputs, levels) = (self.node, self.inputs, &mut self.levels);
-        self.nodes
-            .listen(&mut self.port, |node, number, frame, taken| {
-                if (node, number) == (own, 1) {
-                    let mut bytes = [0; 8];
-                    for (byte, received) in bytes.iter_mut().zip(frame.data()) {
-                        *byte = *received;
-                    }
-                    let lines = u64::MAX.checked_shr(64 - inputs).unwrap_or(0);
-                    *levels = Some(InputLevels {
-                        levels: u64::from_le_bytes(bytes) & lines,
-                        taken,
-                    });
+        self.nodes.listen(&mut self.port, |node, number, frame, taken| {
+            if (node, number) == (own, 1) {
+                let mut bytes = [0; 8];
+                for (byte, received) in bytes.iter_mut().zip(frame.data()) {
+                    *byte = *received;
                 }
-            })?;
+                let lines = u64::MAX.checked_shr(64 - inputs).unwrap_or(0);
+                *levels = Some(InputLevels { levels: u64::from_le_bytes(bytes) & lines, taken });
+            }
+        })?;
         match (self.levels, self.nodes.failure(self.node)) {
             (Some(found), None) => Ok(found),
             (_, Some(Reason::NoAnswer)) | (None, _) => Err(Fault::NotConnected),

@@ -34,10 +34,7 @@ impl Nodes {
             emergency: 0,
             started: None,
         };
-        Self {
-            monitored: nodes.map(|node| (node, monitored)).collect(),
-            silent_after,
-        }
+        Self { monitored: nodes.map(|node| (node, monitored)).collect(), silent_after }
     }
 
     /// Processes the waiting frames without blocking: passes process data on (node, number, frame, arrival), and starts a node that is ready. Errors:
@@ -97,10 +94,8 @@ impl Nodes {
                 .is_none_or(|then| now.saturating_duration_since(then) > Duration::from_secs(1));
             due && monitored.state != Some(NodeState::Operational)
         };
-        let (node, monitored) = self
-            .monitored
-            .iter_mut()
-            .find(|(_, monitored)| needs_start(monitored))?;
+        let (node, monitored) =
+            self.monitored.iter_mut().find(|(_, monitored)| needs_start(monitored))?;
         monitored.started = Some(now);
         nmt(NmtCommand::Start, *node)
     }

@@ -78,10 +78,9 @@ impl<P: CanPort> SdoClient<P> {
                 continue;
             }
             return match answer {
-                SdoAnswer::Aborted { code, .. } => Err(Fault::Refused {
-                    code: code.cast_signed(),
-                    what: "an object of the node",
-                }),
+                SdoAnswer::Aborted { code, .. } => {
+                    Err(Fault::Refused { code: code.cast_signed(), what: "an object of the node" })
+                }
                 SdoAnswer::Segmented { .. } => Err(Fault::Unsupported("a transfer in segments")),
                 other => Ok(other),
             };

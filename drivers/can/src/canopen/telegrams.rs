@@ -101,28 +101,16 @@ pub fn telegram(frame: &Frame) -> Option<Telegram> {
     if frame.extended || frame.fd {
         return None;
     }
-    let node = u8::try_from(frame.id & 0x7f)
-        .ok()
-        .filter(|node| *node > 0)?;
+    let node = u8::try_from(frame.id & 0x7f).ok().filter(|node| *node > 0)?;
     let data = frame.data();
     let number = |function: u32| u8::try_from((function - 0x180) / 0x100 + 1).ok();
     match frame.id & 0x780 {
-        0x700 => Some(Telegram::Heartbeat {
-            node,
-            state: NodeState::from_code(*data.first()?),
-        }),
-        0x080 => Some(Telegram::Emergency {
-            node,
-            code: u16::from_le_bytes(*data.first_chunk()?),
-        }),
-        function @ (0x180 | 0x280 | 0x380 | 0x480) => Some(Telegram::Pdo {
-            node,
-            number: number(function)?,
-        }),
-        0x580 => Some(Telegram::Sdo {
-            node,
-            answer: sdo_answer(*data.first_chunk()?)?,
-        }),
+        0x700 => Some(Telegram::Heartbeat { node, state: NodeState::from_code(*data.first()?) }),
+        0x080 => Some(Telegram::Emergency { node, code: u16::from_le_bytes(*data.first_chunk()?) }),
+        function @ (0x180 | 0x280 | 0x380 | 0x480) => {
+            Some(Telegram::Pdo { node, number: number(function)? })
+        }
+        0x580 => Some(Telegram::Sdo { node, answer: sdo_answer(*data.first_chunk()?)? }),
         _ => None,
     }
 }
@@ -134,24 +122,13 @@ fn sdo_answer(data: [u8; 8]) -> Option<SdoAnswer> {
     Some(match command >> 5 {
         2 if command & 0b10 != 0 => {
             // If no size is indicated, all four bytes are valid.
-            let unused = if command & 1 == 1 {
-                command >> 2 & 3
-            } else {
-                0
-            };
+            let unused = if command & 1 == 1 { command >> 2 & 3 } else { 0 };
             let bytes = 4 - unused;
-            SdoAnswer::Read {
-                object,
-                value: value & (u32::MAX >> (8 * unused)),
-                bytes,
-            }
+            SdoAnswer::Read { object, value: value & (u32::MAX >> (8 * unused)), bytes }
         }
         2 => SdoAnswer::Segmented { object },
         3 => SdoAnswer::Written { object },
-        4 => SdoAnswer::Aborted {
-            object,
-            code: value,
-        },
+        4 => SdoAnswer::Aborted { object, code: value },
         _ => return None,
     })
 }
@@ -185,20 +162,9 @@ pub fn sdo_read(node: u8, (index, sub): (u16, u8)) -> Option<Frame> {
 
 /// The frame that writes an object of 1 to 4 bytes.
 pub fn sdo_write(node: u8, (index, sub): (u16, u8), value: &[u8]) -> Option<Frame> {
-    let unused = 4_usize
-        .checked_sub(value.len())
-        .filter(|unused| *unused < 4)?;
+    let unused = 4_usize.checked_sub(value.len()).filter(|unused| *unused < 4)?;
     let [low, high] = index.to_le_bytes();
-    let mut data = [
-        0x23 | u8::try_from(unused << 2).ok()?,
-        low,
-        high,
-        sub,
-        0,
-        0,
-        0,
-        0,
-    ];
+    let mut data = [0x23 | u8::try_from(unused << 2).ok()?, low, high, sub, 0, 0, 0, 0];
     data[4..4 + value.len()].copy_from_slice(value);
     Frame::new(0x600 + u32::from(node), false, false, &data)
 }

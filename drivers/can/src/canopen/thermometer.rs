@@ -84,14 +84,7 @@ impl<P: CanPort> CanopenThermometer<P> {
             return Err(refused("no channel is named".to_owned()));
         }
         for (index, channel) in channels.iter().enumerate() {
-            let Channel {
-                name,
-                node,
-                pdo,
-                at,
-                number,
-                status_at,
-            } = channel;
+            let Channel { name, node, pdo, at, number, status_at } = channel;
             let fits = at + number.bytes() <= 8 && status_at.is_none_or(|at| at < 8);
             if !fits || !(1..=127).contains(node) || !(1..=4).contains(pdo) {
                 return Err(refused(format!(
@@ -125,9 +118,7 @@ fn take(
         }
         let data = frame.data();
         let status = channel.status_at.map(|at| data.get(at).copied());
-        let value = data
-            .get(channel.at..)
-            .and_then(|data| channel.number.value(data));
+        let value = data.get(channel.at..).and_then(|data| channel.number.value(data));
         *latest = match (value, status) {
             (Some(degc), None | Some(Some(0))) => Temperature::good(degc, taken),
             (_, Some(Some(_))) => Temperature::bad(Reason::Reported, taken),

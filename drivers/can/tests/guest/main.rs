@@ -23,10 +23,7 @@ use volcomp_vocabulary::{AxisName, PerChannel};
 fn buses() -> Option<MutexGuard<'static, ()>> {
     static BUSES: Mutex<()> = Mutex::new(());
     let buses = BUSES.lock().unwrap_or_else(PoisonError::into_inner);
-    if ["vcan0", "vcan1"]
-        .iter()
-        .all(|name| Path::new("/sys/class/net").join(name).exists())
-    {
+    if ["vcan0", "vcan1"].iter().all(|name| Path::new("/sys/class/net").join(name).exists()) {
         return Some(buses);
     }
     // Written directly, because the test harness captures the output of macros.
@@ -60,20 +57,8 @@ fn frames_of_cansend_are_received() {
     let mut socket = CanSocket::open("vcan0").unwrap();
     assert_eq!(socket.receive(Instant::now()), Ok(None));
     for (text, id, extended, fd, data) in [
-        (
-            "123#DEADBEEF",
-            0x123,
-            false,
-            false,
-            &[0xde, 0xad, 0xbe, 0xef][..],
-        ),
-        (
-            "12345678#0102030405060708",
-            0x1234_5678,
-            true,
-            false,
-            &[1, 2, 3, 4, 5, 6, 7, 8],
-        ),
+        ("123#DEADBEEF", 0x123, false, false, &[0xde, 0xad, 0xbe, 0xef][..]),
+        ("12345678#0102030405060708", 0x1234_5678, true, false, &[1, 2, 3, 4, 5, 6, 7, 8]),
         ("7FF#", 0x7ff, false, false, &[]),
         (
             "456##1000102030405060708090A0B",
@@ -85,10 +70,7 @@ fn frames_of_cansend_are_received() {
     ] {
         run("cansend", &["vcan0", text]);
         let frame = next_frame(&mut socket);
-        assert_eq!(
-            (frame.id, frame.extended, frame.fd, frame.data()),
-            (id, extended, fd, data)
-        );
+        assert_eq!((frame.id, frame.extended, frame.fd, frame.data()), (id, extended, fd, data));
     }
     // A remote frame is ignored; error frames and bus-off are reported.
     run("cansend", &["vcan0", "123#R"]);
@@ -104,9 +86,7 @@ fn candump_receives_sent_frames() {
         return;
     };
     let mut dump = Running::start(
-        Command::new("candump")
-            .args(["-L", "-n", "2", "vcan0"])
-            .stdout(Stdio::piped()),
+        Command::new("candump").args(["-L", "-n", "2", "vcan0"]).stdout(Stdio::piped()),
     );
     // Wait until candump has opened its socket.
     while !std::fs::read_to_string("/proc/net/can/rcvlist_all")
@@ -119,15 +99,10 @@ fn candump_receives_sent_frames() {
     let fd = Frame::new(0x1000_0111, true, true, &[7; 16]).unwrap();
     socket.send(&classic, soon()).unwrap();
     socket.send(&fd, soon()).unwrap();
-    let lines: Vec<String> = BufReader::new(dump.stdout.take().unwrap())
-        .lines()
-        .map(Result::unwrap)
-        .collect();
+    let lines: Vec<String> =
+        BufReader::new(dump.stdout.take().unwrap()).lines().map(Result::unwrap).collect();
     assert!(lines[0].ends_with("vcan0 110#0102FF"), "{lines:?}");
-    assert!(
-        lines[1].contains("10000111##") && lines[1].ends_with(&"07".repeat(16)),
-        "{lines:?}"
-    );
+    assert!(lines[1].contains("10000111##") && lines[1].ends_with(&"07".repeat(16)), "{lines:?}");
 }
 
 /// The bridge corrects a control within 1 µm, before and after the interface goes down and up, with the same sockets.
@@ -169,9 +144,7 @@ fn the_bridge_survives_an_interface_going_down() {
             found = controller.read(soon()).unwrap();
         }
         assert!(found.state.referenced);
-        controller
-            .apply(&PerChannel([1e-5 * x; 9]), soon())
-            .unwrap();
+        controller.apply(&PerChannel([1e-5 * x; 9]), soon()).unwrap();
         let sent = loop {
             let frame = next_frame(&mut control);
             if frame.id == 0x110 {
@@ -186,10 +159,7 @@ fn the_bridge_survives_an_interface_going_down() {
     assert_eq!(controller.health(), volcomp_can::Health::default());
     let down = Instant::now();
     run("ip", &["link", "set", "vcan0", "down"]);
-    assert_eq!(
-        controller.apply(&PerChannel::ZERO, soon()),
-        Err(Fault::Disconnected)
-    );
+    assert_eq!(controller.apply(&PerChannel::ZERO, soon()), Err(Fault::Disconnected));
     std::thread::sleep(Duration::from_millis(600));
     let late = Instant::now() + Duration::from_millis(20);
     // The last values are returned with their arrival times.
@@ -260,10 +230,7 @@ fn queued_frames_keep_their_kernel_timestamps() {
     assert!(snapshot.taken <= sent, "as old as the frames");
     send(5);
     while bridge.read(soon()).unwrap().taken <= sent {}
-    assert!(
-        snapshot.state.emergency_stop,
-        "no state received, so it counts as pressed"
-    );
+    assert!(snapshot.state.emergency_stop, "no state received, so it counts as pressed");
 }
 
 #[test]
@@ -272,10 +239,7 @@ fn a_missing_interface_is_named() {
         return;
     };
     let message = CanSocket::open("can77").unwrap_err().to_string();
-    assert!(
-        message.starts_with("can://can77: the interface cannot be opened"),
-        "{message}"
-    );
+    assert!(message.starts_with("can://can77: the interface cannot be opened"), "{message}");
     assert!(message.contains("ip link set can0 up"), "{message}");
 }
 
@@ -292,15 +256,9 @@ fn a_canopen_node_is_started_and_read() {
     let node = Running::start_ready(Command::new(python).arg(program));
     let mut client = SdoClient::new(CanSocket::open("vcan1").unwrap());
     assert_eq!(client.read(5, (0x6132, 1), soon()), Ok(1));
-    assert_eq!(
-        client.write(5, (0x1017, 0), &40_u16.to_le_bytes(), soon()),
-        Ok(())
-    );
+    assert_eq!(client.write(5, (0x1017, 0), &40_u16.to_le_bytes(), soon()), Ok(()));
     assert_eq!(client.read(5, (0x1017, 0), soon()), Ok(40));
-    assert!(matches!(
-        client.read(5, (0x2000, 0), soon()),
-        Err(Fault::Refused { .. })
-    ));
+    assert!(matches!(client.read(5, (0x2000, 0), soon()), Err(Fault::Refused { .. })));
     let channel = |name: &str, at| Channel {
         name: name.to_owned(),
         node: 5,
@@ -316,11 +274,7 @@ fn a_canopen_node_is_started_and_read() {
     )
     .unwrap();
     let end = soon() + Duration::from_secs(5);
-    while thermometer
-        .latest()
-        .iter()
-        .any(|t| t.quality != Quality::Good)
-    {
+    while thermometer.latest().iter().any(|t| t.quality != Quality::Good) {
         assert!(Instant::now() < end, "{:?}", thermometer.latest());
         std::thread::sleep(Duration::from_millis(5));
     }

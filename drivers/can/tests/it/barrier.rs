@@ -81,11 +81,7 @@ fn frames_are_sent_and_reports_received() {
     for (place, sent) in sent.iter().enumerate() {
         let message = &table.messages[table.message_of(sent).unwrap()];
         assert!(message.is_whole(sent.data()));
-        assert_eq!(
-            message.counter(sent.data()),
-            Some(1),
-            "the same counter in all"
-        );
+        assert_eq!(message.counter(sent.data()), Some(1), "the same counter in all");
         let words = &frame.as_slice()[3 * place..][..3];
         let bytes: Vec<u8> = words.iter().flat_map(|word| word.to_le_bytes()).collect();
         assert_eq!(sent.data()[..6], bytes);
@@ -260,29 +256,14 @@ fn cantools_agrees_on_barrier_words() {
     let config = config(BARRIER_DBC, &XYZ);
     let mut controller = CanController::new(bus.clone(), &config).unwrap();
     // −20 µm in X, in two's complement.
-    let frame = [
-        7,
-        65535,
-        3,
-        0xbeef,
-        (-20_i16).cast_unsigned(),
-        150,
-        0,
-        0xffff,
-        0x8000,
-    ];
-    controller
-        .post(&Words::new(&frame).unwrap(), soon())
-        .unwrap();
+    let frame = [7, 65535, 3, 0xbeef, (-20_i16).cast_unsigned(), 150, 0, 0xffff, 0x8000];
+    controller.post(&Words::new(&frame).unwrap(), soon()).unwrap();
     let sent = bus.sent();
     let hex = |data: &[u8]| {
         let bytes: Vec<String> = data.iter().map(|b| format!("{b:02x}")).collect();
         bytes.concat()
     };
-    let data: Vec<String> = sent
-        .iter()
-        .map(|f| format!("{}:{}", f.id, hex(f.data())))
-        .collect();
+    let data: Vec<String> = sent.iter().map(|f| format!("{}:{}", f.id, hex(f.data()))).collect();
     let program = "import sys, cantools\n\
         db = cantools.database.load_file(sys.argv[1])\n\
         found = {}\n\
@@ -298,27 +279,16 @@ fn cantools_agrees_on_barrier_words() {
         \x20   words.update(own)\n\
         \x20   print(message.frame_id, message.encode(words).hex())\n";
     let path = concat!(env!("CARGO_MANIFEST_DIR"), "/barrier.dbc");
-    let output = Command::new(&python)
-        .args(["-c", program, path])
-        .args(data)
-        .output()
-        .unwrap();
+    let output = Command::new(&python).args(["-c", program, path]).args(data).output().unwrap();
     let error = String::from_utf8_lossy(&output.stderr);
     assert!(output.status.success(), "{error}");
     let text = String::from_utf8(output.stdout).unwrap();
     let mut lines = text.lines();
-    let found: Vec<u16> = lines
-        .next()
-        .unwrap()
-        .split(' ')
-        .map(|w| w.parse().unwrap())
-        .collect();
+    let found: Vec<u16> = lines.next().unwrap().split(' ').map(|w| w.parse().unwrap()).collect();
     assert_eq!(found, frame);
     for line in lines {
         let (id, data) = line.split_once(' ').unwrap();
-        let bytes = (0..data.len())
-            .step_by(2)
-            .map(|k| u8::from_str_radix(&data[k..k + 2], 16));
+        let bytes = (0..data.len()).step_by(2).map(|k| u8::from_str_radix(&data[k..k + 2], 16));
         let bytes: Vec<u8> = bytes.map(Result::unwrap).collect();
         let mut frame = Frame::new(id.parse().unwrap(), false, false, &bytes).unwrap();
         let message = &config.table.messages[config.table.message_of(&frame).unwrap()];

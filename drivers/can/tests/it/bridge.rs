@@ -25,12 +25,7 @@ struct Control {
 
 impl Control {
     fn new(bus: &Bus) -> Self {
-        Self {
-            bus: bus.clone(),
-            table: shipped(),
-            counter: 0,
-            applied_um: 0.0,
-        }
+        Self { bus: bus.clone(), table: shipped(), counter: 0, applied_um: 0.0 }
     }
 
     fn sends(&mut self, x_mm: f64, state: &[(&str, f64)]) {
@@ -42,15 +37,12 @@ impl Control {
         }
         let counter = self.counter % 16;
         let place = [("X_POS", x_mm), ("Y_POS", -2.0 * x_mm)];
-        self.bus
-            .deliver(frame_of(&self.table, "POSITION_XY", &place, counter));
+        self.bus.deliver(frame_of(&self.table, "POSITION_XY", &place, counter));
         let place = [("Z_POS", 0.5 * x_mm), ("C_POS", 90.0)];
-        self.bus
-            .deliver(frame_of(&self.table, "POSITION_ZC", &place, counter));
+        self.bus.deliver(frame_of(&self.table, "POSITION_ZC", &place, counter));
         let applied = [("X_APPLIED", self.applied_um), ("REFERENCED", 1.0)];
         let state = [&applied[..], state].concat();
-        self.bus
-            .deliver(frame_of(&self.table, "STATE", &state, counter));
+        self.bus.deliver(frame_of(&self.table, "STATE", &state, counter));
     }
 }
 
@@ -61,28 +53,19 @@ fn read_only_axes_are_read_and_nothing_is_sent() {
     let mut control = Control::new(&bus);
     let read = |axes: &[AxisName]| {
         let reads = vec![AxisName::C, AxisName::Y];
-        let config = BridgeConfig {
-            reads,
-            ..config(axes)
-        };
+        let config = BridgeConfig { reads, ..config(axes) };
         CanController::new(bus.clone(), &config).unwrap()
     };
     let (mut writer, mut reader) = (read(&[AxisName::X]), read(&[]));
     control.sends(12.0, &[]);
     let positions = writer.read(soon()).unwrap().positions;
     assert!((positions[1] - std::f64::consts::FRAC_PI_2).abs() < 1e-6);
-    assert_eq!(
-        [positions[0], positions[2], positions[3]],
-        [12.0, -24.0, 0.0]
-    );
+    assert_eq!([positions[0], positions[2], positions[3]], [12.0, -24.0, 0.0]);
     control.sends(12.0, &[]);
     let positions = reader.read(soon()).unwrap().positions;
     assert_eq!([positions[1], positions[2]], [-24.0, 0.0]);
     bus.sent();
-    assert!(matches!(
-        reader.apply(&PerChannel::ZERO, soon()),
-        Err(Fault::Unsupported(_))
-    ));
+    assert!(matches!(reader.apply(&PerChannel::ZERO, soon()), Err(Fault::Unsupported(_))));
     assert!(bus.sent().is_empty(), "nothing is sent");
     writer.apply(&PerChannel::ZERO, soon()).unwrap();
     assert!(!bus.sent().is_empty());
@@ -92,25 +75,16 @@ fn read_only_axes_are_read_and_nothing_is_sent() {
 fn positions_are_received_and_corrections_sent() {
     let bus = Bus::default();
     let mut control = Control::new(&bus);
-    let mut controller = CanController::new(
-        bus.clone(),
-        &config(&[AxisName::X, AxisName::Z, AxisName::C]),
-    )
-    .unwrap();
-    assert_eq!(
-        controller.read(soon()),
-        Err(Fault::TimedOut),
-        "nothing received yet"
-    );
+    let mut controller =
+        CanController::new(bus.clone(), &config(&[AxisName::X, AxisName::Z, AxisName::C])).unwrap();
+    assert_eq!(controller.read(soon()), Err(Fault::TimedOut), "nothing received yet");
     control.sends(100.0, &[]);
     let snapshot = controller.read(soon()).unwrap();
     assert!((snapshot.positions[0] - 100.0).abs() < 1e-9);
     assert!((snapshot.positions[1] - 50.0).abs() < 1e-9);
     assert!((snapshot.positions[2] - std::f64::consts::FRAC_PI_2).abs() < 1e-9);
     assert!(snapshot.state.referenced && !snapshot.state.alarm);
-    controller
-        .apply(&PerChannel::leading([0.0123, -0.005, 2e-6]), soon())
-        .unwrap();
+    controller.apply(&PerChannel::leading([0.0123, -0.005, 2e-6]), soon()).unwrap();
     control.sends(101.0, &[("ALARM", 1.0), ("EMERGENCY_STOP", 1.0)]);
     let snapshot = controller.read(soon()).unwrap();
     assert!((snapshot.applied.unwrap()[0] - 0.012).abs() < 1e-12);
@@ -181,10 +155,7 @@ fn bus_errors_are_counted_and_never_change_a_position() {
     assert!(!controller.health().bus_off);
     bus.state().down = true;
     assert_eq!(controller.read(soon()), Err(Fault::Disconnected));
-    assert_eq!(
-        controller.apply(&PerChannel::ZERO, soon()),
-        Err(Fault::Disconnected)
-    );
+    assert_eq!(controller.apply(&PerChannel::ZERO, soon()), Err(Fault::Disconnected));
 }
 
 #[test]
@@ -211,10 +182,7 @@ fn invalid_configurations_are_rejected() {
     let message = |axes: &[AxisName], change: fn(&mut BridgeConfig)| {
         let mut config = config(axes);
         change(&mut config);
-        CanController::new(Bus::default(), &config)
-            .err()
-            .unwrap()
-            .to_string()
+        CanController::new(Bus::default(), &config).err().unwrap().to_string()
     };
     assert!(
         message(&[AxisName::X, AxisName::B], |_| {})
@@ -222,13 +190,7 @@ fn invalid_configurations_are_rejected() {
     );
     assert!(message(&[], |_| {}).contains("found 0 axes"));
     assert!(message(&[AxisName::X, AxisName::X], |_| {}).contains("axis X: found twice"));
-    let none = CanThermometer::new(
-        Bus::default(),
-        &SignalTable {
-            messages: Vec::new(),
-        },
-        &[],
-    );
+    let none = CanThermometer::new(Bus::default(), &SignalTable { messages: Vec::new() }, &[]);
     assert!(none.err().unwrap().to_string().contains("ends in _TEMP"));
 }
 
@@ -238,10 +200,7 @@ fn temperatures_are_decoded_with_their_faults() {
     let table = shipped();
     let mut thermometer = CanThermometer::new(bus.clone(), &table, &[]).unwrap();
     assert_eq!(thermometer.names(), ["bed", "column", "spindle", "scale_x"]);
-    assert_eq!(
-        thermometer.latest()[0].quality,
-        Quality::Bad(Reason::NotRead)
-    );
+    assert_eq!(thermometer.latest()[0].quality, Quality::Bad(Reason::NotRead));
     let values = [
         ("BED_TEMP", 21.55),
         ("COLUMN_TEMP", -39.95),
@@ -258,10 +217,7 @@ fn temperatures_are_decoded_with_their_faults() {
     std::thread::sleep(Duration::from_millis(20));
     assert_eq!(thermometer.latest(), latest);
     bus.state().down = true;
-    assert_eq!(
-        thermometer.latest()[0].quality,
-        Quality::Bad(Reason::NoAnswer)
-    );
+    assert_eq!(thermometer.latest()[0].quality, Quality::Bad(Reason::NoAnswer));
 }
 
 /// Configured names select temperatures of the file in the order of the names.
@@ -285,10 +241,7 @@ fn names_select_temperatures() {
         "{message}"
     );
     let message = named(&["bed", "bed"]).err().unwrap().to_string();
-    assert!(
-        message.contains("the sensor bed is listed twice"),
-        "{message}"
-    );
+    assert!(message.contains("the sensor bed is listed twice"), "{message}");
 }
 
 /// A state that was never received forbids correction; a received one has the age of its message. A state that the file lacks is
@@ -304,45 +257,28 @@ fn an_unknown_state_forbids_correction() {
     let mut read = |ms: u64, state: bool| {
         let counter = ms / 10;
         let xy = frame_of(&table, "POSITION_XY", &[("X_POS", 1.0)], counter);
-        bus.state()
-            .incoming
-            .push_back(Received::Frame(xy, at(ms + 1)));
+        bus.state().incoming.push_back(Received::Frame(xy, at(ms + 1)));
         if state {
             let good = frame_of(&table, "STATE", &[("REFERENCED", 1.0)], counter);
-            bus.state()
-                .incoming
-                .push_back(Received::Frame(good, at(ms)));
+            bus.state().incoming.push_back(Received::Frame(good, at(ms)));
         }
         let snapshot = controller.read(soon()).unwrap();
         assert_eq!(snapshot.taken, at(ms + 1));
         (snapshot.state, snapshot.state_taken)
     };
-    let forbids = ControllerState {
-        referenced: false,
-        alarm: true,
-        emergency_stop: true,
-    };
-    let good = ControllerState {
-        referenced: true,
-        alarm: false,
-        emergency_stop: false,
-    };
+    let forbids = ControllerState { referenced: false, alarm: true, emergency_stop: true };
+    let good = ControllerState { referenced: true, alarm: false, emergency_stop: false };
     assert_eq!(read(10, false).0, forbids, "no state received yet");
     assert_eq!(read(20, true), (good, at(20)));
     assert_eq!(read(80, false), (good, at(20)), "the state is missing");
     assert_eq!(read(90, true), (good, at(90)));
-    let without_states = SHIPPED_DBC
-        .replace("EMERGENCY_STOP", "SPARE")
-        .replace(" ALARM", " OTHER");
+    let without_states = SHIPPED_DBC.replace("EMERGENCY_STOP", "SPARE").replace(" ALARM", " OTHER");
     let without_states = BridgeConfig {
         table: SignalTable::parse(&without_states).unwrap(),
         ..config(&[AxisName::X])
     };
     let shown = without_states.describe("can://memory").unwrap().shown;
-    let expected = ShownStates {
-        referenced: true,
-        ..ShownStates::NONE
-    };
+    let expected = ShownStates { referenced: true, ..ShownStates::NONE };
     assert_eq!(shown, expected);
 }
 
@@ -377,10 +313,7 @@ fn values_keep_their_arrival_times() {
     // New positions must not refresh the applied correction, since with an age of 60 to 100 ms that causes a step of 28 µm and a fault.
     deliver(frame_of(&table, "POSITION_XY", &[("X_POS", 6.0)], 2), 240);
     let snapshot = controller.read(deadline).unwrap();
-    assert_eq!(
-        (snapshot.taken, snapshot.correction_taken),
-        (at(240), at(5))
-    );
+    assert_eq!((snapshot.taken, snapshot.correction_taken), (at(240), at(5)));
 }
 
 #[test]
@@ -435,18 +368,10 @@ fn a_custom_fd_frame() {
     let bus = Bus::default();
     let mut controller = CanController::new(
         bus.clone(),
-        &BridgeConfig {
-            table: table.clone(),
-            ..config(&[AxisName::X, AxisName::Y])
-        },
+        &BridgeConfig { table: table.clone(), ..config(&[AxisName::X, AxisName::Y]) },
     )
     .unwrap();
-    let frame = frame_of(
-        &table,
-        "ALL",
-        &[("X_POS", 1234.5678), ("Y_POS", -0.0001)],
-        1,
-    );
+    let frame = frame_of(&table, "ALL", &[("X_POS", 1234.5678), ("Y_POS", -0.0001)], 1);
     assert!(frame.fd && frame.extended && frame.data().len() == 16);
     // High byte first.
     assert_eq!(frame.data()[..4], 12_345_678_i32.to_be_bytes());
@@ -454,18 +379,10 @@ fn a_custom_fd_frame() {
     let snapshot = controller.read(soon()).unwrap();
     assert!((snapshot.positions[0] - 1234.5678).abs() < 1e-9);
     assert!((snapshot.positions[1] + 0.0001).abs() < 1e-12);
-    assert_eq!(
-        snapshot.applied, None,
-        "the table has no applied correction"
-    );
-    controller
-        .apply(&PerChannel::leading([0.0001, -0.0002]), soon())
-        .unwrap();
+    assert_eq!(snapshot.applied, None, "the table has no applied correction");
+    controller.apply(&PerChannel::leading([0.0001, -0.0002]), soon()).unwrap();
     let sent = bus.sent()[0];
-    assert_eq!(
-        (sent.fd, &sent.data()[..4]),
-        (true, &[0, 1, 0xff, 0xfe][..])
-    );
+    assert_eq!((sent.fd, &sent.data()[..4]), (true, &[0, 1, 0xff, 0xfe][..]));
 }
 
 /// Axes that are not corrected get zero in the frames, also if zero is not bits 0, as for Z with an offset of −2048 µm.
@@ -474,10 +391,7 @@ fn an_uncorrected_axis_gets_zero() {
     let (from, to) = ("Z_CORR : 24|12@1- (1,0)", "Z_CORR : 24|12@1+ (1,-2048)");
     assert!(SHIPPED_DBC.contains(from));
     let table = SignalTable::parse(&SHIPPED_DBC.replace(from, to)).unwrap();
-    let config = BridgeConfig {
-        table: table.clone(),
-        ..config(&[AxisName::X, AxisName::Y])
-    };
+    let config = BridgeConfig { table: table.clone(), ..config(&[AxisName::X, AxisName::Y]) };
     let bus = Bus::default();
     let mut controller = CanController::new(bus.clone(), &config).unwrap();
     controller.apply(&PerChannel::ZERO, soon()).unwrap();
@@ -506,11 +420,7 @@ fn an_overtaken_frame_is_ignored() {
     deliver(5, 10.0, 0.0);
     let found = controller.read(soon()).unwrap();
     assert!(found.state.emergency_stop);
-    assert!(
-        (found.positions[0] - 11.0).abs() < 1e-9,
-        "{}",
-        found.positions[0]
-    );
+    assert!((found.positions[0] - 11.0).abs() < 1e-9, "{}", found.positions[0]);
     assert_eq!(controller.health().repeated, 2);
     deliver(7, 12.0, 0.0);
     assert!(!controller.read(soon()).unwrap().state.emergency_stop);

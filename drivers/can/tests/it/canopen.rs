@@ -24,69 +24,37 @@ fn telegrams_are_decoded() {
     };
     assert_eq!(
         telegram(&frame(0x705, &[0x05])),
-        Some(Telegram::Heartbeat {
-            node: 5,
-            state: NodeState::Operational
-        })
+        Some(Telegram::Heartbeat { node: 5, state: NodeState::Operational })
     );
     assert_eq!(
         telegram(&frame(0x085, &[0x10, 0x50, 1, 0, 0, 0, 0, 0])),
-        Some(Telegram::Emergency {
-            node: 5,
-            code: 0x5010
-        })
+        Some(Telegram::Emergency { node: 5, code: 0x5010 })
     );
     for (id, number) in [(0x185, 1), (0x285, 2), (0x385, 3), (0x485, 4)] {
-        assert_eq!(
-            telegram(&frame(id, &[])),
-            Some(Telegram::Pdo { node: 5, number })
-        );
+        assert_eq!(telegram(&frame(id, &[])), Some(Telegram::Pdo { node: 5, number }));
     }
     let object = (0x1018, 1);
     assert_eq!(
         sdo(&[0x43, 0x18, 0x10, 1, 0x94, 1, 2, 0]),
-        SdoAnswer::Read {
-            object,
-            value: 0x0002_0194,
-            bytes: 4
-        }
+        SdoAnswer::Read { object, value: 0x0002_0194, bytes: 4 }
     );
     assert_eq!(
         sdo(&[0x4f, 0x18, 0x10, 1, 0x7f, 9, 9, 9]),
-        SdoAnswer::Read {
-            object,
-            value: 0x7f,
-            bytes: 1
-        }
+        SdoAnswer::Read { object, value: 0x7f, bytes: 1 }
     );
-    assert_eq!(
-        sdo(&[0x60, 0x18, 0x10, 1, 0, 0, 0, 0]),
-        SdoAnswer::Written { object }
-    );
+    assert_eq!(sdo(&[0x60, 0x18, 0x10, 1, 0, 0, 0, 0]), SdoAnswer::Written { object });
     assert_eq!(
         sdo(&[0x80, 0x18, 0x10, 1, 0, 0, 2, 6]),
-        SdoAnswer::Aborted {
-            object,
-            code: 0x0602_0000
-        }
+        SdoAnswer::Aborted { object, code: 0x0602_0000 }
     );
-    assert_eq!(
-        sdo(&[0x41, 0x18, 0x10, 1, 30, 0, 0, 0]),
-        SdoAnswer::Segmented { object }
-    );
-    for nothing in [
-        frame(0x585, &[0x43, 1]),
-        frame(0x705, &[]),
-        frame(0x100, &[0; 8]),
-        frame(0x700, &[5]),
-    ] {
+    assert_eq!(sdo(&[0x41, 0x18, 0x10, 1, 30, 0, 0, 0]), SdoAnswer::Segmented { object });
+    for nothing in
+        [frame(0x585, &[0x43, 1]), frame(0x705, &[]), frame(0x100, &[0; 8]), frame(0x700, &[5])]
+    {
         assert_eq!(telegram(&nothing), None);
     }
     assert_eq!(nmt(NmtCommand::Start, 5), Some(frame(0, &[1, 5])));
-    assert_eq!(
-        sdo_read(5, (0x6130, 2)),
-        Some(frame(0x605, &[0x40, 0x30, 0x61, 2, 0, 0, 0, 0]))
-    );
+    assert_eq!(sdo_read(5, (0x6130, 2)), Some(frame(0x605, &[0x40, 0x30, 0x61, 2, 0, 0, 0, 0])));
     assert_eq!(
         sdo_write(5, (0x1017, 0), &500_u16.to_le_bytes()),
         Some(frame(0x605, &[0x2b, 0x17, 0x10, 0, 0xf4, 1, 0, 0]))
@@ -109,17 +77,11 @@ fn objects_are_transferred_one_at_a_time() {
     bus.deliver(frame(0x585, &[0x80, 0x32, 0x61, 1, 0, 0, 2, 6]));
     assert_eq!(
         client.read(5, (0x6132, 1), soon()),
-        Err(Fault::Refused {
-            code: 0x0602_0000,
-            what: "an object of the node"
-        })
+        Err(Fault::Refused { code: 0x0602_0000, what: "an object of the node" })
     );
     bus.deliver(frame(0x585, &[0x60, 0x17, 0x10, 0, 0, 0, 0, 0]));
     assert_eq!(client.write(5, (0x1017, 0), &[0xf4, 1], soon()), Ok(()));
-    assert_eq!(
-        client.write(5, (0x1017, 0), &[], soon()),
-        Err(Fault::Unsupported("1 to 4 bytes"))
-    );
+    assert_eq!(client.write(5, (0x1017, 0), &[], soon()), Err(Fault::Unsupported("1 to 4 bytes")));
 }
 
 fn channels() -> Vec<Channel> {
@@ -147,10 +109,7 @@ fn a_node_is_started_monitored_and_read() {
     let bus = Bus::default();
     let quick = Duration::from_millis(150);
     let mut thermometer = CanopenThermometer::new(bus.clone(), channels(), quick).unwrap();
-    assert_eq!(
-        thermometer.latest()[0].quality,
-        Quality::Bad(Reason::NotRead)
-    );
+    assert_eq!(thermometer.latest()[0].quality, Quality::Bad(Reason::NotRead));
     assert_eq!(bus.sent(), [frame(0, &[1, 5])], "it is started");
     let mut seen = |frames: &[Frame]| {
         for frame in frames {
@@ -160,10 +119,7 @@ fn a_node_is_started_monitored_and_read() {
     };
     let operational = frame(0x705, &[5]);
     let latest = seen(&[operational, pdo(-215, 21.5, [0, 0])]);
-    assert_eq!(
-        latest.iter().map(|t| t.degc).collect::<Vec<_>>(),
-        [Some(-21.5), Some(21.5)]
-    );
+    assert_eq!(latest.iter().map(|t| t.degc).collect::<Vec<_>>(), [Some(-21.5), Some(21.5)]);
     let latest = seen(&[pdo(215, f32::NAN, [0, 0])]);
     assert_eq!(latest[1].quality, Quality::Bad(Reason::NotANumber));
     let latest = seen(&[pdo(215, 21.5, [1, 0])]);
@@ -176,17 +132,11 @@ fn a_node_is_started_monitored_and_read() {
     let latest = seen(&[pdo(215, 21.5, [0, 0]), emergency]);
     assert_eq!(latest[1].quality, Quality::Bad(Reason::Reported));
     let gone = frame(0x085, &[0, 0, 0, 0, 0, 0, 0, 0]);
-    assert_eq!(
-        seen(&[pdo(215, 21.5, [0, 0]), gone])[1].quality,
-        Quality::Good
-    );
+    assert_eq!(seen(&[pdo(215, 21.5, [0, 0]), gone])[1].quality, Quality::Good);
     // After a power cycle the node must be started again.
     let latest = seen(&[frame(0x705, &[0x7f])]);
     assert_eq!(latest[1].quality, Quality::Bad(Reason::NotRead));
-    assert_eq!(
-        seen(&[operational, pdo(215, 21.5, [0, 0])])[1].quality,
-        Quality::Good
-    );
+    assert_eq!(seen(&[operational, pdo(215, 21.5, [0, 0])])[1].quality, Quality::Good);
     std::thread::sleep(Duration::from_millis(200));
     assert_eq!(
         seen(&[pdo(215, 21.5, [0, 0])])[1].quality,
@@ -223,24 +173,14 @@ fn lines_of_a_node() {
     let came = Instant::now();
     let found = port.read(soon()).unwrap();
     assert_eq!(found.levels, 0x7f34, "fifteen lines");
-    assert!(
-        found.taken <= came,
-        "the time of the frame, not of the call"
-    );
+    assert!(found.taken <= came, "the time of the frame, not of the call");
     assert_eq!(port.confirmed(), None);
     port.write(0x1a5, soon()).unwrap();
     assert_eq!(bus.sent(), [frame(0x209, &[0xa5])]);
-    assert_eq!(
-        port.write(0x1a6, Instant::now()),
-        Err(Fault::TimedOut),
-        "too late"
-    );
+    assert_eq!(port.write(0x1a6, Instant::now()), Err(Fault::TimedOut), "too late");
     assert_eq!((bus.sent(), port.confirmed()), (vec![], Some(0x1a5)));
     bus.deliver(frame(0x709, &[4]));
-    assert!(
-        matches!(port.read(soon()), Err(Fault::Protocol(_))),
-        "stopped"
-    );
+    assert!(matches!(port.read(soon()), Err(Fault::Protocol(_))), "stopped");
     bus.state().down = true;
     assert_eq!(port.read(Instant::now()), Err(Fault::Disconnected));
     for (heartbeat, expected) in [(patient, Ok(0x34)), (quick, Err(Fault::NotConnected))] {

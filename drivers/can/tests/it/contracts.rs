@@ -57,12 +57,8 @@ fn frame(id: u32, data: &[u8]) -> Frame {
 #[test]
 fn thermometer_contract_of_plain_frames() {
     let bus = Bus::default();
-    let values = [
-        ("BED_TEMP", 21.0),
-        ("COLUMN_TEMP", 22.0),
-        ("SPINDLE_TEMP", 30.0),
-        ("SCALE_X_TEMP", 20.5),
-    ];
+    let values =
+        [("BED_TEMP", 21.0), ("COLUMN_TEMP", 22.0), ("SPINDLE_TEMP", 30.0), ("SCALE_X_TEMP", 20.5)];
     let _sender = Sender::start(&bus, move |round| {
         vec![frame_of(&shipped(), "TEMPERATURES", &values, round % 16)]
     });
@@ -74,9 +70,8 @@ fn thermometer_contract_of_plain_frames() {
 #[test]
 fn thermometer_and_line_contracts_of_canopen_nodes() {
     let bus = Bus::default();
-    let _sender = Sender::start(&bus, |_| {
-        vec![frame(0x705, &[5]), frame(0x185, &[215, 0, 0x34, 0x12])]
-    });
+    let _sender =
+        Sender::start(&bus, |_| vec![frame(0x705, &[5]), frame(0x185, &[215, 0, 0x34, 0x12])]);
     let channel = Channel {
         name: "bed".to_owned(),
         node: 5,

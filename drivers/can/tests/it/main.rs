@@ -41,9 +41,7 @@ impl Bus {
     }
 
     pub(crate) fn deliver(&self, frame: Frame) {
-        self.state()
-            .incoming
-            .push_back(Received::Frame(frame, Instant::now()));
+        self.state().incoming.push_back(Received::Frame(frame, Instant::now()));
     }
 
     pub(crate) fn sent(&self) -> Vec<Frame> {

@@ -56,16 +56,9 @@ fn cantools_decodes_the_same_values() {
             \x20       assert abs(found[signal] - float(value)) <= 1e-9 * max(1, abs(found[signal])), (line, signal, found[signal])\n\
             \x20       count += 1\n\
             print(count)\n";
-        let output = Command::new(&python)
-            .args(["-c", program])
-            .args([&dbc, &values])
-            .output()
-            .unwrap();
-        assert!(
-            output.status.success(),
-            "{}",
-            String::from_utf8_lossy(&output.stderr)
-        );
+        let output =
+            Command::new(&python).args(["-c", program]).args([&dbc, &values]).output().unwrap();
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
         std::fs::remove_dir_all(folder).unwrap();
     }
 }

@@ -183,19 +183,13 @@ fn torn_words_are_rejected() {
             let away = if round / 100 % 2 == 0 { 100 } else { -100 };
             let values = [away, round % 150, -(round % 90)];
             if let Some(report) = gateway.answers(&control.settings, values) {
-                assert!(
-                    control.published.contains(&report),
-                    "this report was never published"
-                );
+                assert!(control.published.contains(&report), "this report was never published");
                 accepted += 1;
             }
         }
         // All seven messages of a report arrive in (1 − p)⁷ of the scans; two thirds of that are required.
         let least = 0.67 * 3000.0 * f64::powi(kept, 7);
-        assert!(
-            f64::from(accepted) >= least,
-            "{accepted} at {percent} % lost, expected {least}"
-        );
+        assert!(f64::from(accepted) >= least, "{accepted} at {percent} % lost, expected {least}");
         assert!(percent > 10 || gateway.landed > 300, "{}", gateway.landed);
     }
 }

@@ -13,19 +13,12 @@ fn the_shipped_file_is_complete() {
     assert_eq!(table.messages.len(), 5);
     for axis in ["X", "Y", "Z", "C"] {
         for suffix in ["POS", "CORR", "APPLIED"] {
-            assert!(
-                table.find(&format!("{axis}_{suffix}")).is_some(),
-                "{axis}_{suffix}"
-            );
+            assert!(table.find(&format!("{axis}_{suffix}")).is_some(), "{axis}_{suffix}");
         }
     }
     for message in &table.messages {
         let data = [0; 8];
-        assert!(
-            message.counter(&data).is_some(),
-            "{} has no counter",
-            message.name
-        );
+        assert!(message.counter(&data).is_some(), "{} has no counter", message.name);
         assert!(!message.is_whole(&data), "{} has no checksum", message.name);
     }
 }
@@ -42,11 +35,7 @@ fn the_checksum_matches_the_published_value() {
         for byte in bytes {
             crc ^= byte;
             for _ in 0..8 {
-                crc = if crc & 0x80 == 0 {
-                    crc << 1
-                } else {
-                    crc << 1 ^ 0x1d
-                };
+                crc = if crc & 0x80 == 0 { crc << 1 } else { crc << 1 ^ 0x1d };
             }
         }
         !crc
@@ -74,10 +63,7 @@ fn invalid_files_are_rejected() {
     };
     let signal = |signal: &str| message(&format!("BO_ 1 M: 8 A\n SG_ S : {signal} [0|0] \"\" A"));
     for (definition, expected) in [
-        (
-            "60|8@1+ (1,0)",
-            "M.S: found 8 bits from 60 on, expected 1 to 64 bits within 64",
-        ),
+        ("60|8@1+ (1,0)", "M.S: found 8 bits from 60 on, expected 1 to 64 bits within 64"),
         ("0|8@1+ (0,0)", "found factor 0 and offset 0"),
         ("64|8@0+ (1,0)", "bits from 64 on"),
         ("3|8@0+ (1,0)", ""),
@@ -276,10 +262,7 @@ fn refused(from: &str, to: &str) -> String {
 #[test]
 fn signals_must_not_share_bits() {
     let text = refused("Y_CORR : 12|12", "Y_CORR : 8|12");
-    assert!(
-        text.contains("bits shared with Y_CORR, expected separate bits"),
-        "{text}"
-    );
+    assert!(text.contains("bits shared with Y_CORR, expected separate bits"), "{text}");
     let text = refused("CORRECTION_CNT : 48|4", "CORRECTION_CNT : 0|4");
     assert!(text.contains("bits shared with CORRECTION_CNT"), "{text}");
 }
@@ -289,10 +272,7 @@ fn signals_must_not_share_bits() {
 fn floating_point_signals_are_rejected() {
     let dbc = format!("{SHIPPED_DBC}\nSIG_VALTYPE_ 256 X_POS : 1;\n");
     let error = SignalTable::parse(&dbc).unwrap_err().to_string();
-    assert!(
-        error.contains("X_POS: found a floating-point number"),
-        "{error}"
-    );
+    assert!(error.contains("X_POS: found a floating-point number"), "{error}");
     let dbc = format!("{SHIPPED_DBC}\nSIG_VALTYPE_ 256 X_POS : 0;\n");
     assert!(SignalTable::parse(&dbc).is_ok());
 }
@@ -310,20 +290,14 @@ fn corpus(target: &str) -> Vec<(String, Vec<u8>)> {
     let paths: Vec<PathBuf> = entries.map(|entry| entry.unwrap().path()).collect();
     assert!(paths.len() >= 3, "{target}");
     let name = |path: &PathBuf| path.file_name().unwrap().to_string_lossy().into_owned();
-    paths
-        .iter()
-        .map(|path| (name(path), std::fs::read(path).unwrap()))
-        .collect()
+    paths.iter().map(|path| (name(path), std::fs::read(path).unwrap())).collect()
 }
 
 #[test]
 fn corpus_files_parse_or_are_rejected() {
     for (name, bytes) in corpus("dbc") {
         let read = SignalTable::parse(&String::from_utf8_lossy(&bytes));
-        assert!(
-            read.is_ok() || !name.starts_with("valid-"),
-            "{name}: {read:?}"
-        );
+        assert!(read.is_ok() || !name.starts_with("valid-"), "{name}: {read:?}");
         assert!(read.is_err() || !name.starts_with("broken-"), "{name}");
     }
 }
@@ -337,12 +311,7 @@ fn corpus_frames_are_decoded() {
         let (Some(id), Some(data)) = (bytes.first_chunk::<4>(), bytes.get(6..)) else {
             continue;
         };
-        let frame = Frame::new(
-            u32::from_le_bytes(*id),
-            bytes[4] & 1 == 1,
-            bytes[5] & 1 == 1,
-            data,
-        );
+        let frame = Frame::new(u32::from_le_bytes(*id), bytes[4] & 1 == 1, bytes[5] & 1 == 1, data);
         let Some(frame) = frame else { continue };
         let known = telegram(&frame).is_some() || table.message_of(&frame).is_some();
         understood += u32::from(known);

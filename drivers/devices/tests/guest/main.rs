@@ -11,30 +11,18 @@ use volcomp_test_support::Running;
 fn lines_are_probed() {
     let url = "gpio://?position=panel-out:0-14&correction=panel-in:0-7";
     let found = probe(&Address::parse(url).unwrap(), Duration::from_secs(1)).unwrap();
-    assert_eq!(
-        (found.device.as_str(), &found.inputs[..]),
-        (url, &[false; 15][..])
-    );
+    assert_eq!((found.device.as_str(), &found.inputs[..]), (url, &[false; 15][..]));
     assert_eq!(found.positions_mm["published"], 0.0);
     let swapped = "gpio://?position=panel-in:0-7&correction=panel-up:0-14";
     let message = probe(&Address::parse(swapped).unwrap(), Duration::from_secs(1)).unwrap_err();
-    assert!(
-        message
-            .to_string()
-            .contains("gpio panel-up: there is no such chip"),
-        "{message}"
-    );
+    assert!(message.to_string().contains("gpio panel-up: there is no such chip"), "{message}");
 }
 
 /// The probe of a bus reports 100 mm and -2 mm, sealed by the rule of the shipped file.
 #[test]
 fn a_bus_is_probed() {
     let table = volcomp_can::SignalTable::parse(volcomp_can::SHIPPED_DBC).unwrap();
-    let message = table
-        .messages
-        .iter()
-        .find(|m| m.name == "POSITION_XY")
-        .unwrap();
+    let message = table.messages.iter().find(|m| m.name == "POSITION_XY").unwrap();
     let mut data = [0; 8];
     message.signals[0].put(&mut data, 100.0);
     message.signals[1].put(&mut data, -2.0);
@@ -58,11 +46,6 @@ fn a_bus_is_probed() {
     assert_eq!(ids, [0x100, 0x7e5]);
     assert!(bus.frames[0].to_string().starts_with("100 ("));
     let silent = Address::parse("can://vcan1").unwrap();
-    let message = probe(&silent, Duration::from_millis(100))
-        .unwrap_err()
-        .to_string();
-    assert!(
-        message.contains("no frame came within 100 ms; check the wire"),
-        "{message}"
-    );
+    let message = probe(&silent, Duration::from_millis(100)).unwrap_err().to_string();
+    assert!(message.contains("no frame came within 100 ms; check the wire"), "{message}");
 }

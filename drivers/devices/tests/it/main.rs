@@ -16,9 +16,7 @@ use volcomp_vocabulary::AxisName;
 fn message(url: &str) -> String {
     match Address::parse(url) {
         Err(e) => e.to_string(),
-        Ok(address) => probe(&address, Duration::from_millis(200))
-            .unwrap_err()
-            .to_string(),
+        Ok(address) => probe(&address, Duration::from_millis(200)).unwrap_err().to_string(),
     }
 }
 
@@ -45,32 +43,17 @@ fn invalid_urls_name_the_expected_value() {
         ("nonsense", "nonsense: this is no device URL"),
         ("opc://x", "found the scheme `opc`; expected focas://HOST"),
         ("focas://", "is missing"),
-        (
-            "focas://h?unit=3",
-            "found the key `unit`; expected one of: path",
-        ),
-        (
-            "focas://h?axes=X",
-            "found the key `axes`; expected one of: path",
-        ),
-        (
-            "opc.tcp://h?user=anna",
-            "found the key `user`; expected no keys",
-        ),
+        ("focas://h?unit=3", "found the key `unit`; expected one of: path"),
+        ("focas://h?axes=X", "found the key `axes`; expected one of: path"),
+        ("opc.tcp://h?user=anna", "found the key `user`; expected no keys"),
         ("modbus://h?unit=1&unit=2", "the key `unit` is listed twice"),
-        (
-            "modbus://h",
-            "no profile is named; expected profile=NAME, one of: PTA8C04",
-        ),
+        ("modbus://h", "no profile is named; expected profile=NAME, one of: PTA8C04"),
         ("modbus://h?profile=XY", "there is no profile `XY`"),
         (
             "modbus://h?profile=PTA8C04&unit=0",
             "found unit=0; expected a whole number from 1 to 247",
         ),
-        (
-            "modbus-rtu://?profile=PTA8C04",
-            "the serial device is missing; expected three slashes",
-        ),
+        ("modbus-rtu://?profile=PTA8C04", "the serial device is missing; expected three slashes"),
         (
             "modbus-rtu:///dev/x?profile=PTA8C04&parity=odd1",
             "found parity=odd1; expected none, even or odd",
@@ -83,18 +66,9 @@ fn invalid_urls_name_the_expected_value() {
             "modbus://h?profile=PTA8C04&answer_ms=5",
             "found answer_ms=5; expected a whole number from 10 to 10000",
         ),
-        (
-            "modbus-rtu:///dev/none?profile=PTA8C04",
-            "the module does not answer; check wire",
-        ),
-        (
-            "modbus://127.0.0.1:1?profile=PTA8C04",
-            "the module does not answer; check address",
-        ),
-        (
-            "gpio://?position=a:0-14",
-            "correction is missing; expected gpio://",
-        ),
+        ("modbus-rtu:///dev/none?profile=PTA8C04", "the module does not answer; check wire"),
+        ("modbus://127.0.0.1:1?profile=PTA8C04", "the module does not answer; check address"),
+        ("gpio://?position=a:0-14", "correction is missing; expected gpio://"),
         ("gpio://?position=a:0-14&correction=b", "found `b` as lines"),
         ("can://can77?dbc=nowhere.dbc", "nowhere.dbc: No such file"),
         ("focas://127.0.0.1:1", "no connection to 127.0.0.1:1"),
@@ -107,10 +81,7 @@ fn invalid_urls_name_the_expected_value() {
         ..ThermometerConfig::default()
     };
     let message = thermometer(&config).err().unwrap().to_string();
-    assert!(
-        message.contains("ADAM-6050 has no temperatures"),
-        "{message}"
-    );
+    assert!(message.contains("ADAM-6050 has no temperatures"), "{message}");
 }
 
 #[test]
@@ -123,28 +94,17 @@ fn the_book_lists_every_key_of_a_url() {
         let row = table.lines().find(|line| line.starts_with(&begin));
         row.unwrap_or_else(|| panic!("no row of {scheme}"))
     };
-    for scheme in [
-        "focas",
-        "modbus",
-        "modbus-rtu",
-        "can",
-        "gpio",
-        "opc.tcp",
-        "linuxcnc",
-    ] {
+    for scheme in ["focas", "modbus", "modbus-rtu", "can", "gpio", "opc.tcp", "linuxcnc"] {
         let mut said = row(scheme).to_owned();
         if scheme == "modbus-rtu" {
             assert!(said.contains("| Those, and "), "{said}");
             said += row("modbus");
         }
         let refused = message(&format!("{scheme}://h/x?unheard-of=1"));
-        let keys = refused
-            .split_once("expected one of: ")
-            .map(|(_, keys)| keys);
+        let keys = refused.split_once("expected one of: ").map(|(_, keys)| keys);
         for key in keys.iter().flat_map(|keys| keys.split(", ")) {
-            let is_said = [format!("`{key}`"), format!("`{key}=")]
-                .iter()
-                .any(|word| said.contains(word));
+            let is_said =
+                [format!("`{key}`"), format!("`{key}=")].iter().any(|word| said.contains(word));
             assert!(is_said, "{scheme}: {key} in {said}");
         }
     }
@@ -168,20 +128,14 @@ fn a_control_is_probed() {
     };
     assert_eq!((&*control.series, control.version), ("D4G3 28.0", 3));
     assert!(!control.alarm && !control.emergency_stop);
-    assert_eq!(
-        (control.shift_in_use, control.shift_words),
-        (Some(true), Some(100))
-    );
+    assert_eq!((control.shift_in_use, control.shift_words), (Some(true), Some(100)));
     assert!(control.round_trip_p50_us <= control.round_trip_max_us);
 }
 
 /// A profile file works like a shipped one; its errors are reported with file, line and key.
 #[test]
 fn a_profile_may_be_a_file() {
-    let shipped = concat!(
-        env!("CARGO_MANIFEST_DIR"),
-        "/../../examples/temperature-module.toml"
-    );
+    let shipped = concat!(env!("CARGO_MANIFEST_DIR"), "/../../examples/temperature-module.toml");
     let thermometer = |url: &str| {
         volcomp_devices::thermometer(&ThermometerConfig {
             url: url.to_owned(),
@@ -194,28 +148,19 @@ fn a_profile_may_be_a_file() {
     let file = folder.path().join("oven.toml");
     let text = "name = \"OVEN\"\n[channels]\naddress = 4\ncount = 2\nscale = 0.1\n";
     std::fs::write(&file, text).unwrap();
-    let url = format!(
-        "modbus://127.0.0.1:1?profile={}&names=door,wall",
-        file.display()
-    );
+    let url = format!("modbus://127.0.0.1:1?profile={}&names=door,wall", file.display());
     let found = thermometer(&url).unwrap();
     assert_eq!(found.names, ["door", "wall"]);
     std::fs::write(&file, text.replace("scale", "sclae")).unwrap();
     let refused = thermometer(&url).err().unwrap();
     assert!(refused.is_input());
     let message = refused.to_string();
-    assert!(
-        message.contains("oven.toml:5: channels.sclae: unknown key"),
-        "{message}"
-    );
+    assert!(message.contains("oven.toml:5: channels.sclae: unknown key"), "{message}");
     let source = std::error::Error::source(&refused).expect("the error of the profile");
     assert!(message.contains(&source.to_string()));
     std::fs::remove_file(&file).unwrap();
     let refused = thermometer(&url).err().unwrap();
-    assert!(
-        refused.to_string().contains("oven.toml: cannot be read"),
-        "{refused}"
-    );
+    assert!(refused.to_string().contains("oven.toml: cannot be read"), "{refused}");
 }
 
 /// The kind of an error, not its text, distinguishes invalid input from a failure.
@@ -285,10 +230,5 @@ fn a_module_without_read_back_is_reported() {
 fn local_devices_are_listed() {
     let found = volcomp_devices::list();
     assert_eq!(found, volcomp_devices::list());
-    assert!(
-        found
-            .can_interfaces
-            .iter()
-            .all(|interface| !interface.name.is_empty())
-    );
+    assert!(found.can_interfaces.iter().all(|interface| !interface.name.is_empty()));
 }

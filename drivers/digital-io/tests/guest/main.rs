@@ -38,9 +38,7 @@ fn bank(label: &str) -> PathBuf {
     let name = chip.expect(label).file_name().unwrap().to_owned();
     let devices = fs::read_dir("/sys/devices/platform").unwrap().flatten();
     let mut banks = devices.map(|device| device.path().join(&name));
-    banks
-        .find(|bank| bank.join("sim_gpio0").is_dir())
-        .expect(label)
+    banks.find(|bank| bank.join("sim_gpio0").is_dir()).expect(label)
 }
 
 fn simulated(label: &'static str, line: u32) -> PathBuf {
@@ -52,11 +50,7 @@ fn simulated(label: &'static str, line: u32) -> PathBuf {
 /// Sets the control's outputs one after the other, in the order of their numbers.
 fn control_shows(levels: u64) {
     for line in 0..15 {
-        let level = if levels >> line & 1 == 1 {
-            "pull-up"
-        } else {
-            "pull-down"
-        };
+        let level = if levels >> line & 1 == 1 { "pull-up" } else { "pull-down" };
         fs::write(simulated("panel-out", line).join("pull"), level).unwrap();
     }
 }
@@ -84,11 +78,7 @@ fn every_line_is_in_its_place() {
     assert_eq!((port.inputs(), port.outputs()), (15, 8));
     for line in 0..15 {
         control_shows(1 << line);
-        assert_eq!(
-            port.read(soon()).unwrap().levels,
-            1 << line,
-            "output {line} of the control"
-        );
+        assert_eq!(port.read(soon()).unwrap().levels, 1 << line, "output {line} of the control");
     }
     for line in 0..8 {
         port.write(1 << line, soon()).unwrap();
@@ -106,11 +96,7 @@ fn opening_changes_no_line() {
         // The kernel may release closed lines; the simulator's pulls replace the control's side.
         drop(first);
         for line in 0..8 {
-            let level = if levels >> line & 1 == 1 {
-                "pull-up"
-            } else {
-                "pull-down"
-            };
+            let level = if levels >> line & 1 == 1 { "pull-up" } else { "pull-down" };
             fs::write(simulated("panel-in", line).join("pull"), level).unwrap();
         }
         assert_eq!(control_sees(), levels);
@@ -162,11 +148,7 @@ fn a_ramp_of_positions_is_corrected() {
             controller.apply(&requested, soon()).unwrap();
             let (word, _) = wiring.control_inputs(control_sees());
             let taken = axis.correction.decode(word).unwrap();
-            assert!(
-                (taken - requested[0]).abs() <= 0.000_501,
-                "{taken} for {}",
-                requested[0]
-            );
+            assert!((taken - requested[0]).abs() <= 0.000_501, "{taken} for {}", requested[0]);
         }
     }
 }
@@ -190,10 +172,7 @@ fn swapped_roles_are_rejected() {
         vec![DigitalAxis::published(AxisName::X)],
     );
     let message = refused.err().unwrap().to_string();
-    assert!(
-        message.contains("inputs: found 8, expected a line below 8"),
-        "{message}"
-    );
+    assert!(message.contains("inputs: found 8, expected a line below 8"), "{message}");
 }
 
 #[test]
@@ -209,10 +188,7 @@ fn unavailable_chips_and_lines_are_named() {
     let _taken = port();
     let message = GpioPort::open(&lines("panel-out:0-14"), &lines("panel-in:0-7"));
     let message = message.err().unwrap().to_string();
-    assert!(
-        message.contains("cannot be taken") && message.contains("gpioinfo"),
-        "{message}"
-    );
+    assert!(message.contains("cannot be taken") && message.contains("gpioinfo"), "{message}");
     let beyond = GpioPort::open(&lines("panel-out:0-20"), &lines("panel-in:0-7"));
     assert!(beyond.is_err());
 }

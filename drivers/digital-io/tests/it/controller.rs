@@ -45,10 +45,7 @@ fn the_published_scheme_corrects_an_axis() {
         controller.apply(&requested, soon()).unwrap();
         let sent = panel.correction().unwrap();
         // 0.5 µm, plus the effect of 1/64 mm of position.
-        assert!(
-            (sent + 1e-4 * place).abs() <= 0.000_5 + 1e-4 / 64.0,
-            "{sent} at {place}"
-        );
+        assert!((sent + 1e-4 * place).abs() <= 0.000_5 + 1e-4 / 64.0, "{sent} at {place}");
         assert_eq!(controller.sent()[0], Some(sent));
     }
     assert_eq!(controller.saturated(), 0);
@@ -84,27 +81,16 @@ fn several_axes_share_the_lines() {
     for (axis, place) in [10.0, 20.0, 30.0].into_iter().enumerate() {
         panel.shows(axis, place);
         let snapshot = controller.read(Instant::now() + Duration::from_millis(10));
-        assert_eq!(
-            snapshot.is_ok(),
-            axis == 2,
-            "not all axes were selected before"
-        );
+        assert_eq!(snapshot.is_ok(), axis == 2, "not all axes were selected before");
     }
     let snapshot = controller.read(soon()).unwrap();
     assert_eq!(snapshot.positions[..4], [10.0, 20.0, 30.0, 0.0]);
-    assert_eq!(
-        snapshot.applied, None,
-        "the lines carry only one of the axes"
-    );
+    assert_eq!(snapshot.applied, None, "the lines carry only one of the axes");
     for (axis, place) in [10.0, 20.0, 30.0].into_iter().enumerate() {
         panel.shows(axis, place);
         controller.read(soon()).unwrap();
         let written = controller.apply(&requested, soon());
-        let expected = if axis == 2 {
-            Ok(())
-        } else {
-            Err(Fault::Unfinished)
-        };
+        let expected = if axis == 2 { Ok(()) } else { Err(Fault::Unfinished) };
         assert_eq!(written, expected, "axis {axis}");
         assert_eq!(panel.word().axis, axis);
         assert!((panel.correction().unwrap() - requested[axis]).abs() < 1e-12);
@@ -112,10 +98,7 @@ fn several_axes_share_the_lines() {
     // New corrections have not reached the axes that are not selected.
     let others = PerChannel::leading([0.011, -0.022, 0.034]);
     assert_eq!(controller.apply(&others, soon()), Ok(()));
-    assert_eq!(
-        controller.apply(&requested.map(|x| -x), soon()),
-        Err(Fault::Unfinished)
-    );
+    assert_eq!(controller.apply(&requested.map(|x| -x), soon()), Err(Fault::Unfinished));
     // The control stops at one axis, and the others age.
     let first = controller.read(soon()).unwrap().taken;
     std::thread::sleep(Duration::from_millis(5));
@@ -137,10 +120,7 @@ fn low_bits(most_per_s: f64) -> (Panel, DigitalController<Panel>) {
         }),
         ..DigitalAxis::published(AxisName::X)
     };
-    let wiring = Wiring {
-        position: (0..8).collect(),
-        ..Wiring::published()
-    };
+    let wiring = Wiring { position: (0..8).collect(), ..Wiring::published() };
     on_panel(&wiring, &[axis])
 }
 
@@ -217,17 +197,11 @@ fn units_must_match_the_kind_of_the_axis() {
     };
     let lengths = DigitalAxis::published(AxisName::C);
     let message = new(lengths).err().unwrap().to_string();
-    assert!(
-        message.contains("axis C: found a resolution of 1 µm, expected an angle"),
-        "{message}"
-    );
+    assert!(message.contains("axis C: found a resolution of 1 µm, expected an angle"), "{message}");
     let mut half = lengths;
     half.correction.step = Displacement::Angle(Urad(5.0).to_rad());
     let message = new(half).err().unwrap().to_string();
-    assert!(
-        message.contains("axis C: found a position step"),
-        "{message}"
-    );
+    assert!(message.contains("axis C: found a position step"), "{message}");
     let mut angles = half;
     angles.position.step = Displacement::from_coordinate(AxisKind::Rotary, 0.01);
     angles.position.zero = Displacement::from_coordinate(AxisKind::Rotary, 0.0);
@@ -236,9 +210,7 @@ fn units_must_match_the_kind_of_the_axis() {
     assert_eq!(axis.resolution, Displacement::Angle(Urad(5.0).to_rad()));
     controller.read(soon()).unwrap();
     // 7 µrad requested: one step of 5 µrad is sent.
-    controller
-        .apply(&PerChannel::leading([7e-6]), soon())
-        .unwrap();
+    controller.apply(&PerChannel::leading([7e-6]), soon()).unwrap();
     assert!((controller.sent()[0].unwrap() - 5e-6).abs() < 1e-18);
 }
 
@@ -247,10 +219,7 @@ fn units_must_match_the_kind_of_the_axis() {
 #[test]
 fn the_latch_toggles_one_write_after_the_word() {
     let axis = DigitalAxis::published(AxisName::X);
-    let wiring = Wiring {
-        latch: Some(8),
-        ..Wiring::published()
-    };
+    let wiring = Wiring { latch: Some(8), ..Wiring::published() };
     let panel = Panel::new(wiring.clone(), vec![axis]);
     // Levels left by another program: the latch at 1, and a tenth line that is not ours.
     panel.left_at(0x305);
@@ -274,12 +243,7 @@ fn the_latch_toggles_one_write_after_the_word() {
     let mut apply = |um: f64| {
         let applied = controller.apply(&PerChannel::leading([um * 1e-3]), soon());
         let sent = controller.sent()[0].map(|sent| (sent * 1e3).round());
-        (
-            applied.is_ok(),
-            panel.levels(),
-            taken.lock().unwrap().1,
-            sent,
-        )
+        (applied.is_ok(), panel.levels(), taken.lock().unwrap().1, sent)
     };
     assert_eq!(apply(7.0), (true, 0x307, 0, None), "the word alone");
     assert_eq!(apply(8.0), (true, 0x207, 7, Some(7.0)), "the latch alone");
@@ -340,11 +304,7 @@ fn nothing_is_written_while_other_outputs_are_unknown() {
         let coherence = Coherence::Latched;
         let controller = DigitalController::new(port, "lines", wiring, coherence, vec![axis]);
         let applied = controller.unwrap().apply(&PerChannel::ZERO, soon());
-        assert_eq!(
-            applied.is_ok(),
-            is_written,
-            "{outputs} {reports}: {applied:?}"
-        );
+        assert_eq!(applied.is_ok(), is_written, "{outputs} {reports}: {applied:?}");
         assert_eq!(*writes.lock().unwrap(), u32::from(is_written));
     }
 }

@@ -71,17 +71,12 @@ impl Rig {
         self.now += PERIOD;
         let now = self.now;
         let snapshot = self.controller.read(Instant::now()).ok()?;
-        let applied = snapshot
-            .applied
-            .map_or(CorrectionReport::Missing, CorrectionReport::Values);
+        let applied = snapshot.applied.map_or(CorrectionReport::Missing, CorrectionReport::Values);
         self.read_back.receive(now, now, &applied, &self.limits);
         let requested = PerChannel::from_fn(|i| if i < self.limits.count { GOAL } else { 0.0 });
         let out = self.guard.cycle(&Inputs {
             now,
-            reading: Some(Reading {
-                taken: now,
-                positions: snapshot.positions,
-            }),
+            reading: Some(Reading { taken: now, positions: snapshot.positions }),
             read_back: *self.read_back.status(),
             requested: Some(RequestedCorrection::linear(requested)),
             request,
@@ -100,10 +95,7 @@ impl Rig {
 /// 1 to 3 µm while 0 is reported, and in motion accept two slews at once.
 #[test]
 fn the_last_word_is_latched() {
-    let wiring = Wiring {
-        latch: Some(8),
-        ..Wiring::published()
-    };
+    let wiring = Wiring { latch: Some(8), ..Wiring::published() };
     for disarmed_in in 150..170 {
         let mut rig = Rig::new(wiring.clone(), &[AxisName::X]);
         // The latch, the correction that the control applies, and its largest step, µm.
@@ -135,11 +127,7 @@ fn the_last_word_is_latched() {
 /// Axes that share lines in turn get no step larger than 2 µm: only the selected axis counts as written.
 #[test]
 fn axes_that_share_lines_do_not_step() {
-    let wiring = Wiring {
-        select: vec![15],
-        echo: vec![8],
-        ..Wiring::published()
-    };
+    let wiring = Wiring { select: vec![15], echo: vec![8], ..Wiring::published() };
     let mut rig = Rig::new(wiring, &[AxisName::X, AxisName::Y]);
     let mut applied = [0_i32; 2];
     let mut largest = 0;

@@ -15,9 +15,7 @@ fn axis() -> DigitalAxis {
 
 fn checked(wiring: &Wiring, inputs: u32, outputs: u32, axes: usize) -> Result<(), String> {
     let words = vec![(axis().position, axis().correction); axes];
-    wiring
-        .check(inputs, outputs, axes, &words)
-        .map_err(|e| e.to_string())
+    wiring.check(inputs, outputs, axes, &words).map_err(|e| e.to_string())
 }
 
 #[test]
@@ -34,43 +32,26 @@ fn invalid_wirings_are_rejected() {
     );
     let mut twice = good.clone();
     twice.position[3] = 2;
-    assert!(
-        checked(&twice, 15, 8, 1)
-            .unwrap_err()
-            .contains("each line once")
-    );
+    assert!(checked(&twice, 15, 8, 1).unwrap_err().contains("each line once"));
     let mut short = good.clone();
     short.position.pop();
     assert_eq!(
         checked(&short, 15, 8, 1),
         Err("lines of the position: found 14, expected 15, the bits of the word".to_owned())
     );
-    assert!(
-        checked(&good, 15, 8, 2)
-            .unwrap_err()
-            .contains("axes: found 2, expected 1 to 1")
-    );
-    let latch = Wiring {
-        latch: Some(7),
-        ..good.clone()
-    };
+    assert!(checked(&good, 15, 8, 2).unwrap_err().contains("axes: found 2, expected 1 to 1"));
+    let latch = Wiring { latch: Some(7), ..good.clone() };
     assert_eq!(
         checked(&latch, 15, 8, 1),
         Err("outputs: found 7, expected each line once".to_owned())
     );
-    let select = Wiring {
-        select: vec![15],
-        ..good.clone()
-    };
+    let select = Wiring { select: vec![15], ..good.clone() };
     let message = checked(&select, 16, 8, 2).unwrap_err();
     assert!(message.contains("must name its axis"), "{message}");
     let mut words = [(axis().position, axis().correction)];
     words[0].0.step = Displacement::Length(Mm(f64::NAN));
     let message = good.check(15, 8, 1, &words).unwrap_err().to_string();
-    assert_eq!(
-        message,
-        "step of the position: found NaN, expected a positive number"
-    );
+    assert_eq!(message, "step of the position: found NaN, expected a positive number");
 }
 
 fn read_coherent(
@@ -178,19 +159,8 @@ proptest! {
 fn line_sets_are_parsed() {
     use volcomp_digital_io::LineSet;
     let set = LineSet::parse("panel-out:0-3,9,7").unwrap();
-    assert_eq!(
-        (set.chip.as_str(), &set.lines[..]),
-        ("panel-out", &[0, 1, 2, 3, 9, 7][..])
-    );
-    for wrong in [
-        "",
-        "panel",
-        ":0",
-        "panel:",
-        "panel:3-1",
-        "panel:0-99",
-        "panel:x",
-    ] {
+    assert_eq!((set.chip.as_str(), &set.lines[..]), ("panel-out", &[0, 1, 2, 3, 9, 7][..]));
+    for wrong in ["", "panel", ":0", "panel:", "panel:3-1", "panel:0-99", "panel:x"] {
         let message = LineSet::parse(wrong).unwrap_err().to_string();
         assert!(message.contains(&format!("found `{wrong}`")), "{message}");
     }

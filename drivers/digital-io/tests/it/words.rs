@@ -14,11 +14,7 @@ fn position(bits: u32, code: PositionCode) -> PositionWord {
 }
 
 fn correction(bits: u32, code: CorrectionCode) -> CorrectionWord {
-    CorrectionWord {
-        bits,
-        code,
-        step: Displacement::Length(Mm(0.001)),
-    }
+    CorrectionWord { bits, code, step: Displacement::Length(Mm(0.001)) }
 }
 
 /// The published words encode as documented: 1 µm resolution, ±127 µm, over 1024 mm.
@@ -76,10 +72,7 @@ fn codes_round_trip() {
             before = Some(word);
         }
         assert_eq!(binary.encode(-101.0), None);
-        assert_eq!(
-            binary.encode(binary.zero.mm_or_rad() + binary.range()),
-            None
-        );
+        assert_eq!(binary.encode(binary.zero.mm_or_rad() + binary.range()), None);
         assert_eq!(binary.encode(f64::NAN), None);
     }
 }
@@ -133,10 +126,7 @@ proptest! {
 #[test]
 fn invalid_numbers_of_bits_do_not_panic() {
     for bits in [0, 1, 32, 33, u32::MAX] {
-        for code in [
-            CorrectionCode::TwosComplement,
-            CorrectionCode::SignMagnitude,
-        ] {
+        for code in [CorrectionCode::TwosComplement, CorrectionCode::SignMagnitude] {
             let word = correction(bits, code);
             let sent = word.encode(-0.001);
             assert!(word.limit() >= 0.0 && sent.sent.is_finite());

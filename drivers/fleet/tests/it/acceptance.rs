@@ -56,10 +56,7 @@ fn each_rejection_reason_is_reported() {
     let another = Desired::sign(&manifest(), MODEL, &key(3)).unwrap();
     assert!(matches!(refused(&another), ManifestRejection::Key { .. }));
     let machine = signed(|m| m.machine = "mill-2".parse().unwrap());
-    assert!(matches!(
-        refused(&machine),
-        ManifestRejection::Machine { .. }
-    ));
+    assert!(matches!(refused(&machine), ManifestRejection::Machine { .. }));
     let serial = signed(|m| m.serial = "4712".to_owned());
     assert!(matches!(refused(&serial), ManifestRejection::Serial { .. }));
     let axes = signed(|m| m.axes.swap(0, 1));
@@ -95,10 +92,7 @@ fn a_key_of_small_order_verifies_nothing() {
     desired.signature = STANDARD.encode(signature);
     let mut trust = trust();
     trust.keys = vec![volcomp_fleet::VerifyingKey::from_bytes(&neutral).unwrap()];
-    assert!(matches!(
-        trust.accept(&desired),
-        Err(ManifestRejection::Signature)
-    ));
+    assert!(matches!(trust.accept(&desired), Err(ManifestRejection::Signature)));
 }
 
 #[test]
@@ -108,10 +102,7 @@ fn a_signature_of_the_bare_manifest_is_rejected() {
     let mut desired = signed(|_| {});
     let bare = key(1).sign(desired.manifest.as_bytes());
     desired.signature = STANDARD.encode(bare.to_bytes());
-    assert!(matches!(
-        trust().accept(&desired),
-        Err(ManifestRejection::Signature)
-    ));
+    assert!(matches!(trust().accept(&desired), Err(ManifestRejection::Signature)));
 }
 
 proptest! {

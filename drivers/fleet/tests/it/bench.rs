@@ -20,10 +20,7 @@ pub(crate) struct Bench {
 }
 
 pub(crate) fn identity(machine: &str) -> Identity {
-    Identity {
-        site: "berlin".parse().unwrap(),
-        machine: machine.parse().unwrap(),
-    }
+    Identity { site: "berlin".parse().unwrap(), machine: machine.parse().unwrap() }
 }
 
 impl Bench {
@@ -57,13 +54,7 @@ impl Bench {
                 .collect(),
         };
         let server = Server::start(&settings, folder.path()).unwrap();
-        Self {
-            server: Some(server),
-            settings,
-            centre,
-            machines,
-            folder,
-        }
+        Self { server: Some(server), settings, centre, machines, folder }
     }
 
     pub(crate) fn url(&self) -> String {
@@ -94,9 +85,7 @@ impl Bench {
             .unwrap();
         let context = jetstream::new(client);
         let sites = [self.machines[0].0.site.clone()];
-        volcomp_fleet::prepare(&context, &sites, StreamRetention::default())
-            .await
-            .unwrap();
+        volcomp_fleet::prepare(&context, &sites, StreamRetention::default()).await.unwrap();
         context
     }
 
@@ -130,9 +119,5 @@ impl Bench {
 }
 
 pub(crate) fn runtime() -> tokio::runtime::Runtime {
-    tokio::runtime::Builder::new_multi_thread()
-        .worker_threads(2)
-        .enable_all()
-        .build()
-        .unwrap()
+    tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build().unwrap()
 }

@@ -55,9 +55,8 @@ fn a_server_without_the_password_cannot_join() {
     let folder = tempfile::tempdir().unwrap();
     let centre = KeyPair::new_user();
     let addresses = [(); 4].map(|()| free_address());
-    let routes: Vec<String> = (addresses[..3].iter())
-        .map(|address| format!("nats://{address}"))
-        .collect();
+    let routes: Vec<String> =
+        (addresses[..3].iter()).map(|address| format!("nats://{address}")).collect();
     let ours = RoutePassword::of_seed(&centre.seed().unwrap());
     let other = RoutePassword::of_seed(&KeyPair::new_user().seed().unwrap());
     let mut servers = Vec::new();
@@ -82,16 +81,10 @@ fn a_server_without_the_password_cannot_join() {
         }
         // Streams with three replicas can be created only once all three servers have joined.
         let context = async_nats::jetstream::new(clients[0].clone());
-        let retention = StreamRetention {
-            replicas: 3,
-            ..StreamRetention::default()
-        };
+        let retention = StreamRetention { replicas: 3, ..StreamRetention::default() };
         let sites = [identity("mill-a").site];
         let prepared = async {
-            while volcomp_fleet::prepare(&context, &sites, retention)
-                .await
-                .is_err()
-            {
+            while volcomp_fleet::prepare(&context, &sites, retention).await.is_err() {
                 tokio::time::sleep(Duration::from_millis(100)).await;
             }
         };

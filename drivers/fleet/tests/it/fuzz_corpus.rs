@@ -24,16 +24,10 @@ fn the_fuzz_corpus_is_accepted() {
             trust.accept(&desired.unwrap()).expect(&name);
         } else if name.starts_with("signature-") {
             let refused = trust.accept(&desired.unwrap()).unwrap_err();
-            assert!(
-                matches!(refused, ManifestRejection::Signature),
-                "{name}: {refused}"
-            );
+            assert!(matches!(refused, ManifestRejection::Signature), "{name}: {refused}");
         } else if name.starts_with("model-") {
             let refused = trust.accept(&desired.unwrap()).unwrap_err();
-            assert!(
-                matches!(refused, ManifestRejection::Model),
-                "{name}: {refused}"
-            );
+            assert!(matches!(refused, ManifestRejection::Model), "{name}: {refused}");
         } else {
             assert!(desired.is_err(), "{name}");
         }

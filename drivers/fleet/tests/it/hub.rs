@@ -11,16 +11,11 @@ use crate::bench::Bench;
 const SOON: Duration = Duration::from_secs(60);
 
 async fn hub(bench: &Bench) -> Hub {
-    let settings = LinkSettings {
-        url: bench.url(),
-        seed: bench.centre.seed().unwrap(),
-        roots: None,
-    };
+    let settings =
+        LinkSettings { url: bench.url(), seed: bench.centre.seed().unwrap(), roots: None };
     let hub = Hub::connect(&settings).await.unwrap();
     let site = bench.machines[0].0.site.clone();
-    hub.prepare(&[site], StreamRetention::default())
-        .await
-        .unwrap();
+    hub.prepare(&[site], StreamRetention::default()).await.unwrap();
     hub
 }
 
@@ -29,9 +24,7 @@ fn unacknowledged_messages_are_redelivered() {
     Bench::run(async |bench| {
         let hub_one = hub(bench).await;
         let identity = bench.machines[0].0.clone();
-        let link = MachineLink::connect(&bench.link(0), &identity)
-            .await
-            .unwrap();
+        let link = MachineLink::connect(&bench.link(0), &identity).await.unwrap();
         for number in 0..5 {
             let id = format!("1-{number}");
             let text = Bytes::from(format!("message {number}"));
@@ -64,15 +57,8 @@ fn unacknowledged_messages_are_redelivered() {
         bench.stop();
         bench.restart();
         let end = tokio::time::Instant::now() + SOON;
-        while link
-            .publish(Kind::Condition, "1-5", "new".into())
-            .await
-            .is_err()
-        {
-            assert!(
-                tokio::time::Instant::now() < end,
-                "the server is not there again"
-            );
+        while link.publish(Kind::Condition, "1-5", "new".into()).await.is_err() {
+            assert!(tokio::time::Instant::now() < end, "the server is not there again");
         }
         let mut is_there = false;
         while !is_there {
@@ -105,15 +91,10 @@ fn a_full_stream_of_audit_records_refuses_new_ones() {
         };
         let earlier = hub.context().update_stream(unlimited).await;
         earlier.unwrap();
-        let limited = |site_bytes| StreamRetention {
-            site_bytes,
-            ..StreamRetention::default()
-        };
+        let limited = |site_bytes| StreamRetention { site_bytes, ..StreamRetention::default() };
         let sites = [identity.site.clone()];
         hub.prepare(&sites, limited(100_000)).await.unwrap();
-        let link = MachineLink::connect(&bench.link(0), &identity)
-            .await
-            .unwrap();
+        let link = MachineLink::connect(&bench.link(0), &identity).await.unwrap();
         let mut number = 0;
         let mut publish = async |kind: Kind| {
             number += 1;
@@ -129,9 +110,7 @@ fn a_full_stream_of_audit_records_refuses_new_ones() {
                 }
             }
         };
-        timeout(SOON, refused)
-            .await
-            .expect("it is full at some time");
+        timeout(SOON, refused).await.expect("it is full at some time");
         for _ in 0..200 {
             publish(Kind::Condition).await.unwrap();
         }
@@ -140,15 +119,9 @@ fn a_full_stream_of_audit_records_refuses_new_ones() {
             stream.info().await.unwrap().state.clone()
         };
         let (audit, telemetry) = (state("audit-berlin").await, state("telemetry-berlin").await);
-        assert!(
-            audit.bytes <= 25_000 && audit.first_sequence == 1,
-            "{audit:?}"
-        );
+        assert!(audit.bytes <= 25_000 && audit.first_sequence == 1, "{audit:?}");
         assert!(audit.messages > 20, "{audit:?}");
-        assert!(
-            telemetry.bytes <= 75_000 && telemetry.first_sequence > 1,
-            "{telemetry:?}"
-        );
+        assert!(telemetry.bytes <= 75_000 && telemetry.first_sequence > 1, "{telemetry:?}");
         // More room helps.
         hub.prepare(&sites, limited(200_000)).await.unwrap();
         publish(Kind::Audit).await.unwrap();

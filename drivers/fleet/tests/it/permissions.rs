@@ -38,10 +38,9 @@ fn texts_cannot_inject_configuration() {
 #[test]
 fn duplicate_nkeys_are_rejected() {
     let mut twice = settings();
-    twice.machines.push(MachineUser {
-        identity: identity("mill-b"),
-        nkey: twice.machines[0].nkey.clone(),
-    });
+    twice
+        .machines
+        .push(MachineUser { identity: identity("mill-b"), nkey: twice.machines[0].nkey.clone() });
     assert!(matches!(twice.text(), Err(ServerConfigError::Twice { .. })));
 }
 

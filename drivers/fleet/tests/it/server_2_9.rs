@@ -20,9 +20,7 @@ async fn bucket(context: &jetstream::Context) -> jetstream::kv::Store {
 }
 
 async fn link(bench: &Bench, machine: usize) -> MachineLink {
-    MachineLink::connect(&bench.link(machine), &bench.machines[machine].0)
-        .await
-        .unwrap()
+    MachineLink::connect(&bench.link(machine), &bench.machines[machine].0).await.unwrap()
 }
 
 #[test]
@@ -59,10 +57,7 @@ fn a_reconnected_machine_receives_the_missed_value() {
         bench.restart();
         let store = bucket(&context).await;
         store.put("mill-a", "after".into()).await.unwrap();
-        assert_eq!(
-            timeout(4 * SOON, link.next_desired()).await.unwrap(),
-            "after"
-        );
+        assert_eq!(timeout(4 * SOON, link.next_desired()).await.unwrap(), "after");
         // An unacknowledged message is sent again, and stored once.
         for _ in 0..2 {
             let sent = link.publish(Kind::Condition, "1-1", "once".into()).await;
@@ -101,16 +96,11 @@ fn stolen_credentials_give_no_further_access() {
     Bench::run(async |bench| {
         let (context, store) = bench.with_values().await;
         for (identity, _) in &bench.machines {
-            put_model(&context, &identity.machine, "model", b"content", 1)
-                .await
-                .unwrap();
+            put_model(&context, &identity.machine, "model", b"content", 1).await.unwrap();
         }
         let thief = bench.stolen(0).await;
         let own = thief
-            .request(
-                "$JS.API.DIRECT.GET.KV_desired.$KV.desired.mill-a",
-                Bytes::new(),
-            )
+            .request("$JS.API.DIRECT.GET.KV_desired.$KV.desired.mill-a", Bytes::new())
             .await
             .unwrap();
         assert_eq!(own.payload, "a", "its own key is answered");
@@ -222,10 +212,7 @@ fn the_seed_is_not_logged() {
         roots: None,
     };
     let shown = format!("{settings:?}");
-    assert!(
-        shown.contains("127.0.0.1") && !shown.contains(&seed),
-        "{shown}"
-    );
+    assert!(shown.contains("127.0.0.1") && !shown.contains(&seed), "{shown}");
 }
 
 #[test]

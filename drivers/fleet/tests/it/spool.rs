@@ -19,9 +19,7 @@ fn fill(spool: &mut Spool, kind: Kind, numbers: std::ops::Range<usize>) {
 }
 
 fn conditions(numbers: std::ops::RangeInclusive<usize>) -> Vec<String> {
-    numbers
-        .map(|number| format!("condition-{number}"))
-        .collect()
+    numbers.map(|number| format!("condition-{number}")).collect()
 }
 
 fn open(folder: &Path) -> Spool {
@@ -82,10 +80,7 @@ fn a_reachable_server_causes_no_disk_write() {
     let mut spool = open(folder.path());
     for number in 0..1000 {
         spool.push(message(Kind::Condition, number, 100));
-        assert_eq!(
-            spool.first(Lane::Passing).unwrap().id,
-            format!("condition-{number}")
-        );
+        assert_eq!(spool.first(Lane::Passing).unwrap().id, format!("condition-{number}"));
         spool.done(Lane::Passing);
         assert_eq!(files(folder.path()), 0);
     }
@@ -124,10 +119,7 @@ fn a_crash_loses_no_message_on_disk() {
 #[test]
 fn the_oldest_telemetry_is_dropped_and_no_audit_record() {
     let folder = tempfile::tempdir().unwrap();
-    let limits = SpoolLimits {
-        kept_bytes: 1 << 20,
-        passing_bytes: 64 << 10,
-    };
+    let limits = SpoolLimits { kept_bytes: 1 << 20, passing_bytes: 64 << 10 };
     let mut spool = Spool::open(folder.path(), limits).unwrap();
     fill(&mut spool, Kind::Audit, 0..20);
     fill(&mut spool, Kind::Condition, 0..5000);

@@ -15,29 +15,20 @@ const NO_FUNCTION: i16 = 1;
 
 /// Payload of the response to a request to open a session.
 pub(super) fn opened(options: &Options) -> Vec<u8> {
-    let (length, count_at) = if options.version < 3 {
-        (16 + 8 * 10, 8)
-    } else {
-        (40 + 32 * 10, 10)
-    };
+    let (length, count_at) =
+        if options.version < 3 { (16 + 8 * 10, 8) } else { (40 + 32 * 10, 10) };
     let mut payload = vec![0; length];
     payload[count_at + 1] = 10;
     payload
 }
 
 pub(super) fn answer(payload: &[u8], options: &Options, world: &mut World) -> (Kind, Vec<u8>) {
-    let negative = |code: i16| {
-        (
-            Kind::Negative,
-            [&[0; 2], &code.to_be_bytes()[..], &[0, 1, 0, 0]].concat(),
-        )
-    };
+    let negative =
+        |code: i16| (Kind::Negative, [&[0; 2], &code.to_be_bytes()[..], &[0, 1, 0, 0]].concat());
     let Ok(commands) = parse_commands(payload) else {
         return negative(-17);
     };
-    let mixed = commands
-        .windows(2)
-        .any(|pair| pair[0].target != pair[1].target);
+    let mixed = commands.windows(2).any(|pair| pair[0].target != pair[1].target);
     let packed = commands.len() > 1;
     if (options.refuses_mix && mixed) || (options.one_command && packed) {
         return negative(-17);
@@ -182,9 +173,7 @@ fn read_macro_numbers(command: &Command<'_>, world: &World) -> CommandResult {
 
 fn write_macro(command: &Command<'_>, world: &mut World) -> CommandResult {
     let bytes = command.data.first_chunk().ok_or(Refusal::Command(LENGTH))?;
-    world
-        .macros
-        .insert(command.args[0], f64::from_be_bytes(*bytes));
+    world.macros.insert(command.args[0], f64::from_be_bytes(*bytes));
     Ok(Vec::new())
 }
 
@@ -204,11 +193,7 @@ fn parameter(command: &Command<'_>, options: &Options, world: &World) -> Command
     let number = command.args[0];
     let of = |slot| world.parameters.get(&(number, slot)).copied();
     let is_set = world.parameters.keys().any(|(known, _)| *known == number);
-    let default = if is_set {
-        Some(0.0)
-    } else {
-        known_parameter(number, world)
-    };
+    let default = if is_set { Some(0.0) } else { known_parameter(number, world) };
     // As in captures, an unknown number rejects the frame.
     let default = default.ok_or(Refusal::Frame)?;
     let mut data = number.to_be_bytes().to_vec();
@@ -244,9 +229,7 @@ fn pmc_range(
     options: &Options,
 ) -> Result<(PmcArea, usize, usize, usize), Refusal> {
     let [first, last, area, width, _] = command.args;
-    let area = usize::try_from(area)
-        .ok()
-        .and_then(|area| PmcArea::ALL.get(area));
+    let area = usize::try_from(area).ok().and_then(|area| PmcArea::ALL.get(area));
     let area = *area.ok_or(Refusal::Command(NUMBER))?;
     let width = match width {
         0 => 1,
@@ -268,17 +251,13 @@ fn pmc_range(
 /// Swaps the byte order of each point: memory is little-endian, the protocol is big-endian.
 fn swap_points(bytes: &[u8], width: usize) -> Vec<u8> {
     let points = bytes.chunks(width);
-    points
-        .flat_map(|point| point.iter().rev().copied())
-        .collect()
+    points.flat_map(|point| point.iter().rev().copied()).collect()
 }
 
 fn read_pmc(command: &Command<'_>, options: &Options, world: &mut World) -> CommandResult {
     let (area, at, width, bytes) = pmc_range(command, options)?;
     let memory = world.read(area, at, bytes);
-    memory
-        .map(|bytes| swap_points(&bytes, width))
-        .ok_or(Refusal::Command(NUMBER))
+    memory.map(|bytes| swap_points(&bytes, width)).ok_or(Refusal::Command(NUMBER))
 }
 
 fn write_pmc(command: &Command<'_>, options: &Options, world: &mut World) -> CommandResult {

@@ -21,10 +21,7 @@ use crate::frame::{HEAD, Head, Kind, frame};
 /// Protocol behaviour of the simulated control.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[expect(
-    clippy::struct_excessive_bools,
-    reason = "independent properties of a control"
-)]
+#[expect(clippy::struct_excessive_bools, reason = "independent properties of a control")]
 pub struct Options {
     /// Protocol version of the control's responses: 2 (16i), 3 (0i), 4 (31i).
     pub version: u16,
@@ -108,11 +105,7 @@ impl Simulator {
             requests: AtomicU64::new(0),
             stop: AtomicBool::new(false),
         });
-        let mut simulator = Self {
-            address,
-            shared,
-            threads: Vec::new(),
-        };
+        let mut simulator = Self { address, shared, threads: Vec::new() };
         let scanned = Arc::clone(&simulator.shared);
         simulator.run("focas-scan", move || scan(&scanned))?;
         let served = Arc::clone(&simulator.shared);
@@ -199,12 +192,10 @@ fn listen(listener: &TcpListener, shared: &Arc<Shared>) {
         }
         let Ok(stream) = stream else { continue };
         let served = Arc::clone(shared);
-        let started = thread::Builder::new()
-            .name("focas-session".to_owned())
-            .spawn(move || {
-                // A session ends with its connection, with or without an error.
-                let _ = serve(stream, &served);
-            });
+        let started = thread::Builder::new().name("focas-session".to_owned()).spawn(move || {
+            // A session ends with its connection, with or without an error.
+            let _ = serve(stream, &served);
+        });
         if started.is_err() {
             return;
         }

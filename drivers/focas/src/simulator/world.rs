@@ -155,19 +155,14 @@ impl World {
         }
         let now = self.shift_counts();
         self.largest_steps.resize(now.len(), 0);
-        for (largest, (now, before)) in self
-            .largest_steps
-            .iter_mut()
-            .zip(now.iter().zip(&self.scanned))
+        for (largest, (now, before)) in
+            self.largest_steps.iter_mut().zip(now.iter().zip(&self.scanned))
         {
             *largest = (*largest).max((now - before).abs());
         }
         let switched_on = std::mem::take(&mut self.switched_on);
         if let Some(log) = &mut self.scan_log {
-            log(Scan {
-                shifts: &now,
-                switched_on,
-            });
+            log(Scan { shifts: &now, switched_on });
         }
         self.scanned = now;
     }
@@ -304,10 +299,8 @@ impl World {
         }
         if self.inches {
             let linear = |axis: &char| !matches!(axis, 'A' | 'B' | 'C');
-            for (position, _) in positions
-                .iter_mut()
-                .zip(&self.axes)
-                .filter(|(_, axis)| linear(axis))
+            for (position, _) in
+                positions.iter_mut().zip(&self.axes).filter(|(_, axis)| linear(axis))
             {
                 *position /= 25.4;
             }
@@ -338,10 +331,7 @@ impl World {
             wide[..width].copy_from_slice(&bytes);
             Some(i64::from_le_bytes(wide))
         };
-        (0..axes)
-            .map(count)
-            .map(Option::unwrap_or_default)
-            .collect()
+        (0..axes).map(count).map(Option::unwrap_or_default).collect()
     }
 
     /// Sets the shift of the axis with this index in the control, counts.
@@ -355,11 +345,7 @@ impl World {
     pub fn words(&mut self, first: PmcAddress, count: usize) -> Vec<u16> {
         let bytes = self.read(first.area, first.at.into(), 2 * count);
         let word = |bytes: &[u8]| u16::from_le_bytes([bytes[0], bytes[1]]);
-        bytes
-            .unwrap_or_default()
-            .chunks_exact(2)
-            .map(word)
-            .collect()
+        bytes.unwrap_or_default().chunks_exact(2).map(word).collect()
     }
 
     /// Sets words of PMC memory immediately.
@@ -371,9 +357,8 @@ impl World {
     /// Reads bytes of PMC memory that are visible now (see `readback_delay`).
     pub fn read(&mut self, area: PmcArea, at: usize, length: usize) -> Option<Vec<u8>> {
         let now = Instant::now();
-        let (due, later) = std::mem::take(&mut self.pending)
-            .into_iter()
-            .partition(|(when, ..)| *when <= now);
+        let (due, later) =
+            std::mem::take(&mut self.pending).into_iter().partition(|(when, ..)| *when <= now);
         self.pending = later;
         for (_, area, at, bytes) in due {
             self.set(area, at, &bytes);
@@ -450,10 +435,7 @@ pub struct BarrierLadder {
 impl BarrierLadder {
     /// A barrier for the control's first `axes` axes: one mailbox from R200, the report from R240.
     pub fn new(program: Box<dyn ControlProgram>, axes: usize) -> Self {
-        let address = |at| PmcAddress {
-            area: PmcArea::R,
-            at,
-        };
+        let address = |at| PmcAddress { area: PmcArea::R, at };
         Self {
             program,
             frames: vec![address(200)],
@@ -465,11 +447,7 @@ impl BarrierLadder {
     fn scan(&mut self, world: &mut World) {
         let words = BarrierArea::frame_words(self.slots.len());
         // Copied before validation, as in a ladder.
-        let frames: Vec<Vec<u16>> = self
-            .frames
-            .iter()
-            .map(|at| world.words(*at, words))
-            .collect();
+        let frames: Vec<Vec<u16>> = self.frames.iter().map(|at| world.words(*at, words)).collect();
         let frames: Vec<&[u16]> = frames.iter().map(Vec::as_slice).collect();
         if let Some((latch, axis, value)) = world.lines() {
             self.program.lines(latch, axis, value);

@@ -28,11 +28,7 @@ fn controls() -> [(Options, Abilities, u64); 6] {
         options
     };
     let points = |o: &mut Options| (o.one_point, o.one_axis) = (true, true);
-    let form = |packing, ranges, all_axes| Abilities {
-        packing,
-        ranges,
-        all_axes,
-    };
+    let form = |packing, ranges, all_axes| Abilities { packing, ranges, all_axes };
     [
         (options(|_| {}), form(OneFrame, true, true), 2),
         (
@@ -61,9 +57,7 @@ fn controls() -> [(Options, Abilities, u64); 6] {
 
 fn connection_error(config: FocasConfig) -> String {
     let mut controller = FocasController::new(config).unwrap();
-    until("the error is reported", || {
-        controller.last_error().is_some()
-    });
+    until("the error is reported", || controller.last_error().is_some());
     let error = controller.wait(Duration::from_millis(1)).unwrap_err();
     error.to_string()
 }
@@ -122,18 +116,12 @@ fn a_rejection_on_connection_names_address_and_code() {
 
 #[test]
 fn a_rejection_in_a_cycle_names_the_code() {
-    let simulator = simulator(Options {
-        write_protected: true,
-        ..Options::default()
-    });
+    let simulator = simulator(Options { write_protected: true, ..Options::default() });
     let config = config(&simulator, &[AxisName::X]);
     let mut controller = connected(config);
     controller.read(soon()).unwrap();
     let refused = controller.apply(&um(1.0, 0.0, 0.0), soon()).unwrap_err();
-    assert_eq!(
-        refused.to_string(),
-        "refused with code 7: EW_PROT, writing is protected"
-    );
+    assert_eq!(refused.to_string(), "refused with code 7: EW_PROT, writing is protected");
     // The rejected write may have changed the heartbeat, which must not be attributed to another gateway.
     assert!(controller.read(soon()).is_ok(), "the session stays open");
 }
@@ -142,26 +130,17 @@ fn a_rejection_in_a_cycle_names_the_code() {
 fn a_missing_axis_is_named() {
     let simulator = simulator(Options::default());
     let error = connection_error(config(&simulator, &[AxisName::X, AxisName::B]));
-    assert!(
-        error.contains("the control has no axis B, found XYZC"),
-        "{error}"
-    );
-    for (axes, expected) in [
-        (&[][..], "found 0 axes"),
-        (&[AxisName::X, AxisName::X][..], "axis X: found twice"),
-    ] {
-        let refused = FocasController::new(config(&simulator, axes))
-            .err()
-            .unwrap();
+    assert!(error.contains("the control has no axis B, found XYZC"), "{error}");
+    for (axes, expected) in
+        [(&[][..], "found 0 axes"), (&[AxisName::X, AxisName::X][..], "axis X: found twice")]
+    {
+        let refused = FocasController::new(config(&simulator, axes)).err().unwrap();
         assert!(refused.to_string().contains(expected), "{refused}");
     }
     let mut invalid = config(&simulator, &[AxisName::X]);
     invalid.shift.count_linear = Mm(0.0);
     let refused = FocasController::new(invalid).err().unwrap();
-    assert!(
-        refused.to_string().contains("a resolution of 0 µm"),
-        "{refused}"
-    );
+    assert!(refused.to_string().contains("a resolution of 0 µm"), "{refused}");
 }
 
 /// FANUC axis names have suffixes (`Z2`): a letter that two axes have is rejected.
@@ -186,8 +165,5 @@ fn the_ninth_axis_counts_as_not_referenced() {
     };
     assert!(!referenced(&config));
     config.referenced = None;
-    assert!(
-        referenced(&config),
-        "not reported according to the configuration"
-    );
+    assert!(referenced(&config), "not reported according to the configuration");
 }

@@ -42,10 +42,7 @@ fn cycles_do_not_allocate() {
     let simulator = barrier::simulated(Options::default());
     let silence = || simulator.world().pause(Duration::from_millis(50));
     cycles(&mut connected(config(&simulator, &AXES)), silence, None);
-    let with_barrier = FocasConfig {
-        barrier: Some(barrier::area()),
-        ..config(&simulator, &AXES)
-    };
+    let with_barrier = FocasConfig { barrier: Some(barrier::area()), ..config(&simulator, &AXES) };
     let frame = Words::new(&[0; 9]).unwrap();
     cycles(&mut connected(with_barrier), silence, Some(&frame));
 }

@@ -29,10 +29,7 @@ fn r(at: u16) -> PmcAddress {
 }
 
 pub(crate) fn area() -> BarrierArea {
-    BarrierArea {
-        frame: r(200),
-        report: r(240),
-    }
+    BarrierArea { frame: r(200), report: r(240) }
 }
 
 /// A barrier for the first `axes` axes of the control.
@@ -48,10 +45,7 @@ pub(crate) fn simulated(options: Options) -> Simulator {
 }
 
 fn barrier_config(simulator: &Simulator) -> FocasConfig {
-    FocasConfig {
-        barrier: Some(area()),
-        ..config(simulator, &AXES)
-    }
+    FocasConfig { barrier: Some(area()), ..config(simulator, &AXES) }
 }
 
 /// A gateway reduced to the barrier protocol.
@@ -64,12 +58,7 @@ struct Sender {
 
 impl Sender {
     fn new(owner: u16) -> Self {
-        Self {
-            session: Session::new(owner),
-            settings: settings(3),
-            last: None,
-            torn: 0,
-        }
+        Self { session: Session::new(owner), settings: settings(3), last: None, torn: 0 }
     }
 
     fn read(&mut self, controller: &mut FocasController) -> Option<ReportStatus> {
@@ -113,19 +102,9 @@ impl Sender {
 fn the_barrier_receives_frames_and_reports() {
     for options in [
         Options::default(),
-        Options {
-            version: 4,
-            refuses_mix: true,
-            fragment: 11,
-            ..Options::default()
-        },
+        Options { version: 4, refuses_mix: true, fragment: 11, ..Options::default() },
         // Single points only: one command per word, all in one request.
-        Options {
-            version: 2,
-            slots: 8,
-            one_point: true,
-            ..Options::default()
-        },
+        Options { version: 2, slots: 8, one_point: true, ..Options::default() },
     ] {
         let simulator = simulated(options);
         let mut controller = connected(barrier_config(&simulator));
@@ -167,10 +146,7 @@ fn torn_frames_and_reports_are_rejected() {
             controller.post(&frame, soon()).unwrap();
         }
     }
-    assert!(
-        sender.torn > 0,
-        "no report was torn: the test proves nothing"
-    );
+    assert!(sender.torn > 0, "no report was torn: the test proves nothing");
     let steps = simulator.world().largest_steps().to_vec();
     assert!(steps.iter().all(|step| *step <= 2), "{steps:?}");
     // Tear frames: one half now, the other two scans later.
@@ -275,30 +251,19 @@ fn a_barrier_accepts_only_frames_of_its_axes() {
 
 #[test]
 fn words_change_byte_order_between_wire_and_memory() {
-    let simulator = Simulator::start(
-        "127.0.0.1:0",
-        Options::default(),
-        World::new(&['X', 'Y', 'Z']),
-    )
-    .unwrap();
+    let simulator =
+        Simulator::start("127.0.0.1:0", Options::default(), World::new(&['X', 'Y', 'Z'])).unwrap();
     let mut controller = connected(barrier_config(&simulator));
     let words: Vec<u16> = (0..9).map(|word| 0x0102 + word * 0x0202).collect();
-    controller
-        .post(&Words::new(&words).unwrap(), soon())
-        .unwrap();
+    controller.post(&Words::new(&words).unwrap(), soon()).unwrap();
     let bytes = simulator.world().read(PmcArea::R, 200, 19).unwrap();
-    let expected = [
-        2, 1, 4, 3, 6, 5, 8, 7, 10, 9, 12, 11, 14, 13, 16, 15, 18, 17, 0,
-    ];
+    let expected = [2, 1, 4, 3, 6, 5, 8, 7, 10, 9, 12, 11, 14, 13, 16, 15, 18, 17, 0];
     assert_eq!(bytes, expected);
     simulator.world().set(PmcArea::R, 240, &[0x34, 0x12]);
     simulator.world().set(PmcArea::R, 276, &[0x78, 0x56]);
     let report = controller.read(soon()).unwrap().report.unwrap();
     assert_eq!(report.as_slice().len(), 19);
-    assert_eq!(
-        (report.as_slice()[0], report.as_slice()[18]),
-        (0x1234, 0x5678)
-    );
+    assert_eq!((report.as_slice()[0], report.as_slice()[18]), (0x1234, 0x5678));
 }
 
 #[test]
@@ -313,10 +278,7 @@ fn overlapping_words_are_rejected() {
             Err(error) => Some(error.to_string()),
         }
     };
-    let barrier = |frame, report| BarrierArea {
-        frame: r(frame),
-        report: r(report),
-    };
+    let barrier = |frame, report| BarrierArea { frame: r(frame), report: r(report) };
     assert_eq!(overlap(&|_| {}), None);
     // 9 words of the frame, 19 of the report, 3 of the shifts.
     for (frame, report, expected) in [
@@ -356,18 +318,11 @@ fn overlapping_words_are_rejected() {
         assert_eq!(found.as_deref(), expected);
     }
     let referenced = overlap(&|config| config.referenced = Some(r(241)));
-    assert!(
-        referenced
-            .unwrap()
-            .contains("the byte of the referenced axes R241")
-    );
+    assert!(referenced.unwrap().contains("the byte of the referenced axes R241"));
     // With a barrier the heartbeat is unused, so it overlaps nothing.
     assert_eq!(overlap(&|config| config.heartbeat = Some(r(200))), None);
     let fixed = overlap(&|config| {
-        config.barrier = Some(BarrierArea {
-            frame: at(PmcArea::F, 0),
-            report: r(240),
-        });
+        config.barrier = Some(BarrierArea { frame: at(PmcArea::F, 0), report: r(240) });
     });
     assert!(fixed.unwrap().contains("barrier.frame: found F0"));
 }
@@ -377,10 +332,7 @@ fn overlapping_words_are_rejected() {
 fn controllers_of_one_control_need_disjoint_words() {
     let config = |frame: Option<u16>, first: u16| {
         let mut config = FocasConfig::new("cnc", &AXES);
-        config.barrier = frame.map(|frame| BarrierArea {
-            frame: r(frame),
-            report: r(240),
-        });
+        config.barrier = frame.map(|frame| BarrierArea { frame: r(frame), report: r(240) });
         config.shift.first = r(first);
         config.heartbeat = Some(r(first + 1000));
         config
@@ -398,10 +350,7 @@ fn controllers_of_one_control_need_disjoint_words() {
     let found = |byte: &str, keys: [&str; 2]| Some([byte, keys[0], keys[1]].map(str::to_owned));
     let (frame, report, area) = ("barrier.frame", "barrier.report", "area.first");
     assert_eq!(shared(&config(Some(218), 100)), None);
-    assert_eq!(
-        shared(&config(Some(217), 100)),
-        found("R217", [frame, frame])
-    );
+    assert_eq!(shared(&config(Some(217), 100)), found("R217", [frame, frame]));
     // A controller without a barrier writes words that are axis words, report or frame of the other.
     assert_eq!(shared(&config(None, 100)), found("R100", [area, area]));
     assert_eq!(shared(&config(None, 241)), found("R241", [report, area]));
@@ -414,19 +363,13 @@ fn controllers_of_one_control_need_disjoint_words() {
 fn two_mailboxes() -> (Simulator, [FocasController; 2]) {
     let program = Program::new(settings(3)).unwrap();
     let mut ladder = BarrierLadder::new(Box::new(program), 3);
-    let second = BarrierArea {
-        frame: r(300),
-        ..area()
-    };
+    let second = BarrierArea { frame: r(300), ..area() };
     ladder.frames.push(second.frame);
     let mut world = World::new(&['X', 'Y', 'Z', 'C']);
     world.ladder = Some(Ladder::Barrier(ladder));
     let simulator = Simulator::start("127.0.0.1:0", Options::default(), world).unwrap();
     let controllers = [area(), second].map(|barrier| {
-        connected(FocasConfig {
-            barrier: Some(barrier),
-            ..config(&simulator, &AXES)
-        })
+        connected(FocasConfig { barrier: Some(barrier), ..config(&simulator, &AXES) })
     });
     simulator.world().reset_largest_steps();
     (simulator, controllers)
@@ -445,9 +388,7 @@ fn a_gateway_switches_connections_without_a_step() {
         if turn % 3 == 0 {
             // Tear this connection's last frame: its last words are missing.
             let at = [area().frame.at, 300][index];
-            simulator
-                .world()
-                .set(PmcArea::R, usize::from(at) + 10, &[9, 9, 9]);
+            simulator.world().set(PmcArea::R, usize::from(at) + 10, &[9, 9, 9]);
         }
         assert_eq!(sender.last.unwrap().owner, 77);
         let shifts = simulator.world().shift_counts();
@@ -471,10 +412,7 @@ fn a_second_gateway_in_the_other_mailbox_is_rejected() {
         ours.drive(&mut first, [20, -20, 5]);
         let seen = other.read(&mut second);
         assert!(
-            matches!(
-                seen,
-                None | Some(ReportStatus::Old | ReportStatus::Held { owner: 77 })
-            ),
+            matches!(seen, None | Some(ReportStatus::Old | ReportStatus::Held { owner: 77 })),
             "{seen:?}"
         );
     }

@@ -18,12 +18,7 @@ fn client(simulator: &Simulator) -> Client {
 #[test]
 fn every_request_is_answered_by_every_generation() {
     for (version, slots, fragment) in [(2, 8, 0), (3, 32, 7), (4, 32, 0), (3, 32, 1)] {
-        let simulator = simulator(Options {
-            version,
-            slots,
-            fragment,
-            ..Options::default()
-        });
+        let simulator = simulator(Options { version, slots, fragment, ..Options::default() });
         {
             let mut world = simulator.world();
             world.motion = std::sync::Arc::new(|_| vec![-598.358, 0.001, 1234.5, 90.0]);
@@ -46,10 +41,7 @@ fn every_request_is_answered_by_every_generation() {
         assert_eq!(client.read_parameter(1280, None).unwrap(), 100.0);
         assert_eq!(client.read_parameter(1281, Some(2)).unwrap(), -7.0);
         client.write_pmc(PmcArea::D, 200, &[1, 2, 0xff]).unwrap();
-        assert_eq!(
-            client.read_pmc(PmcArea::D, 199, 5).unwrap(),
-            [0, 1, 2, 0xff, 0]
-        );
+        assert_eq!(client.read_pmc(PmcArea::D, 199, 5).unwrap(), [0, 1, 2, 0xff, 0]);
         client.write_macro(500, -2.25).unwrap();
         assert_eq!(client.read_macro(500).unwrap(), Some(-2.25));
         assert_eq!(client.read_macro(501).unwrap(), None);
@@ -75,9 +67,7 @@ fn rejections_name_their_code_and_keep_the_session_open() {
     assert!(client.status().is_ok());
     let garbage = client.positions(PositionKind::Machine, 33).unwrap_err();
     assert!(
-        garbage
-            .to_string()
-            .contains("a position that is not a number"),
+        garbage.to_string().contains("a position that is not a number"),
         "slots after the axes contain garbage: {garbage}"
     );
 }
@@ -97,10 +87,7 @@ fn return_codes_have_names() {
 
 #[test]
 fn sessions_are_limited_and_freed() {
-    let simulator = simulator(Options {
-        sessions: 2,
-        ..Options::default()
-    });
+    let simulator = simulator(Options { sessions: 2, ..Options::default() });
     let first = client(&simulator);
     let _second = client(&simulator);
     let port = simulator.address().port();
@@ -110,31 +97,21 @@ fn sessions_are_limited_and_freed() {
         "focas://host: the session was refused; end another program that talks to this control; it supports few sessions"
     );
     drop(first);
-    until("the session is free again", || {
-        simulator.open_sessions() == 1
-    });
+    until("the session is free again", || simulator.open_sessions() == 1);
     assert!(Client::open("127.0.0.1", port, TIMEOUT).is_ok());
 }
 
 #[test]
 fn connection_errors_name_their_cause() {
     let error = Client::open("127.0.0.1", 1, Duration::from_millis(200)).unwrap_err();
-    assert!(
-        error
-            .to_string()
-            .starts_with("no connection to 127.0.0.1:1: "),
-        "{error}"
-    );
+    assert!(error.to_string().starts_with("no connection to 127.0.0.1:1: "), "{error}");
     let error = Client::open("no.such.host.invalid", 1, TIMEOUT).unwrap_err();
     assert!(error.to_string().contains("cannot be resolved"), "{error}");
     // A server that does not respond.
     let silent = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
     let port = silent.local_addr().unwrap().port();
     let error = Client::open("127.0.0.1", port, Duration::from_millis(100)).unwrap_err();
-    assert!(
-        error.to_string().contains("no answer before the deadline"),
-        "{error}"
-    );
+    assert!(error.to_string().contains("no answer before the deadline"), "{error}");
 }
 
 /// A response truncated at any byte is a fault within the deadline.
@@ -142,13 +119,8 @@ fn connection_errors_name_their_cause() {
 fn truncated_responses_are_faults() {
     use std::io::{Read, Write};
     use volcomp_focas::frame::{self, Kind, Target, frame, push_block};
-    let command = frame::Command {
-        target: Target::Cnc,
-        path: 1,
-        function: 0x19,
-        args: [0; 5],
-        data: &[],
-    };
+    let command =
+        frame::Command { target: Target::Cnc, path: 1, function: 0x19, args: [0; 5], data: &[] };
     let mut payload = vec![0, 1];
     push_block(&mut payload, &command, 0, &[0; 14]).unwrap();
     let answer = frame(3, Kind::Answer, &payload).unwrap();
@@ -210,10 +182,7 @@ fn pyfocas_understands_the_simulator() {
         return;
     };
     for version in [2, 3, 4] {
-        let simulator = simulator(Options {
-            version,
-            ..Options::default()
-        });
+        let simulator = simulator(Options { version, ..Options::default() });
         simulator.world().macros.insert(100, -12.5);
         let program = "import sys\n\
             from pyfocas.protocol.protocol import FOCAS\n\

@@ -23,14 +23,8 @@ fn only_ladder_memory_is_writable() {
         let valid = at(PmcArea::R, 500);
         let found = [
             ("area.first", config(|c| c.shift.first = address).describe()),
-            (
-                "heartbeat",
-                config(|c| c.heartbeat = Some(address)).describe(),
-            ),
-            (
-                "sequence",
-                config(|c| c.sequence = Some(address)).describe(),
-            ),
+            ("heartbeat", config(|c| c.heartbeat = Some(address)).describe()),
+            ("sequence", config(|c| c.sequence = Some(address)).describe()),
             ("barrier.frame", barrier(address, valid)),
             ("barrier.report", barrier(valid, address)),
         ];
@@ -65,10 +59,7 @@ fn words_must_end_within_the_area() {
         let last = u16::MAX - 2 * bytes + 1;
         assert!(at(last).is_ok());
         let found = at(last + 1).unwrap_err();
-        assert!(
-            matches!(found, FocasError::BeyondEnd { points: 2, .. }),
-            "{found}"
-        );
+        assert!(matches!(found, FocasError::BeyondEnd { points: 2, .. }), "{found}");
         assert!(at(u16::MAX).is_err());
     }
 }
@@ -76,11 +67,9 @@ fn words_must_end_within_the_area() {
 /// Words of one, two and four bytes, signed, in 1 µm and 0.001°, limit the shift.
 #[test]
 fn the_width_limits_the_shift() {
-    for (width, most) in [
-        (Width::Byte, 127.0),
-        (Width::Word, 32_767.0),
-        (Width::Long, 2_147_483_647.0),
-    ] {
+    for (width, most) in
+        [(Width::Byte, 127.0), (Width::Word, 32_767.0), (Width::Long, 2_147_483_647.0)]
+    {
         let described = config(|c| {
             c.copied = true;
             c.shift.width = width;
@@ -103,10 +92,7 @@ fn the_width_limits_the_shift() {
 fn directly_taken_words_must_have_two_bytes() {
     for width in [Width::Byte, Width::Long] {
         let found = config(|c| c.shift.width = width).describe().unwrap_err();
-        assert!(
-            matches!(found, FocasError::Width(of) if of == width),
-            "{found}"
-        );
+        assert!(matches!(found, FocasError::Width(of) if of == width), "{found}");
         assert!(found.to_string().contains("expected 2"), "{found}");
         assert!(found.of("focas://a").is_input());
     }

@@ -38,21 +38,14 @@ struct Cable {
 
 impl Cable {
     fn to(simulator: &Simulator) -> Self {
-        let (listener, control) = (
-            TcpListener::bind("127.0.0.1:0").unwrap(),
-            simulator.address(),
-        );
+        let (listener, control) = (TcpListener::bind("127.0.0.1:0").unwrap(), simulator.address());
         let cable = Self {
             address: listener.local_addr().unwrap(),
             out: Arc::default(),
             reset: Arc::default(),
             late: Arc::default(),
         };
-        let shared = (
-            Arc::clone(&cable.out),
-            Arc::clone(&cable.reset),
-            Arc::clone(&cable.late),
-        );
+        let shared = (Arc::clone(&cable.out), Arc::clone(&cable.reset), Arc::clone(&cable.late));
         thread::spawn(move || {
             for near in listener.incoming().flatten() {
                 let far = TcpStream::connect(control).unwrap();
@@ -155,15 +148,11 @@ fn the_proxy_delivers_late_after_an_orderly_close() {
     let simulator = simulator(Options::default());
     let cable = Cable::to(&simulator);
     let mut sender = TcpStream::connect(cable.address).unwrap();
-    sender
-        .write_all(&volcomp_focas::frame::open_frame())
-        .unwrap();
+    sender.write_all(&volcomp_focas::frame::open_frame()).unwrap();
     // Read everything, since unread data turn the close into a reset.
     sender.read_exact(&mut [0; 10 + 360]).unwrap();
     cable.out.store(true, Ordering::SeqCst);
-    sender
-        .write_all(&volcomp_focas::frame::close_frame())
-        .unwrap();
+    sender.write_all(&volcomp_focas::frame::close_frame()).unwrap();
     drop(sender);
     thread::sleep(Duration::from_millis(20));
     cable.out.store(false, Ordering::SeqCst);
@@ -216,12 +205,8 @@ fn a_write_whose_deadline_has_passed_is_not_sent() {
 #[test]
 fn half_a_write_ends_the_session() {
     let latency = Duration::from_millis(4);
-    let simulator = simulator(Options {
-        one_point: true,
-        one_command: true,
-        latency,
-        ..Options::default()
-    });
+    let simulator =
+        simulator(Options { one_point: true, one_command: true, latency, ..Options::default() });
     let mut controller = connected(config(&simulator, &[AxisName::X, AxisName::Y, AxisName::Z]));
     controller.read(soon()).unwrap();
     let late = controller.apply(&um(1.0, 2.0, 3.0), Instant::now() + latency * 2);
@@ -248,23 +233,14 @@ fn no_call_blocks_longer_than_its_deadline() {
 /// next request.
 #[test]
 fn it_reconnects_automatically() {
-    let options = Options {
-        latency: Duration::from_millis(5),
-        ..Options::default()
-    };
+    let options = Options { latency: Duration::from_millis(5), ..Options::default() };
     let mut simulator = Some(simulator(options.clone()));
-    let mut controller = connected(config(
-        simulator.as_ref().unwrap(),
-        &[AxisName::X, AxisName::Y, AxisName::Z],
-    ));
+    let mut controller =
+        connected(config(simulator.as_ref().unwrap(), &[AxisName::X, AxisName::Y, AxisName::Z]));
     let reconnect = |controller: &mut FocasController| {
         let end = Instant::now() + TIMEOUT;
         while controller.read(soon()).is_err() {
-            assert!(
-                Instant::now() < end,
-                "no connection: {:?}",
-                controller.last_error()
-            );
+            assert!(Instant::now() < end, "no connection: {:?}", controller.last_error());
             thread::sleep(Duration::from_millis(1));
         }
     };
@@ -286,10 +262,7 @@ fn it_reconnects_automatically() {
 
 #[test]
 fn a_thousand_connections_leak_nothing() {
-    let simulator = simulator(Options {
-        sessions: 50,
-        ..Options::default()
-    });
+    let simulator = simulator(Options { sessions: 50, ..Options::default() });
     let later = Duration::from_micros(300);
     let mut config = config(&simulator, &[AxisName::X]);
     config.backoff.most = Duration::from_millis(1);
@@ -300,10 +273,7 @@ fn a_thousand_connections_leak_nothing() {
             controller.wait(TIMEOUT).unwrap();
             // The locked simulator responds too late, so the connection is dropped.
             let _world = simulator.world();
-            assert_eq!(
-                controller.read(Instant::now() + later),
-                Err(Fault::TimedOut)
-            );
+            assert_eq!(controller.read(Instant::now() + later), Err(Fault::TimedOut));
         }
         until("the sessions end", || simulator.open_sessions() <= 2);
         descriptors()

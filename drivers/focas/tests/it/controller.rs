@@ -56,10 +56,7 @@ fn read_only_axes_are_read_and_not_written() {
     let mut with_others = config(&simulator, &[AxisName::Z, AxisName::X]);
     with_others.reads = vec![AxisName::C, AxisName::Y];
     let mut controller = connected(with_others);
-    let only_reads = FocasConfig {
-        reads: vec![AxisName::C],
-        ..config(&simulator, &[])
-    };
+    let only_reads = FocasConfig { reads: vec![AxisName::C], ..config(&simulator, &[]) };
     assert!(!only_reads.describe().unwrap().tells_applied);
     let mut reader = connected(only_reads);
     for step in 1..5 {
@@ -75,10 +72,7 @@ fn read_only_axes_are_read_and_not_written() {
         assert!((read.positions[0] - std::f64::consts::FRAC_PI_2).abs() < 1e-12);
         assert_eq!(read.positions[1..], [0.0; 8]);
     }
-    assert!(matches!(
-        reader.apply(&um(1.0, 1.0, 1.0), soon()),
-        Err(Fault::Unsupported(_))
-    ));
+    assert!(matches!(reader.apply(&um(1.0, 1.0, 1.0), soon()), Err(Fault::Unsupported(_))));
     assert_eq!(simulator.world().shifts(), [-0.012, 0.0, 0.005, 0.0]);
     // Read-only axes must be referenced too, since their positions determine the correction of the others.
     let is_referenced =
@@ -140,10 +134,7 @@ fn the_heartbeat_counts_corrections_and_reveals_another_gateway() {
     controller.read(soon()).unwrap();
     simulator.world().write(PmcArea::R, 120, &[77]);
     assert_eq!(controller.read(soon()), Err(Fault::OtherGateway));
-    assert!(
-        controller.read(soon()).is_ok(),
-        "reported once for each change"
-    );
+    assert!(controller.read(soon()).is_ok(), "reported once for each change");
 }
 
 #[test]
@@ -157,17 +148,12 @@ fn the_sequence_byte_counts_corrections() {
         config.heartbeat = heartbeat;
         let mut controller = connected(config.clone());
         for expected in 1..=3 {
-            controller
-                .apply(&um(f64::from(expected), 0.0, 0.0), soon())
-                .unwrap();
+            controller.apply(&um(f64::from(expected), 0.0, 0.0), soon()).unwrap();
             let mut world = simulator.world();
             assert_eq!(world.read(PmcArea::D, 7, 1), Some(vec![expected]));
             assert_eq!(world.shifts()[0], f64::from(expected) * 0.001);
         }
-        assert_eq!(
-            simulator.world().read(PmcArea::R, 120, 1),
-            Some(vec![beats])
-        );
+        assert_eq!(simulator.world().read(PmcArea::R, 120, 1), Some(vec![beats]));
     }
     // The sequence continues after a reconnect, so that the ladder detects the first correction.
     let mut controller = connected(config);
@@ -194,10 +180,7 @@ fn memory_addresses_are_configurable() {
     let mut controller = connected(config);
     controller.apply(&um(123.4, -5.55, 0.0), soon()).unwrap();
     let shifts = simulator.world().shifts();
-    assert!(
-        (shifts[1] - 0.1234).abs() < 1e-12 && (shifts[2] + 0.0056).abs() < 1e-12,
-        "{shifts:?}"
-    );
+    assert!((shifts[1] - 0.1234).abs() < 1e-12 && (shifts[2] + 0.0056).abs() < 1e-12, "{shifts:?}");
 }
 
 /// A heartbeat within the shift words is rejected: it would shift an axis by 0 to 255 counts.
@@ -209,10 +192,6 @@ fn a_heartbeat_within_the_shift_words_is_rejected() {
         config
     };
     for (heartbeat, refused) in [(99, false), (100, true), (101, true), (102, false)] {
-        assert_eq!(
-            config(heartbeat).describe().is_err(),
-            refused,
-            "R{heartbeat}"
-        );
+        assert_eq!(config(heartbeat).describe().is_err(), refused, "R{heartbeat}");
     }
 }

@@ -14,13 +14,7 @@ fn hex(text: &str) -> Vec<u8> {
 }
 
 fn command(target: Target, function: u16, args: [i32; 5], data: &[u8]) -> Command<'_> {
-    Command {
-        target,
-        path: 1,
-        function,
-        args,
-        data,
-    }
+    Command { target, path: 1, function, args, data }
 }
 
 #[test]
@@ -35,10 +29,7 @@ fn requests_match_captures() {
             "a0a0a0a0 0001 2101 001e 0001 001c 0001 0001 0018 00000000 00000000 00000000 00000000 00000000",
         ),
         (
-            &[
-                command(Cnc, 0x26, [1, -1, 0, 0, 0], &[]),
-                command(Cnc, 0x26, [4, -1, 0, 0, 0], &[]),
-            ],
+            &[command(Cnc, 0x26, [1, -1, 0, 0, 0], &[]), command(Cnc, 0x26, [4, -1, 0, 0, 0], &[])],
             "a0a0a0a0 0001 2101 003a 0002
              001c 0001 0001 0026 00000001 ffffffff 00000000 00000000 00000000
              001c 0001 0001 0026 00000004 ffffffff 00000000 00000000 00000000",
@@ -79,15 +70,10 @@ fn requests_match_captures() {
 
 #[test]
 fn captured_responses_are_decoded() {
-    let bytes = hex(
-        "a0a0a0a0 0003 2102 0024 0001 0022 0001 0001 0018 0000 0000 0000 0012
-         0662 0020 2030 204d 44344733 32382e30 3033",
-    );
+    let bytes = hex("a0a0a0a0 0003 2102 0024 0001 0022 0001 0001 0018 0000 0000 0000 0012
+         0662 0020 2030 204d 44344733 32382e30 3033");
     let head = Head::parse(bytes.first_chunk().unwrap()).unwrap();
-    assert_eq!(
-        (head.version, head.kind, head.length),
-        (3, Kind::Answer, 36)
-    );
+    assert_eq!((head.version, head.kind, head.length), (3, Kind::Answer, 36));
     let request = Request::new(&[command(Target::Cnc, 0x18, [0; 5], &[])]).unwrap();
     let blocks: Vec<_> = request.answers(&bytes[HEAD..]).unwrap().collect();
     let block = blocks[0].unwrap();
@@ -98,10 +84,7 @@ fn captured_responses_are_decoded() {
     let blocks: Vec<_> = Blocks::parse(&refused).unwrap().collect();
     assert_eq!(blocks[0].unwrap().error, 6);
     // A response to another function.
-    assert_eq!(
-        request.answers(&refused).err(),
-        Some(FrameError("an answer to another command"))
-    );
+    assert_eq!(request.answers(&refused).err(), Some(FrameError("an answer to another command")));
     // An unknown number rejects the whole frame.
     let negative = hex("a0a0a0a0 0003 2103 0008 0000 ffef 0001 0000");
     let head = Head::parse(negative.first_chunk().unwrap()).unwrap();
@@ -130,10 +113,7 @@ fn data_can_be_changed_in_place() {
     request.data_mut(1)[0] = 9;
     assert!(request.data_mut(2).is_empty());
     let commands = parse_commands(&request.bytes()[HEAD..]).unwrap();
-    assert_eq!(
-        (commands[0].data, commands[1].data),
-        (&[1, 2, 3, 4][..], &[9][..])
-    );
+    assert_eq!((commands[0].data, commands[1].data), (&[1, 2, 3, 4][..], &[9][..]));
 }
 
 /// A two-block response truncated at any byte is rejected.

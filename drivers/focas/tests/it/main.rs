@@ -37,10 +37,7 @@ fn at(area: PmcArea, at: u16) -> PmcAddress {
 fn config(simulator: &Simulator, axes: &[AxisName]) -> FocasConfig {
     FocasConfig {
         port: simulator.address().port(),
-        backoff: Backoff {
-            first: Duration::from_millis(1),
-            most: Duration::from_millis(20),
-        },
+        backoff: Backoff { first: Duration::from_millis(1), most: Duration::from_millis(20) },
         ..FocasConfig::new("127.0.0.1", axes)
     }
 }

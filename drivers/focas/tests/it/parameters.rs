@@ -38,10 +38,7 @@ fn the_parameters_of_the_control_are_compared_with_the_configuration() {
     let copied: fn(&mut FocasConfig) = |config| config.copied = true;
     let direct: fn(&mut FocasConfig) = |_| {};
     // Only bit 0 is evaluated.
-    assert_eq!(
-        found([0x81.into(), 100.0], direct).unwrap(),
-        reported(true, 100)
-    );
+    assert_eq!(found([0x81.into(), 100.0], direct).unwrap(), reported(true, 100));
     refused(
         [0x80.into(), 100.0],
         direct,
@@ -65,11 +62,7 @@ fn the_parameters_of_the_control_are_compared_with_the_configuration() {
     // The words of all four axes count, although only two are corrected: the last one overlaps ours.
     refused([1.0, 94.0], copied, "overlap");
     assert!(found([1.0, 92.0], copied).is_ok());
-    refused(
-        [1.0, 114.0],
-        copied,
-        "the heartbeat R120 lies within the words from which",
-    );
+    refused([1.0, 114.0], copied, "the heartbeat R120 lies within the words from which");
     refused([1.0, 70_000.0], copied, "found 70000");
 }
 
@@ -77,19 +70,14 @@ fn the_parameters_of_the_control_are_compared_with_the_configuration() {
 #[test]
 fn frame_and_report_must_not_overlap_the_axis_words() {
     let barrier = |config: &mut FocasConfig| {
-        config.barrier = Some(BarrierArea {
-            frame: at(PmcArea::R, 200),
-            report: at(PmcArea::R, 240),
-        });
+        config.barrier =
+            Some(BarrierArea { frame: at(PmcArea::R, 200), report: at(PmcArea::R, 240) });
     };
     // The frame of two axes ends at R215, the report at R271; the control has four axes.
     for (first, expected) in [
         (100.0, None),
         (192.0, None),
-        (
-            193.0,
-            Some("the words of the frame R200 to R215 overlap the words from which"),
-        ),
+        (193.0, Some("the words of the frame R200 to R215 overlap the words from which")),
         (215.0, Some("the words of the frame R200 to R215 overlap")),
         (216.0, None),
         (232.0, None),
@@ -124,11 +112,7 @@ fn an_unreported_shift_source_is_noted() {
     simulator.world().reports_shift_source = true;
     simulator.world().parameters.insert((1280, 0), -3.0);
     let found = inspect(&config).unwrap();
-    assert!(
-        found.notes[0].contains("parameter 1280 holds -3"),
-        "{:?}",
-        found.notes
-    );
+    assert!(found.notes[0].contains("parameter 1280 holds -3"), "{:?}", found.notes);
 }
 
 /// A controller rejects a conflicting shift source like `inspect`, and connects once the parameter is corrected.
@@ -137,19 +121,14 @@ fn a_conflicting_shift_source_prevents_connection() {
     let simulator = simulator(Options::default());
     simulator.world().parameters.insert((1280, 0), 300.0);
     let mut controller = FocasController::new(config(&simulator, &[AxisName::X])).unwrap();
-    until("the error is reported", || {
-        controller.last_error().is_some()
-    });
+    until("the error is reported", || controller.last_error().is_some());
     let error = controller.wait(Duration::from_millis(1)).unwrap_err();
     assert!(error.to_string().contains("parameter 1280"), "{error}");
     simulator.world().parameters.insert((1280, 0), 100.0);
     controller.wait(TIMEOUT).unwrap();
     assert_eq!(
         controller.inspection().unwrap().shift_source,
-        ShiftSource::Reported {
-            in_use: true,
-            first: 100
-        }
+        ShiftSource::Reported { in_use: true, first: 100 }
     );
 }
 
@@ -177,15 +156,12 @@ fn unit_parameters_are_checked_on_connection() {
             simulator.world().parameters.insert((number, 0), value);
         }
         let config = config(&simulator, &[AxisName::X, AxisName::Y]);
-        let found = inspect(&config)
-            .map(|_| ())
-            .map_err(|error| error.to_string());
+        let found = inspect(&config).map(|_| ()).map_err(|error| error.to_string());
         match expected {
             None => assert_eq!(found, Ok(())),
-            Some(expected) => assert!(
-                found.as_ref().is_err_and(|error| error.contains(expected)),
-                "{found:?}"
-            ),
+            Some(expected) => {
+                assert!(found.as_ref().is_err_and(|error| error.contains(expected)), "{found:?}")
+            }
         }
     }
 }

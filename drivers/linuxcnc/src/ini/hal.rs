@@ -35,29 +35,20 @@ fn connections(text: &str) -> impl Iterator<Item = (usize, &str, &str)> {
     text.lines().enumerate().flat_map(|(number, line)| {
         let line = line.split('#').next().unwrap_or_default();
         let is_arrow = |word: &&str| matches!(*word, "=>" | "<=" | "<=>");
-        let words: Vec<&str> = line
-            .split_whitespace()
-            .filter(|word| !is_arrow(word))
-            .collect();
+        let words: Vec<&str> = line.split_whitespace().filter(|word| !is_arrow(word)).collect();
         let found: Vec<(&str, &str)> = match words[..] {
             ["net", signal, ref pins @ ..] => pins.iter().map(|pin| (*pin, signal)).collect(),
             ["linksp", signal, pin] | ["linkps", pin, signal] => vec![(pin, signal)],
             _ => Vec::new(),
         };
-        found
-            .into_iter()
-            .map(move |(pin, signal)| (number + 1, pin, signal))
+        found.into_iter().map(move |(pin, signal)| (number + 1, pin, signal))
     })
 }
 
 /// The signal to which the bridge's HAL file connects a pin of LinuxCNC, if no earlier file has connected the pin.
 fn signal_of(pin: &str) -> Option<String> {
-    let of_axis = pin
-        .strip_prefix("axis.")
-        .and_then(|rest| rest.split_once('.'));
-    let of_joint = pin
-        .strip_prefix("joint.")
-        .and_then(|rest| rest.split_once('.'));
+    let of_axis = pin.strip_prefix("axis.").and_then(|rest| rest.split_once('.'));
+    let of_joint = pin.strip_prefix("joint.").and_then(|rest| rest.split_once('.'));
     let signal = match (pin, of_axis, of_joint) {
         ("motion.probe-input", ..) => "probe".to_owned(),
         ("motion.motion-enabled", ..) => "enabled".to_owned(),
@@ -98,15 +89,13 @@ impl Ini {
             .collect();
         let [corrected, read_only] = self.letters().map(|letters| letters.to_lowercase());
         // Of a read-only axis the bridge connects only the position.
-        let is_reported = |pin: &str| match pin
-            .strip_prefix("axis.")
-            .and_then(|rest| rest.split_once('.'))
-        {
-            Some((axis, name)) => {
-                corrected.contains(axis) || name == "pos-cmd" && read_only.contains(axis)
-            }
-            None => true,
-        };
+        let is_reported =
+            |pin: &str| match pin.strip_prefix("axis.").and_then(|rest| rest.split_once('.')) {
+                Some((axis, name)) => {
+                    corrected.contains(axis) || name == "pos-cmd" && read_only.contains(axis)
+                }
+                None => true,
+            };
         for file in self.all("HAL", "POSTGUI_HALFILE") {
             let text = match read(file) {
                 Ok(text) => text,

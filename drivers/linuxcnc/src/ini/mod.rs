@@ -97,11 +97,7 @@ impl Ini {
                 entries.push((section.clone(), key, value));
             }
         }
-        Self {
-            entries,
-            unread: Vec::new(),
-            folder: None,
-        }
+        Self { entries, unread: Vec::new(), folder: None }
     }
 
     /// Reads a file and the files that its lines `#INCLUDE FILE` name, relative to it. As in LinuxCNC, such lines in included files are
@@ -128,11 +124,7 @@ impl Ini {
                 Err(e) => unread.push((named.to_owned(), e.to_string())),
             }
         }
-        Ok(Self {
-            unread,
-            folder: Some(folder.to_owned()),
-            ..Self::parse(&text)
-        })
+        Ok(Self { unread, folder: Some(folder.to_owned()), ..Self::parse(&text) })
     }
 
     /// The values of a key, in file order.
@@ -140,10 +132,7 @@ impl Ini {
         let of = move |(in_section, name, _): &&(String, String, String)| {
             in_section == section && name == key
         };
-        self.entries
-            .iter()
-            .filter(of)
-            .map(|(_, _, value)| value.as_str())
+        self.entries.iter().filter(of).map(|(_, _, value)| value.as_str())
     }
 
     /// The first value of a key; LinuxCNC ignores the others.
@@ -226,10 +215,7 @@ impl Ini {
     /// The letters of the axes that the bridge corrects, and of those that it only reports.
     fn letters(&self) -> [String; 2] {
         let of = |key| self.bridge_value(key);
-        [
-            of("AXES").unwrap_or_else(|| "XYZ".to_owned()),
-            of("READS").unwrap_or_default(),
-        ]
+        [of("AXES").unwrap_or_else(|| "XYZ".to_owned()), of("READS").unwrap_or_default()]
     }
 
     /// A value of the bridge's section in the form that the bridge uses: without blanks, in upper case.
@@ -273,16 +259,9 @@ impl Ini {
     fn control(&self, expected: &Expected<'_>, problems: &mut Vec<Problem>) {
         for (key, known, words) in UNITS {
             match self.get("TRAJ", key) {
-                None => problems.push(Problem::NoUnits {
-                    key,
-                    expected: words,
-                }),
+                None => problems.push(Problem::NoUnits { key, expected: words }),
                 Some(found) if !known.iter().any(|word| word.eq_ignore_ascii_case(found)) => {
-                    problems.push(Problem::Units {
-                        key,
-                        found: found.to_owned(),
-                        expected: words,
-                    });
+                    problems.push(Problem::Units { key, found: found.to_owned(), expected: words });
                 }
                 Some(_) => {}
             }
@@ -304,14 +283,10 @@ impl Ini {
         }
         let period = self.get("EMCMOT", "SERVO_PERIOD").unwrap_or("1000000");
         let expected = expected.scan_ms * 1e6;
-        let same = period
-            .parse()
-            .is_ok_and(|found: f64| (found - expected).abs() <= 1e-3 * expected);
+        let same =
+            period.parse().is_ok_and(|found: f64| (found - expected).abs() <= 1e-3 * expected);
         if !same {
-            problems.push(Problem::Period {
-                found: period.to_owned(),
-                expected,
-            });
+            problems.push(Problem::Period { found: period.to_owned(), expected });
         }
     }
 
@@ -320,22 +295,14 @@ impl Ini {
             .bridge_value(key)
             .or(default)
         {
-            None => problems.push(Problem::Missing {
-                key,
-                expected: "a number",
-            }),
+            None => problems.push(Problem::Missing { key, expected: "a number" }),
             Some(found) => {
                 let as_number = |text: &str| text.parse::<f64>().ok();
                 let numbers = as_number(&found).zip(as_number(&required));
-                let same = numbers.map_or(found == required, |(a, b)| {
-                    (a - b).abs() < 1e-6 * b.abs().max(1.0)
-                });
+                let same = numbers
+                    .map_or(found == required, |(a, b)| (a - b).abs() < 1e-6 * b.abs().max(1.0));
                 if !same {
-                    problems.push(Problem::Other {
-                        key,
-                        found,
-                        expected: required,
-                    });
+                    problems.push(Problem::Other { key, found, expected: required });
                 }
             }
         };

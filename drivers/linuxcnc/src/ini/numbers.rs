@@ -30,18 +30,8 @@ pub(super) struct Keys {
 }
 
 pub(super) const KEYS: [Keys; 2] = [
-    Keys {
-        of: AxisKind::Linear,
-        step: "STEP_NM",
-        limit: "LIMIT_UM",
-        rate: "RATE_UM_PER_S",
-    },
-    Keys {
-        of: AxisKind::Rotary,
-        step: "STEP_UDEG",
-        limit: "LIMIT_MDEG",
-        rate: "RATE_MDEG_PER_S",
-    },
+    Keys { of: AxisKind::Linear, step: "STEP_NM", limit: "LIMIT_UM", rate: "RATE_UM_PER_S" },
+    Keys { of: AxisKind::Rotary, step: "STEP_UDEG", limit: "LIMIT_MDEG", rate: "RATE_MDEG_PER_S" },
 ];
 
 impl Ini {
@@ -62,11 +52,7 @@ impl Ini {
         let found = text.parse().ok().filter(|found: &f64| found.is_finite());
         if found.is_none() {
             let (found, expected) = (text.to_owned(), "a number");
-            problems.push(Problem::Number {
-                key,
-                found,
-                expected,
-            });
+            problems.push(Problem::Number { key, found, expected });
         }
         found
     }
@@ -98,10 +84,7 @@ impl Ini {
                         (guard, "the limit of [guard] in the gateway's configuration"),
                         (step * 1e-3, "a count"),
                     ],
-                    (
-                        MAX_WORD * step * 1e-3,
-                        "a word of the protocol holds 32767 counts",
-                    ),
+                    (MAX_WORD * step * 1e-3, "a word of the protocol holds 32767 counts"),
                     problems,
                 );
             }
@@ -113,16 +96,10 @@ impl Ini {
                 keys.rate,
                 rate,
                 &[
-                    (
-                        guard,
-                        "twice the slew of [guard] in the gateway's configuration",
-                    ),
+                    (guard, "twice the slew of [guard] in the gateway's configuration"),
                     (step * 1e-3 / scan_s / MAX_WORD, "a count in 32767 scans"),
                 ],
-                (
-                    MAX_WORD * step * 1e-3 / scan_s,
-                    "a word of the protocol holds 32767 counts",
-                ),
+                (MAX_WORD * step * 1e-3 / scan_s, "a word of the protocol holds 32767 counts"),
                 problems,
             );
             for axis in expected.control.axes.iter().filter(corrected) {
@@ -136,22 +113,15 @@ impl Ini {
         let time_out = self.number("TIME_OUT_MS", Some(300.0), problems);
         if let Some(found) = hold {
             let least = (expected.scan_ms, "a period of the servo thread");
-            let most = (
-                MAX_WORD * expected.scan_ms,
-                "a word of the protocol holds 32767 scans",
-            );
+            let most = (MAX_WORD * expected.scan_ms, "a word of the protocol holds 32767 scans");
             check_range("HOLD_MS", found, &[least], most, problems);
         }
         if let Some(found) = time_out {
             let twice = (2.0 * hold.unwrap_or(0.0), "twice HOLD_MS");
-            let word = (
-                MAX_WORD * expected.scan_ms,
-                "a word of the protocol holds 32767 scans",
-            );
+            let word = (MAX_WORD * expected.scan_ms, "a word of the protocol holds 32767 scans");
             let guard = expected.least.as_ref().map(|least| least.zero_after_ms);
-            let guard = guard.map_or(word, |ms| {
-                (ms, "guard.zero_after_ms in the gateway's configuration")
-            });
+            let guard =
+                guard.map_or(word, |ms| (ms, "guard.zero_after_ms in the gateway's configuration"));
             let most = if guard.0 < word.0 { guard } else { word };
             check_range("TIME_OUT_MS", found, &[twice], most, problems);
         }
@@ -198,19 +168,9 @@ fn check_range(
         .max_by(|a, b| a.0.total_cmp(&b.0))
         .filter(|(least, _)| found < least * (1.0 - 1e-9));
     if let Some((expected, why)) = small {
-        problems.push(Problem::TooSmall {
-            key,
-            found,
-            expected,
-            why,
-        });
+        problems.push(Problem::TooSmall { key, found, expected, why });
     } else if found > most.0 * (1.0 + 1e-9) {
         let (expected, why) = most;
-        problems.push(Problem::TooLarge {
-            key,
-            found,
-            expected,
-            why,
-        });
+        problems.push(Problem::TooLarge { key, found, expected, why });
     }
 }

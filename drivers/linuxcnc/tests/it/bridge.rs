@@ -96,11 +96,7 @@ impl Bridge {
         let barrier = Barrier::start(settings(), 0, 0, &Counts::default()).unwrap();
         let barrier = Arc::new(Mutex::new(barrier));
         let stop = Arc::new(AtomicBool::new(false));
-        let shared = (
-            Arc::clone(&behaviour),
-            Arc::clone(&barrier),
-            Arc::clone(&stop),
-        );
+        let shared = (Arc::clone(&behaviour), Arc::clone(&barrier), Arc::clone(&stop));
         let thread = std::thread::spawn(move || {
             let (behaviour, barrier, stop) = shared;
             let (mut peer, mut sequence) = (None, 0_u32);
@@ -138,13 +134,7 @@ impl Bridge {
                 }
             }
         });
-        Self {
-            address,
-            behaviour,
-            barrier,
-            stop,
-            thread: Some(thread),
-        }
+        Self { address, behaviour, barrier, stop, thread: Some(thread) }
     }
 
     pub(crate) fn config(&self) -> LinuxCncConfig {

@@ -105,11 +105,7 @@ impl Run {
         );
         let input = child.0.stdin.take().unwrap();
         let replies = BufReader::new(child.0.stdout.take().unwrap());
-        Self {
-            _child: child,
-            input,
-            replies,
-        }
+        Self { _child: child, input, replies }
     }
 
     /// A configured bridge: counts of 1 nm, limits of 30 um and rates of 2 um per scan.
@@ -118,10 +114,7 @@ impl Run {
     }
 
     fn ready(mut self) -> Self {
-        assert_eq!(
-            self.command("set XY 7 1 100 300 5 1 30000 30000 2000 2000"),
-            "1"
-        );
+        assert_eq!(self.command("set XY 7 1 100 300 5 1 30000 30000 2000 2000"), "1");
         self
     }
 
@@ -175,11 +168,7 @@ impl Run {
                 continue;
             };
             let frame = Frame {
-                head: Head {
-                    sequence: report.sequence.wrapping_add(1),
-                    owner: 9,
-                    ..report.head()
-                },
+                head: Head { sequence: report.sequence.wrapping_add(1), owner: 9, ..report.head() },
                 values: *PerChannel::leading([counts, 0]),
             };
             let mut words = [0; FRAME_WORDS];
@@ -312,10 +301,7 @@ fn no_offset_is_requested_in_joint_mode() {
     let Some(mut run) = Run::set() else { return };
     let output = run.correct(GOOD, 20_000, 100);
     assert_eq!((output.applied(), output.lost()), (20_000, false));
-    let joint = ScanInput {
-        mode: false,
-        ..GOOD
-    };
+    let joint = ScanInput { mode: false, ..GOOD };
     // The gateway ramps out, then is silent for longer than the timeout.
     let output = run.correct(joint, 0, 100);
     assert!(output.lost() && output.holds);
@@ -339,11 +325,7 @@ fn no_offset_is_requested_in_joint_mode() {
 #[test]
 fn a_missing_offset_is_lost() {
     for period_ns in [250_000, 1_000_000] {
-        let still = ScanInput {
-            does: 2,
-            period_ns,
-            ..GOOD
-        };
+        let still = ScanInput { does: 2, period_ns, ..GOOD };
         let Some(mut run) = Run::set() else { return };
         run.correct(ScanInput { does: 0, ..still }, 0, 30);
         // The largest difference within the tolerance.
@@ -396,16 +378,8 @@ fn a_lost_offset_is_reported_for_one_second() {
         let Some(mut run) = Run::set() else { return };
         let output = run.correct(scan_input, 20_000, 100);
         assert_eq!(output.applied(), 20_000);
-        run.scan(
-            ScanInput {
-                does: 1,
-                ..scan_input
-            },
-            &[],
-        );
-        let lost = (0..10_000)
-            .filter(|_| run.scan(scan_input, &[]).lost())
-            .count();
+        run.scan(ScanInput { does: 1, ..scan_input }, &[]);
+        let lost = (0..10_000).filter(|_| run.scan(scan_input, &[]).lost()).count();
         let scans = 1_000_000_000 / usize::try_from(period_ns).unwrap();
         assert!(lost.abs_diff(scans) <= 2, "{lost} scans of {scans}");
     }
@@ -429,10 +403,7 @@ fn an_offset_beyond_the_word_range_is_not_reported() {
         }
     }
     let (scan, applied) = reported.expect("reported at last");
-    assert!(
-        scan > 20 && (30_000..=32_767).contains(&applied),
-        "{scan} {applied}"
-    );
+    assert!(scan > 20 && (30_000..=32_767).contains(&applied), "{scan} {applied}");
     // LinuxCNC uses differences of the counts: 60 µm to zero.
     assert_eq!(counts.last().unwrap() - counts[0], -60_000);
     assert!(counts.windows(2).all(|pair| pair[0] - pair[1] <= 2000));
@@ -441,15 +412,8 @@ fn an_offset_beyond_the_word_range_is_not_reported() {
 /// G38.2 stores the offset at the contact, G38.4 at its loss; other contacts have no effect.
 #[test]
 fn the_offset_at_contact_or_loss_is_stored() {
-    let probe = |touching| ScanInput {
-        probing: true,
-        touching,
-        ..GOOD
-    };
-    let touching = ScanInput {
-        touching: true,
-        ..GOOD
-    };
+    let probe = |touching| ScanInput { probing: true, touching, ..GOOD };
+    let touching = ScanInput { touching: true, ..GOOD };
     for toward in [true, false] {
         let Some(mut run) = Run::set() else { return };
         let before = if toward { GOOD } else { touching };
@@ -459,14 +423,7 @@ fn the_offset_at_contact_or_loss_is_stored() {
         assert_eq!(output.probed, 0.0, "no contact yet");
         let output = run.scan(probe(toward), &[]);
         assert_eq!(output.probed, 0.008);
-        run.correct(
-            ScanInput {
-                probing: false,
-                ..probe(toward)
-            },
-            1000,
-            20,
-        );
+        run.correct(ScanInput { probing: false, ..probe(toward) }, 1000, 20);
         let output = run.correct(GOOD, 1000, 20);
         assert_eq!(output.probed, 0.008);
     }
@@ -518,8 +475,5 @@ fn frames_are_rejected_while_the_epoch_cannot_be_written() {
     assert_eq!(words[refusal], 2, "the cause is reported");
     run.command("disk 1");
     let output = run.correct(GOOD, 100, 5);
-    assert_eq!(
-        (output.applied(), output.state.report.as_slice()[refusal]),
-        (100, 0)
-    );
+    assert_eq!((output.applied(), output.state.report.as_slice()[refusal]), (100, 0));
 }

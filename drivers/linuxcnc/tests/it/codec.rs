@@ -103,18 +103,9 @@ proptest! {
 
 #[test]
 fn invalid_contents_are_named() {
-    let axis = AxisState {
-        name: AxisName::X,
-        step: 1,
-        position: 0.0,
-        velocity: 0.0,
-        offset: 0,
-    };
+    let axis = AxisState { name: AxisName::X, step: 1, position: 0.0, velocity: 0.0, offset: 0 };
     let state = |axes: &[AxisState]| State::decode(&encoded_state(&State::of(axes).unwrap()), &KEY);
-    let nan = AxisState {
-        position: f64::NAN,
-        ..axis
-    };
+    let nan = AxisState { position: f64::NAN, ..axis };
     let nothing = AxisState { step: 0, ..axis };
     let number = DatagramError::Number { axis: AxisName::X };
     assert_eq!(state(&[nan]), Err(number));
@@ -126,10 +117,7 @@ fn invalid_contents_are_named() {
     let mut bytes = encoded_state(&State::of(&[axis]).unwrap());
     assert_eq!(Command::decode(&bytes, &KEY), Err(DatagramError::Magic));
     bytes[4] = 3;
-    assert_eq!(
-        State::decode(&bytes, &KEY),
-        Err(DatagramError::Version { found: 3 })
-    );
+    assert_eq!(State::decode(&bytes, &KEY), Err(DatagramError::Version { found: 3 }));
     bytes[4] = 2;
     bytes[40] ^= 1;
     assert_eq!(State::decode(&bytes, &KEY), Err(DatagramError::Mac));
@@ -178,9 +166,7 @@ fn table(first: &str) -> Vec<Vec<String>> {
         .take_while(|line| line.starts_with('|'));
     let cells = |line: &str| {
         let inner = line.trim_matches('|').split('|');
-        inner
-            .map(|cell| cell.replace('`', "").trim().to_owned())
-            .collect()
+        inner.map(|cell| cell.replace('`', "").trim().to_owned()).collect()
     };
     rows.map(cells).collect()
 }
@@ -190,17 +176,13 @@ fn crate_file(file: &str) -> std::path::PathBuf {
 }
 
 fn names(rows: &[Vec<String>]) -> Vec<(u16, String)> {
-    rows.iter()
-        .map(|row| (row[0].parse().unwrap(), row[1].clone()))
-        .collect()
+    rows.iter().map(|row| (row[0].parse().unwrap(), row[1].clone())).collect()
 }
 
 /// Constants of the C enumeration whose first constant has this name, without their prefix.
 fn component_constants(first: &str, prefix: &str) -> Vec<(u16, String)> {
     let text = std::fs::read_to_string(crate_file("bridge/volcomp.comp")).unwrap();
-    let (_, rest) = text
-        .split_once(&format!("enum {{ {prefix}{first}"))
-        .unwrap();
+    let (_, rest) = text.split_once(&format!("enum {{ {prefix}{first}")).unwrap();
     let (rest, _) = rest.split_once("};").unwrap();
     let mut next = 0;
     let mut found = Vec::new();

@@ -67,11 +67,7 @@ pub(crate) fn built(dir: &Path, driver: &str, sanitize: &str) -> Option<PathBuf>
         peers::not_run("gcc");
         return None;
     };
-    assert!(
-        cc.status.success(),
-        "{}",
-        String::from_utf8_lossy(&cc.stderr)
-    );
+    assert!(cc.status.success(), "{}", String::from_utf8_lossy(&cc.stderr));
     Some(program)
 }
 

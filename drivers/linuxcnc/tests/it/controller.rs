@@ -60,13 +60,8 @@ fn the_barrier_applies_a_correction() {
         }
         session.read(report.head());
         let mut words = [0; FRAME_WORDS];
-        let length = session
-            .frame(&wanted)
-            .unwrap()
-            .encode(&settings, &mut words);
-        controller
-            .post(&Words::new(&words[..length]).unwrap(), soon())
-            .unwrap();
+        let length = session.frame(&wanted).unwrap().encode(&settings, &mut words);
+        controller.post(&Words::new(&words[..length]).unwrap(), soon()).unwrap();
         assert!(Instant::now() < end, "{report:?}");
         std::thread::sleep(Duration::from_millis(1));
     }
@@ -83,13 +78,9 @@ fn a_missing_offset_is_an_alarm() {
     let all: Counts = PerChannel::leading([3500, 0]);
     *bridge.barrier.lock().unwrap() = Barrier::start(settings(), 0, 0, &all).unwrap();
     bridge.behaviour.lock().unwrap().stuck = true;
-    until(&mut controller, |read| {
-        read.is_ok_and(|read| read.state.alarm)
-    });
+    until(&mut controller, |read| read.is_ok_and(|read| read.state.alarm));
     bridge.behaviour.lock().unwrap().stuck = false;
-    until(&mut controller, |read| {
-        read.is_ok_and(|read| !read.state.alarm)
-    });
+    until(&mut controller, |read| read.is_ok_and(|read| !read.state.alarm));
 }
 
 #[test]
@@ -129,9 +120,7 @@ fn a_bridge_of_another_machine_or_count_size_is_rejected() {
     other.step_linear = Displacement::Length(Mm(1e-5));
     let mut controller = LinuxCncController::new(&other).unwrap();
     let refused = |read: &Result<Snapshot, Fault>, what: &str| matches!(read, Err(Fault::Protocol(behaviour)) if behaviour.contains(what));
-    until(&mut controller, |read| {
-        refused(read, "different count sizes")
-    });
+    until(&mut controller, |read| refused(read, "different count sizes"));
     let mut other = bridge.config();
     other.axes.reverse();
     let mut controller = LinuxCncController::new(&other).unwrap();
@@ -139,9 +128,7 @@ fn a_bridge_of_another_machine_or_count_size_is_rejected() {
     let mut controller = LinuxCncController::new(&bridge.config()).unwrap();
     controller.read(soon()).unwrap();
     bridge.behaviour.lock().unwrap().machine = 8;
-    until(&mut controller, |read| {
-        refused(read, "another machine number")
-    });
+    until(&mut controller, |read| refused(read, "another machine number"));
     bridge.behaviour.lock().unwrap().machine = MACHINE;
     until(&mut controller, Result::is_ok);
     assert!(controller.health().foreign > 0);
@@ -164,25 +151,16 @@ fn a_silent_bridge_ages_and_restarts() {
         let mut behaviour = bridge.behaviour.lock().unwrap();
         (behaviour.silent, behaviour.run) = (false, 2);
     }
-    until(&mut controller, |read| {
-        read.is_ok_and(|read| read.taken > again.taken)
-    });
+    until(&mut controller, |read| read.is_ok_and(|read| read.taken > again.taken));
     assert_eq!(controller.health().restarts, 1);
 }
 
 #[test]
 fn without_a_bridge_a_read_ends_at_its_deadline() {
     // A free port, which was just closed.
-    let port = UdpSocket::bind("127.0.0.1:0")
-        .unwrap()
-        .local_addr()
-        .unwrap()
-        .port();
+    let port = UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
     let bridge = Bridge::start();
-    let config = LinuxCncConfig {
-        port,
-        ..bridge.config()
-    };
+    let config = LinuxCncConfig { port, ..bridge.config() };
     let mut controller = LinuxCncController::new(&config).unwrap();
     let deadline = Instant::now() + Duration::from_millis(30);
     assert_eq!(controller.read(deadline), Err(Fault::TimedOut));
@@ -194,10 +172,7 @@ fn without_a_bridge_a_read_ends_at_its_deadline() {
 fn late_duplicate_and_queued_states_are_distinguished() {
     let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
     let bridge = Bridge::start();
-    let config = LinuxCncConfig {
-        port: socket.local_addr().unwrap().port(),
-        ..bridge.config()
-    };
+    let config = LinuxCncConfig { port: socket.local_addr().unwrap().port(), ..bridge.config() };
     let mut controller = LinuxCncController::new(&config).unwrap();
     let _ = controller.read(Instant::now());
     let (_, to) = socket.recv_from(&mut [0; 100]).unwrap();
@@ -237,10 +212,7 @@ fn late_duplicate_and_queued_states_are_distinguished() {
     std::thread::sleep(Duration::from_millis(100));
     let read = controller.read(soon()).unwrap();
     assert_eq!(read.positions[0], 6.0);
-    assert!(
-        read.taken <= sent + Duration::from_millis(50),
-        "as young as if it had just arrived"
-    );
+    assert!(read.taken <= sent + Duration::from_millis(50), "as young as if it had just arrived");
     assert_eq!(read.report, None);
 }
 
@@ -259,32 +231,21 @@ fn positions_alone_can_be_read() {
     assert!(matches!(refused, Err(Fault::Unsupported(_))), "{refused:?}");
     config.reads = vec![AxisName::Y];
     let mut controller = LinuxCncController::new(&config).unwrap();
-    until(&mut controller, |read| {
-        matches!(read, Err(Fault::Protocol(_)))
-    });
+    until(&mut controller, |read| matches!(read, Err(Fault::Protocol(_))));
 }
 
 #[test]
 fn another_computer_must_be_allowed_explicitly() {
     let bridge = Bridge::start();
-    let mut config = LinuxCncConfig {
-        host: "192.0.2.1".to_owned(),
-        ..bridge.config()
-    };
+    let mut config = LinuxCncConfig { host: "192.0.2.1".to_owned(), ..bridge.config() };
     let refused = LinuxCncController::new(&config).err().expect("refused");
     assert!(matches!(refused, DeviceError::Option(_)), "{refused}");
-    assert!(
-        refused.to_string().contains("another computer"),
-        "{refused}"
-    );
+    assert!(refused.to_string().contains("another computer"), "{refused}");
     config.remote = true;
     assert!(config.describe().is_ok());
     config.step_linear = Displacement::Length(Mm(1.5e-6));
     let refused = config.describe().expect_err("no whole nanometres");
-    assert!(
-        refused.to_string().contains("whole nanometres"),
-        "{refused}"
-    );
+    assert!(refused.to_string().contains("whole nanometres"), "{refused}");
 }
 
 #[test]
@@ -300,8 +261,5 @@ fn exchanges_do_not_allocate() {
         });
         std::thread::sleep(Duration::from_millis(1));
     }
-    assert_eq!(
-        controller.post(&frame, Instant::now()),
-        Err(Fault::TimedOut)
-    );
+    assert_eq!(controller.post(&frame, Instant::now()), Err(Fault::TimedOut));
 }

@@ -62,14 +62,7 @@ fn words_of(post: Post, last: &Report) -> Vec<u16> {
     match post {
         Post::Nothing => Vec::new(),
         Post::Random(words) => words.to_vec(),
-        Post::Made {
-            owner,
-            old,
-            ahead,
-            before,
-            values,
-            torn,
-        } => {
+        Post::Made { owner, old, ahead, before, values, torn } => {
             let frame = Frame {
                 head: Head {
                     epoch: last.epoch.wrapping_sub(before.into()),

@@ -105,20 +105,14 @@ SERVO_PERIOD = 1000000 | SERVO_PERIOD = 500000 | [EMCMOT]SERVO_PERIOD: found 500
     );
     let right = mill().replace("[HAL]\n", "[HAL]\nTWOPASS = ON\n");
     assert_eq!(problems_of(&right), [""; 0]);
-    let right = mill().replace(
-        "[JOINT_2]\n",
-        "[JOINT_2]\nBACKLASH = 0.0\n# COMP_FILE = z.tbl\n",
-    );
+    let right = mill().replace("[JOINT_2]\n", "[JOINT_2]\nBACKLASH = 0.0\n# COMP_FILE = z.tbl\n");
     assert_eq!(problems_of(&right), [""; 0]);
 }
 
 /// The bridge must report every axis that the gateway reads, corrected or not.
 #[test]
 fn axes_that_are_read_must_be_reported() {
-    let control = LinuxCncConfig {
-        reads: vec![AxisName::A, AxisName::C],
-        ..control()
-    };
+    let control = LinuxCncConfig { reads: vec![AxisName::A, AxisName::C], ..control() };
     let expected = expected(&control);
     let problems_of = |text: &str| {
         let problems = Ini::parse(text).problems(&expected);
@@ -132,10 +126,7 @@ fn axes_that_are_read_must_be_reported() {
         )
     };
     assert_eq!(problems_of(&with("READS = A")), [missing("A", "C")]);
-    assert_eq!(
-        problems_of(&mill()),
-        [missing("none", "A"), missing("none", "C")]
-    );
+    assert_eq!(problems_of(&mill()), [missing("none", "A"), missing("none", "C")]);
 }
 
 /// Included text is inserted as by LinuxCNC; unreadable files are reported.
@@ -145,17 +136,10 @@ fn included_files_are_checked() {
     let file = dir.path().join("mill.ini");
     let problems_of = |text: &str| problems_of_file(&file, text);
     assert_eq!(problems_of(&mill()), [""; 0]);
-    std::fs::write(
-        dir.path().join("y.inc"),
-        "COMP_FILE = y.tbl\n#INCLUDE none\n",
-    )
-    .unwrap();
+    std::fs::write(dir.path().join("y.inc"), "COMP_FILE = y.tbl\n#INCLUDE none\n").unwrap();
     let includes = mill().replace("[JOINT_1]\n", "[JOINT_1]\n#INCLUDE y.inc\n");
     let found = problems_of(&includes).join("\n");
-    assert!(
-        found.starts_with("[JOINT_1]COMP_FILE: found y.tbl"),
-        "{found}"
-    );
+    assert!(found.starts_with("[JOINT_1]COMP_FILE: found y.tbl"), "{found}");
     let found = problems_of(&includes.replace("y.inc", "x.inc")).join("\n");
     assert!(found.starts_with("#INCLUDE x.inc: "), "{found}");
     assert!(Ini::read(&dir.path().join("other.ini")).is_err());
@@ -200,10 +184,7 @@ net off axis.z.eoffset-counts | found axis.z.eoffset-counts connected to off, ex
     std::fs::remove_file(dir.path().join("display.hal")).unwrap();
     let problems = Ini::read(&file).unwrap().problems(&expected(&control()));
     let found = problems[0].to_string();
-    assert!(
-        found.starts_with("[HAL]POSTGUI_HALFILE: display.hal: "),
-        "{found}"
-    );
+    assert!(found.starts_with("[HAL]POSTGUI_HALFILE: display.hal: "), "{found}");
 }
 
 proptest::proptest! {
@@ -217,17 +198,12 @@ proptest::proptest! {
 fn another_key_is_reported() {
     let dir = tempfile::tempdir().unwrap();
     let (file, key) = (dir.path().join("mill.ini"), dir.path().join("other.key"));
-    std::fs::write(
-        &file,
-        mill().replace("[VOLCOMP]\n", "[VOLCOMP]\nKEY_FILE = other.key\n"),
-    )
-    .unwrap();
+    std::fs::write(&file, mill().replace("[VOLCOMP]\n", "[VOLCOMP]\nKEY_FILE = other.key\n"))
+        .unwrap();
     let problems_of = || {
         let problems = Ini::read(&file).unwrap().problems(&expected(&control()));
         let problems_of: Vec<String> = problems.iter().map(ToString::to_string).collect();
-        problems_of
-            .join("\n")
-            .replace(&dir.path().display().to_string(), "DIR")
+        problems_of.join("\n").replace(&dir.path().display().to_string(), "DIR")
     };
     assert_eq!(
         problems_of(),
@@ -240,16 +216,8 @@ fn another_key_is_reported() {
             0o600,
             "[VOLCOMP]KEY_FILE: DIR/other.key: found another key than the gateway's",
         ),
-        (
-            KEY_TEXT,
-            0o644,
-            "[VOLCOMP]KEY_FILE: DIR/other.key: found mode 644, expected 600",
-        ),
-        (
-            "secret",
-            0o600,
-            "[VOLCOMP]KEY_FILE: DIR/other.key: expected 32 hexadecimal digits",
-        ),
+        (KEY_TEXT, 0o644, "[VOLCOMP]KEY_FILE: DIR/other.key: found mode 644, expected 600"),
+        ("secret", 0o600, "[VOLCOMP]KEY_FILE: DIR/other.key: expected 32 hexadecimal digits"),
     ] {
         write_key(&key, text, mode);
         let problems_of = problems_of();

@@ -136,10 +136,7 @@ fn files_without_a_secret_key_are_rejected() {
         let mut run = Run::new()?;
         Some(run.command(&format!("key {}", file.display())) == "0")
     };
-    assert!(
-        Key::read(&file).is_err() && read() != Some(true),
-        "the file is missing"
-    );
+    assert!(Key::read(&file).is_err() && read() != Some(true), "the file is missing");
     let digits = KEY_TEXT.trim();
     for (text, mode, is_taken) in [
         (KEY_TEXT.to_owned(), 0o600, true),

@@ -47,20 +47,15 @@ fn cases() -> impl Strategy<Value = Case> {
         [1_i16..20, 1_i16..300],
         (1_u16..4, 1_u16..20),
         (any::<i16>(), -30_i16..30),
-        prop::collection::vec(
-            (prop::bool::weighted(0.1), posts(), posts(), 1_usize..30),
-            1..150,
-        ),
+        prop::collection::vec((prop::bool::weighted(0.1), posts(), posts(), 1_usize..30), 1..150),
     )
-        .prop_map(
-            |(machine, kept, tick, limit, rate, (step, hold), applied, scans)| Case {
-                settings: settings(machine, limit, rate, [step, hold]),
-                kept,
-                tick,
-                applied: applied.into(),
-                scans,
-            },
-        )
+        .prop_map(|(machine, kept, tick, limit, rate, (step, hold), applied, scans)| Case {
+            settings: settings(machine, limit, rate, [step, hold]),
+            kept,
+            tick,
+            applied: applied.into(),
+            scans,
+        })
 }
 
 /// A gateway's socket, with run and sequence of the last state received.
@@ -73,24 +68,14 @@ impl Sender {
     fn new(port: u16) -> Self {
         let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
         socket.connect(("127.0.0.1", port)).unwrap();
-        socket
-            .set_read_timeout(Some(Duration::from_secs(60)))
-            .unwrap();
-        Self {
-            socket,
-            answers: [0; 2],
-        }
+        socket.set_read_timeout(Some(Duration::from_secs(60))).unwrap();
+        Self { socket, answers: [0; 2] }
     }
 
     fn send(&mut self, machine: u16, words: Option<&Vec<u16>>) {
-        let content = words.map_or(Content::Listen, |words| {
-            Content::Frame(Words::new(words).unwrap())
-        });
-        let command = linuxcnc::Command {
-            machine,
-            answers: self.answers,
-            content,
-        };
+        let content =
+            words.map_or(Content::Listen, |words| Content::Frame(Words::new(words).unwrap()));
+        let command = linuxcnc::Command { machine, answers: self.answers, content };
         let mut bytes = [0; COMMAND_BYTES];
         let length = command.encode(&KEY, &mut bytes);
         self.socket.send(&bytes[..length]).unwrap();
@@ -195,10 +180,7 @@ fn the_component_equals_the_reference_at_every_scan() {
     let Some(program) = built(&dir, "datagrams.c", MEMORY) else {
         return;
     };
-    let mut runner = TestRunner::new(ProptestConfig {
-        cases: 24,
-        ..ProptestConfig::default()
-    });
+    let mut runner = TestRunner::new(ProptestConfig { cases: 24, ..ProptestConfig::default() });
     let seen = std::cell::Cell::new([0; 2]);
     let ran = runner.run(&cases(), |case| {
         let counts = same(&program, &dir, &case)?;
@@ -208,11 +190,7 @@ fn the_component_equals_the_reference_at_every_scan() {
     });
     ran.unwrap_or_else(|error| panic!("{error}"));
     // Frames were accepted, and axes moved.
-    assert!(
-        seen.get().iter().all(|count| *count > 100),
-        "{:?}",
-        seen.get()
-    );
+    assert!(seen.get().iter().all(|count| *count > 100), "{:?}", seen.get());
 }
 
 /// The servo thread and the thread that stores the epoch share atomic words only: no data race.

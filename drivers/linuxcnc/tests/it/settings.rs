@@ -90,9 +90,7 @@ fn check_by_bridge(ini: &str) -> Option<(bool, String)> {
     }
     let here = Path::new(env!("CARGO_MANIFEST_DIR"));
     let mut command = Command::new(TCL);
-    command
-        .arg(here.join("tests/it/stand_in.tcl"))
-        .arg(here.join("bridge/volcomp.tcl"));
+    command.arg(here.join("tests/it/stand_in.tcl")).arg(here.join("bridge/volcomp.tcl"));
     Some(message(&mut command, ini))
 }
 
@@ -104,10 +102,7 @@ fn check_by_gateway(ini: &str) -> (bool, String) {
 
 /// Results of both programs, by program name.
 fn check_by_both(ini: &str) -> Vec<(&'static str, bool, String)> {
-    let results = [
-        ("check", Some(check_by_gateway(ini))),
-        ("volcomp.tcl", check_by_bridge(ini)),
-    ];
+    let results = [("check", Some(check_by_gateway(ini))), ("volcomp.tcl", check_by_bridge(ini))];
     let results = results.into_iter();
     results
         .filter_map(|(program, results)| {
@@ -167,10 +162,7 @@ fn both_report_missing_and_wrong_lines() {
         let ini = mill();
         assert!(ini.contains(from), "{from}");
         for (program, accepts, message) in check_by_both(&ini.replace(from, to)) {
-            assert!(
-                !accepts && message.contains(says),
-                "{program}: {says}: {message}"
-            );
+            assert!(!accepts && message.contains(says), "{program}: {says}: {message}");
         }
     }
     for [from, to, says] in &cases(NEEDED) {

@@ -7,10 +7,7 @@ use super::{ByteOrder, Channels, Digital, Fault, NumberType, Profile, Status, Un
 use crate::iec60751::RANGE_DEGC;
 
 pub(super) fn profile(root: &Section<'_>) -> Result<Profile, InputError> {
-    root.allow_in(
-        FileKind::Profile,
-        &["name", "baud", "channels", "digital", "unproven"],
-    )?;
+    root.allow_in(FileKind::Profile, &["name", "baud", "channels", "digital", "unproven"])?;
     let name = root.require("name")?;
     if name.text()?.is_empty() {
         return Err(name.error("found an empty text, expected the name of the module"));
@@ -19,10 +16,7 @@ pub(super) fn profile(root: &Section<'_>) -> Result<Profile, InputError> {
     let profile = Profile {
         name: name.text()?.to_owned(),
         baud: root.whole_or("baud", 1..=4_000_000, 9600)?,
-        channels: root
-            .section("channels")?
-            .map(|s| channels(&s))
-            .transpose()?,
+        channels: root.section("channels")?.map(|s| channels(&s)).transpose()?,
         digital: root.section("digital")?.map(|s| digital(&s)).transpose()?,
         unproven: unproven.into_iter().map(str::to_owned).collect(),
     };
@@ -82,9 +76,7 @@ fn channels(section: &Section<'_>) -> Result<Channels, InputError> {
         scale: scale.unwrap_or(1.0),
         offset: section.optional("offset", Value::number)?.unwrap_or(0.0),
         unit: unit(section)?,
-        valid_degc: section
-            .optional("valid_degc", valid_degc)?
-            .unwrap_or(RANGE_DEGC),
+        valid_degc: section.optional("valid_degc", valid_degc)?.unwrap_or(RANGE_DEGC),
         faults: section.tables("faults", fault)?,
         status: section.section("status")?.map(|s| status(&s)).transpose()?,
     })
@@ -92,9 +84,7 @@ fn channels(section: &Section<'_>) -> Result<Channels, InputError> {
 
 fn unit(section: &Section<'_>) -> Result<Unit, InputError> {
     let ohm = Unit::Ohm {
-        r0_ohm: section
-            .optional("r0_ohm", Value::positive)?
-            .unwrap_or(100.0),
+        r0_ohm: section.optional("r0_ohm", Value::positive)?.unwrap_or(100.0),
         leads_ohm: section.optional("leads_ohm", Value::number)?.unwrap_or(0.0),
     };
     section.one_of("unit", &[("degc", Unit::Degc), ("ohm", ohm)], Unit::Degc)
@@ -105,9 +95,7 @@ fn valid_degc(value: &Value<'_>) -> Result<[f64; 2], InputError> {
     if low < high {
         return Ok([low, high]);
     }
-    Err(value.error(format!(
-        "found {low} and {high}, expected the lower end below the upper end"
-    )))
+    Err(value.error(format!("found {low} and {high}, expected the lower end below the upper end")))
 }
 
 fn fault(entry: &Section<'_>) -> Result<Fault, InputError> {
@@ -120,11 +108,7 @@ fn fault(entry: &Section<'_>) -> Result<Fault, InputError> {
         ("out-of-range", Reason::OutOfRange),
     ];
     Ok(Fault {
-        raw: if raw.is_number() {
-            [raw.number()?; 2]
-        } else {
-            raw.vector()?
-        },
+        raw: if raw.is_number() { [raw.number()?; 2] } else { raw.vector()? },
         reason: entry.require("reason")?.one_of(&reasons)?,
     })
 }

@@ -205,21 +205,14 @@ impl Profile {
         let found = shipped.iter().find(|p| plain(&p.name) == plain(name));
         found.cloned().ok_or_else(|| ProfileError::Unknown {
             name: name.to_owned(),
-            known: shipped
-                .iter()
-                .map(|p| &*p.name)
-                .collect::<Vec<_>>()
-                .join(", "),
+            known: shipped.iter().map(|p| &*p.name).collect::<Vec<_>>().join(", "),
         })
     }
 
     /// All profiles shipped with the crate.
     pub fn shipped() -> Vec<Self> {
         // Infallible: the tests parse each of them.
-        SHIPPED
-            .iter()
-            .filter_map(|text| Self::parse(text).ok())
-            .collect()
+        SHIPPED.iter().filter_map(|text| Self::parse(text).ok()).collect()
     }
 
     /// Reads a profile from a file.

@@ -21,11 +21,7 @@ fn crc(bytes: &[u8]) -> [u8; 2] {
     for byte in bytes {
         crc ^= u16::from(*byte);
         for _ in 0..8 {
-            crc = if crc & 1 == 1 {
-                crc >> 1 ^ 0xa001
-            } else {
-                crc >> 1
-            };
+            crc = if crc & 1 == 1 { crc >> 1 ^ 0xa001 } else { crc >> 1 };
         }
     }
     crc.to_le_bytes()
@@ -47,11 +43,7 @@ impl Modules {
 
     /// Starts modules; if `echoes`, behind an adapter that echoes every request.
     fn start_with_echo(wire: &Wire, echoes: bool, mut behaviour: Box<Behaviour>) -> Self {
-        let mut port: File = OpenOptions::new()
-            .read(true)
-            .write(true)
-            .open(&wire.theirs)
-            .unwrap();
+        let mut port: File = OpenOptions::new().read(true).write(true).open(&wire.theirs).unwrap();
         let stop = Arc::new(AtomicBool::new(false));
         let stopped = Arc::clone(&stop);
         let thread = std::thread::spawn(move || {
@@ -83,10 +75,7 @@ impl Modules {
                 request.clear();
             }
         });
-        Self {
-            stop,
-            thread: Some(thread),
-        }
+        Self { stop, thread: Some(thread) }
     }
 }
 
@@ -125,19 +114,13 @@ fn the_echo_of_an_adapter_is_not_a_response() {
         }),
     );
     let mut thermometer = poll_temperatures(config(wire.bus(), &[1])).unwrap();
-    until("it is good", || {
-        thermometer.latest()[0].quality == Quality::Good
-    });
+    until("it is good", || thermometer.latest()[0].quality == Quality::Good);
     let degc = thermometer.latest()[0].degc.unwrap();
     assert!((degc - 21.1).abs() < 1e-9, "{degc}");
     silent.store(true, Ordering::Relaxed);
-    until("the echo is named", || {
-        thermometer.latest()[0].quality == Quality::Bad(Reason::Echo)
-    });
+    until("the echo is named", || thermometer.latest()[0].quality == Quality::Bad(Reason::Echo));
     silent.store(false, Ordering::Relaxed);
-    until("it is good again", || {
-        thermometer.latest()[0].quality == Quality::Good
-    });
+    until("it is good again", || thermometer.latest()[0].quality == Quality::Good);
 }
 
 /// A rejection is reported with the name of its exception, not as a timeout.
@@ -160,16 +143,11 @@ fn exceptions_are_named() {
         (2, "the device refuses: exception 02, illegal data address"),
         (3, "the device refuses: exception 03, illegal data value"),
         (6, "the device refuses: exception 06, server device busy"),
-        (
-            11,
-            "the device refuses: exception 11, gateway target device failed to respond",
-        ),
+        (11, "the device refuses: exception 11, gateway target device failed to respond"),
     ] {
         *code.lock().unwrap() = exception;
         let reason = Reason::Refused { code: exception };
-        until("the reason is reported", || {
-            thermometer.latest()[0].quality == Quality::Bad(reason)
-        });
+        until("the reason is reported", || thermometer.latest()[0].quality == Quality::Bad(reason));
         assert_eq!(reason.to_string(), name);
     }
 }
@@ -187,25 +165,15 @@ fn units_on_one_line_are_polled_in_turn() {
         }),
     );
     let mut thermometer = poll_temperatures(config(wire.bus(), &[1, 2, 3])).unwrap();
-    until("all are good", || {
-        thermometer
-            .latest()
-            .iter()
-            .all(|t| t.quality == Quality::Good)
-    });
+    until("all are good", || thermometer.latest().iter().all(|t| t.quality == Quality::Good));
     let degc: Vec<f64> = thermometer.latest().iter().filter_map(|t| t.degc).collect();
-    for (found, expected) in degc
-        .iter()
-        .zip([21.1, 21.2, 21.3, 21.4, 22.1, 22.2, 22.3, 22.4, 23.1])
+    for (found, expected) in degc.iter().zip([21.1, 21.2, 21.3, 21.4, 22.1, 22.2, 22.3, 22.4, 23.1])
     {
         assert!((found - expected).abs() < 1e-9, "{degc:?}");
     }
     until("some rounds", || polled.lock().unwrap().len() > 30);
     let polled = polled.lock().unwrap();
-    assert!(
-        polled.windows(3).all(|w| w[0] != w[1] && w[1] != w[2]),
-        "{polled:?}"
-    );
+    assert!(polled.windows(3).all(|w| w[0] != w[1] && w[1] != w[2]), "{polled:?}");
 }
 
 /// Unit 1 responds after the timeout with data that would fit any unit: the response is attributed neither to unit 2 nor to unit 1's next
@@ -235,22 +203,14 @@ fn a_late_response_is_never_taken_for_another() {
     until("several late responses", || {
         for (sensor, found) in thermometer.latest().iter().enumerate() {
             if let Some(degc) = found.degc {
-                assert!(
-                    sensor >= 4 && (22.0..22.5).contains(&degc),
-                    "{sensor}: {degc}"
-                );
+                assert!(sensor >= 4 && (22.0..22.5).contains(&degc), "{sensor}: {degc}");
             }
         }
         *count.lock().unwrap() > 4
     });
-    assert_eq!(
-        thermometer.latest()[0].quality,
-        Quality::Bad(Reason::NoAnswer)
-    );
+    assert_eq!(thermometer.latest()[0].quality, Quality::Bad(Reason::NoAnswer));
     late.store(false, Ordering::Relaxed);
-    until("unit 1 is back", || {
-        thermometer.latest()[0].quality == Quality::Good
-    });
+    until("unit 1 is back", || thermometer.latest()[0].quality == Quality::Good);
     assert!((thermometer.latest()[0].degc.unwrap() - 21.1).abs() < 1e-9);
 }
 
@@ -314,9 +274,7 @@ fn an_unplugged_adapter_reconnects() {
         ours,
         theirs,
     };
-    until("the ports are back", || {
-        again.ours.exists() && again.theirs.exists()
-    });
+    until("the ports are back", || again.ours.exists() && again.theirs.exists());
     let _modules = Modules::start(&again, answer());
     until("it responds again", || good(&mut thermometer));
     std::fs::remove_dir_all(again.ours.parent().unwrap()).unwrap();
@@ -354,10 +312,7 @@ fn digital_modules_form_one_port() {
         }),
     );
     let profile = Profile::named("WAVESHARE-IO-8CH").unwrap();
-    let modules = [1, 2].map(|unit| DigitalModule {
-        unit,
-        profile: profile.clone(),
-    });
+    let modules = [1, 2].map(|unit| DigitalModule { unit, profile: profile.clone() });
     let within = Duration::from_millis(100);
     let mut port = ModbusDigital::new(wire.bus(), &modules, within, Backoff::default()).unwrap();
     assert_eq!((port.inputs(), port.outputs()), (16, 16));
@@ -365,9 +320,7 @@ fn digital_modules_form_one_port() {
     let cycle = port.shortest_cycle().as_secs_f64() * 1e3;
     assert!((40.0..70.0).contains(&cycle), "{cycle} ms");
     let soon = Instant::now() + Duration::from_secs(1);
-    until("a read succeeds", || {
-        port.read(soon).is_ok_and(|found| found.levels == 0x3231)
-    });
+    until("a read succeeds", || port.read(soon).is_ok_and(|found| found.levels == 0x3231));
     assert_eq!(port.confirmed(), Some(0xf2f1), "as reported by the modules");
     let before = *requests.lock().unwrap();
     for _ in 0..1000 {
@@ -375,13 +328,8 @@ fn digital_modules_form_one_port() {
         port.write(0xa55a, soon).unwrap();
     }
     let exchanged = *requests.lock().unwrap() - before;
-    assert!(
-        exchanged < 500,
-        "a thousand calls waited for {exchanged} requests"
-    );
-    until("the write arrives", || {
-        *outputs.lock().unwrap() == [0x5a, 0xa5]
-    });
+    assert!(exchanged < 500, "a thousand calls waited for {exchanged} requests");
+    until("the write arrives", || *outputs.lock().unwrap() == [0x5a, 0xa5]);
     // The outputs of a module that lost power are read back.
     power.store(false, Ordering::Relaxed);
     // The module's last inputs are returned with their age.
@@ -394,24 +342,15 @@ fn digital_modules_form_one_port() {
     assert!(found.levels == 0x3231 && found.taken <= off);
     power.store(true, Ordering::Relaxed);
     let on = Instant::now();
-    until("a read succeeds again", || {
-        port.read(soon).unwrap().taken >= on
-    });
-    until("the outputs are known", || {
-        port.read(soon).is_ok() && port.confirmed() == Some(0x005a)
-    });
+    until("a read succeeds again", || port.read(soon).unwrap().taken >= on);
+    until("the outputs are known", || port.read(soon).is_ok() && port.confirmed() == Some(0x005a));
     drop(wire);
-    until("the disconnection is reported", || {
-        port.read(soon) == Err(Fault::NotConnected)
-    });
+    until("the disconnection is reported", || port.read(soon) == Err(Fault::NotConnected));
 }
 
 #[test]
 fn invalid_configurations_are_rejected() {
-    let bus = || volcomp_modbus::Bus::Tcp {
-        host: "127.0.0.1".to_owned(),
-        port: 1,
-    };
+    let bus = || volcomp_modbus::Bus::Tcp { host: "127.0.0.1".to_owned(), port: 1 };
     let message = |change: fn(&mut volcomp_modbus::ThermometerConfig)| {
         let mut config = config(bus(), &[1, 2]);
         change(&mut config);
@@ -430,18 +369,9 @@ fn invalid_configurations_are_rejected() {
         message(|c| c.units[0].profile = Profile::named("ADAM-6050").unwrap())
             .contains("ADAM-6050 has no temperatures")
     );
-    let module = DigitalModule {
-        unit: 1,
-        profile: Profile::named("PTA8C04").unwrap(),
-    };
+    let module = DigitalModule { unit: 1, profile: Profile::named("PTA8C04").unwrap() };
     let refused = ModbusDigital::new(bus(), &[module], Duration::ZERO, Backoff::default());
-    assert!(
-        refused
-            .err()
-            .unwrap()
-            .to_string()
-            .contains("has no digital lines")
-    );
+    assert!(refused.err().unwrap().to_string().contains("has no digital lines"));
     // Without a server the sensors are bad, but there is no error.
     let mut thermometer = poll_temperatures(config(bus(), &[1])).unwrap();
     until("the reason is reported", || {

@@ -44,15 +44,8 @@ impl Wire {
             not_run("socat");
             return None;
         }
-        let wire = Self {
-            _socat: socat(&ours, &theirs),
-            _folder: folder,
-            ours,
-            theirs,
-        };
-        until("socat creates its ports", || {
-            wire.ours.exists() && wire.theirs.exists()
-        });
+        let wire = Self { _socat: socat(&ours, &theirs), _folder: folder, ours, theirs };
+        until("socat creates its ports", || wire.ours.exists() && wire.theirs.exists());
         Some(wire)
     }
 
@@ -71,17 +64,12 @@ pub(crate) fn config(bus: Bus, units: &[u8]) -> ThermometerConfig {
     let unit = |unit: &u8| ThermometerUnit {
         unit: *unit,
         profile: profile.clone(),
-        names: ["a", "b", "c", "d"]
-            .map(|name| format!("{name}{unit}"))
-            .to_vec(),
+        names: ["a", "b", "c", "d"].map(|name| format!("{name}{unit}")).to_vec(),
     };
     let mut config = ThermometerConfig::new(bus, unit(&units[0]));
     config.units = units.iter().map(unit).collect();
     config.interval = Duration::from_millis(20);
     config.answer_within = Duration::from_millis(100);
-    config.backoff = Backoff {
-        first: Duration::from_millis(5),
-        most: Duration::from_millis(50),
-    };
+    config.backoff = Backoff { first: Duration::from_millis(5), most: Duration::from_millis(50) };
     config
 }

@@ -76,9 +76,7 @@ impl Module {
     }
 
     fn serve(&self, mut stream: TcpStream) {
-        stream
-            .set_read_timeout(Some(Duration::from_millis(5)))
-            .unwrap();
+        stream.set_read_timeout(Some(Duration::from_millis(5))).unwrap();
         let mut request = Vec::new();
         let mut byte = [0; 64];
         loop {
@@ -158,21 +156,10 @@ fn open(address: SocketAddr, units: &[u8]) -> ModbusDigital {
 
 fn open_with_timeout(address: SocketAddr, units: &[u8], within: Duration) -> ModbusDigital {
     let profile = Profile::named("WAVESHARE-IO-8CH").unwrap();
-    let modules: Vec<_> = units
-        .iter()
-        .map(|unit| DigitalModule {
-            unit: *unit,
-            profile: profile.clone(),
-        })
-        .collect();
-    let bus = Bus::Tcp {
-        host: address.ip().to_string(),
-        port: address.port(),
-    };
-    let quick = Backoff {
-        first: Duration::from_millis(5),
-        most: Duration::from_millis(20),
-    };
+    let modules: Vec<_> =
+        units.iter().map(|unit| DigitalModule { unit: *unit, profile: profile.clone() }).collect();
+    let bus = Bus::Tcp { host: address.ip().to_string(), port: address.port() };
+    let quick = Backoff { first: Duration::from_millis(5), most: Duration::from_millis(20) };
     ModbusDigital::new(bus, &modules, within, quick).unwrap()
 }
 
@@ -213,22 +200,16 @@ fn a_write_delayed_past_its_deadline_is_not_sent() {
     let mut port = open_with_timeout(address, &[1, 2, 3, 4, 5, 6, 7, 8], LONG);
     until("a read succeeds", || reads(&mut port));
     module.set(|state| state.blocked = true);
-    until("the exchange is blocked", || {
-        module.get(|state| state.is_blocked)
-    });
+    until("the exchange is blocked", || module.get(|state| state.is_blocked));
     let deadline = Instant::now() + Duration::from_millis(20);
     // If this thread was suspended, the deadline may have passed.
     let was_in_time = port.write(0x77, deadline).is_ok();
     std::thread::sleep(deadline.saturating_duration_since(Instant::now()));
     let released = Instant::now();
     module.set(|state| state.blocked = false);
-    until("two exchanges later", || {
-        (port.read(soon())).is_ok_and(|found| found.taken > released)
-    });
+    until("two exchanges later", || (port.read(soon())).is_ok_and(|found| found.taken > released));
     let seen = port.read(soon()).unwrap().taken;
-    until("three exchanges later", || {
-        port.read(soon()).is_ok_and(|found| found.taken > seen)
-    });
+    until("three exchanges later", || port.read(soon()).is_ok_and(|found| found.taken > seen));
     assert!(module.get(|state| state.writes.is_empty()));
     let result = port.write(0, soon());
     assert_eq!(result.is_err(), was_in_time, "{result:?}");
@@ -257,18 +238,14 @@ fn inputs_keep_their_time_of_arrival() {
     let mut port = open_with_timeout(address, &[1, 2], Duration::from_secs(600));
     until("a read succeeds", || reads(&mut port));
     module.set(|state| state.blocked = true);
-    until("the exchange is blocked", || {
-        module.get(|state| state.is_blocked)
-    });
+    until("the exchange is blocked", || module.get(|state| state.is_blocked));
     let silent = Instant::now();
     std::thread::sleep(Duration::from_millis(200));
     let found = port.read(soon()).unwrap();
     assert_eq!(found.levels, 0x3c3c);
     assert!(found.taken <= silent);
     module.set(|state| state.blocked = false);
-    until("a read succeeds again", || {
-        port.read(soon()).is_ok_and(|found| found.taken > silent)
-    });
+    until("a read succeeds again", || port.read(soon()).is_ok_and(|found| found.taken > silent));
 }
 
 /// A rejected or unacknowledged write is reported as failed by a later call, and is not confirmed.
@@ -281,10 +258,7 @@ fn a_rejected_write_is_reported_as_failed() {
     assert_eq!(port.write(1, soon()), Ok(()), "no response yet");
     std::thread::sleep(Duration::from_millis(60));
     for _ in 0..3 {
-        let refused = Err(Fault::Refused {
-            code: 4,
-            what: "server device failure",
-        });
+        let refused = Err(Fault::Refused { code: 4, what: "server device failure" });
         assert_eq!(port.write(1, soon()), refused);
         std::thread::sleep(Duration::from_millis(60));
     }
@@ -313,9 +287,7 @@ fn an_old_write_is_not_sent_over_a_new_connection() {
     });
     module.set(|state| state.silent = true);
     port.write(8, soon()).unwrap();
-    until("the disconnection is reported", || {
-        port.read(soon()) == Err(Fault::NotConnected)
-    });
+    until("the disconnection is reported", || port.read(soon()) == Err(Fault::NotConnected));
     assert_eq!(port.write(9, soon()), Err(Fault::NotConnected));
     until("it is reset", || module.get(|state| state.resets > 0));
     // After a power cycle the outputs are zero until the next write.
@@ -328,14 +300,8 @@ fn an_old_write_is_not_sent_over_a_new_connection() {
     std::thread::sleep(Duration::from_millis(60));
     assert!(module.get(|state| state.writes.is_empty()));
     assert_eq!(port.confirmed(), Some(0));
-    assert_eq!(
-        port.write(10, soon()),
-        Ok(()),
-        "the loss was already reported"
-    );
-    until("the write arrives", || {
-        module.get(|state| state.writes == [10])
-    });
+    assert_eq!(port.write(10, soon()), Ok(()), "the loss was already reported");
+    until("the write arrives", || module.get(|state| state.writes == [10]));
     assert_eq!(module.get(|state| state.closes), 0);
 }
 

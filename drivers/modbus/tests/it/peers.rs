@@ -22,10 +22,7 @@ fn peers() -> PathBuf {
 fn pymodbus(kind: &str, place: &str) -> Option<Running> {
     let server = peers().join("pymodbus_server.py");
     Some(Running::start_ready(
-        Command::new(python()?)
-            .arg(server)
-            .args([kind, place])
-            .stderr(Stdio::null()),
+        Command::new(python()?).arg(server).args([kind, place]).stderr(Stdio::null()),
     ))
 }
 
@@ -40,16 +37,11 @@ fn libmodbus(folder: &Path, kind: &str, place: &str) -> Option<Running> {
         not_run("libmodbus-dev");
         return None;
     }
-    Some(Running::start_ready(
-        Command::new(program).args([kind, place]),
-    ))
+    Some(Running::start_ready(Command::new(program).args([kind, place])))
 }
 
 fn tcp(port: u16) -> Bus {
-    Bus::Tcp {
-        host: "127.0.0.1".to_owned(),
-        port,
-    }
+    Bus::Tcp { host: "127.0.0.1".to_owned(), port }
 }
 
 /// Checks four channels of each unit, which differ by 0.1 K per channel and 10 K per unit.
@@ -75,13 +67,9 @@ fn pymodbus_over_tcp_killed_and_restarted() {
     let quality = |t: &mut Published| t.latest()[0].quality;
     until("it responds", || quality(&mut thermometer) == Quality::Good);
     drop(server);
-    until("the outage is reported", || {
-        quality(&mut thermometer) == Quality::Bad(Reason::NoAnswer)
-    });
+    until("the outage is reported", || quality(&mut thermometer) == Quality::Bad(Reason::NoAnswer));
     let _server = pymodbus("tcp", &port.to_string());
-    until("it responds again", || {
-        quality(&mut thermometer) == Quality::Good
-    });
+    until("it responds again", || quality(&mut thermometer) == Quality::Good);
 }
 
 #[test]
@@ -113,15 +101,10 @@ fn digital_lines_of_pymodbus() {
         return;
     };
     let profile = Profile::named("waveshare-io-8ch").unwrap();
-    let modules = [1, 2].map(|unit| DigitalModule {
-        unit,
-        profile: profile.clone(),
-    });
+    let modules = [1, 2].map(|unit| DigitalModule { unit, profile: profile.clone() });
     let within = Duration::from_millis(300);
     let mut io = ModbusDigital::new(tcp(port), &modules, within, Backoff::default()).unwrap();
     let soon = Instant::now() + Duration::from_secs(1);
-    until("a read succeeds", || {
-        io.read(soon).is_ok_and(|found| found.levels == 0xaaaa)
-    });
+    until("a read succeeds", || io.read(soon).is_ok_and(|found| found.levels == 0xaaaa));
     contract::digital_io(&mut io, false);
 }

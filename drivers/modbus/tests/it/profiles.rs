@@ -24,20 +24,8 @@ fn every_shipped_profile_is_valid() {
         assert_eq!(Profile::named(written).unwrap().name, name);
     }
     let channels = |name: &str| Profile::named(name).unwrap().channels.unwrap();
-    assert_eq!(
-        (
-            channels("WAGO-750-461").count,
-            channels("WAGO-750-464").count
-        ),
-        (2, 4)
-    );
-    assert_eq!(
-        (
-            channels("SENECA-Z-4RTD").address,
-            channels("SENECA-Z-4RTD").scale
-        ),
-        (2, 0.1)
-    );
+    assert_eq!((channels("WAGO-750-461").count, channels("WAGO-750-464").count), (2, 4));
+    assert_eq!((channels("SENECA-Z-4RTD").address, channels("SENECA-Z-4RTD").scale), (2, 0.1));
     let unknown = Profile::named("PT-9000").unwrap_err().to_string();
     assert!(unknown.contains("no profile `PT-9000`") && unknown.contains("PTA8C04, PT21A01"));
 }
@@ -66,24 +54,14 @@ fn faults_are_reported() {
     assert_eq!(found("PTA8C04", &[32767], None), bad(Reason::Open));
     assert_eq!(found("PTA8C04", &[32768], None), bad(Reason::Short));
     assert_eq!(found("PTA8C04", &[], None), bad(Reason::NotANumber));
-    assert_eq!(
-        found("ICP-DAS-M-7015", &[215], Some(1)),
-        bad(Reason::Reported)
-    );
+    assert_eq!(found("ICP-DAS-M-7015", &[215], Some(1)), bad(Reason::Reported));
     near(found("ICP-DAS-M-7015", &[215], Some(0)), 21.5);
     near(found("RAW-OHM", &[10_000], None), 0.0);
     assert_eq!(found("RAW-OHM", &[50], None), bad(Reason::Short));
     assert_eq!(found("RAW-OHM", &[60_000], None), bad(Reason::Open));
-    assert_eq!(
-        found("RAW-OHM", &[1500], None),
-        bad(Reason::Short),
-        "15 ohm"
-    );
+    assert_eq!(found("RAW-OHM", &[1500], None), bad(Reason::Short), "15 ohm");
     // The module reported 26874 at 32.25 °C; the linear scale gives 32.0 °C.
-    near(
-        found("ADAM-4015", &[26_874], None),
-        26_874.0 * 0.003_051_757_812_5 - 50.0,
-    );
+    near(found("ADAM-4015", &[26_874], None), 26_874.0 * 0.003_051_757_812_5 - 50.0);
 }
 
 #[test]
@@ -135,10 +113,7 @@ fn four_byte_orders_are_supported() {
             };
             let found = read("f32", float);
             assert_eq!(found.quality, Quality::Good, "{keys:?}");
-            assert!(
-                (found.degc.unwrap() - degc).abs() < 1e-5,
-                "{keys:?}: {found:?}"
-            );
+            assert!((found.degc.unwrap() - degc).abs() < 1e-5, "{keys:?}: {found:?}");
             #[expect(clippy::cast_possible_truncation, reason = "whole")]
             let whole = registers((degc.trunc() as i32).to_be_bytes());
             assert_eq!(read("i32", whole).degc, Some(degc.trunc()), "{keys:?}");
@@ -146,13 +121,8 @@ fn four_byte_orders_are_supported() {
         // A module with swapped bytes must not give "-0.00 °C, good".
         let [a, b, c, d] = single.to_be_bytes();
         let swapped = [u16::from_be_bytes([b, a]), u16::from_be_bytes([d, c])];
-        let found = read_channel(
-            &profile("f32", ["high", "high"]),
-            &swapped,
-            0,
-            None,
-            Instant::now(),
-        );
+        let found =
+            read_channel(&profile("f32", ["high", "high"]), &swapped, 0, None, Instant::now());
         let expected = match degc {
             0.0 => Quality::Good,
             _ => Quality::Bad(Reason::Implausible),
@@ -168,44 +138,17 @@ fn invalid_profiles_are_rejected() {
         Profile::parse(&text).unwrap_err().to_string()
     };
     for (change, expected) in [
-        (
-            "scale = 0",
-            "profile:5: channels.scale: found 0, expected a number that is not 0",
-        ),
-        (
-            "scale = nan",
-            "channels.scale: found nan, expected a finite number",
-        ),
-        (
-            "sclae = 1",
-            "channels.sclae: unknown key, did you mean `scale`?",
-        ),
-        (
-            "function = 6",
-            "channels.function: found 6, expected a whole number from 3 to 4",
-        ),
-        (
-            "type = \"i64\"",
-            "channels.type: found \"i64\", expected one of: i16, u16, i32, f32",
-        ),
-        (
-            "valid_degc = [10, 0]",
-            "expected the lower end below the upper end",
-        ),
+        ("scale = 0", "profile:5: channels.scale: found 0, expected a number that is not 0"),
+        ("scale = nan", "channels.scale: found nan, expected a finite number"),
+        ("sclae = 1", "channels.sclae: unknown key, did you mean `scale`?"),
+        ("function = 6", "channels.function: found 6, expected a whole number from 3 to 4"),
+        ("type = \"i64\"", "channels.type: found \"i64\", expected one of: i16, u16, i32, f32"),
+        ("valid_degc = [10, 0]", "expected the lower end below the upper end"),
         ("valid_degc = [10]", "expected an array of 2 numbers"),
-        (
-            "unit = \"ohm\"\nr0_ohm = -1",
-            "channels.r0_ohm: found -1, expected a number above 0",
-        ),
-        (
-            "faults = [{ raw = 1 }]",
-            "channels.faults[0]: key `reason` is missing",
-        ),
+        ("unit = \"ohm\"\nr0_ohm = -1", "channels.r0_ohm: found -1, expected a number above 0"),
+        ("faults = [{ raw = 1 }]", "channels.faults[0]: key `reason` is missing"),
         ("faults = 3", "channels.faults: found 3, expected an array"),
-        (
-            "status = { function = 9, address = 0 }",
-            "channels.status.function: found 9",
-        ),
+        ("status = { function = 9, address = 0 }", "channels.status.function: found 9"),
     ] {
         let message = message(change);
         assert!(message.contains(expected), "{change}: {message}");
@@ -228,20 +171,13 @@ fn corpus_profiles_parse_or_are_rejected() {
         let name = path.file_name().unwrap().to_string_lossy().into_owned();
         let bytes = std::fs::read(&path).unwrap();
         let read = Profile::parse(&String::from_utf8_lossy(&bytes));
-        assert!(
-            read.is_ok() || !name.starts_with("valid-"),
-            "{name}: {read:?}"
-        );
+        assert!(read.is_ok() || !name.starts_with("valid-"), "{name}: {read:?}");
         assert!(read.is_err() || !name.starts_with("broken-"), "{name}");
         if let Some(channels) = read.ok().and_then(|profile| profile.channels) {
             let registers: Vec<u16> = bytes.iter().map(|byte| u16::from(*byte) * 257).collect();
             for channel in 0..usize::from(channels.count) {
                 let found = read_channel(&channels, &registers, channel, None, Instant::now());
-                assert_eq!(
-                    found.quality == Quality::Good,
-                    found.degc.is_some(),
-                    "{name}"
-                );
+                assert_eq!(found.quality == Quality::Good, found.degc.is_some(), "{name}");
             }
         }
         seen += 1;

@@ -27,11 +27,7 @@ impl Write {
             (Self::Frame(new), _) => {
                 let mut mixed = new;
                 let at = cut_index(cut, mixed.as_slice().len());
-                mixed
-                    .as_mut_slice()
-                    .iter_mut()
-                    .skip(at)
-                    .for_each(|word| *word = 0);
+                mixed.as_mut_slice().iter_mut().skip(at).for_each(|word| *word = 0);
                 Self::Frame(mixed)
             }
             (Self::Values(new), before) => {
@@ -40,9 +36,7 @@ impl Write {
                     _ => PerChannel::ZERO,
                 };
                 let at = cut_index(cut, 3);
-                Self::Values(PerChannel::from_fn(
-                    |i| if i < at { new[i] } else { old[i] },
-                ))
+                Self::Values(PerChannel::from_fn(|i| if i < at { new[i] } else { old[i] }))
             }
             (Self::Levels(new), before) => {
                 let old = match before {

@@ -4,11 +4,7 @@ use std::time::Duration;
 
 /// Fault probabilities per call, 0 to 1, unless stated otherwise.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-#[cfg_attr(
-    feature = "serde",
-    derive(serde::Serialize, serde::Deserialize),
-    serde(default)
-)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(default))]
 pub struct Faults {
     /// Maximum or fixed delay of each call, see `jitter`.
     pub delay: Duration,
@@ -73,20 +69,12 @@ pub enum Lie {
 
 impl Lie {
     /// All kinds of read-back faults.
-    pub const ALL: [Self; 5] = [
-        Self::Value,
-        Self::NotANumber,
-        Self::OtherAxis,
-        Self::Torn,
-        Self::Zero,
-    ];
+    pub const ALL: [Self; 5] =
+        [Self::Value, Self::NotANumber, Self::OtherAxis, Self::Torn, Self::Zero];
 }
 
 /// A fault on request, injected from the next applicable call on.
-#[expect(
-    missing_docs,
-    reason = "numbers of readings or calls, and places of axes"
-)]
+#[expect(missing_docs, reason = "numbers of readings or calls, and places of axes")]
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
 pub enum Injection {

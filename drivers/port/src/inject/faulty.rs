@@ -162,12 +162,7 @@ impl<D> Faulty<D> {
             Injection::FrozenPositions { readings } => {
                 (pending.frozen_positions, pending.frozen_at) = (readings, None);
             }
-            Injection::WrongPosition {
-                axis,
-                factor,
-                add,
-                readings,
-            } => {
+            Injection::WrongPosition { axis, factor, add, readings } => {
                 pending.wrong_position = (readings > 0).then_some((axis, factor, add, readings));
             }
             Injection::StopAfterRead(time) => pending.stop_after_read = Some(time),
@@ -225,11 +220,7 @@ impl<D> Faulty<D> {
             return Err(Fault::NotConnected);
         }
         if !self.faults.delay.is_zero() {
-            let share = if self.faults.jitter {
-                self.random.random::<f64>()
-            } else {
-                1.0
-            };
+            let share = if self.faults.jitter { self.random.random::<f64>() } else { 1.0 };
             let left = deadline.saturating_duration_since(self.clock.now());
             let delay = self.faults.delay.mul_f64(share);
             self.pass_time(delay.min(left));
@@ -317,11 +308,7 @@ impl<D> Faulty<D> {
     fn deliver_delayed(&mut self, deliver: Deliver<D>, written: bool) {
         while let Some(write) = self.delayed.take(written) {
             // No caller waits for the answer.
-            let _ = deliver(
-                &mut self.device,
-                &write,
-                Instant::now() + LATE_WRITE_TIMEOUT,
-            );
+            let _ = deliver(&mut self.device, &write, Instant::now() + LATE_WRITE_TIMEOUT);
         }
     }
 
@@ -430,11 +417,8 @@ impl<C: Controller> Controller for Faulty<C> {
         self.spoil_read_back(&mut snapshot, axes);
         if self.pending.dropped_flag > 0 {
             self.pending.dropped_flag -= 1;
-            snapshot.state = ControllerState {
-                referenced: true,
-                alarm: false,
-                emergency_stop: false,
-            };
+            snapshot.state =
+                ControllerState { referenced: true, alarm: false, emergency_stop: false };
         }
         self.after_reading();
         Ok(snapshot)
@@ -495,12 +479,8 @@ impl<C: Controller> Faulty<C> {
         if let Some(applied) = &mut snapshot.applied {
             match lie {
                 Lie::Value => {
-                    let step = self
-                        .device
-                        .description()
-                        .axes
-                        .get(one)
-                        .map_or(0.0, crate::Axis::step);
+                    let step =
+                        self.device.description().axes.get(one).map_or(0.0, crate::Axis::step);
                     let steps = self.random.random_range(1.0..MAX_ERROR_STEPS).round();
                     let sign = if self.random.random() { 1.0 } else { -1.0 };
                     applied[one] += sign * steps * step;
@@ -587,10 +567,7 @@ impl<D: DigitalIo> DigitalIo for Faulty<D> {
         };
         self.last_levels = Some(found);
         if self.occurs(self.faults.corrupt) {
-            found.levels ^= 1
-                << self
-                    .random
-                    .random_range(0..self.device.inputs().clamp(1, 64));
+            found.levels ^= 1 << self.random.random_range(0..self.device.inputs().clamp(1, 64));
         }
         self.after_reading();
         Ok(found)
@@ -632,9 +609,8 @@ impl<T: Thermometer> Thermometer for Faulty<T> {
             self.last_temperatures[sensor].degc = Some(self.broken_number(degc));
         }
         if let Some((sensor, kelvin)) = self.pending.jump
-            && let Some(Temperature {
-                degc: Some(degc), ..
-            }) = self.last_temperatures.get_mut(sensor)
+            && let Some(Temperature { degc: Some(degc), .. }) =
+                self.last_temperatures.get_mut(sensor)
         {
             *degc += kelvin;
         }

@@ -39,10 +39,7 @@ impl HangSwitch {
 impl<C> Hanging<C> {
     /// Wraps a controller whose readings block while `switch` is on.
     pub fn new(inner: C, switch: &HangSwitch) -> Self {
-        Self {
-            inner,
-            switch: switch.clone(),
-        }
+        Self { inner, switch: switch.clone() }
     }
 }
 

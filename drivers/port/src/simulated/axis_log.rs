@@ -104,8 +104,7 @@ impl AxisLog {
             raise(&self.furthest[axis], given.applied[axis].abs());
         }
         let changed = given.held && changes.iter().any(|change| *change > 0.0);
-        self.changes_while_held
-            .fetch_add(changed.into(), Ordering::Relaxed);
+        self.changes_while_held.fetch_add(changed.into(), Ordering::Relaxed);
         self.start_at(&given.applied);
         self.scans.fetch_add(1, Ordering::Relaxed);
         if self.records.load(Ordering::Relaxed) {

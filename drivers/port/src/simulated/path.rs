@@ -59,15 +59,9 @@ impl Path {
     /// Position of the axes at a time since the start, mm and rad.
     pub fn at(&self, elapsed: Duration) -> PerChannel<f64> {
         let period = self.starts_s[self.starts_s.len() - 1];
-        let time = if period > 0.0 {
-            elapsed.as_secs_f64() % period
-        } else {
-            0.0
-        };
+        let time = if period > 0.0 { elapsed.as_secs_f64() % period } else { 0.0 };
         let index = self.starts_s.partition_point(|start| *start <= time);
-        let place = index
-            .saturating_sub(1)
-            .min(self.segments.len().saturating_sub(1));
+        let place = index.saturating_sub(1).min(self.segments.len().saturating_sub(1));
         let segment = self.segments.get(place);
         segment.map_or(PerChannel::ZERO, |s| s.at(time - self.starts_s[place]))
     }
@@ -85,14 +79,7 @@ impl Segment {
         } else {
             (0.0, 0.0)
         };
-        Self {
-            from,
-            to: step.to,
-            length,
-            accelerating_s,
-            coasting_s,
-            acceleration,
-        }
+        Self { from, to: step.to, length, accelerating_s, coasting_s, acceleration }
     }
 
     fn duration_s(&self) -> f64 {

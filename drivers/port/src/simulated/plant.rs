@@ -196,11 +196,8 @@ impl Plant {
     fn apply(&self, corrections: &PerChannel<f64>) {
         let mut inner = self.now();
         let inner = &mut *inner;
-        for ((applied, correction), axis) in inner
-            .applied
-            .iter_mut()
-            .zip(corrections)
-            .zip(&inner.machine.axes)
+        for ((applied, correction), axis) in
+            inner.applied.iter_mut().zip(corrections).zip(&inner.machine.axes)
         {
             *applied = (correction / axis.step()).round() * axis.step();
         }
@@ -264,11 +261,7 @@ impl Inner {
     }
 
     fn log_applied(&self, at: Duration) {
-        self.controls.axes.push(&Given {
-            at,
-            applied: self.applied,
-            held: self.controls.holds(),
-        });
+        self.controls.axes.push(&Given { at, applied: self.applied, held: self.controls.holds() });
     }
 
     fn snapshot(&mut self) -> Snapshot {
@@ -379,9 +372,7 @@ impl Controller for SimulatedController {
 
     fn post(&mut self, frame: &Words, _deadline: Instant) -> Result<(), Fault> {
         if !self.barrier {
-            return Err(Fault::Unsupported(
-                "frames, since the control has no barrier",
-            ));
+            return Err(Fault::Unsupported("frames, since the control has no barrier"));
         }
         self.connected()?.post(self.way, frame);
         Ok(())
@@ -389,9 +380,7 @@ impl Controller for SimulatedController {
 
     fn apply(&mut self, corrections: &PerChannel<f64>, _deadline: Instant) -> Result<(), Fault> {
         if self.barrier {
-            return Err(Fault::Unsupported(
-                "plain values, since the control has a barrier",
-            ));
+            return Err(Fault::Unsupported("plain values, since the control has a barrier"));
         }
         self.connected()?.apply(corrections);
         Ok(())

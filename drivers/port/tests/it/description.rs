@@ -21,12 +21,7 @@ fn description(axes: Vec<Axis>) -> Description {
 }
 
 fn axis(name: AxisName, resolution: Displacement) -> Axis {
-    Axis {
-        name,
-        includes_correction: false,
-        resolution,
-        largest: None,
-    }
+    Axis { name, includes_correction: false, resolution, largest: None }
 }
 
 #[test]

@@ -23,13 +23,8 @@ fn without_faults_the_device_is_unchanged() {
 /// The same seed gives the same faults, another seed others, at about the requested frequency.
 #[test]
 fn faults_are_seeded() {
-    let faults = Faults {
-        drop: 0.1,
-        corrupt: 0.1,
-        disconnect: 0.02,
-        calls: 3,
-        ..Faults::default()
-    };
+    let faults =
+        Faults { drop: 0.1, corrupt: 0.1, disconnect: 0.02, calls: 3, ..Faults::default() };
     let run = |seed| {
         let (controller, _, _) = machine(Clock::manual()).start();
         let mut faulty = Faulty::new(controller, faults, seed);
@@ -70,10 +65,7 @@ fn frozen_responses_repeat_the_last_one() {
 #[test]
 fn a_delay_ends_at_the_deadline() {
     let (controller, _, _) = machine(Clock::manual()).start();
-    let faults = Faults {
-        delay: Duration::from_secs(3600),
-        ..Faults::default()
-    };
+    let faults = Faults { delay: Duration::from_secs(3600), ..Faults::default() };
     let mut faulty = Faulty::new(controller, faults, 1);
     assert_eq!(faulty.read(soon()), Err(Fault::TimedOut));
     faulty.faults.delay = Duration::from_millis(1);
@@ -84,34 +76,22 @@ fn a_delay_ends_at_the_deadline() {
 fn one_bit_of_a_mocked_device_is_flipped() {
     let mut port = MockDigitalIo::new();
     port.expect_inputs().return_const(8_u32);
-    port.expect_read()
-        .returning(|_| Ok(InputLevels::now(0b1010_0101)));
-    let faults = Faults {
-        corrupt: 1.0,
-        ..Faults::default()
-    };
+    port.expect_read().returning(|_| Ok(InputLevels::now(0b1010_0101)));
+    let faults = Faults { corrupt: 1.0, ..Faults::default() };
     let mut faulty = Faulty::new(port, faults, 3);
     for _ in 0..50 {
         let levels = faulty.read(soon()).unwrap().levels;
         assert_eq!((levels ^ 0b1010_0101).count_ones(), 1);
     }
     let mut controller = MockController::new();
-    controller
-        .expect_apply()
-        .returning(|_, _| Err(Fault::Disconnected));
-    assert_eq!(
-        controller.apply(&PerChannel::ZERO, soon()),
-        Err(Fault::Disconnected)
-    );
+    controller.expect_apply().returning(|_, _| Err(Fault::Disconnected));
+    assert_eq!(controller.apply(&PerChannel::ZERO, soon()), Err(Fault::Disconnected));
 }
 
 #[test]
 fn corrupted_temperatures() {
     let (_, thermometer, _) = machine(Clock::manual()).start();
-    let faults = Faults {
-        corrupt: 1.0,
-        ..Faults::default()
-    };
+    let faults = Faults { corrupt: 1.0, ..Faults::default() };
     let mut faulty = Faulty::new(thermometer, faults, 3);
     let mut seen_nan = false;
     for _ in 0..50 {

@@ -68,10 +68,7 @@ fn a_false_read_back_lasts_as_requested() {
             let reported = rig.read().applied.unwrap();
             // A torn read-back differs only if something has changed.
             lies += u32::from(reported != truth);
-            assert!(
-                reading < 3 || reported == truth,
-                "{lie:?} in reading {reading}"
-            );
+            assert!(reading < 3 || reported == truth, "{lie:?} in reading {reading}");
         }
         let most = if lie == Lie::Torn { 1 } else { 3 };
         assert_eq!(lies, most, "{lie:?}");
@@ -97,11 +94,7 @@ fn a_late_write_arrives_after_the_requested_calls_and_survives_an_outage() {
     let mut rig = Rig::new(Faults::default());
     rig.faulty.inject(Injection::LateWrite { calls: 3 });
     rig.apply(0.050).unwrap();
-    assert_eq!(
-        rig.truth(),
-        [0.0, 0.0],
-        "reported as written, but not applied"
-    );
+    assert_eq!(rig.truth(), [0.0, 0.0], "reported as written, but not applied");
     rig.faulty.inject(Injection::Disconnect { calls: 100 });
     for _ in 0..100 {
         let soon = rig.soon();
@@ -131,11 +124,7 @@ fn writes_are_doubled_torn_and_reordered() {
     // The first axis at least, but not all.
     assert_eq!(rig.truth()[0], 0.030);
     rig.read();
-    assert_eq!(
-        rig.truth(),
-        [0.030, -0.030],
-        "the rest came with the next call"
-    );
+    assert_eq!(rig.truth(), [0.030, -0.030], "the rest came with the next call");
     rig.faulty.inject(Injection::ReorderedWrite);
     rig.apply(0.040).unwrap();
     assert_eq!(rig.truth(), [0.030, -0.030]);
@@ -162,8 +151,7 @@ fn the_program_stops_between_reading_and_writing() {
     assert_eq!(rig.apply(0.040), Err(Fault::TimedOut));
     assert_eq!(rig.clock.elapsed(), before + stop);
     assert_eq!(rig.truth(), [0.0, 0.0]);
-    rig.faulty
-        .inject(Injection::StopBeforeWrite(Duration::from_millis(1)));
+    rig.faulty.inject(Injection::StopBeforeWrite(Duration::from_millis(1)));
     rig.apply(0.040).unwrap();
     assert_eq!(rig.truth(), [0.040, -0.040]);
     // A callback waits instead of the clock.
@@ -180,8 +168,7 @@ fn the_program_stops_between_reading_and_writing() {
 #[test]
 fn a_late_response_meets_the_deadline_and_states_its_age() {
     let mut rig = Rig::new(Faults::default());
-    rig.faulty
-        .inject(Injection::LateAnswer(Duration::from_secs(10)));
+    rig.faulty.inject(Injection::LateAnswer(Duration::from_secs(10)));
     rig.clock.advance(PERIOD);
     let (requested, deadline) = (rig.clock.now(), rig.soon());
     let snapshot = rig.faulty.read(deadline).unwrap();
@@ -194,8 +181,7 @@ fn a_late_response_meets_the_deadline_and_states_its_age() {
 fn positions_freeze_with_fresh_times_flicker_and_lag() {
     let mut rig = Rig::new(Faults::default());
     rig.read();
-    rig.faulty
-        .inject(Injection::FrozenPositions { readings: 4 });
+    rig.faulty.inject(Injection::FrozenPositions { readings: 4 });
     let first = rig.read();
     for _ in 0..3 {
         let again = rig.read();
@@ -212,9 +198,8 @@ fn positions_freeze_with_fresh_times_flicker_and_lag() {
     // The position of Y contains the correction three readings late.
     rig.faulty.inject(Injection::Lag(3));
     rig.apply(0.010).unwrap();
-    let shown: Vec<bool> = (0..5)
-        .map(|_| (rig.read().positions[1] - stood[1] + 0.010).abs() < 1e-12)
-        .collect();
+    let shown: Vec<bool> =
+        (0..5).map(|_| (rig.read().positions[1] - stood[1] + 0.010).abs() < 1e-12).collect();
     assert_eq!(shown, [false, false, false, true, true]);
 }
 
@@ -233,17 +218,11 @@ fn faults_can_be_requested_remotely() {
     let mut rig = Rig::new(Faults::default());
     let remote = rig.faulty.remote();
     std::thread::spawn(move || {
-        assert!(remote.inject(Injection::Faults(Faults {
-            drop: 1.0,
-            ..Faults::default()
-        })));
+        assert!(remote.inject(Injection::Faults(Faults { drop: 1.0, ..Faults::default() })));
         for _ in 0..63 {
             assert!(remote.inject(Injection::TornWrite));
         }
-        assert!(
-            !remote.inject(Injection::TornWrite),
-            "at most 64 are queued"
-        );
+        assert!(!remote.inject(Injection::TornWrite), "at most 64 are queued");
     })
     .join()
     .unwrap();
@@ -303,11 +282,7 @@ fn reports_and_frames_are_falsified_by_word() {
     clock.advance(scan);
     let seen = faulty.device.read(soon).unwrap().report.unwrap();
     assert_eq!(seen.as_slice()[1..3], [2, 1], "new words, then old ones");
-    assert_eq!(
-        read(&mut faulty).as_slice()[1..3],
-        [2, 1],
-        "the rest is just arriving"
-    );
+    assert_eq!(read(&mut faulty).as_slice()[1..3], [2, 1], "the rest is just arriving");
     assert_eq!(read(&mut faulty).as_slice()[1..3], [2, 2]);
 }
 
@@ -408,15 +383,9 @@ fn lines_are_written_torn_and_late() {
 fn a_sensor_jump_persists() {
     let (_, thermometer, _) = machine(Clock::manual()).start();
     let mut faulty = Faulty::new(thermometer, Faults::default(), 1);
-    faulty.inject(Injection::Jump {
-        sensor: 0,
-        kelvin: 40.0,
-    });
+    faulty.inject(Injection::Jump { sensor: 0, kelvin: 40.0 });
     assert_eq!(faulty.latest()[0].degc, Some(60.0));
     assert_eq!(faulty.latest()[0].degc, Some(60.0));
-    faulty.inject(Injection::Jump {
-        sensor: 0,
-        kelvin: 0.0,
-    });
+    faulty.inject(Injection::Jump { sensor: 0, kelvin: 0.0 });
     assert_eq!(faulty.latest()[0].degc, Some(20.0));
 }

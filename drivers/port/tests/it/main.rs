@@ -21,12 +21,7 @@ use volcomp_vocabulary::{AxisName, Displacement, Mm, PerChannel};
 static ALLOCATOR: assert_no_alloc::AllocDisabler = assert_no_alloc::AllocDisabler;
 
 fn axis(name: AxisName, includes_correction: bool) -> Axis {
-    Axis {
-        name,
-        includes_correction,
-        resolution: Displacement::Length(Mm(0.001)),
-        largest: None,
-    }
+    Axis { name, includes_correction, resolution: Displacement::Length(Mm(0.001)), largest: None }
 }
 
 fn place(x: f64, y: f64) -> PerChannel<f64> {
@@ -42,9 +37,7 @@ fn machine(clock: Clock) -> Machine {
     };
     Machine {
         axes: vec![axis(AxisName::X, false), axis(AxisName::Y, true)],
-        program: [(300.0, 0.0, 0), (300.0, 400.0, 100), (0.0, 0.0, 0)]
-            .map(step)
-            .to_vec(),
+        program: [(300.0, 0.0, 0), (300.0, 400.0, 100), (0.0, 0.0, 0)].map(step).to_vec(),
         acceleration_per_s2: 1000.0,
         sensors: vec![Warming {
             name: "scale_x".to_owned(),

@@ -45,11 +45,7 @@ fn moves_respect_feed_and_acceleration() {
     assert!((199.0..200.001).contains(&fastest), "{fastest}");
     assert!((places[1700][0] - 300.0).abs() < 1e-9);
     assert!((places[3900][1] - 400.0).abs() < 1e-9 && places[3950][1] == places[3999][1]);
-    assert!(
-        places[6700].iter().all(|x| x.abs() < 1e-9),
-        "{:?}",
-        places[6700]
-    );
+    assert!(places[6700].iter().all(|x| x.abs() < 1e-9), "{:?}", places[6700]);
 }
 
 #[test]
@@ -76,10 +72,7 @@ fn reported_positions_include_the_correction_as_described() {
     assert_eq!(snapshot.positions[..2], [0.0, 0.007]);
     assert_eq!(snapshot.applied.unwrap()[..2], [0.005, 0.007]);
     controls.clear_applied.store(true, Ordering::Relaxed);
-    assert_eq!(
-        controller.read(soon()).unwrap().applied,
-        Some(PerChannel::ZERO)
-    );
+    assert_eq!(controller.read(soon()).unwrap().applied, Some(PerChannel::ZERO));
     assert_eq!(controls.heartbeat.load(Ordering::Relaxed), 1);
 }
 
@@ -92,11 +85,7 @@ fn changes_by_a_test_take_effect() {
     controls.unreferenced.store(true, Ordering::Relaxed);
     let state = controller.read(soon()).unwrap().state;
     assert!(state.alarm && state.emergency_stop && !state.referenced);
-    for switch in [
-        &controls.alarm,
-        &controls.emergency_stop,
-        &controls.unreferenced,
-    ] {
+    for switch in [&controls.alarm, &controls.emergency_stop, &controls.unreferenced] {
         switch.store(false, Ordering::Relaxed);
     }
     controls.frozen.store(true, Ordering::Relaxed);
@@ -108,10 +97,7 @@ fn changes_by_a_test_take_effect() {
     assert_ne!(controller.read(soon()).unwrap().positions, first);
     controls.disconnected.store(true, Ordering::Relaxed);
     assert_eq!(controller.read(soon()), Err(Fault::NotConnected));
-    assert_eq!(
-        controller.apply(&PerChannel::ZERO, soon()),
-        Err(Fault::NotConnected)
-    );
+    assert_eq!(controller.apply(&PerChannel::ZERO, soon()), Err(Fault::NotConnected));
 }
 
 /// During an emergency stop or alarm the machine does not move; afterwards it continues from there without a jump.
@@ -121,12 +107,9 @@ fn it_stops_while_motion_is_forbidden_and_continues_from_there() {
     let (mut controller, _, controls) = machine(clock.clone()).start();
     let half = Duration::from_millis(500);
     clock.advance(half);
-    for switch in [
-        &controls.emergency_stop,
-        &controls.alarm,
-        &controls.unreferenced,
-        &controls.feed_hold,
-    ] {
+    for switch in
+        [&controls.emergency_stop, &controls.alarm, &controls.unreferenced, &controls.feed_hold]
+    {
         let before = controller.read(soon()).unwrap().positions;
         switch.store(true, Ordering::Relaxed);
         for _ in 0..10 {
@@ -185,9 +168,7 @@ fn the_machine_clock_scans_the_program_of_the_control() {
         machine(clock.clone()).start_with(Box::<OneCount>::default(), SCAN);
     assert!(controller.description().barrier);
     assert_eq!(controller.read(soon()).unwrap().report, None);
-    controller
-        .post(&Words::new(&[50]).unwrap(), soon())
-        .unwrap();
+    controller.post(&Words::new(&[50]).unwrap(), soon()).unwrap();
     controls.axes.record(100);
     // Ten and a half scans: the eleventh is not due.
     clock.advance(SCAN * 10 + SCAN / 2);
@@ -211,11 +192,7 @@ fn the_machine_clock_scans_the_program_of_the_control() {
         assert_eq!(given.held, index >= 40);
     }
     let changes = controls.axes.largest_change();
-    assert!(
-        changes[..2]
-            .iter()
-            .all(|change| (change - 0.001).abs() < 1e-12)
-    );
+    assert!(changes[..2].iter().all(|change| (change - 0.001).abs() < 1e-12));
     assert!((controls.axes.furthest()[1] - 0.040).abs() < 1e-12);
     assert_eq!(controls.axes.changes_while_held(), 0);
 }
@@ -257,10 +234,7 @@ fn several_controllers_use_one_machine() {
     assert!(second.another().is_some() && second.another().is_some());
     assert!(second.another().is_none(), "at most four");
     assert!(
-        matches!(
-            second.apply(&PerChannel::ZERO, soon()),
-            Err(Fault::Unsupported(_))
-        ),
+        matches!(second.apply(&PerChannel::ZERO, soon()), Err(Fault::Unsupported(_))),
         "a plain value would go past the barrier"
     );
 }

@@ -11,10 +11,7 @@ use volcomp_port::{
     Backoff, DeviceError, Fault, Quality, Reason, Supply, Temperature, Thermometer, published,
 };
 
-const QUICK: Backoff = Backoff {
-    first: Duration::from_millis(1),
-    most: Duration::from_millis(4),
-};
+const QUICK: Backoff = Backoff { first: Duration::from_millis(1), most: Duration::from_millis(4) };
 
 struct Connection(Arc<AtomicUsize>);
 
@@ -57,10 +54,7 @@ fn a_lost_connection_is_reopened_and_dropped() {
 
 #[test]
 fn the_delay_restarts_after_a_lasting_connection() {
-    let backoff = Backoff {
-        first: Duration::from_millis(5),
-        most: Duration::from_secs(10),
-    };
+    let backoff = Backoff { first: Duration::from_millis(5), most: Duration::from_secs(10) };
     let mut supply = Supply::new("test", backoff, || Ok(())).unwrap();
     for round in 0..14 {
         let connected = supply.wait(Duration::from_secs(2)).is_ok();
@@ -142,16 +136,10 @@ fn the_thread_ends_with_the_supply() {
 fn the_latest_temperatures_are_published() {
     let (mut publisher, mut thermometer) =
         published("modbus", vec!["bed".to_owned(), "column".to_owned()]);
-    assert_eq!(
-        thermometer.latest()[0].quality,
-        Quality::Bad(Reason::NotRead)
-    );
+    assert_eq!(thermometer.latest()[0].quality, Quality::Bad(Reason::NotRead));
     let now = Instant::now();
     for degc in [20.0, 21.0, 22.0] {
-        let reading = [
-            Temperature::good(degc, now),
-            Temperature::good(f64::NAN, now),
-        ];
+        let reading = [Temperature::good(degc, now), Temperature::good(f64::NAN, now)];
         publisher.publish(&reading);
     }
     let latest = thermometer.latest();

@@ -50,13 +50,7 @@ impl SinumerikController {
             noted: Vec::new(),
         };
         start(&device, worker.run())?;
-        Ok(Self {
-            description,
-            requests,
-            latest,
-            number: 0,
-            shared,
-        })
+        Ok(Self { description, requests, latest, number: 0, shared })
     }
 
     /// Waits for the first reading. Not for real-time threads.
@@ -109,16 +103,12 @@ impl Controller for SinumerikController {
         if !latest.connected {
             return Err(Fault::NotConnected);
         }
-        latest
-            .snapshot
-            .ok_or(Fault::Protocol("a node without a valid number"))
+        latest.snapshot.ok_or(Fault::Protocol("a node without a valid number"))
     }
 
     fn apply(&mut self, corrections: &PerChannel<f64>, deadline: Instant) -> Result<(), Fault> {
         if self.description.axes.is_empty() {
-            return Err(Fault::Unsupported(
-                "corrections, where positions are only read",
-            ));
+            return Err(Fault::Unsupported("corrections, where positions are only read"));
         }
         if !self.latest.read().connected {
             return Err(Fault::NotConnected);
@@ -155,10 +145,8 @@ pub(super) fn start(
         let remedy = "check the limits on threads and memory of this process";
         DeviceError::open(device, found, remedy).caused_by(error)
     };
-    let runtime = tokio::runtime::Builder::new_current_thread()
-        .enable_all()
-        .build()
-        .map_err(no_thread)?;
+    let runtime =
+        tokio::runtime::Builder::new_current_thread().enable_all().build().map_err(no_thread)?;
     std::thread::Builder::new()
         .name("sinumerik".to_owned())
         .stack_size(DECODING_STACK_BYTES)

@@ -85,12 +85,7 @@ pub(super) async fn opened(
     let mut found = Inspection::default();
     let is_written = |place: usize| place < config.axes.len();
     for (place, (axis, number)) in config.numbered().enumerate() {
-        let mut inspected = InspectedAxis {
-            axis,
-            number,
-            name: None,
-            fastest_per_min: None,
-        };
+        let mut inspected = InspectedAxis { axis, number, name: None, fastest_per_min: None };
         let node = |pattern: &str| Nodes::of_axis(pattern, number);
         if is_written(place) {
             let kind = node(&config.nodes.kind);
@@ -103,16 +98,9 @@ pub(super) async fn opened(
         if !config.nodes.name.is_empty() {
             inspected.name = name(link, &node(&config.nodes.name), &mut found.notes).await?;
         }
-        if let Some(name) = inspected
-            .name
-            .as_ref()
-            .filter(|name| !name.starts_with(axis.letter()))
+        if let Some(name) = inspected.name.as_ref().filter(|name| !name.starts_with(axis.letter()))
         {
-            return Err(SinumerikError::OtherAxis {
-                axis,
-                number,
-                found: name.clone(),
-            });
+            return Err(SinumerikError::OtherAxis { axis, number, found: name.clone() });
         }
         found.axes.push(inspected);
     }
@@ -176,9 +164,5 @@ async fn required(link: &Link, node: &str) -> Result<f64, SinumerikError> {
 async fn one(link: &Link, node: &str) -> Result<DataValue, SinumerikError> {
     let answer = link.read(std::slice::from_ref(&node.to_owned())).await?;
     // The link has checked that there is one value per node.
-    Ok(answer
-        .values
-        .into_iter()
-        .next()
-        .unwrap_or_else(DataValue::null))
+    Ok(answer.values.into_iter().next().unwrap_or_else(DataValue::null))
 }

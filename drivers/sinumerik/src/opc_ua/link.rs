@@ -92,10 +92,9 @@ impl Link {
         let (policy, mode) = match server.security {
             Security::None => (SecurityPolicy::None, MessageSecurityMode::None),
             Security::Sign => (SecurityPolicy::Basic256Sha256, MessageSecurityMode::Sign),
-            Security::SignAndEncrypt => (
-                SecurityPolicy::Basic256Sha256,
-                MessageSecurityMode::SignAndEncrypt,
-            ),
+            Security::SignAndEncrypt => {
+                (SecurityPolicy::Basic256Sha256, MessageSecurityMode::SignAndEncrypt)
+            }
         };
         let expected = EndpointDescription::from((server.url.as_str(), policy.to_str(), mode));
         let identity = match &server.user {
@@ -109,9 +108,8 @@ impl Link {
             let endpoints = client.get_server_endpoints_from_url(url.as_str()).await;
             (client, endpoints)
         });
-        let (client, endpoints) = discovery
-            .await
-            .map_err(|error| SinumerikError::Connect(error.to_string()))?;
+        let (client, endpoints) =
+            discovery.await.map_err(|error| SinumerikError::Connect(error.to_string()))?;
         let endpoints = endpoints.map_err(connect)?;
         let endpoint = trust::endpoint(&endpoints, policy, mode)?;
         if let Some(folder) = folder {
@@ -131,12 +129,8 @@ impl Link {
             .map_err(connect)?;
         // The library must not reopen a lost session, since old values could be taken for new ones.
         session.disable_reconnects();
-        let mut link = Self {
-            session,
-            events: events.spawn(),
-            namespace: 0,
-            time_out: server.time_out,
-        };
+        let mut link =
+            Self { session, events: events.spawn(), namespace: 0, time_out: server.time_out };
         tokio::select! {
             is_open = link.session.wait_for_connection() => {
                 if is_open { Ok(link) } else { Err(SinumerikError::Connect("the session ended".to_owned())) }
@@ -150,15 +144,11 @@ impl Link {
 
     async fn find_namespace(&self, expected: &str) -> Result<u16, SinumerikError> {
         const NAMESPACE_ARRAY: u32 = 2255;
-        let answer = self
-            .read_nodes(vec![NodeId::new(0, NAMESPACE_ARRAY)])
-            .await?;
+        let answer = self.read_nodes(vec![NodeId::new(0, NAMESPACE_ARRAY)]).await?;
         let uris: Vec<String> = match answer.values.into_iter().next().and_then(|v| v.value) {
             Some(Variant::Array(array)) => array.values.iter().map(ToString::to_string).collect(),
             _ => {
-                return Err(SinumerikError::Answer(
-                    "a NamespaceArray that is not an array",
-                ));
+                return Err(SinumerikError::Answer("a NamespaceArray that is not an array"));
             }
         };
         let index = uris.iter().position(|uri| uri == expected);
@@ -175,15 +165,12 @@ impl Link {
 
     /// Reads nodes of the control from their source, not from the server's cache.
     pub(super) async fn read(&self, nodes: &[String]) -> Result<Answer, SinumerikError> {
-        self.read_nodes(nodes.iter().map(|node| self.id(node)).collect())
-            .await
+        self.read_nodes(nodes.iter().map(|node| self.id(node)).collect()).await
     }
 
     async fn read_nodes(&self, nodes: Vec<NodeId>) -> Result<Answer, SinumerikError> {
         let count = nodes.len();
-        let values = nodes
-            .into_iter()
-            .map(|node| ReadValueId::new(node, AttributeId::Value));
+        let values = nodes.into_iter().map(|node| ReadValueId::new(node, AttributeId::Value));
         let read = Read::new(&self.session)
             .nodes_to_read(values.collect())
             .timestamps_to_return(TimestampsToReturn::Both)
@@ -193,9 +180,7 @@ impl Link {
         let response = self.within(read.send(self.session.channel())).await?;
         let values = response.results.unwrap_or_default();
         if values.len() != count {
-            return Err(SinumerikError::Answer(
-                "another number of values than of nodes",
-            ));
+            return Err(SinumerikError::Answer("another number of values than of nodes"));
         }
         Ok(Answer {
             values,
@@ -212,10 +197,7 @@ impl Link {
     ) -> Result<Vec<StatusCode>, SinumerikError> {
         let values = values.map(|(node, value)| {
             // Without status and timestamps, which many servers reject in writes.
-            let value = DataValue {
-                value: Some(value),
-                ..DataValue::null()
-            };
+            let value = DataValue { value: Some(value), ..DataValue::null() };
             WriteValue::new(
                 self.id(node),
                 AttributeId::Value,
@@ -223,9 +205,8 @@ impl Link {
                 value,
             )
         });
-        let write = Write::new(&self.session)
-            .nodes_to_write(values.collect())
-            .timeout(self.time_out);
+        let write =
+            Write::new(&self.session).nodes_to_write(values.collect()).timeout(self.time_out);
         match self.answered(write.send(self.session.channel())).await? {
             Ok(response) => Ok(response.results.unwrap_or_default()),
             // The server rejected the write as a whole; the session remains usable.
@@ -281,10 +262,7 @@ impl Answer {
             // A timestamp in the future is treated as age 0.
             Duration::from_nanos(u64::try_from(ticks).unwrap_or(0).saturating_mul(100))
         });
-        Value {
-            number: number_of(value),
-            age,
-        }
+        Value { number: number_of(value), age }
     }
 }
 
@@ -348,9 +326,7 @@ fn client(server: &Server) -> Result<Client, SinumerikError> {
             .certificate_path(trust::OWN_CERTIFICATE)
             .private_key_path(trust::OWN_KEY);
     }
-    builder
-        .client()
-        .map_err(|errors| SinumerikError::Client(errors.join("; ")))
+    builder.client().map_err(|errors| SinumerikError::Client(errors.join("; ")))
 }
 
 fn address(url: &str) -> Result<String, SinumerikError> {
@@ -360,9 +336,9 @@ fn address(url: &str) -> Result<String, SinumerikError> {
         !host.is_empty() && port.parse::<u16>().is_ok() && !port.contains(']')
     });
     match (authority.is_empty(), has_port) {
-        (true, _) => Err(SinumerikError::Client(format!(
-            "found {url}, expected opc.tcp://HOST:{PORT}"
-        ))),
+        (true, _) => {
+            Err(SinumerikError::Client(format!("found {url}, expected opc.tcp://HOST:{PORT}")))
+        }
         (false, true) => Ok(authority.to_owned()),
         (false, false) => Ok(format!("{authority}:{PORT}")),
     }

@@ -80,19 +80,14 @@ async fn open(
     decoding: DecodingOptions,
 ) -> Result<Halves, Error> {
     let failed = |error: std::io::Error| {
-        Error::new(
-            StatusCode::BadCommunicationError,
-            format!("{address}: {error}"),
-        )
+        Error::new(StatusCode::BadCommunicationError, format!("{address}: {error}"))
     };
     let stream = TcpStream::connect(&address).await.map_err(failed)?;
     stream.set_nodelay(true).map_err(failed)?;
     set_socket_linger(&stream, Some(Duration::ZERO)).map_err(|e| failed(e.into()))?;
     #[cfg(target_os = "linux")]
     {
-        let ms = u32::try_from(time_out.as_millis())
-            .unwrap_or(u32::MAX)
-            .max(1);
+        let ms = u32::try_from(time_out.as_millis()).unwrap_or(u32::MAX).max(1);
         // If the kernel does not support this option, the deadlines of requests still apply.
         let _ = rustix::net::sockopt::set_tcp_user_timeout(&stream, ms);
     }

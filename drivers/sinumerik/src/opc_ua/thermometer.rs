@@ -82,9 +82,7 @@ impl SensorPoller {
             let middle = answer.begun + answer.ended.saturating_duration_since(answer.begun) / 2;
             for (into, value) in self.latest.iter_mut().zip(answer.numbers()) {
                 let age = value.age.filter(|_| self.server.source_timestamps);
-                let taken = middle
-                    .checked_sub(age.unwrap_or_default())
-                    .unwrap_or(answer.begun);
+                let taken = middle.checked_sub(age.unwrap_or_default()).unwrap_or(answer.begun);
                 *into = match value.number {
                     Some(degc) => Temperature::good(degc, taken),
                     None => Temperature::bad(Reason::Reported, taken),

@@ -59,10 +59,7 @@ pub(super) fn check_own(folder: &Path) -> Result<(), SinumerikError> {
     let bytes = fs::read(&file).map_err(|e| unreadable(&file, &e, &expected))?;
     let none = || wrong(&file, "no certificate in DER", expected.as_str());
     let certificate = X509::from_der(&bytes).map_err(|_| none())?;
-    if certificate
-        .is_application_uri_valid(APPLICATION_URI)
-        .is_err()
-    {
+    if certificate.is_application_uri_valid(APPLICATION_URI).is_err() {
         return Err(wrong(&file, "a certificate without this URI", expected));
     }
     let public = certificate.public_key().map_err(|_| none())?;
@@ -70,9 +67,7 @@ pub(super) fn check_own(folder: &Path) -> Result<(), SinumerikError> {
     let mut signature = vec![0; read.size()];
     let signed = read.sign_sha256(APPLICATION_URI.as_bytes(), &mut signature);
     let belongs = signed.is_ok()
-        && public
-            .verify_sha256(APPLICATION_URI.as_bytes(), &signature)
-            .unwrap_or(false);
+        && public.verify_sha256(APPLICATION_URI.as_bytes(), &signature).unwrap_or(false);
     if !belongs {
         return Err(wrong(
             &file,
@@ -92,13 +87,10 @@ pub(super) fn endpoint(
     let is_it = |one: &&EndpointDescription| {
         one.security_policy_uri.as_ref() == policy.to_uri() && one.security_mode == mode
     };
-    endpoints
-        .iter()
-        .find(is_it)
-        .ok_or_else(|| SinumerikError::Protection {
-            offered: endpoints.iter().map(endpoint_security).collect(),
-            expected: words(policy, mode),
-        })
+    endpoints.iter().find(is_it).ok_or_else(|| SinumerikError::Protection {
+        offered: endpoints.iter().map(endpoint_security).collect(),
+        expected: words(policy, mode),
+    })
 }
 
 fn endpoint_security(endpoint: &EndpointDescription) -> String {
@@ -125,11 +117,7 @@ fn words(policy: SecurityPolicy, mode: MessageSecurityMode) -> String {
 /// for the operator to compare. Errors: the certificate is not trusted or has expired, or the folder cannot be used.
 pub(super) fn admit(folder: &Path, endpoint: &EndpointDescription) -> Result<(), SinumerikError> {
     let certificate = &X509::from_byte_string(&endpoint.server_certificate).map_err(|_| {
-        wrong(
-            folder,
-            "a server without a readable certificate",
-            "one with an X.509 certificate",
-        )
+        wrong(folder, "a server without a readable certificate", "one with an X.509 certificate")
     })?;
     let (trusted, rejected) = (folder.join("trusted"), folder.join("rejected"));
     let name = CertificateStore::cert_file_name(certificate);
@@ -158,11 +146,7 @@ pub(super) fn admit(folder: &Path, endpoint: &EndpointDescription) -> Result<(),
     if kept.exists() {
         fs::remove_file(&kept).map_err(|e| failed(&kept, &e))?;
     }
-    check_validity(
-        &file,
-        certificate,
-        "a new one of the server, or a correct clock",
-    )
+    check_validity(&file, certificate, "a new one of the server, or a correct clock")
 }
 
 fn same(folder: &Path, der: &[u8]) -> Option<PathBuf> {
@@ -199,10 +183,7 @@ fn check_validity(file: &Path, certificate: &X509, expected: &str) -> Result<(),
 
 /// Formats a fingerprint in pairs of digits, as controls display it.
 fn fingerprint_pairs(hex: &str) -> String {
-    let pairs: Vec<String> = hex
-        .as_bytes()
-        .chunks(2)
-        .map(|pair| String::from_utf8_lossy(pair).to_uppercase())
-        .collect();
+    let pairs: Vec<String> =
+        hex.as_bytes().chunks(2).map(|pair| String::from_utf8_lossy(pair).to_uppercase()).collect();
     pairs.join(":")
 }

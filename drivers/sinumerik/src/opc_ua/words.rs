@@ -24,12 +24,7 @@ impl MapWords {
     pub fn open(server: &Server, nodes: MapNodes, capacity: usize) -> Result<Self, SinumerikError> {
         let runtime = runtime()?;
         let link = runtime.block_on(Link::open(server))?;
-        Ok(Self {
-            runtime,
-            link,
-            nodes,
-            capacity,
-        })
+        Ok(Self { runtime, link, nodes, capacity })
     }
 
     /// Reads the words of the report.

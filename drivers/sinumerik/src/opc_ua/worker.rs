@@ -58,27 +58,16 @@ struct Diagnosis {
 impl Shared {
     /// Why there is no connection. Takes a lock: not for a cycle.
     pub(super) fn last_error(&self) -> Option<DeviceError> {
-        self.diagnosis
-            .lock()
-            .unwrap_or_else(PoisonError::into_inner)
-            .error
-            .clone()
+        self.diagnosis.lock().unwrap_or_else(PoisonError::into_inner).error.clone()
     }
 
     /// The properties of the control found when the session was opened. Takes a lock: not for a cycle.
     pub(super) fn found(&self) -> Option<Inspection> {
-        self.diagnosis
-            .lock()
-            .unwrap_or_else(PoisonError::into_inner)
-            .found
-            .clone()
+        self.diagnosis.lock().unwrap_or_else(PoisonError::into_inner).found.clone()
     }
 
     fn note(&self, error: Option<DeviceError>, found: Option<Inspection>) {
-        let mut diagnosis = self
-            .diagnosis
-            .lock()
-            .unwrap_or_else(PoisonError::into_inner);
+        let mut diagnosis = self.diagnosis.lock().unwrap_or_else(PoisonError::into_inner);
         *diagnosis = Diagnosis { error, found };
     }
 }
@@ -147,16 +136,12 @@ impl Worker {
             let request = *self.requests.read();
             if request.number != last_number {
                 last_number = request.number;
-                self.carry_out(&link, &request, snapshot.as_ref(), &mut acknowledged)
-                    .await?;
+                self.carry_out(&link, &request, snapshot.as_ref(), &mut acknowledged).await?;
             }
             if Instant::now() >= due {
                 due = Instant::now() + self.config.server.period;
                 snapshot = self.read(&link).await?.or(snapshot);
-                self.latest.write(Latest {
-                    connected: true,
-                    snapshot,
-                });
+                self.latest.write(Latest { connected: true, snapshot });
             }
             tokio::time::sleep(POLL_INTERVAL).await;
         }
@@ -167,10 +152,7 @@ impl Worker {
     /// Reads the control; `None` if a node has no good number. The failure shows only in the age of the last reading.
     async fn read(&self, link: &Link) -> Result<Option<Snapshot>, SinumerikError> {
         let answer = link.read(self.reading.nodes()).await?;
-        match self
-            .reading
-            .snapshot(&answer.numbers(), answer.begun, answer.ended)
-        {
+        match self.reading.snapshot(&answer.numbers(), answer.begun, answer.ended) {
             Ok(snapshot) => Ok(Some(snapshot)),
             Err(SinumerikError::Node { .. }) => Ok(None),
             Err(error) => Err(error),
@@ -192,10 +174,7 @@ impl Worker {
         if *acknowledged == Some(values) && stands == Some(values) {
             return Ok(());
         }
-        if request
-            .deadline
-            .is_none_or(|deadline| Instant::now() >= deadline)
-        {
+        if request.deadline.is_none_or(|deadline| Instant::now() >= deadline) {
             self.shared.missed.fetch_add(1, Ordering::Relaxed);
             return Ok(());
         }
@@ -210,10 +189,7 @@ impl Worker {
         };
         if bad != 0 && self.shared.refused.load(Ordering::Relaxed) != bad {
             let status = StatusCode::from(bad);
-            tracing::warn!(
-                "{}: SD43900 cannot be written: {status}",
-                self.config.device()
-            );
+            tracing::warn!("{}: SD43900 cannot be written: {status}", self.config.device());
         }
         self.shared.refused.store(bad, Ordering::Release);
         self.shared.written.fetch_add(1, Ordering::Relaxed);

@@ -18,10 +18,7 @@ fn config(url: &str) -> SinumerikConfig {
     let mut server = Server::new(url);
     // The computer may be busy.
     server.time_out = Duration::from_secs(5);
-    server.backoff = Backoff {
-        first: Duration::from_millis(50),
-        most: Duration::from_millis(200),
-    };
+    server.backoff = Backoff { first: Duration::from_millis(50), most: Duration::from_millis(200) };
     let mut config = SinumerikConfig::new(server, &XYZ);
     config.nodes.emergency_stop = Some("/Plc/DB10.DBX106.1".to_owned());
     config.nodes.alarm = Some("/Plc/DB10.DBX109.0".to_owned());
@@ -47,9 +44,7 @@ fn read(controller: &mut SinumerikController) -> Snapshot {
 fn next(controller: &mut SinumerikController) -> Snapshot {
     let now = Instant::now();
     until("a new reading", TIMEOUT, || {
-        controller
-            .read(soon())
-            .is_ok_and(|s| s.correction_taken > now + s.uncertainty)
+        controller.read(soon()).is_ok_and(|s| s.correction_taken > now + s.uncertainty)
     });
     read(controller)
 }
@@ -77,9 +72,7 @@ fn positions_states_and_corrections() {
         let applied = read(&mut controller).applied.unwrap();
         (applied[0] + 0.03).abs() < 1e-9 && (applied[2] - 0.007).abs() < 1e-9
     });
-    until("the axis has the correction", TIMEOUT, || {
-        peer.number("correction_um", "X") == -30.0
-    });
+    until("the axis has the correction", TIMEOUT, || peer.number("correction_um", "X") == -30.0);
     assert_eq!(read(&mut controller).positions[0], 100.5);
 
     // A value that is already set is not written again.
@@ -90,26 +83,17 @@ fn positions_states_and_corrections() {
     assert_eq!(controller.writes(), [written, missed]);
     // A value that another client changed is written again.
     peer.type_in("set X=0");
-    until("the change is seen", TIMEOUT, || {
-        read(&mut controller).applied.unwrap()[0] == 0.0
-    });
+    until("the change is seen", TIMEOUT, || read(&mut controller).applied.unwrap()[0] == 0.0);
     controller.apply(&expected, soon()).unwrap();
-    until("it is written again", TIMEOUT, || {
-        peer.number("setting_um", "X") == -30.0
-    });
+    until("it is written again", TIMEOUT, || peer.number("setting_um", "X") == -30.0);
     // A write after its deadline is not sent.
     let [written, _] = controller.writes();
     controller.apply(&PerChannel::ZERO, Instant::now()).unwrap();
-    until("the write is dropped", TIMEOUT, || {
-        controller.writes() == [written, 1]
-    });
+    until("the write is dropped", TIMEOUT, || controller.writes() == [written, 1]);
     assert_eq!(peer.number("setting_um", "X"), -30.0);
 
     for (command, check) in [
-        (
-            "alarm on",
-            (|s: &Snapshot| s.state.alarm) as fn(&Snapshot) -> bool,
-        ),
+        ("alarm on", (|s: &Snapshot| s.state.alarm) as fn(&Snapshot) -> bool),
         ("estop on", |s| s.state.emergency_stop),
         ("unreferenced on", |s| !s.state.referenced),
     ] {
@@ -137,9 +121,7 @@ fn the_configured_sign_applies_and_rotary_axes_are_in_degrees() {
     });
     // The setting is negative, and the axis moves in the direction of the correction.
     assert_eq!(peer.number("setting_um", "X"), -10.0);
-    until("the axis has the correction", TIMEOUT, || {
-        peer.number("correction_um", "X") == 10.0
-    });
+    until("the axis has the correction", TIMEOUT, || peer.number("correction_um", "X") == 10.0);
     assert!((peer.number("true_deg", "C") - 90.0004).abs() < 1e-6);
 }
 
@@ -149,37 +131,23 @@ fn a_control_that_ignores_corrections_is_rejected() {
         return;
     };
     let error = inspect(&config(&peer.url)).unwrap_err();
-    assert_eq!(
-        error,
-        SinumerikError::SwitchedOff {
-            axis: AxisName::X,
-            found: 2
-        }
-    );
+    assert_eq!(error, SinumerikError::SwitchedOff { axis: AxisName::X, found: 2 });
     let mut controller = SinumerikController::new(config(&peer.url)).unwrap();
     let mut text = String::new();
     until("the error is reported", TIMEOUT, || {
-        text = controller
-            .last_error()
-            .map(|error| error.to_string())
-            .unwrap_or_default();
+        text = controller.last_error().map(|error| error.to_string()).unwrap_or_default();
         !text.is_empty()
     });
     assert!(
         text.contains("axis X: MD32750 $MA_TEMP_COMP_TYPE is 2; expected bit 0 set (1 or 3): the control ignores SD43900"),
         "{text}"
     );
-    assert_eq!(
-        controller.apply(&PerChannel::leading([0.01]), soon()),
-        Err(Fault::NotConnected)
-    );
+    assert_eq!(controller.apply(&PerChannel::leading([0.01]), soon()), Err(Fault::NotConnected));
     // The axis is accepted once its compensation is switched on, and rejected when it is switched off in operation.
     peer.type_in("md32750 3");
     until("it connects", TIMEOUT, || controller.read(soon()).is_ok());
     peer.type_in("md32750 0");
-    until("the fault is detected", TIMEOUT, || {
-        controller.read(soon()) == Err(Fault::NotConnected)
-    });
+    until("the fault is detected", TIMEOUT, || controller.read(soon()) == Err(Fault::NotConnected));
     assert!(peer.report().contains("\"written\": 0"));
 }
 
@@ -189,19 +157,13 @@ fn wrong_axes_namespaces_and_users_are_rejected() {
         return;
     };
     let mut wrong = config(&peer.url);
-    assert!(
-        matches!(inspect(&wrong), Err(SinumerikError::Connect(_))),
-        "anonymous"
-    );
+    assert!(matches!(inspect(&wrong), Err(SinumerikError::Connect(_))), "anonymous");
     let user = |password: &str| {
         let (name, password) = ("gateway".to_owned(), password.to_owned());
         Some(User { name, password })
     };
     wrong.server.user = user("lock");
-    assert!(
-        matches!(inspect(&wrong), Err(SinumerikError::Connect(_))),
-        "another password"
-    );
+    assert!(matches!(inspect(&wrong), Err(SinumerikError::Connect(_))), "another password");
     wrong.server.user = user("key");
     assert_eq!(
         format!("{:?}", wrong.server.user.as_ref().unwrap()),
@@ -210,11 +172,7 @@ fn wrong_axes_namespaces_and_users_are_rejected() {
     let error = inspect(&wrong).unwrap_err();
     assert_eq!(
         error,
-        SinumerikError::OtherAxis {
-            axis: AxisName::Y,
-            number: 2,
-            found: "Z".to_owned()
-        }
+        SinumerikError::OtherAxis { axis: AxisName::Y, number: 2, found: "Z".to_owned() }
     );
     let mut right = wrong.clone();
     right.numbers = vec![1, 3, 2];
@@ -222,16 +180,10 @@ fn wrong_axes_namespaces_and_users_are_rejected() {
     let mut nowhere = right.clone();
     nowhere.nodes.position = "/Channel/Other/actToolBasePos[u1,{axis}]".to_owned();
     let error = inspect(&nowhere).unwrap_err().to_string();
-    assert!(
-        error.contains("/Channel/Other/actToolBasePos[u1,1]: BadNodeIdUnknown"),
-        "{error}"
-    );
+    assert!(error.contains("/Channel/Other/actToolBasePos[u1,1]: BadNodeIdUnknown"), "{error}");
     right.server.namespace = "urn:elsewhere".to_owned();
     let error = inspect(&right).unwrap_err().to_string();
-    assert!(
-        error.contains("SinumerikVarProvider, expected urn:elsewhere among them"),
-        "{error}"
-    );
+    assert!(error.contains("SinumerikVarProvider, expected urn:elsewhere among them"), "{error}");
 }
 
 #[test]
@@ -244,15 +196,11 @@ fn positions_age_while_the_sampler_stalls() {
     assert!(age(&read(&mut controller)) < Duration::from_secs(1));
     for fault in ["stall", "frozen-timestamps"] {
         peer.type_in(&format!("{fault} on"));
-        until(fault, TIMEOUT, || {
-            age(&read(&mut controller)) > Duration::from_secs(1)
-        });
+        until(fault, TIMEOUT, || age(&read(&mut controller)) > Duration::from_secs(1));
         // The applied correction keeps the time of the exchange.
         assert!(next(&mut controller).applied.is_some());
         peer.type_in(&format!("{fault} off"));
-        until("fresh again", TIMEOUT, || {
-            age(&read(&mut controller)) < Duration::from_secs(1)
-        });
+        until("fresh again", TIMEOUT, || age(&read(&mut controller)) < Duration::from_secs(1));
     }
     // Without timestamps only the time of the exchange is known.
     peer.type_in("no-timestamps on");
@@ -288,32 +236,23 @@ fn dropped_rejected_and_falsified_writes() {
     let mut controller = open(config(&peer.url));
     let expected = PerChannel::leading([0.005]);
     controller.apply(&expected, soon()).unwrap();
-    until("the write is answered", TIMEOUT, || {
-        controller.writes()[0] == 1
-    });
+    until("the write is answered", TIMEOUT, || controller.writes()[0] == 1);
     assert_eq!(next(&mut controller).applied, Some(PerChannel::ZERO));
     // The correction is sent again until applied.
     controller.apply(&expected, soon()).unwrap();
-    until("the write is answered again", TIMEOUT, || {
-        controller.writes()[0] == 2
-    });
+    until("the write is answered again", TIMEOUT, || controller.writes()[0] == 2);
 
     peer.type_in("drop-writes off");
     peer.type_in("refuse-writes on");
     until("the write is rejected", TIMEOUT, || {
-        matches!(
-            controller.apply(&expected, soon()),
-            Err(Fault::Refused { .. })
-        )
+        matches!(controller.apply(&expected, soon()), Err(Fault::Refused { .. }))
     });
     peer.type_in("refuse-writes off");
     until("the correction is applied", TIMEOUT, || {
         let _ = controller.apply(&expected, soon());
         read(&mut controller).applied.unwrap()[0] == 0.005
     });
-    until("writes are accepted again", TIMEOUT, || {
-        controller.apply(&expected, soon()).is_ok()
-    });
+    until("writes are accepted again", TIMEOUT, || controller.apply(&expected, soon()).is_ok());
     peer.type_in("read-back X=12");
     until("the falsified value is reported", TIMEOUT, || {
         read(&mut controller).applied.unwrap()[0] == 0.012
@@ -331,17 +270,12 @@ fn silence_resets_the_session_without_blocking() {
     let before = controller.sessions();
     peer.type_in("pause 2");
     controller
-        .apply(
-            &PerChannel::leading([0.02]),
-            Instant::now() + Duration::from_secs(1),
-        )
+        .apply(&PerChannel::leading([0.02]), Instant::now() + Duration::from_secs(1))
         .unwrap();
     until("the session is closed", TIMEOUT, || {
         assert_no_alloc::assert_no_alloc(|| controller.read(soon())) == Err(Fault::NotConnected)
     });
-    until("a new session is open", TIMEOUT, || {
-        controller.read(soon()).is_ok()
-    });
+    until("a new session is open", TIMEOUT, || controller.read(soon()).is_ok());
     assert!(controller.sessions() > before);
     // A write requested in the previous session is not sent in this one.
     let [written, missed] = controller.writes();
@@ -350,16 +284,10 @@ fn silence_resets_the_session_without_blocking() {
     assert_eq!(controller.writes(), [written, missed]);
 
     peer.type_in("disconnect");
-    until("the fault is detected", TIMEOUT, || {
-        controller.read(soon()).is_err()
-    });
-    until("a new session is open", TIMEOUT, || {
-        controller.read(soon()).is_ok()
-    });
+    until("the fault is detected", TIMEOUT, || controller.read(soon()).is_err());
+    until("a new session is open", TIMEOUT, || controller.read(soon()).is_ok());
     assert_no_alloc::assert_no_alloc(|| {
-        controller
-            .apply(&PerChannel::leading([0.001]), soon())
-            .unwrap();
+        controller.apply(&PerChannel::leading([0.001]), soon()).unwrap();
     });
     until("the correction is applied", TIMEOUT, || {
         read(&mut controller).applied.unwrap()[0] == 0.001
@@ -370,10 +298,7 @@ fn silence_resets_the_session_without_blocking() {
 fn an_unreachable_server_is_reported() {
     let port = volcomp_test_support::free_port();
     let url = format!("opc.tcp://127.0.0.1:{port}");
-    assert!(matches!(
-        inspect(&config(&url)),
-        Err(SinumerikError::Connect(_))
-    ));
+    assert!(matches!(inspect(&config(&url)), Err(SinumerikError::Connect(_))));
     let mut controller = SinumerikController::new(config(&url)).unwrap();
     assert_eq!(controller.read(soon()), Err(Fault::NotConnected));
     let error = controller.wait(Duration::from_millis(500)).unwrap_err();

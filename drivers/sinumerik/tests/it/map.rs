@@ -48,20 +48,8 @@ fn open(peer: &Peer) -> Words {
 fn map(counter: u16) -> Map {
     let names = [AxisName::X, AxisName::Y, AxisName::Z];
     let request = Request {
-        axes: names
-            .map(|name| GridAxis {
-                name,
-                travel: [0.0, 1000.0],
-                step: 0.001,
-            })
-            .to_vec(),
-        outputs: names
-            .map(|name| Output {
-                name,
-                step_mm: 0.001,
-                limit_mm: 0.1,
-            })
-            .to_vec(),
+        axes: names.map(|name| GridAxis { name, travel: [0.0, 1000.0], step: 0.001 }).to_vec(),
+        outputs: names.map(|name| Output { name, step_mm: 0.001, limit_mm: 0.1 }).to_vec(),
         within_mm: 0.001,
         words: 700,
         counter,
@@ -118,10 +106,7 @@ fn the_axes_follow_the_map() {
     let mut sender = sender(5, 21);
     step_until(&mut sender, &mut words, Step::Kept);
     assert!(is_valid(&mut peer));
-    for (axis, um) in ["X", "Y", "Z"]
-        .iter()
-        .zip(field(&[700.0, 200.0, 50.0, 0.0, 0.0]))
-    {
+    for (axis, um) in ["X", "Y", "Z"].iter().zip(field(&[700.0, 200.0, 50.0, 0.0, 0.0])) {
         keep_until(&mut peer, &mut sender, &mut words, axis, um * 1e3);
     }
     // The true position contains the correction, the reported one does not.
@@ -172,16 +157,10 @@ fn a_killed_sender_and_a_foreign_sender() {
     });
     drop(words);
     let report = peer.report();
-    assert!(
-        report.contains("\"valid\": true, \"counter\": 5"),
-        "{report}"
-    );
+    assert!(report.contains("\"valid\": true, \"counter\": 5"), "{report}");
     let mut others = open(&peer);
     let found = sender(7, 22).step(&mut others);
-    assert!(
-        matches!(found, Err(SendError::Held { by: 21, .. })),
-        "{found:?}"
-    );
+    assert!(matches!(found, Err(SendError::Held { by: 21, .. })), "{found:?}");
     assert!((applied_um(&mut peer, "Z") + 40.0).abs() <= 1.0);
     // After the timeout of the first map the axes ramp to zero, and the third sender is accepted.
     until("zero", TIMEOUT, || applied_um(&mut peer, "Z") == 0.0);

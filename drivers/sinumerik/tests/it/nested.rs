@@ -49,28 +49,11 @@ fn respond(stream: &mut TcpStream, nested: usize) {
     let none = b"http://opcfoundation.org/UA/SecurityPolicy#None";
     let policy = [&numbers(&[47])[..], none].concat();
     let absent = numbers(&[u32::MAX]);
-    let channel = [
-        &numbers(&[1])[..],
-        &policy,
-        &absent,
-        &absent,
-        &numbers(&[1, request]),
-    ]
-    .concat();
-    let header = [
-        &[1, 0][..],
-        &449_u16.to_le_bytes(),
-        &[0; 8],
-        &numbers(&[handle, 0]),
-    ]
-    .concat();
+    let channel = [&numbers(&[1])[..], &policy, &absent, &absent, &numbers(&[1, request])].concat();
+    let header = [&[1, 0][..], &449_u16.to_le_bytes(), &[0; 8], &numbers(&[handle, 0])].concat();
     let diagnostics = vec![0x40; nested];
     let rest = [&[0][..], &absent, &[0; 3]].concat();
-    send(
-        stream,
-        b"OPNF",
-        &[channel, header, diagnostics, rest].concat(),
-    );
+    send(stream, b"OPNF", &[channel, header, diagnostics, rest].concat());
 }
 
 #[test]

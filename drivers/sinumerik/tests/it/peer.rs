@@ -31,11 +31,7 @@ impl Peer {
         let (running, line, output) = Running::start_and_hear(&mut command);
         let url = line.strip_prefix("listening on ");
         let url = url.unwrap_or_else(|| panic!("found {line:?}")).to_owned();
-        Some(Self {
-            running,
-            output,
-            url,
-        })
+        Some(Self { running, output, url })
     }
 
     pub(crate) fn type_in(&mut self, command: &str) {
@@ -53,9 +49,7 @@ impl Peer {
     pub(crate) fn number(&mut self, key: &str, axis: &str) -> f64 {
         let report = self.report();
         let (_, of_key) = report.split_once(&format!("\"{key}\": ")).expect("the key");
-        let (_, number) = of_key
-            .split_once(&format!("\"{axis}\": "))
-            .expect("the axis");
+        let (_, number) = of_key.split_once(&format!("\"{axis}\": ")).expect("the axis");
         let end = number.find([',', '}']).expect("an end");
         number[..end].parse().expect("a number")
     }

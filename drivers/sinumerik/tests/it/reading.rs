@@ -16,10 +16,7 @@ fn config() -> SinumerikConfig {
 }
 
 fn values(numbers: &[f64]) -> Vec<Value> {
-    let of = |number: &f64| Value {
-        number: Some(*number),
-        age: None,
-    };
+    let of = |number: &f64| Value { number: Some(*number), age: None };
     numbers.iter().map(of).collect()
 }
 
@@ -68,20 +65,14 @@ fn responses_are_decoded_in_order() {
             let mut missing = good.clone();
             missing[place].number = number;
             let error = reading.snapshot(&missing, now, later).unwrap_err();
-            assert!(
-                matches!(error, SinumerikError::Node { .. }),
-                "{place}: {error}"
-            );
+            assert!(matches!(error, SinumerikError::Node { .. }), "{place}: {error}");
         }
     }
     for kind in [0.0, 2.0, 4.0, -1.0, 1e300] {
         let mut off = good.clone();
         off[3].number = Some(kind);
         let error = reading.snapshot(&off, now, later).unwrap_err();
-        assert!(
-            matches!(error, SinumerikError::SwitchedOff { .. }),
-            "{kind}: {error}"
-        );
+        assert!(matches!(error, SinumerikError::SwitchedOff { .. }), "{kind}: {error}");
     }
     assert!(reading.snapshot(&good[1..], now, later).is_err());
 }
@@ -100,15 +91,9 @@ fn invalid_configurations_are_rejected() {
         "period: found 50 ms, expected 100 ms or more: the server of the control samples no faster"
     );
     let secured = refused(&|c| c.server.security = Security::SignAndEncrypt);
-    assert!(
-        secured.contains("without a folder of certificates"),
-        "{secured}"
-    );
+    assert!(secured.contains("without a folder of certificates"), "{secured}");
     let one = refused(&|c| c.nodes.setting = "/NC/$SA".to_owned());
-    assert!(
-        one.contains("nodes.setting: found \"/NC/$SA\", expected {axis} or {db}"),
-        "{one}"
-    );
+    assert!(one.contains("nodes.setting: found \"/NC/$SA\", expected {axis} or {db}"), "{one}");
     assert!(refused(&|c| c.nodes.kind = String::new()).contains("nodes.kind: found an empty text"));
     for numbers in [vec![1], vec![1, 1], vec![0, 1], vec![1, 2, 3]] {
         assert!(
@@ -119,10 +104,7 @@ fn invalid_configurations_are_rejected() {
     assert!(
         refused(&|c| c.server.time_out = Duration::from_millis(1)).contains("time-out: found 1 ms")
     );
-    assert_eq!(
-        Nodes::of_axis("/Plc/DB{db}.DBX{axis}.0", 4),
-        "/Plc/DB34.DBX4.0"
-    );
+    assert_eq!(Nodes::of_axis("/Plc/DB{db}.DBX{axis}.0", 4), "/Plc/DB34.DBX4.0");
 }
 
 #[test]

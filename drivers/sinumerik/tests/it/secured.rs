@@ -29,11 +29,8 @@ impl Client {
             peers::not_run("openssl");
             return None;
         }
-        let made = Command::new("sh")
-            .args(["-ec", &script])
-            .current_dir(folder.path())
-            .output()
-            .unwrap();
+        let made =
+            Command::new("sh").args(["-ec", &script]).current_dir(folder.path()).output().unwrap();
         assert!(made.status.success(), "{made:?}");
         Some(Self { folder })
     }
@@ -95,23 +92,12 @@ fn a_server_is_trusted_after_the_operator_accepts_it() {
     let Some((_server, url)) = serve(folder.path(), &arguments) else {
         return;
     };
-    let message = client.refused(
-        &url,
-        &["not trusted", "compare the fingerprint", "then move"],
-    );
+    let message = client.refused(&url, &["not trusted", "compare the fingerprint", "then move"]);
     let rejected = client.files("rejected");
     assert_eq!(rejected.len(), 1, "{rejected:?}");
     assert!(message.contains(rejected[0].to_str().unwrap()), "{message}");
     let fingerprint = Command::new("openssl")
-        .args([
-            "x509",
-            "-inform",
-            "der",
-            "-noout",
-            "-fingerprint",
-            "-sha1",
-            "-in",
-        ])
+        .args(["x509", "-inform", "der", "-noout", "-fingerprint", "-sha1", "-in"])
         .arg(folder.path().join("server.der"))
         .output()
         .unwrap();
@@ -142,10 +128,7 @@ fn a_server_is_trusted_after_the_operator_accepts_it() {
     // This server accepts only signed and encrypted messages.
     for security in [Security::Sign, Security::None] {
         let message = client.list_axes(&url, security).unwrap_err();
-        assert!(
-            message.contains("offers Basic256Sha256 sign-and-encrypt, expected"),
-            "{message}"
-        );
+        assert!(message.contains("offers Basic256Sha256 sign-and-encrypt, expected"), "{message}");
     }
 }
 
@@ -207,10 +190,7 @@ fn own_certificate_and_key_are_checked_first() {
     let kept = fs::read(&key).unwrap();
     let Some(other) = Client::new() else { return };
     fs::copy(other.pki().join("private/private.pem"), &key).unwrap();
-    client.refused(
-        unreachable,
-        &["cert.der: found the certificate of another key"],
-    );
+    client.refused(unreachable, &["cert.der: found the certificate of another key"]);
     fs::write(&key, "no key").unwrap();
     client.refused(unreachable, &["private.pem: found no private key in PEM"]);
     fs::remove_file(&key).unwrap();
@@ -223,8 +203,5 @@ fn own_certificate_and_key_are_checked_first() {
     fs::write(client.own(), "no certificate").unwrap();
     client.refused(unreachable, &["cert.der: found no certificate in DER"]);
     fs::remove_file(client.own()).unwrap();
-    client.refused(
-        unreachable,
-        &["cert.der: found no such file", "urn:volcomp"],
-    );
+    client.refused(unreachable, &["cert.der: found no such file", "urn:volcomp"]);
 }

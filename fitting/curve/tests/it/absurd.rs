@@ -25,13 +25,7 @@ fn count() -> impl Strategy<Value = usize> {
 
 /// Increasing nodes, which constructors accept, with absurd values and gaps.
 fn nodes() -> impl Strategy<Value = Vec<[f64; 2]>> {
-    let rising = vec(
-        (
-            prop_oneof![1e-300..1e-9, 0.1..10.0, 1e9..1e306_f64],
-            number(),
-        ),
-        0..12,
-    );
+    let rising = vec((prop_oneof![1e-300..1e-9, 0.1..10.0, 1e9..1e306_f64], number()), 0..12);
     let rising = rising.prop_map(|gaps| {
         let mut x = -5.0;
         gaps.into_iter()
@@ -41,10 +35,7 @@ fn nodes() -> impl Strategy<Value = Vec<[f64; 2]>> {
             })
             .collect()
     });
-    prop_oneof![
-        rising,
-        vec((number(), number()).prop_map(|(x, u)| [x, u]), 0..6)
-    ]
+    prop_oneof![rising, vec((number(), number()).prop_map(|(x, u)| [x, u]), 0..6)]
 }
 
 fn curve() -> impl Strategy<Value = Result<Curve, CurveError>> {
@@ -76,11 +67,7 @@ fn ask(curve: &Curve, x: f64) {
     let _ = (curve.value(x), curve.derivative(x), curve.contains(x));
     let _ = (curve.domain(), curve.breakpoints(), curve.kind());
     if let Curve::MovingLeastSquares(mls) = curve {
-        let _ = (
-            mls.influence(x, 0),
-            mls.influence(x, usize::MAX),
-            mls.half_width(),
-        );
+        let _ = (mls.influence(x, 0), mls.influence(x, usize::MAX), mls.half_width());
     }
 }
 

@@ -1,10 +1,7 @@
 use volcomp_curve::{BSpline, Chebyshev, Curve, Fourier, Polynomial, Table};
 
 fn close(found: f64, expected: f64) {
-    assert!(
-        (found - expected).abs() <= 1e-12 * (1.0 + expected.abs()),
-        "{found} != {expected}"
-    );
+    assert!((found - expected).abs() <= 1e-12 * (1.0 + expected.abs()), "{found} != {expected}");
 }
 
 #[test]
@@ -24,14 +21,9 @@ fn chebyshev_is_the_cosine_of_multiple_angles() {
     for i in 1..20 {
         let angle = f64::from(i) * 0.15;
         let x = 4050.0 + 3950.0 * angle.cos();
-        let terms = coefficients
-            .iter()
-            .zip(0_u32..)
-            .map(|(c, k)| (c, f64::from(k)));
+        let terms = coefficients.iter().zip(0_u32..).map(|(c, k)| (c, f64::from(k)));
         let value: f64 = terms.clone().map(|(c, k)| c * (k * angle).cos()).sum();
-        let slope: f64 = terms
-            .map(|(c, k)| c * k * (k * angle).sin() / angle.sin())
-            .sum();
+        let slope: f64 = terms.map(|(c, k)| c * k * (k * angle).sin() / angle.sin()).sum();
         close(eyx.value(x), value);
         close(eyx.derivative(x), slope / 3950.0);
     }

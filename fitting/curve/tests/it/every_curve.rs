@@ -4,11 +4,8 @@ use proptest::prelude::*;
 use volcomp_curve::{BSpline, Chebyshev, Curve, Fourier, MovingLeastSquares, Polynomial, Table};
 
 fn nodes() -> impl Strategy<Value = Vec<[f64; 2]>> {
-    (
-        -500.0..500.0,
-        prop::collection::vec((5.0..50.0, -20.0..20.0), 8..24),
-    )
-        .prop_map(|(start, steps)| {
+    (-500.0..500.0, prop::collection::vec((5.0..50.0, -20.0..20.0), 8..24)).prop_map(
+        |(start, steps)| {
             let mut x: f64 = start;
             steps
                 .into_iter()
@@ -17,7 +14,8 @@ fn nodes() -> impl Strategy<Value = Vec<[f64; 2]>> {
                     [x, u]
                 })
                 .collect()
-        })
+        },
+    )
 }
 
 fn coefficients() -> impl Strategy<Value = Vec<f64>> {
@@ -30,9 +28,7 @@ fn domain() -> impl Strategy<Value = [f64; 2]> {
 
 fn curve() -> impl Strategy<Value = Curve> {
     let polynomial = (coefficients(), domain()).prop_map(|(mut c, d)| {
-        c.iter_mut()
-            .enumerate()
-            .for_each(|(k, c)| *c /= 500_f64.powf(k as f64));
+        c.iter_mut().enumerate().for_each(|(k, c)| *c /= 500_f64.powf(k as f64));
         Polynomial::new(c, d).unwrap().into()
     });
     let chebyshev =
@@ -45,17 +41,12 @@ fn curve() -> impl Strategy<Value = Curve> {
         let knots: Vec<f64> = nodes.iter().map(|n| n[0]).collect();
         // Short knot vectors permit lower degrees only.
         let degree = degree.min(knots.len() / 2 - 1);
-        let c = nodes[..knots.len() - degree - 1]
-            .iter()
-            .map(|n| n[1])
-            .collect();
+        let c = nodes[..knots.len() - degree - 1].iter().map(|n| n[1]).collect();
         BSpline::new(knots, c, degree).unwrap().into()
     });
     let mls =
         (nodes(), 0_usize..4, 0.9..1.5, 0.5..4.0).prop_map(|(nodes, order, support, shape)| {
-            MovingLeastSquares::new(nodes, order, support, shape)
-                .unwrap()
-                .into()
+            MovingLeastSquares::new(nodes, order, support, shape).unwrap().into()
         });
     prop_oneof![
         (-50.0..50.0).prop_map(Curve::Constant),

@@ -37,27 +37,18 @@ fn missing_coordinates_count_as_zero() {
 
 #[test]
 fn branches() {
-    let pair = ErrorCurve::Pair {
-        forward: line(1.0, 2.0),
-        backward: line(3.5, 1.0),
-    };
+    let pair = ErrorCurve::Pair { forward: line(1.0, 2.0), backward: line(3.5, 1.0) };
     assert_eq!(pair.value(0, &[1.0], Some(Direction::Positive)), 3.0);
     assert_eq!(pair.value(0, &[1.0], Some(Direction::Negative)), 4.5);
     assert_eq!(pair.value(0, &[1.0], None), 3.75);
     assert_eq!(pair.derivative(0, &[1.0], None), 1.5);
-    assert_eq!(
-        pair.partial(1, 0, &[1.0, 2.0], Some(Direction::Positive)),
-        0.0
-    );
+    assert_eq!(pair.partial(1, 0, &[1.0, 2.0], Some(Direction::Positive)), 0.0);
 
     let reversal = ErrorCurve::with_reversal(line(1.0, 2.0), 3.5).unwrap();
     assert_eq!(reversal.value(0, &[1.0], Some(Direction::Positive)), 4.75);
     assert_eq!(reversal.value(0, &[1.0], Some(Direction::Negative)), 1.25);
     assert_eq!(reversal.value(0, &[1.0], None), 3.0);
-    assert_eq!(
-        reversal.derivative(0, &[1.0], Some(Direction::Negative)),
-        2.0
-    );
+    assert_eq!(reversal.derivative(0, &[1.0], Some(Direction::Negative)), 2.0);
 
     let single = ErrorCurve::from(Curve::Constant(4.0));
     assert_eq!(single.value(0, &[], Some(Direction::Negative)), 4.0);
@@ -66,10 +57,7 @@ fn branches() {
 #[test]
 fn contains_checks_all_parts() {
     let short = Polynomial::new(vec![0.0], [0.0, 1.0]).unwrap();
-    let pair = ErrorCurve::Pair {
-        forward: line(0.0, 0.0),
-        backward: Curve::from(short).into(),
-    };
+    let pair = ErrorCurve::Pair { forward: line(0.0, 0.0), backward: Curve::from(short).into() };
     assert!(pair.contains(0, &[1.0]));
     assert!(!pair.contains(0, &[2.0]));
     assert_eq!(pair.fields().count(), 2);

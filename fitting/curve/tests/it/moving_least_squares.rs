@@ -12,16 +12,11 @@ fn reference(nodes: &[[f64; 2]], order: usize, support: f64, shape: f64, x: f64)
     let weight = |xj: f64| {
         let d = (x - xj).abs();
         let edge = (-shape * shape).exp();
-        if d < h {
-            ((-(shape * d / h).powi(2)).exp() - edge) / (1.0 - edge)
-        } else {
-            0.0
-        }
+        if d < h { ((-(shape * d / h).powi(2)).exp() - edge) / (1.0 - edge) } else { 0.0 }
     };
     let roots: Vec<f64> = nodes.iter().map(|n| weight(n[0]).max(0.0).sqrt()).collect();
-    let matrix = DMatrix::from_fn(nodes.len(), order + 1, |j, k| {
-        roots[j] * chebyshev(k, nodes[j][0])
-    });
+    let matrix =
+        DMatrix::from_fn(nodes.len(), order + 1, |j, k| roots[j] * chebyshev(k, nodes[j][0]));
     let right = DVector::from_fn(nodes.len(), |j, _| roots[j] * nodes[j][1]);
     let a = matrix.svd(true, true).solve(&right, 1e-14).unwrap();
     (0..=order).map(|k| a[k] * chebyshev(k, x)).sum()
@@ -53,23 +48,14 @@ fn is_the_weighted_least_squares_value() {
             let x = start + (end - start) * f64::from(i) / 333.0;
             let expected = reference(&nodes, order, support, shape, x);
             let found = curve.value(x);
-            assert!(
-                (found - expected).abs() < 1e-7,
-                "order {order} at {x}: {found} {expected}"
-            );
+            assert!((found - expected).abs() < 1e-7, "order {order} at {x}: {found} {expected}");
         }
     }
 }
 
 #[test]
 fn of_the_machine_file() {
-    let nodes = vec![
-        [0.0, 0.0],
-        [1000.0, 2.2],
-        [2000.0, 1.0],
-        [3000.0, -0.5],
-        [4000.0, 0.3],
-    ];
+    let nodes = vec![[0.0, 0.0], [1000.0, 2.2], [2000.0, 1.0], [3000.0, -0.5], [4000.0, 0.3]];
     let eyy = MovingLeastSquares::new(nodes.clone(), 2, 0.8, 3.0).unwrap();
     for x in [0.0, 500.0, 1234.5, 2000.0, 3999.0, 4000.0] {
         assert!((eyy.value(x) - reference(&nodes, 2, 0.8, 3.0, x)).abs() < 1e-10);
@@ -114,11 +100,7 @@ fn influences_make_the_value() {
     let nodes = wavy(21);
     let curve = MovingLeastSquares::new(nodes.clone(), 4, 1.0 / 3.0, 3.0).unwrap();
     for x in [0.0, 1234.0, nodes[20][0]] {
-        let sum: f64 = nodes
-            .iter()
-            .enumerate()
-            .map(|(j, n)| curve.influence(x, j) * n[1])
-            .sum();
+        let sum: f64 = nodes.iter().enumerate().map(|(j, n)| curve.influence(x, j) * n[1]).sum();
         assert!((sum - curve.value(x)).abs() < 1e-9);
     }
     for x in [-50.0, 0.0, 1234.0, nodes[20][0], 1e9] {
@@ -136,10 +118,7 @@ fn influences_make_the_value() {
 fn breakpoints_hold_nodes_and_ends_of_supports() {
     let nodes = vec![[0.0, 0.0], [1.0, 2.0], [2.0, 1.0], [3.0, 0.0], [4.0, 0.0]];
     let curve = Curve::from(MovingLeastSquares::new(nodes, 1, 0.625, 3.0).unwrap());
-    assert_eq!(
-        curve.breakpoints(),
-        [0.0, 0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 3.5, 4.0]
-    );
+    assert_eq!(curve.breakpoints(), [0.0, 0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 3.5, 4.0]);
 }
 
 proptest! {

@@ -13,22 +13,13 @@ const INF: f64 = f64::INFINITY;
 
 #[test]
 fn series() {
-    refused(
-        Curve::constant(NAN),
-        "constant 0 is NaN: expected a finite number",
-    );
-    refused(
-        Polynomial::new(vec![], UNIT),
-        "found 0 coefficients: expected at least 1",
-    );
+    refused(Curve::constant(NAN), "constant 0 is NaN: expected a finite number");
+    refused(Polynomial::new(vec![], UNIT), "found 0 coefficients: expected at least 1");
     refused(
         Polynomial::new(vec![1.0, NAN], UNIT),
         "coefficient 1 is NaN: expected a finite number",
     );
-    refused(
-        Chebyshev::new(vec![INF], UNIT),
-        "coefficient 0 is inf: expected a finite number",
-    );
+    refused(Chebyshev::new(vec![INF], UNIT), "coefficient 0 is inf: expected a finite number");
     for domain in [[1.0, 1.0], [2.0, 1.0], [-f64::MAX, f64::MAX]] {
         let error = Polynomial::new(vec![1.0], domain).unwrap_err();
         assert!(matches!(error, CurveError::Domain { .. }), "{error}");
@@ -55,10 +46,7 @@ fn series() {
 
 #[test]
 fn tables() {
-    refused(
-        Table::linear(vec![[0.0, 1.0]]),
-        "found 1 nodes: expected at least 2",
-    );
+    refused(Table::linear(vec![[0.0, 1.0]]), "found 1 nodes: expected at least 2");
     refused(
         Table::cubic(vec![[0.0, 1.0], [400.0, 2.0], [400.0, 3.0]]),
         "node abscissa 2 is 400, after 400: expected strictly increasing values",
@@ -76,18 +64,9 @@ fn tables() {
 #[test]
 fn bsplines() {
     let knots = |n: u32| (0..n).map(f64::from).collect::<Vec<_>>();
-    refused(
-        BSpline::new(knots(8), vec![0.0; 7], 0),
-        "degree is 0: expected 1 to 5",
-    );
-    refused(
-        BSpline::new(knots(18), vec![0.0; 9], 6),
-        "degree is 6: expected 1 to 5",
-    );
-    refused(
-        BSpline::new(knots(6), vec![0.0; 3], 3),
-        "found 3 coefficients: expected at least 4",
-    );
+    refused(BSpline::new(knots(8), vec![0.0; 7], 0), "degree is 0: expected 1 to 5");
+    refused(BSpline::new(knots(18), vec![0.0; 9], 6), "degree is 6: expected 1 to 5");
+    refused(BSpline::new(knots(6), vec![0.0; 3], 3), "found 3 coefficients: expected at least 4");
     refused(
         BSpline::new(knots(8), vec![0.0; 5], 3),
         "found 8 knots for 5 coefficients of degree 3: expected coefficients + degree + 1 = 9",
@@ -117,17 +96,11 @@ fn moving_least_squares() {
         assert!(curve.value(f64::from(i) / 100.0).abs() < 1e-9);
     }
     refused(mls(9, 1.0, 3.0), "order is 9: expected 0 to 8");
-    refused(
-        mls(2, 0.0, 3.0),
-        "support is 0: expected a positive finite number",
-    );
+    refused(mls(2, 0.0, 3.0), "support is 0: expected a positive finite number");
     refused(mls(2, 0.5, -1.0), "shape is -1: expected 1e-6 to 20");
     assert!(mls(2, NAN, 3.0).is_err() && mls(2, 0.5, NAN).is_err() && mls(2, INF, 3.0).is_err());
     let few = nodes[..3].to_vec();
-    refused(
-        MovingLeastSquares::new(few, 3, 1.0, 3.0),
-        "found 3 nodes: expected at least 4",
-    );
+    refused(MovingLeastSquares::new(few, 3, 1.0, 3.0), "found 3 nodes: expected at least 4");
     // A gap in the middle counts like the ends.
     let mut gap = nodes.clone();
     gap.drain(3..8);

@@ -42,9 +42,8 @@ pub(super) fn best_choices(
     options: &ThermalOptions,
 ) -> Result<Vec<ThermalChoice>, FitError> {
     let stride = train.len().div_ceil(ROWS_TO_CHOOSE);
-    let blocks: Vec<DMatrix<f64>> = split(train, BLOCKS)
-        .map(|rows| features.moments(record, rows, stride))
-        .collect();
+    let blocks: Vec<DMatrix<f64>> =
+        split(train, BLOCKS).map(|rows| features.moments(record, rows, stride)).collect();
     let all: Vec<usize> = (0..features.sensors).collect();
     let mut choices = every_choice(features, &blocks, options, &all);
     if options.select_sensors
@@ -54,14 +53,10 @@ pub(super) fn best_choices(
         choices = every_choice(features, &blocks, options, &sensors);
     }
     choices.truncate(options.mean_of.max(1));
-    let most = choices
-        .first()
-        .map_or(0.0, |best| MEAN_WITHIN * best.forward_rms);
+    let most = choices.first().map_or(0.0, |best| MEAN_WITHIN * best.forward_rms);
     choices.retain(|choice| choice.forward_rms <= most);
     if choices.is_empty() {
-        return Err(FitError::Undetermined {
-            coefficients: features.sensors,
-        });
+        return Err(FitError::Undetermined { coefficients: features.sensors });
     }
     Ok(choices)
 }
@@ -75,24 +70,15 @@ fn every_choice(
     let pairs = (0..features.lags).flat_map(|a| (a..features.lags).map(move |b| (a, b)));
     let choice = |(a, b), &penalty: &f64| {
         let lags = if a == b { vec![a] } else { vec![a, b] };
-        let mut choice = ThermalChoice {
-            lags,
-            sensors: sensors.to_vec(),
-            penalty,
-            forward_rms: f64::INFINITY,
-        };
+        let mut choice =
+            ThermalChoice { lags, sensors: sensors.to_vec(), penalty, forward_rms: f64::INFINITY };
         choice.forward_rms = choice.validated(features, blocks);
         choice
     };
-    let tried = pairs.flat_map(|pair| {
-        options
-            .penalties
-            .iter()
-            .map(move |penalty| choice(pair, penalty))
-    });
-    let mut choices: Vec<ThermalChoice> = tried
-        .filter(|choice| choice.forward_rms.is_finite())
-        .collect();
+    let tried =
+        pairs.flat_map(|pair| options.penalties.iter().map(move |penalty| choice(pair, penalty)));
+    let mut choices: Vec<ThermalChoice> =
+        tried.filter(|choice| choice.forward_rms.is_finite()).collect();
     choices.sort_by(|a, b| a.forward_rms.total_cmp(&b.forward_rms));
     choices
 }

@@ -30,20 +30,15 @@ impl Features {
     pub(super) fn new(record: &ThermalRecord, lags_s: &[f64]) -> Self {
         let start_degc: Vec<f64> = record.degc.iter().map(|column| column[0]).collect();
         let column = |lag_s: f64, sensor: usize| {
-            let difference: Vec<f64> = record.degc[sensor]
-                .iter()
-                .map(|t| t - start_degc[sensor])
-                .collect();
+            let difference: Vec<f64> =
+                record.degc[sensor].iter().map(|t| t - start_degc[sensor]).collect();
             lagged(&record.time_s, &difference, lag_s)
         };
         let sensors = record.degc.len();
-        let columns = lags_s
-            .iter()
-            .flat_map(|&lag_s| (0..sensors).map(move |sensor| (lag_s, sensor)));
+        let columns =
+            lags_s.iter().flat_map(|&lag_s| (0..sensors).map(move |sensor| (lag_s, sensor)));
         Self {
-            columns: columns
-                .map(|(lag_s, sensor)| column(lag_s, sensor))
-                .collect(),
+            columns: columns.map(|(lag_s, sensor)| column(lag_s, sensor)).collect(),
             sensors,
             lags: lags_s.len(),
             start_degc,
@@ -118,11 +113,7 @@ impl Column {
             }
             ThermalEffect::Expansion => {
                 let positions = run.position_mm.iter();
-                difference
-                    .iter()
-                    .zip(positions)
-                    .map(|(t, q)| t * q)
-                    .collect()
+                difference.iter().zip(positions).map(|(t, q)| t * q).collect()
             }
         }
     }
@@ -214,11 +205,7 @@ impl Sums {
             centred += sums - means.transpose() * &means * count;
             rows += count;
         }
-        Some(Self {
-            groups,
-            centred,
-            rows,
-        })
+        Some(Self { groups, centred, rows })
     }
 
     /// Ridge regression on some columns, scaled to unit variance: one weight per column; `None` if all columns are constant.
@@ -238,8 +225,7 @@ impl Sums {
     pub(super) fn offsets(&self, columns: &[usize], weights: &[f64]) -> Vec<((usize, usize), f64)> {
         let v = error_of(columns, weights);
         let keys = self.groups.iter().map(|(key, _)| *key);
-        keys.filter_map(|key| Some((key, self.offset(key, &v)?)))
-            .collect()
+        keys.filter_map(|key| Some((key, self.offset(key, &v)?))).collect()
     }
 
     /// Mean square error in a stretch, for weights fitted on these sums. The offset is known if the
@@ -295,12 +281,8 @@ pub(super) fn ridge(moments: &DMatrix<f64>, plan: &[usize], penalty: f64) -> Opt
     let mean = |column: usize| moments[(0, column)] / rows;
     let covariance = |a: usize, b: usize| moments[(a, b)] / rows - mean(a) * mean(b);
     let weights = ridge_weights(covariance, plan, penalty)?;
-    let constant = mean(1)
-        - weights
-            .iter()
-            .zip(plan)
-            .map(|(w, &column)| w * mean(column))
-            .sum::<f64>();
+    let constant =
+        mean(1) - weights.iter().zip(plan).map(|(w, &column)| w * mean(column)).sum::<f64>();
     Some(Ridge { weights, constant })
 }
 

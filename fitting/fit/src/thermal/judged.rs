@@ -245,10 +245,7 @@ impl ThermalPrediction {
 }
 
 fn without_lags(search: &ThermalSearch) -> ThermalSearch {
-    ThermalSearch {
-        lags_s: vec![0.0],
-        ..search.clone()
-    }
+    ThermalSearch { lags_s: vec![0.0], ..search.clone() }
 }
 
 /// Root mean square over all rows, from that of each run.
@@ -262,10 +259,7 @@ fn mean_of_runs(runs: &[ThermalRun], rms: &[f64]) -> f64 {
 fn mean_squares(rows: Range<usize>, rms: impl Fn(Range<usize>) -> f64) -> Vec<f64> {
     let at = |part: usize| rows.start + rows.len() * part / STRETCHES;
     let of = |part: usize| rms(at(part)..at(part + 1)).powi(2);
-    (0..STRETCHES)
-        .filter(|part| at(*part) < at(part + 1))
-        .map(of)
-        .collect()
+    (0..STRETCHES).filter(|part| at(*part) < at(part + 1)).map(of).collect()
 }
 
 /// Root mean square deviation of some rows from the mean of the rows before `train`.
@@ -287,10 +281,7 @@ fn difference(these: &[f64], those: &[f64]) -> (f64, f64) {
     }
     let mean = of.iter().sum::<f64>() / count.max(1.0);
     let squares: f64 = of.iter().map(|d| (d - mean).powi(2)).sum();
-    (
-        mean,
-        (squares / (count - 1.0).max(1.0) / count.max(1.0)).sqrt(),
-    )
+    (mean, (squares / (count - 1.0).max(1.0) / count.max(1.0)).sqrt())
 }
 
 /// Difference of mean squares that is insignificant relative to these mean squares.
@@ -317,10 +308,7 @@ fn verdict(few: &[f64], plain: &[f64], none: &[f64]) -> ThermalVerdict {
 fn rounded_down(seconds: f64) -> f64 {
     let ten = 10_f64.powf(seconds.max(1.0).log10().floor());
     let steps = [5.0, 2.0].into_iter().map(|step| step * ten);
-    steps
-        .into_iter()
-        .find(|step| *step <= seconds)
-        .unwrap_or(ten)
+    steps.into_iter().find(|step| *step <= seconds).unwrap_or(ten)
 }
 
 #[cfg(test)]

@@ -33,10 +33,7 @@ pub(super) fn bent(time_s: &[f64], signal: &[f64], lag_s: f64) -> Vec<f64> {
     // Interval that ends in a row: its length, its slope and the time of its middle.
     let slope = |row: usize| {
         let step_s = time_s[row] - time_s[row - 1];
-        (
-            (signal[row] - signal[row - 1]) / step_s,
-            time_s[row] - 0.5 * step_s,
-        )
+        ((signal[row] - signal[row - 1]) / step_s, time_s[row] - 0.5 * step_s)
     };
     for row in 1..rows {
         // Change of slope to a neighbouring interval; the first interval has no predecessor and the
@@ -47,9 +44,7 @@ pub(super) fn bent(time_s: &[f64], signal: &[f64], lag_s: f64) -> Vec<f64> {
         };
         let beside = [row - 1, row + 1].into_iter();
         let beside = beside.filter(|beside| (1..rows).contains(beside));
-        let least = beside
-            .map(against)
-            .min_by(|a, b| a.abs().total_cmp(&b.abs()));
+        let least = beside.map(against).min_by(|a, b| a.abs().total_cmp(&b.abs()));
         let bends = least.unwrap_or(0.0);
         let step_s = time_s[row] - time_s[row - 1];
         let own = -0.5 * bends * step_s * step_s * below_line(step_s / lag_s);
@@ -100,10 +95,7 @@ mod tests {
         for lag_s in [5.0, 120.0, 600.0, 5400.0] {
             let expected = fine(line, &time_s, lag_s);
             for (found, expected) in lagged(&time_s, &degc, lag_s).iter().zip(&expected) {
-                assert!(
-                    (found - expected).abs() < 1e-5,
-                    "{lag_s}: {found} {expected}"
-                );
+                assert!((found - expected).abs() < 1e-5, "{lag_s}: {found} {expected}");
             }
         }
         assert_eq!(lagged(&time_s, &degc, 0.0), degc);
@@ -119,16 +111,11 @@ mod tests {
         for lag_s in [60.0, 600.0, 5400.0] {
             let straight = lagged(&time_s, &degc, lag_s);
             let bends = bent(&time_s, &degc, lag_s);
-            for ((straight, bends), expected) in straight
-                .iter()
-                .zip(&bends)
-                .zip(fine(parabola, &time_s, lag_s))
+            for ((straight, bends), expected) in
+                straight.iter().zip(&bends).zip(fine(parabola, &time_s, lag_s))
             {
                 let found = straight + bends;
-                assert!(
-                    (found - expected).abs() < 1e-5,
-                    "{lag_s}: {found} {expected}"
-                );
+                assert!((found - expected).abs() < 1e-5, "{lag_s}: {found} {expected}");
             }
             assert!(bends[5] > 0.1, "{bends:?}");
         }

@@ -96,9 +96,8 @@ fn fit_choices(
     let mut constant = 0.0;
     let share = 1.0 / choices.len() as f64;
     for choice in &choices {
-        let undetermined = FitError::Undetermined {
-            coefficients: choice.lags.len() * choice.sensors.len(),
-        };
+        let undetermined =
+            FitError::Undetermined { coefficients: choice.lags.len() * choice.sensors.len() };
         let found =
             ridge(&moments, &choice.columns(features), choice.penalty).ok_or(undetermined)?;
         constant += share * found.constant;
@@ -110,20 +109,13 @@ fn fit_choices(
             per_k[lag][sensor] += share * weight;
         }
     }
-    let terms = options
-        .lags_s
-        .iter()
-        .zip(per_k)
-        .map(|(&lag_s, per_k)| ThermalTerm { lag_s, per_k });
+    let terms =
+        options.lags_s.iter().zip(per_k).map(|(&lag_s, per_k)| ThermalTerm { lag_s, per_k });
     Ok(ThermalFit {
-        terms: terms
-            .filter(|term| term.per_k.iter().any(|k| *k != 0.0))
-            .collect(),
+        terms: terms.filter(|term| term.per_k.iter().any(|k| *k != 0.0)).collect(),
         constant,
         start_degc: features.start_degc.clone(),
-        forward_rms: choices
-            .first()
-            .map_or(f64::INFINITY, |choice| choice.forward_rms),
+        forward_rms: choices.first().map_or(f64::INFINITY, |choice| choice.forward_rms),
         choices,
     })
 }

@@ -29,15 +29,10 @@ impl ThermalRecord {
 
     pub(super) fn check(&self) -> Result<(), FitError> {
         let named = [("time", &self.time_s), ("displacement", &self.displacement)];
-        let all = named
-            .into_iter()
-            .chain(self.degc.iter().map(|column| ("temperature", column)));
+        let all = named.into_iter().chain(self.degc.iter().map(|column| ("temperature", column)));
         for (what, column) in all {
             if column.len() != self.len() {
-                return Err(FitError::Lengths {
-                    abscissae: self.len(),
-                    readings: column.len(),
-                });
+                return Err(FitError::Lengths { abscissae: self.len(), readings: column.len() });
             }
             if let Some((index, &value)) = column.iter().enumerate().find(|(_, x)| !x.is_finite()) {
                 return Err(FitError::NotFinite { what, index, value });
@@ -137,10 +132,7 @@ const ZERO_ROWS: [usize; 2] = [3, 20];
 
 impl From<ThermalRecord> for ThermalRun {
     fn from(record: ThermalRecord) -> Self {
-        Self {
-            record,
-            position_mm: Vec::new(),
-        }
+        Self { record, position_mm: Vec::new() }
     }
 }
 
@@ -183,10 +175,7 @@ impl ThermalRun {
     pub(super) fn check(&self, sensors: usize) -> Result<(), FitError> {
         self.record.check()?;
         if self.record.degc.len() != sensors {
-            return Err(FitError::Lengths {
-                abscissae: sensors,
-                readings: self.record.degc.len(),
-            });
+            return Err(FitError::Lengths { abscissae: sensors, readings: self.record.degc.len() });
         }
         if self.position_mm.is_empty() {
             return Ok(());

@@ -61,16 +61,9 @@ impl ThermalSearch {
             ..ThermalOptions::default()
         }
         .check()?;
-        for (what, found) in [
-            ("most sensors", self.most_sensors),
-            ("most lags", self.most_lags),
-        ] {
+        for (what, found) in [("most sensors", self.most_sensors), ("most lags", self.most_lags)] {
             if found == 0 {
-                return Err(FitError::Parameter {
-                    what,
-                    value: 0.0,
-                    expected: "at least 1",
-                });
+                return Err(FitError::Parameter { what, value: 0.0, expected: "at least 1" });
             }
         }
         Ok(())
@@ -152,11 +145,8 @@ fn search_rows(
 ) -> Result<ThermalTerms, FitError> {
     search.check()?;
     let sensors = runs.first().map_or(0, |run| run.record.degc.len());
-    let stretches_of_run = if runs.len() == 1 {
-        STRETCHES
-    } else {
-        MIN_STRETCHES.div_ceil(runs.len().max(1))
-    };
+    let stretches_of_run =
+        if runs.len() == 1 { STRETCHES } else { MIN_STRETCHES.div_ceil(runs.len().max(1)) };
     for (run, rows) in runs.iter().zip(rows) {
         run.check(sensors)?;
         let known = run.record.known_rows(rows, &search.lags_s);
@@ -240,30 +230,18 @@ impl Space {
         let folds = if known.len() == 1 {
             let fold = |judged: usize| {
                 let learnt = Sums::of(stretches[..judged].iter())?;
-                Some(Fold {
-                    learnt,
-                    judged: vec![judged],
-                })
+                Some(Fold { learnt, judged: vec![judged] })
             };
             (2..stretches.len()).filter_map(fold).collect()
         } else {
             let fold = |run: usize| {
                 let learnt = Sums::of(stretches.iter().filter(|s| s.run != run))?;
                 let of_run = (0..stretches.len()).filter(|place| stretches[*place].run == run);
-                Some(Fold {
-                    learnt,
-                    judged: of_run.collect(),
-                })
+                Some(Fold { learnt, judged: of_run.collect() })
             };
             (0..known.len()).filter_map(fold).collect()
         };
-        Self {
-            lags_s: lags,
-            expands,
-            columns,
-            stretches,
-            folds,
-        }
+        Self { lags_s: lags, expands, columns, stretches, folds }
     }
 
     /// Validates a choice; `None` if some fold does not determine it.
@@ -271,18 +249,12 @@ impl Space {
         let error = |fold: &Fold| {
             let weights = fold.learnt.ridge(&columns, penalty)?;
             let errors = fold.judged.iter();
-            let of = |place: &usize| {
-                fold.learnt
-                    .error_in(&self.stretches[*place], &columns, &weights)
-            };
+            let of =
+                |place: &usize| fold.learnt.error_in(&self.stretches[*place], &columns, &weights);
             Some(errors.map(of).sum::<f64>() / fold.judged.len().max(1) as f64)
         };
         let errors = self.folds.iter().map(error).collect::<Option<Vec<f64>>>()?;
-        Some(Choice {
-            columns,
-            penalty,
-            errors,
-        })
+        Some(Choice { columns, penalty, errors })
     }
 
     /// Columns of some time constants, with every expansion.
@@ -292,9 +264,7 @@ impl Space {
             ThermalEffect::Expansion => true,
         };
         let places = 0..self.columns.len();
-        places
-            .filter(|place| takes(&self.columns[*place]))
-            .collect()
+        places.filter(|place| takes(&self.columns[*place])).collect()
     }
 
     /// Best choice of time constants and penalty, followed by choices with one coefficient less each.
@@ -335,18 +305,14 @@ impl Space {
         known: &[(&ThermalRun, Range<usize>)],
     ) -> Result<ThermalTerms, FitError> {
         let path = self.path(search);
-        let undetermined = || FitError::Undetermined {
-            coefficients: self.columns.len(),
-        };
+        let undetermined = || FitError::Undetermined { coefficients: self.columns.len() };
         let best = path.iter().min_by(|a, b| a.mean().total_cmp(&b.mean()));
         let best = best.ok_or_else(undetermined)?;
         let most = best.mean() + best.standard_error();
         let few = path.iter().rev().find(|choice| choice.mean() <= most);
         let choice = few.ok_or_else(undetermined)?;
         let sums = Sums::of(self.stretches.iter()).ok_or_else(undetermined)?;
-        let weights = sums
-            .ridge(&choice.columns, choice.penalty)
-            .ok_or_else(undetermined)?;
+        let weights = sums.ridge(&choice.columns, choice.penalty).ok_or_else(undetermined)?;
         // The penalty shrinks every coefficient towards zero: include the shrinkage in the uncertainty.
         let drawn = sums.ridge(&choice.columns, MIN_PENALTY);
         let drawn = drawn.unwrap_or_else(|| weights.clone());
@@ -415,11 +381,7 @@ impl Space {
     /// rows.
     fn jackknife(&self, choice: &Choice) -> Vec<f64> {
         let without = |left: usize| {
-            let others = self
-                .stretches
-                .iter()
-                .enumerate()
-                .filter(|(i, _)| *i != left);
+            let others = self.stretches.iter().enumerate().filter(|(i, _)| *i != left);
             let sums = Sums::of(others.map(|(_, stretch)| stretch))?;
             sums.ridge(&choice.columns, choice.penalty)
         };

@@ -33,11 +33,7 @@ pub(super) fn representative_sensors(
             });
             let moved: Vec<f64> = moved.collect();
             let rms = (moved.iter().map(|x| x * x).sum::<f64>() / moved.len().max(1) as f64).sqrt();
-            let scale = if rms > STILL_K {
-                rms.max(NOISE_K)
-            } else {
-                f64::INFINITY
-            };
+            let scale = if rms > STILL_K { rms.max(NOISE_K) } else { f64::INFINITY };
             DVector::from_vec(moved) / scale
         })
         .collect();
@@ -50,9 +46,7 @@ pub(super) fn representative_sensors(
         };
         let explains =
             |sensor: usize| products.column(sensor).norm_squared() / products[(sensor, sensor)];
-        let best = (0..sensors)
-            .filter(left)
-            .max_by(|a, b| explains(*a).total_cmp(&explains(*b)));
+        let best = (0..sensors).filter(left).max_by(|a, b| explains(*a).total_cmp(&explains(*b)));
         let Some(best) = best else { break };
         let unit = columns[best].normalize();
         for column in &mut columns {

@@ -61,9 +61,7 @@ impl ThermalFit {
             for ((degc, start), per_k) in used.filter(|(_, per_k)| **per_k != 0.0) {
                 let difference: Vec<f64> = degc.iter().map(|t| t - start).collect();
                 for (sum, k) in
-                    predicted
-                        .iter_mut()
-                        .zip(lagged(&record.time_s, &difference, term.lag_s))
+                    predicted.iter_mut().zip(lagged(&record.time_s, &difference, term.lag_s))
                 {
                     *sum += per_k * k;
                 }
@@ -99,14 +97,8 @@ impl ThermalFit {
 
     /// Displacement with every sensor at `reference_degc`, the temperature that the terms of a machine file refer to.
     pub fn constant_at(&self, reference_degc: f64) -> f64 {
-        let terms = self
-            .terms
-            .iter()
-            .flat_map(|term| term.per_k.iter().zip(&self.start_degc));
-        self.constant
-            + terms
-                .map(|(per_k, start)| per_k * (reference_degc - start))
-                .sum::<f64>()
+        let terms = self.terms.iter().flat_map(|term| term.per_k.iter().zip(&self.start_degc));
+        self.constant + terms.map(|(per_k, start)| per_k * (reference_degc - start)).sum::<f64>()
     }
 }
 
@@ -208,14 +200,8 @@ impl ThermalTerms {
         offsets: &[((usize, usize), f64)],
         lags_s: &[f64],
     ) -> Self {
-        let mut terms = Self {
-            seen: Vec::new(),
-            zeros: Vec::new(),
-            numbers,
-            penalty,
-            path,
-            validated,
-        };
+        let mut terms =
+            Self { seen: Vec::new(), zeros: Vec::new(), numbers, penalty, path, validated };
         terms.seen = terms.sensors().iter().map(|&s| seen(known, s)).collect();
         for (index, (run, _)) in known.iter().enumerate() {
             let (positions, places) = run.places();
@@ -225,9 +211,7 @@ impl ThermalTerms {
             for (place, (&position_mm, rows)) in positions.iter().zip(&zero_rows).enumerate() {
                 let offset = offsets.iter().find(|(key, _)| *key == (index, place));
                 let Some((_, offset)) = offset else { continue };
-                let misses = rows
-                    .iter()
-                    .map(|&row| run.record.displacement[row] - from_start[row]);
+                let misses = rows.iter().map(|&row| run.record.displacement[row] - from_start[row]);
                 let start = misses.sum::<f64>() / rows.len().max(1) as f64;
                 terms.zeros.push(Zero {
                     displacement: start + offset,
@@ -263,10 +247,7 @@ impl ThermalTerms {
     fn unknown_zero(&self, run: &ThermalRun, between: Between) -> Vec<f64> {
         let mut sum = vec![0.0; run.record.len()];
         for number in &self.numbers {
-            let column = Column {
-                sensor: number.sensor,
-                effect: number.effect,
-            };
+            let column = Column { sensor: number.sensor, effect: number.effect };
             for (sum, value) in sum.iter_mut().zip(column.values(run, between)) {
                 *sum += number.value * value;
             }
@@ -290,9 +271,7 @@ impl ThermalTerms {
     pub fn rms_between_rows(&self, run: &ThermalRun) -> f64 {
         let bent = self.unknown_zero(run, Between::Bent);
         let straight = self.unknown_zero(run, Between::Straight);
-        let known = run
-            .record
-            .known_rows(&(0..run.record.len()), &self.lags_s());
+        let known = run.record.known_rows(&(0..run.record.len()), &self.lags_s());
         rms(known.iter().map(|&row| bent[row] - straight[row]))
     }
 
@@ -352,9 +331,5 @@ fn seen(known: &[(&ThermalRun, Range<usize>)], sensor: usize) -> TestedRange {
             k_per_min = [k_per_min[0].min(per_min), k_per_min[1].max(per_min)];
         }
     }
-    TestedRange {
-        sensor,
-        degc,
-        k_per_min,
-    }
+    TestedRange { sensor, degc, k_per_min }
 }

@@ -4,25 +4,18 @@ use volcomp_fit::{Fit, FitError, FitOptions, MlsTrial, fit_mls_auto, scan_mls};
 use crate::{at, brute_force, noisy, targets};
 
 fn fit_auto(x: &[f64], u: &[f64], required_residual: Option<f64>) -> Result<Fit, FitError> {
-    let options = FitOptions {
-        required_residual,
-        ..FitOptions::default()
-    };
+    let options = FitOptions { required_residual, ..FitOptions::default() };
     Ok(volcomp_fit::fit_auto(x, u, &options)?.fit)
 }
 
 fn mls(fit: &Fit) -> &MovingLeastSquares {
-    let Curve::MovingLeastSquares(curve) = &fit.curve else {
-        panic!("{:?}", fit.curve)
-    };
+    let Curve::MovingLeastSquares(curve) = &fit.curve else { panic!("{:?}", fit.curve) };
     curve
 }
 
 /// Readings with a trend, waves and noise over some targets.
 fn wavy(x: &[f64], seed: u64) -> Vec<f64> {
-    noisy(x, 0.5, seed, |x| {
-        10.0 * (x / 700.0).sin() + 4.0 * (x / 300.0).cos()
-    })
+    noisy(x, 0.5, seed, |x| 10.0 * (x / 700.0).sin() + 4.0 * (x / 300.0).cos())
 }
 
 /// Evenly spaced targets, none at the very edge of a tried support, where rounding would decide whether it counts; and targets that are
@@ -39,11 +32,7 @@ fn the_scan_is_that_of_brute_force() {
         let nodes: Vec<[f64; 2]> = x.iter().zip(&u).map(|(&x, &u)| [x, u]).collect();
         let mut expected = brute_force::scan(&nodes);
         let mut found = scan_mls(&x, &u, 3.0).unwrap();
-        assert!(
-            expected.len() > 20 && expected.len() < 109,
-            "{}",
-            expected.len()
-        );
+        assert!(expected.len() > 20 && expected.len() < 109, "{}", expected.len());
         expected.sort_by(|a, b| a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)));
         found.sort_by(|a, b| a.order.cmp(&b.order).then(a.support.total_cmp(&b.support)));
         let settings = |found: &[(usize, f64)]| format!("{found:.3?}");
@@ -53,10 +42,7 @@ fn the_scan_is_that_of_brute_force() {
         for (found, (order, support, largest, leave_one_out)) in found.iter().zip(expected) {
             assert_eq!(found.order, order);
             assert!((found.support - support).abs() < 1e-12);
-            assert!(
-                (found.max_residual - largest).abs() < 1e-6,
-                "{found:?} {largest}"
-            );
+            assert!((found.max_residual - largest).abs() < 1e-6, "{found:?} {largest}");
             // Rounding errors grow with the condition of the equations.
             assert!(
                 (found.leave_one_out_rms / leave_one_out - 1.0).abs() < 1e-4,
@@ -163,9 +149,7 @@ fn few_targets_get_simpler_curves() {
     assert_eq!(line.meets_required, Some(true));
     let x = [0.0, 1.0, 2.0, 3.0, 4.0, 5.0];
     let parabola = fit_auto(&x, &at(&x, |x| x * x), None).unwrap();
-    let Curve::Polynomial(polynomial) = &parabola.curve else {
-        panic!("{:?}", parabola.curve)
-    };
+    let Curve::Polynomial(polynomial) = &parabola.curve else { panic!("{:?}", parabola.curve) };
     assert_eq!(polynomial.coefficients().len(), 3);
     let constant = fit_auto(&x, &[2.0; 6], None).unwrap();
     assert!(matches!(&constant.curve, Curve::Polynomial(p) if p.coefficients().len() == 1));
@@ -175,21 +159,12 @@ fn few_targets_get_simpler_curves() {
         fit_mls_auto(&x, &x, 3.0, None),
         Err(FitError::NoCandidate { targets: 3, .. })
     ));
-    assert!(matches!(
-        scan_mls(&x, &x, 3.0),
-        Err(FitError::NoCandidate { targets: 3, .. })
-    ));
+    assert!(matches!(scan_mls(&x, &x, 3.0), Err(FitError::NoCandidate { targets: 3, .. })));
     let x = targets(7);
-    assert!(matches!(
-        fit_auto(&x, &x, None).unwrap().curve,
-        Curve::Polynomial(_)
-    ));
+    assert!(matches!(fit_auto(&x, &x, None).unwrap().curve, Curve::Polynomial(_)));
     // A straight line needs only a polynomial, with any number of targets.
     let x = targets(21);
-    assert!(matches!(
-        fit_auto(&x, &x, None).unwrap().curve,
-        Curve::Polynomial(_)
-    ));
+    assert!(matches!(fit_auto(&x, &x, None).unwrap().curve, Curve::Polynomial(_)));
 }
 
 /// The setting for two directions is the one with the smallest error at omitted targets, when each curve is refitted without them.

@@ -21,17 +21,13 @@ fn bands_cover_the_truth_of_generated_lines() {
         let mut pooled = [0_u32; 2];
         for index in (0..60).map(|k| 5 * k + number) {
             let line = generated(23, index);
-            let sets: Vec<(Vec<f64>, Vec<f64>)> = line
-                .sides
-                .iter()
-                .map(|s| s.readings(&line.targets))
-                .collect();
+            let sets: Vec<(Vec<f64>, Vec<f64>)> =
+                line.sides.iter().map(|s| s.readings(&line.targets)).collect();
             let parts: Vec<(&[f64], &[f64])> = sets.iter().map(|(x, u)| (&x[..], &u[..])).collect();
             let method = choose(&parts, &FitOptions::default()).unwrap().method;
             let ends = [line.targets[0], line.targets[line.targets.len() - 1]];
-            let at: Vec<f64> = (0..=60)
-                .map(|k| ends[0] + (ends[1] - ends[0]) * f64::from(k) / 60.0)
-                .collect();
+            let at: Vec<f64> =
+                (0..=60).map(|k| ends[0] + (ends[1] - ends[0]) * f64::from(k) / 60.0).collect();
             for (side, (x, u)) in line.sides.iter().zip(&sets) {
                 let found = of_side(side, &line.targets, method, &at);
                 let curve = method.fit(x, u).unwrap().curve;
@@ -43,11 +39,7 @@ fn bands_cover_the_truth_of_generated_lines() {
         }
         let share = |held: [u32; 2]| f64::from(held[0]) / f64::from(held[1]);
         all = [all[0] + pooled[0], all[1] + pooled[1]];
-        assert!(
-            (0.90..=0.99).contains(&share(pooled)),
-            "{family}: {}",
-            share(pooled)
-        );
+        assert!((0.90..=0.99).contains(&share(pooled)), "{family}: {}", share(pooled));
     }
     let share = f64::from(all[0]) / f64::from(all[1]);
     assert!((0.90..=0.99).contains(&share), "{share}");
@@ -60,11 +52,8 @@ fn bands_cover_the_truth_between_targets() {
     let mut all = [Covered::default(); 2];
     for index in 0..100 {
         let is_sparse = index % 5 == 4;
-        let line = if is_sparse {
-            undersampled(29, index)
-        } else {
-            generated(29, index + index / 5)
-        };
+        let line =
+            if is_sparse { undersampled(29, index) } else { generated(29, index + index / 5) };
         all[usize::from(is_sparse)].add(covered(&line, 100));
     }
     let [others, mut sparse] = all;
@@ -86,20 +75,14 @@ fn bands_cover_the_truth_between_targets() {
 #[test]
 fn the_band_of_many_runs_matches_the_textbook() {
     let x = targets(11);
-    let runs: Vec<Vec<f64>> = (0..200)
-        .map(|seed| noisy(&x, 1.0, seed, |x| x / 800.0))
-        .collect();
+    let runs: Vec<Vec<f64>> = (0..200).map(|seed| noisy(&x, 1.0, seed, |x| x / 800.0)).collect();
     let parts: Vec<(&[f64], &[f64])> = runs.iter().map(|u| (&x[..], &u[..])).collect();
     let at = [0.0, 4000.0, 8000.0];
     let line = Method::Polynomial { order: 1 };
     let found = band(line, &parts, &at, &BandOptions::default()).unwrap();
     assert_eq!(found.source, BandSource::Runs);
     // h = 1/n + (x − x̄)²/Σ(x − x̄)²; for eleven even targets 1/11 in the middle and 1/11 + 25/110 at the ends.
-    for (half, h) in found
-        .half_width
-        .iter()
-        .zip([7.0 / 22.0, 1.0 / 11.0, 7.0 / 22.0])
-    {
+    for (half, h) in found.half_width.iter().zip([7.0 / 22.0, 1.0 / 11.0, 7.0 / 22.0]) {
         let expected = 1.96 * (h / 200.0_f64).sqrt();
         assert!((half / expected - 1.0).abs() < 0.2, "{half} {expected}");
     }
@@ -113,19 +96,12 @@ fn the_band_of_one_run_matches_the_textbook() {
     let u = noisy(&x, 1.0, 5, |x| x / 800.0);
     let at = [0.0, 4000.0];
     let line = Method::Polynomial { order: 1 };
-    let options = BandOptions {
-        resamples: 4000,
-        seed: 3,
-    };
+    let options = BandOptions { resamples: 4000, seed: 3 };
     let found = band(line, &[(&x, &u)], &at, &options).unwrap();
     assert_eq!(found.source, BandSource::Residuals);
     let fit = fit_polynomial(&x, &u, 1, [0.0, 8000.0]).unwrap();
     let s = (fit.residuals.iter().map(|r| r * r).sum::<f64>() / 19.0).sqrt();
-    for (half, h) in found
-        .half_width
-        .iter()
-        .zip([1.0 / 21.0 + 100.0 / 770.0, 1.0 / 21.0])
-    {
+    for (half, h) in found.half_width.iter().zip([1.0 / 21.0 + 100.0 / 770.0, 1.0 / 21.0]) {
         // A quarter of the variance is attributed to the shape.
         let expected = s * (2.093_f64.powi(2) * h + 4.0 * 0.25).sqrt();
         assert!((half / expected - 1.0).abs() < 0.06, "{half} {expected}");
@@ -137,10 +113,7 @@ fn the_band_of_one_run_matches_the_textbook() {
 fn sets_without_resamples_are_refused_or_unknown() {
     let x = targets(2);
     let line = Method::Polynomial { order: 1 };
-    let none = BandOptions {
-        resamples: 1,
-        seed: 1,
-    };
+    let none = BandOptions { resamples: 1, seed: 1 };
     assert!(band(line, &[(&x, &x)], &x, &none).is_err());
     assert!(band(line, &[], &x, &BandOptions::default()).is_err());
     let unknown = band(line, &[(&x, &x)], &x, &BandOptions::default()).unwrap();

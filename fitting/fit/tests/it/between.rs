@@ -48,18 +48,13 @@ fn scatter_alone_is_not_warned_of() {
 /// A polynomial through clustered targets swings in the gap; the warning names the gap.
 #[test]
 fn a_kind_that_swings_in_a_gap_is_warned_of() {
-    let x = [
-        0.0, 100.0, 200.0, 300.0, 400.0, 500.0, 600.0, 3000.0, 3100.0, 3200.0, 3300.0, 3400.0,
-    ];
+    let x = [0.0, 100.0, 200.0, 300.0, 400.0, 500.0, 600.0, 3000.0, 3100.0, 3200.0, 3300.0, 3400.0];
     let u: Vec<f64> = (0..12).map(|k| f64::from(k % 2)).collect();
     let fit = fit_polynomial(&x, &u, 9, [0.0, 3400.0]).expect("a polynomial");
     let found = between(&fit, &x, &u);
     assert_eq!(found.swings, Some([600.0, 3000.0]));
     let said = found.warnings("µm", "mm").join("\n");
-    assert!(
-        said.contains("between the targets 600 and 3000 mm"),
-        "{said}"
-    );
+    assert!(said.contains("between the targets 600 and 3000 mm"), "{said}");
 }
 
 /// Targets that are left out reveal a wave of 1.3 gaps. An error that 21 targets resolve gives no warning, nor does scatter.
@@ -67,9 +62,7 @@ fn a_kind_that_swings_in_a_gap_is_warned_of() {
 fn targets_that_are_too_sparse_are_warned_of() {
     let x = targets(21);
     let of = |length: f64, method: Method| {
-        let u = noisy(&x, NOISE, 3, |x| {
-            6.0 * (std::f64::consts::TAU * x / length).sin()
-        });
+        let u = noisy(&x, NOISE, 3, |x| 6.0 * (std::f64::consts::TAU * x / length).sin());
         let fit = method.fit(&x, &u).expect("a curve");
         between(&fit, &x, &u)
     };
@@ -77,18 +70,13 @@ fn targets_that_are_too_sparse_are_warned_of() {
     assert!(sparse.is_too_sparse(), "{sparse:?}");
     let said = sparse.warnings("µm", "mm").join("\n");
     assert!(said.contains("the targets are too sparse"), "{said}");
-    for (length, method) in [
-        (8000.0, Method::CubicTable),
-        (8000.0, Method::BSpline),
-        (1e9, Method::LinearTable),
-    ] {
+    for (length, method) in
+        [(8000.0, Method::CubicTable), (8000.0, Method::BSpline), (1e9, Method::LinearTable)]
+    {
         let found = of(length, method);
         assert_eq!(found.warnings("µm", "mm"), [""; 0], "{length} {method}");
     }
-    let unknown = Between {
-        repeatability: None,
-        ..sparse
-    };
+    let unknown = Between { repeatability: None, ..sparse };
     assert!(!unknown.is_too_sparse());
 }
 
@@ -110,10 +98,7 @@ fn a_curve_that_does_not_follow_its_readings_is_warned_of() {
     let found = of(&wave, parabola);
     let said = found.not_followed("µm").expect("a warning");
     assert!(said.contains("does not follow the readings"), "{said}");
-    for (truth, method) in [
-        (&wave as &dyn Fn(f64) -> f64, Method::CubicTable),
-        (&bend, parabola),
-    ] {
+    for (truth, method) in [(&wave as &dyn Fn(f64) -> f64, Method::CubicTable), (&bend, parabola)] {
         assert_eq!(of(truth, method).not_followed("µm"), None);
     }
 }
@@ -142,10 +127,7 @@ fn a_curve_that_does_not_follow_one_run_is_warned_of() {
         let few = targets(count);
         let u: Vec<f64> = few.iter().map(|x| -1e-6 * x * (x - 8000.0)).collect();
         let fit = line.fit(&few, &u).expect("a line");
-        assert!(
-            Between::of(&fit, &few, &u, None).is_not_followed(),
-            "{count}"
-        );
+        assert!(Between::of(&fit, &few, &u, None).is_not_followed(), "{count}");
     }
     // Three runs with different zeros.
     let shifts = [-10.0, 0.0, 10.0];

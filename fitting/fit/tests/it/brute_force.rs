@@ -7,20 +7,13 @@ use nalgebra::{DMatrix, DVector};
 fn weight(d: f64, h: f64) -> f64 {
     let edge = (-9.0_f64).exp();
     let inside = (-(3.0 * d / h).powi(2)).exp() - edge;
-    if d.abs() < h {
-        inside / (1.0 - edge)
-    } else {
-        0.0
-    }
+    if d.abs() < h { inside / (1.0 - edge) } else { 0.0 }
 }
 
 /// Rows of the nodes with a positive weight at `at`, and their right-hand sides.
 fn rows(nodes: &[[f64; 2]], order: usize, h: f64, at: f64) -> (DMatrix<f64>, DVector<f64>) {
-    let near: Vec<[f64; 2]> = nodes
-        .iter()
-        .copied()
-        .filter(|n| weight(n[0] - at, h) > 0.0)
-        .collect();
+    let near: Vec<[f64; 2]> =
+        nodes.iter().copied().filter(|n| weight(n[0] - at, h) > 0.0).collect();
     let root = |j: usize| weight(near[j][0] - at, h).sqrt();
     // Powers over the half width, or over the range if the support is wider.
     let unit = h.min(nodes[nodes.len() - 1][0] - nodes[0][0]);
@@ -81,12 +74,7 @@ pub(crate) fn scan(nodes: &[[f64; 2]]) -> Vec<Trial> {
         let misses = nodes.iter().map(|n| n[1] - value(nodes, order, h, n[0]));
         let largest = misses.map(f64::abs).fold(0.0, f64::max);
         let squares: f64 = left_out(nodes, order, h).iter().map(|e| e * e).sum();
-        (
-            order,
-            support,
-            largest,
-            (squares / nodes.len() as f64).sqrt(),
-        )
+        (order, support, largest, (squares / nodes.len() as f64).sqrt())
     };
     tried().into_iter().filter(carried).map(trial).collect()
 }
@@ -96,11 +84,7 @@ pub(crate) fn scan(nodes: &[[f64; 2]]) -> Vec<Trial> {
 pub(crate) fn choice(trials: &[Trial], required: Option<f64>) -> (Trial, bool) {
     let meets = |t: &Trial| required.is_none_or(|required| t.2 <= required);
     let any = trials.iter().any(meets);
-    let admitted: Vec<Trial> = trials
-        .iter()
-        .copied()
-        .filter(|t| !any || meets(t))
-        .collect();
+    let admitted: Vec<Trial> = trials.iter().copied().filter(|t| !any || meets(t)).collect();
     let least = admitted.iter().map(|t| t.3).fold(f64::INFINITY, f64::min);
     let ties = admitted.iter().filter(|t| t.3 <= least + 1e-8);
     let first = ties.min_by(|a, b| a.0.cmp(&b.0).then(b.1.total_cmp(&a.1)));

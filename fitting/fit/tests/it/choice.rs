@@ -18,22 +18,14 @@ fn never_worse_than_twice_the_best_single_kind() {
     for (index, row) in rows(200, 31).enumerate() {
         let score = |row: &Row| row.choice.chosen().unwrap().leave_one_out_rms;
         let best = row.choice.best_of_kinds();
-        let best = best
-            .iter()
-            .map(|s| s.leave_one_out_rms)
-            .fold(f64::INFINITY, f64::min);
+        let best = best.iter().map(|s| s.leave_one_out_rms).fold(f64::INFINITY, f64::min);
         assert!(score(&row) <= 2.0 * best, "{index}: {} {best}", score(&row));
         // A refitted spline chooses its smoothing again; all other kinds keep their settings.
         if row.choice.method != Method::BSpline && row.line.targets.len() <= 31 {
             let refitted = row.automatic.leave_one_out;
-            assert!(
-                (score(&row) / refitted - 1.0).abs() < 1e-6,
-                "{index}: {refitted}"
-            );
+            assert!((score(&row) / refitted - 1.0).abs() < 1e-6, "{index}: {refitted}");
             let others = row.kinds.iter().filter(|k| k.method != Method::BSpline);
-            let best = others
-                .map(|k| k.leave_one_out)
-                .fold(f64::INFINITY, f64::min);
+            let best = others.map(|k| k.leave_one_out).fold(f64::INFINITY, f64::min);
             assert!(refitted <= 2.0 * best, "{index}: {refitted} {best}");
         }
         from_truth.push(row.ratios()[1].ln());
@@ -58,10 +50,7 @@ fn noise_gives_nearly_a_constant() {
         let found = fit_auto(&x, &u, &none()).unwrap();
         constants += u32::from(found.choice.chosen().unwrap().coefficients < 1.5);
         let fine = targets(201);
-        let off: f64 = fine
-            .iter()
-            .map(|&x| (found.fit.curve.value(x) - 5.0).powi(2))
-            .sum();
+        let off: f64 = fine.iter().map(|&x| (found.fit.curve.value(x) - 5.0).powi(2)).sum();
         // In units of the standard deviation of a mean reading.
         squares += off / 201.0 * runs as f64;
     }
@@ -81,9 +70,7 @@ fn no_chosen_curve_leaves_the_band() {
             x.drain(count as usize - 6..count as usize - 2);
         }
         let bend = 200.0 + 80.0 * f64::from(seed % 7);
-        let u = noisy(&x, 0.3, u64::from(seed), |x| {
-            8.0 * (x / bend).sin() + 0.002 * x
-        });
+        let u = noisy(&x, 0.3, u64::from(seed), |x| 8.0 * (x / bend).sin() + 0.002 * x);
         let curve = fit_auto(&x, &u, &none()).unwrap().fit.curve;
         let low = u.iter().copied().fold(f64::INFINITY, f64::min);
         let high = u.iter().copied().fold(f64::NEG_INFINITY, f64::max);
@@ -117,15 +104,9 @@ fn few_equal_and_repeated_targets() {
     let bent = chosen(&x, &[0.0, 6.0, 10.0, 0.01, 5.99, 10.01]);
     assert!((bent.fit.curve.value(10.0) - 5.995).abs() < 1e-9);
     // A repeated reading counts as two of the same target, in any order.
-    let (x, u) = (
-        [0.0, 1.0, 2.0, 3.0, 1.0, 4.0],
-        [0.0, 1.2, 1.9, 3.1, 1.0, 4.0],
-    );
+    let (x, u) = ([0.0, 1.0, 2.0, 3.0, 1.0, 4.0], [0.0, 1.2, 1.9, 3.1, 1.0, 4.0]);
     let mixed = chosen(&x, &u).fit.curve;
-    let (sorted_x, sorted_u) = (
-        [0.0, 1.0, 1.0, 2.0, 3.0, 4.0],
-        [0.0, 1.0, 1.2, 1.9, 3.1, 4.0],
-    );
+    let (sorted_x, sorted_u) = ([0.0, 1.0, 1.0, 2.0, 3.0, 4.0], [0.0, 1.0, 1.2, 1.9, 3.1, 4.0]);
     let sorted = chosen(&sorted_x, &sorted_u).fit.curve;
     assert!((mixed.value(2.5) - sorted.value(2.5)).abs() < 1e-12);
     assert!(choose(&[], &none()).is_err());
@@ -135,14 +116,9 @@ fn few_equal_and_repeated_targets() {
 #[test]
 fn a_known_scatter_decides_what_is_followed() {
     let x = targets(9);
-    let u = at(&x, |x| {
-        10.0 * (x / 1500.0).sin() + if x == 4000.0 { 2.0 } else { 0.0 }
-    });
+    let u = at(&x, |x| 10.0 * (x / 1500.0).sin() + if x == 4000.0 { 2.0 } else { 0.0 });
     let with = |deviation| {
-        let noise = Some(Noise {
-            deviation,
-            freedom: 30.0,
-        });
+        let noise = Some(Noise { deviation, freedom: 30.0 });
         let options = FitOptions { noise, ..none() };
         let fit = fit_auto(&x, &u, &options).unwrap().fit;
         (fit.curve.value(4000.0) - u[4]).abs()
@@ -155,54 +131,27 @@ fn a_known_scatter_decides_what_is_followed() {
 /// series.
 #[test]
 fn targets_over_a_part_of_a_turn_get_no_fourier_series() {
-    let round = FitOptions {
-        period: Some(360.0),
-        ..none()
-    };
-    for (count, end) in [
-        (2, 80.0),
-        (3, 110.0),
-        (4, 130.0),
-        (5, 140.0),
-        (8, 150.0),
-        (10, 157.5),
-    ] {
+    let round = FitOptions { period: Some(360.0), ..none() };
+    for (count, end) in [(2, 80.0), (3, 110.0), (4, 130.0), (5, 140.0), (8, 150.0), (10, 157.5)] {
         let step = 2.0 * end / f64::from(count - 1);
-        let x: Vec<f64> = (0..count)
-            .map(|i| f64::from(i).mul_add(step, -end))
-            .collect();
+        let x: Vec<f64> = (0..count).map(|i| f64::from(i).mul_add(step, -end)).collect();
         let u = noisy(&x, 0.1, 5, |x| 0.5 * x);
         let chosen = fit_auto(&x, &u, &round).unwrap();
         let worst = (x.iter().zip(&u))
             .map(|(x, u)| (u - chosen.fit.curve.value(*x)).abs())
             .fold(0.0, f64::max);
-        assert!(
-            worst < 0.6,
-            "{count} to ±{end}: {worst} by {}",
-            chosen.choice.method
-        );
+        assert!(worst < 0.6, "{count} to ±{end}: {worst} by {}", chosen.choice.method);
     }
 }
 
 /// Readings over a full turn get a curve that closes.
 #[test]
 fn periodic_readings_get_periodic_curves() {
-    let round = FitOptions {
-        period: Some(360.0),
-        ..none()
-    };
+    let round = FitOptions { period: Some(360.0), ..none() };
     let x: Vec<f64> = (0..12).map(|i| 30.0 * f64::from(i)).collect();
-    let u = noisy(&x, 0.05, 3, |x| {
-        5.0 * x.to_radians().cos() + (2.0 * x).to_radians().sin()
-    });
+    let u = noisy(&x, 0.05, 3, |x| 5.0 * x.to_radians().cos() + (2.0 * x).to_radians().sin());
     let chosen = fit_auto(&x, &u, &round).unwrap();
-    assert_eq!(
-        chosen.choice.method,
-        Method::Fourier {
-            order: 2,
-            period: 360.0
-        }
-    );
+    assert_eq!(chosen.choice.method, Method::Fourier { order: 2, period: 360.0 });
     assert!(
         (chosen.fit.curve.value(200.0)
             - (5.0 * 200_f64.to_radians().cos() + 400_f64.to_radians().sin()))

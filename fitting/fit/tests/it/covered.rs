@@ -62,16 +62,13 @@ pub(crate) fn covered(line: &Generated, places: u32) -> Covered {
     let readings = line.sides.iter().map(|s| s.readings(&line.targets));
     let sets: Vec<(Vec<f64>, Vec<f64>)> = readings.collect();
     let parts: Vec<(&[f64], &[f64])> = sets.iter().map(|(x, u)| (&x[..], &u[..])).collect();
-    let method = choose(&parts, &FitOptions::default())
-        .expect("a curve")
-        .method;
+    let method = choose(&parts, &FitOptions::default()).expect("a curve").method;
     let dense = band_places(&line.targets);
     let [first, last] = [line.targets[0], line.targets[line.targets.len() - 1]];
     let mut all = Covered::default();
     for side in &line.sides {
-        let runs: Vec<(&[f64], &[f64])> = (side.runs.iter())
-            .map(|u| (&line.targets[..], &u[..]))
-            .collect();
+        let runs: Vec<(&[f64], &[f64])> =
+            (side.runs.iter()).map(|u| (&line.targets[..], &u[..])).collect();
         let of = |at: &[f64]| band(method, &runs, at, &BandOptions::default()).expect("a band");
         let (dense, sparse) = (of(&dense), of(&line.targets));
         let runs_of = side.runs.len();

@@ -30,11 +30,7 @@ fn rms_by_hand(terms: &ThermalTerms, run: &ThermalRun) -> f64 {
         let degc = &record.degc[number.sensor];
         let mut lagged = degc[0];
         for row in 0..record.len() {
-            let step_s = if row == 0 {
-                0.0
-            } else {
-                record.time_s[row] - record.time_s[row - 1]
-            };
+            let step_s = if row == 0 { 0.0 } else { record.time_s[row] - record.time_s[row - 1] };
             // Small steps along the straight line from the previous row.
             let before = degc[row.saturating_sub(1)];
             for part in 0..PARTS {
@@ -78,16 +74,9 @@ fn eight_runs_judged_by_runs_left_out() {
     println!("fresh {fresh:.3} µm");
     assert!(fresh < 1.3 * left, "{fresh} {left}");
     // The rule: the fewest coefficients within one standard error of the smallest error.
-    let best = terms
-        .path
-        .iter()
-        .min_by(|a, b| a.rms.total_cmp(&b.rms))
-        .unwrap();
+    let best = terms.path.iter().min_by(|a, b| a.rms.total_cmp(&b.rms)).unwrap();
     let most = best.rms.powi(2) + 2.0 * best.rms * best.standard_error;
-    let fewest = terms
-        .path
-        .iter()
-        .filter(|size| size.rms.powi(2) <= most * (1.0 + 1e-9));
+    let fewest = terms.path.iter().filter(|size| size.rms.powi(2) <= most * (1.0 + 1e-9));
     let fewest = fewest.map(|size| size.numbers).min().unwrap();
     assert_eq!(terms.numbers.len(), fewest);
 }
@@ -160,21 +149,15 @@ fn coefficient_uncertainties_match_their_scatter() {
     let (scatter, stated) = (rms(values.iter().copied()), rms(uncertainties));
     println!("scatter {scatter:.4} stated {stated:.4}");
     assert!(scatter < 0.2, "{values:?}");
-    assert!(
-        stated > 0.4 * scatter && stated < 2.5 * scatter,
-        "{scatter} {stated}"
-    );
+    assert!(stated > 0.4 * scatter && stated < 2.5 * scatter, "{scatter} {stated}");
 }
 
 #[test]
 fn an_expansion_is_found_where_the_position_was_varied() {
     let runs: Vec<ThermalRun> = (41..45).map(moving).collect();
     let terms = search_thermal(&runs, &ThermalSearch::default()).unwrap();
-    let expansion: Vec<_> = terms
-        .numbers
-        .iter()
-        .filter(|number| number.effect == ThermalEffect::Expansion)
-        .collect();
+    let expansion: Vec<_> =
+        terms.numbers.iter().filter(|number| number.effect == ThermalEffect::Expansion).collect();
     // The upper column is next to the scale, so its coefficient may replace part of the scale's.
     let sum: f64 = expansion.iter().map(|number| number.value * 1e3).sum();
     assert!(!expansion.is_empty());
@@ -185,12 +168,7 @@ fn an_expansion_is_found_where_the_position_was_varied() {
         run.position_mm.fill(300.0);
     }
     let terms = search_thermal(&still, &ThermalSearch::default()).unwrap();
-    assert!(
-        terms
-            .numbers
-            .iter()
-            .all(|n| n.effect != ThermalEffect::Expansion)
-    );
+    assert!(terms.numbers.iter().all(|n| n.effect != ThermalEffect::Expansion));
 }
 
 /// The drift without a lag, which contains the fixed point of an expansion, counts as a time constant.
@@ -206,11 +184,8 @@ fn the_lag_free_drift_counts_as_a_time_constant() {
         }
     }
     for most_lags in [1, 2] {
-        let search = ThermalSearch {
-            lags_s: vec![300.0, 900.0],
-            most_lags,
-            ..ThermalSearch::default()
-        };
+        let search =
+            ThermalSearch { lags_s: vec![300.0, 900.0], most_lags, ..ThermalSearch::default() };
         let found = search_thermal(&runs, &search).unwrap().lags_s();
         assert!(found.len() <= most_lags, "{found:?}");
         assert_eq!(found.contains(&900.0), most_lags == 2, "{found:?}");
@@ -222,10 +197,7 @@ fn tested_sensor_ranges_are_reported() {
     let runs = runs(1, 3);
     let terms = search_thermal(&runs, &ThermalSearch::default()).unwrap();
     for seen in &terms.seen {
-        let all = || {
-            runs.iter()
-                .flat_map(|run| run.record.degc[seen.sensor].iter().copied())
-        };
+        let all = || runs.iter().flat_map(|run| run.record.degc[seen.sensor].iter().copied());
         assert_eq!(seen.degc[0], all().fold(f64::INFINITY, f64::min));
         assert_eq!(seen.degc[1], all().fold(f64::NEG_INFINITY, f64::max));
         assert!(seen.k_per_min[0] <= 0.0 && seen.k_per_min[1] > 0.0);
@@ -260,10 +232,7 @@ fn wrong_runs_are_refused() {
         change(&mut runs, &mut search);
         search_thermal(&runs, &search).expect_err("refused")
     };
-    assert!(matches!(
-        refused(&|runs, _| runs.clear()),
-        FitError::Undetermined { .. }
-    ));
+    assert!(matches!(refused(&|runs, _| runs.clear()), FitError::Undetermined { .. }));
     assert!(matches!(
         refused(&|runs, _| {
             runs[1].record.degc.pop();
@@ -282,10 +251,7 @@ fn wrong_runs_are_refused() {
         refused(&|runs, _| runs[0].record.displacement[4] = f64::NAN),
         FitError::NotFinite { .. }
     ));
-    assert!(matches!(
-        refused(&|_, search| search.most_lags = 0),
-        FitError::Parameter { .. }
-    ));
+    assert!(matches!(refused(&|_, search| search.most_lags = 0), FitError::Parameter { .. }));
     assert!(matches!(
         refused(&|runs, _| {
             for run in runs {
@@ -296,18 +262,10 @@ fn wrong_runs_are_refused() {
     ));
     assert!(matches!(
         left_out_runs(&good[..1], &ThermalSearch::default()),
-        Err(FitError::TooFew {
-            what: "runs",
-            found: 1,
-            ..
-        })
+        Err(FitError::TooFew { what: "runs", found: 1, .. })
     ));
     assert!(matches!(
         search_thermal_rows(&good[0], 0..100, &ThermalSearch::default()),
-        Err(FitError::TooFew {
-            what: "rows",
-            found: 100,
-            ..
-        })
+        Err(FitError::TooFew { what: "rows", found: 100, .. })
     ));
 }

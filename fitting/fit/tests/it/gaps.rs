@@ -20,20 +20,12 @@ pub(crate) type Kind = (&'static str, fn(&[f64], &[f64]) -> Result<Fit, FitError
 
 pub(crate) const KINDS: [Kind; 7] = [
     ("B-spline", fit_bspline),
-    ("polynomial of order 8", |x, u| {
-        fit_polynomial(x, u, 8, [0.0, RANGE])
-    }),
-    ("Chebyshev of order 12", |x, u| {
-        fit_chebyshev(x, u, 12, [0.0, RANGE])
-    }),
+    ("polynomial of order 8", |x, u| fit_polynomial(x, u, 8, [0.0, RANGE])),
+    ("Chebyshev of order 12", |x, u| fit_chebyshev(x, u, 12, [0.0, RANGE])),
     ("monotone table", fit_cubic_table),
     ("linear table", fit_linear_table),
-    ("moving least squares", |x, u| {
-        fit_mls(x, u, 4, 1.0 / 3.0, 3.0)
-    }),
-    ("auto", |x, u| {
-        fit_auto(x, u, &FitOptions::default()).map(|auto| auto.fit)
-    }),
+    ("moving least squares", |x, u| fit_mls(x, u, 4, 1.0 / 3.0, 3.0)),
+    ("auto", |x, u| fit_auto(x, u, &FitOptions::default()).map(|auto| auto.fit)),
 ];
 
 pub(crate) fn truth(x: f64) -> f64 {
@@ -83,17 +75,12 @@ fn read(x: &[f64], random: &mut ChaCha8Rng) -> Vec<f64> {
 /// Largest error of a curve over the range.
 pub(crate) fn missed(fit: &Fit) -> f64 {
     let places = (0..=2000).map(|k| RANGE * f64::from(k) / 2000.0);
-    places
-        .map(|x| (fit.curve.value(x) - truth(x)).abs())
-        .fold(0.0, f64::max)
+    places.map(|x| (fit.curve.value(x) - truth(x)).abs()).fold(0.0, f64::max)
 }
 
 /// Assessment of a curve between its targets with known noise.
 pub(crate) fn between(fit: &Fit, x: &[f64], u: &[f64]) -> Between {
-    let noise = Noise {
-        deviation: NOISE,
-        freedom: f64::INFINITY,
-    };
+    let noise = Noise { deviation: NOISE, freedom: f64::INFINITY };
     Between::of(fit, x, u, Some(noise))
 }
 
@@ -144,10 +131,8 @@ impl Warned {
 /// hundreds of µm, with readings within tens of µm.
 #[test]
 fn a_smoothing_spline_does_not_overshoot_in_gaps() {
-    for (make, most) in [
-        (irregular as fn(u64) -> (Vec<f64>, Vec<f64>), 25.0),
-        (nearly_even, 12.0),
-    ] {
+    for (make, most) in [(irregular as fn(u64) -> (Vec<f64>, Vec<f64>), 25.0), (nearly_even, 12.0)]
+    {
         for index in 0..60 {
             let (x, u) = make(index);
             let miss = missed(&fit_bspline(&x, &u).expect("a spline"));

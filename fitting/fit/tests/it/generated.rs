@@ -68,17 +68,9 @@ pub(crate) fn generated(seed: u64, index: u32) -> Generated {
             let at = |&x: &f64| of_side(x) + noise * normal(&mut random);
             targets.iter().map(at).collect::<Vec<f64>>()
         });
-        Side {
-            runs: readings.collect(),
-            truth: Box::new(of_side.clone()),
-        }
+        Side { runs: readings.collect(), truth: Box::new(of_side.clone()) }
     });
-    Generated {
-        family,
-        noise,
-        sides: sides.collect(),
-        targets,
-    }
+    Generated { family, noise, sides: sides.collect(), targets }
 }
 
 /// A line with too sparse targets: the pitch of its screw is shorter than two gaps, and not close to one gap, where no target would show
@@ -90,11 +82,7 @@ pub(crate) fn undersampled(seed: u64, index: u32) -> Generated {
     let gaps = random.random_range(8..=20_u32);
     let step = 1000.0 / f64::from(gaps);
     let targets: Vec<f64> = (0..=gaps).map(|k| step * f64::from(k)).collect();
-    let [shortest, longest] = if index.is_multiple_of(2) {
-        [0.55, 0.85]
-    } else {
-        [1.25, 1.85]
-    };
+    let [shortest, longest] = if index.is_multiple_of(2) { [0.55, 0.85] } else { [1.25, 1.85] };
     let length = step * (shortest + (longest - shortest) * random.random::<f64>());
     let (phase, slow) = (TAU * random.random::<f64>(), TAU * random.random::<f64>());
     let truth = Truth {
@@ -108,16 +96,8 @@ pub(crate) fn undersampled(seed: u64, index: u32) -> Generated {
         targets.iter().map(at).collect::<Vec<f64>>()
     });
     let runs = runs.collect();
-    let side = Side {
-        runs,
-        truth: Box::new(move |x| truth.value(x)),
-    };
-    Generated {
-        family: "undersampled",
-        noise,
-        targets,
-        sides: vec![side],
-    }
+    let side = Side { runs, truth: Box::new(move |x| truth.value(x)) };
+    Generated { family: "undersampled", noise, targets, sides: vec![side] }
 }
 
 /// Waves, a polygon and steps, whose sum is the true curve.
@@ -134,24 +114,15 @@ struct Truth {
 
 impl Truth {
     fn value(&self, x: f64) -> f64 {
-        let waves = self
-            .waves
-            .iter()
-            .map(|[h, l, p]| h * (TAU * x / l + p).sin());
+        let waves = self.waves.iter().map(|[h, l, p]| h * (TAU * x / l + p).sin());
         let kinks = self.kinks.iter().map(|[at, s]| s * (x - at).max(0.0));
-        let steps = self
-            .steps
-            .iter()
-            .map(|[at, h]| if x > *at { *h } else { 0.0 });
+        let steps = self.steps.iter().map(|[at, h]| if x > *at { *h } else { 0.0 });
         self.slope * x + waves.chain(kinks).chain(steps).sum::<f64>()
     }
 }
 
 fn truth(family: &str, random: &mut ChaCha8Rng) -> Truth {
-    let mut truth = Truth {
-        slope: 0.02 * normal(random),
-        ..Truth::default()
-    };
+    let mut truth = Truth { slope: 0.02 * normal(random), ..Truth::default() };
     for _ in 0..2 {
         let length = 700.0 + 1500.0 * random.random::<f64>();
         let phase = TAU * random.random::<f64>();

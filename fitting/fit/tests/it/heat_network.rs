@@ -8,13 +8,8 @@ use volcomp_fit::{ThermalRecord, ThermalRun};
 /// Heat capacities, kJ/K: bearing, head, upper and lower column, bed, scale.
 const CAPACITY: [f64; 6] = [8.0, 60.0, 150.0, 220.0, 900.0, 5.0];
 /// Conduction between two masses, W/K.
-const CONDUCTION: [(usize, usize, f64); 5] = [
-    (0, 1, 45.0),
-    (1, 2, 30.0),
-    (2, 3, 60.0),
-    (3, 4, 40.0),
-    (2, 5, 2.0),
-];
+const CONDUCTION: [(usize, usize, f64); 5] =
+    [(0, 1, 45.0), (1, 2, 30.0), (2, 3, 60.0), (3, 4, 40.0), (2, 5, 2.0)];
 /// Convection to the room, W/K.
 const CONVECTION: [f64; 6] = [4.0, 10.0, 14.0, 14.0, 30.0, 3.0];
 /// Displacement of the tool by each mass, µm/K.
@@ -46,11 +41,8 @@ pub(crate) fn simulated(seed: u64) -> Simulated {
     ];
     let mut mass = [begun; 6];
     let (mut watt, mut cabinet) = (0.0, begun + 8.0);
-    let mut found = Simulated {
-        time_s: Vec::new(),
-        degc: vec![Vec::new(); 7],
-        truth: vec![Vec::new(); 6],
-    };
+    let mut found =
+        Simulated { time_s: Vec::new(), degc: vec![Vec::new(); 7], truth: vec![Vec::new(); 6] };
     for row in 0..ROWS {
         let hours = row as f64 * STEP_S / 3600.0;
         // At the start all masses have the room's temperature.
@@ -91,19 +83,10 @@ pub(crate) fn run(seed: u64) -> ThermalRun {
     let mut random = ChaCha8Rng::seed_from_u64(seed + 1_000_000);
     let moved = |row: usize| {
         let parts = machine.truth.iter().zip(EFFECT);
-        parts
-            .map(|(degc, per_k)| per_k * (degc[row] - degc[0]))
-            .sum::<f64>()
+        parts.map(|(degc, per_k)| per_k * (degc[row] - degc[0])).sum::<f64>()
     };
-    let displacement = (0..ROWS)
-        .map(|row| moved(row) + 0.2 * normal(&mut random))
-        .collect();
-    ThermalRecord {
-        time_s: machine.time_s,
-        degc: machine.degc,
-        displacement,
-    }
-    .into()
+    let displacement = (0..ROWS).map(|row| moved(row) + 0.2 * normal(&mut random)).collect();
+    ThermalRecord { time_s: machine.time_s, degc: machine.degc, displacement }.into()
 }
 
 /// A run over five positions of an axis with a curve; its scale expands by 11.5 µm/(m·K) from 100 mm.
@@ -118,11 +101,7 @@ pub(crate) fn moving(seed: u64) -> ThermalRun {
     };
     let displacement = (0..ROWS).map(displacement).collect();
     ThermalRun {
-        record: ThermalRecord {
-            time_s: machine.time_s,
-            degc: machine.degc,
-            displacement,
-        },
+        record: ThermalRecord { time_s: machine.time_s, degc: machine.degc, displacement },
         position_mm,
     }
 }

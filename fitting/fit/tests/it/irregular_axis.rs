@@ -14,10 +14,7 @@ fn deviation(x: f64) -> f64 {
 }
 
 fn worst_between(curve: &Curve) -> f64 {
-    targets(401)
-        .iter()
-        .map(|&x| (curve.value(x) - deviation(x)).abs())
-        .fold(0.0, f64::max)
+    targets(401).iter().map(|&x| (curve.value(x) - deviation(x)).abs()).fold(0.0, f64::max)
 }
 
 #[test]
@@ -27,20 +24,11 @@ fn moving_least_squares_residual_is_a_third_of_a_polynomial() {
     let polynomial = fit_polynomial(&x, &readings, 6, [0.0, 8000.0]).unwrap();
     let moving = fit_mls(&x, &readings, 4, 1.0 / 3.0, 3.0).unwrap();
     assert!(polynomial.max_abs() > 3.0, "{}", polynomial.max_abs());
-    assert!(
-        moving.max_abs() <= polynomial.max_abs() / 3.0,
-        "{}",
-        moving.max_abs()
-    );
+    assert!(moving.max_abs() <= polynomial.max_abs() / 3.0, "{}", moving.max_abs());
     // Deviation from the truth, also between the targets.
-    let (by_moving, by_polynomial) = (
-        worst_between(&moving.curve),
-        worst_between(&polynomial.curve),
-    );
-    assert!(
-        by_moving <= by_polynomial / 3.0,
-        "{by_moving} {by_polynomial}"
-    );
+    let (by_moving, by_polynomial) =
+        (worst_between(&moving.curve), worst_between(&polynomial.curve));
+    assert!(by_moving <= by_polynomial / 3.0, "{by_moving} {by_polynomial}");
 }
 
 #[test]
@@ -50,11 +38,7 @@ fn the_automatic_mode_follows_it_over_dense_and_over_the_published_targets() {
     let polynomial = fit_polynomial(&dense, &readings, 6, [0.0, 8000.0]).unwrap();
     let automatic = fit_mls_auto(&dense, &readings, 3.0, Some(2.0)).unwrap();
     assert_eq!(automatic.meets_required, Some(true));
-    assert!(
-        automatic.max_abs() <= polynomial.max_abs() / 3.0,
-        "{}",
-        automatic.max_abs()
-    );
+    assert!(automatic.max_abs() <= polynomial.max_abs() / 3.0, "{}", automatic.max_abs());
     assert!(worst_between(&automatic.curve) <= worst_between(&polynomial.curve) / 3.0);
 
     // At the 21 targets of the published axis the published setting is among the candidates.
@@ -75,12 +59,7 @@ fn the_automatic_choice_follows_it_between_the_targets() {
     let readings = noisy(&x, 0.2, 11, deviation);
     let polynomial = fit_polynomial(&x, &readings, 6, [0.0, 8000.0]).unwrap();
     let chosen = fit_auto(&x, &readings, &FitOptions::default()).unwrap().fit;
-    let (by_chosen, by_polynomial) = (
-        worst_between(&chosen.curve),
-        worst_between(&polynomial.curve),
-    );
-    assert!(
-        by_chosen <= by_polynomial / 3.0,
-        "{by_chosen} {by_polynomial}"
-    );
+    let (by_chosen, by_polynomial) =
+        (worst_between(&chosen.curve), worst_between(&polynomial.curve));
+    assert!(by_chosen <= by_polynomial / 3.0, "{by_chosen} {by_polynomial}");
 }

@@ -39,11 +39,8 @@ impl Row {
 pub(crate) fn rows(count: u32, refitted: usize) -> impl Iterator<Item = Row> {
     (0..count).map(move |index| {
         let line = generated(17, index);
-        let sets: Vec<(Vec<f64>, Vec<f64>)> = line
-            .sides
-            .iter()
-            .map(|side| side.readings(&line.targets))
-            .collect();
+        let sets: Vec<(Vec<f64>, Vec<f64>)> =
+            line.sides.iter().map(|side| side.readings(&line.targets)).collect();
         let parts: Vec<(&[f64], &[f64])> = sets.iter().map(|(x, u)| (&x[..], &u[..])).collect();
         let choice = choose(&parts, &FitOptions::default()).expect("a choice");
         let judged = |method| judged(&line, &sets, method, refitted);
@@ -79,17 +76,12 @@ fn judged(
         for &left in line.targets[1..last].iter().step_by(step) {
             let others = || x.iter().zip(u).filter(|(x, _)| **x != left);
             let (kept_x, kept_u): (Vec<f64>, Vec<f64>) = others().unzip();
-            let own: Vec<f64> = x
-                .iter()
-                .zip(u)
-                .filter(|(x, _)| **x == left)
-                .map(|p| *p.1)
-                .collect();
+            let own: Vec<f64> =
+                x.iter().zip(u).filter(|(x, _)| **x == left).map(|p| *p.1).collect();
             let mean = own.iter().sum::<f64>() / own.len() as f64;
             // A method that cannot be fitted without the target has no prediction.
-            let value = method
-                .fit(&kept_x, &kept_u)
-                .map_or(f64::INFINITY, |fit| fit.curve.value(left));
+            let value =
+                method.fit(&kept_x, &kept_u).map_or(f64::INFINITY, |fit| fit.curve.value(left));
             missed.0 += (mean - value).powi(2);
             missed.1 += 1.0;
         }

@@ -49,10 +49,7 @@ fn several_lines_do_not_make_it_less_than_the_residual() {
 }
 
 fn same(found: f64, expected: f64) {
-    assert!(
-        (found - expected).abs() < 1e-8 * expected,
-        "{found} {expected}"
-    );
+    assert!((found - expected).abs() < 1e-8 * expected, "{found} {expected}");
 }
 
 #[test]
@@ -61,10 +58,7 @@ fn polynomial_with_runs() {
     let x = [targets(11), targets(11), targets(11)[..4].to_vec()].concat();
     let u = noisy(&x, 1.0, 3, |x| (x / 1000.0).sin() * 10.0);
     let fit = |x: &[f64], u: &[f64]| fit_polynomial(x, u, 5, [0.0, 8000.0]);
-    same(
-        fit(&x, &u).unwrap().leave_one_out_rms,
-        brute_force(&x, &u, fit),
-    );
+    same(fit(&x, &u).unwrap().leave_one_out_rms, brute_force(&x, &u, fit));
 }
 
 #[test]
@@ -72,10 +66,7 @@ fn fourier() {
     let x: Vec<f64> = (0..13).map(|i| f64::from(i) * 27.0).collect();
     let u = noisy(&x, 1.0, 4, |x| x.to_radians().cos() * 10.0);
     let fit = |x: &[f64], u: &[f64]| fit_fourier(x, u, 3, 360.0, [0.0, 360.0]);
-    same(
-        fit(&x, &u).unwrap().leave_one_out_rms,
-        brute_force(&x, &u, fit),
-    );
+    same(fit(&x, &u).unwrap().leave_one_out_rms, brute_force(&x, &u, fit));
 }
 
 /// The leave-one-out error of moving least squares equals that of independent solutions without each target, including the end targets.
@@ -87,9 +78,7 @@ fn moving_least_squares_with_its_half_width_kept() {
     for (order, support) in [(1, 0.15), (2, 1.0), (3, 0.45), (4, 1.0 / 3.0), (6, 0.8)] {
         let expected = crate::brute_force::left_out(&nodes, order, support * 8000.0);
         let whole = fit_mls(&x, &u, order, support, 3.0).unwrap();
-        let Curve::MovingLeastSquares(curve) = &whole.curve else {
-            panic!("{:?}", whole.curve)
-        };
+        let Curve::MovingLeastSquares(curve) = &whole.curve else { panic!("{:?}", whole.curve) };
         for (i, expected) in expected.iter().enumerate() {
             let found = whole.residuals[i] / (1.0 - curve.influence(x[i], i));
             assert!(
@@ -138,9 +127,7 @@ fn a_spline_with_its_smoothing_kept() {
     let basis = DMatrix::from_fn(x.len(), size, |i, k| {
         let mut unit = vec![0.0; size];
         unit[k] = 1.0;
-        BSpline::new(spline.knots().to_vec(), unit, 3)
-            .unwrap()
-            .value(x[i])
+        BSpline::new(spline.knots().to_vec(), unit, 3).unwrap().value(x[i])
     });
     let penalty = DMatrix::from_fn(size - 2, size, |i, k| match k.wrapping_sub(i) {
         0 | 2 => 1.0,
@@ -176,8 +163,5 @@ fn a_spline_with_its_smoothing_kept() {
         })
         .sum();
     let expected = (squares / 15.0).sqrt();
-    assert!(
-        (fit.leave_one_out_rms / expected - 1.0).abs() < 1e-6,
-        "{expected}"
-    );
+    assert!((fit.leave_one_out_rms / expected - 1.0).abs() < 1e-6, "{expected}");
 }

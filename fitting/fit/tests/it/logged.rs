@@ -52,20 +52,13 @@ fn world(seed: u64) -> World {
         .zip(&bed)
         .map(|(spindle, bed)| 3.2 * (spindle - 20.0) - 2.0 * (bed - 20.0))
         .collect();
-    World {
-        degc: [spindle, bed, room],
-        moved,
-    }
+    World { degc: [spindle, bed, room], moved }
 }
 
 /// A lag stepped as on a machine, with the input constant during each short step.
 fn stepped(degc: &[f64], lag_s: f64) -> Vec<f64> {
     let mut value = degc[0];
-    let follows = if lag_s > 0.0 {
-        1.0 - (-STEP_S / lag_s).exp()
-    } else {
-        1.0
-    };
+    let follows = if lag_s > 0.0 { 1.0 - (-STEP_S / lag_s).exp() } else { 1.0 };
     degc.iter()
         .map(|t| {
             value += follows * (t - value);
@@ -74,11 +67,7 @@ fn stepped(degc: &[f64], lag_s: f64) -> Vec<f64> {
         .collect()
 }
 
-#[expect(
-    clippy::cast_possible_truncation,
-    clippy::cast_sign_loss,
-    reason = "a count of steps"
-)]
+#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a count of steps")]
 fn steps(seconds: f64) -> usize {
     (seconds / STEP_S) as usize
 }
@@ -90,11 +79,7 @@ fn logged(world: &World, every_s: f64, is_regular: bool, seed: u64) -> ThermalRu
     // In the first row the machine is at one temperature, at which every lag starts.
     let mut rows = vec![0];
     loop {
-        let share = if is_regular {
-            1.0
-        } else {
-            random.random_range(0.2..1.8)
-        };
+        let share = if is_regular { 1.0 } else { random.random_range(0.2..1.8) };
         let next = rows[rows.len() - 1] + steps(every_s * share).max(1);
         if next >= all {
             break;
@@ -123,10 +108,7 @@ fn at_run_time(terms: &ThermalTerms) -> f64 {
             let ThermalEffect::Drift { lag_s } = number.effect else {
                 panic!("no position was moved");
             };
-            for (left, t) in left
-                .iter_mut()
-                .zip(stepped(&world.degc[number.sensor], lag_s))
-            {
+            for (left, t) in left.iter_mut().zip(stepped(&world.degc[number.sensor], lag_s)) {
                 *left -= number.value * t;
             }
         }
@@ -168,30 +150,18 @@ fn the_claimed_error_is_met_at_run_time_for_any_logger() {
             };
             let shown: Vec<String> = (terms.numbers.iter())
                 .map(|n| {
-                    format!(
-                        "{} {:?} {:.3} ± {:.3}",
-                        n.sensor, n.effect, n.value, n.uncertainty
-                    )
+                    format!("{} {:?} {:.3} ± {:.3}", n.sensor, n.effect, n.value, n.uncertainty)
                 })
                 .collect();
             println!(
                 "{every_s} s regular {is_regular}: left out {left:.3}, between rows {between:.3}, claimed {claimed:.3}, at run time {run_time:.3}: {shown:?}"
             );
-            assert!(
-                run_time < 1.2 * claimed,
-                "{every_s} s: {run_time} of {claimed}"
-            );
+            assert!(run_time < 1.2 * claimed, "{every_s} s: {run_time} of {claimed}");
             // With each row constant over the interval before it, rows 300 s apart would leave 1.5 µm at run time.
-            assert!(
-                run_time < if every_s < 200.0 { 0.12 } else { 0.3 },
-                "{run_time}"
-            );
+            assert!(run_time < if every_s < 200.0 { 0.12 } else { 0.3 }, "{run_time}");
             let found = terms.numbers.iter().find(is_spindle).expect("the lag");
             let off = (found.value - 3.2).abs();
-            assert!(
-                off < 3.0 * found.uncertainty + 0.01,
-                "{every_s} s: {found:?}"
-            );
+            assert!(off < 3.0 * found.uncertainty + 0.01, "{every_s} s: {found:?}");
         }
     }
 }
@@ -222,27 +192,14 @@ fn a_gap_in_time_is_not_bridged() {
         "{behind_s}"
     );
     // Without a lag no row depends on a gap; an irregular log has no gap; excluded rows have no effect.
-    assert!(
-        record
-            .gaps(&[0.0])
-            .iter()
-            .all(|gap| gap.left_out.is_empty())
-    );
-    assert!(
-        logged(&world(7), 120.0, false, 7)
-            .record
-            .gaps(&search.lags_s)
-            .is_empty()
-    );
+    assert!(record.gaps(&[0.0]).iter().all(|gap| gap.left_out.is_empty()));
+    assert!(logged(&world(7), 120.0, false, 7).record.gaps(&search.lags_s).is_empty());
     let mut changed = runs.clone();
     for row in known {
         changed[1].record.displacement[row] += 50.0;
     }
     let terms = search_thermal(&runs, &search).unwrap();
-    assert_eq!(
-        terms.numbers,
-        search_thermal(&changed, &search).unwrap().numbers
-    );
+    assert_eq!(terms.numbers, search_thermal(&changed, &search).unwrap().numbers);
     let left = left_out_runs(&runs, &search).unwrap();
     let (with, without) = (at_run_time(&terms), at_run_time(&whole));
     println!("left out {left:.3?}, at run time {with:.3}, without the gap {without:.3}");
@@ -259,19 +216,8 @@ fn a_gap_in_time_is_not_bridged() {
         assert!((number.value - truth).abs() < 0.02, "{number:?}");
     }
     // For a run that is a gap except for its start, the message states the number of known rows.
-    runs[1]
-        .record
-        .time_s
-        .iter_mut()
-        .skip(20)
-        .for_each(|t| *t += 4.0 * 3600.0);
-    let slow = ThermalSearch {
-        lags_s: vec![0.0, 20_000.0],
-        ..search
-    };
+    runs[1].record.time_s.iter_mut().skip(20).for_each(|t| *t += 4.0 * 3600.0);
+    let slow = ThermalSearch { lags_s: vec![0.0, 20_000.0], ..search };
     let refused = search_thermal(&runs, &slow).unwrap_err().to_string();
-    assert!(
-        refused.contains("found 20 rows that are not behind a gap in the log"),
-        "{refused}"
-    );
+    assert!(refused.contains("found 20 rows that are not behind a gap in the log"), "{refused}");
 }

@@ -28,9 +28,7 @@ mod thermal_verdict;
 
 /// `count` targets over 0 to 8000 mm.
 fn targets(count: u32) -> Vec<f64> {
-    (0..count)
-        .map(|i| f64::from(i) * 8000.0 / f64::from(count - 1))
-        .collect()
+    (0..count).map(|i| f64::from(i) * 8000.0 / f64::from(count - 1)).collect()
 }
 
 fn at(x: &[f64], f: impl Fn(f64) -> f64) -> Vec<f64> {

@@ -19,12 +19,7 @@ fn peer(given: &Value) -> Option<Value> {
         .spawn()
         .unwrap();
     let text = given.to_string();
-    child
-        .stdin
-        .take()
-        .unwrap()
-        .write_all(text.as_bytes())
-        .unwrap();
+    child.stdin.take().unwrap().write_all(text.as_bytes()).unwrap();
     let output = child.wait_with_output().unwrap();
     assert!(output.status.success());
     Some(serde_json::from_slice(&output.stdout).unwrap())
@@ -46,16 +41,8 @@ fn every_kind_is_that_of_numpy_and_scipy() {
         };
         let domain = [0.0, 8000.0];
         let fits: [(&str, Fit, f64); 5] = [
-            (
-                "polynomial",
-                fit_polynomial(&x, &u, order, domain).unwrap(),
-                1e-8,
-            ),
-            (
-                "chebyshev",
-                fit_chebyshev(&x, &u, order, domain).unwrap(),
-                1e-9,
-            ),
+            ("polynomial", fit_polynomial(&x, &u, order, domain).unwrap(), 1e-8),
+            ("chebyshev", fit_chebyshev(&x, &u, order, domain).unwrap(), 1e-9),
             ("table", fit_cubic_table(&x, &u).unwrap(), 1e-9),
             ("mls", fit_mls(&x, &u, order, support, 3.0).unwrap(), 1e-7),
             ("bspline", fit_bspline(&x, &u).unwrap(), 0.01),

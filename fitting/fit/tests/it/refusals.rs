@@ -28,32 +28,18 @@ fn invalid_readings_are_refused() {
     let x = targets(21);
     for fit in ALL {
         assert!(fit(&x, &x).is_ok());
-        refused(
-            fit(&x, &x[1..]),
-            "found 20 readings for 21 abscissae: expected one for each",
-        );
-        assert!(matches!(
-            fit(&[], &[]),
-            Err(FitError::TooFewTargets { found: 0, .. })
-        ));
+        refused(fit(&x, &x[1..]), "found 20 readings for 21 abscissae: expected one for each");
+        assert!(matches!(fit(&[], &[]), Err(FitError::TooFewTargets { found: 0, .. })));
         for bad in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
             let mut u = x.clone();
             u[3] = bad;
             assert!(matches!(
                 fit(&x, &u),
-                Err(FitError::NotFinite {
-                    what: "reading",
-                    index: 3,
-                    ..
-                })
+                Err(FitError::NotFinite { what: "reading", index: 3, .. })
             ));
             assert!(matches!(
                 fit(&u, &x),
-                Err(FitError::NotFinite {
-                    what: "abscissa",
-                    index: 3,
-                    ..
-                })
+                Err(FitError::NotFinite { what: "abscissa", index: 3, .. })
             ));
         }
     }
@@ -90,10 +76,7 @@ fn domains() {
     let far: Vec<f64> = (0..21).map(|i| 5000.0 + f64::from(i)).collect();
     let u: Vec<f64> = far.iter().map(|x| x.sin()).collect();
     let error = fit_polynomial(&far, &u, 8, [5000.0, 5020.0]).unwrap_err();
-    assert!(
-        matches!(error, FitError::PowersLoseDigits { order: 8, .. }),
-        "{error}"
-    );
+    assert!(matches!(error, FitError::PowersLoseDigits { order: 8, .. }), "{error}");
     assert!(fit_chebyshev(&far, &u, 8, [5000.0, 5020.0]).is_ok());
 }
 
@@ -103,32 +86,17 @@ fn parameters() {
     for required in [0.0, -1.0, f64::NAN, f64::INFINITY] {
         assert!(matches!(
             fit_mls_auto(&x, &x, 3.0, Some(required)),
-            Err(FitError::Parameter {
-                what: "required residual",
-                ..
-            })
+            Err(FitError::Parameter { what: "required residual", .. })
         ));
         for options in [
-            FitOptions {
-                required_residual: Some(required),
-                ..FitOptions::default()
-            },
-            FitOptions {
-                period: Some(required),
-                ..FitOptions::default()
-            },
+            FitOptions { required_residual: Some(required), ..FitOptions::default() },
+            FitOptions { period: Some(required), ..FitOptions::default() },
         ] {
             assert!(fit_auto(&x[..3], &x[..3], &options).is_err());
         }
     }
-    assert!(matches!(
-        fit_mls_auto(&x, &x, f64::NAN, None),
-        Err(FitError::Curve(_))
-    ));
-    assert!(matches!(
-        fit_mls(&x, &x, 4, 0.1, 3.0),
-        Err(FitError::Curve(_))
-    ));
+    assert!(matches!(fit_mls_auto(&x, &x, f64::NAN, None), Err(FitError::Curve(_))));
+    assert!(matches!(fit_mls(&x, &x, 4, 0.1, 3.0), Err(FitError::Curve(_))));
     // A percentage, and more than the range; the whole range is the widest support.
     for support in [50.0, 1.01] {
         refused(

@@ -15,9 +15,7 @@ fn order_eight_over_eight_metres() {
     // The powers of the Chebyshev polynomial T8 are the worst conditioned.
     let f = |x: f64| 50.0 * (8.0 * (x / 4000.0 - 1.0).clamp(-1.0, 1.0).acos()).cos();
     let fit = fit_polynomial(&x, &at(&x, f), 8, RANGE).unwrap();
-    let Curve::Polynomial(polynomial) = &fit.curve else {
-        panic!("{:?}", fit.curve)
-    };
+    let Curve::Polynomial(polynomial) = &fit.curve else { panic!("{:?}", fit.curve) };
     assert_eq!(polynomial.coefficients().len(), 9);
     for i in 0..=777 {
         let x = 8000.0 * f64::from(i) / 777.0;
@@ -36,11 +34,7 @@ fn polynomial_and_chebyshev_are_the_same_function() {
     }
     // At least squares the residuals are orthogonal to the powers.
     for k in 0..=6 {
-        let dot: f64 = x
-            .iter()
-            .zip(&a.residuals)
-            .map(|(x, e)| (x / 8000.0).powi(k) * e)
-            .sum();
+        let dot: f64 = x.iter().zip(&a.residuals).map(|(x, e)| (x / 8000.0).powi(k) * e).sum();
         assert!(dot.abs() < 1e-7, "power {k}: {dot}");
     }
     assert!((a.rms() - b.rms()).abs() < 1e-9);
@@ -55,34 +49,19 @@ fn fourier_series_of_a_rotary_axis() {
         0.5 + 3.0 * q.cos() - 1.2 * q.sin() + 0.7 * (2.0 * q).sin()
     };
     let fit = fit_fourier(&x, &at(&x, f), 3, 360.0, [-360.0, 360.0]).unwrap();
-    let Curve::Fourier(series) = &fit.curve else {
-        panic!("{:?}", fit.curve)
-    };
+    let Curve::Fourier(series) = &fit.curve else { panic!("{:?}", fit.curve) };
     let expected = [0.5, 3.0, -1.2, 0.0, 0.7, 0.0, 0.0];
     for (found, expected) in series.coefficients().iter().zip(expected) {
-        assert!(
-            (found - expected).abs() < 1e-12,
-            "{:?}",
-            series.coefficients()
-        );
+        assert!((found - expected).abs() < 1e-12, "{:?}", series.coefficients());
     }
     assert!(fit.max_abs() < 1e-12 && fit.leave_one_out_rms < 1e-12);
 }
 
 #[test]
 fn tables_hold_the_mean_of_each_target() {
-    let (x, u) = (
-        [0.0, 100.0, 200.0, 200.0, 100.0, 0.0],
-        [0.0, 1.0, 5.0, 3.0, 3.0, 1.0],
-    );
-    for fit in [
-        fit_linear_table(&x, &u).unwrap(),
-        fit_cubic_table(&x, &u).unwrap(),
-    ] {
-        assert_eq!(
-            [0.0, 100.0, 200.0].map(|x| fit.curve.value(x)),
-            [0.5, 2.0, 4.0]
-        );
+    let (x, u) = ([0.0, 100.0, 200.0, 200.0, 100.0, 0.0], [0.0, 1.0, 5.0, 3.0, 3.0, 1.0]);
+    for fit in [fit_linear_table(&x, &u).unwrap(), fit_cubic_table(&x, &u).unwrap()] {
+        assert_eq!([0.0, 100.0, 200.0].map(|x| fit.curve.value(x)), [0.5, 2.0, 4.0]);
         assert_eq!(fit.residuals, [-0.5, -1.0, 1.0, -1.0, 1.0, 0.5]);
         // The inner target is predicted half-way between 0.5 and 4; its readings are 1 and 3.
         let expected = f64::midpoint(1.25_f64.powi(2), 0.75_f64.powi(2)).sqrt();
@@ -100,12 +79,7 @@ fn spline_follows_what_is_smooth_and_not_the_noise() {
     let smooth = fit_bspline(&x, &noise).unwrap();
     let curve = at(&x, |x| smooth.curve.value(x));
     let power = |u: &[f64]| u.iter().map(|u| u * u).sum::<f64>();
-    assert!(
-        power(&curve) < 0.35 * power(&noise),
-        "{} {}",
-        power(&curve),
-        power(&noise)
-    );
+    assert!(power(&curve) < 0.35 * power(&noise), "{} {}", power(&curve), power(&noise));
     assert_eq!(exact.curve.domain(), Some(RANGE));
 }
 

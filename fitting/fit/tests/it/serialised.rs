@@ -8,10 +8,7 @@ use volcomp_fit::{
 fn a_fit_reads_back_the_same() {
     let x = [0.0, 100.0, 200.0, 300.0, 400.0];
     let u = [0.0, 1.0, 4.0, 9.0, 16.0];
-    let options = FitOptions {
-        required_residual: Some(1.0),
-        ..FitOptions::default()
-    };
+    let options = FitOptions { required_residual: Some(1.0), ..FitOptions::default() };
     let chosen = fit_auto(&x, &u, &options).unwrap();
     let text = serde_json::to_string(&chosen).unwrap();
     let read: AutoFit = serde_json::from_str(&text).expect(&text);
@@ -31,17 +28,12 @@ fn a_fit_reads_back_the_same() {
         for x in [-10.0, 150.0, 400.0] {
             assert!((read.curve.value(x) - fit.curve.value(x)).abs() < 1e-12);
         }
-        assert_eq!(
-            read.leave_one_out_rms.is_finite(),
-            fit.leave_one_out_rms.is_finite()
-        );
+        assert_eq!(read.leave_one_out_rms.is_finite(), fit.leave_one_out_rms.is_finite());
         assert_eq!(read.meets_required, fit.meets_required);
     }
     // The embedded curve passes the checks of its constructor.
     let broken = r#"{"curve":{"table":{"nodes":[[0.0,1.0]],"interpolation":"linear"}},"residuals":[],"leave_one_out_rms":null,"meets_required":null}"#;
-    let error = serde_json::from_str::<Fit>(broken)
-        .expect_err("one node")
-        .to_string();
+    let error = serde_json::from_str::<Fit>(broken).expect_err("one node").to_string();
     assert!(error.contains("found 1 nodes"), "{error}");
 }
 
@@ -53,14 +45,8 @@ fn records_and_options_read_back_the_same() {
         displacement: vec![0.0, 1.0],
     };
     let text = serde_json::to_string(&record).unwrap();
-    assert_eq!(
-        serde_json::from_str::<ThermalRecord>(&text).unwrap(),
-        record
-    );
+    assert_eq!(serde_json::from_str::<ThermalRecord>(&text).unwrap(), record);
     let options = ThermalOptions::plain();
     let text = serde_json::to_string(&options).unwrap();
-    assert_eq!(
-        serde_json::from_str::<ThermalOptions>(&text).unwrap(),
-        options
-    );
+    assert_eq!(serde_json::from_str::<ThermalOptions>(&text).unwrap(), options);
 }

@@ -5,20 +5,11 @@ use std::{fmt::Write as _, fs, path::Path};
 use crate::heat_network::run;
 
 /// Each file, and the seed of its run.
-const RUNS: [(&str, u64); 4] = [
-    ("monday.csv", 1),
-    ("tuesday.csv", 2),
-    ("wednesday.csv", 3),
-    ("thursday.csv", 4),
-];
+const RUNS: [(&str, u64); 4] =
+    [("monday.csv", 1), ("tuesday.csv", 2), ("wednesday.csv", 3), ("thursday.csv", 4)];
 /// Columns of the file, and index of each sensor on the simulated machine.
-const SENSORS: [(&str, usize); 5] = [
-    ("bearing", 0),
-    ("head", 1),
-    ("column", 2),
-    ("bed", 3),
-    ("room", 5),
-];
+const SENSORS: [(&str, usize); 5] =
+    [("bearing", 0), ("head", 1), ("column", 2), ("bed", 3), ("room", 5)];
 const EVERY: usize = 4;
 
 /// Rows of a run: time, temperatures, displacement.
@@ -67,10 +58,7 @@ fn shipped_runs_are_those_of_the_simulated_machine() {
         for (shipped, expected) in shipped.iter().zip(&expected) {
             assert_eq!(shipped.len(), expected.len(), "{name}: {shipped:?}");
             let close = |(a, b): (&f64, &f64)| (a - b).abs() < 0.0051;
-            assert!(
-                shipped.iter().zip(expected).all(close),
-                "{name}: {shipped:?} {expected:?}"
-            );
+            assert!(shipped.iter().zip(expected).all(close), "{name}: {shipped:?} {expected:?}");
         }
     }
 }

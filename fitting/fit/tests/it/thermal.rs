@@ -36,33 +36,18 @@ fn record(rows: u32, noise_um: f64, seed: u64) -> ThermalRecord {
             truth + noise_um * random.random_range(-1.0..1.0)
         })
         .collect();
-    ThermalRecord {
-        time_s,
-        degc,
-        displacement,
-    }
+    ThermalRecord { time_s, degc, displacement }
 }
 
 #[test]
 fn a_lag_and_its_weights_are_found() {
     let record = record(3000, 0.1, 4);
-    let options = ThermalOptions {
-        mean_of: 1,
-        ..ThermalOptions::default()
-    };
+    let options = ThermalOptions { mean_of: 1, ..ThermalOptions::default() };
     let fit = fit_thermal(&record, 0..2100, &options).unwrap();
     let lags: Vec<f64> = fit.terms.iter().map(|term| term.lag_s).collect();
     assert_eq!(lags, [0.0, 900.0]);
-    assert!(
-        (fit.terms[1].per_k[0] - 2.0).abs() < 0.05,
-        "{:?}",
-        fit.terms
-    );
-    assert!(
-        (fit.terms[0].per_k[1] + 3.0).abs() < 0.05,
-        "{:?}",
-        fit.terms
-    );
+    assert!((fit.terms[1].per_k[0] - 2.0).abs() < 0.05, "{:?}", fit.terms);
+    assert!((fit.terms[0].per_k[1] + 3.0).abs() < 0.05, "{:?}", fit.terms);
     assert!((fit.constant - 1.0).abs() < 0.1, "{}", fit.constant);
     let (rms, worst) = fit.residual(&record, 2100..3000);
     assert!(rms < 0.08, "{rms}");
@@ -78,15 +63,9 @@ fn plain_ridge_is_beaten_where_there_is_a_lag() {
     for seed in 0..5 {
         let record = record(3000, 0.1, seed);
         let rms = |options: &ThermalOptions| {
-            fit_thermal(&record, 0..2100, options)
-                .unwrap()
-                .residual(&record, 2100..3000)
-                .0
+            fit_thermal(&record, 0..2100, options).unwrap().residual(&record, 2100..3000).0
         };
-        let (plain, lagged) = (
-            rms(&ThermalOptions::plain()),
-            rms(&ThermalOptions::default()),
-        );
+        let (plain, lagged) = (rms(&ThermalOptions::plain()), rms(&ThermalOptions::default()));
         assert!(lagged < 0.5 * plain, "{lagged} {plain}");
     }
 }
@@ -94,10 +73,7 @@ fn plain_ridge_is_beaten_where_there_is_a_lag() {
 #[test]
 fn a_sensor_without_part_is_left_out() {
     let record = record(3000, 0.1, 4);
-    let options = ThermalOptions {
-        select_sensors: true,
-        ..ThermalOptions::default()
-    };
+    let options = ThermalOptions { select_sensors: true, ..ThermalOptions::default() };
     let fit = fit_thermal(&record, 0..2100, &options).unwrap();
     assert_eq!(fit.sensors(), [0, 1]);
 }
@@ -110,10 +86,7 @@ fn rows_outside_the_fitted_range_have_no_effect() {
         record.displacement[row] += 100.0;
         record.degc[0][row] -= 5.0;
     }
-    assert_eq!(
-        fit_thermal(&record, 0..2100, &ThermalOptions::default()).unwrap(),
-        before
-    );
+    assert_eq!(fit_thermal(&record, 0..2100, &ThermalOptions::default()).unwrap(), before);
 }
 
 #[test]
@@ -129,36 +102,17 @@ fn wrong_records_are_refused() {
         refused(&|r, _| r.degc[1][7] = f64::NAN),
         FitError::NotFinite { index: 7, .. }
     ));
-    assert!(matches!(
-        refused(&|r, _| r.time_s[5] = r.time_s[4]),
-        FitError::Parameter { .. }
-    ));
-    assert!(matches!(
-        refused(&|r, _| r.displacement.truncate(5)),
-        FitError::Lengths { .. }
-    ));
+    assert!(matches!(refused(&|r, _| r.time_s[5] = r.time_s[4]), FitError::Parameter { .. }));
+    assert!(matches!(refused(&|r, _| r.displacement.truncate(5)), FitError::Lengths { .. }));
     assert!(matches!(
         refused(&|r, _| r.degc = vec![vec![20.0; 400]]),
         FitError::Undetermined { .. }
     ));
-    assert!(matches!(
-        refused(&|r, _| r.degc.clear()),
-        FitError::Undetermined { .. }
-    ));
-    assert!(matches!(
-        refused(&|_, o| o.lags_s = vec![-1.0]),
-        FitError::Parameter { .. }
-    ));
-    assert!(matches!(
-        refused(&|_, o| o.penalties.clear()),
-        FitError::Parameter { .. }
-    ));
+    assert!(matches!(refused(&|r, _| r.degc.clear()), FitError::Undetermined { .. }));
+    assert!(matches!(refused(&|_, o| o.lags_s = vec![-1.0]), FitError::Parameter { .. }));
+    assert!(matches!(refused(&|_, o| o.penalties.clear()), FitError::Parameter { .. }));
     assert!(matches!(
         fit_thermal(&good, 0..100, &ThermalOptions::default()),
-        Err(FitError::TooFew {
-            what: "rows",
-            found: 100,
-            ..
-        })
+        Err(FitError::TooFew { what: "rows", found: 100, .. })
     ));
 }

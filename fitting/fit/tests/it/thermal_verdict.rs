@@ -14,10 +14,7 @@ fn tests(rows: u32, seed: u64, um_per_k: f64) -> Vec<ThermalRun> {
     let mut draw = move || random.random_range(-1.0..1.0_f64);
     let test = |_| {
         let (phase, speed, other) = (3.0 * draw(), 1.5 + 0.5 * draw(), 3.0 * draw());
-        let mut record = ThermalRecord {
-            degc: vec![Vec::new(); 2],
-            ..ThermalRecord::default()
-        };
+        let mut record = ThermalRecord { degc: vec![Vec::new(); 2], ..ThermalRecord::default() };
         for row in 0..rows {
             let hours = f64::from(row) / 60.0;
             let mut noise = |size: f64| size * (0..12).map(|_| 0.5 * draw()).sum::<f64>();

@@ -68,11 +68,7 @@ impl CircularDeviations {
         let larger = |values: [Option<f64>; 2]| values.into_iter().flatten().reduce(f64::max);
         let smaller = |values: [Option<f64>; 2]| values.into_iter().flatten().reduce(f64::min);
         [
-            (
-                "G_ccw",
-                "circular deviation, counter-clockwise",
-                self.g_um[0],
-            ),
+            ("G_ccw", "circular deviation, counter-clockwise", self.g_um[0]),
             ("G_cw", "circular deviation, clockwise", self.g_um[1]),
             ("G_b", "bidirectional circular deviation", self.g_b_um),
             ("F_max", "largest radial deviation", larger(self.f_max_um)),
@@ -95,21 +91,15 @@ fn circle(points: &[TracePoint], name: &str) -> Result<Vector3<f64>, MetrologyEr
     }
     let singular = normal.singular_values();
     let strong = singular.min() > 1e-9 * singular.max();
-    let solved = if strong {
-        normal.lu().solve(&right)
-    } else {
-        None
-    };
-    solved
-        .filter(|s| s.iter().all(|x| x.is_finite()))
-        .ok_or_else(|| {
-            MetrologyError::readings(
-                name,
-                "points",
-                "an arc too short for a centre, or numbers that are not finite",
-                "points around the circle",
-            )
-        })
+    let solved = if strong { normal.lu().solve(&right) } else { None };
+    solved.filter(|s| s.iter().all(|x| x.is_finite())).ok_or_else(|| {
+        MetrologyError::readings(
+            name,
+            "points",
+            "an arc too short for a centre, or numbers that are not finite",
+            "points around the circle",
+        )
+    })
 }
 
 /// Deviations about the centre of `circle`.

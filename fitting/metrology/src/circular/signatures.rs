@@ -188,11 +188,7 @@ fn row(p: &TracePoint, both: bool, width_rad: f64) -> Vec<f64> {
     let side = |x: f64| if x == 0.0 { 0.0 } else { x.signum() };
     let spike = |place: f64| {
         let since = (d * (p.angle_rad - place)).rem_euclid(TAU);
-        if since < PI {
-            (-since / width_rad).exp()
-        } else {
-            0.0
-        }
+        if since < PI { (-since / width_rad).exp() } else { 0.0 }
     };
     let mut row = vec![
         1.0,
@@ -283,14 +279,7 @@ fn solve(
         Some((inverse, lengths, _)) => of(&inverse, &lengths),
         None => of(&inverse, &lengths),
     };
-    Some(Fit {
-        found,
-        variances,
-        passed,
-        squares,
-        rms: (squares / rows as f64).sqrt(),
-        width_deg,
-    })
+    Some(Fit { found, variances, passed, squares, rms: (squares / rows as f64).sqrt(), width_deg })
 }
 
 /// Inverse of the normal matrix of the columns scaled to length 1, the original lengths, and the scaled columns; `None` if the columns are not
@@ -365,11 +354,7 @@ impl Fit {
         }
         let sum: f64 = ranked.iter().map(|s| s.range_um).sum();
         for signature in &mut ranked {
-            signature.share = if sum > 0.0 {
-                signature.range_um / sum
-            } else {
-                0.0
-            };
+            signature.share = if sum > 0.0 { signature.range_um / sum } else { 0.0 };
         }
         ranked.sort_by(|a, b| b.range_um.total_cmp(&a.range_um));
         Signatures {

@@ -66,12 +66,7 @@ pub fn parse_trace(
     }
     if pairs.len() < FEWEST_POINTS {
         let found = pairs.len().to_string();
-        return Err(refuse(
-            name,
-            "points",
-            found,
-            "at least 16 around the circle",
-        ));
+        return Err(refuse(name, "points", found, "at least 16 around the circle"));
     }
     let is_positions = matches!(columns.kind, Kind::Positions(_));
     let angles = angles(&pairs, is_positions, name)?;
@@ -117,11 +112,7 @@ pub fn parse_trace(
         radius_mm: nominal,
         radius_is_stated: radius_mm.is_some(),
         points: points
-            .map(|(pair, sense)| TracePoint {
-                angle_rad: pair[0],
-                deviation_um: pair[1],
-                sense,
-            })
+            .map(|(pair, sense)| TracePoint { angle_rad: pair[0], deviation_um: pair[1], sense })
             .collect(),
         notes,
     })
@@ -174,10 +165,7 @@ struct TraceColumns {
 
 enum Kind {
     /// Angle and radial deviation, each with its unit in rad and in µm.
-    Radial {
-        angle: (Column, f64),
-        deviation: (Column, f64),
-    },
+    Radial { angle: (Column, f64), deviation: (Column, f64) },
     /// Two coordinates, mm.
     Positions([Column; 2]),
 }

@@ -215,19 +215,13 @@ pub(super) struct OneTurn {
 /// one turn the middle is kept, since its ends contain starting and stopping. Of several runs with a whole turn among them, the longest is kept.
 /// Overlapping arcs are all kept, with a note. Points whose angles do not progress in their sense have no order, and all are kept.
 pub(super) fn one_turn(angles_rad: &[f64], senses: &[Sense]) -> OneTurn {
-    let mut found = OneTurn {
-        keeps: vec![true; angles_rad.len()],
-        notes: Vec::new(),
-    };
+    let mut found = OneTurn { keeps: vec![true; angles_rad.len()], notes: Vec::new() };
     for sense in Sense::BOTH {
         let Some(runs) = runs(angles_rad, senses, sense) else {
             continue;
         };
         let turned: f64 = runs.iter().map(Run::turned).sum();
-        let longest = runs
-            .iter()
-            .rev()
-            .max_by(|a, b| a.turned().total_cmp(&b.turned()));
+        let longest = runs.iter().rev().max_by(|a, b| a.turned().total_cmp(&b.turned()));
         let Some(longest) = longest.filter(|_| turned > TAU + LEAST_TURN_RAD) else {
             continue;
         };
@@ -290,10 +284,7 @@ fn runs(angles_rad: &[f64], senses: &[Sense], sense: Sense) -> Option<Vec<Run>> 
                 }
                 run.angles.push(run.turned() + way);
             }
-            _ => runs.push(Run {
-                first: index,
-                angles: vec![0.0],
-            }),
+            _ => runs.push(Run { first: index, angles: vec![0.0] }),
         }
     }
     Some(runs)
@@ -302,9 +293,5 @@ fn runs(angles_rad: &[f64], senses: &[Sense], sense: Sense) -> Option<Vec<Run>> 
 /// Signed difference of two angles by the shorter way round.
 fn turn(pair: &[f64]) -> f64 {
     let turn = (pair[1] - pair[0]).rem_euclid(std::f64::consts::TAU);
-    if turn > std::f64::consts::PI {
-        turn - std::f64::consts::TAU
-    } else {
-        turn
-    }
+    if turn > std::f64::consts::PI { turn - std::f64::consts::TAU } else { turn }
 }

@@ -53,19 +53,12 @@ impl Shape<3> for FlatCircle {
     fn distance(&self, point: &Vector3<f64>) -> (f64, SVector<f64, 3>) {
         let from_centre = point.xy() - self.centre;
         let r = from_centre.norm();
-        let u = if r > 0.0 {
-            from_centre / r
-        } else {
-            from_centre
-        };
+        let u = if r > 0.0 { from_centre / r } else { from_centre };
         (r - self.radius, SVector::from([-u.x, -u.y, -1.0]))
     }
 
     fn moved(&self, by: &SVector<f64, 3>) -> Self {
-        Self {
-            centre: self.centre + by.xy(),
-            radius: self.radius + by.z,
-        }
+        Self { centre: self.centre + by.xy(), radius: self.radius + by.z }
     }
 }
 
@@ -75,11 +68,8 @@ pub(super) fn circle(
 ) -> Result<Form, FormError> {
     let cloud = Cloud::of(points_mm, FEATURE)?;
     cloud.refuse_line(FEATURE, EXPECTED)?;
-    let refused = |found: String| FormError::NotDetermined {
-        feature: FEATURE,
-        found,
-        expected: EXPECTED,
-    };
+    let refused =
+        |found: String| FormError::NotDetermined { feature: FEATURE, found, expected: EXPECTED };
     let normal = match plane {
         Some(plane) => plane.normal().into(),
         None if cloud.extents[2] > 0.5 * cloud.extents[1] => {
@@ -159,11 +149,7 @@ fn ring(points: &[Vector3<f64>], start: Vector2<f64>) -> Option<Ring> {
             let from_centre = point.xy() - centre;
             let r = from_centre.norm();
             // At the centre itself the direction is undefined.
-            let u = if r > 0.0 {
-                from_centre / r
-            } else {
-                from_centre
-            };
+            let u = if r > 0.0 { from_centre / r } else { from_centre };
             rows.push(Vector3::new(1.0, u.x, u.y));
             b.push(r - middle);
         }
@@ -198,9 +184,5 @@ fn ring(points: &[Vector3<f64>], start: Vector2<f64>) -> Option<Ring> {
     let mut contacts: Vec<usize> = touching.map(|contact| contact.row).collect();
     contacts.sort_unstable();
     contacts.dedup();
-    Some(Ring {
-        centre,
-        radii: radii_about(centre),
-        contacts,
-    })
+    Some(Ring { centre, radii: radii_about(centre), contacts })
 }

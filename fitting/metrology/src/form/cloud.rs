@@ -24,20 +24,12 @@ impl Cloud {
         for (index, point) in points_mm.iter().enumerate() {
             if let Some(&found) = point.iter().find(|x| x.is_nan() || x.abs() > LARGEST_MM) {
                 let number = index + 1;
-                return Err(FormError::Coordinate {
-                    feature,
-                    number,
-                    found,
-                });
+                return Err(FormError::Coordinate { feature, number, found });
             }
         }
         let (found, expected) = (different(points_mm), feature.fewest_points());
         if found < expected {
-            return Err(FormError::TooFew {
-                feature,
-                found,
-                expected,
-            });
+            return Err(FormError::TooFew { feature, found, expected });
         }
         // Differences from a nearby point keep the digits that sums of large coordinates lose.
         let first = Vector3::from(points_mm[0]);
@@ -86,11 +78,7 @@ impl Cloud {
         if self.extents[2] > ROUNDING * self.extents[0] {
             return Ok(());
         }
-        Err(FormError::NotDetermined {
-            feature,
-            found: "points in one plane".into(),
-            expected,
-        })
+        Err(FormError::NotDetermined { feature, found: "points in one plane".into(), expected })
     }
 
     /// Converts a scaled point to the frame of the file, mm.
@@ -108,11 +96,7 @@ pub(super) fn across(w: Vector3<f64>) -> [Vector3<f64>; 2] {
 
 /// The direction or its opposite, whichever has a positive largest component.
 pub(super) fn signed(direction: Vector3<f64>) -> Vector3<f64> {
-    let sign = if direction[direction.iamax()] < 0.0 {
-        -1.0
-    } else {
-        1.0
-    };
+    let sign = if direction[direction.iamax()] < 0.0 { -1.0 } else { 1.0 };
     // Adding 0 turns −0 into 0.
     direction.map(|x| sign * x + 0.0)
 }

@@ -46,9 +46,7 @@ impl<const N: usize> Conical<N> {
         let seen: Vec<Vector3<f64>> = points.iter().map(seen).collect();
         let circle = FlatCircle::algebraic(&seen)?;
         let n = seen.len() as f64;
-        let radii: Vec<f64> = (seen.iter())
-            .map(|p| (p.xy() - circle.centre).norm())
-            .collect();
+        let radii: Vec<f64> = (seen.iter()).map(|p| (p.xy() - circle.centre).norm()).collect();
         let mean_r = radii.iter().sum::<f64>() / n;
         let mean_s = seen.iter().map(|p| p.z).sum::<f64>() / n;
         let (mut up, mut across_up) = (0.0, 0.0);
@@ -57,11 +55,7 @@ impl<const N: usize> Conical<N> {
             up += (p.z - mean_s) * (r - mean_r);
         }
         let is_cone = N == 6 && across_up > 0.0;
-        let half_angle = if is_cone {
-            (up / across_up).atan()
-        } else {
-            0.0
-        };
+        let half_angle = if is_cone { (up / across_up).atan() } else { 0.0 };
         Some(Self {
             point: e1 * circle.centre.x + e2 * circle.centre.y,
             axis,
@@ -82,14 +76,7 @@ impl<const N: usize> Shape<N> for Conical<N> {
         let u = if r > 0.0 { beside / r } else { beside };
         let [u1, u2] = self.across.map(|e| u.dot(&e));
         let tilt = s * cos + r * sin;
-        let derivatives = [
-            -cos * u1,
-            -cos * u2,
-            -tilt * u1,
-            -tilt * u2,
-            -1.0,
-            -r * sin - s * cos,
-        ];
+        let derivatives = [-cos * u1, -cos * u2, -tilt * u1, -tilt * u2, -1.0, -r * sin - s * cos];
         let derivatives = SVector::from_fn(|k, _| derivatives[k]);
         (r * cos - s * sin - self.height, derivatives)
     }
@@ -127,11 +114,7 @@ fn few(points: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
     if points.len() <= FEW {
         return points.to_vec();
     }
-    let step = if points.len().is_multiple_of(STEP) {
-        OTHER
-    } else {
-        STEP
-    };
+    let step = if points.len().is_multiple_of(STEP) { OTHER } else { STEP };
     (0..FEW).map(|k| points[k * step % points.len()]).collect()
 }
 
@@ -216,13 +199,7 @@ pub(super) fn cone(points_mm: &[[f64; 3]]) -> Result<Form, FormError> {
     Ok(Form {
         half_angle_rad: Some(found.half_angle.abs()),
         position_mm: cloud.in_mm(apex),
-        ..form(
-            &cloud,
-            FEATURE,
-            &found,
-            axis,
-            along.map(|s| apex + axis * s),
-        )
+        ..form(&cloud, FEATURE, &found, axis, along.map(|s| apex + axis * s))
     })
 }
 
@@ -258,9 +235,7 @@ fn form<const N: usize>(
         direction: axis.into(),
         radius_mm: None,
         half_angle_rad: None,
-        axis: Some(Axis {
-            ends_mm: ends.map(|end| cloud.in_mm(end)),
-        }),
+        axis: Some(Axis { ends_mm: ends.map(|end| cloud.in_mm(end)) }),
         deviation_mm: (high - low) * cloud.scale_mm,
         rms_mm: rms(distances()) * cloud.scale_mm,
         out_of_plane_mm: None,

@@ -26,11 +26,7 @@ pub enum FormError {
     },
     /// The points are arranged such that they do not determine the feature.
     #[error("{feature}: found {found}, expected {expected}")]
-    NotDetermined {
-        feature: FeatureKind,
-        found: String,
-        expected: &'static str,
-    },
+    NotDetermined { feature: FeatureKind, found: String, expected: &'static str },
     #[error(
         "datum axis: found the direction {i},{j},{k}, expected finite numbers that are not all zero"
     )]

@@ -50,11 +50,7 @@ pub(super) fn minimax(rows: &[Vector3<f64>], b: &[f64], rounding: f64) -> Option
             outside.max_by(|&p, &q| residual(p).abs().total_cmp(&residual(q).abs()))
         };
         let Some(row) = entering else {
-            return Some(Minimax {
-                x,
-                largest,
-                contacts,
-            });
+            return Some(Minimax { x, largest, contacts });
         };
         let sign = residual(row).signum();
         let column = (rows[row] * sign).push(1.0);
@@ -64,16 +60,11 @@ pub(super) fn minimax(rows: &[Vector3<f64>], b: &[f64], rounding: f64) -> Option
             (change > 1e-12).then(|| contacts[k].weight.max(0.0) / change)
         };
         // The changes add up to 1, so one of them is positive.
-        let leaving = (0..4)
-            .filter_map(|k| ratio(k).map(|ratio| (k, ratio)))
-            .min_by(|(k, p), (l, q)| {
+        let leaving =
+            (0..4).filter_map(|k| ratio(k).map(|ratio| (k, ratio))).min_by(|(k, p), (l, q)| {
                 p.total_cmp(q).then(contacts[*k].row.cmp(&contacts[*l].row))
             })?;
-        contacts[leaving.0] = Contact {
-            row,
-            sign,
-            weight: 0.0,
-        };
+        contacts[leaving.0] = Contact { row, sign, weight: 0.0 };
     }
     None
 }
@@ -97,9 +88,7 @@ fn first_contacts(rows: &[Vector3<f64>], b: &[f64]) -> Option<[Contact; 4]> {
         *place = pivot;
     }
     let of_three = nalgebra::Matrix3::from_fn(|k, column| rows[chosen[k]][column]);
-    let x = of_three
-        .lu()
-        .solve(&Vector3::from(chosen.map(|row| b[row])))?;
+    let x = of_three.lu().solve(&Vector3::from(chosen.map(|row| b[row])))?;
     let residual = |row: usize| b[row] - rows[row].dot(&x);
     let others = (0..rows.len()).filter(|row| !chosen.contains(row));
     let fourth = others.max_by(|&p, &q| residual(p).abs().total_cmp(&residual(q).abs()))?;

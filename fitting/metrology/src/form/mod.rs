@@ -168,9 +168,7 @@ pub struct Axis {
 
 impl Axis {
     fn point(point_mm: [f64; 3]) -> Self {
-        Self {
-            ends_mm: [point_mm; 2],
-        }
+        Self { ends_mm: [point_mm; 2] }
     }
 
     /// Length of the segment, mm.
@@ -210,10 +208,7 @@ impl DatumAxis {
         }
         // Divide by the largest component first: squares of tiny or huge numbers underflow or overflow.
         let unit = (Vector3::from(direction) / largest).normalize();
-        Ok(Self {
-            point_mm,
-            direction: unit.into(),
-        })
+        Ok(Self { point_mm, direction: unit.into() })
     }
 
     /// Distance of a point from the axis, mm.

@@ -42,11 +42,7 @@ pub fn parse_points(text: &str, name: &str) -> Result<FormPoints, MetrologyError
     for wanted in NAMES {
         columns.push(column(&table, wanted)?);
     }
-    let mut read = FormPoints {
-        points_mm: Vec::new(),
-        lines: Vec::new(),
-        notes: Vec::new(),
-    };
+    let mut read = FormPoints { points_mm: Vec::new(), lines: Vec::new(), notes: Vec::new() };
     for row in table.rows() {
         let mut point_mm = [0.0; 3];
         for (coordinate, &column) in point_mm.iter_mut().zip(&columns) {
@@ -66,19 +62,15 @@ pub fn parse_points(text: &str, name: &str) -> Result<FormPoints, MetrologyError
         return Err(table.header_error(expected).into());
     }
     let is_read = |column: &Column| columns.contains(column);
-    let others: Vec<&str> = table
-        .names()
-        .filter(|(c, _)| !is_read(c))
-        .map(|(_, name)| name)
-        .collect();
+    let others: Vec<&str> =
+        table.names().filter(|(c, _)| !is_read(c)).map(|(_, name)| name).collect();
     read.notes.extend(not_read(&others));
     Ok(read)
 }
 
 fn column(table: &CsvTable, wanted: &str) -> Result<Column, MetrologyError> {
-    let mut named = table
-        .names()
-        .filter_map(|(column, head)| Some((column, head, unit_of(head, wanted)?)));
+    let mut named =
+        table.names().filter_map(|(column, head)| Some((column, head, unit_of(head, wanted)?)));
     let Some((column, head, unit)) = named.next() else {
         let heads: Vec<&str> = table.names().map(|(_, name)| name).collect();
         let message = format!(

@@ -32,11 +32,7 @@ struct Normal<const N: usize> {
 
 impl<const N: usize> Normal<N> {
     fn of(shape: &impl Shape<N>, points: &[Vector3<f64>]) -> Self {
-        let mut sum = Self {
-            matrix: SMatrix::zeros(),
-            gradient: SVector::zeros(),
-            squares: 0.0,
-        };
+        let mut sum = Self { matrix: SMatrix::zeros(), gradient: SVector::zeros(), squares: 0.0 };
         for point in points {
             let (distance, derivatives) = shape.distance(point);
             sum.matrix += derivatives * derivatives.transpose();
@@ -117,10 +113,5 @@ pub(super) fn refine<S: Shape<N>, const N: usize>(
             break;
         }
     }
-    Refined {
-        shape,
-        squares: normal.squares,
-        determined: normal.determined(),
-        step: last,
-    }
+    Refined { shape, squares: normal.squares, determined: normal.determined(), step: last }
 }

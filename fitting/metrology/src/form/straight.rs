@@ -34,11 +34,7 @@ fn refuse_broad(cloud: &Cloud, feature: FeatureKind) -> Result<(), FormError> {
         FeatureKind::Plane => ("points as high as they are broad", "points near a plane"),
         _ => ("points as broad as they are long", "points near a line"),
     };
-    Err(FormError::NotDetermined {
-        feature,
-        found: found.into(),
-        expected,
-    })
+    Err(FormError::NotDetermined { feature, found: found.into(), expected })
 }
 
 fn line_in_space(points_mm: &[[f64; 3]]) -> Result<Form, FormError> {
@@ -65,9 +61,7 @@ fn line_along(cloud: &Cloud, w: Vector3<f64>) -> Form {
         direction: w.into(),
         radius_mm: None,
         half_angle_rad: None,
-        axis: Some(Axis {
-            ends_mm: along.map(at),
-        }),
+        axis: Some(Axis { ends_mm: along.map(at) }),
         deviation_mm: 0.0,
         rms_mm: 0.0,
         out_of_plane_mm: None,
@@ -94,9 +88,7 @@ fn line_in_plane(points_mm: &[[f64; 3]], plane: CoordinatePlane) -> Result<Form,
     refuse_broad(&cloud, FeatureKind::Line)?;
     let w = signed(cloud.directions[0]);
     let v = normal.cross(&w);
-    let across: Vec<(f64, f64)> = (cloud.points.iter())
-        .map(|p| (p.dot(&w), p.dot(&v)))
-        .collect();
+    let across: Vec<(f64, f64)> = (cloud.points.iter()).map(|p| (p.dot(&w), p.dot(&v))).collect();
     let [low, high] = range(across.iter().map(|p| p.1));
     let strip = narrowest_strip(&across);
     let in_space = |(s, h): (f64, f64)| w * s + v * h;
@@ -136,9 +128,7 @@ fn narrowest_strip(points: &[(f64, f64)]) -> Option<Strip> {
             let length = (b.0 - a.0).hypot(b.1 - a.1);
             let direction = ((b.0 - a.0) / length, (b.1 - a.1) / length);
             let height = |p: &(f64, f64)| direction.0 * (p.1 - a.1) - direction.1 * (p.0 - a.0);
-            let far = corners
-                .iter()
-                .max_by(|p, q| height(p).abs().total_cmp(&height(q).abs()))?;
+            let far = corners.iter().max_by(|p, q| height(p).abs().total_cmp(&height(q).abs()))?;
             Some((height(far).abs(), direction, [a, b, *far]))
         };
         let strips = edges.windows(2).filter_map(of_edge);
@@ -152,12 +142,7 @@ fn narrowest_strip(points: &[(f64, f64)]) -> Option<Strip> {
     let mut contacts: Vec<usize> = corners.into_iter().filter_map(place).collect();
     contacts.sort_unstable();
     contacts.dedup();
-    Some(Strip {
-        width,
-        middle: (0.5 * (a.0 + far.0), 0.5 * (a.1 + far.1)),
-        direction,
-        contacts,
-    })
+    Some(Strip { width, middle: (0.5 * (a.0 + far.0), 0.5 * (a.1 + far.1)), direction, contacts })
 }
 
 pub(super) fn plane(points_mm: &[[f64; 3]]) -> Result<Form, FormError> {
@@ -194,9 +179,8 @@ fn layer(cloud: &Cloud, start: Vector3<f64>) -> Option<MinimumZone> {
     let mut found: Option<Minimax> = None;
     for _ in 0..50 {
         let [e1, e2] = across(normal);
-        let rows: Vec<Vector3<f64>> = (cloud.points.iter())
-            .map(|p| Vector3::new(1.0, p.dot(&e1), p.dot(&e2)))
-            .collect();
+        let rows: Vec<Vector3<f64>> =
+            (cloud.points.iter()).map(|p| Vector3::new(1.0, p.dot(&e1), p.dot(&e2))).collect();
         let heights: Vec<f64> = cloud.points.iter().map(|p| p.dot(&normal)).collect();
         let linear = minimax(&rows, &heights, 4e-15)?;
         let tilted = (normal - e1 * linear.x.y - e2 * linear.x.z).normalize();

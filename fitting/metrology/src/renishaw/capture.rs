@@ -59,10 +59,7 @@ pub fn parse_rtx(bytes: &[u8], name: &str) -> Result<Capture, MetrologyError> {
         place.truncated("Data", found, expected)
     })?;
     let (chunks, _) = body.as_chunks::<8>();
-    let samples: Vec<f64> = chunks
-        .iter()
-        .map(|chunk| f64::from_le_bytes(*chunk))
-        .collect();
+    let samples: Vec<f64> = chunks.iter().map(|chunk| f64::from_le_bytes(*chunk)).collect();
     if samples.is_empty() {
         return Err(MetrologyError::Empty {
             file: name.into(),
@@ -112,9 +109,7 @@ fn without_end(data: &[u8], count: Option<usize>) -> Option<&[u8]> {
     // Samples may contain any bytes, including blanks: the mark must follow a whole number of samples.
     let mark = data.windows(END.len()).rposition(|window| window == END)?;
     let is_blank = |end: &usize| data[*end..mark].iter().all(u8::is_ascii_whitespace);
-    let end = (mark.saturating_sub(2)..=mark)
-        .rev()
-        .find(|end| end % 8 == 0 && is_blank(end))?;
+    let end = (mark.saturating_sub(2)..=mark).rev().find(|end| end % 8 == 0 && is_blank(end))?;
     is_end(&data[mark..]).then(|| &data[..end])
 }
 
@@ -126,11 +121,7 @@ struct Header {
 
 impl Header {
     fn of(text: &str, file: &str) -> Result<Self, MetrologyError> {
-        let mut header = Self {
-            metadata: Metadata::default(),
-            rate_hz: None,
-            count: None,
-        };
+        let mut header = Self { metadata: Metadata::default(), rate_hz: None, count: None };
         let mut has_actual = false;
         for (index, line) in text.lines().enumerate() {
             let place = Place::new(file, index + 1);

@@ -23,9 +23,8 @@ pub(super) fn readings(
     for row in rows {
         passes.entry(row.pass).or_default().push(row);
     }
-    let mut notes: Vec<String> = leave_out_zero_filled(&mut passes, targets.values.len())
-        .into_iter()
-        .collect();
+    let mut notes: Vec<String> =
+        leave_out_zero_filled(&mut passes, targets.values.len()).into_iter().collect();
     notes.extend(zero_passes(&passes));
     let directions = passes
         .iter()
@@ -47,12 +46,8 @@ fn leave_out_zero_filled(
 ) -> Option<String> {
     let is_reverse = |pass: &u32| pass.is_multiple_of(2);
     let reverse: Vec<u32> = passes.keys().copied().filter(is_reverse).collect();
-    let reverse_is_filled = passes
-        .iter()
-        .all(|(pass, rows)| !is_reverse(pass) || is_zero(rows));
-    let forward_is_real = passes
-        .iter()
-        .any(|(pass, rows)| !is_reverse(pass) && !is_zero(rows));
+    let reverse_is_filled = passes.iter().all(|(pass, rows)| !is_reverse(pass) || is_zero(rows));
+    let forward_is_real = passes.iter().any(|(pass, rows)| !is_reverse(pass) && !is_zero(rows));
     if reverse.is_empty() || target_count < 2 || !reverse_is_filled || !forward_is_real {
         return None;
     }
@@ -82,21 +77,14 @@ fn direction_of(
     let mut pairs = rows.windows(2);
     if rows.len() < 2 {
         let reverse = targets.unidirectional != Some(true) && pass.is_multiple_of(2);
-        return Ok(if reverse {
-            Direction::Negative
-        } else {
-            Direction::Positive
-        });
+        return Ok(if reverse { Direction::Negative } else { Direction::Positive });
     }
     let ascends = rows[0].target < rows[1].target;
     match pairs.find(|pair| (pair[0].target < pair[1].target) != ascends) {
         None if ascends => Ok(Direction::Positive),
         None => Ok(Direction::Negative),
         Some(pair) => {
-            let found = format!(
-                "target {} after {} in run {pass}",
-                pair[1].target, pair[0].target
-            );
+            let found = format!("target {} after {} in run {pass}", pair[1].target, pair[0].target);
             let expected = "the targets of a run in the order of travel, ascending or descending";
             let place = Place::new(file, pair[1].line);
             Err(place.contradictory("order of targets", found, expected))
@@ -144,9 +132,5 @@ fn numbered(passes: &BTreeMap<u32, Vec<Row>>, directions: &[(u32, Direction)]) -
 
 fn runs_text(passes: &[u32]) -> String {
     let list: Vec<String> = passes.iter().map(u32::to_string).collect();
-    format!(
-        "run{} {}",
-        if passes.len() == 1 { "" } else { "s" },
-        list.join(", ")
-    )
+    format!("run{} {}", if passes.len() == 1 { "" } else { "s" }, list.join(", "))
 }

@@ -20,12 +20,7 @@ pub(super) struct Document<'t> {
 
 impl<'t> Document<'t> {
     pub(super) fn split(text: &'t str, file: &'t str) -> Result<Self, MetrologyError> {
-        let mut document = Self {
-            file,
-            sections: Vec::new(),
-            last_line: 0,
-            text_after_end: false,
-        };
+        let mut document = Self { file, sections: Vec::new(), last_line: 0, text_after_end: false };
         let mut ended = false;
         for (index, raw) in text.lines().enumerate() {
             let (number, line) = (index + 1, raw.trim_ascii());
@@ -39,11 +34,7 @@ impl<'t> Document<'t> {
             }
             document.last_line = number;
         }
-        if ended {
-            Ok(document)
-        } else {
-            Err(document.cut())
-        }
+        if ended { Ok(document) } else { Err(document.cut()) }
     }
 
     fn open(&mut self, name: String, line: usize) -> Result<(), MetrologyError> {
@@ -52,11 +43,7 @@ impl<'t> Document<'t> {
             let place = Place::new(self.file, line);
             return Err(place.contradictory("section", found, "each section once"));
         }
-        self.sections.push(Section {
-            name,
-            line,
-            lines: Vec::new(),
-        });
+        self.sections.push(Section { name, line, lines: Vec::new() });
         Ok(())
     }
 
@@ -77,11 +64,7 @@ impl<'t> Document<'t> {
         );
         let found = format!("the end of the file after {}", quoted(&last_text));
         let place = Place::new(self.file, self.last_line);
-        place.truncated(
-            "end of file",
-            found,
-            "`EOF::` as the last line (the file is cut off)",
-        )
+        place.truncated("end of file", found, "`EOF::` as the last line (the file is cut off)")
     }
 
     pub(super) fn section(&self, name: &str) -> Option<&Section<'t>> {
@@ -147,11 +130,7 @@ impl<'t> Section<'t> {
     ) -> Result<(usize, &'t str), MetrologyError> {
         self.value(file, key)?.ok_or_else(|| {
             let place = Place::new(file, self.line);
-            place.malformed(
-                &self.name,
-                format!("no `{shown}`"),
-                format!("a line `{shown}:`"),
-            )
+            place.malformed(&self.name, format!("no `{shown}`"), format!("a line `{shown}:`"))
         })
     }
 }

@@ -27,18 +27,11 @@ pub fn parse_ren(bytes: &[u8], name: &str) -> Result<Measurement, MetrologyError
     let mut in_table = false;
     let text = with_points(&text, name, |line| {
         in_table |= is_head(line.trim());
-        let states_grid = || {
-            line.trim()
-                .to_ascii_lowercase()
-                .starts_with("compensation ")
-        };
+        let states_grid = || line.trim().to_ascii_lowercase().starts_with("compensation ");
         (in_table || states_grid()).then_some(0)
     })?;
     let mut grid = Grid::default();
-    let mut lines = text
-        .lines()
-        .enumerate()
-        .map(|(index, line)| (index + 1, line.trim()));
+    let mut lines = text.lines().enumerate().map(|(index, line)| (index + 1, line.trim()));
     let mut head = None;
     for (number, line) in lines.by_ref() {
         let place = Place::new(name, number);
@@ -57,9 +50,7 @@ pub fn parse_ren(bytes: &[u8], name: &str) -> Result<Measurement, MetrologyError
     for (line, row) in lines {
         let place = Place::new(name, line);
         let cells: Vec<&str> = row.split_ascii_whitespace().collect();
-        let starts_with_number = cells
-            .first()
-            .is_some_and(|cell| cell.parse::<u32>().is_ok());
+        let starts_with_number = cells.first().is_some_and(|cell| cell.parse::<u32>().is_ok());
         if !starts_with_number {
             // Rows end at the first line that does not begin with a number.
             if cells.is_empty() && readings.is_empty() {

@@ -46,10 +46,7 @@ pub fn parse_renishaw(
     let rows = sections::rows(&document, &targets.values)?;
     let environment = environment(document.section("ENVIRONMENT"), name)?;
     let (readings, direction_notes) = directions::readings(name, rows, &targets)?;
-    let in_memory = |r: Reading| Reading {
-        deviation: r.deviation * kind.scale(),
-        ..r
-    };
+    let in_memory = |r: Reading| Reading { deviation: r.deviation * kind.scale(), ..r };
     let mut notes: Vec<String> = encoding_note.into_iter().collect();
     notes.extend(direction_notes);
     if document.text_after_end {
@@ -83,13 +80,8 @@ fn numbers_from(section: Option<&str>, line: &str) -> Option<usize> {
 
 fn metadata(document: &Document<'_>, kind: RenishawKind) -> Result<Metadata, MetrologyError> {
     let text_of = |section: Option<&Section<'_>>, key| -> Result<Option<String>, MetrologyError> {
-        let value = section
-            .map(|s| s.value(document.file, key))
-            .transpose()?
-            .flatten();
-        Ok(value
-            .map(|(_, text)| text.trim().to_owned())
-            .filter(|text| !text.is_empty()))
+        let value = section.map(|s| s.value(document.file, key)).transpose()?.flatten();
+        Ok(value.map(|(_, text)| text.trim().to_owned()).filter(|text| !text.is_empty()))
     };
     let header = document.section("HEADER");
     let user = document.section("USER-TEXT");
@@ -113,15 +105,10 @@ fn check_file_type(
     header: Option<&Section<'_>>,
     kind: RenishawKind,
 ) -> Result<(), MetrologyError> {
-    let stated = header
-        .map(|h| h.value(document.file, "filetype"))
-        .transpose()?
-        .flatten();
+    let stated = header.map(|h| h.value(document.file, "filetype")).transpose()?.flatten();
     match stated {
         Some((line, text))
-            if !text
-                .trim_start_matches('.')
-                .eq_ignore_ascii_case(kind.file_type()) =>
+            if !text.trim_start_matches('.').eq_ignore_ascii_case(kind.file_type()) =>
         {
             let expected = format!("`File type : {}`", kind.file_type());
             Err(Place::new(document.file, line).wrong_kind(quoted(text), &expected))

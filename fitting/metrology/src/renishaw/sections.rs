@@ -29,11 +29,7 @@ pub(super) fn targets(document: &Document<'_>) -> Result<Targets, MetrologyError
         return Err(Place::new(file, count_line).contradictory("Target-count", found, expected));
     }
     let unidirectional = second_flag(Place::new(file, flags_line), flags)?;
-    Ok(Targets {
-        values,
-        unidirectional,
-        flags_line,
-    })
+    Ok(Targets { values, unidirectional, flags_line })
 }
 
 /// Numbers from `Targets :` to `Flags`, regardless of line breaks.
@@ -41,10 +37,7 @@ fn target_list(section: &Section<'_>, file: &str) -> Result<Vec<f64>, MetrologyE
     let is_key = |line: &str, key: &str| key_value(line).is_some_and(|(k, _)| k == key);
     let mut values: Vec<f64> = Vec::new();
     let mut lines: HashMap<u64, usize> = HashMap::new();
-    let from_list = section
-        .lines
-        .iter()
-        .skip_while(|(_, text)| !is_key(text, "targets"));
+    let from_list = section.lines.iter().skip_while(|(_, text)| !is_key(text, "targets"));
     for (index, (line, text)) in from_list.enumerate() {
         let place = Place::new(file, *line);
         let numbers = match text.split_once(':') {
@@ -65,10 +58,7 @@ fn target_list(section: &Section<'_>, file: &str) -> Result<Vec<f64>, MetrologyE
 }
 
 fn second_flag(place: Place<'_>, text: &str) -> Result<Option<bool>, MetrologyError> {
-    let flags: Option<Vec<i64>> = text
-        .split_ascii_whitespace()
-        .map(|t| t.parse().ok())
-        .collect();
+    let flags: Option<Vec<i64>> = text.split_ascii_whitespace().map(|t| t.parse().ok()).collect();
     match flags.as_deref() {
         Some([_, second, _, _, ..]) => Ok(match second {
             0 => Some(false),
@@ -97,46 +87,28 @@ struct RawRow<'t> {
 pub(super) fn rows(document: &Document<'_>, targets: &[f64]) -> Result<Vec<Row>, MetrologyError> {
     let file = document.file;
     let (count_line, text) =
-        document
-            .required("RUNS")?
-            .required_value(file, "runcount", "Run-count")?;
+        document.required("RUNS")?.required_value(file, "runcount", "Run-count")?;
     let run_count = Place::new(file, count_line).count("Run-count", text)?;
     let section = document.required("DEVIATIONS")?;
     let raw = raw_rows(section, file, run_count)?;
     let column = TargetColumn::of(&raw, targets);
     let mut seen: HashMap<(u32, u64), usize> = HashMap::new();
     let mut rows = Vec::with_capacity(raw.len());
-    for RawRow {
-        line,
-        pass,
-        target_text,
-        deviation,
-    } in raw
-    {
+    for RawRow { line, pass, target_text, deviation } in raw {
         let place = Place::new(file, line);
         let target = column.target(place, target_text, targets)?;
         if let Some(first) = seen.insert((pass, target.to_bits()), line) {
-            let found = format!(
-                "run {pass}, target {} again (first in line {first})",
-                quoted(target_text)
-            );
+            let found =
+                format!("run {pass}, target {} again (first in line {first})", quoted(target_text));
             return Err(place.contradictory("reading", found, "each target once in a run"));
         }
-        rows.push(Row {
-            line,
-            pass,
-            target,
-            deviation,
-        });
+        rows.push(Row { line, pass, target, deviation });
     }
     let expected = u64::from(run_count) * targets.len() as u64;
     if rows.len() as u64 != expected {
         let place = Place::new(file, rows.last().map_or(section.line, |r| r.line));
         let found = format!("{} readings", rows.len());
-        let expected = format!(
-            "{expected}: Run-count {run_count} x {} targets",
-            targets.len()
-        );
+        let expected = format!("{expected}: Run-count {run_count} x {} targets", targets.len());
         return Err(place.contradictory("DEVIATIONS", found, expected));
     }
     Ok(rows)
@@ -167,12 +139,7 @@ fn raw_rows<'t>(
             return Err(place.contradictory("run", quoted(pass), expected));
         }
         let deviation = place.number("deviation", deviation)?;
-        rows.push(RawRow {
-            line: *line,
-            pass: pass_number,
-            target_text,
-            deviation,
-        });
+        rows.push(RawRow { line: *line, pass: pass_number, target_text, deviation });
     }
     Ok(rows)
 }
@@ -186,15 +153,8 @@ enum TargetColumn {
 
 impl TargetColumn {
     fn of(rows: &[RawRow<'_>], targets: &[f64]) -> Self {
-        let all_values = || {
-            rows.iter()
-                .all(|row| by_value(row.target_text, targets).is_some())
-        };
-        if rows
-            .iter()
-            .any(|row| by_number(row.target_text, targets).is_none())
-            && all_values()
-        {
+        let all_values = || rows.iter().all(|row| by_value(row.target_text, targets).is_some());
+        if rows.iter().any(|row| by_number(row.target_text, targets).is_none()) && all_values() {
             Self::Value
         } else {
             Self::Number

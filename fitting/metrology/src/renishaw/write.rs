@@ -31,18 +31,13 @@ pub fn write_renishaw(measurement: &Measurement) -> String {
 
 /// Runs in the order of travel: forward 1, backward 1, forward 2, …
 fn passes(measurement: &Measurement) -> Vec<Vec<Reading>> {
-    let mut keys: Vec<(u32, Direction)> = measurement
-        .readings
-        .iter()
-        .map(|r| (r.run, r.direction))
-        .collect();
+    let mut keys: Vec<(u32, Direction)> =
+        measurement.readings.iter().map(|r| (r.run, r.direction)).collect();
     keys.sort_unstable();
     keys.dedup();
     let pass = |(run, direction): (u32, Direction)| {
-        let of_pass = measurement
-            .readings
-            .iter()
-            .filter(|r| (r.run, r.direction) == (run, direction));
+        let of_pass =
+            measurement.readings.iter().filter(|r| (r.run, r.direction) == (run, direction));
         let mut readings: Vec<Reading> = of_pass.copied().collect();
         readings.sort_by(|a, b| a.target.total_cmp(&b.target));
         if direction == Direction::Negative {
@@ -74,14 +69,8 @@ fn target_data(measurement: &Measurement, targets: &[f64]) -> Vec<String> {
         let numbers: Vec<String> = row.iter().map(|t| format!("{t:.6}")).collect();
         lines.push(numbers.join("  "));
     }
-    let both = Direction::BOTH
-        .iter()
-        .all(|direction| measurement.has(*direction));
-    lines.push(if both {
-        "Flags: 0 0 2 0".into()
-    } else {
-        "Flags: 0 1 2 0".into()
-    });
+    let both = Direction::BOTH.iter().all(|direction| measurement.has(*direction));
+    lines.push(if both { "Flags: 0 0 2 0".into() } else { "Flags: 0 1 2 0".into() });
     lines
 }
 
@@ -97,14 +86,11 @@ fn user_text(measurement: &Measurement) -> Vec<String> {
         ("TITLE", &meta.title),
     ];
     let line = |(key, text): (&str, &Option<String>)| format!("{key}:{}", one_line(text.as_ref()));
-    std::iter::once("USER-TEXT::".to_owned())
-        .chain(texts.into_iter().map(line))
-        .collect()
+    std::iter::once("USER-TEXT::".to_owned()).chain(texts.into_iter().map(line)).collect()
 }
 
 fn one_line(text: Option<&String>) -> String {
-    text.map(|t| t.replace(char::is_control, " "))
-        .unwrap_or_default()
+    text.map(|t| t.replace(char::is_control, " ")).unwrap_or_default()
 }
 
 fn deviations(passes: &[Vec<Reading>], targets: &[f64], kind: RenishawKind) -> Vec<String> {
@@ -126,12 +112,7 @@ fn deviations(passes: &[Vec<Reading>], targets: &[f64], kind: RenishawKind) -> V
 fn environment(environment: &Environment) -> Vec<String> {
     let mut lines: Vec<String> = vec!["ENVIRONMENT::".into()];
     let mut add = |key: &str, value: Option<StartEnd>, decimals: usize| {
-        let Some(StartEnd {
-            start,
-            end,
-            unit_code,
-        }) = value
-        else {
+        let Some(StartEnd { start, end, unit_code }) = value else {
             return;
         };
         let mut line = format!("{key:<11}: {start:.decimals$} {end:.decimals$}");
@@ -144,14 +125,9 @@ fn environment(environment: &Environment) -> Vec<String> {
     add("Air temp", environment.air_temperature, 6);
     add("Air press", environment.air_pressure, 6);
     add("Air humid", environment.air_humidity, 6);
-    let no_sensor = StartEnd {
-        start: NO_SENSOR_DEGC,
-        end: NO_SENSOR_DEGC,
-        unit_code: Some(0),
-    };
-    for (key, sensor) in ["Mat temp 1", "Mat temp 2", "Mat temp 3"]
-        .iter()
-        .zip(environment.material_temperature)
+    let no_sensor = StartEnd { start: NO_SENSOR_DEGC, end: NO_SENSOR_DEGC, unit_code: Some(0) };
+    for (key, sensor) in
+        ["Mat temp 1", "Mat temp 2", "Mat temp 3"].iter().zip(environment.material_temperature)
     {
         add(key, Some(sensor.unwrap_or(no_sensor)), 6);
     }

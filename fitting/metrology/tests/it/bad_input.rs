@@ -7,9 +7,7 @@ use volcomp_metrology::{RenishawKind, parse_csv, parse_renishaw, read_file};
 use crate::samples::{BIDIRECTIONAL_RTL, rtl_with};
 
 fn rtl_message(bytes: &[u8]) -> String {
-    parse_renishaw(bytes, "x.rtl", RenishawKind::Linear)
-        .unwrap_err()
-        .to_string()
+    parse_renishaw(bytes, "x.rtl", RenishawKind::Linear).unwrap_err().to_string()
 }
 
 #[test]
@@ -43,10 +41,7 @@ fn messages_about_renishaw_files() {
         ("   4     1   4.200000", "   4     1   -inf"),
         ("   4     1   4.200000", "   4     1"),
         ("   4     1   4.200000", "   4     1\u{a0}4.2"),
-        (
-            "   2     3  -2.000000\r\n   2     2   3.500000",
-            "   2     2   3.5\r\n   2     3  -2",
-        ),
+        ("   2     3  -2.000000\r\n   2     2   3.500000", "   2     2   3.5\r\n   2     3  -2"),
         ("RUNS::", "RUNS::\r\nRUNS::"),
         ("Air temp   : 20.337280", "Air temp   : nan"),
         ("20.384956 0", "20.384956 0 1 2"),
@@ -66,10 +61,7 @@ fn messages_about_renishaw_files() {
         .replace("4     1   4.2", "4     3   4.2");
     let cut = &BIDIRECTIONAL_RTL[..BIDIRECTIONAL_RTL.find("7000").unwrap() + 2];
     for (what, bytes) in [
-        (
-            "bidirectional flags, reverse runs sorted",
-            one_way.as_bytes(),
-        ),
+        ("bidirectional flags, reverse runs sorted", one_way.as_bytes()),
         ("cut in the middle of a number", cut.as_bytes()),
         ("empty", b""),
         ("blank", b" \r\n\r\n"),
@@ -131,14 +123,7 @@ fn messages_about_paths() {
     std::fs::write(dir.path().join("table.rtl"), "target,deviation\n0,1\n").unwrap();
     std::fs::write(dir.path().join("laser.csv"), BIDIRECTIONAL_RTL).unwrap();
     let mut messages = String::new();
-    for name in [
-        "folder.rtl",
-        "a.rtm",
-        "plain",
-        "table.rtl",
-        "laser.csv",
-        "absent.csv",
-    ] {
+    for name in ["folder.rtl", "a.rtm", "plain", "table.rtl", "laser.csv", "absent.csv"] {
         let message = read_file(&dir.path().join(name)).unwrap_err().to_string();
         let shown = message.replace(&dir.path().display().to_string(), "DIR");
         writeln!(messages, "{shown}").unwrap();

@@ -37,19 +37,13 @@ fn read(truth: &[(f64, f64)], runs: u32, noise: f64, rng: &mut ChaCha8Rng) -> Me
             });
         }
     }
-    Measurement {
-        readings,
-        ..Measurement::default()
-    }
+    Measurement { readings, ..Measurement::default() }
 }
 
 /// Ratio of the spread of errors over many samples to the bound.
 fn ratio(bound: &DVector<f64>, seed: u64, error: impl Fn(&mut ChaCha8Rng) -> Vec<f64>) -> f64 {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
-    let squares: f64 = (0..DRAWS)
-        .flat_map(|_| error(&mut rng))
-        .map(|e| e * e)
-        .sum();
+    let squares: f64 = (0..DRAWS).flat_map(|_| error(&mut rng)).map(|e| e * e).sum();
     (squares / DRAWS as f64 / bound.norm_squared()).sqrt()
 }
 
@@ -65,24 +59,24 @@ fn guideway(q: f64) -> f64 {
 
 #[test]
 fn straightness_by_the_angular_method_scatters_as_little_as_it_can() {
-    for (bridge_mm, steps, noise_urad, runs) in [
-        (200.0, 40_usize, 5.0, 1),
-        (500.0, 16, 2.0, 3),
-        (1000.0, 8, 1.0, 10),
-    ] {
+    for (bridge_mm, steps, noise_urad, runs) in
+        [(200.0, 40_usize, 5.0, 1), (500.0, 16, 2.0, 3), (1000.0, 8, 1.0, 10)]
+    {
         let targets: Vec<f64> = (0..=steps).map(|k| bridge_mm * k as f64).collect();
         let tilt = |q: &f64| (guideway(*q) - guideway(q - bridge_mm)) / bridge_mm * 1e3;
         let truth: Vec<(f64, f64)> = targets.iter().map(|q| (*q, tilt(q))).collect();
         // Each tilt is a parameter, read once in each run. The profile is their running sum without its best-fit line.
         let design = DMatrix::identity(steps, steps);
-        let sums = DMatrix::from_fn(steps + 1, steps, |to, step| {
-            if step < to { 1e-3 * bridge_mm } else { 0.0 }
-        });
-        let line = DMatrix::from_fn(
-            steps + 1,
-            2,
-            |k, power| if power == 0 { 1.0 } else { targets[k] },
-        );
+        let sums =
+            DMatrix::from_fn(
+                steps + 1,
+                steps,
+                |to, step| {
+                    if step < to { 1e-3 * bridge_mm } else { 0.0 }
+                },
+            );
+        let line =
+            DMatrix::from_fn(steps + 1, 2, |k, power| if power == 0 { 1.0 } else { targets[k] });
         let normal = line.transpose() * &line;
         let wanted = &sums - &line * normal.try_inverse().unwrap() * line.transpose() * &sums;
         let least = bound(&design, &wanted, noise_urad / f64::from(runs).sqrt());
@@ -111,15 +105,11 @@ fn straightness_by_the_angular_method_scatters_as_little_as_it_can() {
 
 #[test]
 fn squareness_from_two_lines_scatters_as_little_as_it_can() {
-    for (length_mm, targets, runs) in [
-        (500.0, 11, 1),
-        (500.0, 51, 2),
-        (1000.0, 21, 2),
-        (4000.0, 41, 1),
-    ] {
-        let places: Vec<f64> = (0..targets)
-            .map(|k| length_mm * f64::from(k) / f64::from(targets - 1))
-            .collect();
+    for (length_mm, targets, runs) in
+        [(500.0, 11, 1), (500.0, 51, 2), (1000.0, 21, 2), (4000.0, 41, 1)]
+    {
+        let places: Vec<f64> =
+            (0..targets).map(|k| length_mm * f64::from(k) / f64::from(targets - 1)).collect();
         // Intercept and slope of each line; the result is the sum of the slopes, µrad.
         let count = places.len();
         let design = DMatrix::from_fn(2 * count, 4, |row, column| {
@@ -135,11 +125,7 @@ fn squareness_from_two_lines_scatters_as_little_as_it_can() {
         let n = count as f64;
         let closed =
             (24.0 * (n - 1.0) / (n * (n + 1.0)) / f64::from(runs)).sqrt() / length_mm * 1e3;
-        assert!(
-            (least[0] / closed - 1.0).abs() < 1e-9,
-            "{} {closed}",
-            least[0]
-        );
+        assert!((least[0] / closed - 1.0).abs() < 1e-9, "{} {closed}", least[0]);
         let error = |rng: &mut ChaCha8Rng| {
             let mut slope = |slope_urad: f64| {
                 let truth: Vec<_> = places.iter().map(|q| (*q, 1e-3 * slope_urad * q)).collect();

@@ -18,25 +18,13 @@ fn gaussian(rng: &mut ChaCha8Rng, runs: u32, targets: u32) -> Measurement {
         for direction in Direction::BOTH {
             for k in 0..targets {
                 let target = f64::from(k) * 400.0;
-                let reversal = if direction == Direction::Positive {
-                    2.0
-                } else {
-                    -2.0
-                };
+                let reversal = if direction == Direction::Positive { 2.0 } else { -2.0 };
                 let deviation = 30.0 * (target / 900.0).sin() + reversal + noise.sample(rng);
-                readings.push(Reading {
-                    target,
-                    run,
-                    direction,
-                    deviation,
-                });
+                readings.push(Reading { target, run, direction, deviation });
             }
         }
     }
-    Measurement {
-        readings,
-        ..Measurement::default()
-    }
+    Measurement { readings, ..Measurement::default() }
 }
 
 fn share_with_hints(runs: u32, targets: u32) -> f64 {
@@ -51,10 +39,7 @@ fn share_with_hints(runs: u32, targets: u32) -> f64 {
 fn clean_gaussian_readings_give_no_hint() {
     for (runs, targets) in [(5, 21), (5, 5), (3, 21), (3, 11), (10, 41)] {
         let share = share_with_hints(runs, targets);
-        println!(
-            "{runs} x 2 runs, {targets} targets: {:.2} % with a hint",
-            100.0 * share
-        );
+        println!("{runs} x 2 runs, {targets} targets: {:.2} % with a hint", 100.0 * share);
         assert!(share <= 0.01, "{runs} x 2 runs, {targets} targets: {share}");
     }
 }
@@ -65,15 +50,9 @@ fn only_an_outlying_run_is_reported() {
     for runs in [3, 5, 8] {
         let mut m = gaussian(&mut rng, runs, 21);
         let bad = |r: &&mut Reading| r.run == 2 && r.direction == Direction::Negative;
-        m.readings
-            .iter_mut()
-            .filter(bad)
-            .for_each(|r| r.deviation += 8.0 * SIGMA_UM);
+        m.readings.iter_mut().filter(bad).for_each(|r| r.deviation += 8.0 * SIGMA_UM);
         let hints = outlier_hints(&m);
-        let named: Vec<_> = hints
-            .iter()
-            .map(|h| (h.run, h.direction, h.target))
-            .collect();
+        let named: Vec<_> = hints.iter().map(|h| (h.run, h.direction, h.target)).collect();
         assert_eq!(named, [(2, Direction::Negative, None)], "{runs} runs");
         assert!((hints[0].size - 8.0 * SIGMA_UM).abs() < 2.0 * SIGMA_UM);
     }
@@ -83,11 +62,7 @@ fn only_an_outlying_run_is_reported() {
 fn a_single_outlier_is_reported_with_its_target_and_sign() {
     let mut rng = ChaCha8Rng::seed_from_u64(2);
     let mut m = gaussian(&mut rng, 5, 21);
-    let wild = m
-        .readings
-        .iter_mut()
-        .find(|r| r.run == 4 && r.target == 2000.0)
-        .unwrap();
+    let wild = m.readings.iter_mut().find(|r| r.run == 4 && r.target == 2000.0).unwrap();
     wild.deviation -= 11.0 * SIGMA_UM;
     let before = m.clone();
     let hints = outlier_hints(&m);
@@ -110,10 +85,7 @@ fn two_runs_and_rounded_readings_give_no_hint() {
         reading.deviation = (0.49 + noise * 15.0 + reading.target / 100.0).round();
     }
     let values = |target| rounded.deviations_at(target, Direction::Positive);
-    assert!(
-        values(400.0).iter().any(|x| *x != values(400.0)[0]),
-        "some readings differ"
-    );
+    assert!(values(400.0).iter().any(|x| *x != values(400.0)[0]), "some readings differ");
     assert_eq!(outlier_hints(&rounded), []);
 }
 
@@ -136,11 +108,7 @@ fn a_straightness_is_checked_after_removing_its_line() {
     let said = |middle_um: f64| anomalies(&straightness(middle_um)).join("\n");
     assert_eq!(said(6.0), "");
     // In mm: 6 nm off the line.
-    assert!(
-        said(0.006).contains("every deviation is below 0.1 µm"),
-        "{}",
-        said(0.006)
-    );
+    assert!(said(0.006).contains("every deviation is below 0.1 µm"), "{}", said(0.006));
     // Middle and ends of a parabola are up to two thirds of its height from its line.
     let message = said(6000.0);
     assert!(
@@ -148,9 +116,6 @@ fn a_straightness_is_checked_after_removing_its_line() {
         "{message}"
     );
     // As positioning the same readings extend over 5 mm.
-    let positioning = Measurement {
-        quantity: Some(Quantity::Positioning),
-        ..straightness(6.0)
-    };
+    let positioning = Measurement { quantity: Some(Quantity::Positioning), ..straightness(6.0) };
     assert!(anomalies(&positioning).join("\n").contains("up to 5000 µm"));
 }

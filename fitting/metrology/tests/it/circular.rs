@@ -47,11 +47,7 @@ impl Machine {
         let since = |place: f64| (d * (angle - place)).rem_euclid(TAU).to_degrees();
         let bump = |place: f64| {
             let since = since(place);
-            if since < 90.0 {
-                (-since / SPIKE_DEG).exp()
-            } else {
-                0.0
-            }
+            if since < 90.0 { (-since / SPIKE_DEG).exp() } else { 0.0 }
         };
         x += 1e-3 * self.spikes[0] * (bump(0.0) - bump(TAU / 2.0));
         y += 1e-3 * self.spikes[1] * (bump(TAU / 4.0) - bump(0.75 * TAU));
@@ -90,17 +86,11 @@ fn found(signatures: &Signatures, kind: SignatureKind) -> (f64, f64) {
 fn expected(machine: &Machine) -> [(SignatureKind, f64); 7] {
     [
         (SignatureKind::Squareness, machine.squareness),
-        (
-            SignatureKind::ScaleMismatch,
-            machine.scales[0] - machine.scales[1],
-        ),
+        (SignatureKind::ScaleMismatch, machine.scales[0] - machine.scales[1]),
         (SignatureKind::BacklashFirst, machine.backlash[0]),
         (SignatureKind::BacklashSecond, machine.backlash[1]),
         // At 45° the radius grows by half of the lag of X minus that of Y.
-        (
-            SignatureKind::ServoMismatch,
-            0.5 * (machine.lag[0] - machine.lag[1]),
-        ),
+        (SignatureKind::ServoMismatch, 0.5 * (machine.lag[0] - machine.lag[1])),
         (SignatureKind::SpikesFirst, machine.spikes[0]),
         (SignatureKind::SpikesSecond, machine.spikes[1]),
     ]
@@ -153,11 +143,7 @@ fn one_turn_is_evaluated_and_the_rest_is_noted() {
                 } else {
                     format!("{x:.8},{y:.8}")
                 };
-                let direction = if stated {
-                    format!(",{}", sense.key())
-                } else {
-                    String::new()
-                };
+                let direction = if stated { format!(",{}", sense.key()) } else { String::new() };
                 writeln!(text, "{row}{direction}").unwrap();
             }
         }
@@ -189,11 +175,7 @@ fn one_turn_is_evaluated_and_the_rest_is_noted() {
                     "cw: {turned:.0}° were run; one turn is evaluated, and {left_out:.0}° are left out"
                 );
                 assert!(trace.notes.contains(&note), "{:?}", trace.notes);
-                assert!(
-                    trace.notes.contains(&format!("c{note}")),
-                    "{:?}",
-                    trace.notes
-                );
+                assert!(trace.notes.contains(&format!("c{note}")), "{:?}", trace.notes);
             }
         }
     }
@@ -231,11 +213,7 @@ fn overlapping_arcs_are_all_evaluated() {
     }
     assert!(square.0.g_um[0].unwrap() > 3.0, "{square:?}");
     let note = "ccw: arcs of together 380° overlap; what was run twice is evaluated twice";
-    assert!(
-        overlapping.1.notes.iter().any(|found| found == note),
-        "{:?}",
-        overlapping.1.notes
-    );
+    assert!(overlapping.1.notes.iter().any(|found| found == note), "{:?}", overlapping.1.notes);
 }
 
 #[test]
@@ -288,10 +266,7 @@ fn all_signatures_together_are_recovered_over_many_seeds() {
 /// The true sizes are within the stated 95 % uncertainty in 180 to 199 of 200 simulations.
 #[test]
 fn the_uncertainty_of_a_signature_matches_simulations() {
-    let machine = Machine {
-        squareness: 20.0,
-        ..Machine::default()
-    };
+    let machine = Machine { squareness: 20.0, ..Machine::default() };
     let within = (0..200)
         .filter(|seed| {
             let trace = machine.trace(0.5, 1000 + seed);
@@ -322,11 +297,7 @@ fn deviations_of_an_ellipse_by_hand() {
     near(found.d_um.unwrap(), 0.0, 0.01);
     // The centre of the positions is removed on reading.
     near(found.centre_um[0].hypot(found.centre_um[1]), 0.0, 0.01);
-    assert!(
-        trace.notes[0].contains("0.0400, -0.0300 mm"),
-        "{:?}",
-        trace.notes
-    );
+    assert!(trace.notes[0].contains("0.0400, -0.0300 mm"), "{:?}", trace.notes);
 }
 
 /// Both senses are circles about one centre with radii 2 µm apart: G = 0 for each, G(b) = 2 µm, D is their mean.
@@ -349,10 +320,7 @@ fn both_senses_together_are_worse_than_each() {
 
 #[test]
 fn the_sense_follows_the_order_of_rows_and_one_sense_determines_less() {
-    let machine = Machine {
-        squareness: 30.0,
-        ..Machine::default()
-    };
+    let machine = Machine { squareness: 30.0, ..Machine::default() };
     let table = |sense: Sense| {
         let angles: Vec<i32> = (0..360).collect();
         let rows = angles.iter().map(|k| match sense {
@@ -382,9 +350,7 @@ fn the_sense_follows_the_order_of_rows_and_one_sense_determines_less() {
 #[test]
 fn tables_that_are_no_circle_are_refused() {
     let read = |text: &str, radius: Option<f64>| {
-        parse_trace(text.as_bytes(), "t.csv", CircularPlane::Xy, radius)
-            .unwrap_err()
-            .to_string()
+        parse_trace(text.as_bytes(), "t.csv", CircularPlane::Xy, radius).unwrap_err().to_string()
     };
     let rows = |row: &str| row.repeat(20);
     let messages = [
@@ -400,10 +366,7 @@ fn tables_that_are_no_circle_are_refused() {
         read("angle,deviation\n1,nan\n", Some(100.0)),
         read("angle,deviation,direction\n1,2,left\n", Some(100.0)),
         read(&format!("angle,deviation\n{}", rows("1,2\n")), None),
-        read(
-            &format!("angle,deviation\n{}", rows("1,100000\n")),
-            Some(100.0),
-        ),
+        read(&format!("angle,deviation\n{}", rows("1,100000\n")), Some(100.0)),
         read(&format!("angle,deviation\n{}", rows("1,2\n")), Some(0.0)),
         read(&format!("x,y\n{}", rows("1,2\n")), None),
     ];
@@ -439,11 +402,7 @@ fn a_standstill_changes_no_sense() {
     };
     let without = table(&[]);
     let expected = |k: usize| {
-        if k < 720 {
-            Sense::CounterClockwise
-        } else {
-            Sense::Clockwise
-        }
+        if k < 720 { Sense::CounterClockwise } else { Sense::Clockwise }
     };
     for (k, point) in without.points.iter().enumerate() {
         assert_eq!(point.sense, expected(k), "{k}");
@@ -482,12 +441,7 @@ fn a_column_of_radii_is_not_read_as_deviations() {
         }
         parse_trace(text.as_bytes(), "r.csv", CircularPlane::Xy, Some(RADIUS_MM))
     };
-    for head in [
-        "angle,radius",
-        "angle,radius mm",
-        "angle,radial",
-        "angle,radius [um]",
-    ] {
+    for head in ["angle,radius", "angle,radius mm", "angle,radial", "angle,radius [um]"] {
         let message = read(head).unwrap_err().to_string();
         assert!(
             message.contains("`radius deviation`, `radial deviation`; not a radius alone"),
@@ -508,38 +462,24 @@ fn a_column_of_radii_is_not_read_as_deviations() {
 /// On an arc without a reversal of an axis, that axis's spike is unknown; all other signatures are recovered.
 #[test]
 fn spikes_outside_an_arc_are_not_estimated() {
-    let machine = Machine {
-        squareness: 40.0,
-        backlash: [3.0, 2.0],
-        ..Machine::default()
-    };
+    let machine = Machine { squareness: 40.0, backlash: [3.0, 2.0], ..Machine::default() };
     // 220° from −20° to 200°; and from 100° to 350°, which passes 180° and 270° only.
-    for ([from, to], passed) in [
-        ([-20.0, 200.0], [true, true, true, false]),
-        ([100.0, 350.0], [false, false, true, true]),
-    ] {
+    for ([from, to], passed) in
+        [([-20.0, 200.0], [true, true, true, false]), ([100.0, 350.0], [false, false, true, true])]
+    {
         let mut text = String::from("x,y,direction\n");
         for sense in Sense::BOTH {
             // No point is at a reversal of an axis.
             let steps = (0..441).map(|step| (f64::from(step) + 0.3) / 441.0);
             for share in steps {
-                let share = if sense.sign() > 0.0 {
-                    share
-                } else {
-                    1.0 - share
-                };
+                let share = if sense.sign() > 0.0 { share } else { 1.0 - share };
                 let degrees: f64 = from + share * (to - from);
                 let [x, y] = machine.position(degrees.to_radians(), sense);
                 let word = if sense.sign() > 0.0 { "ccw" } else { "cw" };
                 writeln!(text, "{x:.6},{y:.6},{word}").expect("a string");
             }
         }
-        let trace = parse_trace(
-            text.as_bytes(),
-            "arc.csv",
-            CircularPlane::Xy,
-            Some(RADIUS_MM),
-        );
+        let trace = parse_trace(text.as_bytes(), "arc.csv", CircularPlane::Xy, Some(RADIUS_MM));
         let signatures = circular_signatures(&trace.expect("a trace")).expect("signatures");
         assert_eq!(signatures.spikes_um.map(|spike| spike.is_some()), passed);
         for spike in signatures.spikes_um.into_iter().flatten() {

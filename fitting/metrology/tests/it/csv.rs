@@ -22,9 +22,7 @@ fn a_table_is_read_without_changes() {
     assert_eq!(m.mean_at(-10.5, Direction::Negative), Some(4.25));
     let spaced = BIDIRECTIONAL.replace(',', " , ").replace('\n', "\r\n\r\n");
     assert_eq!(
-        csv(&format!("\u{feff}{}", spaced.replace("target", "Target")))
-            .unwrap()
-            .readings,
+        csv(&format!("\u{feff}{}", spaced.replace("target", "Target"))).unwrap().readings,
         m.readings
     );
 }
@@ -33,10 +31,7 @@ fn a_table_is_read_without_changes() {
 fn two_columns_are_one_forward_run() {
     let m = csv("target,deviation\n0,1\n\"10\",2e-1\n").unwrap();
     assert_eq!(m.mean_curve(), [(0.0, 1.0), (10.0, 0.2)]);
-    assert_eq!(
-        (m.runs(Direction::Positive), m.has(Direction::Negative)),
-        (vec![1], false)
-    );
+    assert_eq!((m.runs(Direction::Positive), m.has(Direction::Negative)), (vec![1], false));
 }
 
 /// Tables of spreadsheets (semicolons or tabs, decimal commas, columns in another order) give the same readings as plain tables.
@@ -61,22 +56,13 @@ fn units_in_the_header_are_read() {
     for (text, unit) in [
         ("target mm;deviation um\n0;1.5\n10;2.5\n", DeviationUnit::Um),
         ("target_mm,deviation_um\n0,1.5\n10,2.5\n", DeviationUnit::Um),
-        (
-            "target [mm],deviation [µm]\n0,1.5\n10,2.5\n",
-            DeviationUnit::Um,
-        ),
-        (
-            "target,deviation mm\n0,0.0015\n10,0.0025\n",
-            DeviationUnit::Um,
-        ),
+        ("target [mm],deviation [µm]\n0,1.5\n10,2.5\n", DeviationUnit::Um),
+        ("target,deviation mm\n0,0.0015\n10,0.0025\n", DeviationUnit::Um),
         (
             "target in,deviation inch\n0,0.00005905511811\n0.393700787402,0.0000984251968504\n",
             DeviationUnit::Um,
         ),
-        (
-            "target deg,deviation (mrad)\n0,0.0015\n10,0.0025\n",
-            DeviationUnit::Urad,
-        ),
+        ("target deg,deviation (mrad)\n0,0.0015\n10,0.0025\n", DeviationUnit::Urad),
     ] {
         let m = csv(text).unwrap();
         assert_eq!((m.unit, m.notes.len()), (Some(unit), 0), "{text}");
@@ -114,21 +100,9 @@ fn written_tables_read_back_exactly() {
 fn written_tables_state_their_units() {
     let mut m = csv("target,run,direction,deviation\n0,1,+,1.5\n").unwrap();
     for (axis, unit, head) in [
-        (
-            "X",
-            DeviationUnit::Um,
-            "target_mm,run,direction,deviation_um",
-        ),
-        (
-            "C",
-            DeviationUnit::Urad,
-            "target_deg,run,direction,deviation_urad",
-        ),
-        (
-            "",
-            DeviationUnit::Urad,
-            "target,run,direction,deviation_urad",
-        ),
+        ("X", DeviationUnit::Um, "target_mm,run,direction,deviation_um"),
+        ("C", DeviationUnit::Urad, "target_deg,run,direction,deviation_urad"),
+        ("", DeviationUnit::Urad, "target,run,direction,deviation_urad"),
     ] {
         m.metadata.axis = Some(axis.to_owned());
         m.unit = Some(unit);
@@ -152,10 +126,7 @@ fn incomplete_or_suspicious_tables_are_noted() {
     2 runs forward, 1 backward
     not all runs hold all targets: for curves the runs are aligned at common targets, by their offsets and for straightness also by their slopes; ISO 230-2 uses the readings as they are
     ");
-    let zeros = BIDIRECTIONAL
-        .replace("-2.25", "0")
-        .replace("3.00", "0")
-        .replace("4.25", "0");
+    let zeros = BIDIRECTIONAL.replace("-2.25", "0").replace("3.00", "0").replace("4.25", "0");
     insta::assert_snapshot!(notes(&zeros), @"every backward reading is exactly 0: if the test was unidirectional, leave those rows out");
 }
 
@@ -193,10 +164,7 @@ fn targets_are_in_the_unit_of_their_axis() {
     }
     let measurement = parse_csv(b"target deg,deviation\n0,1\n", "m.csv").unwrap();
     assert_eq!(
-        measurement
-            .check_targets("X".parse().unwrap())
-            .unwrap_err()
-            .to_string(),
+        measurement.check_targets("X".parse().unwrap()).unwrap_err().to_string(),
         "m.csv: the head of the targets: found `target deg`, expected `target` or `target mm` for axis X"
     );
 }

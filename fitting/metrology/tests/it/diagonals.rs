@@ -43,40 +43,20 @@ impl Known {
                         1e-3 * self.scale * z,
                     ];
                     let along: f64 = moved.iter().zip(unit).map(|(m, u)| m * u).sum();
-                    readings.push(Reading {
-                        target,
-                        run,
-                        direction,
-                        deviation: along,
-                    });
+                    readings.push(Reading { target, run, direction, deviation: along });
                 }
             }
         }
         let name = format!("{name}.csv");
-        (
-            diagonal,
-            Measurement {
-                name,
-                readings,
-                ..Measurement::default()
-            },
-        )
+        (diagonal, Measurement { name, readings, ..Measurement::default() })
     }
 }
 
-const KNOWN: Known = Known {
-    ec0y: 21.0,
-    ea0z: -13.0,
-    eb0z: 8.0,
-    scale: 4.0,
-    backlash_x: 3.0,
-};
+const KNOWN: Known = Known { ec0y: 21.0, ea0z: -13.0, eb0z: 8.0, scale: 4.0, backlash_x: 3.0 };
 
 fn refused(measured: &[(Diagonal, Measurement)], edges: Option<[f64; 3]>) -> String {
     let measured: Vec<(Diagonal, &Measurement)> = measured.iter().map(|(d, m)| (*d, m)).collect();
-    evaluate_diagonals(&measured, edges)
-        .unwrap_err()
-        .to_string()
+    evaluate_diagonals(&measured, edges).unwrap_err().to_string()
 }
 
 #[test]
@@ -86,15 +66,10 @@ fn body_diagonals_give_back_squareness_scale_and_reversal() {
     let found = evaluate_diagonals(&measured, Some(EDGES)).unwrap();
     let names: Vec<&str> = found.diagonals.iter().map(|m| m.diagonal.name()).collect();
     assert_eq!(names, ["PPP", "NPP", "PNP", "PPN"]);
-    let squareness: Vec<_> = found
-        .squareness
-        .iter()
-        .map(|s| (s.error.to_string(), s.urad))
-        .collect();
+    let squareness: Vec<_> =
+        found.squareness.iter().map(|s| (s.error.to_string(), s.urad)).collect();
     for ((error, urad), (name, expected)) in
-        squareness
-            .into_iter()
-            .zip([("EC0Y", 21.0), ("EA0Z", -13.0), ("EB0Z", 8.0)])
+        squareness.into_iter().zip([("EC0Y", 21.0), ("EA0Z", -13.0), ("EB0Z", 8.0)])
     {
         assert_eq!(error, name);
         near(urad, expected, 1e-9);
@@ -106,11 +81,7 @@ fn body_diagonals_give_back_squareness_scale_and_reversal() {
     assert!(found.lacking.is_empty() && found.spread_um > 10.0);
     // E of each diagonal is the range of straight lines: growth plus reversal.
     for m in &found.diagonals {
-        near(
-            m.result.e.unwrap(),
-            m.growth_um.abs() + found.b_d_um.unwrap(),
-            1e-9,
-        );
+        near(m.result.e.unwrap(), m.growth_um.abs() + found.b_d_um.unwrap(), 1e-9);
         near(m.result.e_forward.unwrap(), m.growth_um.abs(), 1e-9);
     }
     let largest = found.diagonals.iter().map(|m| m.result.e.unwrap());
@@ -147,10 +118,7 @@ fn missing_diagonals_are_listed() {
 fn names_of_diagonals() {
     assert_eq!(Diagonal::named(" npp "), Diagonal::named("NPP"));
     assert_eq!(Diagonal::named("NNN"), None);
-    assert_eq!(
-        Diagonal::in_text("body diagonal PPN"),
-        Diagonal::named("PPN")
-    );
+    assert_eq!(Diagonal::in_text("body diagonal PPN"), Diagonal::named("PPN"));
     assert_eq!(Diagonal::in_text("run-ppp.csv"), Diagonal::named("PPP"));
     assert_eq!(Diagonal::in_text("PPP and NPP"), None);
 }

@@ -11,12 +11,8 @@ use crate::samples::near;
 pub(crate) type Point = [f64; 3];
 
 pub(crate) const CIRCLE: Feature = Feature::Circle { plane: None };
-pub(crate) const CIRCLE_XY: Feature = Feature::Circle {
-    plane: Some(CoordinatePlane::Xy),
-};
-const LINE_XY: Feature = Feature::Line {
-    plane: Some(CoordinatePlane::Xy),
-};
+pub(crate) const CIRCLE_XY: Feature = Feature::Circle { plane: Some(CoordinatePlane::Xy) };
+const LINE_XY: Feature = Feature::Line { plane: Some(CoordinatePlane::Xy) };
 
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Motion {
@@ -30,21 +26,9 @@ impl Motion {
         let n = (w * w + x * x + y * y + z * z).sqrt();
         let [w, x, y, z] = [w / n, x / n, y / n, z / n];
         let rows = [
-            [
-                1.0 - 2.0 * (y * y + z * z),
-                2.0 * (x * y - w * z),
-                2.0 * (x * z + w * y),
-            ],
-            [
-                2.0 * (x * y + w * z),
-                1.0 - 2.0 * (x * x + z * z),
-                2.0 * (y * z - w * x),
-            ],
-            [
-                2.0 * (x * z - w * y),
-                2.0 * (y * z + w * x),
-                1.0 - 2.0 * (x * x + y * y),
-            ],
+            [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
+            [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)],
+            [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
         ];
         Self { rows, shift }
     }
@@ -75,11 +59,7 @@ pub(crate) fn distance(a: Point, b: Point) -> f64 {
 
 /// Sine of the angle between two lines along unit vectors.
 pub(crate) fn between(a: Point, b: Point) -> f64 {
-    let cross = [
-        a[1] * b[2] - a[2] * b[1],
-        a[2] * b[0] - a[0] * b[2],
-        a[0] * b[1] - a[1] * b[0],
-    ];
+    let cross = [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
     distance(cross, [0.0; 3])
 }
 
@@ -104,11 +84,7 @@ fn lobes_have_twice_their_amplitude() {
         near(zone.deviation_mm, 0.024, 2e-10);
         let centre = motion.moved([0.0; 3]);
         near(distance(form.position_mm, centre), 0.0, 1e-9);
-        near(
-            between(form.direction, motion.turned([0.0, 0.0, 1.0])),
-            0.0,
-            1e-11,
-        );
+        near(between(form.direction, motion.turned([0.0, 0.0, 1.0])), 0.0, 1e-11);
         let [inner, outer] = zone.radii_mm.unwrap();
         near(outer - inner, zone.deviation_mm, 1e-12);
     }
@@ -154,10 +130,7 @@ fn ring_by_grid(points: &[Point], start: [f64; 2], reach: f64) -> f64 {
         for i in -STEPS..=STEPS {
             for j in -STEPS..=STEPS {
                 let step = reach / f64::from(STEPS);
-                let there = [
-                    middle[0] + step * f64::from(i),
-                    middle[1] + step * f64::from(j),
-                ];
+                let there = [middle[0] + step * f64::from(i), middle[1] + step * f64::from(j)];
                 let width = ring_width(points, there[0], there[1]);
                 if width < best {
                     (best, centre) = (width, there);
@@ -191,10 +164,7 @@ fn the_contacts_of_a_ring_alternate() {
     let mut rng = ChaCha8Rng::seed_from_u64(3);
     for _ in 0..50 {
         let points = rough(&mut rng, 24, 0.02);
-        let zone = evaluate_form(&points, CIRCLE_XY)
-            .unwrap()
-            .minimum_zone
-            .unwrap();
+        let zone = evaluate_form(&points, CIRCLE_XY).unwrap().minimum_zone.unwrap();
         let [inner, outer] = zone.radii_mm.unwrap();
         let [x, y, _] = zone.position_mm;
         let mut contacts: Vec<(f64, bool)> = Vec::new();
@@ -202,10 +172,7 @@ fn the_contacts_of_a_ring_alternate() {
             let [dx, dy] = [points[k][0] - x, points[k][1] - y];
             let radius = dx.hypot(dy);
             let is_outer = (radius - outer).abs() < 1e-11;
-            assert!(
-                is_outer || (radius - inner).abs() < 1e-11,
-                "{radius} of {inner} {outer}"
-            );
+            assert!(is_outer || (radius - inner).abs() < 1e-11, "{radius} of {inner} {outer}");
             contacts.push((dy.atan2(dx), is_outer));
         }
         contacts.sort_by(|a, b| a.0.total_cmp(&b.0));
@@ -232,11 +199,7 @@ fn an_arc_has_its_circle() {
         let form = evaluate_form(&motion.all(&points), CIRCLE).unwrap();
         let within = if degrees < 10.0 { 1e-6 } else { 1e-9 };
         near(form.radius_mm.unwrap(), 80.0, within);
-        near(
-            distance(form.position_mm, motion.moved([0.0; 3])),
-            0.0,
-            within,
-        );
+        near(distance(form.position_mm, motion.moved([0.0; 3])), 0.0, within);
     }
 }
 
@@ -256,11 +219,7 @@ fn a_saddle_is_twice_its_height() {
         near(form.deviation_mm, 0.030, 2e-10);
         let zone = form.minimum_zone.unwrap();
         near(zone.deviation_mm, 0.030, 2e-10);
-        near(
-            between(form.direction, motion.turned([0.0, 0.0, 1.0])),
-            0.0,
-            1e-12,
-        );
+        near(between(form.direction, motion.turned([0.0, 0.0, 1.0])), 0.0, 1e-12);
     }
 }
 
@@ -274,18 +233,13 @@ fn thinnest_layer(points: &[Point]) -> f64 {
     let mut best = f64::MAX;
     for (k, a) in edges.iter().enumerate() {
         for b in &edges[k + 1..] {
-            let n = [
-                a[1] * b[2] - a[2] * b[1],
-                a[2] * b[0] - a[0] * b[2],
-                a[0] * b[1] - a[1] * b[0],
-            ];
+            let n =
+                [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
             let length = distance(n, [0.0; 3]);
             if length < 1e-9 {
                 continue;
             }
-            let heights = points
-                .iter()
-                .map(|p| (p[0] * n[0] + p[1] * n[1] + p[2] * n[2]) / length);
+            let heights = points.iter().map(|p| (p[0] * n[0] + p[1] * n[1] + p[2] * n[2]) / length);
             let (low, high) = heights.fold((f64::MAX, f64::MIN), |(l, h), x| (l.min(x), h.max(x)));
             best = best.min(high - low);
         }
@@ -300,9 +254,8 @@ fn flatness_is_the_width_of_the_hull() {
         for _ in 0..5 {
             let motion = Motion::random(&mut rng, 1e3);
             let mut number = |size: f64| rng.random_range(-size..size);
-            let points: Vec<Point> = (0..12)
-                .map(|_| [number(100.0), number(60.0), number(height)])
-                .collect();
+            let points: Vec<Point> =
+                (0..12).map(|_| [number(100.0), number(60.0), number(height)]).collect();
             let points = motion.all(&points);
             let form = evaluate_form(&points, Feature::Plane).unwrap();
             let zone = form.minimum_zone.unwrap();
@@ -335,9 +288,8 @@ fn straightness_in_a_plane_is_the_narrowest_of_all_strips() {
             for (k, a) in points.iter().enumerate() {
                 for b in &points[k + 1..] {
                     let n = [a[1] - b[1], b[0] - a[0]];
-                    let heights = points
-                        .iter()
-                        .map(|p| (p[0] - a[0]) * n[0] + (p[1] - a[1]) * n[1]);
+                    let heights =
+                        points.iter().map(|p| (p[0] - a[0]) * n[0] + (p[1] - a[1]) * n[1]);
                     let (l, h) =
                         heights.fold((f64::MAX, f64::MIN), |(l, h), x| (l.min(x), h.max(x)));
                     best = best.min((h - l) / n[0].hypot(n[1]));

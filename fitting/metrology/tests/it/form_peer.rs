@@ -29,20 +29,11 @@ fn scipy(feature: &str, points: &[Point]) -> Option<Vec<f64>> {
     for [x, y, z] in points {
         writeln!(rows, "{x} {y} {z}").unwrap();
     }
-    child
-        .stdin
-        .take()
-        .unwrap()
-        .write_all(rows.as_bytes())
-        .unwrap();
+    child.stdin.take().unwrap().write_all(rows.as_bytes()).unwrap();
     let output = child.wait_with_output().unwrap();
     assert!(output.status.success());
     let text = String::from_utf8(output.stdout).unwrap();
-    Some(
-        text.split_whitespace()
-            .map(|x| x.parse().unwrap())
-            .collect(),
-    )
+    Some(text.split_whitespace().map(|x| x.parse().unwrap()).collect())
 }
 
 fn noise(rng: &mut ChaCha8Rng, size: f64) -> f64 {
@@ -79,11 +70,7 @@ fn planes() {
     let motion = Motion::new([0.3, -0.5, 0.7, 0.2], [100.0, 200.0, -50.0]);
     let points: Vec<Point> = (0..80)
         .map(|_| {
-            motion.moved([
-                noise(&mut rng, 300.0),
-                noise(&mut rng, 200.0),
-                noise(&mut rng, 0.01),
-            ])
+            motion.moved([noise(&mut rng, 300.0), noise(&mut rng, 200.0), noise(&mut rng, 0.01)])
         })
         .collect();
     let Some(answer) = scipy("plane", &points) else {
@@ -98,10 +85,9 @@ fn planes() {
 fn cylinders_and_cones() {
     let mut rng = ChaCha8Rng::seed_from_u64(23);
     let motion = Motion::new([0.8, 0.1, -0.4, 0.3], [10.0, -20.0, 30.0]);
-    for (name, feature, slope) in [
-        ("cylinder", Feature::Cylinder, 0.0),
-        ("cone", Feature::Cone, 0.3),
-    ] {
+    for (name, feature, slope) in
+        [("cylinder", Feature::Cylinder, 0.0), ("cone", Feature::Cone, 0.3)]
+    {
         let points: Vec<Point> = (0..80)
             .map(|_| {
                 let (s, t) = (rng.random_range(0.0..50.0), rng.random_range(0.0..TAU));
@@ -113,22 +99,10 @@ fn cylinders_and_cones() {
             return;
         };
         let form = evaluate_form(&points, feature).unwrap();
-        near(
-            form.radius_mm.or(form.half_angle_rad).unwrap(),
-            answer[0],
-            1e-8,
-        );
+        near(form.radius_mm.or(form.half_angle_rad).unwrap(), answer[0], 1e-8);
         near(form.deviation_mm, answer[1], 1e-7);
-        let vector = if slope > 0.0 {
-            form.position_mm
-        } else {
-            form.direction
-        };
-        let sign = if slope > 0.0 || answer[2] * vector[0] > 0.0 {
-            1.0
-        } else {
-            -1.0
-        };
+        let vector = if slope > 0.0 { form.position_mm } else { form.direction };
+        let sign = if slope > 0.0 || answer[2] * vector[0] > 0.0 { 1.0 } else { -1.0 };
         for (found, expected) in vector.iter().zip(&answer[2..]) {
             near(*found, sign * expected, 1e-6);
         }

@@ -26,9 +26,8 @@ fn too_few_different_points() {
         (ALL[3], "cylinder", 6),
         (ALL[4], "cone", 7),
     ] {
-        let one_less: Vec<[f64; 3]> = (1..fewest)
-            .map(|k| [f64::from(k), f64::from(k * k), 1.0])
-            .collect();
+        let one_less: Vec<[f64; 3]> =
+            (1..fewest).map(|k| [f64::from(k), f64::from(k * k), 1.0]).collect();
         let mut twice = one_less.clone();
         twice.extend(&one_less);
         for points in [&one_less, &twice] {
@@ -47,15 +46,11 @@ fn too_few_different_points() {
 fn invalid_numbers_are_refused() {
     for feature in ALL {
         for wrong in [f64::NAN, f64::INFINITY, -1e300, 1.1e9] {
-            let mut points: Vec<[f64; 3]> = (0..20)
-                .map(|k| [f64::from(k), f64::from(k * k), 1.0])
-                .collect();
+            let mut points: Vec<[f64; 3]> =
+                (0..20).map(|k| [f64::from(k), f64::from(k * k), 1.0]).collect();
             points[4][2] = wrong;
             let error = evaluate_form(&points, feature).unwrap_err();
-            assert!(
-                matches!(error, FormError::Coordinate { number: 5, .. }),
-                "{error}"
-            );
+            assert!(matches!(error, FormError::Coordinate { number: 5, .. }), "{error}");
         }
     }
 }
@@ -63,34 +58,27 @@ fn invalid_numbers_are_refused() {
 #[test]
 fn points_that_do_not_determine_the_feature() {
     let number = |k: i32| f64::from(k);
-    let line: Vec<[f64; 3]> = (0..20)
-        .map(|k| [1e4 + number(k), 2.0 * number(k), 3.0 * number(k)])
-        .collect();
+    let line: Vec<[f64; 3]> =
+        (0..20).map(|k| [1e4 + number(k), 2.0 * number(k), 3.0 * number(k)]).collect();
     for feature in [ALL[0], ALL[2], ALL[3], ALL[4]] {
         assert!(refused(&line, feature).contains("points on one straight line"));
     }
-    let circle: Vec<[f64; 3]> = (0..20)
-        .map(|k| [number(k).cos(), 1e4 + number(k).sin(), 7.0])
-        .collect();
+    let circle: Vec<[f64; 3]> =
+        (0..20).map(|k| [number(k).cos(), 1e4 + number(k).sin(), 7.0]).collect();
     for feature in [ALL[3], ALL[4]] {
         assert!(refused(&circle, feature).contains("points in one plane"));
     }
     let expected = "line: found points as broad as they are long, expected points near a line";
     assert_eq!(refused(&circle, ALL[1]), expected);
-    let cube: Vec<[f64; 3]> = (0..8)
-        .map(|k| [number(k & 1), number(k >> 1 & 1), number(k >> 2)])
-        .collect();
+    let cube: Vec<[f64; 3]> =
+        (0..8).map(|k| [number(k & 1), number(k >> 1 & 1), number(k >> 2)]).collect();
     assert!(refused(&cube, ALL[2]).contains("as high as they are broad"));
     assert!(refused(&cube, ALL[0]).contains("do not lie near a plane"));
     // Points along x coincide in the plane of y and z.
-    let along_x = Feature::Line {
-        plane: Some(CoordinatePlane::Yz),
-    };
+    let along_x = Feature::Line { plane: Some(CoordinatePlane::Yz) };
     let axis: Vec<[f64; 3]> = (0..9).map(|k| [number(k), 0.0, 0.0]).collect();
     assert!(refused(&axis, along_x).contains("found 1 different points"));
-    let in_plane = Feature::Circle {
-        plane: Some(CoordinatePlane::Zx),
-    };
+    let in_plane = Feature::Circle { plane: Some(CoordinatePlane::Zx) };
     assert!(
         refused(&circle, in_plane)
             .contains("points on one straight line in the plane of the circle")
@@ -137,17 +125,7 @@ x,y,z\n1,2\n | p.csv:2:
 #[test]
 fn arbitrary_points_give_a_finite_result_or_an_error() {
     let mut rng = ChaCha8Rng::seed_from_u64(31);
-    let odd = [
-        0.0,
-        -0.0,
-        1e9,
-        -1e9,
-        1e-300,
-        5e-324,
-        f64::NAN,
-        f64::INFINITY,
-        1e-9,
-    ];
+    let odd = [0.0, -0.0, 1e9, -1e9, 1e-300, 5e-324, f64::NAN, f64::INFINITY, 1e-9];
     let (mut answers, mut refusals) = (0, 0);
     for case in 0..400 {
         let grid = f64::from(rng.random_range(1..5));
@@ -175,10 +153,7 @@ fn arbitrary_points_give_a_finite_result_or_an_error() {
             assert!(numbers.all(f64::is_finite), "{points:?} {form:?}");
             if let Some(zone) = zone {
                 let rounding = 1e-9 * form.deviation_mm.max(1.0);
-                assert!(
-                    zone.deviation_mm <= form.deviation_mm + rounding,
-                    "{points:?} {form:?}"
-                );
+                assert!(zone.deviation_mm <= form.deviation_mm + rounding, "{points:?} {form:?}");
             }
         }
     }

@@ -22,10 +22,8 @@ fn conical(
     let from = if psi > 0.0 { radius / psi.tan() } else { 0.0 };
     (0..n)
         .map(|_| {
-            let (s, t) = (
-                from + length * rng.random_range(0.0..1.0),
-                turn * rng.random_range(0.0..1.0),
-            );
+            let (s, t) =
+                (from + length * rng.random_range(0.0..1.0), turn * rng.random_range(0.0..1.0));
             let r = if psi > 0.0 { s * psi.tan() } else { radius };
             [r * t.cos(), r * t.sin(), s]
         })
@@ -41,11 +39,7 @@ fn tilted_cylinders_are_recovered() {
             let points = motion.all(&conical(&mut rng, 60, 0.0, 20.0, length, turn));
             let form = evaluate_form(&points, Feature::Cylinder).unwrap();
             near(form.radius_mm.unwrap(), 20.0, 1e-9);
-            near(
-                between(form.direction, motion.turned([0.0, 0.0, 1.0])),
-                0.0,
-                1e-9,
-            );
+            near(between(form.direction, motion.turned([0.0, 0.0, 1.0])), 0.0, 1e-9);
             let axis =
                 DatumAxis::new(motion.moved([0.0; 3]), motion.turned([0.0, 0.0, 1.0])).unwrap();
             near(form.axis.unwrap().coaxiality_mm(&axis), 0.0, 1e-9);
@@ -66,17 +60,9 @@ fn tilted_cones_are_recovered() {
                 let form = evaluate_form(&points, Feature::Cone).unwrap();
                 near(form.half_angle_rad.unwrap(), psi, 1e-9);
                 // From the apex into the cone, with sign.
-                near(
-                    distance(form.direction, motion.turned([0.0, 0.0, 1.0])),
-                    0.0,
-                    1e-9,
-                );
+                near(distance(form.direction, motion.turned([0.0, 0.0, 1.0])), 0.0, 1e-9);
                 // A slender cone has its apex far from the points.
-                near(
-                    distance(form.position_mm, motion.moved([0.0; 3])),
-                    0.0,
-                    1e-9 / psi.sin(),
-                );
+                near(distance(form.position_mm, motion.moved([0.0; 3])), 0.0, 1e-9 / psi.sin());
                 near(form.deviation_mm, 0.0, 1e-9);
             }
         }
@@ -95,10 +81,7 @@ fn a_large_offset_costs_no_more_than_its_rounding() {
             }
         }
         let here = evaluate_form(&points, feature).unwrap();
-        let far: Vec<Point> = points
-            .iter()
-            .map(|p| [p[0] + 1e5, p[1] - 1e5, p[2] + 1e5])
-            .collect();
+        let far: Vec<Point> = points.iter().map(|p| [p[0] + 1e5, p[1] - 1e5, p[2] + 1e5]).collect();
         let there = evaluate_form(&far, feature).unwrap();
         near(there.deviation_mm, here.deviation_mm, 1e-10);
         near(there.rms_mm, here.rms_mm, 1e-11);
@@ -110,9 +93,7 @@ fn a_large_offset_costs_no_more_than_its_rounding() {
 fn coaxiality_is_twice_the_largest_distance() {
     let datum = DatumAxis::new([10.0, 0.0, 0.0], [0.0, 0.0, 7.0]).unwrap();
     // At z = 0 the axis is 0.01 off, at z = 100 0.03.
-    let axis = Axis {
-        ends_mm: [[10.01, 0.0, 0.0], [10.0, 0.03, 100.0]],
-    };
+    let axis = Axis { ends_mm: [[10.01, 0.0, 0.0], [10.0, 0.03, 100.0]] };
     near(axis.coaxiality_mm(&datum), 0.06, 1e-14);
     // A cylinder that leans by 1 mrad about the middle of its 80 mm, 0.005 mm off the datum.
     let lean = |s: f64| [10.005, 1e-3 * s];
@@ -126,16 +107,10 @@ fn coaxiality_is_twice_the_largest_distance() {
     }
     let form = evaluate_form(&points, Feature::Cylinder).unwrap();
     let farthest = 0.005_f64.hypot(40.0 * 1e-3_f64.atan().sin());
-    near(
-        form.axis.unwrap().coaxiality_mm(&datum),
-        2.0 * farthest,
-        1e-9,
-    );
+    near(form.axis.unwrap().coaxiality_mm(&datum), 2.0 * farthest, 1e-9);
     // Distance of the circle's centre from the datum, in the plane of the circle.
-    let circle: Vec<Point> = round(12, |_| 5.0)
-        .iter()
-        .map(|p| [p[0] + 10.003, p[1] + 0.004, 9.0])
-        .collect();
+    let circle: Vec<Point> =
+        round(12, |_| 5.0).iter().map(|p| [p[0] + 10.003, p[1] + 0.004, 9.0]).collect();
     let circle = evaluate_form(&circle, CIRCLE).unwrap();
     near(circle.axis.unwrap().coaxiality_mm(&datum), 0.010, 1e-10);
     assert!(evaluate_form(&points, CIRCLE_XY).is_ok());
@@ -145,11 +120,7 @@ fn coaxiality_is_twice_the_largest_distance() {
 
 #[test]
 fn two_circles_determine_the_cone_on_one_side_of_its_apex() {
-    let ring = |r: f64, z: f64| {
-        round(16, move |_| r)
-            .into_iter()
-            .map(move |p| [p[0], p[1], z])
-    };
+    let ring = |r: f64, z: f64| round(16, move |_| r).into_iter().map(move |p| [p[0], p[1], z]);
     let points: Vec<Point> = ring(10.0, 10.0).chain(ring(20.0, 20.0)).collect();
     let form = evaluate_form(&points, Feature::Cone).unwrap();
     near(form.half_angle_rad.unwrap().to_degrees(), 45.0, 1e-9);
@@ -159,10 +130,7 @@ fn two_circles_determine_the_cone_on_one_side_of_its_apex() {
 fn any_feature(rng: &mut ChaCha8Rng) -> Vec<(Feature, Vec<Point>)> {
     let mut roughen = |points: Vec<Point>| -> Vec<Point> {
         let noise = |x: f64, rng: &mut ChaCha8Rng| x + rng.random_range(-0.02..0.02);
-        points
-            .into_iter()
-            .map(|p| p.map(|x| noise(x, rng)))
-            .collect()
+        points.into_iter().map(|p| p.map(|x| noise(x, rng))).collect()
     };
     let plane = (0..30).map(|k| [f64::from(k % 6) * 20.0, f64::from(k / 6) * 30.0, 0.0]);
     let line = (0..20).map(|k| [f64::from(k) * 10.0, 0.0, 0.0]);
@@ -171,14 +139,8 @@ fn any_feature(rng: &mut ChaCha8Rng) -> Vec<(Feature, Vec<Point>)> {
         (CIRCLE, roughen(round(25, |_| 40.0))),
         (Feature::Plane, roughen(plane.collect())),
         (Feature::Line { plane: None }, roughen(line.collect())),
-        (
-            Feature::Cylinder,
-            roughen(conical(&mut seeded, 40, 0.0, 20.0, 70.0, TAU)),
-        ),
-        (
-            Feature::Cone,
-            roughen(conical(&mut seeded, 40, 0.5, 20.0, 70.0, TAU)),
-        ),
+        (Feature::Cylinder, roughen(conical(&mut seeded, 40, 0.0, 20.0, 70.0, TAU))),
+        (Feature::Cone, roughen(conical(&mut seeded, 40, 0.5, 20.0, 70.0, TAU))),
     ]
 }
 

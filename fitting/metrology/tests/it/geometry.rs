@@ -25,11 +25,7 @@ fn scaled(a: Vector, k: f64) -> Vector {
 }
 
 fn cross(a: Vector, b: Vector) -> Vector {
-    [
-        a[1] * b[2] - a[2] * b[1],
-        a[2] * b[0] - a[0] * b[2],
-        a[0] * b[1] - a[1] * b[0],
-    ]
+    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 }
 
 fn dot(a: Vector, b: Vector) -> f64 {
@@ -44,10 +40,7 @@ fn rotated(v: Vector, w: Vector) -> Vector {
     }
     let k = scaled(w, 1.0 / angle);
     let along = scaled(k, dot(k, v) * (1.0 - angle.cos()));
-    add(
-        add(scaled(v, angle.cos()), scaled(cross(k, v), angle.sin())),
-        along,
-    )
+    add(add(scaled(v, angle.cos()), scaled(cross(k, v), angle.sin())), along)
 }
 
 /// Position of a point (given at axis position 0) after the error motion of the carriage: δ in mm, ε in rad, stated at `c`.
@@ -69,11 +62,7 @@ fn rigid_body_deviation_um(point_at_zero: Vector) -> Vector {
 }
 
 fn model_deviation_um(rides: Rides, side: CarriedSide) -> Vector {
-    let travel = Travel {
-        side,
-        direction_mcs: DIRECTION,
-        position_mm: POSITION_MM,
-    };
+    let travel = Travel { side, direction_mcs: DIRECTION, position_mm: POSITION_MM };
     let lever = lever_mm(POINT, CARRIAGE_POINT, rides, travel);
     add(DELTA_UM, abbe_um(TILTS_URAD, lever))
 }
@@ -81,10 +70,7 @@ fn model_deviation_um(rides: Rides, side: CarriedSide) -> Vector {
 #[track_caller]
 fn near(found: Vector, expected: Vector) {
     // Second order: ε² × lever = (6e-5)² × 1.5e6 µm = 0.005 µm.
-    let worst = sub(found, expected)
-        .map(f64::abs)
-        .into_iter()
-        .fold(0.0, f64::max);
+    let worst = sub(found, expected).map(f64::abs).into_iter().fold(0.0, f64::max);
     assert!(worst < 5e-3, "{found:?} against {expected:?}");
 }
 
@@ -92,10 +78,7 @@ fn near(found: Vector, expected: Vector) {
 fn a_point_on_the_carriage_moves_with_it() {
     // The carriage moves the point to m + u q and tilts about its own point: the lever is m − c.
     for side in [CarriedSide::Tool, CarriedSide::Workpiece] {
-        near(
-            model_deviation_um(Rides::Carriage, side),
-            rigid_body_deviation_um(POINT),
-        );
+        near(model_deviation_um(Rides::Carriage, side), rigid_body_deviation_um(POINT));
     }
 }
 
@@ -103,10 +86,7 @@ fn a_point_on_the_carriage_moves_with_it() {
 fn a_fixed_point_meets_another_place_of_the_carriage_at_each_position() {
     // Tool-side axis: the point of the carriage that passes the fixed point was u q behind it at position zero.
     let passing = sub(POINT, scaled(DIRECTION, POSITION_MM));
-    near(
-        model_deviation_um(Rides::Other, CarriedSide::Tool),
-        rigid_body_deviation_um(passing),
-    );
+    near(model_deviation_um(Rides::Other, CarriedSide::Tool), rigid_body_deviation_um(passing));
     // Workpiece-side axis: a fixed tool point moves by +u q over the table, which is what `E?N` describes.
     let reached = add(POINT, scaled(DIRECTION, POSITION_MM));
     near(
@@ -118,10 +98,7 @@ fn a_fixed_point_meets_another_place_of_the_carriage_at_each_position() {
 #[test]
 fn yaw_at_a_lever_of_one_metre_by_hand() {
     // 10 µrad about Z at 1 m along Y: 10 µm towards −X.
-    assert_eq!(
-        abbe_um([0.0, 0.0, 10.0], [0.0, 1000.0, 0.0]),
-        [-10.0, 0.0, 0.0]
-    );
+    assert_eq!(abbe_um([0.0, 0.0, 10.0], [0.0, 1000.0, 0.0]), [-10.0, 0.0, 0.0]);
 }
 
 fn axis_of(letter: u8) -> Vector {
@@ -139,11 +116,7 @@ fn bridge_readings_give_the_profile_back_for_every_error() {
         let (across, along) = (axis_of(name[1]), axis_of(name[2]));
         let about = cross(along, across);
         let readings = |k: usize| {
-            let rise_um = if k == 0 {
-                77.0
-            } else {
-                profile_um[k] - profile_um[k - 1]
-            };
+            let rise_um = if k == 0 { 77.0 } else { profile_um[k] - profile_um[k - 1] };
             let foot_to_foot = add(
                 scaled(along, bridge_mm),
                 scaled(across, if k == 0 { 0.0 } else { rise_um * 1e-3 }),
@@ -153,24 +126,15 @@ fn bridge_readings_give_the_profile_back_for_every_error() {
             let right_hand: f64 = tilt.iter().sum();
             let slope = dot(tilt, about);
             let target = -250.0 + bridge_mm * k as f64;
-            if k == 0 {
-                (target, [77.0; 2])
-            } else {
-                (target, [right_hand, slope])
-            }
+            if k == 0 { (target, [77.0; 2]) } else { (target, [right_hand, slope]) }
         };
         let all: Vec<_> = (0..profile_um.len()).map(readings).collect();
-        for (which, reading) in [TiltReading::RightHand, TiltReading::Slope]
-            .into_iter()
-            .enumerate()
+        for (which, reading) in [TiltReading::RightHand, TiltReading::Slope].into_iter().enumerate()
         {
             let tilts: Vec<_> = all.iter().map(|(q, r)| (*q, r[which])).collect();
             let found = angular_method_um(named(error), reading, &tilts, bridge_mm).unwrap();
             for ((_, h), expected) in found.iter().zip(profile_um) {
-                assert!(
-                    (h - expected).abs() < 1e-9,
-                    "{error} {reading:?}: {h} against {expected}"
-                );
+                assert!((h - expected).abs() < 1e-9, "{error} {reading:?}: {h} against {expected}");
             }
         }
     }
@@ -180,35 +144,21 @@ fn bridge_readings_give_the_profile_back_for_every_error() {
 fn bridge_and_targets_must_fit() {
     let tilts = |spacing: f64| [(0.0, 0.0), (100.0, 1.0), (100.0 + spacing, 2.0)];
     let method = |spacing, bridge| {
-        angular_method_um(
-            named("EYX"),
-            TiltReading::RightHand,
-            &tilts(spacing),
-            bridge,
-        )
+        angular_method_um(named("EYX"), TiltReading::RightHand, &tilts(spacing), bridge)
     };
     assert!(method(100.9, 100.0).is_ok());
     assert!(method(99.1, 100.0).is_ok());
-    for (spacing, bridge) in [
-        (101.1, 100.0),
-        (98.9, 100.0),
-        (100.0, 102.0),
-        (-100.0, 100.0),
-        (100.0, 0.0),
-    ] {
+    for (spacing, bridge) in
+        [(101.1, 100.0), (98.9, 100.0), (100.0, 102.0), (-100.0, 100.0), (100.0, 0.0)]
+    {
         assert!(method(spacing, bridge).is_err(), "{spacing} {bridge}");
     }
     insta::assert_snapshot!(method(101.1, 100.0).unwrap_err(), @"straightness by the angular method, targets 100 and 201.1: found a spacing of 101.1 mm, expected the bridge length 100 mm within 1 %");
     insta::assert_snapshot!(method(100.0, f64::NAN).unwrap_err(), @"straightness by the angular method: bridge length: found NaN mm, expected a positive length");
     insta::assert_snapshot!(tilt_sign(named("EXX"), TiltReading::Slope).unwrap_err(), @"straightness by the angular method: found `EXX`, expected EYX, EZX, EXY, EZY, EXZ or EYZ");
     assert!(
-        angular_method_um(
-            named("EYX"),
-            TiltReading::Slope,
-            &[(0.0, f64::NAN), (1.0, 0.0)],
-            1.0
-        )
-        .is_err()
+        angular_method_um(named("EYX"), TiltReading::Slope, &[(0.0, f64::NAN), (1.0, 0.0)], 1.0)
+            .is_err()
     );
 }
 
@@ -229,12 +179,9 @@ fn reference_lines_by_hand() {
 
 #[test]
 fn a_line_needs_two_targets() {
-    for points in [
-        &[][..],
-        &[(1.0, 2.0)],
-        &[(1.0, 2.0), (1.0, 3.0)],
-        &[(0.0, 0.0), (1.0, f64::NAN)],
-    ] {
+    for points in
+        [&[][..], &[(1.0, 2.0)], &[(1.0, 2.0), (1.0, 3.0)], &[(0.0, 0.0), (1.0, f64::NAN)]]
+    {
         assert!(ReferenceLine::least_squares(points).is_err());
         assert!(ReferenceLine::end_points(points).is_err());
     }
@@ -245,11 +192,8 @@ fn a_line_needs_two_targets() {
 #[test]
 fn squareness_from_slopes_is_the_angle_between_the_axis_lines() {
     // For each pair: first axis p, second axis s, the axis of rotation from p to s, and the error's name.
-    let cases = [
-        ("EC0Y", 0, 1, "EYX", "EXY"),
-        ("EA0Z", 1, 2, "EZY", "EYZ"),
-        ("EB0Z", 0, 2, "EZX", "EXZ"),
-    ];
+    let cases =
+        [("EC0Y", 0, 1, "EYX", "EXY"), ("EA0Z", 1, 2, "EZY", "EYZ"), ("EB0Z", 0, 2, "EZX", "EXZ")];
     let (out_urad, reference_urad, beam_urad) = (37.0, -3.2, 11.0);
     for (error, p, s, first, second) in cases {
         let unit = |i: usize| axis_of(b'X' + u8::try_from(i).unwrap());
@@ -269,10 +213,7 @@ fn squareness_from_slopes_is_the_angle_between_the_axis_lines() {
         let across_s = scaled(turned((beam_urad + reference_urad) * 1e-6), 1.0);
         let slope_first = dot(unit(p), across_p) / dot(unit(p), beam_p) * 1e6;
         let slope_second = dot(second_line, across_s) / dot(second_line, beam_s) * 1e6;
-        let slopes = [
-            (named(first), Urad(slope_first)),
-            (named(second), Urad(slope_second)),
-        ];
+        let slopes = [(named(first), Urad(slope_first)), (named(second), Urad(slope_second))];
         let error = named(error);
         let reference = Urad(reference_urad);
         let found = squareness(error, reference, slopes).unwrap();
@@ -303,10 +244,7 @@ fn a_tilt_opens_or_closes_the_angle_of_its_axes() {
             let angle = dot(line, unit(3 - own - turn)).acos();
             let opens = (angle - std::f64::consts::FRAC_PI_2) * 1e6;
             let found = opening(error).expect("a squareness");
-            assert!(
-                (URAD * found - opens).abs() < 1e-3,
-                "{error}: {found} {opens}"
-            );
+            assert!((URAD * found - opens).abs() < 1e-3, "{error}: {found} {opens}");
         }
     }
     for other in ["EX0Y", "ECY", "EC0U", "EA0C"] {
@@ -334,34 +272,24 @@ fn the_minimum_zone_is_that_of_brute_force() {
     let mut state = 1_u64;
     let mut random = || {
         // Knuth's linear congruential generator.
-        state = state
-            .wrapping_mul(6_364_136_223_846_793_005)
-            .wrapping_add(1_442_695_040_888_963_407);
+        state =
+            state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         (state >> 40) as f64 / f64::from(1_u32 << 24)
     };
     for count in [2, 3, 4, 7, 21, 60] {
         for _ in 0..20 {
             let points: Vec<(f64, f64)> = (0..count)
                 .map(|k| {
-                    (
-                        50.0 * f64::from(k) + 30.0 * random(),
-                        12.0 * random() + 0.02 * f64::from(k),
-                    )
+                    (50.0 * f64::from(k) + 30.0 * random(), 12.0 * random() + 0.02 * f64::from(k))
                 })
                 .collect();
             let mut shuffled = points.clone();
             shuffled.rotate_left(points.len() / 2);
             let line = ReferenceLine::minimum_zone(&shuffled).unwrap();
             let left = line.removed_from(&points);
-            let largest = left
-                .iter()
-                .map(|(_, x)| *x)
-                .fold(f64::NEG_INFINITY, f64::max);
+            let largest = left.iter().map(|(_, x)| *x).fold(f64::NEG_INFINITY, f64::max);
             let smallest = left.iter().map(|(_, x)| *x).fold(f64::INFINITY, f64::min);
-            assert!(
-                (largest + smallest).abs() < 1e-9,
-                "the line is in the middle"
-            );
+            assert!((largest + smallest).abs() < 1e-9, "the line is in the middle");
             let found = largest - smallest;
             let mut best = f64::INFINITY;
             for (k, a) in points.iter().enumerate() {
@@ -383,14 +311,7 @@ fn the_minimum_zone_is_that_of_brute_force() {
         }
     }
     // Two values at one target, and a repeated point.
-    let doubled = [
-        (0.0, 0.0),
-        (0.0, 2.0),
-        (10.0, 1.0),
-        (10.0, 1.0),
-        (20.0, 0.0),
-        (20.0, 2.0),
-    ];
+    let doubled = [(0.0, 0.0), (0.0, 2.0), (10.0, 1.0), (10.0, 1.0), (20.0, 0.0), (20.0, 2.0)];
     let line = ReferenceLine::minimum_zone(&doubled).unwrap();
     assert!(line.slope_um_per_mm.abs() < 1e-12 && (line.intercept_um - 1.0).abs() < 1e-12);
     assert!(ReferenceLine::minimum_zone(&[(1.0, 2.0)]).is_err());

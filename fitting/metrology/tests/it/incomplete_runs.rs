@@ -35,19 +35,14 @@ fn measured(
             }
         }
     }
-    Measurement {
-        readings,
-        ..Measurement::default()
-    }
+    Measurement { readings, ..Measurement::default() }
 }
 
 /// Mean curves minus the truth, forward and backward: constant if no run causes a step.
 fn errors(measurement: &Measurement) -> Vec<f64> {
     let of = |direction| {
         let curve = measurement.mean_curve_in(direction).into_iter();
-        curve
-            .enumerate()
-            .map(move |(target, (_, mean))| mean - truth(target, direction))
+        curve.enumerate().map(move |(target, (_, mean))| mean - truth(target, direction))
     };
     Direction::BOTH.into_iter().flat_map(of).collect()
 }
@@ -62,67 +57,38 @@ fn range(values: &[f64]) -> f64 {
 fn runs_that_lack_targets_make_no_step_and_no_reversal() {
     type Holds = fn(u32, Direction, usize) -> bool;
     let layouts: [(&str, &[f64], Holds); 8] = [
-        (
-            "a single missing reading",
-            &[3.0, 40.0],
-            |run, way, target| (run, way, target) != (2, Positive, 4),
-        ),
-        (
-            "the second run stops half-way",
-            &[0.0, 40.0],
-            |run, way, target| run == 1 || (way == Positive && target <= 5),
-        ),
-        (
-            "it stops on its way back",
-            &[-7.0, 40.0],
-            |run, way, target| run == 1 || way == Positive || target >= 5,
-        ),
-        (
-            "the first run starts late",
-            &[55.0, -4.0, 9.0],
-            |run, _, target| run > 1 || target >= 7,
-        ),
-        (
-            "a run that has no way back",
-            &[1.0, -2.0, 40.0],
-            |run, way, _| run < 3 || way == Positive,
-        ),
-        (
-            "one run both ways, two backward only",
-            &[60.0, -5.0, 20.0],
-            |run, way, _| run == 1 || way == Negative,
-        ),
-        (
-            "a single reading in a run",
-            &[12.0, -30.0],
-            |run, way, target| run == 1 || (way == Positive && target == 3),
-        ),
-        (
-            "a chain of runs",
-            &[12.0, -30.0, 5.0],
-            |run, way, target| way == Positive || target.abs_diff(5 * run as usize - 5) <= 3,
-        ),
+        ("a single missing reading", &[3.0, 40.0], |run, way, target| {
+            (run, way, target) != (2, Positive, 4)
+        }),
+        ("the second run stops half-way", &[0.0, 40.0], |run, way, target| {
+            run == 1 || (way == Positive && target <= 5)
+        }),
+        ("it stops on its way back", &[-7.0, 40.0], |run, way, target| {
+            run == 1 || way == Positive || target >= 5
+        }),
+        ("the first run starts late", &[55.0, -4.0, 9.0], |run, _, target| run > 1 || target >= 7),
+        ("a run that has no way back", &[1.0, -2.0, 40.0], |run, way, _| {
+            run < 3 || way == Positive
+        }),
+        ("one run both ways, two backward only", &[60.0, -5.0, 20.0], |run, way, _| {
+            run == 1 || way == Negative
+        }),
+        ("a single reading in a run", &[12.0, -30.0], |run, way, target| {
+            run == 1 || (way == Positive && target == 3)
+        }),
+        ("a chain of runs", &[12.0, -30.0, 5.0], |run, way, target| {
+            way == Positive || target.abs_diff(5 * run as usize - 5) <= 3
+        }),
     ];
     for (name, offsets, holds) in layouts {
         let measurement = measured(offsets, holds, |_, _, _| 0.0);
         assert!(range(&errors(&measurement)) < 1e-9, "{name}");
         let both = measurement.mean_curve();
-        let mean = |at: usize| {
-            Direction::BOTH
-                .map(|way| truth(at, way))
-                .iter()
-                .sum::<f64>()
-                / 2.0
-        };
-        let left: Vec<f64> = (both.iter())
-            .enumerate()
-            .map(|(target, (_, value))| value - mean(target))
-            .collect();
+        let mean = |at: usize| Direction::BOTH.map(|way| truth(at, way)).iter().sum::<f64>() / 2.0;
+        let left: Vec<f64> =
+            (both.iter()).enumerate().map(|(target, (_, value))| value - mean(target)).collect();
         assert!(range(&left) < 1e-9, "{name}");
-        assert!(
-            measurement.scatter_of_mean(RunAlignment::Offset).is_none(),
-            "{name}"
-        );
+        assert!(measurement.scatter_of_mean(RunAlignment::Offset).is_none(), "{name}");
     }
 }
 
@@ -141,17 +107,11 @@ fn two_runs_follow_the_closed_form() {
             0..=5 => f64::midpoint(read(1, target), read(2, target)),
             _ => read(1, target) + between / 2.0,
         };
-        assert!(
-            (mean - expected).abs() < 1e-9,
-            "{target}: {mean} {expected}"
-        );
+        assert!((mean - expected).abs() < 1e-9, "{target}: {mean} {expected}");
     }
     // ISO 230-2 uses the readings unchanged.
     let iso = evaluate(&measurement).unwrap();
-    assert_eq!(
-        iso.targets[5].forward.unwrap().mean,
-        f64::midpoint(read(1, 5), read(2, 5))
-    );
+    assert_eq!(iso.targets[5].forward.unwrap().mean, f64::midpoint(read(1, 5), read(2, 5)));
     assert_eq!(iso.targets[6].forward.unwrap().mean, read(1, 6));
 }
 
@@ -195,16 +155,9 @@ fn the_scatter_has_no_step_in_it() {
         let holds = |run, way, target| run != 2 || (way == Positive && target <= 5);
         let found = measured(&[0.0, 40.0, -3.0, 8.0], holds, noise);
         let scatter = found.scatter_of_mean(alignment).unwrap();
-        assert!(
-            (0.7..1.4).contains(&(scatter.deviation / expected)),
-            "{scatter:?} {expected}"
-        );
+        assert!((0.7..1.4).contains(&(scatter.deviation / expected)), "{scatter:?} {expected}");
         // Readings − targets − p · (runs − 1), forward and backward.
-        let parameters = if alignment == RunAlignment::Offset {
-            1.0
-        } else {
-            2.0
-        };
+        let parameters = if alignment == RunAlignment::Offset { 1.0 } else { 2.0 };
         let expected = (39.0 - 11.0 - 3.0 * parameters) + (33.0 - 11.0 - 2.0 * parameters);
         assert_eq!(scatter.freedom, expected);
     }
@@ -230,25 +183,14 @@ fn runs_of_a_straightness_that_lack_targets_make_no_step() {
     let left = |measurement: &Measurement| {
         let errors = at(measurement);
         let line = ReferenceLine::least_squares(&errors).unwrap();
-        range(
-            &line
-                .removed_from(&errors)
-                .iter()
-                .map(|of| of.1)
-                .collect::<Vec<_>>(),
-        )
+        range(&line.removed_from(&errors).iter().map(|of| of.1).collect::<Vec<_>>())
     };
     // Aligned by offsets, as a positioning error is, the runs make steps.
     assert!(left(&measurement) > 5.0);
     measurement.quantity = Some(Quantity::Straightness);
     assert!(left(&measurement) < 1e-9, "{}", left(&measurement));
     assert_eq!(
-        measurement
-            .incomplete_runs()
-            .unwrap()
-            .scatter()
-            .unwrap()
-            .freedom,
+        measurement.incomplete_runs().unwrap().scatter().unwrap().freedom,
         (25.0 - 11.0 - 4.0) + (19.0 - 11.0 - 2.0)
     );
     // Also where the file does not state the quantity.
@@ -290,14 +232,7 @@ fn the_slope_of_passes_with_separate_numbers_has_a_mean_in_each_direction() {
             let n = f64::from(backward);
             assert_eq!(found.degrees, 1.0 + n, "{lacking} {backward}");
             let pooled: f64 = squares / (1.0 + n);
-            let of_each = [
-                1900.0,
-                if backward > 1 {
-                    200.0 / (n - 1.0)
-                } else {
-                    1900.0
-                },
-            ];
+            let of_each = [1900.0, if backward > 1 { 200.0 / (n - 1.0) } else { 1900.0 }];
             let expected = if lacking {
                 (of_each[0] / 3.0 + of_each[1] / n).sqrt() / 2.0
             } else {
@@ -321,22 +256,13 @@ fn a_long_chain_of_short_runs_keeps_the_profile() {
         let first = 10 * (run as usize - 1);
         (first..first + 20).map(move |target| {
             let x = 100.0 * target as f64;
-            Reading {
-                target: x,
-                run,
-                direction: Positive,
-                deviation: shape(target) + line(x),
-            }
+            Reading { target: x, run, direction: Positive, deviation: shape(target) + line(x) }
         })
     });
-    let measurement = Measurement {
-        readings: readings.collect(),
-        ..Measurement::default()
-    };
+    let measurement = Measurement { readings: readings.collect(), ..Measurement::default() };
     let found = straightness_of(&measurement).unwrap().profile;
-    let truth: Vec<(f64, f64)> = (0..found.len())
-        .map(|target| (100.0 * target as f64, shape(target)))
-        .collect();
+    let truth: Vec<(f64, f64)> =
+        (0..found.len()).map(|target| (100.0 * target as f64, shape(target))).collect();
     let [found, truth] = [found, truth].map(|profile| {
         let line = ReferenceLine::least_squares(&profile).unwrap();
         line.removed_from(&profile)
@@ -395,18 +321,10 @@ fn layout() -> impl Strategy<Value = Measurement> {
             let direction = Direction::BOTH[index / 5 % 2];
             // The first target of the first run connects all.
             if chance >= missing || target == 0.0 {
-                readings.push(Reading {
-                    target,
-                    run,
-                    direction,
-                    deviation,
-                });
+                readings.push(Reading { target, run, direction, deviation });
             }
         }
-        Measurement {
-            readings,
-            ..Measurement::default()
-        }
+        Measurement { readings, ..Measurement::default() }
     })
 }
 

@@ -14,10 +14,7 @@ fn published() -> Measurement {
 #[track_caller]
 fn near(found: Option<f64>, expected: f64, tolerance: f64) {
     let found = found.expect("a value");
-    assert!(
-        (found - expected).abs() <= tolerance,
-        "{found} against {expected}"
-    );
+    assert!((found - expected).abs() <= tolerance, "{found} against {expected}");
 }
 
 #[test]
@@ -40,10 +37,7 @@ fn published_report_is_reproduced() {
 #[test]
 fn only_the_outlying_backward_run_is_reported() {
     let hints = evaluate(&published()).unwrap().outlier_hints;
-    let named: Vec<_> = hints
-        .iter()
-        .map(|h| (h.run, h.direction, h.target))
-        .collect();
+    let named: Vec<_> = hints.iter().map(|h| (h.run, h.direction, h.target)).collect();
     assert_eq!(named, [(1, Negative, None)]);
     insta::assert_snapshot!(hints[0].text, @"backward run 1 differs from the other runs by 55.23 (root mean square; usual scatter 2.26)");
 }
@@ -54,14 +48,8 @@ fn small_case_by_hand() {
     let result = evaluate(&small()).unwrap();
     let (s, root2) = (2.0_f64.sqrt(), 2.0_f64.sqrt());
     let first = result.targets[0];
-    assert_eq!(
-        (first.forward.unwrap().n, first.backward.unwrap().n),
-        (2, 2)
-    );
-    assert_eq!(
-        (first.forward.unwrap().mean, first.reversal),
-        (2.0, Some(4.0))
-    );
+    assert_eq!((first.forward.unwrap().n, first.backward.unwrap().n), (2, 2));
+    assert_eq!((first.forward.unwrap().mean, first.reversal), (2.0, Some(4.0)));
     near(first.forward.unwrap().s, s, 1e-12);
     assert_eq!(first.backward.unwrap().s, Some(0.0));
     assert_eq!(first.mean, Some(0.0));
@@ -70,14 +58,8 @@ fn small_case_by_hand() {
     near(result.r, 8.0 * root2, 1e-12);
     near(result.r_forward, 4.0 * s, 1e-12);
     near(result.r_backward, 8.0 * root2, 1e-12);
-    assert_eq!(
-        (result.e, result.e_forward, result.e_backward),
-        (Some(8.0), Some(3.0), Some(8.0))
-    );
-    assert_eq!(
-        (result.m, result.b, result.mean_b),
-        (Some(5.5), Some(4.0), Some(1.5))
-    );
+    assert_eq!((result.e, result.e_forward, result.e_backward), (Some(8.0), Some(3.0), Some(8.0)));
+    assert_eq!((result.m, result.b, result.mean_b), (Some(5.5), Some(4.0), Some(1.5)));
     near(result.a, (6.0 + 4.0 * root2) - (-2.0), 1e-12);
     near(result.a_forward, 5.0 - (2.0 - 2.0 * s), 1e-12);
     near(result.a_backward, (6.0 + 4.0 * root2) - (-2.0), 1e-12);
@@ -92,21 +74,8 @@ fn one_run_has_no_repeatability_and_no_accuracy() {
         (10.0, 1, Negative, 4.0),
     ]);
     let r = evaluate(&m).unwrap();
-    assert_eq!(
-        [
-            r.r,
-            r.r_forward,
-            r.r_backward,
-            r.a,
-            r.a_forward,
-            r.a_backward
-        ],
-        [None; 6]
-    );
-    assert_eq!(
-        (r.e, r.e_forward, r.e_backward),
-        (Some(7.0), Some(4.0), Some(6.0))
-    );
+    assert_eq!([r.r, r.r_forward, r.r_backward, r.a, r.a_forward, r.a_backward], [None; 6]);
+    assert_eq!((r.e, r.e_forward, r.e_backward), (Some(7.0), Some(4.0), Some(6.0)));
     assert_eq!((r.m, r.b, r.mean_b), (Some(5.0), Some(3.0), Some(2.0)));
 }
 
@@ -120,40 +89,20 @@ fn one_direction_gives_no_bidirectional_values() {
         backward(10.0, 2, 5.0),
     ]);
     let r = evaluate(&m).unwrap();
-    assert_eq!(
-        (r.a_backward, r.r_backward, r.e_backward),
-        (Some(4.0), Some(0.0), Some(4.0))
-    );
-    let open = [
-        r.a,
-        r.r,
-        r.e,
-        r.a_forward,
-        r.r_forward,
-        r.e_forward,
-        r.m,
-        r.b,
-        r.mean_b,
-    ];
+    assert_eq!((r.a_backward, r.r_backward, r.e_backward), (Some(4.0), Some(0.0), Some(4.0)));
+    let open = [r.a, r.r, r.e, r.a_forward, r.r_forward, r.e_forward, r.m, r.b, r.mean_b];
     assert_eq!(open, [None; 9]);
     assert_eq!((r.targets[0].forward, r.targets[0].mean), (None, None));
 }
 
 #[test]
 fn a_target_without_one_direction_is_refused() {
-    let m = measurement(&[
-        (0.0, 1, Positive, 1.0),
-        (10.0, 1, Positive, 5.0),
-        (10.0, 1, Negative, 4.0),
-    ]);
+    let m =
+        measurement(&[(0.0, 1, Positive, 1.0), (10.0, 1, Positive, 5.0), (10.0, 1, Negative, 4.0)]);
     let error = evaluate(&m).unwrap_err();
     assert!(matches!(
         error,
-        MetrologyError::TargetLacking {
-            target: 0.0,
-            direction: Negative,
-            ..
-        }
+        MetrologyError::TargetLacking { target: 0.0, direction: Negative, .. }
     ));
     insta::assert_snapshot!(error, @"m: target 0: found no reading in direction -, expected every target in each direction that was run");
 }
@@ -179,10 +128,7 @@ fn second_implementation(m: &Measurement) -> [f64; 12] {
         let n = x.len() as f64;
         let sum: f64 = x.iter().sum();
         let squares: f64 = x.iter().map(|v| v * v).sum();
-        (
-            sum / n,
-            ((squares - sum * sum / n).max(0.0) / (n - 1.0)).sqrt(),
-        )
+        (sum / n, ((squares - sum * sum / n).max(0.0) / (n - 1.0)).sqrt())
     };
     let up: Vec<_> = targets.iter().map(|t| stats(*t, Positive)).collect();
     let down: Vec<_> = targets.iter().map(|t| stats(*t, Negative)).collect();
@@ -198,10 +144,8 @@ fn second_implementation(m: &Measurement) -> [f64; 12] {
     let both = [up.clone(), down.clone()].concat();
     let pairs: Vec<_> = up.iter().zip(&down).collect();
     let reversal: Vec<f64> = pairs.iter().map(|(u, d)| u.0 - d.0).collect();
-    let across: Vec<f64> = pairs
-        .iter()
-        .map(|(u, d)| 2.0 * u.1 + 2.0 * d.1 + (u.0 - d.0).abs())
-        .collect();
+    let across: Vec<f64> =
+        pairs.iter().map(|(u, d)| 2.0 * u.1 + 2.0 * d.1 + (u.0 - d.0).abs()).collect();
     [
         accuracy(&both),
         accuracy(&up),
@@ -212,12 +156,7 @@ fn second_implementation(m: &Measurement) -> [f64; 12] {
         spread(&means(&both)),
         spread(&means(&up)),
         spread(&means(&down)),
-        spread(
-            &pairs
-                .iter()
-                .map(|(u, d)| 0.5 * (u.0 + d.0))
-                .collect::<Vec<_>>(),
-        ),
+        spread(&pairs.iter().map(|(u, d)| 0.5 * (u.0 + d.0)).collect::<Vec<_>>()),
         max(&reversal.iter().map(|b| b.abs()).collect::<Vec<_>>()),
         reversal.iter().sum::<f64>() / reversal.len() as f64,
     ]

@@ -13,18 +13,12 @@ use volcomp_vocabulary::Direction::{Negative, Positive};
 
 fn mapping(toml: &str) -> Mapping {
     let document = Document::new("m.toml", toml);
-    document
-        .decode(|root| Mapping::decode(&root))
-        .unwrap()
-        .expect("a mapping")
+    document.decode(|root| Mapping::decode(&root)).unwrap().expect("a mapping")
 }
 
 fn mapping_error(toml: &str) -> String {
     let document = Document::new("m.toml", toml);
-    document
-        .decode(|root| Mapping::decode(&root))
-        .unwrap_err()
-        .to_string()
+    document.decode(|root| Mapping::decode(&root)).unwrap_err().to_string()
 }
 
 fn table(toml: &str, text: &str) -> Result<Measurement, MetrologyError> {
@@ -51,39 +45,14 @@ fn the_unit_in_the_head_of_a_named_column_is_used() {
         table(&columns, &format!("{target},{reading}\n0,0.1\n10,0.2\n"))
     };
     for (heads, unit, held, first) in [
-        (
-            ["Soll mm", "Abweichung mm"],
-            "",
-            Some(DeviationUnit::Um),
-            100.0,
-        ),
-        (
-            ["Soll mm", "Abweichung [mm]"],
-            "unit = \"mm\"",
-            Some(DeviationUnit::Um),
-            100.0,
-        ),
-        (
-            ["Soll deg", "Abweichung arcsec"],
-            "",
-            Some(DeviationUnit::Urad),
-            0.484_813_7,
-        ),
+        (["Soll mm", "Abweichung mm"], "", Some(DeviationUnit::Um), 100.0),
+        (["Soll mm", "Abweichung [mm]"], "unit = \"mm\"", Some(DeviationUnit::Um), 100.0),
+        (["Soll deg", "Abweichung arcsec"], "", Some(DeviationUnit::Urad), 0.484_813_7),
         (["Soll", "mm"], "", Some(DeviationUnit::Um), 100.0),
         (["Soll", "[mm]"], "", Some(DeviationUnit::Um), 100.0),
-        (
-            ["Soll", "Abw (mm) Mittel"],
-            "",
-            Some(DeviationUnit::Um),
-            100.0,
-        ),
+        (["Soll", "Abw (mm) Mittel"], "", Some(DeviationUnit::Um), 100.0),
         (["Soll", "偏差（mm）"], "", Some(DeviationUnit::Um), 100.0),
-        (
-            ["Soll", "Abw (Lauf 1) mm"],
-            "",
-            Some(DeviationUnit::Um),
-            100.0,
-        ),
+        (["Soll", "Abw (Lauf 1) mm"], "", Some(DeviationUnit::Um), 100.0),
         // An unknown unit gives a note and is read as µm.
         (["Soll", "Abw [1/1000 mm]"], "", None, 0.1),
         (["Soll", "Millimeter"], "", None, 0.1),
@@ -96,16 +65,8 @@ fn the_unit_in_the_head_of_a_named_column_is_used() {
         assert!((m.readings[0].deviation - first).abs() < 1e-6, "{heads:?}");
     }
     for (heads, unit, said) in [
-        (
-            ["Soll mm", "Abweichung mm"],
-            "unit = \"um\"",
-            "expected µm, as `unit`",
-        ),
-        (
-            ["Soll deg", "Abweichung um"],
-            "target_unit = \"mm\"",
-            "expected mm, as `target_unit`",
-        ),
+        (["Soll mm", "Abweichung mm"], "unit = \"um\"", "expected µm, as `unit`"),
+        (["Soll deg", "Abweichung um"], "target_unit = \"mm\"", "expected mm, as `target_unit`"),
         (["Soll in", "Abweichung um"], "", "expected mm or deg"),
         (["Soll mm", "Abweichung ft"], "", "expected mm, µm"),
     ] {
@@ -138,11 +99,8 @@ fn columns_are_found_by_name_or_number_in_any_dialect() {
         "  0.0   0.001\n 10.0  10.003\n 10.0  10.001\n  0.0  -0.002\n",
     )
     .unwrap();
-    let rounded: Vec<f64> = blank
-        .readings
-        .iter()
-        .map(|r| (r.deviation * 1e6).round() / 1e6)
-        .collect();
+    let rounded: Vec<f64> =
+        blank.readings.iter().map(|r| (r.deviation * 1e6).round() / 1e6).collect();
     assert_eq!(rounded, [1.0, 3.0, 1.0, -2.0]);
     let ways: Vec<&str> = shown(&blank).iter().map(|row| row.2).collect();
     assert_eq!(ways, ["+", "+", "-", "-"]);
@@ -214,11 +172,8 @@ fn runs_that_lack_targets_are_counted_by_passes() {
 fn runs_and_directions_come_from_columns_if_present() {
     let toml =
         "[columns]\ntarget = \"t\"\ndeviation = \"d\"\ndirection = \"way\"\nseparator = \"tab\"";
-    let m = table(
-        toml,
-        "t\tway\td\n0\tfwd\t1\n10\tfwd\t2\n10\trev\t3\n0\trev\t4\n0\tF\t5\n",
-    )
-    .unwrap();
+    let m =
+        table(toml, "t\tway\td\n0\tfwd\t1\n10\tfwd\t2\n10\trev\t3\n0\trev\t4\n0\tF\t5\n").unwrap();
     assert_eq!(
         shown(&m),
         [
@@ -230,32 +185,18 @@ fn runs_and_directions_come_from_columns_if_present() {
         ]
     );
     assert_eq!(m.unit, None);
-    let numbered = table(
-        "[columns]\ntarget = \"t\"\ndeviation = \"d\"\nrun = \"n\"",
-        "t,d,n\n0,1,7\n5,2,7\n",
-    )
-    .unwrap();
+    let numbered =
+        table("[columns]\ntarget = \"t\"\ndeviation = \"d\"\nrun = \"n\"", "t,d,n\n0,1,7\n5,2,7\n")
+            .unwrap();
     assert_eq!(numbered.runs(Positive), [7]);
     for (toml, text, expected) in [
-        (
-            toml,
-            "t\tway\td\n0\tleft\t1\n",
-            "x.csv:2: direction: found `left`",
-        ),
-        (
-            toml,
-            "t\tway\tdev\n0\t+\t1\n",
-            "expected one column `d` (the reading)",
-        ),
+        (toml, "t\tway\td\n0\tleft\t1\n", "x.csv:2: direction: found `left`"),
+        (toml, "t\tway\tdev\n0\t+\t1\n", "expected one column `d` (the reading)"),
         (toml, "t\tt\tway\td\n0\t0\t+\t1\n", "`t` 2 times"),
         (toml, "t\tway\td\n0\t+\t1,5\n", "deviation: found `1,5`"),
         (toml, "t\tway\td\n0\t+\n", "at least 3"),
         (toml, "t\tway\td\n", "at least one reading"),
-        (
-            "[columns]\ntarget = 1\ndeviation = 1",
-            "t,d\n1,2\n",
-            "column 1 as target and as reading",
-        ),
+        ("[columns]\ntarget = 1\ndeviation = 1", "t,d\n1,2\n", "column 1 as target and as reading"),
     ] {
         let message = table(toml, text).unwrap_err().to_string();
         assert!(message.contains(expected), "{text:?}: {message}");
@@ -356,29 +297,21 @@ fn standstills_in_a_log_become_readings() {
     );
     assert_eq!(m.mean_at(10.0, Negative).map(f64::round), Some(-1.0));
     assert!(
-        m.notes
-            .join("\n")
-            .contains("1 standstills away from targets skipped"),
+        m.notes.join("\n").contains("1 standstills away from targets skipped"),
         "{:?}",
         m.notes
     );
     // Without stated targets the overrun is a target.
     let mut found = channels.clone();
     found.targets.clear();
-    assert_eq!(
-        readings_at_dwells(&log, &found).unwrap().targets(),
-        [0.0, 10.0, 20.0, 21.0]
-    );
+    assert_eq!(readings_at_dwells(&log, &found).unwrap().targets(), [0.0, 10.0, 20.0, 21.0]);
     let mut wrong = channels.clone();
     wrong.reading = "LASER".into();
     insta::assert_snapshot!(readings_at_dwells(&log, &wrong).unwrap_err(), @"x.log: channel: found no `LASER`, expected one of AIR:T, LASER:POS, M:X.RBV");
     let mut long = channels;
     long.dwell_s = 60.0;
     assert!(
-        readings_at_dwells(&log, &long)
-            .unwrap_err()
-            .to_string()
-            .contains("no standstill of 60 s")
+        readings_at_dwells(&log, &long).unwrap_err().to_string().contains("no standstill of 60 s")
     );
 }
 
@@ -390,17 +323,10 @@ fn the_end_of_an_approach_is_not_read_as_reversal() {
     let mut time = 0.0_f64;
     let mut say = |time: f64, channel: &str, value: f64| {
         let (minute, second) = ((time / 60.0).floor(), time % 60.0);
-        writeln!(
-            text,
-            "{channel} 2026-03-14 10:{minute:02.0}:{second:09.6} {value:.6}"
-        )
-        .unwrap();
+        writeln!(text, "{channel} 2026-03-14 10:{minute:02.0}:{second:09.6} {value:.6}").unwrap();
     };
     let mut from = -1.0_f64;
-    for (visit, target) in [0.0, 10.0, 20.0, 21.0, 20.0, 10.0, 0.0_f64]
-        .into_iter()
-        .enumerate()
-    {
+    for (visit, target) in [0.0, 10.0, 20.0, 21.0, 20.0, 10.0, 0.0_f64].into_iter().enumerate() {
         let sign = (target - from).signum();
         // In motion, then 3 s at 10 Hz: the remaining distance decays to 1/e in 0.3 s, and readings scatter by ±0.05 µm.
         say(time, "M:X.RBV", f64::midpoint(from, target));
@@ -409,11 +335,7 @@ fn the_end_of_an_approach_is_not_read_as_reversal() {
             let left = 0.004 * (-since / 0.3).exp();
             let noise = 0.00005 * (f64::from(sample) * 2.4 + visit as f64).sin();
             say(time + 0.1 + since, "M:X.RBV", target - sign * left);
-            say(
-                time + 0.11 + since,
-                "LASER:POS",
-                target - sign * left + noise,
-            );
+            say(time + 0.11 + since, "LASER:POS", target - sign * left + noise);
         }
         time += 3.2;
         from = target;
@@ -460,19 +382,11 @@ fn a_creep_or_a_small_overrun_at_a_target_changes_no_reading() {
                 for (after, by) in steps {
                     let at = target + by;
                     let later = second + after;
-                    writeln!(
-                        text,
-                        "M:X.RBV {} 10:{minute}:{later:09.6} {at:.4}",
-                        words[1]
-                    )
-                    .unwrap();
+                    writeln!(text, "M:X.RBV {} 10:{minute}:{later:09.6} {at:.4}", words[1])
+                        .unwrap();
                     let later = later + 0.1;
-                    writeln!(
-                        text,
-                        "LASER:POS {} 10:{minute}:{later:09.6} {at:.5}",
-                        words[1]
-                    )
-                    .unwrap();
+                    writeln!(text, "LASER:POS {} 10:{minute}:{later:09.6} {at:.5}", words[1])
+                        .unwrap();
                 }
             }
         }
@@ -491,10 +405,7 @@ fn a_creep_or_a_small_overrun_at_a_target_changes_no_reading() {
             let crept = moved(target, steps);
             assert_eq!(crept.readings, straight.readings, "{target} {steps:?}");
             assert!(
-                crept
-                    .notes
-                    .join("\n")
-                    .contains("repeated standstills at one target skipped"),
+                crept.notes.join("\n").contains("repeated standstills at one target skipped"),
                 "{:?}",
                 crept.notes
             );
@@ -536,17 +447,11 @@ fn a_mapping_file_next_to_a_table_is_used() {
     let log = write("x.log", &log());
     assert!(matches!(read_content(&log, None).unwrap(), Content::Log(_)));
     let message = read_file(&log).unwrap_err().to_string();
-    assert!(
-        message.contains("x.log.toml") && message.contains("LASER:POS"),
-        "{message}"
-    );
+    assert!(message.contains("x.log.toml") && message.contains("LASER:POS"), "{message}");
     write("x.log.toml", CHANNELS);
     assert_eq!(read_file(&log).unwrap().readings.len(), 6);
     write("x.log.toml", "[columns]\ntarget = 1\ndeviation = 2\n");
-    assert!(matches!(
-        read_file(&log),
-        Err(MetrologyError::WrongMapping { .. })
-    ));
+    assert!(matches!(read_file(&log), Err(MetrologyError::WrongMapping { .. })));
     let report = write("r.txt", crate::other_lasers::REPORT);
     assert!(read_file(&report).is_ok());
     let pos = write("r.POS", crate::other_lasers::POS);
@@ -554,16 +459,9 @@ fn a_mapping_file_next_to_a_table_is_used() {
     let ren = write("r.REN", crate::other_lasers::REN);
     assert!(read_file(&ren).is_ok());
     let rtx = folder.path().join("r.rtx");
-    std::fs::write(
-        &rtx,
-        crate::other_lasers::rtx("", &[1.0, 2.0], b"EOF::\r\n"),
-    )
-    .unwrap();
+    std::fs::write(&rtx, crate::other_lasers::rtx("", &[1.0, 2.0], b"EOF::\r\n")).unwrap();
     let message = read_file(&rtx).unwrap_err().to_string();
-    assert!(
-        message.contains("a dynamic capture of 2 samples"),
-        "{message}"
-    );
+    assert!(message.contains("a dynamic capture of 2 samples"), "{message}");
     assert!(read_file(&write("r.txt", "hello\n")).is_err());
     assert!(Mapping::beside(Path::new("a/b.csv")).ends_with("b.csv.toml"));
 }

@@ -18,17 +18,10 @@ fn straightness_files_are_read_as_micrometres_with_a_note() {
     assert_eq!(m.quantity, Some(Quantity::Straightness));
     assert_eq!(m.format, Some(FileFormat::RenishawStraightness));
     assert_eq!(m.mean_at(0.0, Negative), Some(3.6));
-    assert!(
-        m.notes.join("\n").contains("no real file has proven"),
-        "{:?}",
-        m.notes
-    );
+    assert!(m.notes.join("\n").contains("no real file has proven"), "{:?}", m.notes);
     assert_eq!(read(&write_renishaw(&m)).unwrap(), m);
     // A linear file under this name, and vice versa.
-    assert!(matches!(
-        read(BIDIRECTIONAL_RTL),
-        Err(MetrologyError::Kind(_))
-    ));
+    assert!(matches!(read(BIDIRECTIONAL_RTL), Err(MetrologyError::Kind(_))));
     let as_linear = parse_renishaw(text.as_bytes(), "x.rtl", RenishawKind::Linear);
     assert!(matches!(as_linear, Err(MetrologyError::Kind(_))));
 }
@@ -45,10 +38,7 @@ fn material_far_from_20_degrees_is_flagged_with_its_expansion() {
     let given = "Mat temp 1 : 20.203292 20.321342 0";
     let (said, compensation) = notes(given, warm);
     insta::assert_snapshot!(said, @"material temperature 1 was 22.10 to 22.40 °C, farther than 1 K from 20 °C: with 8 µm/(m·K) the material is 19.2 µm/m from its length at 20 °C; whether the readings were compensated for it the file does not say");
-    assert_eq!(
-        compensation,
-        "8 µm/(m·K) and one material temperature stated"
-    );
+    assert_eq!(compensation, "8 µm/(m·K) and one material temperature stated");
     // Within 1 K there is no note; −10 °C means that no sensor is connected.
     assert_eq!(
         notes(given, "Mat temp 1 : 19.000000 21.000000 0").0,
@@ -57,10 +47,7 @@ fn material_far_from_20_degrees_is_flagged_with_its_expansion() {
     assert_eq!(notes(given, "Mat temp 1 : 20.900000 20.950000 0").0, "");
     let (absent, compensation) = notes(given, "Mat temp 1 : -10.000000 -10.000000 0");
     assert_eq!(absent, "");
-    assert_eq!(
-        compensation,
-        "8 µm/(m·K) stated, but no material temperature"
-    );
+    assert_eq!(compensation, "8 µm/(m·K) stated, but no material temperature");
     let (kelvin, _) = notes(given, "Mat temp 1 : 293.150000 293.250000 0");
     assert!(kelvin.contains("check its unit"), "{kelvin}");
 }
@@ -70,11 +57,7 @@ pub(crate) fn rtx(count: &str, samples: &[f64], end: &[u8]) -> Vec<u8> {
         "HEADER::\r\nFile Type: rtx\r\nOwner: CARTO-Dynamic\r\nVersion no: 4.13.9237.28405\r\nVelocity: 0\r\nSample rate: 50000\r\n{count}Actual sample rate: 50000.5\r\nFlags: 0 1 2 0 2\r\nMachine: \r\nSerial No: 17\r\nAxis: X\r\nDate: 10/02/2025 12:58:22\r\nData:\r\n"
     );
     let data = samples.iter().flat_map(|sample| sample.to_le_bytes());
-    head.into_bytes()
-        .into_iter()
-        .chain(data)
-        .chain(end.iter().copied())
-        .collect()
+    head.into_bytes().into_iter().chain(data).chain(end.iter().copied()).collect()
 }
 
 #[test]
@@ -99,14 +82,8 @@ fn captures_are_samples_in_little_endian() {
     assert!(matches!(wrong(&odd), MetrologyError::Truncated(_)));
     let nan = rtx("", &[1.0, f64::NAN], b"EOF::\r\n");
     insta::assert_snapshot!(wrong(&nan), @"x.rtx:13: Data: found NaN as sample 2, expected finite numbers");
-    assert!(matches!(
-        wrong(b"target,deviation\n"),
-        MetrologyError::Kind(_)
-    ));
-    assert!(matches!(
-        wrong(&rtx("", &[], b"EOF::\r\n")),
-        MetrologyError::Empty { .. }
-    ));
+    assert!(matches!(wrong(b"target,deviation\n"), MetrologyError::Kind(_)));
+    assert!(matches!(wrong(&rtx("", &[], b"EOF::\r\n")), MetrologyError::Empty { .. }));
 }
 
 pub(crate) const POS: &str = "Report of the test\r\nAxis: X\r\n\r\n\
@@ -131,29 +108,13 @@ fn api_files_hold_means_in_millimetres() {
     let (both, _) = POS.split_once("Position   \tForward").unwrap();
     let only = parse_pos(both.as_bytes(), "x.pos").unwrap();
     assert!(!only.has(Negative));
-    assert!(
-        only.notes
-            .join(" ")
-            .contains("only the mean of both directions")
-    );
+    assert!(only.notes.join(" ").contains("only the mean of both directions"));
     for (from, to, expected) in [
-        (
-            "-0.0025",
-            "-0.0125",
-            "mean of both directions: found -0.0125",
-        ),
-        (
-            "50.000\t-0.0020",
-            "51.000\t-0.0020",
-            "the same positions in every table",
-        ),
+        ("-0.0025", "-0.0125", "mean of both directions: found -0.0125"),
+        ("50.000\t-0.0020", "51.000\t-0.0020", "the same positions in every table"),
         ("-50.000\t0.0005\r\n", "", "the file may be cut off"),
         ("-50.000\t0.0005\r\n", "-50.000\t", "two numbers"),
-        (
-            "0.000\t0.0000\r\n-50",
-            "50.000\t0.0000\r\n-50",
-            "50.000` again",
-        ),
+        ("0.000\t0.0000\r\n-50", "50.000\t0.0000\r\n-50", "50.000` again"),
         ("Backward", "Forward", "each table once"),
     ] {
         assert!(POS.contains(from), "{from}");
@@ -194,9 +155,7 @@ fn a_repeated_position_of_an_export_is_refused() {
     let twice = REN.replacen("Compensation spacing  100\r\n", "", 1);
     let row = "2       0.000                0\r\n";
     let twice = twice.replacen(row, &format!("{row}{row}"), 1);
-    let error = parse_ren(twice.as_bytes(), "x.REN")
-        .unwrap_err()
-        .to_string();
+    let error = parse_ren(twice.as_bytes(), "x.REN").unwrap_err().to_string();
     assert!(error.contains("0 again (first in line 7)"), "{error}");
 }
 
@@ -215,19 +174,11 @@ fn columns_of_reports_are_checked_against_each_other() {
     assert_eq!(m.mean_at(0.0, Negative), Some(0.5));
     assert_eq!(m.metadata.machine.as_deref(), Some("Mill 7"));
     assert_eq!(evaluate(&m).unwrap().r, None);
-    assert!(
-        m.notes
-            .join(" ")
-            .contains("single runs, how many there were, A and R by ISO 230-2")
-    );
+    assert!(m.notes.join(" ").contains("single runs, how many there were, A and R by ISO 230-2"));
     for (from, to, expected) in [
         ("+1.000\r\n", "-1.000\r\n", "dead zone: found -1"),
         ("+0.647", "+1.647", "system mean: found 1.647"),
-        (
-            "   0.6   +1.000",
-            "   +1.000",
-            "are the columns in another order?",
-        ),
+        ("   0.6   +1.000", "   +1.000", "are the columns in another order?"),
         ("   0.5   0.6   +1.000", "   +1.000", "7 numbers"),
         ("(microns)", "(microns) mean (mm)", "unit: found mm and µm"),
         ("(microns)", "(in)", "unit: found inches"),
@@ -238,9 +189,7 @@ fn columns_of_reports_are_checked_against_each_other() {
     ] {
         assert!(REPORT.contains(from), "{from}");
         let text = REPORT.replace(from, to);
-        let message = parse_keysight_report(text.as_bytes(), "x.txt")
-            .unwrap_err()
-            .to_string();
+        let message = parse_keysight_report(text.as_bytes(), "x.txt").unwrap_err().to_string();
         assert!(message.contains(expected), "{from}: {message}");
     }
     let cut = format!("{REPORT} 3  254");
@@ -249,12 +198,7 @@ fn columns_of_reports_are_checked_against_each_other() {
         Err(MetrologyError::Truncated(_))
     ));
     let without = REPORT.replace("(microns)", "");
-    assert_eq!(
-        parse_keysight_report(without.as_bytes(), "x.txt")
-            .unwrap()
-            .unit,
-        None
-    );
+    assert_eq!(parse_keysight_report(without.as_bytes(), "x.txt").unwrap().unit, None);
 }
 
 /// Columns with exponents are compared to their last digit: 2.0E-03 is known to 0.0001.
@@ -265,13 +209,9 @@ fn columns_with_exponents_are_checked_against_each_other() {
     let m = read("0.0E+00 2.0E-03 4.0E-03 3.0E-03 1.0E-03 1.0E-03 2.0E-03").unwrap();
     assert_eq!(m.mean_at(0.0, Negative), Some(4.0e-3));
     // Forward and reverse are swapped.
-    let message = read("0.0E+00 4.0E-03 2.0E-03 3.0E-03 1.0E-03 1.0E-03 2.0E-03")
-        .unwrap_err()
-        .to_string();
-    assert!(
-        message.contains("dead zone: found 0.002, expected -0.002"),
-        "{message}"
-    );
+    let message =
+        read("0.0E+00 4.0E-03 2.0E-03 3.0E-03 1.0E-03 1.0E-03 2.0E-03").unwrap_err().to_string();
+    assert!(message.contains("dead zone: found 0.002, expected -0.002"), "{message}");
     // A zero has no last digit, and still must not agree with everything.
     assert!(read("1.0E+01 4.0E-03 0.0E+00 2.0E-03 1.0E-03 1.0E-03 4.0E-03").is_err());
     // Large numbers are rounded to their own last digit: −280 where the rounded means differ by −200.
@@ -305,20 +245,17 @@ fn decimal_commas_are_read_where_they_are_not_separators() {
         (BIDIRECTIONAL_RTL, linear),
         (POS, |bytes| parse_pos(bytes, "x")),
         (REPORT, |bytes| parse_keysight_report(bytes, "x")),
-        (
-            &REN.replace("100.000", "100.50")
-                .replace("spacing  100", "spacing  100.5"),
-            |bytes| parse_ren(bytes, "x"),
-        ),
+        (&REN.replace("100.000", "100.50").replace("spacing  100", "spacing  100.5"), |bytes| {
+            parse_ren(bytes, "x")
+        }),
     ];
     for (text, parse) in files {
         // Points between digits are in numbers, and in dates and versions, which are not parsed as numbers.
         let is_digit = |c: Option<&u8>| c.is_some_and(u8::is_ascii_digit);
         let bytes = text.as_bytes();
         let decimal = |at: usize| bytes[at] == b'.' && is_digit(bytes.get(at + 1));
-        let comma: Vec<u8> = (0..bytes.len())
-            .map(|at| if decimal(at) { b',' } else { bytes[at] })
-            .collect();
+        let comma: Vec<u8> =
+            (0..bytes.len()).map(|at| if decimal(at) { b',' } else { bytes[at] }).collect();
         assert_ne!(comma, bytes);
         let (found, expected) = (parse(&comma).unwrap(), parse(bytes).unwrap());
         assert_eq!(found.readings, expected.readings);
@@ -328,9 +265,6 @@ fn decimal_commas_are_read_where_they_are_not_separators() {
         let last = mixed.iter().rposition(|byte| *byte == b',').unwrap();
         mixed[last] = b'.';
         let message = parse(&mixed).unwrap_err().to_string();
-        assert!(
-            message.contains("decimal commas or decimal points in all numbers"),
-            "{message}"
-        );
+        assert!(message.contains("decimal commas or decimal points in all numbers"), "{message}");
     }
 }

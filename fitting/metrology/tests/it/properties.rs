@@ -31,11 +31,7 @@ fn exercise(bytes: &[u8]) {
     let _ = parse_camonitor(bytes, "x");
     for m in read.into_iter().flatten() {
         assert!(!m.readings.is_empty());
-        assert!(
-            m.readings
-                .iter()
-                .all(|r| r.target.is_finite() && r.deviation.is_finite())
-        );
+        assert!(m.readings.iter().all(|r| r.target.is_finite() && r.deviation.is_finite()));
         let again = parse_csv(write_csv(&m).as_bytes(), "x").unwrap();
         assert_eq!(again.readings, m.readings);
         let _ = evaluate(&m);
@@ -90,10 +86,8 @@ fn damaged(text: &str, damages: &[Damage]) -> Vec<u8> {
                 }
             }
             Damage::Remove(at, n) => {
-                let (from, to) = (
-                    (at % length).min(bytes.len()),
-                    (at % length + n).min(bytes.len()),
-                );
+                let (from, to) =
+                    ((at % length).min(bytes.len()), (at % length + n).min(bytes.len()));
                 bytes.drain(from..to);
             }
             Damage::Insert(at, text) => {
@@ -101,10 +95,8 @@ fn damaged(text: &str, damages: &[Damage]) -> Vec<u8> {
                 bytes.splice(at..at, text.iter().copied());
             }
             Damage::Repeat(at, n) => {
-                let (from, to) = (
-                    (at % length).min(bytes.len()),
-                    (at % length + n).min(bytes.len()),
-                );
+                let (from, to) =
+                    ((at % length).min(bytes.len()), (at % length + n).min(bytes.len()));
                 let piece = bytes[from..to].to_vec();
                 bytes.splice(to..to, piece);
             }
@@ -130,11 +122,7 @@ prop_compose! {
 fn start_end() -> impl Strategy<Value = Option<StartEnd>> {
     let value = || (0..40_000_000_i64).prop_map(|k| k as f64 / 1e6);
     let range = (value(), value(), prop::option::of(0..9_i64));
-    prop::option::of(range.prop_map(|(start, end, unit_code)| StartEnd {
-        start,
-        end,
-        unit_code,
-    }))
+    prop::option::of(range.prop_map(|(start, end, unit_code)| StartEnd { start, end, unit_code }))
 }
 
 prop_compose! {
@@ -159,58 +147,42 @@ fn measurement(unit: DeviationUnit, kind: &'static str) -> impl Strategy<Value =
         vec![Direction::Negative],
         vec![Direction::Positive, Direction::Negative],
     ]);
-    (
-        targets,
-        deviations,
-        directions,
-        1..5_u32,
-        metadata(kind),
-        environment(),
-    )
-        .prop_map(
-            move |(targets, deviations, directions, runs, metadata, environment)| {
-                let mut deviation = deviations
-                    .into_iter()
-                    .map(|k| (k - 450_000_001) as f64 / 1e6);
-                let mut readings = Vec::new();
-                for run in 1..=runs {
-                    for &direction in &directions {
-                        let mut in_order: Vec<f64> =
-                            targets.iter().map(|k| *k as f64 / 1e6).collect();
-                        if direction == Direction::Negative {
-                            in_order.reverse();
-                        }
-                        readings.extend(in_order.into_iter().map(|target| {
-                            let deviation = deviation.next().unwrap();
-                            Reading {
-                                target,
-                                run,
-                                direction,
-                                deviation,
-                            }
-                        }));
+    (targets, deviations, directions, 1..5_u32, metadata(kind), environment()).prop_map(
+        move |(targets, deviations, directions, runs, metadata, environment)| {
+            let mut deviation = deviations.into_iter().map(|k| (k - 450_000_001) as f64 / 1e6);
+            let mut readings = Vec::new();
+            for run in 1..=runs {
+                for &direction in &directions {
+                    let mut in_order: Vec<f64> = targets.iter().map(|k| *k as f64 / 1e6).collect();
+                    if direction == Direction::Negative {
+                        in_order.reverse();
                     }
+                    readings.extend(in_order.into_iter().map(|target| {
+                        let deviation = deviation.next().unwrap();
+                        Reading { target, run, direction, deviation }
+                    }));
                 }
-                let (name, unit, notes) = ("x".to_owned(), Some(unit), Vec::new());
-                let (format, quantity) = match kind {
-                    "rtl" => (FileFormat::RenishawLinear, Quantity::Positioning),
-                    "rts" => (FileFormat::RenishawStraightness, Quantity::Straightness),
-                    _ => (FileFormat::RenishawAngular, Quantity::Angle),
-                };
-                Measurement {
-                    name,
-                    format: Some(format),
-                    quantity: Some(quantity),
-                    unit,
-                    stated: None,
-                    target_unit: None,
-                    readings,
-                    metadata,
-                    environment,
-                    notes,
-                }
-            },
-        )
+            }
+            let (name, unit, notes) = ("x".to_owned(), Some(unit), Vec::new());
+            let (format, quantity) = match kind {
+                "rtl" => (FileFormat::RenishawLinear, Quantity::Positioning),
+                "rts" => (FileFormat::RenishawStraightness, Quantity::Straightness),
+                _ => (FileFormat::RenishawAngular, Quantity::Angle),
+            };
+            Measurement {
+                name,
+                format: Some(format),
+                quantity: Some(quantity),
+                unit,
+                stated: None,
+                target_unit: None,
+                readings,
+                metadata,
+                environment,
+                notes,
+            }
+        },
+    )
 }
 
 /// Writes and reads a text, without the reader's notes.

@@ -12,10 +12,7 @@ fn rtl(text: &str) -> Result<Measurement, MetrologyError> {
 
 fn readings(m: &Measurement) -> Vec<(f64, u32, char, f64)> {
     let sign = |d| if d == Direction::Positive { '+' } else { '-' };
-    m.readings
-        .iter()
-        .map(|r| (r.target, r.run, sign(r.direction), r.deviation))
-        .collect()
+    m.readings.iter().map(|r| (r.target, r.run, sign(r.direction), r.deviation)).collect()
 }
 
 #[test]
@@ -54,21 +51,10 @@ fn header_texts_and_environment_are_kept() {
     assert_eq!(m.metadata.machine.as_deref(), Some("Gantry 8000"));
     assert_eq!(m.metadata.location.as_deref(), Some("Hall: 2"));
     assert_eq!(m.metadata.by, None);
-    let pressure = StartEnd {
-        start: 99.039005,
-        end: 99.049346,
-        unit_code: Some(1),
-    };
+    let pressure = StartEnd { start: 99.039005, end: 99.049346, unit_code: Some(1) };
     assert_eq!(m.environment.air_pressure, Some(pressure));
-    let material = StartEnd {
-        start: 20.203292,
-        end: 20.321342,
-        unit_code: Some(0),
-    };
-    assert_eq!(
-        m.environment.material_temperature,
-        [Some(material), None, None]
-    );
+    let material = StartEnd { start: 20.203292, end: 20.321342, unit_code: Some(0) };
+    assert_eq!(m.environment.material_temperature, [Some(material), None, None]);
     assert_eq!(m.environment.environment_factor.unwrap().start, 0.31641096);
 }
 
@@ -107,14 +93,9 @@ fn case_wrapping_and_unknown_sections_are_accepted() {
 
 /// The sample with these rows: run, target column, deviation.
 fn with_rows(run_count: u32, flags: &str, rows: &[(u32, &str, f64)]) -> String {
-    let (start, rest) = BIDIRECTIONAL_RTL
-        .split_once("Run Target Data:\r\n")
-        .unwrap();
+    let (start, rest) = BIDIRECTIONAL_RTL.split_once("Run Target Data:\r\n").unwrap();
     let end = &rest[rest.find("EQUIPMENT").unwrap()..];
-    let rows: Vec<String> = rows
-        .iter()
-        .map(|(run, t, x)| format!("{run} {t} {x}\r\n"))
-        .collect();
+    let rows: Vec<String> = rows.iter().map(|(run, t, x)| format!("{run} {t} {x}\r\n")).collect();
     let rows = rows.concat();
     let start = start
         .replace("Run-count: 4", &format!("Run-count: {run_count}"))
@@ -126,32 +107,16 @@ fn with_rows(run_count: u32, flags: &str, rows: &[(u32, &str, f64)]) -> String {
 fn target_values_in_the_target_column_are_accepted_where_no_number_fits() {
     let up = [(1, "-100", 1.0), (1, "0.0", 2.0), (1, "250.50", 3.0)];
     let m = rtl(&with_rows(1, "0 1 2 0", &up)).unwrap();
-    assert_eq!(
-        readings(&m),
-        [
-            (-100.0, 1, '+', 1.0),
-            (0.0, 1, '+', 2.0),
-            (250.5, 1, '+', 3.0)
-        ]
-    );
+    assert_eq!(readings(&m), [(-100.0, 1, '+', 1.0), (0.0, 1, '+', 2.0), (250.5, 1, '+', 3.0)]);
     // A row that is neither: the message asks for a target number.
     let neither = [(1, "1", 1.0), (1, "2", 2.0), (1, "250", 3.0)];
-    assert!(matches!(
-        rtl(&with_rows(1, "0 1 2 0", &neither)),
-        Err(MetrologyError::Number(_))
-    ));
+    assert!(matches!(rtl(&with_rows(1, "0 1 2 0", &neither)), Err(MetrologyError::Number(_))));
 }
 
 #[test]
 fn the_order_of_targets_gives_the_direction_of_a_first_backward_run() {
-    let rows = [
-        (1, "3", 1.0),
-        (1, "2", 2.0),
-        (1, "1", 3.0),
-        (2, "1", 4.0),
-        (2, "2", 5.0),
-        (2, "3", 6.0),
-    ];
+    let rows =
+        [(1, "3", 1.0), (1, "2", 2.0), (1, "1", 3.0), (2, "1", 4.0), (2, "2", 5.0), (2, "3", 6.0)];
     let m = rtl(&with_rows(2, "0 0 2 0", &rows)).unwrap();
     assert_eq!(m.mean_at(-100.0, Direction::Negative), Some(3.0));
     assert_eq!(m.mean_at(-100.0, Direction::Positive), Some(4.0));
@@ -165,11 +130,9 @@ fn the_order_of_targets_gives_the_direction_of_a_first_backward_run() {
 fn reverse_runs_of_zeros_are_left_out_and_named() {
     let descending = ["3", "2", "1"];
     let ascending = ["1", "2", "3"];
-    for (flags, reverse) in [
-        ("0 1 2 0", descending),
-        ("0 1 2 0", ascending),
-        ("0 0 2 0", descending),
-    ] {
+    for (flags, reverse) in
+        [("0 1 2 0", descending), ("0 1 2 0", ascending), ("0 0 2 0", descending)]
+    {
         let mut rows = Vec::new();
         for pair in 0..2 {
             rows.extend(ascending.map(|t| (2 * pair + 1, t, 3.5)));
@@ -220,10 +183,7 @@ fn a_file_cut_anywhere_is_refused() {
 
 #[test]
 fn text_after_the_end_is_noted() {
-    assert_eq!(
-        rtl(&format!("{BIDIRECTIONAL_RTL}\u{1a}")).unwrap().notes,
-        [""; 0]
-    );
+    assert_eq!(rtl(&format!("{BIDIRECTIONAL_RTL}\u{1a}")).unwrap().notes, [""; 0]);
     let m = rtl(&format!("{BIDIRECTIONAL_RTL}more")).unwrap();
     insta::assert_snapshot!(m.notes.join("\n"), @"text after `EOF::` was not read");
 }

@@ -58,28 +58,18 @@ EOF::\r
 
 /// The sample with one text replaced, which must occur.
 pub(crate) fn rtl_with(from: &str, to: &str) -> String {
-    assert!(
-        BIDIRECTIONAL_RTL.contains(from),
-        "no {from:?} in the sample"
-    );
+    assert!(BIDIRECTIONAL_RTL.contains(from), "no {from:?} in the sample");
     BIDIRECTIONAL_RTL.replacen(from, to, 1)
 }
 
 #[track_caller]
 pub(crate) fn near(found: f64, expected: f64, tolerance: f64) {
-    assert!(
-        (found - expected).abs() <= tolerance,
-        "{found} against {expected} within {tolerance}"
-    );
+    assert!((found - expected).abs() <= tolerance, "{found} against {expected} within {tolerance}");
 }
 
 pub(crate) fn measurement(readings: &[(f64, u32, Direction, f64)]) -> Measurement {
-    let reading = |&(target, run, direction, deviation): &_| Reading {
-        target,
-        run,
-        direction,
-        deviation,
-    };
+    let reading =
+        |&(target, run, direction, deviation): &_| Reading { target, run, direction, deviation };
     Measurement {
         name: "m".into(),
         readings: readings.iter().map(reading).collect(),

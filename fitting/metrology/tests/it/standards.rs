@@ -23,10 +23,7 @@ fn vdi_3441_by_hand() {
     near(vdi.ps_mean, 4.5 * root2, 1e-12);
     // From 0 − (4 + 3√2)/2 = −4.12 to 5.5 + (1 + 6√2)/2 = 10.24.
     near(vdi.p, 5.5 + 0.5 + 3.0 * root2 + 2.0 + 1.5 * root2, 1e-12);
-    let symbols: Vec<&str> = Vdi3441::quantities(Some(&vdi))
-        .iter()
-        .map(|q| q.symbol)
-        .collect();
+    let symbols: Vec<&str> = Vdi3441::quantities(Some(&vdi)).iter().map(|q| q.symbol).collect();
     assert_eq!(symbols, ["P", "Pa", "U_max", "U_mean", "Ps_max", "Ps_mean"]);
     assert_eq!(Vdi3441::quantities(Some(&vdi))[0].value, Some(vdi.p));
     let none = Vdi3441::quantities(None);
@@ -130,9 +127,8 @@ fn tests_smaller_than_required_are_noted() {
     2 runs in a direction: ISO 230-2:2014 asks for 5 in each direction on linear axes up to 2000 mm
     ");
     // Over 2 m one run in each direction is required.
-    let long: Vec<_> = (0..=32)
-        .flat_map(|k| Direction::BOTH.map(|d| (f64::from(k) * 250.0, 1, d, 1.0)))
-        .collect();
+    let long: Vec<_> =
+        (0..=32).flat_map(|k| Direction::BOTH.map(|d| (f64::from(k) * 250.0, 1, d, 1.0))).collect();
     let said = shortfalls(&measurement(&long), AxisKind::Linear, Edition::Iso2006);
     insta::assert_snapshot!(said.join("\n"), @"one run in a direction, as ISO 230-2:2006 asks for on linear axes over 2000 mm: A and R need at least two and are not stated");
     assert_eq!(
@@ -161,24 +157,15 @@ const INPUTS: UncertaintyInputs = UncertaintyInputs {
 #[test]
 fn contributions_to_the_uncertainty_by_hand() {
     let u = positioning_uncertainty(&INPUTS, 1.75, 5).unwrap();
-    let expected = [
-        0.5 * 1.75,
-        0.3 / 1.75,
-        0.6 * 12.0 * 1.75 * 0.5,
-        0.6 * 3.0 * 1.75 * 2.0,
-        0.6 * 1.7,
-    ];
+    let expected =
+        [0.5 * 1.75, 0.3 / 1.75, 0.6 * 12.0 * 1.75 * 0.5, 0.6 * 3.0 * 1.75 * 2.0, 0.6 * 1.7];
     for (contribution, expected) in u.contributions.iter().zip(expected) {
         near(contribution.u_um.unwrap(), expected, 0.041 * expected);
     }
     near(u.contributions[0].u_um.unwrap(), 0.875, 1e-12);
     // A beam misaligned by 1 mm over 1.75 m measures 0.2857 µm too little: U = 0.2857/√3.
     let short_um = (1750.0_f64.hypot(1.0) - 1750.0) * 1e3;
-    near(
-        u.contributions[1].u_um.unwrap(),
-        short_um / 3.0_f64.sqrt(),
-        1e-6,
-    );
+    near(u.contributions[1].u_um.unwrap(), short_um / 3.0_f64.sqrt(), 1e-6);
     assert_eq!(u.left_out, Vec::<String>::new());
 }
 
@@ -221,11 +208,7 @@ fn the_environment_spreads_the_results_as_stated() {
     near(twice_sd(&draws[2]), u.b_um, 0.02 * u.b_um);
     // A perfectly repeatable machine gets 4 s = 2 U_EVE from the environment.
     let mean_square = draws[3].iter().map(|s| s * s).sum::<f64>() / TRIALS as f64;
-    near(
-        4.0 * mean_square.sqrt(),
-        u.r_unidirectional_um,
-        0.02 * u.r_unidirectional_um,
-    );
+    near(4.0 * mean_square.sqrt(), u.r_unidirectional_um, 0.02 * u.r_unidirectional_um);
 }
 
 #[test]
@@ -240,18 +223,12 @@ fn unstated_contributions_are_listed() {
     U_EVE: environment variation not stated
     ");
     // Without a drift test the uncertainties of B and R are unknown.
-    let no_drift = UncertaintyInputs {
-        environment_um: None,
-        ..INPUTS
-    };
+    let no_drift = UncertaintyInputs { environment_um: None, ..INPUTS };
     let u = positioning_uncertainty(&no_drift, 1.0, 5).unwrap();
     assert_eq!((u.of("B"), u.of("R")), (None, None));
     assert!(u.of("E") > Some(1.0) && u.of("E") == u.of("A_forward"));
     for bad in [f64::NAN, -1.0, f64::INFINITY] {
-        let inputs = UncertaintyInputs {
-            device_um: Some(bad),
-            ..INPUTS
-        };
+        let inputs = UncertaintyInputs { device_um: Some(bad), ..INPUTS };
         assert!(positioning_uncertainty(&inputs, 1.0, 5).is_err());
         assert!(positioning_uncertainty(&INPUTS, bad, 5).is_err());
     }
@@ -276,10 +253,7 @@ fn decisions_with_and_without_uncertainty() {
     }
     assert_eq!(Verdict::of_all([Pass, Undecided, Fail, NotEvaluated]), Fail);
     assert_eq!(Verdict::of_all([Pass, Undecided]), Undecided);
-    assert_eq!(
-        Verdict::of_all([Pass, NotEvaluated, Undecided]),
-        NotEvaluated
-    );
+    assert_eq!(Verdict::of_all([Pass, NotEvaluated, Undecided]), NotEvaluated);
 }
 
 #[test]
@@ -288,11 +262,10 @@ fn tolerances_are_read_and_refused() {
     let read = parse_tolerances("a=10, E_forward = 8.5,MEAN_B=0", &known).unwrap();
     let pairs: Vec<(&str, f64)> = read.iter().map(|t| (t.symbol.as_str(), t.limit)).collect();
     assert_eq!(pairs, [("A", 10.0), ("E_forward", 8.5), ("mean_B", 0.0)]);
-    let messages: Vec<String> = [
-        "", "A", "A=", "A=ten", "A=-1", "A=nan", "A=10 µm", "Q=1", "A=1,a=2",
-    ]
-    .iter()
-    .map(|text| parse_tolerances(text, &known).unwrap_err().to_string())
-    .collect();
+    let messages: Vec<String> =
+        ["", "A", "A=", "A=ten", "A=-1", "A=nan", "A=10 µm", "Q=1", "A=1,a=2"]
+            .iter()
+            .map(|text| parse_tolerances(text, &known).unwrap_err().to_string())
+            .collect();
     insta::assert_snapshot!(messages.join("\n"));
 }

@@ -19,11 +19,8 @@ fn the_three_reference_lines_by_hand() {
     let sloped = |q: f64, x: f64| (q, x + 0.01 * q);
     let profile = [sloped(0.0, 0.0), sloped(500.0, 6.0), sloped(1000.0, 0.0)];
     let found = straightness_of_profile(&profile).unwrap();
-    for kind in [
-        ReferenceKind::LeastSquares,
-        ReferenceKind::EndPoints,
-        ReferenceKind::MinimumZone,
-    ] {
+    for kind in [ReferenceKind::LeastSquares, ReferenceKind::EndPoints, ReferenceKind::MinimumZone]
+    {
         let about = found.of(kind);
         assert_eq!(about.kind, kind);
         near(about.error_um, 6.0, 1e-9);
@@ -77,9 +74,8 @@ fn the_uncertainty_of_a_slope_matches_simulations() {
     let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(1);
     let (mut slopes, mut stated) = (Vec::new(), Vec::new());
     for _ in 0..4000 {
-        let profile: Vec<(f64, f64)> = (0..21)
-            .map(|k| (f64::from(k) * 50.0, noise.sample(&mut rng)))
-            .collect();
+        let profile: Vec<(f64, f64)> =
+            (0..21).map(|k| (f64::from(k) * 50.0, noise.sample(&mut rng))).collect();
         let found = straightness_of_profile(&profile).unwrap();
         slopes.push(found.of(ReferenceKind::LeastSquares).line.slope().0);
         stated.push(found.slope_uncertainty.unwrap().standard_urad.powi(2));
@@ -108,19 +104,14 @@ impl Line {
         let normal = Normal::new(0.0, 1.0).unwrap();
         let targets = (0..self.targets).map(|k| 500.0 * f64::from(k) / f64::from(self.targets - 1));
         let height_um = if self.runs > 1 { 5.0 } else { 0.0 };
-        let truth: Vec<(f64, f64)> = targets
-            .map(|q| (q, 0.012 * q + height_um * (q / 90.0).sin()))
-            .collect();
+        let truth: Vec<(f64, f64)> =
+            targets.map(|q| (q, 0.012 * q + height_um * (q / 90.0).sin())).collect();
         let mut readings = Vec::new();
         for run in 1..=self.runs {
             let slope = 1e-3 * self.realigned_urad * normal.sample(rng);
             let zero = 100.0 * normal.sample(rng);
             for direction in Direction::BOTH {
-                let reversal = if direction == Direction::Positive {
-                    1.5
-                } else {
-                    -1.5
-                };
+                let reversal = if direction == Direction::Positive { 1.5 } else { -1.5 };
                 readings.extend(truth.iter().map(|(target, value)| Reading {
                     target: *target,
                     run,
@@ -133,10 +124,7 @@ impl Line {
                 }));
             }
         }
-        let measurement = Measurement {
-            readings,
-            ..Measurement::default()
-        };
+        let measurement = Measurement { readings, ..Measurement::default() };
         let found = straightness_of(&measurement).unwrap();
         let true_slope = ReferenceLine::least_squares(&truth).unwrap().slope().0;
         let error = found.of(ReferenceKind::LeastSquares).line.slope().0 - true_slope;
@@ -149,10 +137,7 @@ fn coverage(lines: [&Line; 2]) -> f64 {
     const TRIALS: u32 = 800;
     let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(7);
     let square = Normal::new(0.0, 1.5).unwrap();
-    let inputs = SquarenessInputs {
-        square_urad: Some(3.0),
-        ..SquarenessInputs::default()
-    };
+    let inputs = SquarenessInputs { square_urad: Some(3.0), ..SquarenessInputs::default() };
     let inside = (0..TRIALS).filter(|_| {
         let [(first, a), (second, b)] = lines.map(|line| line.measured(&mut rng));
         let error = a + b + square.sample(&mut rng);
@@ -170,19 +155,10 @@ fn the_uncertainty_of_a_squareness_covers_the_truth() {
     for runs in [1, 2, 5] {
         for targets in [3, 4, 11] {
             let realigned_urad = if runs > 1 { 20.0 } else { 0.0 };
-            let line = |noise_um| Line {
-                targets,
-                runs,
-                noise_um,
-                realigned_urad,
-            };
+            let line = |noise_um| Line { targets, runs, noise_um, realigned_urad };
             let noisy = line(2.0);
             // Of the second the scatter is negligible.
-            let still = Line {
-                noise_um: 0.01,
-                realigned_urad: 0.01,
-                ..noisy
-            };
+            let still = Line { noise_um: 0.01, realigned_urad: 0.01, ..noisy };
             let [both, one] = [coverage([&noisy, &noisy]), coverage([&noisy, &still])];
             assert!((0.935..0.998).contains(&both), "{runs} {targets}: {both}");
             assert!((0.935..0.975).contains(&one), "{runs} {targets}: {one}");
@@ -229,12 +205,7 @@ fn parallel_lines_give_back_the_angles() {
             .map(|(e, [about_y, about_z])| e + 1e-3 * (about_y * c - about_z * b))
             .collect(),
     };
-    let lines = [
-        line(0.0, 0.0),
-        line(800.0, 0.0),
-        line(0.0, 600.0),
-        line(-300.0, 450.0),
-    ];
+    let lines = [line(0.0, 0.0), line(800.0, 0.0), line(0.0, 600.0), line(-300.0, 450.0)];
     let found = separate_parallel_lines(&lines).unwrap();
     for (found, (linear, angles)) in found.iter().zip(truth) {
         near(found.linear_um, linear, 1e-9);

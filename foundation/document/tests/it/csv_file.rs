@@ -141,15 +141,9 @@ fn remarks_count_as_lines_and_halves_of_numbers_are_told() {
     assert!(message.starts_with("p.csv:4: Y: "), "{message}");
     let hint = "; if numbers have decimal commas, separate the columns by semicolons";
     let message = told("X,Y\n1,5,-20,0\n");
-    assert!(
-        message.contains("found 4 columns") && message.ends_with(hint),
-        "{message}"
-    );
+    assert!(message.contains("found 4 columns") && message.ends_with(hint), "{message}");
     let message = told("X,Y\n1.5,-20.5,3.5\n");
-    assert!(
-        message.contains("found 3 columns") && !message.contains(hint),
-        "{message}"
-    );
+    assert!(message.contains("found 3 columns") && !message.contains(hint), "{message}");
     // Quotes inside a quoted cell are shown in the message.
     let message = told("\"X \"\"a\"\"\",Z\n1,2\n");
     assert!(message.contains("found `X \"a\",Z`"), "{message}");

@@ -75,10 +75,7 @@ fn lookups_name_what_they_expect() {
             format!("{:?}", whole("a = 0x3c")),
             format!("{:?}", whole("a = 61")),
             format!("{:?}", whole("a = -1")),
-            format!(
-                "{:?}",
-                whole("a = 99999999999999999999999999999999999999999999")
-            ),
+            format!("{:?}", whole("a = 99999999999999999999999999999999999999999999")),
             format!("{:?}", whole("a = 1.0")),
             format!("{:?}", word("")),
             format!("{:?}", word("a = \"gray\"")),
@@ -104,10 +101,7 @@ fn files_that_cannot_be_read_are_told_apart() {
     let folder = tempfile::tempdir().unwrap();
     let latin = folder.path().join("latin.toml");
     std::fs::write(&latin, b"name = \"Fr\xe4se\"").unwrap();
-    assert!(matches!(
-        Document::read(&latin),
-        Err(ReadError::Encoding { offset: 10, .. })
-    ));
+    assert!(matches!(Document::read(&latin), Err(ReadError::Encoding { offset: 10, .. })));
     for path in [folder.path().to_owned(), folder.path().join("none.toml")] {
         let error = Document::read(&path).expect_err("no file");
         assert!(matches!(error, ReadError::System { .. }), "{error}");
@@ -117,9 +111,7 @@ fn files_that_cannot_be_read_are_told_apart() {
     let large = folder.path().join("large.toml");
     for unit in ["[", "ä", "#"] {
         std::fs::write(&large, unit.repeat(6 * 1024 * 1024)).unwrap();
-        let read = Document::read(&large)
-            .unwrap()
-            .decode(|_| Ok::<(), InputError>(()));
+        let read = Document::read(&large).unwrap().decode(|_| Ok::<(), InputError>(()));
         let told = read.expect_err("too large").to_string();
         assert!(told.contains("4 MiB at most"), "{told}");
     }
@@ -132,10 +124,8 @@ fn files_that_cannot_be_read_are_told_apart() {
         (1500, "t{n} = { {dotted}a = 1 }\n"),
         (101_000, "a{n} = 1\n"),
     ] {
-        let lines = (0..count).map(|n| {
-            form.replace("{dotted}", &dotted)
-                .replace("{n}", &n.to_string())
-        });
+        let lines =
+            (0..count).map(|n| form.replace("{dotted}", &dotted).replace("{n}", &n.to_string()));
         let text: String = lines.collect();
         let told = Document::new("many.toml", &text)
             .decode(|_| Ok::<(), InputError>(()))
@@ -148,9 +138,7 @@ fn files_that_cannot_be_read_are_told_apart() {
     points.decode(|_| Ok::<(), InputError>(())).unwrap();
     let good = folder.path().join("good.toml");
     std::fs::write(&good, "a = 3").unwrap();
-    let read = Document::read(&good)
-        .unwrap()
-        .decode(|root| root.require("a")?.number());
+    let read = Document::read(&good).unwrap().decode(|root| root.require("a")?.number());
     assert_eq!(read.ok(), Some(3.0));
 }
 
@@ -206,22 +194,13 @@ proptest! {
 #[test]
 fn text_that_is_no_toml_is_told_in_words_of_the_file() {
     for (text, expected) in [
-        (
-            "a = 1\na = 12.5",
-            "f.toml:2: the key `a` appears twice, expected each key once",
-        ),
-        (
-            "at = { X = 1, Y = 3,5 }",
-            "f.toml:1: found `Y = 3,5`, expected a decimal point: Y = 3.5",
-        ),
+        ("a = 1\na = 12.5", "f.toml:2: the key `a` appears twice, expected each key once"),
+        ("at = { X = 1, Y = 3,5 }", "f.toml:1: found `Y = 3,5`, expected a decimal point: Y = 3.5"),
         (
             "at = { Y = -3,25, Z = 1 }",
             "f.toml:1: found `Y = -3,25`, expected a decimal point: Y = -3.25",
         ),
-        (
-            "a = 12,5",
-            "f.toml:1: found `12,5`, expected a decimal point: 12.5",
-        ),
+        ("a = 12,5", "f.toml:1: found `12,5`, expected a decimal point: 12.5"),
         (
             "point = [0, 0,05, -550]",
             "f.toml:1: found `0,05`, expected a decimal point: 0.05 (TOML has no decimal commas)",
@@ -262,10 +241,7 @@ fn a_file_of_another_kind_is_named_with_the_key_that_tells() {
             "name = 1\n[[controller]]",
             "found a configuration of the gateway (it has the key `controller`)",
         ),
-        (
-            "[[measurement]]\nx = 1",
-            "found a calibration file (it has the key `measurement`)",
-        ),
+        ("[[measurement]]\nx = 1", "found a calibration file (it has the key `measurement`)"),
         // `structure` identifies a machine file, in which the other key is unknown.
         (
             "structure = 1\n[guard]",
@@ -290,37 +266,21 @@ fn numbers_that_overflow_are_refused() {
         ("x = 1e15", None),
         ("x = -1e15", None),
         ("x = 1e-300", None),
-        (
-            "x = 1.1e15",
-            Some("f.toml:1: x: found 1.1e15, expected a number from -1e15 to 1e15"),
-        ),
-        (
-            "x = -1e308",
-            Some("f.toml:1: x: found -1e308, expected a number from -1e15 to 1e15"),
-        ),
+        ("x = 1.1e15", Some("f.toml:1: x: found 1.1e15, expected a number from -1e15 to 1e15")),
+        ("x = -1e308", Some("f.toml:1: x: found -1e308, expected a number from -1e15 to 1e15")),
         (
             "x = 9223372036854775807",
             Some("f.toml:1: x: found 9223372036854775807, expected a number from -1e15 to 1e15"),
         ),
-        (
-            "x = inf",
-            Some("f.toml:1: x: found inf, expected a finite number"),
-        ),
+        ("x = inf", Some("f.toml:1: x: found inf, expected a finite number")),
     ] {
         let found = Document::new("f.toml", text)
             .decode(|root| -> Result<f64, InputError> { root.require("x")?.number() });
-        assert_eq!(
-            found.err().map(|e| e.to_string()).as_deref(),
-            expected,
-            "{text}"
-        );
+        assert_eq!(found.err().map(|e| e.to_string()).as_deref(), expected, "{text}");
     }
     let table = CsvTable::parse("t.csv", "x\n1e308\n").expect("a table");
     let column = table.column("x").expect("a header").expect("it is there");
     let cell = table.rows().next().expect("a row").cell(column).number();
     let message = cell.expect_err("refused").to_string();
-    assert!(
-        message.contains("expected a number from -1e15 to 1e15"),
-        "{message}"
-    );
+    assert!(message.contains("expected a number from -1e15 to 1e15"), "{message}");
 }

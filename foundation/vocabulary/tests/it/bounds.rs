@@ -10,10 +10,9 @@ use volcomp_vocabulary::{
 
 #[test]
 fn errors_are_plausible_up_to_two_millimetres_and_milliradians() {
-    for (kind, most) in [
-        (AxisKind::Linear, LARGEST_CORRECTION.0),
-        (AxisKind::Rotary, LARGEST_CORRECTION_ROTARY.0),
-    ] {
+    for (kind, most) in
+        [(AxisKind::Linear, LARGEST_CORRECTION.0), (AxisKind::Rotary, LARGEST_CORRECTION_ROTARY.0)]
+    {
         assert_eq!(largest_correction(kind), most);
         for (value, plausible) in [
             (0.0, true),
@@ -43,19 +42,10 @@ fn a_limit_is_one_number_for_both_kinds_of_axes() {
         let correction = Displacement::from_micro(kind, um_or_urad);
         assert_eq!(limit.allows(correction), allowed, "{correction:?}");
     }
-    assert_eq!(
-        CorrectionLimit::default(),
-        CorrectionLimit::new(250.0).expect("a limit")
-    );
-    assert_eq!(
-        CorrectionLimit::LARGEST,
-        CorrectionLimit::new(2000.0).expect("a limit")
-    );
+    assert_eq!(CorrectionLimit::default(), CorrectionLimit::new(250.0).expect("a limit"));
+    assert_eq!(CorrectionLimit::LARGEST, CorrectionLimit::new(2000.0).expect("a limit"));
     let refused = CorrectionLimit::new(2000.1).expect_err("beyond the ceiling");
-    assert_eq!(
-        refused.to_string(),
-        "found 2000.1, expected µm above 0, at most 2000"
-    );
+    assert_eq!(refused.to_string(), "found 2000.1, expected µm above 0, at most 2000");
 }
 
 /// 32-bit floats of temperatures are plausible in the right byte order, and in fewer than a tenth of the cases in a wrong one.

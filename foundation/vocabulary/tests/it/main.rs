@@ -12,10 +12,7 @@ use volcomp_vocabulary::{
 fn every_error_name_is_read_as_it_is_written() {
     for component in Component::ALL {
         for axis in AxisName::ALL {
-            for name in [
-                ErrorName::motion(component, axis),
-                ErrorName::location(component, axis),
-            ] {
+            for name in [ErrorName::motion(component, axis), ErrorName::location(component, axis)] {
                 assert_eq!(name.to_string().parse(), Ok(name));
             }
         }
@@ -37,9 +34,7 @@ fn aliases_of_location_errors() {
 
 #[test]
 fn texts_that_are_no_error_name_are_told() {
-    for wrong in [
-        "", "E", "EX", "EXQ", "EQX", "EX1X", "EC(0Y)X", "exx", "E0X", "µ0C", "EC0Y ",
-    ] {
+    for wrong in ["", "E", "EX", "EXQ", "EQX", "EX1X", "EC(0Y)X", "exx", "E0X", "µ0C", "EC0Y "] {
         let error = wrong.parse::<ErrorName>().expect_err(wrong);
         assert!(error.to_string().starts_with(&format!("`{wrong}`")));
     }
@@ -74,32 +69,17 @@ fn units_convert_by_what_they_are() {
     assert_eq!(Um(5.0).to_mm(), Mm(0.005));
     assert_eq!(Urad(5.0).to_rad(), Rad(5e-6));
     assert_eq!(Deg(180.0).to_rad(), Rad(core::f64::consts::PI));
-    assert_eq!(
-        Displacement::from_coordinate(AxisKind::Rotary, 90.0).mm_or_deg(),
-        90.0
-    );
-    assert_eq!(
-        Displacement::from_coordinate(AxisKind::Linear, 90.0).mm_or_rad(),
-        90.0
-    );
+    assert_eq!(Displacement::from_coordinate(AxisKind::Rotary, 90.0).mm_or_deg(), 90.0);
+    assert_eq!(Displacement::from_coordinate(AxisKind::Linear, 90.0).mm_or_rad(), 90.0);
 }
 
 #[test]
 fn quantities_are_written_with_their_unit() {
     assert_eq!(Um(2.5).to_string(), "2.5 µm");
     assert_eq!(format!("{:.1}", Deg(2.55)), "2.5 deg");
-    assert_eq!(
-        Displacement::from_micro(AxisKind::Linear, 0.1).to_string(),
-        "0.1 µm"
-    );
-    assert_eq!(
-        Displacement::from_micro(AxisKind::Rotary, 17.0).to_string(),
-        "17 µrad"
-    );
-    assert_eq!(
-        Displacement::new(AxisKind::Linear, f64::INFINITY).to_string(),
-        "inf µm"
-    );
+    assert_eq!(Displacement::from_micro(AxisKind::Linear, 0.1).to_string(), "0.1 µm");
+    assert_eq!(Displacement::from_micro(AxisKind::Rotary, 17.0).to_string(), "17 µrad");
+    assert_eq!(Displacement::new(AxisKind::Linear, f64::INFINITY).to_string(), "inf µm");
 }
 
 /// Coordinates are written in mm and deg: 250 mm not as 250000 µm, and 30° not as 29.999999999999996.
@@ -160,19 +140,13 @@ fn json_is_what_people_write() {
     assert_eq!(read[1], 2.0);
     assert!(serde_json::from_str::<PerAxis<u8>>("[0,0,0,0,0,0,0,0,0,0]").is_err());
     assert!(serde_json::from_str::<ErrorName>("\"EQQ\"").is_err());
-    for displacement in [
-        Displacement::Length(Mm(0.25)),
-        Displacement::Angle(Rad(-1e-6)),
-    ] {
+    for displacement in [Displacement::Length(Mm(0.25)), Displacement::Angle(Rad(-1e-6))] {
         let text = serde_json::to_string(&displacement).expect("it is plain");
         let read: Displacement = serde_json::from_str(&text).expect("it is what was written");
         assert_eq!(read, displacement, "{text}");
     }
     for text in ["{}", r#"{"um": 1.0}"#, r#"{"mm": 1.0, "rad": 1.0}"#, "1.0"] {
-        assert!(
-            serde_json::from_str::<Displacement>(text).is_err(),
-            "{text}"
-        );
+        assert!(serde_json::from_str::<Displacement>(text).is_err(), "{text}");
     }
 }
 

@@ -33,11 +33,7 @@ async fn answer(mut stream: TcpStream, request: &str) -> String {
 async fn a_request_carries_its_client_address() {
     let listener = TcpListener::bind("127.0.0.1:0").await.expect("free");
     let address = listener.local_addr().expect("bound");
-    tokio::spawn(volcomp_web::serve(
-        listener,
-        None,
-        Router::new().route("/", get(from)),
-    ));
+    tokio::spawn(volcomp_web::serve(listener, None, Router::new().route("/", get(from))));
     let ask = "GET / HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n";
     let stream = TcpStream::connect(address).await.expect("served");
     assert!(answer(stream, ask).await.ends_with("127.0.0.1"));
@@ -48,11 +44,7 @@ async fn a_request_carries_its_client_address() {
 async fn an_answer_does_not_depend_on_the_wall_clock() {
     let listener = TcpListener::bind("127.0.0.1:0").await.expect("free");
     let address = listener.local_addr().expect("bound");
-    tokio::spawn(volcomp_web::serve(
-        listener,
-        None,
-        Router::new().route("/", get(from)),
-    ));
+    tokio::spawn(volcomp_web::serve(listener, None, Router::new().route("/", get(from))));
     let ask = "GET / HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n";
     let stream = TcpStream::connect(address).await.expect("served");
     let said = answer(stream, ask).await.to_lowercase();
@@ -65,11 +57,7 @@ async fn an_answer_does_not_depend_on_the_wall_clock() {
 async fn hanging_clients_do_not_block_others() {
     let listener = TcpListener::bind("127.0.0.1:0").await.expect("free");
     let address = listener.local_addr().expect("bound");
-    tokio::spawn(volcomp_web::serve(
-        listener,
-        None,
-        Router::new().route("/", get(from)),
-    ));
+    tokio::spawn(volcomp_web::serve(listener, None, Router::new().route("/", get(from))));
     let mut hang = Vec::new();
     for _ in 0..100 {
         let mut client = TcpStream::connect(address).await.expect("served");
@@ -88,18 +76,11 @@ async fn plain_http_to_a_tls_page_is_not_answered() {
     let names = ["localhost".to_owned()];
     let [certificate, key] = tls::make(dir.path(), &names).expect("made");
     // Existing files are not overwritten.
-    assert!(matches!(
-        tls::make(dir.path(), &names),
-        Err(TlsError::There { .. })
-    ));
+    assert!(matches!(tls::make(dir.path(), &names), Err(TlsError::There { .. })));
     let acceptor = tls::acceptor(&certificate, &key).expect("ours");
     let listener = TcpListener::bind("127.0.0.1:0").await.expect("free");
     let address = listener.local_addr().expect("bound");
-    tokio::spawn(volcomp_web::serve(
-        listener,
-        Some(acceptor),
-        Router::new().route("/", get(from)),
-    ));
+    tokio::spawn(volcomp_web::serve(listener, Some(acceptor), Router::new().route("/", get(from))));
     let stream = TcpStream::connect(address).await.expect("served");
     let ask = "GET / HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n";
     assert!(!answer(stream, ask).await.contains("200"));
@@ -138,11 +119,9 @@ async fn a_tls_page_serves_clients_that_trust_its_certificate() {
         .with_no_client_auth();
     let connector = TlsConnector::from(Arc::new(config));
     let ask = "GET / HTTP/1.1\r\nHost: centre.shop.lan\r\nConnection: close\r\n\r\n";
-    for (name, is_its) in [
-        ("centre.shop.lan", true),
-        ("127.0.0.1", true),
-        ("other.shop.lan", false),
-    ] {
+    for (name, is_its) in
+        [("centre.shop.lan", true), ("127.0.0.1", true), ("other.shop.lan", false)]
+    {
         let stream = TcpStream::connect(address).await.expect("served");
         let name = name.try_into().expect("a name");
         match connector.connect(name, stream).await {
@@ -150,10 +129,7 @@ async fn a_tls_page_serves_clients_that_trust_its_certificate() {
                 assert!(is_its);
                 stream.write_all(ask.as_bytes()).await.expect("sent");
                 let mut answer = Vec::new();
-                stream
-                    .read_to_end(&mut answer)
-                    .await
-                    .expect("closed in order");
+                stream.read_to_end(&mut answer).await.expect("closed in order");
                 let answer = String::from_utf8_lossy(&answer);
                 assert!(
                     answer.starts_with("HTTP/1.1 200") && answer.ends_with("127.0.0.1"),
@@ -168,10 +144,7 @@ async fn a_tls_page_serves_clients_that_trust_its_certificate() {
     let Err(refused) = tls::acceptor(&certificate, &key) else {
         panic!("others can read the key");
     };
-    assert!(matches!(
-        refused,
-        TlsError::Key(PrivateError::Mode { mode: 0o640, .. })
-    ));
+    assert!(matches!(refused, TlsError::Key(PrivateError::Mode { mode: 0o640, .. })));
     let reported = refused.to_string();
     assert!(
         reported.ends_with("key.pem: found mode 640, expected 600: others may read this secret"),

@@ -39,10 +39,9 @@ macro_rules! alone {
 pub(crate) use alone;
 
 fn can_start() -> bool {
-    for (file, package) in [
-        (LINUXCNC, "linuxcnc-uspace"),
-        ("/usr/bin/halcompile", "linuxcnc-uspace-dev"),
-    ] {
+    for (file, package) in
+        [(LINUXCNC, "linuxcnc-uspace"), ("/usr/bin/halcompile", "linuxcnc-uspace-dev")]
+    {
         if !Path::new(file).exists() {
             peers::not_run(package);
             return false;
@@ -73,9 +72,7 @@ fn build() -> TempDir {
     run(Command::new("cp").args(["-a", MODULES]).arg(&modules));
     let component = root().join("drivers/linuxcnc/bridge/volcomp.comp");
     std::fs::copy(component, modules.join("volcomp.comp")).expect("writable");
-    run(Command::new("halcompile")
-        .args(["--compile", "volcomp.comp"])
-        .current_dir(&modules));
+    run(Command::new("halcompile").args(["--compile", "volcomp.comp"]).current_dir(&modules));
     let script = std::fs::read_to_string(LINUXCNC).expect("a script");
     assert!(script.contains(RUNS), "another file says that it runs");
     let own = script.replace(RUNS, &format!("LOCKFILE=\"${HERE}/lock\"\n"));

@@ -73,9 +73,6 @@ fn the_side_of_a_reversal_changes_once_and_only_after_its_way() {
     }
     // The offset moves from side to side monotonically.
     let offsets = || cycles.iter().map(|cycle| cycle.offset[0]);
-    let moved: f64 = offsets()
-        .zip(offsets().skip(1))
-        .map(|(a, b)| (b - a).abs())
-        .sum();
+    let moved: f64 = offsets().zip(offsets().skip(1)).map(|(a, b)| (b - a).abs()).sum();
     assert!((moved - 4.0 * SIDE).abs() < 2e-5, "{moved} mm");
 }

@@ -52,9 +52,7 @@ fn a_gateway_that_dies_leaves_nothing() {
     drop(both.expect("a pipe"));
     let epoch = control.pin("volcomp.epoch");
     let kept = || std::fs::read_to_string(dir.path().join("volcomp.epoch")).unwrap_or_default();
-    control.wait("volcomp.epoch", |now| {
-        now == epoch && kept().trim() == epoch.to_string()
-    });
+    control.wait("volcomp.epoch", |now| now == epoch && kept().trim() == epoch.to_string());
 
     // A second gateway with separate folders moves no axis.
     let other = tempfile::tempdir().expect("writable");
@@ -111,11 +109,7 @@ impl Relay {
                     if is_bad && random.random_bool(0.1) {
                         continue;
                     }
-                    let copies = if is_bad && random.random_bool(0.1) {
-                        2
-                    } else {
-                        1
-                    };
+                    let copies = if is_bad && random.random_bool(0.1) { 2 } else { 1 };
                     for _ in 0..copies {
                         // One frame in ten is late enough to be overtaken, one in a hundred by very many.
                         let ms = match random.random_range(0..100) {
@@ -144,11 +138,7 @@ impl Relay {
             }
             counts
         });
-        Self {
-            stop,
-            bad,
-            thread: Some(thread),
-        }
+        Self { stop, bad, thread: Some(thread) }
     }
 
     /// Number of datagrams received, and of those duplicated or delayed.

@@ -55,12 +55,7 @@ fn a_gateway_without_a_key_is_refused() {
     let text = std::fs::read_to_string(&config).expect("written");
     for (key, mode, table, says) in [
         (Some("00"), 0o600, true, "expected 32 hexadecimal digits"),
-        (
-            Some("000102030405060708090a0b0c0d0e0f"),
-            0o644,
-            true,
-            "found mode 644, expected 600",
-        ),
+        (Some("000102030405060708090a0b0c0d0e0f"), 0o644, true, "found mode 644, expected 600"),
         (None, 0o600, true, "volcomp.key: No such file"),
         (None, 0o600, false, "found no linuxcnc.key_file"),
     ] {
@@ -74,11 +69,7 @@ fn a_gateway_without_a_key_is_refused() {
         }
         let line = "linuxcnc = { key_file = \"volcomp.key\" }\n";
         assert!(text.contains(line), "{text}");
-        let with = if table {
-            text.clone()
-        } else {
-            text.replace(line, "")
-        };
+        let with = if table { text.clone() } else { text.replace(line, "") };
         std::fs::write(&config, with).expect("writable");
         let check = online::check(&config, &[]);
         let daemon = machine(&config).plan().err().expect(says);

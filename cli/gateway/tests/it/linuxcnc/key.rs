@@ -44,11 +44,7 @@ fn socket() -> UdpSocket {
 
 fn encoded(answers: [u32; 2], content: Content, key: &Key) -> Vec<u8> {
     let mut bytes = [0; COMMAND_BYTES];
-    let command = Command {
-        machine: 1,
-        answers,
-        content,
-    };
+    let command = Command { machine: 1, answers, content };
     let length = command.encode(key, &mut bytes);
     bytes[..length].to_vec()
 }
@@ -100,9 +96,7 @@ impl Beside {
         let mut words = [0; FRAME_WORDS];
         let length = frame.encode(&report.settings, &mut words);
         let words = Words::new(&words[..length]).expect("few words");
-        let _ = self
-            .socket
-            .send(&encoded(self.answers(), Content::Frame(words), key));
+        let _ = self.socket.send(&encoded(self.answers(), Content::Frame(words), key));
     }
 }
 
@@ -139,10 +133,7 @@ impl Attack {
                 round += 1;
             }
         });
-        Self {
-            stop,
-            thread: Some(thread),
-        }
+        Self { stop, thread: Some(thread) }
     }
 
     fn end(mut self) {
@@ -227,8 +218,5 @@ fn a_program_with_the_key_is_another_gateway() {
     });
     no_jump(&cycles, MOST);
     let state = program.state();
-    assert_eq!(
-        state["state"], "faulted",
-        "an operator must acknowledge it: {state}"
-    );
+    assert_eq!(state["state"], "faulted", "an operator must acknowledge it: {state}");
 }

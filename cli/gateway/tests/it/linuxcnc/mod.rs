@@ -110,9 +110,7 @@ fn gateway(dir: &Path, port: u16) -> Program {
 fn start(dir: &Path, config: &Path) -> Program {
     let program = Program::start(dir, &["--config", path(config)]);
     let pid = program.running.id().to_string();
-    let _ = std::process::Command::new("chrt")
-        .args(["-a", "-f", "-p", "30", &pid])
-        .output();
+    let _ = std::process::Command::new("chrt").args(["-a", "-f", "-p", "30", &pid]).output();
     program
 }
 
@@ -159,8 +157,7 @@ fn distances(cycles: &[Cycle], off_mm: impl Fn(&Cycle, &Cycle) -> [f64; 3]) -> V
         found
     };
     let all = (0..5).map(of);
-    all.min_by(|a, b| part(a, 50).total_cmp(&part(b, 50)))
-        .expect("some shift")
+    all.min_by(|a, b| part(a, 50).total_cmp(&part(b, 50))).expect("some shift")
 }
 
 fn part(sorted: &[f64], per_cent: usize) -> f64 {
@@ -176,14 +173,8 @@ fn corrected(what: &str, cycles: &[Cycle]) {
 fn corrected_by(what: &str, cycles: &[Cycle], oracle: impl Fn(&Cycle) -> [f64; 3]) {
     let found = residuals_of(cycles, oracle);
     let [median, most] = [50, 99].map(|of| part(&found, of));
-    println!(
-        "{what}: {} cycles, residual {median:.2} nm median, {most:.1} nm p99",
-        cycles.len()
-    );
-    assert!(
-        median < 2.0 && most < 200.0,
-        "{what}: {median} nm, {most} nm"
-    );
+    println!("{what}: {} cycles, residual {median:.2} nm median, {most:.1} nm p99", cycles.len());
+    assert!(median < 2.0 && most < 200.0, "{what}: {median} nm, {most} nm");
 }
 
 fn offsets(control: &mut LinuxCnc) -> [f64; 3] {

@@ -58,12 +58,10 @@ impl LinuxCnc {
         let ui = root().join("cli/gateway/tests/it/linuxcnc_ui.py");
         let bridge = root().join("drivers/linuxcnc/bridge/volcomp.tcl");
         let ini = std::fs::read_to_string(examples.join(&file)).expect("shipped");
-        let ini = ini
-            .replace("DISPLAY = axis", &format!("DISPLAY = {}", ui.display()))
-            .replace(
-                "../../drivers/linuxcnc/bridge/volcomp.tcl",
-                &format!("{}\nHALFILE = record.hal", bridge.display()),
-            );
+        let ini = ini.replace("DISPLAY = axis", &format!("DISPLAY = {}", ui.display())).replace(
+            "../../drivers/linuxcnc/bridge/volcomp.tcl",
+            &format!("{}\nHALFILE = record.hal", bridge.display()),
+        );
         // LinuxCNC silently drops a command that its servo thread does not process within this time. Without real time the thread may
         // stall longer than the default of one second.
         let patient = "[EMCMOT]\nCOMM_TIMEOUT = 20\n";
@@ -111,15 +109,9 @@ impl LinuxCnc {
             std::thread::sleep(Duration::from_millis(20));
         };
         asks.set_nonblocking(false).expect("a socket");
-        asks.set_read_timeout(Some(ANSWERS_WITHIN))
-            .expect("a socket");
+        asks.set_read_timeout(Some(ANSWERS_WITHIN)).expect("a socket");
         let hears = BufReader::new(asks.try_clone().expect("a socket"));
-        let mut control = Self {
-            dir: dir.to_owned(),
-            child,
-            asks,
-            hears,
-        };
+        let mut control = Self { dir: dir.to_owned(), child, asks, hears };
         control.ask("realtime", &json!({}));
         control
     }
@@ -155,9 +147,7 @@ impl LinuxCnc {
     pub(crate) fn get(&mut self, pins: &[&str]) -> Vec<f64> {
         let found = self.ask("get", &json!({ "pins": pins }));
         let found = found.as_array().expect("a list").iter();
-        found
-            .map(|value| value.as_f64().expect("a number"))
-            .collect()
+        found.map(|value| value.as_f64().expect("a number")).collect()
     }
 
     pub(crate) fn pin(&mut self, pin: &str) -> f64 {
@@ -195,10 +185,7 @@ impl LinuxCnc {
         self.ask("recorded", &json!({}));
         let text = std::fs::read_to_string(path).expect("recorded");
         let cycles = text.lines().filter_map(|line| {
-            let values: Vec<f64> = line
-                .split_whitespace()
-                .map_while(|v| v.parse().ok())
-                .collect();
+            let values: Vec<f64> = line.split_whitespace().map_while(|v| v.parse().ok()).collect();
             let three = |at: usize| values.get(at..at + 3)?.try_into().ok();
             Some(Cycle {
                 nominal: three(0)?,
@@ -225,17 +212,12 @@ impl LinuxCnc {
         let found = entries.filter(|entry| {
             has(entry.path().join("environ"), &mine) && has(entry.path().join("cmdline"), word)
         });
-        found
-            .filter_map(|entry| entry.file_name().to_str()?.parse().ok())
-            .collect()
+        found.filter_map(|entry| entry.file_name().to_str()?.parse().ok()).collect()
     }
 }
 
 fn signal(name: &str, pid: i32) {
-    let _ = Command::new("kill")
-        .arg(format!("-{name}"))
-        .arg(pid.to_string())
-        .status();
+    let _ = Command::new("kill").arg(format!("-{name}")).arg(pid.to_string()).status();
 }
 
 impl Drop for LinuxCnc {
@@ -277,10 +259,7 @@ fn record(has_bridge: bool, rotary: bool) -> String {
         let (nominal, offset) = if has_bridge {
             (String::new(), String::new())
         } else {
-            (
-                format!(" axis.{small}.pos-cmd"),
-                format!(" axis.{small}.eoffset"),
-            )
+            (format!(" axis.{small}.pos-cmd"), format!(" axis.{small}.eoffset"))
         };
         let (motor, last) = (at + 3, at + 6);
         let lines = [

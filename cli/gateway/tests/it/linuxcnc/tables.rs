@@ -91,9 +91,8 @@ fn left(cycles: &[Cycle]) -> [f64; 2] {
             continue;
         }
         let error = truth(then.nominal, direction);
-        let square: f64 = (0..3)
-            .map(|axis| (now.motor[axis] - then.nominal[axis] + error[axis]).powi(2))
-            .sum();
+        let square: f64 =
+            (0..3).map(|axis| (now.motor[axis] - then.nominal[axis] + error[axis]).powi(2)).sum();
         squares += square;
         largest = largest.max(square);
         count += 1.0;
@@ -108,30 +107,21 @@ fn tables(dir: &Path, format: Format) -> Vec<String> {
     let options = TableOptions {
         step_mm: 2.0,
         // The tables are exact on a line through the middle of the part.
-        at: vec![
-            (AxisName::X, 110.0),
-            (AxisName::Y, 90.0),
-            (AxisName::Z, -90.0),
-        ],
+        at: vec![(AxisName::X, 110.0), (AxisName::Y, 90.0), (AxisName::Z, -90.0)],
         ..TableOptions::default()
     };
     let temperatures = Temperatures::default();
     let content = sampled(&machine, &temperatures, &options, format).expect("sampled");
     let options = WriteOptions {
-        facts: Facts::of(
-            &machine,
-            options.reference(&machine).expect("there"),
-            String::new(),
-        ),
+        facts: Facts::of(&machine, options.reference(&machine).expect("there"), String::new()),
         axes: AxisNumbers::of_machine(&machine),
         ..WriteOptions::default()
     };
     let written = write(format, &content, &options).expect("it holds them");
     let mut lines = vec![String::new(); 3];
     for file in written.files {
-        let Some(joint) = ["X", "Y", "Z"]
-            .iter()
-            .position(|axis| file.name == format!("{axis}.comp"))
+        let Some(joint) =
+            ["X", "Y", "Z"].iter().position(|axis| file.name == format!("{axis}.comp"))
         else {
             continue;
         };
@@ -140,12 +130,8 @@ fn tables(dir: &Path, format: Format) -> Vec<String> {
         }
         std::fs::write(dir.join(&file.name), file.text).expect("writable");
         let kind = u8::from(format == Format::LinuxcncType1);
-        write!(
-            lines[joint],
-            "COMP_FILE = {}\nCOMP_FILE_TYPE = {kind}\n",
-            file.name
-        )
-        .expect("a string");
+        write!(lines[joint], "COMP_FILE = {}\nCOMP_FILE_TYPE = {kind}\n", file.name)
+            .expect("a string");
     }
     lines
 }
@@ -167,13 +153,7 @@ fn with_tables(ini: &str, lines: &[String]) -> String {
 fn on_the_line(control: &mut LinuxCnc) -> f64 {
     control.mdi("G21 G90 G0 X0 Y90 Z-90");
     let mut worst = 0.0_f64;
-    for (x, forward) in [
-        (50.0, 1.0),
-        (333.0, 1.0),
-        (480.0, 1.0),
-        (333.0, -1.0),
-        (51.0, -1.0),
-    ] {
+    for (x, forward) in [(50.0, 1.0), (333.0, 1.0), (480.0, 1.0), (333.0, -1.0), (51.0, -1.0)] {
         control.mdi(&format!("G0 X{x}"));
         std::thread::sleep(std::time::Duration::from_millis(500));
         // The pin holds what is added to the joint position. halcmd prints seven digits, too few for the positions themselves.
@@ -196,10 +176,9 @@ fn the_same_part_uncorrected_with_tables_and_live() {
         (left(&uncorrected), left(&run(&mut control)))
     };
     let mut rows = vec![("uncorrected", uncorrected)];
-    for (name, format) in [
-        ("COMP_FILE, type 0", Format::Linuxcnc),
-        ("COMP_FILE, type 1", Format::LinuxcncType1),
-    ] {
+    for (name, format) in
+        [("COMP_FILE, type 0", Format::Linuxcnc), ("COMP_FILE, type 1", Format::LinuxcncType1)]
+    {
         let dir = tempfile::tempdir().expect("writable");
         let lines = tables(dir.path(), format);
         let mut control = LinuxCnc::start(dir.path(), |ini| with_tables(&ini, &lines));
@@ -218,9 +197,6 @@ fn the_same_part_uncorrected_with_tables_and_live() {
         );
     }
     // A table over one axis cannot represent errors that depend on another axis; the gateway can.
-    assert!(
-        rows[1].1[0] > 0.3 * rows[0].1[0] && rows[2].1[0] > 0.3 * rows[0].1[0],
-        "{rows:?}"
-    );
+    assert!(rows[1].1[0] > 0.3 * rows[0].1[0] && rows[2].1[0] > 0.3 * rows[0].1[0], "{rows:?}");
     assert!(live[0] < 0.05 * uncorrected[0], "{rows:?}");
 }

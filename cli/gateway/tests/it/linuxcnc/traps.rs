@@ -42,11 +42,7 @@ fn off_and_on_and_an_emergency_stop() {
         });
         // Motion that cannot be prevented is limited to the rate, and reported.
         no_jump(&cycles, MOST);
-        assert!(
-            control.log().contains("has lost an offset"),
-            "{}",
-            control.log()
-        );
+        assert!(control.log().contains("has lost an offset"), "{}", control.log());
         let now = control.pin("joint.0.motor-pos-cmd");
         let moved = now - motor;
         assert!((moved - held[0]).abs() < 1e-3, "{moved} mm");
@@ -98,28 +94,16 @@ fn an_offset_that_is_frozen_cleared_or_cut() {
     let shown = "volcomp.absorbed-0";
     let lost = control.pin(shown);
     let cycles = control.record(|control| {
-        control.ask(
-            "begin_mdi",
-            &json!({ "text": "G17 G2 X-9.9 Y60 R250 F240" }),
-        );
+        control.ask("begin_mdi", &json!({ "text": "G17 G2 X-9.9 Y60 R250 F240" }));
         let state = program.wait(|state| state["reasons"].to_string().contains("alarm"));
         state.unwrap_or_else(|state| panic!("it is not reported: {state}"));
         control.do_it("idle");
         control.mdi("G0 X50 Y40");
     });
     let least = |of: fn(&super::Cycle) -> f64| cycles.iter().map(of).fold(f64::MAX, f64::min);
-    let (nominal, motor) = (
-        least(|cycle| cycle.nominal[0]),
-        least(|cycle| cycle.motor[0]),
-    );
-    assert!(
-        nominal < -10.05,
-        "the arc stays within the limits: {nominal} mm"
-    );
-    assert!(
-        motor > -10.0 - 1e-3,
-        "the motor left the limits: {motor} mm"
-    );
+    let (nominal, motor) = (least(|cycle| cycle.nominal[0]), least(|cycle| cycle.motor[0]));
+    assert!(nominal < -10.05, "the arc stays within the limits: {nominal} mm");
+    assert!(motor > -10.0 - 1e-3, "the motor left the limits: {motor} mm");
     wait_corrected(&mut control, &program);
     // A cut offset does not count as lost, because nothing was absorbed into the position.
     let taken = control.pin(shown) - lost;
@@ -133,10 +117,7 @@ fn a_second_bridge_for_one_port_is_refused_by_name() {
     let started = std::panic::catch_unwind(|| LinuxCnc::start(dir.path(), |ini| ini));
     assert!(started.is_err(), "LinuxCNC started without its bridge");
     let log = std::fs::read_to_string(dir.path().join("linuxcnc.log")).expect("a log");
-    assert!(
-        log.contains("UDP port 127.0.0.1:47001: Address already in use"),
-        "{log}"
-    );
+    assert!(log.contains("UDP port 127.0.0.1:47001: Address already in use"), "{log}");
 }
 
 /// A machine that is on but not homed gets no correction; after homing it gets the full one.

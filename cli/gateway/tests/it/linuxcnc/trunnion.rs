@@ -95,10 +95,7 @@ fn what_the_linear_axes_do_is_the_correction_for_the_table() {
     wait_corrected(&mut control, &program);
 
     // The correction changes on each axis by far more than the asserted limits.
-    let way = [
-        [180.0, 120.0, -150.0, 0.0, 0.0],
-        [200.0, 135.0, -165.0, -30.0, 40.0],
-    ];
+    let way = [[180.0, 120.0, -150.0, 0.0, 0.0], [200.0, 135.0, -165.0, -30.0, 40.0]];
     let [from, to] = way.map(|at| oracle([at[0], at[1], at[2]], [at[3], at[4]]));
     for axis in 0..3 {
         assert!((to[axis] - from[axis]).abs() > 5e-4, "{from:?} {to:?}");
@@ -107,10 +104,7 @@ fn what_the_linear_axes_do_is_the_correction_for_the_table() {
     let cycles = control.record(|control| control.mdi("G1 F200 X200 Y135 Z-165 A-30 C40"));
     corrected_by("five axes", &cycles, wanted);
     let turned = cycles.last().expect("some").rotary;
-    assert!(
-        (turned[0] + 30.0).abs() < 1e-9 && (turned[1] - 40.0).abs() < 1e-9,
-        "{turned:?}"
-    );
+    assert!((turned[0] + 30.0).abs() < 1e-9 && (turned[1] - 40.0).abs() < 1e-9, "{turned:?}");
     no_jump(&cycles, MOST);
     wait_corrected(&mut control, &program);
 
@@ -119,9 +113,7 @@ fn what_the_linear_axes_do_is_the_correction_for_the_table() {
     corrected_by("the table alone", &cycles, wanted);
     no_jump(&cycles, MOST);
     let moved = |cycle: &super::Cycle| {
-        (0..3)
-            .map(|k| (cycle.motor[k] - cycles[0].motor[k]).abs())
-            .fold(0.0, f64::max)
+        (0..3).map(|k| (cycle.motor[k] - cycles[0].motor[k]).abs()).fold(0.0, f64::max)
     };
     let most = cycles.iter().map(moved).fold(0.0, f64::max);
     assert!(most > 3e-3, "{most} mm");

@@ -26,10 +26,7 @@ fn what_the_motors_do_is_the_program_and_the_correction() {
     // Before homing nothing is corrected.
     program.watch();
     let state = program.state();
-    assert!(
-        state["reasons"].to_string().contains("not referenced"),
-        "{state}"
-    );
+    assert!(state["reasons"].to_string().contains("not referenced"), "{state}");
     control.do_it("up");
     program.wait_for("compensating");
     control.mdi("G21 G90 G0 X20 Y10 Z-5");
@@ -38,10 +35,7 @@ fn what_the_motors_do_is_the_program_and_the_correction() {
     let cycles = control.record(|control| control.mdi("G1 F600 X60 Y45 Z-25"));
     corrected("MDI on a diagonal", &cycles);
     let nominal = control.pin("axis.x.pos-cmd");
-    assert!(
-        (nominal - 60.0).abs() < 1e-9,
-        "the program knows of nothing: {nominal}"
-    );
+    assert!((nominal - 60.0).abs() < 1e-9, "the program knows of nothing: {nominal}");
 
     let file = dir.path().join("part.ngc");
     std::fs::write(&file, PROGRAM).expect("writable");

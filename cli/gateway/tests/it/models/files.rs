@@ -34,10 +34,7 @@ fn a_file_is_taken_whole_under_a_plain_name() {
     assert_eq!(sent.status, 200, "{}", sent.body);
     assert_eq!(sent.json()["file"]["name"], "_script_.toml");
     let everything = candidate(&program).to_string();
-    assert!(
-        !everything.contains(path(rig.dir.path())),
-        "no path of this computer: {everything}"
-    );
+    assert!(!everything.contains(path(rig.dir.path())), "no path of this computer: {everything}");
 }
 
 /// On a full disk (a small file system) an activation fails with status 507, and the space reserved for the audit log stays reserved.
@@ -46,10 +43,8 @@ fn a_full_disk_refuses_a_model_and_keeps_the_log() {
     let rig = Rig::new("");
     let folder = rig.dir.path().join("audit");
     std::fs::create_dir_all(&folder).expect("writable");
-    let mounted = Command::new("mount")
-        .args(["-t", "tmpfs", "-o", "size=8m", "tmpfs"])
-        .arg(&folder)
-        .status();
+    let mounted =
+        Command::new("mount").args(["-t", "tmpfs", "-o", "size=8m", "tmpfs"]).arg(&folder).status();
     if !mounted.is_ok_and(|status| status.success()) {
         volcomp_test_support::peers::not_run("the right to mount");
         return;

@@ -36,11 +36,7 @@ fn a_model_is_confirmed_ramped_in_and_survives_a_kill() {
     let made = machine_file(&program, &with_y(100.0));
     validate("gateway-model-candidate.json", &made);
     assert_eq!(made["step"], "ready", "{made}");
-    assert_eq!(
-        program.state()["correction_um"]["Y"],
-        -20.0,
-        "nothing happened"
-    );
+    assert_eq!(program.state()["correction_um"]["Y"], -20.0, "nothing happened");
     // A change of 80 µm: without a hash or with another one, confirmation is requested.
     program.largest_step_um();
     let asked = activate(&program, &made, None);
@@ -52,11 +48,7 @@ fn a_model_is_confirmed_ramped_in_and_survives_a_kill() {
     let wrong = activate(&program, &made, Some(&json!("sha256:00")));
     assert_eq!(wrong.status, 409, "{}", wrong.body);
     std::thread::sleep(Duration::from_millis(200));
-    assert_eq!(
-        program.state()["correction_um"]["Y"],
-        -20.0,
-        "nothing happened"
-    );
+    assert_eq!(program.state()["correction_um"]["Y"], -20.0, "nothing happened");
     let taken = activate(&program, &made, Some(&asked["model"]));
     assert_eq!(taken.status, 200, "{}", taken.body);
     // The published state agrees with the response immediately, before the next poll of the disk.
@@ -65,10 +57,7 @@ fn a_model_is_confirmed_ramped_in_and_survives_a_kill() {
     assert_eq!(at_once["history"][0]["outcome"], "in-force", "{at_once}");
     y(&program, -100.0);
     let largest = program.largest_step_um();
-    assert!(
-        largest > 0.0 && largest < 20.0,
-        "a step of {largest} µm of 80"
-    );
+    assert!(largest > 0.0 && largest < 20.0, "a step of {largest} µm of 80");
     let state = model(&program);
     validate("gateway-model.json", &state);
     assert_eq!(state["from"], "upload");
@@ -83,10 +72,7 @@ fn a_model_is_confirmed_ramped_in_and_survives_a_kill() {
     assert!((newest["worst_um"].as_f64().expect("known") - 80.0).abs() < 0.1);
     assert_eq!(state["history"][1]["outcome"], "must-be-confirmed");
     let audit = std::fs::read_to_string(rig.dir.path().join("audit/audit.log")).expect("a log");
-    assert!(
-        audit.contains("\"who\":\"erna\",\"what\":\"model\""),
-        "{audit}"
-    );
+    assert!(audit.contains("\"who\":\"erna\",\"what\":\"model\""), "{audit}");
     // The activation was on disk before the response.
     let program = program.killed_and_started(&rig.config);
     assert_eq!(rig.standing()["in_force"]["hash"], made["result"]["hash"]);
@@ -94,11 +80,7 @@ fn a_model_is_confirmed_ramped_in_and_survives_a_kill() {
     assert_eq!(state["hash"], made["result"]["hash"]);
     y(&program, -100.0);
     // A reload reports that the changed configured file is not used.
-    change(
-        &rig.dir.path().join("machine.toml"),
-        "EYX = 20.0",
-        "EYX = 25.0",
-    );
+    change(&rig.dir.path().join("machine.toml"), "EYX = 20.0", "EYX = 25.0");
     let reloaded = program.post("/api/reload", "");
     assert_eq!(reloaded.status, 200, "{}", reloaded.body);
     assert_eq!(reloaded.json()["unchanged"], true);
@@ -114,10 +96,7 @@ fn a_model_is_confirmed_ramped_in_and_survives_a_kill() {
     assert_eq!(taken.status, 200, "{}", taken.body);
     y(&program, -25.0);
     let largest = program.largest_step_um();
-    assert!(
-        largest > 0.0 && largest < 20.0,
-        "a step of {largest} µm of 75"
-    );
+    assert!(largest > 0.0 && largest < 20.0, "a step of {largest} µm of 75");
     let state = model(&program);
     assert_eq!(state["from"], "file", "{state}");
     assert!(rig.standing()["in_force"].is_null());
@@ -223,10 +202,7 @@ fn a_damaged_model_is_not_loaded() {
     let made = machine_file(&program, &with_y(25.0));
     assert_eq!(activate(&program, &made, None).status, 200);
     let folder = rig.dir.path().join("audit/models");
-    let hash = made["result"]["hash"]
-        .as_str()
-        .expect("a hash")
-        .replace("sha256:", "");
+    let hash = made["result"]["hash"].as_str().expect("a hash").replace("sha256:", "");
     let file = folder.join(format!("machine-{hash}.toml"));
     change(&file, "25.0", "26.0");
     let program = program.killed_and_started(&rig.config);
@@ -237,9 +213,7 @@ fn a_damaged_model_is_not_loaded() {
         let trouble = now["trouble"].as_str().unwrap_or_default();
         trouble.contains(&hash) && trouble.contains("was not loaded")
     };
-    let now = wait_model(&program, |now| {
-        is_told(now) && now["history"][0]["from"] == "file"
-    });
+    let now = wait_model(&program, |now| is_told(now) && now["history"][0]["from"] == "file");
     assert!(now["put_in_force"].is_null(), "{now}");
     std::thread::sleep(Duration::from_secs(3));
     let now = model(&program);
@@ -281,9 +255,7 @@ fn a_model_that_cannot_be_kept_is_reported_until_it_is() {
     let text = std::fs::read_to_string(&machine).expect("there");
     let other = text.replace("EYX = 20.0", "EYX = 21.0");
     assert_ne!(text, other);
-    let hash = volcomp_model::Machine::parse(&other, "machine.toml")
-        .expect("right")
-        .checksum();
+    let hash = volcomp_model::Machine::parse(&other, "machine.toml").expect("right").checksum();
     let digits = hash.strip_prefix("sha256:").expect("a hash");
     let kept = rig.dir.path().join("audit/models");
     // A folder in place of the temporary file makes storing fail.

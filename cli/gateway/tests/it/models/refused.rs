@@ -18,12 +18,7 @@ fn only_engineers_send_models() {
     let rig = Rig::new("");
     let program = rig.start();
     for (token, status) in [(Some(OPERATE), 403), (Some(VIEW), 403), (None, 401)] {
-        for what in [
-            "upload?kind=machine&name=m.toml",
-            "activate",
-            "back",
-            "discard",
-        ] {
+        for what in ["upload?kind=machine&name=m.toml", "activate", "back", "discard"] {
             let path = format!("/api/model/{what}");
             let refused = program.request("POST", &path, token, "{\"hash\": null}");
             assert_eq!(refused.status, status, "{token:?} {what}: {}", refused.body);
@@ -32,9 +27,7 @@ fn only_engineers_send_models() {
     assert!(model(&program)["candidate"].is_null());
     assert_eq!(program.get("/api/model/candidate").status, 404);
     // An engineer may operate as well.
-    let token = program
-        .request("GET", "/api/token", Some(ENGINEER), "")
-        .json();
+    let token = program.request("GET", "/api/token", Some(ENGINEER), "").json();
     assert_eq!(token, json!({ "name": "erna", "role": "engineer" }));
     let disarmed = program.request("POST", "/api/disarm", Some(ENGINEER), "");
     assert_eq!(disarmed.status, 200, "{}", disarmed.body);
@@ -57,10 +50,7 @@ fn invalid_and_foreign_models_are_refused() {
         assert!(error.contains(says), "{error}");
         assert!(made["result"].is_null());
         assert_eq!(activate(&program, &made, None).status, 409);
-        assert_eq!(
-            post(&program, "discard", &json!({ "candidate": made["id"] })).status,
-            200
-        );
+        assert_eq!(post(&program, "discard", &json!({ "candidate": made["id"] })).status, 200);
     }
     // The axes of another machine.
     let axes = MACHINE
@@ -68,28 +58,16 @@ fn invalid_and_foreign_models_are_refused() {
         .replace("[axes.Z]\ntravel = [0.0, 250.0]\n", "");
     let made = machine_file(&program, &axes);
     let why = made["result"]["refusal"].as_str().expect("a reason");
-    assert!(
-        why.contains("X and Y, the active model has X, Y and Z"),
-        "{why}"
-    );
+    assert!(why.contains("X and Y, the active model has X, Y and Z"), "{why}");
     let refused = activate(&program, &made, None);
     assert_eq!(refused.status, 422, "{}", refused.body);
     assert_eq!(refused.json()["error"], why);
     let newest = wait_model(&program, |now| now["history"][0]["outcome"] == "refused");
-    assert!(
-        newest["history"][0]["why"]
-            .as_str()
-            .expect("a reason")
-            .len()
-            > 10
-    );
+    assert!(newest["history"][0]["why"].as_str().expect("a reason").len() > 10);
     assert_eq!(newest["from"], "file");
     post(&program, "discard", &json!({ "candidate": made["id"] }));
     // Another structure is reported, and needs a confirmation if it moves an axis.
-    let made = machine_file(
-        &program,
-        &with_y(90.0).replace("w X' b Y Z t", "w X' Y' b Z t"),
-    );
+    let made = machine_file(&program, &with_y(90.0).replace("w X' b Y Z t", "w X' Y' b Z t"));
     let warnings = made["result"]["warnings"].to_string();
     assert!(warnings.contains("The structure is"), "{warnings}");
     assert_eq!(activate(&program, &made, None).status, 409);
@@ -168,19 +146,14 @@ fn two_engineers_do_not_mix_their_files() {
 fn one_comparison_at_a_time_also_of_discarded_files() {
     let rig = Rig::new("");
     let program = rig.start();
-    let nodes: Vec<String> = (0..800)
-        .map(|k| format!("[{}, {}.0]", 0.5 * f64::from(k), k % 7))
-        .collect();
+    let nodes: Vec<String> =
+        (0..800).map(|k| format!("[{}, {}.0]", 0.5 * f64::from(k), k % 7)).collect();
     let curve = format!("EZX = {{ mls = {{ nodes = [{}] }} }}\n", nodes.join(", "));
     let slow = MACHINE.to_owned() + &curve;
     let query = "kind=machine&name=slow.toml";
     let sent = upload(&program, query, slow.as_bytes());
     assert_eq!(sent.status, 200, "{}", sent.body);
-    let discarded = post(
-        &program,
-        "discard",
-        &json!({ "candidate": sent.json()["id"] }),
-    );
+    let discarded = post(&program, "discard", &json!({ "candidate": sent.json()["id"] }));
     assert_eq!(discarded.status, 200, "{}", discarded.body);
     let next = upload(&program, query, MACHINE.as_bytes());
     assert_eq!(next.status, 503, "{}", next.body);

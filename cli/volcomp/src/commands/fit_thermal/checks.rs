@@ -137,10 +137,7 @@ pub(super) fn inverted(
 
 /// A note on gaps in a file, for terms with these time constants, s.
 pub(super) fn gaps(path: &Path, columns: &Columns, lags_s: &[f64]) -> Option<String> {
-    let record = ThermalRecord {
-        time_s: columns.time_s.clone(),
-        ..ThermalRecord::default()
-    };
+    let record = ThermalRecord { time_s: columns.time_s.clone(), ..ThermalRecord::default() };
     let gaps = record.gaps(lags_s);
     let length = |gap: &&ThermalGap| gap.to_s - gap.from_s;
     let longest = gaps.iter().max_by(|a, b| length(a).total_cmp(&length(b)))?;

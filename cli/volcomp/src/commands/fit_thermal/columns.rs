@@ -93,9 +93,7 @@ pub(super) fn read(path: &Path) -> Result<Columns, Failure> {
     for (column, head) in table.names() {
         let twice = |is_twice: bool| {
             let message = format!("found two columns {}, expected one", quoted(head));
-            is_twice
-                .then(|| table.header_error(message))
-                .map_or(Ok(()), Err)
+            is_twice.then(|| table.header_error(message)).map_or(Ok(()), Err)
         };
         match Head::of(head) {
             Head::Time => {
@@ -180,12 +178,7 @@ impl Columns {
             let own = own.ok_or_else(|| missing(name))?;
             displacements.push((name.clone(), std::mem::take(&mut own.1)));
         }
-        Ok(Self {
-            sensors: first.sensors.clone(),
-            degc,
-            displacements,
-            ..self
-        })
+        Ok(Self { sensors: first.sensors.clone(), degc, displacements, ..self })
     }
 }
 
@@ -197,10 +190,7 @@ fn spread_repeated(time_s: &mut [f64]) -> Result<usize, usize> {
     }
     let (mut from, mut repeated, mut spacing_s) = (0, 0, 1.0);
     while from < time_s.len() {
-        let same = time_s[from..]
-            .iter()
-            .take_while(|t| **t == time_s[from])
-            .count();
+        let same = time_s[from..].iter().take_while(|t| **t == time_s[from]).count();
         if let Some(next) = time_s.get(from + same) {
             spacing_s = (next - time_s[from]) / same as f64;
         }
@@ -224,18 +214,14 @@ pub(super) struct Errors {
 
 impl Errors {
     pub(super) fn read(stated: &[String]) -> Result<Self, Failure> {
-        let mut errors = Self {
-            of_all: None,
-            of_one: Vec::new(),
-        };
+        let mut errors = Self { of_all: None, of_one: Vec::new() };
         for text in stated {
             let (column, name) = match text.rsplit_once('=') {
                 Some((column, name)) => (Some(displacement(column.trim())), name.trim()),
                 None => (None, text.trim()),
             };
-            let error: ErrorName = name
-                .parse()
-                .map_err(|e| Failure::Input(format!("--error: {e}")))?;
+            let error: ErrorName =
+                name.parse().map_err(|e| Failure::Input(format!("--error: {e}")))?;
             if error.location {
                 return Err(Failure::Input(format!(
                     "--error {text}: found a location error, expected an error motion, such as {}: a machine file takes thermal terms of these only",
@@ -268,10 +254,7 @@ impl Errors {
                 names.join(", ")
             )));
         }
-        names
-            .iter()
-            .map(|name| self.of_column(name, names))
-            .collect()
+        names.iter().map(|name| self.of_column(name, names)).collect()
     }
 
     fn of_column(&self, name: &str, names: &[&str]) -> Result<Option<ErrorName>, Failure> {

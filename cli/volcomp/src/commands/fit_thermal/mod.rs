@@ -215,9 +215,7 @@ fn read(arguments: &FitThermalArguments) -> Result<Vec<Columns>, Failure> {
         });
     }
     // clap requires at least one file.
-    let known = files
-        .first()
-        .map_or(&[][..], |file| &file.displacements[..]);
+    let known = files.first().map_or(&[][..], |file| &file.displacements[..]);
     let is_known = |wanted: &String| {
         let wanted = columns::displacement(wanted);
         known.iter().any(|(name, _)| *name == wanted)
@@ -241,10 +239,7 @@ fn run_of(columns: &Columns, name: &str) -> ThermalRun {
             degc: columns.degc.clone(),
             displacement: displacement.map_or_else(Vec::new, |(_, values)| values.clone()),
         },
-        position_mm: columns
-            .position
-            .as_ref()
-            .map_or_else(Vec::new, |p| p.1.clone()),
+        position_mm: columns.position.as_ref().map_or_else(Vec::new, |p| p.1.clone()),
     }
 }
 
@@ -293,11 +288,7 @@ fn channel(
         }
         _ => judge_thermal_runs(&runs, search).map_err(failed)?,
     };
-    Ok(Channel {
-        name: name.to_owned(),
-        error,
-        judged,
-    })
+    Ok(Channel { name: name.to_owned(), error, judged })
 }
 
 /// Placeholder for an error that the call does not name.
@@ -471,10 +462,7 @@ fn displacement<'a>(
         }
     };
     let left_out = arguments.data.iter().zip(&judged.left_out);
-    let left_out = left_out.map(|(file, &rms)| LeftOut {
-        file: file.display().to_string(),
-        rms,
-    });
+    let left_out = left_out.map(|(file, &rms)| LeftOut { file: file.display().to_string(), rms });
     let seen = found.seen.iter().map(|seen| Seen {
         sensor: name(seen.sensor),
         degc: seen.degc,
@@ -485,11 +473,7 @@ fn displacement<'a>(
     Displacement {
         name: &channel.name,
         error: channel.error,
-        unit: if channel.is_angular() {
-            DeviationUnit::Urad
-        } else {
-            DeviationUnit::Um
-        },
+        unit: if channel.is_angular() { DeviationUnit::Urad } else { DeviationUnit::Um },
         recommended: judged.verdict() == ThermalVerdict::Good,
         without_terms_rms: judged.none_rms,
         baseline: prediction(&judged.plain),
@@ -536,10 +520,7 @@ fn terms(found: &ThermalTerms, sensors: &[String]) -> (Vec<DriftTerm>, Vec<Expan
         }
         let place = drift.iter().position(|known| known.lag_s == lag_s);
         let place = place.unwrap_or_else(|| {
-            drift.push(DriftTerm {
-                lag_s,
-                sensors: BTreeMap::new(),
-            });
+            drift.push(DriftTerm { lag_s, sensors: BTreeMap::new() });
             drift.len() - 1
         });
         drift[place].sensors.insert(sensor.clone(), number.value);
@@ -551,22 +532,14 @@ fn terms(found: &ThermalTerms, sensors: &[String]) -> (Vec<DriftTerm>, Vec<Expan
 /// placeholder, which a machine file rejects.
 fn toml(channel: &Channel, sensors: &[String], reference_degc: f64) -> String {
     let found = &channel.judged.terms;
-    let (unit, symbol) = if channel.is_angular() {
-        ("urad", "µrad")
-    } else {
-        ("um", "µm")
-    };
+    let (unit, symbol) = if channel.is_angular() { ("urad", "µrad") } else { ("um", "µm") };
     let (error, curve) = match channel.error {
         Some(error) => (error.to_string(), format!("the curve of {error}")),
         None => (GAP.to_owned(), "its curve".to_owned()),
     };
     let mut text = String::new();
     if channel.error.is_none() {
-        let _ = writeln!(
-            text,
-            "# Put the error that {} is in place of {GAP}.",
-            channel.name
-        );
+        let _ = writeln!(text, "# Put the error that {} is in place of {GAP}.", channel.name);
     }
     let _ = writeln!(
         text,
@@ -584,9 +557,7 @@ fn toml(channel: &Channel, sensors: &[String], reference_degc: f64) -> String {
         );
     }
     for DriftTerm { lag_s, sensors } in drift {
-        let weights = sensors
-            .iter()
-            .map(|(name, k)| format!("{} = {k:.6}", toml_key(name)));
+        let weights = sensors.iter().map(|(name, k)| format!("{} = {k:.6}", toml_key(name)));
         let _ = write!(
             text,
             "[[thermal.drift]]\nerror = \"{error}\"\nsensors = {{ {} }}\n{unit}_per_k = 1.0\nlag_s = {lag_s:.1}\n",
@@ -643,11 +614,7 @@ fn worse(channel: &Channel, verdict: ThermalVerdict) -> String {
     let few = fixed(judged.few.rms, 2);
     let decides = |by: (f64, f64)| {
         let [by, error] = [by.0, by.1].map(|square| fixed(square, 2));
-        let parts = if judged.left_out.is_empty() {
-            "stretches"
-        } else {
-            "files"
-        };
+        let parts = if judged.left_out.is_empty() { "stretches" } else { "files" };
         format!(
             "(mean squares differ by {by} {unit}², with a standard error over the {parts} of {error} {unit}²)"
         )
@@ -726,9 +693,7 @@ fn numbers(numbers: &[Number]) -> String {
         };
         lines.add_row([
             number.sensor.clone(),
-            number
-                .lag_s
-                .map_or("-".to_owned(), |lag_s| lag_s.to_string()),
+            number.lag_s.map_or("-".to_owned(), |lag_s| lag_s.to_string()),
             fixed(number.value, 3),
             fixed(number.uncertainty, 3),
             unit.to_owned(),
@@ -741,11 +706,7 @@ fn sizes(channel: &Channel) -> String {
     let mut lines = table(&["numbers", "RMS of validation", "+/-"]);
     let terms = &channel.judged.terms;
     for size in terms.path.iter().rev() {
-        let mark = if size.numbers == terms.numbers.len() {
-            "*"
-        } else {
-            ""
-        };
+        let mark = if size.numbers == terms.numbers.len() { "*" } else { "" };
         lines.add_row([
             format!("{}{mark}", size.numbers),
             fixed(size.rms, 2),

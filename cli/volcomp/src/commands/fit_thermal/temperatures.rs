@@ -106,9 +106,7 @@ mod tests {
         step[90..].iter_mut().for_each(|t| *t -= 12.0);
         assert_eq!(implausible(&step), None);
         // A sensor in the wind: it goes up and down all the time.
-        let windy: Vec<f64> = (0..180)
-            .map(|row| 22.0 + 6.0 * f64::from(row % 2))
-            .collect();
+        let windy: Vec<f64> = (0..180).map(|row| 22.0 + 6.0 * f64::from(row % 2)).collect();
         assert_eq!(implausible(&windy), None);
         // Frost, and a constant.
         assert_eq!(implausible(&[-3.0; 100]), None);

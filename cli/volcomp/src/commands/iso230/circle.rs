@@ -113,21 +113,13 @@ pub(super) fn run(arguments: &Iso230Arguments) -> Result<Answer, Failure> {
     if let Some(feed) = arguments.circle.feed
         && !(feed.is_finite() && feed > 0.0)
     {
-        return Err(Failure::Input(format!(
-            "--feed: found {feed}, expected mm/min above zero"
-        )));
+        return Err(Failure::Input(format!("--feed: found {feed}, expected mm/min above zero")));
     }
     let csv = arguments.csv.as_deref();
     let plot = arguments.plot_file()?;
     let drawn = RefCell::new(Vec::new());
     let answer = evaluated(&arguments.files, csv, |path| {
-        one(
-            path,
-            &arguments.circle,
-            &tolerances,
-            arguments.files.len() == 1,
-            &drawn,
-        )
+        one(path, &arguments.circle, &tolerances, arguments.files.len() == 1, &drawn)
     })?;
     if let Some(plot) = plot {
         plot.write(&circles_picture(&drawn.into_inner()))?;
@@ -141,10 +133,8 @@ fn read(path: &Path, options: &CircleOptions) -> Result<CircularTrace, Failure> 
         let found = MetrologyError::Directory { file };
         return Err(found.into());
     }
-    let bytes = std::fs::read(path).map_err(|source| MetrologyError::Unreadable {
-        file: file.clone(),
-        source,
-    })?;
+    let bytes = std::fs::read(path)
+        .map_err(|source| MetrologyError::Unreadable { file: file.clone(), source })?;
     let (plane, _) = options.plane();
     Ok(parse_trace(&bytes, &file, plane, options.radius_mm)?)
 }
@@ -177,9 +167,8 @@ fn one(
             None
         }
     };
-    let missing = signatures
-        .iter()
-        .flat_map(|s| s.spikes_um.iter().zip(["0°", "90°", "180°", "270°"]));
+    let missing =
+        signatures.iter().flat_map(|s| s.spikes_um.iter().zip(["0°", "90°", "180°", "270°"]));
     let missing = missing.filter(|(spike, _)| spike.is_none());
     let missing: Vec<&str> = missing.map(|(_, place)| place).collect();
     if !missing.is_empty() {
@@ -199,10 +188,7 @@ fn one(
         radius_mm: trace.radius_mm,
         points: Sense::BOTH.map(count),
         centre_um: deviations.centre_um,
-        signatures: signatures
-            .iter()
-            .flat_map(|s| named(s, plane, options.feed))
-            .collect(),
+        signatures: signatures.iter().flat_map(|s| named(s, plane, options.feed)).collect(),
         spikes_um: signatures.as_ref().map(|s| s.spikes_um),
         rms_left_um: signatures.as_ref().map(|s| s.rms_left_um),
         judgement: Judgement::new(quantities, notes),
@@ -240,13 +226,8 @@ fn named(signatures: &Signatures, plane: CircularPlane, feed: Option<f64>) -> Ve
         let delay = |feed: f64| 2.0 * signature.size * 1e-3 / (feed / 60.0) * 1e3;
         NamedSignature {
             of,
-            signature: Signature {
-                size: sign * signature.size,
-                ..signature.clone()
-            },
-            delay_ms: feed
-                .filter(|_| signature.kind == Kind::ServoMismatch)
-                .map(delay),
+            signature: Signature { size: sign * signature.size, ..signature.clone() },
+            delay_ms: feed.filter(|_| signature.kind == Kind::ServoMismatch).map(delay),
         }
     };
     signatures.ranked.iter().map(one).collect()
@@ -260,15 +241,8 @@ fn text(document: &CircularTest, with_names: bool) -> String {
         quantities_text(&document.judgement.quantities, with_names)
     );
     if !document.signatures.is_empty() {
-        let mut rows = table(&[
-            "signature",
-            "of",
-            "size",
-            "±U (k=2)",
-            "unit",
-            "range µm",
-            "share %",
-        ]);
+        let mut rows =
+            table(&["signature", "of", "size", "±U (k=2)", "unit", "range µm", "share %"]);
         to_the_left(&mut rows, &[1, 4]);
         for NamedSignature { of, signature, .. } in &document.signatures {
             rows.add_row([

@@ -90,11 +90,7 @@ pub(super) fn run(arguments: &Iso230Arguments) -> Result<Answer, Failure> {
     let tolerances = tolerances(arguments.tolerance.as_deref(), &DIAGONALS)?;
     let named = options.named(arguments.files.len())?;
     let edges = match &options.box_mm {
-        Some(text) => Some(numbers(
-            "--box-mm",
-            text,
-            "three lengths in mm: 800,600,500",
-        )?),
+        Some(text) => Some(numbers("--box-mm", text, "three lengths in mm: 800,600,500")?),
         None => None,
     };
     let csv = match &arguments.csv {
@@ -107,10 +103,8 @@ pub(super) fn run(arguments: &Iso230Arguments) -> Result<Answer, Failure> {
         match read(path, arguments, named.get(index).copied()) {
             Ok(one) => measured.push(one),
             Err(failure) if arguments.files.len() == 1 => return Err(failure),
-            Err(failure) => refused.push(RefusedFile {
-                file: path.display().to_string(),
-                error: failure.message(),
-            }),
+            Err(failure) => refused
+                .push(RefusedFile { file: path.display().to_string(), error: failure.message() }),
         }
     }
     if measured.is_empty() {
@@ -148,11 +142,8 @@ pub(super) fn run(arguments: &Iso230Arguments) -> Result<Answer, Failure> {
         plot.write(&measured_diagonals_picture(&found, &quantities))?;
     }
     let failed = some_refused(&refused, arguments.files.len());
-    let document = MeasuredDiagonals {
-        found,
-        refused,
-        judgement: Judgement::new(quantities, notes),
-    };
+    let document =
+        MeasuredDiagonals { found, refused, judgement: Judgement::new(quantities, notes) };
     let text = text(&document) + &decision_text(&document.judgement);
     let notes = document.judgement.notes.clone();
     let answer = Answer::new(&document, text, notes)?.decided(document.judgement.decision);
@@ -170,10 +161,7 @@ fn read(
         let axis = measurement.metadata.axis.as_deref();
         let name = path.file_stem().map(|stem| stem.display().to_string());
         let texts = [title.map(str::to_owned), axis.map(str::to_owned), name];
-        texts
-            .into_iter()
-            .flatten()
-            .find_map(|t| Diagonal::in_text(&t))
+        texts.into_iter().flatten().find_map(|t| Diagonal::in_text(&t))
     };
     let Some(diagonal) = named.or_else(in_words) else {
         return Err(Failure::in_file(
@@ -185,10 +173,7 @@ fn read(
         ));
     };
     if unit::apply(path, &mut measurement, arguments.unit)? == DeviationUnit::Urad {
-        return Err(Failure::in_file(
-            path,
-            "found angles, expected deviations along a diagonal",
-        ));
+        return Err(Failure::in_file(path, "found angles, expected deviations along a diagonal"));
     }
     Ok((diagonal, measurement))
 }
@@ -197,35 +182,18 @@ fn rows_of(found: &Iso230Part6, refused: &[RefusedFile]) -> Vec<Row> {
     let good = found.diagonals.iter().map(|m| {
         let values = [
             ("E", "systematic deviation", m.result.e),
-            (
-                "E_forward",
-                "systematic deviation, forward",
-                m.result.e_forward,
-            ),
-            (
-                "E_backward",
-                "systematic deviation, backward",
-                m.result.e_backward,
-            ),
+            ("E_forward", "systematic deviation, forward", m.result.e_forward),
+            ("E_backward", "systematic deviation, backward", m.result.e_backward),
             ("B", "reversal value", m.result.b),
             ("M", "mean deviation", m.result.m),
             ("growth", "growth over the length", Some(m.growth_um)),
         ];
-        let quantities = values.map(|(symbol, name, value)| StandardQuantity {
-            symbol,
-            name,
-            value,
-        });
+        let quantities =
+            values.map(|(symbol, name, value)| StandardQuantity { symbol, name, value });
         let quantities = judged("ISO 230-6", quantities, DeviationUnit::Um, &[], |_| None);
-        Row {
-            file: m.file.clone(),
-            found: Ok(Judgement::new(quantities, Vec::new())),
-        }
+        Row { file: m.file.clone(), found: Ok(Judgement::new(quantities, Vec::new())) }
     });
-    let bad = refused.iter().map(|r| Row {
-        file: r.file.clone(),
-        found: Err(r.error.clone()),
-    });
+    let bad = refused.iter().map(|r| Row { file: r.file.clone(), found: Err(r.error.clone()) });
     good.chain(bad).collect()
 }
 

@@ -124,15 +124,9 @@ pub(crate) fn run(arguments: &Iso230Arguments) -> Result<Answer, Failure> {
     for (option, of) in [
         (arguments.circle.given(), 4),
         (arguments.diagonals.given(), 6),
-        (
-            uncertain.then_some("options of the measurement uncertainty"),
-            2,
-        ),
+        (uncertain.then_some("options of the measurement uncertainty"), 2),
         (arguments.edition.map(|_| "--edition"), 2),
-        (
-            (arguments.standard != Standard::Iso).then_some("--standard"),
-            2,
-        ),
+        ((arguments.standard != Standard::Iso).then_some("--standard"), 2),
         (arguments.axis.map(|_| "--axis"), 2),
         (arguments.error.map(|_| "--error"), 2),
     ] {

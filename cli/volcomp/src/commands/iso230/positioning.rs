@@ -76,9 +76,8 @@ impl JsonSchema for Symbols {
         let units = [DeviationUnit::Um, DeviationUnit::Urad].map(DeviationUnit::key);
         let key = |symbol| units.map(|unit| format!("{symbol}_{unit}"));
         let keys = Edition::symbols().into_iter().flat_map(key);
-        let properties: Map<String, Value> = keys
-            .map(|key| (key, json!({ "type": ["number", "null"] })))
-            .collect();
+        let properties: Map<String, Value> =
+            keys.map(|key| (key, json!({ "type": ["number", "null"] }))).collect();
         json_schema!({ "type": "object", "properties": properties })
     }
 }
@@ -151,22 +150,11 @@ fn one(
         && !uncertainty.left_out.is_empty()
     {
         let left_out = uncertainty.left_out.join("; ");
-        notes.push(format!(
-            "left out of the measurement uncertainty: {left_out}"
-        ));
+        notes.push(format!("left out of the measurement uncertainty: {left_out}"));
     }
-    let quantities = quantities(
-        arguments.standard,
-        edition,
-        &result,
-        unit,
-        tolerances,
-        uncertainty.as_ref(),
-    );
-    if quantities
-        .iter()
-        .any(|q| q.symbol == "P" && q.value.is_none())
-    {
+    let quantities =
+        quantities(arguments.standard, edition, &result, unit, tolerances, uncertainty.as_ref());
+    if quantities.iter().any(|q| q.symbol == "P" && q.value.is_none()) {
         let note =
             "VDI/DGQ 3441 is not evaluated: it needs both directions and at least two runs in each";
         notes.push(note.to_owned());
@@ -175,20 +163,13 @@ fn one(
     // Angles do not depend on thermal expansion.
     let is_laser = measurement.quantity == Some(Quantity::Positioning);
     let compensation = is_laser.then(|| material_compensation(&measurement.environment));
-    let text = text(
-        &result,
-        unit,
-        edition,
-        arguments.standard,
-        &judgement.quantities,
-        !among_others,
-    ) + &uncertainty
-        .as_ref()
-        .map_or_else(String::new, uncertainty_text)
-        + &compensation.as_ref().map_or_else(String::new, |said| {
-            format!("\n{}", folded(&format!("material compensation {said}"), ""))
-        })
-        + &decision_text(&judgement);
+    let text =
+        text(&result, unit, edition, arguments.standard, &judgement.quantities, !among_others)
+            + &uncertainty.as_ref().map_or_else(String::new, uncertainty_text)
+            + &compensation.as_ref().map_or_else(String::new, |said| {
+                format!("\n{}", folded(&format!("material compensation {said}"), ""))
+            })
+            + &decision_text(&judgement);
     let judged = judgement.quantities.clone();
     let test = drawn_test(path, arguments, &measurement, (kind, unit), &result);
     drawn.borrow_mut().push((test, judged));
@@ -203,12 +184,7 @@ fn one(
         material_compensation: compensation,
         judgement: judgement.clone(),
     };
-    Ok(Evaluated {
-        document,
-        text,
-        metadata: measurement.metadata,
-        judgement,
-    })
+    Ok(Evaluated { document, text, metadata: measurement.metadata, judgement })
 }
 
 fn drawn_test(
@@ -309,18 +285,11 @@ fn uncertainty(
         return Err(Failure::in_file(path, what));
     }
     let targets = measurement.targets();
-    let travel_mm = targets
-        .last()
-        .zip(targets.first())
-        .map_or(0.0, |(b, a)| b - a);
+    let travel_mm = targets.last().zip(targets.first()).map_or(0.0, |(b, a)| b - a);
     let runs = Direction::BOTH.map(|direction| measurement.runs(direction).len());
     let fewest = runs.into_iter().filter(|n| *n > 0).min().unwrap_or(1);
     let inputs = arguments.uncertainty.inputs(&measurement.environment);
-    Ok(Some(positioning_uncertainty(
-        &inputs,
-        1e-3 * travel_mm,
-        fewest,
-    )?))
+    Ok(Some(positioning_uncertainty(&inputs, 1e-3 * travel_mm, fewest)?))
 }
 
 fn quantities(
@@ -373,20 +342,14 @@ fn text(
     if matches!(standard, Standard::Iso | Standard::All) {
         parts.push(summary(result, edition));
     }
-    let judged = quantities
-        .iter()
-        .any(|q| q.limit.is_some() || q.uncertainty.is_some());
+    let judged = quantities.iter().any(|q| q.limit.is_some() || q.uncertainty.is_some());
     for standard in ["ISO", "VDI", "ASME"] {
         let of: Vec<JudgedQuantity> = (quantities.iter())
             .filter(|q| q.standard.starts_with(standard) && (standard != "ISO" || judged))
             .cloned()
             .collect();
         if let Some(first) = of.first() {
-            parts.push(format!(
-                "{}\n{}",
-                first.standard,
-                quantities_text(&of, with_names)
-            ));
+            parts.push(format!("{}\n{}", first.standard, quantities_text(&of, with_names)));
         }
     }
     parts.join("\n")
@@ -412,19 +375,9 @@ fn targets_text(result: &Iso230Part2) -> String {
 
 fn summary(result: &Iso230Part2, edition: Edition) -> String {
     let [systematic, mean, reversal, mean_reversal] = if edition == Edition::Iso2014 {
-        [
-            "E systematic error",
-            "M mean error",
-            "B reversal error",
-            "mean reversal error",
-        ]
+        ["E systematic error", "M mean error", "B reversal error", "mean reversal error"]
     } else {
-        [
-            "E systematic deviation",
-            "M mean deviation",
-            "B reversal value",
-            "mean reversal value",
-        ]
+        ["E systematic deviation", "M mean deviation", "B reversal value", "mean reversal value"]
     };
     let mut summary = table(&["", "both", "forward ↑", "backward ↓"]);
     let r = result;
@@ -446,9 +399,7 @@ fn uncertainty_text(uncertainty: &PositioningUncertainty) -> String {
     let mut rows = table(&["contribution", "U (k=2) µm", "from"]);
     crate::table::to_the_left(&mut rows, &[2]);
     for c in &uncertainty.contributions {
-        let size = c
-            .u_um
-            .map_or_else(|| "left out".to_owned(), |u| fixed(u, 2));
+        let size = c.u_um.map_or_else(|| "left out".to_owned(), |u| fixed(u, 2));
         rows.add_row([c.symbol, &size, c.name]);
     }
     format!(

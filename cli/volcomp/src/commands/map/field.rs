@@ -9,20 +9,11 @@ use crate::{failure::Failure, output::OutputFile};
 
 /// Names of the arrays stored per node besides its position: errors (µm, µrad), then their standard uncertainties. Each group has two vectors of
 /// three columns.
-const VECTORS: [[&str; 2]; 2] = [
-    ["position_um", "rotation_urad"],
-    ["u_position_um", "u_rotation_urad"],
-];
+const VECTORS: [[&str; 2]; 2] =
+    [["position_um", "rotation_urad"], ["u_position_um", "u_rotation_urad"]];
 /// Column names differ from those of positions (`X_mm`) by more than case: databases ignore case.
 const COLUMNS: [[&str; 6]; 2] = [
-    [
-        "error_x_um",
-        "error_y_um",
-        "error_z_um",
-        "error_a_urad",
-        "error_b_urad",
-        "error_c_urad",
-    ],
+    ["error_x_um", "error_y_um", "error_z_um", "error_a_urad", "error_b_urad", "error_c_urad"],
     [
         "uncertainty_x_um",
         "uncertainty_y_um",
@@ -99,11 +90,7 @@ impl Field {
         let text = |format, head: String| {
             let mut file = OutputFile::open(path)?;
             file.append(head.as_bytes())?;
-            Ok(Self::Text(TextField {
-                file,
-                format,
-                groups,
-            }))
+            Ok(Self::Text(TextField { file, format, groups }))
         };
         match path.extension().and_then(|e| e.to_str()) {
             Some("csv") => {
@@ -139,12 +126,7 @@ impl Field {
     }
 
     pub(super) fn begin(&mut self, pass: usize) -> Result<(), Failure> {
-        if let Self::Text(TextField {
-            file,
-            format: TextFormat::Vtk(_),
-            ..
-        }) = self
-        {
+        if let Self::Text(TextField { file, format: TextFormat::Vtk(_), .. }) = self {
             let before = if pass == 0 { "" } else { "</DataArray>\n" };
             let name = VECTORS[pass / 2][pass % 2];
             let head = format!(
@@ -157,11 +139,7 @@ impl Field {
 
     /// The text format, if the field is text, and the number of column groups.
     pub(super) fn text_format(&self) -> Option<(TextFormat, usize)> {
-        if let Self::Text(text) = self {
-            Some((text.format, text.groups))
-        } else {
-            None
-        }
+        if let Self::Text(text) = self { Some((text.format, text.groups)) } else { None }
     }
 
     pub(super) fn write(&mut self, nodes: &[Node], text: &str) -> Result<(), Failure> {

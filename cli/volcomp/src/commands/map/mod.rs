@@ -211,12 +211,8 @@ pub(crate) fn run(arguments: &MapArguments) -> Result<Answer, Failure> {
     let curves = vec![&machine, compensation.actual()];
     let (all_axes, volumetric) = all_axes(&machine, curves, errors, ensemble.as_ref())?;
     if let Some(plot) = plot {
-        let svg = picture(
-            arguments,
-            [&machine, compensation.actual()],
-            (errors, volumetric),
-            &others,
-        )?;
+        let svg =
+            picture(arguments, [&machine, compensation.actual()], (errors, volumetric), &others)?;
         plot.write(&svg)?;
     }
     drop(work);
@@ -240,12 +236,7 @@ fn picture(
     (errors, found): (&ErrorAt<'_>, VolumetricError),
     others: &[(AxisName, f64)],
 ) -> Result<String, Failure> {
-    let field = ErrorField {
-        tool: "",
-        machine,
-        curves: vec![machine, actual],
-        errors,
-    };
+    let field = ErrorField { tool: "", machine, curves: vec![machine, actual], errors };
     let (title, state) = if arguments.compensation.is_asked_for() {
         ("Volumetric error after correction", Drawn::TruthCorrected)
     } else {
@@ -272,12 +263,7 @@ fn picture(
 fn standing(found: &Volume) -> String {
     let at = found.standing.iter().map(|of| {
         let rotary = of.axis.parse().is_ok_and(AxisName::is_rotary);
-        format!(
-            "{} = {}{}",
-            of.axis,
-            of.at,
-            if rotary { "°" } else { " mm" }
-        )
+        format!("{} = {}{}", of.axis, of.at, if rotary { "°" } else { " mm" })
     });
     let at: Vec<String> = at.collect();
     if at.is_empty() {
@@ -399,9 +385,7 @@ fn over_all_axes(of: &AllAxes) -> String {
 }
 
 fn pose_text(at: &ByAxis) -> String {
-    let at = at
-        .iter()
-        .map(|(name, q)| format!("{name}={}", fixed(*q, 3)));
+    let at = at.iter().map(|(name, q)| format!("{name}={}", fixed(*q, 3)));
     at.collect::<Vec<_>>().join(" ")
 }
 
@@ -420,16 +404,13 @@ fn describe(text: &mut String, what: &str, length_um: f64, [x, y, z]: [f64; 3], 
 }
 
 fn parse_grid(text: &str) -> Result<[usize; 3], Failure> {
-    let counts: Option<Vec<usize>> = text
-        .split(['x', 'X', '×', ','])
-        .map(|count| count.trim().parse().ok())
-        .collect();
+    let counts: Option<Vec<usize>> =
+        text.split(['x', 'X', '×', ',']).map(|count| count.trim().parse().ok()).collect();
     counts
         .and_then(|counts| <[usize; 3]>::try_from(counts).ok())
         .filter(|counts| {
-            let product = counts
-                .iter()
-                .try_fold(1_usize, |product, &count| product.checked_mul(count));
+            let product =
+                counts.iter().try_fold(1_usize, |product, &count| product.checked_mul(count));
             product.is_some_and(|product| (1..=10_000_000_000).contains(&product))
         })
         .ok_or_else(|| {
@@ -508,11 +489,7 @@ impl Work<'_> {
         let format = field.text_format().map(|(format, _)| format);
         let count = self.grid.len();
         // With an uncertainty a node takes as long as hundreds without, so chunks are smaller.
-        let size = if self.ensemble.is_some() {
-            CHUNK / 64
-        } else {
-            CHUNK
-        };
+        let size = if self.ensemble.is_some() { CHUNK / 64 } else { CHUNK };
         let at_once = size * 4 * rayon::current_num_threads();
         for from in (0..count).step_by(at_once) {
             let starts: Vec<usize> = (from..count.min(from + at_once)).step_by(size).collect();
@@ -556,10 +533,7 @@ impl Work<'_> {
                 left.merge(chunk);
             }
         }
-        Beside {
-            as_they_are: found.lengths,
-            left,
-        }
+        Beside { as_they_are: found.lengths, left }
     }
 
     fn chunk(
@@ -568,9 +542,8 @@ impl Work<'_> {
         pass: usize,
         format: Option<TextFormat>,
     ) -> Chunk {
-        let states: Vec<([f64; 3], State)> = nodes
-            .map(|index| self.grid.node(self.machine, index))
-            .collect();
+        let states: Vec<([f64; 3], State)> =
+            nodes.map(|index| self.grid.node(self.machine, index)).collect();
         let uncertainties = self.ensemble.map(|ensemble| {
             let states: Vec<State> = states.iter().map(|(_, state)| *state).collect();
             ensemble.standard_uncertainties(&states)
@@ -591,13 +564,7 @@ impl Work<'_> {
             lengths.take(&error);
         }
         let lines = |format: TextFormat| format.lines(pass, self.grid.axes.len(), &nodes);
-        Chunk {
-            text: format.map(lines).unwrap_or_default(),
-            largest,
-            sums,
-            lengths,
-            nodes,
-        }
+        Chunk { text: format.map(lines).unwrap_or_default(), largest, sums, lengths, nodes }
     }
 }
 
@@ -632,10 +599,9 @@ impl Largest {
     }
 
     fn take(&mut self, other: &Self) {
-        for (into, found) in [
-            (&mut self.error, &other.error),
-            (&mut self.uncertainty, &other.uncertainty),
-        ] {
+        for (into, found) in
+            [(&mut self.error, &other.error), (&mut self.uncertainty, &other.uncertainty)]
+        {
             if let Some((length, node)) = found {
                 keep(into, *length, node);
             }
@@ -740,20 +706,13 @@ fn all_axes(
     errors: &ErrorAt<'_>,
     ensemble: Option<&Ensemble>,
 ) -> Result<(AllAxes, VolumetricError), Failure> {
-    let field = ErrorField {
-        tool: "",
-        machine,
-        curves,
-        errors,
-    };
+    let field = ErrorField { tool: "", machine, curves, errors };
     let volumetric = volumetric(&[field])?;
     let motion = volumetric.alignment;
     let poses = poses_of_all_axes(machine)?;
     let found: Vec<[f64; 6]> = poses.par_iter().map(errors).collect();
     let chain = machine.chain();
-    let tools = poses
-        .iter()
-        .map(|pose| chain.ideal_pose(pose).rotation * chain.tool_axis());
+    let tools = poses.iter().map(|pose| chain.ideal_pose(pose).rotation * chain.tool_axis());
     let [mut turns, mut turns_left] = [Turns::default(); 2];
     for (tool_axis, error) in tools.zip(&found) {
         let [.., a, b, c] = *error;
@@ -777,11 +736,7 @@ fn all_axes(
         about_tool_rms_urad: 1e6 * turns.about_tool.rms(),
         form_about_tool_rms_urad: 1e6 * turns_left.about_tool.rms(),
         uncertainty: ensemble.map(|ensemble| {
-            uncertainty(
-                machine,
-                ensemble,
-                &poses[..UNCERTAINTY_POSES.min(poses.len())],
-            )
+            uncertainty(machine, ensemble, &poses[..UNCERTAINTY_POSES.min(poses.len())])
         }),
     };
     Ok((all_axes, volumetric))

@@ -92,9 +92,7 @@ const WANTS: [i16; 2] = [2, -2];
 fn explore(bounds: &Bounds) -> (usize, bool, Vec<Violation>) {
     let settings = bounds.settings;
     let begin = World {
-        barrier: Barrier::start(settings, 0, 0, &Counts::default())
-            .expect("valid")
-            .memory(),
+        barrier: Barrier::start(settings, 0, 0, &Counts::default()).expect("valid").memory(),
         first: 0,
         senders: [None; 2],
         in_transit: Vec::new(),
@@ -201,27 +199,17 @@ fn start_anew(world: &mut World, tick: i16, bounds: &Bounds) {
         _ => before.link.epoch,
     };
     let tick = before.link.tick.wrapping_add_signed(tick);
-    world.barrier = Barrier::start(bounds.settings, kept, tick, &before.applied)
-        .expect("valid")
-        .memory();
+    world.barrier =
+        Barrier::start(bounds.settings, kept, tick, &before.applied).expect("valid").memory();
     epoch_began(world);
 }
 
 fn epoch_began(world: &mut World) {
     world.first = 0;
-    for flying in world
-        .in_transit
-        .iter_mut()
-        .chain(world.mailboxes.iter_mut().flatten())
-    {
+    for flying in world.in_transit.iter_mut().chain(world.mailboxes.iter_mut().flatten()) {
         flying.stale = true;
     }
-    for (_, stale) in world
-        .senders
-        .iter_mut()
-        .flatten()
-        .filter_map(|s| s.knows.as_mut())
-    {
+    for (_, stale) in world.senders.iter_mut().flatten().filter_map(|s| s.knows.as_mut()) {
         *stale = true;
     }
 }
@@ -234,26 +222,16 @@ fn act(world: &mut World, place: usize, does: Does, bounds: &Bounds) -> Option<V
         Does::Nothing => {}
         Does::Dies => *sender = None,
         Does::Starts => {
-            let drawn = (1..u16::MAX)
-                .find(|n| !owners.contains(n))
-                .expect("few are in use");
-            *sender = Some(Sender {
-                session: Session::new(drawn),
-                knows: None,
-            });
+            let drawn = (1..u16::MAX).find(|n| !owners.contains(n)).expect("few are in use");
+            *sender = Some(Sender { session: Session::new(drawn), knows: None });
         }
         Does::Reads | Does::Sends | Does::ReadsAndSends => {
             let sender = sender.as_mut()?;
             if does != Does::Sends {
-                let report = Barrier::resume(bounds.settings, world.barrier)
-                    .expect("valid")
-                    .report();
+                let report =
+                    Barrier::resume(bounds.settings, world.barrier).expect("valid").report();
                 let report = Report {
-                    owner: if bounds.without == Without::Owner {
-                        0
-                    } else {
-                        report.owner
-                    },
+                    owner: if bounds.without == Without::Owner { 0 } else { report.owner },
                     ..report
                 };
                 match sender.session.read(report.head()) {
@@ -280,16 +258,10 @@ fn act(world: &mut World, place: usize, does: Does, bounds: &Bounds) -> Option<V
 }
 
 fn owners(world: &World) -> HashSet<u16> {
-    let flying = world
-        .in_transit
-        .iter()
-        .chain(world.mailboxes.iter().flatten())
-        .map(|f| f.frame.head.owner);
+    let flying =
+        world.in_transit.iter().chain(world.mailboxes.iter().flatten()).map(|f| f.frame.head.owner);
     let senders = world.senders.iter().flatten().map(|s| s.session.owner);
-    flying
-        .chain(senders)
-        .chain([world.barrier.link.owner, world.first])
-        .collect()
+    flying.chain(senders).chain([world.barrier.link.owner, world.first]).collect()
 }
 
 /// Delivers at most one frame to the mailbox, and keeps or removes it in the channel, or loses one frame.
@@ -321,13 +293,7 @@ fn scan(mut world: World, bounds: &Bounds, tell: &mut impl FnMut(World, Option<V
         place.map(|flying| {
             let tick = before.link.tick.wrapping_add(1);
             let frame = match bounds.without {
-                Without::Age => Frame {
-                    head: Head {
-                        tick,
-                        ..flying.frame.head
-                    },
-                    ..flying.frame
-                },
+                Without::Age => Frame { head: Head { tick, ..flying.frame.head }, ..flying.frame },
                 _ => flying.frame,
             };
             let mut words = [0; FRAME_WORDS];
@@ -335,10 +301,9 @@ fn scan(mut world: World, bounds: &Bounds, tell: &mut impl FnMut(World, Option<V
             (words, count)
         })
     });
-    let mailboxes = held.each_ref().map(|held| {
-        held.as_ref()
-            .map_or(&[][..], |(words, count)| &words[..*count])
-    });
+    let mailboxes = held
+        .each_ref()
+        .map(|held| held.as_ref().map_or(&[][..], |(words, count)| &words[..*count]));
     let mut barrier = start();
     barrier.scan(&mailboxes[..bounds.ways], false);
     let after = barrier.memory();
@@ -352,12 +317,7 @@ fn scan(mut world: World, bounds: &Bounds, tell: &mut impl FnMut(World, Option<V
             == (first_alone.link.owner, first_alone.link.sequence);
     let two = after.link.silent == 0 && !again;
     let mut violation = None;
-    for (axis, limit) in settings
-        .limit
-        .iter()
-        .enumerate()
-        .take(settings.axes.count())
-    {
+    for (axis, limit) in settings.limit.iter().enumerate().take(settings.axes.count()) {
         let moved = (after.applied[axis] - before.applied[axis]).abs();
         if moved > settings.rate[axis] || after.applied[axis].abs() > *limit {
             violation = Some(Violation::Step);
@@ -381,19 +341,10 @@ fn scan(mut world: World, bounds: &Bounds, tell: &mut impl FnMut(World, Option<V
     if after.link.epoch != before.link.epoch {
         epoch_began(&mut world);
     }
-    for flying in world
-        .in_transit
-        .iter_mut()
-        .chain(world.mailboxes.iter_mut().flatten())
-    {
+    for flying in world.in_transit.iter_mut().chain(world.mailboxes.iter_mut().flatten()) {
         flying.age = flying.age.saturating_add(1);
     }
-    for (age, _) in world
-        .senders
-        .iter_mut()
-        .flatten()
-        .filter_map(|s| s.knows.as_mut())
-    {
+    for (age, _) in world.senders.iter_mut().flatten().filter_map(|s| s.knows.as_mut()) {
         *age = age.saturating_add(1);
     }
     tell(world, violation);
@@ -414,14 +365,8 @@ fn small(hold_scans: u16, time_out_scans: u16) -> Settings {
 /// Hold and timeout in scans, maximum number of frames in transit, number of mailboxes.
 type Size = (u16, u16, usize, usize);
 
-const SIZES: [Size; 6] = [
-    (1, 2, 1, 1),
-    (2, 4, 1, 1),
-    (1, 2, 2, 1),
-    (1, 2, 1, 2),
-    (2, 4, 2, 1),
-    (2, 4, 1, 2),
-];
+const SIZES: [Size; 6] =
+    [(1, 2, 1, 1), (2, 4, 1, 1), (1, 2, 2, 1), (1, 2, 1, 2), (2, 4, 2, 1), (2, 4, 1, 2)];
 
 #[test]
 fn no_state_within_bounds_accepts_a_stale_or_foreign_frame() {
@@ -455,9 +400,6 @@ fn each_part_of_the_protocol_is_needed() {
             most_worlds: 1_000_000,
         };
         let (worlds, _, found) = explore(&bounds);
-        assert!(
-            found.contains(&expected),
-            "{without:?}: {found:?} in {worlds} worlds"
-        );
+        assert!(found.contains(&expected), "{without:?}: {found:?} in {worlds} worlds");
     }
 }

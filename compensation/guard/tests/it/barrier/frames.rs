@@ -15,38 +15,22 @@ fn the_checksum_matches_its_definition() {
     let some = [1_u16, 65535, 40000, 0, 7, 65534, 3];
     let n = some.len() as u64;
     // The layout number of W C V A X B needs more than one word.
-    let axes = [
-        AxisName::W,
-        AxisName::C,
-        AxisName::V,
-        AxisName::A,
-        AxisName::X,
-        AxisName::B,
-    ];
+    let axes = [AxisName::W, AxisName::C, AxisName::V, AxisName::A, AxisName::X, AxisName::B];
     let machine = 60000 + 968_415_u64 / 65535;
     let layout = 968_415_u64 % 65535;
     let sum = machine + some.iter().map(|w| u64::from(*w)).sum::<u64>();
     let of_sums = layout
         + n * machine
-        + some
-            .iter()
-            .zip(0..)
-            .map(|(w, at)| (n - at) * u64::from(*w))
-            .sum::<u64>();
-    let expected = Checksum {
-        sum: (sum % 65535) as u16,
-        of_sums: (of_sums % 65535) as u16,
-    };
+        + some.iter().zip(0..).map(|(w, at)| (n - at) * u64::from(*w)).sum::<u64>();
+    let expected = Checksum { sum: (sum % 65535) as u16, of_sums: (of_sums % 65535) as u16 };
     let axes = Layout::of(axes).expect("each once");
     assert_eq!(axes.number(), 968_415);
     assert_eq!(checksum(60000, axes, &some), expected);
 }
 
 fn frames() -> impl Strategy<Value = Frame> {
-    (any::<[u16; 4]>(), any::<[i16; 9]>()).prop_map(|(head, values)| Frame {
-        head: Head::of(head),
-        values,
-    })
+    (any::<[u16; 4]>(), any::<[i16; 9]>())
+        .prop_map(|(head, values)| Frame { head: Head::of(head), values })
 }
 
 proptest! {
@@ -110,16 +94,10 @@ proptest! {
 fn an_empty_mailbox_is_no_frame() {
     for axes in 1..=9 {
         for machine in [0, 1, 4711, 65535] {
-            let settings = volcomp_guard::barrier::Settings {
-                machine,
-                ..settings(axes)
-            };
+            let settings = volcomp_guard::barrier::Settings { machine, ..settings(axes) };
             assert_eq!(Frame::decode(&settings, &[0; 15]), None);
             assert_eq!(Frame::decode(&settings, &[]), None);
-            assert_eq!(
-                Report::decode(machine, layout(axes), &[0; REPORT_WORDS]),
-                None
-            );
+            assert_eq!(Report::decode(machine, layout(axes), &[0; REPORT_WORDS]), None);
         }
     }
     let mut barrier = Barrier::start(settings(2), 0, 0, &Counts::default()).expect("valid");
@@ -129,12 +107,7 @@ fn an_empty_mailbox_is_no_frame() {
 const OWNER: u16 = 9;
 
 fn report(epoch: u16, owner: u16, sequence: u16) -> Report {
-    Report {
-        epoch,
-        owner,
-        sequence,
-        ..at_zero(settings(1)).report()
-    }
+    Report { epoch, owner, sequence, ..at_zero(settings(1)).report() }
 }
 
 #[test]
@@ -164,11 +137,7 @@ fn a_report_of_an_unsent_frame_belongs_to_another_sender() {
         // The epoch wraps.
         (&[(65_535, 5), (0, 6)], (1, 6), false),
         // A frame that answers a late report of an old epoch does not displace newer entries.
-        (
-            &[(9, 5), (5, 1), (4, 1), (3, 1), (2, 1), (1, 1)],
-            (9, 5),
-            true,
-        ),
+        (&[(9, 5), (5, 1), (4, 1), (3, 1), (2, 1), (1, 1)], (9, 5), true),
     ];
     for (sent, (epoch, sequence), is_own) in table {
         let mut session = Session::new(OWNER);
@@ -177,11 +146,7 @@ fn a_report_of_an_unsent_frame_belongs_to_another_sender() {
         }
         let seen = session.read(report(epoch, OWNER, sequence).head());
         let held = ReportStatus::Held { owner: OWNER };
-        assert_eq!(
-            seen != held,
-            is_own,
-            "{sent:?} {epoch} {sequence}: {seen:?}"
-        );
+        assert_eq!(seen != held, is_own, "{sent:?} {epoch} {sequence}: {seen:?}");
         if !is_own {
             assert_eq!(session.frame(&Counts::default()), None);
         }

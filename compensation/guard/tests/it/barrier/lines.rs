@@ -32,9 +32,7 @@ impl Rig {
     fn scans(&mut self, count: u16) -> Refusal {
         for _ in 0..count {
             let before = self.barrier.memory().applied;
-            let report = self
-                .barrier
-                .scan_with(&[&self.frame], Some(&self.lines), false);
+            let report = self.barrier.scan_with(&[&self.frame], Some(&self.lines), false);
             for axis in 0..2 {
                 assert!((report.applied[axis] - before[axis]).abs() <= 2);
             }
@@ -58,10 +56,7 @@ impl Rig {
     fn sends(&mut self, sender: &mut Session, requested: Counts) {
         let report = self.barrier.report();
         let seen = sender.read(report.head());
-        assert!(
-            !matches!(seen, ReportStatus::Held { .. }),
-            "lines hold nothing"
-        );
+        assert!(!matches!(seen, ReportStatus::Held { .. }), "lines hold nothing");
         if let Some(frame) = sender.frame(&requested) {
             self.frame = words(&report.settings, &frame);
         }
@@ -140,11 +135,7 @@ fn a_sender_of_frames_has_priority() {
 fn the_initial_latch_level_is_no_edge() {
     for latch in [false, true] {
         let mut barrier = at_zero(settings(2));
-        let lines = DigitalLines {
-            latch,
-            axis: 0,
-            value: 2,
-        };
+        let lines = DigitalLines { latch, axis: 0, value: 2 };
         for _ in 0..30 {
             barrier.scan_with(&[], Some(&lines), false);
         }
@@ -212,8 +203,5 @@ fn alternating_frames_and_lines_with_faults() {
             by_frames += u32::from(!after.by_lines && after.applied[0] == 12);
         }
     }
-    assert!(
-        by_lines > 20_000 && by_frames > 20_000,
-        "{by_lines} {by_frames}"
-    );
+    assert!(by_lines > 20_000 && by_frames > 20_000, "{by_lines} {by_frames}");
 }

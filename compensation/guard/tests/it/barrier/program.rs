@@ -51,14 +51,8 @@ fn invalid_protections_are_refused() {
         assert!(protection.settings(&axes()).is_err(), "{protection:?}");
     }
     let default = Protection::default();
-    let below = Protection {
-        limit: Mm(0.0005),
-        ..default
-    };
-    assert_eq!(
-        below.settings(&axes()),
-        Err(SettingsError::Counts { axis: 0, found: 0 })
-    );
+    let below = Protection { limit: Mm(0.0005), ..default };
+    assert_eq!(below.settings(&axes()), Err(SettingsError::Counts { axis: 0, found: 0 }));
     assert!(default.settings(&[]).is_err());
     assert!(default.settings(&axes().repeat(4)).is_err());
 }
@@ -76,10 +70,7 @@ fn a_restart_forgets_the_owner_and_keeps_epoch_and_axes() {
     let mut mailbox = Vec::new();
     let mut report = decode(&program.scan(&[], false));
     for _ in 0..40 {
-        assert!(matches!(
-            session.read(report.head()),
-            ReportStatus::Confirmed { .. }
-        ));
+        assert!(matches!(session.read(report.head()), ReportStatus::Confirmed { .. }));
         mailbox = words(&settings, &session.frame(&goal).expect("a report was read"));
         report = decode(&program.scan(&[&mailbox], false));
     }

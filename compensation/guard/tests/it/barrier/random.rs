@@ -62,11 +62,7 @@ struct World {
 impl World {
     fn new(seed: u64) -> Self {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
-        let settings = Settings {
-            hold_scans: 8,
-            time_out_scans: 30,
-            ..settings(AXES)
-        };
+        let settings = Settings { hold_scans: 8, time_out_scans: 30, ..settings(AXES) };
         // About half of the worlds start with counters close to their wrap.
         let near = |rng: &mut ChaCha8Rng| rng.random_range(0..80_u16).wrapping_sub(40);
         let barrier = Barrier::start(settings, near(&mut rng), near(&mut rng), &Counts::default())
@@ -98,11 +94,7 @@ impl World {
 
     fn start_sender(&mut self) {
         let (owner, requested) = (self.rng.random(), self.requested());
-        self.senders.push(Sender {
-            session: Session::new(owner),
-            output: None,
-            requested,
-        });
+        self.senders.push(Sender { session: Session::new(owner), output: None, requested });
     }
 
     fn step(&mut self, faults: &Faults) {
@@ -187,10 +179,7 @@ impl World {
         };
         let words = words(&self.settings, &frame);
         self.sent.insert(words.clone(), (made, self.epochs));
-        let mut late = Late {
-            at: self.now,
-            words,
-        };
+        let mut late = Late { at: self.now, words };
         if self.rng.random_bool(faults.lost) {
             return;
         }
@@ -199,10 +188,7 @@ impl World {
         }
         if self.rng.random_bool(faults.doubled) {
             let again = self.now + self.rng.random_range(0..400);
-            self.in_transit.push(Late {
-                at: again,
-                words: late.words.clone(),
-            });
+            self.in_transit.push(Late { at: again, words: late.words.clone() });
         }
         self.in_transit.push(late);
     }
@@ -220,11 +206,8 @@ impl World {
             rest = None;
             if self.mailbox.len() == late.words.len() && self.rng.random_bool(faults.torn) {
                 let cut = self.rng.random_range(1..late.words.len());
-                let (here, there) = if self.rng.random_bool(0.5) {
-                    (0, cut)
-                } else {
-                    (cut, late.words.len())
-                };
+                let (here, there) =
+                    if self.rng.random_bool(0.5) { (0, cut) } else { (cut, late.words.len()) };
                 self.mailbox[here..there].copy_from_slice(&late.words[here..there]);
                 rest = Some(late.words);
             } else {
@@ -248,10 +231,7 @@ impl World {
             self.taken += 1;
             let (made, epochs) = self.sent[&self.mailbox];
             assert_eq!(epochs, self.epochs, "taken across an epoch");
-            assert!(
-                self.now - made <= u32::from(self.settings.hold_scans),
-                "taken too late"
-            );
+            assert!(self.now - made <= u32::from(self.settings.hold_scans), "taken too late");
             let first = *self.first_owner.get_or_insert(report.owner);
             assert_eq!(first, report.owner, "two senders in one epoch");
         }
@@ -269,11 +249,7 @@ fn no_channel_fault_makes_an_axis_step_and_a_live_sender_succeeds() {
         world.start_sender();
         let often = [0.0, 0.01, 0.05, 0.2][seed % 4];
         let some = |world: &mut World| {
-            if world.rng.random_bool(0.5) {
-                often
-            } else {
-                0.0
-            }
+            if world.rng.random_bool(0.5) { often } else { 0.0 }
         };
         let faults = Faults {
             lost: some(&mut world),
@@ -291,14 +267,8 @@ fn no_channel_fault_makes_an_axis_step_and_a_live_sender_succeeds() {
         if seed % 2 == 0 {
             // All senders stop: the axes must be at zero after maximum frame age + timeout + ramp.
             world.senders.clear();
-            let furthest = world
-                .barrier
-                .report()
-                .applied
-                .iter()
-                .map(|a| a.abs())
-                .max()
-                .unwrap_or(0);
+            let furthest =
+                world.barrier.report().applied.iter().map(|a| a.abs()).max().unwrap_or(0);
             // A frame in transit may still be accepted, and first move the axis away from zero.
             let way = i32::midpoint(i32::from(furthest), 2 * 20);
             let bound = i32::from(world.settings.hold_scans + world.settings.time_out_scans) + way;
@@ -306,11 +276,7 @@ fn no_channel_fault_makes_an_axis_step_and_a_live_sender_succeeds() {
                 world.step(&Faults::default());
             }
             for _ in 0..500 {
-                assert_eq!(
-                    world.barrier.report().applied,
-                    Counts::default(),
-                    "seed {seed}"
-                );
+                assert_eq!(world.barrier.report().applied, Counts::default(), "seed {seed}");
                 world.step(&Faults::default());
             }
         } else {
@@ -321,11 +287,7 @@ fn no_channel_fault_makes_an_axis_step_and_a_live_sender_succeeds() {
             for _ in 0..200 {
                 world.step(&Faults::default());
             }
-            assert_eq!(
-                world.barrier.report().applied,
-                world.senders[0].requested,
-                "seed {seed}"
-            );
+            assert_eq!(world.barrier.report().applied, world.senders[0].requested, "seed {seed}");
             reached += 1;
         }
         taken += world.taken;

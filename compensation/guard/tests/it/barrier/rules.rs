@@ -25,10 +25,7 @@ fn held(settings: Settings) -> (Barrier, Session, Report) {
     let report = barrier.scan(&[], false);
     assert_eq!(
         sender.read(report.head()),
-        ReportStatus::Confirmed {
-            landed: false,
-            epoch_began: true
-        }
+        ReportStatus::Confirmed { landed: false, epoch_began: true }
     );
     let frame = sender.frame(&Counts::default()).expect("a report was read");
     let report = barrier.scan(&[&words(&settings, &frame)], false);
@@ -42,11 +39,7 @@ fn each_wrong_frame_is_refused_with_its_reason() {
     let settings = settings(3);
     let (barrier, _, report) = held(settings);
     let good = Frame {
-        head: Head {
-            sequence: report.sequence.wrapping_add(1),
-            owner: 7,
-            ..report.head()
-        },
+        head: Head { sequence: report.sequence.wrapping_add(1), owner: 7, ..report.head() },
         values: [0; 9],
     };
     let cases: [Case; 11] = [
@@ -60,14 +53,8 @@ fn each_wrong_frame_is_refused_with_its_reason() {
         (|frame| add(&mut frame.head.tick, 2), Refusal::Tick),
         // Relative to the next sequence number.
         (|frame| add(&mut frame.head.sequence, -2), Refusal::Sequence),
-        (
-            |frame| add(&mut frame.head.sequence, i16::MAX - 1),
-            Refusal::None,
-        ),
-        (
-            |frame| add(&mut frame.head.sequence, i16::MAX),
-            Refusal::Sequence,
-        ),
+        (|frame| add(&mut frame.head.sequence, i16::MAX - 1), Refusal::None),
+        (|frame| add(&mut frame.head.sequence, i16::MAX), Refusal::Sequence),
         (|frame| frame.values[2] = -21, Refusal::Value),
     ];
     for (change, expected) in cases {
@@ -90,18 +77,10 @@ fn a_frame_for_another_machine_or_other_axes_is_rejected() {
     let (mut barrier, mut sender, _) = held(three);
     let report = barrier.report();
     sender.read(barrier.scan(&[], false).head());
-    let frame = sender
-        .frame(&values(&[1, 2, 3]))
-        .expect("a report was read");
-    let of = |axes| Settings {
-        axes: Layout::of(axes).expect("each once"),
-        ..three
-    };
+    let frame = sender.frame(&values(&[1, 2, 3])).expect("a report was read");
+    let of = |axes| Settings { axes: Layout::of(axes).expect("each once"), ..three };
     for other in [
-        Settings {
-            machine: 4712,
-            ..three
-        },
+        Settings { machine: 4712, ..three },
         settings(2),
         settings(4),
         // Frames for Y X Z or X Y A have as many words as one for X Y Z, but would move other axes.
@@ -113,10 +92,7 @@ fn a_frame_for_another_machine_or_other_axes_is_rejected() {
         let mut words = [0; REPORT_WORDS];
         let length = after.encode(&mut words);
         assert!(Report::decode(three.machine, three.axes, &words[..length]).is_some());
-        assert_eq!(
-            Report::decode(other.machine, other.axes, &words[..length]),
-            None
-        );
+        assert_eq!(Report::decode(other.machine, other.axes, &words[..length]), None);
     }
     assert_eq!(barrier.report().sequence, report.sequence);
 }
@@ -151,10 +127,7 @@ fn without_frames_it_goes_to_zero_and_rejects_earlier_frames() {
     for _ in 0..20 {
         let seen = sender.read(barrier.scan(&[&last], false).head());
         assert!(matches!(seen, ReportStatus::Confirmed { .. }));
-        last = words(
-            &settings,
-            &sender.frame(&values(&[20, -8])).expect("a report was read"),
-        );
+        last = words(&settings, &sender.frame(&values(&[20, -8])).expect("a report was read"));
     }
     let before = barrier.report();
     assert_eq!(before.applied, values(&[20, -8]));
@@ -180,10 +153,7 @@ fn an_interlock_holds_and_does_not_stop_the_time_out() {
     let settings = settings(1);
     let (mut barrier, mut sender, _) = held(settings);
     sender.read(barrier.scan(&[], false).head());
-    let frame = words(
-        &settings,
-        &sender.frame(&values(&[20])).expect("a report was read"),
-    );
+    let frame = words(&settings, &sender.frame(&values(&[20])).expect("a report was read"));
     barrier.scan(&[&frame], false);
     let stood = barrier.report().applied;
     for _ in 0..100 {
@@ -216,11 +186,7 @@ fn invalid_axis_words_at_the_start_ramp_to_zero() {
 
 #[test]
 fn rates_below_one_count_per_scan() {
-    let slow = Settings {
-        step_scans: 7,
-        rate: PerChannel::from_fn(|_| 1),
-        ..settings(1)
-    };
+    let slow = Settings { step_scans: 7, rate: PerChannel::from_fn(|_| 1), ..settings(1) };
     let mut barrier = at_zero(slow);
     let mut sender = Session::new(1);
     let (mut frame, mut applied) = (Vec::new(), Vec::new());
@@ -230,10 +196,7 @@ fn rates_below_one_count_per_scan() {
         sender.read(report.head());
         // The goal changes in every scan: the line restarts each time and still progresses.
         let goal = 15 + scan % 2;
-        frame = words(
-            &slow,
-            &sender.frame(&values(&[goal])).expect("a report was read"),
-        );
+        frame = words(&slow, &sender.frame(&values(&[goal])).expect("a report was read"));
     }
     assert_eq!(applied[69], 10, "{applied:?}");
     for window in applied.windows(7) {
@@ -251,10 +214,7 @@ fn a_sender_waits_for_another_and_for_its_own_previous_run() {
     assert_eq!(second.frame(&values(&[1])), None);
     assert_eq!(
         first.read(report.head()),
-        ReportStatus::Confirmed {
-            landed: true,
-            epoch_began: false
-        }
+        ReportStatus::Confirmed { landed: true, epoch_began: false }
     );
     assert_eq!(first.read(report.head()), ReportStatus::Old);
     // The first sender has stopped; the second waits for the timeout.
@@ -262,11 +222,7 @@ fn a_sender_waits_for_another_and_for_its_own_previous_run() {
     loop {
         let report = barrier.scan(&[], false);
         waited += 1;
-        if let ReportStatus::Confirmed {
-            epoch_began,
-            landed,
-        } = second.read(report.head())
-        {
+        if let ReportStatus::Confirmed { epoch_began, landed } = second.read(report.head()) {
             assert!(epoch_began && !landed);
             break;
         }
@@ -286,10 +242,7 @@ fn invalid_settings_are_refused() {
     let counts = |axis, found| SettingsError::Counts { axis, found };
     let cases: [Case; 7] = [
         // The checksum cannot distinguish this machine number from 0.
-        (
-            |s| s.machine = 65_535,
-            SettingsError::Machine { found: 65_535 },
-        ),
+        (|s| s.machine = 65_535, SettingsError::Machine { found: 65_535 }),
         (|s| s.rate[1] = 0, counts(1, 0)),
         (|s| s.limit[2] = -1, counts(2, -1)),
         (|s| s.step_scans = 0, SettingsError::StepScans),
@@ -321,17 +274,10 @@ fn a_report_older_than_the_last_one_is_ignored() {
     assert_ne!(seen(65_535), ReportStatus::Old);
     assert_ne!(seen(5), ReportStatus::Old);
     assert_eq!(seen(65_535), ReportStatus::Old);
-    let next = Report {
-        epoch: report.epoch.wrapping_add(1),
-        ..report
-    };
+    let next = Report { epoch: report.epoch.wrapping_add(1), ..report };
     assert_ne!(sender.read(next.head()), ReportStatus::Old, "another epoch");
     sender.forget();
-    assert_ne!(
-        sender.read(next.head()),
-        ReportStatus::Old,
-        "after a long silence"
-    );
+    assert_ne!(sender.read(next.head()), ReportStatus::Old, "after a long silence");
 }
 
 /// A repeated report does not refresh the confirmation. After 5 s of silence any tick is accepted, since the tick may have wrapped.
@@ -344,12 +290,7 @@ fn a_repeated_report_confirms_nothing() {
     let mut hear = |at: Duration, report: &Report| {
         let mut words = [0; REPORT_WORDS];
         let length = report.encode(&mut words);
-        read_back.receive(
-            at,
-            at,
-            &CorrectionReport::Barrier(&words[..length]),
-            &limits,
-        );
+        read_back.receive(at, at, &CorrectionReport::Barrier(&words[..length]), &limits);
         let confirmed = read_back.status().confirmed.expect("a report");
         let mut frame = [0; FRAME_WORDS];
         let length = read_back.frame(&requested, &limits, &mut frame);
@@ -369,19 +310,13 @@ fn a_repeated_report_confirms_nothing() {
 }
 
 fn one_axis() -> Limits {
-    Limits {
-        count: 1,
-        ..crate::world::limits()
-    }
+    Limits { count: 1, ..crate::world::limits() }
 }
 
 /// Answers the current report with a frame: `output` moves to the requested value at half the barrier's rate.
 fn answer(barrier: &Barrier, sender: &mut Session, requested: i16, output: &mut i16) -> Vec<u16> {
     let report = barrier.report();
-    if let ReportStatus::Confirmed {
-        epoch_began: true, ..
-    } = sender.read(report.head())
-    {
+    if let ReportStatus::Confirmed { epoch_began: true, .. } = sender.read(report.head()) {
         *output = report.applied[0];
     }
     *output += (requested - *output).signum();
@@ -395,10 +330,7 @@ fn answer(barrier: &Barrier, sender: &mut Session, requested: i16, output: &mut 
 fn an_old_frame_in_an_unused_mailbox_is_never_accepted_again() {
     // Scans between two frames: tick and sequence wrap at different times.
     for every in [1, 2, 3, 7] {
-        let settings = Settings {
-            rate: PerChannel::leading([20]),
-            ..settings(1)
-        };
+        let settings = Settings { rate: PerChannel::leading([20]), ..settings(1) };
         let mut barrier = at_zero(settings);
         let mut sender = Session::new(7);
         let (mut first, mut second) = (Vec::new(), Vec::new());

@@ -80,10 +80,7 @@ fn the_reference_barrier_fulfils_the_contract() {
 fn the_axes_follow_the_barriers_rate_hold_during_stops_and_go_to_zero_without_a_sender() {
     let clock = Clock::manual();
     let (mut controller, settings, controls) = start(clock.clone());
-    let mut sender = Sender {
-        session: Session::new(77),
-        settings,
-    };
+    let mut sender = Sender { session: Session::new(77), settings };
     let goal = PerChannel::leading([150, -40]);
     let period = Duration::from_millis(4);
     for cycle in 0..200 {
@@ -100,16 +97,10 @@ fn the_axes_follow_the_barriers_rate_hold_during_stops_and_go_to_zero_without_a_
     assert_eq!(controls.axes.changes_while_held(), 0);
     let rate = f64::from(settings.rate[0]) * 0.001;
     let changes = controls.axes.largest_change();
-    assert!(
-        changes[..2].iter().all(|change| *change <= rate + 1e-12),
-        "{changes:?}"
-    );
+    assert!(changes[..2].iter().all(|change| *change <= rate + 1e-12), "{changes:?}");
     // Another gateway reads the owner in the report.
     let mut second = controller.another().expect("few ways");
-    let mut other = Sender {
-        session: Session::new(78),
-        settings,
-    };
+    let mut other = Sender { session: Session::new(78), settings };
     clock.advance(period);
     let seen = other.cycle(&mut second, &PerChannel::leading([-150, 40]));
     assert_eq!(seen, Some(ReportStatus::Held { owner: 77 }));
@@ -134,11 +125,7 @@ fn no_fault_of_the_wire_makes_an_axis_step() {
         let (controller, settings, controls) = start(clock.clone());
         let second = controller.another().expect("few ways");
         let mut chance = || {
-            if rng.random_bool(0.5) {
-                [0.002, 0.02, 0.1][rng.random_range(0..3)]
-            } else {
-                0.0
-            }
+            if rng.random_bool(0.5) { [0.002, 0.02, 0.1][rng.random_range(0..3)] } else { 0.0 }
         };
         let faults = Faults {
             drop: chance(),
@@ -160,10 +147,8 @@ fn no_fault_of_the_wire_makes_an_axis_step() {
         };
         let mut ways = [controller, second]
             .map(|way| Faulty::new(way, faults, seed).with_clock(clock.clone()));
-        let mut senders = [rng.random(), rng.random()].map(|owner| Sender {
-            session: Session::new(owner),
-            settings,
-        });
+        let mut senders = [rng.random(), rng.random()]
+            .map(|owner| Sender { session: Session::new(owner), settings });
         let mut goals = [PerChannel::leading([0, 0]); 2];
         for _ in 0..600 {
             clock.advance(period);
@@ -198,8 +183,5 @@ fn no_fault_of_the_wire_makes_an_axis_step() {
         assert_eq!(log.changes_while_held(), 0, "seed {seed}");
         taken += log.scans();
     }
-    assert!(
-        taken > 400_000 && furthest > 0.1,
-        "{taken} scans, {furthest} mm"
-    );
+    assert!(taken > 400_000 && furthest > 0.1, "{taken} scans, {furthest} mm");
 }

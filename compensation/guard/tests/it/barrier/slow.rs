@@ -13,16 +13,10 @@ use crate::world::{PERIOD, SCAN, World, axes, barrier, limits};
 /// Scans of 2.45 ms are accepted where 2 ms are configured: the guard assumes zero only after the longer time, when X is at zero.
 #[test]
 fn a_slow_control_is_at_zero_when_it_is_assumed_to_be() {
-    let limits = Limits {
-        zero_after: Duration::from_secs(3),
-        ..limits()
-    };
+    let limits = Limits { zero_after: Duration::from_secs(3), ..limits() };
     // Timeout in scans, and transit time of the last frame, ms.
     for (time_out_scans, late_ms) in [(1000, 0), (100, 0), (100, 14)] {
-        let settings = Settings {
-            time_out_scans,
-            ..barrier().report().settings
-        };
+        let settings = Settings { time_out_scans, ..barrier().report().settings };
         let barrier = Barrier::resume(settings, barrier().memory()).expect("valid");
         let mut world = World::guarded_by(&limits, barrier, SCAN);
         world.scan_time = Duration::from_micros(2450);
@@ -42,11 +36,7 @@ fn a_slow_control_is_at_zero_when_it_is_assumed_to_be() {
                 world.mailbox.clone_from(&last);
             }
         }
-        assert_eq!(
-            world.applied,
-            PerChannel::ZERO,
-            "{time_out_scans} {late_ms}"
-        );
+        assert_eq!(world.applied, PerChannel::ZERO, "{time_out_scans} {late_ms}");
     }
 }
 

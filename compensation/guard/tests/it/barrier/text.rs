@@ -90,13 +90,7 @@ fn random_settings(rng: &mut ChaCha8Rng) -> Settings {
     let hold_scans = rng.random_range(1..20);
     let axes = rng.random_range(1..=9);
     let of_axes = |rng: &mut ChaCha8Rng, most: i16| {
-        PerChannel::from_fn(|axis| {
-            if axis < axes {
-                rng.random_range(1..most)
-            } else {
-                0
-            }
-        })
+        PerChannel::from_fn(|axis| if axis < axes { rng.random_range(1..most) } else { 0 })
     };
     let mut names = AxisName::ALL;
     names.shuffle(rng);
@@ -140,10 +134,8 @@ fn random_frame(rng: &mut ChaCha8Rng, settings: &Settings, barrier: &Barrier) ->
         4 => frame.values = rng.random(),
         5 => frame.values = [0; 9],
         6 => {
-            frame.head.tick = now
-                .tick
-                .wrapping_sub(settings.hold_scans)
-                .wrapping_add(rng.random_range(0..3));
+            frame.head.tick =
+                now.tick.wrapping_sub(settings.hold_scans).wrapping_add(rng.random_range(0..3));
         }
         _ => {}
     }
@@ -188,11 +180,8 @@ fn compare(text: &str) -> Result<[usize; 2], String> {
     for _ in 0..90 {
         let settings = random_settings(&mut rng);
         let (epoch, tick) = (rng.random(), rng.random());
-        let applied = if rng.random_bool(0.5) {
-            Counts::default()
-        } else {
-            PerChannel(rng.random())
-        };
+        let applied =
+            if rng.random_bool(0.5) { Counts::default() } else { PerChannel(rng.random()) };
         let mut barrier = Barrier::start(settings, epoch, tick, &applied).expect("valid");
         let mut control = Control::new(text, &settings, epoch, tick, &applied);
         let mut mailboxes = vec![vec![0; 15]; rng.random_range(0..=2)];
@@ -237,10 +226,7 @@ fn compare(text: &str) -> Result<[usize; 2], String> {
 #[test]
 fn the_structured_text_matches_the_reference() {
     let taken = compare(TEXT).expect("the same words");
-    assert!(
-        taken[0] > 1000 && taken[1] > 200,
-        "{taken:?} frames and words on lines were taken"
-    );
+    assert!(taken[0] > 1000 && taken[1] > 200, "{taken:?} frames and words on lines were taken");
 }
 
 #[test]
@@ -267,10 +253,7 @@ fn every_mutation_of_the_structured_text_is_found() {
         ("+ rate[axis] - 1) / rate[axis]", ") / rate[axis]"),
         ("value > steps", "axis = 0"),
         ("sign[axis] := -1;", "sign[axis] := 1;"),
-        (
-            "carried[axis] := carried[axis] - steps;",
-            "carried[axis] := 0;",
-        ),
+        ("carried[axis] := carried[axis] - steps;", "carried[axis] := 0;"),
         ("waited >= stepScans", "waited > stepScans"),
         ("IF NOT holds THEN", "IF TRUE THEN"),
         ("silent := 0;\nELSIF", "silent := 1;\nELSIF"),
@@ -287,10 +270,7 @@ fn every_mutation_of_the_structured_text_is_found() {
         ("ABS(lineValue - applied[lineAxis])", "ABS(lineValue)"),
         ("wanted[axis] := goal[axis];", "wanted[axis] := 0;"),
         ("byLines := FALSE;\n        aims", "aims"),
-        (
-            "latched := 0;\n    END_IF;\n    latchKnown",
-            "END_IF;\n    latchKnown",
-        ),
+        ("latched := 0;\n    END_IF;\n    latchKnown", "END_IF;\n    latchKnown"),
     ];
     for (right, wrong) in mistakes {
         assert!(TEXT.contains(right), "{right}");
@@ -320,20 +300,9 @@ fn without_mailboxes_the_correction_ramps_out() {
         let mut values = [0; 9];
         values[0] = 150;
         let epoch = u16::try_from(control.block.get("epoch", 0)).expect("a word");
-        let frame = Frame {
-            head: Head {
-                epoch,
-                tick: number,
-                sequence: number + 1,
-                owner: 7,
-            },
-            values,
-        };
-        let boxes = if enabled {
-            vec![words(&settings, &frame)]
-        } else {
-            Vec::new()
-        };
+        let frame =
+            Frame { head: Head { epoch, tick: number, sequence: number + 1, owner: 7 }, values };
+        let boxes = if enabled { vec![words(&settings, &frame)] } else { Vec::new() };
         control.scan(&boxes, None, false).expect("it runs");
         control.block.get("applied", 0)
     };

@@ -30,11 +30,7 @@ fn limits(case: &Case) -> Limits {
         *axis = AxisLimits {
             limit: if rotary { 250e-6 } else { 0.250 },
             warn: f64::INFINITY,
-            resolution: if rotary {
-                case.rotary_step
-            } else {
-                case.linear_step
-            },
+            resolution: if rotary { case.rotary_step } else { case.linear_step },
             accel_per_s2: f64::INFINITY,
             includes_correction: false,
             ..*axis
@@ -48,27 +44,15 @@ fn limits(case: &Case) -> Limits {
 }
 
 /// Largest tip error of the applied correction (mm) in cycles without slew limitation.
-#[expect(
-    clippy::cast_possible_truncation,
-    clippy::cast_sign_loss,
-    reason = "small whole numbers"
-)]
+#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "small whole numbers")]
 fn off(case: &Case) -> f64 {
     let limits = limits(case);
-    let layout = [
-        AxisName::X,
-        AxisName::Y,
-        AxisName::Z,
-        AxisName::A,
-        AxisName::C,
-    ];
+    let layout = [AxisName::X, AxisName::Y, AxisName::Z, AxisName::A, AxisName::C];
     let layout = Layout::of(layout).expect("each once");
     // One scan in 2 ms.
     let in_a_scan =
         |i: usize| limits.axes[i].slew_per_s * case.rate * 0.002 / limits.axes[i].resolution;
-    let step_scans = (0..5)
-        .map(|i| (1.0 / in_a_scan(i) - 1e-9).ceil())
-        .fold(1.0, f64::max);
+    let step_scans = (0..5).map(|i| (1.0 / in_a_scan(i) - 1e-9).ceil()).fold(1.0, f64::max);
     let counts = |value: f64| (value - 1e-9).ceil() as i16;
     let of_axes = |value: &dyn Fn(usize) -> f64| {
         Counts::from_fn(|i| if i < 5 { counts(value(i)) } else { 0 })
@@ -107,21 +91,13 @@ fn off(case: &Case) -> f64 {
         reports.push_back((words, length, now));
         if reports.len() > case.delay {
             let (words, length, taken) = reports.pop_front().expect("some");
-            way.receive(
-                now,
-                taken,
-                &CorrectionReport::Barrier(&words[..length]),
-                &limits,
-            );
+            way.receive(now, taken, &CorrectionReport::Barrier(&words[..length]), &limits);
         } else {
             way.receive(now, now, &CorrectionReport::Missing, &limits);
         }
         let out = guard.cycle(&Inputs {
             now,
-            reading: Some(Reading {
-                taken: now,
-                positions: PerChannel::ZERO,
-            }),
+            reading: Some(Reading { taken: now, positions: PerChannel::ZERO }),
             read_back: *way.status(),
             requested: Some(requested),
             request: (cycle == 450).then_some(Request::Arm),
@@ -158,12 +134,7 @@ fn a_barrier_adds_half_a_count_to_the_tip_error() {
             for (linear_step, rotary_step) in
                 [(1e-3, 1e-6), (1e-4, 1e-7), (1e-4, 1e-6), (1e-3, 1e-7)]
             {
-                let case = Case {
-                    linear_step,
-                    rotary_step,
-                    delay,
-                    rate,
-                };
+                let case = Case { linear_step, rotary_step, delay, rate };
                 let off = off(&case);
                 let most = 1.1 * linear_step + rotary_step * LEVER_MM;
                 assert!(

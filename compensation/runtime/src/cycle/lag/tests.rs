@@ -19,11 +19,7 @@ fn a_reduced_correction_is_never_worse_than_none() {
             let left = (needed[0] - part).hypot(needed[1]);
             let without = needed[0].hypot(needed[1]);
             assert!(left <= without + 1e-12, "{distance} {degree}: {part}");
-            assert_eq!(
-                part > 1.0 - 1e-9,
-                distance <= 0.5,
-                "{distance} {degree}: {part}"
-            );
+            assert_eq!(part > 1.0 - 1e-9, distance <= 0.5, "{distance} {degree}: {part}");
         }
     }
     let part = |needed, step| Comparison::new(&of(0.0, 0.0), &of(needed, 0.0), step).part();
@@ -39,9 +35,7 @@ fn random_model(random: &mut ChaCha8Rng) -> Model {
         vec!["structure = \"w C' X' b Y Z B t\"\n[tool]\ntip = [0.0, 0.0, -120.0]".to_owned()];
     for (axis, half) in [("X", 400), ("Y", 400), ("Z", 400), ("B", 110), ("C", 180)] {
         let point = [number(200.0), number(200.0), number(200.0)];
-        lines.push(format!(
-            "[axes.{axis}]\ntravel = [-{half}, {half}]\npoint = {point:?}"
-        ));
+        lines.push(format!("[axes.{axis}]\ntravel = [-{half}, {half}]\npoint = {point:?}"));
     }
     lines.push("[errors]".to_owned());
     for (axis, half) in [("X", 400), ("Y", 400), ("Z", 400), ("B", 110), ("C", 180)] {
@@ -104,16 +98,9 @@ fn look(
         read_back_cycles: 1,
         only_thermal: false,
     };
-    let place = MachinePosition {
-        positions: q,
-        oldest: Some(now),
-        ..MachinePosition::default()
-    };
+    let place = MachinePosition { positions: q, oldest: Some(now), ..MachinePosition::default() };
     lag.update(&place, model);
-    let state = State {
-        q,
-        ..State::default()
-    };
+    let state = State { q, ..State::default() };
     let correctors = model.correctors_among(&model.axes);
     let wanted = model.wanted(&state, &correctors, &PerAxis::ZERO);
     let inputs = PredictionInputs {
@@ -137,12 +124,7 @@ fn look(
     lag.remember(&wanted, now);
 }
 
-const NO_LOOKS: Looks = Looks {
-    spared: 0,
-    taken: 0,
-    reduced: 0,
-    least: 1.0,
-};
+const NO_LOOKS: Looks = Looks { spared: 0, taken: 0, reduced: 0, least: 1.0 };
 
 /// Tests random machines, on paths with corners and speed ramps.
 #[test]
@@ -195,14 +177,7 @@ fn no_prediction_is_skipped_before_a_bend() {
         let at = f64::from(ms) * 0.3;
         let q = PerAxis::from_fn(|axis| if axis == 0 { at } else { 100.0 });
         let now = Duration::from_millis(u64::from(ms));
-        look(
-            &mut lag,
-            &mut looks,
-            &model,
-            q,
-            now,
-            Duration::from_millis(12),
-        );
+        look(&mut lag, &mut looks, &model, q, now, Duration::from_millis(12));
     }
     println!("{looks:?}");
     assert!(looks.least >= 1.0 && looks.reduced > 5, "{looks:?}");

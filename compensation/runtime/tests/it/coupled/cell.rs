@@ -34,11 +34,8 @@ fn machine(structure: &Structure, rng: &mut ChaCha8Rng) -> Machine {
         let half = if axis.is_rotary() { 180.0 } else { 400.0 };
         for what in ["EX", "EY", "EZ", "EA", "EB", "EC"] {
             let c: [f64; 4] = [(); 4].map(|()| number(10.0));
-            writeln!(
-                text,
-                "{what}{axis} = {{ chebyshev = {c:?}, domain = [-{half}, {half}] }}"
-            )
-            .expect("a string");
+            writeln!(text, "{what}{axis} = {{ chebyshev = {c:?}, domain = [-{half}, {half}] }}")
+                .expect("a string");
         }
     }
     Machine::parse(&text, "m.toml").expect("a machine")
@@ -89,9 +86,9 @@ impl Cell {
         let applied = self.axes(applied);
         let wanted = self.model.wanted(state, &self.correctors, &applied);
         let follow = PerChannel::from_fn(|i| {
-            self.machine_axis.get(i).map_or(PerChannel::ZERO, |axis| {
-                self.channels(&wanted.follow[*axis])
-            })
+            self.machine_axis
+                .get(i)
+                .map_or(PerChannel::ZERO, |axis| self.channels(&wanted.follow[*axis]))
         });
         RequestedCorrection {
             position: self.channels(&wanted.position),
@@ -187,11 +184,7 @@ impl Cell {
                 limit,
                 warn: limit,
                 slew_per_s,
-                accel_per_s2: if has_accel {
-                    slew_per_s / log(0.01, 0.3)
-                } else {
-                    f64::INFINITY
-                },
+                accel_per_s2: if has_accel { slew_per_s / log(0.01, 0.3) } else { f64::INFINITY },
                 resolution,
                 includes_correction: false,
             }

@@ -20,10 +20,7 @@ use self::{
 const POSES: usize = 40;
 
 fn poses() -> usize {
-    std::env::var("COUPLED_POSES")
-        .ok()
-        .and_then(|text| text.parse().ok())
-        .unwrap_or(POSES)
+    std::env::var("COUPLED_POSES").ok().and_then(|text| text.parse().ok()).unwrap_or(POSES)
 }
 
 /// Runs a scene for every pose of every type of machine on two threads. At most the share `behind` of the cycles may be exempt from the
@@ -59,10 +56,7 @@ fn over_all_types(
                 })
             })
             .collect();
-        halves
-            .into_iter()
-            .map(|half| half.join().expect("no panic"))
-            .collect()
+        halves.into_iter().map(|half| half.join().expect("no panic")).collect()
     });
     for seen in &seen {
         println!(

@@ -51,11 +51,9 @@ fn the_parts_add_up_to_the_correction() {
 /// The rule holds on ramps at standstill and in motion: from zero, from any correction, and after a hold.
 #[test]
 fn ramps_to_the_correction() {
-    for (name, behind, restarts, is_held) in [
-        ("ramp", 0.05, false, false),
-        ("restart", 0.2, true, false),
-        ("hold", 0.05, false, true),
-    ] {
+    for (name, behind, restarts, is_held) in
+        [("ramp", 0.05, false, false), ("restart", 0.2, true, false), ("hold", 0.05, false, true)]
+    {
         for moves in [false, true] {
             let name = format!("{name}, moves {moves}");
             over_all_types(&name, behind, |cell, rng, seen| {
@@ -117,13 +115,7 @@ fn arrives_at_the_whole_correction() {
         });
         let there = scene.wanted(&scene.path.at(0.0));
         let exact = RequestedCorrection { rotary, ..there }.full();
-        for (i, axis) in scene
-            .limits
-            .axes
-            .iter()
-            .enumerate()
-            .take(scene.limits.count)
-        {
+        for (i, axis) in scene.limits.axes.iter().enumerate().take(scene.limits.count) {
             let close = 0.6001 * axis.resolution;
             match axis.kind {
                 // Near a singular pose the request depends on the rounding of the axis positions: the word is that for the actual
@@ -188,11 +180,7 @@ fn limits_lowered_in_motion() {
         let old = scene.limits;
         for axis in scene.limits.axes.iter_mut().take(old.count) {
             let mut part = || {
-                if rng.random_bool(0.3) {
-                    1.0
-                } else {
-                    rng.random_range(0.05..=1.5)
-                }
+                if rng.random_bool(0.3) { 1.0 } else { rng.random_range(0.05..=1.5) }
             };
             axis.limit = (axis.limit * part()).max(2.0 * axis.resolution);
             axis.warn = axis.limit;

@@ -28,10 +28,7 @@ impl Path {
             };
             *rate = rng.random_range(-most..=most);
         }
-        Self {
-            from: cell.random_state(rng),
-            rate,
-        }
+        Self { from: cell.random_state(rng), rate }
     }
 
     pub(crate) fn at(&self, time_s: f64) -> State {
@@ -106,9 +103,7 @@ impl<'a> Scene<'a> {
 
     /// Records the tool error at the start of a ramp or line, at the position of that cycle.
     pub(crate) fn begins(&mut self) {
-        self.began = self
-            .cell
-            .off(&self.path.at(self.time_s), &self.vector.smooth());
+        self.began = self.cell.off(&self.path.at(self.time_s), &self.vector.smooth());
     }
 
     /// The correction requested now, with the errors at the actual position.
@@ -118,11 +113,7 @@ impl<'a> Scene<'a> {
     }
 
     pub(crate) fn tick(&mut self, rng: &mut ChaCha8Rng) -> f64 {
-        let periods = if rng.random_bool(0.9) {
-            1.0
-        } else {
-            rng.random_range(0.3..=5.0)
-        };
+        let periods = if rng.random_bool(0.9) { 1.0 } else { rng.random_range(0.3..=5.0) };
         periods * self.limits.period.as_secs_f64()
     }
 
@@ -154,10 +145,7 @@ impl<'a> Scene<'a> {
             let most = (axis.limit + 1e-6 * axis.resolution).max(stood.abs());
             assert!(word.abs() <= most, "{word} over {most}");
             let rate = (self.vector.smooth()[i] - before.smooth()[i]) / dt_s;
-            assert!(
-                rate.abs() <= axis.slew_per_s * (1.0 + 1e-9),
-                "{rate} of {axis:?}"
-            );
+            assert!(rate.abs() <= axis.slew_per_s * (1.0 + 1e-9), "{rate} of {axis:?}");
             let change = (rate - self.rate[i]).abs();
             assert!(
                 change <= axis.accel_per_s2 * dt_s * (1.0 + 1e-6) + 1e-6 * axis.slew_per_s,
@@ -213,11 +201,7 @@ impl<'a> Scene<'a> {
             seen.worst = Some(over);
             seen.reported = format!(
                 "{}: off {off}, without {without}, began {}, wanted {:?}, smooth {:?}, followed {:?}",
-                cell.model
-                    .axes
-                    .iter()
-                    .map(ToString::to_string)
-                    .collect::<String>(),
+                cell.model.axes.iter().map(ToString::to_string).collect::<String>(),
                 self.began,
                 cell.wanted(state, &self.asked_at).full(),
                 self.vector.smooth(),

@@ -21,16 +21,9 @@ fn trunnion(rng: &mut ChaCha8Rng) -> Cell {
     let mut number = |size: f64| rng.random_range(-size..=size);
     let mut text = "structure = \"w C' A' b X Y Z t\"\n".to_owned();
     for (axis, half) in [("C", 180), ("A", 90), ("X", 400), ("Y", 400), ("Z", 400)] {
-        let point = if axis < "X" {
-            "[0, 0, -100.0]"
-        } else {
-            "[0, 0, 0]"
-        };
-        writeln!(
-            text,
-            "[axes.{axis}]\ntravel = [-{half}, {half}]\npoint = {point}"
-        )
-        .expect("a string");
+        let point = if axis < "X" { "[0, 0, -100.0]" } else { "[0, 0, 0]" };
+        writeln!(text, "[axes.{axis}]\ntravel = [-{half}, {half}]\npoint = {point}")
+            .expect("a string");
     }
     text += "[errors]\n";
     for axis in ["X", "Y", "Z", "A", "C"] {
@@ -41,10 +34,7 @@ fn trunnion(rng: &mut ChaCha8Rng) -> Cell {
             writeln!(text, "{what}{axis} = {}", number(15.0)).expect("a string");
         }
     }
-    Cell::of(
-        Machine::parse(&text, "m.toml").expect("a machine"),
-        &[2, 3, 4, 1, 0],
-    )
+    Cell::of(Machine::parse(&text, "m.toml").expect("a machine"), &[2, 3, 4, 1, 0])
 }
 
 /// Within 1.5° of the singular pose C is requested to correct many times the tool axis error: the tool error stays within its bound. If
@@ -76,10 +66,7 @@ fn near_the_singular_pose_the_tool_is_no_further_off() {
         let without = cell.off(&state, &PerChannel::ZERO);
         worst_alone = worst_alone.max(cell.off(&state, &alone) - without);
         let mut scene = Scene {
-            path: Path {
-                from: state,
-                rate: PerAxis::ZERO,
-            },
+            path: Path { from: state, rate: PerAxis::ZERO },
             limits,
             ..Scene::new(&cell, &mut rng, false, false)
         };
@@ -99,10 +86,7 @@ fn near_the_singular_pose_the_tool_is_no_further_off() {
 #[test]
 fn a_flickering_digit_at_the_edge_of_the_singular_pose_moves_each_axis_by_one_step() {
     let text = "structure = \"w C' A' b X Y Z t\"\n[axes.X]\ntravel = [0.0, 600.0]\n[axes.Y]\ntravel = [0.0, 500.0]\n[axes.Z]\ntravel = [-400.0, 0.0]\n[axes.A]\ntravel = [-110.0, 30.0]\npoint = [300.0, 250.0, -450.0]\n[axes.C]\ntravel = [-360.0, 360.0]\npoint = [300.0, 250.0, -450.0]\n[errors]\nEBZ = 10.0\n";
-    let cell = Cell::of(
-        Machine::parse(text, "m.toml").expect("a machine"),
-        &[2, 3, 4, 1, 0],
-    );
+    let cell = Cell::of(Machine::parse(text, "m.toml").expect("a machine"), &[2, 3, 4, 1, 0]);
     let digit = 0.001_f64.to_radians();
     let mut limits = cell.random_limits(&mut ChaCha8Rng::seed_from_u64(1));
     limits.period = std::time::Duration::from_millis(4);
@@ -134,11 +118,7 @@ fn a_flickering_digit_at_the_edge_of_the_singular_pose_moves_each_axis_by_one_st
         for (i, axis) in limits.axes.iter().enumerate().take(limits.count) {
             let moved = (high[i] - low[i]) / axis.resolution;
             // A step of C moves Y by up to 250 mm times that step.
-            let most = if axis.kind == AxisKind::Rotary {
-                1.01
-            } else {
-                6.0
-            };
+            let most = if axis.kind == AxisKind::Rotary { 1.01 } else { 6.0 };
             assert!(moved <= most, "{edge}°, {i}: {moved} steps");
         }
     }
@@ -178,14 +158,8 @@ fn the_rotary_step_error_is_exact() {
                 most = most.max((tip(0.5 * step.0) - tip(0.0)).norm());
             }
             // Between the 25 sampled positions of another rotary axis the lever may be slightly longer.
-            assert!(
-                most <= reported.0 * 1.01,
-                "{structure} {axis}: {most} {reported}"
-            );
-            assert!(
-                most >= reported.0 * 0.9,
-                "{structure} {axis}: {most} {reported}"
-            );
+            assert!(most <= reported.0 * 1.01, "{structure} {axis}: {most} {reported}");
+            assert!(most >= reported.0 * 0.9, "{structure} {axis}: {most} {reported}");
         }
     }
     assert_eq!(rotary_step_error(500.0, Rad(20e-6)), Mm(0.005));

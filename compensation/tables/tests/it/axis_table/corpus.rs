@@ -48,10 +48,7 @@ fn mutated_texts_do_not_panic() {
             if let Ok(curves) = curves(&found.content) {
                 to_toml(&curves);
             }
-            let options = WriteOptions {
-                axes: numbers(),
-                ..WriteOptions::default()
-            };
+            let options = WriteOptions { axes: numbers(), ..WriteOptions::default() };
             let Ok(written) = write(format, &found.content, &options) else {
                 continue;
             };

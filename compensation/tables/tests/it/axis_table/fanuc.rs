@@ -10,17 +10,12 @@ use super::{close, edges, own, refused, tables, writing};
 fn table(forward: [f64; 4], backward: Option<[f64; 4]>) -> AxisTable {
     let mm = |um: [f64; 4]| um.map(|um| um * 1e-3).to_vec();
     let positions = vec![-100.0, 0.0, 100.0, 200.0];
-    AxisTable {
-        backward: backward.map(mm),
-        ..own(AxisName::X, positions, mm(forward))
-    }
+    AxisTable { backward: backward.map(mm), ..own(AxisName::X, positions, mm(forward)) }
 }
 
 fn written(table: AxisTable) -> Result<String, String> {
     let written = write(Format::Fanuc, &Content::Axes(vec![table]), &writing());
-    written
-        .map(|written| written.files[0].text.clone())
-        .map_err(|error| error.to_string())
+    written.map(|written| written.files[0].text.clone()).map_err(|error| error.to_string())
 }
 
 #[test]
@@ -44,11 +39,9 @@ fn both_directions() {
         "{text}"
     );
     let (found, _) = tables(Format::Fanuc, "PITCH.TXT", &text);
-    for (at, forward, backward) in [
-        (-100.0, 0.002, 0.005),
-        (0.0, 0.0, 0.004),
-        (200.0, 0.007, 0.009),
-    ] {
+    for (at, forward, backward) in
+        [(-100.0, 0.002, 0.005), (0.0, 0.0, 0.004), (200.0, 0.007, 0.009)]
+    {
         for (direction, expected) in Direction::BOTH.into_iter().zip([forward, backward]) {
             close(found[0].deviation(at, Some(direction)), expected, 1e-12);
         }
@@ -70,19 +63,13 @@ fn files_as_controls_put_them_out() {
     let message = warnings.concat();
     assert!(message.contains("axis Y: no interval"), "{message}");
     let (_, warnings) = tables(Format::Fanuc, "p", &text.replace("A1P50.0", "A1P50"));
-    assert!(
-        warnings.concat().contains("no decimal point"),
-        "{warnings:?}"
-    );
+    assert!(warnings.concat().contains("no decimal point"), "{warnings:?}");
 }
 
 #[test]
 fn refusals() {
     let message = written(table([0.0, 0.0, 0.0, 200.0], None)).expect_err("refused");
-    assert!(
-        message.contains("a step of -200 detection units"),
-        "{message}"
-    );
+    assert!(message.contains("a step of -200 detection units"), "{message}");
     let mut shifted = table([0.0, 1.0, 2.0, 3.0], None);
     shifted.positions = vec![10.0, 110.0, 210.0, 310.0];
     let message = written(shifted).expect_err("refused");

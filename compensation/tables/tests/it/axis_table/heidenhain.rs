@@ -18,10 +18,7 @@ fn the_table_of_a_tnc_640() {
     assert_eq!(edges(&found[0]), [(0.0, 0.0), (50.0, 0.004)]);
     let behind = found[0].deviation(50.0, Some(Direction::Negative));
     close(behind, 0.005, 1e-12);
-    assert_eq!(
-        (found[1].input, found[1].output),
-        (AxisName::X, AxisName::Y)
-    );
+    assert_eq!((found[1].input, found[1].output), (AxisName::X, AxisName::Y));
     assert_eq!(found[1].backward, None);
 }
 
@@ -35,10 +32,7 @@ fn the_cma_says_which_axis_is_the_input() {
     let found = read(Format::HeidenhainTnc640, &files, &options()).expect("read");
     let found = of_axes(found.content);
     assert!(found.iter().all(|table| table.input == AxisName::Y));
-    for (line, expected) in [
-        ("* OTHER", "does not name this table"),
-        ("- AXIS_X", "ACTIVE"),
-    ] {
+    for (line, expected) in [("* OTHER", "does not name this table"), ("- AXIS_X", "ACTIVE")] {
         let cma = format!("BEGIN C.CMA MM\nNR ACTIVE X\n0 {line}\n[END]\n");
         let files = [file("CONFIG.CMA", &cma), file("AXIS_X.COM", COM)];
         let message = read(Format::HeidenhainTnc640, &files, &options()).expect_err(line);
@@ -87,10 +81,9 @@ COM MM | COM INCH | found INCH
         assert!(found.contains(expected.as_str()), "{found}");
     }
     let no_play = COM.replace("+0.0010", "+0").replace("+0.0050", "+0");
-    for (text, expected) in [
-        (COM.replace("[END]\n", ""), "no [END]"),
-        (no_play, "BACKLASH is 0 everywhere"),
-    ] {
+    for (text, expected) in
+        [(COM.replace("[END]\n", ""), "no [END]"), (no_play, "BACKLASH is 0 everywhere")]
+    {
         let (_, warnings) = tables(format, "AXIS_X.COM", &text);
         assert!(warnings[0].contains(expected), "{warnings:?}");
     }
@@ -113,10 +106,7 @@ fn a_turn_from_minus_180_deg_is_written_from_0_to_360() {
     use AxisName::{A, C};
     let format = Format::HeidenhainTnc640;
     // With A at 0, C turns about the tool and corrects nothing.
-    let tilted = TableOptions {
-        at: vec![(A, 30.0)],
-        ..TableOptions::default()
-    };
+    let tilted = TableOptions { at: vec![(A, 30.0)], ..TableOptions::default() };
     for (modulo, travel) in [
         ("C.modulo = 360.0\n", "[-180.0, 180.0]"),
         ("", "[-180.0, 180.0]"),
@@ -127,10 +117,7 @@ fn a_turn_from_minus_180_deg_is_written_from_0_to_360() {
         let made = write(format, &content, &WriteOptions::default()).expect("written");
         assert_eq!(made.left_out, [], "{format} {:?}", made.notes);
         let message = |note: &String| note.contains("written from 0 to 360 deg");
-        assert!(
-            made.notes.iter().any(message),
-            "{format} {travel} {content:?}"
-        );
+        assert!(made.notes.iter().any(message), "{format} {travel} {content:?}");
         let back = read(format, &made.files, &options()).expect("read");
         let (back, given) = (of_axes(back.content), of_axes(content));
         let (back, given) = (over(&back, C, C), over(&given, C, C));
@@ -150,10 +137,8 @@ fn a_turn_from_minus_180_deg_is_written_from_0_to_360() {
             }
         }
         // The loss compares the file as read back with the model: half a digit plus the interpolation error.
-        let write = WriteOptions {
-            axes: AxisNumbers::of_machine(&machine),
-            ..WriteOptions::default()
-        };
+        let write =
+            WriteOptions { axes: AxisNumbers::of_machine(&machine), ..WriteOptions::default() };
         let lost = loss(&machine, &Temperatures::new(), &tilted, format, &write).expect("compared");
         let of_c = lost.axes.iter().find(|found| found.axis == C);
         let of_c = of_c.expect("it is there");
@@ -166,11 +151,8 @@ fn a_turn_from_minus_180_deg_is_written_from_0_to_360() {
 fn steps_that_miss_0_begin_there() {
     let at = |deg: f64| (2.0 * deg.to_radians().sin(), deg.to_radians());
     let (forward, positions) = (0..=8).map(|n| at(-170.0 + 45.0 * f64::from(n))).unzip();
-    let table = AxisTable {
-        output: AxisName::X,
-        modulo: true,
-        ..own(AxisName::C, positions, forward)
-    };
+    let table =
+        AxisTable { output: AxisName::X, modulo: true, ..own(AxisName::C, positions, forward) };
     let format = Format::HeidenhainTnc640;
     let content = Content::Axes(vec![table.clone()]);
     let made = write(format, &content, &WriteOptions::default()).expect("written");
@@ -188,9 +170,7 @@ fn steps_that_miss_0_begin_there() {
 fn tables_that_are_not_a_closed_turn_are_left_out() {
     let format = Format::HeidenhainTnc640;
     let given = |from: f64, last: f64| AxisTable {
-        positions: (0..25)
-            .map(|n| (from + 15.0 * f64::from(n)).to_radians())
-            .collect(),
+        positions: (0..25).map(|n| (from + 15.0 * f64::from(n)).to_radians()).collect(),
         forward: (0..25).map(|n| if n == 24 { last } else { 1e-5 }).collect(),
         ..table(15.0, 25, AxisName::C, 0.0)
     };
@@ -210,10 +190,6 @@ fn tables_that_are_not_a_closed_turn_are_left_out() {
         let content = Content::Axes(vec![rotary.clone(), x.clone()]);
         let made = write(format, &content, &WriteOptions::default()).expect("written");
         assert_eq!(made.left_out, [(AxisName::C, AxisName::C)]);
-        assert!(
-            made.notes.iter().any(|note| note.contains(why)),
-            "{:?}",
-            made.notes
-        );
+        assert!(made.notes.iter().any(|note| note.contains(why)), "{:?}", made.notes);
     }
 }

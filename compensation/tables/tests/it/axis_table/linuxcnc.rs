@@ -117,11 +117,8 @@ fn its_formula_adds_the_correction_of_the_model() {
         "m.toml",
     )
     .expect("a machine");
-    let options = TableOptions {
-        step_mm: 25.0,
-        at: vec![(AxisName::Z, -200.0)],
-        ..TableOptions::default()
-    };
+    let options =
+        TableOptions { step_mm: 25.0, at: vec![(AxisName::Z, -200.0)], ..TableOptions::default() };
     let steady = Temperatures::new();
     for (format, kind) in [(Format::Linuxcnc, "0"), (Format::LinuxcncType1, "1")] {
         let content = sampled(&machine, &steady, &options, format).expect("tables");
@@ -148,9 +145,8 @@ fn its_formula_adds_the_correction_of_the_model() {
         let trims: Vec<f64> = trims.collect();
         assert_eq!(trims.len(), points.len());
         for ((at, direction), trim) in points.iter().zip(trims) {
-            let mut state = machine
-                .state(&[(AxisName::X, *at), (AxisName::Z, -200.0)])
-                .expect("a state");
+            let mut state =
+                machine.state(&[(AxisName::X, *at), (AxisName::Z, -200.0)]).expect("a state");
             let index = machine.index_of(AxisName::X).expect("an axis");
             state.approach[index] = Some(*direction);
             let correction = machine.correction_at(&state, &steady, &machine.correction_options());

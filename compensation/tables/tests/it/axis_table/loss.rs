@@ -20,10 +20,7 @@ fn machine(errors: &str) -> Machine {
 }
 
 fn lost(machine: &Machine, format: Format, step_mm: f64) -> Loss {
-    let options = TableOptions {
-        step_mm,
-        ..TableOptions::default()
-    };
+    let options = TableOptions { step_mm, ..TableOptions::default() };
     lost_by(machine, format, &options)
 }
 
@@ -33,10 +30,7 @@ fn lost_by(machine: &Machine, format: Format, options: &TableOptions) -> Loss {
 }
 
 fn writing(machine: &Machine) -> WriteOptions {
-    WriteOptions {
-        axes: AxisNumbers::of_machine(machine),
-        ..WriteOptions::default()
-    }
+    WriteOptions { axes: AxisNumbers::of_machine(machine), ..WriteOptions::default() }
 }
 
 fn of_axis(axes: &[AxisLoss], axis: AxisName) -> &AxisLoss {
@@ -59,11 +53,7 @@ fn um(loss: &Loss, category: Option<Category>, axis: AxisName) -> f64 {
 
 /// Checks the maximum loss of a category in tables with a step of 100 mm, µm.
 fn loses(machine: &Machine, format: Format, what: Category, axis: AxisName, by: f64, within: f64) {
-    close(
-        um(&lost(machine, format, 100.0), Some(what), axis),
-        by,
-        within,
-    );
+    close(um(&lost(machine, format, 100.0), Some(what), axis), by, within);
 }
 
 use AxisName::{X, Y, Z};
@@ -79,10 +69,7 @@ fn straight_lines_lose_the_bend_between_nodes() {
     assert_eq!(found.categories.len(), 1);
     let x = &found.axes[0];
     let at = x.at[&X];
-    assert!(
-        (at / 100.0).round() % 2.0 == 1.0,
-        "in the middle of a step: {at}"
-    );
+    assert!((at / 100.0).round() % 2.0 == 1.0, "in the middle of a step: {at}");
     // Half the step has a quarter of the loss, although the thirteen poses along each axis are 100 mm apart as well.
     let finer = lost(&machine, Format::Csv, 100.0);
     close(um(&finer, None, X), 0.25, 2e-3);
@@ -93,9 +80,7 @@ fn straight_lines_lose_the_bend_between_nodes() {
 #[test]
 fn an_error_with_the_period_of_the_step_is_lost() {
     let screw = "EXX = { fourier = [0.0, 0.0, 5.0], period = 10.0 }\n";
-    let machine = machine(&format!(
-        "[errors]\n{screw}EYX = {{ poly = [0.0, 0.01] }}\n"
-    ));
+    let machine = machine(&format!("[errors]\n{screw}EYX = {{ poly = [0.0, 0.01] }}\n"));
     close(um(&lost(&machine, Format::Csv, 50.0), None, X), 5.0, 0.05);
     let alone = self::machine(&format!("[errors]\n{screw}"));
     let options = TableOptions::default();
@@ -104,21 +89,14 @@ fn an_error_with_the_period_of_the_step_is_lost() {
     let content = sampled(&alone, &none, &options, Format::Csv).expect("tables");
     let message = volcomp_tables::axis_table::write(Format::Csv, &content, &write);
     let message = message.expect_err("refused").to_string();
-    assert!(
-        message.contains("at its positions") && message.contains("--step"),
-        "{message}"
-    );
+    assert!(message.contains("at its positions") && message.contains("--step"), "{message}");
 }
 
 #[test]
 fn squareness_is_a_table_over_another_axis() {
     // EC0Y = 20 µrad: 24 µm in X at the end of Y.
     let machine = machine("[errors]\nEC0Y = 20.0\n");
-    for (format, um) in [
-        (Format::Csv, 0.0),
-        (Format::Siemens840d, 0.0),
-        (Format::Linuxcnc, 24.0),
-    ] {
+    for (format, um) in [(Format::Csv, 0.0), (Format::Siemens840d, 0.0), (Format::Linuxcnc, 24.0)] {
         loses(&machine, format, Category::Squareness, X, um, 2e-3);
     }
 }
@@ -127,12 +105,7 @@ fn squareness_is_a_table_over_another_axis() {
 fn levers_are_those_of_the_reference_position() {
     // EBX = 0.05 µrad/mm: 60 µrad at the end, times 1200 mm of Z from the reference position: 72 µm.
     let machine = machine("[errors]\nEBX = { poly = [0.0, 0.05] }\n");
-    for format in [
-        Format::Csv,
-        Format::Siemens840d,
-        Format::HeidenhainTnc640,
-        Format::Linuxcnc,
-    ] {
+    for format in [Format::Csv, Format::Siemens840d, Format::HeidenhainTnc640, Format::Linuxcnc] {
         loses(&machine, format, Category::Angular, X, 72.0, 0.2);
     }
     // Component errors include the lever.
@@ -165,14 +138,7 @@ fn a_second_coordinate_is_lost_away_from_the_line() {
     let machine = machine(
         "[errors]\nEZY = { grid = { axes = [\"Y\", \"Z\"], nodes = [[0, 1200], [0, 1200]], values = [[0.0, 0.0], [10.0, 18.0]] } }\n",
     );
-    loses(
-        &machine,
-        Format::Csv,
-        Category::SecondCoordinate,
-        Z,
-        8.0,
-        0.01,
-    );
+    loses(&machine, Format::Csv, Category::SecondCoordinate, Z, 8.0, 0.01);
 }
 
 #[test]
@@ -189,10 +155,7 @@ fn every_format_is_compared_for_every_example() {
     for name in ["gantry.toml", "mill.toml", "five-axis.toml"] {
         let machine = example(name);
         for format in Format::ALL {
-            let options = TableOptions {
-                step_mm: 100.0,
-                ..TableOptions::default()
-            };
+            let options = TableOptions { step_mm: 100.0, ..TableOptions::default() };
             let reference = options.reference(&machine).expect("within travel");
             let write = WriteOptions {
                 facts: Facts::of(&machine, reference, String::new()),
@@ -250,11 +213,8 @@ fn the_midpoint_beyond_the_end_of_a_turn_is_compared() {
         "m.toml",
     )
     .expect("a machine");
-    let options = TableOptions {
-        step_deg: 90.0,
-        at: vec![(AxisName::C, 60.0)],
-        ..TableOptions::default()
-    };
+    let options =
+        TableOptions { step_deg: 90.0, at: vec![(AxisName::C, 60.0)], ..TableOptions::default() };
     let found = lost_by(&machine, Format::Csv, &options);
     let expected = 10.0 * (2.0 - f64::to_radians(45.0).cos());
     close(um(&found, None, Z), expected, 2e-3);

@@ -31,14 +31,10 @@ fn on_lines_through_the_reference_the_tables_sum_to_the_correction() {
     let steady = Temperatures::new();
     for (name, at) in cases {
         let machine = example(name);
-        let options = TableOptions {
-            at,
-            ..TableOptions::default()
-        };
+        let options = TableOptions { at, ..TableOptions::default() };
         let tables = tables(&machine, &options);
-        let standing = machine
-            .state(&options.reference(&machine).expect("it stands"))
-            .expect("a state");
+        let standing =
+            machine.state(&options.reference(&machine).expect("it stands")).expect("a state");
         let wanted = machine.correction_options();
         let index = |axis: AxisName| machine.index_of(axis).expect("an axis");
         let mut looked_at = 0;
@@ -86,13 +82,7 @@ fn nodes_beyond_the_travel_keep_its_end() {
         "m.toml",
     )
     .expect("a machine");
-    let tables = tables(
-        &machine,
-        &TableOptions {
-            step_mm: 50.0,
-            ..TableOptions::default()
-        },
-    );
+    let tables = tables(&machine, &TableOptions { step_mm: 50.0, ..TableOptions::default() });
     assert_eq!(tables[0].positions, [-50.0, 0.0, 50.0, 100.0, 150.0, 200.0]);
     let steady = Temperatures::new();
     for end in [-30.0, 175.0] {
@@ -124,10 +114,7 @@ fn invalid_table_options_are_refused() {
         (|o| o.step_mm = 0.0, "--step: found 0"),
         (|o| o.step_mm = 0.001, "at most 10000 steps"),
         (|o| o.step_deg = 7.0, "expected a whole part of 360"),
-        (
-            |o| o.at = vec![(AxisName::X, 900.0)],
-            "--at X: found 900, expected 0 to 800, its travel",
-        ),
+        (|o| o.at = vec![(AxisName::X, 900.0)], "--at X: found 900, expected 0 to 800, its travel"),
     ];
     for (change, expected) in cases {
         let mut options = TableOptions::default();
@@ -141,13 +128,8 @@ fn invalid_table_options_are_refused() {
 #[test]
 fn back_to_curves_of_the_machine_file() {
     let machine = example("mill.toml");
-    let content = sampled(
-        &machine,
-        &Temperatures::new(),
-        &TableOptions::default(),
-        Format::Csv,
-    )
-    .expect("tables");
+    let content = sampled(&machine, &Temperatures::new(), &TableOptions::default(), Format::Csv)
+        .expect("tables");
     let text = to_toml(&curves(&content).expect("curves"));
     for name in ["EXX = ", "EYX = ", "EZZ = { forward = { table = ["] {
         assert!(text.contains(name), "{text}");
@@ -158,11 +140,7 @@ fn back_to_curves_of_the_machine_file() {
     let read = Machine::parse(&whole, "m.toml").expect("a part of a machine file");
     // 20 µm/m, plus the pitch of 0.05 µrad/mm times 530 mm from the table surface to the tool with Z at 0.
     let exx = read.error("EXX".parse().expect("a name")).expect("a curve");
-    close(
-        exx.value(0, &[300.0, 0.0, 0.0], None),
-        0.02 * 300.0 + 0.05 * 300.0 * 0.53,
-        0.01,
-    );
+    close(exx.value(0, &[300.0, 0.0, 0.0], None), 0.02 * 300.0 + 0.05 * 300.0 * 0.53, 0.01);
 }
 
 /// Tables of an axis with modulo are zero at the reference position, or the format is rejected; at the nodes their sum equals the model.
@@ -173,10 +151,7 @@ fn tables_of_a_turn_are_zero_at_the_reference() {
         "m.toml",
     )
     .expect("a machine");
-    let at = |deg: f64| TableOptions {
-        at: vec![(AxisName::C, deg)],
-        ..TableOptions::default()
-    };
+    let at = |deg: f64| TableOptions { at: vec![(AxisName::C, deg)], ..TableOptions::default() };
     let cold = Temperatures::new();
     let tables = |format, deg| sampled(&machine, &cold, &at(deg), format);
     // 40 is no multiple of the step of 15, 45 is.
@@ -194,22 +169,12 @@ fn tables_of_a_turn_are_zero_at_the_reference() {
         let turn = table.positions[table.positions.len() - 1] - table.positions[0];
         assert!((turn.to_degrees() - 360.0).abs() < 1e-9, "{turn}");
         // 10 µm · (sin of the node − sin of the reference), rotated with the workpiece by the node's angle.
-        let largest = table
-            .forward
-            .iter()
-            .fold(0.0_f64, |most, of| most.max(of.abs()));
+        let largest = table.forward.iter().fold(0.0_f64, |most, of| most.max(of.abs()));
         assert!(largest > 5e-3, "{largest} mm");
     }
-    for format in [
-        Format::Siemens840d,
-        Format::HeidenhainTnc640,
-        Format::Linuxcnc,
-    ] {
+    for format in [Format::Siemens840d, Format::HeidenhainTnc640, Format::Linuxcnc] {
         assert!(tables(format, 45.0).is_ok(), "{format}");
         let message = tables(format, 40.0).expect_err("no node").to_string();
-        assert!(
-            message.contains("--at C") && message.contains("40"),
-            "{message}"
-        );
+        assert!(message.contains("--at C") && message.contains("40"), "{message}");
     }
 }

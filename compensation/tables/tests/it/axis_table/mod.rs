@@ -24,17 +24,11 @@ pub(crate) fn numbers() -> AxisNumbers {
 }
 
 pub(crate) fn file(name: &str, text: &str) -> TextFile {
-    TextFile {
-        name: name.to_owned(),
-        text: text.to_owned(),
-    }
+    TextFile { name: name.to_owned(), text: text.to_owned() }
 }
 
 pub(crate) fn options() -> ReadOptions {
-    ReadOptions {
-        axes: numbers(),
-        ..ReadOptions::default()
-    }
+    ReadOptions { axes: numbers(), ..ReadOptions::default() }
 }
 
 pub(crate) fn read_text(
@@ -46,10 +40,7 @@ pub(crate) fn read_text(
 }
 
 pub(crate) fn writing() -> WriteOptions {
-    WriteOptions {
-        axes: numbers(),
-        ..WriteOptions::default()
-    }
+    WriteOptions { axes: numbers(), ..WriteOptions::default() }
 }
 
 pub(crate) fn of_axes(content: Content) -> Vec<AxisTable> {
@@ -65,23 +56,12 @@ pub(crate) fn over(tables: &[AxisTable], input: AxisName, output: AxisName) -> &
 }
 
 pub(crate) fn own(axis: AxisName, positions: Vec<f64>, forward: Vec<f64>) -> AxisTable {
-    AxisTable {
-        input: axis,
-        output: axis,
-        positions,
-        forward,
-        backward: None,
-        modulo: false,
-    }
+    AxisTable { input: axis, output: axis, positions, forward, backward: None, modulo: false }
 }
 
 /// Converts mm or deg, as in tables, to mm or rad.
 pub(crate) fn inside(axis: AxisName, edge: f64) -> f64 {
-    if axis.is_rotary() {
-        edge.to_radians()
-    } else {
-        edge
-    }
+    if axis.is_rotary() { edge.to_radians() } else { edge }
 }
 
 pub(crate) fn tables(format: Format, name: &str, text: &str) -> (Vec<AxisTable>, Vec<String>) {
@@ -99,18 +79,10 @@ pub(crate) fn refused(format: Format, name: &str, text: &str) -> String {
 pub(crate) fn edges(table: &AxisTable) -> Vec<(f64, f64)> {
     let nodes = table.positions.iter().zip(&table.forward);
     nodes
-        .map(|(at, value)| {
-            (
-                table.input_in_file_unit(*at),
-                table.output_in_file_unit(*value),
-            )
-        })
+        .map(|(at, value)| (table.input_in_file_unit(*at), table.output_in_file_unit(*value)))
         .collect()
 }
 
 pub(crate) fn close(found: f64, expected: f64, within: f64) {
-    assert!(
-        (found - expected).abs() <= within,
-        "found {found}, expected {expected}"
-    );
+    assert!((found - expected).abs() <= within, "found {found}, expected {expected}");
 }

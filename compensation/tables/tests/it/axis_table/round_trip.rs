@@ -9,13 +9,8 @@ use super::{inside, of_axes, over, own, writing};
 /// Random positions and values in mm and deg, with the node at index `zero` at 0.
 fn table(input: AxisName, output: AxisName) -> impl Strategy<Value = AxisTable> {
     let steps = prop_oneof![Just(0.5), Just(1.0), Just(2.5), Just(10.0), Just(50.0)];
-    (
-        2_usize..40,
-        steps,
-        any::<prop::sample::Index>(),
-        any::<bool>(),
-    )
-        .prop_flat_map(move |(count, step, zero, has_reversal)| {
+    (2_usize..40, steps, any::<prop::sample::Index>(), any::<bool>()).prop_flat_map(
+        move |(count, step, zero, has_reversal)| {
             let values = || prop::collection::vec(-0.05..0.05_f64, count);
             let zero = zero.index(count);
             (values(), values()).prop_map(move |(forward, backward)| {
@@ -30,7 +25,8 @@ fn table(input: AxisName, output: AxisName) -> impl Strategy<Value = AxisTable> 
                     ..own(input, (0..count).map(at).collect(), each(forward))
                 }
             })
-        })
+        },
+    )
 }
 
 /// The part of a table that a format keeps.
@@ -47,11 +43,7 @@ enum Keeps {
 }
 
 fn kept(table: &AxisTable, keeps: Keeps) -> Option<AxisTable> {
-    let mean = || AxisTable {
-        forward: table.mean(),
-        backward: None,
-        ..table.clone()
-    };
+    let mean = || AxisTable { forward: table.mean(), backward: None, ..table.clone() };
     let own = table.input == table.output;
     match keeps {
         Keeps::Everything => Some(table.clone()),
@@ -88,10 +80,7 @@ fn comes_back(
     if !matches!(format, Format::Linuxcnc | Format::LinuxcncType1) {
         prop_assert_eq!(Format::of_files(&written.files), Some(format));
     }
-    let options = ReadOptions {
-        encoder: Some(0),
-        ..super::options()
-    };
+    let options = ReadOptions { encoder: Some(0), ..super::options() };
     let found = read(format, &written.files, &options).expect("read");
     let found = of_axes(found.content);
     let expected = tables.iter().filter_map(|table| kept(table, keeps));
@@ -104,10 +93,8 @@ fn comes_back(
             .windows(2)
             .flat_map(|pair| [pair[0], 0.7 * pair[0] + 0.3 * pair[1]])
             .collect();
-        let ends = [
-            expected.positions[0] - 1.0,
-            expected.positions[expected.positions.len() - 1] + 1.0,
-        ];
+        let ends =
+            [expected.positions[0] - 1.0, expected.positions[expected.positions.len() - 1] + 1.0];
         for at in positions.into_iter().chain(ends) {
             for direction in [Some(Direction::Positive), Some(Direction::Negative), None] {
                 let [a, b] = [found, &expected].map(|of| of.deviation(at, direction));
@@ -123,9 +110,7 @@ fn comes_back(
 fn several() -> impl Strategy<Value = Vec<AxisTable>> {
     use AxisName::{A, C, X, Y};
     let pairs = [(X, X), (X, Y), (C, C), (A, C), (A, X)];
-    pairs
-        .map(|(input, output)| table(input, output))
-        .prop_map(Vec::from)
+    pairs.map(|(input, output)| table(input, output)).prop_map(Vec::from)
 }
 
 /// Tables for the TNC, where all tables over an axis have the same positions.
@@ -140,10 +125,7 @@ fn several_of_one() -> impl Strategy<Value = Vec<AxisTable>> {
         };
         // 0.68 mrad at 1950 mm; the limit is 2 mrad.
         let slope = own.positions.iter().map(|at| (at * 2e-5).to_radians());
-        let to_rotary = AxisTable {
-            forward: slope.collect(),
-            ..along(C)
-        };
+        let to_rotary = AxisTable { forward: slope.collect(), ..along(C) };
         vec![own.clone(), along(Y), to_rotary]
     })
 }
@@ -152,11 +134,7 @@ fn error_tables() -> impl Strategy<Value = ErrorTables> {
     use AxisName::{C, X};
     let numbers = |text: &'static str, table: AxisTable| {
         let name: ErrorName = text.parse().expect("a name");
-        ErrorTable {
-            name,
-            positions: table.positions,
-            values: table.forward,
-        }
+        ErrorTable { name, positions: table.positions, values: table.forward }
     };
     (table(X, X), table(X, C), table(C, X), -1e-3..1e-3_f64).prop_map(move |(a, b, c, square)| {
         ErrorTables {
@@ -171,9 +149,7 @@ fn errors_come_back(format: Format, errors: &ErrorTables) -> Result<(), TestCase
     let written = write(format, &content, &WriteOptions::default()).expect("written");
     prop_assert_eq!(Format::of_files(&written.files), Some(format));
     let found = read(format, &written.files, &ReadOptions::default()).expect("read");
-    let Content::Errors(found) = found.content else {
-        panic!("errors")
-    };
+    let Content::Errors(found) = found.content else { panic!("errors") };
     prop_assert_eq!(found.curves.len(), errors.curves.len());
     for expected in &errors.curves {
         let mut curves = found.curves.iter();
@@ -233,22 +209,12 @@ proptest! {
 #[test]
 fn a_turn_comes_back_as_a_turn() {
     use AxisName::C;
-    let positions: Vec<f64> = (0..=24)
-        .map(|node| f64::from(node * 15).to_radians())
-        .collect();
+    let positions: Vec<f64> = (0..=24).map(|node| f64::from(node * 15).to_radians()).collect();
     let forward = (positions.iter().map(|at| 1e-4 * at.sin() + 0.0))
         .map(|v| if v.abs() < 1e-12 { 0.0 } else { v });
-    let table = AxisTable {
-        modulo: true,
-        forward: forward.collect(),
-        ..own(C, positions, Vec::new())
-    };
-    let formats = [
-        Format::Csv,
-        Format::Siemens840d,
-        Format::HeidenhainTnc640,
-        Format::Fanuc,
-    ];
+    let table =
+        AxisTable { modulo: true, forward: forward.collect(), ..own(C, positions, Vec::new()) };
+    let formats = [Format::Csv, Format::Siemens840d, Format::HeidenhainTnc640, Format::Fanuc];
     for format in formats {
         let content = Content::Axes(vec![table.clone()]);
         let files = write(format, &content, &writing()).expect("written").files;
@@ -259,10 +225,7 @@ fn a_turn_comes_back_as_a_turn() {
         for (at, same) in [(380.0_f64, 20.0_f64), (-90.0, 270.0)] {
             let [a, b] = [at, same].map(|deg| found[0].deviation(deg.to_radians(), None));
             assert!((a - b).abs() < 1e-9, "{format}: {a} {b}");
-            assert!(
-                (a - table.deviation(same.to_radians(), None)).abs() < 1e-5,
-                "{format}"
-            );
+            assert!((a - table.deviation(same.to_radians(), None)).abs() < 1e-5, "{format}");
         }
     }
 }

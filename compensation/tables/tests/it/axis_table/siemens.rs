@@ -42,14 +42,10 @@ fn framed(text: &str) -> String {
 
 #[test]
 fn a_length_of_no_whole_number_of_steps_is_read_with_a_warning() {
-    let values: Vec<f64> = (0..15)
-        .map(|n| if n < 10 { 0.001 * f64::from(n) } else { 0.0 })
-        .collect();
+    let values: Vec<f64> =
+        (0..15).map(|n| if n < 10 { 0.001 * f64::from(n) } else { 0.0 }).collect();
     let (found, warnings) = read_cec(&values, ["AX2", "AX1"], [100.0, -850.0, 0.0]);
-    assert_eq!(
-        (found[0].input, found[0].output),
-        (AxisName::Y, AxisName::X)
-    );
+    assert_eq!((found[0].input, found[0].output), (AxisName::Y, AxisName::X));
     let nodes = edges(&found[0]);
     assert_eq!(nodes.len(), 10);
     assert_eq!(nodes[0], (-850.0, 0.0));
@@ -95,10 +91,7 @@ fn rotary_axes_are_in_degrees_as_input_and_output() {
     );
     let (found, _) = tables(F, "a", &text);
     let [to_linear, to_rotary] = [&found[0], &found[1]];
-    assert_eq!(
-        (to_rotary.input, to_rotary.output),
-        (AxisName::A, AxisName::C)
-    );
+    assert_eq!((to_rotary.input, to_rotary.output), (AxisName::A, AxisName::C));
     close(to_rotary.positions[1], 30_f64.to_radians(), 1e-12);
     close(to_rotary.forward[1], -0.0005_f64.to_radians(), 1e-15);
     assert_eq!(to_linear.forward[1], 0.004);
@@ -174,33 +167,19 @@ fn machine_axes_may_be_named_by_letter_and_number() {
             "%_N_AX_EEC_INI\nCHANDATA(1)\n$AA_ENC_COMP[0,0,{axis}]=0.003\n$AA_ENC_COMP[0,1,{axis}]=0.01\n$AA_ENC_COMP[0,2,{axis}]=0.012\n$AA_ENC_COMP[0,3,{axis}]=-0.0\n$AA_ENC_COMP_STEP[0,{axis}]=100.0\n$AA_ENC_COMP_MIN[0,{axis}]=-200.0\n$AA_ENC_COMP_MAX[0,{axis}]=100.0\n$AA_ENC_COMP_IS_MODULO[0,{axis}]=0\nM17\n"
         )
     };
-    for (name, letter) in [
-        ("X1", AxisName::X),
-        ("Z1", AxisName::Z),
-        ("C12", AxisName::C),
-        ("Y", AxisName::Y),
-    ] {
+    for (name, letter) in
+        [("X1", AxisName::X), ("Z1", AxisName::Z), ("C12", AxisName::C), ("Y", AxisName::Y)]
+    {
         let (found, _) = tables(F, "AX_EEC.INI", &leadscrew(name));
-        assert_eq!(
-            (found.len(), found[0].input, found[0].output),
-            (1, letter, letter)
-        );
-        for (at, mm) in [
-            (-200.0, 0.003),
-            (-100.0, 0.01),
-            (0.0, 0.012),
-            (50.0, 0.006),
-            (100.0, 0.0),
-        ] {
+        assert_eq!((found.len(), found[0].input, found[0].output), (1, letter, letter));
+        for (at, mm) in [(-200.0, 0.003), (-100.0, 0.01), (0.0, 0.012), (50.0, 0.006), (100.0, 0.0)]
+        {
             let deviation = found[0].deviation(inside(letter, at), None);
             close(deviation, inside(letter, mm), 1e-12);
         }
     }
     let (found, _) = read_cec(&[0.0, 1.0], ["Y1", "X1"], [1.0, 0.0, 1.0]);
-    assert_eq!(
-        (found[0].input, found[0].output),
-        (AxisName::Y, AxisName::X)
-    );
+    assert_eq!((found[0].input, found[0].output), (AxisName::Y, AxisName::X));
     let both = format!("{}{}", leadscrew("X1"), leadscrew("X2"));
     let error = refused(F, "a.ini", &both);
     assert!(error.contains("axis `X2` in addition to `X1`"), "{error}");
@@ -234,10 +213,7 @@ fn refusals_name_line_found_and_expected() {
         .collect::<Vec<_>>()
         .concat();
     assert!(refused(F, "a.ini", &framed(&both)).contains("--encoder 0 or 1"));
-    let chosen = ReadOptions {
-        encoder: Some(1),
-        ..options()
-    };
+    let chosen = ReadOptions { encoder: Some(1), ..options() };
     assert!(read(F, &[file("a.ini", &framed(&both))], &chosen).is_ok());
 }
 
@@ -247,9 +223,7 @@ fn written_files_follow_the_documented_form() {
     let text = cec(0, &values, ["AX5", "AX3"], [30.0, 0.0, 60.0], modulo);
     let (found, _) = tables(F, "a", &framed(&text));
     let written = write(F, &Content::Axes(found), &writing()).expect("written");
-    let [file] = written.files.as_slice() else {
-        panic!("one file")
-    };
+    let [file] = written.files.as_slice() else { panic!("one file") };
     assert_eq!(file.name, "NC_CEC.INI");
     for part in [
         "METRIC\n\nCHANDATA(1)\n$AN_CEC[0,0]=0.000000\n$AN_CEC[0,1]=0.000000\n",

@@ -53,12 +53,7 @@ pub(super) fn print_of(turn: Turn, world: &World) -> u128 {
 
 /// The same world with counters relative to those of the barrier, saturated where larger values make no difference.
 pub(super) fn canonical(mut world: World, settings: &Settings) -> World {
-    let Link {
-        epoch,
-        tick,
-        sequence,
-        ..
-    } = world.barrier.link;
+    let Link { epoch, tick, sequence, .. } = world.barrier.link;
     let oldest = settings.hold_scans.cast_signed() + 2;
     let epochs = |e: u16| if e == epoch { 100 } else { 99 };
     let ticks = |t: u16| {
@@ -93,11 +88,7 @@ pub(super) fn canonical(mut world: World, settings: &Settings) -> World {
         age: bound,
         stale: true,
     };
-    for flying in world
-        .in_transit
-        .iter_mut()
-        .chain(world.mailboxes.iter_mut().flatten())
-    {
+    for flying in world.in_transit.iter_mut().chain(world.mailboxes.iter_mut().flatten()) {
         if flying.frame.head.epoch != epoch {
             *flying = dead;
         }
@@ -171,10 +162,7 @@ fn renumber_owners(world: &mut World) {
     }
     // Sorted without owner numbers, so that the new numbers do not depend on the old ones.
     world.in_transit.sort_by_key(|f| {
-        let head = Head {
-            owner: 0,
-            ..f.frame.head
-        };
+        let head = Head { owner: 0, ..f.frame.head };
         (f.age, f.stale, head, f.frame.values)
     });
     for flying in &mut world.in_transit {
