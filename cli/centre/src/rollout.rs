@@ -404,7 +404,7 @@ impl Rollout {
                 }
             }
             Event::Answered { machine, version, outcome } => {
-                self.apply_outcome(&machine, version, outcome)
+                self.apply_outcome(&machine, version, outcome);
             }
             Event::Requested { request, by } => {
                 if let Some(action) = self.apply_request(request, by) {

@@ -263,7 +263,7 @@ impl Folder {
             match files.iter_mut().find(|known| known.name == *file) {
                 Some(known) => known.not_used = reason,
                 None => {
-                    files.push(FileState { not_used: reason, ..FileState::named(file.clone()) })
+                    files.push(FileState { not_used: reason, ..FileState::named(file.clone()) });
                 }
             }
         }

@@ -26,10 +26,10 @@ fn main() -> Result<(), CalibrateError> {
         // Lengths and angles are different types, so µm cannot be mistaken for µrad.
         match &curve.quality {
             Quality::Length(q) => {
-                println!("{error} {direction}: {kind}, residual {:.2} rms", q.residual_rms)
+                println!("{error} {direction}: {kind}, residual {:.2} rms", q.residual_rms);
             }
             Quality::Angle(q) => {
-                println!("{error} {direction}: {kind}, residual {:.2} rms", q.residual_rms)
+                println!("{error} {direction}: {kind}, residual {:.2} rms", q.residual_rms);
             }
         }
     }

@@ -303,7 +303,6 @@ impl System {
     }
 
     /// Writes the equations of one row; see [`System::plain_equations`].
-    #[expect(clippy::too_many_lines, reason = "one arm for each kind")]
     pub(crate) fn write_row(
         &self,
         row: &PreparedRow,

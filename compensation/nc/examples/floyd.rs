@@ -206,7 +206,6 @@ fn closed(weights: &[Vec<f64>], first: usize, last: usize) -> Vec<Vec<f64>> {
 }
 
 /// One path through the whole field by both algorithms.
-#[expect(clippy::too_many_lines, reason = "one line of the table after the other")]
 fn long(field: &Field, text: &mut String) -> Result<(), Box<dyn Error>> {
     let stations = stations(field, [20.0, 30.0], [420.0, 280.0], 25)?;
     let counts: Vec<usize> = stations.iter().map(|station| station.nodes.len()).collect();

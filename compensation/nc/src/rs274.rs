@@ -440,7 +440,7 @@ fn of_grbl(block: &mut Block, text: &[u8]) -> Result<bool, Fault> {
         }
         // `$H` homes; `$RST` restores settings.
         Some(letter @ (b'H' | b'R')) => {
-            block.commands.push(Command::MayMove(format!("${}", char::from(letter))))
+            block.commands.push(Command::MayMove(format!("${}", char::from(letter))));
         }
         _ if is_scale => block.commands.push(Command::MayMove("$100 to $109".to_owned())),
         _ => {}

@@ -64,7 +64,7 @@ pub(super) fn advance_all(
                 blocked.why.push(format!("Roll-out {id} cannot proceed: {error}."));
                 match engine.store.rollout(id) {
                     Ok(rollout) => {
-                        blocked.machines.extend(rollout.into_iter().flat_map(machines_of))
+                        blocked.machines.extend(rollout.into_iter().flat_map(machines_of));
                     }
                     Err(_) => all_known = false,
                 }

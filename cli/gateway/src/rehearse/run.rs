@@ -244,7 +244,7 @@ impl<'a> Run<'a> {
                 }
             }
             FaultAction::HiddenStop => {
-                self.rig.inject(Injection::DroppedFlag { readings: u32::MAX })
+                self.rig.inject(Injection::DroppedFlag { readings: u32::MAX });
             }
             FaultAction::HiddenStopByChance => self.rig.inject(Injection::Faults(Faults {
                 dropped_flag: 0.02,
@@ -255,7 +255,7 @@ impl<'a> Run<'a> {
                 lasts = self.rig.path.limits.zero_after + Duration::from_secs(1);
             }
             FaultAction::SensorJump => {
-                self.rig.inject_sensor(Injection::Jump { sensor: 0, kelvin: JUMP_K })
+                self.rig.inject_sensor(Injection::Jump { sensor: 0, kelvin: JUMP_K });
             }
             FaultAction::SensorCorrupt => self
                 .rig

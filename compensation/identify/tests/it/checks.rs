@@ -592,7 +592,7 @@ fn inverted_ball_rows_are_named() {
         match wrong {
             None => assert!(!message.contains("looks inverted"), "{message}"),
             Some(k) => {
-                assert!(message.contains(&format!("b{k}.csv: looks inverted")), "{k}: {message}")
+                assert!(message.contains(&format!("b{k}.csv: looks inverted")), "{k}: {message}");
             }
         }
     }

@@ -160,7 +160,7 @@ fn unit_parameters_are_checked_on_connection() {
         match expected {
             None => assert_eq!(found, Ok(())),
             Some(expected) => {
-                assert!(found.as_ref().is_err_and(|error| error.contains(expected)), "{found:?}")
+                assert!(found.as_ref().is_err_and(|error| error.contains(expected)), "{found:?}");
             }
         }
     }

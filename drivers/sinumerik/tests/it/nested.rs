@@ -11,9 +11,9 @@ fn numbers(numbers: &[u32]) -> Vec<u8> {
     numbers.iter().flat_map(|n| n.to_le_bytes()).collect()
 }
 
-fn send(stream: &mut TcpStream, kind: &[u8; 4], body: &[u8]) {
+fn send(stream: &mut TcpStream, kind: [u8; 4], body: &[u8]) {
     let size = numbers(&[u32::try_from(8 + body.len()).expect("short")]);
-    let message = [kind, &size[..], body].concat();
+    let message = [&kind[..], &size, body].concat();
     stream.write_all(&message).expect("sent");
 }
 
@@ -35,7 +35,7 @@ fn number(bytes: &[u8], at: usize) -> (u32, usize) {
 /// Opens the channel with a response whose header has nested diagnostics.
 fn respond(stream: &mut TcpStream, nested: usize) {
     receive(stream);
-    send(stream, b"ACKF", &numbers(&[0, 65_535, 65_535, 0, 0]));
+    send(stream, *b"ACKF", &numbers(&[0, 65_535, 65_535, 0, 0]));
     let opening = receive(stream);
     let mut at = 4;
     for _ in 0..3 {
@@ -53,7 +53,7 @@ fn respond(stream: &mut TcpStream, nested: usize) {
     let header = [&[1, 0][..], &449_u16.to_le_bytes(), &[0; 8], &numbers(&[handle, 0])].concat();
     let diagnostics = vec![0x40; nested];
     let rest = [&[0][..], &absent, &[0; 3]].concat();
-    send(stream, b"OPNF", &[channel, header, diagnostics, rest].concat());
+    send(stream, *b"OPNF", &[channel, header, diagnostics, rest].concat());
 }
 
 #[test]
