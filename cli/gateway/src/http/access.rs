@@ -40,7 +40,7 @@ pub struct AccessControl {
     pub hosts: Vec<String>,
     /// Whether reading needs a token because other computers can reach the dashboard.
     pub reading_needs_token: bool,
-    /// Whether the machine is the built-in simulation: without configured tokens, [`DEMO_TOKEN`] may operate it from this computer.
+    /// Whether the machine is the built-in simulation: without configured tokens, the token `demo` may operate it from this computer.
     pub is_demo: bool,
 }
 
