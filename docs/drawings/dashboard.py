@@ -35,7 +35,7 @@ def main():
         url = gateway.stdout.readline().split()[-1]
         with sync_playwright() as playwright:
             browser = playwright.chromium.launch(executable_path="/usr/bin/chromium", args=["--no-sandbox"])
-            page = browser.new_page(viewport={"width": 1440, "height": 810})
+            page = browser.new_page(viewport={"width": 1440, "height": 1020})
             page.goto(url)
             time.sleep(TREND_S)
             found = state(url)
