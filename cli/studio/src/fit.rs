@@ -10,11 +10,9 @@ use volcomp_report::{
 
 use crate::{
     error::StudioError,
-    folder::{CALIBRATION, FITTED, Folder, INPUTS, MACHINE},
+    folder::{CALIBRATION, FITTED, Folder, INPUTS, MACHINE, REPORT},
     questions::{name_of, with_answers},
 };
-
-pub(crate) const REPORT: &str = "result/report.html";
 
 /// Result of a fit. Curves with their bands, map and figures are in the report.
 #[derive(Clone, Debug, Serialize)]

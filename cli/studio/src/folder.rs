@@ -20,7 +20,6 @@ use volcomp_web::file_name;
 
 use crate::{
     error::StudioError,
-    fit::REPORT,
     questions::{AnsweredDraft, DraftState, TypedAnswer, questions, with_answers},
 };
 
@@ -36,6 +35,7 @@ pub(crate) const SETUP: &str = "setup.toml";
 const ANSWERS: &str = "answers.json";
 pub(crate) const RESULT: &str = "result";
 pub(crate) const FITTED: &str = "result/machine.toml";
+pub(crate) const REPORT: &str = "result/report.html";
 /// Folder of compensation tables for controls.
 pub(crate) const TABLES: &str = "result/tables";
 /// Folder of compensated NC programs.

@@ -23,8 +23,7 @@ use volcomp_web::{headers, hosts, is_of_another_page};
 
 use crate::{
     error::StudioError,
-    fit::REPORT,
-    folder::{Folder, MAX_FILE_BYTES},
+    folder::{Folder, MAX_FILE_BYTES, REPORT},
     outputs::TableRequest,
     questions::TypedAnswer,
     send::Target,

@@ -27,10 +27,10 @@ pub use report::{
     AxisTravel, Band, Branch, Check, CheckOf, Contribution, Curve, CurveLine, Diagonal, Diagonals,
     Drawn, FigureUncertainty, FitNumbers, Head, Identified, Left, Location, OfState, Parameter,
     Positioning, Report, Residual, Run, Size, Slice, SourceFile, Square, Standing, State, Tilt,
-    Uncertainty, Vector, Volume, Warning, WarningKind, Weighted,
+    Uncertainty, VOLUME, Vector, Volume, Warning, WarningKind, Weighted,
 };
 pub use stated::Stated;
-pub use tolerance::{VOLUME, checks, refuse_two_units, tolerances};
+pub use tolerance::{checks, refuse_two_units, tolerances};
 pub use volcomp_fit::BandSource;
 pub use volcomp_metrology::{Edition, Tolerance, Verdict};
 pub use volume::{ErrorAt, tools, uncertainty, volume};

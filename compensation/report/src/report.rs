@@ -5,7 +5,8 @@ use volcomp_fit::BandSource;
 use volcomp_metrology::{Iso230Part2, Vdi3441, Verdict};
 use volcomp_vocabulary::{Direction, ErrorName};
 
-use crate::tolerance::VOLUME;
+/// Symbol of the largest error of the tool tip over poses of all axes after best-fit rigid-body alignment of the workpiece.
+pub const VOLUME: &str = "V";
 
 /// A report of a calibration, an identification or a machine file.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -6,12 +6,9 @@ use volcomp_metrology::{
 use volcomp_vocabulary::{AxisName, ErrorName};
 
 use crate::{
-    report::{Check, CheckOf, Curve, Positioning, Report, Square, State},
+    report::{Check, CheckOf, Curve, Positioning, Report, Square, State, VOLUME},
     squares::pair_of,
 };
-
-/// Symbol of the largest error of the tool tip over poses of all axes after best-fit rigid-body alignment of the workpiece.
-pub const VOLUME: &str = "V";
 
 /// Parses `A=10,C.A=30,EC0Y=20`: µm for lengths, µrad for angles. A name is one of: a symbol of ISO 230-2 or VDI/DGQ 3441, for all
 /// positioning tests, those of an axis (`C.A`) or of an error (`EXX.A`); [`VOLUME`]; an error name, for the absolute value of a location

@@ -7,10 +7,7 @@ use volcomp_document::toml_string;
 use volcomp_port::DeviceError;
 use volcomp_vocabulary::{AxisKind, AxisName, Displacement};
 
-use crate::{
-    address::{Address, SCHEMES, Scheme},
-    driver::Driver,
-};
+use crate::address::{Address, SCHEMES, Scheme};
 
 /// A key of a first configuration.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -155,7 +152,7 @@ pub fn controllers() -> Vec<(&'static str, &'static str)> {
 /// An invalid URL, or a bus that is not in this build.
 pub fn first_controller(url: &str, machine: &FirstMachine<'_>) -> Result<FirstConfig, DeviceError> {
     let address = Address::parse(url)?;
-    let driver: &Driver = address.driver()?;
+    let driver = address.driver()?;
     let mut first = (driver.first)(&address, machine);
     let mut settings = vec![
         Setting::text("url", url, "Device URL of the control"),

@@ -215,7 +215,7 @@ fn expired_sessions_are_rejected() {
     assert_eq!(page.get("/api/me", &cookie).status, 401);
 }
 
-/// A database that rejects every change cannot hold the alarm that says so: the page shows it all the same, and no longer once it can be written.
+/// A database that rejects every change cannot hold the alarm about it: the page shows the alarm from memory, until a change succeeds.
 #[test]
 fn a_full_disk_is_an_alarm_that_needs_no_disk() {
     let page = Page::start();
@@ -598,7 +598,7 @@ fn a_rollout_from_the_page_uses_the_configured_rules() {
     assert_eq!(page.store.rollouts(1).expect("a store")[0].rules, rules);
 }
 
-/// Clients that hang up before the answer: their wrong passwords are counted all the same.
+/// Clients that hang up before the answer: their wrong passwords are counted.
 #[test]
 fn wrong_passwords_of_clients_that_hang_up_are_counted() {
     let page = Page::start();

@@ -1,10 +1,10 @@
 //! The records of the audit log in words, each with what the operator can do about it.
 
-use std::{fmt::Write, time::Duration};
+use std::fmt::Write;
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use time::{Date, Month, OffsetDateTime, Time};
+use time::{OffsetDateTime, format_description::well_known::Rfc3339};
 use volcomp_guard::Reasons;
 
 use super::{Event, Record, StateChange, StateName};
@@ -183,15 +183,8 @@ fn short(hash: &str) -> &str {
 
 /// Seconds since 1970 of a time in the form of [`crate::audit::utc`].
 fn seconds(time: &str) -> Option<f64> {
-    let number = |range: std::ops::Range<usize>| time.get(range)?.parse::<u16>().ok();
-    let small = |range| number(range).and_then(|number| u8::try_from(number).ok());
-    let month = Month::try_from(small(5..7)?).ok()?;
-    let date = Date::from_calendar_date(i32::from(number(0..4)?), month, small(8..10)?).ok()?;
-    let clock =
-        Time::from_hms_milli(small(11..13)?, small(14..16)?, small(17..19)?, number(20..23)?);
-    let at = OffsetDateTime::new_utc(date, clock.ok()?);
-    let ms = u64::try_from(at.unix_timestamp_nanos() / 1_000_000).ok()?;
-    Some(Duration::from_millis(ms).as_secs_f64())
+    let at = OffsetDateTime::parse(time, &Rfc3339).ok()?;
+    Some(at.unix_timestamp_nanos() as f64 * 1e-9).filter(|s| *s >= 0.0)
 }
 
 #[cfg(test)]
@@ -279,7 +272,7 @@ mod tests {
 
     #[test]
     fn times_are_those_of_the_records() {
-        let at = std::time::UNIX_EPOCH + Duration::from_millis(1_796_044_083_250);
+        let at = std::time::UNIX_EPOCH + std::time::Duration::from_millis(1_796_044_083_250);
         let event = state(StateName::Disarmed, &[]);
         assert_eq!(utc(at), "2026-11-30T13:08:03.250Z");
         assert!((event.time_s - 1_796_044_083.25).abs() < 1e-6);

@@ -66,8 +66,8 @@ pub(super) struct Reporter {
     /// The record being sent, in its envelope, so that a retry sends the same message.
     record: Option<Waiting>,
     instance: String,
-    /// Prefix of the message ids. The server drops a message with an id that it has seen in this site, so nobody else may know it: pages show
-    /// the instance.
+    /// Prefix of the message ids, secret: the server drops a message with an id that it has received in this site, and
+    /// pages show the instance.
     ids: String,
     number: u64,
     begun: Instant,

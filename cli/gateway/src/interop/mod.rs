@@ -87,10 +87,13 @@ impl Drop for InterfaceThread {
     }
 }
 
-/// Stack of a thread. The OPC UA library (0.19) does not limit how deep values of a client are nested, and takes up to 5.4 kB of stack for each
-/// byte of the largest message (32 KiB): nested ones must be errors, not the end of the process. Unused stack takes no memory.
+/// Maximum size of an OPC UA message, in one chunk.
 #[cfg(any(feature = "shdr", feature = "opc-ua-server"))]
-const STACK_BYTES: usize = 32 * 1024 * 8 * 1024;
+const MAX_MESSAGE_BYTES: usize = 32 * 1024;
+/// Stack of a thread. The OPC UA library (0.19) does not limit how deep values of a client are nested, and takes up to 5.4 kB of stack for each
+/// byte of a message: nested ones must be errors, not the end of the process. Unused stack takes no memory.
+#[cfg(any(feature = "shdr", feature = "opc-ua-server"))]
+const STACK_BYTES: usize = MAX_MESSAGE_BYTES * 8 * 1024;
 
 #[cfg(any(feature = "shdr", feature = "opc-ua-server"))]
 fn start<F: Future<Output = ()>>(

@@ -121,9 +121,6 @@ fn failed(listen: SocketAddr, source: io::Error) -> GatewayError {
     GatewayError::system(format!("opc_ua {listen}"), source)
 }
 
-/// Maximum size of a message, bytes, in one chunk: the stack of the thread is large enough for what nests in it.
-const MAX_MESSAGE_BYTES: usize = 32 * 1024;
-
 /// Builds the server: anonymous clients, no encryption, low limits.
 fn server(listen: SocketAddr, shape: &Shape) -> Result<(Server, ServerHandle), String> {
     // The library relies on the working directory: report a missing one here.
@@ -149,7 +146,7 @@ fn server(listen: SocketAddr, shape: &Shape) -> Result<(Server, ServerHandle), S
         .pki_dir(PathBuf::from("/dev/null/none"))
         .with_node_manager(simple_node_manager(metadata, "volcomp"));
     let limits = builder.limits_mut();
-    (limits.max_message_size, limits.max_chunk_count) = (MAX_MESSAGE_BYTES, 1);
+    (limits.max_message_size, limits.max_chunk_count) = (super::MAX_MESSAGE_BYTES, 1);
     limits.max_sessions = 2 * MAX_CLIENTS;
     limits.subscriptions.max_subscriptions_per_session = 8;
     limits.subscriptions.max_monitored_item_queue_size = 10;

@@ -154,7 +154,7 @@ fn a_rotation_that_was_broken_off_is_completed() {
     }
 }
 
-/// Somebody moves the current file away while it is written: no record goes into a file that nobody finds, and the chain is one.
+/// The current file is moved away while the gateway runs: the next record starts a new file, and the chain continues.
 #[test]
 fn a_log_that_is_moved_away_is_continued() {
     let dir = tempfile::tempdir().expect("writable");

@@ -163,7 +163,7 @@ impl Centre {
                 let message = stream.get_raw_message(sequence).await.expect("it is there");
                 let kind = message.subject.rsplit('.').next().unwrap_or("").to_owned();
                 let document: Value = serde_json::from_slice(&message.payload).expect("JSON");
-                // Whoever knew the id could send it first, and the server would drop the message.
+                // A client that knows the id could send it first, and the server would drop the message.
                 let id = message.headers.get("Nats-Msg-Id").expect("an id").as_str();
                 let instance = document["instance"].as_str().expect("text");
                 assert!(!id.contains(instance), "{id}");

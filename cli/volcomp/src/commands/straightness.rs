@@ -121,12 +121,14 @@ pub(crate) fn run(arguments: &StraightnessArguments) -> Result<Answer, Failure> 
     let drawn = RefCell::new(Vec::new());
     let answer = evaluated(&arguments.files, csv, |path| {
         let document = one(path, arguments, &tolerances)?;
-        drawn.borrow_mut().push(StraightnessPlot {
-            file: document.file.clone(),
-            reference: document.reference,
-            profile: document.profile.iter().map(|[q, x]| (*q, *x)).collect(),
-            quantities: document.judgement.quantities.clone(),
-        });
+        if plot.is_some() {
+            drawn.borrow_mut().push(StraightnessPlot {
+                file: document.file.clone(),
+                reference: document.reference,
+                profile: document.profile.iter().map(|[q, x]| (*q, *x)).collect(),
+                quantities: document.judgement.quantities.clone(),
+            });
+        }
         Ok(Evaluated {
             text: text(&document, arguments.files.len() == 1),
             metadata: Metadata::default(),

@@ -6,8 +6,7 @@ use super::write::{Cell, Page};
 use crate::{
     described::described,
     plot::{escaped, short},
-    report::{CheckOf, Report, WarningKind},
-    tolerance::VOLUME,
+    report::{CheckOf, Report, VOLUME, WarningKind},
 };
 
 pub(super) fn head(page: &mut Page, report: &Report) {

@@ -97,7 +97,7 @@ pub(super) fn run(arguments: &Iso230Arguments) -> Result<Answer, Failure> {
     let plot = arguments.plot_file()?;
     let drawn = RefCell::new(Vec::new());
     let answer = evaluated(&arguments.files, csv, |path| {
-        one(path, arguments, &tolerances, among_others, &drawn)
+        one(path, arguments, &tolerances, among_others, plot.as_ref().map(|_| &drawn))
     })?;
     if let Some(plot) = plot {
         plot.write(&positioning_picture(&drawn.into_inner()))?;
@@ -105,12 +105,15 @@ pub(super) fn run(arguments: &Iso230Arguments) -> Result<Answer, Failure> {
     Ok(answer)
 }
 
+/// The tests of `--plot`, in the order of the files.
+type DrawnTests = RefCell<Vec<(Positioning, Vec<JudgedQuantity>)>>;
+
 fn one(
     path: &Path,
     arguments: &Iso230Arguments,
     tolerances: &[Tolerance],
     among_others: bool,
-    drawn: &RefCell<Vec<(Positioning, Vec<JudgedQuantity>)>>,
+    drawn: Option<&DrawnTests>,
 ) -> Result<Evaluated<PositioningTest>, Failure> {
     let mut measurement = read_file(path)?;
     if measurement.quantity == Some(Quantity::Straightness) {
@@ -170,9 +173,10 @@ fn one(
                 format!("\n{}", folded(&format!("material compensation {said}"), ""))
             })
             + &decision_text(&judgement);
-    let judged = judgement.quantities.clone();
-    let test = drawn_test(path, arguments, &measurement, (kind, unit), &result);
-    drawn.borrow_mut().push((test, judged));
+    if let Some(drawn) = drawn {
+        let test = drawn_test(path, arguments, &measurement, (kind, unit), &result);
+        drawn.borrow_mut().push((test, judgement.quantities.clone()));
+    }
     let document = PositioningTest {
         unit,
         symbols: Symbols(unit, edition.quantities(&result)),
@@ -207,20 +211,24 @@ fn drawn_test(
 
 /// The name of the measured error, from the call, the title or the axis of the file; empty if unknown.
 fn error_of(arguments: &Iso230Arguments, measurement: &Measurement) -> String {
-    let title = measurement.metadata.title.as_deref().unwrap_or_default();
-    let mut named = errors_named(title);
-    named.dedup();
-    let of_title = || match named[..] {
-        [error] => Some(error),
-        _ => None,
-    };
     let of_axis = || {
         let stated = measurement.metadata.axis.as_deref().and_then(axis_named);
         let axis = arguments.axis().or(stated)?;
         format!("E{axis}{axis}").parse().ok()
     };
-    let error: Option<ErrorName> = arguments.error.or_else(of_title).or_else(of_axis);
+    let error: Option<ErrorName> =
+        arguments.error.or_else(|| named_in_title(measurement)).or_else(of_axis);
     error.map_or_else(String::new, |error| error.to_string())
+}
+
+/// The error that the title names, if it names only one.
+fn named_in_title(measurement: &Measurement) -> Option<ErrorName> {
+    let mut named = errors_named(measurement.metadata.title.as_deref().unwrap_or_default());
+    named.dedup();
+    match named[..] {
+        [error] => Some(error),
+        _ => None,
+    }
 }
 
 /// Rejects a file whose title names an error other than positioning, such as a straightness. Angles
@@ -230,10 +238,7 @@ fn refuse_title(
     measurement: &Measurement,
     unit: DeviationUnit,
 ) -> Result<(), Failure> {
-    let title = measurement.metadata.title.as_deref().unwrap_or_default();
-    let mut named = errors_named(title);
-    named.dedup();
-    let [error] = named[..] else { return Ok(()) };
+    let Some(error) = named_in_title(measurement) else { return Ok(()) };
     let is_angle = error.component.is_angular();
     let with_note =
         is_angle && error.axis.kind() == AxisKind::Linear && unit == DeviationUnit::Urad;
@@ -254,7 +259,7 @@ fn refuse_title(
     };
     let what = format_args!(
         "found the title {}, which names {error}, {what}; expected positioning; {how}where the title is wrong, state --error, such as --error EXX",
-        quoted(title)
+        quoted(measurement.metadata.title.as_deref().unwrap_or_default())
     );
     Err(Failure::in_file(path, what))
 }
