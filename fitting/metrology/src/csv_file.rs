@@ -6,11 +6,12 @@ use std::fmt::Write as _;
 use volcomp_document::{Column, CsvRow, CsvTable, quoted};
 use volcomp_vocabulary::{AxisKind, AxisName};
 
-use crate::csv_head::{heads, not_read, unit_of, with_unit};
+use crate::csv_head::{direction_named, heads, not_read, unit_of, with_unit};
 use crate::encoding::{decode, first_line, refuse_empty};
 use crate::number::{Place, decimals};
 use crate::runs::alignment_notes;
 use crate::test_plan::counted;
+use crate::wide_table::{Targets, WideReading, WideTable};
 use crate::{
     DeviationUnit, Direction, FileFormat, Measurement, MetrologyError, Reading, ReadingUnit,
     TargetUnit,
@@ -18,14 +19,13 @@ use crate::{
 
 const NAMES: [&str; 4] = ["target", "run", "direction", "deviation"];
 const EXPECTED_HEADER: &str = "the header `target,run,direction,deviation` or `target,deviation`";
-/// A column head such as `Run 1 Fwd` does not define its run and direction.
-const ONE_ROW_A_READING: &str = "one row for each reading under the header `target,run,direction,deviation`: write the columns of the runs one below the other, or read one of them with `columns = { target = …, deviation = … }` in the calibration file or as `[columns]` in a file of this name with `.toml` appended";
-const OTHER_HEADS: &str = "the header `target,run,direction,deviation` or `target,deviation`; state other heads with `columns = { target = …, deviation = … }` in the calibration file or as `[columns]` in a file of this name with `.toml` appended";
+const OTHER_HEADS: &str = "the header `target,run,direction,deviation` or `target,deviation`, or a column for each run as `target mm,Run 1 fwd,Run 1 bwd`; state other heads with `columns = { target = …, deviation = … }` in the calibration file or as `[columns]` in a file of this name with `.toml` appended";
 
 /// Reads a table of readings from CSV text.
 ///
-/// The header has the columns `target` and `deviation`, and either both or none of `run` and `direction` (`+` or `-`); without these two, the rows
-/// are one unidirectional run. The order of columns is free; other columns are ignored, with a note. Cells are separated by `,`, `;` or tabs; unless
+/// The header has the columns `target` and `deviation`, and either both or none of `run` and `direction` (`+` or `-`, `forward` or `backward`);
+/// without these two, the rows are one unidirectional run. Or it has `target` and a column for each run, whose head names number and direction
+/// (`Run 1 fwd`) and holds deviations or measured positions: as the heads state, else by their unit and values. The order of columns is free; other columns are ignored, with a note. Cells are separated by `,`, `;` or tabs; unless
 /// commas separate them, numbers may have a decimal comma. Targets are mm or deg, or inches if their head states it (`target inch`). The head of the
 /// deviations may be followed by a unit, `deviation [µm]`, `deviation_mm`, `deviation arcsec`: they are then converted to µm or µrad, and
 /// [`Measurement::unit`] names it. Otherwise they are not converted, and the unit is `None`. `name` is used in messages.
@@ -41,11 +41,24 @@ pub fn parse_csv(bytes: &[u8], name: &str) -> Result<Measurement, MetrologyError
     refuse_empty(&text, name, EXPECTED_HEADER)?;
     refuse_renishaw(&text, name)?;
     let table = CsvTable::parse(name, &text)?;
-    let columns = Columns::of(&table)?;
     let mut read = Rows::default();
-    for row in table.rows() {
-        read.add(name, row, &columns)?;
-    }
+    let (unit, target_unit, not_read, note) = if let Some((targets, wide)) = wide(&table)? {
+        let found = wide.readings(name, &table, targets)?;
+        for reading in found.readings {
+            let place = Place::new(name, reading.line);
+            let WideReading { target, run, direction, deviation, text, .. } = reading;
+            let reading = Reading { target, run, direction, deviation };
+            read.push(place, reading, text)?;
+        }
+        let is_read = |column| column == targets.column || wide.reads(column);
+        (found.unit, targets.unit, columns_besides(&table, is_read), found.note)
+    } else {
+        let columns = Columns::of(&table)?;
+        for row in table.rows() {
+            read.add(name, row, &columns)?;
+        }
+        (columns.unit, columns.target.unit, columns_not_read(&table), None)
+    };
     if read.readings.is_empty() {
         return Err(MetrologyError::Empty {
             file: name.into(),
@@ -53,7 +66,8 @@ pub fn parse_csv(bytes: &[u8], name: &str) -> Result<Measurement, MetrologyError
         });
     }
     let mut notes: Vec<String> = encoding_note.into_iter().collect();
-    notes.extend(columns_not_read(&table));
+    notes.extend(note);
+    notes.extend(not_read);
     notes.extend(read.end_of_file(&text, name)?);
     notes.extend(incomplete_runs(&read.readings));
     notes.extend(zero_direction(&read.readings));
@@ -61,9 +75,9 @@ pub fn parse_csv(bytes: &[u8], name: &str) -> Result<Measurement, MetrologyError
         name: name.into(),
         format: Some(FileFormat::Table),
         quantity: None,
-        unit: columns.unit.map(ReadingUnit::deviation_unit),
-        stated: columns.unit,
-        target_unit: columns.target_unit,
+        unit: unit.map(ReadingUnit::deviation_unit),
+        stated: unit,
+        target_unit,
         readings: read.readings,
         notes,
         ..Measurement::default()
@@ -94,10 +108,45 @@ pub fn write_csv(measurement: &Measurement) -> String {
     text
 }
 
+/// Targets and runs of a table with a column for each run; `None` for other tables.
+fn wide(table: &CsvTable) -> Result<Option<(Targets, WideTable)>, MetrologyError> {
+    let is_deviation = |head: &str| {
+        unit_of(head, "deviation")
+            .is_some_and(|unit| unit.is_empty() || ReadingUnit::named(unit).is_some())
+    };
+    if table.names().any(|(_, head)| is_deviation(head)) {
+        return Ok(None);
+    }
+    let Some((column, unit)) = with_unit(table, "target")? else {
+        return Ok(None);
+    };
+    match WideTable::of(table, column)? {
+        Some(wide) => Ok(Some((targets_of(table, column, unit)?, wide))),
+        None => Ok(None),
+    }
+}
+
+fn wrong_header(table: &CsvTable, found: &str, expected: &str) -> MetrologyError {
+    let error = table.header_error(format!("found {found}, expected {expected}"));
+    error.into()
+}
+
+fn targets_of(table: &CsvTable, column: Column, unit: &str) -> Result<Targets, MetrologyError> {
+    let in_inches = ReadingUnit::named(unit) == Some(ReadingUnit::Inch);
+    let unit = match unit {
+        "" => None,
+        _ if in_inches => Some(TargetUnit::Mm),
+        unit => Some(TargetUnit::named(unit).ok_or_else(|| {
+            let found = format!("targets in {}", quoted(unit));
+            let expected = "mm, inch or deg: `target`, `target mm`, `target inch` or `target deg`";
+            wrong_header(table, &found, expected)
+        })?),
+    };
+    Ok(Targets { column, unit, in_inches })
+}
+
 struct Columns {
-    target: Column,
-    target_unit: Option<TargetUnit>,
-    targets_in_inches: bool,
+    target: Targets,
     deviation: Column,
     unit: Option<ReadingUnit>,
     run_and_direction: Option<(Column, Column)>,
@@ -105,48 +154,34 @@ struct Columns {
 
 impl Columns {
     fn of(table: &CsvTable) -> Result<Self, MetrologyError> {
-        let wrong = |found: String, expected: &str| {
-            table.header_error(format!("found {found}, expected {expected}"))
-        };
+        let wrong = |found: &str, expected: &str| wrong_header(table, found, expected);
         let (target, deviation) = (with_unit(table, "target")?, with_unit(table, "deviation")?);
         let (Some((target, target_unit)), Some((deviation, unit))) = (target, deviation) else {
-            let is_wide = target.is_some() && deviation.is_none() && table.names().count() > 2;
-            let expected = if is_wide { ONE_ROW_A_READING } else { OTHER_HEADS };
-            return Err(wrong(heads(table), expected).into());
+            return Err(wrong(&heads(table), OTHER_HEADS));
         };
-        let targets_in_inches = ReadingUnit::named(target_unit) == Some(ReadingUnit::Inch);
-        let target_unit = match target_unit {
-            "" => None,
-            _ if targets_in_inches => Some(TargetUnit::Mm),
-            unit => Some(TargetUnit::named(unit).ok_or_else(|| {
-                let found = format!("targets in {}", quoted(unit));
-                let expected =
-                    "mm, inch or deg: `target`, `target mm`, `target inch` or `target deg`";
-                wrong(found, expected)
-            })?),
-        };
+        let target = targets_of(table, target, target_unit)?;
         let unit = match unit {
             "" => None,
             unit => Some(ReadingUnit::named(unit).ok_or_else(|| {
                 let found = format!("deviations in {}", quoted(unit));
                 let expected =
                     "one of µm, mm, nm, inch, µrad, mrad, rad, arcsec, deg: `deviation µm`";
-                wrong(found, expected)
+                wrong(&found, expected)
             })?),
         };
-        if unit == Some(ReadingUnit::Inch) && target_unit.is_none() {
-            let found = "deviations in inches and targets without a unit".to_owned();
-            return Err(wrong(found, "`target inch`, `target mm` or `target deg`").into());
+        if unit == Some(ReadingUnit::Inch) && target.unit.is_none() {
+            let found = "deviations in inches and targets without a unit";
+            return Err(wrong(found, "`target inch`, `target mm` or `target deg`"));
         }
         let run_and_direction = match (table.column("run")?, table.column("direction")?) {
             (Some(run), Some(direction)) => Some((run, direction)),
             (None, None) => None,
             _ => {
                 let expected = "both of the columns `run` and `direction`, or none of them";
-                return Err(wrong(heads(table), expected).into());
+                return Err(wrong(&heads(table), expected));
             }
         };
-        Ok(Self { target, target_unit, targets_in_inches, deviation, unit, run_and_direction })
+        Ok(Self { target, deviation, unit, run_and_direction })
     }
 }
 
@@ -164,10 +199,9 @@ impl Rows {
         row: CsvRow<'_>,
         columns: &Columns,
     ) -> Result<(), MetrologyError> {
-        let line = row.line();
-        let place = Place::new(file, line);
-        let stated = place.number("target", &row.cell(columns.target).decimal_text()?)?;
-        let target = if columns.targets_in_inches { 25.4 * stated } else { stated };
+        let place = Place::new(file, row.line());
+        let stated = place.number("target", &row.cell(columns.target.column).decimal_text()?)?;
+        let target = if columns.target.in_inches { 25.4 * stated } else { stated };
         let deviation_text = row.cell(columns.deviation).decimal_text()?;
         let stated = place.number("deviation", &deviation_text)?;
         let deviation = stated * columns.unit.map_or(1.0, ReadingUnit::micro);
@@ -178,13 +212,25 @@ impl Rows {
             ),
             None => (1, Direction::Positive),
         };
-        if let Some(first) = self.lines.insert((run, direction, target.to_bits()), line) {
+        let reading = Reading { target, run, direction, deviation };
+        self.push(place, reading, deviation_text)
+    }
+
+    fn push(
+        &mut self,
+        place: Place<'_>,
+        reading: Reading,
+        text: String,
+    ) -> Result<(), MetrologyError> {
+        let Reading { target, run, direction, .. } = reading;
+        let key = (run, direction, target.to_bits());
+        if let Some(first) = self.lines.insert(key, place.line) {
             let found =
                 format!("target {target} in run {run} {direction} again (first in line {first})");
             return Err(place.contradictory("reading", found, "each target once in a run"));
         }
-        self.readings.push(Reading { target, run, direction, deviation });
-        self.deviation_texts.push(deviation_text);
+        self.readings.push(reading);
+        self.deviation_texts.push(text);
         Ok(())
     }
 
@@ -218,6 +264,11 @@ fn refuse_renishaw(text: &str, name: &str) -> Result<(), MetrologyError> {
     }
 }
 
+fn columns_besides(table: &CsvTable, is_read: impl Fn(Column) -> bool) -> Option<String> {
+    let names = table.names().filter(|(column, _)| !is_read(*column));
+    not_read(&names.map(|(_, name)| name).collect::<Vec<_>>())
+}
+
 fn columns_not_read(table: &CsvTable) -> Option<String> {
     let is_read = |head: &str| {
         NAMES[..].iter().any(|name| match *name {
@@ -231,11 +282,10 @@ fn columns_not_read(table: &CsvTable) -> Option<String> {
 }
 
 fn direction_of(place: Place<'_>, text: &str) -> Result<Direction, MetrologyError> {
-    match text {
-        "+" => Ok(Direction::Positive),
-        "-" => Ok(Direction::Negative),
-        _ => Err(place.malformed("direction", quoted(text), "`+` or `-`")),
-    }
+    direction_named(text).ok_or_else(|| {
+        let expected = "`+` or `-`, `forward` or `backward`";
+        place.malformed("direction", quoted(text), expected)
+    })
 }
 
 pub(crate) fn incomplete_runs(readings: &[Reading]) -> Vec<String> {

@@ -2,6 +2,8 @@
 
 use volcomp_document::{Column, CsvTable, quoted, split_head};
 
+use volcomp_vocabulary::Direction;
+
 use crate::MetrologyError;
 
 /// Unit in a head with this name, empty for the name alone: `target`, `target mm`, `target_mm`, `deviation [µm]`. `None` if the head has another
@@ -41,4 +43,15 @@ pub(crate) fn heads(table: &CsvTable) -> String {
 
 pub(crate) fn not_read(names: &[&str]) -> Option<String> {
     (!names.is_empty()).then(|| format!("columns that are not read: {}", names.join(", ")))
+}
+
+/// Direction of approach by any of its usual words, case ignored.
+pub(crate) fn direction_named(text: &str) -> Option<Direction> {
+    match text.to_lowercase().as_str() {
+        "+" | "+1" | "1" | "f" | "fw" | "fwd" | "forward" | "forwards" | "pos" | "positive"
+        | "up" | "↑" => Some(Direction::Positive),
+        "-" | "−" | "-1" | "r" | "b" | "rev" | "reverse" | "bw" | "bwd" | "back" | "backward"
+        | "backwards" | "neg" | "negative" | "down" | "↓" => Some(Direction::Negative),
+        _ => None,
+    }
 }

@@ -40,6 +40,7 @@ mod tolerance;
 mod travel;
 mod unit;
 mod vdi_3441;
+mod wide_table;
 
 pub use abbe::{CarriedSide, Rides, Travel, abbe_um, lever_mm};
 pub use api_pos::{parse_pos, write_pos};
@@ -75,8 +76,8 @@ pub use renishaw::{Capture, RenishawKind, parse_ren, parse_renishaw, parse_rtx, 
 pub use runs::RunScatter;
 pub use slope_uncertainty::{SlopeUncertainty, slope_gain, slope_gain_of_tilts};
 pub use squareness::{
-    SquarenessInputs, SquarenessUncertainty, opening, squareness, squareness_parts,
-    squareness_uncertainty,
+    SquarenessInputs, SquarenessUncertainty, opening, squareness, squareness_of_lengths,
+    squareness_parts, squareness_uncertainty,
 };
 pub use straightness::{
     Straightness, StraightnessAbout, TiltReading, angular_method_um, straightness_of,

@@ -6,7 +6,7 @@ use csv::{ReaderBuilder, Trim};
 use volcomp_document::{quoted, split_unit, unit_named};
 
 use crate::csv_file::{incomplete_runs, zero_direction};
-use crate::csv_head::not_read;
+use crate::csv_head::{direction_named, not_read};
 use crate::encoding::{decode, refuse_empty};
 use crate::mapping::{ColumnName, Columns};
 use crate::number::Place;
@@ -327,16 +327,10 @@ fn target_micro(columns: &Columns) -> f64 {
 }
 
 fn direction(place: Place<'_>, text: &str) -> Result<Direction, MetrologyError> {
-    match text.to_lowercase().as_str() {
-        "+" | "+1" | "1" | "f" | "fwd" | "forward" | "pos" | "positive" | "up" | "↑" => {
-            Ok(Direction::Positive)
-        }
-        "-" | "−" | "-1" | "r" | "b" | "rev" | "reverse" | "bwd" | "backward" | "neg"
-        | "negative" | "down" | "↓" => Ok(Direction::Negative),
-        _ => {
-            Err(place.malformed("direction", quoted(text), "+ or -, forward or backward, 1 or -1"))
-        }
-    }
+    direction_named(text).ok_or_else(|| {
+        let expected = "+ or -, forward or backward, 1 or -1";
+        place.malformed("direction", quoted(text), expected)
+    })
 }
 
 fn readings(file: &str, rows: &[Row]) -> Result<Vec<Reading>, MetrologyError> {

@@ -66,6 +66,33 @@ pub fn squareness(
     opening(error).map(|sign| Urad(sign * opens.0)).ok_or_else(|| unknown(error))
 }
 
+/// Squareness from a printed or cut parallelogram ABCD, positive by the right-hand rule like [`squareness`]. `lengths_mm` are the diagonals AC and
+/// BD and the side AD. Corner A is at the low ends of both axes, C is opposite; it does not matter along which axis AD lies.
+///
+/// With the angle α at A: AC² + BD² = 2 (AB² + AD²) and AC² − BD² = 4 AB AD cos α. The angle opens by α − π/2.
+///
+/// # Errors
+/// `error` is no squareness error, or no parallelogram has these lengths and sides of which none is more than twice the other.
+pub fn squareness_of_lengths(
+    error: ErrorName,
+    lengths_mm: [f64; 3],
+) -> Result<Urad, MetrologyError> {
+    squareness_parts(error)?;
+    let [ac, bd, ad] = lengths_mm;
+    let no_square = || MetrologyError::ErrorName {
+        what: "lengths AC, BD, AD".into(),
+        found: format!("{ac}, {bd}, {ad}"),
+        expected: "both diagonals and one side of a square in mm, such as 141.4, 141.5, 100".into(),
+    };
+    let ab = (0.5 * (ac * ac + bd * bd) - ad * ad).sqrt();
+    let cosine = (ac * ac - bd * bd) / (4.0 * ab * ad);
+    let is_square = lengths_mm.iter().all(|length| *length > 0.0)
+        && (0.5..=2.0).contains(&(ab / ad))
+        && cosine.abs() < 0.5;
+    let sign = opening(error).filter(|_| is_square).ok_or_else(no_square)?;
+    Ok(Urad(-sign * cosine.asin() * 1e6))
+}
+
 fn unknown(error: ErrorName) -> MetrologyError {
     MetrologyError::ErrorName {
         what: "squareness from two slopes".into(),

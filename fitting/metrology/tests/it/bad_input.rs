@@ -103,7 +103,7 @@ fn messages_about_tables() {
         "target,deviation\n\"0,1\n1,2\n",
         "target,run,direction,deviation\n0,0,+,1\n",
         "target,run,direction,deviation\n0,1.5,+,1\n",
-        "target,run,direction,deviation\n0,1,f,1\n",
+        "target,run,direction,deviation\n0,1,left,1\n",
         "target,run,direction,deviation\n0,1,+,1\n\n0,1,+,1\n",
         "target,run,direction,deviation\r\n0,1,+,1\r\n \r\n\r\n0,2,+,x\r\n",
         &format!("{rows}40,1,+,5.2"),

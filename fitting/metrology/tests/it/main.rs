@@ -22,3 +22,4 @@ mod renishaw;
 mod samples;
 mod standards;
 mod straight_lines;
+mod wide;

@@ -6,8 +6,8 @@ use rand::SeedableRng;
 use rand_distr::{Distribution, Normal};
 use volcomp_metrology::{
     Direction, Measurement, ParallelLine, Reading, ReferenceKind, ReferenceLine, SlopeUncertainty,
-    SquarenessInputs, parse_csv, separate_parallel_lines, squareness_uncertainty, straightness_of,
-    straightness_of_profile,
+    SquarenessInputs, parse_csv, separate_parallel_lines, squareness_of_lengths,
+    squareness_uncertainty, straightness_of, straightness_of_profile,
 };
 
 use crate::samples::near;
@@ -230,4 +230,30 @@ fn parallel_lines_give_back_the_angles() {
     parallel lines: targets: found 1 beside 2, expected the same on each line
     parallel lines: numbers: found one that is not finite, expected finite numbers
     ");
+}
+
+/// A parallelogram that is drawn with sides AD along the first axis and AB leaning by t from the second. Where B leans to the first axis, the
+/// angle is closed by t: −t for EC0Y and EA0Z, +t for EB0Z.
+#[test]
+fn squareness_of_a_drawn_parallelogram() {
+    let distance = |[ax, ay]: [f64; 2], [bx, by]: [f64; 2]| (bx - ax).hypot(by - ay);
+    for t in [-3e-3_f64, 0.0, 1e-4, 8e-3] {
+        for [ad, ab] in [[100.0, 100.0], [150.0, 80.0]] {
+            let (a, d) = ([10.0, 20.0], [10.0 + ad, 20.0]);
+            let b = [10.0 + ab * t.sin(), 20.0 + ab * t.cos()];
+            let c = [b[0] + ad, b[1]];
+            for side in [distance(a, d), distance(a, b)] {
+                let lengths = [distance(a, c), distance(b, d), side];
+                for (error, sign) in [("EC0Y", -1.0), ("EA0Z", -1.0), ("EB0Z", 1.0)] {
+                    let found = squareness_of_lengths(error.parse().unwrap(), lengths).unwrap();
+                    assert!((found.0 - sign * t * 1e6).abs() < 1e-6, "{error} {t}: {found:?}");
+                }
+            }
+        }
+    }
+    for lengths in [[0.0; 3], [141.0, 141.0, 250.0], [f64::NAN, 141.0, 100.0], [199.0, 20.0, 100.0]]
+    {
+        assert!(squareness_of_lengths("EC0Y".parse().unwrap(), lengths).is_err(), "{lengths:?}");
+    }
+    assert!(squareness_of_lengths("EXX".parse().unwrap(), [141.4, 141.4, 100.0]).is_err());
 }

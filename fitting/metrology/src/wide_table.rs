@@ -1,0 +1,277 @@
+//! Tables with one row for each target and one column for each run: `Target (mm), Run 1 fwd, Run 1 bwd, …`.
+
+use volcomp_document::{Column, CsvTable, quoted};
+
+use crate::csv_head::direction_named;
+use crate::number::{Place, range};
+use crate::{DeviationUnit, Direction, MetrologyError, ReadingUnit, TargetUnit};
+
+/// Columns of the runs.
+pub(crate) struct WideTable {
+    runs: Vec<Run>,
+    /// Unit in the heads of the runs.
+    unit: Option<ReadingUnit>,
+    /// Whether a head states that the columns hold measured positions (true) or deviations (false).
+    is_measured: Option<bool>,
+}
+
+struct Run {
+    column: Column,
+    number: u32,
+    direction: Direction,
+}
+
+/// A reading of a wide table, µm or µrad, or in the unknown unit of the file.
+pub(crate) struct WideReading {
+    pub(crate) line: usize,
+    pub(crate) target: f64,
+    pub(crate) run: u32,
+    pub(crate) direction: Direction,
+    pub(crate) deviation: f64,
+    pub(crate) text: String,
+}
+
+/// The readings of a wide table, row by row.
+pub(crate) struct WideReadings {
+    pub(crate) readings: Vec<WideReading>,
+    /// Unit of the columns, stated or that of the targets.
+    pub(crate) unit: Option<ReadingUnit>,
+    pub(crate) note: Option<String>,
+}
+
+/// Targets of a table.
+#[derive(Clone, Copy)]
+pub(crate) struct Targets {
+    pub(crate) column: Column,
+    pub(crate) unit: Option<TargetUnit>,
+    pub(crate) in_inches: bool,
+}
+
+/// What a head says about a run.
+#[derive(Default)]
+struct Head {
+    says_run: bool,
+    run: Option<u32>,
+    direction: Option<Direction>,
+    unit: Option<ReadingUnit>,
+    is_measured: Option<bool>,
+}
+
+/// Share of the range of the targets below which differences to the targets are deviations.
+const DEVIATION_SHARE: f64 = 0.05;
+
+impl Head {
+    /// `None` if a word of the head is unknown, such as in `mean fwd`: the column holds no run. A single `r` is reverse beside a single `f`,
+    /// else run.
+    fn of(head: &str, r_is_reverse: bool) -> Option<Self> {
+        let mut found = Self::default();
+        let words = words(head);
+        // A hyphen is a direction only where no word states one.
+        let hyphen = words.iter().any(|word| word == "-");
+        for word in words.iter().filter(|word| *word != "-") {
+            let is_new = if let Ok(run) = word.parse::<u32>() {
+                found.run.replace(run).is_none() && run > 0
+            } else if word == "r" && !r_is_reverse || ["run", "pass"].contains(&word.as_str()) {
+                !core::mem::replace(&mut found.says_run, true)
+            } else if ["measured", "position", "actual"].contains(&word.as_str()) {
+                found.is_measured.replace(true).is_none()
+            } else if ["deviation", "dev", "error"].contains(&word.as_str()) {
+                found.is_measured.replace(false).is_none()
+            } else if let Some(direction) = direction_named(word) {
+                found.direction.replace(direction).is_none()
+            } else {
+                let unit = ReadingUnit::named(word)?;
+                found.unit.replace(unit).is_none()
+            };
+            if !is_new {
+                return None;
+            }
+        }
+        if hyphen && found.direction.is_none() {
+            found.direction = Some(Direction::Negative);
+        }
+        (found.says_run || found.direction.is_some()).then_some(found)
+    }
+}
+
+/// Words, numbers and signs of a head, in small letters. A hyphen between letters and digits joins them and is left out.
+fn words(head: &str) -> Vec<String> {
+    let mut words: Vec<String> = Vec::new();
+    let mut before = None;
+    for (at, c) in head.char_indices() {
+        let kind = if c.is_alphabetic() {
+            'a'
+        } else if c.is_ascii_digit() {
+            '1'
+        } else if "+−↑↓°".contains(c) || c == '-' && !is_joining(head, at) {
+            '+'
+        } else {
+            ' '
+        };
+        match words.last_mut() {
+            Some(word) if before == Some(kind) && kind != '+' && kind != ' ' => {
+                word.extend(c.to_lowercase());
+            }
+            _ if kind != ' ' => words.push(c.to_lowercase().collect()),
+            _ => {}
+        }
+        before = Some(kind);
+    }
+    words
+}
+
+fn is_joining(head: &str, hyphen: usize) -> bool {
+    let (before, behind) = head.split_at(hyphen);
+    let is_joined = |c: Option<char>| c.is_some_and(char::is_alphanumeric);
+    is_joined(before.chars().next_back()) && is_joined(behind.chars().nth(1))
+}
+
+impl WideTable {
+    /// The columns of runs; `None` if no head names a run.
+    pub(crate) fn of(table: &CsvTable, target: Column) -> Result<Option<Self>, MetrologyError> {
+        let single = |letter: &str| {
+            let mut heads = table.names();
+            heads.any(|(_, head)| words(head).iter().any(|word| word == letter))
+        };
+        let r_is_reverse = single("f");
+        let heads = table.names().filter(|(column, _)| *column != target);
+        let heads =
+            heads.filter_map(|(column, text)| Some((column, text, Head::of(text, r_is_reverse)?)));
+        let mut wide = Self { runs: Vec::new(), unit: None, is_measured: None };
+        let wrong = |found: String, expected: &str| {
+            table.header_error(format!("found {found}, expected {expected}"))
+        };
+        for (index, (column, text, head)) in heads.enumerate() {
+            let Some(direction) = head.direction else {
+                let expected = "the direction of each run in its head: `Run 1 fwd`, `Run 1 bwd`";
+                return Err(wrong(quoted(text), expected).into());
+            };
+            if index > 0 && (wide.unit, wide.is_measured) != (head.unit, head.is_measured) {
+                let expected = "the same unit and kind of values in the heads of all runs";
+                return Err(wrong(quoted(text), expected).into());
+            }
+            (wide.unit, wide.is_measured) = (head.unit, head.is_measured);
+            let others = wide.runs.iter().filter(|run| run.direction == direction);
+            let highest = || others.clone().map(|other| other.number).max().unwrap_or(0);
+            let next = || highest().saturating_add(1);
+            let number = head.run.unwrap_or_else(next);
+            if others.clone().any(|other| other.number == number) {
+                let expected = format!("each run {direction} once");
+                return Err(wrong(
+                    format!("run {number} {direction} again in {}", quoted(text)),
+                    &expected,
+                )
+                .into());
+            }
+            wide.runs.push(Run { column, number, direction });
+        }
+        Ok((!wide.runs.is_empty()).then_some(wide))
+    }
+
+    /// Whether this column holds a run.
+    pub(crate) fn reads(&self, column: Column) -> bool {
+        self.runs.iter().any(|run| run.column == column)
+    }
+
+    pub(crate) fn readings(
+        &self,
+        file: &str,
+        table: &CsvTable,
+        targets: Targets,
+    ) -> Result<WideReadings, MetrologyError> {
+        let mut readings = Vec::new();
+        for row in table.rows() {
+            let place = Place::new(file, row.line());
+            let target = place.number("target", &row.cell(targets.column).decimal_text()?)?;
+            let target = if targets.in_inches { 25.4 * target } else { target };
+            for run in &self.runs {
+                let text = row.cell(run.column).decimal_text()?;
+                // A missing reading.
+                if text.is_empty() {
+                    continue;
+                }
+                readings.push(WideReading {
+                    line: row.line(),
+                    target,
+                    run: run.number,
+                    direction: run.direction,
+                    deviation: place.number("reading", &text)?,
+                    text,
+                });
+            }
+        }
+        let unit = self.unit.or_else(|| {
+            let of_targets = match targets.unit? {
+                TargetUnit::Mm if targets.in_inches => ReadingUnit::Inch,
+                TargetUnit::Mm => ReadingUnit::Mm,
+                TargetUnit::Deg => ReadingUnit::Deg,
+            };
+            Some(of_targets)
+        });
+        if !self.holds_positions(table, &readings, unit)? {
+            let micro = self.unit.map_or(1.0, ReadingUnit::micro);
+            for reading in &mut readings {
+                reading.deviation *= micro;
+            }
+            return Ok(WideReadings { readings, unit: self.unit, note: None });
+        }
+        let wrong = |found: &str, expected: &str| {
+            table.header_error(format!("found {found}, expected {expected}"))
+        };
+        let Some(unit) = unit else {
+            let found = "measured positions without a unit";
+            return Err(
+                wrong(found, "it in the head of the targets: `target mm`, `target deg`").into()
+            );
+        };
+        let is_angle = unit.deviation_unit() == DeviationUnit::Urad;
+        let is_other = |target| (target == TargetUnit::Deg) != is_angle;
+        if targets.unit.is_some_and(is_other) {
+            let found = format!("measured positions in {unit}");
+            return Err(
+                wrong(&found, "the kind of unit of the targets, which are subtracted").into()
+            );
+        }
+        for reading in &mut readings {
+            reading.deviation =
+                reading.deviation * unit.micro() - reading.target * unit.micro_of_coordinate();
+        }
+        Ok(WideReadings {
+            readings,
+            unit: Some(unit),
+            note: (self.is_measured.is_none())
+                .then(|| format!("the columns of the runs are read as measured positions in {unit}, from which the targets are subtracted")),
+        })
+    }
+
+    /// Whether the columns hold measured positions: by their heads, else by the values, where the unit allows both.
+    fn holds_positions(
+        &self,
+        table: &CsvTable,
+        readings: &[WideReading],
+        unit: Option<ReadingUnit>,
+    ) -> Result<bool, MetrologyError> {
+        let is_coordinate =
+            |unit| matches!(unit, ReadingUnit::Mm | ReadingUnit::Inch | ReadingUnit::Deg);
+        if let Some(stated) = self.is_measured {
+            return Ok(stated);
+        }
+        if self.unit.is_some_and(|unit| !is_coordinate(unit)) {
+            return Ok(false);
+        }
+        let to_targets = unit.map_or(1.0, |unit| unit.micro() / unit.micro_of_coordinate());
+        let [low, high] = range(readings.iter().map(|reading| reading.target));
+        let within = |difference: &dyn Fn(&WideReading) -> f64| {
+            let mut all = readings.iter();
+            high > low
+                && all.all(|reading| difference(reading).abs() < DEVIATION_SHARE * (high - low))
+        };
+        let is_near = within(&|reading| reading.deviation * to_targets - reading.target);
+        let is_small = within(&|reading| reading.deviation * to_targets);
+        if self.unit.is_some() && !is_near && !is_small {
+            let message = "found values that are neither near the targets nor small, expected measured positions or deviations: write `measured` or `deviation` into the heads of the runs";
+            return Err(table.header_error(message).into());
+        }
+        Ok(is_near)
+    }
+}

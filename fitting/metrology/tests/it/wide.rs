@@ -1,0 +1,189 @@
+//! Tables with a column for each run give the readings of the same table with a row for each reading.
+
+use std::fmt::Write;
+
+use volcomp_metrology::{
+    DeviationUnit, Direction, Measurement, MetrologyError, Reading, ReadingUnit, parse_csv,
+};
+
+fn csv(text: &str) -> Result<Measurement, MetrologyError> {
+    parse_csv(text.as_bytes(), "x.csv")
+}
+
+fn refused(text: &str) -> String {
+    csv(text).expect_err("refused").to_string()
+}
+
+/// Readings by direction, run and target.
+fn sorted(text: &str) -> Vec<Reading> {
+    let mut readings = csv(text).unwrap_or_else(|error| panic!("{error}\n{text}")).readings;
+    readings.sort_by(|a, b| {
+        let key = |r: &Reading| (r.direction == Direction::Negative, r.run);
+        key(a).cmp(&key(b)).then(a.target.total_cmp(&b.target))
+    });
+    readings
+}
+
+/// Deviations of four passes at three targets, µm.
+const LONG: &str = "target mm,run,direction,deviation um
+0,1,+,0.5\n100,1,+,-2.5\n200,1,+,3.25
+0,1,-,4.5\n100,1,-,1.5\n200,1,-,7.25
+0,2,+,0.25\n100,2,+,-2.25\n200,2,+,3
+0,2,-,4.75\n100,2,-,1.25\n200,2,-,7.5
+";
+
+/// The same, written one row a target.
+const WIDE: &str = "Target (mm),Run 1 fwd (µm),Run 1 bwd (µm),Run 2 fwd (µm),Run 2 bwd (µm)
+0,0.5,4.5,0.25,4.75\n100,-2.5,1.5,-2.25,1.25\n200,3.25,7.25,3,7.5
+";
+
+fn same(wide: &str) {
+    for (found, expected) in sorted(wide).iter().zip(sorted(LONG)) {
+        assert_eq!((found.run, found.direction), (expected.run, expected.direction), "{wide}");
+        assert!((found.target - expected.target).abs() < 1e-9, "{wide}");
+        let difference = found.deviation - expected.deviation;
+        assert!(difference.abs() < 1e-6, "{wide}: {difference}");
+    }
+    assert_eq!(sorted(wide).len(), 12);
+}
+
+#[test]
+fn deviations_in_columns() {
+    same(WIDE);
+    for [one, other] in [
+        ["Forward 1", "Reverse 1"],
+        ["F1", "R1"],
+        ["F1", "B1"],
+        ["Run 1 +", "Run 1 -"],
+        ["1 ↑", "1 ↓"],
+        ["Run 1 - fwd", "Run 1 - bwd"],
+        ["1. run forward", "1. run backward"],
+        ["Run 1(+)", "Run 1(-)"],
+        ["Pass 1 Fwd", "Pass 1 Back"],
+        ["Run-1-forward", "run_1_backward"],
+        ["Fwd deviation 1", "Bwd deviation 1"],
+    ] {
+        let two = |head: &str| head.replace('1', "2");
+        let heads = [one.to_owned(), other.to_owned(), two(one), two(other)];
+        let heads = heads.map(|head| format!("{head} µm")).join(",");
+        let (_, rows) = WIDE.split_once('\n').unwrap();
+        same(&format!("Target (mm),{heads}\n{rows}"));
+    }
+    // Without numbers, runs are counted; other columns are named.
+    let text = "target mm;fwd µm;bwd µm;fwd µm;bwd µm;mean fwd\n0;0,5;4,5;0,25;4,75;1\n100;-2,5;1,5;-2,25;1,25;1\n200;3,25;7,25;3;7,5;1\n";
+    same(text);
+    assert_eq!(csv(text).unwrap().notes, ["columns that are not read: mean fwd"]);
+}
+
+/// Measured positions: target + deviation, in mm, inches or degrees.
+#[test]
+fn measured_positions_in_columns() {
+    let written = |heads: &str, mm_per_unit: f64| {
+        let mut text = format!("{heads}\n");
+        for (index, target) in [0.0, 100.0, 200.0].into_iter().enumerate() {
+            let deviations =
+                [0, 3, 6, 9].map(|pass| csv(LONG).unwrap().readings[pass + index].deviation);
+            let cells = deviations.map(|um| format!("{:.12}", (target + um * 1e-3) / mm_per_unit));
+            writeln!(text, "{:.12},{}", target / mm_per_unit, cells.join(",")).expect("a string");
+        }
+        text
+    };
+    let runs = "Run 1 fwd,Run 1 bwd,Run 2 fwd,Run 2 bwd";
+    let mm = written(&format!("Target (mm),{runs}"), 1.0);
+    same(&mm);
+    let read = csv(&mm).unwrap();
+    assert_eq!(
+        (read.stated, read.unit.map(DeviationUnit::key)),
+        (Some(ReadingUnit::Mm), Some("um"))
+    );
+    assert_eq!(
+        read.notes,
+        [
+            "the columns of the runs are read as measured positions in mm, from which the targets are subtracted"
+        ]
+    );
+    same(&written(&format!("target inch,{runs}"), 25.4));
+    let stated = runs.replace("wd", "wd measured mm");
+    let stated = written(&format!("target,{stated}"), 1.0);
+    same(&stated);
+    assert_eq!(csv(&stated).unwrap().notes, Vec::<String>::new());
+    // 90.001° at 90°: 0.001° are 17.4533 µrad.
+    let read = csv("target deg,fwd\n0,0\n90,90.001\n").unwrap();
+    assert_eq!(read.unit.map(DeviationUnit::key), Some("urad"));
+    assert!((read.readings[1].deviation - 1e3_f64.to_radians()).abs() < 1e-9);
+    // Deviations in mm, inches and arcsec, small beside the targets.
+    for (text, expected) in [
+        ("target mm,fwd mm\n0,0\n100,0.002\n", 2.0),
+        ("target inch,fwd inch\n0,0\n4,0.0001\n", 2.54),
+        ("target deg,fwd arcsec\n0,0\n90,2\n", 2e6_f64.to_radians() / 3600.0),
+    ] {
+        let found = csv(text).unwrap().readings[1].deviation;
+        assert!((found - expected).abs() < 1e-9, "{text}: {found}");
+    }
+}
+
+#[test]
+fn a_missing_reading_is_left_out() {
+    let lacking = WIDE.replace("100,-2.5,1.5", "100,,1.5");
+    let read = csv(&lacking).unwrap();
+    assert_eq!(read.readings.len(), 11);
+    assert!(read.notes.join("\n").contains("run 1 + holds 2 of 3 targets"), "{:?}", read.notes);
+}
+
+#[test]
+fn directions_in_words() {
+    for [up, down] in
+        [["forward", "backward"], ["Fwd", "Bwd"], ["f", "r"], ["FW", "rev"], ["up", "down"]]
+    {
+        let text = LONG.replace(",+,", &format!(",{up},")).replace(",-,", &format!(",{down},"));
+        assert_eq!(csv(&text).unwrap().readings, csv(LONG).unwrap().readings);
+    }
+    assert_eq!(
+        refused(&LONG.replace(",+,", ",left,")),
+        "x.csv:2: direction: found `left`, expected `+` or `-`, `forward` or `backward`"
+    );
+}
+
+#[test]
+fn what_is_no_wide_table() {
+    for (text, message) in [
+        (
+            "target mm,Run 1,Run 2\n0,1,2\n",
+            "x.csv:1: header: found `Run 1`, expected the direction of each run in its head: `Run 1 fwd`, `Run 1 bwd`",
+        ),
+        (
+            "target mm,Run 1 fwd,Run 1 forward\n0,1,2\n",
+            "x.csv:1: header: found run 1 + again in `Run 1 forward`, expected each run + once",
+        ),
+        (
+            "target mm,Run 1 fwd mm,Run 1 bwd µm\n0,1,2\n",
+            "x.csv:1: header: found `Run 1 bwd µm`, expected the same unit and kind of values in the heads of all runs",
+        ),
+        (
+            "target mm,fwd mm\n0,50\n100,20\n",
+            "x.csv:1: header: found values that are neither near the targets nor small, expected measured positions or deviations: write `measured` or `deviation` into the heads of the runs",
+        ),
+        (
+            "target,fwd\n0,0.001\n100,100.002\n",
+            "x.csv:1: header: found measured positions without a unit, expected it in the head of the targets: `target mm`, `target deg`",
+        ),
+        (
+            "target deg,fwd measured mm\n0,0.001\n100,100.002\n",
+            "x.csv:1: header: found measured positions in mm, expected the kind of unit of the targets, which are subtracted",
+        ),
+        (
+            "target mm,fwd\n0,a\n",
+            "x.csv:2: reading: found `a`, expected a finite decimal number such as -12.5, at most 1e12",
+        ),
+        (
+            "target mm,fwd\n0,1\n0,2\n",
+            "x.csv:3: reading: found target 0 in run 1 + again (first in line 2), expected each target once in a run",
+        ),
+        (
+            "Soll,Ist\n0,1\n",
+            "x.csv:1: header: found `Soll,Ist`, expected the header `target,run,direction,deviation` or `target,deviation`, or a column for each run as `target mm,Run 1 fwd,Run 1 bwd`; state other heads with `columns = { target = …, deviation = … }` in the calibration file or as `[columns]` in a file of this name with `.toml` appended",
+        ),
+    ] {
+        assert_eq!(refused(text), message);
+    }
+}
