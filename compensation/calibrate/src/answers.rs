@@ -7,11 +7,15 @@ use volcomp_vocabulary::ErrorName;
 
 use crate::{
     draft::{Draft, LeftOver, Square, conflicts_of, squares_of, text_of},
-    proposal::{CHANNEL_KEYS, Proposed, Question, open},
+    proposal::{CHANNEL_KEYS, DEFAULT, Proposed, Question, ask_for_levers, open},
 };
 
 /// Key of an answer that removes a measurement or a squareness from the draft.
 pub const LEAVE_OUT: &str = "leave_out";
+/// Answer that keeps the default of a key.
+pub const KEEP_DEFAULT: &str = "default";
+/// Keys with a default, besides the positions in `at`.
+const DEFAULTED: [&str; 4] = ["point", "rides", "sign", "holds_location"];
 
 const UNITS: [&str; 8] = ["mm", "um", "nm", "urad", "mrad", "rad", "arcsec", "deg"];
 
@@ -31,7 +35,7 @@ pub struct Answer {
     pub of: Subject,
     /// Key of the question: `error`, `file`, `at.Y`, `point`; or `leave_out`, with `true`, which removes the measurement or squareness.
     pub key: String,
-    /// The value: numbers separated by commas, words without quotation marks.
+    /// The value: numbers separated by commas, words without quotation marks; or `default` for a key that has one.
     pub value: String,
 }
 
@@ -104,7 +108,11 @@ impl Draft {
         let mut notes = self.notes.clone();
         let mut in_order: Vec<&Answer> = answers.iter().collect();
         in_order.sort_by_key(|answer| Turn::of(&answer.key));
-        for answer in in_order {
+        let first_other = in_order.partition_point(|answer| Turn::of(&answer.key) != Turn::Other);
+        for (index, answer) in in_order.into_iter().enumerate() {
+            if index == first_other {
+                levers(&mut proposed, self.machine_has_tilts);
+            }
             match &answer.of {
                 Subject::Measurement(place) => {
                     let Some(slot) = proposed.get_mut(*place) else {
@@ -122,7 +130,10 @@ impl Draft {
                             }));
                         }
                     } else if let Some(of) = slot {
-                        if self.proposed[*place].may_lose_keys() && of.has_lost(&answer.key) {
+                        let is_lever = ["point", "rides"].contains(&answer.key.as_str());
+                        let may_lose = self.proposed[*place].may_lose_keys()
+                            || (is_lever && of.facts.without_levers);
+                        if may_lose && of.has_lost(&answer.key) {
                             notes.push(not_used(of, answer));
                         } else {
                             answer_measurement(of, answer)?;
@@ -149,6 +160,9 @@ impl Draft {
                 }
             }
         }
+        if first_other == answers.len() {
+            levers(&mut proposed, self.machine_has_tilts);
+        }
         let proposed: Vec<Proposed> = proposed.into_iter().flatten().collect();
         let possible = squares_of(&proposed);
         squares.retain(|square| possible.iter().any(|of| of.error == square.error));
@@ -169,6 +183,7 @@ impl Draft {
             left_over,
             notes,
             machine_file: self.machine_file.clone(),
+            machine_has_tilts: self.machine_has_tilts,
             squares,
         })
     }
@@ -197,6 +212,15 @@ impl Draft {
         let measurements = measurements.map(|(place, _)| answer(Subject::Measurement(place)));
         let squares = squares.map(|square| answer(Subject::Squareness(square.error)));
         measurements.chain(squares).collect()
+    }
+}
+
+/// Asks for levers where the errors, as answered, have them.
+fn levers(proposed: &mut [Option<Proposed>], machine_has_tilts: bool) {
+    let mut known: Vec<Proposed> = proposed.iter().flatten().cloned().collect();
+    ask_for_levers(&mut known, machine_has_tilts);
+    for (slot, of) in proposed.iter_mut().flatten().zip(known) {
+        *slot = of;
     }
 }
 
@@ -238,7 +262,11 @@ fn answer_measurement(of: &mut Proposed, answer: &Answer) -> Result<(), AnswerEr
         let Some((axis, place)) = place else {
             return Err(key_error(answer, &subject));
         };
-        let unit = axis.kind().coordinate_unit();
+        let (axis, unit) = (*axis, axis.kind().coordinate_unit());
+        if value == KEEP_DEFAULT {
+            of.at.retain(|(other, _)| *other != axis);
+            return Ok(());
+        }
         *place = Some(number(value).ok_or_else(|| wrong(&format!("a number of {unit}")))?);
         return Ok(());
     }
@@ -257,6 +285,10 @@ fn answer_measurement(of: &mut Proposed, answer: &Answer) -> Result<(), AnswerEr
     let Some((key, held)) = of.keys.iter_mut().find(|(key, _)| *key == answer.key) else {
         return Err(key_error(answer, &subject));
     };
+    if value == KEEP_DEFAULT && DEFAULTED.contains(key) {
+        DEFAULT.clone_into(held);
+        return Ok(());
+    }
     *held = encoded(key, value).map_err(|expected| value_error(answer, &subject, expected))?;
     if answer.key == "unit" {
         set_unit(of, value);

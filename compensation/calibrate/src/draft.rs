@@ -13,7 +13,10 @@ use volcomp_vocabulary::ErrorName;
 
 use crate::{
     checks::lines::different_machines,
-    proposal::{FileHints, Proposed, Question, of_log, of_measurement, open, out_of_place, sort},
+    proposal::{
+        DEFAULT, FileHints, Proposed, Question, ask_for_levers, of_log, of_measurement, open,
+        out_of_place, sort,
+    },
     questions::{OPEN, question},
 };
 
@@ -43,6 +46,9 @@ pub struct Draft {
     /// Path of the machine file in the text.
     #[cfg_attr(feature = "serde", serde(skip))]
     pub(crate) machine_file: String,
+    /// Whether the machine file has an angular error.
+    #[cfg_attr(feature = "serde", serde(skip))]
+    pub(crate) machine_has_tilts: bool,
     #[cfg_attr(feature = "serde", serde(skip))]
     pub(crate) squares: Vec<Square>,
 }
@@ -152,6 +158,8 @@ pub fn draft_of(
     conflicts.extend(different_machines(&files));
     join_same_places(&mut proposed, &mut conflicts);
     sort(&mut proposed);
+    let machine_has_tilts = machine.errors().any(|(name, _)| name.component.is_angular());
+    ask_for_levers(&mut proposed, machine_has_tilts);
     let squares = squares_of(&proposed);
     let mut questions = Vec::new();
     for of in &proposed {
@@ -168,6 +176,7 @@ pub fn draft_of(
         left_over,
         notes,
         machine_file: machine_file.to_owned(),
+        machine_has_tilts,
         squares,
     }
 }
@@ -341,7 +350,7 @@ pub(crate) fn text_of(
                 .collect();
             let _ = writeln!(text, "at = {{ {} }}", places.join(", "));
         }
-        for (key, value) in &of.keys {
+        for (key, value) in of.keys.iter().filter(|(_, value)| value != DEFAULT) {
             let _ = writeln!(text, "{key} = {value}");
         }
     }

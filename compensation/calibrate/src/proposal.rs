@@ -112,6 +112,8 @@ pub(crate) struct FileFacts {
     pub(crate) asks_unit: bool,
     /// Whether the file is a log whose channels are not assigned yet.
     pub(crate) is_log: bool,
+    /// Whether the place of the line has no effect, because no tilt is known or can follow from the lines.
+    pub(crate) without_levers: bool,
 }
 
 impl Proposed {
@@ -150,6 +152,25 @@ impl Proposed {
     }
 }
 
+/// Value of a key that keeps its default and is not written.
+pub(crate) const DEFAULT: &str = "";
+
+/// Whether the levers of the lines have an effect: through a tilt that is measured or that the machine has, or through two lines of one error,
+/// from which a tilt follows.
+pub(crate) fn ask_for_levers(proposed: &mut [Proposed], machine_has_tilts: bool) {
+    let mut errors: Vec<ErrorName> = proposed.iter().filter_map(|of| of.error).collect();
+    errors.sort_unstable();
+    errors.dedup();
+    // A file whose error is open may measure a tilt, or an error that another file measures as well.
+    let have_levers = machine_has_tilts
+        || errors.len() < proposed.len()
+        || errors.iter().any(|error| error.component.is_angular());
+    for of in proposed {
+        of.facts.without_levers = !have_levers;
+        of.follow();
+    }
+}
+
 const FOLLOWING: [&str; 6] = ["point", "rides", "holds_location", "sign", "bridge_mm", "reading"];
 
 fn keys(error: Option<ErrorName>, facts: &FileFacts) -> Vec<(&'static str, String)> {
@@ -158,7 +179,8 @@ fn keys(error: Option<ErrorName>, facts: &FileFacts) -> Vec<(&'static str, Strin
         let channels = CHANNEL_KEYS.map(|key| format!("{key} = {}", open()));
         keys.push(("channels", format!("{{ {} }}", channels.join(", "))));
     }
-    if error.is_none_or(|error| !error.component.is_angular()) {
+    let has_lever = !facts.without_levers || error.is_none_or(|error| error.axis.is_rotary());
+    if has_lever && error.is_none_or(|error| !error.component.is_angular()) {
         keys.push(("point", open()));
         keys.push(("rides", open()));
     }

@@ -113,6 +113,12 @@ fn take<'a>(
         };
         let found = drafts.iter();
         let found: Vec<AnswerOf> = found.flat_map(|draft| draft.for_all(of, key, value)).collect();
+        if found.is_empty() && ["point", "rides"].contains(&key) {
+            notes.push(format!(
+                "--answer {given} is not used: no tilt is measured, so that the place of a line has no effect"
+            ));
+            continue;
+        }
         if found.is_empty() {
             let asked = drafts.iter().flat_map(|draft| &draft.questions);
             let mut keys: Vec<&str> = asked.map(|q| q.key.as_str()).collect();
@@ -209,7 +215,7 @@ fn kinds_of_questions(draft: &Draft) -> String {
         text += &folded(&format!("{key} ({count}): {question}"), " ");
     }
     text += &folded(
-        "Where many have the same answer, give it once: --answer rides=carriage, for an error or an axis --answer EYX:sign=-1 or --answer Y:at.X=4000; the most specific answer wins, in any order.",
+        "Where many have the same answer, give it once: --answer rides=carriage, for an error or an axis --answer EYX:sign=-1 or --answer Y:at.X=4000, for a default --answer sign=default; the most specific answer wins, in any order.",
         "",
     );
     text

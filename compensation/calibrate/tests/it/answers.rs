@@ -102,7 +102,7 @@ fn an_answered_draft_is_a_calibration_file() {
 
 #[test]
 fn invalid_answers_are_refused_by_key() {
-    let (_dir, found) = drafted(&["exx.csv", "eyx.csv", "exy.csv"]);
+    let (_dir, found) = drafted(&["exx.csv", "eyx.csv", "exy.csv", "ebx.csv"]);
     let of = Subject::Measurement(place(&found, "exx.csv"));
     for (key, value, expected) in [
         ("point", "1, 2", "three numbers"),
@@ -113,6 +113,7 @@ fn invalid_answers_are_refused_by_key() {
         ("error", "EQQ", "the name of an error"),
         ("file", "../../etc/passwd", "one of exx.csv"),
         ("leave_out", "perhaps", "true or false"),
+        ("error", "default", "the name of an error"),
     ] {
         let wrong = found.answered(&[answer(of.clone(), key, value)]);
         let message = wrong.expect_err(value).to_string();
@@ -270,4 +271,77 @@ fn follow_up_questions_can_be_answered_with_the_error() {
     let named = Subject::Measurement(place(&found, "exx.csv"));
     let answered = found.answered(&[answer(named, "holds_location", "true")]);
     assert!(answered.is_err() || answered.is_ok_and(|of| !of.notes.is_empty()));
+}
+
+/// Where a line ran has no effect without a tilt: it is asked where one is measured, may be measured, follows from two lines of one error, or is in
+/// the machine file.
+#[test]
+fn levers_are_asked_where_there_are_any() {
+    let asks = |draft: &Draft| open_keys(draft).iter().any(|key| key == "point" || key == "rides");
+    let (_dir, found) = drafted(&["exx.csv", "eyx.csv", "exy.csv"]);
+    assert!(!asks(&found), "{:?}", open_keys(&found));
+    assert!(!found.text.contains("rides ="), "{}", found.text);
+    let (_dir, tilt) = drafted(&["exx.csv", "ebx.csv"]);
+    assert!(asks(&tilt));
+    // An open error may be a tilt, until it is answered as another one.
+    let (_dir, open) = drafted_of(&[("scan-1.csv", ARCH), ("exx.csv", ARCH)]);
+    assert!(asks(&open));
+    let scan = Subject::Measurement(place(&open, "scan-1.csv"));
+    let exx = Subject::Measurement(place(&open, "exx.csv"));
+    for (error, asked) in [("EBX", true), ("EXX", true), ("EYX", false)] {
+        let answers = [answer(scan.clone(), "error", error)];
+        assert_eq!(asks(&open.answered(&answers).expect("right")), asked, "{error}");
+    }
+    let both = [answer(exx, "rides", "carriage"), answer(scan, "error", "EYX")];
+    let notes = open.answered(&both).expect("right").notes.join("\n");
+    assert!(notes.contains("exx.csv: rides is no question for EXX"), "{notes}");
+    let with_tilt = |_: &Path, folder: &Path| {
+        std::fs::write(folder.join("exx.csv"), ARCH).expect("writable");
+        let machine = folder.join("machine.toml");
+        let text = std::fs::read_to_string(&machine).expect("there");
+        let key = "EBX = 10.0\n";
+        let text = match text.split_once("[errors]\n") {
+            Some((head, rest)) => format!("{head}[errors]\n{key}{rest}"),
+            None => format!("{text}\n[errors]\n{key}"),
+        };
+        std::fs::write(machine, text).expect("writable");
+    };
+    assert!(asks(&drafted_in(with_tilt).1));
+}
+
+/// Answered by their defaults, keys are left out, and the file is the same to `calibrate` as one that states them.
+#[test]
+fn defaults_are_answers() {
+    let (dir, found) = drafted(&["exx.csv", "eyx.csv", "ebx.csv"]);
+    let keys: Vec<String> = open_keys(&found);
+    let mut answers = Vec::new();
+    for key in ["at.Y", "at.Z", "point", "rides", "sign"] {
+        assert!(keys.contains(&key.to_owned()), "{keys:?}");
+        answers.extend(found.for_all(None, key, "default"));
+    }
+    for (error, unit) in [("EXX", "um"), ("EYX", "um"), ("EBX", "urad")] {
+        answers.extend(found.for_all(Some(error), "unit", unit));
+    }
+    let done = found.answered(&answers).expect("right");
+    assert!(done.questions.is_empty(), "{}", done.text);
+    for key in ["at =", "point =", "rides =", "sign ="] {
+        let mut lines = done.text.lines();
+        assert_eq!(lines.find(|line| line.starts_with(key)), None);
+    }
+    let file = dir.path().join("calibration.toml");
+    let curves = |text: &str| {
+        std::fs::write(&file, text).expect("writable");
+        let read = CalibrationFile::read(&file).unwrap_or_else(|error| panic!("{error}\n{text}"));
+        let found = calibrate(&read, |_, _| {}).expect("it fits");
+        found.curves.into_iter().map(|curve| curve.sampled).collect::<Vec<_>>()
+    };
+    let by_default = curves(&done.text);
+    let stated = done.text.replace("[[measurement]]\n", "[[measurement]]\nsign = 1\n");
+    let stated = stated.replace("error = \"EXX\"\n", "error = \"EXX\"\nrides = \"carriage\"\n");
+    assert_eq!(by_default, curves(&stated));
+    let (_dir, log) = drafted_of(&[("x.csv", "target,deviation\n0,1\n10,2\n")]);
+    let unit = log.for_all(None, "unit", "default");
+    assert!(!unit.is_empty());
+    let refused = log.answered(&unit).expect_err("no default").to_string();
+    assert!(refused.contains("one of mm, um"), "{refused}");
 }

@@ -230,6 +230,7 @@ fn one_answer_applies_to_every_question_of_its_key() {
         ("exx.rtl", linear("X", "", 1.0)),
         ("eyy.rtl", linear("Y", "", 2.0)),
         ("ezz.rtl", linear("Z", "", 3.0)),
+        ("ebx.rta", laser("X", "", DeviationUnit::Urad, Quantity::Angle, 4.0)),
     ]);
     let found = shop.draft();
     let before = found.questions.len();
