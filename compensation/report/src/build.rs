@@ -30,7 +30,7 @@ impl Report {
         not_measured.extend(identified.as_ref().and_then(left_open));
         not_measured.extend(one_direction(machine));
         let mut report = Self {
-            warnings: of_calibration(file, calibration, &not_measured, stated.edition),
+            warnings: of_calibration(file, calibration, &not_measured, stated),
             curves: curves(file, calibration),
             positioning: positioning(file, stated.edition),
             squareness: squares(

@@ -79,6 +79,12 @@ pub struct Head {
     pub operator: Option<String>,
     /// Name of the measuring instrument.
     pub instrument: Option<String>,
+    /// The customer.
+    #[serde(default)]
+    pub customer: Option<String>,
+    /// Number of the certificate.
+    #[serde(default)]
+    pub certificate: Option<String>,
     /// Minimum and maximum air temperature, °C.
     pub air_degc: Option<[f64; 2]>,
     /// Minimum and maximum material temperature, °C.

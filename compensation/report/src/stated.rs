@@ -6,8 +6,16 @@ use volcomp_model::Machine;
 use crate::report::{AxisTravel, Head};
 
 /// Values from the caller, which override the values in the files.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Stated {
+    /// The customer.
+    pub customer: Option<String>,
+    /// Number of the certificate.
+    pub certificate: Option<String>,
+    /// Minimum and maximum air temperature, °C, instead of those in the files.
+    pub air_degc: Option<[f64; 2]>,
+    /// Minimum and maximum material temperature, °C, instead of those in the files.
+    pub material_degc: Option<[f64; 2]>,
     /// Name of the machine, instead of that in the measurement files.
     pub machine: Option<String>,
     /// Serial number.
@@ -52,8 +60,12 @@ pub(crate) fn head<'a>(
         date: stated.date.clone().or_else(|| of_files(|m| m.date.clone())),
         operator: stated.operator.clone().or_else(|| of_files(|m| m.by.clone())),
         instrument: stated.instrument.clone().or_else(|| of_files(program)),
-        air_degc: of_sensors(|e| e.air_temperature.into_iter().collect()),
-        material_degc: of_sensors(|e| e.material_temperature.into_iter().flatten().collect()),
+        customer: stated.customer.clone(),
+        certificate: stated.certificate.clone(),
+        air_degc: (stated.air_degc)
+            .or_else(|| of_sensors(|e| e.air_temperature.into_iter().collect())),
+        material_degc: (stated.material_degc)
+            .or_else(|| of_sensors(|e| e.material_temperature.into_iter().flatten().collect())),
         structure: machine.chain().structure().to_string(),
         axes: axes.collect(),
         tool_tip_mm: machine.chain().tool_tip_mm().into(),

@@ -4,17 +4,21 @@ use volcomp_calibrate::{
     Calibration, CalibrationFile, Line, Method, squareness_lines_of_one_run, with_files,
 };
 use volcomp_metrology::{
-    Edition, MotionKind, Quantity, environment_notes, outlier_hints, shortfalls,
+    MATERIAL_WITHIN_K, MotionKind, Quantity, REFERENCE_DEGC, environment_notes, outlier_hints,
+    shortfalls,
 };
 use volcomp_vocabulary::{AxisKind, AxisName};
 
-use crate::report::{Warning, WarningKind};
+use crate::{
+    report::{Warning, WarningKind},
+    stated::Stated,
+};
 
 pub(crate) fn of_calibration(
     file: &CalibrationFile,
     calibration: &Calibration,
     not_measured: &[String],
-    edition: Edition,
+    stated: &Stated,
 ) -> Vec<Warning> {
     let mut all = Vec::new();
     let mut add = |kind: WarningKind, text: String| {
@@ -32,7 +36,7 @@ pub(crate) fn of_calibration(
         let is_test =
             MotionKind::of(error) == MotionKind::Positioning && line.setup.method == Method::Direct;
         if is_test {
-            let lacks = shortfalls(&line.readings, error.axis.kind(), edition);
+            let lacks = shortfalls(&line.readings, error.axis.kind(), stated.edition);
             if !lacks.is_empty() {
                 add(WarningKind::Few, named(line, lacks.join("; ")));
             }
@@ -56,7 +60,10 @@ pub(crate) fn of_calibration(
     for text in with_files(surroundings) {
         add(WarningKind::Temperature, text);
     }
-    if let [first, others @ ..] = silent.as_slice() {
+    if let Some(text) = stated.material_degc.and_then(material) {
+        add(WarningKind::Temperature, text);
+    }
+    if let ([first, others @ ..], None) = (silent.as_slice(), stated.material_degc) {
         let files = match others.len() {
             0 => format!("{first} states"),
             more => format!("{first} and {more} other positioning files state"),
@@ -92,6 +99,16 @@ pub(crate) fn of_calibration(
     }
     all.sort_by_key(|warning| warning.kind);
     all
+}
+
+/// Warning on a material temperature that the caller states.
+fn material([low, high]: [f64; 2]) -> Option<String> {
+    let farthest = (low - REFERENCE_DEGC).abs().max((high - REFERENCE_DEGC).abs());
+    (farthest > MATERIAL_WITHIN_K).then(|| {
+        format!(
+            "the material temperature is stated as {low:.2} to {high:.2} °C, farther than {MATERIAL_WITHIN_K} K from 20 °C: whether the readings are brought to 20 °C is not known"
+        )
+    })
 }
 
 pub(crate) fn warnings<T: ToString>(

@@ -15,7 +15,7 @@ use volcomp_report::{
     Check, Diagonals, Edition, OfState, Report, Size, State, Stated, Tolerance, Verdict as Outcome,
     body_diagonals, checks, html, refuse_two_units, tolerances, tools, uncertainty, volume,
 };
-use volcomp_vocabulary::AxisName;
+use volcomp_vocabulary::{AxisName, bounds::PLAUSIBLE_DEGC};
 
 use super::{
     Answer,
@@ -79,6 +79,18 @@ pub(crate) struct ReportArguments {
     /// Override the instrument
     #[arg(long, value_name = "TEXT")]
     instrument: Option<String>,
+    /// Customer
+    #[arg(long, value_name = "TEXT")]
+    customer: Option<String>,
+    /// Certificate number
+    #[arg(long, value_name = "TEXT")]
+    certificate: Option<String>,
+    /// Override the air temperature, °C: 20.1 or 19.8,20.4
+    #[arg(long, value_name = "LOW,HIGH", allow_hyphen_values = true)]
+    air_degc: Option<String>,
+    /// Override the material temperature, °C: 20.1 or 19.8,20.4
+    #[arg(long, value_name = "LOW,HIGH", allow_hyphen_values = true)]
+    material_degc: Option<String>,
     #[command(flatten)]
     others: OthersArguments,
     /// Number of Monte Carlo samples for the uncertainty of the volumetric error; 0: none
@@ -221,6 +233,26 @@ pub(crate) fn run(arguments: &ReportArguments) -> Result<Answer, Failure> {
     answer(arguments, &report, &limits, notes)
 }
 
+/// One temperature, or the lowest and the highest, °C.
+fn temperatures(option: &str, text: Option<&str>) -> Result<Option<[f64; 2]>, Failure> {
+    let Some(text) = text else {
+        return Ok(None);
+    };
+    let numbers: Option<Vec<f64>> =
+        text.split([',', ';']).map(|number| number.trim().parse().ok()).collect();
+    let range = match numbers.as_deref() {
+        Some([only]) => Some([*only; 2]),
+        Some([low, high]) if low <= high => Some([*low, *high]),
+        _ => None,
+    };
+    let is_plausible = |range: &[f64; 2]| range.iter().all(|degc| PLAUSIBLE_DEGC.contains(degc));
+    range.filter(is_plausible).map(Some).ok_or_else(|| {
+        Failure::Input(format!(
+            "{option}: found `{text}`, expected one temperature or the lowest and the highest in °C: 19.8,20.4"
+        ))
+    })
+}
+
 /// Rejects file extensions other than those of HTML: a program that opens the report would fail.
 fn refuse_other_endings(output: &Path) -> Result<(), Failure> {
     let ending = output.extension().unwrap_or_default();
@@ -271,6 +303,10 @@ impl Source {
             date: arguments.date.clone(),
             operator: arguments.operator.clone(),
             instrument: arguments.instrument.clone(),
+            customer: arguments.customer.clone(),
+            certificate: arguments.certificate.clone(),
+            air_degc: temperatures("--air-degc", arguments.air_degc.as_deref())?,
+            material_degc: temperatures("--material-degc", arguments.material_degc.as_deref())?,
             // clap rejects other years.
             edition: (arguments.edition.and_then(Edition::of_year)).unwrap_or_default(),
         };

@@ -38,6 +38,37 @@ fn a_calibration_makes_a_report() {
 }
 
 #[test]
+fn the_first_page_states_customer_certificate_and_temperatures() {
+    let (document, page) = report(&[
+        CALIBRATION,
+        "--customer",
+        "Example & Co.",
+        "--certificate",
+        "K-17",
+        "--air-degc",
+        "20.5",
+        "--material-degc",
+        "22,22.5",
+    ]);
+    for part in ["Example &amp; Co.", "K-17", "20.50 °C", "22.00 … 22.50 °C"] {
+        contains(&page, part);
+    }
+    contains(&document["warnings"].to_string(), "stated as 22.00 to 22.50 °C");
+    let folder = Folder::new();
+    let output = folder.file("report.html");
+    for (option, value) in [
+        ("--air-degc", "warm"),
+        ("--material-degc", "22,21"),
+        ("--air-degc", "1,2,3"),
+        ("--air-degc", "900"),
+    ] {
+        let call = ["report", CALIBRATION, option, value, "-o", &output];
+        let message = refused(&call);
+        contains(&message, &format!("{option}: found `{value}`, expected one temperature"));
+    }
+}
+
+#[test]
 fn the_same_call_gives_the_same_bytes() {
     let call = [CALIBRATION, "--trials", "3"];
     assert_eq!(report(&call).1, report(&call).1);

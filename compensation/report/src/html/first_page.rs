@@ -34,6 +34,11 @@ pub(super) fn head(page: &mut Page, report: &Report) {
         })
         .collect();
     let tip = head.tool_tip_mm.map(plain).join(", ");
+    for (name, value) in [("Customer", &head.customer), ("Certificate number", &head.certificate)] {
+        if value.is_some() {
+            fact(page, name, value.as_deref());
+        }
+    }
     for (name, value) in [
         ("Machine", head.machine.clone()),
         ("Serial number", head.serial.clone()),
@@ -47,13 +52,89 @@ pub(super) fn head(page: &mut Page, report: &Report) {
         ("Tool tip", Some(format!("{tip} mm"))),
         ("Made from", Some(head.source.clone())),
     ] {
-        let value = match &value {
-            Some(value) => escaped(value).replace('\n', "<br>"),
-            None => "<span class=\"none\">not stated</span>".to_owned(),
-        };
-        page.put(&format!("<div class=\"fact\"><dt>{}</dt><dd>{value}</dd></div>", escaped(name)));
+        fact(page, name, value.as_deref());
     }
     page.put("</dl>");
+    summary(page, report);
+}
+
+fn fact(page: &mut Page, name: &str, value: Option<&str>) {
+    let value = match value {
+        Some(value) => escaped(value).replace('\n', "<br>"),
+        None => "<span class=\"none\">not stated</span>".to_owned(),
+    };
+    page.put(&format!("<div class=\"fact\"><dt>{}</dt><dd>{value}</dd></div>", escaped(name)));
+}
+
+/// The figures on the first page, with the line for the signature.
+fn summary(page: &mut Page, report: &Report) {
+    const MOST_ROWS: usize = 16;
+    page.put("<div class=\"summary\"><h3>Summary</h3>");
+    let (_, _, sentence) = verdict_words(report);
+    page.put(&format!("<p><strong>{}</strong></p>", escaped(&sentence)));
+    let with_unit = |value: f64, unit: &str| format!("{} {unit}", short(value, 2));
+    let mut rows: Vec<Vec<Cell>> = Vec::new();
+    for test in &report.positioning {
+        let figures = [
+            ("A", test.result.a),
+            ("R", test.result.r),
+            ("E", test.result.e),
+            ("B", test.result.b),
+        ];
+        let known = figures.into_iter().filter_map(|(symbol, value)| {
+            Some(format!("{symbol} {}", with_unit(value?, &test.unit)))
+        });
+        rows.push(vec![
+            Cell::text(format!("{}, positioning (ISO 230-2:{})", test.error, test.edition)),
+            Cell::text(known.collect::<Vec<_>>().join(", ")),
+        ]);
+    }
+    for square in &report.squareness {
+        rows.push(vec![
+            Cell::text(format!("squareness of {} and {}", square.first, square.second)),
+            Cell::text(with_unit(square.angle_urad, "µrad")),
+        ]);
+    }
+    let more = rows.len().saturating_sub(MOST_ROWS);
+    rows.truncate(MOST_ROWS);
+    if more > 0 {
+        rows.push(vec![Cell::text(format!("{more} further figures follow")), Cell::text("")]);
+    }
+    if let Some(volume) = &report.volume {
+        let states = [Some(&volume.before), volume.after.as_ref()];
+        let sizes = states.into_iter().flatten().map(|of| with_unit(of.found.form_max_um, "µm"));
+        let name = match volume.after {
+            Some(_) => format!("{LARGEST}, before and after"),
+            None => LARGEST.to_owned(),
+        };
+        rows.push(vec![Cell::text(name), Cell::text(sizes.collect::<Vec<_>>().join(", "))]);
+    }
+    let missing = match report.count_as_0 {
+        0 => "none".to_owned(),
+        errors => format!("{errors}, which count as 0"),
+    };
+    rows.push(vec![Cell::text("errors that were not measured"), Cell::text(missing)]);
+    rows.push(vec![Cell::text("warnings"), Cell::text(report.warnings.len().to_string())]);
+    page.table(&["figure", "value"], rows);
+    page.put(
+        "<div class=\"signature\"><span>Place and date</span><span>Signature</span></div></div>",
+    );
+}
+
+/// Class, sign and sentence of the verdict.
+fn verdict_words(report: &Report) -> (&'static str, &'static str, String) {
+    let whole = Verdict::of_all(report.checks.iter().map(|check| check.outcome));
+    let (class, sign, sentence) = match whole {
+        _ if report.checks.is_empty() => ("open", "–", "No tolerance stated."),
+        Verdict::Fail => ("fail", "✗", "Not all stated tolerances are met."),
+        Verdict::NotEvaluated => ("open", "?", "Not every stated tolerance could be evaluated."),
+        Verdict::Undecided => ("open", "?", "Not every stated tolerance is decided."),
+        Verdict::Pass => {
+            let met = report.all_met().replacen('a', "A", 1) + ".";
+            return ("pass", "✓", met);
+        }
+    };
+    (class, sign, sentence.to_owned())
 }
 
 /// Formats a coordinate without trailing zeros.
@@ -65,18 +146,10 @@ fn plain(value: f64) -> String {
 const LARGEST: &str = "largest volumetric error over all axes, after alignment";
 
 pub(super) fn verdict(page: &mut Page, report: &Report) {
-    let whole = Verdict::of_all(report.checks.iter().map(|check| check.outcome));
-    let met = report.all_met().replacen('a', "A", 1) + ".";
-    let (class, sign, sentence) = match whole {
-        _ if report.checks.is_empty() => ("open", "–", "No tolerance stated."),
-        Verdict::Fail => ("fail", "✗", "Not all stated tolerances are met."),
-        Verdict::NotEvaluated => ("open", "?", "Not every stated tolerance could be evaluated."),
-        Verdict::Undecided => ("open", "?", "Not every stated tolerance is decided."),
-        Verdict::Pass => ("pass", "✓", met.as_str()),
-    };
+    let (class, sign, sentence) = verdict_words(report);
     page.put(&format!(
         "<div class=\"verdict {class}\"><span class=\"sign\" aria-hidden=\"true\">{sign}</span><strong>{}</strong></div>",
-        escaped(sentence)
+        escaped(&sentence)
     ));
     if report.checks.is_empty() {
         page.paragraph(

@@ -43,6 +43,8 @@ fn texts_of_files_are_never_markup() {
         date: text(),
         operator: text(),
         instrument: text(),
+        customer: text(),
+        certificate: text(),
         ..Stated::default()
     };
     let report = Report::of_calibration(hostile, &file, &calibration, &stated);
@@ -105,4 +107,53 @@ fn the_page_asks_for_nothing_outside_of_itself() {
         let own = usize::from(outside == "http://");
         assert_eq!(found, own, "{outside}");
     }
+}
+
+/// The first page has who it is for and what was found, with a line for the signature, before any section. The figures are those of the
+/// report.
+#[test]
+fn the_first_page_is_a_certificate() {
+    let shop = Shop::new();
+    let (file, calibration) = shop.calibrated();
+    let stated = Stated {
+        customer: Some("Example & Co.".to_owned()),
+        certificate: Some("K-2026-17".to_owned()),
+        air_degc: Some([20.1, 20.4]),
+        material_degc: Some([21.5, 22.25]),
+        ..Stated::default()
+    };
+    let report = Report::of_calibration("c.toml", &file, &calibration, &stated);
+    let page = html(&report);
+    let (first, _) = page.split_once("<section").expect("sections");
+    let result = &report.positioning[0].result;
+    let a = result.a.expect("two runs");
+    for part in [
+        "<dt>Customer</dt><dd>Example &amp; Co.</dd>",
+        "<dt>Certificate number</dt><dd>K-2026-17</dd>",
+        "20.10 … 20.40 °C",
+        "21.50 … 22.25 °C",
+        "No tolerance stated.",
+        "EXX, positioning (ISO 230-2:2014)",
+        &format!("A {a:.2} µm, R "),
+        "squareness of X and Y",
+        "12.00 µrad",
+        "17, which count as 0",
+        "Place and date",
+        "Signature",
+    ] {
+        assert!(first.contains(part), "{part}: {first}");
+    }
+    let warned =
+        |report: &Report, part: &str| report.warnings.iter().any(|of| of.text.contains(part));
+    assert!(
+        warned(&report, "stated as 21.50 to 22.25 °C, farther than 1 K from 20 °C"),
+        "{:?}",
+        report.warnings
+    );
+    assert!(!warned(&report, "no material temperature"));
+    // Without statements the page has no empty lines for them, and the files are named.
+    let plain = shop.report();
+    assert!(warned(&plain, "exx.csv states no material temperature"), "{:?}", plain.warnings);
+    let page = html(&plain);
+    assert!(!page.contains("Customer") && !page.contains("Certificate number"));
 }
