@@ -372,19 +372,26 @@ fn not_compiled(path: &Path, error: ModelError) -> Failure {
 
 /// Parses the coordinates of `--at`, mm or deg; at least one axis.
 pub(crate) fn parse_at(text: &str) -> Result<Vec<(AxisName, f64)>, Failure> {
-    let mut coordinates: Vec<(AxisName, f64)> = Vec::new();
-    for (letter, value) in assignments("--at", text, AXES, "X=100")? {
-        let name = axis("--at", letter)?;
-        if coordinates.iter().any(|&(other, _)| other == name) {
-            return Err(Failure::Input(format!("--at: axis {name} appears twice")));
-        }
-        coordinates.push((name, number("--at", letter, value, name.kind().coordinate_unit())?));
-    }
-    if coordinates.is_empty() {
+    let at = by_axis("--at", text)?;
+    if at.is_empty() {
         let message = "--at: found no axis, expected X=100 for each axis that is not at 0";
         return Err(Failure::Input(message.to_owned()));
     }
-    Ok(coordinates)
+    Ok(at)
+}
+
+/// Numbers by axis, each axis once: X=100,Y=200.
+pub(crate) fn by_axis(option: &str, text: &str) -> Result<Vec<(AxisName, f64)>, Failure> {
+    let mut found: Vec<(AxisName, f64)> = Vec::new();
+    for (letter, value) in assignments(option, text, AXES, "X=100")? {
+        let name = axis(option, letter)?;
+        if found.iter().any(|&(other, _)| other == name) {
+            return Err(Failure::Input(format!("{option}: axis {name} appears twice")));
+        }
+        let unit = name.kind().coordinate_unit();
+        found.push((name, number(option, letter, value, unit)?));
+    }
+    Ok(found)
 }
 
 const AXES: &[char] = &[',', ';', ' ', '\t', '\n'];

@@ -1,12 +1,17 @@
-use std::path::{Path, PathBuf};
+use std::{
+    fmt,
+    path::{Path, PathBuf},
+    str::FromStr,
+};
 
 use schemars::JsonSchema;
 use serde::Serialize;
 use volcomp_identify::unit_symbol;
-use volcomp_model::{Axis, Machine};
+use volcomp_model::{Machine, Temperatures};
 use volcomp_tables::axis_table::{
-    AxisLoss, AxisNumbers, Content, ExchangeError, Facts, Format, LineError, Loss, TableOptions,
-    TextFile, WriteOptions, loss, sampled, write,
+    AxisLoss, AxisNumbers, Content, ExchangeError, Facts, Firmware, Format, LineError,
+    LinearSettings, Loss, TableOptions, TextFile, WriteOptions, Written, firmware_loss,
+    linear_settings, loss, sampled, write, write_settings,
 };
 use volcomp_vocabulary::AxisName;
 
@@ -15,7 +20,7 @@ use crate::{
     failure::{Failure, FileFailure},
     limit::{LimitArgument, RAISE_LIMIT},
     output::OutputFile,
-    points::{MachineArguments, axis_numbers, parse_at},
+    points::{MachineArguments, axis_numbers, by_axis, parse_at},
     table::{folded, to_the_left},
 };
 
@@ -32,9 +37,10 @@ Examples:
 pub(crate) struct ExportArguments {
     #[command(flatten)]
     machine: MachineArguments,
-    /// csv, linuxcnc, linuxcnc-type1, siemens-840d, heidenhain, isg-csv or fanuc
+    /// csv, linuxcnc, linuxcnc-type1, siemens-840d, heidenhain, isg-csv or fanuc; steps and skew for klipper, marlin or
+    /// grbl
     #[arg(long, value_name = "NAME")]
-    format: Format,
+    format: Target,
     /// Folder for the files, or a path with an extension for a format of one file; existing tables are replaced, with a
     /// note
     #[arg(long, short, value_name = "PATH")]
@@ -45,14 +51,53 @@ pub(crate) struct ExportArguments {
     /// Spacing on rotary axes, deg; with `modulo` an integer fraction of the period
     #[arg(long, value_name = "DEG", default_value_t = 15.0)]
     step_deg: f64,
-    /// Positions of the axes that a table does not cover: X=400,Z=-100 (mm, deg) [default: 0 or the nearest end of
-    /// travel]
+    /// Positions of the axes that a table does not cover: X=400,Z=-100 (mm, deg); axes not named are at 0 or the nearest
+    /// end of travel [default: the middle of the travel of linear axes, in whole steps]
     #[arg(long, allow_hyphen_values = true)]
     at: Option<String>,
+    /// Steps per mm now set in marlin or grbl, rotation distances (mm) in klipper: X=80,Y=80,Z=400 [default: write their
+    /// factors]
+    #[arg(long, value_name = "STEPS")]
+    steps: Option<String>,
     #[command(flatten)]
     limit: LimitArgument,
     #[command(flatten)]
     control: ControlArguments,
+}
+
+/// Compensation tables, or steps and skew of firmware.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Target {
+    Tables(Format),
+    Firmware(Firmware),
+}
+
+impl Target {
+    fn name(self) -> &'static str {
+        match self {
+            Self::Tables(format) => format.name(),
+            Self::Firmware(firmware) => firmware.name(),
+        }
+    }
+}
+
+impl fmt::Display for Target {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+impl FromStr for Target {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        match text.parse::<Firmware>() {
+            Ok(firmware) => Ok(Self::Firmware(firmware)),
+            Err(()) => text.parse().map(Self::Tables).map_err(|error| {
+                format!("{error}, {}", Firmware::ALL.map(Firmware::name).join(", "))
+            }),
+        }
+    }
 }
 
 /// What is not in a machine file about its control.
@@ -95,7 +140,10 @@ pub(crate) struct Export {
     tables: Vec<Made>,
     /// Errors that the files cannot represent, and settings required at the control.
     notes: Vec<String>,
-    /// Difference between these tables and the model.
+    /// Steps and skew, of firmware without tables.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    settings: Option<LinearSettings>,
+    /// Difference between these tables or settings and the model.
     loss: Loss,
 }
 
@@ -124,67 +172,111 @@ pub(crate) fn run(arguments: &ExportArguments) -> Result<Answer, Failure> {
     let (machine, temperatures) = arguments.machine.read()?;
     let mut notes = machine_notes(&machine, &temperatures);
     let at = arguments.at.as_deref().map(parse_at).transpose()?;
-    let options = TableOptions {
+    let mut options = TableOptions {
         step_mm: arguments.step,
         step_deg: arguments.step_deg,
-        at: at.unwrap_or_default(),
+        at: Vec::new(),
         limit: arguments.limit.limit()?,
     };
+    options.at = at.unwrap_or_else(|| options.in_the_middle(&machine));
     let reference = options.reference(&machine)?;
     let stated: Vec<String> =
         temperatures.iter().map(|(name, degc)| format!("{name} = {degc} °C")).collect();
-    let numbers = arguments.control.numbers()?;
-    let write_options = WriteOptions {
-        facts: Facts::of(&machine, reference.clone(), stated.join(", ")),
-        axes: numbers.unwrap_or_else(|| AxisNumbers::of_machine(&machine)),
-        encoder: arguments.control.encoder.unwrap_or(0),
-        detection_unit: arguments.control.detection_unit,
-    };
+    let facts = Facts::of(&machine, reference.clone(), stated.join(", "));
     let place = Place::of(arguments)?;
-    let format = arguments.format;
-    let content = sampled(&machine, &temperatures, &options, format)?;
-    let written = write(format, &content, &write_options)?;
-    let lost = loss(&machine, &temperatures, &options, format, &write_options)?;
-    if arguments.at.is_none() && matches!(content, Content::Axes(_)) {
-        notes.extend(not_at(&machine, &reference));
+    let made = match arguments.format {
+        Target::Tables(format) => {
+            tables(arguments, format, &machine, &temperatures, &options, facts)?
+        }
+        Target::Firmware(firmware) => {
+            let steps = arguments.steps.as_deref();
+            let steps = steps.map(|text| by_axis("--steps", text)).transpose()?;
+            let settings = linear_settings(&machine, &temperatures, &options)?;
+            let now = steps.unwrap_or_default();
+            Exported {
+                written: write_settings(firmware, &settings, &machine, &facts, &now)?,
+                loss: firmware_loss(&machine, &temperatures, &options, firmware)?,
+                tables: Vec::new(),
+                settings: Some(settings),
+                sign: firmware.sign(),
+                trust: firmware.trust(),
+            }
+        }
+    };
+    if arguments.at.is_none() && made.tables.iter().any(|table| table.output.len() == 1) {
+        notes.extend(not_at(&reference));
     }
-    notes.extend(lost.axes.iter().filter_map(worse_than_none));
-    let (files, replaced) = place.write(&written.files, arguments)?;
+    notes.extend(made.loss.axes.iter().filter_map(worse_than_none));
+    let (files, replaced) = place.write(&made.written.files, arguments)?;
     if !replaced.is_empty() {
         notes.push(format!("replaced what was there: {}", replaced.join(", ")));
     }
     notes.extend(other_tables(arguments, &files));
     let document = Export {
-        format: format.name(),
+        format: arguments.format.name(),
         files,
         machine: machine.checksum(),
         at: reference.into_iter().collect(),
-        sign: format.sign(),
-        trust: format.trust(),
-        tables: made(&content, &written.left_out),
-        notes: written.notes,
-        loss: lost,
+        sign: made.sign,
+        trust: made.trust,
+        tables: made.tables,
+        notes: made.written.notes,
+        settings: made.settings,
+        loss: made.loss,
     };
     let text = text(&document);
     Answer::new(&document, text, notes)
 }
 
-/// Note for a table whose other axes have no stated coordinates. It names the middle of their travel, which suits most tables better.
-fn not_at(machine: &Machine, reference: &[(AxisName, f64)]) -> Option<String> {
-    let places = |at: &dyn Fn(&Axis) -> f64| {
-        let axes = machine.axes().iter();
-        let words = axes.map(|axis| format!("{}={}", axis.name, rounded(at(axis))));
-        words.collect::<Vec<_>>().join(",")
+struct Exported {
+    written: Written,
+    loss: Loss,
+    tables: Vec<Made>,
+    settings: Option<LinearSettings>,
+    sign: &'static str,
+    trust: &'static str,
+}
+
+fn tables(
+    arguments: &ExportArguments,
+    format: Format,
+    machine: &Machine,
+    temperatures: &Temperatures,
+    options: &TableOptions,
+    facts: Facts,
+) -> Result<Exported, Failure> {
+    if let Some(steps) = &arguments.steps {
+        return Err(Failure::Input(format!(
+            "--steps: found {steps} for the format {format}, expected it for klipper, marlin or grbl alone"
+        )));
+    }
+    let numbers = arguments.control.numbers()?;
+    let write_options = WriteOptions {
+        facts,
+        axes: numbers.unwrap_or_else(|| AxisNumbers::of_machine(machine)),
+        encoder: arguments.control.encoder.unwrap_or(0),
+        detection_unit: arguments.control.detection_unit,
     };
-    let taken = |axis: &Axis| {
-        let place = reference.iter().find(|(name, _)| *name == axis.name);
-        place.map_or(0.0, |(_, at)| *at)
-    };
-    let middle = |axis: &Axis| f64::midpoint(axis.travel[0], axis.travel[1]);
-    let (taken, middle) = (places(&taken), places(&middle));
-    (machine.axes().len() > 1 && taken != middle).then(|| {
+    let content = sampled(machine, temperatures, options, format)?;
+    let written = write(format, &content, &write_options)?;
+    Ok(Exported {
+        loss: loss(machine, temperatures, options, format, &write_options)?,
+        tables: made(&content, &written.left_out),
+        written,
+        settings: None,
+        sign: format.sign(),
+        trust: format.trust(),
+    })
+}
+
+/// Note on the reference position of tables for which none is stated.
+fn not_at(reference: &[(AxisName, f64)]) -> Option<String> {
+    let places = reference.iter();
+    let places: Vec<String> = places.map(|(name, at)| format!("{name}={}", rounded(*at))).collect();
+    (reference.len() > 1).then(|| {
         format!(
-            "--at is not given: the axes that a table does not go over are assumed to be at {taken}, and the tables hold there; the middle of the travel is --at {middle}"
+            "--at is not given: the tables hold on the lines through the middle of the travel, {}; state the middle of the space in which you work",
+            places.join(",")
         )
     })
 }
@@ -298,8 +390,10 @@ fn other_tables(arguments: &ExportArguments, written: &[String]) -> Vec<String> 
         .filter_map(|file| {
             let path = Some(file.path()).filter(|path| small(path))?;
             let name = file.file_name().display().to_string();
-            if is_named_by(arguments.format, &name) {
-                return Some((arguments.format, name));
+            if let Target::Tables(format) = arguments.format
+                && is_named_by(format, &name)
+            {
+                return Some((format, name));
             }
             // A file that cannot be read as text is not a table.
             let text = std::fs::read_to_string(&path).ok()?;
@@ -310,7 +404,7 @@ fn other_tables(arguments: &ExportArguments, written: &[String]) -> Vec<String> 
     found.sort_by_cached_key(|(format, name)| (format.to_string(), name.clone()));
     let folder = arguments.output.display();
     let (own, mut others): (Vec<_>, Vec<_>) =
-        (found.into_iter()).partition(|(format, _)| *format == arguments.format);
+        (found.into_iter()).partition(|(format, _)| Target::Tables(*format) == arguments.format);
     others.dedup_by(|one, other| one.0 == other.0);
     let mut notes = Vec::new();
     if !others.is_empty() {
@@ -374,7 +468,19 @@ fn place_of(axis: &AxisLoss) -> String {
     words.join(" ")
 }
 
-fn text(document: &Export) -> String {
+fn settings_table(settings: &LinearSettings) -> String {
+    let mut rows = table(&["setting", "", "value"]);
+    for (axis, factor) in ["X", "Y", "Z"].into_iter().zip(settings.steps) {
+        rows.add_row(["steps per mm, factor", axis, &fixed(factor, 7)]);
+    }
+    let skew = settings.skew;
+    for (plane, factor) in [("XY", skew.xy), ("XZ", skew.xz), ("YZ", skew.yz)] {
+        rows.add_row(["skew factor", plane, &fixed(factor, 7)]);
+    }
+    table_text(&rows)
+}
+
+fn tables_table(document: &Export) -> String {
     let mut tables =
         table(&["table", "over", "positions", "first", "last", "directions", "largest", "unit"]);
     for made in &document.tables {
@@ -389,6 +495,10 @@ fn text(document: &Export) -> String {
             unit_symbol(made.unit).to_owned(),
         ]);
     }
+    table_text(&tables)
+}
+
+fn text(document: &Export) -> String {
     let mut lost = table(&[
         "what is left",
         "axis",
@@ -420,7 +530,8 @@ fn text(document: &Export) -> String {
         text.push('\n');
     }
     text.push('\n');
-    text += &table_text(&tables);
+    let settings = document.settings.as_ref().map(settings_table);
+    text += &settings.unwrap_or_else(|| tables_table(document));
     text.push('\n');
     text += &table_text(&lost);
     text.push('\n');

@@ -1,11 +1,15 @@
-use std::path::{Path, PathBuf};
+use std::{
+    path::{Path, PathBuf},
+    str::FromStr,
+};
 
 use schemars::JsonSchema;
 use serde::Serialize;
 use serde_json::Value;
 use volcomp_document::read_text;
 use volcomp_tables::axis_table::{
-    Curves, Format, ListedTable, ReadOptions, TextFile, curves, is_facts_file, read, to_toml,
+    Curves, Format, ListedTable, ReadOptions, TextFile, curves, is_facts_file, read, read_mesh,
+    to_toml,
 };
 
 use super::{Answer, export::ControlArguments};
@@ -25,14 +29,36 @@ pub(crate) struct ImportArguments {
     /// Files of one control, or a folder of them
     #[arg(required = true)]
     files: Vec<PathBuf>,
-    /// Format, where the files do not show it: as for `export`
+    /// Format, where the files do not show it: of the tables of `export`, or mesh for the heights of a bed, which become EZX
+    /// and EZY
     #[arg(long)]
-    format: Option<Format>,
+    format: Option<Source>,
     /// File for the part `[errors]` of a machine file [default: print it]
     #[arg(long, short, value_name = "FILE")]
     output: Option<PathBuf>,
     #[command(flatten)]
     control: ControlArguments,
+}
+
+/// Compensation tables, or a mesh of heights.
+#[derive(Clone, Copy, Debug)]
+enum Source {
+    Tables(Format),
+    Mesh,
+}
+
+const MESH: &str = "mesh";
+
+impl FromStr for Source {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        if text == MESH {
+            return Ok(Self::Mesh);
+        }
+        let format = text.parse().map(Self::Tables);
+        format.map_err(|error| format!("{error}, {MESH}"))
+    }
 }
 
 /// Result of `volcomp import`: the tables read, as curves of a machine file.
@@ -59,8 +85,8 @@ pub(crate) fn run(arguments: &ImportArguments) -> Result<Answer, Failure> {
     for path in &paths {
         files.push(TextFile { name: path.display().to_string(), text: read_text(path)? });
     }
-    let shown = || Format::of_files(&files);
-    let Some(format) = arguments.format.or_else(shown) else {
+    let shown = || Format::of_files(&files).map(Source::Tables);
+    let Some(source) = arguments.format.or_else(shown) else {
         return Err(not_shown(&paths));
     };
     let output = match &arguments.output {
@@ -76,7 +102,14 @@ pub(crate) fn run(arguments: &ImportArguments) -> Result<Answer, Failure> {
         encoder: arguments.control.encoder,
         detection_unit: arguments.control.detection_unit,
     };
-    let found = read(format, &files, &options)?;
+    let (format, found) = match (source, &files[..]) {
+        (Source::Tables(format), files) => (format.name(), read(format, files, &options)?),
+        (Source::Mesh, [file]) => (MESH, read_mesh(file)?),
+        (Source::Mesh, files) => {
+            let message = format!("--format mesh: found {} files, expected one", files.len());
+            return Err(Failure::Input(message));
+        }
+    };
     let made = curves(&found.content)?;
     let text = to_toml(&made);
     if let Some(output) = output {

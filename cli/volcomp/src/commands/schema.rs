@@ -24,7 +24,7 @@ use super::{
     iso230::{circle::CircularTest, diagonals::MeasuredDiagonals, positioning::PositioningTest},
     map::Map,
     map_table, nc, report, sensitivity, simulate,
-    squareness::SquarenessTest,
+    squareness::{SquareTest, SquarenessTest},
     straightness::StraightnessTest,
     write_file,
 };
@@ -64,7 +64,7 @@ type Named = (&'static str, fn() -> Schema);
 
 /// The documents by command name; the file of a schema is `volcomp-NAME.json`. Variants of a command have separate names: `probe-list`
 /// for `probe --list`, `nc-average` for `nc --average`, `calibrate-draft` for `calibrate --draft`, `iso230-circle` and `iso230-diagonals`
-/// for parts 4 and 6.
+/// for parts 4 and 6, `squareness-lengths` for `squareness --lengths`.
 const ALL: &[Named] = &[
     ("check", schema::<check::Check>),
     ("compile", schema::<compile::Compile>),
@@ -91,6 +91,7 @@ const ALL: &[Named] = &[
     ("iso230-diagonals", schema::<MeasuredDiagonals>),
     ("straightness", schema::<Files<StraightnessTest>>),
     ("squareness", schema::<SquarenessTest>),
+    ("squareness-lengths", schema::<SquareTest>),
     ("form", schema::<form::EvaluatedForm>),
     ("inspect", schema::<Files<Contents>>),
     ("simulate", schema::<simulate::Simulate>),

@@ -5,7 +5,7 @@ use serde::Serialize;
 use volcomp_metrology::{
     DeviationUnit, LARGEST_PLAUSIBLE, ReferenceKind, ReferenceLine, SlopeUncertainty,
     SquarenessInputs, SquarenessUncertainty, StandardQuantity, judged, opening, squareness,
-    squareness_parts, squareness_uncertainty, straightness_of,
+    squareness_of_lengths, squareness_parts, squareness_uncertainty, straightness_of,
 };
 use volcomp_report::{SlopePlot, SquarenessPlot, squareness_picture};
 use volcomp_vocabulary::{AxisName, ErrorName, Urad};
@@ -16,19 +16,29 @@ use super::{
     evaluation::{Judgement, decision_text, quantities_text, tolerances},
     fixed, table, table_text,
 };
-use crate::{failure::Failure, plot::PlotArguments, unit::Unit};
+use crate::{failure::Failure, plot::PlotArguments, points::three, unit::Unit};
 
-/// Calculate the squareness of two axes from two straightness files
+/// Calculate the squareness of two axes from two straightness files, or from the lengths of a printed square
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
   volcomp squareness straight-exy.csv straight-eyx.csv --error EC0Y
-  volcomp --json squareness straight-exy.csv straight-eyx.csv --error EC0Y")]
+  volcomp squareness --lengths 141.36,141.53,100 --error EC0Y")]
 pub(crate) struct SquarenessArguments {
     /// Straightness file of the later axis of the error: EXY for EC0Y, EYZ for EA0Z, EXZ for EB0Z
-    first: PathBuf,
+    #[arg(required_unless_present = "lengths", conflicts_with = "lengths")]
+    first: Option<PathBuf>,
     /// Straightness file of the other axis: EYX, EZY, EZX
-    second: PathBuf,
+    #[arg(required_unless_present = "lengths", conflicts_with = "lengths")]
+    second: Option<PathBuf>,
+    /// Instead of files: diagonals AC and BD and side AD of a printed square, mm; corner A at the low ends of both axes,
+    /// C opposite
+    #[arg(
+        long,
+        value_name = "AC,BD,AD",
+        conflicts_with_all = ["reference_angle_urad", "reference", "unit", "square_urad", "straight_edge_um", "temperature_urad"]
+    )]
+    lengths: Option<String>,
     /// Squareness error: EC0Y, EA0Z or EB0Z
     #[arg(long)]
     error: ErrorName,
@@ -97,7 +107,67 @@ const SYMBOL: &str = "squareness";
 /// Text used if both files do not state the position of their lines.
 const PLACES: &str = "the squareness holds where the lines were measured: tilts of the other axes there, and those of the measured axis over its Abbe offset, are not removed and not in U; `volcomp calibrate` removes them";
 
+/// The squareness by the lengths of a square, with its tolerance.
+#[derive(Debug, Serialize, JsonSchema)]
+pub(crate) struct SquareTest {
+    /// The squareness error: `EC0Y`, `EA0Z` or `EB0Z`.
+    error: String,
+    /// Diagonals AC and BD and side AD, mm.
+    lengths_mm: [f64; 3],
+    /// Squareness error, µrad, positive by the right-hand rule.
+    squareness_urad: f64,
+    /// Change of `squareness_urad` by 0.01 mm more in AC, µrad.
+    per_hundredth_mm_urad: f64,
+    /// The squareness with its tolerance.
+    #[serde(flatten)]
+    judgement: Judgement,
+}
+
+/// The squareness from three lengths.
+fn of_lengths(arguments: &SquarenessArguments, lengths: &str) -> Result<Answer, Failure> {
+    let tolerances = tolerances(arguments.tolerance.as_deref(), &[SYMBOL])?;
+    let [ac, bd, ad] = three("--lengths", lengths)?;
+    let value = squareness_of_lengths(arguments.error, [ac, bd, ad])?.0;
+    let longer = squareness_of_lengths(arguments.error, [ac + 0.01, bd, ad])?.0;
+    let notes = vec![format!(
+        "0.01 mm more in one diagonal changes the result by {} µrad; print without skew correction (SET_SKEW CLEAR=1, M852 I0 J0 K0)",
+        fixed((longer - value).abs(), 0)
+    )];
+    let quantity = StandardQuantity {
+        symbol: SYMBOL,
+        name: "squareness by the diagonals of a square",
+        value: Some(value),
+    };
+    let quantities =
+        judged("volcomp", [quantity], DeviationUnit::Urad, &tolerances, |_: &str| None);
+    let judgement = Judgement::new(quantities, notes);
+    let document = SquareTest {
+        error: arguments.error.to_string(),
+        lengths_mm: [ac, bd, ad],
+        squareness_urad: value,
+        per_hundredth_mm_urad: longer - value,
+        judgement: judgement.clone(),
+    };
+    let text = format!(
+        "squareness {}, µrad, by the diagonals of a square\n\n{}{}",
+        document.error,
+        quantities_text(&document.judgement.quantities, true),
+        decision_text(&document.judgement)
+    );
+    Ok(Answer::new(&document, text, judgement.notes)?.decided(judgement.decision))
+}
+
 pub(crate) fn run(arguments: &SquarenessArguments) -> Result<Answer, Failure> {
+    if let Some(lengths) = &arguments.lengths {
+        return of_lengths(arguments, lengths);
+    }
+    let (Some(first), Some(second)) = (&arguments.first, &arguments.second) else {
+        return Err(Failure::Input("expected two files, or --lengths".to_owned()));
+    };
+    of_files(arguments, [first, second])
+}
+
+fn of_files(arguments: &SquarenessArguments, paths: [&PathBuf; 2]) -> Result<Answer, Failure> {
     /// Maximum plausible error of an optical square, µrad.
     const LARGEST_ANGLE_URAD: f64 = 1e5;
     let tolerances = tolerances(arguments.tolerance.as_deref(), &[SYMBOL])?;
@@ -109,7 +179,6 @@ pub(crate) fn run(arguments: &SquarenessArguments) -> Result<Answer, Failure> {
     }
     let parts = squareness_parts(arguments.error)?;
     let kind = arguments.reference.kind();
-    let paths = [&arguments.first, &arguments.second];
     if let (Ok(a), Ok(b)) = (paths[0].canonicalize(), paths[1].canonicalize())
         && a == b
     {

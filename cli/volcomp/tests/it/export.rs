@@ -20,7 +20,9 @@ fn from_a_machine_to_tables_and_back_to_curves() {
     let (folder, tables) = folder();
     let curves = folder.file("curves.toml");
     for format in ["csv", "siemens-840d"] {
-        let answer = json(&format!("export -m {MILL} --format {format} --step 25 -o {tables}"));
+        let answer = json(&format!(
+            "export -m {MILL} --format {format} --step 25 --at X=0,Y=0,Z=0 -o {tables}"
+        ));
         assert_eq!(answer["format"], format);
         // Except for the second coordinate, on which the mill depends by its pitch, the loss is small compared with the correction.
         let x = &answer["loss"]["axes"][0];
@@ -231,16 +233,18 @@ fn a_table_that_does_harm_is_told() {
     contains(&said, "error by");
     contains(&said, "left with");
     let (told, _) = run(&[]);
-    contains(&told, "are assumed to be at X=0,Z=0");
-    contains(&told, "--at X=200,Z=0");
+    contains(
+        &told,
+        "--at is not given: the tables hold on the lines through the middle of the travel, X=200,Z=0",
+    );
     assert!(!told.contains("WARNING"), "{told}");
     // EXX is 5 µm everywhere, including the reference position.
     let facts = fs::read_to_string(format!("{tables}/volcomp-tables-linuxcnc.txt")).expect("read");
     contains(&facts, "Deviations at the reference position: X ");
     contains(&facts, "does not begin at zero there");
-    // The reference position 0 is now the middle of the travel.
-    fs::write(&machine, of_travel(-200.0, 200.0)).expect("written");
-    assert!(!run(&[]).0.contains("--at is not given"));
+    // The middle in whole steps of 50 mm from the lower end: a node of tables that begin there.
+    fs::write(&machine, of_travel(30.0, 410.0)).expect("written");
+    contains(&run(&[]).0, "X=230,Z=0");
 }
 
 #[test]

@@ -16,6 +16,7 @@ mod nc;
 mod nc_parts;
 mod plots;
 mod points;
+mod printers;
 mod probe;
 mod provenance;
 mod report;

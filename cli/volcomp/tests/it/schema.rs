@@ -60,6 +60,7 @@ fn live_documents_follow_their_schemas() {
         "map-table -m examples/gantry.toml --words 8000 --within 3 -o $/gantry.map",
         "export -m examples/five-axis.toml --format csv -o $/tables.csv",
         "import $/tables.csv -o $/curves.toml",
+        "export -m examples/printer.toml --format klipper -o $/skew",
         "map -m $/demo/calibrated.toml --grid 3x3x3 --truth $/demo/truth.toml -o $/map.csv",
         "map -m $/demo/calibrated.toml --grid 3x3x3 --uncertainty $/demo/calibration.toml --trials 3",
         "fit $/demo/exx.rtl --method mls --auto --residual-um 1 --scan --at 0,100",
@@ -100,6 +101,7 @@ fn live_documents_follow_their_schemas() {
     let table = "
 probe-list => probe --list
 calibrate-draft => calibrate --draft $/demo --machine $/demo/calibrated.toml -o $/drafted.toml
+squareness-lengths => squareness --lengths 141.46,141.39,100 --error EC0Y
 iso230-circle => iso230 examples/circle.csv --part 4 --radius-mm 150 --feed 900
 iso230-circle => iso230 examples/circle.csv examples/circle.csv --part 4
 nc-average => nc examples/part.ngc --average --verify -o $/o.ngc -m examples/mill.toml --setup examples/setup.toml
@@ -115,6 +117,7 @@ nc-average => nc examples/part.ngc --average --verify -o $/o.ngc -m examples/mil
         "calibrate-draft",
         "iso230-circle",
         "iso230-diagonals",
+        "squareness-lengths",
         "failure",
     ]);
     for name in SCHEMAS.keys().map(String::as_str) {
@@ -125,7 +128,8 @@ nc-average => nc examples/part.ngc --average --verify -o $/o.ngc -m examples/mil
                 "nc-average",
                 "calibrate-draft",
                 "iso230-circle",
-                "iso230-diagonals"
+                "iso230-diagonals",
+                "squareness-lengths"
             ]
             .contains(&name)
                 || commands().iter().any(|c| c == name),

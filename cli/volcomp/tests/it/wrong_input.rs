@@ -98,7 +98,7 @@ fn broken_files_are_named_with_their_line_unbroken() {
     }
     for (name, bytes) in [
         ("a.csv", &b"target,run,direction,deviation\n1,1,+,nan\n"[..]),
-        ("a.csv", b"target,run,direction,deviation\n1,1,up,3\n"),
+        ("a.csv", b"target,run,direction,deviation\n1,1,sideways,3\n"),
         ("a.csv", b""),
         ("a.rtl", b""),
         ("a.rtl", b"HEADER::\r\nFile type  : rtl\r\n"),

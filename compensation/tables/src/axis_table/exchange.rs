@@ -59,7 +59,7 @@ impl Format {
 }
 
 impl Content {
-    fn check_plausible(&self, files: &[&TextFile]) -> Result<(), ExchangeError> {
+    pub(crate) fn check_plausible(&self, files: &[&TextFile]) -> Result<(), ExchangeError> {
         self.first_refused(is_plausible_error).map_or(Ok(()), |entry| {
             Err(ExchangeError::Implausible {
                 files: files.iter().map(|file| file.name.clone()).collect(),

@@ -12,6 +12,7 @@ use volcomp_vocabulary::{
 use super::{
     curves::{curves, own_component},
     exchange::{read, write},
+    firmware::{Firmware, LinearSettings, linear_settings},
     format::Format,
     options::{ReadOptions, WriteOptions},
     sampled::{TableOptions, positions, sampled},
@@ -170,14 +171,21 @@ enum ControlModel {
     Content(Content),
     /// The control evaluates component errors like the model.
     Machine(Box<Machine>),
+    Firmware(Firmware, LinearSettings),
+}
+
+/// What the control is given.
+#[derive(Clone, Copy)]
+enum Given<'a> {
+    Tables(Format, &'a WriteOptions),
+    Firmware(Firmware),
 }
 
 /// The options for the tables, and the poses at which they are compared with the model.
 struct Comparison<'a> {
     temperatures: &'a Temperatures,
     options: &'a TableOptions,
-    write: &'a WriteOptions,
-    format: Format,
+    given: Given<'a>,
     correction: CorrectionOptions,
     outputs: Vec<usize>,
     spread: Vec<State>,
@@ -198,6 +206,32 @@ pub fn loss(
     format: Format,
     write: &WriteOptions,
 ) -> Result<Loss, ExchangeError> {
+    loss_of(machine, temperatures, options, Given::Tables(format, write))
+}
+
+/// Like [`loss`], for the steps and skew that this firmware holds.
+///
+/// # Errors
+/// Same as [`linear_settings`].
+pub fn firmware_loss(
+    machine: &Machine,
+    temperatures: &Temperatures,
+    options: &TableOptions,
+    firmware: Firmware,
+) -> Result<Loss, ExchangeError> {
+    loss_of(machine, temperatures, options, Given::Firmware(firmware))
+}
+
+fn loss_of(
+    machine: &Machine,
+    temperatures: &Temperatures,
+    options: &TableOptions,
+    given: Given<'_>,
+) -> Result<Loss, ExchangeError> {
+    let format = match given {
+        Given::Tables(format, _) => format,
+        Given::Firmware(_) => Format::Csv,
+    };
     // A single category may need larger corrections than all errors together.
     let options = &TableOptions { limit: CorrectionLimit::LARGEST, ..options.clone() };
     let correction = machine.correction_options();
@@ -208,8 +242,7 @@ pub fn loss(
     let comparison = Comparison {
         temperatures,
         options,
-        write,
-        format,
+        given,
         correction,
         outputs,
         spread: spread_poses(machine),
@@ -359,8 +392,15 @@ fn warmer(machine: &Machine, temperatures: &Temperatures) -> Option<Temperatures
 impl Comparison<'_> {
     /// The correction by the control, from the files read back; `None` if the format holds no error of this machine.
     fn held_model(&self, machine: &Machine) -> Result<Option<ControlModel>, ExchangeError> {
-        let content = sampled(machine, self.temperatures, self.options, self.format)?;
-        let files = match write(self.format, &content, self.write) {
+        let (format, to_write) = match self.given {
+            Given::Tables(format, write) => (format, write),
+            Given::Firmware(firmware) => {
+                let settings = linear_settings(machine, self.temperatures, self.options)?;
+                return Ok(Some(ControlModel::Firmware(firmware, settings)));
+            }
+        };
+        let content = sampled(machine, self.temperatures, self.options, format)?;
+        let files = match write(format, &content, to_write) {
             Ok(written) => written.files,
             // The format holds none of these errors, so nothing is corrected.
             Err(ExchangeError::NotRepresentable { what, .. }) if what == "tables" => {
@@ -369,11 +409,11 @@ impl Comparison<'_> {
             Err(other) => return Err(other),
         };
         let options = ReadOptions {
-            axes: self.write.axes.clone(),
-            encoder: Some(self.write.encoder),
-            detection_unit: self.write.detection_unit,
+            axes: to_write.axes.clone(),
+            encoder: Some(to_write.encoder),
+            detection_unit: to_write.detection_unit,
         };
-        let content = read(self.format, &files, &options)?.content;
+        let content = read(format, &files, &options)?.content;
         let Content::Errors(_) = &content else {
             return Ok(Some(ControlModel::Content(content)));
         };
@@ -411,6 +451,9 @@ impl Comparison<'_> {
         };
         match held_model {
             None | Some(ControlModel::Content(Content::Errors(_))) => {}
+            Some(ControlModel::Firmware(firmware, settings)) => {
+                return settings.correction(*firmware, machine, state);
+            }
             Some(ControlModel::Machine(machine)) => {
                 return self.model(machine, &Temperatures::new(), state);
             }

@@ -2,8 +2,10 @@
 
 mod curves;
 mod exchange;
+mod firmware;
 mod format;
 mod loss;
+mod mesh;
 mod options;
 mod sampled;
 mod table;
@@ -18,8 +20,10 @@ mod siemens;
 
 pub use curves::{Curves, curves, to_toml};
 pub use exchange::{ReadTables, read, write};
+pub use firmware::{Firmware, LinearSettings, Skew, linear_settings, write_settings};
 pub use format::{Format, UnknownFormat};
-pub use loss::{AxisLoss, Category, CategoryLoss, Loss, loss};
+pub use loss::{AxisLoss, Category, CategoryLoss, Loss, firmware_loss, loss};
+pub use mesh::read_mesh;
 pub use options::{
     AxisNumbers, Facts, ReadOptions, WriteOptions, Written, facts_file, is_facts_file,
 };

@@ -219,7 +219,7 @@ fn directions(format: Format) -> &'static str {
 }
 
 /// Replaces control characters, so that the text stays on one line.
-fn one_line(text: &str) -> String {
+pub(crate) fn one_line(text: &str) -> String {
     text.chars().map(|c| if c.is_control() { ' ' } else { c }).collect()
 }
 

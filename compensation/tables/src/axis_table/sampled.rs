@@ -33,6 +33,19 @@ impl Default for TableOptions {
 }
 
 impl TableOptions {
+    /// The middle of the travel of each linear axis, in whole steps from 0 or the nearest end of travel, mm; rotary axes are left out.
+    pub fn in_the_middle(&self, machine: &Machine) -> Vec<(AxisName, f64)> {
+        let linear = machine.axes().iter().filter(|axis| !axis.name.is_rotary());
+        let middle = |axis: &Axis| {
+            let from = axis.nearest_zero();
+            let steps = (f64::midpoint(axis.travel[0], axis.travel[1]) - from) / self.step_mm;
+            let at = from + self.step_mm * steps.round();
+            // A step that is longer than the travel may end outside.
+            (axis.name, if axis.may_stand_at(at) { at } else { from })
+        };
+        linear.map(middle).collect()
+    }
+
     /// Reference position of each axis, mm or deg, in the order of the chain.
     ///
     /// # Errors

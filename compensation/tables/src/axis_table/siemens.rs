@@ -534,6 +534,11 @@ pub(crate) fn write(
     let (own, crossed): (Vec<_>, Vec<_>) = tables.iter().partition(|table| table.is_own());
     if !own.is_empty() {
         let mut text = head(options);
+        let backlashes = backlashes(&own, options)?;
+        for line in &backlashes {
+            // Writing to a string cannot fail.
+            let _ = writeln!(text, "; {line}");
+        }
         for table in &own {
             leadscrew(&mut text, table, options)?;
         }
@@ -544,8 +549,11 @@ pub(crate) fn write(
         written.notes.push(format!(
             "MD38000 of each axis must be at least {most}; tables are loaded while MD32700 is 0"
         ));
-        if own.iter().any(|table| table.backward.is_some()) {
-            written.notes.push("$AA_ENC_COMP has no directions: it holds the mean, and half of the reversal value remains in either direction".to_owned());
+        if !backlashes.is_empty() {
+            written.notes.push(format!(
+                "$AA_ENC_COMP has no directions: it holds the mean, and half of the reversal value remains in either direction, unless MD32450 takes it: {}",
+                backlashes.join("; ")
+            ));
         }
     }
     if !crossed.is_empty() {
@@ -576,6 +584,27 @@ pub(crate) fn write(
         ));
     }
     Ok(written)
+}
+
+/// Backlash of each axis with reversal: mean of backward − forward. It is positive where the encoder leads the machine part, as in Siemens's
+/// description of MD32450.
+fn backlashes(own: &[&AxisTable], options: &WriteOptions) -> Result<Vec<String>, ExchangeError> {
+    let mut lines = Vec::new();
+    for table in own {
+        let Some(backward) = &table.backward else {
+            continue;
+        };
+        let differences = backward.iter().zip(&table.forward).map(|(back, fore)| back - fore);
+        let mean = differences.sum::<f64>() / backward.len().max(1) as f64;
+        lines.push(format!(
+            "MD32450 $MA_BACKLASH[{},{}]: add {} {} to the value with which the axis was measured",
+            options.encoder,
+            axis(table, table.input, options)?,
+            fixed(table.output_in_file_unit(mean), decimals(table)),
+            table.input.kind().coordinate_unit()
+        ));
+    }
+    Ok(lines)
 }
 
 fn head(options: &WriteOptions) -> String {

@@ -2,12 +2,14 @@
 
 mod corpus;
 mod fanuc;
+mod firmware;
 mod heidenhain;
 mod isg;
 mod limits;
 mod linuxcnc;
 mod loss;
 mod machine;
+mod mesh;
 mod round_trip;
 mod siemens;
 

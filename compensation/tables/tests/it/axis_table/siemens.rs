@@ -2,10 +2,12 @@
 
 use std::fmt::Write;
 
-use volcomp_tables::axis_table::{AxisTable, Content, Format, ReadOptions, read, write};
+use volcomp_tables::axis_table::{
+    AxisTable, Content, Format, ReadOptions, WriteOptions, read, write,
+};
 use volcomp_tables::vocabulary::{AxisName, Direction};
 
-use super::{close, edges, file, inside, options, refused, tables, writing};
+use super::{close, edges, file, inside, of_axes, options, over, own, refused, tables, writing};
 
 const F: Format = Format::Siemens840d;
 
@@ -237,4 +239,38 @@ fn written_files_follow_the_documented_form() {
     // The header has the axis numbers, so no options are needed.
     let again = read(F, &written.files, &ReadOptions::default()).expect("read");
     assert!(again.warnings.is_empty(), "{:?}", again.warnings);
+}
+
+/// A nut with play of 3 µm: the encoder leads the slide, which is 3 µm behind after positive motion, so the backlash is positive (MD32450). C
+/// leads by 0.001 deg. A table in one direction has no backlash.
+#[test]
+fn the_reversal_is_a_backlash_for_the_machine_data() {
+    let mean = [0.0, 0.004, -0.002];
+    let with_play = |axis, play: f64| AxisTable {
+        forward: mean.iter().map(|value| inside(axis, value - play / 2.0)).collect(),
+        backward: Some(mean.iter().map(|value| inside(axis, value + play / 2.0)).collect()),
+        ..own(axis, [0.0, 100.0, 200.0].map(|at| inside(axis, at)).to_vec(), Vec::new())
+    };
+    let y = own(AxisName::Y, vec![0.0, 100.0, 200.0], mean.to_vec());
+    let content =
+        Content::Axes(vec![with_play(AxisName::X, 0.003), y, with_play(AxisName::C, -0.001)]);
+    let options = WriteOptions { encoder: 1, ..writing() };
+    let written = write(F, &content, &options).expect("written");
+    let text = &written.files[0].text;
+    for line in [
+        "; MD32450 $MA_BACKLASH[1,AX1]: add 0.003000 mm to the value with which the axis was measured",
+        "; MD32450 $MA_BACKLASH[1,AX4]: add -0.0010000 deg to the value with which the axis was measured",
+    ] {
+        assert!(text.lines().any(|found| found == line), "{line}: {text}");
+    }
+    assert_eq!(text.matches("MD32450").count(), 2);
+    assert!(
+        written.notes.join(" ").contains("$MA_BACKLASH[1,AX1]: add 0.003000 mm"),
+        "{:?}",
+        written.notes
+    );
+    // The comments do not disturb the reader: the mean comes back.
+    let again = read(F, &written.files, &ReadOptions::default()).expect("read");
+    let again = of_axes(again.content);
+    close(over(&again, AxisName::X, AxisName::X).forward[1], 0.004, 1e-9);
 }
