@@ -148,7 +148,7 @@ function showTable(table, rows) {
   rows.forEach(([tint, ...cells], index) => {
     const row = table.rows[index] || table.insertRow();
     cells.forEach((said, place) => {
-      const cell = row.cells[place] || row.insertCell();
+      const cell = row.cells[place] || row.appendChild(document.createElement(index === 0 && said ? "th" : "td"));
       if (cell.textContent !== said) cell.textContent = said;
     });
     row.cells[0].className = tint ? "key" : "";
