@@ -35,9 +35,9 @@ pub enum Method {
     MovingLeastSquares {
         /// Order of the local polynomials.
         order: usize,
-        /// Half width of the weight as a share of the range.
+        /// Half width of the weight as a fraction of the range of the targets.
         support: f64,
-        /// Shape of the weight function.
+        /// Shape of the weight, see [`volcomp_curve::MovingLeastSquares`].
         shape: f64,
     },
     /// Table of the mean reading of each target, with monotone cubic interpolation.
@@ -50,7 +50,7 @@ impl Method {
     /// Fits readings `u` at `x` with this method, over the range of `x`.
     ///
     /// # Errors
-    /// The errors of the fit of this kind. A polynomial of order 0 also accepts readings at a single target.
+    /// Those of the fit of this kind. A polynomial of order 0 also accepts readings at a single target.
     pub fn fit(self, x: &[f64], u: &[f64]) -> Result<Fit, FitError> {
         readings::check(x, u)?;
         let lower = x.iter().copied().fold(f64::INFINITY, f64::min);

@@ -29,7 +29,7 @@ pub(crate) struct Generated {
 }
 
 impl Side {
-    /// Targets and readings of all runs as one list each.
+    /// Targets and readings of all runs, each concatenated into one list.
     pub(crate) fn readings(&self, targets: &[f64]) -> (Vec<f64>, Vec<f64>) {
         let x = self.runs.iter().flat_map(|_| targets.to_vec()).collect();
         (x, self.runs.concat())
