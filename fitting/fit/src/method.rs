@@ -35,9 +35,9 @@ pub enum Method {
     MovingLeastSquares {
         /// Order of the local polynomials.
         order: usize,
-        /// Half width of the weight as a fraction of the range of the targets.
+        /// Half width of the weight as a share of the range.
         support: f64,
-        /// Shape of the weight, see [`volcomp_curve::MovingLeastSquares`].
+        /// Shape of the weight function.
         shape: f64,
     },
     /// Table of the mean reading of each target, with monotone cubic interpolation.

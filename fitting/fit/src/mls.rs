@@ -324,7 +324,6 @@ pub(crate) struct Candidate {
     curve: MovingLeastSquares,
     /// Each target with the value of the curve there.
     values: Vec<[f64; 2]>,
-    /// Residual of each target.
     pub(crate) residuals: Vec<f64>,
     /// Leverage of each target: the weight of its reading in the curve there.
     pub(crate) influences: Vec<f64>,

@@ -12,7 +12,6 @@ const COUNTS: [u32; 10] = [5, 7, 9, 11, 15, 21, 31, 51, 101, 200];
 
 /// One direction of a measured line: truth and readings.
 pub(crate) struct Side {
-    /// The readings of each run.
     pub(crate) runs: Vec<Vec<f64>>,
     /// True value at a coordinate.
     pub(crate) truth: Box<dyn Fn(f64) -> f64>,
