@@ -305,7 +305,7 @@ impl Chain {
     }
 }
 
-/// The least-norm steps of the moving axes, mm: Dᵀ·(D·Dᵀ)⁺·missing. Three axes reach a point exactly if the box of their unit directions
+/// The least-norm steps of the moving axes, mm: Dᵀ·(D·Dᵀ)⁺·missing. Three axes reach a point exactly only if the box of their unit directions
 /// has at least the volume `flat_below`.
 fn least_norm(
     columns: &[Vector3<f64>; MAX_AXES],

@@ -77,7 +77,6 @@ impl fmt::Display for Direction {
 impl FromStr for Direction {
     type Err = UnknownDirection;
 
-    /// Parses `+` or `-`.
     fn from_str(text: &str) -> Result<Self, UnknownDirection> {
         match text {
             "+" => Ok(Self::Positive),
