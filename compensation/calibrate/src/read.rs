@@ -166,7 +166,7 @@ pub const HOLDS_LOCATION: &str = "holds_location";
 /// location errors of the axis. True if the section does not state it.
 ///
 /// # Errors
-/// A value that is not a boolean, or a line of a linear axis.
+/// A value that is not a boolean, or the key on a line of a linear axis.
 pub fn decode_holds_location(section: &Section<'_>, error: ErrorName) -> Result<bool, InputError> {
     let value = section.get(HOLDS_LOCATION);
     if let Some(value) = value.filter(|_| !error.axis.is_rotary()) {

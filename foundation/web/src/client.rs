@@ -61,7 +61,7 @@ impl Write for Connection {
     }
 }
 
-/// Sends a request, which must contain `Connection: close`, and reads the response to its end.
+/// Sends a request, which must contain `Connection: close`, and reads the response to its end, or its first 4 MiB.
 ///
 /// # Errors
 /// The stream fails.

@@ -282,8 +282,8 @@ pub(crate) fn ends(readings: &Measurement) -> Option<[f64; 2]> {
     })
 }
 
-/// Notes on stated location and squareness errors, and on their uncertainties, whose size indicates
-/// a wrong unit.
+/// Notes on stated location and squareness errors, and on uncertainties of location errors, whose
+/// size indicates a wrong unit.
 pub(crate) fn odd_values(file: &CalibrationFile) -> Vec<String> {
     let stated = Stated::all(file);
     let note = |of: &Stated, what: &str, micro: f64| {
