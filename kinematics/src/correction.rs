@@ -13,7 +13,7 @@ use crate::{
     source::{ErrorSource, State},
 };
 
-/// The axes that may correct, and when the iteration stops.
+/// Options of a correction: the axes that may move, and when the iteration stops.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct CorrectionOptions {
@@ -81,14 +81,14 @@ pub struct Correction {
     pub residual_axis: Vector3<f64>,
     /// Number of Newton steps taken.
     pub iterations: usize,
-    /// True if the correctable residual was brought below the tolerances within the maximum number of steps. `false` also if a position or
-    /// an error is not finite. Without convergence the correction is the larger of the first and the last step: with errors that grow
-    /// faster than the coordinate, steps can swing back to almost nothing.
+    /// True if the correctable residual is below the tolerances within the maximum number of steps; false also if a position or an error is not
+    /// finite. Without convergence `delta` is the larger of the first and the last iterate: with errors that grow faster than the coordinate,
+    /// the iteration can swing back to almost zero.
     pub converged: bool,
-    /// True if one or both components of the tool's tilt are corrected only in part or not at all, because the pose is within about 1° of a singular
-    /// one or fewer than two rotary axes may move.
+    /// True if the tilt of the tool is corrected only in part or not at all in one or both directions, because the pose is within about 1° of a
+    /// singular one or fewer than two rotary axes may move.
     pub tool_axis_partial: bool,
-    /// At least two rotary axes may move, and the pose is singular or close to it (about 6°): they move by more than 10 times the
+    /// True if at least two rotary axes may move, and the pose is singular or within about 6° of singular: they move by more than 10 times the
     /// tool-axis error, or cannot correct one direction. See [`NEAR_SINGULAR_BELOW`](crate::NEAR_SINGULAR_BELOW).
     pub near_singular: bool,
 }
@@ -105,7 +105,7 @@ pub fn correct<S: ErrorSource>(
 ) -> Correction {
     let goal = Goal::new(chain, state);
     let correctors = options.correctors(chain);
-    // The directions to leave out are determined once, on the ideal chain at the command.
+    // The directions that are not corrected are determined once, on the ideal chain at the command.
     let nominal = Columns::at(chain, state, &goal, &correctors);
     let rank = nominal.gram.rank();
     let mut left_out = None;
@@ -166,7 +166,6 @@ fn size(a: &State, b: &State) -> f64 {
 struct Goal {
     tip_mm: Vector3<f64>,
     axis: Vector3<f64>,
-    /// Two unit vectors normal to the tool axis and to each other.
     normals: [Vector3<f64>; 2],
 }
 

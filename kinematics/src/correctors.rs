@@ -1,4 +1,4 @@
-//! Selection of the axes that correct, shared by all programs.
+//! Selection of the axes that correct.
 
 use arrayvec::ArrayVec;
 use nalgebra::Vector3;
@@ -6,15 +6,14 @@ use volcomp_vocabulary::{AxisKind, AxisName, MAX_AXES};
 
 use crate::{chain::Chain, error::ChainError};
 
-/// A linear axis is treated as a new direction if more than this part of its unit direction is normal to the linear axes chosen before it
+/// A linear axis is treated as a new direction if the component of its unit direction normal to the linear axes chosen before it is above this
 /// (0.02 is 1.15°).
 pub const INDEPENDENT_ABOVE: f64 = 0.02;
 
 /// The axes that a correction moves; the others are held.
 ///
-/// Of the linear axes that may move, only the first in each direction corrects, at most three: a second axis along
-/// nearly the same direction (U parallel to X, or a degree off) would lead to large opposite shares. All rotary axes
-/// that may move correct together with least norm.
+/// Of the linear axes that may move, only the first in each direction corrects, at most three: a second axis along nearly the same direction
+/// (U parallel to X, or a degree off) would lead to large opposite shares. All rotary axes that may move correct together, with least norm.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Correctors {
     linear: ArrayVec<usize, 3>,

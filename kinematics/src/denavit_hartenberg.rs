@@ -43,7 +43,7 @@ pub struct DhRow {
 }
 
 impl DhRow {
-    /// A(q); q in mm or rad.
+    /// A(q), the pose of the row at coordinate `q`, mm or rad.
     pub fn pose(&self, convention: DhConvention, kind: AxisKind, q: f64) -> Pose {
         let (along_z, along_x) = (self.along_z(kind, q), self.along_x());
         match convention {
@@ -94,8 +94,8 @@ impl DhTable {
             .inverse()
     }
 
-    /// This table in another convention: a and α of each row move to the next or the previous row. The parts before the first joint and
-    /// after the last one go into the base and the tool.
+    /// This table in another convention: a and α of each row move to the next or the previous row. The motions before the first joint and after the
+    /// last one become part of `base` and of [`DhTable::tool`].
     #[must_use]
     pub fn in_convention(&self, convention: DhConvention) -> Self {
         let mut table = self.clone();
@@ -124,7 +124,7 @@ impl DhTable {
     /// The chain of this table. The point of a linear axis is the origin of the frame before it.
     ///
     /// # Errors
-    /// A row count other than the number of axes, numbers that are not finite.
+    /// The number of rows differs from the number of axes, or a number is not finite.
     pub fn to_chain(&self, structure: Structure) -> Result<Chain, ZeroPositionError> {
         let axes = structure.axes().len();
         if self.rows.len() != axes {

@@ -1,4 +1,4 @@
-//! Linear axes that become dependent because rotary axes between them make them parallel: they can move against each other while the tip stays.
+//! Linear axes that become dependent because rotary axes between them make them parallel: they can move against each other without moving the tip.
 
 use arrayvec::ArrayVec;
 use nalgebra::SMatrix;
@@ -8,7 +8,7 @@ use volcomp_vocabulary::{AxisKind, MAX_AXES, PerAxis};
 
 /// Maximum tip displacement, relative to the move, of a dependent move: 1 µm in a metre.
 const DEPENDENT_BELOW: f64 = 1e-6;
-/// Arbitrary angles, rad, at which no machine's axes are parallel: there the linear axes have their largest rank.
+/// Rotary angles, rad, for the largest rank of the linear axes: machine zero, and two sets of arbitrary angles at which no axes are parallel.
 const GENERIC_ANGLES_RAD: [[f64; MAX_AXES]; 3] = [
     [0.0; MAX_AXES],
     [0.37, 0.83, 1.21, 0.59, 1.07, 0.71, 1.33, 0.47, 0.97],

@@ -151,7 +151,7 @@ fn actual_product<M: SmallMotion, S: ErrorSource>(
             rotation: M::rotation(&assembly.angular_rad),
             translation_mm: assembly.linear_mm,
         };
-        // The assembly error is between an axis and its carrier.
+        // The assembly error lies between an axis and the axis that carries it.
         pose = match (joint.side, joint.errors_on_tool_side()) {
             (Side::Tool, true) => pose * assembly * motion * error,
             (Side::Tool, false) => pose * assembly * error * motion,
@@ -181,8 +181,8 @@ fn actual_motion<M: SmallMotion>(joint: &Joint, q: f64, location: &ErrorMotion) 
     }
 }
 
-/// The sum of the error twists. From the tool to the workpiece, the functional point and the sum so far are transformed by each ideal
-/// joint: the same as the adjoint of the chain before each axis, without forming a matrix for the linear ones.
+/// The sum of the error twists. The functional point and the accumulated motion are transformed from the tool to the workpiece by each ideal
+/// joint: equal to the adjoint of the chain before each axis, without a matrix for linear joints.
 fn twist_sum<S: ErrorSource>(chain: &Chain, source: &S, state: &State) -> VolumetricError {
     let mut walk = Walk {
         point: chain.tool_tip_mm(),

@@ -23,18 +23,18 @@ const ALONG_BELOW_RAD: f64 = 1e-9;
 const REACHED_WITHIN_RAD: f64 = 1e-9;
 /// Maximum difference of the angles of one solution, rad: where two solutions meet, rounding separates them.
 const SAME_BELOW_RAD: f64 = 1e-6;
-/// Maximum distance of a tip from its target, mm.
+/// Maximum distance of the tip from its target in a solution, mm.
 pub const REACHED_WITHIN_MM: f64 = 1e-7;
 /// Convergence tolerance of the tip position, mm: the rounding of coordinates of some metres.
 const BROUGHT_WITHIN_MM: f64 = 1e-9;
-/// Maximum number of steps to a point: two for the ideal tip, the second for the rounding of the first, and some more for an actual one.
+/// Maximum number of steps: an ideal tip takes two (the second removes the rounding error of the first), an actual one a few more.
 const MOST_STEPS: usize = 12;
 const MOST_CHANGES: usize = 10 * MAX_AXES;
-/// Minimum volume of the box of three unit directions of linear axes that are not treated as coplanar. Coplanar axes reach a point off
-/// their plane only by moving far against each other; without travel limits they are not made to.
+/// Minimum volume of the box of three unit directions of linear axes that are not treated as coplanar. Coplanar axes reach a point off their
+/// plane only by long moves against each other, which are not made without travel limits.
 const FLAT_BELOW: f64 = 1e-3;
-/// The same with travel limits: next to a pose at which a rotation makes two axes parallel, only long moves against each other reach a
-/// point. A smaller volume affects the tip by less than [`REACHED_WITHIN_MM`].
+/// As [`FLAT_BELOW`], with travel limits: next to a pose at which a rotation makes two axes parallel, a point is reached only by long moves
+/// against each other. With a smaller volume the tip is affected by less than [`REACHED_WITHIN_MM`].
 const EXACT_ABOVE: f64 = 1e-10;
 
 /// Rotary angles for a tool direction, and the rotary axis without influence on it.
@@ -69,9 +69,9 @@ pub enum NoSolution {
 const NO_DIRECTION: NoSolution = NoSolution::ToolAxis { miss_rad: f64::NAN };
 
 impl Chain {
-    /// The rotary angles for which the ideal chain points the tool along `tool_axis` (workpiece axes, from the tip to the spindle, any
-    /// non-zero length): up to two solutions with two rotary axes. With three or more, all but the two at the indices `pair` keep their
-    /// coordinates in `held`; so does an axis without influence on the direction.
+    /// The rotary angles for which the ideal chain points the tool along `tool_axis` (workpiece axes, from the tip to the spindle, any non-zero
+    /// length): up to two solutions with two rotary axes. With three or more rotary axes, only the two at the chain indices `pair` are solved
+    /// for and the others keep their coordinates in `held`; so does an axis without influence on the direction.
     ///
     /// # Errors
     /// [`NoSolution::ToolAxis`].
@@ -138,9 +138,8 @@ impl Chain {
     /// Moves the linear axes of `state` so that the ideal tip is at `tip_mm` (workpiece axes, from the workpiece origin); rotary axes do not move.
     ///
     /// Up to three linear axes of different directions are solved in closed form, regardless of their travels. With more, the first of each
-    /// direction moves and the others are as near to 0 as their `travel` (mm) allows. If the first reaches an end of its travel, the others
-    /// move as well (iterative solution). The same applies to axes that the rotary axes have made parallel ([`Chain::dependent_moves`]),
-    /// which share the motion.
+    /// direction moves, the others are as near to 0 as their `travel` (mm) allows, and they move as well (iterative solution) if the first reaches
+    /// an end of its travel. The same applies to axes that the rotary axes have made parallel ([`Chain::dependent_moves`]), which share the motion.
     ///
     /// # Errors
     /// [`NoSolution::Tip`].
@@ -258,9 +257,9 @@ impl Chain {
         }
     }
 
-    /// Moves linear axes of `state` until `tip` is at `to`, both mm in the same axes as [`Chain::ideal_tip_mm`]. Rotary axes do not move,
-    /// nor do linear axes whose chain index `moves` excludes. Of several solutions this is the shortest move, regardless of the travels;
-    /// without a solution the axes go as near as they can. Returns the remaining distance, mm.
+    /// Moves linear axes of `state` until `tip` is at `to`, both mm in the same axes as [`Chain::ideal_tip_mm`]. Rotary axes and linear axes for
+    /// which `moves(chain index)` is false do not move. Of several solutions the shortest move is taken, regardless of the travels; without a
+    /// solution the tip moves as near as possible. Returns the remaining distance, mm.
     ///
     /// `tip` may return the tip of another tool, or an actual tip: machine errors that are small relative to the moves
     /// need a few more steps.
@@ -306,7 +305,7 @@ impl Chain {
     }
 }
 
-/// The least-norm steps of the moving axes, mm: Dᵀ·(D·Dᵀ)⁺·missing. Three axes reach a point exactly if the box of their unit directions
+/// The least-norm steps of the moving axes, mm: Dᵀ·(D·Dᵀ)⁺·missing. Three axes reach a point exactly only if the box of their unit directions
 /// has at least the volume `flat_below`.
 fn least_norm(
     columns: &[Vector3<f64>; MAX_AXES],

@@ -1,5 +1,5 @@
-//! The two small systems of a correction step, shared by the exact correction and the compiled machine: rotary axes on the direction of the
-//! tool axis with least norm, linear axes on position.
+//! The two small linear systems of a correction step, shared by the exact correction and the compiled machine: rotary axes from the tool-axis
+//! error with least norm, linear axes from the position error.
 
 #![allow(
     clippy::inline_always,
@@ -14,9 +14,8 @@ use crate::{correctors::INDEPENDENT_ABOVE, math::sqrt};
 /// is then at most 1/0.02 = 50 times the tool-axis error.
 pub const SINGULAR_BELOW: f64 = 0.02;
 
-/// Singular value below which a direction of the tool axis is not corrected. Between this and [`SINGULAR_BELOW`] the corrected part grows
-/// from nothing to the whole, so that a rotary axis that passes the limit, or whose last digit toggles there, does not make another axis
-/// jump.
+/// Singular value below which a direction of the tool axis is not corrected. Between this and [`SINGULAR_BELOW`] the corrected part grows from
+/// zero to one, so that another axis does not jump when a rotary axis passes the limit or its last digit toggles there.
 pub const LEFT_OUT_BELOW: f64 = 0.75 * SINGULAR_BELOW;
 
 /// Singular value below which a pose is treated as nearly singular (about 6° from singular): a rotary correction is then more than 1/0.1
@@ -27,7 +26,7 @@ pub const NEAR_SINGULAR_BELOW: f64 = 0.1;
 /// of them parallel. Half of [`INDEPENDENT_ABOVE`], so that axes chosen at machine zero that keep their angles are never at the limit.
 const DEGENERATE_BELOW: f64 = 0.5 * INDEPENDENT_ABOVE;
 
-/// Two unit vectors that complete a unit vector, the third, to a right-handed frame (Duff et al., Building an Orthonormal Basis, Revisited,
+/// Two unit vectors that form a right-handed frame with a unit vector as the third (Duff et al., Building an Orthonormal Basis, Revisited,
 /// JCGT 6, 2017).
 #[inline(always)]
 pub fn normals(unit: &Vector3<f64>) -> [Vector3<f64>; 2] {
@@ -40,8 +39,8 @@ pub fn normals(unit: &Vector3<f64>) -> [Vector3<f64>; 2] {
     ]
 }
 
-/// A·Aᵀ of the 2×n matrix A whose columns are the motion of the tool axis, along two directions normal to it, per rotary axis (rad per
-/// rad). The least-norm solution of A·x = m is Aᵀ·(A·Aᵀ)⁺·m.
+/// A·Aᵀ of the 2×n matrix A with one column for each rotary axis: the motion of the tool axis along two directions normal to it, rad per rad.
+/// The least-norm solution of A·x = m is Aᵀ·(A·Aᵀ)⁺·m.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct RotaryGram {
     a: f64,
@@ -146,7 +145,7 @@ pub struct LinearColumns {
 }
 
 impl LinearColumns {
-    /// The columns of a pose, the first `count` of them; a column that is (nearly) a combination of the previous ones at this pose is left out.
+    /// The first `count` columns at a pose. A column that is (nearly) a combination of the previous ones at this pose is left out.
     #[inline(always)]
     pub fn new(columns: [Vector3<f64>; 3], count: usize) -> Self {
         let mut kept = [count > 0, count > 1, count > 2];
@@ -177,8 +176,8 @@ impl LinearColumns {
         Self { columns, kept: self.kept }
     }
 
-    /// Movement of each linear axis, mm, whose sum along the columns is `error_mm`: exact with three columns, least
-    /// squares with fewer. Columns that are left out get 0. NaN if the error is NaN.
+    /// Movement of each linear axis, mm, so that the sum along the columns is `error_mm`: exact with three columns, least squares with fewer.
+    /// Columns that are left out get 0. NaN if the error is NaN.
     #[inline(always)]
     pub fn shares(&self, error_mm: &Vector3<f64>) -> [f64; 3] {
         self.solved().of(error_mm)

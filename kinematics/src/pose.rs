@@ -62,7 +62,7 @@ impl Mul for Pose {
 /// The rotation matrix exp(r^) of a rotation vector `r_rad` (Rodrigues' formula).
 pub fn rotation_from_vector(r_rad: &Vector3<f64>) -> Matrix3<f64> {
     let angle_squared = r_rad.norm_squared();
-    // Series below 1e-4 rad: the closed quotients lose digits there, three terms of the series do not.
+    // Series below 1e-4 rad: the closed quotients lose digits there, two terms of the series do not.
     let (sine_quotient, cosine_quotient) = if angle_squared < 1e-8 {
         (1.0 - angle_squared / 6.0, 0.5 - angle_squared / 24.0)
     } else {

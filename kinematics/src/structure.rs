@@ -6,7 +6,7 @@ use arrayvec::ArrayVec;
 
 use volcomp_vocabulary::{AxisKind, AxisName, MAX_AXES};
 
-/// The side of the bed on which an axis is, which determines what it carries.
+/// Side of the bed on which an axis is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Side {

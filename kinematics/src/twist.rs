@@ -11,8 +11,7 @@ use crate::{
     pose::{Pose, rotation_from_vector, vector_from_rotation},
 };
 
-/// A twist (an infinitesimal or scaled rigid motion): the velocity of the point at the origin and
-/// the angular part.
+/// A twist: an infinitesimal or scaled rigid motion.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Twist {
     /// Motion of the point that coincides with the origin of the frame, mm.

@@ -7,7 +7,7 @@ use volcomp_vocabulary::{AxisKind, Direction, Displacement};
 
 use crate::{calibration_file::Line, profile::Profile};
 
-/// Removes the Abbe error: δ = δ_measured − ε × lever, with the tilts ε of the axis on the machine `tilted`.
+/// Removes the Abbe error: δ = δ_measured − ε × lever, with the tilts ε of the measured axis on the machine `tilted`.
 pub(crate) fn without_abbe<'a>(
     mut profile: Profile<'a>,
     tilted: &Machine,
@@ -28,8 +28,7 @@ pub(crate) struct Lever {
     point: [f64; 3],
     rides: Rides,
     joint: Joint,
-    /// Weights that convert a displacement into a reading: the direction of the axis for positioning, one axis of the
-    /// frame for the other errors.
+    /// Weights that convert a displacement into a reading: the direction of the axis for positioning, for other errors the direction of their component.
     sense: Vector3<f64>,
 }
 
@@ -57,8 +56,7 @@ impl Lever {
         })
     }
 
-    /// m − c, mm along the axes of the frame; includes the travel if the point is on the other side
-    /// of the joint.
+    /// Lever arm m − c, mm along the axes of the frame; includes the travel if the point is on the other side of the joint.
     fn at_mm(&self, position_mm: f64) -> [f64; 3] {
         let travel = Travel {
             side: match self.joint.side {

@@ -23,9 +23,9 @@ use crate::{
 
 pub(crate) struct Angular {
     pub(crate) fitted: Vec<Fitted>,
-    /// The machine of the file with its fitted tilts, used for Abbe's principle and for the tilts of held axes.
+    /// The machine of the file with its fitted tilts, for Abbe's principle and for the tilts of held axes.
     pub(crate) tilted: Machine,
-    /// Standard deviation of each fitted tilt at a target, µrad, if its readings show it.
+    /// Standard deviation of each fitted tilt at a target, µrad; missing if its readings do not show it.
     pub(crate) noise_urad: BTreeMap<ErrorName, f64>,
     pub(crate) notes: Vec<String>,
     /// Subset of `notes`: contradictory measurement lines.
@@ -168,8 +168,8 @@ fn of_error(
     Ok(())
 }
 
-/// Unknown tilts for which the lines have different lever arms, and these lever arms, mm: a row for
-/// each line and a column for each tilt, with the mean of each column subtracted.
+/// Unknown tilts for which the lines have different lever arms, and these lever arms, mm: a row for each line and a column for each tilt, relative
+/// to the mean of the column.
 fn differing_levers(
     file: &CalibrationFile,
     error: ErrorName,
@@ -222,8 +222,8 @@ fn not_separated(
     )
 }
 
-/// Tilt at every place, µrad, by least squares from the differences of the lines. δ is equal in all
-/// lines and cancels when their mean is subtracted.
+/// Tilt at every place, µrad, by least squares from the differences of the lines. The linear error δ itself is equal in all lines and cancels when
+/// their mean is subtracted.
 fn readings_of(beside: &ParallelReadings, inverse: &DMatrix<f64>, column: usize) -> Vec<Reading> {
     let count = beside.lines.len();
     let places = beside.places.iter().enumerate();

@@ -1,5 +1,5 @@
-//! Answers to the open questions of a draft, as the user types them. Each answer is checked when it is given, and the
-//! text of the calibration file is generated from them.
+//! Answers to the open questions of a draft, as typed by the user. Each answer is checked, and the text of the calibration file is generated from
+//! them.
 
 use volcomp_document::toml_string;
 use volcomp_metrology::ReadingUnit;
@@ -28,14 +28,14 @@ pub enum Subject {
     Squareness(ErrorName),
 }
 
-/// An answer in the words of the user.
+/// An answer as typed by the user.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Answer {
     /// The measurement or squareness that it refers to.
     pub of: Subject,
     /// Key of the question: `error`, `file`, `at.Y`, `point`; or `leave_out`, with `true`, which removes the measurement or squareness.
     pub key: String,
-    /// The value: numbers separated by commas, words without quotation marks; or `default` for a key that has one.
+    /// The value: numbers separated by commas, or words without quotation marks; [`KEEP_DEFAULT`] for a key that has a default.
     pub value: String,
 }
 
@@ -48,12 +48,11 @@ pub enum AnswerError {
     Subject { subject: String },
     #[error("{subject}: {key} is not an open question")]
     Key { subject: String, key: String },
-    /// The value is invalid for the key.
     #[error("{subject}: {key}: found {found:?}, expected {expected}")]
     Value { subject: String, key: String, found: String, expected: String },
 }
 
-/// Order in which answers are applied: the keys of a measurement follow from its error, and then from its unit.
+/// Order in which answers are applied: the error of a measurement determines its other keys, and its unit some of them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Turn {
     /// Answers that state the error of a measurement; applied first, because they determine its
@@ -81,7 +80,7 @@ impl Turn {
 }
 
 impl Question {
-    /// Valid answers; empty: a number or a text. Choices between the files of a measurement are listed in `of`.
+    /// Valid answers; empty for a number or a text. The files to choose from are listed in `of`.
     pub fn choices(&self) -> &'static [&'static str] {
         match self.key.as_str() {
             "rides" => &["carriage", "other"],
@@ -215,7 +214,7 @@ impl Draft {
     }
 }
 
-/// Asks for levers where the errors, as answered, have them.
+/// Asks for the positions of lines if their lever arms have an effect with the answered errors.
 fn levers(proposed: &mut [Option<Proposed>], machine_has_tilts: bool) {
     let mut known: Vec<Proposed> = proposed.iter().flatten().cloned().collect();
     ask_for_levers(&mut known, machine_has_tilts);

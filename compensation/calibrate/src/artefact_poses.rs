@@ -1,5 +1,5 @@
-//! Set-up of the artefacts of measured lines on a machine: the machine coordinate system is not accessible, so the axes
-//! are the only references for alignment.
+//! Poses of the artefacts of measured lines on a machine. The machine coordinate system is not accessible, so that the axes are the only references
+//! for alignment.
 
 use core::f64::consts::{FRAC_PI_2, PI};
 
@@ -20,11 +20,10 @@ use crate::{
 
 /// Number of targets of a straightness that was not measured.
 const TARGETS: usize = 21;
-/// Maximum component of a unit direction across another one at which both are treated as parallel.
+/// Maximum component of a unit direction normal to another one at which both are treated as parallel.
 const PARALLEL_BELOW: f64 = 0.02;
 
-/// Poses of the artefacts on the workpiece side and on the tool side with which the machine has no error when all axes
-/// are at `reference`.
+/// Poses of the artefacts on the workpiece side and on the tool side, aligned so that the machine has no error with all axes at `reference`.
 ///
 /// An artefact on the workpiece side is aligned to the reference lines of the reference axes, at the position of the
 /// tool tip at `reference`. The artefact or instrument in the tool is aligned to it in this pose. Readings therefore do
@@ -33,14 +32,12 @@ const PARALLEL_BELOW: f64 = 0.02;
 pub struct ArtefactPoses {
     /// Pose of the artefact frame of the workpiece side, in which the workpiece axes are given, mm.
     pub workpiece: Pose,
-    /// The artefact on the tool side in tool axes, mm.
+    /// Pose of the artefact on the tool side in tool axes, mm.
     pub tool: Pose,
 }
 
 impl ArtefactPoses {
-    /// Set-up on the machine of a calibration file before its lines are evaluated. Measured errors
-    /// are zero here: positioning and angular curves are zero at `reference`, straightness curves
-    /// have no line, and squareness is unknown.
+    /// Poses on the machine of a calibration file before its lines are evaluated. Its measured errors are taken as zero: curves, and squareness.
     pub(crate) fn before_lines(
         file: &CalibrationFile,
         known: &Machine,
@@ -57,9 +54,8 @@ impl ArtefactPoses {
         Ok(Self::of(&machine, &file.reference, file.reference_axes, |_| None))
     }
 
-    /// Set-up with the axes at `reference` (mm or deg, in machine order; an axis without a value is
-    /// at 0) along the reference lines of two axes. The reference line of a straightness is fitted
-    /// at the `targets` (mm), or at 21 targets over the travel if `targets` is empty.
+    /// Poses with the axes at `reference` (mm or deg, in machine order; an axis without a value is at 0) along the reference lines of two axes. The
+    /// reference line of a straightness is fitted at the targets (mm) that `targets` returns, or at 21 targets over the travel if it returns `None`.
     pub fn of(
         machine: &Machine,
         reference: &[f64],
@@ -90,9 +86,8 @@ impl ArtefactPoses {
     }
 }
 
-/// Location of the line of a rotary axis (mm, rad; relative to the nominal one, in MCS at machine
-/// zero) as an instrument set up by [`ArtefactPoses::of`] measures it: with all axes at
-/// `reference`, seen from the tool tip, along the reference lines of the reference axes.
+/// Location of the line of a rotary axis (mm, rad; relative to the nominal line, in MCS at machine zero) as measured by an instrument that is set
+/// up as by [`ArtefactPoses::of`]: with all axes at `reference`, relative to the tool tip, along the reference lines of the reference axes.
 /// `[[location]]` of a calibration file states this value.
 ///
 /// # Errors
@@ -178,7 +173,7 @@ fn turn(directions: impl Iterator<Item = [Vector3<f64>; 2]>) -> Matrix3<f64> {
     nominal * actual.transpose()
 }
 
-/// A machine whose axes move along their reference lines; the errors at coordinate zero are unchanged.
+/// The errors of a machine whose axes move along their reference lines, with the errors at coordinate zero unchanged.
 struct ReferenceLines {
     zero: State,
     motions: [ErrorMotion; MAX_AXES],

@@ -12,17 +12,17 @@ use crate::{
     repeated::Repeated,
 };
 
-/// Alignment of the lines ends when no line moves by more than this.
+/// Lines are aligned when none of them moves by more than this in a round, µm or µrad.
 const LINES_AGREE_UM: f64 = 1e-6;
-/// Maximum number of alignment rounds; each at least halves the disagreement if lines share their targets.
+/// Maximum number of alignment rounds; each at least halves the differences if lines share their targets.
 const ROUNDS: usize = 40;
 
-/// Maximum deviation of a mean reading in standard deviations: one in 370 exceeds it.
+/// Maximum deviation of a mean reading from the curve in standard deviations; one in 370 exceeds it by chance.
 const WITHIN_SIGMAS: f64 = 3.0;
 const STEPS: usize = 120;
 
-/// Scatter of a mean reading about a curve. Differences in offset and slope between runs are
-/// excluded, because they shift and rotate the curve but do not affect its residuals.
+/// Scatter of a mean reading about a curve. Offsets and slopes of the runs are removed first: they shift and rotate the curve, but do not affect its
+/// residuals.
 fn noise_about_curve(profiles: &[Profile<'_>]) -> Option<Noise> {
     let noise = profiles.iter().filter_map(|profile| profile.scatter_of_mean(RunAlignment::Line));
     noise.reduce(|a, b| if b.deviation > a.deviation { b } else { a })
@@ -45,7 +45,7 @@ pub(crate) struct Branches {
 }
 
 impl Branches {
-    /// Fits all lines of an error, each direction separately, and returns the lines as aligned.
+    /// Fits all lines of an error, each direction separately. Also returns the aligned lines.
     ///
     /// An instrument is zeroed for every line, and a straightness reference is aligned for every line. Constants
     /// between lines (for straightness also slopes) therefore carry no information: lines are moved onto the first one
@@ -140,8 +140,7 @@ impl Branches {
         Ok(Self { fits, points, targets, method, choice, noise, repeated: Vec::new(), factor: 1.0 })
     }
 
-    /// Repeated readings for each fit: the runs of a single line, or several lines. `None` if a
-    /// bridge sums its tilts.
+    /// Repeated readings for each fit: the runs of a single line ([`Profile::repeated_in`], which may return `None`), or the means of several lines.
     fn repeated_of(&self, profiles: &[Profile<'_>]) -> Vec<Option<Repeated>> {
         let of = |(direction, _): &(Direction, Fit)| {
             if let [profile] = profiles {
@@ -155,8 +154,7 @@ impl Branches {
         self.fits.iter().map(of).collect()
     }
 
-    /// Mean difference of the readings of one measured line from the fitted curve: a straight line for straightness
-    /// errors, a constant for all others.
+    /// Mean difference of the readings of a measured line from the fitted curve: a straight line for straightness errors, a constant for all others.
     fn offset_of(&self, profile: &Profile<'_>) -> Result<ReferenceLine, CalibrateError> {
         let residuals: Points = self
             .fits
@@ -270,7 +268,7 @@ impl Branches {
         self.fits.iter().zip(&self.points).map(of).collect()
     }
 
-    /// One curve for both directions, or a pair.
+    /// A pair of curves if the error was fitted in both directions, else a single curve.
     pub(crate) fn into_curve(self) -> ErrorCurve {
         let mut fields = self.fits.into_iter().map(|(_, fit)| Field::Curve(fit.curve));
         match (fields.next(), fields.next()) {

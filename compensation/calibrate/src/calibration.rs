@@ -1,4 +1,4 @@
-//! Calibration: the stages over the lines of a file, the unknowns from its observations, and messages.
+//! Calibration: the stages over the lines of a file, the unknowns identified from its observations, and messages.
 
 use std::collections::BTreeMap;
 
@@ -40,7 +40,7 @@ pub struct Calibration {
     pub square_uncertainties: BTreeMap<ErrorName, Urad>,
     /// Each location error stated in the calibration file, with its uncertainty.
     pub locations: Vec<Location>,
-    /// Result from observations of the whole machine; `None` if the file has none.
+    /// Unknowns identified from observations of the whole machine; `None` if the file has none.
     pub identified: Option<Identified>,
     /// Messages for the user: errors not measured, Abbe errors not removed, notes on the measurement files.
     pub warnings: Vec<String>,
@@ -50,7 +50,7 @@ pub struct Calibration {
     pub not_measured: Vec<String>,
 }
 
-/// Computes a machine from measurements. `progress` receives the number of completed errors and their total.
+/// Calibrates a machine from measurements. `progress` receives the number of fitted errors and their total.
 ///
 /// Errors of the machine file that were not measured are kept.
 ///
@@ -92,9 +92,8 @@ pub fn calibrate(
     })
 }
 
-/// Computes the errors of the machine of [`calibrate`] without its provenance, the quality of its
-/// curves, the uncertainties of the parameters identified from observations, and messages. Together
-/// these take longer than the errors.
+/// The machine that [`calibrate`] returns, but without provenance. Faster, because the quality of the curves, the uncertainties of identified
+/// parameters, and messages are not computed.
 ///
 /// # Errors
 ///
@@ -103,7 +102,7 @@ pub fn calibrated_machine(file: &CalibrationFile) -> Result<Machine, CalibrateEr
     stages_of(file, Scope::Machine, &mut |_, _| {}).map(|(stages, ..)| stages.machine)
 }
 
-/// The stages with what was identified from observations, and notes on the latter.
+/// Runs the stages; also returns the unknowns identified from observations, and notes on the observations.
 fn stages_of(
     file: &CalibrationFile,
     wanted: Scope,

@@ -16,7 +16,7 @@ use crate::{
 /// A calibration file with the content of every file that it names.
 #[derive(Clone, Debug)]
 pub struct CalibrationFile {
-    /// Paths of the calibration file, its machine file and its measurement files: they must not be overwritten.
+    /// Paths of the calibration file, its machine file and its measurement files. None of them may be overwritten.
     pub files: Vec<PathBuf>,
     /// Serial number of the machine, if the calibration file states it.
     pub serial: Option<String>,
@@ -32,13 +32,13 @@ pub struct CalibrationFile {
     pub measurements: Vec<Line>,
     /// Every squareness error, in the order of the file.
     pub squareness: Vec<Squareness>,
-    /// Diagonals that determine squareness errors.
+    /// Sets of diagonals that determine squareness errors.
     pub diagonals: Vec<Diagonals>,
     /// Every location error that an instrument measured directly, in the order of the file.
     pub locations: Vec<Location>,
     /// Unknowns and observations of the whole machine.
     pub observations: Option<Observations>,
-    /// Provenance of the files of the observations.
+    /// Files of the observations, for the provenance.
     pub observed: Vec<Source>,
     /// Uncertainty contributions that the scatter of the readings does not show.
     pub uncertainty: Uncertainty,
@@ -51,17 +51,16 @@ pub struct Line {
     pub setup: Setup,
     /// The measurement file, for messages.
     pub file: PathBuf,
-    /// Provenance of the readings for the machine file: the measurement file; empty for readings without a file,
-    /// several for readings computed from several files.
+    /// Measurement files of the readings, for the provenance: usually one; none for readings without a file, several for readings computed from several
+    /// files.
     pub sources: Vec<Source>,
     /// Location in the calibration file, for messages: `calibration.toml:12`.
     pub place: String,
-    /// Readings in the sign of the error, µm or µrad; for the angular method those of the bridge.
+    /// Readings with the sign of the error, µm or µrad; for the angular method the tilts of the bridge.
     pub readings: Measurement,
-    /// Kind of curve, if stated.
+    /// Kind of curve stated in the file; `None` if it states none.
     pub curve: Option<CurveChoice>,
-    /// Reference line that is subtracted from a straightness; its slope contributes to the
-    /// squareness.
+    /// Kind of reference line that is subtracted from a straightness; the slope of the line is part of the squareness.
     pub reference_line: ReferenceKind,
     /// For a rotary axis: whether the readings were taken relative to the commanded pose, so that
     /// they include the effect of the location errors of the axis; `false` if the instrument was
@@ -80,26 +79,26 @@ pub struct Location {
     pub uncertainty: f64,
 }
 
-/// A squareness error and its source.
+/// A squareness error, and how the calibration file determines it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Squareness {
     /// EC0Y, EA0Z or EB0Z.
     pub error: ErrorName,
-    /// Value of the squareness, or the angle of its reference.
+    /// Stated value, slopes or diagonals.
     pub source: SquarenessSource,
 }
 
-/// Source of a squareness value in a calibration file.
+/// How the value of a squareness is determined.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum SquarenessSource {
-    /// The value is stated.
+    /// Stated value.
     Value(Urad),
-    /// The slopes of the two straightness errors, with the angle of their reference.
+    /// From the slopes of its two straightness errors, with the angle of their reference.
     Slopes {
         /// φ − π/2, φ the angle between the + directions of the two reference beams.
         reference_angle: Urad,
     },
-    /// Body diagonals, [`CalibrationFile::diagonals`].
+    /// From body diagonals, [`CalibrationFile::diagonals`].
     Diagonals,
 }
 
@@ -129,14 +128,14 @@ impl CalibrationFile {
 pub struct Diagonals {
     /// The squareness errors that the diagonals determine.
     pub errors: Vec<ErrorName>,
-    /// The diagonals as lines of sight. Unknowns are the offset of each diagonal, and a common
-    /// scale of the laser, its material temperature and the mean of the diagonals.
+    /// The diagonals as observations. Their unknowns include the offset of each diagonal, and a common scale: of the laser, of its material
+    /// temperature, and of the machine.
     pub observations: Observations,
-    /// Provenance of the files of the diagonals.
+    /// Files of the diagonals, for the provenance.
     pub sources: Vec<Source>,
 }
 
-/// Errors that a file measures, each once: first the angular ones, which the Abbe correction needs, then the linear ones.
+/// The measured errors of a file, each once: first the angular errors, which the Abbe correction needs, then the linear ones.
 pub(crate) fn measured(file: &CalibrationFile) -> Vec<ErrorName> {
     let mut names: Vec<ErrorName> = file.measurements.iter().map(|l| l.setup.error).collect();
     names.sort_unstable_by_key(|name| (!name.component.is_angular(), *name));
@@ -149,9 +148,8 @@ pub(crate) fn lines_of(file: &CalibrationFile, error: ErrorName) -> impl Iterato
     lines.filter(move |line| line.setup.error == error)
 }
 
-/// Machine of a calibration file with the location errors stated in the file. The tilt named by a
-/// squareness contains all of the squareness, so the value of the other axis of the pair is
-/// removed.
+/// The machine of a calibration file with the location errors stated in the file. A stated tilt of a squareness is the whole squareness, so the
+/// tilt of the other axis is set to zero.
 pub(crate) fn located(file: &CalibrationFile) -> Result<Machine, ModelError> {
     let mut machine = file.machine.clone();
     for location in &file.locations {

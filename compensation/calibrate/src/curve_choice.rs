@@ -151,8 +151,8 @@ impl CurveChoice {
         }
     }
 
-    /// Returns the method for all directions of an error and, if it was chosen from the readings, the choice with the
-    /// fits made for it. Automatic moving least squares prefer settings whose residuals are at most `required`.
+    /// The method for all directions of an error and, if it was chosen from the readings, the choice with its fits. Automatic moving least squares
+    /// prefer settings with residuals of at most `required`.
     pub(crate) fn settled(
         self,
         directions: &[(&[f64], &[f64])],

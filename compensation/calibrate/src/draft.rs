@@ -1,5 +1,5 @@
-//! First calibration file from a folder of measurement files: their headers, extensions and names provide proposals,
-//! and the rest becomes questions.
+//! Drafts a calibration file for a folder of measurement files: proposals come from their headers, extensions and names; unknown values become
+//! questions.
 
 use std::{
     fmt::{self, Write as _},
@@ -77,8 +77,8 @@ impl fmt::Display for LeftOver {
     }
 }
 
-/// Scans a folder and its subfolders, and proposes a calibration file for a machine. `machine_file` and the names that
-/// `named` gives to measurement files are relative to the future location of the draft.
+/// Scans a folder and its subfolders, and drafts a calibration file for a machine. `machine_file` and the paths that `named` returns for measurement
+/// files are relative to the future location of the draft.
 ///
 /// # Errors
 /// The folder cannot be read.
@@ -181,7 +181,7 @@ pub fn draft_of(
     }
 }
 
-/// Removes the file name at the beginning of a message, because the caller writes it before the reason.
+/// Removes the file name at the beginning of a message; the caller writes it before the message.
 fn without_file(said: &str, path: &Path) -> String {
     let Some(rest) = said.strip_prefix(&path.display().to_string()) else {
         return said.to_owned();
@@ -217,7 +217,7 @@ impl Proposed {
     }
 }
 
-/// Merges measurements at the same place into one, whose file becomes a question; those with an open place are only listed as conflicts.
+/// Merges measurements at the same place into one, whose file becomes a question. Measurements with an unknown place are only listed as conflicts.
 fn join_same_places(proposed: &mut Vec<Proposed>, conflicts: &mut Vec<String>) {
     let mut kept: Vec<Proposed> = Vec::new();
     for of in proposed.drain(..) {
@@ -240,8 +240,7 @@ fn join_same_places(proposed: &mut Vec<Proposed>, conflicts: &mut Vec<String>) {
     *proposed = kept;
 }
 
-/// Messages on measurements that answers have moved to the same place. Those that were at the same
-/// place before have been merged already.
+/// Messages on measurements that have the same place because of answers; those with the same place before are already merged.
 pub(crate) fn conflicts_of(now: &[Proposed]) -> Vec<String> {
     let conflict = |(place, of): (usize, &Proposed)| {
         let mut before = now[..place].iter();
@@ -264,7 +263,7 @@ fn both_measure(one: &Proposed, other: &Proposed) -> String {
     )
 }
 
-/// A squareness whose two straightnesses are in the draft.
+/// A squareness whose two straightness errors are in the draft.
 #[derive(Clone, Debug)]
 pub(crate) struct Square {
     pub(crate) error: ErrorName,
@@ -374,7 +373,7 @@ pub(crate) fn text_of(
     text
 }
 
-/// Writes comment lines; no content of a file can end the comment.
+/// Writes a comment. Control characters are replaced, so that text of a file cannot end the comment.
 fn comment(text: &mut String, said: &str) {
     let clean: String = said.chars().map(|c| if c.is_control() { ' ' } else { c }).collect();
     text.push_str("# ");
@@ -382,9 +381,8 @@ fn comment(text: &mut String, said: &str) {
     text.push('\n');
 }
 
-/// Files below a folder, ordered by name, without hidden files, special files, and TOML files about other files. Links
-/// to folders are not followed, and the folders `without` are not entered. The search ends when more than `most` files
-/// have been found.
+/// Files below a folder, ordered by path, without hidden files, special files and TOML files. Links to folders, the folders `without`, and
+/// folders more than eight levels deep are not entered. The search ends when more than `most` files have been found.
 ///
 /// # Errors
 /// A folder that cannot be read.

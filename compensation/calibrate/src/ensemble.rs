@@ -10,18 +10,18 @@ pub struct Ensemble {
     scatters: Vec<Scatter>,
 }
 
-/// An uncertainty contribution that was estimated from a few repeated readings, so that its size is itself uncertain.
+/// An uncertainty contribution whose standard deviation was estimated from a few repeated readings and is therefore itself uncertain.
 #[derive(Clone, Debug)]
 pub struct Scatter {
     /// Degrees of freedom of the estimate: n − 1 for n runs.
     pub degrees: f64,
-    /// One machine for each independent part of the contribution, with the readings shifted by that part. The squares of the effects of the
-    /// parts add up to the variance.
+    /// One machine for each independent part of the contribution, computed with the readings shifted by that part. The squares of the changes add up to
+    /// the variance.
     pub shifted: Vec<CompiledMachine>,
 }
 
 impl Ensemble {
-    /// An ensemble of samples, which must have the same structure. `None` for fewer than two, which have no spread.
+    /// An ensemble of sampled machines. `None` for fewer than two, which have no spread, or if their structures differ.
     pub fn new(machines: Vec<CompiledMachine>) -> Option<Self> {
         let first = machines.first()?;
         let same = |m: &CompiledMachine| has_structure_of(m, first);
@@ -32,8 +32,8 @@ impl Ensemble {
         })
     }
 
-    /// Adds contributions that were estimated from a few repeated readings, and `found`, the identified machine to which their shifts
-    /// refer. `None` if a machine differs in structure from the samples.
+    /// Adds contributions that were estimated from a few repeated readings. Their changes are relative to `found`, the identified machine. `None` if a
+    /// machine differs in structure from the samples.
     #[must_use]
     pub fn with_scatters(mut self, found: CompiledMachine, scatters: Vec<Scatter>) -> Option<Self> {
         let shifted = scatters.iter().flat_map(|scatter| &scatter.shifted);
@@ -57,8 +57,8 @@ impl Ensemble {
         self.uncertainty_of(|machine| machine.evaluate(state).into_six())
     }
 
-    /// The standard uncertainty at each of many states. Several times faster than one state after another, because the tables of a machine
-    /// stay in the cache.
+    /// [`standard_uncertainty`](Self::standard_uncertainty) at each of many states. Several times faster than one state after another, because the
+    /// tables of a machine stay in the cache.
     pub fn standard_uncertainties(&self, states: &[State]) -> Vec<[f64; 6]> {
         self.uncertainties_of(states.len(), |machine, found| {
             for (state, found) in states.iter().zip(found) {
@@ -81,8 +81,7 @@ impl Ensemble {
         of_one.into_iter().next().unwrap_or([f64::NAN; N])
     }
 
-    /// Standard uncertainties of quantities at several places, which `numbers` computes for a
-    /// machine.
+    /// Standard uncertainties of quantities at several places; `numbers` computes the quantities of a machine.
     fn uncertainties_of<const N: usize>(
         &self,
         places: usize,
@@ -169,8 +168,7 @@ mod tests {
         Machine::parse(&text, "m")?.compile(Tolerance::default())
     }
 
-    /// Factor by which scatters with these variances (µm²) and degrees of freedom widen the
-    /// uncertainty of samples with this variance.
+    /// Factor by which scatters with these variances (µm²) and degrees of freedom widen the standard uncertainty from samples with this variance.
     fn widened(variance: f64, scatters: &[(f64, f64)]) -> Result<f64, ModelError> {
         let of_x = |ensemble: &Ensemble| ensemble.standard_uncertainty(&State::default())[0] * 1e3;
         // The variance of two values is half the square of their distance.

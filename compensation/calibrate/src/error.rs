@@ -7,7 +7,7 @@ use volcomp_metrology::MetrologyError;
 use volcomp_model::ModelError;
 use volcomp_vocabulary::{AxisName, ErrorName};
 
-/// Reason why measurement files do not give a machine file.
+/// Reason why a calibration file cannot be read or does not give a machine.
 #[derive(Debug, thiserror::Error)]
 #[expect(missing_docs, reason = "the messages say what the fields are")]
 #[non_exhaustive]
@@ -57,7 +57,7 @@ pub enum CalibrateError {
 }
 
 impl From<IdentifyError> for CalibrateError {
-    /// Maps errors in a file to the variants that this crate's own reader uses.
+    /// Maps errors in files to the same variants that the reader of this crate returns.
     fn from(error: IdentifyError) -> Self {
         match error {
             IdentifyError::Read(error) => Self::Read(error),

@@ -12,7 +12,7 @@ use crate::{
     profile::{Profile, files_of},
 };
 
-/// A fitted error: its name and its curve for each direction, zero at the reference.
+/// A fitted error with its curve for each direction, zero at the reference.
 pub(crate) struct Fitted {
     pub(crate) error: ErrorName,
     pub(crate) branches: Branches,
@@ -29,8 +29,8 @@ pub(crate) fn joint_of(machine: &Machine, error: ErrorName) -> Result<Joint, Mod
     Ok(machine.chain().joints()[machine.index_of(error.axis)?])
 }
 
-/// Period of errors along an axis, deg: that of an axis that covers a full turn. On any other axis, the errors at both
-/// ends of the travel are unrelated.
+/// Period of errors along an axis, deg; `None` if the axis covers less than a full turn, since the errors at both ends of its travel are then
+/// unrelated.
 fn period_of(axis: &Axis) -> Option<f64> {
     let [low, high] = axis.travel;
     let turns = axis.name.is_rotary() && high - low >= FULL_TURN_DEG * (1.0 - 1e-9);
@@ -84,8 +84,8 @@ pub(crate) fn fit<'a>(
     Ok((fitted, profiles))
 }
 
-/// Errors that readings of `error` give, with the factor of each: a positioning deviation p of the coordinate enters as
-/// δ = u·p (rotary: ε = u·p), where u is the direction of the axis.
+/// Errors to which readings of `error` contribute, each with its factor: a positioning deviation p of the coordinate contributes δ = u·p (rotary:
+/// ε = u·p), where u is the direction of the axis.
 fn shares(error: ErrorName, direction: &Vector3<f64>) -> Vec<(ErrorName, f64)> {
     if MotionKind::of(error) != MotionKind::Positioning {
         return vec![(error, 1.0)];
@@ -104,7 +104,7 @@ fn shares(error: ErrorName, direction: &Vector3<f64>) -> Vec<(ErrorName, f64)> {
 pub struct FittedLine {
     /// The error that the curve describes.
     pub error: ErrorName,
-    /// Index of the line in [`CalibrationFile::measurements`]; `None` if the error was computed from several other lines.
+    /// Index of the line in [`CalibrationFile::measurements`]; `None` if its readings were computed from several other lines.
     pub line: Option<usize>,
     /// Files of the line's readings.
     pub sources: Vec<Source>,
@@ -113,8 +113,7 @@ pub struct FittedLine {
     /// readings are aligned with the first line of the error, and zero at the reference like the
     /// curve. Empty for a direction that was not run.
     pub points: [Vec<(f64, f64)>; 2],
-    /// Factor from a difference of readings to a difference of the error: 1, or for an oblique axis
-    /// the share of the component.
+    /// Factor from a difference of readings to a difference of the error: 1, or for an oblique axis the component of its direction.
     pub factor: f64,
 }
 

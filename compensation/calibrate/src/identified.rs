@@ -1,7 +1,6 @@
-//! Last stage: errors identified from observations of the whole machine. Two steps alternate until
-//! both converge: unknown errors are identified with the measured errors held, and the measured
-//! errors are fitted again without the contributions of the identified ones. If the lines depend so
-//! strongly on the unknowns that this converges slowly or not at all, both are solved together.
+//! Last stage: unknown errors are identified from observations of the whole machine. Two steps alternate until both converge: the unknowns are
+//! identified with the measured errors held, and the measured errors are fitted again without the contributions of the unknowns. If the lines depend
+//! so strongly on the unknowns that this converges slowly or not at all, both are solved together.
 
 use volcomp_identify::{Follower, Identification, Observations, Parameter, identify_followed};
 use volcomp_model::Machine;
@@ -19,8 +18,7 @@ const SETTLED: f64 = 0.01;
 /// Lower bound of the standard uncertainty used in this limit, in the unit of the parameter.
 const LEAST: f64 = 1e-6;
 const ROUNDS: usize = 60;
-/// Fraction of a change that is carried into the next round. Above this fraction, unknowns and
-/// lines are solved together instead of alternately.
+/// Ratio of successive changes above which unknowns and lines are solved together instead of alternately.
 const TOGETHER_ABOVE: f64 = 0.9;
 
 /// Errors identified from volumetric observations.
@@ -133,8 +131,7 @@ pub(crate) fn settled(
     Ok((Identified { found, rounds }, stages, notes))
 }
 
-/// Derivatives of the lines by each unknown: the lines are refitted with the unknown changed from its last identified
-/// value.
+/// Derivatives of the lines with respect to each unknown: the lines are refitted with the unknown changed from its last identified value.
 fn following(
     file: &CalibrationFile,
     observations: &Observations,

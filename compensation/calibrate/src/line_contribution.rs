@@ -1,5 +1,5 @@
-//! Contribution of the lines to the uncertainty of the unknowns that depend on them: other readings
-//! would give other curves, and these would give other unknowns.
+//! Contribution of the lines to the uncertainty of the unknowns that depend on them: other readings would give other curves, and other curves would
+//! give other unknowns.
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -75,7 +75,7 @@ impl LineContribution<'_> {
         Ok(())
     }
 
-    /// Change of the unknowns if the lines have these readings, in one round.
+    /// Change of the unknowns in one round if the lines have the readings of `file`; `base` is the response to the actual readings.
     fn shift(
         &self,
         file: &CalibrationFile,
@@ -92,7 +92,7 @@ impl LineContribution<'_> {
         Stages::of(file, &known, || ())
     }
 
-    /// Covariance due to the instrument uncertainties stated in the file: everything except the scatter of runs.
+    /// Covariance due to the instrument uncertainties stated in the file, without the scatter of runs.
     fn stated(&self, base: &DVector<f64>) -> Result<DMatrix<f64>, CalibrateError> {
         // The contribution of the observations is already included.
         let mut without = self.file.clone();
@@ -134,8 +134,7 @@ impl LineContribution<'_> {
         Ok(covariance)
     }
 
-    /// Total effect of a change of the unknowns over all rounds: 1/(1 − A), where A is the effect
-    /// of one round.
+    /// Total effect of a change of the unknowns over all rounds, (1 − A)⁻¹, where A is the effect of one round.
     fn carried(
         &self,
         found: &Identification,
@@ -162,8 +161,8 @@ impl LineContribution<'_> {
     }
 }
 
-/// Change of an unknown used to determine how the lines follow it, µm or µrad. It has the size of
-/// real errors. The lines respond in proportion, so the size does not affect the result.
+/// Change of an unknown with which the response of the lines is computed, µm or µrad: the size of real errors. The lines respond in proportion, so
+/// that the size does not affect the result.
 pub(crate) const CHANGE: f64 = 10.0;
 
 /// Fits the lines again with one unknown increased by [`CHANGE`]; `None` for a parameter of a
@@ -187,8 +186,7 @@ pub(crate) fn changed(
     Stages::of(file, &there, || ()).map(Some)
 }
 
-/// Copies an error of another machine into `to`: a location error missing in `from` becomes 0, and for a curve missing
-/// in `from` that of `to` is kept.
+/// Copies an error from `from` to `to`. A location error missing in `from` becomes 0; if a curve is missing in `from`, `to` keeps its own.
 pub(crate) fn take(
     to: &mut Machine,
     from: &Machine,
@@ -280,8 +278,8 @@ mod tests {
         assert!((1.0..1.001).contains(&little), "{little}");
     }
 
-    /// Coverage of 95 % bands for many mixtures of scatters and well-known contributions. With the formula of Welch and
-    /// Satterthwaite, bands with one scatter of two runs cover 87 to 93 %.
+    /// Coverage of 95 % intervals for many mixtures of scatters and well-known contributions. By the formula of Welch and Satterthwaite alone, intervals
+    /// with one scatter of two runs would cover 87 to 93 %.
     #[test]
     fn bands_cover_for_any_share_of_the_scatters() {
         const TRIALS: u32 = 20_000;

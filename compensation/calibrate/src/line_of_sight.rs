@@ -1,4 +1,4 @@
-//! Readings of a perfect instrument along a line on a machine with errors, and the contributions of the other axes to them.
+//! Readings of a perfect instrument along a line on a machine with errors, and the contributions of axes other than the measured one.
 
 use volcomp_kinematics::{
     Chain, ErrorMotion, ErrorSource, Pose, Side, State, actual_pose,
@@ -57,7 +57,7 @@ impl<'a> LineOfSight<'a> {
         })
     }
 
-    /// Uses artefacts that were set up on the machine, instead of artefacts aligned to the workpiece axes and the tool axes.
+    /// Replaces the artefacts aligned to the workpiece and tool axes by artefacts that were set up on the machine.
     #[must_use]
     pub fn with_artefacts(mut self, artefacts: &ArtefactPoses) -> Self {
         self.artefacts = [artefacts.workpiece, artefacts.tool];
@@ -119,10 +119,9 @@ impl<'a> LineOfSight<'a> {
         turn.cross(&joint.direction)[name.component.mcs_index()] * 1e6
     }
 
-    /// Rotation of a straightness reference on the tool side relative to the workpiece, rad in
-    /// workpiece axes. The reference was aligned to the workpiece with the linear axes at 0 (or at
-    /// the end of travel nearest to 0) and the rotary axes at their held positions; it includes the
-    /// rotation of the tool by the errors there.
+    /// Rotation of a straightness reference on the tool side relative to the workpiece, rad in workpiece axes. The reference was aligned to the
+    /// workpiece with the linear axes at 0 (or at the end of travel nearest to 0) and the rotary axes at their held positions. The result includes the
+    /// rotation of the tool by the errors in that state.
     fn reference_turn(&self, errors: &impl ErrorSource) -> Vector3<f64> {
         let mut aligned = self.held;
         for (axis, q) in self.machine.axes().iter().zip(&mut aligned.q) {
@@ -147,7 +146,7 @@ impl<'a> LineOfSight<'a> {
         self.carried.rotation.transpose() * workpiece.rotation.transpose()
     }
 
-    /// Position of the measured point, which moves with the component that carries it.
+    /// Position of the measured point, which moves with the carriage if the line is so set up, mm in MCS.
     fn measured_point_mcs(&self, state: &State) -> Vector3<f64> {
         let joint = &self.chain.joints()[self.axis];
         let moves = match (joint.side, self.setup.rides) {
@@ -175,8 +174,8 @@ impl<'a> LineOfSight<'a> {
     }
 }
 
-/// A machine on which one axis has no error motion, and the errors of the others keep their values at the held
-/// positions. A linear axis moves ideally; the line of a rotary axis keeps its location.
+/// The errors of a machine whose measured axis has no error motion, while the errors of the other axes keep their values at the held positions. A
+/// linear axis moves ideally; the line of a rotary axis keeps its location.
 struct HeldOthers<S> {
     of: S,
     own: usize,
@@ -204,7 +203,7 @@ impl<S: ErrorSource> ErrorSource for HeldOthers<S> {
     }
 }
 
-/// Readings of a perfect instrument along a line of a machine whose measured axis has no error motion.
+/// Readings of a perfect instrument along a line of a machine whose measured axis has no error motion: the contributions of the other errors.
 pub(crate) struct OtherErrors<'a> {
     machine: &'a Machine,
     sight: LineOfSight<'a>,
@@ -244,7 +243,7 @@ impl<'a> OtherErrors<'a> {
         Ok(targets.map(reading).collect())
     }
 
-    /// Slope due to the reference of a straightness, µrad.
+    /// Slope due to the reference of a straightness, µrad, see [`LineOfSight::reference_slope_urad`].
     pub(crate) fn reference_slope_urad(&self) -> f64 {
         let none = Temperatures::new();
         self.sight.reference_slope_urad(&self.machine.source(&none))

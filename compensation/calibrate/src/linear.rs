@@ -1,5 +1,4 @@
-//! Second stage: the linear errors, without the contributions of the tilts of their axis, and
-//! straightness without its line.
+//! Second stage: the linear errors, after subtracting the contributions of the tilts of their axis; a straightness also without its line.
 
 use volcomp_metrology::MotionKind;
 use volcomp_model::{Machine, ModelError};

@@ -10,8 +10,8 @@ use crate::{
     stages::Stages,
 };
 
-/// Number of nodes on a rotary axis at which the effect of an error is evaluated. On a linear axis the ends suffice: a displacement that is linear in
-/// the coordinate is largest at one of them.
+/// Number of nodes on a rotary axis at which the effect of an error is evaluated. On a linear axis the two ends suffice, because a displacement that
+/// is linear in the coordinate is largest at one of them.
 const ROTARY_NODES: usize = 8;
 /// Size of the error whose effect is stated, µm or µrad.
 const EXAMPLE: f64 = 10.0;
@@ -33,7 +33,7 @@ pub(crate) fn not_measured(file: &CalibrationFile, stages: &Stages) -> Vec<Strin
     notes(&stages.machine, file.reference_axes, &is_measured, &is_stated)
 }
 
-/// Notes on the errors of a machine that are not among the unknowns of the observations, worded as for a calibration.
+/// Notes on the errors of a machine that are not unknowns of the observations, worded as for a calibration.
 pub fn not_observed(observations: &Observations) -> Vec<String> {
     let unknown: Vec<ErrorName> = unknown(observations).collect();
     let is_measured = |name: ErrorName| unknown.contains(&name);
@@ -42,7 +42,7 @@ pub fn not_observed(observations: &Observations) -> Vec<String> {
     notes(&observations.machine, axes, &is_measured, &is_stated)
 }
 
-/// Notes on the errors that a machine does not state, worded as for a calibration.
+/// Notes on the errors for which a machine file has no value, worded as for a calibration.
 pub fn not_stated(machine: &Machine) -> Vec<String> {
     let stated: Vec<ErrorName> = machine.locations().keys().copied().collect();
     let is_measured = |name: ErrorName| machine.error(name).is_some();
@@ -65,8 +65,8 @@ pub fn errors_without_value(machine: &Machine) -> usize {
     motions.count() + locations_not_measured(machine, axes, &is_stated).len()
 }
 
-/// Notes on the errors that were not measured, and whether the machine file has them: error motions by axis, then
-/// location errors including squareness, each with its possible effect.
+/// Notes on the errors that were not measured: error motions by axis, then location errors including squareness, each with its possible effect, and
+/// whether the machine file has a value.
 fn notes(
     machine: &Machine,
     reference_axes: [AxisName; 2],
@@ -113,7 +113,6 @@ fn notes(
     notes
 }
 
-/// Errors to be identified from observations.
 fn unknown(observations: &Observations) -> impl Iterator<Item = ErrorName> {
     observations.unknown.iter().map(|unknown| unknown.error)
 }

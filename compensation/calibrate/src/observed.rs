@@ -87,8 +87,8 @@ fn refuse_twice(name: &Value<'_>, unknown: Unknown, direct: &Direct<'_>) -> Resu
         .error(format!("{error} is unknown here and measured by {stated}: expected one of them")))
 }
 
-/// Rejects a location error of a rotary axis if every error motion to which it contributes was
-/// measured with it: the lines then contain it, and no observation can separate the two.
+/// Rejects a location error of a rotary axis as an unknown if every error motion to which it contributes was measured along a line that contains it:
+/// no observation can separate the two.
 fn refuse_held(
     name: &Value<'_>,
     error: ErrorName,

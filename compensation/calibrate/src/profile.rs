@@ -91,7 +91,7 @@ impl<'a> Profile<'a> {
         branches.filter_map(|points| unevenness(points)).reduce(f64::max)
     }
 
-    /// Scatter of a mean reading; also `None` if readings are summed.
+    /// Scatter of a mean reading; `None` if it is unknown, or if readings are summed.
     pub(crate) fn scatter_of_mean(&self, alignment: RunAlignment) -> Option<Noise> {
         if self.line.setup.method != Method::Direct {
             return None;
@@ -100,8 +100,7 @@ impl<'a> Profile<'a> {
         Some(Noise { deviation: scatter.deviation, freedom: scatter.freedom })
     }
 
-    /// Standard deviation of a mean reading after subtracting the alignment of each line: its
-    /// offset, and for straightness its slope.
+    /// Standard deviation of a mean reading after removing the alignment of each run: its offset, and for straightness also its slope.
     pub(crate) fn noise_of_shape(&self) -> Option<f64> {
         let alignment = if MotionKind::of(self.line.setup.error) == MotionKind::Straightness {
             RunAlignment::Line
@@ -111,8 +110,8 @@ impl<'a> Profile<'a> {
         self.scatter_of_mean(alignment).map(|noise| noise.deviation)
     }
 
-    /// Targets and readings of every run in a direction, relative to the mean readings of this
-    /// profile; `None` if readings are summed, or if a target was moved.
+    /// Targets and readings of every run in a direction, adjusted to the mean readings of this profile; `None` if readings are summed or targets were
+    /// moved into the travel.
     pub(crate) fn repeated_in(&self, direction: Direction) -> Option<Repeated> {
         if self.line.setup.method != Method::Direct {
             return None;
@@ -159,7 +158,7 @@ impl<'a> Profile<'a> {
         ReferenceLine::least_squares(&means(points)).map_err(|source| wrong(self.line, source))
     }
 
-    /// The profile without a line, intercept included.
+    /// The profile minus a line, intercept included.
     pub(crate) fn without_line(mut self, line: &ReferenceLine) -> Self {
         for branch in &mut self.points {
             *branch = line.removed_from(branch);
@@ -197,7 +196,7 @@ mod tests {
     use super::*;
     use crate::testing::{line, machine};
 
-    /// Tilts of 2 µrad of a bridge of 100 mm: 0.2 µm up at each step.
+    /// Tilts of 2 µrad of a bridge of 100 mm raise the profile by 0.2 µm at each step.
     #[test]
     fn tilts_of_a_bridge_add_up() {
         let mut level = line("EYX", |_| 2.0);

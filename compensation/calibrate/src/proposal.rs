@@ -1,4 +1,4 @@
-//! Proposal for one file of a folder, from its header, extension and name.
+//! Proposes a measurement for one file of a folder, from its header, extension and name.
 
 use std::{collections::BTreeMap, path::Path};
 
@@ -110,14 +110,14 @@ pub(crate) struct FileFacts {
     pub(crate) format: Option<FileFormat>,
     pub(crate) unit: Option<DeviationUnit>,
     pub(crate) asks_unit: bool,
-    /// Whether the file is a log whose channels are not assigned yet.
+    /// Whether the file is a log whose channels are not yet assigned.
     pub(crate) is_log: bool,
-    /// Whether the place of the line has no effect, because no tilt is known or can follow from the lines.
+    /// Whether the position of the line has no effect, because no tilt is known or can be computed from the lines.
     pub(crate) without_levers: bool,
 }
 
 impl Proposed {
-    /// Adds the positions and keys that follow from the current facts. Stated or answered ones are kept.
+    /// Adds the positions and keys that the current facts require; keys that are stated or answered keep their values.
     pub(crate) fn follow(&mut self) {
         let own = self.error.map(|error| error.axis).or(self.facts.axis);
         let held = self.facts.places.iter().filter(|(axis, _)| Some(*axis) != own);
@@ -155,8 +155,8 @@ impl Proposed {
 /// Value of a key that keeps its default and is not written.
 pub(crate) const DEFAULT: &str = "";
 
-/// Whether the levers of the lines have an effect: through a tilt that is measured or that the machine has, or through two lines of one error,
-/// from which a tilt follows.
+/// Asks for the position of the lines if their lever arms have an effect: if a tilt is measured or in the machine file, or can be computed from two
+/// lines of one error.
 pub(crate) fn ask_for_levers(proposed: &mut [Proposed], machine_has_tilts: bool) {
     let mut errors: Vec<ErrorName> = proposed.iter().filter_map(|of| of.error).collect();
     errors.sort_unstable();
@@ -299,7 +299,7 @@ pub(crate) fn of_measurement(
     Ok(found)
 }
 
-/// Messages on a file that appears to belong to another axis or machine.
+/// Messages on a file whose axis or machine differs from that of the measurement.
 pub(crate) fn out_of_place(
     of: &Proposed,
     measurement: &Measurement,
@@ -471,7 +471,7 @@ impl FileHints {
     }
 }
 
-/// The axis of the machine whose letter a word begins with, and the rest of the word.
+/// Splits a word that begins with the letter of an axis of the machine into the axis and the rest of the word.
 fn letter<'w>(word: &'w str, machine: &Machine) -> Option<(AxisName, &'w str)> {
     let mut letters = word.chars();
     let first = letters.next()?.to_ascii_uppercase();
@@ -498,7 +498,7 @@ fn stated_places(text: &str) -> Vec<(AxisName, f64)> {
     places
 }
 
-/// Sorts known errors by name, then unknown ones; within an error by file.
+/// Sorts by error, axis first, with unknown errors last; measurements of one error by file.
 pub(crate) fn sort(proposed: &mut [Proposed]) {
     let key = |of: &Proposed| {
         let error = of.error.map(|error| (error.axis.index(), error.component.index()));

@@ -1,4 +1,4 @@
-//! Open values of a calibration file: `"?"`.
+//! Open values, `"?"`, of a calibration file.
 
 use std::fmt::Write as _;
 
@@ -57,8 +57,7 @@ pub(crate) fn question(key: &str, inner: Option<&str>) -> String {
     .to_owned()
 }
 
-/// Rejects a file with open values. The message has the first question and the number of further
-/// ones.
+/// Rejects a file with open values; the message has the first question and the number of further ones.
 pub(crate) fn refuse_open(root: &Section<'_>) -> Result<(), InputError> {
     let mut open = Vec::new();
     for key in TABLES {

@@ -26,8 +26,7 @@ use crate::{
 };
 
 impl CalibrationFile {
-    /// Keys at the root of a calibration file, in addition to those of [`Observations::KEYS`], which it may have as
-    /// well.
+    /// Keys at the root of a calibration file, in addition to [`Observations::KEYS`], which are also allowed.
     pub const KEYS: [&'static str; 9] = [
         "machine",
         "columns",
@@ -163,11 +162,11 @@ fn decode_reference_axes(root: &Section<'_>) -> Result<[AxisName; 2], InputError
 /// Key of [`decode_holds_location`].
 pub const HOLDS_LOCATION: &str = "holds_location";
 
-/// Whether the line of an error was taken against the commanded pose, so that it contains the contributions of the
-/// location errors of its rotary axis; true if the section does not state it.
+/// Decodes whether a line of a rotary axis was measured relative to the commanded pose, so that its readings contain the contributions of the
+/// location errors of the axis. True if the section does not state it.
 ///
 /// # Errors
-/// A value that is not a boolean, or a line of a linear axis.
+/// A value that is not a boolean, or the key on a line of a linear axis.
 pub fn decode_holds_location(section: &Section<'_>, error: ErrorName) -> Result<bool, InputError> {
     let value = section.get(HOLDS_LOCATION);
     if let Some(value) = value.filter(|_| !error.axis.is_rotary()) {
@@ -302,7 +301,7 @@ fn check_same_curve(before: &[Line], line: &Line, section: &Section<'_>) -> Resu
     }
 }
 
-/// Converts the readings to µm or µrad: from `unit`, if the file states none.
+/// Converts the readings to µm or µrad; `unit` is used if the file states none.
 fn apply_unit(
     section: &Section<'_>,
     file: &Value<'_>,

@@ -1,4 +1,4 @@
-//! The curve through the readings of one measurement, of the kind that its runs support.
+//! Fits a curve to the readings of one measurement, of a kind chosen according to its runs.
 
 use volcomp_fit::{
     Band, BandOptions, Choice, Fit, FitError, FitOptions, Noise, band, band_of_means, band_places,
@@ -81,7 +81,7 @@ fn period(measurement: &Measurement) -> Option<f64> {
 
 const FULL_TURN_DEG: f64 = 360.0;
 
-/// Averages the directions of each run at every target measured in all directions, because differences between directions are not scatter.
+/// Averages both directions of each run at the targets that it has in all directions, because differences between directions are not scatter.
 fn whole_runs(measurement: &Measurement) -> Vec<Run> {
     let ways = Direction::BOTH.into_iter().filter(|way| measurement.has(*way)).count();
     let mut readings: Vec<_> = measurement.readings.iter().collect();
@@ -102,7 +102,7 @@ fn whole_runs(measurement: &Measurement) -> Vec<Run> {
     by_run.map(run).filter(|(targets, _)| !targets.is_empty()).collect()
 }
 
-/// Scatter of the mean reading of a target, over its directions, about the curve; `None` if no target was read twice.
+/// Scatter of the mean reading of a target, averaged over its directions, about the curve; `None` if no target was read twice.
 pub fn noise_of_mean(measurement: &Measurement) -> Option<Noise> {
     let scatter = measurement.scatter_of_mean(RunAlignment::Line)?;
     let ways = Direction::BOTH.into_iter().filter(|way| measurement.has(*way));

@@ -1,4 +1,4 @@
-//! Repeated readings used for a curve, from which its band is resampled.
+//! Repeated readings to which a curve was fitted, from which its band is resampled.
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -11,12 +11,12 @@ use crate::varied::normal;
 /// Targets, mm or deg, and readings, µm or µrad.
 pub(crate) type Run = (Vec<f64>, Vec<f64>);
 
-/// Repeated readings used for a curve.
+/// Repeated readings to which a curve was fitted.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum Repeated {
-    /// Complete runs, each with all targets, or means of lines.
+    /// Complete runs, each with all targets; or the mean readings of several lines.
     Runs(Vec<Run>),
-    /// Runs, some without readings at some targets, and the means of one direction.
+    /// Runs of which some lack targets, and the mean readings of one direction.
     Incomplete { runs: Box<IncompleteRuns>, direction: Direction, means: Run },
 }
 

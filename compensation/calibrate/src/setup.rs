@@ -15,7 +15,7 @@ pub struct Setup {
     pub at: Vec<f64>,
     /// Measured point m, mm in MCS with the measured axis at 0; `None`: the point at which the axis's errors are stated.
     pub point_mcs: Option<[f64; 3]>,
-    /// Side of the joint on which the point is.
+    /// Whether the measured point moves with the carriage of the axis.
     pub rides: Rides,
     /// Conversion of the readings to the error.
     pub method: Method,
@@ -138,8 +138,8 @@ pub(crate) fn set_coordinates(
     Ok(())
 }
 
-/// Errors that a table names by `error` or by `errors`; each is passed to `check` with its value. `missing` is the
-/// error if neither key is present.
+/// Decodes the errors that a table names by `error` or by `errors`, and passes each with its value to `check`. `missing` returns the error to report
+/// if neither key is present.
 pub(crate) fn decode_errors(
     section: &Section<'_>,
     machine: &Machine,

@@ -1,10 +1,10 @@
-//! Tilts of two axes that form a squareness, and the location errors that state it on a machine.
+//! Tilts of two axes that form a squareness, and the location errors by which a machine states it.
 
 use volcomp_model::{Machine, ModelError};
 use volcomp_vocabulary::{AxisName, Component, ErrorName, Urad};
 
-/// Sets a squareness as the tilt of one axis of its pair. The tilt of the other axis is zero: that of the primary
-/// reference axis if it is in the pair, else that of the secondary one.
+/// Sets a squareness as the tilt of one axis of its pair, and the tilt of the other to zero: that of the primary reference axis if it is in the pair,
+/// else that of the secondary one.
 pub(crate) fn set_square(
     machine: &mut Machine,
     reference_axes: [AxisName; 2],

@@ -27,13 +27,11 @@ use crate::{
 
 /// Slopes of lines of one error contradict each other if they differ by more than this multiple of their noise.
 const TIMES_NOISE: f64 = 3.0;
-/// Slope differences up to this are irrelevant for any machine tool, µrad.
+/// Differences of slopes up to this are insignificant for any machine tool, µrad.
 const NEVER_BELOW_URAD: f64 = 0.5;
 
-/// Maximum ratio of two estimates of the uncertainty of a slope: from the slopes of the runs, and
-/// from the readings about the line. Above it, the runs scatter more than the readings explain.
-/// Independent scatter of the readings exceeds it for one in twenty lines of two runs, and more
-/// rarely with more runs.
+/// Maximum ratio of the uncertainty of a slope from the slopes of the runs to that from the readings about the line. Above it, the runs scatter more
+/// than the readings explain. Independent scatter of the readings exceeds it for one in twenty lines of two runs, and more rarely with more runs.
 const TIMES_OF_LINE: f64 = 2.0;
 
 /// Least-squares slope of each measured straightness error, by the coordinate of the machine coordinate system.
@@ -45,9 +43,9 @@ pub(crate) struct RemovedSlope<'a> {
     /// Standard deviation of the slope: from repeated runs, otherwise from the scatter of the targets about the line; `None`
     /// if neither is available.
     pub(crate) noise: Option<Urad>,
-    /// Uncertainty of a least-squares slope by the scatter of its readings; `None` for one run that does not show it.
+    /// Uncertainty of the least-squares slope from the scatter of its readings; `None` if it is unknown.
     scatter: Option<SlopeUncertainty>,
-    /// Change of the slope per independent deviation of each mean reading, µrad by µm or µrad.
+    /// Change of the slope per independent deviation of each mean reading, µrad per µm (of a bridge: per µrad).
     gain: f64,
 }
 
@@ -117,10 +115,9 @@ fn heights(line: &Line) -> Option<Cow<'_, Measurement>> {
     Some(Cow::Owned(Measurement { readings, ..Measurement::default() }))
 }
 
-/// Standard uncertainty of each squareness of a file whose contributions are known, widened so that
-/// twice its value is a 95.45 % interval. The contributions to a squareness from slopes are
-/// its reference angle, the scatter of the slopes with Student's t, and the stated uncertainty of
-/// the readings; the contribution to a stated value is its reference angle.
+/// Standard uncertainty of each squareness with known contributions, widened so that twice its value is a 95.45 % interval. Contributions to a
+/// squareness from slopes are its reference angle, the scatter of the slopes with Student's t, and the stated uncertainty of the readings; the
+/// contribution to a stated value is that of its reference angle.
 pub(crate) fn square_uncertainties(
     file: &CalibrationFile,
     removed: &[RemovedSlope<'_>],
@@ -164,7 +161,7 @@ pub(crate) fn square_uncertainties(
     Ok(found)
 }
 
-/// Straightness lines of one run whose slopes make a squareness: their scatter does not show how the reference is aligned.
+/// Straightness lines of a single run whose slopes determine a squareness: the alignment of the reference shows no scatter.
 pub fn squareness_lines_of_one_run(file: &CalibrationFile) -> impl Iterator<Item = &Line> {
     let from_slopes = |line: &&Line| {
         let mut squares = file.squareness.iter();
@@ -177,7 +174,7 @@ pub fn squareness_lines_of_one_run(file: &CalibrationFile) -> impl Iterator<Item
     (lines.filter(from_slopes)).filter(|line| line.readings.most_runs() < 2)
 }
 
-/// Mean slope of the lines of each straightness error, from the slopes removed from them, and notes on lines whose slopes contradict each other.
+/// Mean slope of the lines of each straightness error, from the slopes removed from them; and notes on lines with contradictory slopes.
 pub(crate) fn slopes(
     removed: &[RemovedSlope<'_>],
     tilted: &Machine,
@@ -201,7 +198,7 @@ pub(crate) fn slopes(
     Ok((slopes, contradictions))
 }
 
-/// Note on the steepest and the flattest line of an error if noise does not explain their difference.
+/// Note on the steepest and the flattest line of an error if noise does not explain the difference of their slopes.
 fn contradiction(all: &[(&RemovedSlope<'_>, Urad)]) -> Option<String> {
     let by_slope =
         |a: &&(&RemovedSlope<'_>, Urad), b: &&(&RemovedSlope<'_>, Urad)| a.1.0.total_cmp(&b.1.0);
@@ -221,8 +218,8 @@ fn contradiction(all: &[(&RemovedSlope<'_>, Urad)]) -> Option<String> {
     })
 }
 
-/// Slope of a line due to all known errors of the machine at the held positions except those of the travel along the
-/// line: the reading of a perfect instrument along an axis that is straight and has the right direction.
+/// Slope of a line due to all known errors of the machine at the held positions, except those of the measured axis itself: the slope that a perfect
+/// instrument reads along an ideally straight axis of the right direction.
 fn held_slope(
     line: &Line,
     tilted: &Machine,
@@ -248,7 +245,7 @@ pub(crate) fn squares(
     Ok(found)
 }
 
-/// `None` if the squareness is computed from diagonals, which need all other errors.
+/// Value of a squareness; `None` if it is computed from diagonals, which require all other errors.
 fn square(entry: &Squareness, slopes: &Slopes) -> Result<Option<Urad>, CalibrateError> {
     let reference_angle = match entry.source {
         SquarenessSource::Value(value) => return Ok(Some(value)),

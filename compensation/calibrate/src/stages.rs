@@ -1,5 +1,4 @@
-//! Stages from readings to a machine: angular errors, linear errors without Abbe errors, slopes of the straightness
-//! lines, squareness. Each stage processes the readings of a file once.
+//! Stages from readings to a machine: angular errors, linear errors without Abbe errors, slopes of the straightness lines, squareness.
 
 use std::collections::BTreeMap;
 
@@ -60,7 +59,7 @@ impl Stages {
         Ok(stages)
     }
 
-    /// One pass over the lines. The contributions of other axes to lines of rotary axes are those of `before`, the machine of the previous pass.
+    /// One pass over the lines. The contributions of other axes to lines of rotary axes are computed with `before`, the machine of the previous pass.
     fn once(
         file: &CalibrationFile,
         known: &Machine,
@@ -128,14 +127,14 @@ impl Stages {
         })
     }
 
-    /// The curves with their quality, angular errors first. The quality takes longer than the fit.
+    /// The curves with their quality, angular errors first. Computing the quality takes longer than the fit.
     pub(crate) fn curves(&self) -> Vec<FittedCurve> {
         let curves = self.fitted.iter();
         let curves = curves.flat_map(|fitted| fitted.branches.fitted(fitted.error));
         curves.collect()
     }
 
-    /// The lines of the curves, in the same order.
+    /// The fitted lines in the order of the curves.
     pub(crate) fn lines(&self) -> Vec<FittedLine> {
         let lines = self.fitted.iter().flat_map(|fitted| &fitted.lines);
         lines.cloned().collect()

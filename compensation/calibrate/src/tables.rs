@@ -111,8 +111,7 @@ pub fn decode_location_errors(
     }
 }
 
-/// Decodes a standard uncertainty, 0 or more (µm, µrad, µm/m). A value larger than any error of a machine is rejected, because a correction with such
-/// a band would be worthless.
+/// Decodes a standard uncertainty, 0 or more (µm, µrad, µm/m). A value larger than any error of a machine tool is rejected.
 pub(crate) fn standard_uncertainty(value: &Value<'_>) -> Result<f64, InputError> {
     let found = value.number()?;
     if found < 0.0 {
@@ -160,7 +159,7 @@ const SOURCES: [&str; 5] =
 /// Maximum deviation of two reference beams from a right angle, deg.
 const FAR_FROM_SQUARE_DEG: f64 = 1.0;
 
-/// Decodes the squareness errors of one table; its diagonals, if any, are added to `sets`.
+/// Decodes the squareness errors of a table; its diagonals, if any, are appended to `sets`.
 pub(crate) fn decode_squareness(
     section: &Section<'_>,
     machine: &Machine,
@@ -234,7 +233,7 @@ pub(crate) fn decode_squareness(
     Ok(vec![Squareness { error, source }])
 }
 
-/// Last part of the key of a value.
+/// Last part of the full key of a value.
 fn last<'k>(value: &'k Value<'_>) -> &'k str {
     value.key().rsplit('.').next().unwrap_or_default()
 }
@@ -260,8 +259,7 @@ fn check_parts(
     Err(from.error(format!("found {found:?}, expected {parts:?} for {error}")))
 }
 
-/// Whether exactly one of the two beams runs against its axis. The angle between the beams is then 180° minus the angle
-/// between the + directions.
+/// Whether exactly one of the two beams runs against its axis; the angle between the + directions is then 180° minus the angle between the beams.
 fn opposite_beams(section: &Section<'_>, error: ErrorName) -> Result<bool, InputError> {
     let Some(value) = section.get("beams") else {
         return Ok(false);
@@ -345,7 +343,7 @@ pub(crate) fn decode_diagonals(
     Ok(Diagonals { errors, sources: sources_of(folder, &found.files)?, observations: found })
 }
 
-/// Start or end of a diagonal, mm or deg by index of the axis.
+/// Decodes the start or end of a diagonal, mm or deg by index of the axis.
 fn end(section: &Section<'_>, key: &str, machine: &Machine) -> Result<Vec<f64>, InputError> {
     let mut coordinates = vec![0.0; machine.axes().len()];
     let value = section.require(key)?;

@@ -10,7 +10,7 @@ use crate::{
     setup::{Method, Setup},
 };
 
-/// Three axes, the table carried by X; travels of 1000 mm.
+/// Machine with three axes, in which X carries the table; travels of 1000 mm.
 pub(crate) fn machine(errors: &str) -> Machine {
     let text = format!(
         "structure = \"w X' b Y Z t\"\n[axes]\nX.travel = [0, 1000]\nY.travel = [0, 1000]\nZ.travel = [0, 1000]\n[errors]\n{errors}"
@@ -39,7 +39,7 @@ pub(crate) fn name(error: &str) -> ErrorName {
     error.parse().unwrap()
 }
 
-/// One forward run of an error over 0, 100, … 1000, at the axis's own point; a polynomial of order 3.
+/// One forward run at 0, 100, … 1000, measured at the axis's own point; its curve is a polynomial of order 3.
 pub(crate) fn line(error: &str, reading: impl Fn(f64) -> f64) -> Line {
     let readings = (0..=10).map(|step| {
         let target = 100.0 * f64::from(step);

@@ -1,4 +1,4 @@
-//! Measurement uncertainty: sampled calibrations with other readings of the same measurement.
+//! Samples a calibration file within the measurement uncertainty of its readings.
 
 use std::collections::BTreeMap;
 
@@ -13,9 +13,8 @@ use volcomp_vocabulary::{Direction, Urad};
 use crate::calibration_file::{CalibrationFile, Line, SquarenessSource, Uncertainty};
 
 impl CalibrationFile {
-    /// Returns the same calibration with readings sampled from their covariance (JCGM 101,
-    /// propagation of distributions): the means of the targets vary jointly as the runs did, and by
-    /// [`Uncertainty`]. Each `trial` of a `seed` is reproducible, independent of earlier samples.
+    /// The same calibration with readings sampled from their covariance (JCGM 101, propagation of distributions). The means of the targets vary jointly
+    /// as the runs do, and by [`Uncertainty`]. A `trial` of a `seed` is reproducible and independent of other trials.
     #[must_use]
     pub fn varied(&self, seed: u64, trial: u64) -> Self {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
@@ -28,8 +27,7 @@ impl CalibrationFile {
         varied
     }
 
-    /// Shifts every directly measured value by its standard uncertainty times an independent number
-    /// that `next` returns.
+    /// Shifts every directly measured value by its standard uncertainty times an independent number from `next`.
     pub(crate) fn vary_direct(&mut self, next: &mut impl FnMut(Part) -> f64) {
         let uncertainty = self.uncertainty;
         let laser = uncertainty.laser_um_per_m * next(Part::Stated);
@@ -53,7 +51,7 @@ impl CalibrationFile {
         }
     }
 
-    /// Whether everything that is measured directly has the same readings in another file of the same measurements.
+    /// Whether all direct measurements have the same readings in another file of the same measurements.
     pub(crate) fn reads_as(&self, other: &Self) -> bool {
         let mut lines = self.measurements.iter().zip(&other.measurements);
         let mut diagonals = self.diagonals.iter().zip(&other.diagonals);
@@ -92,8 +90,7 @@ impl CalibrationFile {
         shifted
     }
 
-    /// Files of lines whose scatter is not known: only one run in each direction, or runs without
-    /// repeated targets, and nothing stated in `[uncertainty]` for their readings.
+    /// Files of lines whose scatter is unknown: no repeated runs or targets, and nothing stated in `[uncertainty]` for their readings.
     pub fn files_without_scatter(&self) -> Vec<String> {
         let is_stated = |line: &Line| independent(line, &self.uncertainty) > 0.0;
         let is_repeated = |readings: &Measurement| match readings.incomplete_runs() {
@@ -108,20 +105,20 @@ impl CalibrationFile {
     }
 }
 
-/// Scatter of one line, and how well its few runs determine it.
+/// Scatter of the runs of one line, and its degrees of freedom.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct LineScatter {
     /// Index of the line in [`CalibrationFile::measurements`].
     pub line: usize,
     /// Numbers of the line's runs.
     pub runs: Vec<u32>,
-    /// Degrees of freedom of its standard deviations: number of runs minus one for each mean; for a straightness of which some runs have one direction
-    /// only, those of its slope.
+    /// Degrees of freedom of the scatter: for each mean, the number of its runs minus one. For a straightness of which some runs have one direction
+    /// only, at most those of its slope.
     pub degrees: usize,
 }
 
 impl LineScatter {
-    /// `None` for a line with one run in each direction, which shows no scatter.
+    /// `None` for a line without repeated runs.
     fn of(line: usize, readings: &Measurement) -> Option<Self> {
         let [forward, backward] = Direction::BOTH.map(|direction| readings.runs(direction));
         let one_less = |runs: usize| runs.saturating_sub(1);
@@ -147,7 +144,7 @@ impl LineScatter {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Part {
-    /// Scatter of a run, see [`CalibrationFile::scatters`].
+    /// Scatter of the runs of a line, see [`CalibrationFile::scatters`].
     Run,
     Stated,
 }
@@ -213,8 +210,8 @@ fn independent(line: &Line, uncertainty: &Uncertainty) -> f64 {
     if line.setup.reads_angles() { uncertainty.reading_urad } else { uncertainty.reading_um }
 }
 
-/// Shifts the readings of a target together. One random number per run multiplies its deviations from the means: the
-/// covariance of the shifts, also between targets and directions, is that of the runs divided by their number.
+/// Shifts the readings of a target together. One random number per run multiplies its deviations from the means, so that the covariance of the
+/// shifts, also between targets and directions, is that of the runs divided by their number.
 fn vary(
     line: &mut Line,
     uncertainty: &Uncertainty,
@@ -243,10 +240,9 @@ fn vary(
     }
 }
 
-/// Adds the deviation of each run from the means of the targets, times its factor, divided by √(n
-/// (n − 1)), to the shifts of the targets. If not all runs hold all targets, see
-/// [`volcomp_metrology::IncompleteRuns::sampled`]: only then is `next` used, for the random numbers
-/// that do not belong to a run.
+/// Adds to the shifts of the targets the deviation of each run from the means of the targets, times its factor, divided by √(n (n − 1)). If some
+/// runs lack targets, the shifts are those of [`volcomp_metrology::IncompleteRuns::sampled`]; only then `next` supplies the random numbers that do
+/// not belong to a run.
 fn add_runs(
     shifts: &mut BTreeMap<(Direction, u64), f64>,
     line: &Line,

@@ -47,7 +47,7 @@ impl CompiledMachine {
         Arch::new().dispatch(Batch { machine: self, poses, approach, errors });
     }
 
-    /// Evaluates scattered poses on all cores.
+    /// Like [`evaluate_batch`](Self::evaluate_batch), on all cores.
     ///
     /// # Errors
     /// [`EvaluatorError::AxisOrder`].

@@ -1,4 +1,4 @@
-//! Binary format of a compiled machine, for the gateway and for distribution.
+//! Binary format of a compiled machine, which the gateway reads and which can be distributed.
 //!
 //! Layout: the signature `VOLCOMPM`, the version, the SHA-256 of the remaining bytes, the machine. Numbers are little-endian.
 
@@ -69,7 +69,7 @@ impl CompiledMachine {
         blob
     }
 
-    /// Reads a machine from its bytes.
+    /// Reads a machine from the bytes that [`to_blob`](Self::to_blob) wrote.
     ///
     /// # Errors
     /// [`EvaluatorError::Blob`]: not a blob, another version, a wrong checksum, invalid content.

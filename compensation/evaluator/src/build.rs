@@ -54,7 +54,8 @@ impl CompiledMachine {
     /// Compiles a machine.
     ///
     /// # Errors
-    /// [`EvaluatorError::TooLarge`], [`EvaluatorError::Tolerance`].
+    /// [`EvaluatorError::MissingAxis`]; [`EvaluatorError::Chain`] for a range or patch over an axis that the chain lacks; [`EvaluatorError::TooLarge`],
+    /// [`EvaluatorError::NotFinite`], [`EvaluatorError::Tolerance`].
     pub fn new(parts: MachineParts<'_>, tolerance: Tolerance) -> Result<Self, EvaluatorError> {
         for found in [tolerance.linear_mm, tolerance.angular_rad] {
             if !(found > 0.0 && found.is_finite()) {
@@ -122,7 +123,7 @@ impl CompiledMachine {
 }
 
 impl AxisTables {
-    /// The compiled axis; its tables are added to those of the machine.
+    /// Compiles the axis and adds its tables to those of the machine.
     fn compiled(
         self,
         joint: &Joint,
@@ -153,7 +154,7 @@ impl AxisTables {
     }
 }
 
-/// The tables of one axis, with errors transformed to the tool tip at machine zero and constant errors included.
+/// Tables of one axis: one, or one for each branch. Errors are transformed to the tool tip at machine zero, and constant errors are included.
 fn tables(
     frame: &Frame,
     index: usize,

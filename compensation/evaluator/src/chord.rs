@@ -1,5 +1,5 @@
-//! Maximum deviation of the error along a straight move from the straight line between the errors at its ends: a bound from the derivatives
-//! of the curves, not from samples.
+//! Bound of the distance between the errors along a straight move and the straight line between the errors at its ends, from the derivatives of the
+//! curves, not from samples.
 
 use volcomp_kinematics::{State, nalgebra::Vector3};
 use volcomp_vocabulary::{AxisKind, Direction, PerAxis};
@@ -14,10 +14,10 @@ use crate::{
 const MAX_MOVE_MM: f64 = 100.0;
 const MAX_TURN_RAD: f64 = 0.1;
 
-/// Slopes of the motions of an axis over an interval of its travel, per mm or deg.
+/// Slopes of the error motions of an axis over an interval of its travel, per mm or deg.
 #[derive(Clone, Copy, Debug, Default)]
 struct Slopes {
-    /// Range of the slopes of displacement (mm) and tilt (rad) within the interval.
+    /// Largest difference of two slopes of displacement (mm) and of tilt (rad) within the interval.
     varies: [f64; 2],
     /// Maximum slopes of displacement (mm) and tilt (rad).
     largest: [f64; 2],
@@ -128,7 +128,7 @@ impl CompiledMachine {
         self.axes.iter().filter(move |axis| axis.joint.kind == kind)
     }
 
-    /// The largest displacement (mm) and tilt (rad) from an axis and its constant errors.
+    /// Bounds of displacement (mm) and tilt (rad) due to an axis and its constant errors.
     fn sizes(&self, index: usize, axis: &CompiledAxis) -> [f64; 2] {
         let [linear, angular] = axis.size_bounds();
         let (location, assembly) = (&self.location[index], &self.assembly[index]);

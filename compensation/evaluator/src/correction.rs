@@ -32,15 +32,14 @@ struct Directions {
     tool_axis: Vector3<f64>,
 }
 
-/// A first-order correction split into the parts of a coupled correction, and the error that it
-/// corrects. A share is the part of the correction that one axis makes. The linear shares for any
-/// rotary shares δ_r (limited, ramped, rounded to controller increments) are `position` + Σ
-/// `follow[r]`·δ_r; with the δ_r of `rotary` they are those of [`FirstOrder::delta`].
+/// A first-order correction as parts of a coupled correction, and the error that it corrects. A share is the displacement of one axis. If the rotary
+/// shares are changed to δ_r (limited, ramped, rounded to controller increments), the matching linear shares are `position` + Σ `follow[r]`·δ_r.
+/// With the rotary shares in `rotary` the result is [`FirstOrder::delta`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CorrectionParts {
-    /// The corrected error.
+    /// The error that is corrected.
     pub error: Evaluation,
-    /// Linear shares for the position error with no rotary motion, −L⁻¹·e_p: mm in chain order, zero for axes that do not correct.
+    /// Linear shares that correct the position error without rotary motion, −L⁻¹·e_p: mm in chain order, zero for axes that do not correct.
     pub position: PerAxis<f64>,
     /// Rotary shares that correct the tool direction, rad in chain order, zero for all other axes.
     pub rotary: PerAxis<f64>,
@@ -51,13 +50,13 @@ pub struct CorrectionParts {
     pub tool_axis_partial: bool,
     /// See [`FirstOrder`].
     pub near_singular: bool,
-    /// Rotary axes between the linear ones have made two of these nearly parallel: linear shares are more than ten times the position
-    /// error, or one of the axes is left out.
+    /// True if rotary axes between the linear ones have made two of these nearly parallel: linear shares are more than ten times the position error,
+    /// or one of the linear axes does not correct.
     pub linear_near_singular: bool,
 }
 
 impl CorrectionParts {
-    /// The whole correction, mm and rad in chain order: the rotary shares with the corresponding linear shares.
+    /// Sum of all parts, mm and rad in chain order: the rotary shares and the matching linear shares.
     pub fn delta(&self) -> PerAxis<f64> {
         // Rows of linear axes are zero.
         let turning = self.follow.iter().zip(&self.rotary);
@@ -75,14 +74,14 @@ impl CorrectionParts {
 /// A first-order correction, and the error that it corrects.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FirstOrder {
-    /// The corrected error.
+    /// The error that is corrected.
     pub error: Evaluation,
     /// Δq in chain order, mm and rad, to be added to the command.
     pub delta: PerAxis<f64>,
     /// True if one or both components of the tool's tilt are corrected only in part or not at all, because the pose is within about 1° of a singular
     /// one or fewer than two rotary axes may move.
     pub tool_axis_partial: bool,
-    /// At least two rotary axes may move, and the pose is singular or within about 6° of a singular one: see
+    /// True if at least two rotary axes may move, and the pose is singular or within about 6° of singular; see
     /// [`volcomp_kinematics::NEAR_SINGULAR_BELOW`].
     pub near_singular: bool,
 }
@@ -227,8 +226,8 @@ impl CompiledMachine {
     }
 }
 
-/// Corrects the tool-axis error with the rotary axes: least norm on its two components normal to the tool axis. Returns whether a direction
-/// is not fully corrected, and whether at least two axes correct and the pose is near a singular one.
+/// Corrects the tool-axis error with the rotary axes: least norm on its two components normal to the tool axis. Returns the flags
+/// `tool_axis_partial` and `near_singular` of [`FirstOrder`].
 #[inline(always)]
 fn correct_axis(
     correctors: &Correctors,

@@ -102,7 +102,7 @@ impl CurveFit<'_> {
         fit(&function, points.collect(), tolerance)
     }
 
-    /// The error for the first curve that cannot be compiled alone, else for all curves of the axis.
+    /// The error for a failed fit: names the first curve that cannot be compiled alone, else all curves of the axis.
     fn refused(&self, failure: FitFailure) -> EvaluatorError {
         let alone = (0..LANES).find(|lane| self.pieces(Some(*lane), self.tolerance).is_err());
         let curve = match alone.and_then(|lane| Component::ALL.get(lane)) {
@@ -187,9 +187,9 @@ impl Sampled {
         self.series.iter().flatten().all(|value| value.is_finite())
     }
 
-    /// The cubic through the corners differs from Σ c_k T_k by at most 2 Σ_{k ≥ 4} |c_k|: at the corners T_k coincides with a T of an order
-    /// below 4. The series is exact for a polynomial of an order below [`NODES`]; otherwise its last two coefficients, which must have
-    /// decayed, are counted ten times for the remainder.
+    /// Whether the cubic is within the tolerance. The cubic through the corners differs from Σ c_k T_k by at most 2 Σ_{k ≥ 4} |c_k|: at the corners
+    /// T_k coincides with a T of an order below 4. The series is exact for a polynomial of an order below [`NODES`]; otherwise its last two
+    /// coefficients, which must have decayed, are counted ten times for the remainder.
     fn keeps(&self, tolerance: Tolerance) -> bool {
         (0..LANES).all(|lane| {
             let size = |k: usize| libm::fabs(self.series[k][lane]);

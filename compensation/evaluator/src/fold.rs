@@ -1,10 +1,10 @@
 //! Folds constant errors into the tables of the axes.
 //!
-//! To first order the error of a chain is a sum of twists, each in the gap between two joints. A displaced axis line is a twist on the
-//! fixed side of its joint and the opposite one on its moving side; an assembly error is a twist in one gap. A constant twist in the gap in
-//! which an axis has its error motions is a constant of that axis's table. Across a linear joint, a tilt causes a displacement that is
-//! linear in the coordinate; the table includes this as well. Twists that no table can include stay in their gaps: at an end of the chain,
-//! or between two rotary joints that both have their errors on their far sides.
+//! To first order the error of a chain is a sum of twists, each in the gap between two joints. A displaced axis line is a twist on the fixed side of
+//! its joint and the opposite twist on its moving side; an assembly error is a twist in one gap. A constant twist in the gap in which an axis has
+//! its error motions can be added to that axis's table. Across a linear joint, a tilt causes a displacement that is linear in the coordinate, which
+//! the table includes as well. Twists that cannot be added to a table remain in their gaps: at an end of the chain, or between two rotary joints
+//! that both have their errors on their far sides.
 
 use volcomp_kinematics::{Chain, ErrorMotion, Joint, Side, nalgebra::Vector3};
 use volcomp_vocabulary::{AxisKind, MAX_AXES, PerAxis};
@@ -77,7 +77,7 @@ pub(crate) fn fold(
     Folded { tool_end, between, workpiece_end, constant, slide }
 }
 
-/// The motion with its displacement taken at the end of `arm_mm`.
+/// The same motion, with the displacement of the point at the end of `arm_mm`.
 fn at_tip(motion: &ErrorMotion, arm_mm: &Vector3<f64>) -> ErrorMotion {
     ErrorMotion {
         linear_mm: motion.linear_mm + motion.angular_rad.cross(arm_mm),

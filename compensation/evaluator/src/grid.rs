@@ -11,7 +11,7 @@ use crate::machine::CompiledMachine;
 
 /// Numbers per node: ΔP (mm), ρ (rad).
 const NODE: usize = 6;
-/// Number of values that are computed in the cache before they are copied out.
+/// Number of values that are computed in the cache before they are copied to the result.
 const COPIED_AT_ONCE: usize = 2048;
 /// Numbers processed together: four nodes fill whole registers of every width.
 const BLOCK: usize = 4 * NODE;
@@ -89,8 +89,8 @@ impl CompiledMachine {
     }
 }
 
-/// Contributions of the innermost axis at all its nodes, and the nodes, mm, one per number; both
-/// padded with zeros to whole blocks.
+/// Contributions of the innermost axis at all its nodes, and the coordinate of the node (mm) for each number; both padded with zeros to whole
+/// blocks.
 fn row(adds: &[Vec<[f64; NODE]>], grid: &[(usize, &Vec<f64>)]) -> (Vec<f64>, Vec<f64>) {
     let (Some(adds), Some((_, nodes))) = (adds.last(), grid.last()) else {
         return (Vec::new(), Vec::new());
@@ -114,7 +114,7 @@ impl LinearGrid {
         self.nodes_mm.iter().map(Vec::len).product()
     }
 
-    /// Always false.
+    /// Always false: each axis has at least one node.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }

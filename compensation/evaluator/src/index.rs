@@ -55,7 +55,7 @@ impl Uniform {
         uniform
     }
 
-    /// The cell of a coordinate: monotonic; the first one for NaN.
+    /// Index of the cell of a coordinate: monotonic; the first cell for NaN.
     #[expect(clippy::cast_possible_truncation, reason = "the last bits are wanted")]
     #[inline(always)]
     pub(crate) fn cell(&self, x: f64) -> usize {
@@ -83,7 +83,7 @@ fn cells_for(breakpoints: &[f64]) -> usize {
 mod tests {
     use super::*;
 
-    /// The interval of a coordinate by the index, and by counting.
+    /// Checks that the index finds the same interval as counting breakpoints.
     fn check(breakpoints: &[f64], x: f64) {
         let mut cells = Vec::new();
         let uniform = Uniform::add(&mut cells, breakpoints, 0);

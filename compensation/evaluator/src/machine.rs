@@ -82,9 +82,9 @@ pub struct CompiledMachine {
     pub(crate) tables: Tables,
     pub(crate) ranges: Vec<Range>,
     pub(crate) folded: Folded,
-    /// True if a constant error is left at the workpiece end.
+    /// True if a constant error remains at the workpiece end.
     pub(crate) at_workpiece: bool,
-    /// True if an axis has errors outside its table, over two coordinates or thermal, or a constant error is left between two axes.
+    /// True if an axis has errors outside its table (over two coordinates, or thermal), or a constant error remains between two axes.
     pub(crate) patched: bool,
     /// True for three linear axes without errors outside their tables.
     pub(crate) three_slides: bool,
@@ -138,7 +138,7 @@ impl CompiledMachine {
         self.tables.bytes()
     }
 
-    /// Bound of |dE/dq| of one error motion at the axis's point over all branches, mm or rad per mm or deg.
+    /// Bound of the absolute slope of one error motion at the axis's point, over the whole travel and all branches: mm or rad per mm or deg.
     pub fn slope_bound(&self, axis: AxisName, component: Component) -> f64 {
         let axis = self.axes.iter().find(|a| a.joint.name == axis);
         axis.map_or(0.0, |axis| axis.slope_bound(component))

@@ -6,7 +6,7 @@ use volcomp_vocabulary::{AxisKind, Component, MAX_AXES, PerAxis};
 
 use crate::machine::CompiledMachine;
 
-/// Precomputed bound of the position error that first-order corrections of any size leave.
+/// Precomputed bound of the position error that remains after first-order corrections of any size.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Neglected {
     axes: ArrayVec<Share, MAX_AXES>,
@@ -17,7 +17,7 @@ pub struct Neglected {
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Share {
     is_rotary: bool,
-    /// Maximum change of the position error per mm or rad of the axis.
+    /// Maximum change of the position error per mm or rad of the axis, mm.
     slope_mm: f64,
     /// Maximum displacement by the errors of the axis, mm.
     linear_mm: f64,

@@ -88,8 +88,8 @@ pub struct AxisParts<'a> {
 }
 
 impl<'a> AxisParts<'a> {
-    /// An axis with this travel and these error motions (mm, rad) at a coordinate in mm or deg, the same in both directions. They are
-    /// compiled over the whole travel, where they must be finite, and held at the end values beyond it; jumps of a derivative must be
+    /// An axis with this travel. `errors` returns its error motions (mm, rad) at a coordinate in mm or deg, the same in both directions. They are
+    /// compiled over the whole travel, where they must be finite, and held at the end values beyond it. Coordinates where a derivative jumps must be
     /// declared with [`breakpoints`](Self::breakpoints).
     pub fn new(
         travel: [Displacement; 2],
@@ -112,8 +112,8 @@ impl<'a> AxisParts<'a> {
         Self::new(travel, |_, _| ErrorMotion::ZERO)
     }
 
-    /// States that the errors differ in the two directions of travel. The error motions are then compiled for forward
-    /// travel, for backward travel, and for an unknown direction (`None`), for which they state the mean.
+    /// States that the errors differ in the two directions of travel. They are then compiled for forward travel, for backward travel, and for an
+    /// unknown direction (`None`), for which the function must return the mean.
     #[must_use]
     pub fn bidirectional(mut self) -> Self {
         self.branches = Branches::Three;

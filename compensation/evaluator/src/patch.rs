@@ -96,7 +96,7 @@ impl Places {
         Self { index, cells, segments }
     }
 
-    /// The segment of a coordinate and the position in it, 0 to 1; NaN stays NaN.
+    /// Segment of a coordinate, and the position in it, 0 to 1 (NaN for NaN).
     fn place(&self, x: f64) -> (usize, f64) {
         let cell = &self.cells[self.index.cell(x)];
         let mut place = cell.first as usize + usize::from(x >= cell.split);

@@ -36,8 +36,8 @@ impl CompiledMachine {
         self.first_order_with::<true>(state, correctors, Baseline)
     }
 
-    /// The first-order correction in parts: for a correction whose rotary shares are limited, ramped or rounded before they reach the
-    /// controller, so that the linear shares match the rotary shares actually written.
+    /// The first-order correction in parts, for a controller interface that limits, ramps or rounds the rotary shares: the linear shares can then be
+    /// matched to the rotary shares actually written.
     pub fn parts_of(&self, state: &State, correctors: &Correctors) -> CorrectionParts {
         #[cfg(feature = "std")]
         return one_in_parts(self, state, correctors);

@@ -38,8 +38,8 @@ impl CompiledMachine {
 }
 
 impl Slides {
-    /// The correction in two steps, mm in chain order: the second step uses the errors at the position that the first one leads to. If the
-    /// second result is less than half of the first, the errors are unrealistic, and the first is returned.
+    /// The correction in two steps, mm in chain order: the second step uses the errors at the position corrected by the first. If the second result is
+    /// less than half of the first, the errors are unrealistic, and the first is returned.
     pub fn two_steps(&self, machine: &CompiledMachine, state: &State) -> PerAxis<f64> {
         #[cfg(feature = "std")]
         return two_steps(machine, state, self);

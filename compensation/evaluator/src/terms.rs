@@ -39,7 +39,7 @@ impl CompiledMachine {
 }
 
 impl ErrorSource for CompiledMachine {
-    /// The error motion at the axis's point, from its table.
+    /// The error motion at the axis's point, from its table, its errors over two coordinates and its thermal errors.
     fn error_motion(&self, index: usize, state: &State) -> ErrorMotion {
         let Some(axis) = self.axes.get(index) else {
             return ErrorMotion::ZERO;

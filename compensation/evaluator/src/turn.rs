@@ -87,7 +87,7 @@ fn in_plane(registers: impl Registers, sin: f64, cos: f64, u: f64, v: f64) -> (f
     (registers.mul_add(cos, u, -(sin * v)), registers.mul_add(sin, u, cos * v))
 }
 
-/// Maximum angle for which the reduction below is accurate to the last digits.
+/// Maximum angle, rad, for which the reduction by quarter turns is accurate to the last digits.
 const REDUCED_BELOW_RAD: f64 = 1e5;
 /// Adding and subtracting this rounds to a whole number.
 const ROUND: f64 = 6_755_399_441_055_744.0;

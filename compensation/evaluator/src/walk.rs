@@ -1,4 +1,4 @@
-//! The walk from the tool to the workpiece: every axis adds its errors at the current position of the tip, and moves it.
+//! The walk along the chain from the tool to the workpiece: every axis adds its errors at the current position of the tip, and then moves the tip.
 
 use volcomp_kinematics::{ErrorMotion, State, nalgebra::Vector3};
 use volcomp_vocabulary::{AxisKind, Direction};
@@ -21,7 +21,7 @@ impl Turns for () {
     fn turned(&mut self, _: usize, _: Turn, _: Vector3<f64>) {}
 }
 
-/// The tip during the walk: its offset from its position at machine zero, the errors so far, and the displacement from tilts.
+/// The tip during the walk: its offset from its position at machine zero, the sum of the errors, and the displacement due to tilts.
 struct Tip<R> {
     registers: R,
     from_zero: Vector3<f64>,

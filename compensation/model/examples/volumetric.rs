@@ -20,7 +20,7 @@ type V3 = [f64; 3];
 const THREADS: u64 = 2;
 /// Required share of the true value.
 const TOLERANCE: f64 = 0.99;
-/// Number of poses from which the brute force searches locally, and number of local steps.
+/// Number of poses from which the brute force searches locally.
 const FROM: usize = 8;
 const LOOKS: u32 = 4000;
 
@@ -81,7 +81,7 @@ fn main() {
 struct Truth {
     random: f64,
     near: f64,
-    /// The value at the pose that `volumetric` returns.
+    /// The value at the pose that `volumetric` finds.
     there: f64,
 }
 
@@ -140,7 +140,7 @@ fn compared(seed: u64, poses: u32) -> Compared {
     }
 }
 
-/// A machine with axes along the directions of their letters, implemented without the crates.
+/// A machine with axes along the directions of their letters, implemented independently of the crates.
 struct Own {
     structure: Structure,
     /// The axes from workpiece to tool.

@@ -10,7 +10,7 @@ pub struct Axis {
     pub name: AxisName,
     /// Lower and upper end of travel, mm (linear) or deg (rotary).
     pub travel: [f64; 2],
-    /// Period of a rotary axis, deg: coordinates are reduced by it into the travel before curves are evaluated.
+    /// Period of a rotary axis, deg: coordinates are moved into the travel by whole periods before curves are evaluated. `None`: no reduction.
     pub modulo: Option<f64>,
     /// Direction of positive motion of the tool relative to the workpiece, in the machine coordinate system at machine zero; not
     /// necessarily a unit vector. `None`: the direction of the letter.
@@ -49,7 +49,7 @@ impl Axis {
         Some([usual(low)?, usual(high)?])
     }
 
-    /// Whether the axis covers a full turn, or a full turn less one degree, since controls also describe a turn as 0 to 359.999 deg.
+    /// Whether the travel of a rotary axis is at least 359 deg: a full turn, which controls also describe as 0 to 359.999 deg.
     pub fn turns_round(&self) -> bool {
         const NEARLY_DEG: f64 = 359.0;
         self.name.is_rotary() && self.travel[1] - self.travel[0] >= NEARLY_DEG
@@ -71,9 +71,9 @@ impl Axis {
         [low, high]
     }
 
-    /// `count` evenly spaced coordinates for a grid of poses, mm or deg, over the travel with both ends. For a full turn or more: over one
-    /// turn without its end, which is the same pose as its start (nodes over several turns could all be whole turns apart). A count of 1
-    /// gives the middle.
+    /// `count` evenly spaced coordinates over the travel for a grid of poses, mm or deg, with both ends; a count of 1 gives the middle. With a
+    /// full turn or more they are over one turn without its end, which is the same pose as its start: nodes over several turns could all be whole turns
+    /// apart.
     pub fn nodes(&self, count: usize) -> Vec<f64> {
         let [low, high] = self.all_poses();
         if count == 1 {
@@ -90,7 +90,7 @@ impl Axis {
         0.0_f64.max(low).min(high)
     }
 
-    /// Distance of a coordinate from the travel, mm or deg, after reduction by `modulo`; negative within the travel.
+    /// Distance of a coordinate beyond the travel, mm or deg, after reduction by `modulo`; negative within the travel.
     pub fn beyond_travel(&self, coordinate: f64) -> f64 {
         let [low, high] = self.travel;
         let at = self.looked_up(coordinate);
@@ -110,7 +110,7 @@ impl Axis {
     /// Checks that the axis can be at a coordinate, mm or deg.
     ///
     /// # Errors
-    /// A message with the coordinate, its unit and the travel, to follow the word "found".
+    /// A message with the coordinate, its unit and the travel, which continues the word "found".
     pub fn check_coordinate(&self, coordinate: f64) -> Result<(), String> {
         if self.may_stand_at(coordinate) {
             return Ok(());

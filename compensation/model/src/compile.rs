@@ -10,7 +10,7 @@ impl Machine {
     /// Thermal terms are not included.
     ///
     /// # Errors
-    /// [`ModelError::Compile`]: a curve that needs more than 1 MiB, a tolerance that is not positive.
+    /// [`ModelError::Compile`]: a curve that needs more than 1 MiB or has values that are not finite, or a tolerance that is not positive.
     pub fn compile(&self, tolerance: Tolerance) -> Result<CompiledMachine, ModelError> {
         self.compile_at(tolerance, &Temperatures::new())
     }

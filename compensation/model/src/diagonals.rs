@@ -68,8 +68,8 @@ pub fn diagonal_targets(
     }))
 }
 
-/// The four body diagonals over the travels of X, Y and Z, with all other axes at `others` (mm or deg; default 0): the error of the tip
-/// (actual − ideal) along the ideal diagonal, minus its value at the first target.
+/// Deviations along the four body diagonals over the travels of X, Y and Z, with all other axes at `others` (mm or deg; default 0): the error of
+/// the tip (actual − ideal) along the ideal diagonal, minus its value at the first target.
 ///
 /// `errors` may belong to this machine or to another. `command` maps a target to the commanded state: the target itself, or the target plus
 /// a correction. `points` is the number of targets, both ends included, at least 2.

@@ -55,7 +55,7 @@ pub(crate) fn curve_refusal(
     })
 }
 
-/// Whether a file may contain this number. Results computed from such numbers stay finite.
+/// Whether a number is finite and within the bound for machine files, so that results computed from it stay finite.
 pub(crate) fn is_number(value: f64) -> bool {
     value.abs() <= LARGEST_NUMBER
 }
@@ -72,7 +72,7 @@ fn is_finite_within_travel(curve: &ErrorCurve, own: usize, axes: &[Axis]) -> boo
     })
 }
 
-/// The error for a grid that does not close along an axis that rolls over.
+/// Refusal of a grid whose values differ at the two ends of an axis with `modulo`.
 fn open_grid(grid: &Grid, goes_round: impl Fn(usize) -> bool) -> Option<ErrorRefusal> {
     let values = grid.values();
     let [rows, columns] = grid.axes().map(goes_round);
@@ -82,13 +82,13 @@ fn open_grid(grid: &Grid, goes_round: impl Fn(usize) -> bool) -> Option<ErrorRef
     ends.map(|(&first, &last)| [first, last]).find_map(not_closed)
 }
 
-/// The error for a curve with these values (µm or µrad) at its ends, if they differ.
+/// Refusal of a curve with these values (µm or µrad) at its ends, if they differ.
 fn not_closed([first, last]: [f64; 2]) -> Option<ErrorRefusal> {
     ((first - last).abs() > CLOSED_WITHIN).then_some(ErrorRefusal::NotClosed { first, last })
 }
 
-/// The error for a curve that jumps at the roll-over of its axis. If a table is parked there, noise in the last digit of its position would switch
-/// the correction back and forth.
+/// Refusal of a curve that jumps at the roll-over of its axis. If a table is parked there, noise in the last digit of its position would switch the
+/// correction back and forth.
 fn jump(curve: &Curve, travel: [f64; 2], period: f64) -> Option<ErrorRefusal> {
     let [low, high] = travel;
     let value = |at: f64| curve.value(brought_into(travel, period, at));
@@ -102,7 +102,7 @@ fn jump(curve: &Curve, travel: [f64; 2], period: f64) -> Option<ErrorRefusal> {
     Some(ErrorRefusal::Jumps { first: jumps[0], last: jumps[1], largest: LARGEST_JUMP })
 }
 
-/// The error for a curve given by nodes that does not close on an axis that rolls over.
+/// Refusal of a curve given by nodes whose first and last value differ, for an axis with `modulo`.
 fn open_ends(curve: &Curve) -> Option<ErrorRefusal> {
     let nodes = match curve {
         Curve::Table(table) => table.nodes(),

@@ -93,7 +93,7 @@ impl Machine {
         beyond.fold(0.0, f64::max)
     }
 
-    /// The state with the free axis at `q`; `None` if the target is not reached.
+    /// The state with the free axis at `q`; `None` if no solution has this free axis, or the linear axes do not reach the tip.
     pub(crate) fn with_free(&self, q: f64, free: usize, target: &Target<'_>) -> Option<State> {
         let mut held = *target.held;
         held.q[free] = q;
@@ -104,7 +104,6 @@ impl Machine {
     }
 }
 
-/// The number in a range that is nearest to 0.
 pub(crate) fn nearest_to_zero([low, high]: [f64; 2]) -> f64 {
     0.0_f64.max(low).min(high)
 }

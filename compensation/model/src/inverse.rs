@@ -23,15 +23,14 @@ pub struct Reached {
     pub singular: bool,
     /// The rotary axes that do not affect the tool direction and the dependent linear axes, in the order of `ranges`.
     pub free: Vec<AxisName>,
-    /// For each free axis, the ranges, mm or deg, in which the other axes are within their travels;
-    /// for a rotary axis only those in the turn nearest to 0. Each range has a solution, with a
-    /// rotary axis at its point nearest to 0. Empty for linear axes with several dependent moves,
-    /// whose ranges depend on each other.
+    /// For each free axis, the ranges, mm or deg, in which the other axes are within their travels; for a rotary axis only those in the turn nearest to
+    /// 0. Each range of a rotary axis has a solution, at its point nearest to 0. Empty for linear axes with several dependent moves, whose ranges depend
+    /// on each other.
     pub ranges: Vec<Vec<[f64; 2]>>,
     /// Combined moves of linear axes that leave the tip in place at a solution, because rotary axes between them make one parallel to
     /// another. In chain order, largest component 1.
     pub dependent: Vec<State>,
-    /// The axes that would have to leave their travel for a solution.
+    /// The axes that are outside their travel in a solution without travel limits.
     pub outside: Vec<AxisName>,
     /// Why there is no solution even with unlimited travels; `None` if there are solutions.
     pub missed: Option<NoSolution>,
@@ -256,7 +255,7 @@ fn too_many(found: f64) -> ModelError {
     }
 }
 
-/// All pairs of the rotary axes; the axes themselves if there are at most two.
+/// The pairs of rotary axes that move while the others are held; all rotary axes at once if there are at most two.
 fn pairs(rotary: &[usize]) -> Vec<Vec<usize>> {
     if rotary.len() <= 2 {
         return vec![rotary.to_vec()];

@@ -21,8 +21,8 @@ use crate::{
     tool::Tool,
 };
 
-/// A machine with its errors. Coordinates, curves and numbers are in the units of the file (mm, deg, µm, µrad); only the chain is in mm and
-/// rad.
+/// A machine with its errors. Coordinates, curves and errors are in the units of the machine file (mm, deg, µm, µrad); only the chain is in mm
+/// and rad.
 ///
 /// With the feature `serde`, a machine is serialised as the text of its machine file, and deserialised with all checks of that file. The
 /// selected tool is not included.
@@ -124,9 +124,8 @@ impl Machine {
         notes
     }
 
-    /// The error motions whose curves cover less than 90 % of the travel of an axis, with that axis
-    /// and the covered fraction (for a grid that of the axis with the smaller fraction); sorted by
-    /// name.
+    /// The error motions whose curves cover less than 90 % of the travel of an axis, with that axis and the covered fraction; for a grid, the axis
+    /// with the smaller fraction. Sorted by name.
     pub fn partly_measured(&self) -> Vec<(ErrorName, AxisName, f64)> {
         let share = |(error, curve): (ErrorName, &ErrorCurve)| {
             let own = self.index_of(error.axis).ok()?;
@@ -166,7 +165,7 @@ impl Machine {
             .collect()
     }
 
-    /// Whether the machine has any error in addition to thermal terms.
+    /// Whether the machine has error motions, or location or assembly errors that are not 0; thermal terms do not count.
     pub fn states_errors(&self) -> bool {
         let is_some = |value: &f64| *value != 0.0;
         self.errors().next().is_some()
@@ -202,7 +201,7 @@ impl Machine {
         self.workpiece_origin_mm
     }
 
-    /// Puts a tool of `[tools]` into the spindle.
+    /// Puts a named tool of `[tools]` into the spindle.
     ///
     /// # Errors
     /// [`ModelError::NoSuchTool`], or a tool from which no chain can be built.
@@ -219,7 +218,7 @@ impl Machine {
         })
     }
 
-    /// The tip of a tool of `[tools]`, mm in MCS at machine zero; does not change the tool in the spindle.
+    /// Tip of a named tool of `[tools]`, mm in MCS at machine zero; does not change the tool in the spindle.
     ///
     /// # Errors
     /// [`ModelError::NoSuchTool`], or a tool from which no chain can be built.
@@ -327,7 +326,7 @@ impl Machine {
         Ok(self.chain.set_tool(tip.into(), axis.into())?)
     }
 
-    /// Every error motion with its curve (argument mm or deg, value µm or µrad), sorted by axis in chain order and by component.
+    /// Every error motion with its curve (argument mm or deg, value µm or µrad), sorted by axis in chain order, then by component.
     pub fn errors(&self) -> impl Iterator<Item = (ErrorName, &ErrorCurve)> {
         self.axes.iter().zip(&self.motions).flat_map(|(axis, curves)| {
             let named = Component::ALL.into_iter().zip(curves);
@@ -444,7 +443,7 @@ impl Machine {
         Ok(())
     }
 
-    /// The sources of the errors, if known.
+    /// Sources of the errors; empty if unknown.
     pub fn provenance(&self) -> &Provenance {
         &self.provenance
     }
@@ -559,7 +558,7 @@ impl Machine {
         MachineErrors::new(self, temperatures)
     }
 
-    /// The volumetric error (mm, rad, workpiece axes) at a state.
+    /// Volumetric error (mm and rad in workpiece axes) at a state, at steady temperatures.
     pub fn error_at(
         &self,
         state: &State,

@@ -149,7 +149,6 @@ impl Provenance {
 pub enum ProvenanceRefusal {
     #[error("date: found `{found}`, expected a day of the calendar such as 2026-11-26")]
     Date { found: String },
-    /// An error is listed twice.
     #[error("{error} appears twice")]
     Twice { error: ErrorName },
     #[error("found {error}, expected an error of the table [errors]")]

@@ -89,8 +89,8 @@ fn every(
 }
 
 impl Machine {
-    /// The nodes of the machine's curves and grids along each axis, mm or deg, inside and outside the travel: where an error may change
-    /// abruptly ([`Curve::breakpoints`](volcomp_curve::Curve::breakpoints)). Ascending, without duplicates.
+    /// Arguments at which the machine's curves and grids may change abruptly, along each axis, mm or deg
+    /// ([`Curve::breakpoints`](volcomp_curve::Curve::breakpoints)), inside and outside the travel. Ascending, without duplicates.
     pub fn nodes(&self) -> Vec<Vec<f64>> {
         self.along_axes(Curve::breakpoints)
     }
@@ -109,7 +109,7 @@ impl Machine {
         places
     }
 
-    /// The coordinates that `of` returns for the curves along each axis, and the nodes of grids.
+    /// Along each axis, the coordinates that `of` returns for its curves, and the nodes of grids.
     fn along_axes(&self, of: fn(&Curve) -> Vec<f64>) -> Vec<Vec<f64>> {
         let mut along = vec![Vec::new(); self.axes().len()];
         for (name, curve) in self.errors() {
@@ -147,8 +147,8 @@ const STATES: usize = 4000;
 const PLACES: usize = 21;
 
 impl Machine {
-    /// The largest correction of each correcting axis, in chain order: on an even grid over the travels of all axes, ends included, with
-    /// approach from either side; and from the maximum of each axis along every axis at [`Machine::places`].
+    /// The largest correction of each correcting axis, in chain order. The search evaluates an even grid over the travels of all axes, ends included,
+    /// with approach from either side; from the maximum of each axis it then scans every axis at [`Machine::places`].
     ///
     /// # Errors
     /// A machine that cannot be compiled.
@@ -202,9 +202,9 @@ impl Machine {
         Ok(Some(EachKelvin { reference: at(None)?, warmer: warmer.collect::<Result<_, _>>()? }))
     }
 
-    /// The maximum of a quantity (mm, rad) of each correcting axis, in chain order: on an even grid over the travels of all axes, ends
-    /// included, except axes `fixed` at a coordinate (mm, rad), with approach from either side; and from the maximum of each axis along
-    /// every axis at [`Machine::places`]. NaN counts as infinite.
+    /// The maximum of a quantity (mm, rad) of each correcting axis, in chain order. The search evaluates an even grid over the travels of all axes,
+    /// ends included, with approach from either side; from the maximum of each axis it then scans every axis at [`Machine::places`]. Axes `fixed` at a
+    /// coordinate (mm, rad) do not move. NaN counts as infinite.
     pub fn largest_within_travels(
         &self,
         correctors: &Correctors,
@@ -273,8 +273,8 @@ pub struct EachKelvin {
 }
 
 impl EachKelvin {
-    /// Maximum change of the correction of each axis (mm, rad) for a change of one kelvin of every sensor: the sum of the magnitudes of
-    /// their effects.
+    /// Maximum change of the correction of each axis (mm, rad) if every sensor changes by one kelvin in either direction: the sum of the magnitudes
+    /// of their effects.
     pub fn change(&self, state: &State, correctors: &Correctors) -> PerAxis<f64> {
         let correction = |machine: &CompiledMachine| machine.parts_of(state, correctors).delta();
         let before = correction(&self.reference);

@@ -1,13 +1,12 @@
 //! Best-fit rigid-body alignment of the workpiece: separates error vectors into a workpiece position and form errors.
 //!
-//! The position and orientation of the workpiece are a convention: an operator probes them, or a coordinate measuring machine aligns them.
-//! Only the error that no alignment removes is an error of form.
+//! The position and orientation of the workpiece are a convention: an operator probes them, or a coordinate measuring machine aligns them. Only
+//! the error that remains after any alignment is an error of form.
 
 use volcomp_kinematics::nalgebra::{Matrix3, Vector3};
 
-/// Threshold of the squared ratio of the points' distance from a line to their spread along it.
-/// Below it the rotation about the line cannot be distinguished from rounding errors: 10 µm in 100
-/// m.
+/// Threshold of the squared ratio of the points' distance from a line to their spread along it: 10 µm in 100 m. Below it the rotation about the line
+/// cannot be distinguished from rounding errors.
 const COLLINEAR_BELOW: f64 = 1e-14;
 
 /// Sums over points and their error vectors, which determine the best-fit rigid motion.
@@ -55,8 +54,8 @@ impl RigidSums {
         self.count = count;
     }
 
-    /// The least-squares rigid motion: three translations and three small rotations. A rotation that the points do not determine (about a
-    /// line through all of them, or about a single point) is zero. Points or errors that are not finite give NaN.
+    /// The least-squares rigid motion. A rotation that the points do not determine (about a line through all of them, or about a single point) is
+    /// zero. Points or errors that are not finite give NaN.
     pub fn motion(&self) -> RigidMotion {
         // Relative to the means, the translation is the mean error, and the rotation solves Σ (|p|² − p pᵀ) ω = Σ p × e.
         RigidMotion {
@@ -120,12 +119,12 @@ impl RigidMotion {
         self.shift_mm + self.rotation_rad.cross(&(place_mm - self.about_mm))
     }
 
-    /// The error at a point after alignment, mm.
+    /// Error at a point minus its displacement by the motion, mm.
     pub fn left_mm(&self, place_mm: &Vector3<f64>, error_mm: &Vector3<f64>) -> Vector3<f64> {
         error_mm - self.at_mm(place_mm)
     }
 
-    /// The orientation error after alignment, rad.
+    /// Orientation error minus the rotation of the motion, rad.
     pub fn left_rad(&self, rotation_rad: &Vector3<f64>) -> Vector3<f64> {
         rotation_rad - self.rotation_rad
     }
@@ -146,7 +145,7 @@ impl Lengths {
         self.merge(&Self { count: 1.0, squares: squared, largest: squared.sqrt() });
     }
 
-    /// Adds the lengths of other vectors.
+    /// Adds the vectors of another instance.
     pub fn merge(&mut self, other: &Self) {
         self.count += other.count;
         self.squares += other.squares;

@@ -21,7 +21,7 @@ pub struct Thermal {
     pub expansion: Vec<Expansion>,
     /// Errors that follow temperatures with a lag.
     pub drift: Vec<Drift>,
-    /// Tested ranges; beyond them the terms are held and fade.
+    /// Tested temperature ranges; beyond them the terms are held and fade to zero.
     #[cfg_attr(feature = "serde", serde(default))]
     pub seen: Vec<Seen>,
     /// Distance beyond the tested range at which the terms are zero, K.

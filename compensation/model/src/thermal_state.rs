@@ -58,7 +58,7 @@ struct Term {
     effect: Effect,
     inputs: Vec<Input>,
     lag_s: f64,
-    /// Time since the last input of the lag, s.
+    /// Time since the lag last received temperatures of all sensors, s.
     unheard_s: f64,
     missing_s: f64,
     /// The active fraction of the term, 0 to 1: less than 1 while it fades and while it returns.
@@ -84,7 +84,7 @@ enum Effect {
 }
 
 impl ThermalState {
-    /// The terms of a machine before the first temperatures.
+    /// The thermal terms of a machine, before the first temperatures.
     ///
     /// # Errors
     /// [`ThermalRefusal::Fading`]: times that are negative or not finite.
@@ -146,8 +146,8 @@ impl ThermalState {
         }
     }
 
-    /// Advances by `stood_s` in which the program was paused and sampled no sensors. The next temperatures advance the lags over that time;
-    /// it does not count as missing time.
+    /// Advances over `stood_s` in which the program was paused and sampled no sensors: the next temperatures advance the lags over that time, which
+    /// does not count as missing time.
     pub fn stand(&mut self, stood_s: f64) {
         for term in &mut self.terms {
             term.unheard_s += stood_s.max(0.0);
@@ -157,11 +157,9 @@ impl ThermalState {
         }
     }
 
-    /// Continues the lags of another state, such as that of the previous machine file, so that a
-    /// changed lag or weight does not restart them: each sensor of a term takes its lagged
-    /// temperature from the other state's term with the nearest lag; error and weight of that term
-    /// do not matter. A sensor without such a term starts at its first temperature. Does not
-    /// allocate.
+    /// Continues the lags of another state, such as that of the previous machine file, so that a changed lag or weight does not restart them: each
+    /// sensor of a term takes its lagged temperature from that term of the other state with the same sensor and the nearest lag, whatever its error and
+    /// weight. A sensor without such a term starts at its first temperature. Does not allocate.
     pub fn carry_over(&mut self, from: &Self) {
         let shift_k = from.reference_degc - self.reference_degc;
         for term in &mut self.terms {
@@ -243,7 +241,7 @@ impl Fading {
         share + (target - share).clamp(-step, step)
     }
 
-    /// The fraction after `dt_s` in which all sensors delivered temperatures.
+    /// The fraction after a further `dt_s` in which all sensors delivered temperatures.
     fn returned(&self, share: f64, dt_s: f64) -> f64 {
         (share + dt_s.max(0.0) / self.fade_s.max(f64::MIN_POSITIVE)).min(1.0)
     }

@@ -1,6 +1,6 @@
 use volcomp_kinematics::nalgebra::Vector3;
 
-/// A tool of the machine file. Keys that are `None` come from `[tool]` or the default.
+/// A tool of the machine file. Keys that are `None` come from `[tool]`, else from the default.
 #[derive(Clone, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Tool {

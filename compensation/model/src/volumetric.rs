@@ -1,8 +1,8 @@
 //! Volumetric error: the error of the tool over poses of all axes after alignment of the workpiece.
 //!
-//! The workpiece is aligned once, by the rigid motion that best fits the errors of all poses and tools. An error that moves the workpiece
-//! equally at every pose does not affect the parts. A location error of a rotary axis moves it differently at every angle and does; at a
-//! single rotary pose it could not be distinguished, so the poses cover the travels of all axes.
+//! The workpiece is aligned once, by the rigid motion that best fits the errors of all poses and tools. An error that displaces the workpiece
+//! equally at every pose is removed by it. A location error of a rotary axis displaces it differently at every angle and is not removed. At a single
+//! rotary pose the two could not be distinguished, so the poses cover the travels of all axes.
 //!
 //! Each axis is approached from one of its two sides, so that backlash is included.
 
@@ -18,12 +18,12 @@ const HALF_POSES: u32 = 2048;
 /// Number of poses from which the search for the largest error starts.
 const STARTS: usize = 32;
 const SAMPLES: u32 = 33;
-/// Number of groups into which the poses are divided for each direction of the error. The search starts from the worst pose of each group,
-/// because rotary axes rotate the contributions of the axes after them.
+/// Number of groups into which the poses are divided for each direction of the error, because rotary axes rotate the contributions of the axes
+/// after them. The search starts from the worst pose of each group.
 const STARTS_A_DIRECTION: usize = 2;
 /// Number of equidistant samples along an axis for combinations with samples of other axes.
 const COMBINED_SAMPLES: u32 = 9;
-/// Maximum number of poses of the rotary axes, which combine samples along each of these axes.
+/// Maximum number of poses of the rotary axes at which contributions of the linear axes are sampled.
 const ROTARY_POSES: usize = 400;
 /// Number of combinations of samples from which the search starts.
 const COMBINATIONS: usize = 48;
@@ -38,13 +38,13 @@ const BASES: [u32; 14] = [2, 3, 5, 7, 11, 13, 17, 19, 23, 29, 31, 37, 41, 43];
 /// Number of the first [poses of all axes](poses_of_all_axes) at which the uncertainty of the volumetric error is evaluated.
 pub const UNCERTAINTY_POSES: usize = 1000;
 
-/// The errors of a machine with one tool.
+/// The errors of a machine with one tool, for [`volumetric`].
 pub struct ErrorField<'a> {
     /// The name of the tool in `[tools]`; empty for the tool in the spindle.
     pub tool: &'a str,
     /// The machine that defines the ideal tip and tool axis.
     pub machine: &'a Machine,
-    /// The machines whose curves contribute to the errors; the search samples the [places](Machine::places) of all.
+    /// The machines whose curves contribute to the errors; the search samples the [places](Machine::places) of all of them.
     pub curves: Vec<&'a Machine>,
     /// Position (mm) and rotation (rad) of the error at a pose, in workpiece axes.
     pub errors: &'a dyn Fn(&State) -> [f64; 6],
@@ -53,11 +53,11 @@ pub struct ErrorField<'a> {
 /// A value of the volumetric error and the pose at which it occurs.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Worst {
-    /// mm for a position, rad for a tilt.
+    /// Length in mm for a position, angle in rad for a tilt.
     pub value: f64,
     /// The pose, mm and deg.
     pub at: Vec<(AxisName, f64)>,
-    /// Tool with which it occurs, [`ErrorField::tool`].
+    /// [`ErrorField::tool`] of the tool with which it occurs.
     pub tool: String,
 }
 
@@ -176,8 +176,8 @@ impl<'a> SearchGround<'a> {
 }
 
 impl<'a> Search<'a> {
-    /// The largest length. The search starts from the poses with the largest length, from those with the largest component in each
-    /// direction, and from [combinations](Self::combinations) of samples. NaN if a length is NaN.
+    /// The largest length of a vector over all poses. The search starts from the poses with the largest length, from those with the largest component
+    /// in each direction, and from [combinations](Self::combinations) of samples. NaN if a length is NaN.
     fn worst(&'a self, of: &dyn Fn(&At) -> Vector3<f64>) -> Result<Worst, ModelError> {
         let length = |at: &At| of(at).norm();
         let mut starts: Vec<_> = (self.found.iter()).map(|one| (length(&one.2), one)).collect();
@@ -245,7 +245,7 @@ impl<'a> Search<'a> {
         Ok(ascent)
     }
 
-    /// Combinations of samples of all axes at which the length is probably largest, with their fields.
+    /// Combinations of samples of all axes at which the length is probably large, each with the index of its field.
     ///
     /// The length is not a sum over the axes: a narrow peak of one axis may lower it at one pose and raise it at another. For fixed rotary
     /// axes the vector is, except for small levers, a sum of contributions of the linear axes, and its length is the maximum of its
@@ -427,7 +427,7 @@ impl<'a> Ascent<'a> {
         Self { ground, place, value }
     }
 
-    /// Moves to a place if the quantity is larger there.
+    /// Moves to `place` if the quantity is larger there, and returns whether it is.
     fn try_place(&mut self, place: Place, size: &dyn Fn(&At) -> f64) -> Result<bool, ModelError> {
         let value = size(&self.ground.field.at(&place)?);
         let is_larger = value > self.value;
@@ -437,7 +437,6 @@ impl<'a> Ascent<'a> {
         Ok(is_larger)
     }
 
-    /// The place with an axis at another fraction of its travel.
     fn with(&self, axis: usize, share: f64) -> Place {
         let mut place = self.place.clone();
         place.shares[axis] = share.clamp(0.0, 1.0);
@@ -521,7 +520,7 @@ impl At {
         alignment.left_mm(&self.tip_mm, &self.error_mm)
     }
 
-    /// The rotation perpendicular to the tool axis; a rotation about it has no effect on a rotating tool.
+    /// Tilt of the tool axis after alignment: a rotation about the tool axis has no effect on a rotating tool.
     fn tilt_rad(&self, alignment: &RigidMotion) -> Vector3<f64> {
         let left = alignment.left_rad(&self.rotation_rad);
         left - self.tool_axis * self.tool_axis.dot(&left)

@@ -24,8 +24,8 @@ impl BSpline {
     /// coefficients.len() + degree + 1`.
     ///
     /// # Errors
-    /// A degree outside 1 to 5, too few coefficients, a wrong number of knots, knots that decrease or whose multiplicity would make the spline jump,
-    /// a number that is not finite, an empty domain.
+    /// The degree is outside 1 to 5, there are too few coefficients or a wrong number of knots, knots decrease or are repeated so often that the
+    /// spline would jump, a number is not finite, or the domain is empty.
     pub fn new(knots: Vec<f64>, coefficients: Vec<f64>, degree: usize) -> Result<Self, CurveError> {
         if !(1..=MAX_DEGREE).contains(&degree) {
             let (lowest, highest) = (1, MAX_DEGREE);
@@ -130,8 +130,8 @@ impl BSpline {
     }
 }
 
-/// `d` holds the `degree + 1` coefficients that act on the span. Every denominator is the width of an interval that contains the non-empty span, so
-/// none is 0.
+/// Value at `x` by de Boor's recurrence; `d` holds the `degree + 1` coefficients that act on the span. Every denominator is the width of an
+/// interval that contains the non-empty span, so none is 0.
 fn de_boor(
     knots: &[f64],
     span: usize,

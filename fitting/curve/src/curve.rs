@@ -115,7 +115,7 @@ impl Curve {
         points
     }
 
-    /// Adds the constant `c` to the values; the kind of curve stays the same.
+    /// Adds the constant `c` to all values; the kind of curve stays the same.
     #[must_use]
     pub fn offset(self, c: f64) -> Self {
         self.affine(1.0, c)

@@ -25,7 +25,6 @@ pub enum CurveError {
     KnotCount {
         /// Number of knots.
         found: usize,
-        /// Number of coefficients.
         coefficients: usize,
         degree: usize,
         /// Expected number of knots.

@@ -4,7 +4,7 @@ use volcomp_vocabulary::Direction;
 
 use crate::{Curve, CurveError, Grid, domain};
 
-/// Function of the coordinates of a machine: of the axis that the error belongs to, or of two axes.
+/// Function of the coordinates of a machine: of the coordinate of the axis that has the error, or of two coordinates.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(
     feature = "serde",
@@ -39,7 +39,7 @@ impl Field {
         }
     }
 
-    /// Indices of the coordinates in use, each with its range; empty for a constant.
+    /// Indices of the coordinates that the field depends on, each with its range; empty for a constant.
     pub fn domains(&self, own: usize) -> Vec<(usize, [f64; 2])> {
         match self {
             Self::Curve(curve) => curve.domain().map(|range| (own, range)).into_iter().collect(),
@@ -47,7 +47,7 @@ impl Field {
         }
     }
 
-    /// Whether the coordinates in use lie in their ranges.
+    /// Whether the coordinates that the field depends on are in their ranges.
     pub fn contains(&self, own: usize, coordinates: &[f64]) -> bool {
         match self {
             Self::Curve(curve) => curve.contains(coordinate(own, coordinates)),
@@ -68,7 +68,7 @@ impl From<Grid> for Field {
     }
 }
 
-/// Error of one axis in one direction or about it, with or without reversal.
+/// Error of one axis in one component, with or without dependence on the direction of motion.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(
     feature = "serde",
@@ -85,7 +85,7 @@ pub enum ErrorCurve {
         /// After motion in the negative direction.
         backward: Field,
     },
-    /// Mean and the reversal value of ISO 230-2, B = forward − backward.
+    /// Mean of both directions and the reversal value of ISO 230-2, B = forward − backward.
     Reversal {
         /// Mean of the errors in both directions.
         mean: Field,
@@ -115,7 +115,7 @@ impl ErrorCurve {
         }
     }
 
-    /// Derivative with respect to the coordinate of the axis that the error belongs to.
+    /// Derivative with respect to the coordinate of the axis that has the error.
     pub fn derivative(&self, own: usize, coordinates: &[f64], branch: Option<Direction>) -> f64 {
         self.partial(own, own, coordinates, branch)
     }
@@ -141,7 +141,7 @@ impl ErrorCurve {
         !matches!(self, Self::Single(_))
     }
 
-    /// The fields: one, or forward and backward.
+    /// All fields: the only one, or forward and backward, in this order.
     pub fn fields(&self) -> impl Iterator<Item = &Field> {
         let (first, second) = match self {
             Self::Single(field) | Self::Reversal { mean: field, .. } => (field, None),

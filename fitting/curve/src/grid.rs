@@ -53,7 +53,7 @@ impl Grid {
         Ok(Self { axes, nodes, values })
     }
 
-    /// Indices of the two arguments in the coordinates.
+    /// Indices of the two arguments among the coordinates given on evaluation.
     pub fn axes(&self) -> [usize; 2] {
         self.axes
     }

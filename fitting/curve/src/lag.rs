@@ -2,10 +2,9 @@
 
 /// Output of a first-order lag after a step of `dt` with the constant input `input`: `input + (before − input)·exp(−dt/lag)`, which is exact.
 ///
-/// `before` is the output before the step, in the unit of the input; `dt` and the time constant `lag` are in the same unit of time. Without a lag (0,
-/// negative or NaN) the output is the input; a `dt` that is negative or NaN is treated as 0. A thermal model uses this function at run time, where it
-/// is stepped in every cycle. It is fitted from rows that are minutes apart with [`first_order_lag_of_ramp`], which converges to the same for short
-/// steps.
+/// `before` is the output before the step, in the unit of the input; `dt` and the time constant `lag` are in the same unit of time. Without a
+/// lag (0, negative or NaN) the output is the input; a `dt` that is negative or NaN is treated as 0. Thermal models use this function at run
+/// time, in steps of one cycle. They are fitted to rows that are minutes apart with [`first_order_lag_of_ramp`], for short steps both are equal.
 pub fn first_order_lag(before: f64, input: f64, dt: f64, lag: f64) -> f64 {
     if lag > 0.0 {
         // `max` returns the other number if one is NaN.
@@ -34,8 +33,8 @@ pub fn first_order_lag_of_ramp(before: f64, from: f64, to: f64, dt: f64, lag: f6
     }
 }
 
-/// Smoothed rate of change of a signal: the difference of the signal and its first-order lag over the time constant [`TIME_S`](Self::TIME_S), which
-/// equals the rate for a steady rise. Rates of temperature in tests and at run time both use it. State: the lagged signal.
+/// Smoothed rate of change of a signal: the difference of the signal and its first-order lag, divided by the time constant
+/// [`TIME_S`](Self::TIME_S); for a steady rise it equals the rate. Used for temperatures in tests and at run time. State: the lagged signal.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct SmoothedRate {
     lagged: Option<f64>,

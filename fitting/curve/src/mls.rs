@@ -83,7 +83,7 @@ impl MovingLeastSquares {
         self.support
     }
 
-    /// Shape `a` of the weight.
+    /// Shape `a` of the weight: the larger, the more the weight is concentrated near `x`.
     pub fn shape(&self) -> f64 {
         self.shape
     }
@@ -123,8 +123,8 @@ impl MovingLeastSquares {
         })
     }
 
-    /// Derivative of the value at `x` with respect to the value of node `node`: the entry of the hat matrix if `x` is a node. 0 for a node that does
-    /// not exist.
+    /// Derivative of the value at `x` with respect to the value of the node at index `node`: the entry of the hat matrix if `x` is a node. 0 for
+    /// an index without a node.
     pub fn influence(&self, x: f64, node: usize) -> f64 {
         domain::held(self.domain(), x, |x| {
             let z = self.triangle(x).first_column_of_inverse();
@@ -146,7 +146,6 @@ impl MovingLeastSquares {
         (triangle.coefficients()[0], influence)
     }
 
-    /// The influence of a node, from the first column of the inverse of the normal matrix.
     fn influence_of(&self, node: usize, weighting: &Weighting, z: &[f64; SIZE]) -> f64 {
         self.nodes.get(node).map_or(0.0, |&node| {
             let node = weighting.of(node);
@@ -298,7 +297,7 @@ impl MovingLeastSquares {
     }
 }
 
-/// Curves of all orders up to that of [`MovingLeastSquares::nested`] at one place, by order.
+/// Curves of all orders up to that of the [`MovingLeastSquares`] at one place, by order.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct NestedSolutions {
     /// Value of the curve of each order.
@@ -310,7 +309,7 @@ pub struct NestedSolutions {
     pub conditions: [f64; 9],
 }
 
-/// The weights of nodes at `x`. They are divided by the Gaussian of the nearest node: this factor cancels, and the division prevents
+/// Computes the weights of nodes at `x`. All are divided by the Gaussian of the nearest node, a common factor that cancels; this prevents
 /// underflow.
 struct Weighting {
     x: f64,

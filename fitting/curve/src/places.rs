@@ -3,21 +3,21 @@ use core::f64::consts::PI;
 
 use crate::{BSpline, Curve, Fourier, Interpolation, MovingLeastSquares, Table, domain};
 
-/// Number of places for each shortest period, and for each order of a polynomial: the largest value at them is within 2 % of the largest between them
-/// (1 − cos(π/16): Ehlich and Zeller, Math. Z. 86, 1964, for polynomials).
+/// Number of places for each order of a polynomial, and for half a period of the highest harmonic of a Fourier series: the largest value at them
+/// is within 2 % of the largest between them (1 − cos(π/16): Ehlich and Zeller, Math. Z. 86, 1964, for polynomials).
 const POSITIONS_PER_PIECE: usize = 8;
-/// Maximum number of places along the domain of a curve; more are thinned out.
+/// Maximum number of places along the domain of a curve, except for series of so many terms that these need more.
 const MAX_POSITIONS: usize = 4096;
 /// Number of parts of a cubic piece between two knots or two nodes.
 const PARTS: u32 = 4;
-/// Golden ratio, as the fraction of the larger piece of a line.
+/// Golden ratio: phases that are multiples of it are spread evenly over a period.
 const GOLDEN: f64 = 0.618_033_988_749_894_8;
 
 impl Curve {
-    /// Arguments at which to sample the curve to find its largest value, or the largest difference from another curve. They are the
-    /// [`breakpoints`](Self::breakpoints), and between them as many places as the kind of curve requires: for a Fourier series 16 for each of its
-    /// shortest periods, for a polynomial 8 for each order, closer at the ends. Sorted, without duplicates. A series with very many periods is
-    /// sampled only in every few of them, each time at another phase.
+    /// Arguments at which to sample the curve to find its largest value, or the largest difference from another curve: the
+    /// [`breakpoints`](Self::breakpoints), and between them as many places as the kind of curve requires. A Fourier series has 16 places for each
+    /// period of its highest harmonic, a polynomial 8 for each order, closer at the ends. Sorted, without duplicates. If a Fourier series has too
+    /// many periods, only every few of them are sampled, each at another phase.
     pub fn places(&self) -> Vec<f64> {
         let mut places = self.breakpoints();
         match self {
@@ -57,8 +57,8 @@ fn of_series([low, high]: [f64; 2], coefficients: usize) -> impl Iterator<Item =
         .map(move |k| middle - half * libm::cos(PI * (k as f64 / parts as f64)))
 }
 
-/// A straight line has its extrema at its ends, and so does a monotone cubic; but the difference of a cubic from another curve may have them
-/// anywhere.
+/// None for straight lines, which have their extrema at the nodes. A monotone cubic has them there too, but its difference from another
+/// curve may have them anywhere.
 fn of_table(table: &Table) -> Vec<f64> {
     match table.interpolation() {
         Interpolation::Linear => Vec::new(),
@@ -106,7 +106,7 @@ fn of_harmonics(curve: &Fourier) -> Vec<f64> {
     (0..most).map(place).collect()
 }
 
-/// A local polynomial varies within the width of its weights.
+/// Places by the width of the weights, within which a local polynomial varies.
 fn of_weights(curve: &MovingLeastSquares) -> impl Iterator<Item = f64> {
     let each = (POSITIONS_PER_PIECE * curve.order().max(1)) as f64;
     let count = (each / curve.support()).min(MAX_POSITIONS as f64);

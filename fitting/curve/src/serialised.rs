@@ -1,4 +1,4 @@
-//! Curves as serde reads them: the fields alone, which are then checked by the constructor.
+//! Curves as deserialised by serde: plain fields, which are then checked by the constructor.
 
 use alloc::vec::Vec;
 
@@ -6,13 +6,13 @@ use serde::{Deserialize, Deserializer, Serialize, de::Error};
 
 use crate::{CurveError, Interpolation};
 
-/// Reads a number that a format may write as NaN or infinite, and rejects these like the constructors.
+/// Deserialises a number, rejecting NaN and infinity as the constructors do.
 pub(crate) fn finite<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
     let value = f64::deserialize(deserializer)?;
     if value.is_finite() { Ok(value) } else { Err(D::Error::custom("expected a finite number")) }
 }
 
-/// Fields of a type in their order, and the constructor that checks them.
+/// Defines a struct with the fields of a type in their order, and its conversion by the constructor that checks them.
 macro_rules! checked {
     ($($name:ident { $($field:ident: $kind:ty),* } => $constructor:path;)*) => {$(
         #[derive(Deserialize)]

@@ -1,4 +1,4 @@
-//! Coverage of the bands of 500 generated lines, a fifth of them with targets too sparse for the pitch of their screw.
+//! Coverage of the bands of 500 generated lines, one in five with targets too sparse for the pitch of its screw.
 //!
 //! `cargo run --release -p volcomp-fit --example bands`
 

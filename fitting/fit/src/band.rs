@@ -27,7 +27,7 @@ impl Default for BandOptions {
     }
 }
 
-/// What the band's width was estimated from.
+/// What was resampled to estimate the width of a band.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[cfg_attr(
@@ -50,7 +50,7 @@ pub struct Band {
     pub at: Vec<f64>,
     /// Half width of the band at each place: it spans curve ± half width.
     pub half_width: Vec<f64>,
-    /// Resampled quantities.
+    /// Whether runs or residuals were resampled.
     pub source: BandSource,
 }
 
@@ -110,7 +110,7 @@ pub fn band(
     Ok(Band { at: at.to_vec(), half_width, source })
 }
 
-/// Scatter of mean readings if some runs lack targets, so that whole runs cannot be compared.
+/// Scatter of the mean readings of targets if some runs lack targets, so that whole runs cannot be resampled.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct MeanScatter {
     /// Independent shifts of the means by the common part of each run, its offset or its line. The
@@ -125,7 +125,7 @@ pub struct MeanScatter {
 }
 
 impl MeanScatter {
-    /// Number of samples for a band with this number of targets; smaller if there are many targets.
+    /// Number of samples to draw for a band with this number of targets; smaller if there are many targets.
     pub fn samples_for(targets: usize, options: &BandOptions) -> usize {
         (MAX_REFITTED / targets.max(1)).max(MIN_RESAMPLES).min(options.resamples as usize)
     }
@@ -220,7 +220,7 @@ impl Whole {
         Ok(at.iter().map(|&x| curve.value(x)).collect())
     }
 
-    /// Variance of the curve at a place relative to that of a single mean reading, interpolated from the leverages of the neighbouring targets.
+    /// Variance of the curve at a place relative to that of a single mean reading, interpolated between the leverages of the neighbouring targets.
     fn leverage(&self, x: f64) -> f64 {
         let leverages = &self.candidate.leverages;
         let (i, share) = self.gap(x);
@@ -373,7 +373,7 @@ impl Whole {
         }
     }
 
-    /// Squared half width for errors of shape at a place: the first term everywhere, the second between targets only.
+    /// Squared half width due to errors of shape at a place: `at_targets` applies everywhere, `beyond` only between targets.
     fn wrong_at(&self, x: f64, [at_targets, beyond]: [f64; 2]) -> f64 {
         let (_, share) = self.gap(x);
         // Student's t because the mean square comes from few errors.

@@ -27,8 +27,8 @@ const MORE_THAN_REPEATS: f64 = 7.0;
 /// differences estimate the scatter; they exceed it where the error bends between targets. Pure scatter exceeds the limit once in a
 /// thousand; a wave shorter than seven gaps cannot be distinguished from scatter.
 const MORE_THAN_UNEVEN: f64 = 3.0;
-/// Limit of this ratio for four, five and six targets. The residuals of a straight line through an arch are at most 1.2, 2.0 and 3.1
-/// times the unevenness of the arch.
+/// [`MORE_THAN_UNEVEN`] for four, five and six targets. The residuals of a straight line through an arch are at most 1.2, 2.0 and 3.1 times
+/// the unevenness of the arch.
 const OF_FEW_TARGETS: [f64; 3] = [1.1, 1.8, 2.8];
 /// Fraction of the height of the readings that replaces an unknown repeatability.
 const OF_HEIGHT: f64 = 0.1;
@@ -39,7 +39,8 @@ const WIDE_GAP: f64 = 5.0;
 /// Positions in a gap, as fractions of its width, at which a spline is constrained.
 pub(crate) const PARTS_OF_GAP: [f64; 3] = [0.25, 0.5, 0.75];
 
-/// Band of the mean readings that a chosen curve, or a spline in a wide gap, may not leave between targets: `[low, high]`.
+/// Range `[low, high]` that a chosen curve, or a spline in a wide gap, may not leave between targets: that of the mean readings, widened by a
+/// quarter of its height at both ends.
 pub(crate) fn band_of(means: &[f64]) -> [f64; 2] {
     let low = means.iter().copied().fold(f64::INFINITY, f64::min);
     let high = means.iter().copied().fold(f64::NEG_INFINITY, f64::max);
@@ -93,7 +94,7 @@ impl Band {
         worst
     }
 
-    /// Places within a gap, as fractions of its width: `pieces` parts, fewer with many targets.
+    /// Sampled places within a gap, as fractions of its width: `pieces` per gap, fewer with many targets.
     fn parts(&self, pieces: usize) -> impl Iterator<Item = f64> {
         let pieces = (MAX_PIECES / self.targets.len().max(1)).clamp(2, pieces);
         (1..pieces).map(move |piece| piece as f64 / pieces as f64)
@@ -163,7 +164,7 @@ pub struct Between {
 }
 
 impl Between {
-    /// Assesses a fit to readings `u` at `x`; `noise` is the scatter of such a reading.
+    /// Assesses a fit to readings `u` at `x`; `noise` is the scatter of a reading, or of a mean if `u` are means.
     pub fn of(fit: &Fit, x: &[f64], u: &[f64], noise: Option<Noise>) -> Self {
         let targets = readings::counted(x, u);
         let of_targets = Band::of(&targets);

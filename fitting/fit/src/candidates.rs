@@ -21,8 +21,7 @@ const HIGHEST_HARMONIC: usize = 20;
 /// leave-one-out error selects settings that follow the scatter of the readings, which costs the
 /// demonstration calibration a third of its accuracy.
 const MLS_TRIED: [(usize, f64); 4] = [(4, 1.0 / 3.0), (3, 0.3), (2, 0.25), (4, 0.5)];
-/// Order and half width in gaps between targets, also tested if the width is less than the smallest
-/// support above.
+/// Orders, and half widths in gaps between targets, that are also tested if the half width is less than the smallest support of [`MLS_TRIED`].
 const MLS_NEAR: [(usize, u32); 2] = [(2, 6), (3, 12)];
 /// Maximum number of node evaluations over all targets for one setting of moving least squares. Above it the setting is skipped: the spline gives the
 /// same result in a fraction of the time.
@@ -32,7 +31,7 @@ const SHARE_OF_PERIOD: f64 = 0.5;
 
 pub(crate) struct Candidate {
     pub(crate) method: Method,
-    /// Trace of the hat matrix, summed over the sets.
+    /// Number of coefficients: the trace of the hat matrix, summed over the sets.
     pub(crate) coefficients: f64,
     /// Leave-one-out errors of the inner targets.
     pub(crate) errors: Vec<f64>,
@@ -187,8 +186,7 @@ fn through_means(method: Method, means: &[[f64; 2]]) -> Result<Candidate, FitErr
     })
 }
 
-/// Errors of one method over the targets of one set, whether or not it is a candidate of the
-/// choice.
+/// Errors of one method over the targets of one set, whether or not the choice would consider it.
 pub(crate) fn of_method(method: Method, targets: &[Target]) -> Result<Candidate, FitError> {
     let means: Vec<[f64; 2]> = targets.iter().map(|t| [t.x, t.mean]).collect();
     let (Some(first), Some(last)) = (targets.first(), targets.last()) else {
@@ -229,7 +227,7 @@ fn moved(method: Method, targets: &[Target], curve: MovingLeastSquares) -> Candi
     }
 }
 
-/// Polynomials up to the order, then Chebyshev series: the same functions, but numerically accurate where powers lose digits.
+/// Adds polynomials up to the order, then Chebyshev series: the same functions, but accurate where powers lose digits.
 fn polynomials(
     targets: &[Target],
     order: usize,

@@ -11,8 +11,8 @@ pub struct FitOptions {
     pub required_residual: Option<f64>,
     /// Scatter of a single reading. `None`: the scatter of repeated readings of the same target, if there are any.
     pub noise: Option<Noise>,
-    /// Period of the coordinate (360 for a rotary axis in degrees). It adds Fourier series to the candidates; if the targets cover the full turn, it
-    /// removes every curve that would jump there.
+    /// Period of the coordinate (360 for a rotary axis in degrees). If the targets cover at least half of it, Fourier series are candidates as well; if
+    /// they cover the full turn, every curve that would jump there is removed.
     pub period: Option<f64>,
 }
 

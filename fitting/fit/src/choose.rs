@@ -27,7 +27,8 @@ pub fn fit_auto(x: &[f64], u: &[f64], options: &FitOptions) -> Result<AutoFit, F
 ///
 /// Candidates are polynomials in powers up to order 8 and Chebyshev series up to order 15. Both are limited to twice the root of the number of
 /// targets (beyond it a polynomial through evenly spaced targets oscillates at its ends) and to that number less 2. Both tables need 3 targets, the
-/// smoothing B-spline 4, moving least squares in a few settings of shape 3 need 7. With a period Fourier series are added. Of the candidates that
+/// smoothing B-spline 4, moving least squares in a few settings of shape 3 need 7. With a period, Fourier series are added if the targets cover at
+/// least half of it. Of the candidates that
 /// meet the required residual, if any do:
 ///
 /// 1. Candidates whose leave-one-out RMS is more than twice the smallest are rejected. Then candidates whose residuals exceed the scatter are

@@ -28,7 +28,7 @@ pub struct Fit {
 }
 
 impl Fit {
-    /// `missed` holds the leave-one-out errors of the mean readings, each with the index of its target; empty if no target can be left out.
+    /// `missed` are the leave-one-out errors of the mean readings, each with the index of its target; empty if no target can be left out.
     pub(crate) fn new(
         curve: Curve,
         x: &[f64],
@@ -116,8 +116,8 @@ pub(crate) fn rms(errors: impl Iterator<Item = f64>) -> f64 {
     (sum / f64::from(count)).sqrt()
 }
 
-/// The error of predicting a reading from the others, from its residual `e` and its entry `h` on
-/// the diagonal of the hat matrix: `e / (1 − h)` (Allen, Technometrics 16, 1974).
+/// Error of predicting a reading from the others, from its residual e and its entry h on the diagonal of the hat matrix: `e / (1 − h)` (Allen,
+/// Technometrics 16, 1974). Infinite for h = 1.
 pub(crate) fn left_out(residual: f64, leverage: f64) -> f64 {
     let freedom = 1.0 - leverage;
     if freedom > 1e-9 { residual / freedom } else { f64::INFINITY }

@@ -23,7 +23,7 @@ pub(crate) struct Nested {
 }
 
 impl Nested {
-    /// The matrix has one row for each target.
+    /// `matrix` has one row for each target and one column for each function.
     pub(crate) fn new(mut matrix: DMatrix<f64>, targets: &[Target]) -> Self {
         let roots: Vec<f64> = targets.iter().map(|t| t.count.sqrt()).collect();
         for (mut row, &root) in matrix.row_iter_mut().zip(&roots) {

@@ -23,8 +23,8 @@ const MIN_CONDITION: f64 = 1e-10;
 /// the shape of the weight, through the mean reading of each target.
 ///
 /// # Errors
-/// Unequal lengths, numbers that are not finite, a support above 1, fewer than order + 2 targets, which no such support
-/// carries, or parameters that [`MovingLeastSquares::new`] refuses.
+/// Unequal lengths, numbers that are not finite, a support above 1, fewer than order + 2 targets, or parameters that [`MovingLeastSquares::new`]
+/// rejects.
 pub fn fit_mls(
     x: &[f64],
     u: &[f64],
@@ -51,7 +51,7 @@ pub fn fit_mls(
 pub struct MlsTrial {
     /// Order of the local polynomials.
     pub order: usize,
-    /// Half width of the weight function as a share of the range.
+    /// Half width of the weight as a fraction of the range of the targets.
     pub support: f64,
     /// Largest deviation of a target's mean reading from the curve.
     pub max_residual: f64,
@@ -95,13 +95,13 @@ pub fn scan_mls(x: &[f64], u: &[f64], shape: f64) -> Result<Vec<MlsTrial>, FitEr
 /// then the wider support. If none meets it, [`Fit::meets_required`] is false, and the candidate
 /// with the smallest leave-one-out RMS of all is chosen.
 ///
-/// Of more than 100 targets these errors are computed at every second, third … one, so that they are at most 100, and supports are fractions of the
-/// range of 400 targets if there are more.
+/// With more than 100 targets the leave-one-out errors are computed at every second, third … target, so that there are at most 100. With more than 400
+/// targets, supports are fractions of the range of 400 targets.
 ///
 /// # Errors
 ///
-/// Same as [`fit_mls`], a required residual that is not positive, and [`FitError::NoCandidate`] when the targets are
-/// too few or too uneven for any candidate.
+/// Those of [`fit_mls`]; a required residual that is not positive; [`FitError::NoCandidate`] if the targets are too few or too uneven for any
+/// candidate.
 pub fn fit_mls_auto(
     x: &[f64],
     u: &[f64],
@@ -307,7 +307,7 @@ fn of_support(
     settings
 }
 
-/// Ratio of the smallest to the largest singular value of the first columns of a matrix given by rows; 0 if it is singular.
+/// Ratio of the smallest to the largest singular value of the first columns of a matrix, given by its rows; 0 if it is singular.
 fn reciprocal_condition(rows: &[Vec<f64>], columns: usize) -> f64 {
     if rows.len() < columns || columns == 0 {
         return 0.0;
@@ -324,7 +324,6 @@ pub(crate) struct Candidate {
     curve: MovingLeastSquares,
     /// Each target with the value of the curve there.
     values: Vec<[f64; 2]>,
-    /// Residual of each target.
     pub(crate) residuals: Vec<f64>,
     /// Leverage of each target: the weight of its reading in the curve there.
     pub(crate) influences: Vec<f64>,
@@ -356,8 +355,7 @@ impl Candidate {
         Self { curve, values, residuals, influences, max_residual }
     }
 
-    /// Assessment of the curve against the single readings `u` at `x`, to whose means it was
-    /// fitted.
+    /// The fit of the curve to the single readings `u` at `x`; the curve was fitted to their means.
     pub(crate) fn fit(self, x: &[f64], u: &[f64]) -> Fit {
         let errors = self.residuals.iter().zip(&self.influences);
         let missed = errors.map(|(&e, &influence)| left_out(e, influence));

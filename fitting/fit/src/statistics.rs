@@ -22,8 +22,8 @@ impl Noise {
         (deviation > 0.0 && deviation.is_finite()).then_some(Self { deviation, freedom })
     }
 
-    /// Whether this noise explains a sum of squared residuals, each weighted by its number of readings, with these degrees of freedom: a test at the
-    /// 1 % level (E. Paulson, Ann. Math. Stat. 13, 1942: the cube root of F is nearly normal).
+    /// Whether this noise explains a sum of squared residuals with these degrees of freedom: a test at the 1 % level (E. Paulson, Ann. Math. Stat.
+    /// 13, 1942: the cube root of F is nearly normal). Each residual is weighted by its number of readings.
     pub(crate) fn explains(&self, squares: f64, freedom: f64) -> bool {
         if freedom < MIN_FREEDOM {
             return true;
@@ -43,7 +43,7 @@ const MIN_FREEDOM: f64 = 0.5;
 /// Half width of the 95 % band of a normal distribution, in standard deviations.
 const NORMAL_95: f64 = 1.959_964;
 
-/// t for 95 % (two sides) by degrees of freedom (JCGM 100, table G.2), with the digits of its closed forms and tables.
+/// Two-sided Student t for 95 % by degrees of freedom (JCGM 100, table G.2), with more digits.
 const TABLE: [(f64, f64); 22] = [
     (1.0, 12.706_205),
     (1.12, 9.900_444),

@@ -26,7 +26,7 @@ fn percentile_and_worst(mut errors: Vec<f64>) -> (f64, f64) {
     (at(place), at(errors.len().saturating_sub(1)))
 }
 
-/// Largest deviation from the guideway, both relative to their least-squares lines.
+/// Largest difference of the profile from the guideway, both relative to their least-squares lines, µm.
 fn angular_method(
     bridge_mm: f64,
     noise_urad: f64,

@@ -42,7 +42,7 @@ fn main() -> Result<(), Box<dyn Error>> {
             number(row.reversal)
         );
     }
-    // A quantity that cannot be evaluated, such as a spread from one run, has no value.
+    // A quantity that cannot be evaluated, such as a repeatability from one run, has no value.
     for (symbol, value) in [
         ("A, accuracy", result.a),
         ("R, repeatability", result.r),

@@ -1,6 +1,6 @@
 //! Abbe's principle: the contribution of angular errors to a linear error measured away from its functional point.
 
-/// Side of the joint on which the measured point is.
+/// Whether the measured point moves with the carriage.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Rides {
@@ -32,7 +32,7 @@ impl CarriedSide {
     }
 }
 
-/// Measured axis at one target.
+/// Position and direction of the measured axis at one target.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Travel {

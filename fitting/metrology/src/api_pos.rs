@@ -172,7 +172,7 @@ fn tables(text: &str, name: &str) -> Result<Vec<Table>, MetrologyError> {
     Ok(tables)
 }
 
-/// Checks that tables of one test have the same targets, and that the mean of both directions is that of the two.
+/// Checks that the tables of a test have the same targets, and that the bidirectional means are the means of both directions.
 fn compare(
     name: &str,
     forward: &Table,

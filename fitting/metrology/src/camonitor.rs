@@ -18,9 +18,9 @@ const US_PER_S: f64 = 1e6;
 pub struct ChannelLog {
     /// Source file, for messages.
     pub name: String,
-    /// Date of the first line, as written.
+    /// Date of the first line, as written in the log.
     pub date: Option<String>,
-    /// Channels, by name.
+    /// Channels, sorted by name.
     pub channels: Vec<Channel>,
     /// Notes for the user on how the file was read.
     pub notes: Vec<String>,

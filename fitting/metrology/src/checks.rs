@@ -94,7 +94,7 @@ fn with_space(unit: Option<DeviationUnit>) -> String {
     unit.map_or(String::new(), |unit| format!(" {unit}"))
 }
 
-/// Axis named in a text such as `X`, `x-axis` or `Axis Y`.
+/// Axis named in a text such as `X`, `x-axis` or `Axis Y`; `None` if the text names no axis or different ones.
 pub fn axis_named(text: &str) -> Option<AxisName> {
     let words = text.split(|c: char| !c.is_alphanumeric());
     let mut letters = words.filter_map(|word| word.to_uppercase().parse::<AxisName>().ok());
@@ -278,7 +278,7 @@ pub fn environment_notes(environment: &Environment, quantity: Quantity) -> Vec<S
     notes
 }
 
-/// One sentence on how the file states that the readings were corrected to 20 °C.
+/// States, for the user, which data for a correction to 20 °C the file contains: expansion coefficient and material temperatures.
 pub fn material_compensation(environment: &Environment) -> String {
     let sensors = environment.material_temperature.iter().flatten().count();
     let coefficient = environment.expansion_coefficient.map(|c| c.start);
@@ -343,8 +343,8 @@ fn material(name: &str, degc: &StartEnd, environment: &Environment) -> Option<St
 /// Minimum number of different deviations to identify a test: with fewer, two tests may well agree by chance.
 const FEWEST_DIFFERENT: usize = 3;
 
-/// Readings of the tests so far, to detect duplicates. The scatter of two tests never agrees, so a second test with the same readings is most likely
-/// the same one under another name.
+/// Readings of earlier tests, to detect duplicates. Two tests never have the same scatter, so a second test with the same readings is most likely
+/// the same test under another name.
 #[derive(Debug, Clone)]
 pub struct KnownReadings<T> {
     /// Target, run, direction and magnitude of the deviation of each reading, and the label of the first test that had them.
@@ -358,8 +358,8 @@ impl<T> Default for KnownReadings<T> {
 }
 
 impl<T> KnownReadings<T> {
-    /// Label of an earlier test with the same readings, apart from the signs of the deviations. A new test is stored with the label `this`.
-    /// `None` also for readings with fewer than three different deviations, which identify no test.
+    /// Compares a test with the earlier ones: returns the label of a test with the same readings, apart from the signs of the deviations. Without one,
+    /// stores the test with the label `this` and returns `None`. Readings with fewer than three different deviations identify no test (`None`).
     pub fn before(&mut self, measurement: &Measurement, this: T) -> Option<&T> {
         let key: Vec<[u64; 4]> = (measurement.readings.iter())
             .map(|reading| {

@@ -24,14 +24,15 @@ const OTHER_HEADS: &str = "the header `target,run,direction,deviation` or `targe
 /// Reads a table of readings from CSV text.
 ///
 /// The header has the columns `target` and `deviation`, and either both or none of `run` and `direction` (`+` or `-`, `forward` or `backward`);
-/// without these two, the rows are one unidirectional run. Or it has `target` and a column for each run, whose head names number and direction
-/// (`Run 1 fwd`) and holds deviations or measured positions: as the heads state, else by their unit and values. The order of columns is free; other columns are ignored, with a note. Cells are separated by `,`, `;` or tabs; unless
-/// commas separate them, numbers may have a decimal comma. Targets are mm or deg, or inches if their head states it (`target inch`). The head of the
+/// without these two, the rows are one unidirectional run. Or it has `target` and a column for each run, whose head states number and direction
+/// (`Run 1 fwd`) and which contains deviations or measured positions: as the heads state, else by their unit and values. The order of columns is
+/// free; other columns are ignored, with a note. Cells are separated by `,`, `;` or tabs; unless commas separate them, numbers may have a decimal
+/// comma. Targets are mm or deg, or inches if their head states it (`target inch`). The head of the
 /// deviations may be followed by a unit, `deviation [µm]`, `deviation_mm`, `deviation arcsec`: they are then converted to µm or µrad, and
 /// [`Measurement::unit`] names it. Otherwise they are not converted, and the unit is `None`. `name` is used in messages.
 ///
-/// The format has no end mark. A last line without a line break is rejected if its number has fewer decimals than every other one (a truncated
-/// number) and noted otherwise; a run that lacks a target, or a direction with fewer runs, is noted.
+/// The format has no end mark. A last line without a line break is rejected if its number has fewer decimals than all others (a truncated
+/// number), and noted otherwise. A run that lacks a target and a direction with fewer runs are noted.
 ///
 /// # Errors
 /// Wrong header or number of columns, anything but finite numbers, repeated readings, an empty file: with file, line, what was found and what was

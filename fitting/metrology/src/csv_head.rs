@@ -21,7 +21,7 @@ pub(crate) fn with_unit<'t>(
     one_column(table, name, |head| unit_of(head, name))
 }
 
-/// The only column whose head has a unit (possibly empty) by `unit`.
+/// Column and unit of the only head for which `unit` returns a unit (possibly empty); `None` without one.
 pub(crate) fn one_column<'t>(
     table: &'t CsvTable,
     name: &str,

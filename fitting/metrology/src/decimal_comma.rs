@@ -7,9 +7,8 @@ use volcomp_document::quoted;
 use crate::MetrologyError;
 use crate::number::{Place, with_point};
 
-/// Replaces decimal commas in the numbers of a text by points, line by line. `numbers` is called
-/// with each line in order and returns the byte at which its numbers begin, or `None` for a line
-/// without numbers, which stays unchanged. Errors: a file that mixes commas and points, or in which
+/// Replaces decimal commas in the numbers of a text by points, line by line. `numbers` is called with each line in order and returns the byte at
+/// which its numbers begin, or `None` for a line without numbers, which stays unchanged. Rejects a file that mixes commas and points, or in which
 /// three digits follow every comma, since `1,000` may be a thousand.
 pub(crate) fn with_points<'t>(
     text: &'t str,

@@ -22,8 +22,8 @@ pub struct Channels {
     pub within: f64,
     /// Minimum duration of a standstill, s.
     pub dwell_s: f64,
-    /// Initial part of a standstill that is ignored, s. With 0 it is detected: samples are ignored
-    /// while they differ from the second half of the standstill by more than its scatter.
+    /// Initial part of each standstill that is ignored, s. With 0 it is detected: samples are ignored while they differ from the second half of the
+    /// standstill by more than the scatter of that half.
     pub settle_s: f64,
     /// Whether the deviation at the first target is subtracted from all: for an instrument that was not zeroed.
     pub zero_at_first: bool,
@@ -36,8 +36,8 @@ struct Standstill {
     position: f64,
 }
 
-/// Reads a log at the standstills of the axis: the mean of the values of the instrument in each, or its last value before if it reported no
-/// change. Runs and directions follow the order of travel.
+/// Takes readings from a log at the standstills of the axis: the mean of the instrument's values during each, or its last value before if it
+/// reported no change. Runs and directions follow the order of travel.
 ///
 /// # Errors
 /// A channel that is missing from the log, no standstill that is long enough, no reading before one of them.
@@ -193,7 +193,7 @@ fn channel_of<'l>(log: &'l ChannelLog, name: &str) -> Result<&'l Channel, Metrol
     })
 }
 
-/// A channel reports only changes: each value holds until the next one, the last until the log ends.
+/// Finds the standstills. A channel reports only changes: each value holds until the next one, the last until the log ends.
 fn standstills(channel: &Channel, end_s: f64, channels: &Channels) -> Vec<Standstill> {
     let samples = &channel.samples;
     let mut standstills = Vec::new();
@@ -239,7 +239,7 @@ fn nearest(targets: &[f64], position: f64) -> Option<f64> {
     targets.iter().min_by(nearer).copied()
 }
 
-/// Maximum distance of the axis from a target: ten times the limit of standstill. An overrun is farther away.
+/// Maximum distance from a target at which the axis counts as being at it: ten times the standstill limit. An overrun is farther away.
 fn reach(channels: &Channels) -> f64 {
     10.0 * channels.within
 }
@@ -250,10 +250,9 @@ fn between<'c>(channel: &'c Channel, from: &Standstill, to: &Standstill) -> &'c 
     samples.unwrap_or_default()
 }
 
-/// Samples after settling; of several, at least one. The ignored samples differ from the median of
-/// the second half by more than any sample of that half. The last micrometres of an approach are
-/// within the limit of standstill and have the sign of the direction, so that their mean would
-/// resemble a reversal value.
+/// Samples after settling: those after the last sample that differs from the median of the second half by more than any sample of that half. The
+/// last micrometres of an approach are within the standstill limit and have the sign of the direction, so their mean would resemble a reversal
+/// value. At least one sample remains.
 fn at_rest(samples: &[(f64, f64)]) -> &[(f64, f64)] {
     let (first, second) = samples.split_at(samples.len() / 2);
     let mut values: Vec<f64> = second.iter().map(|(_, value)| *value).collect();
@@ -269,7 +268,7 @@ fn at_rest(samples: &[(f64, f64)]) -> &[(f64, f64)] {
     &samples[from..]
 }
 
-/// Mean of a channel during a standstill, and its range of change.
+/// Mean of a channel during a standstill, and the range of its values; `None` if the channel has no value before or during it.
 fn mean_within(channel: &Channel, standstill: &Standstill, settle_s: f64) -> Option<(f64, f64)> {
     let from = standstill.from_s + settle_s;
     let first = channel.samples.partition_point(|(time, _)| *time < from);

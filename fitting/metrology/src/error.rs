@@ -40,11 +40,7 @@ pub enum MetrologyError {
     #[error(
         "{file}: found more than {limit_mib} MiB, expected a measurement file of at most that size"
     )]
-    TooLarge {
-        file: String,
-        /// Size limit, MiB.
-        limit_mib: u64,
-    },
+    TooLarge { file: String, limit_mib: u64 },
     #[error("{file}: found nothing in the file, expected {expected}")]
     Empty { file: String, expected: String },
     /// The bytes are not text in a known encoding.
@@ -81,12 +77,7 @@ pub enum MetrologyError {
     #[error(
         "{name}: run {runs} {direction}: found fewer than three targets in common with the other runs, expected three: where not all runs hold all targets, the offset and the slope of each run of a straightness come from its common targets; leave the run out or complete it"
     )]
-    RunLineUnknown {
-        name: String,
-        /// Numbers of the runs.
-        runs: String,
-        direction: Direction,
-    },
+    RunLineUnknown { name: String, runs: String, direction: Direction },
     /// Readings that cannot be evaluated (only possible if built in code).
     #[error("{name}: {what}: found {found}, expected {expected}")]
     Readings { name: String, what: String, found: String, expected: String },

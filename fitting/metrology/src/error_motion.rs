@@ -15,7 +15,7 @@ pub enum MotionKind {
 }
 
 impl MotionKind {
-    /// Kind of an error motion; the component of a location error is treated like that of a motion.
+    /// Kind of an error by its component and axis; a location error is treated like the error motion with the same component.
     pub fn of(error: ErrorName) -> Self {
         let own = error.component.mcs_index() == error.axis.mcs_index();
         match (error.axis.kind(), error.component.is_angular()) {

@@ -12,10 +12,10 @@ use crate::passes::{Passes, RunAlignment};
 use crate::runs::{Alignment, RunScatter, pooled_scatter};
 use crate::{Direction, Measurement, ReferenceLine, SlopeUncertainty};
 
-/// Values at the targets of both directions, forward first, in the order of [`Measurement::mean_curve_in`].
+/// Values at the targets: forward, then backward; in each the order of [`Measurement::mean_curve_in`].
 pub type AtTargets = [Vec<f64>; 2];
 
-/// Runs of which not all hold all targets, aligned.
+/// Aligned runs of which not all hold all targets, with the scatter of their means.
 #[derive(Clone, Debug, PartialEq)]
 pub struct IncompleteRuns {
     alignment: Alignment,
@@ -28,8 +28,7 @@ pub struct IncompleteRuns {
 }
 
 impl Measurement {
-    /// The scatter of the means; `None` if the plain means are correct, for example because all
-    /// runs hold all targets.
+    /// The aligned runs with the scatter of their means; `None` if the plain means are correct, for example because all runs hold all targets.
     pub fn incomplete_runs(&self) -> Option<IncompleteRuns> {
         let alignment = self.alignment();
         alignment.moves().then(|| IncompleteRuns::of(alignment))
@@ -52,7 +51,7 @@ impl IncompleteRuns {
         self.scatter
     }
 
-    /// The targets of a direction, ascending.
+    /// The targets that were measured in a direction, ascending.
     pub fn targets(&self, direction: Direction) -> impl Iterator<Item = f64> {
         let passes = &self.alignment.passes[direction as usize];
         passes.targets.iter().map(|(target, _)| *target)
@@ -64,9 +63,8 @@ impl IncompleteRuns {
         self.of_lines.values()
     }
 
-    /// Degrees of freedom of [`shifts_by_lines`](Self::shifts_by_lines) in some directions. Runs
-    /// made in both directions have one mean; runs numbered separately have one mean in each
-    /// direction.
+    /// Degrees of freedom of [`shifts_by_lines`](Self::shifts_by_lines) for these directions. Runs made in both directions have one mean; runs that are
+    /// numbered separately in the two directions have one mean in each.
     pub fn freedom_of_lines(&self, directions: &[Direction]) -> usize {
         if !self.has_separate_numbers() {
             return self.of_lines.len().saturating_sub(1);
@@ -108,15 +106,14 @@ impl IncompleteRuns {
             .then(|| SlopeUncertainty { standard_urad: squares.sqrt(), degrees: degrees as f64 })
     }
 
-    /// Change of the means if each reading changes by the standard deviation of a reading times a number that `next` returns.
+    /// Change of the means, if each reading changes by its standard deviation times a number returned by `next`.
     pub fn shifted_by_noise(&self, next: &mut impl FnMut() -> f64) -> AtTargets {
         let noise = self.noise(next);
         means(&Alignment::of_passes(noise, self.alignment.kind))
     }
 
-    /// Change of the means if the scatter of each run is multiplied by a factor and the rest varies
-    /// as `next` returns: standard normal numbers give a sample of the means. At targets that all
-    /// runs hold, the readings vary with their runs, as in complete runs.
+    /// Sample of the change of the means: the lines and residuals of each run are multiplied by `factor(run)`, and the independent noise of the
+    /// readings by the numbers of `next` (standard normal). At targets that all runs hold, the readings vary with their runs, as in complete runs.
     pub fn sampled(
         &self,
         factor: impl Fn(u32) -> f64,
@@ -166,7 +163,7 @@ fn means(alignment: &Alignment) -> AtTargets {
     [forward.means(of_forward.as_deref()), backward.means(of_backward.as_deref())]
 }
 
-/// Residuals of each run at targets that all runs of the direction hold, divided by √(n (n − 1)).
+/// Shifts of the means by each run: its residuals at targets that all runs of the direction hold, divided by √(n (n − 1)).
 fn residual_shifts(alignment: &Alignment) -> BTreeMap<u32, AtTargets> {
     let zeros = alignment.passes.each_ref().map(|of| vec![0.0; of.targets.len()]);
     let mut shifts: BTreeMap<u32, AtTargets> = BTreeMap::new();
@@ -189,8 +186,7 @@ fn residual_shifts(alignment: &Alignment) -> BTreeMap<u32, AtTargets> {
     shifts
 }
 
-/// Contribution of the line of each run to the weighted mean of the lines, which remains in the
-/// means.
+/// Shifts of the means by the line of each run: its contribution to the weighted mean of the lines, which remains in the means.
 fn line_shifts(alignment: &Alignment) -> BTreeMap<u32, AtTargets> {
     let [forward, backward] = &alignment.weights;
     let counted = |weights: &[f64]| weights.iter().filter(|weight| **weight > 0.0).count();

@@ -179,7 +179,8 @@ struct DirectionSummary {
     systematic: Option<f64>,
 }
 
-/// A, the largest 4 s_i, and E over these approaches; `None` if an approach is missing or has no s.
+/// Accuracy A, largest repeatability 4 s_i and systematic deviation E over these approaches; all `None` if an approach is missing, A and 4 s_i also
+/// if one has no s.
 fn direction_summary(approaches: impl Iterator<Item = Option<Approach>>) -> DirectionSummary {
     let all: Option<Vec<Approach>> = approaches.collect();
     let means = all.as_ref().map(|all| all.iter().map(|x| x.mean).collect::<Vec<_>>());

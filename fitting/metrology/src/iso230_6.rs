@@ -59,7 +59,7 @@ impl Diagonal {
         all.filter(|other| other.moving() == self.moving()).collect()
     }
 
-    /// Diagonal named by a word of a text, such as `diagonal PPP` or `x-ppn.csv`; `None` without such a word or with more than one.
+    /// Diagonal named by a word of a text, such as `diagonal PPP` or `x-ppn.csv`; `None` without such a word or with different ones.
     pub fn in_text(text: &str) -> Option<Self> {
         let words = text.split(|c: char| !c.is_alphanumeric());
         let mut named = words.filter_map(Self::named);

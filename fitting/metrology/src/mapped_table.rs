@@ -197,7 +197,7 @@ impl ColumnIndices {
         })
     }
 
-    /// Adds the units stated in the heads: `Soll mm`, `Abweichung [µm]`, or a unit alone.
+    /// Adds the units stated in the heads to the mapping: `Soll mm`, `Abweichung [µm]`, or a unit alone.
     fn with_units_of_heads(
         &self,
         header: Option<&(usize, Vec<String>)>,
@@ -317,7 +317,7 @@ fn unit_in(head: &str) -> Option<&'static str> {
     in_brackets.or_else(|| unit_named(head.trim())).or_else(behind)
 }
 
-/// µm per mm or µrad per degree: by the unit of the targets if it is stated, else by that of the readings.
+/// µm per mm or µrad per degree: by the unit of the targets if it is stated, else by the kind of the unit of the readings.
 fn target_micro(columns: &Columns) -> f64 {
     match columns.target_unit {
         Some(TargetUnit::Deg) => ReadingUnit::Deg.micro(),
@@ -359,9 +359,8 @@ fn readings(file: &str, rows: &[Row]) -> Result<Vec<Reading>, MetrologyError> {
     Ok(readings)
 }
 
-/// Numbers the runs of rows that state a direction but no run: the first reading of each target in
-/// a direction belongs to run 1. If the numbers of readings differ, a run lacks some, and the
-/// passes are taken from the order of travel.
+/// Numbers the runs of rows that state a direction but no run: the first reading of each target in a direction belongs to run 1, and so on. If
+/// targets have different numbers of readings, a run lacks some of them, and runs are taken from the order of travel.
 fn counted_runs(file: &str, rows: &[Row]) -> Result<Vec<u32>, MetrologyError> {
     let mut counts: HashMap<(Option<Direction>, u64), u32> = HashMap::new();
     let count = |row: &Row| {
@@ -386,10 +385,9 @@ fn counted_runs(file: &str, rows: &[Row]) -> Result<Vec<u32>, MetrologyError> {
     })
 }
 
-/// Run of each row from the order of travel; all rows have a direction. A pass ends where the
-/// direction changes or the sequence of targets starts again. The first direction of the file
-/// begins a run, even if a pass is missing. `None` if a pass before the last has a single target
-/// although there are several: the rows are then in another order, such as by target.
+/// Run of each row from the order of travel; all rows must have a direction. A pass ends where the direction changes or the sequence of targets
+/// starts again. A pass in the direction of the first row, or in the same direction as the pass before, begins a run. `None` if a pass before the
+/// last has a single target although there are several targets: the rows are then in another order, such as by target.
 fn runs_by_passes(rows: &[Row]) -> Option<Vec<u32>> {
     let steps = |direction: Option<Direction>| {
         let pairs = rows

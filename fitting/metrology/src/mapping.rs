@@ -25,7 +25,7 @@ pub enum ColumnName {
     Number(usize),
 }
 
-/// Roles of the columns of a table.
+/// Roles of the columns of a table, and how its cells are written.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Columns {
     /// Column of the targets.
@@ -88,7 +88,7 @@ impl Mapping {
         Ok(document.decode(|root| Self::decode(&root))?)
     }
 
-    /// Mapping in the keys `columns` or `channels` of a table; `None` if it has neither.
+    /// Decodes the mapping in the keys `columns` or `channels` of a table; `None` if it has neither.
     ///
     /// # Errors
     /// Both keys, any other key, an invalid value.
@@ -114,10 +114,10 @@ impl Mapping {
 }
 
 impl Columns {
-    /// Reads the columns from a table of a TOML file.
+    /// Decodes the table `columns`.
     ///
     /// # Errors
-    /// An unknown key, an invalid value, no reading.
+    /// An unknown key, an invalid value, or no key for the readings.
     pub fn decode(section: &Section<'_>) -> Result<Self, InputError> {
         section.allow(&[
             "target",
@@ -184,7 +184,7 @@ impl Columns {
         Ok(columns)
     }
 
-    /// Targets are subtracted from measured positions, so both must be lengths or both angles.
+    /// Rejects measured positions and targets of which one is a length and the other an angle, since targets are subtracted from positions.
     fn refuse_contradictory_units(&self, section: &Section<'_>) -> Result<(), InputError> {
         let (true, Some(unit), Some(target)) = (self.reads_position, self.unit, self.target_unit)
         else {
@@ -226,10 +226,10 @@ fn column(value: &Value<'_>) -> Result<ColumnName, InputError> {
 }
 
 impl Channels {
-    /// Reads the channels from a table of a TOML file.
+    /// Decodes the table `channels`.
     ///
     /// # Errors
-    /// An unknown key, an invalid value, no channel.
+    /// An unknown or missing key, an invalid value, or the same channel as target and reading.
     pub fn decode(section: &Section<'_>) -> Result<Self, InputError> {
         section.allow(&[
             "target",

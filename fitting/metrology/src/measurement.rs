@@ -278,7 +278,7 @@ pub(crate) fn mean(values: &[f64]) -> Option<f64> {
 }
 
 impl Measurement {
-    /// Converts deviations in the unit `unit` to µm or µrad if the file states no unit. If it states one, the deviations were already converted, and
+    /// Converts deviations from `unit` to µm or µrad if the file states no unit. If the file states one, the deviations are already converted, and
     /// `unit` must be the same.
     ///
     /// # Errors

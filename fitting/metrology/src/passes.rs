@@ -19,11 +19,11 @@ const MIN_COMMON_TARGETS: usize = 3;
 
 const ZERO: ReferenceLine = ReferenceLine { slope_um_per_mm: 0.0, intercept_um: 0.0 };
 
-/// Misalignment that is specific to each run and not treated as scatter: an instrument is zeroed,
-/// and a straightness reference aligned, before each run.
+/// Misalignment of each run, which is fitted and not treated as scatter: before each run an instrument is zeroed, and a straightness reference
+/// aligned.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RunAlignment {
-    /// Only the zero of the instrument.
+    /// The zero of the instrument.
     Offset,
     /// Zero and slope, as of a straightness reference.
     Line,
@@ -107,7 +107,7 @@ impl Passes {
         self.targets.iter().map(|(_, cells)| cells.len()).sum()
     }
 
-    /// Sum of the squared distances of the targets of each pass from their mean.
+    /// For each pass, the sum of the squared distances of its targets from their mean.
     pub(crate) fn spreads(&self) -> Vec<f64> {
         let bases = self.bases(RunAlignment::Line);
         let of = |basis: &Basis| match basis.scales[1] {
@@ -238,8 +238,7 @@ impl Passes {
         self.targets.iter().map(mean).collect()
     }
 
-    /// Subtracts the weighted mean of the lines of each group. `is_counted`: the runs that enter
-    /// the mean, if a group has any.
+    /// Subtracts from the lines of each group their weighted mean over the runs with `is_counted`; over all runs of a group without such runs.
     pub(crate) fn zero(&self, lines: &mut [ReferenceLine], weights: &[f64], is_counted: &[bool]) {
         let groups = self.groups();
         let mut has_counted = vec![false; groups.len()];
@@ -289,9 +288,8 @@ impl Passes {
         first_runs.map(|run| self.runs[run]).collect()
     }
 
-    /// Runs whose lines cannot be determined because they have too few targets in common with the
-    /// others, which are joined one by one from the run with the most targets. Empty if the runs
-    /// are complete.
+    /// Runs whose lines cannot be determined, because they have too few targets in common with the others. Runs are joined one by one, starting from
+    /// the run with the most targets. Empty if the runs are complete.
     pub(crate) fn without_line(&self) -> Vec<u32> {
         if self.is_complete() {
             return Vec::new();

@@ -133,7 +133,7 @@ pub fn positioning_uncertainty(
 }
 
 impl PositioningUncertainty {
-    /// Expanded uncertainty of a quantity by its symbol; `None` for one without a stated uncertainty, or if no input to it is known.
+    /// Expanded uncertainty of a quantity by its symbol; `None` if no uncertainty is defined for the symbol, or if no input to it is known.
     pub fn of(&self, symbol: &str) -> Option<f64> {
         let u = match symbol {
             "A" | "A_forward" | "A_backward" => self.a_um,

@@ -73,7 +73,7 @@ pub fn read_file(path: &Path) -> Result<Measurement, MetrologyError> {
     read_file_with(path, None)
 }
 
-/// Like [`read_file`], with the roles of columns or channels from the caller.
+/// Like [`read_file`], with the mapping of columns or channels given by the caller; `None` uses the file `NAME.toml`, if there is one.
 ///
 /// # Errors
 /// Same as [`read_file`], and a mapping of another kind than the file.

@@ -17,7 +17,7 @@ pub enum ReferenceKind {
     MinimumZone,
 }
 
-/// Straight line through a profile: removed before straightness is evaluated, and the basis of squareness.
+/// Straight reference line of a profile: removed before straightness is evaluated, and the basis of squareness.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct ReferenceLine {
@@ -56,8 +56,8 @@ impl ReferenceLine {
         Ok(Self::through(q_0, x_0, (x_1 - x_0) / (q_1 - q_0)))
     }
 
-    /// Middle of the narrowest strip, measured in the direction of the deviations, between two parallel lines that enclose all points. Exact: one
-    /// side of the strip lies on an edge of their convex hull.
+    /// Middle line of the narrowest strip between two parallel lines that encloses all points, with its width measured in the direction of the
+    /// deviations. Exact: one side of the strip lies on an edge of the convex hull.
     ///
     /// # Errors
     /// Fewer than two different targets, or numbers that are not finite.
@@ -119,7 +119,7 @@ impl ReferenceLine {
         self.intercept_um + self.slope_um_per_mm * target_mm
     }
 
-    /// Profile after removing the line: (target in mm, deviation in µm).
+    /// Profile minus the line: (target in mm, deviation in µm).
     pub fn removed_from(&self, points: &[(f64, f64)]) -> Vec<(f64, f64)> {
         points.iter().map(|(q, x)| (*q, x - self.value_um(*q))).collect()
     }

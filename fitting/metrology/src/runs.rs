@@ -95,7 +95,7 @@ impl Alignment {
     }
 }
 
-/// The alignment that the passes can determine.
+/// The alignment that the passes determine: offsets instead of lines if a pass has no line.
 fn determined(passes: &[Passes; 2], kind: RunAlignment) -> RunAlignment {
     let mut passes = passes.iter();
     if kind == RunAlignment::Line && passes.any(|of| !of.without_line().is_empty()) {
@@ -185,7 +185,7 @@ pub(crate) fn alignment_notes(readings: &[Reading]) -> Vec<String> {
     notes
 }
 
-/// How far repeated readings of one target differ.
+/// Scatter of repeated readings of a target.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RunScatter {
     /// Standard deviation, µm or µrad.

@@ -6,9 +6,9 @@ use crate::{MetrologyError, SlopeUncertainty};
 
 const KNOWN: &str = "EC0Y, EA0Z or EB0Z";
 
-/// Effect of a location error on the angle between the + directions of its axis and of the axis perpendicular to both that axis and the axis of
-/// rotation: by the right-hand rule a positive value opens the angle (1) or closes it (−1). `None` for errors that are no tilt of X, Y or Z, and for
-/// the roll of an axis about itself, which changes no angle between these axes.
+/// Effect of a tilt of a linear axis on the angle between its + direction and that of the axis perpendicular to both it and the axis of rotation:
+/// 1 if a positive value (right-hand rule) opens the angle, −1 if it closes it. `None` for errors that are no tilt of X, Y or Z, and for the roll of
+/// an axis about itself, which changes no such angle.
 pub fn opening(error: ErrorName) -> Option<f64> {
     let linear = matches!(error.axis, AxisName::X | AxisName::Y | AxisName::Z);
     let (own, about) = (error.axis.mcs_index(), error.component.mcs_index());

@@ -4,7 +4,7 @@ use volcomp_vocabulary::{AxisKind, AxisName, Direction};
 
 use crate::{Edition, Measurement, TargetUnit, axis_named};
 
-/// Minimum test that the standard accepts for an axis.
+/// Minimum positioning test that the standard requires for an axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct RequiredTest {

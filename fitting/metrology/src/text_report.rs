@@ -7,8 +7,8 @@ use crate::Metadata;
 /// Maximum number of decimals: sums of such numbers lose finer steps.
 const MOST_DECIMALS: i32 = 12;
 
-/// Decimals of the last digit of a number: 3 for `1.250`, 4 for `2.0E-03`, −2 for `1.2E+03`. The decimals of a zero with an exponent are unknown and
-/// are treated as the maximum.
+/// Decimal place of the last digit of a number: 3 for `1.250`, 4 for `2.0E-03`, −2 for `1.2E+03`. For a zero with an exponent it is unknown, and the
+/// maximum is returned.
 pub(crate) fn decimals_of(text: &str) -> i32 {
     let (mantissa, exponent) = match text.split_once(['e', 'E']) {
         Some((mantissa, exponent)) => (mantissa, Some(exponent)),
@@ -24,7 +24,7 @@ pub(crate) fn decimals_of(text: &str) -> i32 {
     behind.saturating_sub(exponent).min(MOST_DECIMALS)
 }
 
-/// Size of the last digit of the coarsest of these numbers.
+/// Unit of the last digit of the coarsest of numbers with these decimals.
 pub(crate) fn step_of(decimals: impl Iterator<Item = i32>) -> f64 {
     10_f64.powi(-decimals.min().unwrap_or(0))
 }

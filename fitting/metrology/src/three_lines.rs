@@ -14,7 +14,7 @@ pub struct ParallelLine {
     pub deviations_um: Vec<f64>,
 }
 
-/// Errors at one target.
+/// Linear and angular errors of the axis at one target.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SeparatedAngles {
     /// Linear error at the point itself, µm.

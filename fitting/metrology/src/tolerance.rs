@@ -117,7 +117,7 @@ pub struct JudgedQuantity {
     pub verdict: Option<Verdict>,
 }
 
-/// Compares the quantities of one standard with their tolerances, with expanded uncertainties by symbol.
+/// Compares the quantities of a standard with their tolerances. `uncertainty` returns the expanded uncertainty of a symbol, if stated.
 pub fn judged(
     standard: &str,
     quantities: impl IntoIterator<Item = StandardQuantity>,

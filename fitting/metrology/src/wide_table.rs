@@ -6,7 +6,7 @@ use crate::csv_head::direction_named;
 use crate::number::{Place, range};
 use crate::{DeviationUnit, Direction, MetrologyError, ReadingUnit, TargetUnit};
 
-/// Columns of the runs.
+/// Columns of a table that contain runs.
 pub(crate) struct WideTable {
     runs: Vec<Run>,
     /// Unit in the heads of the runs.
@@ -21,7 +21,7 @@ struct Run {
     direction: Direction,
 }
 
-/// A reading of a wide table, µm or µrad, or in the unknown unit of the file.
+/// A reading of a wide table: µm or µrad, or in the unit of the file if that is unknown.
 pub(crate) struct WideReading {
     pub(crate) line: usize,
     pub(crate) target: f64,
@@ -39,7 +39,6 @@ pub(crate) struct WideReadings {
     pub(crate) note: Option<String>,
 }
 
-/// Targets of a table.
 #[derive(Clone, Copy)]
 pub(crate) struct Targets {
     pub(crate) column: Column,
@@ -47,7 +46,7 @@ pub(crate) struct Targets {
     pub(crate) in_inches: bool,
 }
 
-/// What a head says about a run.
+/// Run, direction, unit and kind of reading stated in a column head.
 #[derive(Default)]
 struct Head {
     says_run: bool,
@@ -57,12 +56,12 @@ struct Head {
     is_measured: Option<bool>,
 }
 
-/// Share of the range of the targets below which differences to the targets are deviations.
+/// Fraction of the range of the targets below which values, or their differences from the targets, are treated as deviations.
 const DEVIATION_SHARE: f64 = 0.05;
 
 impl Head {
-    /// `None` if a word of the head is unknown, such as in `mean fwd`: the column holds no run. A single `r` is reverse beside a single `f`,
-    /// else run.
+    /// Parses a head. `None` if a word of it is unknown, as in `mean fwd`: the column is not a run. A single `r` means reverse if another head has a
+    /// single `f`, else run.
     fn of(head: &str, r_is_reverse: bool) -> Option<Self> {
         let mut found = Self::default();
         let words = words(head);
@@ -94,7 +93,7 @@ impl Head {
     }
 }
 
-/// Words, numbers and signs of a head, in small letters. A hyphen between letters and digits joins them and is left out.
+/// Words, numbers and signs of a head, in lower case. A hyphen between letters and digits is omitted.
 fn words(head: &str) -> Vec<String> {
     let mut words: Vec<String> = Vec::new();
     let mut before = None;

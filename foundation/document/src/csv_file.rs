@@ -10,12 +10,12 @@ use csv::{ReaderBuilder, StringRecord, Trim};
 
 use crate::{bound::bounded, error::InputError, quoted};
 
-/// Table with a header, read from CSV text.
+/// Table with a header, parsed from CSV text.
 ///
 /// The separator is the most frequent of `,`, `;` and the tab in the header. A first line `sep=;`, as written by spreadsheets, overrides
-/// it. Lines above the header that begin with `#` are skipped. Numbers may have a decimal comma if the separator is not a comma; this then
-/// applies to the whole table. Cells may be in double quotes. Blanks around a cell, blank rows and a byte order mark are ignored. Columns
-/// are found by name, in any order and case.
+/// it. Lines above the header that begin with `#` are skipped. If the separator is not a comma, numbers may have a decimal comma; then no
+/// number of the table may have a decimal point. Cells may be in double quotes. Blanks around a cell, blank rows and a byte order mark are
+/// ignored. Columns are found by name, in any order and case.
 #[derive(Clone, Debug)]
 pub struct CsvTable {
     file: String,
@@ -55,7 +55,8 @@ impl CsvTable {
     /// Reads a table from the text of `file`.
     ///
     /// # Errors
-    /// There is no header, a row has more or fewer cells than the header (empty cells at the end are ignored), or a cell has a line break.
+    /// There is no header, a row has more or fewer cells than the header (empty cells at the end are ignored), a cell has a line break, or a
+    /// quoted cell is malformed.
     pub fn parse(file: &str, text: &str) -> Result<Self, InputError> {
         let text: Arc<str> = text.into();
         let (start, separator) = start_and_separator(&text);
@@ -197,10 +198,10 @@ impl CsvTable {
     }
 }
 
-/// Rows of a CSV file of any length, as one [`CsvTable`] after another with the same header.
+/// Reads a CSV file of any length in batches of rows, each a [`CsvTable`] with the same header.
 ///
-/// The rows and their cells are those that [`CsvTable::parse`] finds in the whole text, but without their location: after an
-/// error, parse the whole text to report it.
+/// Rows and cells are those that [`CsvTable::parse`] finds in the whole text, but without their location: after an error, parse the whole
+/// text to report it.
 #[derive(Debug)]
 pub struct CsvBatches<R> {
     reader: csv::Reader<R>,
@@ -209,10 +210,10 @@ pub struct CsvBatches<R> {
 }
 
 impl<R: BufRead + Seek> CsvBatches<R> {
-    /// Reads the header. A text whose separator is not a comma is read through once, for decimal commas.
+    /// Reads the header. If the separator is not a comma, also scans all rows once to find out whether numbers have decimal commas.
     ///
     /// # Errors
-    /// The text cannot be read, has no header, or, where it is read through, has a row with more or fewer cells than the header.
+    /// The text cannot be read, has no header, or has, if all rows are scanned, a row with more or fewer cells than the header.
     pub fn open(file: &str, mut text: R) -> io::Result<Self> {
         // Up to the first line that is neither blank nor a remark.
         let mut top = String::new();
@@ -263,7 +264,7 @@ impl<R: BufRead + Seek> CsvBatches<R> {
         &self.head
     }
 
-    /// The next rows, at most this number; without rows at the end of the text.
+    /// Returns the next rows, at most `most` of them; a table without rows at the end of the text.
     ///
     /// # Errors
     /// The text cannot be read, or a row has more or fewer cells than the header.
@@ -293,7 +294,6 @@ impl<R: BufRead + Seek> CsvBatches<R> {
 }
 
 impl Record {
-    /// A record without its location.
     fn nowhere(cells: StringRecord) -> Self {
         Self { line: 0, span: 0..0, cells }
     }
@@ -364,7 +364,7 @@ impl<'t> Cell<'t> {
     }
 }
 
-/// A double quote that is not closed swallows the rows after it.
+/// Whether a cell has a line break, as after a double quote that is not closed: the cell then hides the rows after it.
 fn has_line_break(cells: &StringRecord) -> bool {
     cells.iter().any(|cell| cell.contains(['\n', '\r']))
 }
@@ -479,7 +479,7 @@ fn is_number_with_comma(cell: &str) -> bool {
         && cell.replacen(',', ".", 1).parse::<f64>().is_ok()
 }
 
-/// Whether two neighbouring cells may be the halves of a number with a decimal comma: `12` and `5`.
+/// Whether two neighbouring cells may be the parts of a number with a decimal comma: `12` and `5`.
 fn has_halves(cells: &StringRecord) -> bool {
     let is_whole = |cell: &str| {
         let digits = cell.strip_prefix(['-', '+']).unwrap_or(cell);

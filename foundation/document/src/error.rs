@@ -1,6 +1,6 @@
 use core::ops::Range;
 
-/// Location in a TOML or CSV file, with the error there.
+/// Error at a location of a TOML or CSV file.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error("{file}:{line}: {key}{}{message}", if key.is_empty() { "" } else { ": " })]
 pub struct InputError {
@@ -10,7 +10,7 @@ pub struct InputError {
     pub line: usize,
     /// Key with the tables before it (`errors.EXX.table`), or the column of a CSV file; empty if the whole file or row is concerned.
     pub key: String,
-    /// Sentence with the found and the expected text.
+    /// One sentence with the text found and what was expected.
     pub message: String,
     /// Byte range of the wrong text, for programs that display it.
     pub span: Range<usize>,

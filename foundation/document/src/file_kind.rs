@@ -53,11 +53,11 @@ impl FileKind {
 }
 
 impl Section<'_> {
-    /// Rejects every root key except the expected ones. A file with a key of another kind of file, and none specific to this kind, is
-    /// rejected as a whole.
+    /// Rejects every root key except the expected ones. If the file has a key specific to another kind of file and none specific to this kind, the
+    /// error names that kind instead of a key.
     ///
     /// # Errors
-    /// The other kind of file, else the first unknown key, as reported by [`Section::allow`].
+    /// The file is of another kind, or its first unknown key, as reported by [`Section::allow`].
     pub fn allow_in(&self, kind: FileKind, expected: &[&str]) -> Result<(), InputError> {
         let Err(unknown) = self.allow(expected) else {
             return Ok(());
@@ -65,7 +65,7 @@ impl Section<'_> {
         Err(self.other_kind(kind, expected).unwrap_or(unknown))
     }
 
-    /// Error for a file that has a key of another kind of file, and none specific to this kind.
+    /// Error for a file of another kind: it has a key specific to that kind, and none specific to `kind`. `None` for any other file.
     pub fn other_kind(&self, kind: FileKind, expected: &[&str]) -> Option<InputError> {
         let key_of = |kind: FileKind| kind.own_keys().iter().find(|key| self.get(key).is_some());
         // A calibration file may also contain observations.

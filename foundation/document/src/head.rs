@@ -19,8 +19,8 @@ const UNITS: [(&str, &[&str]); 14] = [
     ("degc", &["degc", "°c"]),
 ];
 
-/// Splits a head into its name and the text after it, without blanks and punctuation: `X`, `X mm`, `dx_um`, `deviation [µm]`, `C (deg)` and `C°` are
-/// a name alone or with a unit.
+/// Splits a column head after its first word into the name and the remaining text (a unit, or empty) without surrounding blanks and
+/// punctuation: `X` and `mm` for `X mm`, `dx` and `um` for `dx_um`, `C` and `deg` for `C (deg)`.
 pub fn split_head(head: &str) -> (&str, &str) {
     let is_mark = |c: char| c.is_whitespace() || "_-/,:.[](){}".contains(c);
     let end = head.find(|c: char| !c.is_alphanumeric());
@@ -28,8 +28,8 @@ pub fn split_head(head: &str) -> (&str, &str) {
     (name, behind.trim_matches(is_mark))
 }
 
-/// Splits a head that ends in a known unit into name and unit: `dz` and `um` for `dz_um` and `dz [µm]`, `spindle front` and `degc` for `spindle front
-/// °C`.
+/// Splits a head that ends in a known unit into name and unit: `dz` and `um` for `dz_um` and `dz [µm]`, `spindle front` and `degc` for
+/// `spindle front °C`. `None` if it ends in no known unit.
 pub fn split_unit(head: &str) -> Option<(&str, &'static str)> {
     let is_mark = |c: char| c.is_whitespace() || "_-/,:.[](){}".contains(c);
     let (name, behind) = split_head(head);

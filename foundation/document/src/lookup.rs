@@ -126,11 +126,10 @@ impl Value<'_> {
         Err(self.error(format!("found {found}, expected a number above 0")))
     }
 
-    /// Value that belongs to the word in this place of the file.
+    /// Value that belongs to this word.
     ///
     /// # Errors
-    ///
-    /// Anything but one of the words, with the list of known ones.
+    /// Anything but one of the words; the message lists them.
     pub fn one_of<T: Clone>(&self, words: &[(&str, T)]) -> Result<T, InputError> {
         let found = self.text()?;
         if let Some((_, meaning)) = words.iter().find(|(word, _)| *word == found) {

@@ -1,4 +1,5 @@
-/// The known word closest to `found`, if the edit distance is small enough for a typing error; case is ignored.
+/// The known word closest to `found`, if the edit distance is small enough for a typing error or the word is `found` with a suffix
+/// (`limit_um` for `limit`); case is ignored.
 pub fn nearest<'k>(found: &str, known: &[&'k str]) -> Option<&'k str> {
     near(found, known).first().copied()
 }

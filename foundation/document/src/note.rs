@@ -13,14 +13,14 @@ pub enum Severity {
     Info,
 }
 
-/// A note on a result: location, statement and recommendation. Its [`Display`] is one sentence, and so is its JSON.
+/// A note on a result: location, statement and recommendation. [`Display`] and JSON give all of it as one sentence.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Note {
-    /// Whether the result could mislead, or is valid with an assumption.
+    /// Whether the result could mislead.
     pub severity: Severity,
     /// File, `file:line` or name concerned; empty if the whole result is concerned.
     pub place: String,
-    /// What was found and, if there is one, the limit.
+    /// Statement: what was found and, if there is one, the limit.
     pub what: String,
     /// Recommendation; empty if `what` is sufficient.
     pub hint: &'static str,

@@ -30,7 +30,7 @@ pub enum PrivateError {
     },
 }
 
-/// Whether a mode lets users other than the owner read or write a file.
+/// Whether a mode gives users other than the owner any access to a file.
 #[must_use]
 pub fn is_open_to_others(mode: u32) -> bool {
     mode & 0o077 != 0
@@ -65,7 +65,7 @@ fn mode(_: &Metadata) -> u32 {
     0o600
 }
 
-/// Reads a text from such a file.
+/// Reads the text of a file that only its owner may read; see [`open`].
 ///
 /// # Errors
 /// The file cannot be read, is not text, or other users may read it.

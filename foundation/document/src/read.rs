@@ -50,7 +50,6 @@ pub fn read_text(path: &Path) -> Result<String, ReadError> {
     text_of(path, u64::MAX)
 }
 
-/// Reads at most `most` bytes of a file as text.
 fn text_of(path: &Path, most: u64) -> Result<String, ReadError> {
     let file = path.display().to_string();
     let mut bytes = Vec::new();

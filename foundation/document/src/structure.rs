@@ -58,7 +58,7 @@ impl Document {
     /// removed key `replaced` returns a message that names its successor.
     ///
     /// # Errors
-    /// A text that is not valid TOML, as [`decode`](Document::decode).
+    /// The text is not valid TOML (see [`decode`](Document::decode)), has 100 errors, or has an error without a location.
     pub fn structure<T: DeserializeOwned>(
         &self,
         replaced: impl Fn(&str) -> Option<&'static str>,
@@ -388,7 +388,7 @@ mod tests {
             .map_err(|errors| errors.to_string())
     }
 
-    /// Ten lines with ten mistakes: each message has the line, the key, the found and the expected value.
+    /// Each of twelve mistakes is reported with the line, the key, the found and the expected value.
     #[test]
     fn every_mistake_is_reported() {
         let text = "limit_um = \"much\"\ncount = -1\nword = \"grey\"\nrange = [1.0]\nnames = [1]\nlisten = \"here\"\nold = 3\nlimit = 2\n[[part]]\non = true\n[[part]]\non = 1\nof = 2\n[part.inner]\n[byte]\nat = 70000\n";

@@ -2,7 +2,7 @@
 
 use core::ops::Range;
 
-/// Message on a syntax error. `parser` is the message of the parser, which is kept unless a more helpful one is known.
+/// Message on a syntax error; `parser` is the message of the parser, used if there is none that is more helpful.
 pub(crate) fn message(text: &str, span: &Range<usize>, parser: &str) -> String {
     let parser = parser.trim();
     let at = text.get(..span.start).map_or(0, str::len);
@@ -81,7 +81,7 @@ fn decimal_comma_inside(value: &str) -> Option<(&str, &str, &str)> {
     None
 }
 
-/// Digits before and after a comma just before this offset: a list takes such a number as two.
+/// Digits before and after a comma just before this offset: an array with such a number has two values instead of one.
 fn decimal_comma_at(text: &str, at: usize) -> Option<(&str, &str)> {
     let before = text.get(..at)?.strip_suffix(',')?;
     let whole = before.rsplit(|c: char| !c.is_ascii_digit() && c != '-' && c != '+').next()?;

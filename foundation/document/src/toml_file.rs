@@ -42,8 +42,8 @@ pub struct Value<'a> {
 /// of a program that corrects a machine.
 pub(crate) const MOST_BYTES: usize = 4 * 1024 * 1024;
 
-/// Maximum number of keys, headers and their parts between dots. Each becomes a table or a value of some hundred bytes: without a limit 4 MiB of them
-/// take 2 GB.
+/// Maximum number of keys, headers and their parts between dots. Each becomes a table or a value of some hundred bytes: without this limit a
+/// file of 4 MiB takes 2 GB.
 const MOST_KEYS: usize = 100_000;
 
 /// Number of keys, headers and their parts; numbers in arrays do not count.
@@ -88,7 +88,7 @@ impl Document {
     /// Parses the text and calls `decode` with its root table.
     ///
     /// # Errors
-    /// A text of more than 4 MiB or of too many keys, TOML syntax (repeated keys included), and those of `decode`.
+    /// The text has more than 4 MiB or too many keys, or is not valid TOML (repeated keys included); errors of `decode`.
     pub fn decode<T, E: From<InputError>>(
         &self,
         decode: impl FnOnce(Section<'_>) -> Result<T, E>,
@@ -173,7 +173,7 @@ impl<'a> Section<'a> {
         Ok(())
     }
 
-    /// All keys with their values, in the order of the keys.
+    /// All keys with their values, sorted by key.
     pub fn values(&self) -> impl Iterator<Item = (&'a str, Value<'a>)> + '_ {
         self.table
             .iter()
@@ -359,7 +359,7 @@ impl<'a> Value<'a> {
         })
     }
 
-    /// The texts of an array of texts.
+    /// An array of texts.
     ///
     /// # Errors
     /// Anything else.

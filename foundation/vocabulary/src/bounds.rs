@@ -1,4 +1,4 @@
-//! Bounds of plausible values: one bound for each quantity, wherever it is read, written or applied.
+//! Bounds of plausible values: one bound for each quantity, used by all readers, writers and controllers.
 
 use core::ops::RangeInclusive;
 
@@ -7,10 +7,10 @@ use crate::{
     units::{Displacement, Mm, Rad},
 };
 
-/// Maximum correction, deviation or error of a linear axis in a table of a control. The volumetric error of a machine tool is some tenths of a
-/// millimetre; larger values are a mistake in the unit.
+/// Maximum correction, deviation or error of a linear axis. The volumetric error of a machine tool is some tenths of a millimetre; a larger
+/// value is a mistake in the unit.
 pub const LARGEST_CORRECTION: Mm = Mm(2.0);
-/// Maximum correction, deviation or error of a rotary axis, and of every angular error: 2 mrad are 412 arcsec.
+/// Maximum correction, deviation or error of a rotary axis, and maximum angular error: 2 mrad are 412 arcsec.
 pub const LARGEST_CORRECTION_ROTARY: Rad = Rad(0.002);
 
 /// Plausible temperatures, °C: the range of platinum thermometers according to IEC 60751. A machine tool stays far inside; a value read in a wrong
@@ -43,18 +43,18 @@ fn within(number: f64, bound: f64) -> bool {
     number.abs() <= bound * (1.0 + 1e-9)
 }
 
-/// Maximum correction that the program may write to an NC program or a table: one number, in µm for linear axes and in µrad for rotary axes. It never
-/// exceeds [`LARGEST_CORRECTION`].
+/// Maximum correction that may be written to an NC program or a table: one number, in µm for linear axes and in µrad for rotary axes, at most
+/// 2000.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CorrectionLimit {
     micro: f64,
 }
 
-/// A limit that is zero, negative, NaN, or above [`LARGEST_CORRECTION`].
+/// A limit that is zero, negative, NaN, or above 2000.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[error("found {found}, expected µm above 0, at most 2000")]
 pub struct CorrectionLimitError {
-    /// The given number, µm and µrad.
+    /// The rejected number, µm and µrad.
     pub found: f64,
 }
 
@@ -69,7 +69,7 @@ impl CorrectionLimit {
     /// Upper bound of the limit: 2 mm, and 2 mrad for rotary axes.
     pub const LARGEST: Self = Self { micro: 2000.0 };
 
-    /// Limit in µm for linear axes, and with the same number in µrad for rotary axes.
+    /// Creates a limit: the number is in µm for linear axes and in µrad for rotary axes.
     ///
     /// # Errors
     /// A number that is not above 0, or above 2000.

@@ -2,9 +2,9 @@ use core::{fmt, ops::Neg, str::FromStr};
 
 use crate::units::{Deg, Mm};
 
-/// Default travel against its direction after which a linear axis is treated as reversed.
+/// Default distance that a linear axis must travel backwards to count as reversed.
 pub const TURNED_AFTER: Mm = Mm(0.005);
-/// Default travel against its direction after which a rotary axis is treated as reversed.
+/// Default angle that a rotary axis must travel backwards to count as reversed.
 pub const TURNED_AFTER_ROTARY: Deg = Deg(5e-4);
 
 /// Current or last direction of travel of an axis. It selects the branch of a bidirectional curve, and is the direction of approach to a
@@ -77,7 +77,6 @@ impl fmt::Display for Direction {
 impl FromStr for Direction {
     type Err = UnknownDirection;
 
-    /// Parses `+` or `-`.
     fn from_str(text: &str) -> Result<Self, UnknownDirection> {
         match text {
             "+" => Ok(Self::Positive),

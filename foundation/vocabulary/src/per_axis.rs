@@ -30,7 +30,7 @@ macro_rules! in_order {
                 self.0.iter_mut()
             }
 
-            /// A list with these values first and the default after them. More than [`MAX_AXES`] values do not compile.
+            /// The given values, followed by the default. More than [`MAX_AXES`] values do not compile.
             #[inline]
             pub fn leading<const N: usize>(values: [T; N]) -> Self
             where

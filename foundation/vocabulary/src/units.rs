@@ -7,9 +7,9 @@ use core::{
 
 use crate::axis::AxisKind;
 
-/// A number with a unit, for settings that exist both as a length and as an angle.
+/// A number with a unit, for settings that are a length for linear and an angle for rotary axes.
 pub trait Unit: Copy {
-    /// Quantity with this number in this unit.
+    /// The quantity with this number in the unit of the type.
     fn of(number: f64) -> Self;
 }
 

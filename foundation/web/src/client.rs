@@ -17,7 +17,7 @@ use crate::CertificateError;
 
 const MAX_RESPONSE_BYTES: u64 = 4 * 1024 * 1024;
 
-/// A connection with one deadline for everything that is done with it: a peer that sends a byte now and then does not extend it.
+/// A connection with one deadline for all reads and writes: a peer that sends single bytes does not extend it.
 pub struct Connection {
     stream: TcpStream,
     deadline: Instant,
@@ -27,7 +27,7 @@ impl Connection {
     /// Connects to a server. The deadline is `within` from now.
     ///
     /// # Errors
-    /// No connection in this time.
+    /// No connection within this time.
     pub fn open(address: &SocketAddr, within: Duration) -> std::io::Result<Self> {
         let deadline = Instant::now() + within;
         let stream = TcpStream::connect_timeout(address, within)?;
@@ -61,7 +61,7 @@ impl Write for Connection {
     }
 }
 
-/// Sends a request, which must contain `Connection: close`, and reads the response to its end.
+/// Sends a request, which must contain `Connection: close`, and reads the response to its end, or its first 4 MiB.
 ///
 /// # Errors
 /// The stream fails.
@@ -77,7 +77,7 @@ pub fn exchange(mut stream: impl Read + Write, request: &str) -> std::io::Result
     Ok(String::from_utf8_lossy(&text).into_owned())
 }
 
-/// TLS configuration that trusts only this certificate, since gateways and centres use self-signed ones.
+/// TLS configuration that trusts only this certificate, since gateways and fleet servers use self-signed ones.
 ///
 /// # Errors
 /// A certificate that TLS rejects.

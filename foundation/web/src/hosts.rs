@@ -1,4 +1,4 @@
-//! Host names that a browser may use: another site must not reach this program through a name under its control (DNS rebinding).
+//! Host names that a browser may use. Another site must not reach this program by resolving its own name to this address (DNS rebinding).
 
 use std::{net::IpAddr, time::Duration};
 
@@ -9,7 +9,7 @@ use axum::{
     response::Response,
 };
 
-/// Passes on a request if its Host header names this program, and limits the time for the response.
+/// Passes on a request if its Host header names this program, with a timeout for the response.
 ///
 /// # Errors
 /// Status and reason: no Host header, a name that is not `known` (the reason is then `unknown`), or no response in time.

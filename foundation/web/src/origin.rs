@@ -1,9 +1,9 @@
-//! Cross-site requests, which another site sends through a user's browser without the user's knowledge.
+//! Cross-site requests: another site sends them through the browser of a user who is not aware of them.
 
 use axum::http::{HeaderMap, header};
 
-/// Whether a page of another origin than the requested host sent the request, by the headers `Origin` and `Sec-Fetch-Site`, which only
-/// browsers send.
+/// Whether the request comes from a page of another origin than the requested host, according to the headers `Origin` and `Sec-Fetch-Site`,
+/// which only browsers send.
 pub fn is_of_another_page(headers: &HeaderMap) -> bool {
     let text = |name: &str| headers.get(name).map(|value| value.to_str().unwrap_or(""));
     let host = text(header::HOST.as_str()).unwrap_or("");

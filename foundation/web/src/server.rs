@@ -79,7 +79,7 @@ async fn connection(stream: TcpStream, from: SocketAddr, tls: Option<Tls>, route
 
 async fn exchange(stream: impl AsyncRead + AsyncWrite + Unpin, router: Router) {
     let served = http1::Builder::new()
-        // The date of a header is from 1970 to 9999: with the clock elsewhere, writing it panics and nothing is answered.
+        // hyper panics if the clock is outside the years 1970 to 9999 when it writes the header `Date`.
         .auto_date_header(false)
         .timer(TokioTimer::new())
         .header_read_timeout(HEADER_TIMEOUT)

@@ -30,10 +30,10 @@ pub enum TlsError {
         /// Why it is rejected.
         source: CertificateError,
     },
-    /// A key that cannot be read, or that other users can read.
+    /// A key cannot be read, or other users can read it.
     #[error(transparent)]
     Key(#[from] PrivateError),
-    /// Names for which no certificate can be generated.
+    /// No certificate can be generated for the names.
     #[error("{names}: {source}")]
     Names {
         /// The requested host names and addresses, for the message.
@@ -41,13 +41,13 @@ pub enum TlsError {
         /// Why no certificate can be generated for them.
         source: rcgen::Error,
     },
-    /// A file that exists already: it is never overwritten.
+    /// A file exists already: it is never overwritten.
     #[error("{}: exists and is not replaced; name another folder, or move it away first", file.display())]
     There {
         /// The existing file.
         file: PathBuf,
     },
-    /// A file or folder that cannot be written.
+    /// A file or folder cannot be written.
     #[error("{}: {source}", file.display())]
     Write {
         /// The file or folder that cannot be written.
@@ -72,10 +72,10 @@ pub enum CertificateError {
 /// Acceptor that wraps a TCP connection in TLS.
 pub type Tls = TlsAcceptor;
 
-/// Reads a certificate and its key, PEM. Only its owner may have access to the key.
+/// Reads a certificate and its key from PEM files. Only the owner may have access to the key.
 ///
 /// # Errors
-/// Files that cannot be read or do not belong together; a key that other users may read.
+/// A file cannot be read, the key does not match the certificate, or other users may read the key.
 pub fn acceptor(certificate: &Path, key: &Path) -> Result<Tls, TlsError> {
     let wrong = |path: &Path, source: CertificateError| TlsError::Certificate {
         file: path.to_owned(),
@@ -98,7 +98,7 @@ pub fn acceptor(certificate: &Path, key: &Path) -> Result<Tls, TlsError> {
 /// overwritten.
 ///
 /// # Errors
-/// Invalid names, a folder that cannot be written, files that exist already.
+/// A name is invalid, the folder cannot be written, or a file exists already.
 pub fn make(dir: &Path, names: &[String]) -> Result<[PathBuf; 2], TlsError> {
     let pair = rcgen::generate_simple_self_signed(names.to_vec())
         .map_err(|source| TlsError::Names { names: names.join(", "), source })?;

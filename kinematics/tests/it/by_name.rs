@@ -4,7 +4,7 @@ use volcomp_kinematics::{Chain, CorrectionOptions, ErrorMotion, GivenErrors, Sta
 use volcomp_test_support::structures::all_types;
 use volcomp_vocabulary::AxisName;
 
-/// The ideal tip of a chain of linear axes is at their coordinates, for any order of the chain and of the call.
+/// The tip of an ideal chain of linear axes is at their coordinates, for any order of the axes in the chain and in the call.
 #[test]
 fn a_coordinate_goes_to_its_axis() {
     let at = [(AxisName::X, 10.0), (AxisName::Y, 200.0), (AxisName::Z, -3.0)];

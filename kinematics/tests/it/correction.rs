@@ -158,8 +158,8 @@ fn nothing_is_left_at_a_thousand_poses_of_each_type() {
     }
 }
 
-/// Across the limit of 0.02 for a singular direction C changes by less than 3 µrad per digit of A; with a sharp limit a flickering digit
-/// would rotate C by 506 µrad back and forth.
+/// Across the limit of 0.02 for a singular direction C changes by less than 3 µrad per 0.001° of A; with a sharp limit a flickering last digit
+/// of A would rotate C back and forth by 506 µrad.
 #[test]
 fn passing_the_edge_of_a_singular_pose_turns_nothing_at_once() {
     let chain = Chain::new("w C' A' b X Y Z t".parse().unwrap());
@@ -220,8 +220,8 @@ fn the_first_axis_of_a_direction_corrects_or_those_named() {
     assert_eq!(moved(&options)[..5], [0.0, 0.0, -5.0, -3.0, -4.0]);
 }
 
-/// If errors change along the way, one step leaves more than the tolerance and reports it, ten steps do not. A tolerance that cannot be
-/// met is reported as not met.
+/// If errors change along the way, one step does not converge and reports it, and ten steps converge. A tolerance that cannot be met is
+/// reported as not met.
 #[test]
 fn a_correction_says_whether_it_converged() {
     let chain = Chain::new("w b X Y Z t".parse().unwrap());

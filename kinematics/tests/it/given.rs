@@ -28,7 +28,7 @@ fn numbers_that_are_none_and_axes_that_are_not_there_are_refused() {
     assert_eq!(errors, GivenErrors::default());
 }
 
-/// A location error is rejected exactly if the chain by hand is the same with and without it.
+/// A location error is rejected if and only if a chain of plain matrices gives the same pose with and without it.
 #[test]
 fn a_location_error_is_refused_where_it_moves_nothing() {
     let mut chain = Chain::new("w C' X' b Y Z B t".parse().unwrap());
@@ -85,7 +85,7 @@ fn a_location_error_is_refused_where_it_moves_nothing() {
     assert!((error.position_mm.x - 0.005).abs() < 1e-12);
 }
 
-/// A displaced axis as assembly error equals the constant error motion that the message names, with that sign.
+/// An offset of the axis as assembly error equals the constant error motion that the message names, with the sign in the message.
 #[test]
 fn the_constant_that_is_named_says_the_same() {
     let mut chain = Chain::new("w C' X' b Y Z B t".parse().unwrap());

@@ -1,4 +1,4 @@
-//! Inverse kinematics: from the pose at random coordinates, every solution has the same pose.
+//! Inverse kinematics: for the pose at random coordinates, every solution has that pose.
 
 use std::f64::consts::{FRAC_PI_2, PI};
 
@@ -116,7 +116,7 @@ fn what_cannot_be_reached_says_by_how_much() {
     let side = Vector3::x();
     let found = chain.pointing(&side, &rotary(&chain), &State::default()).unwrap();
     assert!((tool_axis(&chain, &found[0].state) - side).norm() < 1e-7);
-    // At that limit both solutions are one.
+    // At that limit both solutions coincide.
     assert_eq!(found.len(), 1);
     let three = Chain::new("w b X Y Z t".parse().unwrap());
     assert!(three.pointing(&Vector3::z(), &[], &State::default()).is_ok());
@@ -170,8 +170,8 @@ fn redundant_linear_axes_share_what_one_cannot_reach() {
     }
 }
 
-/// A quill and a slanted ram: an axis at an end of its travel must leave it when the others take over, so that every pose within travel
-/// is reached within travel.
+/// A quill and a slanted ram: an axis at an end of its travel must leave it again when the others take over, so that every pose that can be
+/// reached within travel is reached within travel.
 #[test]
 fn slanted_redundant_axes_give_back_what_they_took() {
     let travel_of = [[0.0, 200.0], [0.0, 500.0], [0.0, 400.0], [-400.0, 0.0]];

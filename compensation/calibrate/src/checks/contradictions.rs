@@ -10,7 +10,7 @@ use volcomp_vocabulary::{Component, Direction, ErrorName};
 use crate::{abbe::Lever, profile::Profile};
 
 const TIMES_NOISE: f64 = 3.0;
-/// Differences up to this value are irrelevant for any machine tool, µm or µrad.
+/// Differences up to this value are insignificant for any machine tool, µm or µrad.
 const NEVER_BELOW: f64 = 0.5;
 /// Minimum noise of an instrument, µm or µrad.
 const LEAST_NOISE: f64 = 0.01;
@@ -143,7 +143,7 @@ pub(crate) struct ParallelReadings {
 }
 
 impl ParallelReadings {
-    /// `None` if the lines have fewer than three targets in common, or no common direction.
+    /// `None` if the lines have fewer than three targets in common or no common direction.
     pub(crate) fn of(profiles: &[&Profile<'_>], is_straightness: bool) -> Option<Self> {
         let mut side_by_side = Self {
             places: Vec::new(),
@@ -182,8 +182,7 @@ impl ParallelReadings {
         Some(side_by_side)
     }
 
-    /// Subtracts from the values of a line their mean, or, for straightness, their least-squares
-    /// line.
+    /// Subtracts from the values of a line their mean, or for straightness their least-squares line.
     pub(crate) fn without_zero(&self, values: Vec<f64>, is_straightness: bool) -> Vec<f64> {
         let targets = self.places.iter().map(|(_, target)| *target);
         let points: Vec<(f64, f64)> = targets.zip(values.iter().copied()).collect();

@@ -1,4 +1,4 @@
-//! Checks of lines and stated values: rejection of those that cannot match the calibration file, and notes on those that could mislead.
+//! Checks of lines and stated values: rejects those that contradict the calibration file, and notes those that could mislead.
 
 use volcomp_document::{InputError, Value, quoted};
 use volcomp_kinematics::MotionFrame;
@@ -16,7 +16,7 @@ use crate::{
 
 /// Maximum error of a machine tool: 100 mm and 100 mrad, in µm and µrad.
 pub(crate) const NEVER_ABOVE: f64 = 1e5;
-/// Maximum variation of an angle along or about an axis of a machine tool: 5 mrad, in µrad. Arc seconds read as mrad exceed it.
+/// Maximum variation of an angular error over the travel of a machine tool: 5 mrad, in µrad. Arc seconds read as mrad exceed it.
 const ANGLE_NEVER_VARIES: f64 = 5e3;
 /// Rejects a line of an error motion that rotates with its axis: an instrument that does not rotate
 /// measures a mixture of two such error motions. Only error motions along and about the axis itself
@@ -38,15 +38,12 @@ pub(crate) fn refuse_turning(
     )))
 }
 
-/// Rejects a line whose readings would count twice, or belong to another error. `file` is the value that names its
-/// file.
+/// Rejects a line whose readings would count twice or belong to another error. `file` is the value that names its file. Rejected are:
 ///
-/// * A file that another line of the same error names already.
-/// * A second file of one error along one line, over the same targets in the same direction: the operator must
-///   select one, because their mean would be neither. Files that continue where another ends, or contain the other
-///   direction, are one test.
-/// * The file of another error, read in the same way. Angles of a bridge may give the angular error itself and,
-///   summed, a straightness.
+/// * A file that another line of the same error already names.
+/// * A second file for the same error and line, with the same targets in the same direction: the operator must select one, because their mean would
+///   be neither. Files that continue where another ends, or contain the other direction, are one test.
+/// * The file of another error, read in the same way. Angles of a bridge may be read twice: as angular error and, summed, as straightness.
 pub(crate) fn refuse_twice(
     before: &[Line],
     line: &Line,
@@ -273,7 +270,8 @@ pub(crate) fn same_readings(lines: &[Line]) -> Vec<String> {
 
 /// Minimum fraction of the travel that a line covers without a note.
 const SHORT_BELOW: f64 = 0.5;
-/// Distance of a target beyond the end of the travel, in travels, above which it is noted: targets may be slightly outside for the overrun.
+/// Distance of a target beyond the end of the travel, as a fraction of the travel, above which it is noted: targets may be slightly outside for the
+/// overrun.
 const BEYOND_ABOVE: f64 = 0.02;
 
 pub(crate) fn ends(readings: &Measurement) -> Option<[f64; 2]> {
@@ -284,8 +282,8 @@ pub(crate) fn ends(readings: &Measurement) -> Option<[f64; 2]> {
     })
 }
 
-/// Notes on stated location and squareness errors, and on their uncertainties, whose size indicates
-/// a wrong unit.
+/// Notes on stated location and squareness errors, and on uncertainties of location errors, whose
+/// size indicates a wrong unit.
 pub(crate) fn odd_values(file: &CalibrationFile) -> Vec<String> {
     let stated = Stated::all(file);
     let note = |of: &Stated, what: &str, micro: f64| {
@@ -316,7 +314,7 @@ pub(crate) fn beyond_travel(readings: &Measurement, axis: &Axis) -> Option<Strin
     })
 }
 
-/// Largest deviation of a line, µm or µrad, without the contribution of its set-up: the line of a straightness, the mean tilt of a bridge.
+/// Largest deviation of a line, µm or µrad, after removing the alignment of the instrument: the line of a straightness, the mean tilt of a bridge.
 fn largest_deviation(line: &Line) -> Option<f64> {
     let largest = |values: &mut dyn Iterator<Item = f64>| {
         values.fold(0.0_f64, |largest, value| largest.max(value.abs()))
@@ -386,7 +384,7 @@ pub(crate) fn odd(line: &Line, machine: &Machine) -> Vec<String> {
     notes
 }
 
-/// Error named in the title of the file, if the title does not name the error of the line.
+/// First error named in the title of the file, if the title does not name the error of the line.
 fn named_in_title(line: &Line) -> Option<ErrorName> {
     let title = line.readings.metadata.title.as_deref()?;
     let names = errors_named(title);

@@ -54,7 +54,7 @@ fn files(lines: &[FittedLine], error: ErrorName) -> String {
     if files.is_empty() { String::new() } else { files.join(", ") + ": " }
 }
 
-/// Stated values that the observations contradict: wrong sign, wrong unit, halved or doubled.
+/// Stated values that contradict the observations by more than their uncertainties, such as values with wrong sign or unit, halved or doubled.
 pub(crate) fn contradicted_values(
     lines: &LineContribution<'_>,
 ) -> Result<Vec<(ErrorName, Note)>, CalibrateError> {

@@ -1,11 +1,11 @@
-//! Answers to the questions of a draft, as the user types them.
+//! Answers to the questions of a draft, as typed by the user.
 
 use std::path::Path;
 
 use volcomp_calibrate::{Answer, AnswerError, CalibrationFile, Draft, Subject, calibrate, draft};
 use volcomp_model::Machine;
 
-/// A folder with the example's machine and the files that `fill` writes, and the draft for it.
+/// A folder with the machine of the example and the files that `fill` writes; and the draft for it.
 fn drafted_in(fill: impl FnOnce(&Path, &Path)) -> (tempfile::TempDir, Draft) {
     let dir = tempfile::tempdir().expect("writable");
     let examples = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples/calibration");
@@ -51,7 +51,7 @@ fn place(draft: &Draft, file: &str) -> usize {
     all.position(|of| of.files.iter().any(|name| name == file)).expect(file)
 }
 
-/// With every question answered, the file is valid, and its calibration has the slope of the example's machine.
+/// If every question is answered, the file is valid, and its calibration has the slope of the example's machine.
 #[test]
 fn an_answered_draft_is_a_calibration_file() {
     let (dir, found) = drafted(&["exx.csv"]);
@@ -137,7 +137,7 @@ fn an_answer_cannot_inject_other_keys() {
     assert!(!text.contains("\n[[squareness]]"), "{text}");
 }
 
-/// A measurement that is left out is listed; its squareness is left out too.
+/// A measurement that is left out is listed, and the squareness that depends on it is left out as well.
 #[test]
 fn measurements_left_out_are_listed() {
     let (_dir, found) = drafted(&["eyx.csv", "exy.csv"]);
@@ -203,8 +203,7 @@ fn an_error_of_another_axis_opens_the_question_for_that_position() {
     assert!(done.text.contains("at = { X = 120.0, Z = \"?\" }"), "{}", done.text);
 }
 
-/// Two tests of one error on one line, before and after a compensation, are a conflict: one has to be chosen, and they are never
-/// averaged.
+/// Two tests of one error on one line, before and after a compensation, are a conflict: the user must choose one, and they are never averaged.
 #[test]
 fn two_files_answered_for_the_same_line_are_a_conflict() {
     let after = "target_mm,run,direction,deviation_um\n0,1,+,0\n150,1,+,0.6\n300,1,+,0.8\n450,1,+,0.6\n600,1,+,0.1\n";
@@ -248,7 +247,7 @@ fn two_files_answered_for_the_same_line_are_a_conflict() {
     assert_eq!(read(&done.text).expect("two directions"), 2);
 }
 
-/// The questions that follow from an error can be answered together with the error, since the page shows all questions at once.
+/// Questions that follow from an error can be answered together with the error, because the web page shows all questions at once.
 #[test]
 fn follow_up_questions_can_be_answered_with_the_error() {
     let (_dir, found) = drafted_of(&[("scan-1.csv", ARCH), ("exx.csv", ARCH)]);
@@ -273,8 +272,8 @@ fn follow_up_questions_can_be_answered_with_the_error() {
     assert!(answered.is_err() || answered.is_ok_and(|of| !of.notes.is_empty()));
 }
 
-/// Where a line ran has no effect without a tilt: it is asked where one is measured, may be measured, follows from two lines of one error, or is in
-/// the machine file.
+/// The position of a line has an effect only with a tilt: the draft asks for it if a tilt is measured, may be measured, can be computed from two lines
+/// of one error, or is in the machine file.
 #[test]
 fn levers_are_asked_where_there_are_any() {
     let asks = |draft: &Draft| open_keys(draft).iter().any(|key| key == "point" || key == "rides");
@@ -309,7 +308,7 @@ fn levers_are_asked_where_there_are_any() {
     assert!(asks(&drafted_in(with_tilt).1));
 }
 
-/// Answered by their defaults, keys are left out, and the file is the same to `calibrate` as one that states them.
+/// Keys that are answered with their default are not written, and the calibration is the same as with the defaults stated.
 #[test]
 fn defaults_are_answers() {
     let (dir, found) = drafted(&["exx.csv", "eyx.csv", "ebx.csv"]);

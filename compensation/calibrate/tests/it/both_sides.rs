@@ -31,21 +31,20 @@ fn about_z(angle: f64) -> M {
     [[c, -s, 0.0, 0.0], [s, c, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]]
 }
 
-/// The tool in workpiece axes of `w X' b Y Z C B t` with X and Y moving. Y also moves to −X in proportion, and C, at 0, has its constant
-/// rotation.
+/// Pose of the tool in workpiece axes of `w X' b Y Z C B t`. Y is out of square by `SQUARE` towards −X, and C, at 0, has its constant rotation.
 fn tool(x: f64, y: f64) -> M {
     let slide = shift(-SQUARE.sin() * y, SQUARE.cos() * y);
     product(&product(&shift(x, 0.0), &slide), &about_z(TURN))
 }
 
-/// The inverse: the workpiece in tool axes.
+/// Pose of the workpiece in tool axes: the inverse of [`tool`].
 fn table(x: f64, y: f64) -> M {
     let slide = shift(SQUARE.sin() * y, -SQUARE.cos() * y);
     product(&product(&about_z(-TURN), &slide), &shift(-x, 0.0))
 }
 
-/// EYX, µm: a point of the table passes a straightedge in the spindle, aligned to the workpiece's X. Positive if the point is farther
-/// back along Y.
+/// EYX, µm: a point of the table passes a straightedge in the spindle, which is aligned to the workpiece's X. Positive if the point is displaced
+/// towards −Y.
 fn eyx(x: f64) -> f64 {
     let aligned = about_z(TURN);
     let across = |x: f64| image(&aligned, image(&table(x, 0.0), ON_TABLE))[1];

@@ -12,7 +12,7 @@ axes.Y.travel = [0.0, 400.0]
 axes.Z.travel = [-300.0, 0.0]
 ";
 
-/// Five targets over the first 400 mm, two runs in each direction; `seed` changes the readings.
+/// File of a laser with five targets over 400 mm, and two runs in each direction; `seed` changes the readings.
 fn laser(axis: &str, title: &str, unit: DeviationUnit, quantity: Quantity, seed: f64) -> String {
     let mut readings = Vec::new();
     for run in 1..=2 {
@@ -186,7 +186,6 @@ fn columns_of_the_calibration_file_are_those_of_its_tables() {
     assert_eq!(file.measurements[0].readings.readings[1].deviation, -2.0);
 }
 
-/// A file of another machine and targets beyond the travel get notes.
 #[test]
 fn files_of_another_machine_and_targets_beyond_the_travel_are_noted() {
     let of = |machine: &str, axis: &str, scale: f64| {

@@ -13,7 +13,7 @@ fn axes() -> String {
     volcomp_test_support::machines::gantry([[0.0, 2000.0], [0.0, 1000.0], [0.0, 800.0]])
 }
 
-/// Straightness curves bend, but have no slope and no mean over equally spaced targets from end to end.
+/// Straightness curves are bent, but have neither slope nor mean over equally spaced targets from end to end.
 const TRUTH: &str = r"
 EXX = { poly = [0, 0.02, -4e-6] }
 EYX = { chebyshev = [0, 0, 0, 5], domain = [0, 2000] }
@@ -33,7 +33,7 @@ fn truth(text: &str) -> Machine {
     Machine::parse(&format!("{}[errors]\n{text}", axes()), "truth").expect("a valid machine")
 }
 
-/// Writes the readings of `error` along its axis at 11 targets, by the rule of the measured line: δ + ε × lever.
+/// Writes the readings of `error` along its axis at 11 targets: δ + ε × lever.
 fn write_line(lab: &Lab, machine: &Machine, error: &str, lever: impl Fn(f64) -> [f64; 3]) {
     let name: ErrorName = error.parse().expect("an error name");
     let index = machine.index_of(name.axis).expect("an axis");
@@ -182,8 +182,8 @@ reference_angle_urad = -3.0
     assert!((found.squareness[0].1.0 - 3.0).abs() < 1e-6, "{:?}", found.squareness);
 }
 
-/// Without a stated point the travel is the lever on the other side: for a tool at rest at the MCS origin, the yaw of the table acts over
-/// the distance travelled, and the residual is below 1e-4 µm.
+/// Without a stated point, the travel is the lever arm if the point is on the other side: for a tool at rest at the MCS origin, the yaw of the table
+/// acts over the distance travelled. The residual is below 1e-4 µm.
 #[test]
 fn the_travel_is_a_lever_on_the_other_side_without_a_stated_point() {
     let lab = Lab::new(&axes());

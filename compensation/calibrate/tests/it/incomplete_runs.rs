@@ -1,4 +1,4 @@
-//! The second of two runs with separate zeros stops half-way: curve, band and Monte Carlo samples are those of complete runs.
+//! Of two runs with separate zeros, the second stops half-way: curve, band and Monte Carlo samples are the same as with complete runs.
 
 use std::fmt::Write as _;
 
@@ -19,8 +19,8 @@ fn truth(x: f64, sign: &str) -> f64 {
     0.02 * x + 3.0 * (x / 130.0).sin() + half
 }
 
-/// A calibration file for runs over targets every 50 mm in both directions. Run 2 reads 40 µm more; if `last` is given,
-/// it ends at this target (mm) of its forward part.
+/// A calibration file with two runs over targets every 50 mm in both directions. Run 2 reads 40 µm more; if `last` is given, it ends at this target
+/// (mm) of its forward pass.
 fn file(curve: &str, last: Option<f64>) -> CalibrationFile {
     let mut csv = String::from("target,run,direction,deviation_um\n");
     for (run, offset) in [(1, 0.0), (2, 40.0)] {
@@ -69,7 +69,7 @@ fn band_and_samples_contain_the_zeros_of_the_runs() {
         for curve in &found.curves {
             let band = curve.band().expect("a band");
             assert_eq!(band.source, BandSource::Runs);
-            // The resampling of complete runs has a chance of its own.
+            // The resampling of complete runs is random.
             let near = |half: &f64| (half / expected - 1.0).abs() < 0.1;
             assert!(band.half_width.iter().all(near), "{expected} {:?}", band.half_width);
         }
@@ -93,10 +93,10 @@ fn band_and_samples_contain_the_zeros_of_the_runs() {
 const NOISE: f64 = 0.5;
 const LAST: usize = 20;
 
-/// Which targets the runs of a layout hold: run from 1, target from 0 to [`LAST`].
+/// Whether a run (from 1) has a reading at a target (0 to [`LAST`]).
 type Holds = fn(u32, usize) -> bool;
 
-/// Number of runs, and what they hold.
+/// Layouts: name, number of runs, and the targets that each run has.
 const LAYOUTS: [(&str, u32, Holds); 5] = [
     ("one of three stops", 3, |run, at| run < 3 || at <= 12),
     ("one run holds the end", 3, |run, at| run == 1 || at <= 16),
@@ -113,7 +113,7 @@ fn smooth(x: f64) -> f64 {
     0.02 * x - 6.0 * (x / 700.0).powi(2) + 2.0 * (x / 1000.0).powi(3)
 }
 
-/// Runs whose zeros scatter by a standard deviation.
+/// Simulated runs, whose zeros scatter with the standard deviation `zeros`.
 fn simulated((runs, holds): (u32, Holds), zeros: f64, seed: u64) -> Measurement {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let mut normal = || -> f64 { StandardNormal.sample(&mut rng) };
@@ -138,8 +138,8 @@ fn seeds(few: u64) -> u64 {
     seeds.map_or(few, |text| text.parse().expect("a number"))
 }
 
-/// Bands of curves through runs that lack targets hold the truth at 95 % of the places, also where few runs hold a target. With missing readings filled
-/// in they held 49 to 64 % there.
+/// Bands of curves through runs that lack targets contain the truth at 95 % of the targets, also at those that few runs have. With missing readings
+/// filled in, they contained it at 49 to 64 % of these.
 #[test]
 fn bands_of_incomplete_runs_hold_the_truth() {
     let options = BandOptions { resamples: 60, ..BandOptions::default() };
@@ -181,7 +181,8 @@ fn share([inside, of]: [u32; 2]) -> f64 {
     f64::from(inside) / f64::from(of)
 }
 
-/// Samples of the readings, widened for the number of runs as `--trials` does, hold the true difference from the first target at 95 % of the targets.
+/// Intervals from samples of the readings, widened for the number of runs as `--trials` does, contain the true difference from the first target at 95 %
+/// of the targets.
 #[test]
 fn samples_of_incomplete_runs_hold_the_truth() {
     const TRIALS: u64 = 60;
@@ -259,9 +260,8 @@ fn half_widths(runs: u32, number: impl Fn(u32, &str) -> u32, lacking: usize) -> 
     found.curves.iter().map(band).collect()
 }
 
-/// A missing backward reading does not affect the zeros of the runs: the bands of both directions are as wide as with
-/// the reading. This also holds if the directions of a run have separate numbers, so that the band of each direction
-/// comes from its own runs.
+/// A missing backward reading does not affect the zeros of the runs: the bands of both directions are as wide as with the reading. This also holds
+/// if the two directions of a run have separate numbers.
 #[test]
 fn a_direction_that_lacks_a_target_leaves_the_zeros_of_the_runs_in_both_bands() {
     let both = |run: u32, _: &str| run;
@@ -285,8 +285,8 @@ fn a_direction_that_lacks_a_target_leaves_the_zeros_of_the_runs_in_both_bands() 
     }
 }
 
-/// Two runs in both directions and three forward only: the means keep the mean slope of the two, which shows with one degree of freedom. With the four
-/// of all runs, ±U would hold 78 % (2/π · arctan 2.776) instead of 95 %.
+/// Two runs in both directions, and three forward only: the mean curve keeps the mean slope of the two, which has one degree of freedom. With the four
+/// degrees of freedom of all runs, ±U would contain the truth with 78 % (2/π · arctan 2.776) instead of 95 %.
 #[test]
 fn the_slope_of_two_runs_has_one_degree_of_freedom_beside_runs_of_one_direction() {
     let mut csv = String::from("target,run,direction,deviation_um\n");

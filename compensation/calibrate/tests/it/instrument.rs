@@ -31,7 +31,7 @@ pub(crate) struct Line<'a> {
     pub(crate) at: &'a [(AxisName, f64)],
     /// The measured point, mm in MCS with the measured axis at 0; moves with the component that carries it.
     pub(crate) point: [f64; 3],
-    /// Whether the point is on the other side of the joint.
+    /// Whether the point is on the other side of the joint than the carriage.
     pub(crate) other: bool,
     pub(crate) targets: usize,
     pub(crate) runs: usize,

@@ -32,7 +32,7 @@ tip = [0.0, 0.0, -50.0]
 origin = [300.0, 250.0, 150.0]
 ";
 
-/// Lengths in µm, angles in µrad.
+/// Location errors stated in the calibration file, µm or µrad.
 pub(crate) const LOCATIONS: [(&str, f64); 7] = [
     ("EC0Y", 14.0),
     ("EA0Z", -11.0),
@@ -42,11 +42,11 @@ pub(crate) const LOCATIONS: [(&str, f64); 7] = [
     ("EC0A", -18.0),
     ("EA0C", -16.0),
 ];
-/// The other location errors of the two rotary axes.
+/// The other location errors of the two rotary axes, µm or µrad.
 pub(crate) const MORE: [(&str, f64); 4] =
     [("EZ0A", -12.0), ("EX0C", 15.0), ("EY0C", -13.0), ("EB0C", 12.0)];
 
-/// Motions that are 0 at 0; straightnesses have no best-fit line over equally spaced targets from end to end.
+/// Machine with error motions that are 0 at coordinate 0; its straightness errors have no best-fit line over equally spaced targets from end to end.
 pub(crate) fn truth() -> Machine {
     let mut errors = String::new();
     for (place, (axis, low, high)) in
@@ -216,7 +216,7 @@ fn unmeasured_errors_are_listed_with_their_effect() {
     );
 }
 
-/// A [[location]] with one tilt of a pair states the whole squareness, like [[squareness]], whatever the machine file has for the other
+/// A `[[location]]` with one tilt of a pair states the whole squareness, as `[[squareness]]` does, whatever value the machine file has for the other
 /// tilt.
 #[test]
 fn a_location_states_the_whole_squareness() {

@@ -17,7 +17,7 @@ use crate::{
     located::{GEOMETRY, LOCATIONS, MORE, largest_difference_um, lines, slope, truth},
 };
 
-/// The rotary errors with a line; the true machine has no others.
+/// Errors of rotary axes that are measured along a line; the true machine has no others.
 const MEASURED: [&str; 3] = ["EAA", "EBA", "ECC"];
 const UNKNOWN: &str =
     "unknown = [\"EY0A\", \"EZ0A\", \"EB0A\", \"EC0A\", \"EX0C\", \"EY0C\", \"EA0C\", \"EB0C\"]\n";
@@ -38,7 +38,7 @@ fn partial_truth() -> Machine {
     machine
 }
 
-/// Positions of the tip in a displaced frame, as from a tracker.
+/// Observations of the tip position in a displaced frame, as from a laser tracker.
 pub(crate) fn tracker(lab: &Lab, truth: &Machine, poses: usize, sigma_um: f64) {
     use AxisName::{A, C, X, Y, Z};
     let mut random = ChaCha8Rng::seed_from_u64(21);
@@ -112,7 +112,7 @@ fn unknown_locations_are_found_and_the_lines_cleared_of_them() {
     assert!((found_slope - expected).abs() < 0.02, "{found_slope} for {expected}");
 }
 
-/// Unknowns that no line depends on are identified in one round; samples vary the rows as well.
+/// Unknowns that do not affect any line are identified in one round; samples also vary the observations.
 #[test]
 fn lines_independent_of_the_unknowns_are_fitted_once() {
     let lab = Lab::new(GEOMETRY);

@@ -14,7 +14,7 @@ use crate::{
 
 const TRAVEL: [[f64; 2]; 3] = [[0.0, 8000.0], [0.0, 4000.0], [0.0, 2500.0]];
 
-/// EYY of 42 µm at Z = 1050 and 68 µm at Z = 650 over 4 m: an almost linear pitch of 65 µrad.
+/// The gantry with length and pitch errors of Y by which EYY is 42 µm at Z = 1050 and 68 µm at Z = 650 over 4 m: an almost linear pitch of 65 µrad.
 fn gantry(errors: &str) -> Machine {
     let axes = volcomp_test_support::machines::gantry(TRAVEL);
     Machine::parse(&format!("{axes}[errors]\n{errors}"), "truth").expect("a machine")
@@ -23,7 +23,7 @@ fn gantry(errors: &str) -> Machine {
 const PITCH: &str = "EAY = { poly = [0, 0.0158, 1.125e-7] }\n";
 const LENGTH: &str = "EYY = { poly = [0, 0.0275625] }\n";
 
-/// A line of Y with the reflector away from the beam's point.
+/// Writes a line along Y with the reflector away from the beam's point, and returns its table.
 fn line(lab: &Lab, truth: &Machine, error: &str, [x, z]: [f64; 2], sigma: f64) -> String {
     let line = Line {
         error,
@@ -146,7 +146,7 @@ fn lines_that_do_not_separate_the_tilts_are_noted() {
     }
 }
 
-/// Two lines 600 mm apart with little noise, and one run of the pitch with much noise.
+/// Calibration from two lines 600 mm apart with little noise, and one run of the pitch with much noise.
 fn with_noisy_pitch(lab: &Lab, pitch: &Machine, truth: &Machine, seed: u64) -> Calibration {
     let mut noise = Noise::new(seed);
     let mut tables = String::new();
@@ -200,7 +200,7 @@ fn lines_of_different_slopes_contradict_each_other() {
     }
 }
 
-/// Slopes that differ by the scatter of single runs, with a realigned beam, do not contradict each other.
+/// Lines whose slopes differ by no more than the slopes of single runs scatter, because the beam is realigned, do not contradict each other.
 #[test]
 fn slopes_within_the_scatter_of_runs_do_not_contradict() {
     let lab = lab();

@@ -96,8 +96,8 @@ fn a_file_is_listed_once_for_an_error() {
     );
 }
 
-/// A wave of 50 µm that few terms fit, plus a zigzag of 0.3 µm (ten times the scatter of the runs) that only a table fits: a note,
-/// because a table's leave-one-out error exceeds a micrometre. Zeros and slopes of the runs do not matter.
+/// A wave of 50 µm that a few terms fit, plus a zigzag of 0.3 µm (ten times the scatter of the runs) that only a table follows, gives a note, because
+/// the leave-one-out error of a table exceeds a micrometre. Offsets and slopes of the runs have no effect.
 #[test]
 fn a_curve_that_does_not_follow_its_readings_is_noted() {
     let readings = |zigzag: f64, alignment: f64| {
@@ -128,7 +128,7 @@ fn a_curve_that_does_not_follow_its_readings_is_noted() {
     }
 }
 
-/// A straightness 1000 times too large is noted, the correct one is not, both with the slope of the beam.
+/// A straightness that is 1000 times too large is noted, and the correct one is not; both contain the slope of the beam.
 #[test]
 fn a_straightness_in_the_wrong_unit_is_noted() {
     let lab = Lab::new(MACHINE);

@@ -28,8 +28,8 @@ fn position_um(machine: &Machine, at: [f64; 3], approach: Option<[Direction; 3]>
     machine.error_at(&state, Form::Exact, &none).position_mm * 1e3
 }
 
-/// A laser along a diagonal with unknown scale and zero: writes its file; returns its table for the calibration file, and the excess
-/// length of the diagonal, µm.
+/// Writes the file of a laser along a diagonal with unknown scale and zero. Returns its table for the calibration file, and the excess length of the
+/// diagonal, µm.
 fn diagonal(lab: &Lab, truth: &Machine, name: &str, ends: [[f64; 3]; 2]) -> (String, f64) {
     let [from, to] = ends.map(Vector3::from);
     let way = to - from;
@@ -56,7 +56,7 @@ fn diagonal(lab: &Lab, truth: &Machine, name: &str, ends: [[f64; 3]; 2]) -> (Str
     (table, ends_um[1] - ends_um[0])
 }
 
-/// From the lower to the upper end along P, the opposite along N.
+/// Ends of a body diagonal: for P from the lower to the upper end of the travel, for N the opposite.
 fn body(name: &str) -> [[f64; 3]; 2] {
     let place = |begin: bool| {
         std::array::from_fn(|i| {
@@ -136,7 +136,7 @@ fn face_diagonals_give_the_squareness_of_their_plane() {
     assert!(message.contains("EB0Z from ") && message.contains("do not determine"), "{message}");
 }
 
-/// Diagonals that scatter by far more than stated: a note names the files and says that the squareness is unreliable.
+/// If diagonals scatter far more than stated, a note names the files and states that the squareness is unreliable.
 #[test]
 fn diagonals_that_scatter_are_noted() {
     let lab = Lab::new(GEOMETRY);
@@ -258,8 +258,9 @@ diagonals = [{ file = "eyx.csv", from = {}, to = {} }, { file = "eyx.csv", from 
     }
 }
 
-/// By hand. EXY: slopes of three runs of −6, 1 and 5 µrad, s²/n = 62/2/3 with ν = 2. EYX: one run of residuals −0.6, 1.8, −1.8, 0.6 µm on steps of
-/// 200 mm, s² = 3.6, Σ(q − q̄)² = 5 · 200²: 18 µrad² with ν = 2. Together √28.33 with ν = 3.727, for which Student's t is 2.957 for 95.45 %.
+/// Computed by hand. EXY: the slopes of three runs are −6, 1 and 5 µrad, s²/n = 62/2/3 with ν = 2. EYX: one run has residuals of −0.6, 1.8, −1.8 and
+/// 0.6 µm with steps of 200 mm, s² = 3.6, Σ(q − q̄)² = 5 · 200²: 18 µrad² with ν = 2. Together √28.33 with ν = 3.727, for which Student's t is
+/// 2.957 at 95.45 %.
 #[test]
 fn the_uncertainty_of_a_squareness_contains_both_slopes() {
     let lab = Lab::new(GEOMETRY);
@@ -294,8 +295,8 @@ fn the_uncertainty_of_a_squareness_contains_both_slopes() {
     assert_eq!(names, ["EYX"]);
 }
 
-/// A bridge is moved over three steps in each of two runs, whose tilts differ by 4 µrad: slopes of ±2, s/√n = 2 with ν = 1. With one run the three
-/// tilts scatter: 5, 8 and 11 µrad by s = 3, and the weights of three tilts on the slope are 0.3, 0.4, 0.3.
+/// A bridge is moved over three steps in two runs, whose tilts differ by 4 µrad: the slopes are ±2, s/√n = 2 with ν = 1. With one run, the scatter
+/// is that of its three tilts of 5, 8 and 11 µrad, s = 3; the weights of three tilts in the slope are 0.3, 0.4, 0.3.
 #[test]
 fn the_uncertainty_of_a_squareness_contains_the_slopes_of_bridges() {
     let lab = Lab::new(GEOMETRY);

@@ -1,4 +1,4 @@
-//! A rotary axis measured over another turn than its travel: the error is right at every angle.
+//! A rotary axis measured over another turn than its travel: the error is correct at every angle.
 
 use std::fmt::Write as _;
 

@@ -17,7 +17,7 @@ const MACHINE: &str =
 const TARGETS: usize = 6;
 const RUNS: usize = 5;
 
-/// Runs with a common shift besides their noise, so that targets are correlated.
+/// Readings of runs with common shift and slope besides their noise, so that targets are correlated.
 fn runs() -> Vec<[f64; TARGETS]> {
     let mut rng = ChaCha8Rng::seed_from_u64(3);
     let mut run = |_| {
@@ -59,7 +59,7 @@ fn uncertainty(ensemble: &Ensemble, machine: &Machine, x: f64, y: f64) -> [f64; 
     ensemble.standard_uncertainty(&state.expect("a state"))
 }
 
-/// The spread at a target is that of its difference from the first one, because the curve is zero at 0.
+/// The spread at a target is that of the difference from the first target, because the curve is zero there.
 #[test]
 fn the_spread_is_that_of_the_means_of_the_runs() {
     let file = written("");

@@ -58,7 +58,7 @@ fn a_batch_in_another_order_is_refused() {
     }
 }
 
-/// Every node of a grid with held rotary axes and odd counts equals the single pose.
+/// With held rotary axes and odd counts, every node of a grid has the error of the single pose.
 #[test]
 fn grids_are_the_same_as_single_poses() {
     for (index, structure) in all_types().iter().enumerate() {

@@ -9,7 +9,7 @@ use volcomp_vocabulary::AxisName;
 
 use crate::machines::{machine, random_state};
 
-/// Largest distance between error and chord over many points, mm.
+/// Largest distance between the error and its chord over many points of the move, mm.
 fn found_mm(machine: &volcomp_evaluator::CompiledMachine, from: &State, to: &State) -> f64 {
     let at = |share: f64| {
         let mut state = *to;
@@ -89,7 +89,7 @@ fn the_bound_is_as_tight_as_the_curves_are() {
     }
 }
 
-/// No bound within `short_ways` exceeds the tolerance, and at a fraction of these lengths none exceeds that fraction of the tolerance.
+/// Within `short_ways` the bound never exceeds the tolerance; over a fraction of these lengths it never exceeds that fraction of the tolerance.
 #[test]
 fn short_ways_are_within_the_tolerance() {
     let mut rng = ChaCha8Rng::seed_from_u64(22);

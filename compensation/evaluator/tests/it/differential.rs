@@ -11,14 +11,14 @@ use volcomp_kinematics::{
 };
 use volcomp_vocabulary::{AxisKind, AxisName, Displacement, PerAxis};
 
-/// Angles between nominally parallel axes, deg, on both sides of 1.15°, from which a direction counts as independent.
+/// Angles between nominally parallel axes, deg, on both sides of 1.15°, above which a direction counts as independent.
 const SKEWS_DEG: [f64; 8] = [0.0, 0.01, 0.5, 1.0, 1.3, 3.0, 20.0, 60.0];
 
 fn random_vector(rng: &mut ChaCha8Rng, size: f64) -> Vector3<f64> {
     Vector3::from_fn(|_, _| rng.random_range(-size..=size))
 }
 
-/// One to six linear axes and up to three rotary ones in any order, oblique.
+/// Random oblique axes in any order: one to six linear and up to three rotary ones.
 fn random_chain(rng: &mut ChaCha8Rng) -> Chain {
     let mut axes = AxisName::ALL;
     axes.shuffle(rng);

@@ -73,7 +73,7 @@ fn together_they_are_the_whole_correction() {
     });
 }
 
-/// The ideal tip after a move, in workpiece axes.
+/// Ideal tip after the move `delta`, in workpiece axes.
 fn tip(chain: &Chain, state: &State, delta: &PerAxis<f64>) -> Vector3<f64> {
     let mut there = *state;
     for (q, delta) in there.q.iter_mut().zip(delta) {
@@ -138,7 +138,7 @@ fn levers_are_central_differences_of_the_tip() {
     });
 }
 
-/// Without rotary axes three axes correct a position error like Gaussian elimination, and fewer axes like the general correction.
+/// Without rotary axes, three linear axes correct a position error as Gaussian elimination does, and fewer axes as the general correction does.
 #[test]
 fn slides_take_the_whole_error() {
     let mut solved = 0;

@@ -9,7 +9,7 @@ use volcomp_vocabulary::{AxisKind, Direction, ErrorName, PerAxis};
 
 use crate::EXAMPLE;
 
-/// ±20 µm and ±30 µrad over 800 mm: every kind of error, curves of order 5, axes with points, a tool.
+/// Random machine with errors up to ±20 µm and ±30 µrad over 800 mm: every kind of error, curves of order 5, axes with points, a tool.
 pub(crate) fn machine(structure: &Structure, seed: u64) -> Machine {
     use std::fmt::Write;
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
@@ -70,8 +70,8 @@ pub(crate) fn random_state(machine: &Machine, rng: &mut ChaCha8Rng) -> State {
     state
 }
 
-/// At 10⁶ poses of each of the 16 types the difference is within the tolerance at the levers plus the neglected second order, half the
-/// square of the total tilt times the reach.
+/// At 10⁶ poses of each of the 16 types the difference is within the tolerance at the levers, plus the neglected second order: half the square of
+/// the total tilt times the reach.
 #[test]
 fn within_tolerance_and_second_order_of_the_exact_form() {
     const POSES: usize = 1_000_000;

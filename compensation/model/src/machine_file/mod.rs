@@ -67,7 +67,7 @@ impl Machine {
         document.decode(|root| decode_machine(&root))
     }
 
-    /// The machine as a machine file, with its checksum.
+    /// Writes the machine as a machine file, with its checksum.
     pub fn to_toml(&self) -> String {
         let text = canonical(self);
         let (head, rest) = text.split_once('\n').unwrap_or((&text, ""));

@@ -31,7 +31,7 @@ fn machine(correct: &str) -> Machine {
     Machine::parse(&format!("{correct}\n{WITH_U_AND_C}"), "m.toml").unwrap()
 }
 
-/// The axes that the correction moves, in chain order: C, X, U, Y, Z.
+/// Letters of the axes that the correction moves, in chain order.
 fn moved(machine: &Machine, options: &CorrectionOptions) -> String {
     let state =
         machine.state(&[(AxisName::X, 400.0), (AxisName::Y, 200.0), (AxisName::C, 30.0)]).unwrap();

@@ -25,8 +25,8 @@ fn near(found: &[f64], expected: &[f64]) {
     assert!(found.len() == expected.len() && off < 1e-9, "{found:?} {expected:?}");
 }
 
-/// A tilting rotary table with the tool axis at (sin 30°, 0, cos 30°), solved by hand: A = ±30 with C = ±90 (A′ and C′ relative to the
-/// workpiece), smaller turns first.
+/// A tilting rotary table, with the tool axis at (sin 30°, 0, cos 30°), solved by hand: A = ±30 with C = ±90, since A′ and C′ carry the workpiece.
+/// Solutions with smaller rotations come first.
 #[test]
 fn every_solution_within_travel_the_smaller_turns_first() {
     let axes = format!("{LINEAR}A.travel = [-90, 90]\nC.travel = [-360, 360]");
@@ -100,7 +100,7 @@ fn what_has_no_solution_says_why() {
     assert!(refused.to_string().contains("solutions, expected at most 1000"), "{refused}");
 }
 
-/// With three rotary axes each pair moves in turn, while the third is as near to 0 as possible.
+/// With three rotary axes each pair moves in turn, while the third is at its coordinate nearest to 0.
 #[test]
 fn a_third_rotary_axis_stands() {
     let axes =
@@ -118,8 +118,7 @@ fn a_third_rotary_axis_stands() {
     }
 }
 
-/// On the example with a tilting table a tip beside the table is reached only with the table turned, within ranges of C computed by hand
-/// from two triangles.
+/// With a tilting table, a tip beside the table is reached only if the table is rotated, in ranges of C computed by hand from two triangles.
 #[test]
 fn a_free_axis_stands_where_the_linear_axes_reach() {
     let axes = "X.travel = [-300, 300]\nY.travel = [-250, 250]\nZ.travel = [-400, 0]\nA.travel = [-110, 30]\nC.travel = [-360, 360]";
@@ -144,7 +143,7 @@ fn a_free_axis_stands_where_the_linear_axes_reach() {
     assert!(reached.solutions.is_empty() && !reached.outside.is_empty(), "{reached:?}");
 }
 
-/// Ranges next to half a turn that are narrower than the sampling steps are found: at a radius of 100 mm Y is at 100·|sin C|.
+/// Ranges next to half a turn that are narrower than the sampling step are found: at a radius of 100 mm Y is at 100·|sin C|.
 #[test]
 fn a_narrow_range_next_to_half_a_turn_is_found() {
     let [low, high] = [0.05_f64, 0.15].map(f64::to_radians);
@@ -171,7 +170,7 @@ fn a_narrow_range_next_to_half_a_turn_is_found() {
     }
 }
 
-/// For random structures a singular pose, with the free axis at any coordinate, is found again from its tip and tool axis.
+/// For random structures, a singular pose with the free axis at any coordinate is found from its tip and tool axis.
 #[test]
 fn a_singular_pose_that_was_there_is_found() {
     let mut seed = 7_u64;
@@ -247,8 +246,7 @@ fn a_singular_pose_that_was_there_is_found() {
     }
 }
 
-/// At B = ±90° Z and X are parallel: any division of the motion between them is a solution within the travels, and both are reported as
-/// free.
+/// At B = ±90° Z and X are parallel: any division of the motion between them within the travels is a solution, and both are reported as free.
 #[test]
 fn linear_axes_along_one_another_are_free() {
     let with = |z: &str| {

@@ -29,7 +29,7 @@ fn left_um(points: &[Point]) -> [f64; 2] {
     [1e3 * lengths.rms(), 1e3 * lengths.max()]
 }
 
-/// Points all over a box of this size with a corner at `from`, mm.
+/// Points on a regular grid over a box of this size with a corner at `from`, mm.
 fn box_of(size: [f64; 3], from: [f64; 3]) -> Vec<Vector3<f64>> {
     let mut places = Vec::new();
     for index in 0..7 * 5 * 4 {
@@ -128,7 +128,7 @@ fn dense_left_um(points: &[Point]) -> [f64; 2] {
     [1e3 * all.rms(), 1e3 * all.max()]
 }
 
-/// Only rotations that the points do not determine are omitted: about a line through all points, or any rotation about a single point.
+/// A rotation is zero only if the points do not determine it: about a line through all points, or any rotation about a single point.
 #[test]
 fn points_in_a_plane_on_a_line_or_at_one_place() {
     let turn = Vector3::new(20e-6, -30e-6, 40e-6);
@@ -175,7 +175,7 @@ fn parts_are_put_together() {
     assert!((whole.rotation_rad - of_parts.rotation_rad).norm() < 1e-18);
 }
 
-/// NaN, infinity and overflow do not panic.
+/// Numbers that are NaN, infinite or overflow do not panic.
 #[test]
 fn what_is_no_number_stays_none() {
     for bad in [f64::NAN, f64::INFINITY, 1e300] {

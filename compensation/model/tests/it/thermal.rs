@@ -45,7 +45,7 @@ fn steady(thermal: &ThermalState, degc: &[Option<f64>]) -> Temperatures {
     named.filter_map(|(name, degc)| Some((name.clone(), (*degc)?))).collect()
 }
 
-/// At steady temperatures the error equals that of a machine compiled at these, with three axes and with more, without allocation.
+/// At steady temperatures the error equals that of a machine compiled at these temperatures, with three axes and with more. Nothing allocates.
 #[test]
 fn steady_temperatures_are_those_of_the_source() {
     for text in [THREE_AXES, EXAMPLE] {
@@ -93,14 +93,14 @@ fn steady_temperatures_are_those_of_the_source() {
     }
 }
 
-/// Tilt of Y at coordinate 0 in this thermal state, rad.
+/// Angle of Y about X at coordinate 0 in this thermal state, rad.
 fn tilt_y(machine: &Machine, thermal: &ThermalState) -> f64 {
     let mut compiled = machine.compile(Tolerance::default()).unwrap();
     thermal.apply(&mut compiled);
     compiled.evaluate(&State::default()).rotation_rad[0]
 }
 
-/// The answer to a temperature step is 1 − exp(−t/τ), in one time step or in many of any length.
+/// The response to a temperature step is 1 − exp(−t/τ), in one time step or in many of any length.
 #[test]
 fn a_lag_answers_a_step_exactly() {
     let (machine, start) = state_of(THREE_AXES);
@@ -150,8 +150,8 @@ fn a_missing_sensor_holds_then_fades_then_counts_again() {
     assert!((tilt_y(&machine, &thermal) - 2e-5).abs() < 1e-15, "back");
 }
 
-/// The machine cools while its sensor is missing, and the term fades. When the sensor returns, the term continues from the new
-/// temperature, not from the value of hours ago.
+/// The machine cools while a sensor is missing, and its term fades. When the sensor returns, the term continues from the new temperature, not
+/// from its value of hours ago.
 #[test]
 fn a_term_that_has_faded_does_not_go_back_to_its_value_of_hours_ago() {
     let (machine, mut thermal) = state_of(THREE_AXES);
@@ -303,7 +303,7 @@ degc = [20.0, 30.0]
 k_per_min = [-0.3, 0.5]
 "#;
 
-/// X and Z (µm) at Z = 100 mm.
+/// Errors along X and Z at Z = 100 mm, µm.
 fn x_z_um(machine: &Machine, thermal: &ThermalState) -> [f64; 2] {
     let mut compiled = machine.compile(Tolerance::default()).unwrap();
     thermal.apply(&mut compiled);
@@ -317,7 +317,7 @@ fn x_z_um(machine: &Machine, thermal: &ThermalState) -> [f64; 2] {
     [error.position_mm[0] * 1e3, error.position_mm[2] * 1e3]
 }
 
-/// In the order of names: column, spindle.
+/// Temperatures of the sensors in the order of their names: column, spindle.
 fn column_spindle(column: f64, spindle: f64) -> [Option<f64>; 2] {
     [Some(column), Some(spindle)]
 }
@@ -381,8 +381,8 @@ fn terms_wait_for_the_first_temperature_of_every_watched_sensor() {
     assert!(!thermal.is_beyond_seen());
 }
 
-/// A temperature leaves the range at 2 K/min: the correction does not jump, the warning is not early, and the terms return with the
-/// temperature.
+/// A temperature leaves the range at 2 K/min: the correction does not jump, the warning is not too early, and the terms return when the
+/// temperature does.
 #[test]
 fn a_temperature_that_leaves_takes_the_terms_with_it_smoothly() {
     // Without a tested rate only the temperature counts.

@@ -167,7 +167,7 @@ fn the_ends_of_the_travels_are_reached_from_both_sides() {
     assert!((found.position.value - 0.07).abs() < 1e-3, "{found:?}");
 }
 
-/// A peak in each axis, one table node wide: the sum of the peaks at one pose is found.
+/// Each axis has a peak one table node wide: the sum of the peaks, at one pose, is found.
 #[test]
 fn narrow_spots_of_curves_are_found() {
     use rand::RngExt as _;
@@ -192,8 +192,8 @@ fn narrow_spots_of_curves_are_found() {
     }
 }
 
-/// Sums by hand are found: a peak that lowers the largest error elsewhere but adds at another pose, a single grid node, and a peak in
-/// another machine's curve.
+/// Cases with sums by hand: a peak that lowers the largest error but adds to another pose, a single grid node, and a peak in the curve of another
+/// machine.
 #[test]
 fn spots_that_add_up_elsewhere_are_found() {
     let three = |errors: &str| {
@@ -250,7 +250,8 @@ fn tools_of_two_lengths_have_one_alignment() {
     assert!(both.position.value > 0.005, "{both:?}");
 }
 
-/// The largest error is that of the extreme tools, which include one to the side: its lever is unlike that of any straight tool.
+/// The largest error over all tools is that with the extreme tools. These include a tool to the side, whose lever differs from those of straight
+/// tools.
 #[test]
 fn the_error_is_largest_with_an_extreme_tool() {
     let text = "structure = \"w b X Y Z t\"\n[axes]\nX.travel = [0.0, 500.0]\nY.travel = [0.0, 500.0]\nZ.travel = [0.0, 500.0]\n[tool]\ngauge = [0.0, 0.0, 0.0]\nlength = 100.0\n[tools.A]\nlength = 50.0\n[tools.B]\nlength = 120.0\n[tools.LONG]\nlength = 250.0\n[tools.SAME]\nlength = 250.0\n[tools.SIDE]\nlength = 100.0\noffset = [300.0, 0.0, 0.0]\n[tools.SIDE_SHORTER]\nlength = 100.0\noffset = [200.0, 0.0, 0.0]\n[tools.ANGLED]\ntip = [0.0, 0.0, -100.0]\naxis = [1.0, 0.0, 0.0]\n[errors]\nECZ = { poly = [0.0, 0.0, 1e-3] }\nEBZ = { poly = [0.0, 0.05] }\n";
@@ -294,7 +295,7 @@ fn the_longest_straight_tool_counts_beside_angled_heads() {
     assert!(extreme.contains(&"LONG"), "{extreme:?}");
 }
 
-/// A tip that stands out a little from the line between two others is outermost in few directions, and counts.
+/// A tip slightly off the line between two others is an extreme tool, although it is outermost in few directions.
 #[test]
 fn a_tip_beside_the_line_between_two_others_counts() {
     let text = "structure = \"w b X Y Z t\"\n[axes]\nX.travel = [0.0, 500.0]\nY.travel = [0.0, 500.0]\nZ.travel = [0.0, 500.0]\n[tools.LEFT]\ntip = [-400.0, 0.0, -100.0]\n[tools.RIGHT]\ntip = [400.0, 0.0, -130.0]\n[tools.MIDDLE]\ntip = [0.0, 0.0, -115.0]\n[tools.OUT]\ntip = [50.0, 3.0, -119.0]\n[errors]\nEAZ = 4.0\n";
@@ -303,8 +304,8 @@ fn a_tip_beside_the_line_between_two_others_counts() {
     assert_eq!(extreme, ["LEFT", "OUT", "RIGHT"]);
 }
 
-/// Errors are narrow peaks of both signs in all axes and components. A peak may lower the error at one pose and raise it at another, and
-/// two may have to be met together: at least 98 % of the largest error over all combinations of table nodes is found.
+/// Errors are narrow peaks of both signs in all axes and components. A peak may lower the error at one pose and raise it at another, and two peaks
+/// may have to coincide: at least 98 % of the largest error over all combinations of table nodes is found.
 #[test]
 fn spots_that_must_be_met_together_are_found() {
     for (structure, cases) in [("w b X Y Z t", 10), ("w C' b X Y Z t", 3)] {
@@ -360,7 +361,7 @@ fn machine_of_spots(structure: &str, random: &mut ChaCha8Rng) -> (Machine, Vec<V
     (machine, nodes)
 }
 
-/// Largest error over all combinations of nodes, mm, before and after the alignment that was found.
+/// Largest error over all combinations of nodes, mm, before and after the alignment in `found`.
 fn largest_at_nodes(machine: &Machine, nodes: &[Vec<f64>], found: &VolumetricError) -> [f64; 2] {
     let error_at = errors(machine);
     let [mut before, mut after] = [Lengths::default(); 2];

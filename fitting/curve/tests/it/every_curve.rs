@@ -60,7 +60,7 @@ fn curve() -> impl Strategy<Value = Curve> {
     ]
 }
 
-/// The point at this fraction of the domain.
+/// The point at the fraction `place` of the domain.
 fn inside(curve: &Curve, place: f64) -> f64 {
     let [lower, upper] = curve.domain().unwrap_or([0.0, 1.0]);
     (lower + place * (upper - lower)).clamp(lower, upper)

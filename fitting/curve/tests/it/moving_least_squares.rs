@@ -71,7 +71,7 @@ fn as_many_positive_weights_as_coefficients_interpolate() {
     }
 }
 
-/// The curve of order 6 has those of all lower orders in it, with a bound of their condition.
+/// A fit of order 6 contains those of all lower orders, with a bound of their condition.
 #[test]
 fn lower_orders_are_nested() {
     let nodes = wavy(21);

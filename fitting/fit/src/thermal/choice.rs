@@ -1,4 +1,4 @@
-//! Choice of lags, sensors and penalty: each block of time is predicted from those before it.
+//! Choice of lags, sensors and penalty by forward validation: each block of time is predicted from the blocks before it.
 
 use nalgebra::DMatrix;
 
@@ -14,8 +14,7 @@ use crate::FitError;
 const ROWS_TO_CHOOSE: usize = 2000;
 /// Number of time blocks of the forward validation. The first two are used for training only.
 pub(super) const BLOCKS: usize = 10;
-/// Maximum ratio of the error of a choice to that of the best one; choices above it are excluded
-/// from the mean.
+/// Maximum ratio of the error of a choice to that of the best one; worse choices are not averaged.
 const MEAN_WITHIN: f64 = 1.25;
 
 /// Lags, sensors and penalty of one regression.
@@ -28,13 +27,13 @@ pub struct ThermalChoice {
     pub sensors: Vec<usize>,
     /// Penalty of the ridge regression, as a fraction of the variance of a feature.
     pub penalty: f64,
-    /// Root mean square over the blocks of the forward validation, µm or µrad.
+    /// Root mean square prediction error over the blocks of the forward validation, µm or µrad.
     #[cfg_attr(feature = "serde", serde(with = "crate::serialised"))]
     pub forward_rms: f64,
 }
 
-/// The best choices among all lags, alone and in pairs, with every penalty. With sensor selection,
-/// they are restricted to the sensors that the best choice needs.
+/// The best choices among all lags, alone and in pairs, with every penalty; with sensor selection, only with the sensors that the best choice
+/// needs.
 pub(super) fn best_choices(
     features: &Features,
     record: &ThermalRecord,

@@ -86,7 +86,7 @@ pub(super) struct Column {
     pub(super) effect: ThermalEffect,
 }
 
-/// Assumed course of a temperature between two rows.
+/// Assumption on the temperature between two rows.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Between {
     Straight,
@@ -128,7 +128,7 @@ pub(super) struct Stretch {
     groups: Vec<(usize, DMatrix<f64>)>,
 }
 
-/// Splits those of `rows` that no gap excludes for the time constants `lags_s` into equal stretches.
+/// Sums over equal stretches of `rows`, without rows that a gap excludes for the time constants `lags_s`.
 pub(super) fn stretches(
     run: &ThermalRun,
     index: usize,
@@ -215,21 +215,21 @@ impl Sums {
         ridge_weights(covariance, &plan, penalty)
     }
 
-    /// Mean error of some weights over the rows of a position; `None` if the sums do not contain the position.
+    /// Mean error of the weights `v` over the rows of a position; `None` if the sums do not contain the position.
     fn offset(&self, key: (usize, usize), v: &[(usize, f64)]) -> Option<f64> {
         let (_, sums) = self.groups.iter().find(|(known, _)| *known == key)?;
         Some(v.iter().map(|&(i, a)| a * sums[(0, i)]).sum::<f64>() / sums[(0, 0)])
     }
 
-    /// Offset of each position of each run: mean error of the weights, relative to the start of the run.
+    /// Offset of each position of each run: mean error of the weights there, relative to the start of the run.
     pub(super) fn offsets(&self, columns: &[usize], weights: &[f64]) -> Vec<((usize, usize), f64)> {
         let v = error_of(columns, weights);
         let keys = self.groups.iter().map(|(key, _)| *key);
         keys.filter_map(|key| Some((key, self.offset(key, &v)?))).collect()
     }
 
-    /// Mean square error in a stretch, for weights fitted on these sums. The offset is known if the
-    /// position was part of the fit; otherwise it is that at the start of the run.
+    /// Mean square error in a stretch with weights that were fitted to these sums. The offset of a position is that of the fit, or, if the position
+    /// was not part of the fit, that at the start of the run.
     pub(super) fn error_in(&self, stretch: &Stretch, columns: &[usize], weights: &[f64]) -> f64 {
         let v = error_of(columns, weights);
         let (mut sum, mut rows) = (0.0, 0.0);

@@ -16,8 +16,7 @@ const STRETCHES: usize = 10;
 /// Relative change of a root mean square error below which it is insignificant.
 const NO_DIFFERENCE: f64 = 0.1;
 
-/// Prediction error of a fit on rows that were not used to find it, in the unit of the
-/// displacement.
+/// Error of terms, in the unit of the displacement, when predicting rows that were not used to find them.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
@@ -45,8 +44,7 @@ pub struct ThermalPrediction {
     pub sensors: Vec<usize>,
 }
 
-/// Thermal terms of a displacement, with the prediction errors of terms of the same kind on data
-/// that were not used to find them.
+/// Thermal terms of a displacement, with the prediction errors of terms that were found in the same way from a part of the data.
 #[derive(Clone, Debug, PartialEq)]
 pub struct JudgedThermal {
     /// Regression without time constants.
@@ -166,7 +164,7 @@ pub fn judge_thermal_runs(
 }
 
 impl JudgedThermal {
-    /// The verdict: a difference counts if it exceeds both its standard error over the parts and the limit of significance.
+    /// A difference of prediction errors counts if it exceeds both its standard error over the parts and a tenth of the error.
     pub fn verdict(&self) -> ThermalVerdict {
         verdict(&self.few.parts, &self.plain.parts, &self.none_of_parts)
     }
@@ -183,7 +181,7 @@ impl JudgedThermal {
         difference(&self.few.parts, &self.plain.parts)
     }
 
-    /// Reports rows so far apart that the unknown temperatures between them increase the error of the prediction by more than a tenth.
+    /// `Some` if the rows are so far apart that the unknown temperatures between them increase the prediction error by more than a tenth.
     pub fn coarse_rows(&self, runs: &[ThermalRun]) -> Option<CoarseRows> {
         let lags = self.terms.lags_s();
         let shortest_lag_s = lags.into_iter().find(|lag| *lag > 0.0)?;
@@ -223,7 +221,7 @@ impl ThermalPrediction {
         }
     }
 
-    /// Errors in the rows from `train` on, including those from unknown temperatures between rows.
+    /// Errors of terms in the rows from `train` on, including those from unknown temperatures between rows.
     fn by_time(terms: &ThermalTerms, run: &ThermalRun, train: usize) -> Self {
         let between = terms.rms_between_rows(run);
         let left = |rows: Range<usize>| {
@@ -304,7 +302,7 @@ fn verdict(few: &[f64], plain: &[f64], none: &[f64]) -> ThermalVerdict {
     ThermalVerdict::Good
 }
 
-/// The next lower number of the series 1, 2, 5, 10, 20, … s; at least 1.
+/// The largest number of the series 1, 2, 5, 10, 20, … s that does not exceed `seconds`; at least 1.
 fn rounded_down(seconds: f64) -> f64 {
     let ten = 10_f64.powf(seconds.max(1.0).log10().floor());
     let steps = [5.0, 2.0].into_iter().map(|step| step * ten);

@@ -2,8 +2,8 @@
 
 use volcomp_curve::first_order_lag_of_ramp;
 
-/// First-order lag of a signal over time, starting at its first value; as long as the shorter of both inputs. The signal is linear between rows, over
-/// which the lag is integrated in closed form.
+/// First-order lag of a signal over time, starting at its first value. The signal is linear between rows, and the lag is integrated in closed
+/// form. The result has the length of the shorter input.
 pub(super) fn lagged(time_s: &[f64], signal: &[f64], lag_s: f64) -> Vec<f64> {
     let mut state: Option<(f64, f64, f64)> = None;
     let step = |(&time, &input): (&f64, &f64)| {
@@ -15,7 +15,7 @@ pub(super) fn lagged(time_s: &[f64], signal: &[f64], lag_s: f64) -> Vec<f64> {
     time_s.iter().zip(signal).map(step).collect()
 }
 
-/// Lag of a signal that curves between its rows minus that of the linear one, in each row.
+/// Lag of a signal that curves between its rows minus that of the linearly interpolated signal, in each row.
 ///
 /// The curvature x″ is the difference of the slopes of two intervals over the time between their
 /// middles. The smaller of the values with the preceding and with the following interval is used,

@@ -27,7 +27,8 @@ impl Default for ThermalOptions {
 }
 
 impl ThermalOptions {
-    /// Ridge regression on temperature differences without lags, its penalty chosen in the same way: the baseline for a fit with lags.
+    /// Ridge regression on temperature differences without lags, with the penalty also chosen by forward validation: the baseline for fits with
+    /// lags.
     pub fn plain() -> Self {
         Self { lags_s: vec![0.0], mean_of: 1, ..Self::default() }
     }

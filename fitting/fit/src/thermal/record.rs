@@ -69,7 +69,7 @@ pub struct ThermalGap {
 }
 
 impl ThermalRecord {
-    /// Median interval between rows, s; 0 for a single row.
+    /// Median interval between rows, s; 0 with fewer than two rows.
     pub fn usual_interval_s(&self) -> f64 {
         let mut steps: Vec<f64> = self.time_s.windows(2).map(|p| p[1] - p[0]).collect();
         steps.sort_by(f64::total_cmp);
@@ -101,7 +101,7 @@ impl ThermalRecord {
         gaps
     }
 
-    /// The part of `rows` that no gap excludes for terms with these time constants.
+    /// Indices of those of `rows` that no gap excludes for terms with these time constants, s.
     pub(super) fn known_rows(&self, rows: &Range<usize>, lags_s: &[f64]) -> Vec<usize> {
         let gaps = self.gaps(lags_s);
         let end = rows.end.min(self.len());
@@ -217,7 +217,7 @@ impl ThermalRun {
         (positions, places)
     }
 
-    /// Known rows of each position that define its zero.
+    /// For each position, the first known rows, which define its zero.
     pub(super) fn zero_rows(known: &[usize], places: &[usize], count: usize) -> Vec<Vec<usize>> {
         let mut rows = vec![Vec::new(); count];
         for &row in known {

@@ -1,4 +1,4 @@
-//! Search for few thermal terms: few sensors, few lags, and only coefficients whose removal worsens the validation error significantly.
+//! Search for few thermal terms: few sensors, few lags, and only coefficients whose removal increases the validation error significantly.
 //!
 //! Several runs are validated by leaving out whole runs; one run by stretches of time, each predicted from those before it.
 
@@ -87,7 +87,7 @@ impl ThermalSearch {
     }
 }
 
-/// Finds the terms of one displacement from several runs, or from one.
+/// Finds the terms of a displacement from one or more runs.
 ///
 /// The sensors are those that explain most of the movement of all sensors. Time constants and penalty minimise the validation error. Then
 /// coefficients are removed one by one, each time the one whose removal leaves the smallest error. The result is the candidate with the fewest
@@ -115,8 +115,8 @@ pub fn search_thermal_rows(
     search_rows(std::slice::from_ref(run), &[rows], search)
 }
 
-/// Leave-one-run-out validation: for each run the root mean square of record minus the prediction of terms from all other runs, both relative to
-/// their start.
+/// Leave-one-run-out validation: for each run the root mean square of record minus prediction (µm or µrad) with terms found from all other runs.
+/// Both are relative to their start.
 ///
 /// # Errors
 /// Same as [`search_thermal`]; fewer than two runs.
@@ -244,7 +244,7 @@ impl Space {
         Self { lags_s: lags, expands, columns, stretches, folds }
     }
 
-    /// Validates a choice; `None` if some fold does not determine it.
+    /// Validates a choice of columns and penalty; `None` if the data of some fold do not determine its weights.
     fn judged(&self, columns: Vec<usize>, penalty: f64) -> Option<Choice> {
         let error = |fold: &Fold| {
             let weights = fold.learnt.ridge(&columns, penalty)?;
@@ -257,7 +257,7 @@ impl Space {
         Some(Choice { columns, penalty, errors })
     }
 
-    /// Columns of some time constants, with every expansion.
+    /// Indices of the columns with these time constants, and of every expansion.
     fn with_lags(&self, lags: &[f64]) -> Vec<usize> {
         let takes = |column: &Column| match column.effect {
             ThermalEffect::Drift { lag_s } => lags.contains(&lag_s),
@@ -267,7 +267,7 @@ impl Space {
         places.filter(|place| takes(&self.columns[*place])).collect()
     }
 
-    /// Best choice of time constants and penalty, followed by choices with one coefficient less each.
+    /// Best choice of time constants and penalty, followed by choices with one coefficient fewer each.
     fn path(&self, search: &ThermalSearch) -> Vec<Choice> {
         let mut best: Option<Choice> = None;
         let mut sets = search.lag_sets(&self.lags_s);

@@ -15,8 +15,9 @@ const STILL_K: f64 = 1e-3;
 const MIN_SHARE: f64 = 1e-6;
 const MAX_ROWS: usize = 2000;
 
-/// Chooses sensors one by one: each time the one which, together with those before it, explains most of the movement of all sensors, each scaled to
-/// its own. Displacements are ignored, because among many correlated sensors they would select the one whose noise fits best by chance.
+/// Chooses sensors one by one: each time the sensor that, together with those chosen before, explains most of the movement of all sensors, each
+/// scaled by its own movement. Displacements are ignored, because among many correlated sensors they would select the one whose noise fits best
+/// by chance.
 pub(super) fn representative_sensors(
     runs: &[(&ThermalRun, Range<usize>)],
     most: usize,

@@ -85,7 +85,7 @@ impl ThermalFit {
         judged(&record.time_s, &errors, &record.known_rows(&rows, &lags))
     }
 
-    /// Indices of the sensors with a weight in any term.
+    /// Indices of the sensors with a non-zero weight in any term.
     pub fn sensors(&self) -> Vec<usize> {
         let weight = |term: &ThermalTerm, sensor: usize| term.per_k.get(sensor).copied();
         let counts = |sensor: &usize| {
@@ -143,7 +143,7 @@ pub struct ThermalNumber {
 pub struct ThermalSize {
     /// Number of coefficients of the terms.
     pub numbers: usize,
-    /// Root mean square of the errors of validation, µm or µrad.
+    /// Root mean square validation error, µm or µrad.
     pub rms: f64,
     /// Standard error of `rms` over the runs or stretches.
     pub standard_error: f64,
@@ -243,7 +243,7 @@ impl ThermalTerms {
         lags
     }
 
-    /// Prediction from the temperatures of a run with the same sensors, relative to its first row.
+    /// Prediction from the temperatures of a run with the same sensors, relative to its value in the first row.
     fn unknown_zero(&self, run: &ThermalRun, between: Between) -> Vec<f64> {
         let mut sum = vec![0.0; run.record.len()];
         for number in &self.numbers {

@@ -18,8 +18,8 @@ fn wavy(x: &[f64], seed: u64) -> Vec<f64> {
     noisy(x, 0.5, seed, |x| 10.0 * (x / 700.0).sin() + 4.0 * (x / 300.0).cos())
 }
 
-/// Evenly spaced targets, none at the very edge of a tried support, where rounding would decide whether it counts; and targets that are
-/// dense at the ends and sparse in the middle.
+/// Two sets of targets: evenly spaced, with none at the edge of a tried support, where rounding would decide whether it counts; and dense at
+/// the ends, sparse in the middle.
 fn spacings() -> [Vec<f64>; 2] {
     let uneven = |i: u32| 4000.0 * (1.0 - (f64::from(i) * std::f64::consts::PI / 22.0).cos());
     [targets(32), (0..=22).map(uneven).collect()]
@@ -69,7 +69,7 @@ fn takes_the_best_of_all_candidates() {
     }
 }
 
-/// The published setting, order 4 and support 1/3, is a candidate at its own 21 targets over 8000 mm.
+/// The published setting, order 4 and support 1/3, is a candidate for the 21 targets over 8000 mm of the publication.
 #[test]
 fn the_published_pair_is_carried_by_its_own_targets() {
     let x = targets(21);
@@ -93,7 +93,7 @@ fn says_when_the_required_residual_is_not_met() {
     assert_eq!(fit.curve, fit_mls_auto(&x, &u, 3.0, None).unwrap().curve);
 }
 
-/// Of many targets some are tried, over supports that have at most as many targets in them as those of 400.
+/// With more than 100 targets the settings are tested at some of them, with supports of at most 400 targets; the curve is as good as with few.
 #[test]
 fn many_targets_are_followed_like_few() {
     let wave = |x: f64| 10.0 * (x / 500.0).sin();
@@ -105,9 +105,9 @@ fn many_targets_are_followed_like_few() {
         assert!(mls(&fit).half_width() * f64::from(count) <= 400.0 * 8000.0 * 1.01);
         let misses = x.iter().map(|&x| (fit.curve.value(x) - wave(x)).powi(2));
         let rms = (misses.sum::<f64>() / f64::from(count)).sqrt();
-        // A fit of ten to twenty coefficients leaves this of a scatter of 1.
+        // Residual of a fit of ten to twenty coefficients at a scatter of 1.
         assert!(rms < 0.6, "{count}: {rms}");
-        // A single reading that no curve follows is noticed though it may not be one of those that are tried.
+        // A single reading that no curve follows is reported, even if its target is not one at which the settings are tested.
         let mut u = u;
         u[usize::try_from(count / 2).unwrap() + 1] += 200.0;
         let fit = fit_mls_auto(&x, &u, 3.0, Some(20.0)).unwrap();

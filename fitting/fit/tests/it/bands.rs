@@ -62,7 +62,7 @@ fn bands_cover_the_truth_between_targets() {
     assert!((0.92..=0.98).contains(&together.share()), "{together:?}");
     assert!((0.92..=0.98).contains(&others.share()), "{others:?}");
     assert!(sparse.share_of_targets() < 0.4, "{sparse:?}");
-    // The curves of this fifth give a warning, except a few that look like a long wave.
+    // Most of these undersampled lines give a warning; a few look like a long wave.
     assert!(10 * sparse.warned >= 8 * sparse.curves, "{sparse:?}");
     // Twenty undersampled lines are too few to determine the coverage, so a hundred more are used.
     for index in (104..500).step_by(5) {

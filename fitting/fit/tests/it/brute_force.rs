@@ -1,5 +1,5 @@
-//! Independent moving least squares from the formula: powers of the distance over the half width, roots of the weights as rows, solved by
-//! singular values. For the leave-one-out error every target is omitted in turn and everything solved again.
+//! Moving least squares implemented independently from the formula: powers of the distance over the half width, rows weighted by the roots of the
+//! weights, solved by singular values. For the leave-one-out error every target is omitted in turn and everything is solved again.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -57,7 +57,7 @@ pub(crate) fn carried(nodes: &[[f64; 2]], order: usize, h: f64) -> bool {
         })
 }
 
-/// The orders and supports of the rule: a grid and the published pair.
+/// Orders and supports of the automatic mode: a grid and the published pair.
 pub(crate) fn tried() -> Vec<(usize, f64)> {
     let grid = (1..=6).flat_map(|order| (3..=20).map(move |step| (order, f64::from(step) * 0.05)));
     grid.chain([(4, 1.0 / 3.0)]).collect()

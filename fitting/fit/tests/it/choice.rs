@@ -112,7 +112,7 @@ fn few_equal_and_repeated_targets() {
     assert!(choose(&[], &none()).is_err());
 }
 
-/// A bend at one target is followed exactly if the known scatter of the readings is small.
+/// The curve follows a bend at one target if and only if the known scatter of the readings is small.
 #[test]
 fn a_known_scatter_decides_what_is_followed() {
     let x = targets(9);

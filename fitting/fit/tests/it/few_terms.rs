@@ -19,7 +19,7 @@ fn rms(values: impl IntoIterator<Item = f64>) -> f64 {
 /// Steps of a lag between two rows.
 const PARTS: u32 = 100;
 
-/// Record minus prediction from the coefficients, by a separate loop, relative to the mean of the first three rows.
+/// RMS of record minus the prediction from the coefficients, in a separate implementation, relative to the mean of the first three rows.
 fn rms_by_hand(terms: &ThermalTerms, run: &ThermalRun) -> f64 {
     let record = &run.record;
     let mut error = record.displacement.clone();

@@ -9,7 +9,7 @@ use volcomp_fit::{
 
 /// Standard deviation of a reading, µm.
 pub(crate) const NOISE: f64 = 0.45;
-/// Maximum error of an acceptable curve, µm.
+/// Minimum error of a grossly wrong curve, µm.
 const GROSS: f64 = 30.0;
 /// Maximum error of a correct curve, µm: three times that of a smoothing B-spline with 21 even targets.
 const HARMLESS: f64 = 3.0;

@@ -12,7 +12,6 @@ const COUNTS: [u32; 10] = [5, 7, 9, 11, 15, 21, 31, 51, 101, 200];
 
 /// One direction of a measured line: truth and readings.
 pub(crate) struct Side {
-    /// The readings of each run.
     pub(crate) runs: Vec<Vec<f64>>,
     /// True value at a coordinate.
     pub(crate) truth: Box<dyn Fn(f64) -> f64>,
@@ -29,7 +28,7 @@ pub(crate) struct Generated {
 }
 
 impl Side {
-    /// Targets and readings of all runs as one list each.
+    /// Targets and readings of all runs, each concatenated into one list.
     pub(crate) fn readings(&self, targets: &[f64]) -> (Vec<f64>, Vec<f64>) {
         let x = self.runs.iter().flat_map(|_| targets.to_vec()).collect();
         (x, self.runs.concat())

@@ -7,14 +7,14 @@ use volcomp_fit::{ThermalRecord, ThermalRun};
 
 /// Heat capacities, kJ/K: bearing, head, upper and lower column, bed, scale.
 const CAPACITY: [f64; 6] = [8.0, 60.0, 150.0, 220.0, 900.0, 5.0];
-/// Conduction between two masses, W/K.
+/// Thermal conductance between two masses, W/K.
 const CONDUCTION: [(usize, usize, f64); 5] =
     [(0, 1, 45.0), (1, 2, 30.0), (2, 3, 60.0), (3, 4, 40.0), (2, 5, 2.0)];
-/// Convection to the room, W/K.
+/// Convection from each mass to the room, W/K.
 const CONVECTION: [f64; 6] = [4.0, 10.0, 14.0, 14.0, 30.0, 3.0];
 /// Displacement of the tool by each mass, µm/K.
 const EFFECT: [f64; 6] = [1.2, 3.0, 4.0, -2.5, -1.5, 0.0];
-/// Rows of a run, and their interval, s.
+/// Number of rows of a run, and their interval, s.
 const ROWS: usize = 360;
 const STEP_S: f64 = 60.0;
 const SECONDS: u32 = 60;
@@ -89,7 +89,7 @@ pub(crate) fn run(seed: u64) -> ThermalRun {
     ThermalRecord { time_s: machine.time_s, degc: machine.degc, displacement }.into()
 }
 
-/// A run over five positions of an axis with a curve; its scale expands by 11.5 µm/(m·K) from 100 mm.
+/// A run over five positions of an axis with an error curve; its scale expands by 11.5 µm/(m·K) about 100 mm.
 pub(crate) fn moving(seed: u64) -> ThermalRun {
     let machine = simulated(seed);
     let mut random = ChaCha8Rng::seed_from_u64(seed + 1_000_000);

@@ -8,7 +8,7 @@ use volcomp_fit::{
 
 use crate::{noisy, targets};
 
-/// Leaves out every target with all its readings, and predicts each of these.
+/// RMS error of predicting the readings of each target by a fit to the readings of all other targets.
 fn brute_force(x: &[f64], u: &[f64], fit: impl Fn(&[f64], &[f64]) -> Result<Fit, FitError>) -> f64 {
     let square = |(target, reading): (&f64, &f64)| {
         let pairs = || x.iter().copied().zip(u.iter().copied());

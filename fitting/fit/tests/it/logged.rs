@@ -10,7 +10,7 @@ use volcomp_fit::{
 
 const STEP_S: f64 = 5.0;
 const HOURS: usize = 8;
-/// Steps per hour.
+/// Number of steps per hour.
 const HOUR: usize = 720;
 
 /// Eight hours in steps of five seconds: spindle, bed, room, and a displacement of 3.2 µm/K of the spindle with a lag of 600 s minus 2
@@ -182,7 +182,7 @@ fn a_gap_in_time_is_not_bridged() {
     let gaps = record.gaps(&search.lags_s);
     assert_eq!(gaps.len(), 1);
     assert_eq!((gaps[0].from_s, gaps[0].to_s), (10_740.0, 14_400.0));
-    // By hand: at the end of the gap the slowest lag contains 1 − exp(−3660/5400) of a step in the gap, which decays to a twentieth in
+    // By hand: at the end of the gap, 1 − exp(−3660/5400) of a step in the gap has reached the slowest lag; this decays to a twentieth in
     // 5400·ln(9.845) s.
     let known = gaps[0].left_out.clone();
     assert_eq!(known.start, from);

@@ -26,7 +26,7 @@ pub struct CircularDeviations {
     pub centre_um: [f64; 2],
 }
 
-/// Evaluates a trace.
+/// Evaluates a trace by ISO 230-4.
 ///
 /// # Errors
 /// The points of a sense do not determine a circle, or hold numbers that are not finite.
@@ -63,7 +63,7 @@ pub fn circular_deviations(trace: &CircularTrace) -> Result<CircularDeviations, 
 }
 
 impl CircularDeviations {
-    /// Quantities by symbol and name.
+    /// Quantities with their symbols and names.
     pub fn quantities(&self) -> Vec<StandardQuantity> {
         let larger = |values: [Option<f64>; 2]| values.into_iter().flatten().reduce(f64::max);
         let smaller = |values: [Option<f64>; 2]| values.into_iter().flatten().reduce(f64::min);
@@ -80,7 +80,7 @@ impl CircularDeviations {
     }
 }
 
-/// Radius deviation and centre of the least-squares circle: δ = r + a cos θ + b sin θ.
+/// Least-squares circle of the radial deviations δ: radius deviation r and centre (a, b) in δ = r + a cos θ + b sin θ, µm.
 fn circle(points: &[TracePoint], name: &str) -> Result<Vector3<f64>, MetrologyError> {
     let (mut normal, mut right) = (Matrix3::zeros(), Vector3::zeros());
     for p in points {
@@ -102,7 +102,7 @@ fn circle(points: &[TracePoint], name: &str) -> Result<Vector3<f64>, MetrologyEr
     })
 }
 
-/// Deviations about the centre of `circle`.
+/// Radial deviations about the centre of `circle`, µm.
 fn about(points: &[TracePoint], circle: Vector3<f64>) -> Vec<f64> {
     let centred = |p: &TracePoint| {
         let (sin, cos) = p.angle_rad.sin_cos();

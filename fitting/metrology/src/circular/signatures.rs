@@ -1,4 +1,4 @@
-//! Error signatures in the shape of a trace: all fitted together by least squares, and ranked.
+//! Error signatures in the shape of a trace: fitted together by least squares, and ranked.
 //!
 //! With the angle θ from the first axis to the second, d = ±1 for the sense, the radius R and the path (R cos θ, R sin θ):
 //!
@@ -136,9 +136,8 @@ pub fn circular_signatures(trace: &CircularTrace) -> Result<Signatures, Metrolog
     Ok(fit.signatures(points, both, trace.radius_mm))
 }
 
-/// Whether some point follows each reversal of an axis within 2°, or within 1.5 times the median
-/// spacing of the points if that is more. If none does, the size of the reversal spike is
-/// undetermined, because the spike has decayed.
+/// For each reversal of an axis, whether a point follows it within 2°, or within 1.5 times the median spacing of the points if that is more.
+/// Otherwise the size of the reversal spike is undetermined, because the spike has decayed at the next point.
 fn passed(points: &[TracePoint]) -> [bool; 4] {
     const NEAR_DEG: f64 = 2.0;
     let mut steps: Vec<f64> = (points.windows(2))
@@ -152,7 +151,7 @@ fn passed(points: &[TracePoint]) -> [bool; 4] {
     PLACES.map(|place| points.iter().any(|p| since(p, place) <= near))
 }
 
-/// Least-squares fit between two widths, by golden-section search.
+/// Least-squares fit with the best spike width between two widths, by golden-section search.
 fn narrowed([mut low, mut high]: [f64; 2], at: &dyn Fn(f64) -> Option<Fit>) -> Option<Fit> {
     const STEPS: usize = 14;
     const GOLDEN: f64 = 0.618_033_988_749_894_8;
@@ -217,7 +216,7 @@ fn design(points: &[TracePoint], both: bool, width_rad: f64) -> DMatrix<f64> {
 
 struct Fit {
     found: DVector<f64>,
-    /// Variance of each coefficient; 0 for the same spikes.
+    /// Variance of each coefficient for given widths of the spikes; 0 for spikes without a column.
     variances: Vec<f64>,
     passed: [bool; 4],
     squares: f64,

@@ -32,7 +32,7 @@ impl CircularPlane {
         }
     }
 
-    /// Squareness error of the plane; [`opening`](crate::opening) gives the sign with which it opens the angle between the axes.
+    /// Squareness error of the plane; [`opening`](crate::opening) returns whether a positive value opens or closes the angle between the axes.
     pub fn squareness(self) -> ErrorName {
         let (component, axis) = match self {
             Self::Xy => (Component::EC, AxisName::Y),
@@ -211,9 +211,9 @@ pub(super) struct OneTurn {
     pub(super) notes: Vec<String>,
 }
 
-/// Keeps one turn of each sense, because a part of the circle that is run twice would count twice in the least-squares circle. Of a run longer than
-/// one turn the middle is kept, since its ends contain starting and stopping. Of several runs with a whole turn among them, the longest is kept.
-/// Overlapping arcs are all kept, with a note. Points whose angles do not progress in their sense have no order, and all are kept.
+/// Selects one turn of each sense, because a part of the circle that is run twice would count twice in the least-squares circle. If a run is longer
+/// than a turn, its middle is kept, since its ends contain starting and stopping. Of several runs of which some are whole turns, the longest is
+/// kept. Overlapping arcs are all kept, with a note; so are points whose angles do not progress in their sense and thus have no order.
 pub(super) fn one_turn(angles_rad: &[f64], senses: &[Sense]) -> OneTurn {
     let mut found = OneTurn { keeps: vec![true; angles_rad.len()], notes: Vec::new() };
     for sense in Sense::BOTH {
@@ -262,7 +262,7 @@ impl Run {
         self.angles.last().copied().unwrap_or(0.0)
     }
 
-    /// Whether one more step after the last point would close the turn.
+    /// Whether the run is a whole turn: one more step after the last point would close it.
     fn is_whole_turn(&self) -> bool {
         let steps = self.angles.windows(2).map(|pair| pair[1] - pair[0]);
         self.turned() + steps.fold(LEAST_TURN_RAD, f64::max) >= TAU

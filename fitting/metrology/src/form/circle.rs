@@ -126,12 +126,12 @@ struct Ring {
     contacts: Vec<usize>,
 }
 
-/// Narrowest ring, by linear minimax problems about successively better centres, starting from the
-/// least-squares centre.
+/// Narrowest ring that encloses all points, by a sequence of linear minimax problems, each about the centre of the previous one, starting from
+/// the least-squares centre.
 ///
-/// It stops when a linear problem gains nothing. The weights of its contact points then prove that no small motion of the centre makes the ring
-/// narrower. As distances are convex functions of the centre, another narrowest ring could only have a centre that is away by a good part of the
-/// radius. `None` if the ring becomes a straight strip.
+/// The search stops when a linear problem gives no improvement. The weights of its contact points then prove that no small motion of the centre
+/// makes the ring narrower. As distances are convex functions of the centre, another narrowest ring could only have a centre that is away by a good
+/// part of the radius. `None` if the ring becomes a straight strip.
 fn ring(points: &[Vector3<f64>], start: Vector2<f64>) -> Option<Ring> {
     let radii_about = |centre: Vector2<f64>| range(points.iter().map(|p| (p.xy() - centre).norm()));
     let width_about = |centre: Vector2<f64>| {

@@ -218,11 +218,11 @@ impl DatumAxis {
     }
 }
 
-/// Evaluates a feature from points in mm.
+/// Evaluates a feature from points, mm.
 ///
 /// # Errors
-/// Too few different points ([`FeatureKind::fewest_points`]), coordinates that are not finite or beyond [`LARGEST_MM`], points that do not determine
-/// the feature: on one line or in one plane, as high as broad, around no axis.
+/// Too few different points ([`FeatureKind::fewest_points`]), coordinates that are not finite or beyond [`LARGEST_MM`], or points that do not
+/// determine the feature, because they are, for example, on one line, in one plane, or not around an axis.
 pub fn evaluate_form(points_mm: &[[f64; 3]], feature: Feature) -> Result<Form, FormError> {
     match feature {
         Feature::Circle { plane } => circle::circle(points_mm, plane),

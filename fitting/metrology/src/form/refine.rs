@@ -12,8 +12,8 @@ pub(super) trait Shape<const N: usize>: Clone {
 pub(super) struct Refined<S, const N: usize> {
     pub(super) shape: S,
     pub(super) squares: f64,
-    /// Square root of the ratio of the smallest to the largest eigenvalue of the normal equations, each parameter scaled separately: 0 if the points
-    /// do not determine the parameters.
+    /// Square root of the ratio of the smallest to the largest eigenvalue of the normal equations, with each parameter scaled to unit diagonal; 0 if
+    /// the points do not determine the parameters.
     pub(super) determined: f64,
     step: f64,
 }

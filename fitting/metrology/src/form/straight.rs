@@ -115,7 +115,7 @@ struct Strip {
     contacts: Vec<usize>,
 }
 
-/// One side of the narrowest strip lies on an edge of the convex hull, the other on the corner farthest from it.
+/// Finds the narrowest strip: one of its sides lies on an edge of the convex hull, the other on the corner farthest from it.
 fn narrowest_strip(points: &[(f64, f64)]) -> Option<Strip> {
     let mut sorted = points.to_vec();
     sorted.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1)));
@@ -167,8 +167,8 @@ pub(super) fn plane(points_mm: &[[f64; 3]]) -> Result<Form, FormError> {
     })
 }
 
-/// Thinnest layer between two parallel planes that encloses all points, by minimax problems of the heights over the previous plane. `None` if none
-/// was found.
+/// Thinnest layer between two parallel planes that encloses all points, by a sequence of minimax problems of the heights over the previous
+/// plane. `None` if none was found.
 fn layer(cloud: &Cloud, start: Vector3<f64>) -> Option<MinimumZone> {
     let thickness_of = |normal: Vector3<f64>| {
         let [low, high] = range(cloud.points.iter().map(|p| p.dot(&normal)));

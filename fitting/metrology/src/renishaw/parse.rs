@@ -13,9 +13,9 @@ const STRAIGHTNESS_NOT_PROVEN: &str = "deviations of .rts files are taken as µm
 
 /// Reads a Renishaw laser file.
 ///
-/// Sections, keys (case, blanks and hyphens ignored) and numbers follow the grammar that independent readers and writers of the format share; unknown
-/// sections and keys are skipped. Targets are mm or deg. Deviations are measured − target: µm in `.rtl`; milliradian in `.rta`, converted to µrad; in
-/// `.rts` taken as µm perpendicular to the axis, with a note.
+/// Sections, keys (case, blanks and hyphens ignored) and numbers follow the grammar on which independent readers and writers of the format agree;
+/// unknown sections and keys are skipped. Targets are mm or deg. Deviations are measured − target: µm in `.rtl`; milliradian in `.rta`, converted
+/// to µrad; in `.rts` taken as µm perpendicular to the axis, with a note.
 ///
 /// - The middle column of DEVIATIONS is the number of the target in the list, from 1. If some row cannot be such a number (not whole, out of range)
 ///   and every row equals a target, the column holds the targets themselves. Row order never assigns a deviation to a target.

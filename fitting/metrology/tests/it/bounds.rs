@@ -1,5 +1,5 @@
-//! Spread of results due to noise, compared with the Cramér–Rao bound (inverse of the Fisher information). No unbiased evaluation of the
-//! same readings scatters less, since nothing is assumed about the shape of a guideway or tilt between targets.
+//! Scatter of results due to noise, compared with the Cramér–Rao bound (inverse of the Fisher information): no unbiased evaluation of the same
+//! readings scatters less without assumptions on the shape of a guideway or on the tilts between targets.
 
 use nalgebra::{DMatrix, DVector};
 use rand::SeedableRng;

@@ -129,7 +129,7 @@ fn incomplete_or_suspicious_tables_are_noted() {
     insta::assert_snapshot!(notes(&zeros), @"every backward reading is exactly 0: if the test was unidirectional, leave those rows out");
 }
 
-/// A truncated table is rejected or noted, except at a line end in its first run, where nothing shows the truncation.
+/// A truncated table is rejected or noted, unless it ends after a complete row of its first run, where the truncation is not recognisable.
 #[test]
 fn a_table_cut_anywhere_is_refused_or_noted() {
     for cut in 0..BIDIRECTIONAL.len() {

@@ -7,8 +7,7 @@ use crate::samples::near;
 const EDGES: [f64; 3] = [800.0, 600.0, 500.0];
 const RUNS: u32 = 2;
 
-/// Deviation along a diagonal from displaced corner points, with three squareness errors (µrad), scale errors (µm/m) and a reversal value
-/// of X (µm).
+/// Errors of a machine: squareness (µrad), scale (µm/m) and reversal value of X (µm).
 struct Known {
     ec0y: f64,
     ea0z: f64,

@@ -21,7 +21,7 @@ pub(crate) struct Motion {
 }
 
 impl Motion {
-    /// From any non-zero quaternion, and a shift.
+    /// Rotation by any non-zero quaternion, followed by a shift.
     pub(crate) fn new([w, x, y, z]: [f64; 4], shift: Point) -> Self {
         let n = (w * w + x * x + y * y + z * z).sqrt();
         let [w, x, y, z] = [w / n, x / n, y / n, z / n];

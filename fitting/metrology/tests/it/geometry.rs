@@ -32,7 +32,6 @@ fn dot(a: Vector, b: Vector) -> f64 {
     a.iter().zip(b).map(|(x, y)| x * y).sum()
 }
 
-/// Rotates v by the rotation vector w (Rodrigues).
 fn rotated(v: Vector, w: Vector) -> Vector {
     let angle = dot(w, w).sqrt();
     if angle == 0.0 {
@@ -188,7 +187,7 @@ fn a_line_needs_two_targets() {
     insta::assert_snapshot!(ReferenceLine::least_squares(&[(1.0, 2.0)]).unwrap_err(), @"least-squares reference line: points: found 1, expected at least two different targets");
 }
 
-/// Two axis lines and two beams, each pair out of square: the slopes give the angle of the axis lines within 0.001 µrad.
+/// Two axis lines and two reference beams, each pair out of square: the slopes give the angle between the axis lines within 0.001 µrad.
 #[test]
 fn squareness_from_slopes_is_the_angle_between_the_axis_lines() {
     // For each pair: first axis p, second axis s, the axis of rotation from p to s, and the error's name.
@@ -228,7 +227,7 @@ fn squareness_from_slopes_is_the_angle_between_the_axis_lines() {
     }
 }
 
-/// For every tilt of X, Y and Z about every direction, the sign equals the change of the angle between two lines one of which is rotated.
+/// For every tilt of X, Y and Z about every axis, the sign equals the change of the angle between two lines, one of which is rotated.
 #[test]
 fn a_tilt_opens_or_closes_the_angle_of_its_axes() {
     const URAD: f64 = 100.0;

@@ -134,7 +134,7 @@ fn passes_with_zeros_of_their_own_make_no_step() {
     assert_eq!(one_by_one.incomplete_runs(), None);
 }
 
-/// A drifting run has no constant offset: where it ends, a step of half its drift over the common targets remains.
+/// A drifting run has no constant offset: where it ends, a step remains, half of its drift over the common targets.
 #[test]
 fn a_drift_leaves_only_its_own_part_of_the_step() {
     let drift = |run: u32, _, target: usize| if run == 2 { 0.4 * target as f64 } else { 0.0 };
@@ -163,8 +163,8 @@ fn the_scatter_has_no_step_in_it() {
     }
 }
 
-/// A straightness reference that is realigned for each run: each run has an offset and a slope. Runs of which some lack targets leave the truth but for
-/// one line, in both directions the same.
+/// A straightness reference is realigned before each run, so each run has an offset and a slope. If runs lack targets, the mean curves of both
+/// directions are the truth plus one common line.
 #[test]
 fn runs_of_a_straightness_that_lack_targets_make_no_step() {
     let slopes = [0.0, 0.09, -0.05];
@@ -272,7 +272,7 @@ fn a_long_chain_of_short_runs_keeps_the_profile() {
     }
 }
 
-/// The slope of a run with two common targets is not checked by any other; that of one with a single target is unknown.
+/// For a run with two common targets nothing checks the slope; for a run with a single common target the slope is unknown. Both are rejected.
 #[test]
 fn runs_of_a_straightness_without_slope_are_refused() {
     for last in [0, 1] {

@@ -117,7 +117,7 @@ fn non_finite_readings_are_refused() {
     insta::assert_snapshot!(evaluate(&measurement(&[(3.0, 1, Positive, f64::NAN)])).unwrap_err(), @"m: readings: found deviation NaN at target 3, expected finite numbers, at most 1e12");
 }
 
-/// Second implementation of the formulas of the standard, directly from the readings.
+/// Independent implementation of the formulas of the standard, directly from the readings.
 fn second_implementation(m: &Measurement) -> [f64; 12] {
     let targets = m.targets();
     let stats = |target: f64, direction| {

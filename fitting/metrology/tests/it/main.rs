@@ -1,4 +1,4 @@
-//! Behaviour of the crate, seen from outside.
+//! Tests of the public interface of the crate.
 #![allow(clippy::unwrap_used, reason = "a panic is how a test fails")]
 
 mod bad_input;

@@ -130,7 +130,7 @@ fn header_rows_are_lines_of_the_file() {
     assert_eq!(table(numbered, "\nt,d\n0,1\n").unwrap().readings.len(), 1);
 }
 
-/// Readings of passes, each a direction and targets, as a table with a column of directions, and the runs that are read.
+/// Reads a table of passes, each a direction and targets, with a column of directions but none of runs, and returns the run of each row.
 fn runs_of(passes: &[(&str, &[u32])]) -> Result<Vec<u32>, MetrologyError> {
     let toml = "[columns]\ntarget = \"t\"\ndeviation = \"d\"\ndirection = \"way\"";
     let rows = passes.iter().flat_map(|(way, targets)| {

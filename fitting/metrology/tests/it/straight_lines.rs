@@ -132,7 +132,7 @@ impl Line {
     }
 }
 
-/// Share of simulated squarenesses that the stated U holds, with a square that is calibrated to U = 3 µrad.
+/// Fraction of simulated squarenesses whose error is within the stated U, with a square that is calibrated to U = 3 µrad.
 fn coverage(lines: [&Line; 2]) -> f64 {
     const TRIALS: u32 = 800;
     let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(7);
@@ -148,8 +148,8 @@ fn coverage(lines: [&Line; 2]) -> f64 {
     inside.count() as f64 / f64::from(TRIALS)
 }
 
-/// The stated U holds the true squareness with 95.45 %, the probability of k = 2; with few degrees of freedom in both lines rather more. With several
-/// runs the reference is realigned for each; with one run nothing shows how, so it is not.
+/// The stated U contains the true squareness with 95.45 %, the probability of k = 2, or more with few degrees of freedom in both lines. The
+/// reference is realigned only between several runs, because a single run does not show the effect.
 #[test]
 fn the_uncertainty_of_a_squareness_covers_the_truth() {
     for runs in [1, 2, 5] {
@@ -166,7 +166,7 @@ fn the_uncertainty_of_a_squareness_covers_the_truth() {
     }
 }
 
-/// Summed tilts of a bridge: the residuals of the profile about its line would show a fraction of the uncertainty.
+/// The stated U also covers a profile summed from bridge tilts; the residuals about its line would give only a fraction of U.
 #[test]
 fn the_uncertainty_of_the_slope_of_a_bridge_covers_the_truth() {
     const TRIALS: u32 = 2000;
@@ -232,8 +232,8 @@ fn parallel_lines_give_back_the_angles() {
     ");
 }
 
-/// A parallelogram that is drawn with sides AD along the first axis and AB leaning by t from the second. Where B leans to the first axis, the
-/// angle is closed by t: −t for EC0Y and EA0Z, +t for EB0Z.
+/// A parallelogram with side AD along the first axis and side AB leaning by t from the second. If B leans towards the first axis, the angle is
+/// closed by t: −t for EC0Y and EA0Z, +t for EB0Z.
 #[test]
 fn squareness_of_a_drawn_parallelogram() {
     let distance = |[ax, ay]: [f64; 2], [bx, by]: [f64; 2]| (bx - ax).hypot(by - ay);

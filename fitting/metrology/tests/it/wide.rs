@@ -32,7 +32,7 @@ const LONG: &str = "target mm,run,direction,deviation um
 0,2,-,4.75\n100,2,-,1.25\n200,2,-,7.5
 ";
 
-/// The same, written one row a target.
+/// The same readings with one row for each target.
 const WIDE: &str = "Target (mm),Run 1 fwd (µm),Run 1 bwd (µm),Run 2 fwd (µm),Run 2 bwd (µm)
 0,0.5,4.5,0.25,4.75\n100,-2.5,1.5,-2.25,1.25\n200,3.25,7.25,3,7.5
 ";
@@ -111,7 +111,7 @@ fn measured_positions_in_columns() {
     let read = csv("target deg,fwd\n0,0\n90,90.001\n").unwrap();
     assert_eq!(read.unit.map(DeviationUnit::key), Some("urad"));
     assert!((read.readings[1].deviation - 1e3_f64.to_radians()).abs() < 1e-9);
-    // Deviations in mm, inches and arcsec, small beside the targets.
+    // Deviations in mm, inches and arcsec, small relative to the targets.
     for (text, expected) in [
         ("target mm,fwd mm\n0,0\n100,0.002\n", 2.0),
         ("target inch,fwd inch\n0,0\n4,0.0001\n", 2.54),

@@ -26,7 +26,7 @@ fn at_once(text: &str) -> Result<Content, InputError> {
     Ok((table.separator(), table.has_decimal_comma(), names, rows))
 }
 
-/// Reads the same text in batches of at most `most` rows.
+/// Content of the text, read in batches of at most `most` rows.
 fn in_batches(text: &str, most: usize) -> std::io::Result<Content> {
     let mut batches = CsvBatches::open("p.csv", std::io::Cursor::new(text))?;
     let head = batches.head();
@@ -149,7 +149,7 @@ fn remarks_count_as_lines_and_halves_of_numbers_are_told() {
     assert!(message.contains("found `X \"a\",Z`"), "{message}");
 }
 
-/// A double quote that is not closed would hide the rows after it, whichever cell it opens; in the last cell it hides none.
+/// A double quote that is not closed is rejected, whichever cell it opens, because it would hide the rows after it.
 #[test]
 fn a_quote_that_is_not_closed_is_refused() {
     for rows in ["1,\"2\n3,4\n5,6\n", "\"1,2\n3,4\n", "1,\"2\n3,4\n5,\"6\"\n"] {

@@ -46,7 +46,6 @@ proptest! {
     }
 }
 
-/// Result of `decode` for one value under the key `a`.
 fn asked<T>(
     text: &str,
     decode: impl FnOnce(&Section<'_>) -> Result<T, InputError>,
@@ -190,7 +189,7 @@ proptest! {
     }
 }
 
-/// The parser's message is kept unless it concerns a value. A first line that is valid TOML gives no hint about the file format.
+/// The parser's message is kept unless it concerns a value. If the first line is valid TOML, the message has no hint about the file format.
 #[test]
 fn text_that_is_no_toml_is_told_in_words_of_the_file() {
     for (text, expected) in [

@@ -8,8 +8,8 @@ use tokio::{
     net::{TcpListener, TcpStream},
 };
 
-/// Seventeen dashboards with 64 connections each would use up all file descriptors. Above 256 connections the oldest are closed, of
-/// whichever server, and the newest is served.
+/// Seventeen servers with 64 connections each would use up all file descriptors. Above 256 connections the oldest is closed, whichever server
+/// it belongs to, and the newest is served.
 #[tokio::test]
 async fn all_servers_share_a_connection_limit() {
     let mut hang = Vec::new();

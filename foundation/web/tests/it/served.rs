@@ -39,7 +39,7 @@ async fn a_request_carries_its_client_address() {
     assert!(answer(stream, ask).await.ends_with("127.0.0.1"));
 }
 
-/// The header `Date` cannot hold every time of the computer's clock: an answer has none.
+/// The header `Date` cannot represent every time of the computer's clock, so a response has none.
 #[tokio::test]
 async fn an_answer_does_not_depend_on_the_wall_clock() {
     let listener = TcpListener::bind("127.0.0.1:0").await.expect("free");
