@@ -95,7 +95,7 @@ pub(crate) struct World {
     /// The barrier holds in a stop that no path reports.
     pub(crate) holds: bool,
     pub(crate) answers: bool,
-    /// Reported instead of the applied correction.
+    /// Correction that the control reports instead of the applied one; `None`: it reports the applied one.
     pub(crate) false_reading: Option<PerChannel<f64>>,
     /// Index of a word of the barrier's report, and the bits to flip.
     pub(crate) flipped_word: Option<(usize, u16)>,
@@ -126,7 +126,7 @@ pub(crate) struct World {
     pub(crate) largest_step: f64,
 }
 
-/// Both paths have the same axis order.
+/// Axis indices for a path with the axis order of the previous one.
 pub(crate) fn same_places() -> PerChannel<Option<usize>> {
     PerChannel::from_fn(Some)
 }
