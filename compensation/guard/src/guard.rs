@@ -55,7 +55,6 @@ pub struct Guard {
     /// The sent corrections, and the corrections accepted when read back.
     accepted: AcceptedRange,
     sent_to_barrier: Option<Duration>,
-    /// Whether the output was held at, or reset to, the confirmed correction (start, interlock, change of path). The next motion then begins there: with
     /// Whether the output was held at, or reset to, the confirmed correction (start, interlock, change of path). The next motion then begins
     /// there: with a new ramp or, on the way to zero, with a new straight line.
     at_confirmed: bool,
