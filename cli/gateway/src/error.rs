@@ -82,10 +82,8 @@ pub enum TokenError {
     /// The line does not have three words.
     #[error("found {0} words, expected NAME ROLE TOKEN")]
     Words(usize),
-    /// Unknown role.
     #[error("found another role, expected view, operate or engineer")]
     Role,
-    /// The token is too short.
     #[error(
         "expected a token of at least 128 bits: 32 hexadecimal digits or 22 other letters and digits"
     )]
