@@ -53,7 +53,7 @@ struct RejectedPosition {
     since: Duration,
     /// First of the rejected positions that follow from each other, mm or rad, and its time.
     first: (f64, Duration),
-    /// Last of them, mm or rad.
+    /// Last of these rejected positions, mm or rad; `taken` is its time.
     position: f64,
     taken: Duration,
     way: Way,

@@ -77,12 +77,10 @@ pub(crate) struct World {
     pub(crate) read_back: ReadBack,
     pub(crate) interlocks: Interlocks,
     pub(crate) now: Duration,
-    /// Applied correction of the axes.
     pub(crate) applied: PerChannel<f64>,
     pub(crate) barrier: Option<Barrier>,
     pub(crate) mailbox: Vec<u16>,
     scanned: Duration,
-    /// Scan period of the control.
     pub(crate) scan_time: Duration,
     pub(crate) target: Option<PerChannel<f64>>,
     /// As in [`RequestedCorrection`].
@@ -113,7 +111,6 @@ pub(crate) struct World {
     pub(crate) reports_levels: bool,
     /// Writes take effect.
     pub(crate) sticks: bool,
-    /// Writes return an error.
     pub(crate) write_fails: bool,
     /// Interval of new positions; each is one interval old.
     pub(crate) positions_every: Option<Duration>,
