@@ -107,7 +107,7 @@ impl ProgrammedFrame {
 pub(crate) struct Sticky {
     /// Tool position along the depth axis before the first hole.
     pub(crate) initial: Option<f64>,
-    /// Whether that position is known.
+    /// Whether the position of that axis was known; `None` before the first hole.
     pub(crate) initial_is_known: Option<bool>,
     /// Words of depth and R: absolute in G90; in G91 R counts from the initial position and the depth from R.
     pub(crate) depth: Option<f64>,

@@ -225,7 +225,6 @@ struct Comparison {
     before: Carriages,
     after: Carriages,
     turns: Reversals,
-    /// Parts of the motion.
     parts: Vec<PartOfMotion>,
     /// Index of the part that the result has reached.
     at_part: usize,
