@@ -554,7 +554,6 @@ fn columns(table: &CsvTable, machine: &Machine) -> Result<Vec<(AxisName, Column)
     Ok(columns)
 }
 
-/// The states in the rows of a table.
 fn states(
     table: &CsvTable,
     columns: &[(AxisName, Column)],
