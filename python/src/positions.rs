@@ -283,7 +283,6 @@ impl Piece {
         is_valid
     }
 
-    /// The states of the piece, in order.
     pub(crate) fn states(&self) -> impl Iterator<Item = State> {
         self.poses.chunks_exact(self.stride).map(|pose| self.state(pose))
     }

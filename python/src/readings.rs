@@ -94,7 +94,6 @@ pub(crate) fn iso230_2<'py>(
     Ok(result)
 }
 
-/// Settings of a fit.
 struct FitSettings<'a> {
     method: &'a str,
     order: Option<usize>,
