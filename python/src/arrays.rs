@@ -89,7 +89,7 @@ pub(crate) fn zeros<'py>(
     Ok(array.cast_into()?)
 }
 
-/// A shape as Python writes it.
+/// Formats a shape as Python does.
 pub(crate) fn shown(shape: &[usize]) -> String {
     if let [only] = shape {
         return format!("({only},)");
@@ -98,7 +98,7 @@ pub(crate) fn shown(shape: &[usize]) -> String {
     format!("({})", lengths.join(", "))
 }
 
-/// A new array that takes the list over.
+/// Creates an array that takes ownership of the list.
 pub(crate) fn shaped<T: numpy::Element, D: IntoDimension>(
     py: Python<'_>,
     values: Vec<T>,

@@ -25,15 +25,15 @@ create_exception!(
 /// Why a call failed; becomes an exception once the interpreter is attached.
 #[derive(Debug)]
 pub(crate) enum Failure {
-    /// `InputError`.
+    /// Raised as `InputError`: the message, and the place in a file as far as it is known.
     Input { message: String, file: Option<String>, line: Option<usize>, key: Option<String> },
-    /// `OSError`, or one of its subclasses by the error number.
+    /// Raised as `OSError`, or as the subclass for its error number.
     System { file: String, source: io::Error },
     /// An exception that Python code raised.
     Raised(PyErr),
 }
 
-/// Attributes of instances that state no place.
+/// Sets the default `None` of the attributes `file`, `line` and `key` of `InputError`.
 pub(crate) fn set_defaults(py: Python<'_>) -> PyResult<()> {
     let class = py.get_type::<InputError>();
     for name in ["file", "line", "key"] {
@@ -48,7 +48,7 @@ impl Failure {
         Self::at(message, None, None, None)
     }
 
-    /// A file is invalid as a whole; the message does not name it yet.
+    /// A file is invalid as a whole; `what` follows its name in the message.
     pub(crate) fn in_file(path: &Path, what: impl Display) -> Self {
         let file = path.display().to_string();
         Self::at(format!("{file}: {what}"), Some(file), None, None)
@@ -79,7 +79,7 @@ impl From<Failure> for PyErr {
             Failure::Raised(error) => error,
             Failure::System { file, source } => {
                 let text = source.to_string();
-                // The number, and the path of a temporary file, say nothing that the user does not know.
+                // The error number and the path of a temporary file do not help the user.
                 let [number, path] = [" (os error", " at path "];
                 let text = text.split(path).next().unwrap_or_default();
                 let text = text.split(number).next().unwrap_or_default();

@@ -10,10 +10,10 @@ use volcomp_model::{
 
 use crate::positions::{PIECE, Piece};
 
-/// The first bit of an axis; those below are of the errors: six of nine axes at most.
+/// Index of the first axis bit; the bits below it are those of the errors, at most six for each of nine axes.
 const AXES: usize = 54;
 
-/// The ranges of a machine.
+/// Ranges of the curves, and travels of the axes, of a machine.
 pub(crate) struct Ranges<'a> {
     machine: &'a Machine,
     errors: Vec<(ErrorName, usize, &'a ErrorCurve)>,
@@ -29,9 +29,9 @@ impl<'a> Ranges<'a> {
         Self { machine, errors }
     }
 
-    /// A bit for each error and axis outside its range, at every position; `None` if there is none at all.
+    /// For each position a bit mask of the errors and axes outside their range; `None` if everything is within range.
     pub(crate) fn flags(&self, piece: &Piece) -> Option<Vec<u64>> {
-        // Ranges are boxes of coordinates: one that holds both corners of the positions holds them all.
+        // Ranges are boxes of coordinates: a box that contains both corners of the positions contains all of them.
         if self.corners(piece).iter().all(|corner| self.at(corner) == 0) {
             return None;
         }
@@ -39,8 +39,8 @@ impl<'a> Ranges<'a> {
         Some(piece.states().map(at).collect())
     }
 
-    /// The smallest and the largest coordinate of every axis. An axis with a modulo may be anywhere in its travel; where the travel is
-    /// shorter than the modulo, it may be outside, too: nothing holds its corners.
+    /// Lowest and highest coordinate of every axis. An axis with a modulo may be anywhere in its travel; if the travel is shorter than the modulo, it
+    /// may also be outside. Its corners are then NaN, which no range contains.
     fn corners(&self, piece: &Piece) -> [PerAxis<f64>; 2] {
         let mut corners = piece.ends().map(|end| self.machine.curve_coordinates(&end));
         for (index, axis) in self.machine.axes().iter().enumerate() {
@@ -57,7 +57,7 @@ impl<'a> Ranges<'a> {
         corners
     }
 
-    /// `coordinates` are in mm and deg, within the travel of an axis with a modulo.
+    /// Bit mask of the errors and axes outside their range at `coordinates` (mm, deg; within the travel for an axis with a modulo).
     fn at(&self, coordinates: &PerAxis<f64>) -> u64 {
         let mut bits = 0;
         for (bit, (_, own, curve)) in self.errors.iter().enumerate() {

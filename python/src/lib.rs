@@ -39,7 +39,7 @@ mod volcomp {
     }
 }
 
-/// What libraries serialise, as the dicts, lists and numbers of Python: the keys of the JSON documents.
+/// Converts a serializable value to dicts, lists and numbers of Python, with the keys of the JSON documents.
 fn to_python<'py>(py: Python<'py>, value: &impl serde::Serialize) -> PyResult<Bound<'py, PyAny>> {
     Ok(pythonize::pythonize(py, value)?)
 }

@@ -59,7 +59,7 @@ impl Model {
     }
 }
 
-/// Where the errors of many positions are written: three numbers for each, µm and µrad.
+/// Output arrays for the errors of many positions: three numbers per position, µm and µrad.
 struct Targets<'a> {
     position_um: &'a mut [f64],
     rotation_urad: &'a mut [f64],
@@ -434,7 +434,7 @@ fn fill_by(
     })
 }
 
-/// Coordinates of the axes that a map holds.
+/// Coordinates of the axes that are fixed in a map, mm or deg.
 fn others(at: Option<&Bound<'_, PyDict>>) -> Result<Vec<(AxisName, f64)>, Failure> {
     let mut others = Vec::new();
     for (key, value) in at.into_iter().flatten() {

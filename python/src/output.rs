@@ -28,7 +28,7 @@ pub(crate) fn write_file<R>(
     #[cfg(unix)]
     {
         use std::os::unix::fs::PermissionsExt;
-        // As of any new file, by the umask: temporary files are private otherwise.
+        // Permissions of a new file under the umask; temporary files are private by default.
         builder.permissions(std::fs::Permissions::from_mode(0o666));
     }
     let mut file = BufWriter::new(builder.tempfile_in(folder).map_err(failed)?);

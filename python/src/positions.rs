@@ -140,7 +140,7 @@ impl<'py> PositionArguments<'py> {
         Ok(())
     }
 
-    /// The positions, to be read without the interpreter.
+    /// A view of the positions that can be read without the interpreter.
     pub(crate) fn view(
         &self,
         machine: &Machine,
@@ -162,7 +162,7 @@ impl<'py> PositionArguments<'py> {
     }
 }
 
-/// The axes that a text such as `"XYZ"` or a list of names states.
+/// Parses axes from a text such as `"XYZ"` or a list of names.
 pub(crate) fn axis_names(
     value: &Bound<'_, PyAny>,
     argument: &str,
@@ -190,7 +190,7 @@ pub(crate) fn named(key: &Bound<'_, PyAny>, argument: &str) -> Result<AxisName, 
 pub(crate) enum Column<'a> {
     Number(f64),
     Values(ArrayView1<'a, f64>),
-    /// Nodes of a grid: each is held for `repeated` positions, then the next one follows, and after the last one the first.
+    /// Nodes of a grid: each node is repeated for `repeated` consecutive positions; after the last node the first one follows.
     Nodes {
         nodes: &'a [f64],
         repeated: usize,
@@ -258,7 +258,7 @@ impl Positions<'_> {
 }
 
 impl Piece {
-    /// Sets the coordinates of one axis, given in mm or deg; false if one of them is no number of a machine.
+    /// Sets the coordinates of one axis, given in mm or deg; false if a coordinate is not finite or exceeds [`MAX_COORDINATE`].
     fn fill(
         &mut self,
         index: usize,
@@ -283,7 +283,6 @@ impl Piece {
         is_valid
     }
 
-    /// The states of the piece, in order.
     pub(crate) fn states(&self) -> impl Iterator<Item = State> {
         self.poses.chunks_exact(self.stride).map(|pose| self.state(pose))
     }
@@ -369,9 +368,9 @@ pub(crate) fn temperatures(
     Ok(given)
 }
 
-/// Does the work on every item, on as many threads as there are processors, and returns the results in the order of the items.
+/// Runs `work` on every item, on as many threads as there are processors, and returns the results in the order of the items.
 ///
-/// The threads end with the call: a process that Python forks later would wait for the threads of a pool for ever.
+/// The threads end with the call: a process that Python forks later would wait for ever for the threads of a pool.
 pub(crate) fn in_parallel<T: Send, R: Send>(
     items: Vec<T>,
     work: impl Fn(T) -> Result<R, Failure> + Sync,

@@ -94,7 +94,6 @@ pub(crate) fn iso230_2<'py>(
     Ok(result)
 }
 
-/// Settings of a fit.
 struct FitSettings<'a> {
     method: &'a str,
     order: Option<usize>,
@@ -209,7 +208,7 @@ impl FitSettings<'_> {
         x: &[f64],
         u: &[f64],
     ) -> Result<(Fit, Option<Chosen>), FitError> {
-        // Targets are ascending, and there is one at least.
+        // Targets are ascending, and there is at least one.
         let domain = [x, x].map(|x| x.first().copied().unwrap_or_default());
         let domain = [domain[0], x.last().copied().unwrap_or(domain[1])];
         let order = self.order.unwrap_or(4);
@@ -232,7 +231,7 @@ impl FitSettings<'_> {
     }
 }
 
-/// A curve as in the machine file.
+/// Converts a curve to the table that a machine file has for it.
 fn curve<'py>(py: Python<'py>, curve: &Curve) -> PyResult<Bound<'py, PyAny>> {
     let text = format!("curve = {}", write_curve(curve));
     let table: toml::Table = text.parse().map_err(Failure::argument)?;

@@ -28,7 +28,7 @@ const MAX_RESIDUAL_UM: f64 = 1e9;
 const MAX_BYTES_PER_S: f64 = 16.0 * 1024.0;
 /// Maximum burst, bytes: twice what a gateway queues on disk while the server is unreachable.
 const MAX_BURST_BYTES: f64 = 128.0 * 1024.0 * 1024.0;
-/// Overhead of a row, bytes.
+/// Overhead of a stored row, bytes.
 const ROW_BYTES: f64 = 256.0;
 
 /// Token bucket for the stored conditions and telemetry of a machine, so that a stolen nkey cannot fill the disk. Audit records and acknowledgements
@@ -344,7 +344,7 @@ enum Body {
     Answer(Envelope<Acknowledgement>),
 }
 
-/// A record, of which the centre parses only the checksum.
+/// An audit record, of which the centre parses only the checksum.
 #[derive(serde::Deserialize)]
 struct Record {
     #[serde(default)]

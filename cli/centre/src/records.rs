@@ -343,7 +343,7 @@ pub struct Point {
 const STATES: [&str; 7] =
     ["compensating", "disarmed", "arming", "holding", "ramping-out", "unknown", "faulted"];
 
-/// Severity of a state; unlisted states are worse than `unknown`.
+/// Severity of a state; an unlisted state is as severe as `faulted`.
 fn badness(state: &str) -> usize {
     let place = STATES.iter().position(|one| *one == state);
     place.unwrap_or(STATES.len() - 1)

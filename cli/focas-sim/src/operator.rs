@@ -17,7 +17,7 @@ pub(crate) enum Command {
     Clear,
     Power,
     Reset,
-    /// Bytes for R memory, from an offset.
+    /// Bytes to write into R memory from an offset.
     Write(usize, Vec<u8>),
     Freeze(bool),
     Steps,

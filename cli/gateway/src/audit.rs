@@ -24,7 +24,7 @@ const MAX_BYTES: u64 = 4 << 20;
 /// Number of closed files that are kept in addition to the current one.
 const KEPT: usize = 8;
 const CURRENT: &str = "audit.log";
-/// The next file until the current one is closed.
+/// The next file, until it takes the place of the current one.
 const NEXT: &str = "audit.log.new";
 
 /// Path of the current file in the log folder.

@@ -14,7 +14,7 @@ pub fn check(path: &Path, online: bool, json: bool) -> Result<String, GatewayErr
     if json { line(&found) } else { Ok(text(&found, &plan.config)) }
 }
 
-/// The effective configuration as TOML. Derived facts are comments, so that the output is a valid configuration.
+/// The effective configuration as TOML, with the derived settings in comments, so that the output is a valid configuration.
 pub fn text(found: &PlanDocument, config: &Config) -> String {
     let mut text = config.effective_toml();
     let follows = toml_text::of(found, &["notes", "configuration", "defaults"]);

@@ -3,7 +3,7 @@
 use volcomp_model::{Axis, Machine};
 use volcomp_vocabulary::AxisName;
 
-/// Differences other than the error curves, one sentence each.
+/// Signs that a model belongs to another machine, one sentence each. The error curves are compared elsewhere.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Differences {
     /// Why the new model cannot be activated on this machine; `None` if it can.
@@ -59,7 +59,7 @@ pub(crate) fn differences(new: &Machine, in_force: &Machine, before: &str) -> Di
     Differences { refusal, to_confirm }
 }
 
-/// The model that a reload or an activation replaces.
+/// Name of the replaced model in the sentences, for a reload or an activation.
 pub(crate) const ACTIVE: &str = "the active model";
 
 fn called(name: &str) -> String {

@@ -82,10 +82,10 @@ pub enum TokenError {
     /// The line does not have three words.
     #[error("found {0} words, expected NAME ROLE TOKEN")]
     Words(usize),
-    /// Unknown role.
+    /// The second word is not a role.
     #[error("found another role, expected view, operate or engineer")]
     Role,
-    /// The token is too short.
+    /// The token has less than 128 bits.
     #[error(
         "expected a token of at least 128 bits: 32 hexadecimal digits or 22 other letters and digits"
     )]

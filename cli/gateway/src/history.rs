@@ -26,13 +26,13 @@ use crate::{
 /// Maximum length of the history, s.
 pub(crate) const MAX_SPAN_S: u32 = 30 * 86_400;
 const MINUTE_S: i64 = 60;
-/// Points of the maximum length; a file with as many is closed and the next one started.
+/// Number of minutes in [`MAX_SPAN_S`]. A file with as many lines is closed and the next one started.
 const MAX_POINTS: usize = 30 * 24 * 60;
-/// Maximum number of points of an answer, but for one that the borders of the span cut.
+/// Maximum number of points in a response; one more where the ends of the span cut a point.
 const MAX_BUCKETS: u32 = 600;
-/// A larger file is not one of ours: 1 kB for each of its points is more than 64 sensors and 9 axes need.
+/// Larger files are ignored as not being a history: 64 sensors and 9 axes need less than 1 kB for each point.
 const MAX_FILE_BYTES: u64 = 64 << 20;
-/// Minutes that wait for a disk that hangs; further ones are dropped.
+/// Maximum number of minutes queued while the disk hangs; further ones are dropped.
 const MAX_QUEUED: usize = 64;
 const CURRENT: &str = "history.jsonl";
 const OLD: &str = "history.1.jsonl";
@@ -60,13 +60,13 @@ const ERRORS: [(&str, Rule); 8] = [
 const CORRECTION: [(&str, Rule); 3] =
     [("correction", Rule::Mean), ("correction_min", Rule::Min), ("correction_max", Rule::Max)];
 
-/// A value with seven digits, which are enough for what is shown.
+/// Rounds to single precision: seven digits, enough for the displayed values.
 #[expect(clippy::cast_possible_truncation, reason = "the digits beyond are dropped")]
 fn single(value: f64) -> f32 {
     value as f32
 }
 
-/// The whole seconds of a time since 1970.
+/// Whole seconds since 1970, rounded down; 0 for times before 1970.
 fn whole(s: f64) -> i64 {
     let since = Duration::try_from_secs_f64(s).unwrap_or_default();
     i64::try_from(since.as_secs()).unwrap_or_default()
@@ -159,7 +159,7 @@ impl Columns {
     }
 }
 
-/// A state as a point of the fine history.
+/// Converts a state to a point of the fine history.
 pub(crate) fn point_of(status: &Status) -> HistoryPoint {
     let length =
         |v: Option<[f64; 3]>| v.map(|v| round(v.iter().map(|x| x * x).sum::<f64>().sqrt()));
@@ -182,7 +182,7 @@ pub(crate) fn point_of(status: &Status) -> HistoryPoint {
     point
 }
 
-/// Removes the residual of a point while nothing is applied: it would be the error once more.
+/// Removes the residual from a point without applied correction, where it equals the error.
 pub(crate) fn without_idle_residual(mut point: HistoryPoint) -> HistoryPoint {
     let mut corrections = (point.correction_um.values()).chain(point.correction_urad.values());
     if corrections.all(|correction| *correction == 0.0) {
@@ -191,13 +191,13 @@ pub(crate) fn without_idle_residual(mut point: HistoryPoint) -> HistoryPoint {
     point
 }
 
-/// A minute, or several of them in one.
+/// The combined values of one minute, or of several.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Minute {
     /// Start, s since 1970.
     at_s: i64,
     state: StateName,
-    /// By [`Columns`]; NaN: unknown.
+    /// Values in the order of [`Columns`]; NaN: unknown.
     values: Box<[f32]>,
 }
 
@@ -251,7 +251,7 @@ impl Bucket {
         Minute { at_s, state: self.state(), values: (0..self.rules.len()).map(value).collect() }
     }
 
-    /// The state of most of the time; a fault counts however short it was, so that a long span still shows it.
+    /// The most frequent state. `Faulted` and `Unknown` take precedence however short they were, so that a long span still shows them.
     fn state(&self) -> StateName {
         let states = StateName::ALL.into_iter().zip(self.states);
         let weight = |(state, count): &(StateName, u32)| {
@@ -281,7 +281,7 @@ impl Minutes {
     }
 }
 
-/// Collects the states of the current minute, and hands complete ones to the thread of the files.
+/// Collects the states of the current minute, and passes complete minutes to the thread of the files.
 pub(crate) struct Recorder {
     columns: Arc<Columns>,
     minutes: Arc<Mutex<Minutes>>,
@@ -327,7 +327,8 @@ impl Recorder {
         bucket.add(state, &self.columns.values(point));
     }
 
-    /// What [`over`] needs. The caller holds no lock while it combines the minutes.
+    /// The columns, the stored minutes and the current minute, as [`over`] needs them. The caller can release the recorder before it combines the
+    /// minutes.
     pub(crate) fn parts(&self) -> (Arc<Columns>, Arc<Mutex<Minutes>>, Option<Minute>) {
         let current = self.current.as_ref();
         let current = current.map(|(at_s, bucket)| bucket.minute(*at_s));
@@ -335,8 +336,8 @@ impl Recorder {
     }
 }
 
-/// The points of the last `span_s`, each over the returned step (s): at most [`MAX_BUCKETS`] and one. Times are s since 1970; `start_s`
-/// is that of the start of the control thread.
+/// The points of the last `span_s`, one for each step, and the step, s. There are at most [`MAX_BUCKETS`] points, or one more where the ends of
+/// the span cut a point. Times are s since 1970; `start_s` is that of the start of the control thread.
 pub(crate) fn over(
     columns: &Columns,
     minutes: &Mutex<Minutes>,
@@ -374,14 +375,14 @@ pub(crate) fn over(
 type Row = (i64, StateName, Vec<Option<f32>>);
 type Head = (String, String, Vec<String>);
 
-/// Reads and appends the files.
+/// The thread that reads and appends the files.
 struct FilesThread {
     dir: PathBuf,
     columns: Arc<Columns>,
     minutes: Arc<Mutex<Minutes>>,
 }
 
-/// What was found in a file.
+/// Lines of a file: all, those that are damaged, and whether the last one is incomplete.
 #[derive(Debug, Default, PartialEq)]
 struct FileState {
     rows: usize,
@@ -414,7 +415,7 @@ impl FilesThread {
         }
     }
 
-    /// Adds the minutes of a file. A missing or damaged one makes the history shorter.
+    /// Adds the minutes of a file. A missing or damaged file shortens the history.
     fn read(&self, name: &str, into: &mut Minutes) -> FileState {
         let path = self.dir.join(name);
         let bytes = match fs::metadata(&path) {
@@ -443,7 +444,7 @@ impl FilesThread {
 
     fn parse(&self, bytes: &[u8], into: &mut Minutes) -> FileState {
         let names = self.columns.names();
-        // The present place of each column of the file.
+        // Index among the present columns of each column of the file; `None`: the column no longer exists.
         let mut places: Vec<Option<usize>> = Vec::new();
         let mut found = FileState {
             ends_torn: bytes.last().is_some_and(|last| *last != b'\n'),

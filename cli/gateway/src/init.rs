@@ -40,7 +40,7 @@ pub struct InitArguments {
 /// Writes a first configuration, and returns the files written.
 ///
 /// # Errors
-/// The file exists, or what it would state does not pass `check`: then nothing is written.
+/// The file exists, or the configuration would not pass `check`: then nothing is written.
 pub fn init(mut arguments: InitArguments) -> Result<String, GatewayError> {
     let path = arguments.config.clone();
     let shown = path.display();
@@ -95,10 +95,10 @@ struct FirstText {
 }
 
 impl InitArguments {
-    /// Asks for what the options leave open. An empty answer takes the default.
+    /// Asks for the settings that no option gives. An empty answer takes the default.
     ///
     /// # Errors
-    /// The machine file cannot be read, or the questions end without an answer.
+    /// The machine file cannot be read, or the input ends before a question is answered.
     fn ask(
         &mut self,
         input: &mut impl BufRead,
@@ -219,7 +219,7 @@ fn add(text: &mut String, header: &str, settings: &[Setting]) {
     }
 }
 
-/// Asks a question; an empty answer is the default, and repeats the question if there is none.
+/// Asks a question. An empty answer takes the default; without a default the question is repeated.
 fn ask(
     input: &mut impl BufRead,
     output: &mut impl Write,

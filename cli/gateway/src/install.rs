@@ -19,7 +19,6 @@ const GROUPS: &str = "g dialout -\ng gpio -\n";
 
 /// Program in the packaged units.
 const PACKAGED: &str = "/usr/bin/volcomp-gateway";
-/// Program of this installation.
 const PROGRAM: &str = "/usr/local/bin/volcomp-gateway";
 
 /// The commands of `service`.

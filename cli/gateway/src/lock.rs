@@ -92,7 +92,7 @@ fn lock_device(url: &str, device: &str) -> Result<UnixListener, GatewayError> {
     })
 }
 
-/// `None`: another program holds the lock.
+/// Takes the lock of this name; `None`: another program holds it.
 fn try_lock(name: &str) -> std::io::Result<Option<UnixListener>> {
     let digest = volcomp_model::hexadecimal(&Sha256::digest(name.as_bytes())[..8]);
     let address = SocketAddr::from_abstract_name(format!("volcomp-gateway-{digest}"))?;

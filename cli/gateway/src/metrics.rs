@@ -92,7 +92,7 @@ fn labels_of(quantity: &Quantity) -> String {
     labels(label, &quantity.of)
 }
 
-/// `None` if the status has no sample of the quantity.
+/// Value of a metric, times in s; `None` if the status has no sample of the quantity.
 fn value(quantity: &Quantity, status: &Status) -> Option<f64> {
     let reading = quantity.read(status);
     match (reading.current(), quantity.kind) {

@@ -97,7 +97,7 @@ fn send(
     }
 }
 
-/// The question that the dashboard asks, and how to answer it.
+/// The confirmation question, as in the dashboard, and the command that answers it.
 fn text(verb: &str, question: &Question) -> String {
     let mut lines = vec![format!("{verb} must be confirmed:")];
     lines.extend(question.differences.iter().cloned());

@@ -23,7 +23,7 @@ pub enum Signal {
     Reload,
 }
 
-/// The received signals, in order.
+/// Receiver of signals, in the order of their arrival.
 pub struct SignalReceiver {
     receiver: Receiver<Signal>,
     handle: Handle,

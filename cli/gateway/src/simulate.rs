@@ -37,7 +37,7 @@ pub struct Truth {
     /// Best-fit rigid motion between truth and model at the reference temperature.
     datum: RigidMotion,
     sensors: Arc<[String]>,
-    /// The running machine.
+    /// The running simulation with its disturbances; `None` until it is set by [`of`](Self::of).
     demo: Option<Arc<Demo>>,
 }
 
@@ -78,7 +78,7 @@ impl Truth {
         Self { demo: Some(demo), ..self }
     }
 
-    /// The running machine.
+    /// The running simulation with its disturbances; `None` if this truth belongs to none.
     pub(crate) fn demo(&self) -> Option<&Demo> {
         self.demo.as_deref()
     }
@@ -113,7 +113,7 @@ pub struct Demo {
     active: Mutex<Vec<Disturbance>>,
 }
 
-/// The sensor that a user heats, as its place in the list of sensors, and by how much.
+/// Index of the sensor whose heating a user can simulate, and its temperature rise.
 const HEATED: usize = 2;
 const HEATED_BY_K: f64 = 15.0;
 
@@ -146,13 +146,13 @@ impl Demo {
         }
     }
 
-    /// True position errors with the applied correction and without, mm: of the machine as it is, whatever the gateway reads.
+    /// True position errors with and without the applied correction, mm: those of the actual machine, whatever the gateway reads.
     pub(crate) fn residual_and_error(&self) -> [[f64; 3]; 2] {
         let both = self.plant.residual_and_error();
         both.map(|values| [values[0], values[1], values[2]])
     }
 
-    /// The disturbances that are on.
+    /// The active disturbances.
     pub fn active(&self) -> Vec<Disturbance> {
         locked(&self.active).clone()
     }

@@ -32,7 +32,7 @@ pub enum Phase {
     Starting,
     /// The control thread is being started.
     Launching,
-    /// The machine runs.
+    /// The control thread runs.
     Running(Live),
     /// The machine has ended with this failure.
     Failed(Failure),

@@ -64,7 +64,7 @@ pub fn add(arguments: &AddArguments) -> Result<String, GatewayError> {
                 separator = "\n";
             }
         }
-        // A new file. Every other error is that of the file.
+        // The file does not exist yet; any other error is reported.
         Err(error) if token_file.symlink_metadata().is_ok() => return Err(error),
         Err(_) => drop(private_file(token_file).map_err(failed)?),
     }

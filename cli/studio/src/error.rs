@@ -15,7 +15,7 @@ pub enum StudioError {
     Disk {
         /// The file or folder, for the message.
         place: String,
-        /// Why the operating system cannot read or write it.
+        /// Why the operating system cannot read or write the file or folder.
         source: io::Error,
     },
     /// The folder holds more files than measurements of one machine.
@@ -109,7 +109,7 @@ pub enum StudioError {
     System {
         /// The failed operation, for the message.
         what: &'static str,
-        /// Why it failed.
+        /// Why the operation failed.
         source: io::Error,
     },
 }

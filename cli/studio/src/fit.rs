@@ -25,7 +25,7 @@ pub struct FitResult {
     pub checks: Vec<String>,
     /// Largest volumetric error over poses of all axes after best-fit rigid-body alignment, µm; `None` for a machine without two linear axes.
     pub position_um: Option<f64>,
-    /// The same of the earlier model that was compared.
+    /// `position_um` of the earlier model that was compared; `None` without one.
     pub before_um: Option<f64>,
     /// The pose of the largest volumetric error.
     pub worst_at: Option<String>,

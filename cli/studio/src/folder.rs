@@ -69,7 +69,7 @@ pub struct State {
     pub machine: Option<MachineState>,
     /// The text of `machine.toml`; empty without one.
     pub machine_text: String,
-    /// Why the machine file is not valid.
+    /// Why the machine file is not valid; `None` if it is valid or missing.
     pub machine_error: Option<String>,
     /// True if `calibration.toml` was written by the user: it is used unchanged.
     pub by_hand: bool,
@@ -101,7 +101,7 @@ pub struct FileState {
     pub error: Option<String>,
     /// Description of the file's content.
     pub said: Vec<String>,
-    /// Why the file is not used.
+    /// Why the file is not used; `None` if it is used.
     pub not_used: Option<String>,
 }
 

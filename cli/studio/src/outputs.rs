@@ -67,7 +67,7 @@ pub struct NcProgram {
     pub file: String,
     /// Number of lines read.
     pub lines: u64,
-    /// Number of motions in the programs.
+    /// Number of motions in the program.
     pub motions: u64,
     /// Number of lines with changed coordinates.
     pub changed: u64,

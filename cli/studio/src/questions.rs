@@ -90,7 +90,7 @@ pub(crate) fn name_of(proposed: &Proposed) -> String {
     proposed.files.join(", ")
 }
 
-/// `None` if the measurement of the answer is no longer in the folder.
+/// Converts a typed answer; `None` if the measurement of the answer is no longer in the folder.
 fn answer(draft: &Draft, given: &TypedAnswer) -> Option<Answer> {
     let mut proposed = draft.proposed.iter();
     let of = match proposed.position(|of| name_of(of) == given.of) {

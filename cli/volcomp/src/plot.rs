@@ -56,7 +56,7 @@ impl PlotArguments {
 }
 
 impl PlotFile {
-    /// Writes the picture, an SVG document.
+    /// Writes the picture, given as an SVG document, in the format of the file: SVG or PNG.
     pub(crate) fn write(self, svg: &str) -> Result<(), Failure> {
         if self.is_png {
             let mut fonts = Database::new();

@@ -152,7 +152,7 @@ pub(crate) struct Batch {
 }
 
 impl Positions {
-    /// The next positions; none at the end.
+    /// The next positions; empty at the end.
     pub(crate) fn next_batch(&mut self, machine: &Machine) -> Result<Batch, Failure> {
         let mut batch = match &mut self.source {
             Source::One(state) => Batch { states: state.take().into_iter().collect(), table: None },
@@ -554,7 +554,6 @@ fn columns(table: &CsvTable, machine: &Machine) -> Result<Vec<(AxisName, Column)
     Ok(columns)
 }
 
-/// The states in the rows of a table.
 fn states(
     table: &CsvTable,
     columns: &[(AxisName, Column)],

@@ -90,7 +90,7 @@ fn table_within(table: &Table, most: usize) -> String {
 /// [`Table`] needs several hundred bytes per cell.
 pub(crate) struct RowTable {
     header: Vec<String>,
-    /// Characters of the widest cell of each column, as far as it is known.
+    /// Width of the widest cell of each column so far, characters.
     widths: Vec<usize>,
 }
 

@@ -193,7 +193,7 @@ pub struct Report {
     pub owner: u16,
     /// Sequence of the last accepted frame.
     pub sequence: u16,
-    /// Why the last frame was rejected.
+    /// Why the last frame or word on digital lines was rejected; [`Refusal::None`] if it was accepted.
     pub refusal: Refusal,
     /// Correction applied to each axis now, counts.
     pub applied: Counts,
@@ -308,7 +308,7 @@ pub struct Barrier {
 pub struct Memory {
     /// The protocol state. A word on lines is treated as a frame for its `silent` counter.
     pub link: Link,
-    /// Why the last frame was rejected.
+    /// Why the last frame or word on digital lines was rejected; [`Refusal::None`] if it was accepted.
     pub refusal: Refusal,
     /// Applied correction, counts.
     pub applied: Counts,

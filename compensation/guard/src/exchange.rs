@@ -9,7 +9,7 @@ use crate::{ReadBackStatus, Reasons, Request, RequestedCorrection, State};
 /// The positions of this cycle, from the active path.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Reading {
-    /// When the oldest of the positions was valid, on the clock of [`Inputs::now`].
+    /// Time at which the oldest of the positions was valid, on the clock of [`Inputs::now`].
     pub taken: Duration,
     /// Positions as reported, mm and rad.
     pub positions: PerChannel<f64>,

@@ -5,7 +5,7 @@ use core::time::Duration;
 /// Maximum number of paths to one machine.
 pub const MAX_PATHS: usize = 4;
 
-/// State of one controller path in a cycle. Paths are in order of preference.
+/// State of one controller path in a cycle. Lists of paths are in order of preference.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct PathHealth {
     /// The controller's positions are fresh, and every position that its correction depends on is available.

@@ -23,8 +23,7 @@ const MOST_ADOPTED: u32 = 3;
 /// Reasons that forbid changing the applied correction before the first write of this guard.
 const FOREIGN: [Reasons; 3] = [Reasons::WATCHING, Reasons::OTHER_GATEWAY, Reasons::LEFT_UNKNOWN];
 
-/// Fractions of a cycle's motion, tried in order until the output is within reach of the confirmed
-/// correction.
+/// Fractions of a cycle's motion, tried in order until the output is within [`reach`](Guard::reach) of the corrections that may be applied.
 const SHARES: [f64; 5] = [1.0, 0.5, 0.2, 0.1, 0.0];
 
 /// The guard of a machine: it decides which correction may reach the axes (rules: see the front page of the crate). One path writes at a time.
@@ -56,11 +55,10 @@ pub struct Guard {
     /// The sent corrections, and the corrections accepted when read back.
     accepted: AcceptedRange,
     sent_to_barrier: Option<Duration>,
-    /// Whether the output was held at or reset to the confirmed correction (start, interlock, change of path). The next motion then begins there with
-    /// a new ramp, or, on the way to zero, with a new straight line.
+    /// Whether the output was held at, or reset to, the confirmed correction (start, interlock, change of path). The next motion then begins
+    /// there: with a new ramp or, on the way to zero, with a new straight line.
     at_confirmed: bool,
-    /// The correction at which the control holds its axes during an interlock. It is repeated to
-    /// the barrier.
+    /// The correction at which the control holds its axes during an interlock; it is repeated to the barrier.
     held: Option<PerChannel<f64>>,
     stopped_since: Option<Duration>,
     /// Set if the active path has changed: the output starts from the correction known on the new

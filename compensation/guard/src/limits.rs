@@ -53,7 +53,7 @@ pub const MOST_READ_BACK_CYCLES: usize = 32;
 /// Minimum number of cycles of a ramp: a shorter one would be a step.
 pub const FEWEST_RAMP_CYCLES: u32 = 20;
 
-/// The kind of number that a [`LimitsError`] is about.
+/// The limit that a [`LimitsError`] reports.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Quantity {
     /// Smallest step of an axis, mm or rad.
@@ -98,13 +98,13 @@ impl core::fmt::Display for Quantity {
     }
 }
 
-/// A number of the limits that a guard rejects.
+/// A limit that is rejected, with the number found and the allowed numbers.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[error("{what}: found {}, expected {expected}", self.found())]
 pub struct LimitsError {
-    /// The limit that is wrong.
+    /// The rejected limit.
     pub what: Quantity,
-    /// Index and kind of the axis, if the number belongs to an axis.
+    /// Index and kind of the axis; `None` if the limit is not that of an axis.
     pub axis: Option<(usize, AxisKind)>,
     /// The number, in the unit of the [`Quantity`].
     pub found: f64,
@@ -301,7 +301,7 @@ impl Limits {
         self.zero_after.saturating_add(self.longest_delay())
     }
 
-    /// A number of each axis, 0 for unused ones.
+    /// A number of each axis by `number`, 0 for unused axes.
     pub(crate) fn of_axes(&self, number: impl Fn(&AxisLimits) -> f64) -> PerChannel<f64> {
         PerChannel::from_fn(|i| if i < self.count { number(&self.axes[i]) } else { 0.0 })
     }

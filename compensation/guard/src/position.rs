@@ -32,18 +32,18 @@ struct AcceptedPosition {
     /// Position, mm or rad.
     position: f64,
     taken: Duration,
-    /// Range of the offset of the true position from the reported one, by all readings accepted so far.
+    /// Range of the offset of the true position from the reported one, mm or rad, by all readings accepted so far.
     offset_range: [f64; 2],
 }
 
-/// How the axis came to the last rejected position.
+/// How the rejected positions arose.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Way {
     /// The axis has moved there, and is outside its range.
     Moved,
     /// The axis cannot have moved there, according to a single reading, which may itself be wrong.
     Jumped,
-    /// Further readings follow from the jump by motion: the axis is believed to be elsewhere.
+    /// Later readings continue from the jump by motion: the reports are taken to be of a wrong position.
     Elsewhere,
 }
 
@@ -53,11 +53,11 @@ struct RejectedPosition {
     since: Duration,
     /// First of the rejected positions that follow from each other, mm or rad, and its time.
     first: (f64, Duration),
-    /// Last of them, mm or rad.
+    /// Last of these rejected positions, mm or rad; `taken` is its time.
     position: f64,
     taken: Duration,
     way: Way,
-    /// The last reading, if it cannot follow from `position`: position, mm or rad, and time.
+    /// The last reading, if the axis cannot have moved to it from `position`: position, mm or rad, and time.
     stray: Option<(f64, Duration)>,
 }
 
@@ -164,8 +164,8 @@ impl PositionCheck {
         })
     }
 
-    /// Whether the way from the last rejected position to this one is the opposite of the way from
-    /// the accepted one to the first rejected one, but for the motion of the axis meanwhile.
+    /// Whether the step from the last rejected position to this one undoes the jump from the accepted position to the first rejected one,
+    /// apart from the motion of the axis in between.
     fn is_undone(
         &self,
         limits: &PositionLimits,

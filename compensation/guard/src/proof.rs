@@ -187,7 +187,7 @@ struct Findings {
 pub struct Proof {
     /// Time at which the last reading was valid.
     taken: Option<Duration>,
-    /// Positions at the start of the standstill.
+    /// Positions at the start of the standstill, mm or rad.
     positions: PerChannel<f64>,
     /// Duration of the standstill.
     still: Span,
@@ -198,7 +198,7 @@ pub struct Proof {
     leg: Leg,
     /// The axes that the machine had moved shortly before the first shift.
     alive: PerChannel<bool>,
-    /// Positions before the leg, and after the first one.
+    /// Positions before the leg and after the first one, mm or rad.
     before_leg: [PerChannel<f64>; 2],
     attempts: u8,
     /// How the linear axes follow each rotary axis, mm/rad.
@@ -440,13 +440,12 @@ fn way(limits: &Limits, axis: usize, from: f64, to: f64) -> f64 {
     shortest_way(to - from, rolls_over.then_some(TAU))
 }
 
-/// Whether a position followed both shifts by the same fraction of the shift; a motion of the
-/// machine would not.
+/// Whether a position followed both shifts by the same fraction of the shift; a motion of the machine would not.
 fn is_one_factor([one, two]: [f64; 2]) -> bool {
     (one - two).abs() <= STAYED_SHARE * one.abs().max(two.abs())
 }
 
-/// Reaction of a position that moved by this fraction of the shift.
+/// Response of a position that moved by this fraction of the shift.
 fn response_of(share: f64) -> AxisResponse {
     if share.abs() <= STAYED_SHARE {
         AxisResponse::Stayed

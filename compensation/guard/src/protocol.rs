@@ -16,16 +16,16 @@ pub type Counts = volcomp_vocabulary::PerChannel<i16>;
 /// Number of words of a [`Head`].
 pub const HEAD_WORDS: usize = 4;
 
-/// The head of a frame; it shows that the frame is current.
+/// The head of a frame or of a report. In a frame it shows which report the frame answers; the fields are those of that report, except where noted.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct Head {
-    /// The last epoch published by the control.
+    /// Epoch of the control.
     pub epoch: u16,
-    /// The last tick published by the control. The control rejects the frame if this is more than `hold_scans` ago.
+    /// Scan counter of the control. The control rejects a frame whose tick is more than `hold_scans` ago.
     pub tick: u16,
-    /// The last sequence published by the control, plus one.
+    /// In a report, the sequence of the last accepted frame; in a frame, that number plus one.
     pub sequence: u16,
-    /// Random number drawn by the sender at its start, never 0.
+    /// In a report, the sender that owns the control, 0: none. In a frame, its sender: a random number drawn at the start of the sender, never 0.
     pub owner: u16,
 }
 
@@ -60,7 +60,7 @@ pub fn is_whole(machine: u16, layout: Layout, words: &[u16]) -> bool {
 /// Why a control rejected the last frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, thiserror::Error)]
 pub enum Refusal {
-    /// Every frame so far was accepted.
+    /// The last frame was accepted, or none was received yet.
     #[default]
     #[error("nothing was refused")]
     None,
@@ -118,7 +118,6 @@ impl Refusal {
     }
 }
 
-/// Whether `later` is ahead of `earlier` on a wrapping 16-bit counter, by less than half of its range.
 fn is_ahead(later: u16, earlier: u16) -> bool {
     (1..1 << 15).contains(&later.wrapping_sub(earlier))
 }

@@ -338,7 +338,6 @@ struct BeforeJump {
     /// Index of the sensor.
     pub own: usize,
     pub degc: f64,
-    /// Time at which the temperature was measured.
     pub taken: Duration,
     /// Temperatures of all sensors at the time of the measurement, °C; NaN for rejected ones.
     pub neighbours: [f64; MAX_SENSORS],
@@ -401,7 +400,7 @@ impl Readmission {
     }
 }
 
-/// Whether an agreement has lasted for ten minutes; `since` is its start.
+/// Whether an agreement has lasted for [`AGREES_FOR`]; `since` is its start.
 fn lasts(since: &mut Option<Duration>, agrees: bool, taken: Duration) -> bool {
     *since = agrees.then(|| since.unwrap_or(taken));
     since.is_some_and(|since| taken.saturating_sub(since) >= AGREES_FOR)

@@ -148,7 +148,7 @@ impl Bow {
         (self.end[0] - self.start[0]).hypot(self.end[1] - self.start[1])
     }
 
-    /// Direction from the middle of the chord to the middle of the arc.
+    /// Unit direction from the middle of the chord to the middle of the arc.
     pub(crate) fn normal(&self) -> [f64; 2] {
         let chord = self.chord();
         let way = [self.end[0] - self.start[0], self.end[1] - self.start[1]];
@@ -161,7 +161,7 @@ impl Bow {
         0.5 * (half * half / self.sag + self.sag)
     }
 
-    /// Point of the normal through the middle of the chord at this signed distance, mm.
+    /// Point on the normal through the middle of the chord at this distance from the chord, mm; positive on the side of the arc.
     fn on_normal(&self, distance: f64) -> [f64; 2] {
         let normal = self.normal();
         std::array::from_fn(|i| 0.5 * (self.start[i] + self.end[i]) + distance * normal[i])
@@ -1043,7 +1043,7 @@ fn sag_of(radius: f64, turns: f64) -> f64 {
     2.0 * radius * (0.25 * turns).sin().powi(2)
 }
 
-/// A HEIDENHAIN pole line, `CC X+1.000 Y+2.000`.
+/// A HEIDENHAIN pole line such as `CC X+1.000 Y+2.000`.
 fn pole_line(centre: [Number; 2], line: Line<'_>) -> Vec<u8> {
     let mut text = b"CC".to_vec();
     for word in [b'X', b'Y'].into_iter().zip(centre) {

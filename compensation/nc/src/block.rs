@@ -14,7 +14,7 @@ pub(crate) struct Word {
     pub(crate) letter: u8,
     /// Byte offset of the letter in the line.
     pub(crate) at: usize,
-    /// Byte range of the value.
+    /// Byte range of the value in the line.
     pub(crate) text: Range<usize>,
     pub(crate) value: Value,
     /// Decimals of a plain number; `None` for a computed value.
@@ -68,7 +68,7 @@ pub(crate) struct Assignment {
 pub(crate) enum BlockStart {
     #[default]
     Nothing,
-    /// Block delete: the operator may have the line skipped.
+    /// Block delete (`/`): the operator may have the line skipped.
     Slash,
     /// Percent sign: start or end of the program.
     Percent,
@@ -81,7 +81,7 @@ pub(crate) struct Block {
     /// Commands of the dialect that have no RS-274 code.
     pub(crate) commands: Vec<Command>,
     pub(crate) begins: BlockStart,
-    /// Block number and its byte range, in dialects that number blocks consecutively.
+    /// Block number and its byte range, in dialects that number their blocks consecutively (HEIDENHAIN).
     pub(crate) number: Option<(Range<usize>, u64)>,
     /// Byte range of the motion keyword; added lines need one as well.
     pub(crate) keyword: Range<usize>,
@@ -200,7 +200,7 @@ impl<'a> Scanner<'a> {
         self.bytes.get(self.at..).unwrap_or_default()
     }
 
-    /// True if this word is next, in either case; blanks are not skipped.
+    /// True if the text continues with this word, in upper or lower case; blanks are not skipped.
     pub(crate) fn is_next(&self, word: &str) -> bool {
         let next = self.rest().get(..word.len());
         next.is_some_and(|next| next.eq_ignore_ascii_case(word.as_bytes()))
@@ -210,7 +210,6 @@ impl<'a> Scanner<'a> {
         self.at = at.min(self.bytes.len());
     }
 
-    /// Column of the next character, counted from 1.
     pub(crate) fn column(&self) -> Column {
         Column(self.at + 1)
     }
@@ -234,7 +233,7 @@ impl<'a> Scanner<'a> {
         Some(byte)
     }
 
-    /// Consumes this character if it is next.
+    /// Consumes this character if it is next after blanks.
     pub(crate) fn takes(&mut self, byte: u8) -> bool {
         let is_next = self.peek() == Some(byte);
         self.at += usize::from(is_next);

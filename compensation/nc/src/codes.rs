@@ -34,16 +34,16 @@ pub(crate) struct Codes {
     pub(crate) polar: Option<Code>,
     /// Motion in machine coordinates (G53).
     pub(crate) in_machine: bool,
-    /// The program ends here (M2, M30), or continues elsewhere (M98, M99).
+    /// The program ends here (M2, M30), or continues in another one (M98, M99).
     pub(crate) ends: bool,
     pub(crate) calls: Option<Code>,
     /// M70 to M73, which save and restore modal state, and M96, M97 and M198, which jump elsewhere.
     pub(crate) not_followed: Option<Code>,
     /// A code of this control that moves no axis and changes no coordinate.
     pub(crate) harmless: Option<Code>,
-    /// From now on the control stops at the end of every motion (G61, true), or not (G64).
+    /// `Some(true)` (G61): from now on the control stops at the end of every motion; `Some(false)` (G64): it does not; `None`: unchanged.
     pub(crate) exact_stop: Option<bool>,
-    /// Clamps (M10, true) or unclamps (M11) a rotary axis on FANUC-like controls.
+    /// `Some(true)` (M10) clamps a rotary axis on FANUC-like controls, `Some(false)` (M11) unclamps it.
     pub(crate) clamps: Option<bool>,
     /// M6: puts the selected tool into the spindle.
     pub(crate) changes_tool: bool,
@@ -52,7 +52,7 @@ pub(crate) struct Codes {
     pub(crate) has_words: bool,
     /// M430: switches on user-defined kinematics of LinuxCNC.
     pub(crate) own_kinematics: bool,
-    /// From now on coordinates are those of the tool centre point (M428, true) or of the axes (M429).
+    /// `Some(true)` (M428): from now on coordinates are those of the tool centre point; `Some(false)` (M429): those of the axes; `None`: unchanged.
     pub(crate) centre_point: Option<bool>,
 }
 
@@ -340,13 +340,13 @@ impl<'a> BlockWords<'a> {
         centre_is_absolute(word.map(|word| word.manner), modal)
     }
 
-    /// Value of an axis word, in its own unit.
+    /// Value of an axis word, in the unit of the word (mm, inch or deg); `None` if the block does not name the axis.
     pub(crate) fn axis(&self, axis: usize) -> Result<Option<f64>, NcError> {
         let word = self.word(axis);
         word.map(|word| self.value_of(word)).transpose()
     }
 
-    /// Axes that the block names, with values in the units of their words.
+    /// Axes that the block names, by index, with their values in the units of the words.
     pub(crate) fn axes(&self) -> Result<impl Iterator<Item = (usize, f64)> + use<>, NcError> {
         let mut values = [None; 9];
         for (axis, value) in values.iter_mut().enumerate() {
@@ -370,7 +370,7 @@ impl<'a> BlockWords<'a> {
         self.block.words.get(self.polar?[of]?)
     }
 
-    /// Value of a word, in its own unit.
+    /// Value of a word, in the unit of the word.
     pub(crate) fn value_of(&self, word: &Word) -> Result<f64, NcError> {
         let letter = char::from(word.letter);
         let value = word.value.ok_or(NcError::OnlyAtMachine { line: self.line, word: letter })?;

@@ -39,11 +39,11 @@ pub(crate) fn is_rotary(axis: usize) -> bool {
     (3..6).contains(&axis)
 }
 
-/// Position in the machine's kinematic chain of each axis that a program can name.
+/// Index in the machine's kinematic chain of each axis that a program can name.
 #[derive(Clone, Debug)]
 pub(crate) struct AxisPlaces {
     places: Axes<Option<usize>>,
-    /// Axes of the machine: (axis, position in the chain).
+    /// Axes of the machine: (index of the axis, index in the chain).
     present: Vec<(usize, usize)>,
 }
 
@@ -58,7 +58,7 @@ impl AxisPlaces {
         self.present.iter().map(|(axis, _)| *axis)
     }
 
-    /// Position in the chain; `None` if the machine lacks the axis.
+    /// Index in the chain; `None` if the machine lacks the axis.
     pub(crate) fn of_axis(&self, axis: usize) -> Option<usize> {
         self.places[axis]
     }
@@ -96,7 +96,7 @@ impl AxisPlaces {
 
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Frame {
-    /// Work offset including programmed shifts; `offset` is without them.
+    /// Work offset with programmed shifts, mm and deg; `offset` is the work offset alone.
     pub(crate) work: Axes,
     pub(crate) offset: Axes,
     /// G92 or G52 shift.
@@ -144,7 +144,7 @@ impl Frame {
         std::array::from_fn(|i| at[i] - self.shift[i])
     }
 
-    /// Converts a displacement of the axes at a machine position to program coordinates.
+    /// Converts a displacement `by` of the axes at a machine position to program coordinates.
     #[inline]
     pub(crate) fn moved_in_program(&self, machine: &Axes, by: &Axes) -> Axes {
         if self.tip.is_none() {
@@ -177,7 +177,7 @@ impl Frame {
         })
     }
 
-    /// Converts a displacement in program coordinates at a program position to the axes.
+    /// Converts a displacement `by` in program coordinates at a program position to machine coordinates.
     #[inline]
     pub(crate) fn moved_in_machine(&self, program: &Axes, by: &Axes) -> Axes {
         if self.tip.is_none() {

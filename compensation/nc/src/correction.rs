@@ -65,7 +65,7 @@ pub struct Corrector {
     travels: Axes<[f64; 2]>,
     pub(crate) only_linear: bool,
     pub(crate) bidirectional: bool,
-    /// Direction of approach of each axis; `None` while unknown: then the mean of both directions is corrected.
+    /// Direction of approach of each axis; `None` while unknown: the mean of both directions is then corrected.
     pub(crate) approach: Axes<Option<Direction>>,
     pub(crate) arrives_from_unknown: Axes<bool>,
     pub(crate) has_directions: Axes<bool>,
@@ -73,7 +73,7 @@ pub struct Corrector {
     /// Reverse travel after which an axis is treated as reversed, mm and deg.
     pub(crate) turned_after: Axes<f64>,
     pub(crate) furthest: Axes<f64>,
-    /// Position of the last motion with correction; NaN before the first one.
+    /// End of the last motion that was written with its correction, machine coordinates; NaN before the first one.
     pub(crate) moved_to: Axes,
     pub(crate) split_beyond_mm: f64,
     /// Incremented by every change, except of the position, that affects the correction.
@@ -89,7 +89,7 @@ pub(crate) struct CorrectionCache {
 #[derive(Clone, Debug, Default)]
 struct CachedCorrection {
     at: Axes,
-    /// Version of the corrector; `None` while the entry is empty.
+    /// [`Corrector::version`] for which the entry was computed; `None` while the entry is empty.
     pub(crate) version: Option<u64>,
     correction: Correction,
 }
@@ -127,7 +127,7 @@ pub(crate) struct MachineWithTool {
     unsplit: Axes,
     /// Longest lever, mm.
     reach_mm: f64,
-    /// Maximum change of the error per mm of the linear axes.
+    /// Maximum change of the error per mm of travel of a linear axis.
     steepness: f64,
 }
 
@@ -247,7 +247,7 @@ impl Play {
         self.axes[axis].is_some()
     }
 
-    /// Lost motion of an axis at these coordinates (of the model's chain), mm or deg; 0 without backlash.
+    /// Lost motion of an axis at these coordinates, in the order of the model's chain, mm or deg; 0 without backlash.
     pub(crate) fn lost_motion(&self, axis: usize, coordinates: &[f64]) -> f64 {
         let own = self.axes[axis].as_ref();
         own.map_or(0.0, |own| own.lost_motion(coordinates))

@@ -142,7 +142,7 @@ impl<'p> Expressions<'p> {
         Err(scanner.column().malformed("expected an operator or ] here"))
     }
 
-    /// Evaluates left-associative operators of one precedence; the operands bind more strongly.
+    /// Evaluates the left-associative operators of precedence `strength`; their operands are of higher precedence.
     fn operation(
         &self,
         scanner: &mut Scanner<'_>,
@@ -354,7 +354,7 @@ pub(crate) trait Formulas {
         found.map(|(_, operator)| *operator)
     }
 
-    /// Evaluates left-associative operators of one precedence; the operands bind more strongly.
+    /// Evaluates the left-associative operators of one precedence; their operands are of higher precedence.
     fn operation(
         &self,
         scanner: &mut Scanner<'_>,

@@ -40,7 +40,7 @@ impl AxisWord {
 /// Syntax of a language and control.
 #[derive(Clone, Copy, Debug)]
 struct Syntax {
-    /// Set if N at the beginning of a line, and F, are read.
+    /// Set if the fast path reads a leading block number (N) and F.
     reads_others: bool,
     /// Characters that begin a comment.
     comments: &'static [u8],
@@ -72,7 +72,7 @@ impl Syntax {
     }
 }
 
-/// A usual line: G0, G1 or neither (HEIDENHAIN: L), and axis words.
+/// A usual line, parsed: G0, G1 or neither (HEIDENHAIN: L), and axis words.
 #[derive(Clone, Copy, Debug, Default)]
 struct PlainLine {
     code: Option<Code>,

@@ -107,7 +107,7 @@ pub(crate) fn o_line(line: &[u8]) -> Option<OLine> {
             Err(_) => return Some(OLine::Wrong("the name of this O-word does not end with >")),
         }
     } else if let Some((number, 0)) = scanner.number() {
-        // O0001<NAME>
+        // Program number followed by a name: `O0001<NAME>`.
         let before = scanner.clone();
         if scanner.takes(b'<') && scanner.name().is_err() {
             scanner = before;
@@ -368,7 +368,7 @@ pub(crate) enum Next {
 
 #[derive(Clone, Copy, Debug)]
 struct Count {
-    /// Remaining passes, including the current one.
+    /// Remaining passes, including the active one.
     left: u64,
     /// Set if the loop was left early; LinuxCNC then continues with its old count.
     is_old: bool,

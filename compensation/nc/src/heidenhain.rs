@@ -551,7 +551,7 @@ impl Reader<'_, '_> {
             }
             8 | 10 | 11 | 19 | 26 | 247 => return Err(column.not_followed(&found, TILTED)),
             12 => return Err(column.not_followed(&found, FLOW)),
-            // Dwell, spindle orientation, contour tolerance; contour data.
+            // Dwell, spindle orientation, contour tolerance and contour data move no axis.
             9 | 13 | 14 | 20 | 32 | 270 => self.skips(),
             // Hole patterns are drilled where they are defined.
             220 | 221 => {

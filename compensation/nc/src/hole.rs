@@ -83,7 +83,7 @@ impl Rewriter {
         })
     }
 
-    /// Writes a hole of a cycle. `place` is its index in the row; `stays` is true if the line of the row is unchanged.
+    /// Writes one hole of a cycle. `place` is its index in the row; `stays` is true if the line of the row is unchanged.
     pub(crate) fn hole(
         &mut self,
         motion: &Move,

@@ -28,7 +28,7 @@ pub(crate) struct Outcome {
     pub(crate) motion: Option<Move>,
     /// Further holes of a row (L in G91), after the first one.
     pub(crate) row: Vec<Move>,
-    /// Indices of the axis words that define the current position (G92, G10 L20).
+    /// Indices in the block of the axis words that define the current position (G92, G10 L20).
     pub(crate) presets: Option<Axes<Option<usize>>>,
     /// The work offset in whose coordinates the words of `presets` are (G10 L20), if it is not the active one.
     pub(crate) preset_system: Option<usize>,
@@ -90,7 +90,7 @@ pub(crate) struct Extruder {
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Extrusion {
-    /// Absolute start, in program units; `None` if the word is relative or the start is unknown.
+    /// E at the start of the motion, in program units; `None` if the word is relative or the start is unknown.
     from: Option<f64>,
     to: f64,
     decimals: u8,
@@ -104,7 +104,7 @@ impl Extruder {
 }
 
 impl Extrusion {
-    /// E word of the part of the motion between two fractions; `None` if the part extrudes nothing.
+    /// E word of the part of the motion between two fractions of it; `None` if the part extrudes nothing.
     pub(crate) fn of_part(&self, [from, to]: [f64; 2]) -> Option<Number> {
         let decimals = self.decimals.clamp(DECIMALS, MAX_DECIMALS);
         let written = self.decimals.min(MAX_DECIMALS);

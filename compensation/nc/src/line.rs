@@ -23,7 +23,7 @@ impl<'a> Line<'a> {
         self.block.words.get(place?)
     }
 
-    /// Manner of an added word: the manner of the word at this index of the block, if any.
+    /// Absolute or incremental: the manner of an added word equals that of the word at this index of the block, if any.
     pub(crate) fn manner(self, place: Option<usize>) -> Manner {
         self.word(place).map_or(Manner::Modal, |word| word.manner)
     }
@@ -170,7 +170,7 @@ pub(crate) struct Edits {
     pub(crate) replaced: Vec<(usize, Number)>,
     pub(crate) removed: Vec<usize>,
     pub(crate) added: Vec<(u8, Number)>,
-    /// Replaced text ranges, with the new number; `None` deletes.
+    /// Replaced byte ranges of the line, each with the new number; `None` deletes the range.
     pub(crate) ranges: Vec<(Range<usize>, Option<Number>)>,
 }
 

@@ -51,7 +51,7 @@ impl Plane {
         }
     }
 
-    /// Letters of the centre along the first and the second axis.
+    /// Letters of the arc-centre words along the first and the second axis of the plane.
     pub(crate) fn centre_letters(self) -> [u8; 2] {
         match self {
             Self::Xy => [b'I', b'J'],
@@ -76,7 +76,7 @@ pub(crate) enum CentrePoint {
     Off,
     /// Active until the tool length is changed or cancelled (G43.4).
     WithToolLength,
-    /// Active until it is switched off (M428, the set-up).
+    /// Active until it is switched off (M429); switched on by M428 or the set-up.
     Switched,
 }
 
@@ -94,7 +94,7 @@ pub(crate) struct ProgrammedFrame {
 }
 
 impl ProgrammedFrame {
-    /// Adds a shift given in the current, rotated coordinates.
+    /// Adds a shift in the present coordinates, which may be rotated.
     pub(crate) fn shift(&mut self, by: &Axes) {
         for (sum, by) in self.by.iter_mut().zip(turned(by, self.angle_deg)) {
             *sum += by;
@@ -107,7 +107,7 @@ impl ProgrammedFrame {
 pub(crate) struct Sticky {
     /// Tool position along the depth axis before the first hole.
     pub(crate) initial: Option<f64>,
-    /// Whether that position is known.
+    /// Whether the position of that axis was known; `None` before the first hole.
     pub(crate) initial_is_known: Option<bool>,
     /// Words of depth and R: absolute in G90; in G91 R counts from the initial position and the depth from R.
     pub(crate) depth: Option<f64>,
@@ -160,7 +160,7 @@ pub(crate) struct Modal {
     pub(crate) programmed: ProgrammedFrame,
     /// Centre of arcs and polar coordinates set by a separate block: a position in X and Y.
     pub(crate) pole: Option<[f64; 2]>,
-    /// `Some` under G16, where X and Y words are a distance from zero and an angle: their last values, mm and deg.
+    /// `Some` under G16, where X and Y words are a distance from zero and an angle: the last value of each, mm and deg.
     pub(crate) polar: Option<[Option<f64>; 2]>,
     /// Rotary axes take the shorter way (M126).
     pub(crate) shorter: bool,

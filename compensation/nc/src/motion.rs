@@ -56,7 +56,7 @@ pub(crate) struct Polar {
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Move {
     pub(crate) path: Path,
-    /// Machine coordinates before and after, mm and deg.
+    /// Start of the motion, machine coordinates, mm and deg; `to` is its end.
     pub(crate) from: Axes,
     pub(crate) to: Axes,
     pub(crate) words: Axes<Option<usize>>,
@@ -87,7 +87,7 @@ impl Move {
 }
 
 impl Arc {
-    /// Radius and angle (rad) at the start.
+    /// Radius, mm, and angle, rad, of the start point about the centre.
     pub(crate) fn start(&self, from: &Axes) -> (f64, f64) {
         let [first, second, _] = self.axes;
         let way = [from[first] - self.centre[0], from[second] - self.centre[1]];

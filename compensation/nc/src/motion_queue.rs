@@ -12,12 +12,12 @@ use std::{
 
 use crate::motion::ExecutedMotion;
 
-/// Maximum number of batches that wait.
+/// Capacity of the queue, in batches; a full queue blocks the sender.
 const WAITING: usize = 16;
 /// Number of motions in a batch.
 const BATCH: usize = 64;
 
-/// Clones append to the same batch, which is sent when it is full or the last clone is dropped.
+/// Sends executed motions. Clones append to the same batch, which is sent when it is full or the last clone is dropped.
 #[derive(Clone, Debug)]
 pub(crate) struct MotionSender(Arc<Mutex<Batch>>);
 

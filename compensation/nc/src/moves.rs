@@ -226,7 +226,8 @@ impl Interpreter {
         })
     }
 
-    /// Axes whose start position is unknown relative to the end of a motion; an incremental word states its direction.
+    /// Axes whose start position is unknown relative to the end of a motion, so that the direction of approach is unknown. The direction of an
+    /// incremental word is known.
     fn arrives_from_unknown(&self, motion: &Move) -> Axes<bool> {
         let own = each(|axis| {
             let is_named = motion.words[axis].is_some();

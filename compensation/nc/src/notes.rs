@@ -45,7 +45,7 @@ pub enum Note {
         "the corrected line is longer than 254 characters, which LinuxCNC and others refuse: move its comment to a separate line"
     )]
     LongLine,
-    /// By the index of the work offset.
+    /// The value is the index of the work offset.
     #[error("the set-up file has no work offset {}: zero is assumed", name_of_offset(*.0))]
     NoOffset(usize),
     #[error("the set-up file has no position of {0} ([home.{0}]): machine zero is assumed")]
@@ -102,7 +102,7 @@ pub enum Note {
 }
 
 impl Note {
-    /// The note about the error at a zero; `None` if the error rounds to zero.
+    /// The note about the machine's error at the zero of a work offset; `None` if the error rounds to zero.
     pub(crate) fn off_at_zero(system: usize, off_mm: [f64; 3]) -> Option<Self> {
         #[expect(clippy::cast_possible_truncation, reason = "errors are at most some mm")]
         let tenths_um = off_mm.map(|mm| (1e4 * mm).round() as i64);

@@ -139,7 +139,7 @@ pub(crate) fn steps(value: f64, decimals: u8) -> Option<i64> {
     (steps.unsigned_abs() < MAX_STEPS as u64).then_some(steps)
 }
 
-/// Maximum rounding error of a word with this number of decimals.
+/// Maximum rounding error of a word with this number of decimals, in the unit of the word.
 #[inline]
 pub(crate) fn half_step(decimals: u8) -> f64 {
     0.5 * of_steps(1, decimals)

@@ -411,7 +411,7 @@ impl Interpreter {
         )))
     }
 
-    /// Letter of the repeat count of a cycle, and whether 0 stores the cycle without a hole.
+    /// Letter of the word for the repeat count of a cycle, and whether a count of 0 stores the cycle without drilling.
     pub(crate) fn repeats_by(&self) -> (u8, bool) {
         match self.control {
             Some(Control::Fanuc) => (b'K', true),

@@ -57,7 +57,7 @@ pub struct Plan {
     pub operations: u64,
 }
 
-/// Candidates on each side of the centre, along each normal.
+/// Number of candidates on each side of the centre, along each normal.
 const AROUND: i32 = 2;
 
 /// Grid refinement factor per round.
@@ -71,8 +71,8 @@ const MAX_ROUNDS: usize = 400;
 /// Minimum grid step, mm, if commands are continuous.
 const FINEST_MM: f64 = 1e-7;
 
-/// Plans the commands along the stations `path`, from start to target. `actual` returns the real position for a command, mm. Returns `None`
-/// for fewer than two stations, for coordinates that are not finite, and if the limits permit no solution.
+/// Plans one command for each station of `path`, in order. `actual` returns the actual position for a command, mm. Returns `None` for fewer than
+/// two stations, for coordinates that are not finite, and if the limits permit no solution.
 pub fn plan(path: &[Place], actual: impl Fn(Place) -> Place, limits: &Limits) -> Option<Plan> {
     let is_finite = path.iter().flatten().all(|x| x.is_finite());
     if path.len() < 2 || !is_finite {
@@ -216,7 +216,7 @@ impl<F: Fn(Place) -> Place> Search<'_, F> {
         Some(nodes.map(|(own, node)| own[*node]).collect())
     }
 
-    /// Deviation of the actual position from a station, perpendicular to the path; at the ends of the path in all directions.
+    /// Deviation of the actual position from a station, mm: perpendicular to the path, but in all directions at the ends of the path.
     fn missed(&self, station: &Station, command: Place) -> Place {
         let by = sub((self.actual)(command), station.at);
         if station.is_end {

@@ -179,7 +179,6 @@ struct Stream {
     rewriter: Rewriter,
     /// Number of bytes before the program in the last line read.
     leader: usize,
-    /// Whether the program has begun.
     has_begun: bool,
     ends: Ends,
     /// Number of lines read so far.

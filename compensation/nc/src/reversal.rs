@@ -55,7 +55,7 @@ impl Reversals {
     }
 }
 
-/// State: the play operator of each axis. A carriage rests until a flank of the backlash pushes it.
+/// Positions of drives and carriages (the play operator of each axis): a carriage rests until a flank of the backlash pushes it.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Carriages {
     drive: Axes,

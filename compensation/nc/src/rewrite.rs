@@ -61,7 +61,7 @@ pub(crate) struct Rewriter {
     /// Correction applied at the machine axes, mm and deg.
     pub(crate) carried: Axes,
     pub(crate) applied_correction: AppliedCorrection,
-    /// Work offsets whose error at zero was noted or needs no note.
+    /// For each work offset, whether the error at its zero was noted or needs no note.
     zeros_noted: [bool; SYSTEMS],
     pub(crate) turns: Reversals,
     /// Corrections contained in the modal depth and plane R of a cycle, mm.
@@ -83,7 +83,7 @@ pub(crate) struct Rewriter {
     pub(crate) folders: Arc<[PathBuf]>,
     more: &'static [u8],
     pub(crate) counts: Counts,
-    /// Ends of the parts of each motion (0 to 1), concatenated; `None` if not requested.
+    /// Ends of the parts of each motion as fractions (0 to 1), concatenated over all motions; `None` if not requested.
     pub(crate) shares: Option<Vec<f64>>,
     /// Passes each motion on to another thread.
     pub(crate) motion_sender: Option<MotionSender>,
@@ -184,7 +184,7 @@ pub(crate) enum ComputedValues {
 /// Rounding of the numbers of the parts of a line.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Strategy {
-    /// Each number is rounded to the nearest.
+    /// Each number is rounded to the nearest step.
     #[default]
     Plain,
     /// The numbers are rounded jointly, to minimize the deviation from the line. A part may end slightly earlier or later along the line,

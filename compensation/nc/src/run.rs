@@ -29,7 +29,7 @@ struct Call {
     back: usize,
     /// Start of a program called by number, and remaining executions; `None` for an O-word call, which has local parameters.
     program: Option<(usize, u64)>,
-    /// File of the called subroutine; 0 is the program.
+    /// Index of the file that defines the called subroutine; 0 is the program.
     file: usize,
 }
 

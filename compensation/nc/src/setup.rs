@@ -8,7 +8,7 @@ use crate::{
     modal::{CentrePoint, Modal, SYSTEMS, name_of_offset},
 };
 
-/// Set-up data that the program does not contain. Lengths in mm, angles in deg; missing values are zero.
+/// The part of the set-up that a program relies on but does not contain. Lengths are in mm, angles in deg; missing values are zero.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SetUp {
     pub(crate) modal: Modal,

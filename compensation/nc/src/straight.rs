@@ -33,13 +33,13 @@ pub(crate) struct Part<'a> {
     pub(crate) share: f64,
     pub(crate) motion: &'a Move,
     pub(crate) numbers: &'a Axes<Option<Number>>,
-    /// Words after `numbers` in an added line: the circle of an arc.
+    /// Words that follow `numbers` in an added line: the centre or radius of an arc.
     pub(crate) others: &'a [(u8, Number)],
-    /// G2 or G3 if a line before the part had another motion code.
+    /// G2 or G3, if a line added before the part has made another motion code modal.
     pub(crate) code: Option<Number>,
     pub(crate) feed: Option<Number>,
     pub(crate) shape: Shape,
-    /// Line that precedes the part, without its end: the centre of an arc.
+    /// Line that precedes the part, without its end: the centre of the arc; empty if none is needed.
     pub(crate) before: &'a [u8],
 }
 
@@ -70,7 +70,7 @@ pub(crate) struct Leg<'a> {
     pub(crate) at: Axes,
     pub(crate) writes: Axes<WriteRule>,
     pub(crate) keeps: Axes<bool>,
-    /// Correction from joint rounding; `None`: round each number separately.
+    /// Correction at the end from joint rounding, in program coordinates; `None`: each number is rounded separately.
     pub(crate) rounded: Option<Axes>,
 }
 

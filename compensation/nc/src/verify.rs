@@ -62,7 +62,7 @@ pub struct Further {
     pub line: Option<usize>,
 }
 
-/// Inputs of a verification, in addition to the two programs.
+/// Inputs of a verification other than the two programs.
 #[derive(Clone, Copy, Debug)]
 pub struct Virtual<'a> {
     /// The machine with the real errors.
@@ -225,7 +225,6 @@ struct Comparison {
     before: Carriages,
     after: Carriages,
     turns: Reversals,
-    /// Parts of the motion.
     parts: Vec<PartOfMotion>,
     /// Index of the part that the result has reached.
     at_part: usize,

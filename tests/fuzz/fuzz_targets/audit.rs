@@ -1,5 +1,5 @@
 #![no_main]
-//! Audit logs: no panic on any bytes, and what is whole stays whole when the rest is cut.
+//! Audit logs: no panic on any bytes, and the complete records are still complete without the rest.
 
 use libfuzzer_sys::fuzz_target;
 use volcomp_gateway::audit::verify;

@@ -1,5 +1,5 @@
 #![no_main]
-//! Calibration files with their measurement file: no panic on any text, and what is read is calibrated without one.
+//! Calibration files with their measurement file: no panic on any text, also when an accepted one is calibrated.
 
 use libfuzzer_sys::fuzz_target;
 use volcomp_calibrate::{CalibrationFile, calibrate};
@@ -10,7 +10,7 @@ axes.Y.travel = [0.0, 400.0]
 axes.C.travel = [-180.0, 180.0]
 ";
 
-// The calibration file, and after a line `===` the table `m.csv`.
+// The input is the calibration file and, after a line `===`, the table `m.csv`.
 fuzz_target!(|text: &str| {
     let (keys, rows) = text.split_once("\n===\n").unwrap_or((text, ""));
     let folder = std::env::temp_dir().join(format!("volcomp-fuzz-{}", std::process::id()));

@@ -1,5 +1,5 @@
 #![no_main]
-//! Compiled machines as bytes, their checksum mended: no panic in reading or evaluating.
+//! Compiled machines with a corrected checksum: no panic on reading or evaluating any bytes.
 
 use libfuzzer_sys::fuzz_target;
 use sha2::{Digest, Sha256};

@@ -1,5 +1,5 @@
 #![no_main]
-//! DBC files: no panic on any text, and every signal's bits come back.
+//! DBC files: no panic on any text, and every signal is decoded as it was encoded.
 
 use libfuzzer_sys::fuzz_target;
 use volcomp_can::SignalTable;

@@ -1,5 +1,5 @@
 #![no_main]
-//! What devices answer to a search of the network: no panic, and every text that is kept is harmless.
+//! Responses of devices to a search of the network: no panic on any bytes, and stored texts have no control characters.
 
 use libfuzzer_sys::fuzz_target;
 use volcomp_centre::discover::{Identification, parse_identification};

@@ -1,5 +1,5 @@
 #![no_main]
-//! Values of the key of a machine: no panic on any bytes, and nothing is accepted but what the trusted key signed.
+//! Values under a machine's key: no panic on any bytes, and only values signed by the trusted key are accepted.
 
 use libfuzzer_sys::fuzz_target;
 use volcomp_fleet::{Desired, SigningKey, Trust};

@@ -1,5 +1,5 @@
 #![no_main]
-//! Frames of FOCAS both ways: no panic on any bytes, and a request that is understood is built the same again.
+//! FOCAS frames in both directions: no panic on any bytes, and a parsed request is encoded to one that is parsed equally.
 
 use libfuzzer_sys::fuzz_target;
 use volcomp_focas::frame::{Blocks, Command, HEAD, Head, Request, Target, parse_commands};

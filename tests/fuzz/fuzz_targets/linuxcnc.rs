@@ -1,5 +1,6 @@
 #![no_main]
-//! Datagrams (the input is one without its code) and INI files of LinuxCNC: no panic on any bytes, and what is read is written as it was.
+//! Datagrams (the input is one without its authentication code) and INI files of LinuxCNC: no panic on any bytes, and a decoded datagram is
+//! encoded to one that is decoded equally.
 
 use libfuzzer_sys::fuzz_target;
 use volcomp_linuxcnc::{

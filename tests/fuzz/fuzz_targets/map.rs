@@ -1,11 +1,11 @@
 #![no_main]
-//! Images of maps: no panic on any bytes; what is read comes back, and a look-up in it answers everywhere.
+//! Images of maps: no panic on any bytes, also in a look-up; a map that is read is written to an image that is read equally.
 
 use libfuzzer_sys::fuzz_target;
 use volcomp_tables::{ByteOrder, Map, Position};
 
 fuzz_target!(|bytes: &[u8]| {
-    // The checksum made right, so that what is behind it is reached.
+    // A correct checksum, so that the code after its check is reached.
     let words: Vec<u16> = bytes
         .chunks_exact(2)
         .map(|pair| u16::from_le_bytes([pair[0], pair[1]]))

@@ -5,7 +5,7 @@ use libfuzzer_sys::fuzz_target;
 use volcomp_document::Document;
 use volcomp_metrology::{Mapping, evaluate, parse_camonitor, parse_table_with, readings_at_dwells};
 
-// The mapping (TOML), and after a line `===` the table or the log.
+// The input is the mapping (TOML) and, after a line `===`, the table or the log.
 fuzz_target!(|text: &str| {
     let (toml, rows) = text.split_once("===\n").unwrap_or(("", text));
     let log = parse_camonitor(rows.as_bytes(), "fuzz");

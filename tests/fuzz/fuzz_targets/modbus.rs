@@ -1,5 +1,5 @@
 #![no_main]
-//! Modbus profiles and register images: no panic, and what is good is a number within the module's range.
+//! Modbus profiles and register images: no panic, and a good temperature is within the module's range.
 
 use std::time::Instant;
 

@@ -1,6 +1,5 @@
 #![no_main]
-//! NC programs: no panic on any text; a machine without errors gives back every byte of what is taken; one with errors writes a
-//! program that is taken again.
+//! NC programs: no panic on any text, and a machine without errors returns every accepted program unchanged.
 
 use libfuzzer_sys::fuzz_target;
 use volcomp_model::{Machine, Temperatures};

@@ -1,5 +1,5 @@
 #![no_main]
-//! Files of observations with their row files: no panic on any text, and what is read is identified without one.
+//! Observation files with their row files: no panic on any text, also when an accepted one is identified.
 
 use libfuzzer_sys::fuzz_target;
 use volcomp_identify::{Observations, identify};
@@ -10,7 +10,7 @@ axes.Y.travel = [0.0, 400.0]
 axes.C.travel = [-180.0, 180.0]
 ";
 
-// The file of observations, and after a line `===` the table that every row file is.
+// The input is the observation file and, after a line `===`, the table that every row file is.
 fuzz_target!(|text: &str| {
     let (keys, rows) = text.split_once("\n===\n").unwrap_or((text, ""));
     let read = |path: &std::path::Path| {

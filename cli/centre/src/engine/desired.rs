@@ -175,7 +175,7 @@ fn report_foreign_value(engine: &Engine, machine: &MachineId) {
     lock(&engine.clobbered).insert(machine.clone(), Instant::now());
 }
 
-/// True if this value was signed by one of our revoked keys; also true (and logged) if the store is unreadable.
+/// True if this centre issued this value, also with a key that it no longer has; also true (and logged) if the store is unreadable.
 async fn was_issued(engine: &Arc<Engine>, machine: &MachineId, value: &[u8]) -> bool {
     let sha256 = ModelRef::of(value).sha256;
     let (engine_clone, machine) = (Arc::clone(engine), machine.clone());

@@ -19,7 +19,7 @@ use crate::{
 pub(super) struct Blocked {
     /// The reasons, one sentence each.
     pub(super) why: Vec<String>,
-    /// Machines of the roll-outs that were advanced; set if the machines of the others are unknown.
+    /// Machines of the roll-outs that were advanced; `None` if the machines of all roll-outs are known.
     moved: Option<BTreeSet<MachineId>>,
     /// Machines of the active roll-outs; each machine is in at most one.
     machines: BTreeSet<MachineId>,

@@ -166,8 +166,7 @@ impl Overview {
     }
 }
 
-/// Alarm for a database that does not respond; it cannot be stored there.
-/// An alarm for a database that cannot be written, in which it therefore cannot be stored.
+/// Alarm for a database that cannot be written; it therefore cannot be stored there.
 pub(super) fn store_alarm(store: &Store) -> Option<Alarm> {
     let (for_long, what) = store.trouble()?;
     Some(Alarm {

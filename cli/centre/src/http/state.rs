@@ -50,7 +50,7 @@ pub(super) struct NetworkSearch {
     pub(super) running: bool,
     pub(super) by: String,
     pub(super) subnets: Vec<String>,
-    /// Number of completed addresses, of the total below.
+    /// Number of addresses searched so far, of the total in `of`.
     pub(super) done: usize,
     pub(super) of: usize,
     pub(super) devices: Vec<Device>,
@@ -169,7 +169,7 @@ impl PageState {
         }
     }
 
-    /// A place to hash or compare a password; there are two.
+    /// Waits for one of the two permits to hash or compare a password.
     pub(super) async fn password_place(&self) -> Place {
         Arc::clone(&self.passwords).acquire_owned().await
     }
@@ -198,10 +198,10 @@ impl PageState {
     }
 }
 
-/// A place for work on a blocking thread.
+/// Permit for work on a blocking thread.
 pub(super) type Place = Result<OwnedSemaphorePermit, AcquireError>;
 
-/// Runs work on a blocking thread. It keeps its place until the work ends, also if the client has hung up by then.
+/// Runs work on a blocking thread. The permit is held until the work ends, even if the client has disconnected by then.
 pub(super) async fn in_place<T: Send + 'static>(
     place: Place,
     work: impl FnOnce() -> T + Send + 'static,

@@ -135,7 +135,7 @@ fn rollout(database: &Connection, id: u64) -> Result<Option<Rollout>, Error> {
 
 type RequestBy = (UserRequest, String);
 
-/// Pending requests of a roll-out, in order.
+/// Pending requests of a roll-out, the oldest first.
 fn pending_requests(database: &Connection, id: u64) -> Result<Vec<RequestBy>, Error> {
     let sql = "SELECT document FROM wishes WHERE rollout = ?1 ORDER BY number";
     documents(database, sql, [id])

@@ -277,18 +277,18 @@ fn a_flood_of_one_machine_is_not_stored() {
     let live = reception.live.as_ref().unwrap();
     assert_eq!(live.condition.as_ref().unwrap().residual_um, Some(7.0));
     assert_eq!(stored()[1], unreadable + 1);
-    // Another machine is not concerned.
+    // Another machine is not affected.
     let other = flood(Kind::Telemetry, 1, "mill-b", FROM_S + 121.0);
     ingest.take(&store, &[other]).unwrap();
     assert!(store.telemetry(&identity("mill-b").machine).unwrap().is_some());
-    // Nor is one whose messages of four hours, 10 KiB a second, waited at the server while the centre was away.
+    // Messages of four hours, 10 KiB a second, that waited at the server while the centre was away are stored.
     let waited: Vec<Received> = (1..=150)
         .map(|number| flood(Kind::Telemetry, number, "mill-c", FROM_S + 100.0 * number as f64))
         .collect();
     ingest.take(&store, &waited).unwrap();
     let reception = ingest.machine(&identity("mill-c").machine).unwrap();
     assert_eq!(reception.unreadable, None);
-    // Nor is the first one two hours later, after its server's clock was set back and forth.
+    // The first machine's messages are stored again two hours later, also after the server's clock was set back and forth.
     for (number, at_s) in [(400, 0.0), (401, 7200.0), (402, 0.0), (403, 7200.0)] {
         ingest.take(&store, &[flood(Kind::Telemetry, number, "mill-a", FROM_S + at_s)]).unwrap();
     }

@@ -208,7 +208,7 @@ impl WriterThread {
         }
     }
 
-    /// On failure, `loss` is added to the number of lost records.
+    /// Writes an entry and returns whether it was written. If not, `loss` is added to the number of lost records.
     fn write(&mut self, entry: &Entry, loss: u64) -> bool {
         let lost = self.health.lost.swap(0, Ordering::Relaxed);
         let written = self.log.write(entry, lost);

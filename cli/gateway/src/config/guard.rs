@@ -145,7 +145,7 @@ impl GuardTable {
         }
     }
 
-    /// The keys of a first configuration.
+    /// The keys of `[guard]` that `init` writes, with their values and comments.
     pub(crate) fn first(limit_um: f64, cycle_ms: f64, is_rotary: bool) -> Vec<Setting> {
         let mut settings = vec![
             Setting::number(

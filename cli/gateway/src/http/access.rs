@@ -82,12 +82,12 @@ impl AccessControl {
         self.is_demo && self.tokens.is_empty()
     }
 
-    /// The token that the built-in simulation hands out.
+    /// The token that the page of the built-in simulation receives; `None` on a configured machine, or if tokens are configured.
     pub(super) fn demo_token(&self) -> Option<&'static str> {
         self.operates_as_demo().then_some(DEMO_TOKEN)
     }
 
-    /// Whether there is a token that may operate.
+    /// Whether any token allows operating.
     pub(super) fn is_operable(&self) -> bool {
         let mut holders = self.tokens.holders();
         self.operates_as_demo() || holders.any(|holder| holder.role >= Role::Operate)

@@ -78,7 +78,7 @@ const PAGES: [(&str, &str, &str); 11] = [
 
 /// State shared by the routes.
 pub struct Dashboard {
-    /// The kept models and the candidate.
+    /// The stored models and the uploaded candidate.
     pub models: Models,
     /// State, history and model published by the service.
     pub published: Published,
@@ -96,7 +96,7 @@ pub struct Dashboard {
     pub demo: Option<Arc<Demo>>,
     /// The folder of the audit log.
     pub audit_dir: PathBuf,
-    /// One request at a time reads the log.
+    /// Permit for reading the audit log: one request at a time.
     pub log_reader: Arc<Semaphore>,
 }
 
@@ -215,7 +215,7 @@ async fn history(
     }
 }
 
-/// Number of events of an answer by default.
+/// Default number of events in a response.
 const LOG_EVENTS: usize = 50;
 /// Timeout for a request that waits until another one has read the log.
 const LOG_TIMEOUT: Duration = Duration::from_secs(2);
@@ -258,7 +258,7 @@ async fn log(
     }
 }
 
-/// Disturbs the built-in simulation.
+/// Begins or ends a disturbance of the built-in simulation.
 async fn disturb(State(dashboard): State<Shared>, _: Operator, body: Bytes) -> Response {
     let Some(demo) = &dashboard.demo else {
         return refuse(StatusCode::NOT_FOUND, "only the built-in simulation can be disturbed");

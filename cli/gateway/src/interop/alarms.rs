@@ -36,7 +36,7 @@ pub struct Alarm {
     pub text: String,
 }
 
-/// The places of a gateway, in order.
+/// The places of a gateway: the guard, the sensors, the controllers.
 pub fn places(shape: &Shape) -> Vec<Place> {
     let sensors = (0..shape.sensors.len()).map(Place::Sensor);
     let controllers = (0..shape.controllers).map(Place::Controller);

@@ -63,7 +63,7 @@ const UNAVAILABLE: &str = "UNAVAILABLE";
 /// Key of the item that reports whether the gateway is available.
 const AVAILABILITY: &str = "avail";
 
-/// The data items of a gateway, in order.
+/// The data items of a gateway, in the order of their lines.
 pub struct Items {
     /// Data items that report a value.
     pub quantities: Vec<Quantity>,

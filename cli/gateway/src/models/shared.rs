@@ -62,7 +62,7 @@ pub(super) enum Job {
 
 pub(super) struct HeldCandidate {
     pub(super) document: Candidate,
-    /// The text to be stored; `None` until the file was parsed.
+    /// The text to be stored; `None` until the file has been parsed.
     pub(super) text: Option<String>,
 }
 

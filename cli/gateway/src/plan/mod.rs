@@ -39,7 +39,7 @@ pub struct Plan {
     pub tokens: Tokens,
     /// TLS certificate of the dashboard; `None`: without TLS.
     pub tls: Option<Tls>,
-    /// Names of the temperatures, in order.
+    /// Names of the temperatures, in the order of the configuration.
     pub sensors: Vec<String>,
     fleet: Option<Fleet>,
     machine: Machine,
@@ -69,9 +69,9 @@ pub struct OpenedPlan {
     pub cycle: Cycle,
     /// A copy of the cycle's model.
     pub model: Arc<Model>,
-    /// Controller descriptions from the drivers, in order.
+    /// Descriptions of the controllers from their drivers, in the order of the configuration.
     pub controllers: Vec<Description>,
-    /// Names of the temperatures, in order.
+    /// Names of the temperatures, in the order of the configuration.
     pub sensors: Vec<String>,
     /// True errors of the machine if it is simulated.
     pub truth: Option<Truth>,
@@ -137,7 +137,7 @@ impl Plan {
         })
     }
 
-    /// Limits enforced by the guard of each controller (mm, rad), in order.
+    /// Limits enforced by the guard of each writing controller (mm, rad), in order of preference.
     pub fn limits(&self) -> Vec<Limits> {
         self.paths.iter().map(|path| path.limits).collect()
     }

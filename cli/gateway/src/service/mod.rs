@@ -64,7 +64,7 @@ pub struct ServiceParts {
     pub options: Options,
     /// The active configuration.
     pub config: Config,
-    /// The controllers, in order.
+    /// The controllers, in the order of the configuration.
     pub controllers: Vec<Description>,
     /// Names of the temperatures.
     pub sensors: Vec<String>,

@@ -1,4 +1,4 @@
-//! Body diagonals over the wire: the simulated control measures at its targets what is left of its true errors.
+//! Body diagonals over the wire: the simulated control measures the residuals of its true errors at its targets.
 
 use std::{
     fs,

@@ -43,7 +43,7 @@ fn mode(file: &Path) -> u32 {
     fs::metadata(file).expect("there").permissions().mode() & 0o777
 }
 
-/// The commands of a section of the page.
+/// The commands of a section of the chapter on the gateway.
 fn commands(section: &str) -> Vec<Vec<String>> {
     let text = fs::read_to_string(book::chapter("gateway.md")).expect("the page");
     let begin = text.find(section).expect("the section");
@@ -67,7 +67,7 @@ fn until_done(dir: &Path, arguments: &[&str]) -> String {
     }
 }
 
-/// The commands of the page, in their order, on free ports. Only the two that build the programs are left out.
+/// The commands of the chapter, in order, on free ports. Only the two that build the programs are omitted.
 #[test]
 fn the_commands_of_the_page_lead_to_a_correction() {
     let commands = commands("## From nothing to a correction");

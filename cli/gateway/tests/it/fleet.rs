@@ -205,7 +205,7 @@ fn a_restart_between_acceptance_and_activation_continues() {
     let large = format!("{model}#{}\n", "-".repeat(volcomp_fleet::INLINE_LIMIT));
     let manifest = centre.manifest(1, &large);
     let program = compensating(&config);
-    // Its machine file is not there yet: it is accepted, and waits.
+    // The machine file is not at the server yet: the manifest is accepted, and its activation waits.
     centre.send(&manifest, &large);
     wait(&program, "it is accepted", |state| {
         state["fleet"]["accepted"] == 1 && state["fleet"]["trouble"].is_string()
@@ -216,7 +216,7 @@ fn a_restart_between_acceptance_and_activation_continues() {
     let program = Served::again(rig, &config);
     centre.acknowledged(1, "activated");
     corrects_y(&program, -25.0);
-    // The server is killed and comes back: the same value again is no news.
+    // The server is killed and restarted: the same value again changes nothing.
     let ramps = || {
         let audit = program.gateway().audit();
         audit.matches("\"state\":\"arming\"").count()

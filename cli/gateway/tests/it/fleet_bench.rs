@@ -231,7 +231,6 @@ pub(crate) struct Member<'a> {
     pub(crate) url: &'a str,
     pub(crate) machine: &'a str,
     pub(crate) serial: &'a str,
-    /// Seed of the machine's nkey.
     pub(crate) seed: &'a str,
     /// Trusted public key, base64.
     pub(crate) key: &'a str,

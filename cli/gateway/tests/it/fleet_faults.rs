@@ -19,7 +19,7 @@ use crate::{
     standing::SmallDisk,
 };
 
-/// The numbers of the messages of each start of a gateway.
+/// Numbers of the received messages, by instance (one start of a gateway).
 fn numbers(centre: &Centre) -> BTreeMap<String, BTreeSet<u64>> {
     let mut numbers: BTreeMap<String, BTreeSet<u64>> = BTreeMap::new();
     for stream in ["telemetry", "audit"] {
@@ -213,7 +213,7 @@ fn a_full_disk_accepts_nothing_new_and_delays_no_disarm() {
     assert_eq!(state["armed"], true, "{state}");
     assert_eq!(state["correction_um"]["Y"], -22.0, "{state}");
     assert_eq!(state["fleet"]["version"], 1, "{state}");
-    // A restart on the full disk: what was kept is whole.
+    // A restart on the full disk: everything stored is complete.
     let program = program.killed_and_started(&config);
     corrects_y(&program, -22.0);
     let model = machine_with(26.0);
@@ -313,7 +313,7 @@ fn a_hanging_disk_delays_no_cycle_and_no_disarm() {
     };
     let state = tells("trouble", "the disk does not answer: the accepted manifest");
     let count = state["cycle"]["count"].as_u64().expect("a count");
-    // Its place in the log cannot be written either.
+    // The cursor of the log cannot be written either.
     let state = tells("waiting", "the disk does not answer: messages to the centre");
     assert!(state["cycle"]["count"].as_u64() > Some(count), "{state}");
     assert_eq!(state["fleet"]["version"], 1, "{state}");

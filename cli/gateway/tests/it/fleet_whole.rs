@@ -27,7 +27,7 @@ fn a_model_goes_from_the_centre_to_the_axes() {
     let received = whole.machine_is("it reports", "mill-1", |one| {
         one["live"]["condition"]["state"] == "compensating"
     });
-    // Registered as the gateway has it.
+    // The centre has the axes in the gateway's order.
     let state = program.state();
     assert_eq!(received["axes"], state["machine"]["axes"], "{received}");
     assert_eq!(received["structure"], state["machine"]["structure"], "{received}");
@@ -43,7 +43,7 @@ fn a_model_goes_from_the_centre_to_the_axes() {
     let one = whole.machine_is("it reports its model", "mill-1", |one| {
         one["live"]["version"] == 1 && one["live"]["condition"]["correction_um"]["Y"] == -25.0
     });
-    // The checksum by which a gateway names its model is that of the centre.
+    // The centre and the gateway identify the model by the same checksum.
     let models = whole.document("model list --json");
     assert_eq!(models[0]["checksum"], one["live"]["model"], "{models}");
 

@@ -51,7 +51,7 @@ pub(crate) fn configuration(dir: &Path, more: &str) -> PathBuf {
     configuration_of("127.0.0.1:1", dir, more, "")
 }
 
-/// Like [`configuration`], with a controller at this address and additional tables.
+/// Like [`configuration`], with a controller at this address and these additional tables.
 pub(crate) fn configuration_of(address: &str, dir: &Path, more: &str, tables: &str) -> PathBuf {
     std::fs::write(dir.join("machine.toml"), crate::program::MACHINE).expect("writable");
     let text = format!(
@@ -110,12 +110,12 @@ impl Gateway {
         Self::on(None, config, |log| log)
     }
 
-    /// Starts it with a changed audit log.
+    /// Starts a gateway with a changed audit log.
     pub(crate) fn with_log(config: &Path, change: impl FnOnce(AuditLog) -> AuditLog) -> Self {
         Self::on(None, config, change)
     }
 
-    /// Ends it as a power failure does.
+    /// Ends the gateway as a power failure does.
     pub(crate) fn killed(self) -> Rig {
         let Self { rig, parts, .. } = self;
         drop(parts);
@@ -360,7 +360,7 @@ impl Served {
         Self::of(Gateway::again(rig, config))
     }
 
-    /// Ends it as a power failure does.
+    /// Ends the gateway as a power failure does.
     pub(crate) fn killed(self) -> Rig {
         self.taken().killed()
     }

@@ -93,7 +93,7 @@ fn a_client_reads_what_the_dashboard_shows() {
         found = variables(&mut client);
         corrects(&found)
     });
-    // Those of the list, with its names, and no others.
+    // The nodes are the quantities of the list with their names, and no others.
     let plan = Plan::new(Config::read(&config).expect("right")).expect("right");
     let list = quantities(&plan.shape());
     let mut keys: Vec<&str> = list.iter().map(|own| own.key.as_str()).collect();
@@ -121,10 +121,10 @@ fn a_client_reads_what_the_dashboard_shows() {
         let age = now.expect("after 1970").as_secs_f64() - source;
         assert!(0.0 < age && age < PATIENCE.as_secs_f64(), "{key}: {age} s");
     }
-    // The axes move.
+    // The axes move, so the value changes.
     let values = client.order("watch x_position");
     assert_eq!(values.as_array().map(Vec::len), Some(2), "{values}");
-    // Its control is gone.
+    // The control is disconnected.
     program.gateway().disconnect();
     let old = client.order("wait x_position UncertainLastUsableValue");
     assert!(old["value"].is_number(), "{old}");
@@ -186,7 +186,7 @@ fn nothing_can_be_written_called_added_or_deleted() {
     client.end();
 }
 
-/// A text of OPC UA, or none.
+/// Encodes an OPC UA string; the empty text as null.
 fn text(text: &str) -> Vec<u8> {
     let length = i32::try_from(text.len()).expect("short");
     let length = if text.is_empty() { -1 } else { length };
@@ -205,7 +205,7 @@ fn exchange(stream: &mut TcpStream, kind: [u8; 4], body: &[u8]) -> std::io::Resu
     Ok(answer)
 }
 
-/// An anonymous message without a session whose values are nested as deep as the largest message allows ends its connection at most.
+/// An anonymous message without a session, with values nested as deep as the largest message permits, at most closes its own connection.
 #[test]
 fn nested_values_do_not_end_the_gateway() {
     let dir = tempfile::tempdir().expect("writable");

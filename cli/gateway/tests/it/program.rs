@@ -35,7 +35,6 @@ pub(crate) const PATIENCE: Duration = Duration::from_secs(90);
 #[derive(Clone)]
 pub(crate) struct Client {
     pub(crate) address: SocketAddr,
-    /// The program's log file.
     log: PathBuf,
 }
 

@@ -270,7 +270,7 @@ fn a_control_keeps_the_map_of_its_sender_until_its_end() {
 
     sender.stop();
     assert!(control.x_um().abs() < 0.5);
-    // On record, from the beginning to the end.
+    // The audit log has every step from the start to the end.
     let files = std::fs::read_dir(rig.dir.path().join("audit")).expect("a folder");
     let texts = files.map(|file| std::fs::read(file.expect("listed").path()).unwrap_or_default());
     let log = String::from_utf8_lossy(&texts.collect::<Vec<_>>().concat()).into_owned();

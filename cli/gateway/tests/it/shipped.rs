@@ -91,7 +91,6 @@ fn arguments<'a>(text: &'a str, program: &str) -> Vec<&'a str> {
     command.split_whitespace().collect()
 }
 
-/// A folder with a copy of the examples.
 pub(crate) fn copied_examples() -> (tempfile::TempDir, PathBuf) {
     let dir = tempfile::tempdir().expect("writable");
     let examples = dir.path().join("examples");

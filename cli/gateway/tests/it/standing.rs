@@ -387,7 +387,6 @@ fn quality(state: &Value) -> String {
     format!("{} {}", sensor["quality"], sensor["reason"])
 }
 
-/// The sensor works during correction, then jumps.
 fn let_sensor_jump(gateway: &mut Gateway) {
     gateway.wait_for("compensating");
     gateway.wait("good", |state| quality(state).contains("good"));
@@ -500,7 +499,7 @@ fn an_interlock_not_seen_to_clear_survives_a_restart() {
     }
 }
 
-/// The position of X is this much too high from now on, mm.
+/// Adds this error to all later positions of X, mm.
 fn displace(gateway: &Gateway, add: f64) {
     gateway.rig.inject(Injection::WrongPosition { axis: 0, factor: 1.0, add, readings: u32::MAX });
 }

@@ -146,7 +146,7 @@ fn is_facts(path: &Path) -> bool {
     name.is_some_and(is_facts_file)
 }
 
-/// Files in the folders of `given` are sorted by name.
+/// The paths of `given`, with each folder replaced by its files, sorted by name.
 fn paths(given: &[PathBuf]) -> Result<Vec<PathBuf>, Failure> {
     let mut paths = Vec::new();
     for path in given {

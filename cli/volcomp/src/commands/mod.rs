@@ -110,7 +110,6 @@ fn write_file(path: &Path, text: &str) -> Result<(), Failure> {
     file.write_whole(text)
 }
 
-/// A text of several lines as one line.
 fn one_line(text: &str) -> String {
     text.split_whitespace().collect::<Vec<_>>().join(" ")
 }

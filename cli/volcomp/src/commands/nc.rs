@@ -447,7 +447,7 @@ fn answer(
     Answer::new(&document, text, notes)
 }
 
-/// Mean corrections that are now part of the work offsets.
+/// The answer for mean corrections that were written into the work offsets.
 fn averaged(
     output: &Path,
     found: Vec<Average>,

@@ -233,7 +233,7 @@ pub(crate) fn run(arguments: &ReportArguments) -> Result<Answer, Failure> {
     answer(arguments, &report, &limits, notes)
 }
 
-/// One temperature, or the lowest and the highest, °C.
+/// Parses one temperature, or the lowest and the highest, °C.
 fn temperatures(option: &str, text: Option<&str>) -> Result<Option<[f64; 2]>, Failure> {
     let Some(text) = text else {
         return Ok(None);

@@ -123,7 +123,6 @@ pub(crate) struct SquareTest {
     judgement: Judgement,
 }
 
-/// The squareness from three lengths.
 fn of_lengths(arguments: &SquarenessArguments, lengths: &str) -> Result<Answer, Failure> {
     let tolerances = tolerances(arguments.tolerance.as_deref(), &[SYMBOL])?;
     let [ac, bd, ad] = three("--lengths", lengths)?;

@@ -185,7 +185,7 @@ fn straightness_and_squareness_of_the_examples() {
         "left out of the measurement uncertainty, not stated: square, straight edge, temperature",
     );
     contains(&open, "the squareness holds where the lines were measured");
-    // One run shows nothing of how the reference is aligned: the first of each direction.
+    // One run, here the first of each direction, does not show the alignment of the reference.
     let folder = Folder::new();
     let of_one_run = [exy, eyx].map(|file| {
         let text = fs::read_to_string(root().join(file)).expect("an example");
@@ -194,7 +194,7 @@ fn straightness_and_squareness_of_the_examples() {
         folder.write(name, rows.collect::<Vec<_>>().join("\n") + "\n")
     });
     assert!(!open.contains("one run of"), "{open}");
-    // Without its reading at 180 mm the second run still shows it.
+    // The second run still shows the alignment without its reading at 180 mm.
     let text = fs::read_to_string(root().join(exy)).expect("an example");
     let rows = text.lines().filter(|row| !row.starts_with("180,2,+,"));
     let gap = folder.write("gap.csv", rows.collect::<Vec<_>>().join("\n") + "\n");

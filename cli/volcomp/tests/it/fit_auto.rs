@@ -178,7 +178,7 @@ fn a_run_that_stops_changes_neither_curve_nor_band() {
         a.len() == b.len() && a.iter().zip(&b).all(|(a, b)| (a - b).abs() < 1e-6),
         "{a:?} {b:?}"
     );
-    // Student's t of two degrees of freedom times s/√3 of the zeros; the resampling of complete runs has a chance of its own.
+    // Student's t of two degrees of freedom times s/√3 of the zeros; the resampling of complete runs adds its own random deviation.
     let expected = 4.302_653 * (1_322.667_f64 / 2.0 / 3.0).sqrt();
     for (answer, within) in [(&complete, 0.02), (&stopped, 1e-5)] {
         let halves = rows(&answer["band"]["half_widths"], "half_width");

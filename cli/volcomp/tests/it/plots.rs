@@ -9,7 +9,7 @@ use crate::{Folder, close, contains, float, json, list, one_line, refused, root,
 const POSITIONING: &str = "fitting/metrology/tests/data/iso230-2-axis.csv";
 const STRAIGHT: [&str; 2] = ["examples/straight-exy.csv", "examples/straight-eyx.csv"];
 
-/// Calls with `{o}` for a file to be written, and what the title says.
+/// Calls, with `{o}` for a file to be written, and a part of the title of the picture.
 const CALLS: [(&str, &str); 13] = [
     ("iso230 {positioning}", "test to ISO 230-2:2014"),
     (

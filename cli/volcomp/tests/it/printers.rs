@@ -9,7 +9,7 @@ use crate::{Folder, contains, json, list, refused};
 const TRAVELS: &str =
     "[axes]\nX.travel = [0.0, 220.0]\nY.travel = [0.0, 220.0]\nZ.travel = [0.0, 220.0]\n";
 
-/// Where the tool is with the axes at these positions, mm.
+/// Tool tip positions with the axes at these positions, mm.
 fn tips(machine: &str, folder: &Folder, places: &[[f64; 3]]) -> Vec<[f64; 3]> {
     let rows = places.iter().map(|[x, y, z]| format!("{x},{y},{z}\n"));
     let points = folder.write("points.csv", format!("X,Y,Z\n{}", rows.collect::<String>()));
@@ -52,7 +52,7 @@ fn the_lengths_of_a_drawn_square_are_its_squareness() {
             let [a, b, c, d] = tips(&machine, &folder, &corners)[..] else {
                 panic!("four corners")
             };
-            // AD along the first axis or along the second: A stays where it is.
+            // The side AD is along the first axis or along the second; A is the same corner.
             for side in [length(a, d), length(a, b)] {
                 let lengths = format!("{},{},{side}", length(a, c), length(b, d));
                 let found = json(&["squareness", "--lengths", &lengths, "--error", error]);
@@ -93,7 +93,7 @@ fn lengths_with_a_limit_and_wrong_lengths() {
     contains(&neither, "required arguments");
 }
 
-/// The arguments of an export of the printer to a folder, with more.
+/// The arguments of an export of the printer's settings to the folder `out`, followed by others.
 fn exporting_to<'a>(out: &'a str) -> impl Fn(&[&'a str]) -> Vec<&'a str> {
     move |more| [&["export", "-m", "examples/printer.toml", "-o", out][..], more].concat()
 }

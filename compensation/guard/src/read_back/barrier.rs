@@ -32,8 +32,7 @@ pub struct BarrierLink {
     settings: Option<Settings>,
     /// Time at which the last report, new or not, was valid.
     last_received: Option<Duration>,
-    /// Last new report: the time at which it was valid, its epoch and tick, and the scans since
-    /// `counted_from`.
+    /// Last new report: the time at which it was valid, its epoch and its tick.
     last: Option<(Duration, u16, u16)>,
     counted_from: Option<Duration>,
     counted: u32,
@@ -41,7 +40,6 @@ pub struct BarrierLink {
     scans_fit: Option<bool>,
     /// The scan period as last counted; zero before.
     scan_counted: Duration,
-    /// The last sent correction.
     last_sent: Option<Counts>,
     /// The correction at which the control has stopped although it accepted another one, with the
     /// time since then.

@@ -16,7 +16,7 @@ use crate::{Limits, Reasons, limits::MOST_READ_BACK_CYCLES};
 /// Number of equal readings that confirm a value that was not written.
 const EQUAL_READINGS: u32 = 3;
 const OTHER_REPORTED_FOR: Duration = Duration::from_secs(5);
-/// Capacity: the confirmed value, and one write for each cycle of the maximum read-back lag.
+/// Capacity: more than the confirmed value and one write for each cycle of the maximum read-back lag.
 const MOST: usize = MOST_READ_BACK_CYCLES + 4;
 
 /// A correction that may be applied, and when it was first sent.
@@ -47,7 +47,6 @@ pub(super) struct Echo {
     /// Values that may be applied, oldest first: the confirmed one, and those sent since. Consecutive equal ones are merged.
     candidates: [Candidate; MOST],
     count: usize,
-    /// Time at which the last reading was valid.
     last_received: Option<Duration>,
     /// Value of consecutive equal readings that are later than every write, their number, and the
     /// time at which the last counted one was valid.

@@ -111,9 +111,7 @@ pub(super) enum Arrival {
 /// - No word is missing if nothing was sent for longer than the path's delay.
 #[derive(Clone, Debug, Default)]
 pub(super) struct ArrivalMonitor {
-    /// Time of the last reading of the control.
     last_received: Option<Duration>,
-    /// Time of the last write to the control.
     sent: Option<Duration>,
     /// Since when a sent correction has not arrived; `None`: all have.
     since: Option<Duration>,

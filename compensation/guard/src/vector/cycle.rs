@@ -7,7 +7,7 @@ use crate::{
     step::{ROUNDING_STEPS, on_grid, whole_below},
 };
 
-/// An axis closer than this number of steps has reached its goal.
+/// An axis closer to its goal than this number of steps has arrived.
 pub(super) const ARRIVED_STEPS: f64 = ROUNDING_STEPS;
 
 pub(super) struct Cycle<'a> {

@@ -163,7 +163,6 @@ fn no_reversal_is_fed_back_at_standstill() {
     }
 }
 
-/// A position that flickers by one count at standstill causes no reversal.
 #[test]
 fn a_flickering_count_causes_no_reversal() {
     let step = 0.031_25;

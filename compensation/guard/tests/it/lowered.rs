@@ -42,7 +42,7 @@ fn with_accel(limits: &Limits, accel_per_s2: f64) -> Limits {
     limits
 }
 
-/// Largest tip error (mm) while the guard reduces the correction to the lowered limits.
+/// Largest tip error (mm) while the guard reduces the correction to the lowered limits, and the vector at the end.
 fn misses_most(requested: &RequestedCorrection, before: &Limits, after: &Limits) -> (f64, Vector) {
     let mut vector = Vector::at(&PerChannel::ZERO);
     for _ in 0..2000 {

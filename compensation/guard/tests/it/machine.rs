@@ -569,7 +569,6 @@ impl Way {
 }
 
 impl Machine {
-    /// A random event: a fault, a request, or the end of all faults.
     pub(crate) fn random_event(&mut self) -> Option<Request> {
         let index = self.random.random_range(0..self.ways.len());
         let now = self.now;
@@ -723,7 +722,7 @@ impl Machine {
         self.guard.set_limits(self.limits).expect("valid");
     }
 
-    /// Restarts the control, which keeps its words.
+    /// Restarts the control; its words keep their values.
     fn power_up(&mut self) {
         if let Some(before) = self.barrier {
             let epoch = before.memory().link.epoch;

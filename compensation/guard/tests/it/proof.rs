@@ -12,7 +12,6 @@ use AxisProof::{Contained, NotContained, NotProven};
 use crate::world::{PERIOD, SECOND, STEP, World, axes, limits, same_places};
 
 const SHIFT: f64 = 5.0 * STEP;
-/// The behaviour of one axis of the machine.
 #[derive(Clone, Copy)]
 struct Axis {
     contains: bool,

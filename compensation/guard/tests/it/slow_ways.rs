@@ -14,7 +14,7 @@ const LATE: [usize; 5] = [0, 1, 2, 4, 6];
 struct Watch {
     word: Option<f64>,
     highest: f64,
-    /// Largest backward motion of the axis, and largest excess of a word over the previous word + slew + step.
+    /// Largest backward motion of the axis, and largest excess of a word over the previous word plus slew plus step, mm.
     back: f64,
     jump: f64,
     /// Maximum number of consecutive cycles without a frame.
@@ -182,7 +182,7 @@ fn words_sent_long_before_a_take_over_are_not_carried_over() {
     }
 }
 
-/// Nothing that a path without a barrier has sent is in transit to a barrier: the output starts at what that applies.
+/// Words of a path without a barrier cannot arrive at a barrier: the output starts at the correction that the barrier applies.
 #[test]
 fn a_barrier_takes_over_at_what_it_applies() {
     let mut world = World::compensating(&limits());

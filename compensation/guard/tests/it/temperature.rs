@@ -110,7 +110,7 @@ fn a_jump_after_a_gap_is_a_jump() {
     }
 }
 
-/// A reading is judged once; another value at the same time is another reading.
+/// A repeated reading is judged once; another value at the same time is a new reading.
 #[test]
 fn another_value_at_the_same_time_is_judged_anew() {
     let mut machine = Machine::new(1, SensorLimits::default());

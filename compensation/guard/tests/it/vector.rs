@@ -62,7 +62,7 @@ fn rounding_at_a_limit_takes_the_nearest_steps() {
     }
 }
 
-/// Any request, as from a wrong model: any shares, and levers up to 0.6 m.
+/// A random request as of a wrong model: any shares, and levers up to 0.6 m.
 fn any_request() -> impl Strategy<Value = RequestedCorrection> {
     let share = |size: f64| -size..size;
     let row = move || [share(600.0), share(600.0), share(600.0)];

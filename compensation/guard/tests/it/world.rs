@@ -77,12 +77,10 @@ pub(crate) struct World {
     pub(crate) read_back: ReadBack,
     pub(crate) interlocks: Interlocks,
     pub(crate) now: Duration,
-    /// Applied correction of the axes.
     pub(crate) applied: PerChannel<f64>,
     pub(crate) barrier: Option<Barrier>,
     pub(crate) mailbox: Vec<u16>,
     scanned: Duration,
-    /// Scan period of the control.
     pub(crate) scan_time: Duration,
     pub(crate) target: Option<PerChannel<f64>>,
     /// As in [`RequestedCorrection`].
@@ -95,7 +93,7 @@ pub(crate) struct World {
     /// The barrier holds in a stop that no path reports.
     pub(crate) holds: bool,
     pub(crate) answers: bool,
-    /// Reported instead of the applied correction.
+    /// Correction that the control reports instead of the applied one; `None`: it reports the applied one.
     pub(crate) false_reading: Option<PerChannel<f64>>,
     /// Index of a word of the barrier's report, and the bits to flip.
     pub(crate) flipped_word: Option<(usize, u16)>,
@@ -113,7 +111,6 @@ pub(crate) struct World {
     pub(crate) reports_levels: bool,
     /// Writes take effect.
     pub(crate) sticks: bool,
-    /// Writes return an error.
     pub(crate) write_fails: bool,
     /// Interval of new positions; each is one interval old.
     pub(crate) positions_every: Option<Duration>,
@@ -126,7 +123,7 @@ pub(crate) struct World {
     pub(crate) largest_step: f64,
 }
 
-/// Both paths have the same axis order.
+/// Axis indices for a path with the axis order of the previous one.
 pub(crate) fn same_places() -> PerChannel<Option<usize>> {
     PerChannel::from_fn(Some)
 }

@@ -40,7 +40,7 @@ impl Draw {
 pub(crate) enum Way {
     Rapid,
     Line,
-    /// About a centre, by an angle (rad, counterclockwise positive).
+    /// An arc about a centre by an angle (rad, counterclockwise positive).
     Arc([f64; 2], f64),
 }
 

@@ -100,7 +100,7 @@ fn deviations_along_the_path_are_not_across() {
     let both = "[errors]\nEXX = { poly = [0.0, 0.1] }\nEYY = { poly = [0.0, 0.1] }\n";
     let radial = ways(both, circle);
     assert!((radial.across_max_um - 5.0).abs() < 1e-3, "{radial:?}");
-    // Two segments of more than 100 mm have 32 positions; none has a deviation across.
+    // The circle of 314 mm has four segments, thus 32 positions; the 8 positions of the line have no deviation across.
     let of_circle = 5.0 * (32.0_f64 / 40.0).sqrt();
     assert!((radial.across_rms_um - of_circle).abs() < 1e-3, "{radial:?}");
     let turned = "[errors]\nEYX = { poly = [0.0, 0.1] }\nEXY = { poly = [0.0, -0.1] }\n";

@@ -1,9 +1,9 @@
-//! What every reader of compensation tables has to keep on any text.
+//! Invariants of every reader of compensation tables on any text.
 
 use volcomp_tables::axis_table::{AxisNumbers, Format, ReadOptions, TextFile, WriteOptions, curves, read, to_toml, write};
 use volcomp_tables::vocabulary::AxisName::{A, C, X, Y, Z};
 
-/// No panic on any bytes; what is read becomes curves or a refusal, and what is written of it is read again.
+/// No panic on any bytes, nor on what was read: as curves, and as a table that is written and read again.
 pub fn keeps(format: Format, bytes: &[u8]) {
     let Ok(text) = core::str::from_utf8(bytes) else {
         return;
@@ -18,7 +18,7 @@ pub fn keeps(format: Format, bytes: &[u8]) {
     if let Ok(curves) = curves(&found.content) {
         let _ = to_toml(&curves);
     }
-    // A control's table may be one that its writer refuses: points that a rounding brings together, both encoders.
+    // The writer may reject a control's table: points that coincide after rounding, both encoders.
     let written = write(format, &found.content, &WriteOptions { axes, ..WriteOptions::default() });
     if let Ok(written) = written {
         let _ = read(format, &written.files, &options);

@@ -187,7 +187,7 @@ impl FitThermalArguments {
         }
     }
 
-    /// Checks all options; returns the named errors.
+    /// Checks all options; returns the errors that `--error` names.
     fn checked_errors(&self) -> Result<Errors, Failure> {
         if !(0.05..=0.95).contains(&self.train) {
             let message = format!("--train: found {}, expected 0.05 to 0.95", self.train);

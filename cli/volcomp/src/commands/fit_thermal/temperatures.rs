@@ -73,7 +73,7 @@ fn excursion(degc: &[f64], jump_k: f64) -> Option<(usize, usize)> {
         {
             return Some((out, back));
         }
-        // A sensor not yet measuring, or removed at the end.
+        // The sensor had not measured yet at the start, or was removed at the end.
         if place == 0 && out <= most.min(3) {
             return Some((0, out));
         }
@@ -105,10 +105,10 @@ mod tests {
         let mut step = warming();
         step[90..].iter_mut().for_each(|t| *t -= 12.0);
         assert_eq!(implausible(&step), None);
-        // A sensor in the wind: it goes up and down all the time.
+        // A sensor in moving air: its temperature goes up and down all the time.
         let windy: Vec<f64> = (0..180).map(|row| 22.0 + 6.0 * f64::from(row % 2)).collect();
         assert_eq!(implausible(&windy), None);
-        // Frost, and a constant.
+        // Constant temperatures, also below zero.
         assert_eq!(implausible(&[-3.0; 100]), None);
         assert_eq!(implausible(&[20.0]), None);
         assert_eq!(implausible(&[]), None);

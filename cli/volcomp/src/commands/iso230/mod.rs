@@ -102,7 +102,6 @@ pub(crate) fn parse_edition(text: &str) -> Result<u16, String> {
 }
 
 impl Iso230Arguments {
-    /// Opens the file of `--plot`.
     fn plot_file(&self) -> Result<Option<PlotFile>, Failure> {
         self.plot.open(&with_csv(&self.files, self.csv.as_deref()))
     }
