@@ -1,10 +1,11 @@
-//! What an operator confirms: a machine file together with the limits of its correction and the terms that controllers apply.
+//! What an operator confirms: a machine file together with the limits of its correction, the controllers and the thermometers.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
     sync::Arc,
 };
 
+use serde_json::Value;
 use sha2::{Digest, Sha256};
 use volcomp_model::{Fading, Machine};
 use volcomp_port::Description;
@@ -46,26 +47,46 @@ const ROTARY_STEP: &str = "rotary_step_um";
 /// compared in addition.
 const SHIFT_K: f64 = 10.0;
 
-/// End of the key of a controller that is corrected by thermal terms only. The value is 1; other controllers have no entry.
+/// End of the key of a controller that is corrected by thermal terms only; other controllers have no such entry.
 const ONLY_THERMAL: &str = ".terms = [\"thermal\"]";
 
-/// The limits of a configuration by key, and the terms of its controllers; empty without `[guard]`. An unlimited acceleration has no
+/// Tables that decide which axes of which control are read and written, and which sensors are read.
+const CONFIRMED_TABLES: [&str; 2] = ["controller", "thermometer"];
+
+/// The limits of a configuration and its controllers and thermometers by key; empty without `[guard]`. An unlimited acceleration has no
 /// entry.
 pub(crate) fn limits(config: &Config) -> ConfirmedLimits {
     let Some(guard) = &config.guard else {
         return ConfirmedLimits::new();
     };
-    let controllers = config.controllers.iter().enumerate();
-    let thermal = controllers.filter(|(_, controller)| controller.terms.is_some());
-    let thermal = thermal.map(|(index, _)| (format!("controller[{index}]{ONLY_THERMAL}"), 1.0));
     let keys = serde_json::to_value(guard).unwrap_or_default();
     let has_rotary = guard.limit_urad.is_some();
-    CONFIRMED_KEYS
+    let mut limits: ConfirmedLimits = CONFIRMED_KEYS
         .into_iter()
         .filter(|key| has_rotary || *key != ROTARY_STEP)
         .filter_map(|key| Some((key.to_owned(), keys.get(key)?.as_f64()?)))
-        .chain(thermal)
-        .collect()
+        .collect();
+    let effective = config.effective();
+    for table in CONFIRMED_TABLES {
+        let devices = effective.get(table).and_then(Value::as_array).into_iter().flatten();
+        for (index, device) in devices.enumerate() {
+            add_values(&mut limits, format!("{table}[{index}]"), device);
+        }
+    }
+    limits
+}
+
+/// Adds an entry for each value below a key. One that is not a number is part of its key, and the entry is 1.
+fn add_values(entries: &mut ConfirmedLimits, key: String, value: &Value) {
+    if let Value::Object(table) = value {
+        for (name, value) in table {
+            add_values(entries, format!("{key}.{name}"), value);
+        }
+    } else if let Some(number) = value.as_f64() {
+        entries.insert(key, number);
+    } else {
+        entries.insert(format!("{key} = {value}"), 1.0);
+    }
 }
 
 /// The limits that differ: old and new value; `None` if one has no entry.

@@ -45,6 +45,8 @@ enum Way {
     Jumped,
     /// Later readings continue from the jump by motion: the reports are taken to be of a wrong position.
     Elsewhere,
+    /// The axis jumped again before it was back: its motion since the accepted position is unknown.
+    Lost,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -66,6 +68,8 @@ struct RejectedPosition {
 /// time. Two kinds of rejection require more:
 /// - If a second reading follows from a jump by motion, the next accepted position must be a jump back by as much. A wrong
 ///   position with a constant error could otherwise move back within this distance.
+/// - If it jumps again, to a second place that two readings confirm or by a third reading that follows from neither, no
+///   position is accepted until [`PositionCheck::forget`]. An error that alternates could otherwise pass for a jump back.
 /// - An axis that moved out of its range must move back.
 ///
 /// Invariants:
@@ -119,6 +123,8 @@ impl PositionCheck {
         let mut first = (position, taken);
         let way = match before {
             _ if moved => Way::Moved,
+            None => Way::Jumped,
+            Some(RejectedPosition { way: Way::Lost, .. }) => Way::Lost,
             Some(before) if leads((before.position, before.taken)) => {
                 first = before.first;
                 match before.way {
@@ -127,11 +133,14 @@ impl PositionCheck {
                     way => way,
                 }
             }
-            None | Some(RejectedPosition { way: Way::Jumped, .. }) => Way::Jumped,
             Some(before) => match before.stray {
-                Some(stray) if stray.1 != taken && leads(stray) => {
+                Some(stray) if stray.1 != taken => {
                     first = stray;
-                    Way::Elsewhere
+                    if leads(stray) && before.way != Way::Elsewhere {
+                        Way::Elsewhere
+                    } else {
+                        Way::Lost
+                    }
                 }
                 // A single wrong reading does not end the way.
                 _ => {
@@ -160,6 +169,7 @@ impl PositionCheck {
                 Way::Moved => !leads,
                 Way::Jumped => false,
                 Way::Elsewhere => leads || !self.is_undone(limits, &before, (position, taken)),
+                Way::Lost => true,
             }
         })
     }

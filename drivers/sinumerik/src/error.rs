@@ -26,6 +26,11 @@ pub enum SinumerikError {
         /// Key of the pattern below `nodes`.
         key: &'static str,
     },
+    /// The positions of this pattern are those of geometry axes.
+    #[error(
+        "nodes.position: found {0:?}, expected machine coordinates, such as /Channel/MachineAxis/actToolBasePos[u1,{{axis}}]: work offsets, frames and TRAORI change those of a geometry axis"
+    )]
+    WorkpiecePosition(String),
     /// A pattern yields the same node for several axes.
     #[error(
         "nodes.{key}: found {found:?}, expected {{axis}} or {{db}} in it: every axis has its own node"
@@ -148,6 +153,7 @@ impl SinumerikError {
             Self::Axes(_)
             | Self::Numbers { .. }
             | Self::EmptyPattern { .. }
+            | Self::WorkpiecePosition(_)
             | Self::OnePattern { .. }
             | Self::Period { .. }
             | Self::TimeOut(_)

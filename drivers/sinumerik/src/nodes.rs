@@ -5,13 +5,14 @@ use crate::error::SinumerikError;
 /// Patterns of the node ids (the string after `s=`) of one control. `{axis}` is the number of an axis in the control, from 1; `{db}` is the data
 /// block of that axis in the PLC, 30 + its number.
 ///
-/// The default of the position follows the manuals of the 840D sl; those of machine and setting data are formed like the ids in the
-/// manuals. **None was tried on a real control**: browse the server and compare.
+/// The default of the position is the one that SINUMERIK Operate shows as machine coordinates; those of machine and setting data are formed
+/// like the ids in the manuals. **None was tried on a real control**: browse the server and compare.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(deny_unknown_fields, default))]
 pub struct Nodes {
-    /// The position of an axis, mm or deg: `/Channel/GeometricAxis/actToolBasePos[u1,{axis}]`.
+    /// The position of an axis in machine coordinates, mm or deg. Geometry axes are rejected: work offsets, frames and transformations
+    /// (`TRAORI`) change their positions.
     pub position: String,
     /// The name of an axis, which must begin with its letter; empty: not checked.
     pub name: String,
@@ -35,8 +36,8 @@ impl Default for Nodes {
     fn default() -> Self {
         let text = str::to_owned;
         Self {
-            position: text("/Channel/GeometricAxis/actToolBasePos[u1,{axis}]"),
-            name: text("/Channel/GeometricAxis/name[u1,{axis}]"),
+            position: text("/Channel/MachineAxis/actToolBasePos[u1,{axis}]"),
+            name: text("/Channel/MachineAxis/name[u1,{axis}]"),
             setting: text("/NC/_N_AX_SEA_ACX/$SA_TEMP_COMP_ABS_VALUE[u{axis}]"),
             kind: text("/NC/_N_AX_TEA_ACX/$MA_TEMP_COMP_TYPE[u{axis}]"),
             share: text("/NC/_N_AX_TEA_ACX/$MA_COMP_ADD_VELO_FACTOR[u{axis}]"),
@@ -64,6 +65,9 @@ impl Nodes {
             if pattern.is_empty() {
                 return Err(SinumerikError::EmptyPattern { key });
             }
+        }
+        if self.position.contains("/GeometricAxis/") {
+            return Err(SinumerikError::WorkpiecePosition(self.position.clone()));
         }
         let of_axes = needed.into_iter().chain([
             ("name", &self.name),

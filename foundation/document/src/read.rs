@@ -28,7 +28,16 @@ pub enum ReadError {
         /// Offset of the first byte that is not UTF-8, from 0.
         offset: usize,
     },
+    /// The file is longer than [`MAX_TEXT_BYTES`], or a device without an end such as `/dev/zero`.
+    #[error("{file}: found more than {} MiB, expected a text file of at most that size", MAX_TEXT_BYTES >> 20)]
+    TooLarge {
+        /// Path as given by the caller.
+        file: String,
+    },
 }
+
+/// Maximum size of a text that is not a document, bytes.
+pub const MAX_TEXT_BYTES: u64 = 256 << 20;
 
 impl Document {
     /// Reads a file. Messages name it by its path as given.
@@ -42,12 +51,16 @@ impl Document {
     }
 }
 
-/// Reads a file as text.
+/// Reads a file or a pipe as text.
 ///
 /// # Errors
-/// [`ReadError`]: the file cannot be read, or is not UTF-8.
+/// [`ReadError`]: the file cannot be read, is not UTF-8, or is longer than [`MAX_TEXT_BYTES`].
 pub fn read_text(path: &Path) -> Result<String, ReadError> {
-    text_of(path, u64::MAX)
+    let text = text_of(path, MAX_TEXT_BYTES + 1)?;
+    if text.len() as u64 > MAX_TEXT_BYTES {
+        return Err(ReadError::TooLarge { file: path.display().to_string() });
+    }
+    Ok(text)
 }
 
 fn text_of(path: &Path, most: u64) -> Result<String, ReadError> {

@@ -171,7 +171,7 @@ fn redundant_linear_axes_share_what_one_cannot_reach() {
 }
 
 /// A quill and a slanted ram: an axis at an end of its travel must leave it again when the others take over, so that every pose that can be
-/// reached within travel is reached within travel.
+/// reached within travel is reached within travel. A clamped axis beside them changes nothing.
 #[test]
 fn slanted_redundant_axes_give_back_what_they_took() {
     let travel_of = [[0.0, 200.0], [0.0, 500.0], [0.0, 400.0], [-400.0, 0.0]];
@@ -179,14 +179,16 @@ fn slanted_redundant_axes_give_back_what_they_took() {
     for (place, of) in travel_of.into_iter().enumerate() {
         travel[place] = of;
     }
+    travel[4] = [0.0; 2];
     let mut rng = seeded(8);
-    for slant in [
+    let slants = [
         Vector3::new(0.5, 0.0, -0.75_f64.sqrt()),
         Vector3::new(-0.6, 0.64, 0.48),
         Vector3::new(0.02, 0.0, -1.0).normalize(),
-    ] {
-        let structure: volcomp_kinematics::Structure = "w b W X Y Z t".parse().unwrap();
-        let mut chain = Chain::new(structure);
+    ];
+    let structures = ["w b W X Y Z t", "w b W X Y Z U t", "w b W X Y Z V t"];
+    for (structure, slant) in structures.iter().flat_map(|of| slants.map(|slant| (of, slant))) {
+        let mut chain = Chain::new(structure.parse().unwrap());
         chain.set_direction(AxisName::W, slant.into()).unwrap();
         for _ in 0..200 {
             let mut q = [0.0; 4];

@@ -1,3 +1,5 @@
+use std::time::Duration;
+
 use serde_json::json;
 use volcomp_centre::{
     Error,
@@ -5,7 +7,7 @@ use volcomp_centre::{
     records::Resolution,
     rollout::{Rules, UserRequest},
     store::{Retention, Store},
-    users::{BootTime, Role, Session, Token},
+    users::{BootTime, Role, Session, Token, UserName},
 };
 use volcomp_fleet::{Kind, MachineId, Received};
 
@@ -565,4 +567,28 @@ fn a_session_begins_only_with_the_current_password_of_a_user_who_may_log_in() {
     assert!(begins("new"));
     store.remove_user(&anna, "otto", "").unwrap();
     assert!(!begins("new") && !replaces("new", "thief's"));
+}
+
+/// The disk is full when the last use of a session is due: the user stays logged in, until the stored last use is too old.
+#[test]
+fn a_session_is_valid_while_its_last_use_cannot_be_stored() {
+    let (place, store) = opened();
+    let anna: UserName = "anna".parse().unwrap();
+    store.add_user(&anna, Role::Viewer, "hash", "test", "").unwrap();
+    let (token, begun) = (Token::generate().unwrap(), BootTime::now());
+    let session =
+        Session { user: anna, since: begun.clone(), used: begun.clone(), from: String::new() };
+    assert!(store.begin_session(&token, &session, "hash").unwrap());
+    let is_valid = |after_s| {
+        let now = begun.later(Duration::from_secs(after_s));
+        store.session(&token, &now).unwrap().is_some()
+    };
+    place.execute(
+        "CREATE TRIGGER full BEFORE UPDATE ON sessions
+         BEGIN SELECT RAISE(ABORT, 'database or disk is full'); END",
+    );
+    assert!(is_valid(61) && is_valid(1800) && !is_valid(1801));
+    assert!(store.trouble().is_some());
+    place.execute("DROP TRIGGER full");
+    assert!(is_valid(1800) && is_valid(3600) && !is_valid(5401));
 }

@@ -105,8 +105,8 @@ pub struct Question {
     /// Largest change of a rotary axis that needs no confirmation, µrad; null if no rotary axis has
     /// limits.
     pub confirm_urad: Option<f64>,
-    /// Changed limits, rates and accelerations by configuration key: old and new value; null if
-    /// missing. A controller with `terms = ["thermal"]` has a key with the value 1.
+    /// Changed limits, rates, accelerations, controllers and thermometers by configuration key: old and new value; null if
+    /// missing. A value that is not a number is part of its key, which has the value 1.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub limits: LimitChanges,
     /// Signs that the model belongs to another machine (name, structure, travels), one sentence

@@ -200,5 +200,5 @@ pub struct Standing {
 }
 
 /// The file `confirmed-limits.json` in the folder of the log: the limits, rates and accelerations at the last arming, by
-/// configuration key, and 1 for each controller that was corrected by thermal terms only.
+/// configuration key, and the keys of controllers and thermometers. A value that is not a number is part of its key, which has the value 1.
 pub type ConfirmedLimits = BTreeMap<String, f64>;

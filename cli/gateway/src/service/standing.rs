@@ -135,6 +135,8 @@ impl Service {
 
     /// Saves the sensors that have jumped, which stay excluded after a restart, also if they are silent or faulty by then, and the axes whose
     /// position has jumped. While disarmed the guards accept any position, so these axes are kept until the gateway is armed.
+    /// Called after each tick of the service: what happened in the last 50 ms before the program was killed is not saved, since the cycle itself
+    /// must not wait for a disk.
     pub(super) fn save_jumped(&mut self, report: &Report) {
         let sensors = self.parts.sensors.iter().zip(&report.sensors);
         let jumped = sensors.filter(|(_, result)| result.jumped);

@@ -104,6 +104,17 @@ impl Centre {
         self.runtime.block_on(made).expect("streams");
     }
 
+    /// Sets the largest message, bytes, that the server stores in the stream of audit records and acknowledgements; -1: any.
+    pub(crate) fn limit_audit_messages(&self, bytes: i32) {
+        let context = self.context();
+        self.runtime.block_on(async move {
+            let stream = context.get_stream("audit-berlin").await.expect("it is there");
+            let mut config = stream.cached_info().config.clone();
+            config.max_message_size = bytes;
+            context.update_stream(config).await.expect("updated");
+        });
+    }
+
     /// Stores a value under the machine's key.
     pub(crate) fn put(&self, value: &[u8]) {
         let context = self.context();

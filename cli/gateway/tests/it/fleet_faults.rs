@@ -99,6 +99,35 @@ fn messages_queued_while_the_centre_is_away_arrive_later() {
     crate::documents::validate("gateway-state.json", last);
 }
 
+/// The server refuses audit records and acknowledgements, as when their stream is full: the states arrive, and the others later.
+#[test]
+fn refused_audit_records_delay_no_state() {
+    let Some(centre) = Centre::start() else {
+        return;
+    };
+    centre.limit_audit_messages(1);
+    centre.roll_out(1, &machine_with(25.0));
+    let dir = tempfile::tempdir().expect("writable");
+    let config = centre.configuration(dir.path());
+    let gateway = compensating(&config);
+    wait(&gateway, "it reports why its records wait", |state| {
+        let waiting = state["fleet"]["waiting"].as_str();
+        waiting.is_some_and(|waiting| waiting.contains("message size"))
+    });
+    let conditions = || centre.bodies("telemetry", "condition").len();
+    let before = conditions();
+    volcomp_test_support::until("its states arrive", Duration::from_secs(60), || {
+        conditions() >= before + 5
+    });
+    assert_eq!(centre.reported("audit"), []);
+    centre.limit_audit_messages(-1);
+    centre.acknowledged(1, "activated");
+    volcomp_test_support::until("its records arrive", Duration::from_secs(60), || {
+        !centre.bodies("audit", "audit").is_empty()
+    });
+    wait(&gateway, "nothing waits", |state| state["fleet"]["waiting"].is_null());
+}
+
 /// Two gateways run with the identity of one machine: the centre reports two instances at a time.
 #[test]
 fn a_duplicate_machine_is_detected() {

@@ -254,6 +254,48 @@ fn signs_of_another_machine_need_confirmation() {
     }
 }
 
+/// A restart changes which axes a controller writes, their held positions, its address or its time: auto-arm waits for the operator.
+#[test]
+fn a_changed_controller_needs_confirmation() {
+    let axes = |letters: &str| format!("controller[0].axes = [{letters}]");
+    for (from, to, limits) in [
+        (
+            "axes = [\"X\", \"Y\", \"Z\"]",
+            "axes = [\"Y\", \"X\", \"Z\"]",
+            json!({ axes("\"X\",\"Y\",\"Z\""): [1.0, null], axes("\"Y\",\"X\",\"Z\""): [null, 1.0] }),
+        ),
+        (
+            "axes = [\"X\", \"Y\", \"Z\"]",
+            "axes = [\"X\", \"Y\"]\nfixed = { Z = 12.5 }",
+            json!({
+                axes("\"X\",\"Y\",\"Z\""): [1.0, null],
+                axes("\"X\",\"Y\""): [null, 1.0],
+                "controller[0].fixed.Z": [null, 12.5],
+            }),
+        ),
+        (
+            "heartbeat",
+            "hold_ms = 100\nheartbeat",
+            json!({ "controller[0].hold_ms": [null, 100.0] }),
+        ),
+    ] {
+        let dir = tempfile::tempdir().expect("writable");
+        let config = configuration(dir.path(), "auto_arm = true");
+        let mut gateway = Gateway::start(&config);
+        gateway.wait_for("compensating");
+        drop(gateway);
+        change(&config, from, to);
+        let mut gateway = Gateway::start(&config);
+        let question = arming_asks(&mut gateway);
+        assert_eq!(question["limits"], limits);
+        let hash = question["model"].as_str().map(str::to_owned);
+        assert_eq!(gateway.ask(Operation::Arm(hash)).0, 200);
+        gateway.wait_for("compensating");
+        drop(gateway);
+        Gateway::start(&config).wait_for("compensating");
+    }
+}
+
 /// A restart changes a controller from thermal terms only to all terms, and back: arming asks for confirmation and
 /// states the size of the change.
 #[test]

@@ -136,6 +136,31 @@ fn another_error_is_not_believed() {
     }
 }
 
+/// X goes from 600 mm to 0, to 1000 mm and on at 20 m/min, so that each wrong position passes the last good one. Errors that alternate, for one
+/// reading of 4 ms or for several, are never believed.
+#[test]
+fn alternating_errors_are_not_believed() {
+    for errors in [
+        &[200.0, 320.0][..],
+        &[-200.0, -320.0],
+        &[200.0, 200.0, 320.0, 320.0],
+        &[200.0, 200.0, 200.0, 320.0, 320.0, 320.0],
+        &[200.0, 320.0, 320.0],
+        &[200.0, 320.0, 440.0],
+        &[200.0, 200.0, -200.0, -200.0],
+        &[200.0, -150.0, -320.0, -150.0],
+    ] {
+        let mut check = PositionCheck::default();
+        for cycle in 0..5000_u32 {
+            let error = if cycle == 0 { 0.0 } else { errors[cycle as usize % errors.len()] };
+            let way = f64::from(cycle) * 4.0 / 3.0;
+            let true_x = ((400.0 + way) % 2000.0 - 1000.0).abs();
+            let found = check.judge(&LINEAR, true_x + error, ms(f64::from(cycle) * 4.0));
+            assert_eq!(found.is_ok(), cycle == 0, "{errors:?}: {cycle}");
+        }
+    }
+}
+
 #[test]
 fn wrong_readings_are_forgotten_once_the_position_is_back() {
     reported(

@@ -39,27 +39,61 @@ pub(crate) fn of<const N: usize>(values: [f64; N]) -> PerChannel<f64> {
     PerChannel::leading(values)
 }
 
-/// Where rounding exceeds the limit of a linear axis, the nearest steps that do not are taken.
+/// Where rounding exceeds the limit of a linear axis, the nearest steps that do not are taken, each axis measured in its own steps.
 #[test]
 fn rounding_at_a_limit_takes_the_nearest_steps() {
-    let limits = five(0.0);
     for sign in [1.0, -1.0] {
-        for (c, expected) in [(10.3, 10.0), (10.7, 11.0)] {
-            let [a, c] = [10.7, c].map(|steps| sign * steps * 5e-6);
+        // Step of C, shares of A and C and movement of X per step of each, in steps and mm, and the steps taken.
+        for (step, shares, by_step, expected) in [
+            (5e-6, [10.7, 10.3], [0.1499 / 10.7, 0.0], [10.0, 10.0]),
+            (5e-6, [10.7, 10.7], [0.1499 / 10.7, 0.0], [10.0, 11.0]),
+            // 11 and 6 steps are beyond the limit of X; 0.85 steps away are 11 and 5, 1.15 steps 10 and 6.
+            (20e-6, [10.8, 5.65], [0.1499 / 16.45, 0.1499 / 16.45], [11.0, 5.0]),
+        ] {
+            let mut limits = five(0.0);
+            limits.axes[4].resolution = step;
+            let sizes = [5e-6, step];
+            let [a, c] = [0, 1].map(|i| sign * shares[i] * sizes[i]);
             let mut requested = RequestedCorrection {
                 rotary: of([0.0, 0.0, 0.0, a, c]),
                 ..RequestedCorrection::default()
             };
-            // A step more of A is beyond the limit of X.
-            requested.follow[3] = of([0.1499 / a]);
+            for i in [0, 1] {
+                requested.follow[3 + i] = of([sign * by_step[i] / sizes[i]]);
+            }
             let mut vector = Vector::default();
             for _ in 0..1000 {
                 vector.follow(&requested, &limits, 0.004);
             }
-            let steps = [3, 4].map(|i| (sign * vector.output()[i] / 5e-6).round());
-            assert_eq!(steps, [10.0, expected], "{sign}");
+            let steps = [0, 1].map(|i| (sign * vector.output()[3 + i] / sizes[i]).round());
+            assert_eq!(steps, expected, "{sign} {step}");
         }
     }
+}
+
+/// The ramp time becomes ten times longer during the ramp: the axes brake together and stay on their line.
+#[test]
+fn a_ramp_that_slows_down_stays_on_its_line() {
+    let mut limits = three();
+    let request = [0.12, -0.06, 0.03];
+    for (axis, accel_s) in limits.axes.iter_mut().zip([0.4, 0.1, 0.2]) {
+        axis.accel_per_s2 = axis.slew_per_s / accel_s;
+    }
+    let requested = RequestedCorrection::linear(of(request));
+    let mut vector = Vector::default();
+    let mut slowed = false;
+    for cycle in 0..3000 {
+        slowed |= vector.smooth()[0] > 0.5 * request[0];
+        limits.ramp = core::time::Duration::from_millis(if slowed { 4000 } else { 400 });
+        let result = vector.follow(&requested, &limits, 0.004);
+        assert!(!result.behind, "{cycle}");
+        let smooth = vector.smooth();
+        for i in [1, 2] {
+            let expected = smooth[0] * request[i] / request[0];
+            assert!((smooth[i] - expected).abs() < 1e-12, "{cycle}: {smooth:?}");
+        }
+    }
+    assert!(slowed && vector.is_ramped());
 }
 
 /// A random request as of a wrong model: any shares, and levers up to 0.6 m.

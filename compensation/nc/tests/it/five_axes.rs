@@ -187,6 +187,32 @@ fn coordinates_of_the_centre_point() {
     }
 }
 
+/// Only X corrects. In the coordinates of a turned table its correction is in all words of the centre point.
+#[test]
+fn one_linear_axis_corrects_all_words_of_the_centre_point() {
+    let text = EXAMPLE.replace("reversal = 2.0", "reversal = 0.0");
+    let own = Machine::parse(&format!("correct = [\"X\"]\n{text}"), "m.toml").expect("good");
+    let to_centre = |[x, y, z, a, c]: [f64; 5]| {
+        let [x, y, z] = seen_from_table([x, y, z - LENGTH], a, c);
+        [x, y, z + LENGTH, a, c]
+    };
+    let places_to_go = || random_places(50).into_iter();
+    let text = program("G90 G54", places_to_go().map(to_centre));
+    let decimals = Decimals { mm: 5, ..Decimals::default() };
+    let setup = format!("{LINEAR_WORDS}tool_centre_point = true\n");
+    let (out, _) = run(&own, &setup, &text, decimals);
+    for (wanted, [x, y, z, a, c]) in places_to_go().zip(places(&out).into_iter().skip(1)) {
+        let commanded = in_bed([x, y, z - LENGTH], a, c);
+        let state = own.state(&[X, Y, Z, A, C].into_iter().zip(wanted).collect::<Vec<_>>());
+        let error = own.error_at(&state.expect("five axes"), Form::Exact, &Temperatures::new());
+        let [along, at] = [1.0, 0.0].map(|by| seen_from_table([by, 0.0, 0.0], a, c));
+        let by_x: f64 = (0..3).map(|i| (along[i] - at[i]) * error.position_mm[i]).sum();
+        let expected = [wanted[0] - by_x, wanted[1], wanted[2] - LENGTH];
+        let off = (0..3).map(|i| (commanded[i] - expected[i]).powi(2)).sum::<f64>().sqrt();
+        assert!(off < 1e-4, "{wanted:?}: {commanded:?}, {expected:?}");
+    }
+}
+
 /// A straight path of the centre point while the table turns is split where the correction bends: the tip error falls from above 20 to
 /// below 1.9 µm.
 #[test]

@@ -26,8 +26,8 @@ fn responses_are_decoded_in_order() {
     assert_eq!(
         reading.nodes(),
         [
-            "/Channel/GeometricAxis/actToolBasePos[u1,1]",
-            "/Channel/GeometricAxis/actToolBasePos[u1,2]",
+            "/Channel/MachineAxis/actToolBasePos[u1,1]",
+            "/Channel/MachineAxis/actToolBasePos[u1,2]",
             "/NC/_N_AX_SEA_ACX/$SA_TEMP_COMP_ABS_VALUE[u1]",
             "/NC/_N_AX_TEA_ACX/$MA_TEMP_COMP_TYPE[u1]",
             "/Plc/DB31.DBX60.4",
@@ -94,6 +94,9 @@ fn invalid_configurations_are_rejected() {
     assert!(secured.contains("without a folder of certificates"), "{secured}");
     let one = refused(&|c| c.nodes.setting = "/NC/$SA".to_owned());
     assert!(one.contains("nodes.setting: found \"/NC/$SA\", expected {axis} or {db}"), "{one}");
+    let geometry = "/Channel/GeometricAxis/actToolBasePos[u1,{axis}]";
+    let geometry = refused(&|c| c.nodes.position = geometry.to_owned());
+    assert!(geometry.contains("expected machine coordinates"), "{geometry}");
     assert!(refused(&|c| c.nodes.kind = String::new()).contains("nodes.kind: found an empty text"));
     for numbers in [vec![1], vec![1, 1], vec![0, 1], vec![1, 2, 3]] {
         assert!(

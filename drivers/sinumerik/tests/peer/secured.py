@@ -93,7 +93,7 @@ async def main():
     index = await server.register_namespace("SinumerikVarProvider")
     for number, (name, position) in enumerate([("X", 12.5), ("Y", -3.0)], 1):
         for path, value in [("name", name), ("actToolBasePos", position)]:
-            node = f"/Channel/GeometricAxis/{path}[u1,{number}]"
+            node = f"/Channel/MachineAxis/{path}[u1,{number}]"
             await server.nodes.objects.add_variable(ua.NodeId(node, index), f"{path}{number}", value)
     async with server:
         print(f"listening on opc.tcp://127.0.0.1:{port}", flush=True)

@@ -71,8 +71,8 @@ Faults, on the command line or typed on standard input while it runs (one comman
                report, quit
 
 Nodes (namespace index by --namespace; N: number of the axis from 1, NN: 30 + N)
-  /Channel/GeometricAxis/actToolBasePos[u1,N], /Channel/MachineAxis/actToolBasePos[u1,N],
-  /Channel/MachineAxis/measPos1[u1,N]                                       Double, mm or deg
+  /Channel/MachineAxis/actToolBasePos[u1,N], .../measPos1[u1,N]             Double, mm or deg
+  /Channel/GeometricAxis/actToolBasePos[u1,N]                               in workpiece coordinates: 100 less
   /Channel/MachineAxis/name[u1,N], /Channel/GeometricAxis/name[u1,N]        String
   /NC/_N_AX_SEA_ACX/$SA_TEMP_COMP_ABS_VALUE[uN]                             Double, mm or deg, writable (SD43900)
   /NC/_N_AX_TEA_ACX/$MA_TEMP_COMP_TYPE[uN]                                  UInt32 (MD32750)
@@ -103,6 +103,8 @@ from asyncua.server.user_managers import UserManager
 from asyncua.crypto.permission_rules import User, UserRole
 
 ROTARY = "ABC"
+# Of each geometry axis, mm.
+WORK_OFFSET = 100.0
 
 
 class WrongCall(Exception):
@@ -452,12 +454,10 @@ class Control:
                 machine.setting[axis] = float(value)
                 machine.written += 1
 
-            for branch, name in [
-                ("GeometricAxis", "actToolBasePos"),
-                ("MachineAxis", "actToolBasePos"),
-                ("MachineAxis", "measPos1"),
-            ]:
-                await self.add(f"/Channel/{branch}/{name}[u1,{place}]", double, position, sampled="position")
+            for name in ("actToolBasePos", "measPos1"):
+                await self.add(f"/Channel/MachineAxis/{name}[u1,{place}]", double, position, sampled="position")
+            in_workpiece = f"/Channel/GeometricAxis/actToolBasePos[u1,{place}]"
+            await self.add(in_workpiece, double, lambda position=position: position() - WORK_OFFSET, sampled="position")
             for branch in ("GeometricAxis", "MachineAxis"):
                 await self.add(f"/Channel/{branch}/name[u1,{place}]", ua.VariantType.String, lambda axis=axis: axis)
             await self.add(f"/NC/_N_AX_SEA_ACX/$SA_TEMP_COMP_ABS_VALUE[u{place}]", double, setting, set_it)

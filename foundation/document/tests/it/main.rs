@@ -3,7 +3,7 @@
 mod csv_file;
 
 use proptest::prelude::*;
-use volcomp_document::{CsvTable, Document, InputError, ReadError, Section};
+use volcomp_document::{CsvTable, Document, InputError, ReadError, Section, read_text};
 
 fn first_number(text: &str) -> Result<f64, InputError> {
     Document::new("f.toml", text).decode(|root| {
@@ -113,6 +113,13 @@ fn files_that_cannot_be_read_are_told_apart() {
         let read = Document::read(&large).unwrap().decode(|_| Ok::<(), InputError>(()));
         let told = read.expect_err("too large").to_string();
         assert!(told.contains("4 MiB at most"), "{told}");
+    }
+    #[cfg(target_os = "linux")]
+    {
+        let endless = read_text(std::path::Path::new("/dev/zero")).expect_err("without an end");
+        let expected =
+            "/dev/zero: found more than 256 MiB, expected a text file of at most that size";
+        assert_eq!(endless.to_string(), expected);
     }
     // Small on disk, large once parsed.
     let dotted = "a.".repeat(70);
