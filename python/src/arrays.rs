@@ -4,15 +4,11 @@ use numpy::{
     IntoPyArray, PyArray, PyArray1, PyArrayDyn, PyArrayMethods, PyReadonlyArray1,
     PyUntypedArrayMethods, ndarray::Dimension, ndarray::IntoDimension,
 };
-use pyo3::{
-    exceptions::PyTypeError,
-    prelude::*,
-    types::{PyDict, PyTuple},
-};
+use pyo3::{exceptions::PyTypeError, prelude::*, types::PyTuple};
 
 use crate::failure::Failure;
 
-/// The argument as an array of float64: itself if it is one, else converted from another type of real numbers.
+/// The argument as an aligned array of float64: itself if it is one, else a copy, converted from any type of real numbers.
 pub(crate) fn float_array<'py>(
     value: &Bound<'py, PyAny>,
     argument: &str,
@@ -36,9 +32,8 @@ pub(crate) fn float_array<'py>(
         let message = format!("{argument}: found dtype {dtype}, expected real numbers (float64)");
         return Err(PyTypeError::new_err(message).into());
     }
-    let options = PyDict::new(py);
-    options.set_item("copy", false)?;
-    let array = array.call_method("astype", ("float64",), Some(&options))?;
+    // A field of packed records is not aligned: such an array is copied, too.
+    let array = py.import("numpy")?.call_method1("require", (array, "float64", "A"))?;
     array.cast_into::<PyArrayDyn<f64>>().map_err(|error| Failure::Raised(error.into()))
 }
 

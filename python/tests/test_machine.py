@@ -145,6 +145,9 @@ def test_positions_in_every_form_are_the_same(examples):
     zxy = np.column_stack([z, x, y])
     wide = np.zeros((100, 6))
     wide[::2, ::2] = rows
+    packed = np.zeros(50, dtype=[("number", "u1"), ("X", "f8"), ("Y", "f8"), ("Z", "f8")])
+    packed["X"], packed["Y"], packed["Z"] = x, y, z
+    assert not packed["X"].flags.aligned
     forms = [
         ({"Z_mm": z, "Y": y, "X mm": x}, None),
         ({"X": x.astype(np.float32), "Y": y.astype(np.int64), "Z": z.astype(">f8")}, None),
@@ -154,6 +157,7 @@ def test_positions_in_every_form_are_the_same(examples):
         (zxy, ["Z_mm", "X", "Y"]),
         (np.asfortranarray(rows), "XYZ"),
         (wide[::2, ::2], "XYZ"),
+        ({axis: packed[axis] for axis in AXES}, None),
     ]
     for positions, axes in forms:
         np.testing.assert_array_equal(machine.error(positions, axes)["position_um"], expected)

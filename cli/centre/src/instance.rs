@@ -138,11 +138,15 @@ impl Instances {
             None => 0.0,
         };
         if let Some(sequence) = message.passing {
-            let from = *one.passing_from.get_or_insert(sequence);
+            let from = one.passing_from.map_or(sequence, |from| from.min(sequence));
+            one.passing_from = Some(from);
             // A gateway sends all messages created before a restart before the messages created after it. A message of an earlier instance that
-            // follows one of a later instance therefore comes from a second gateway.
+            // follows one of a later instance therefore comes from a second gateway. Later by the time, too: a server that lost its disk counts
+            // from 1 again.
+            let first_s = one.first_s;
             let behind = self.each.iter().any(|other| {
                 other.passing_from.is_some_and(|later| from < later && later < sequence)
+                    && other.first_s > first_s
             });
             if behind {
                 self.cloned_s = Some(message.stored_s);
@@ -379,6 +383,24 @@ mod tests {
         assert_eq!(instances.cloned_s, None);
         instances.take(&message("a", 11, 114.0, 13));
         assert_eq!(instances.cloned_s, Some(114.0));
+    }
+
+    /// The streams of the server were made again: their messages are counted from 1, and the gateway restarts later.
+    #[test]
+    fn a_new_stream_makes_no_clone() {
+        let mut instances = Instances::default();
+        for number in 1..10 {
+            instances.take(&message("a", number, number as f64, 100 + number));
+        }
+        for number in 10..20 {
+            instances.take(&message("a", number, number as f64, number - 9));
+        }
+        for number in 1..200 {
+            instances.take(&message("b", number, (20 + number) as f64, 10 + number));
+        }
+        assert_eq!(instances.cloned_s, None);
+        instances.take(&message("a", 20, 220.0, 210));
+        assert_eq!(instances.cloned_s, Some(220.0), "it still runs");
     }
 
     #[test]

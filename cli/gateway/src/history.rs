@@ -263,20 +263,27 @@ impl Bucket {
     }
 }
 
-/// The complete minutes of the last 30 days, oldest first; their times increase.
+/// The complete minutes of 30 days, oldest first; their times increase.
 #[derive(Debug, Default)]
 pub(crate) struct Minutes(VecDeque<Minute>);
 
 impl Minutes {
-    /// Adds a minute. After the clock was set back, the minutes at and after its time are dropped.
+    /// Adds a minute in its place; the same one again replaces the earlier. Beyond [`MAX_POINTS`] the one furthest from it in time
+    /// is dropped: a wrong clock or a damaged line costs no more than its own minutes.
     fn push(&mut self, minute: Minute) {
-        let oldest = minute.at_s - i64::from(MAX_SPAN_S);
-        while self.0.back().is_some_and(|last| last.at_s >= minute.at_s) {
-            self.0.pop_back();
+        let at_s = minute.at_s;
+        let place = self.0.partition_point(|known| known.at_s < at_s);
+        match self.0.get_mut(place).filter(|known| known.at_s == at_s) {
+            Some(known) => *known = minute,
+            None => self.0.insert(place, minute),
         }
-        self.0.push_back(minute);
-        while self.0.front().is_some_and(|first| first.at_s <= oldest) {
-            self.0.pop_front();
+        if self.0.len() > MAX_POINTS {
+            let distance = |end: Option<&Minute>| end.map(|end| end.at_s.abs_diff(at_s));
+            if distance(self.0.front()) >= distance(self.0.back()) {
+                self.0.pop_front();
+            } else {
+                self.0.pop_back();
+            }
         }
     }
 }
@@ -656,6 +663,27 @@ mod tests {
         assert_eq!(missing, FileState::default());
     }
 
+    /// The clock of a computer whose battery is empty is wrong until its first synchronisation; a damaged digit looks the same.
+    #[test]
+    fn a_wrong_clock_costs_only_its_own_minutes() {
+        let minute = |at_s| Minute { at_s, state: StateName::Compensating, values: Box::default() };
+        let mut minutes = Minutes::default();
+        let month = i64::try_from(MAX_POINTS).expect("few");
+        let wrong = [0, NOON_S - 86_400, NOON_S + 60, 9_796_043_600, i64::MIN, i64::MAX];
+        for number in 0..month {
+            minutes.push(minute(NOON_S + 60 * number));
+        }
+        for (count, wrong) in wrong.into_iter().enumerate() {
+            minutes.push(minute(wrong / 60 * 60));
+            minutes.push(minute(NOON_S + 60 * (month + i64::try_from(count).expect("few"))));
+        }
+        let times: Vec<i64> = minutes.0.iter().map(|one| one.at_s).collect();
+        assert_eq!(times.len(), MAX_POINTS);
+        assert!(times.is_sorted_by(|one, next| one < next));
+        let right = times.iter().filter(|s| (NOON_S..NOON_S + 2 * 60 * month).contains(s));
+        assert!(right.count() >= MAX_POINTS - 2 * wrong.len());
+    }
+
     #[test]
     fn memory_and_files_are_bounded() {
         let minute = |at_s| Minute { at_s, state: StateName::Compensating, values: Box::default() };
@@ -664,11 +692,6 @@ mod tests {
             minutes.push(minute(60 * number));
         }
         assert_eq!(minutes.0.len(), MAX_POINTS);
-        // The clock was ahead, and is set back.
-        minutes.push(minute(60 * 1000));
-        assert_eq!(minutes.0.back(), Some(&minute(60 * 1000)));
-        assert_eq!(minutes.0.len(), 501);
-
         let dir = tempfile::tempdir().expect("writable");
         let thread = FilesThread {
             dir: dir.path().to_owned(),

@@ -1,6 +1,13 @@
 //! Running the centre and its web interface, and checking its configuration and environment.
 
-use std::{fmt::Write as _, io::IsTerminal, net::SocketAddr, sync::Arc};
+use std::{
+    fmt::Write as _,
+    fs::{File, TryLockError},
+    io::IsTerminal,
+    net::SocketAddr,
+    path::Path,
+    sync::Arc,
+};
 
 use tokio::{net::TcpListener, task::JoinHandle};
 use tracing_subscriber::{
@@ -48,6 +55,7 @@ pub(super) fn run(config: &Config, log: LogForm) -> Result<(), Error> {
         own: Key::all(&config.keys.folder)?,
     };
     let store = open(config)?;
+    let _lock = lock(&config.store.file)?;
     store.audit("centre", "centre.start", "", serde_json::json!({}))?;
     let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build()?;
     runtime.block_on(async {
@@ -70,6 +78,20 @@ pub(super) fn run(config: &Config, log: LogForm) -> Result<(), Error> {
         Ok::<(), Error>(())
     })?;
     store.audit("centre", "centre.end", "", serde_json::json!({}))
+}
+
+/// Locks the database until the file is dropped. With two running centres every time of a roll-out would elapse twice as fast, and each would hear
+/// only some of the machines.
+fn lock(database: &Path) -> Result<File, Error> {
+    let file = File::open(database)?;
+    match file.try_lock() {
+        Ok(()) => Ok(file),
+        Err(TryLockError::WouldBlock) => Err(Error::Wrong(format!(
+            "{}: another centre runs with this database, expected one",
+            database.display()
+        ))),
+        Err(TryLockError::Error(error)) => Err(error.into()),
+    }
 }
 
 /// Waits until a task of the web interface ends, which is always a failure. Never returns without a web interface.

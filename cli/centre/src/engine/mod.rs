@@ -182,7 +182,12 @@ async fn run(engine: Arc<Engine>, jobs: mpsc::SyncSender<WriteJob>) {
             let is_new = !sites.contains(&site) && engine.is_connected();
             if is_new && prepared(&engine, &site).await {
                 for collection in engine.hub.collections(&site) {
-                    tasks.spawn(collect(collection, jobs.clone()));
+                    tasks.spawn(collect(
+                        Arc::clone(&engine),
+                        site.clone(),
+                        collection,
+                        jobs.clone(),
+                    ));
                 }
                 sites.insert(site);
             }
@@ -212,7 +217,12 @@ async fn prepared(engine: &Engine, site: &SiteId) -> bool {
 
 /// Receives the messages of a site's machines and acknowledges them when they are on disk. The next batches are received while one is written; the
 /// server limits the number in flight.
-async fn collect(mut collection: volcomp_fleet::Collection, jobs: mpsc::SyncSender<WriteJob>) {
+async fn collect(
+    engine: Arc<Engine>,
+    site: SiteId,
+    mut collection: volcomp_fleet::Collection,
+    jobs: mpsc::SyncSender<WriteJob>,
+) {
     let mut written = tokio::task::JoinSet::new();
     loop {
         while written.try_join_next().is_some() {}
@@ -220,6 +230,10 @@ async fn collect(mut collection: volcomp_fleet::Collection, jobs: mpsc::SyncSend
             Ok(batch) => batch,
             Err(error) => {
                 tracing::warn!("{}: {error}", collection.stream());
+                // The server may have lost its disk: make the streams again, and check every value and model.
+                if prepared(&engine, &site).await {
+                    lock(&engine.put).clear();
+                }
                 continue;
             }
         };

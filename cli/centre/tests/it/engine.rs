@@ -138,6 +138,26 @@ fn a_foreign_value_is_replaced() {
     });
 }
 
+/// The server loses its disk while the centre runs: the streams and the values under the keys are made again.
+#[test]
+fn a_server_without_its_disk_is_filled_again() {
+    Shop::run(1, 1, async |shop| {
+        let centre = shop.centre(&shop.url()).await;
+        let (_, gateway) = shop.gateway(0);
+        let id = shop.roll_out(7, quick());
+        shop.until_done(id).await;
+        shop.servers[0] = None;
+        std::fs::remove_dir_all(&shop.settings[0].store).unwrap();
+        shop.start_server(0);
+        shop.until_under_key(0, 1).await;
+        let count = || stored(shop.folder.path(), "mill-0");
+        let before = count();
+        until("its messages are collected again", || count() > before + 5).await;
+        gateway.abort();
+        centre.end().await;
+    });
+}
+
 /// Two gateways with one identity: the messages of both are stored, and an alarm is raised.
 #[test]
 fn a_cloned_gateway_raises_an_alarm() {

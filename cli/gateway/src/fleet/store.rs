@@ -47,15 +47,20 @@ pub(crate) struct StoredFleet {
 #[derive(Clone, Debug)]
 pub(crate) struct Store {
     dir: PathBuf,
+    /// Site and name of the machine.
+    identity: String,
 }
 
 impl Store {
     pub(crate) fn new(config: &FleetConfig) -> Self {
-        Self { dir: config.dir.clone() }
+        let identity = format!("{}.{}", config.site, config.machine);
+        Self { dir: config.dir.clone(), identity }
     }
 
+    /// The folder of messages that wait for the server. Each identity has its own: the messages do not name the machine, and a computer may be moved
+    /// to another one.
     pub(crate) fn spool(&self) -> PathBuf {
-        self.dir.join("waiting")
+        self.dir.join("waiting").join(&self.identity)
     }
 
     pub(crate) fn audit_cursor(&self) -> PathBuf {
@@ -209,5 +214,19 @@ pub(crate) fn trust(config: &FleetConfig, machine: MachineId) -> Trust {
         serial: config.serial.clone(),
         axes: Vec::new(),
         highest: 0,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_waits_is_not_sent_as_another_machines() {
+        let spool = |machine: &str| {
+            let config = FleetConfig { machine: machine.to_owned(), ..FleetConfig::default() };
+            Store::new(&config).spool()
+        };
+        assert_ne!(spool("mill-1"), spool("mill-2"));
     }
 }
