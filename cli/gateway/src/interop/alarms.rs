@@ -25,6 +25,9 @@ pub enum Level {
     Fault,
 }
 
+/// Time without an answer after which a controller counts as silent, ms: the same as on the dashboard.
+const SILENT_MS: f64 = 2000.0;
+
 /// An alarm that is active now.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Alarm {
@@ -70,8 +73,11 @@ impl Place {
                 Some(reason.map(|reason| alarm(level, reason)).collect())
             }
             Self::Controller(place) => {
-                let reasons = status.controllers.get(place)?.reasons.iter();
-                Some(reasons.map(|reason| alarm(Level::Warning, reason)).collect())
+                let path = status.controllers.get(place)?;
+                let is_silent = path.answered_ms.is_none_or(|ms| ms > SILENT_MS);
+                let silent = is_silent.then(|| alarm(Level::Fault, "controller does not answer"));
+                let reasons = path.reasons.iter().map(|reason| alarm(Level::Warning, reason));
+                Some(silent.into_iter().chain(reasons).collect())
             }
         }
     }

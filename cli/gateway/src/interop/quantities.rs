@@ -322,14 +322,21 @@ pub(super) fn key_of(name: &str) -> String {
     name.chars().map(key).collect()
 }
 
-/// Appends a number to sensor keys that equal an earlier one: two names may differ only in
+/// Key of the alarms of a quantity.
+pub(super) fn condition_key(key: &str) -> String {
+    format!("{key}_condition")
+}
+
+/// Appends a number to sensor keys that equal an earlier one, or the key of its alarms: two names may differ only in
 /// characters that a key replaces by `_`.
 fn number_twins(list: &mut [Quantity]) {
     let mut taken = BTreeSet::new();
     for quantity in list {
         let first = quantity.key.clone();
         for number in 2_usize.. {
-            if taken.insert(quantity.key.clone()) {
+            let keys = [quantity.key.clone(), condition_key(&quantity.key)];
+            if keys.iter().all(|key| !taken.contains(key)) {
+                taken.extend(keys);
                 break;
             }
             quantity.key = format!("{first}_{number}");

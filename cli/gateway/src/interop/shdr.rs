@@ -23,7 +23,7 @@ use crate::{
     interop::{
         InterfaceThread,
         alarms::{Alarm, Level, Place, places},
-        quantities::{Kind, Part, Quantity, Shape, Unit, Value, key_of, quantities},
+        quantities::{Kind, Part, Quantity, Shape, Unit, Value, condition_key, key_of, quantities},
         start,
     },
     published::Published,
@@ -82,7 +82,7 @@ impl Items {
             // Sensors whose keys would be equal are numbered in the list of quantities: use the same key here.
             Place::Sensor(sensor) => {
                 let own = quantities.iter().find(|quantity| quantity.part == Part::Sensor(sensor));
-                format!("{}_condition", own.map_or("", |own| own.key.as_str()))
+                condition_key(own.map_or("", |own| own.key.as_str()))
             }
             Place::Controller(place) => format!("path_{place}_condition"),
         };

@@ -79,6 +79,44 @@ fn every_item_is_sent_once_then_its_changes() {
     );
 }
 
+/// A sensor may be named like the alarms of another one.
+#[test]
+fn every_item_has_its_own_key() {
+    for sensors in [["bed", "bed_condition"], ["bed condition", "bed"], ["bed", "bed"]] {
+        let sensors = sensors.map(str::to_owned).to_vec();
+        let items = Items::of(&Shape { sensors, ..shape() });
+        let values = items.quantities.iter().map(|quantity| quantity.key.clone());
+        let mut keys: Vec<String> =
+            values.chain(items.conditions.iter().map(|(key, _)| key.clone())).collect();
+        keys.sort();
+        let count = keys.len();
+        keys.dedup();
+        assert_eq!(keys.len(), count, "{keys:?}");
+    }
+}
+
+#[test]
+fn a_silent_controller_is_a_fault_of_its_communication() {
+    let items = Items::of(&shape());
+    let mut reported = SentState::nothing(&items);
+    let mut condition = |answered_ms: Value| {
+        let mut status = status(&json!({}));
+        status.controllers[0].answered_ms = answered_ms.as_f64();
+        let text = reported.changes(&items, &status, noon());
+        let line = text.lines().find(|line| line.contains("|path_0_condition|"));
+        line.map(|line| line.split('|').nth(2).expect("a level").to_owned())
+    };
+    for (answered_ms, level) in [
+        (json!(4.0), Some("NORMAL")),
+        (json!(1999.0), None),
+        (json!(2001.0), Some("FAULT")),
+        (json!(4.0), Some("NORMAL")),
+        (Value::Null, Some("FAULT")),
+    ] {
+        assert_eq!(condition(answered_ms.clone()).as_deref(), level, "{answered_ms}");
+    }
+}
+
 #[test]
 fn what_is_not_known_is_not_available() {
     let items = Items::of(&shape());
