@@ -21,8 +21,12 @@ pub(crate) struct Outputs {
     latching: Latching,
     /// The last written level of the latch, as a bit.
     latch: u64,
+    /// The last confirmed level of the latch, as a bit.
+    seen_latch: Option<u64>,
+    /// Whether the device reports its output levels now.
+    is_reported: bool,
     taken: PerChannel<Option<f64>>,
-    /// The correction received for the only axis, if the device reports its output levels.
+    /// The correction that the control last received for the only axis.
     carried: Option<PerChannel<f64>>,
 }
 
@@ -31,6 +35,8 @@ impl Outputs {
         Self {
             latching: Latching::Taken,
             latch: 0,
+            seen_latch: None,
+            is_reported: false,
             taken: PerChannel::from_fn(|_| None),
             carried: None,
         }
@@ -44,7 +50,7 @@ impl Outputs {
     /// The correction on the lines now, also before the first write, if the device reports its output levels. Only available for a single
     /// axis.
     pub(crate) fn carried(&self) -> Option<PerChannel<f64>> {
-        self.carried
+        self.carried.filter(|_| self.is_reported)
     }
 
     /// Writes the word of an axis. With a latch, a correction takes two writes: the word, then, once that is confirmed, the latch alone. Errors: see
@@ -100,19 +106,18 @@ impl Outputs {
         axes: &[DigitalAxis],
         wrote: bool,
     ) {
-        let Some(levels) = io.confirmed() else {
-            self.carried = None;
+        let confirmed = io.confirmed();
+        self.is_reported = confirmed.is_some();
+        let Some(levels) = confirmed else {
             return;
         };
-        let waits = match self.latching {
-            Latching::Taken => false,
-            Latching::Settling(_) => true,
-            Latching::Turned(turned) => turned != levels,
-        };
+        if !self.is_received(wiring, levels) {
+            return;
+        }
         let (word, axis) = wiring.control_inputs(levels);
         let index = usize::try_from(axis).unwrap_or(usize::MAX);
         let correction = axes.get(index).and_then(|axis| axis.correction.decode(word));
-        let Some(correction) = correction.filter(|_| !waits) else {
+        let Some(correction) = correction else {
             return;
         };
         if axes.len() == 1 {
@@ -123,5 +128,28 @@ impl Outputs {
         if wrote {
             self.taken[index] = Some(correction);
         }
+    }
+
+    /// Whether the control has received the word in these confirmed levels. With a latch it receives a word at each edge, also at one that
+    /// the device makes on its own, such as by losing its supply: an output that falls without an edge changes nothing.
+    fn is_received(&mut self, wiring: &Wiring, levels: u64) -> bool {
+        let bit = wiring.latch_bit();
+        if bit == 0 {
+            return true;
+        }
+        let has_edge = match self.seen_latch.replace(levels & bit) {
+            Some(before) => before != levels & bit,
+            // The levels found at the start count as received.
+            None => self.latching == Latching::Taken,
+        };
+        let Latching::Turned(turned) = self.latching else {
+            return has_edge;
+        };
+        // The device lost its outputs while the latch was being toggled: it is unknown which came first, and the outputs count.
+        let is_lost = (turned ^ levels) & wiring.used_outputs() & !bit != 0;
+        if is_lost || turned == levels {
+            self.latching = Latching::Taken;
+        }
+        has_edge || is_lost
     }
 }
