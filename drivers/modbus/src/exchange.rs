@@ -104,18 +104,25 @@ impl Exchanger {
         self.stop.load(Ordering::Relaxed)
     }
 
-    /// Begins a connection: discards earlier write requests, and reads back the output levels.
+    /// Begins a connection: discards earlier write requests, and reads the inputs, then the output levels.
     async fn begin(&mut self, line: &mut Line) -> Result<(), RequestError> {
         let number = self.requested.read().number;
         if number > self.image.taken {
             self.image.failed = Some((number, Fault::Disconnected));
         }
         self.image.outputs = None;
+        // A module that does not answer at all shows nothing about its read-back, which must not be skipped once it answers again.
+        let read = self.inputs(line).await;
+        if read == Err(RequestError::Disconnected) {
+            return read;
+        }
         self.skips_read_back = self.failed_read_backs >= MAX_READ_BACKS;
         if self.skips_read_back {
             self.failed_read_backs = 0;
         }
-        self.read_back_outputs(line).await?;
+        if read.is_ok() {
+            self.read_back_outputs(line).await?;
+        }
         self.image.connected = true;
         self.images.write(self.image);
         Ok(())

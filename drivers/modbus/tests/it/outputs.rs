@@ -341,6 +341,23 @@ fn the_read_back_of_outputs_is_repeated() {
     }
 }
 
+/// However often a silent module was connected to, its output levels are read back once it answers.
+#[test]
+fn outputs_are_read_back_after_any_silence() {
+    for connections in 1..=8 {
+        let (module, address) = Module::start();
+        module.set(|state| {
+            state.coils = 0xa5;
+            state.silent = true;
+        });
+        let mut port = open_with_timeout(address, &[1], Duration::from_millis(20));
+        until("it was connected to often", || module.get(|state| state.resets >= connections));
+        module.set(|state| state.silent = false);
+        until("a read succeeds", || reads(&mut port));
+        until("the levels are known", || reads(&mut port) && port.confirmed() == Some(0xa5));
+    }
+}
+
 /// The inputs have the arrival time of their oldest part: that of the first module if the second is slow.
 #[test]
 fn inputs_are_as_old_as_their_oldest_part() {
