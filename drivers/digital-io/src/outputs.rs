@@ -7,6 +7,10 @@ use volcomp_vocabulary::PerChannel;
 
 use crate::{axis::DigitalAxis, wiring::Wiring};
 
+/// Time within which the latch is toggled for a word, as a multiple of the time within which the word must be written. A write that took
+/// longer has failed, and a cycle is shorter than twice this time.
+const LATCHED_WITHIN: u32 = 3;
+
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Latching {
     /// The control has received the last correction, and the latch is unchanged since.
@@ -19,6 +23,8 @@ enum Latching {
 
 pub(crate) struct Outputs {
     latching: Latching,
+    /// Until when the latch may be toggled for the word that was written last.
+    latched_by: Instant,
     /// The last written level of the latch, as a bit.
     latch: u64,
     /// The last confirmed level of the latch, as a bit.
@@ -34,6 +40,7 @@ impl Outputs {
     pub(crate) fn new() -> Self {
         Self {
             latching: Latching::Taken,
+            latched_by: Instant::now(),
             latch: 0,
             seen_latch: None,
             is_reported: false,
@@ -70,20 +77,33 @@ impl Outputs {
                 "writing while the levels of other outputs are unknown",
             ));
         }
-        let (levels, next) = self.next(wiring, wiring.levels(word, axis), confirmed);
+        let now = Instant::now();
+        let (levels, next) = self.next(wiring, wiring.levels(word, axis), confirmed, now);
         io.write(levels, deadline)?;
+        if matches!(next, Latching::Settling(_)) {
+            let within = deadline.saturating_duration_since(now).saturating_mul(LATCHED_WITHIN);
+            self.latched_by = now.checked_add(within).unwrap_or(deadline);
+        }
         (self.latching, self.latch) = (next, levels & wiring.latch_bit());
         Ok(())
     }
 
-    /// The levels to write next, and the state after that write. Unused lines keep the levels found at start.
-    fn next(&self, wiring: &Wiring, word: u64, confirmed: Option<u64>) -> (u64, Latching) {
+    /// The levels to write next, and the state after that write. Unused lines keep the levels found at start. After a pause the word is
+    /// written anew: the control may be at zero by now, and the earlier word would be a step.
+    fn next(
+        &self,
+        wiring: &Wiring,
+        word: u64,
+        confirmed: Option<u64>,
+        now: Instant,
+    ) -> (u64, Latching) {
         let bit = wiring.latch_bit();
         let others = confirmed.unwrap_or(0) & !wiring.used_outputs();
         if bit == 0 {
             return (word | others, Latching::Taken);
         }
         let turned = match (self.latching, confirmed) {
+            _ if now > self.latched_by => None,
             (Latching::Settling(levels), Some(found)) if found == levels => Some(levels ^ bit),
             // It is unknown whether the latch has toggled, so no other line may change with it.
             (Latching::Turned(levels), None) => Some(levels),
