@@ -190,8 +190,11 @@ impl Exchanger {
         let is_silent = |found: &Result<(), RequestError>| {
             matches!(found, Err(RequestError::NoAnswer | RequestError::EchoOnly))
         };
-        if [read, written].iter().any(is_silent) {
-            // A module that did not answer may have lost power, so its output levels are read back again.
+        let is_refused =
+            matches!(written, Err(RequestError::Refused(_))) && !self.image.lacks_read_back;
+        if is_refused || [read, written].iter().any(is_silent) {
+            // A module that did not answer may have lost power, and one that refused a write may have switched some of its outputs: the levels
+            // are read back again.
             self.image.outputs = None;
             self.failed_read_backs = 0;
         }
