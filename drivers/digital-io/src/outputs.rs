@@ -7,6 +7,10 @@ use volcomp_vocabulary::PerChannel;
 
 use crate::{axis::DigitalAxis, wiring::Wiring};
 
+/// Time within which the latch is toggled for a word, as a multiple of the time within which the word must be written. A write that took
+/// longer has failed, and a cycle is shorter than twice this time.
+const LATCHED_WITHIN: u32 = 3;
+
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Latching {
     /// The control has received the last correction, and the latch is unchanged since.
@@ -19,10 +23,16 @@ enum Latching {
 
 pub(crate) struct Outputs {
     latching: Latching,
+    /// Until when the latch may be toggled for the word that was written last.
+    latched_by: Instant,
     /// The last written level of the latch, as a bit.
     latch: u64,
+    /// The last confirmed level of the latch, as a bit.
+    seen_latch: Option<u64>,
+    /// Whether the device reports its output levels now.
+    is_reported: bool,
     taken: PerChannel<Option<f64>>,
-    /// The correction received for the only axis, if the device reports its output levels.
+    /// The correction that the control last received for the only axis.
     carried: Option<PerChannel<f64>>,
 }
 
@@ -30,7 +40,10 @@ impl Outputs {
     pub(crate) fn new() -> Self {
         Self {
             latching: Latching::Taken,
+            latched_by: Instant::now(),
             latch: 0,
+            seen_latch: None,
+            is_reported: false,
             taken: PerChannel::from_fn(|_| None),
             carried: None,
         }
@@ -44,7 +57,7 @@ impl Outputs {
     /// The correction on the lines now, also before the first write, if the device reports its output levels. Only available for a single
     /// axis.
     pub(crate) fn carried(&self) -> Option<PerChannel<f64>> {
-        self.carried
+        self.carried.filter(|_| self.is_reported)
     }
 
     /// Writes the word of an axis. With a latch, a correction takes two writes: the word, then, once that is confirmed, the latch alone. Errors: see
@@ -64,20 +77,33 @@ impl Outputs {
                 "writing while the levels of other outputs are unknown",
             ));
         }
-        let (levels, next) = self.next(wiring, wiring.levels(word, axis), confirmed);
+        let now = Instant::now();
+        let (levels, next) = self.next(wiring, wiring.levels(word, axis), confirmed, now);
         io.write(levels, deadline)?;
+        if matches!(next, Latching::Settling(_)) {
+            let within = deadline.saturating_duration_since(now).saturating_mul(LATCHED_WITHIN);
+            self.latched_by = now.checked_add(within).unwrap_or(deadline);
+        }
         (self.latching, self.latch) = (next, levels & wiring.latch_bit());
         Ok(())
     }
 
-    /// The levels to write next, and the state after that write. Unused lines keep the levels found at start.
-    fn next(&self, wiring: &Wiring, word: u64, confirmed: Option<u64>) -> (u64, Latching) {
+    /// The levels to write next, and the state after that write. Unused lines keep the levels found at start. After a pause the word is
+    /// written anew: the control may be at zero by now, and the earlier word would be a step.
+    fn next(
+        &self,
+        wiring: &Wiring,
+        word: u64,
+        confirmed: Option<u64>,
+        now: Instant,
+    ) -> (u64, Latching) {
         let bit = wiring.latch_bit();
         let others = confirmed.unwrap_or(0) & !wiring.used_outputs();
         if bit == 0 {
             return (word | others, Latching::Taken);
         }
         let turned = match (self.latching, confirmed) {
+            _ if now > self.latched_by => None,
             (Latching::Settling(levels), Some(found)) if found == levels => Some(levels ^ bit),
             // It is unknown whether the latch has toggled, so no other line may change with it.
             (Latching::Turned(levels), None) => Some(levels),
@@ -100,19 +126,18 @@ impl Outputs {
         axes: &[DigitalAxis],
         wrote: bool,
     ) {
-        let Some(levels) = io.confirmed() else {
-            self.carried = None;
+        let confirmed = io.confirmed();
+        self.is_reported = confirmed.is_some();
+        let Some(levels) = confirmed else {
             return;
         };
-        let waits = match self.latching {
-            Latching::Taken => false,
-            Latching::Settling(_) => true,
-            Latching::Turned(turned) => turned != levels,
-        };
+        if !self.is_received(wiring, levels) {
+            return;
+        }
         let (word, axis) = wiring.control_inputs(levels);
         let index = usize::try_from(axis).unwrap_or(usize::MAX);
         let correction = axes.get(index).and_then(|axis| axis.correction.decode(word));
-        let Some(correction) = correction.filter(|_| !waits) else {
+        let Some(correction) = correction else {
             return;
         };
         if axes.len() == 1 {
@@ -123,5 +148,28 @@ impl Outputs {
         if wrote {
             self.taken[index] = Some(correction);
         }
+    }
+
+    /// Whether the control has received the word in these confirmed levels. With a latch it receives a word at each edge, also at one that
+    /// the device makes on its own, such as by losing its supply: an output that falls without an edge changes nothing.
+    fn is_received(&mut self, wiring: &Wiring, levels: u64) -> bool {
+        let bit = wiring.latch_bit();
+        if bit == 0 {
+            return true;
+        }
+        let has_edge = match self.seen_latch.replace(levels & bit) {
+            Some(before) => before != levels & bit,
+            // The levels found at the start count as received.
+            None => self.latching == Latching::Taken,
+        };
+        let Latching::Turned(turned) = self.latching else {
+            return has_edge;
+        };
+        // The device lost its outputs while the latch was being toggled: it is unknown which came first, and the outputs count.
+        let is_lost = (turned ^ levels) & wiring.used_outputs() & !bit != 0;
+        if is_lost || turned == levels {
+            self.latching = Latching::Taken;
+        }
+        has_edge || is_lost
     }
 }

@@ -104,18 +104,25 @@ impl Exchanger {
         self.stop.load(Ordering::Relaxed)
     }
 
-    /// Begins a connection: discards earlier write requests, and reads back the output levels.
+    /// Begins a connection: discards earlier write requests, and reads the inputs, then the output levels.
     async fn begin(&mut self, line: &mut Line) -> Result<(), RequestError> {
         let number = self.requested.read().number;
         if number > self.image.taken {
             self.image.failed = Some((number, Fault::Disconnected));
         }
         self.image.outputs = None;
+        // A module that does not answer at all shows nothing about its read-back, which must not be skipped once it answers again.
+        let read = self.inputs(line).await;
+        if read == Err(RequestError::Disconnected) {
+            return read;
+        }
         self.skips_read_back = self.failed_read_backs >= MAX_READ_BACKS;
         if self.skips_read_back {
             self.failed_read_backs = 0;
         }
-        self.read_back_outputs(line).await?;
+        if read.is_ok() {
+            self.read_back_outputs(line).await?;
+        }
         self.image.connected = true;
         self.images.write(self.image);
         Ok(())
@@ -183,8 +190,11 @@ impl Exchanger {
         let is_silent = |found: &Result<(), RequestError>| {
             matches!(found, Err(RequestError::NoAnswer | RequestError::EchoOnly))
         };
-        if [read, written].iter().any(is_silent) {
-            // A module that did not answer may have lost power, so its output levels are read back again.
+        let is_refused =
+            matches!(written, Err(RequestError::Refused(_))) && !self.image.lacks_read_back;
+        if is_refused || [read, written].iter().any(is_silent) {
+            // A module that did not answer may have lost power, and one that refused a write may have switched some of its outputs: the levels
+            // are read back again.
             self.image.outputs = None;
             self.failed_read_backs = 0;
         }

@@ -257,6 +257,47 @@ fn the_latch_toggles_one_write_after_the_word() {
     assert_eq!(apply(20.0), (true, 0x214, 20, Some(20.0)));
 }
 
+/// A pause between the word and the edge of its latch, or after an edge that did not arrive: the control may have gone to zero meanwhile,
+/// so the earlier word is not latched any more.
+#[test]
+fn a_word_from_before_a_pause_is_not_latched() {
+    for fails in [0, 1] {
+        let axis = DigitalAxis::published(AxisName::X);
+        let wiring = Wiring { latch: Some(8), ..Wiring::published() };
+        let panel = Panel::new(wiring.clone(), vec![axis]);
+        let taken = Arc::new(Mutex::new((panel.word(), 0)));
+        let takes = Arc::clone(&taken);
+        panel.on_write(move |word| {
+            let (before, taken) = &mut *takes.lock().unwrap();
+            if word.latch != before.latch {
+                assert_eq!(word.counts, before.counts, "the latch toggles alone");
+                *taken = word.counts.unwrap();
+            }
+            *before = word;
+        });
+        let port = Faulty::new(panel.clone(), Faults::default(), 1);
+        let wire = port.remote();
+        let coherence = Coherence::TwoAgree;
+        let mut controller =
+            DigitalController::new(port, "lines", wiring, coherence, vec![axis]).unwrap();
+        controller.read(soon()).unwrap();
+        let mut apply = |um: f64, within: Duration| {
+            let _ = controller.apply(&PerChannel::leading([um * 1e-3]), Instant::now() + within);
+            (panel.levels(), taken.lock().unwrap().1)
+        };
+        let short = Duration::from_millis(10);
+        assert_eq!(apply(30.0, short), (0x01e, 0));
+        for _ in 0..fails {
+            wire.inject(Injection::Disconnect { calls: 1 });
+            apply(30.0, short);
+        }
+        std::thread::sleep(Duration::from_millis(60));
+        let long = Duration::from_secs(60);
+        assert_eq!(apply(1.0, long), (0x001, 0), "{fails}");
+        assert_eq!(apply(2.0, long), (0x101, 1));
+    }
+}
+
 #[test]
 fn a_failed_write_does_not_count_as_sent() {
     let axis = DigitalAxis::published(AxisName::X);

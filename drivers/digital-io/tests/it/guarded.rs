@@ -151,3 +151,38 @@ fn axes_that_share_lines_do_not_step() {
     assert_eq!(applied, [25, 25]);
     assert!((1..=2).contains(&largest), "{largest} µm in one step");
 }
+
+/// The device loses its outputs for a moment and reports them as off. A control that saw an edge of the latch is at 0, one that saw none
+/// keeps its correction: neither gets a step larger than 2 µm when the device is back.
+#[test]
+fn lines_that_were_off_for_a_moment_do_not_step() {
+    let wiring = Wiring { latch: Some(8), ..Wiring::published() };
+    for lost_in in 150..160 {
+        let mut rig = Rig::new(wiring.clone(), &[AxisName::X]);
+        // The latch, the correction that the control applies, and its largest step, µm.
+        let control = Arc::new(Mutex::new((false, 0_i32, 0_i32)));
+        let takes = Arc::clone(&control);
+        rig.panel.on_write(move |word| {
+            let (latch, applied, largest) = &mut *takes.lock().unwrap();
+            if word.latch != *latch {
+                let to = word.counts.unwrap();
+                *largest = (to - *applied).abs().max(*largest);
+                (*latch, *applied) = (word.latch, to);
+            }
+        });
+        for cycle in 0..400 {
+            if cycle == lost_in {
+                rig.panel.left_at(0);
+                let (latch, applied, _) = &mut *control.lock().unwrap();
+                assert_eq!(*applied, 25, "{lost_in}");
+                if std::mem::take(latch) {
+                    *applied = 0;
+                }
+            }
+            rig.cycle((cycle == 30).then_some(Request::Arm)).unwrap();
+        }
+        let (_, applied, largest) = *control.lock().unwrap();
+        assert_eq!(applied, 25, "{lost_in}");
+        assert!((1..=2).contains(&largest), "{largest} µm in one step, lost in {lost_in}");
+    }
+}

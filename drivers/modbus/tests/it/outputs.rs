@@ -24,6 +24,8 @@ struct ModuleState {
     silent: bool,
     /// Rejects writes with exception 4.
     rejects_writes: bool,
+    /// Switches the outputs nevertheless.
+    switches_rejected: bool,
     /// Responses to the next requests for coils; afterwards it responds normally.
     coil_responses: VecDeque<CoilResponse>,
     coil_requests: u32,
@@ -137,7 +139,12 @@ impl Module {
             }
             2 => vec![2, 1, state.inputs],
             15 if state.ignores_writes => return None,
-            15 if state.rejects_writes => vec![0x8f, 4],
+            15 if state.rejects_writes => {
+                if state.switches_rejected {
+                    state.coils = request[13];
+                }
+                vec![0x8f, 4]
+            }
             15 => {
                 state.coils = request[13];
                 state.writes.push(request[13]);
@@ -273,6 +280,17 @@ fn a_rejected_write_is_reported_as_failed() {
     assert_eq!(port.write(3, soon()), Ok(()));
 }
 
+/// A module may have switched its outputs before it failed: after a rejected write they are read back.
+#[test]
+fn outputs_are_read_back_after_a_rejected_write() {
+    let (module, address) = Module::start();
+    let mut port = open(address, &[1]);
+    until("a read succeeds", || reads(&mut port) && port.confirmed() == Some(0));
+    module.set(|state| (state.rejects_writes, state.switches_rejected) = (true, true));
+    port.write(5, soon()).unwrap();
+    until("the levels are known", || reads(&mut port) && port.confirmed() == Some(5));
+}
+
 /// A write from before a disconnection is not sent over the next connection. The lost connection is reset, so that the kernel sends
 /// nothing later.
 #[test]
@@ -338,6 +356,23 @@ fn the_read_back_of_outputs_is_repeated() {
         });
         assert_eq!(port.confirmed(), known);
         assert_eq!(port.reports_outputs(), known.is_some());
+    }
+}
+
+/// However often a silent module was connected to, its output levels are read back once it answers.
+#[test]
+fn outputs_are_read_back_after_any_silence() {
+    for connections in 1..=8 {
+        let (module, address) = Module::start();
+        module.set(|state| {
+            state.coils = 0xa5;
+            state.silent = true;
+        });
+        let mut port = open_with_timeout(address, &[1], Duration::from_millis(20));
+        until("it was connected to often", || module.get(|state| state.resets >= connections));
+        module.set(|state| state.silent = false);
+        until("a read succeeds", || reads(&mut port));
+        until("the levels are known", || reads(&mut port) && port.confirmed() == Some(0xa5));
     }
 }
 
