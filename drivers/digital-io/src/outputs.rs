@@ -1,4 +1,4 @@
-//! The outputs that carry the correction: the next levels to write, and the correction received by the control.
+//! Outputs with the correction: the levels to write next, and the correction that the control has received.
 
 use std::time::Instant;
 
@@ -9,20 +9,20 @@ use crate::{axis::DigitalAxis, wiring::Wiring};
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Latching {
-    /// The control has received the last correction, and the latch is unchanged since.
+    /// The control has received the last correction, and the latch has not changed since.
     Taken,
-    /// These levels were written; the latch is toggled when they are confirmed.
+    /// These levels were written; the latch is toggled once they are confirmed.
     Settling(u64),
-    /// The latch was toggled while the other lines kept these levels.
+    /// The latch was toggled; the other lines keep these levels.
     Turned(u64),
 }
 
 pub(crate) struct Outputs {
     latching: Latching,
-    /// The last written level of the latch, as a bit.
+    /// Last written level of the latch, at its bit.
     latch: u64,
     taken: PerChannel<Option<f64>>,
-    /// The correction received for the only axis, if the device reports its output levels.
+    /// Correction on the lines of the only axis, if the device reports its output levels.
     carried: Option<PerChannel<f64>>,
 }
 
@@ -36,13 +36,13 @@ impl Outputs {
         }
     }
 
-    /// The corrections on the lines at the last confirmed write, by axis; `None` for an axis not written yet.
+    /// Corrections on the lines at the last confirmed write, by axis, mm or rad; `None` for an axis not written yet.
     pub(crate) fn taken(&self) -> &PerChannel<Option<f64>> {
         &self.taken
     }
 
-    /// The correction on the lines now, also before the first write, if the device reports its output levels. Only available for a single
-    /// axis.
+    /// Correction on the lines now, also before the first write; `None` if the device does not report its output levels, or if there are several
+    /// axes.
     pub(crate) fn carried(&self) -> Option<PerChannel<f64>> {
         self.carried
     }
@@ -70,7 +70,7 @@ impl Outputs {
         Ok(())
     }
 
-    /// The levels to write next, and the state after that write. Unused lines keep the levels found at start.
+    /// Levels to write next, and the state after that write. Unused lines keep the levels that the device has confirmed.
     fn next(&self, wiring: &Wiring, word: u64, confirmed: Option<u64>) -> (u64, Latching) {
         let bit = wiring.latch_bit();
         let others = confirmed.unwrap_or(0) & !wiring.used_outputs();
@@ -79,7 +79,7 @@ impl Outputs {
         }
         let turned = match (self.latching, confirmed) {
             (Latching::Settling(levels), Some(found)) if found == levels => Some(levels ^ bit),
-            // It is unknown whether the latch has toggled, so no other line may change with it.
+            // Whether the latch has toggled is unknown, so no other line may change with it.
             (Latching::Turned(levels), None) => Some(levels),
             (Latching::Turned(levels), Some(found)) if found ^ levels == bit => Some(levels),
             _ => None,
@@ -92,7 +92,7 @@ impl Outputs {
         (levels, Latching::Settling(levels))
     }
 
-    /// Updates the state by the levels confirmed by the device. `wrote`: whether anything was written since the start.
+    /// Updates the state from the levels that the device has confirmed. `wrote`: whether anything was written since the start.
     pub(crate) fn note(
         &mut self,
         io: &impl DigitalIo,
