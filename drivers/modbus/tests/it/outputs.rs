@@ -1,4 +1,4 @@
-//! Outputs on a simulated TCP module that times out or rejects requests, and records writes.
+//! Tests outputs on a simulated TCP module that times out or rejects requests, and records writes.
 
 use std::{
     collections::VecDeque,
@@ -34,12 +34,12 @@ struct ModuleState {
     /// If set, reading the inputs of unit 2 blocks; `is_blocked` is true while a request waits for it.
     blocked: bool,
     is_blocked: bool,
-    /// Connections that the client reset, and those that it closed.
+    /// Number of connections that the client reset, and number that it closed.
     resets: u32,
     closes: u32,
 }
 
-/// Response to a request for the coils.
+/// How the module responds to a request for the coils.
 #[derive(Clone, Copy, PartialEq)]
 enum CoilResponse {
     Disconnect,
@@ -230,7 +230,6 @@ fn an_unacknowledged_write_resets_the_connection_at_its_deadline() {
     assert_eq!(module.get(|state| state.closes), 0);
 }
 
-/// The last inputs of a module that stops responding are returned with their arrival time.
 #[test]
 fn inputs_keep_their_time_of_arrival() {
     let (module, address) = Module::start();
@@ -248,7 +247,6 @@ fn inputs_keep_their_time_of_arrival() {
     until("a read succeeds again", || port.read(soon()).is_ok_and(|found| found.taken > silent));
 }
 
-/// A rejected or unacknowledged write is reported as failed by a later call, and is not confirmed.
 #[test]
 fn a_rejected_write_is_reported_as_failed() {
     let (module, address) = Module::start();
@@ -341,7 +339,7 @@ fn the_read_back_of_outputs_is_repeated() {
     }
 }
 
-/// The inputs have the arrival time of their oldest part: that of the first module if the second is slow.
+/// Inputs have the arrival time of their oldest part: that of the first module if the second one is slow.
 #[test]
 fn inputs_are_as_old_as_their_oldest_part() {
     let (module, address) = Module::start();
