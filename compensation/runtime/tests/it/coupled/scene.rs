@@ -11,7 +11,7 @@ use super::cell::Cell;
 /// The commanded position over time: constant, or all axes at constant rates.
 pub(crate) struct Path {
     pub(crate) from: State,
-    /// mm/s and rad/s.
+    /// Rate of each axis, mm/s and rad/s.
     pub(crate) rate: PerAxis<f64>,
 }
 
@@ -54,7 +54,7 @@ pub(crate) struct Seen {
     pub(crate) reported: String,
 }
 
-/// State of vector, machine and clock.
+/// One test case: the vector under test, following the correction of a machine along a path, and the time so far.
 pub(crate) struct Scene<'a> {
     pub(crate) cell: &'a Cell,
     pub(crate) limits: Limits,
@@ -70,7 +70,7 @@ pub(crate) struct Scene<'a> {
     pub(crate) followed: FollowResult,
     /// Rate of the smooth values in the previous cycle, mm/s and rad/s.
     pub(crate) rate: PerChannel<f64>,
-    /// Times (s) and words.
+    /// Time (s) and correction words of each cycle.
     pub(crate) trace: Vec<(f64, PerChannel<f64>)>,
 }
 
