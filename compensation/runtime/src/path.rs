@@ -28,10 +28,10 @@ use crate::{
 /// Invariants:
 /// - The thread that reads `device` on standby may hold it. All other data are here, so a cycle never waits for the thread.
 /// - `reading` is set only if the last answer was valid and not too old, and the path has not become silent since; `answered_at` is then
-/// set too. `read_at` never decreases: answers to earlier requests are dropped.
+///   set too. `read_at` never decreases: answers to earlier requests are dropped.
 /// - `reported` has positions without the correction. A reading with an unknown correction is never stored there.
 /// - `correctors` and `followers` belong to the active model: `fit_to` is called with every new one. `limits` has the planned test shifts,
-/// `limits()` only those of correcting axes.
+///   `limits()` only those of correcting axes.
 /// - Every correction recorded as sent in `read_back` was sent by `send`, or by another path to the same barrier.
 pub struct ControlPath {
     pub(crate) device: ControllerSlot,
