@@ -19,21 +19,21 @@ use crate::{
 
 pub(crate) const KEYS: [&str; 4] = ["row", "origin", "direction", "side1"];
 
-/// Maximum distance of a ball from its nominal place on the bar, mm, for rows with an extent of a usual machine tool. A larger distance means another
-/// ball or another position of the bar.
+/// Maximum distance of a ball from its nominal place on the bar, mm, scaled by [`limit_mm`]. A larger distance means another ball or another
+/// position of the bar.
 const MISPLACED_MM: f64 = 2.0;
-/// Minimum direction cosine along one axis for which sides have a default; a more oblique row must state `side1`.
+/// Minimum magnitude of a direction cosine with a machine axis for which the sides have a default; a more oblique row must state `side1`.
 const ALONG_AN_AXIS: f64 = 0.9;
 
 pub(crate) struct Placement<'a> {
     origin: usize,
-    /// Value in the file, and the origin that it states, mm.
+    /// Origin of the row as stated in the file, mm, with its key; `None` if it is to be identified.
     stated: Option<(Value<'a>, Vector3<f64>)>,
     direction: Option<Vector3<f64>>,
     side1: Option<Vector3<f64>>,
 }
 
-/// Decodes the keys of a ball row: the parts of the set-up that its rows refer to, and the position of the bar.
+/// Decodes the keys of a ball row. Returns its kind, the position of the bar, and the path of the row file.
 pub(crate) fn decode<'a>(
     of: &ObservationHeader<'a>,
     (folder, read): (&Path, &ReadFile<'_>),
@@ -140,7 +140,7 @@ fn read_balls(file: &str, table: &CsvTable) -> Result<BallRow, InputError> {
     Ok(BallRow { file: file.to_owned(), balls })
 }
 
-/// One reading: nominal tip, distance of the ball along the row, and measured tip minus ball.
+/// One reading: nominal tip, distance of the ball along the row, and measured tip minus ball, mm.
 struct Place {
     line: usize,
     nominal_mm: Vector3<f64>,
@@ -222,7 +222,7 @@ pub(crate) fn place_bar(
     Ok(())
 }
 
-/// Unit directions along the row, to side 1 and to side 2, as columns.
+/// Matrix whose columns are the unit directions along the row, to side 1 and to side 2.
 fn across(
     along: &Vector3<f64>,
     placement: &Placement<'_>,

@@ -8,21 +8,21 @@ const DEGREE: usize = 3;
 /// Kind of curve of an error.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Basis {
-    /// A single number.
+    /// One value, independent of the coordinate.
     Constant,
     /// Legendre polynomials up to this order over the range of the observations.
     Legendre {
-        /// The highest order.
+        /// Highest polynomial order; the curve has one coefficient more.
         order: usize,
     },
     /// A cubic B-spline on uniform knots over the range of the observations.
     BSpline {
-        /// The number of coefficients, 4 or more.
+        /// Number of coefficients, 4 or more.
         coefficients: usize,
     },
     /// A Fourier series of period 360°.
     Fourier {
-        /// The number of harmonics.
+        /// Number of harmonics.
         harmonics: usize,
     },
 }

@@ -10,7 +10,7 @@ use crate::{
     observations::{Observations, SecondAxis},
 };
 
-/// Rank offset of products: they are kept after all modes of single-axis curves.
+/// Offset of the rank of products, so that all modes of single-axis curves are kept before them.
 const PRODUCTS_FROM: usize = 1000;
 
 /// Coefficient of an error: mm or rad internally, µm or µrad in results.
@@ -20,9 +20,9 @@ pub(crate) struct Coefficient {
     pub(crate) error: ErrorName,
     pub(crate) curve: usize,
     pub(crate) role: Role,
-    /// Penalty group, and the weight within the group.
+    /// Index of the penalty group, and weight within the group; `None` if the coefficient is not penalised.
     pub(crate) group: Option<(usize, f64)>,
-    /// Rank among indistinguishable coefficients; lower is kept first.
+    /// Rank among indistinguishable coefficients: those with the lower rank are kept.
     rank: usize,
 }
 
@@ -46,8 +46,8 @@ pub(crate) struct UnknownCurve {
 #[derive(Clone, Debug)]
 pub(crate) struct Unknowns {
     pub(crate) curves: Vec<UnknownCurve>,
-    /// The unknown coefficients, in the order of preference where some cannot be distinguished: location errors, constants, modes by rising
-    /// order, then products by rising order.
+    /// Unknown coefficients. Where some cannot be distinguished, earlier ones are kept: location errors, constants, modes by rising order, then
+    /// products by rising order.
     pub(crate) coefficients: Vec<Coefficient>,
     pub(crate) locations: Vec<(usize, usize, usize)>,
     pub(crate) groups: usize,
@@ -141,8 +141,8 @@ impl Unknowns {
 }
 
 impl Unknowns {
-    /// Whether a coefficient is the constant of a curve, or the slope of a linear axis's straightness: unless something
-    /// else determines it, it is a convention.
+    /// Whether a coefficient is fixed at zero by convention where nothing else determines it: the constant of a curve, or the slope of the
+    /// straightness of a linear axis.
     pub(crate) fn is_convention(&self, place: usize) -> bool {
         let coefficient = &self.coefficients[place];
         let error = coefficient.error;
@@ -157,7 +157,7 @@ impl Unknowns {
     }
 }
 
-/// µm per mm, or µrad per rad, of a component.
+/// Factor from mm to µm or from rad to µrad.
 pub(crate) fn micro(component: Component) -> f64 {
     if component.is_angular() { 1e6 } else { 1e3 }
 }
@@ -167,7 +167,7 @@ fn constant(value: f64, reversal: f64) -> ErrorCurve {
     if reversal == 0.0 { ErrorCurve::Single(mean) } else { ErrorCurve::Reversal { mean, reversal } }
 }
 
-/// A curve without its reversal value, which is identified again.
+/// A curve without its reversal value; an [`ErrorCurve`] of both directions becomes their mean.
 fn without_reversal(curve: Option<&ErrorCurve>) -> ErrorCurve {
     match curve {
         Some(ErrorCurve::Single(field) | ErrorCurve::Reversal { mean: field, .. }) => {
@@ -180,7 +180,7 @@ fn without_reversal(curve: Option<&ErrorCurve>) -> ErrorCurve {
 
 const MIN_PARTS: usize = 8;
 const MAX_PARTS: usize = 128;
-/// Maximum interpolation error of the grid half-way between its nodes, µm or µrad.
+/// Maximum interpolation error of the grid midway between its nodes, µm or µrad.
 const MISSES: f64 = 0.01;
 
 /// Products of one error: c_k φ_i(q) ψ_j(p), where ψ_j runs along the second axis and is never its constant.
@@ -189,7 +189,7 @@ pub(crate) struct Products {
     axis: usize,
     name: AxisName,
     modes: Modes,
-    /// Own mode and mode of the second axis of each product.
+    /// Index of the mode of the error's own axis and of the mode of the second axis, for each product.
     pairs: Vec<(usize, usize)>,
 }
 
@@ -225,7 +225,6 @@ impl Products {
         own.order(first) + self.modes.order(second)
     }
 
-    /// Label of a product in the name of its coefficient, after the name of the error.
     pub(crate) fn label(&self, own: &Modes, place: usize) -> String {
         let (first, second) = self.pairs[place];
         let of_second = self.modes.label(second);

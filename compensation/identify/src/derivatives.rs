@@ -1,4 +1,4 @@
-//! Actual tool tip and its derivatives by each error of each axis: the exact model, derived by hand.
+//! Actual tool tip and its derivatives with respect to each error of each axis, derived analytically from the exact model.
 
 use volcomp_kinematics::{
     Chain, ErrorMotion, Pose, Side, State,
@@ -17,13 +17,13 @@ pub(crate) struct Errors {
 
 #[derive(Clone, Debug)]
 pub(crate) struct Tip {
-    /// The actual tip in workpiece axes, mm, from the machine zero of the workpiece.
+    /// Actual tip in workpiece axes, mm, from the machine zero of the workpiece.
     pub(crate) position_mm: Vector3<f64>,
     /// R_actual: tool axes to workpiece axes.
     pub(crate) rotation: Matrix3<f64>,
-    /// Derivatives by the six error motions of each axis, mm/mm and mm/rad, in chain order.
+    /// Derivatives with respect to the six error motions of each axis, mm/mm and mm/rad, axes in chain order.
     pub(crate) by_motion: [[Vector3<f64>; 6]; MAX_AXES],
-    /// Derivatives by the six location errors of each axis, in the same units and order.
+    /// Derivatives with respect to the six location errors of each axis, in the same units and order.
     pub(crate) by_location: [[Vector3<f64>; 6]; MAX_AXES],
 }
 
@@ -40,7 +40,7 @@ fn left_jacobian(r_rad: &Vector3<f64>) -> Matrix3<f64> {
     Matrix3::identity() + hat * first + hat * hat * second
 }
 
-/// One factor of the kinematic product, with the derivatives of the point that it carries, in the frame to its left.
+/// One factor of the kinematic product: a pose and the errors of `axis` on which it depends.
 struct Factor {
     pose: Pose,
     axis: usize,
@@ -166,7 +166,7 @@ fn factors(chain: &Chain, errors: &Errors, state: &State) -> Vec<Factor> {
     factors
 }
 
-/// Component of an error motion: 0 to 2 linear, mm; 3 to 5 angular, rad.
+/// Component of an error motion by index: 0 to 2 linear, mm; 3 to 5 angular, rad.
 pub(crate) fn component_of(motion: &mut ErrorMotion, component: usize) -> &mut f64 {
     if component < 3 {
         &mut motion.linear_mm[component]

@@ -1,4 +1,4 @@
-//! Equations of rows: residuals and their derivatives by every parameter.
+//! Equations of rows: residuals and their derivatives with respect to every parameter.
 
 use volcomp_kinematics::{
     ErrorMotion,
@@ -20,11 +20,11 @@ struct Writer<'e> {
     jacobian: &'e mut DMatrix<f64>,
     sides: &'e mut Sides,
     run: Option<usize>,
-    /// Assumed size of the reversal value of each coefficient, mm or rad; `None`: 1, for the ideal machine.
+    /// Assumed size of the reversal value of each coefficient, mm or rad; `None` for the ideal machine, where all are 1.
     reversals: Option<&'e [f64]>,
     params: &'e Params,
     unknowns: &'e Unknowns,
-    /// Location errors that follow unknowns: axis, component, coefficient, change per unit.
+    /// Location errors that follow unknowns: axis, component, coefficient, and change per unit of the coefficient.
     following: &'e [(usize, usize, usize, f64)],
     first: usize,
     /// Reciprocal of the uncertainty, 1/mm.
@@ -282,7 +282,7 @@ impl System {
         tip
     }
 
-    /// Displacement of the ideal machine's tip at a pose per unit of each coefficient.
+    /// Displacement of the ideal machine's tip at a pose, mm, per unit of each coefficient: index of the coefficient, and displacement.
     pub(crate) fn moved_by(
         &self,
         pose: &PreparedPose,
@@ -415,13 +415,13 @@ impl System {
     }
 }
 
-/// Direction of a ball row and its derivatives by the two tilts.
+/// Unit direction of a ball row and its derivatives with respect to its two tilts.
 pub(crate) struct Bar {
     pub(crate) along: Vector3<f64>,
     by_tilt: [Vector3<f64>; 2],
 }
 
-/// Direction of the row with these axes, tilted to its sides.
+/// Direction of a row with the nominal directions `axes` (columns), tilted by `side1` and `side2` (mm/mm) to its sides.
 pub(crate) fn bar(axes: &Matrix3<f64>, [side1, side2]: [f64; 2]) -> Bar {
     let laid = axes * Vector3::new(1.0, side1, side2);
     let along = laid.normalize();
@@ -432,7 +432,7 @@ pub(crate) fn bar(axes: &Matrix3<f64>, [side1, side2]: [f64; 2]) -> Bar {
     Bar { along, by_tilt }
 }
 
-/// Motion of a point at a lever arm per unit of displacement (0 to 2) or rotation (3 to 5).
+/// Velocity of a point at a lever arm for a unit displacement (component 0 to 2) or rotation (3 to 5) of its frame.
 fn frame_motion(place: usize, lever_mm: &Vector3<f64>) -> Vector3<f64> {
     if place < 3 { Vector3::ith(place, 1.0) } else { Vector3::ith(place - 3, 1.0).cross(lever_mm) }
 }
@@ -441,7 +441,7 @@ fn frame_motion(place: usize, lever_mm: &Vector3<f64>) -> Vector3<f64> {
 pub(crate) struct Equations {
     pub(crate) residuals: DVector<f64>,
     pub(crate) jacobian: DMatrix<f64>,
-    /// First equation and number of equations of each row.
+    /// Index of the first equation of each row, and number of its equations.
     pub(crate) places: Vec<(usize, usize)>,
     pub(crate) sides: Sides,
 }
@@ -469,7 +469,7 @@ pub(crate) fn in_mm(rows: &Rows, equations: &Equations) -> Vec<Vector3<f64>> {
         .collect()
 }
 
-/// Residuals above this, in uncertainties, get less weight (Huber, Annals of Mathematical Statistics 35, 1964: 95 % efficient).
+/// Residuals above this multiple of the uncertainty get less weight (Huber, Annals of Mathematical Statistics 35, 1964: 95 % efficiency).
 pub(crate) const HUBER: f64 = 1.345;
 
 pub(crate) fn weight(residual: f64) -> f64 {

@@ -73,7 +73,7 @@ pub enum IdentifyError {
     NotConverged { steps: usize, last: f64, numbers: usize, unknowns: usize, rank: usize },
 }
 
-/// A file with rows further from the nominal machine than real machines deviate.
+/// A file with rows beyond the limit on the distance from the nominal machine.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error(
     "{}: this row is {largest_mm:.1} mm from the nominal machine, expected at most {limit_mm} mm ({rows} of {of} rows are further, median {typical_mm:.1} mm): do the machine file and the columns describe the machine that was measured (structure, points of the rotary axes, directions, units, tool, sphere)?",

@@ -1,8 +1,7 @@
-//! One fit: which unknowns are distinguishable, and the search for them.
+//! One fit: selection of the distinguishable unknowns, and the search for them.
 //!
 //! Distinguishability is decided on the ideal experiment: the same poses on a machine without errors, with readings
-//! that fit it exactly. Where that does not separate unknowns, the errors of the real machine separate them only in
-//! appearance.
+//! that fit it exactly. Unknowns that only the errors of the real machine separate are not distinguishable.
 
 use volcomp_kinematics::{
     REACHED_WITHIN_MM, State,
@@ -20,8 +19,8 @@ use crate::{
     triangle::{inverse, triangle},
 };
 
-/// The distinguishable unknowns, for rows whose approach direction may be unknown. Reversal values that only such rows
-/// depend on are fixed at zero, and so are the columns `without`.
+/// Selects the distinguishable unknowns. Reversal values on which only rows with an unknown approach direction depend are fixed at zero, and so
+/// are the columns `without`.
 pub(crate) fn distinguishable(system: &System, design: &Equations, without: &[usize]) -> Rank {
     let rank = independent_without(&design.jacobian, without);
     if !design.sides.has_unknown() {
@@ -133,13 +132,13 @@ pub(crate) fn design(system: &System, rows: &Rows, values: &Values, columns: usi
     system.equations_in(columns, &system.prepare(ideal.iter()), values, true)
 }
 
-/// A row on a sphere or a ball, with the linear axes where the ideal machine would have been.
+/// A row with the linear axes moved to where the ideal machine would measure its sphere or ball; other rows are unchanged.
 fn ideal_row(system: &System, row: &Row, values: &Values) -> Row {
     let mut ideal = row.clone();
     let centre = match &row.reading {
         RowReading::Sphere { centre, .. } => values.points[*centre][0],
         RowReading::Ball { origin, tilts, distance, axes, .. } => {
-            // The point is on the nominal bar: elsewhere, rotating the bar and rotating the machine
+            // The point is on the nominal bar: for a point beside it, rotating the bar and rotating the machine
             // would not be equivalent.
             let along = bar(axes, tilts.map(|tilt| values.numbers[tilt][0])).along;
             values.points[*origin][0] + along * values.numbers[*distance][0]
@@ -170,14 +169,14 @@ pub(crate) const LARGEST: f64 = 1.0;
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Uncertain {
     pub(crate) param: usize,
-    /// Standard uncertainty that the unknown would have, in its unit.
+    /// Standard uncertainty that the unknown would have if it were kept, µm, µrad or the unit of the set-up.
     pub(crate) uncertainty: f64,
 }
 
 impl Uncertain {
-    /// The kept unknown to fix at zero first; `None` if all are sufficiently certain. `jacobian`
+    /// Selects the next kept unknown to fix at zero; `None` if all are sufficiently certain. `jacobian`
     /// has the derivatives of all readings, each divided by its uncertainty. Of several similarly
-    /// uncertain unknowns, the last one is chosen: the others are then better known than if one of
+    /// uncertain unknowns the last one is selected, because the others are then better known than if one of
     /// them were fixed.
     pub(crate) fn among(system: &System, kept: &[usize], jacobian: &DMatrix<f64>) -> Option<Self> {
         let own = jacobian.select_columns(kept);
@@ -194,7 +193,7 @@ impl Uncertain {
         found.into_iter().rfind(|of| of.uncertainty >= LEAST_SHARE * most)
     }
 
-    /// Whether it is an error of the machine, with a larger uncertainty than errors have.
+    /// Whether the unknown is an error of the machine with an uncertainty above [`LARGEST`].
     pub(crate) fn is_hidden(&self, system: &System) -> bool {
         let is_error = matches!(system.params.at(self.param), Param::Coefficient(_));
         is_error && self.uncertainty > 1e3 * LARGEST

@@ -1,9 +1,9 @@
-//! Residuals of rows left out of a fit, from the factorisation of the fit to all rows.
+//! Cross-validation residuals of rows left out of a fit, from the factorisation of the fit to all rows.
 //!
-//! Rows are removed from the equations J = QR of all rows by a change x = −(I − Q₁ᵀQ₁)⁻¹(Qᵀr − Q₁ᵀr₁) of Rθ, where Q₁ and
-//! r₁ are the rows of Q and of the residuals to be left out: one step of the search without them, at the price of a small
-//! factorisation. It holds for unpenalised least squares, if the others still determine all unknowns, and if the equations
-//! are linear within the step; otherwise the caller fits the others.
+//! Let J = QR be the equations of all rows, and Q₁ and r₁ the parts of Q and of the residuals r that belong to the rows to be left out. The
+//! unknowns of the fit without them differ by Rθ = x = −(I − Q₁ᵀQ₁)⁻¹(Qᵀr − Q₁ᵀr₁), which needs only a small factorisation. This holds for
+//! unpenalised least squares, if the other rows still determine all unknowns, and if the equations are linear within the step; otherwise
+//! the caller fits the other rows.
 
 use volcomp_kinematics::nalgebra::{DMatrix, Vector3};
 
@@ -15,7 +15,7 @@ use crate::{
     triangle::{inverse, triangle},
 };
 
-/// Maximum deviation of the equations from linear ones within the step, mm.
+/// Maximum change of residuals within the step by which the equations may differ from linear ones, mm.
 const LINEAR_WITHIN_MM: f64 = 1e-7;
 
 pub(crate) struct Folds<'a> {
@@ -29,7 +29,7 @@ pub(crate) struct Folds<'a> {
 }
 
 impl<'a> Folds<'a> {
-    /// `None` with penalties, robust weights, unknown approach directions, or unknowns that noise hides.
+    /// Factorises the equations of all rows. `None` with penalties, robust weights, unknown approach directions, or unknowns that noise hides.
     pub(crate) fn new(system: &'a System, rows: &'a Rows, fitted: &'a Fitted) -> Option<Self> {
         if fitted.solution.counts_residuals || !fitted.uncertain.is_empty() {
             return None;
@@ -44,7 +44,7 @@ impl<'a> Folds<'a> {
         Some(Self { q: jacobian * &root, system, rows, fitted, equations, root })
     }
 
-    /// Residuals, mm, of the rows that are left out.
+    /// Residuals, mm, of the rows that are left out; `None` if the other rows do not determine all unknowns, or if the equations are not linear.
     pub(crate) fn left_out(&self, is_left: impl Fn(usize) -> bool) -> Option<Vec<Vector3<f64>>> {
         let (system, rank) = (self.system, &self.fitted.rank);
         let places = self.equations.places.iter().enumerate();
@@ -55,7 +55,7 @@ impl<'a> Folds<'a> {
         let (all, q) = (&self.equations.residuals, self.q.select_rows(&own));
         let residuals = all.select_rows(&own);
         let count = rank.kept.len();
-        // Information of the others, of which that of all rows is I.
+        // Information matrix of the other rows, in coordinates in which that of all rows is I.
         let others = DMatrix::identity(count, count) - q.transpose() * &q;
         let others_root = inverse(&others.cholesky()?.unpack().transpose())?;
         // The smallest eigenvalue is at least this: the others retain this fraction of the

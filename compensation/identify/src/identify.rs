@@ -103,14 +103,13 @@ pub struct Identification {
     pub warnings: Vec<Note>,
 }
 
-/// Maximum ratio of residuals to stated uncertainty at which the unknowns still describe the machine.
+/// Maximum ratio of residuals to stated uncertainty at which the unknowns are taken to describe the machine.
 const MAX_RESIDUAL_RATIO: f64 = 3.0;
 
 impl Identification {
-    /// Errors that the observations do not support: those left undetermined, and those whose value
-    /// holds only if an undetermined one is zero. If the residuals of all observations or of one
-    /// file exceed three times the stated uncertainty, or if predicted rows are far off, these are
-    /// all errors.
+    /// Errors whose values the observations do not support: undetermined ones, and those whose value
+    /// holds only if an undetermined one is zero. Returns all errors if the residuals of all observations or of one
+    /// file exceed three times the stated uncertainty, or if predicted rows are far off.
     pub fn undecided(&self) -> BTreeSet<ErrorName> {
         let is_described = self.variance <= MAX_RESIDUAL_RATIO.powi(2) && !self.is_contradicted;
         let is_open = |of: &Parameter| !of.determined && !self.redundant.contains(&of.name);
@@ -295,8 +294,8 @@ pub(crate) fn figures(residuals: &[Vector3<f64>]) -> Figures {
     }
 }
 
-/// Cross-validation fold of each row. Rows of one pose share a fold. Poses are dealt out in an order shuffled with a fixed seed. `None` if there are
-/// fewer poses than folds, because a fold without a pose would validate nothing.
+/// Cross-validation fold of each row. Rows of one pose share a fold; poses are assigned in an order shuffled with a fixed seed. `None` without
+/// folds, or with fewer poses than folds, because a fold without a pose would validate nothing.
 fn parts(rows: &Rows, count: usize) -> Option<Vec<usize>> {
     if count == 0 {
         return None;
@@ -309,7 +308,6 @@ fn parts(rows: &Rows, count: usize) -> Option<Vec<usize>> {
     let mut random = ChaCha8Rng::seed_from_u64(0x766f_6c63);
     for last in (1..order.len()).rev() {
         let drawn = random.next_u64() % (last as u64 + 1);
-        // At most `last`, which is a valid index.
         order.swap(last, usize::try_from(drawn).unwrap_or(last));
     }
     let mut part = vec![0; poses];
@@ -331,9 +329,8 @@ pub struct LeftOut {
     pub folds: usize,
 }
 
-/// Residuals of rows omitted from the fit, in `folds` parts by pose. Everything, including
-/// penalties, is identified from the remaining parts. Returns a note instead if there are too few
-/// poses.
+/// Cross-validates the fit: every fold of poses is predicted from an identification of the others, including the penalties. Returns a
+/// note instead of residuals if there are fewer poses than folds.
 pub(crate) fn left_out(
     system: &System,
     observations: &Observations,
@@ -384,12 +381,11 @@ pub(crate) fn left_out(
 #[derive(Default)]
 pub(crate) struct JudgedNotes {
     pub(crate) files: Vec<Note>,
-    /// Notes on single rows that are far off relative to the others.
+    /// Notes on single rows that are outliers in their file.
     pub(crate) rows: Vec<Note>,
 }
 
-/// Residuals of rows that are only predicted. Adds warnings about rows that are far off relative to
-/// the others of their file, and about files that are far off relative to the residuals of the
+/// Residuals of rows that are only predicted. Adds warnings about outlying rows of a file, and about files with larger residuals than the
 /// fitted rows.
 pub(crate) fn judged(
     system: &System,

@@ -1,4 +1,4 @@
-//! Proposes the next pose to measure: of many poses that the instruments of the files can measure and have not measured
+//! Proposes the next pose to measure: among random poses that the instruments of the files can measure and have not measured
 //! yet, the one that most reduces the largest uncertainty.
 
 use std::collections::BTreeMap;
@@ -45,8 +45,8 @@ pub struct Next {
     pub improvement: Option<f64>,
 }
 
-/// The most useful pose. If a pose informs about undetermined unknowns, the most informative of these; otherwise the
-/// pose that minimises the largest uncertainty of any error coefficient, by its largest effect on the tip in the
+/// Selects the most useful pose. If a pose informs about undetermined unknowns, it is the most informative of these; otherwise the
+/// pose that minimises the largest uncertainty of any error coefficient, weighted by its largest effect on the tip in the
 /// workspace.
 pub(crate) fn next(
     system: &System,
@@ -101,7 +101,7 @@ pub(crate) fn next(
     })
 }
 
-/// The candidate that minimises the largest uncertainty, the parameter with the largest uncertainty
+/// Returns the candidate that minimises the largest uncertainty, the parameter with the largest uncertainty
 /// now, and the factor by which this uncertainty decreases.
 fn most_reducing(
     effects: &DVector<f64>,
@@ -155,7 +155,7 @@ fn variances_after<'a>(
     })
 }
 
-/// The candidate that is most informative about undetermined unknowns, and the unknown about which
+/// Returns the candidate that is most informative about undetermined unknowns, and the unknown about which
 /// it informs most. Unknowns get a prior of the size of errors and set-ups, so that all of them
 /// have a covariance.
 fn most_informative(
@@ -167,7 +167,7 @@ fn most_informative(
     /// Prior standard uncertainty of errors, mm and rad: larger than those of any machine, so that the prior is
     /// negligible compared with a reading.
     const LARGEST_ERROR: f64 = 1e-1;
-    /// Prior standard uncertainty of set-ups, mm and rad: the size of a workspace, anywhere in which a set-up may be.
+    /// Prior standard uncertainty of set-ups, mm and rad: they may be anywhere in a workspace.
     const ANYWHERE: f64 = 1e3;
     /// Minimum reduction factor of the assumed uncertainty for a pose to inform about an unknown.
     /// The factor is near 1 for an unknown that has no effect at the pose, or whose effect equals
@@ -216,7 +216,7 @@ const STEP_MM: f64 = 1e-3;
 /// Poses whose coordinates differ by less are treated as equal, mm and rad.
 const SAME_BELOW: f64 = 2.0 * STEP_MM;
 
-/// A pose that could be measured, as a row like those of a file.
+/// A pose that could be measured, as a row of the same kind as those of a file.
 pub(crate) struct Candidate {
     pub(crate) row: Row,
     pub(crate) file: String,
@@ -244,12 +244,12 @@ pub(crate) fn candidates(
     candidates
 }
 
-/// Draws a random row like those of a file, at another pose.
+/// Draws a random row at another pose, of the same kind as those of a file.
 ///
 /// A target is assumed visible to its tracker anywhere within the travel. Spheres and balls are stationary: the tip is
 /// at the same point of the workpiece, with other rotary coordinates. For a ballbar or tracer, distance and direction
 /// are between those of two rows. A line of sight is stationary as well: the pose is between two of its poses. A step
-/// gauge has faces only where it was read. `None` if the axes do not reach the pose, or if it was measured already.
+/// gauge has faces only where it was read. `None` if the axes cannot reach the pose, or if it was measured already.
 fn drawn(
     system: &System,
     observation: &Observation,
@@ -328,7 +328,7 @@ fn move_axes(
     }
 }
 
-/// Vector with a length and direction between those of two others; `None` if one is zero or they are opposite.
+/// Vector with a length and direction between those of two others; `None` if one is zero or they are opposite. `share` is 0 at `from`, 1 at `to`.
 fn between(from: Vector3<f64>, to: Vector3<f64>, share: f64) -> Option<Vector3<f64>> {
     let unit = |vector: Vector3<f64>| vector.try_normalize(STEP_MM);
     let direction = unit(from)? * (1.0 - share) + unit(to)? * share;
@@ -336,10 +336,10 @@ fn between(from: Vector3<f64>, to: Vector3<f64>, share: f64) -> Option<Vector3<f
     Some(direction.try_normalize(STEP_MM)? * length)
 }
 
-/// Fractions of the travel of a linear axis: the ends and the middle.
+/// Positions at which effects are evaluated, as fractions of the travel of a linear axis.
 const LINEAR: [f64; 3] = [0.0, 0.5, 1.0];
-/// Fractions of the travel of a rotary axis, or of one turn if it covers a full turn: uneven
-/// spacing, so that no harmonic of a Fourier series is zero at all of them.
+/// Positions of a rotary axis, as fractions of its travel or of one turn if it covers one. The
+/// spacing is uneven, so that no harmonic of a Fourier series is zero at all of them.
 const ROTARY: [f64; 4] = [0.0, 0.27, 0.53, 0.81];
 
 /// Largest tip displacement, mm, per unit (mm or rad) of every parameter, over a grid of the travels; 0 for set-ups.
@@ -372,7 +372,7 @@ pub(crate) fn largest_effects(system: &System, values: &Values) -> DVector<f64> 
         .map(|(state, tip_mm)| Row {
             line: 0,
             pose: MachinePose { state, tip_mm },
-            // The reading itself is not used.
+            // The reading is a placeholder.
             reading: RowReading::Line {
                 direction: Vector3::x(),
                 offset: 0,

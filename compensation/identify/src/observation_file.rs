@@ -152,8 +152,8 @@ fn missing_tool_column(machine: &Machine, files: &[String]) -> Option<String> {
     })
 }
 
-/// Rejects a row file that two observations name: its rows would be fitted twice, or would validate the fit that they
-/// were used for. A file of ball distances (`row`) may be named once for every position of the bar.
+/// Rejects a row file that two observations name: its rows would count twice in the fit, or would validate a fit to themselves. A file of
+/// ball distances (`row`) may be named once for every position of the bar.
 fn refuse_same_file(sections: &[Section<'_>]) -> Result<(), InputError> {
     let mut before: Vec<(PathBuf, Value<'_>)> = Vec::new();
     for section in sections {
@@ -361,8 +361,8 @@ pub(crate) fn decode_unknown(
     Ok(found)
 }
 
-/// Rejects the tilts of two linear axes about the same direction: together they rotate everything that the tool and the
-/// workpiece do alike, so that only their difference, a squareness, is observable.
+/// Rejects the tilts of two linear axes about the same direction. Together they rotate tool and workpiece alike, so only their difference, a
+/// squareness, is observable.
 fn refuse_both_tilts(
     item: &Value<'_>,
     error: ErrorName,

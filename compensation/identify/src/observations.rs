@@ -11,7 +11,7 @@ use volcomp_vocabulary::{AxisName, ErrorName};
 
 use crate::basis::Basis;
 
-/// Fraction of the observed range added at both ends if spheres or balls were probed.
+/// Extension of the range of curves at both ends, as a fraction of the observed range, if spheres or balls were probed.
 const SPHERE_MARGIN: f64 = 1e-3;
 
 /// Content of a file of observations and of the files that it names.
@@ -21,9 +21,8 @@ pub struct Observations {
     pub files: Vec<PathBuf>,
     /// The machine: its geometry, its known errors, and start values of its unknown errors.
     pub machine: Machine,
-    /// Error motions of `machine` from measured lines of the same calibration. `uncertainty_um` does not include their
-    /// uncertainty. If there are any, the warning about large residuals states that the reported uncertainties include
-    /// it.
+    /// Error motions of `machine` that the same calibration fitted to measured lines, whose uncertainty `uncertainty_um` does not include. If there
+    /// are any, the warning about large residuals states that the reported uncertainties include it.
     pub measured: Vec<ErrorName>,
     /// Errors to be identified.
     pub unknown: Vec<Unknown>,
@@ -42,7 +41,7 @@ pub struct Observations {
 /// An error to be identified.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Unknown {
-    /// The error whose curve, location or reversal value is identified.
+    /// Error motion or location error of which a value is unknown.
     pub error: ErrorName,
     /// Kind of curve; [`Basis::Constant`] for a location error. `None` if only the reversal value is unknown.
     pub basis: Option<Basis>,
@@ -50,7 +49,7 @@ pub struct Unknown {
     pub second: Option<SecondAxis>,
     /// Whether the reversal value is unknown.
     pub reversal: bool,
-    /// Whether a penalty on the curve's modes is chosen from the observations.
+    /// Whether the curve's modes are penalised, with a weight chosen from the observations.
     pub penalised: bool,
 }
 
@@ -67,11 +66,11 @@ impl Unknown {
     }
 }
 
-/// Second axis on which an error depends: products of the modes of the error's curve and of a curve along this axis are identified as
-/// well.
+/// Second axis on which an error depends: products of the modes of the error's own curve and of a curve along this axis are identified in
+/// addition to the own curve.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SecondAxis {
-    /// The axis, another one than that of the error.
+    /// The second axis; it differs from the axis of the error.
     pub axis: AxisName,
     /// Kind of curve along the second axis. Its modes are multiplied by the modes of the error's own curve up to the
     /// same order.
@@ -95,7 +94,7 @@ pub struct Quantity<T> {
 }
 
 impl<T> Quantity<T> {
-    /// A known quantity, or an unknown one if it has no value.
+    /// Creates a quantity that is known if it has a value and unknown otherwise.
     pub fn new(name: String, value: Option<T>, drift: usize) -> Self {
         Self { name, unknown: value.is_none(), value, drift, known_within: None }
     }
@@ -231,12 +230,12 @@ pub struct Row {
     pub run: Option<usize>,
     /// Time between −1 (first row) and 1 (last row), for the drift.
     pub time: f64,
-    /// Standard uncertainty of each component, mm.
+    /// Standard uncertainty of each component of the reading, mm.
     pub uncertainty_mm: f64,
 }
 
 impl Row {
-    /// Poses of the row: two for a length between poses.
+    /// Poses of the row: two for a length between poses, otherwise one.
     pub(crate) fn poses(&self) -> impl Iterator<Item = &MachinePose> {
         let from = match &self.reading {
             RowReading::Pair { from, .. } => Some(from),
@@ -289,7 +288,7 @@ pub enum RowReading {
         direction: Vector3<f64>,
         /// Index of the offset, which is added to every reading.
         offset: usize,
-        /// Index of the slope, which is multiplied by the place along the line.
+        /// Index of the slope, which is multiplied by the distance along the line.
         slope: usize,
         /// Measured displacement, mm.
         deviation_mm: f64,
@@ -300,7 +299,7 @@ pub enum RowReading {
         origin: usize,
         /// Indices of the tilts to side 1 and side 2.
         tilts: [usize; 2],
-        /// Index of the ball's distance.
+        /// Index of the number with the distance of the ball along the row.
         distance: usize,
         /// Unit directions in workpiece axes as columns: along the row as placed, to side 1, to side 2.
         axes: Matrix3<f64>,
@@ -337,7 +336,7 @@ impl RowReading {
         }
     }
 
-    /// Reverses the sign of a reading whose direction depends on the instrument; positions and lengths are unchanged.
+    /// Reverses the sign of a reading whose direction depends on the instrument: sphere, line and ball readings. Positions and lengths are unchanged.
     pub(crate) fn invert(&mut self) {
         match self {
             Self::Sphere { offset_mm, .. } => *offset_mm = -*offset_mm,
@@ -356,7 +355,7 @@ impl RowReading {
 const WIDEST_GAP_DEG: f64 = 120.0;
 
 impl Observations {
-    /// Empty observations of this machine.
+    /// Creates observations of this machine without any rows or unknowns.
     pub fn of(machine: Machine) -> Self {
         Self {
             files: Vec::new(),
@@ -390,7 +389,7 @@ impl Observations {
         poses.map(move |pose| self.machine.curve_coordinates(&pose.state)[axis])
     }
 
-    /// Widest part of a turn, deg, without a position of a rotary axis in the fitted rows.
+    /// Widest gap, deg, between adjacent positions of a rotary axis in the fitted rows, modulo 360°.
     fn widest_gap_deg(&self, axis: usize) -> f64 {
         let angles = self.coordinates(axis).map(|at| at.rem_euclid(360.0));
         let mut angles: Vec<f64> = angles.collect();
@@ -425,8 +424,9 @@ impl Observations {
         gaps.collect()
     }
 
-    /// Range of an axis in the fitted rows, mm or deg. It is the travel if the axis did not move, and for a Fourier
-    /// series if the positions or the axis cover a full turn, because the series is periodic.
+    /// Range over which the modes of a curve along an axis are defined, mm or deg: that of the fitted rows, extended by [`SPHERE_MARGIN`] if spheres
+    /// or balls were probed. It is the travel for a constant, for an axis that did not move, and for a Fourier series if the axis has a
+    /// `modulo` or if no gap between its positions exceeds [`WIDEST_GAP_DEG`].
     pub(crate) fn range_of(&self, axis: usize, basis: Basis) -> [f64; 2] {
         let travel = self.machine.axes()[axis].travel;
         if basis == Basis::Constant {
@@ -443,8 +443,8 @@ impl Observations {
             (self.coordinates(axis)).fold(ends, |range, at| [range[0].min(at), range[1].max(at)]);
         // A range below a millionth of the travel is an axis that did not move.
         if range[1] - range[0] > 1e-6 * (travel[1] - travel[0]) {
-            // The position of the ideal machine would differ slightly from the one at which the
-            // real machine located the sphere or the ball.
+            // A probed row has the coordinates at which the real machine located the sphere or ball; those of the ideal machine differ slightly
+            // and may be outside.
             let is_probed = |row: &Row| {
                 matches!(row.reading, RowReading::Sphere { .. } | RowReading::Ball { .. })
             };

@@ -10,8 +10,8 @@ use crate::{
     system::System,
 };
 
-/// Derivatives of the reported parameters by those of the search. The matrix is diagonal except for frames, which the
-/// search moves about their middle.
+/// Derivatives of the reported parameters with respect to those of the search. The matrix is diagonal except for frames, which the
+/// search rotates about the middle of the observed points.
 pub(crate) fn reported_by_searched(system: &System, fitted: &Fitted) -> DMatrix<f64> {
     let count = fitted.rank.kept.len();
     let mut derivatives = DMatrix::zeros(count, count);
@@ -96,16 +96,16 @@ pub(crate) fn parameters(system: &System, fitted: &Fitted) -> Vec<Parameter> {
     system.params.iter().enumerate().map(parameter).collect()
 }
 
-/// An error coefficient that the observations do not determine, and whose value is not a
+/// An error coefficient that the observations do not determine and that is not a
 /// convention. It is fixed at zero; the readings are the same for any value.
 #[derive(Clone, Debug, PartialEq)]
 pub struct UndeterminedError {
-    /// Name of the coefficient among the unknowns.
+    /// Name of the coefficient among the parameters.
     pub name: String,
     /// Unit, `um` or `urad`.
     pub unit: &'static str,
-    /// Combined change of error coefficients without effect on the readings, including this one:
-    /// name and change of each, in its unit, per unit of this one.
+    /// Combination of changes of error coefficients, including this one, that has no effect on the readings:
+    /// name of each coefficient and its change, in its unit, per unit of this one.
     pub moves: Vec<(String, f64)>,
 }
 

@@ -1,4 +1,4 @@
-//! Parameters of a search, their values, and the frames, points and numbers that they give at a time.
+//! Parameters of a search, their values, and the set-up quantities (frames, points, numbers) at a given time.
 
 use std::collections::BTreeMap;
 
@@ -17,7 +17,7 @@ pub(crate) enum Param {
         part: Part,
         /// Index of the component in its part.
         place: usize,
-        /// Order of the Legendre polynomial over time whose coefficient this is; 0 for the
+        /// Order of the Legendre polynomial over time whose coefficient this parameter is; 0 for the
         /// component itself.
         order: usize,
     },
@@ -39,7 +39,7 @@ pub(crate) struct Params {
     highest_order: usize,
 }
 
-/// Parameters of the parts of one kind, with `numbers` components each: the components and their drifts.
+/// Parameters of all quantities of one kind, with `numbers` components each. Returns the components, then their drifts.
 fn of_kind<T>(
     quantities: &[Quantity<T>],
     part: impl Fn(usize) -> Part,
@@ -148,13 +148,13 @@ pub(crate) fn unit_of(
 #[derive(Clone, Debug)]
 pub(crate) struct Frame {
     pub(crate) pose: Pose,
-    /// Centre of its rotations, mm in workpiece axes: the middle of the observed points.
+    /// Centre of rotation in the search, mm in workpiece axes: the middle of the observed points.
     pub(crate) middle_mm: Vector3<f64>,
     /// Displacement (mm) and rotation (rad) for each Legendre polynomial of the time, from order 1.
     drift: Vec<[f64; 6]>,
 }
 
-/// Values of all parameters, mm and rad. Points and numbers have a value for each Legendre polynomial of the time; that
+/// Values of all parameters, mm and rad. Points and numbers have one coefficient for each Legendre polynomial over time; that
 /// of order 0 does not drift.
 #[derive(Clone, Debug)]
 pub(crate) struct Values {
@@ -168,7 +168,7 @@ pub(crate) struct Values {
 }
 
 impl Values {
-    /// Set-ups as stated in the files, with the middle of the frames at zero.
+    /// Set-ups as stated in the files, with `middle_mm` of the frames at zero.
     pub(crate) fn stated(setup: &SetUp, coefficients: Vec<f64>) -> Self {
         let frames = setup.frames.iter().map(|frame| Frame {
             pose: pose_of(&in_rad(frame.value.unwrap_or_default())),
@@ -194,7 +194,7 @@ impl Values {
         }
     }
 
-    /// Position of a point at the time of these Legendre polynomials, mm.
+    /// Position of a point, mm, at the time at which the Legendre polynomials have these values.
     pub(crate) fn point_at(&self, place: usize, polynomials: &[f64]) -> Vector3<f64> {
         let terms = self.points[place].iter().zip(polynomials);
         terms.fold(Vector3::zeros(), |sum, (value, p)| sum + value * *p)
@@ -247,7 +247,7 @@ impl Values {
 }
 
 impl Frame {
-    /// Drift of the frame, from the Legendre polynomials evaluated at the time of a reading: displacement, mm, and
+    /// Drift of the frame, from the values of the Legendre polynomials at the time of a reading: displacement, mm, and
     /// rotation, rad.
     pub(crate) fn drifted(&self, polynomials: &[f64]) -> [Vector3<f64>; 2] {
         let orders = self.drift.iter().zip(&polynomials[1..]);
@@ -272,7 +272,7 @@ fn pose_of(&[x, y, z, a, b, c]: &[f64; 6]) -> Pose {
     }
 }
 
-/// The inverse of [`pose_of`].
+/// Inverse of [`pose_of`]: x, y, z (mm) and a, b, c (rad).
 pub(crate) fn six_of(pose: &Pose) -> [f64; 6] {
     let r: &Matrix3<f64> = &pose.rotation;
     let t = &pose.translation_mm;

@@ -1,21 +1,20 @@
-//! Curve penalties chosen from the observations: the weights at which the observations are most probable (restricted
+//! Penalty weights of curves, chosen so that the observations are most probable (restricted
 //! maximum likelihood), by the fixed point of Wood and Fasiolo, Biometrics 73 (2017).
 
 use volcomp_kinematics::nalgebra::{DMatrix, DVector};
 
 use crate::{system::System, triangle::inverse};
 
-/// Convergence limit on the change of any group's effective number of coefficients.
+/// Convergence limit on the change of the effective number of coefficients of any group.
 const CONVERGED: f64 = 0.01;
 const MAX_STEPS: usize = 100;
-/// Maximum number of coefficients of a small group. Such a group does not show the typical size of
-/// its coefficients, and a zero estimate by chance would shrink all of them to zero. One
-/// coefficient of it is therefore excluded from the estimate of their size. Of a larger group only
-/// a fraction of one coefficient is excluded: this number divided by the number of its
-/// coefficients.
+/// Number of coefficients of a group below which one whole coefficient is excluded from the estimate of
+/// their size, because so few coefficients do not show their typical size, and a zero estimate by chance
+/// would shrink all of them to zero. In a larger group this number divided by the number of its
+/// coefficients is excluded.
 const SMALL_GROUP: f64 = 2.0;
-/// For the uncertainties, coefficients may exceed the identified size by this many variances, that is by twice the
-/// standard uncertainty. If the observations hardly determine a size, the penalty then has no effect, and the
+/// For the uncertainties, the size of coefficients is enlarged by this multiple of their sampling variance, that is by twice
+/// their standard uncertainty. If the observations hardly determine a size, the penalty then has no effect, and the
 /// uncertainty is that without a penalty.
 const SIZE_WITHIN: f64 = 4.0;
 /// Convergence limit on the change of the logarithm of the weights used for the uncertainties.
@@ -25,7 +24,7 @@ const MAX_WEAKER_STEPS: usize = 30;
 #[derive(Clone, Debug)]
 pub(crate) struct Penalty {
     pub(crate) members: Vec<Option<(usize, f64)>>,
-    /// ln λ of each group, once chosen.
+    /// ln λ of each group; `None` before the first step.
     pub(crate) log_lambda: Option<Vec<f64>>,
     pub(crate) held: bool,
     /// Whether the step is the last one, whose covariance includes the uncertainty of the weights.
@@ -68,7 +67,7 @@ struct Penalised<'a> {
 
 struct At {
     step: DVector<f64>,
-    /// The inverse of the penalised normal equations is this matrix times its transpose.
+    /// Root of the inverse of the penalised normal equations, which is `root · rootᵀ`.
     root: DMatrix<f64>,
     /// By group: effective number of coefficients, weighted sum of their squares, weighted sum of their sampling variances.
     used: Vec<f64>,
@@ -133,9 +132,9 @@ impl Penalised<'_> {
             .collect()
     }
 
-    /// Covariance with weaker weights, with which the coefficients are as large as the result
-    /// permits. The weights of the step itself are the most probable ones but are uncertain: with
-    /// them, the uncertainty of a curve that was shrunk to zero would be zero.
+    /// Covariance with weaker penalties, with which the coefficients are as large as the result
+    /// permits. With the chosen, most probable weights the uncertainty of a curve that was shrunk to zero
+    /// would be zero.
     fn covariance(&self, chosen: &At, log_lambda: &[f64]) -> DMatrix<f64> {
         let starts = self.balanced().into_iter().zip(log_lambda);
         let mut weaker: Vec<f64> = starts.map(|(start, found)| start.min(*found)).collect();

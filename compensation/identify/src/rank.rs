@@ -1,4 +1,4 @@
-//! Independent columns of a matrix, and the combinations that make the others dependent.
+//! Independent columns of a matrix, and the null combinations that make the other columns dependent.
 
 use volcomp_kinematics::nalgebra::{DMatrix, DVector, RowDVector};
 
@@ -6,24 +6,24 @@ use crate::triangle::triangle;
 
 /// Minimum length of an independent combination of unit-length columns, with weights of unit
 /// length. Coordinates that a file states to some µm bend straight lines by 1e-6 and more, which
-/// does not distinguish unknowns. An unknown determined by such a short combination would have ten
-/// thousand times the uncertainty of one with full effect.
+/// must not count as distinguishing unknowns. An unknown determined by such a short combination would
+/// have ten thousand times the uncertainty of one with full effect.
 const INDEPENDENT_ABOVE: f64 = 1e-4;
 /// A column shorter than this share of the longest is treated as rounding error.
 const ZERO_BELOW: f64 = 1e-12;
-/// Minimum share, relative to the largest one, of a column that may be fixed at zero for a combination without effect. Fixing a column at
-/// zero changes the others in inverse proportion to its share, without bound for a small one.
+/// Minimum share of a column, relative to the largest share, for it to be fixed at zero for a combination without effect. Fixing a column at
+/// zero changes the others in inverse proportion to its share.
 pub(crate) const LEAST_SHARE: f64 = 0.05;
-/// A share in a combination below this value, relative to the largest one, is treated as rounding
-/// error.
+/// Shares in a combination below this value, relative to the largest one, are treated as rounding
+/// errors.
 const ROUNDING: f64 = 1e-7;
 
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Rank {
-    /// Kept columns, ascending.
+    /// Indices of the kept columns, ascending.
     pub(crate) kept: Vec<usize>,
-    /// For every other column, the combination with no effect, or with less effect than noise: unit-length columns and
-    /// their weights, together of unit length; the column itself first.
+    /// Combination without effect, or with less effect than noise, for each column that is not kept: indices and weights of unit-length columns,
+    /// the weights of unit length, the column itself first.
     pub(crate) null: Vec<Vec<(usize, f64)>>,
     /// Length of every column; 0 if it is treated as rounding error.
     pub(crate) lengths: Vec<f64>,
@@ -53,7 +53,7 @@ impl Rank {
     }
 }
 
-/// Finds the combinations of columns without effect. For each of them one column is left out: the last one with a sufficient share.
+/// Finds the combinations of columns without effect. For each of them the last column with a share of at least [`LEAST_SHARE`] is left out.
 pub(crate) fn independent(matrix: &DMatrix<f64>) -> Rank {
     independent_without(matrix, &[])
 }
@@ -97,8 +97,8 @@ pub(crate) fn independent_without(matrix: &DMatrix<f64>, without: &[usize]) -> R
 
 /// Columns to leave out, ascending.
 fn left_out(triangle: &DMatrix<f64>) -> Vec<usize> {
-    // Eigenvalues are squares of lengths: the limit is still ten million times the rounding error
-    // of a double.
+    // Eigenvalues are squares of lengths, so the limit is 1e-8, still ten million times the rounding
+    // error of a double.
     let eigen = (triangle.transpose() * triangle).symmetric_eigen();
     let nothing: Vec<RowDVector<f64>> = eigen
         .eigenvectors
@@ -130,8 +130,8 @@ fn left_out(triangle: &DMatrix<f64>) -> Vec<usize> {
     left
 }
 
-/// A column minus the kept columns with these weights, of unit length and without rounding errors:
-/// the column first, then the others by descending weight.
+/// Combination of a column minus the kept columns with these weights, scaled to unit length and without rounding
+/// errors: the column first, then the others by descending weight.
 fn combination(column: usize, kept: &[usize], weights: &DVector<f64>) -> Vec<(usize, f64)> {
     let largest = weights.amax().max(1.0);
     let others = kept.iter().copied().zip(weights.iter().map(|weight| -weight));
@@ -157,7 +157,7 @@ pub(crate) fn of_unit_length(mut columns: DMatrix<f64>) -> DMatrix<f64> {
     columns
 }
 
-/// Smallest and largest singular value.
+/// Smallest and largest singular value; zeros for an empty matrix.
 fn ends(matrix: &DMatrix<f64>) -> [f64; 2] {
     if matrix.is_empty() {
         return [0.0; 2];
@@ -198,11 +198,10 @@ mod tests {
         assert!((length - 1.0).abs() < 1e-14);
     }
 
-    /// If three columns are dependent and the last hardly contributes to the dependency, another one is left out.
     #[test]
     fn a_column_with_an_effect_of_its_own_is_kept() {
         for slant in [1e-3, 1e-5, 1e-8] {
-            // c = (a − b)/slant to the digit: a, b and slant·c move nothing together.
+            // c = (a − b)/slant, so the combination a − b − slant·c has no effect.
             let a = DVector::from_vec(vec![1.0, 0.0, 0.0, slant]);
             let b = DVector::from_vec(vec![1.0, 0.0, 0.0, 0.0]);
             let c = DVector::from_vec(vec![0.0, 0.0, 0.0, 1.0]);

@@ -14,21 +14,21 @@ use crate::{
     system::{Follower, System},
 };
 
-/// First-order dependence of the determined unknowns on the known errors of the machine. It gives
-/// the contribution of the uncertainty of these errors to that of the unknowns.
+/// First-order dependence of the determined unknowns on the known errors of the machine. It propagates
+/// the uncertainty of these errors to the unknowns.
 #[derive(Clone, Debug)]
 pub struct Response {
     observations: Observations,
     followers: Vec<Follower>,
     values: Values,
     residuals: DVector<f64>,
-    /// Derivatives of the residuals by the determined unknowns, as columns of unit length.
+    /// Derivatives of the residuals with respect to the determined unknowns, as columns of unit length.
     jacobian: DMatrix<f64>,
-    /// Change of each determined unknown, in its unit, per unit of each residual, in units of its uncertainty.
+    /// Change of each determined unknown, in its unit, per residual divided by its uncertainty.
     gain: DMatrix<f64>,
 }
 
-/// Share of a change that the observations support.
+/// Share of a hypothetical change of the known errors that the observations support.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SupportedShare {
     /// 1 for the whole change, 0 for none.
@@ -74,10 +74,9 @@ impl Response {
         Ok(&self.gain * self.changed(machine)?)
     }
 
-    /// Each of `machines` states a change of the known errors. Returns, for each, the share of the change that the
-    /// observations support (1: the whole change) and its standard uncertainty, with the unknowns identified anew. All
-    /// shares are estimated together. `None` for a change that the unknowns compensate: the observations contain no
-    /// information about it.
+    /// Estimates to which share the observations support hypothetical changes of the known errors, one for each of `machines` (1: the whole
+    /// change), with the standard uncertainty of the share. All shares and the unknowns are estimated together. `None` for a change that
+    /// the unknowns compensate, about which the observations contain no information.
     ///
     /// # Errors
     /// Same as [`Response::to`].
@@ -85,9 +84,9 @@ impl Response {
         &self,
         machines: &[Machine],
     ) -> Result<Vec<Option<SupportedShare>>, IdentifyError> {
-        /// Maximum remaining share of a change that is treated as compensated by the unknowns.
+        /// A change is treated as compensated by the unknowns if at most this share of it remains in the residuals.
         const MAX_COMPENSATED_SHARE: f64 = 1e-3;
-        /// Prior standard uncertainty of a share. It bounds shares that only several changes together determine.
+        /// Prior standard uncertainty of a share; it bounds shares that are determined only in combination.
         const PRIOR_SHARE: f64 = 10.0;
         let within = self.jacobian.clone().qr().q();
         let beyond = |of: &DVector<f64>| of - &within * (within.transpose() * of);

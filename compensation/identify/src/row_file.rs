@@ -1,4 +1,4 @@
-//! Row files: columns by name, and the rows that they contain.
+//! Row files: lookup of columns by name, and decoding of the rows.
 
 use volcomp_document::{Column, CsvRow, CsvTable, InputError, quoted, split_head, unit_named};
 use volcomp_kinematics::{
@@ -37,7 +37,7 @@ impl Columns<'_> {
         self.alone_or(&axis.to_string(), |found| axis_of_head(found) == Some(axis))
     }
 
-    /// Name of the column of an axis, alone or with any unit, requested or not.
+    /// Name of the column of an axis, alone or with any unit, whether it was requested or not.
     pub(crate) fn named_like(&self, axis: AxisName) -> Option<&str> {
         let letter = axis.to_string();
         let is_axis = |found: &str| without_unit(found) == Some(letter.as_str());
@@ -45,7 +45,7 @@ impl Columns<'_> {
         names.find(|name| is_axis(name))
     }
 
-    /// Column of a name, alone or with its fixed unit.
+    /// Column with this name, alone or with the unit `unit`.
     fn with_unit(&mut self, name: &str, unit: &str) -> Result<Option<Column>, InputError> {
         self.alone_or(name, |found| {
             let (stem, found) = split_head(found);
@@ -53,7 +53,7 @@ impl Columns<'_> {
         })
     }
 
-    /// Column of this name, or of an equivalent one according to `means_it`.
+    /// Column with this name, or with one that `means_it` accepts as equivalent.
     fn alone_or(
         &mut self,
         name: &str,
@@ -80,11 +80,11 @@ impl Columns<'_> {
     }
 
     /// Rejects an unused column whose name resembles a missing one, in other letters or with another unit: `a` for `A`,
-    /// `X [mm]` for `X`, `dx_mm` for `dx_um`. Without this check the missing value would silently be taken as zero.
+    /// `X [mm]` for `X`, `dx_mm` for `dx_um`. Otherwise the missing value would silently be taken as zero.
     pub(crate) fn refuse_lookalikes(&self) -> Result<(), InputError> {
         let is_there = |name: &str| self.table.names().any(|(_, found)| found == name);
         for found in self.unused() {
-            // `X_actual`, `X MCS` and `Xmm` are columns of X, whatever follows the letter.
+            // `X_actual`, `X MCS` and `Xmm` are columns of X; whatever follows the letter is ignored.
             let axis = axis_named_first(found).filter(|axis| {
                 let mut names = self.table.names().map(|(_, name)| name);
                 self.used.contains(&axis.to_string())
@@ -155,14 +155,14 @@ fn axis_named_first(head: &str) -> Option<AxisName> {
 pub(crate) enum RowKind {
     Points {
         frame: usize,
-        /// Point of the target for each tool; the empty name applies to any tool.
+        /// Index of the target's point for each tool; the empty name applies to any tool.
         targets: Vec<(String, Option<usize>)>,
     },
     Sphere {
         drift: usize,
     },
     Distance {
-        /// `None` if the length is between two poses.
+        /// Index of the point from which distances are measured; `None` if the length is between two poses.
         point: Option<usize>,
         dead: usize,
     },
@@ -186,7 +186,7 @@ pub(crate) struct ReadRows {
     pub(crate) has_tool: bool,
 }
 
-/// Maximum distance of a coordinate outside the travel, in travels; beyond it, it is not a pose of this machine.
+/// Maximum distance of a coordinate outside the travel, as a multiple of the travel; beyond it the pose belongs to another machine.
 const MAX_OVERTRAVEL: f64 = 1.0;
 const MAX_LISTED: usize = 5;
 
@@ -291,8 +291,8 @@ pub(crate) fn read_rows(
     Ok(ReadRows { rows, orders, has_order: order.is_some(), has_tool: tool.is_some() })
 }
 
-/// Rejects a number that no coordinate and no reading can have, at its place in the file: in an equation it would make all other rows look
-/// wrong.
+/// Rejects a number that no coordinate and no reading can have, with its cell: in an equation it would make all other rows look
+/// like outliers.
 fn refuse_absurd_numbers(columns: &Columns<'_>, row: &CsvRow<'_>) -> Result<(), InputError> {
     /// Maximum magnitude: 1000 km in mm, 1 km in µm.
     const MOST: f64 = 1e9;
@@ -332,7 +332,7 @@ fn shared_pose(rows: &[Row]) -> Option<String> {
     })
 }
 
-/// Note if readings in µm are all smaller than their uncertainty: they are either insignificant or in mm.
+/// Note if all readings in µm are below their uncertainty: they may be in mm.
 fn below_uncertainty(rows: &[Row]) -> Option<String> {
     let readings = rows.iter().filter_map(|row| {
         let largest_mm = match &row.reading {
@@ -419,7 +419,7 @@ fn read_pose(
     Ok(MachinePose { state: axes_state, tip_mm })
 }
 
-/// Tip of a tool of the machine file; a tool that only `target` names has the tip of `[tool]`.
+/// Tip of a tool of the machine file, mm; a tool that only the key `target` names has the tip of `[tool]`.
 fn tip_of(name: &str, kind: &RowKind, machine: &Machine) -> Result<Vector3<f64>, String> {
     if machine.tools().contains_key(name) {
         return machine.tip_of(name).map_err(|error| error.to_string());
@@ -472,7 +472,8 @@ enum ReadingColumns<'k> {
     },
     Ball {
         ball: Column,
-        /// Offsets of the tip along the row and to the sides. If the file has no such column, the tip was on the centre of the ball.
+        /// Columns of the offsets of the tip along the row and to the sides. A file without any of them is that of a touch probe, whose tip was at the
+        /// centre of the ball.
         offsets: [Option<Column>; 3],
         balls: usize,
         origin: usize,
@@ -641,7 +642,7 @@ fn pair(
     Ok(pair)
 }
 
-/// Tip minus ball, mm, as far as measured; all zero if there is no column for it.
+/// Tip minus ball, mm; `None` for components that are not measured, all zero if the file has no column for them.
 fn ball_offset(
     row: &CsvRow<'_>,
     columns: &[Option<Column>; 3],

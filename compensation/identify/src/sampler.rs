@@ -20,11 +20,11 @@ use crate::{
 #[derive(Clone, Debug)]
 pub struct MachineSampler {
     system: System,
-    /// Identified coefficients, µm and µrad.
+    /// Identified values of all coefficients, µm and µrad.
     found: Vec<f64>,
     /// Indices in `found` of the determined coefficients.
     determined: Vec<usize>,
-    /// Square root of their covariance, which is the product of this matrix and its transpose.
+    /// Square root of the covariance of the determined coefficients, which is the product of this matrix and its transpose.
     root: DMatrix<f64>,
 }
 
@@ -43,7 +43,7 @@ impl MachineSampler {
             return Err(IdentifyError::OtherObservations);
         }
         let mut coefficients = vec![0.0; system.unknowns.coefficients.len()];
-        // Columns of the covariance that belong to coefficients. Those of set-ups are omitted: their contribution is
+        // Columns of the covariance that belong to coefficients. Those of set-ups are left out: their contribution is
         // already in the variances of the others.
         let (mut places, mut columns) = (Vec::new(), Vec::new());
         let mut column = 0;
@@ -67,8 +67,7 @@ impl MachineSampler {
         })
     }
 
-    /// Returns one sample. Each `trial` of a `seed` is reproducible, independent of earlier
-    /// samples.
+    /// Returns the sample with the number `trial`. It depends only on `seed` and `trial`.
     ///
     /// # Errors
     ///

@@ -74,7 +74,7 @@ pub(crate) struct ObservationHeader<'a> {
     pub(crate) kind: Kind,
     pub(crate) file: &'a str,
     pub(crate) drift: usize,
-    /// Set if the rows are only predicted. A name then refers to the part of a fitted observation.
+    /// Whether the rows are only predicted. A name then refers to the part of a fitted observation.
     pub(crate) judge: bool,
 }
 
@@ -87,7 +87,7 @@ impl ObservationHeader<'_> {
         own.map(|(.., place)| *place).collect()
     }
 
-    /// The one part of a fitted observation that a judged one refers to by its name.
+    /// Index of the only part of a fitted observation that a judged one refers to by this name.
     fn fitted(&self, key: &str, name: &str, state: &ReadState) -> Result<usize, InputError> {
         self.only(key, name, self.places(key, name, state))
     }
@@ -177,7 +177,7 @@ pub(crate) fn frame(
     Ok(place)
 }
 
-/// Targets by tool; the empty name applies to every tool.
+/// Indices of the targets by tool; the empty name applies to every tool, `None` is the tip.
 pub(crate) fn targets(
     of: &ObservationHeader<'_>,
     state: &mut ReadState,
@@ -277,7 +277,7 @@ pub(crate) fn point_of(
     Ok(place)
 }
 
-/// A point of the set-up under a key; unknown if it is not stated.
+/// Index of a point of the set-up under a key; the point is unknown if the key states no coordinates.
 pub(crate) fn point(
     of: &ObservationHeader<'_>,
     key: &str,

@@ -1,17 +1,17 @@
 //! Unknown approach direction of an axis before its first move, which the file does not state.
 //!
-//! The axis had come from one side or the other, so that its errors were the mean of both directions plus or minus half
+//! The axis had approached from one side or the other, so its errors were the mean of both directions plus or minus half
 //! the reversal value, the same for all of these rows. That is one number for each run of the machine and each axis, of
 //! mean 0 and standard uncertainty 1, in units of half the reversal value. It is not a result: it is eliminated from
-//! the equations, which keeps their unknowns and makes them independent again (generalised least squares, A. C. Aitken,
-//! Proceedings of the Royal Society of Edinburgh 55, 1935). If the reversal value is unknown itself, each error has a
+//! the equations, which leaves the other unknowns unchanged and makes the equations independent again (generalised least squares,
+//! A. C. Aitken, Proceedings of the Royal Society of Edinburgh 55, 1935). If the reversal value is unknown itself, each error has a
 //! separate number, and half the reversal value is as large as identified, or as its uncertainty allows.
 
 use std::collections::BTreeMap;
 
 use volcomp_kinematics::nalgebra::{DMatrix, DVector};
 
-/// Key of a number: run, axis, and coefficient of an unknown reversal value.
+/// Run, axis, and coefficient of the unknown reversal value (`None` if the reversal value is known) to which a number belongs.
 pub(crate) type Key = (usize, usize, Option<usize>);
 
 #[derive(Clone, Debug, Default)]
@@ -41,7 +41,7 @@ impl Sides {
         }
     }
 
-    /// Columns of all numbers, or only of those of unknown reversal values, with `equations` rows.
+    /// Dense columns of all numbers, or only of those of unknown reversal values, with `equations` rows.
     pub(crate) fn columns(&self, equations: usize, of_unknown: bool) -> DMatrix<f64> {
         let selected = self.0.iter().filter(|(key, _)| !of_unknown || key.2.is_some());
         let columns: Vec<DVector<f64>> = selected
@@ -88,7 +88,8 @@ impl Sides {
         runs.into_values().map(of_run).collect()
     }
 
-    /// Eliminates the numbers: transforms the rows of a matrix, whose columns are unknowns or residuals, to independent readings of variance 1.
+    /// Eliminates the numbers: transforms a matrix, whose columns are derivatives or residuals, so that its rows belong to independent readings of
+    /// variance 1.
     pub(crate) fn eliminate(&self, matrix: &mut DMatrix<f64>) {
         for Run { equations, columns } in self.runs() {
             // (1 + G·Gᵀ)^(-1/2) from the eigenvectors of Gᵀ·G, which are few.
@@ -135,8 +136,6 @@ impl Sides {
 mod tests {
     use super::*;
 
-    /// Two runs, one with two numbers: the weighted squares equal those weighted by the inverse of the covariance 1 + G·Gᵀ,
-    /// also after the estimated values are removed.
     #[test]
     fn elimination_equals_the_full_covariance() {
         let mut sides = Sides::default();

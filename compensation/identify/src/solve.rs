@@ -1,4 +1,4 @@
-//! Gauss–Newton on the exact model, with or without penalties whose weights are chosen from the observations.
+//! Gauss–Newton search on the exact model, with or without penalties whose weights are chosen from the observations.
 
 use volcomp_kinematics::nalgebra::{DMatrix, DVector};
 
@@ -27,7 +27,7 @@ const CONVERGED_ROBUST: f64 = 1e-6;
 /// Convergence limit with penalties, whose weights are chosen as well, and for start values.
 const CONVERGED_ROUGH: f64 = 1e-2;
 const PENALTY_STEPS: usize = 3;
-/// Number of steps in which the reversal values of axes with unknown approach direction are sized.
+/// Number of steps in which the assumed reversal values of axes with unknown approach direction are updated.
 const SIDE_STEPS: usize = 4;
 /// Assumed maximum reversal value, µm or µrad, while it is not identified.
 const MAX_REVERSAL: f64 = 1e3;
@@ -35,7 +35,7 @@ const MAX_STEPS: usize = 60;
 const MAX_STEPS_ROBUST: usize = 400;
 /// Maximum multiple of a step in a search with robust weights.
 const MAX_STEP_FACTOR: f64 = 64.0;
-/// Maximum last step, in standard uncertainties, at which a robust search has converged after its last permitted step.
+/// Maximum last step, in standard uncertainties, at which a robust search counts as converged after its last permitted step.
 const SMALL_ROBUST: f64 = 1e-3;
 
 #[derive(Clone, Debug)]
@@ -43,13 +43,13 @@ pub(crate) struct Solution {
     pub(crate) values: Values,
     /// Covariance of the kept parameters, mm and rad.
     pub(crate) covariance: DMatrix<f64>,
-    /// The covariance for readings with the stated scatter, with penalties as weak as the
+    /// Covariance for readings with the stated scatter and penalties as weak as the
     /// observations allow.
     pub(crate) of_unit_variance: DMatrix<f64>,
-    /// Variance of a reading on which the covariance is based, relative to the stated one; 1 if the
+    /// Variance of a reading on which `covariance` is based, relative to the stated one; 1 if the
     /// covariance follows from the stated uncertainties alone.
     pub(crate) counted: f64,
-    /// Whether the covariance includes the residuals: with penalties, and with robust weights.
+    /// Whether `covariance` follows from the residuals: with penalties, and with robust weights.
     pub(crate) counts_residuals: bool,
     /// Variance of the residuals relative to the stated variance.
     pub(crate) variance: f64,
@@ -72,7 +72,7 @@ impl Solution {
         let freedom = (count - step.degrees).max(1.0);
         let counted =
             if search.robust { huber_variance(&left, step.degrees) } else { step.counted };
-        // The weights enlarged the covariance as if all readings had the mean weight.
+        // The weights enlarged the covariance as if all readings had the mean weight; this is reverted.
         let mean_weight = if search.robust {
             left.iter().map(|r| weight(*r)).sum::<f64>() / count.max(1.0)
         } else {
@@ -91,14 +91,14 @@ impl Solution {
         }
     }
 
-    /// Ratio of residuals to stated uncertainties, if it is significant: the variance of n readings scatters by √(2/n)
+    /// Ratio of residuals to stated uncertainties; `None` if chance explains it: the variance of n readings scatters by √(2/n)
     /// about 1. The uncertainties are too small by at least this ratio (R. T. Birge, Physical Review 40, 1932).
     pub(crate) fn excess(&self) -> Option<f64> {
         let by_chance = max_squares_by_chance(self.freedom) / self.freedom;
         (self.variance > by_chance).then(|| self.variance.sqrt())
     }
 
-    /// `excess` as a factor on the uncertainties of the covariance; 1 if the covariance already
+    /// Factor by which uncertainties from `covariance` must be multiplied because of [`Self::excess`]; 1 if the covariance already
     /// includes the residuals.
     pub(crate) fn excess_of_covariance(&self) -> f64 {
         let ratio = self.excess().filter(|_| !self.counts_residuals);
@@ -106,7 +106,7 @@ impl Solution {
     }
 }
 
-/// Largest sum of the squares of `freedom` numbers of variance 1 that chance explains.
+/// Largest sum of the squares of `freedom` numbers of variance 1 that is attributed to chance: four standard deviations above the mean.
 pub(crate) fn max_squares_by_chance(freedom: f64) -> f64 {
     const CHANCE: f64 = 4.0;
     freedom + CHANCE * (2.0 * freedom).sqrt()
@@ -162,7 +162,7 @@ pub(crate) fn solve(
             };
             return Ok(Solution::at(values, &equations, &sides, step, search));
         }
-        // Halved while the cost increases: far from the solution the equations are not linear yet.
+        // Halve the step while the cost increases: far from the solution the equations are not linear.
         let before = cost(&equations, &sides, robust);
         let to = |share: f64| {
             let step_by = spread(&step.by, kept, system.params.len(), share);
@@ -174,12 +174,12 @@ pub(crate) fn solve(
         };
         let mut share = 1.0;
         let (mut least, mut reached) = to(share);
-        // A step of the size of rounding errors is neither better nor worse.
+        // A cost that differs only by rounding is neither better nor worse.
         while least > before * (1.0 + 1e-9) + 1e-20 && share >= 1e-3 && !penalised {
             share *= 0.5;
             (least, reached) = to(share);
         }
-        // Robust weights follow the residuals slowly if many are larger than usual: then the step is extended.
+        // Robust weights follow the residuals slowly if many are large, so the step is extended.
         while robust && !penalised && (1.0..MAX_STEP_FACTOR).contains(&share) {
             let (cost, further) = to(2.0 * share);
             if cost >= least {
@@ -225,17 +225,17 @@ pub(crate) fn spread(
     all
 }
 
-/// Variance of a reading with which the covariance of least squares is that of Huber's estimate (P. J. Huber, Annals of
-/// Statistics 1, 1973: with his correction for the unknowns): the mean of ψ² divided by the squared mean of ψ'. It is
+/// Variance of a reading with which the covariance of least squares becomes that of Huber's estimate: the mean of ψ² divided by the squared
+/// mean of ψ', with the correction for the number of unknowns (P. J. Huber, Annals of Statistics 1, 1973). It is
 /// at least that of readings that scatter as stated.
 fn huber_variance(residuals: &DVector<f64>, degrees: f64) -> f64 {
-    /// Value for normal readings with the stated uncertainty: 1 divided by the efficiency of 95 %.
+    /// Variance for normal readings with the stated uncertainty: 1 divided by the efficiency of 95 %.
     const NORMAL: f64 = 1.0 / 0.95;
     let count = residuals.len() as f64;
     let psi = residuals.iter().map(|r| r.abs().min(HUBER).powi(2));
     let square = psi.sum::<f64>() / (count - degrees).max(1.0);
     let inside = residuals.iter().filter(|r| r.abs() <= HUBER).count();
-    // At least one: without a reading inside there is no slope, and no estimate either.
+    // At least one reading counts as inside, so that the slope is not zero.
     let slope = (inside as f64).max(1.0) / count.max(1.0);
     let correction = 1.0 + degrees / count.max(1.0) * (1.0 - slope) / slope;
     (correction * correction * square / (slope * slope)).max(NORMAL)
@@ -259,7 +259,7 @@ struct Step {
     by: DVector<f64>,
     sides: DVector<f64>,
     covariance: DMatrix<f64>,
-    /// Variance of a reading on which the covariance is based.
+    /// Variance of a reading on which `covariance` is based, relative to the stated one.
     counted: f64,
     square: f64,
     degrees: f64,

@@ -15,7 +15,7 @@ use crate::{
     system::{Rows, System},
 };
 
-/// Minimum number of rows that determine targets and a general matrix for the frame.
+/// Minimum number of rows from which targets and a general matrix for the frame are determined.
 const MIN_ROWS_FOR_MATRIX: usize = 6;
 
 pub(crate) fn start(
@@ -75,7 +75,7 @@ fn setup_only(
     Ok((residuals.iter().map(Vector3::norm).sum(), values))
 }
 
-/// Nominal tip of a row in workpiece axes, without the offset of a target, and its rotation.
+/// Nominal tip of a row, mm in workpiece axes and without the offset of a target, and its rotation.
 fn nominal(system: &System, row: &Row) -> (Vector3<f64>, Matrix3<f64>) {
     let chain = system.machine.chain();
     let rotation = chain.ideal_pose(&row.pose.state).rotation;
@@ -126,7 +126,7 @@ fn frames(
     is_other
 }
 
-/// Targets' offsets o from M·y + t = tip + R·o, linear in the nine numbers of M, in t and in o.
+/// Solves for the targets' offsets o from M·y + t = tip + R·o, which is linear in the nine numbers of M, in t and in o.
 fn targets_by_matrix(
     system: &System,
     observations: &Observations,
@@ -174,8 +174,7 @@ fn targets_by_matrix(
     true
 }
 
-/// Minimum-norm least squares, without directions whose singular value is a negligible fraction of
-/// the largest.
+/// Minimum-norm least-squares solution; singular values below 1e-9 of the largest count as zero.
 fn least_squares(matrix: DMatrix<f64>, right: &DVector<f64>) -> Option<DVector<f64>> {
     const HARDLY: f64 = 1e-9;
     let svd = matrix.svd(true, true);
@@ -243,8 +242,8 @@ fn points_of_spheres_and_bars(
     }
 }
 
-/// The point P and the dead length d with |a − P| = L + d, from |a|² − L² = 2 a·P + 2 L·d − (|P|² − d²), with a
-/// relative to the middle of all; of minimum norm if the tips lie in a plane.
+/// Point P and dead length d with |a − P| = L + d for each tip a and length L, from |a|² − L² = 2 a·P + 2 L·d − (|P|² − d²), with a
+/// relative to the mean of all tips; of minimum norm if the tips lie in a plane. `free`: d is unknown; otherwise it is `dead_mm`.
 fn trilateration(reaches: &[(Vector3<f64>, f64)], dead_mm: f64, free: bool) -> (Vector3<f64>, f64) {
     let middle = reaches.iter().map(|(tip, _)| tip).sum::<Vector3<f64>>() / reaches.len() as f64;
     let unknowns = if free { 5 } else { 4 };
@@ -279,8 +278,6 @@ fn trilateration(reaches: &[(Vector3<f64>, f64)], dead_mm: f64, free: bool) -> (
 mod tests {
     use super::*;
 
-    /// Tests a column that is the sum of two others except for rounding, in mm and in units a
-    /// million times as small or as large.
     #[test]
     fn rank_deficient_least_squares_has_minimum_norm_in_any_unit() {
         for scale in [1e-9, 1.0, 1e9] {

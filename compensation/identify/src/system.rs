@@ -25,15 +25,15 @@ pub(crate) struct System {
     pub(crate) unknowns: Unknowns,
     pub(crate) groups: usize,
     pub(crate) setup: SetUp,
-    /// Errors that follow unknowns: index of the coefficient, and the follower in mm and rad.
+    /// Errors that follow unknowns: index of the coefficient, and its follower.
     followers: Vec<(usize, Follower)>,
     /// Axis, component and coefficient of every location error that follows an unknown, and its change per unit.
     pub(crate) following_locations: Vec<(usize, usize, usize, f64)>,
 }
 
 impl System {
-    /// Whether the coefficient of a column is a convention if it is fixed at zero: the constant of a curve, or the
-    /// slope of a straightness. `None` for a column of a set-up.
+    /// Whether the coefficient of a column is fixed at zero by convention where nothing else determines it; see [`Unknowns::is_convention`].
+    /// `None` for a column of a set-up.
     pub(crate) fn is_convention(&self, column: usize) -> Option<bool> {
         match self.params.at(column) {
             Param::Coefficient(place) => Some(self.unknowns.is_convention(place)),
@@ -120,16 +120,17 @@ const SAME_POSE: f64 = 1e-6;
 #[derive(Clone, Debug)]
 pub(crate) struct PreparedPose {
     pub(crate) pose: MachinePose,
-    /// Coordinates, mm or deg; those of an axis with a `modulo` within one turn from 0.
+    /// Coordinates, mm or deg; an axis with a `modulo` has them within one turn, from 0.
     within_turn: [f64; MAX_AXES],
-    /// Known errors, with unknown location errors as zero.
+    /// Known errors, mm and rad; unknown location errors count as zero.
     pub(crate) known: Errors,
-    /// Axis, component, coefficient, and error per unit of the coefficient.
+    /// Effects of the coefficients at this pose: axis, component, coefficient, and error per unit of the coefficient.
     pub(crate) terms: Vec<(usize, usize, usize, f64)>,
     pub(crate) sides: Vec<UnknownSide>,
 }
 
-/// An axis whose approach direction is unknown, and the addition to its errors if it came in the positive direction.
+/// An axis whose approach direction is unknown, and the addition to its errors, relative to the mean of both directions, if it came in the
+/// positive direction.
 #[derive(Clone, Debug)]
 pub(crate) struct UnknownSide {
     pub(crate) axis: usize,
@@ -138,13 +139,13 @@ pub(crate) struct UnknownSide {
     pub(crate) unknown: Vec<(usize, usize)>,
 }
 
-/// Grid cells that can contain a pose with the same coordinates: one, and more if a coordinate is close to a border.
+/// Grid cells that may contain a pose with the same coordinates: one, or more if a coordinate is close to a border.
 /// Poses without a common cell differ.
 #[expect(clippy::cast_possible_truncation, reason = "a number beyond all cells is in the last one")]
 fn cells(at: &[f64; MAX_AXES]) -> Vec<[i64; MAX_AXES]> {
-    /// Cells are much wider than the tolerance on a pose, so that few poses are close to a border.
+    /// Width of a cell: much larger than the tolerance on a pose, so that few poses are close to a border.
     const WIDTH: f64 = 1e3 * SAME_POSE;
-    /// Offset of the borders: coordinates are usually round numbers, which must not lie on a border.
+    /// Offset of the borders in cells: coordinates are usually round numbers, which must not lie on a border.
     const BORDER: f64 = 0.381_966;
     let mut cells = vec![[0; MAX_AXES]];
     for (axis, at) in at.iter().enumerate() {
@@ -328,7 +329,7 @@ pub struct Follower {
     parameter: String,
     /// Value of the unknown with which the machine of the observations was built, in the unit of the parameter.
     value: f64,
-    /// A machine, and the same machine with the unknown larger by `by`, in the unit of the parameter.
+    /// A machine, and the same machine with the unknown increased by `by`, in the unit of the parameter.
     machines: [Machine; 2],
     by: f64,
 }
@@ -364,7 +365,7 @@ impl Follower {
         &self.parameter
     }
 
-    /// This follower for a machine with another value of the unknown, in the unit of the parameter.
+    /// Returns this follower for a machine that was built with another value of the unknown, in the unit of the parameter.
     #[must_use]
     pub fn with_value(self, value: f64) -> Self {
         Self { value, ..self }
@@ -419,7 +420,7 @@ impl System {
         Ok(self)
     }
 
-    /// Removes the contribution of the followed unknowns from the known errors of a prepared pose, and adds a term for each.
+    /// Removes the contribution of the followed unknowns from the known errors of a prepared pose, and adds a term for each follower.
     pub(crate) fn follow(&self, pose: &mut PreparedPose) {
         let none = Temperatures::default();
         let state: State = pose.pose.state;

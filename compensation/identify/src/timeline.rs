@@ -1,4 +1,4 @@
-//! Order of the rows: their time, and the approach direction of each axis.
+//! Order of the rows: their time for the drift, and the approach direction of each axis.
 
 use volcomp_kinematics::State;
 use volcomp_model::Machine;
@@ -21,7 +21,7 @@ fn frame_of(observation: &Observation) -> Option<usize> {
 }
 
 /// Sets time and approach direction of every row. Files with the column `order` and the same frame form one run; each
-/// of the others is a separate run. The rows of a judged file use the time scale of the fitted ones.
+/// other file is a separate run. The rows of a judged file use the time scale of the fitted ones.
 pub(crate) fn set_times(
     mut timed: Vec<OrderedObservation>,
     machine: &Machine,
@@ -86,7 +86,7 @@ pub(crate) fn set_times(
         for (_, index, row) in places {
             let row: &mut Row = &mut timed[index].observation.rows[row];
             row.run = Some(first);
-            // The directions of these poses are set by the rows that name them.
+            // The directions of these poses are set where the rows are read, from the order in which the poses are listed.
             if let RowReading::Pair { .. } = row.reading {
                 continue;
             }
@@ -96,7 +96,7 @@ pub(crate) fn set_times(
     timed.into_iter().map(|timed| timed.observation).collect()
 }
 
-/// Travel of an axis. For a periodic axis it is the shorter way, which may pass the end of the
+/// Displacement of an axis; for a periodic axis that of the shorter way, which may pass the end of the
 /// period.
 fn shortest_travel(travelled: f64, period: Option<f64>) -> f64 {
     match period {
@@ -108,9 +108,9 @@ fn shortest_travel(travelled: f64, period: Option<f64>) -> f64 {
     }
 }
 
-/// Approach direction of each axis, over poses in their order. A reversal counts after travel beyond [`TURNED_AFTER`]
+/// Tracks the approach direction of each axis over successive poses. A reversal counts after travel beyond [`TURNED_AFTER`]
 /// or [`TURNED_AFTER_ROTARY`] from the last turning point. An axis with `modulo` takes the shorter way: from 270 to 0
-/// deg it continues.
+/// deg it continues in the positive direction.
 #[derive(Clone, Debug, Default)]
 pub struct Approach {
     /// Last turning point of each axis, mm or rad.

@@ -2,15 +2,15 @@
 
 use volcomp_kinematics::nalgebra::DMatrix;
 
-/// Number of columns that are reflected one by one.
+/// Number of columns in a block, which are reflected one by one.
 const BLOCK: usize = 16;
 
-/// Upper triangular R with RᵀR = AᵀA, with a row for each column of A; zero rows are added to a matrix with fewer rows.
+/// Upper triangular R with RᵀR = AᵀA, with one row for each column of A; zero rows are added to a matrix with fewer rows.
 ///
 /// Block Gram–Schmidt, with Householder reflections within a block: every block is removed from the columns after it by an
-/// orthogonal projection, also if it has less than full rank. R is therefore as accurate as that of Householder
+/// orthogonal projection, also if it is rank-deficient. R is therefore as accurate as that of Householder
 /// reflections (Å. Björck, C. C. Paige, SIAM Journal on Matrix Analysis and Applications 13, 1992). Q is never formed:
-/// a column after those of A receives Qᵀ times its values.
+/// to get Qᵀb, append b to A as another column.
 pub(crate) fn triangle(matrix: DMatrix<f64>) -> DMatrix<f64> {
     let count = matrix.ncols();
     let rows = matrix.nrows().max(count);
@@ -52,7 +52,7 @@ pub(crate) fn inverse(triangle: &DMatrix<f64>) -> Option<DMatrix<f64>> {
 mod tests {
     use super::*;
 
-    /// Columns of very different lengths with a `share` of their own, dependent in threes if it is 0.
+    /// Columns of very different lengths, with an independent part of relative size `share`; each third one depends on others if it is 0.
     fn matrix(rows: usize, columns: usize, share: f64) -> DMatrix<f64> {
         let number = |row: usize, column: usize| {
             let seed = (7919 * row + 104_729 * column) as f64;
@@ -64,8 +64,6 @@ mod tests {
         })
     }
 
-    /// More columns than two blocks, fewer rows than columns, one block, one column, none; dependent and nearly
-    /// dependent columns, and columns of zeros.
     #[test]
     fn the_triangle_has_the_products_of_the_columns() {
         for (rows, columns) in [(200, 75), (75, 75), (40, 75), (9, 3), (5, 1), (4, 0)] {

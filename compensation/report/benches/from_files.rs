@@ -25,7 +25,7 @@ use volcomp_vocabulary::Direction;
 
 const MACHINE: &str = "name = \"bench\"\nstructure = \"w X' b Y Z t\"\n[axes]\nX.travel = [0, 8000]\nY.travel = [0, 4000]\nZ.travel = [0, 2500]\n";
 
-/// A positioning test over this travel with deterministic noise.
+/// Measurement file of a positioning test over this travel, with deterministic noise.
 fn table(targets: u32, runs: u32, travel_mm: f64, seed: u32) -> String {
     let mut text = "target mm,run,direction,deviation um\n".to_owned();
     for run in 1..=runs {
@@ -45,7 +45,7 @@ fn written(folder: &Path, name: &str, text: &str) {
     fs::write(folder.join(name), text).expect("written");
 }
 
-/// All errors of the machine in this number of files, with their calibration file.
+/// Folder with a machine, a calibration file and this number of measurement files, of different errors.
 fn folder_of(files: usize, targets: u32) -> tempfile::TempDir {
     let folder = tempfile::tempdir().expect("a folder");
     written(folder.path(), "machine.toml", MACHINE);
@@ -83,7 +83,7 @@ fn large_test(criterion: &mut Criterion) {
         criterion.bench_function(&format!("evaluate, {targets} targets x 10 runs"), |b| {
             b.iter(|| evaluate(black_box(&measurement)));
         });
-        // Reading and fitting, with everything else that a calibration does.
+        // Reading, fitting, and everything else that a calibration does.
         let folder = tempfile::tempdir().expect("a folder");
         written(folder.path(), "machine.toml", MACHINE);
         written(folder.path(), "x.csv", &text);
@@ -105,7 +105,7 @@ fn large_test(criterion: &mut Criterion) {
     }
 }
 
-/// How often the steps are taken in turn; once without `cargo bench`, to see that they run.
+/// Number of rounds; one without `cargo bench`, to test that the steps run.
 fn rounds() -> usize {
     let is_measured = std::env::args().any(|argument| argument == "--bench");
     if is_measured { 15 } else { 1 }

@@ -16,7 +16,7 @@ use crate::{
 };
 
 impl Report {
-    /// The report of a calibration; `source` is its file name.
+    /// Creates the report of a calibration; `source` is its file name.
     pub fn of_calibration(
         source: &str,
         file: &CalibrationFile,
@@ -62,7 +62,7 @@ impl Report {
         report
     }
 
-    /// The report of an identification; `source` is the name of the file of observations.
+    /// Creates the report of an identification; `source` is the name of the file of observations.
     pub fn of_observations(
         source: &str,
         observations: &Observations,
@@ -92,7 +92,7 @@ impl Report {
         report
     }
 
-    /// The report of a machine by its file, without measurements.
+    /// Creates the report of a machine from its file, without measurements.
     pub fn of_machine(source: &str, machine: &Machine, stated: &Stated) -> Self {
         let mut report = Self::of_statements(source, machine, stated);
         if report.knows_errors() {
@@ -146,7 +146,7 @@ impl Report {
     }
 }
 
-/// The standard uncertainty of a squareness: the value stated in the calibration file, otherwise
+/// Standard uncertainty of a squareness, µrad: the value stated in the calibration file, otherwise
 /// the uncertainty of the lines and of the reference square. `None` if the angle is the sum of
 /// several location errors, because no single one has that uncertainty.
 fn of_square(file: &CalibrationFile, calibration: &Calibration, error: ErrorName) -> Option<f64> {
@@ -186,7 +186,7 @@ fn one_direction(machine: &Machine) -> Option<String> {
     })
 }
 
-/// The contributions in a calibration file; `None` if there are none.
+/// Uncertainty contributions stated in a calibration file; `None` if there are none.
 fn stated_uncertainty(file: &CalibrationFile) -> Option<Uncertainty> {
     let of = &file.uncertainty;
     let all = [

@@ -11,7 +11,7 @@ use crate::report::{Band, Branch, Curve, CurveLine, FitNumbers, Residual, Run};
 
 const POINTS: usize = 241;
 
-/// All errors of a machine that have a curve: the fitted ones in the order of the calibration, then those of the machine file.
+/// Curves of all errors of a machine: the fitted ones in the order of the calibration, then those of the machine file.
 pub(crate) fn curves(file: &CalibrationFile, calibration: &Calibration) -> Vec<Curve> {
     let machine = &calibration.machine;
     let mut names: Vec<ErrorName> = Vec::new();
@@ -73,7 +73,7 @@ fn of_error(
     Some(curve)
 }
 
-/// A band around a curve, without points that linear interpolation reproduces.
+/// Band around a curve, without the points that linear interpolation reproduces.
 fn about(value: impl Fn(f64) -> f64, found: &volcomp_fit::Band) -> Band {
     let mut band = Band { x: Vec::new(), low: Vec::new(), high: Vec::new(), source: found.source };
     let all: Vec<[f64; 3]> = (found.at.iter().zip(&found.half_width))
@@ -99,7 +99,7 @@ fn about(value: impl Fn(f64) -> f64, found: &volcomp_fit::Band) -> Band {
     band
 }
 
-/// Whether both edges of a band at a point are on the lines between two other points, within a hundredth of its width.
+/// Whether both edges of a band at the point `at` are within a hundredth of its width from the straight line between `from` and `to`.
 fn is_on(from: [f64; 3], to: [f64; 3], at: [f64; 3]) -> bool {
     let share = (at[0] - from[0]) / (to[0] - from[0]);
     let allowed = 0.01 * (at[2] - at[1]);
@@ -109,7 +109,7 @@ fn is_on(from: [f64; 3], to: [f64; 3], at: [f64; 3]) -> bool {
     })
 }
 
-/// The curve of an error, without readings.
+/// Curve of an error from the machine file, without readings.
 fn bare(machine: &Machine, error: ErrorName) -> Option<Curve> {
     let axis = machine.axis(error.axis)?;
     let range = machine.range_of(error)?;
@@ -143,7 +143,7 @@ fn bare(machine: &Machine, error: ErrorName) -> Option<Curve> {
     })
 }
 
-/// An error of a machine over the coordinate of its axis, with all other axes at 0.
+/// Value of an error as a function of the coordinate of its axis (mm or deg), with all other axes at 0.
 fn curve_of(
     machine: &Machine,
     error: ErrorName,
@@ -184,7 +184,7 @@ fn numbers(fit: &FittedCurve) -> FitNumbers {
     }
 }
 
-/// The readings of a line, shifted like their means to the curve.
+/// Readings of a line, shifted by the same offset as their means.
 fn of_line(file: &CalibrationFile, fitted: &FittedLine) -> CurveLine {
     let means = fitted.points.clone();
     let Some(line) = fitted.line.and_then(|line| file.measurements.get(line)) else {

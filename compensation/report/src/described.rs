@@ -1,7 +1,7 @@
 use volcomp_metrology::MotionKind;
 use volcomp_vocabulary::{AxisKind, ErrorName};
 
-/// The description of an error: `straightness deviation of X in Y`.
+/// Description of an error, such as `straightness deviation of X in Y`; empty if the name is invalid.
 pub(crate) fn described(error: &str) -> String {
     let Ok(name) = error.parse::<ErrorName>() else {
         return String::new();

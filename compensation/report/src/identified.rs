@@ -42,7 +42,7 @@ pub(crate) fn identified(found: &Identification) -> Identified {
     }
 }
 
-/// A note on the unknowns that the observations do not determine, which leave their errors undecided.
+/// Note on the unknowns that the observations do not determine, which leave their errors undecided; `None` without any.
 pub(crate) fn left_open(found: &Identified) -> Option<String> {
     let open: Vec<&str> = found.left_open().collect();
     (!open.is_empty())

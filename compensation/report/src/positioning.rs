@@ -17,7 +17,7 @@ pub(crate) fn positioning(file: &CalibrationFile, edition: Edition) -> Vec<Posit
     });
     let test = |line: &Line| {
         let error = line.setup.error;
-        // Lines that cannot be evaluated cannot be calibrated either.
+        // Lines that cannot be evaluated are skipped; they cannot be calibrated either.
         let result = evaluate(&line.readings).ok()?;
         Some(Positioning {
             file: line.file.display().to_string(),
@@ -34,7 +34,7 @@ pub(crate) fn positioning(file: &CalibrationFile, edition: Edition) -> Vec<Posit
     tests.filter_map(test).collect()
 }
 
-/// The uncertainties of the figures, from the contributions of the instrument in the calibration file: the scale contribution is
+/// Expanded uncertainties of the figures, from the contributions of the instrument in the calibration file: the scale contribution is
 /// proportional to the length, the other applies to each reading. Both are common to all readings at a target, and cancel in B and R.
 fn uncertainties(file: &CalibrationFile, line: &Line) -> Vec<FigureUncertainty> {
     let of = &file.uncertainty;
@@ -43,7 +43,7 @@ fn uncertainties(file: &CalibrationFile, line: &Line) -> Vec<FigureUncertainty> 
     let travel = ends.map_or(0.0, |(first, last)| last - first);
     let positive = |standard: f64| (standard > 0.0).then_some(2.0 * standard);
     let (inputs, length) = if line.setup.error.component.is_angular() {
-        // In µrad, independent of the length.
+        // The reading uncertainty of an angle is in µrad and independent of the length.
         let device_um = positive(of.reading_urad);
         (UncertaintyInputs { device_um, ..UncertaintyInputs::default() }, 1.0)
     } else {
@@ -69,7 +69,7 @@ fn uncertainties(file: &CalibrationFile, line: &Line) -> Vec<FigureUncertainty> 
 }
 
 impl Positioning {
-    /// A figure by its symbol in ISO 230-2 or VDI/DGQ 3441; `None` if the runs do not determine it.
+    /// Value of a figure by its symbol in ISO 230-2 or VDI/DGQ 3441; `None` if the runs do not determine it.
     pub fn figure(&self, symbol: &str) -> Option<f64> {
         let iso = Edition::default().quantities(&self.result);
         let vdi = Vdi3441::quantities(self.vdi.as_ref());
@@ -77,7 +77,7 @@ impl Positioning {
         found.value
     }
 
-    /// The expanded uncertainty of a figure; `None` if the file has no contribution to it.
+    /// Expanded uncertainty of a figure; `None` if the calibration file states no contribution to it.
     pub fn uncertainty(&self, symbol: &str) -> Option<f64> {
         let found = self.uncertainties.iter().find(|of| of.symbol == symbol);
         found.map(|of| of.expanded)

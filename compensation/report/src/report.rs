@@ -5,7 +5,7 @@ use volcomp_fit::BandSource;
 use volcomp_metrology::{Iso230Part2, Vdi3441, Verdict};
 use volcomp_vocabulary::{Direction, ErrorName};
 
-/// Symbol of the largest error of the tool tip over poses of all axes after best-fit rigid-body alignment of the workpiece.
+/// Symbol of the largest error of the tool tip over poses of all axes, after best-fit rigid-body alignment of the workpiece.
 pub const VOLUME: &str = "V";
 
 /// A report of a calibration, an identification or a machine file.
@@ -13,7 +13,7 @@ pub const VOLUME: &str = "V";
 pub struct Report {
     /// Machine, date, operator, instrument.
     pub head: Head,
-    /// The figures that have a tolerance.
+    /// Figures that have a tolerance, with their verdicts.
     pub checks: Vec<Check>,
     /// Warnings, shown before any number.
     pub warnings: Vec<Warning>,
@@ -31,18 +31,18 @@ pub struct Report {
     pub volume: Option<Volume>,
     /// The uncertainty of the volumetric error.
     pub uncertainty: Option<Uncertainty>,
-    /// The errors that were not measured, each with its possible effect.
+    /// Sentences on the errors that were not measured, with their possible effect.
     pub not_measured: Vec<String>,
-    /// Number of errors of the structure without a value, which count as 0.
+    /// Number of errors of the machine's structure without a value; they count as 0.
     pub count_as_0: usize,
-    /// Errors that the measurements do not determine: curves that do not follow their readings,
-    /// contradictory lines, unknowns that the observations leave open, and observations that the
+    /// Names of errors that the measurements do not determine: curves that do not follow their readings,
+    /// contradictory lines, unknowns that the observations do not determine, and observations that the
     /// unknowns do not explain.
     pub undecided: Vec<String>,
-    /// Files with the readings of one run, of whose scatter nothing is known: no uncertainty counts it.
+    /// Files with a single run, whose scatter is unknown and therefore in no uncertainty.
     #[serde(default)]
     pub without_scatter: Vec<String>,
-    /// The errors whose curves cover only part of the travel.
+    /// Names of the errors whose curves cover only part of the travel.
     pub partly_measured: Vec<String>,
     /// Whether axes have assembly errors, so that a squareness or location differs from its location error.
     pub has_assembly: bool,
@@ -53,7 +53,7 @@ pub struct Report {
 }
 
 impl Report {
-    /// The sentence of a report whose tolerances are all met, without a full stop.
+    /// Sentence of a report whose tolerances are all met, without a full stop.
     pub fn all_met(&self) -> String {
         let met = "all stated tolerances are met";
         match self.count_as_0 {
@@ -67,7 +67,7 @@ impl Report {
 /// Machine, date, operator, instrument; `None` if neither a file nor an option has the value.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Head {
-    /// The file from which the report is made.
+    /// Name of the file from which the report is made.
     pub source: String,
     /// Name of the machine, from the caller or the measurement files.
     pub machine: Option<String>,
@@ -75,7 +75,7 @@ pub struct Head {
     pub serial: Option<String>,
     /// Date of the measurement, as written in the file or option.
     pub date: Option<String>,
-    /// The person who measured.
+    /// Name of the person who measured.
     pub operator: Option<String>,
     /// Name of the measuring instrument.
     pub instrument: Option<String>,
@@ -89,7 +89,7 @@ pub struct Head {
     pub air_degc: Option<[f64; 2]>,
     /// Minimum and maximum material temperature, °C.
     pub material_degc: Option<[f64; 2]>,
-    /// The structure code of the machine.
+    /// Structure code of the machine, such as `w X' b Y Z t`.
     pub structure: String,
     /// Travel of every axis of the machine.
     pub axes: Vec<AxisTravel>,
@@ -121,17 +121,17 @@ pub struct SourceFile {
     pub targets: usize,
     /// Number of runs forward and backward; `None` for observations.
     pub runs: Option<[usize; 2]>,
-    /// The date stated in the file.
+    /// Date stated in the file.
     pub date: Option<String>,
 }
 
-/// What a figure refers to.
+/// Subject of a figure and what its value lacks.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum CheckOf {
-    /// The symbol defines the subject.
+    /// The subject follows from the symbol.
     Symbol,
-    /// Only the measured errors; other errors were not measured.
+    /// The measured errors alone; other errors were not measured.
     MeasuredAlone,
     /// An error over the part of the travel that its curve covers.
     Part,
@@ -139,7 +139,7 @@ pub enum CheckOf {
     NotConfirmed,
     /// A figure whose uncertainty lacks the scatter of a file with one run.
     ScatterUnknown,
-    /// The figure is the residual after correction; figures of tests are of the uncorrected
+    /// The residual after correction; figures of tests are of the uncorrected
     /// machine.
     Corrected,
     /// The machine at the reference temperature, without its thermal terms.
@@ -153,7 +153,7 @@ pub enum CheckOf {
     },
 }
 
-/// Writes the subject; empty if the symbol suffices.
+/// Formats the subject; empty if the symbol suffices.
 impl core::fmt::Display for CheckOf {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         match self {
@@ -189,7 +189,7 @@ pub struct Check {
 }
 
 impl Check {
-    /// Why a figure has no uncertainty: that of `V` is evaluated only on request, whatever is stated.
+    /// Reason why a figure has no uncertainty. That of `V` is evaluated only on request.
     pub(crate) fn without_uncertainty(&self) -> &'static str {
         if self.symbol == VOLUME {
             "uncertainty not evaluated: --trials"
@@ -199,7 +199,7 @@ impl Check {
     }
 }
 
-/// Writes a line such as `V of the measured errors alone: 3.13 ± 0.40 µm, allowed 5.00 µm: pass`.
+/// Formats a line such as `V of the measured errors alone: 3.13 ± 0.40 µm, allowed 5.00 µm: pass`.
 impl core::fmt::Display for Check {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         let unit = &self.unit;
@@ -220,7 +220,7 @@ impl core::fmt::Display for Check {
     }
 }
 
-/// The kind of a warning, most severe first.
+/// Kind of a warning, most severe first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum WarningKind {
@@ -254,11 +254,11 @@ pub struct Curve {
     pub error: String,
     /// The moving axis.
     pub axis: String,
-    /// `mm` or `deg`.
+    /// Unit of the coordinates: `mm` or `deg`.
     pub x_unit: String,
-    /// `µm` or `µrad`.
+    /// Unit of the values: `µm` or `µrad`.
     pub unit: String,
-    /// The travel of the axis.
+    /// Ends of the travel of the axis, mm or deg.
     pub travel: [f64; 2],
     /// The measured lines; empty if the curve comes from the machine file.
     pub lines: Vec<CurveLine>,
@@ -270,36 +270,36 @@ pub struct Curve {
     pub has_other_axes: bool,
 }
 
-/// One measured line, shifted to its curve.
+/// Readings of one measured line, shifted to its curve.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct CurveLine {
-    /// The file; `None` if the error was derived from several other lines.
+    /// Name of the file; `None` if the error was derived from several lines.
     pub file: Option<String>,
     /// Single runs; empty if only means are known.
     pub runs: Vec<Run>,
-    /// Mean readings forward and backward: targets and deviations.
+    /// Mean readings forward and backward: target and deviation.
     pub means: [Vec<(f64, f64)>; 2],
 }
 
-/// One run: targets and deviations, targets ascending.
+/// Readings of one run.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Run {
     /// The direction of travel.
     pub direction: Direction,
-    /// Number of the run among the runs of its direction.
+    /// Number of the run among the runs of its direction, from 1.
     pub number: u32,
-    /// Targets and deviations.
+    /// Target and deviation of each reading, targets ascending.
     pub points: Vec<(f64, f64)>,
 }
 
 /// A curve, and its residuals.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Branch {
-    /// The direction; `None`: both.
+    /// Direction for which the curve holds; `None`: both.
     pub direction: Option<Direction>,
-    /// The curve over the travel: coordinates and values.
+    /// Coordinate and value of each point of the curve over the travel.
     pub points: Vec<(f64, f64)>,
-    /// Residuals at the targets: mean readings minus curve.
+    /// Target and residual of each mean reading: reading minus curve.
     pub residuals: Vec<(f64, f64)>,
     /// Confidence band.
     pub band: Option<Band>,
@@ -316,7 +316,7 @@ pub struct Band {
     pub low: Vec<f64>,
     /// Upper limit at each coordinate.
     pub high: Vec<f64>,
-    /// The resampling method for the band.
+    /// Resampling method from which the band follows.
     pub source: BandSource,
 }
 
@@ -325,17 +325,17 @@ pub struct Band {
 pub struct FitNumbers {
     /// The kind of curve, named as in the machine file.
     pub kind: String,
-    /// Number of mean readings.
+    /// Number of mean readings that were fitted.
     pub readings: usize,
     /// Statistics of the readings minus the curve.
     pub residual: Residual,
-    /// The leave-one-out error; `None` if a reading cannot be predicted from the others.
+    /// RMS error of predicting each reading from the others; `None` if a reading cannot be predicted.
     pub leave_one_out: Option<f64>,
-    /// Maximum difference of the curves, forward − backward.
+    /// Maximum difference between the forward and the backward curve, forward − backward.
     pub reversal: Option<f64>,
 }
 
-/// Residuals of a fit: readings minus curve.
+/// Statistics of the residuals of a fit: readings minus curve.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Residual {
     /// Smallest residual, with its sign.
@@ -353,17 +353,17 @@ pub struct Positioning {
     pub file: String,
     /// The measured error.
     pub error: String,
-    /// `mm` or `deg`.
+    /// Unit of the targets: `mm` or `deg`.
     pub x_unit: String,
-    /// `µm` or `µrad`.
+    /// Unit of the readings: `µm` or `µrad`.
     pub unit: String,
     /// All runs, with raw readings.
     pub runs: Vec<Run>,
-    /// The year of the edition of ISO 230-2.
+    /// Year of the edition of ISO 230-2 by which the test was evaluated.
     pub edition: u16,
-    /// Quantities by ISO 230-2.
+    /// Results by ISO 230-2.
     pub result: Iso230Part2,
-    /// The figures of VDI/DGQ 3441; `None` if it cannot be evaluated.
+    /// Results by VDI/DGQ 3441; `None` if the test cannot be evaluated by it.
     pub vdi: Option<Vdi3441>,
     /// Uncertainties of the figures, from the contributions stated in the calibration file.
     pub uncertainties: Vec<FigureUncertainty>,
@@ -387,7 +387,7 @@ pub struct Square {
     pub second: String,
     /// Angle between the axes minus 90°, µrad.
     pub angle_urad: f64,
-    /// The location errors that contribute to the squareness.
+    /// Location errors that add up to the squareness.
     pub from: Vec<Tilt>,
     /// Whether the angle was measured in this calibration; otherwise it comes from the machine file.
     pub measured: bool,
@@ -400,7 +400,7 @@ pub struct Tilt {
     pub error: String,
     /// Value of the location error, µrad.
     pub urad: f64,
-    /// Standard uncertainty from the stated contributions and the slopes of the lines, µrad, with Student's t; `None` without any.
+    /// Standard uncertainty from the stated contributions and the slopes of the lines, with Student's t, µrad; `None` without any contribution.
     pub uncertainty: Option<f64>,
 }
 
@@ -413,7 +413,7 @@ pub struct Location {
     pub value: f64,
     /// `µm` or `µrad`.
     pub unit: String,
-    /// Standard uncertainty (k = 1) from the calibration file.
+    /// Standard uncertainty (k = 1) from the calibration file; `None` if it states none.
     pub uncertainty: Option<f64>,
 }
 
@@ -421,13 +421,13 @@ pub struct Location {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum State {
-    /// The errors identified by this calibration.
+    /// The machine of this report: the identified errors, or those of its machine file.
     Found,
-    /// The machine file given as the state before.
+    /// The machine file that the user stated as the state before compensation.
     GivenBefore,
-    /// The machine file given as the truth, without correction.
+    /// The machine file that the user stated as the truth, without correction.
     Truth,
-    /// The truth with the correction by the machine of this report.
+    /// The stated truth, corrected by the machine of this report.
     TruthCorrected,
 }
 
@@ -445,16 +445,16 @@ pub struct OfState<T> {
 pub struct Diagonals {
     /// The state before compensation, or the only known one.
     pub before: OfState<Vec<Diagonal>>,
-    /// The state after compensation.
+    /// The state after compensation; `None` if it is not known.
     pub after: Option<OfState<Vec<Diagonal>>>,
 }
 
 /// Deviations along one body diagonal.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Diagonal {
-    /// `PPP`, `NPP`, `PNP`, `PPN`.
+    /// Name by ISO 230-6: `PPP`, `NPP`, `PNP` or `PPN`.
     pub name: String,
-    /// Positions along the diagonal (mm) and deviations (µm).
+    /// Distance along the diagonal (mm) and deviation (µm) of each target.
     pub points: Vec<(f64, f64)>,
     /// Maximum minus minimum deviation, µm.
     pub range_um: f64,
@@ -465,13 +465,13 @@ pub struct Diagonal {
 pub struct Volume {
     /// The state before compensation, or the only known one.
     pub before: OfState<Size>,
-    /// The state after compensation.
+    /// The state after compensation; `None` if it is not known.
     pub after: Option<OfState<Size>>,
-    /// Whether a machine has thermal terms, which are not included.
+    /// Whether the machine has thermal terms; they are not included.
     pub has_thermal: bool,
     /// Whether curves of the machine of the last state cover only part of the travel.
     pub is_partly_measured: bool,
-    /// The undetermined errors of the machine of the last state.
+    /// Names of the undetermined errors of the machine of the last state.
     pub undecided: Vec<String>,
     /// Whether the machine of the last state has any error.
     pub knows_errors: bool,
@@ -480,11 +480,11 @@ pub struct Volume {
     pub slices: Vec<Slice>,
     /// The ends of the travels of X, Y and Z, mm; both 0 for a missing axis.
     pub travels_mm: [[f64; 2]; 3],
-    /// Positions in space with the error of each state.
+    /// Error vectors of each state at positions in the working space.
     pub vectors: Vec<Vector>,
-    /// Number of poses of all axes over which the workpiece was aligned.
+    /// Number of poses of all axes at which the error was evaluated for the alignment of the workpiece.
     pub poses: usize,
-    /// The axes that do not move in the maps and vectors, and their coordinates.
+    /// Axes at fixed coordinates in the maps and vectors.
     pub standing: Vec<Standing>,
 }
 
@@ -497,27 +497,27 @@ pub struct Standing {
     pub at: f64,
 }
 
-/// The volumetric error over poses of all axes.
+/// Size of the volumetric error over poses of all axes.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Size {
     /// Largest error of the tip before alignment, µm.
     pub max_um: f64,
-    /// Root mean square before alignment, µm.
+    /// Root mean square of the error of the tip before alignment, µm.
     pub rms_um: f64,
     /// Largest error of the tip after best-fit rigid-body alignment of the workpiece, µm.
     pub form_max_um: f64,
-    /// Root mean square after alignment, µm.
+    /// Root mean square of the error of the tip after alignment, µm.
     pub form_rms_um: f64,
     /// Largest tilt of the tool axis after alignment, µrad.
     pub tilt_urad: f64,
-    /// The pose of the largest error of the tip after alignment.
+    /// Pose with the largest error of the tip after alignment.
     pub at: Vec<Standing>,
-    /// The tool with the largest error after alignment; empty: the tool in the spindle.
+    /// Name of the tool with the largest error after alignment; empty: the tool in the spindle.
     pub tool: String,
 }
 
 impl Size {
-    /// The pose and the tool of the largest error of the tip, such as `X 500.0, C 90.0, T5`.
+    /// Formats pose and tool of the largest error of the tip, such as `X 500.0, C 90.0, T5`.
     pub fn place(&self) -> String {
         let pose = place(&self.at);
         if self.tool.is_empty() { pose } else { format!("{pose}, {}", self.tool) }
@@ -538,49 +538,49 @@ pub struct Slice {
     pub across: String,
     /// Axis drawn upwards.
     pub up: String,
-    /// The axis that does not move; `None` on a machine without a third axis, and for a map over rotary axes.
+    /// Axis at the fixed coordinate of the plane; `None` on a machine without a third axis, and for a map over rotary axes.
     pub held: Option<Standing>,
-    /// Positions of the nodes on the axis to the right, mm or deg.
+    /// Nodes on the axis to the right, mm or deg, ascending.
     pub x: Vec<f64>,
-    /// Positions of the nodes on the upward axis, mm or deg.
+    /// Nodes on the upward axis, mm or deg, ascending.
     pub y: Vec<f64>,
-    /// The magnitude of the error before compensation, µm; the axis to the right varies fastest.
+    /// Magnitude of the error before compensation at each node, µm; the axis to the right varies fastest.
     pub before_um: Vec<f64>,
-    /// The magnitude of the error after compensation, µm.
+    /// Magnitude of the error after compensation at each node, µm; `None` without such a state.
     pub after_um: Option<Vec<f64>>,
-    /// Positions in the plane with the error of each state; none for a map over rotary axes.
+    /// Error vectors at positions in the plane; empty for a map over rotary axes.
     #[serde(default)]
     pub vectors: Vec<Vector>,
 }
 
-/// The errors at a position, after alignment of the workpiece.
+/// Error vectors at a position, after alignment of the workpiece.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Vector {
     /// Position in the working space, mm.
     pub at_mm: [f64; 3],
     /// The error before compensation, µm.
     pub before_um: [f64; 3],
-    /// The error after compensation, µm.
+    /// The error after compensation, µm; `None` without such a state.
     pub after_um: Option<[f64; 3]>,
 }
 
 /// Uncertainty of the volumetric error.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Uncertainty {
-    /// Result of the Monte Carlo simulation; `None` without one.
+    /// Result of the Monte Carlo simulation; `None` if none was requested.
     pub drawn: Option<Drawn>,
-    /// Contributions in the calibration file.
+    /// Contributions stated in the calibration file.
     pub stated: Vec<Contribution>,
     /// Sentences on contributions that are not included.
     pub not_counted: Vec<String>,
 }
 
-/// A contribution to the uncertainty, from the calibration file.
+/// Contribution to the uncertainty, as stated in the calibration file.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Contribution {
     /// Key of the contribution in `[uncertainty]`.
     pub key: String,
-    /// The standard uncertainty (k = 1).
+    /// Standard uncertainty (k = 1), in `unit`.
     pub standard: f64,
     /// The unit: `µm/m`, `µm` or `µrad`.
     pub unit: String,
@@ -597,7 +597,7 @@ pub struct Drawn {
     pub rms_um: f64,
     /// Maximum standard uncertainty (k = 1) of the position error over these poses, µm.
     pub max_um: f64,
-    /// The pose of the maximum.
+    /// Pose with the largest standard uncertainty.
     pub at: Vec<Standing>,
 }
 
@@ -608,23 +608,23 @@ pub struct Identified {
     pub parameters: Vec<Parameter>,
     /// Number of independent combinations of the unknowns that the observations determine.
     pub rank: usize,
-    /// Number of unknowns that affect the observations.
+    /// Number of unknowns that are not zero by convention.
     pub of: usize,
-    /// Observability of the determined unknowns: 1 is best.
+    /// Ratio of the smallest to the largest singular value of the determined unknowns: 0 to 1, 1 is best.
     pub score: f64,
-    /// Factor by which the uncertainties exceed the computed ones, from the residual of the rows.
+    /// Factor by which the uncertainties exceed those from the stated uncertainties alone, because of the residuals.
     pub excess: f64,
-    /// Residual of the fitted rows.
+    /// Residuals of the fitted rows.
     pub residual: Left,
-    /// Residual of rows that were left out of the fit.
+    /// Residuals of rows omitted from the fit (cross-validation); `None`: not computed.
     pub left_out: Option<Left>,
-    /// Residual of rows that were predicted and not fitted.
+    /// Residuals of rows that were only predicted; `None` without such rows.
     pub judged: Option<Left>,
-    /// Combinations of unknowns that do not affect the observations.
+    /// Combinations of unknowns without effect on the observations.
     pub null_space: Vec<Vec<Weighted>>,
-    /// Unknowns that are zero by convention.
+    /// Names of unknowns that are zero by convention.
     pub redundant: Vec<String>,
-    /// Description of the pose that would reduce the uncertainty most.
+    /// Description of the pose whose measurement would reduce the uncertainty most; `None` if nothing is uncertain.
     pub next: Option<String>,
 }
 
@@ -634,7 +634,7 @@ impl Identified {
         all.filter(move |of| of.name.split(' ').next() == Some(error))
     }
 
-    /// Whether the observations leave an error open: one of its coefficients is undetermined, or
+    /// Whether the observations leave an error undetermined: one of its coefficients is undetermined, or
     /// its value holds only if an undetermined coefficient is zero.
     pub fn leaves_open(&self, error: &str) -> bool {
         self.of_error(error).any(|of| {
@@ -643,7 +643,7 @@ impl Identified {
         })
     }
 
-    /// The undetermined coefficients that are not zero by convention.
+    /// Names of the undetermined coefficients that are not zero by convention.
     pub fn left_open(&self) -> impl Iterator<Item = &str> {
         let open = self.parameters.iter().filter(|of| of.uncertainty.is_none());
         let names = open.map(|of| of.name.as_str());
@@ -654,10 +654,10 @@ impl Identified {
     }
 }
 
-/// Residuals of a model over rows of observations.
+/// Size of the residuals of rows of observations.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Left {
-    /// The root mean square, µm.
+    /// Root mean square, µm.
     pub rms_um: f64,
     /// Maximum, µm.
     pub max_um: f64,
@@ -665,7 +665,7 @@ pub struct Left {
     pub rows: usize,
 }
 
-/// One unknown, with its weight, of a combination of unknowns that does not affect the observations.
+/// Unknown with its weight in a combination without effect on the observations.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Weighted {
     /// Name of the unknown.
@@ -674,7 +674,7 @@ pub struct Weighted {
     pub weight: f64,
 }
 
-/// One unknown.
+/// Result for one unknown.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Parameter {
     /// Name of the unknown, such as `ECZ legendre 1`.
@@ -685,6 +685,6 @@ pub struct Parameter {
     pub uncertainty: Option<f64>,
     /// Unit of value and uncertainty.
     pub unit: String,
-    /// The unknowns that must be zero for this value to be valid.
+    /// Names of the unknowns that must be zero for this value to hold.
     pub given_zero: Vec<String>,
 }

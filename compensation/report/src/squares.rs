@@ -10,9 +10,9 @@ use crate::report::{Location, Square, Tilt};
 const PAIRS: [[AxisName; 2]; 3] =
     [[AxisName::X, AxisName::Y], [AxisName::Y, AxisName::Z], [AxisName::X, AxisName::Z]];
 
-/// The angles between the linear axes by the location errors of a machine. `measured` returns
+/// Angles between the linear axes from the location errors of a machine. `measured` returns
 /// whether the calibration determined the angle of a pair, `uncertainty` the standard uncertainty
-/// of an error.
+/// of an error, µrad.
 pub(crate) fn squares(
     machine: &Machine,
     measured: impl Fn([AxisName; 2]) -> bool,

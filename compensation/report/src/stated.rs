@@ -1,4 +1,4 @@
-//! The header of a report: from the files, overridden by the caller.
+//! Header data of a report that the caller states; they override those of the files.
 
 use volcomp_metrology::{Edition, Environment, Measurement, Metadata, StartEnd};
 use volcomp_model::Machine;
@@ -22,7 +22,7 @@ pub struct Stated {
     pub serial: Option<String>,
     /// Date of the measurement, instead of that in the files.
     pub date: Option<String>,
-    /// The person who measured.
+    /// Name of the person who measured.
     pub operator: Option<String>,
     /// Name of the measuring instrument.
     pub instrument: Option<String>,

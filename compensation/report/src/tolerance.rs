@@ -49,15 +49,15 @@ fn is_of(test: &Positioning, of: Option<&str>) -> bool {
     of.is_none_or(|of| test.error == of || axis().is_ok_and(|axis| axis == of))
 }
 
-/// The positioning tests to which a tolerance applies: of its error, of its axis, or all. A test
-/// that has a more specific tolerance for the same symbol is excluded.
+/// Positioning tests to which a tolerance applies: that of its error, those of its axis, or all. A test
+/// with a more specific tolerance for the same symbol is excluded.
 fn tests_of<'r>(
     report: &'r Report,
     tolerances: &[Tolerance],
     tolerance: &Tolerance,
 ) -> Vec<&'r Positioning> {
     let (of, symbol) = parts(&tolerance.symbol);
-    // An axis name has one letter; an error name has more.
+    // The name of an axis has one letter, that of an error more.
     let narrowness = |of: Option<&str>| of.map_or(0, str::len);
     let has_narrower = |test: &Positioning| {
         tolerances.iter().any(|other| {
@@ -115,7 +115,7 @@ pub fn checks(report: &Report, tolerances: &[Tolerance]) -> Vec<Check> {
             let value = value.filter(|value| value.is_finite());
             let uncertainty = u.filter(|_| value.is_some());
             let outcome = match decide(value, tolerance.limit, uncertainty) {
-                // At another temperature the figure differs, and an undetermined error or an unknown
+                // At another temperature the figure would differ, and an undetermined error or an unknown
                 // scatter may have any size.
                 Verdict::Pass
                     if matches!(
@@ -151,16 +151,16 @@ pub fn checks(report: &Report, tolerances: &[Tolerance]) -> Vec<Check> {
         } else if symbol == VOLUME {
             let volume = report.volume.as_ref();
             let last = volume.map(|volume| volume.after.as_ref().unwrap_or(&volume.before));
-            // The Monte Carlo samples belong to the identified errors.
+            // The Monte Carlo samples are those of the identified errors.
             let found = last.filter(|last| last.state == State::Found);
             let drawn = report
                 .uncertainty
                 .as_ref()
                 .and_then(|all| all.drawn.as_ref())
                 .filter(|_| found.is_some());
-            // Without any known uncertainty the samples are equal.
+            // If no uncertainty is known, all samples are equal.
             let u = drawn.map(|drawn| 2.0 * drawn.max_um).filter(|u| *u > 0.0);
-            // Without any known error of the machine there is no verdict.
+            // If no error of the machine is known, there is no verdict.
             let value = last.filter(|last| match last.state {
                 State::Found => report.knows_errors(),
                 _ => volume.is_some_and(|volume| volume.knows_errors),
@@ -210,7 +210,7 @@ fn of_error_on(report: &Report, error: ErrorName) -> CheckOf {
     }
 }
 
-/// The size of an error, and its expanded uncertainty (k = 2) if contributions are known.
+/// Size of an error and its expanded uncertainty (k = 2); `None` if it is not determined, or if no contribution is known.
 fn of_error(report: &Report, name: &str) -> (Option<f64>, Option<f64>) {
     let found = report.identified.as_ref();
     if found.is_some_and(|of| of.leaves_open(name)) {
@@ -235,7 +235,7 @@ fn of_error(report: &Report, name: &str) -> (Option<f64>, Option<f64>) {
     let mut squares = report.squareness.iter();
     let square = squares.find_map(|square| {
         let of = square.from.iter().find(|from| from.error == name);
-        // The angle of the pair may belong to its other axis.
+        // The angle of the pair may be assigned to its other axis.
         of.map(|from| (square, from.urad.abs().max(square.angle_urad.abs())))
     });
     if let Some((square, value)) = square {
@@ -249,7 +249,7 @@ fn of_error(report: &Report, name: &str) -> (Option<f64>, Option<f64>) {
     (value, u.filter(|_| value.is_some()).map(|u| 2.0 * u))
 }
 
-/// The smallest and the largest mean reading, each with its position; `None` with too few targets for two readings to differ (for a
+/// Smallest and largest mean reading, each with its position; `None` if there are too few targets for two readings to differ (for a
 /// straightness after removal of the fitted line).
 fn extremes(curve: &Curve) -> Option<[(f64, f64); 2]> {
     let means = curve.lines.iter().flat_map(|line| line.means.iter().flatten());
@@ -273,8 +273,8 @@ fn stated(report: &Report, key: &str) -> Option<f64> {
     stated.find(|of| of.key == key).map(|of| of.standard)
 }
 
-/// The standard uncertainty of the range of mean readings: that of two readings and, for a length, of the scale over their distance
-/// `apart`. `None` without contributions, and for curves derived from other readings (summed tilts, other errors).
+/// Standard uncertainty of the range of mean readings: that of two readings and, for a length, of the scale over the distance
+/// `apart` between them, mm. `None` without contributions, and for curves derived from other readings (summed tilts, other errors).
 fn of_range(report: &Report, curve: &Curve, apart: f64) -> Option<f64> {
     let direct = |line: &crate::report::CurveLine| !line.runs.is_empty();
     if !curve.lines.iter().all(direct) {
@@ -294,7 +294,7 @@ fn of_range(report: &Report, curve: &Curve, apart: f64) -> Option<f64> {
     Some(of_readings.hypot(of_scale))
 }
 
-/// The standard uncertainty of a squareness: from the identification if the squareness was
+/// Standard uncertainty of a squareness, µrad: from the identification if the squareness was
 /// identified, otherwise from its straightness lines and reference angle.
 fn of_square(report: &Report, square: &Square, name: &str) -> Option<f64> {
     let mut from = square.from.iter();

@@ -13,14 +13,14 @@ use crate::report::{Drawn, OfState, Size, Slice, Standing, State, Vector, Volume
 const CELLS: usize = 25;
 const VECTORS: usize = 5;
 
-/// The error at a pose: position (mm) and rotation (rad) in workpiece axes.
+/// Error of a machine at a pose: position (mm), then rotation (rad), in workpiece axes.
 pub type ErrorAt<'a> = &'a dyn Fn(&Pose) -> [f64; 6];
 
-/// The volumetric error of a machine in one or two states, before and after a compensation: its
+/// Evaluates the volumetric error of a machine in one or two states, before and after a compensation: its
 /// size over poses of all axes, and maps over the working space with the other axes at `others` (mm
 /// or deg). `judged` is the machine that has the errors of the last state. Each state has one error
-/// field per tool, and their common [`volumetric`](volcomp_model::volumetric) error; the maps use the first. `None` for a machine that lacks two of the axes X, Y and
-/// Z.
+/// field per tool, and their common [`volumetric`](volcomp_model::volumetric) error; the maps show the first field. `None` for a machine
+/// that lacks two of the axes X, Y and Z.
 ///
 /// # Errors
 /// The errors of [`Machine::state`] for `others`.
@@ -73,7 +73,7 @@ pub fn volume(
     }))
 }
 
-/// The axes that do not move over the working space, and their coordinates.
+/// Axes other than X, Y and Z, which do not move in the maps, with their coordinates.
 fn standing(machine: &Machine, others: &[(AxisName, f64)]) -> Vec<Standing> {
     let moved = [AxisName::X, AxisName::Y, AxisName::Z];
     let stand = machine.axes().iter().filter(|axis| !moved.contains(&axis.name));
@@ -86,7 +86,7 @@ fn standing(machine: &Machine, others: &[(AxisName, f64)]) -> Vec<Standing> {
         .collect()
 }
 
-/// The coordinates of a pose, mm and deg.
+/// Coordinates of all axes at a pose, mm and deg.
 fn standing_at(machine: &Machine, pose: &Pose) -> Vec<Standing> {
     let axes = machine.axes().iter().zip(&pose.q);
     axes.map(|(axis, q)| Standing {
@@ -110,7 +110,7 @@ impl Beside<'_> {
     }
 }
 
-/// The coordinates of a node, in the order X, Y, Z.
+/// Coordinates of a node in the order X, Y, Z; 0 for a missing axis.
 fn by_axis(grid: &MapGrid, place: [f64; 3]) -> [f64; 3] {
     let mut at = [0.0; 3];
     for (name, coordinate) in grid.axes.iter().zip(place) {
@@ -217,7 +217,7 @@ fn slices(
     Ok(found)
 }
 
-/// Whether a node of a plane has a vector: evenly spaced ones, away from the edges.
+/// Whether a node of a plane has an error vector: nodes are evenly spaced and away from the edges.
 fn is_of_vector(node: usize) -> bool {
     let step = CELLS / VECTORS;
     node % step == step / 2
@@ -242,7 +242,7 @@ pub fn tools(machine: &Machine) -> Result<Vec<(&str, Machine)>, ModelError> {
     Ok(tools)
 }
 
-/// The standard uncertainty of the position error over poses of all axes and the extreme tools, from Monte Carlo
+/// Standard uncertainty of the position error over poses of all axes and the extreme tools, from Monte Carlo
 /// samples; `None` for a machine without any of the axes X, Y and Z.
 ///
 /// # Errors
@@ -262,7 +262,7 @@ pub fn uncertainty(
     for pose in poses_of_all_axes(machine)?.into_iter().take(UNCERTAINTY_POSES) {
         let own = machine.chain().ideal_tip_mm(&pose);
         for (_, with_tool) in &tools {
-            // The lever with which the rotations of a sample move this tool's tip.
+            // Lever arm about which the rotations of a sample move the tip of this tool.
             let lever_mm = with_tool.chain().ideal_tip_mm(&pose) - own;
             let error = Vector3::from(ensemble.uncertainty_of(|drawn| {
                 let [x, y, z, a, b, c] = drawn.evaluate(&pose).into_six();

@@ -101,7 +101,7 @@ pub(crate) fn of_calibration(
     all
 }
 
-/// Warning on a material temperature that the caller states.
+/// Warning if the stated material temperature is far from 20 °C.
 fn material([low, high]: [f64; 2]) -> Option<String> {
     let farthest = (low - REFERENCE_DEGC).abs().max((high - REFERENCE_DEGC).abs());
     (farthest > MATERIAL_WITHIN_K).then(|| {

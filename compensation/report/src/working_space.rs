@@ -15,8 +15,9 @@ use crate::{
 };
 
 impl Report {
-    /// Adds the body diagonals and the volumetric error of `machine` without correction, over the tools of its file; with `before`, an earlier
-    /// machine file of the same geometry, also its own. Returns the note on thermal terms, which are not included.
+    /// Adds the body diagonals and the volumetric error of `machine` without correction, over the tools of its file. `before` is an earlier
+    /// machine file of the same geometry, whose diagonals and error are added as the state before. Returns the note on thermal terms, which are
+    /// not included.
     ///
     /// # Errors
     /// A machine whose errors cannot be evaluated.
@@ -65,7 +66,7 @@ impl Report {
         Ok(self.leave_out_temperatures(machine.thermal().reference_degc, machines))
     }
 
-    /// Records that the thermal terms of these machines are not included, which makes a figure within its tolerance undecided. Returns the
+    /// Records that the thermal terms of these machines are not included, so that a figure within its tolerance is undecided. Returns the
     /// note; `None` for machines without thermal terms.
     pub fn leave_out_temperatures<'a>(
         &mut self,
@@ -100,7 +101,7 @@ fn errors(machine: &Machine) -> impl Fn(&Pose) -> [f64; 6] {
     }
 }
 
-/// The errors of each tool; the curves of both machines contribute, so that both are searched at the same poses.
+/// Error fields of each tool. The curves of both machines determine the sampled poses, so that both are evaluated at the same ones.
 fn fields<'a>(
     tools: &'a [(&'a str, Machine)],
     earlier: &'a [Machine],
@@ -116,8 +117,8 @@ fn fields<'a>(
     .collect()
 }
 
-/// The body diagonals of a machine with the errors of `actual`, other axes at `others` (mm or deg); `command` returns the commanded pose of
-/// a target. `None` for a machine that lacks one of the axes X, Y and Z.
+/// Evaluates the body diagonals of a machine with the errors of `actual`, other axes at `others` (mm or deg). `command` returns the commanded
+/// pose of a target. `None` for a machine that lacks one of the axes X, Y and Z.
 ///
 /// # Errors
 /// The errors of [`Machine::state`] for `others`.

@@ -12,7 +12,7 @@ axes = { X.travel = [0, 800], Y.travel = [0, 500], Z.travel = [0, 400] }
 errors = { EXX = { poly = [0, 0.02] }, EYX = 12.0, EZY = { poly = [0, 0, 1e-4] } }";
 const PERIOD: Duration = Duration::from_millis(4);
 
-/// A control with three axes that moves to one position.
+/// A control with three axes at one position.
 fn control(clock: &Clock) -> impl Controller + 'static {
     let axis = |name| Axis {
         name,

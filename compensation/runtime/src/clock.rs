@@ -23,7 +23,7 @@ pub(crate) struct Deadlines {
 }
 
 impl Deadlines {
-    /// Deadlines from one period after now.
+    /// Creates deadlines of which the first is one period from now.
     pub(crate) fn new(period: Duration) -> Self {
         Self { next: monotonic().saturating_add(period), period }
     }
@@ -47,8 +47,8 @@ impl Deadlines {
     }
 }
 
-/// Wakes at the deadlines of a control thread and reports the time, the wake-up latency and the number of missed periods, to measure the
-/// computer's share of the cycle time.
+/// Sleeps to each deadline like a control thread, for the time `during`. Reports time, wake-up latency and number of missed periods, to
+/// measure the computer's share of the cycle time.
 pub fn tick(period: Duration, during: Duration, report: &mut dyn FnMut(Duration, Duration, u32)) {
     let begun = monotonic();
     let mut deadlines = Deadlines::new(period);
@@ -75,7 +75,6 @@ fn timespec(time: Duration) -> Timespec {
 mod tests {
     use super::*;
 
-    /// Deadlines stay on their grid.
     #[test]
     fn an_overrun_skips_to_the_next_period() {
         let ms = Duration::from_millis;

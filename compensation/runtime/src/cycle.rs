@@ -30,10 +30,10 @@ use crate::{
     standby::STANDBY_INTERVAL,
 };
 
-/// Durations of the parts of a cycle.
+/// Durations of the parts of one cycle.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct CycleDurations {
-    /// Time of the exchanges with controllers.
+    /// Time spent in exchanges with controllers.
     pub exchange: Duration,
     /// Compute time of the thread, by its CPU clock.
     pub own: Duration,
@@ -41,17 +41,17 @@ pub struct CycleDurations {
 
 const STANDBY_SILENT: Duration = Duration::from_secs(2);
 
-/// Outputs are kept for one to two windows, which is longer than three readings of a standby path plus a write in transit.
+/// Outputs are remembered for one to two windows, which is longer than three readings of a standby path plus a write in transit.
 const WINDOW: Duration = Duration::from_millis(500);
 
 #[derive(Clone, Copy, Debug, Default)]
 struct StandbyCheck {
     begun: Duration,
-    /// Smallest and largest output of each machine axis in this window, then in the previous one.
+    /// Smallest and largest output of each machine axis, in this window and in the previous one.
     ranges: [[PerAxis<f64>; 2]; 2],
-    /// Paths whose last confirmed correction differed from the output.
+    /// Whether the last confirmed correction of each path differed from every recent output.
     holds: [bool; MAX_PATHS],
-    /// Path that should become active while its thread still holds the controller.
+    /// Path that is to become active while its thread still holds the controller.
     wanted: Option<usize>,
 }
 
@@ -68,7 +68,7 @@ impl StandbyCheck {
         }
     }
 
-    /// Whether the output of a machine axis was at this value within the two windows.
+    /// Whether the output of a machine axis had this value within the two windows, to one step.
     fn has_passed(&self, axis: usize, value: f64, step: f64) -> bool {
         let low = self.ranges[0][0][axis].min(self.ranges[1][0][axis]);
         let high = self.ranges[0][1][axis].max(self.ranges[1][1][axis]);
@@ -76,7 +76,7 @@ impl StandbyCheck {
     }
 
     /// Whether a path reports a correction that differs from every recent output. All paths lead to
-    /// the same axes, so each should report a recent output.
+    /// the same axes, so each must report a recent output.
     fn reports_other_correction(&self, path: &ControlPath, confirmed: &Confirmed) -> bool {
         let limits = path.limits();
         (0..limits.count).any(|i| {
@@ -106,25 +106,25 @@ pub struct Cycle {
     checks: PerAxis<PositionCheck>,
     sensors: Sensors,
     degraded: bool,
-    /// Whether no path has a correction from before the start, according to the stored state or to
-    /// the operator's confirmation.
+    /// Whether no path has a correction from before the start, according to the stored state or the
+    /// operator's confirmation.
     left_nothing: bool,
     /// Time of the last cycle with an interlock.
     stopped: Duration,
     standby: StandbyCheck,
     lag: Lag,
-    /// Commanded position in this cycle; `None` while a position is unknown.
+    /// Commanded position in this cycle; `None` while a position is unknown, implausible or too old.
     commanded: Option<State>,
     last: Option<Duration>,
     start: Instant,
-    /// A clock advanced by a test.
+    /// Clock advanced by a test; `None`: the system's.
     clock: Option<Clock>,
     period: Duration,
     report: Report,
 }
 
 impl Cycle {
-    /// A cycle over these paths in order of preference. A preferred path takes over again once it has been usable for `hand_back`.
+    /// Creates a cycle over these paths in order of preference. A preferred path takes over again once it has been usable for `hand_back`.
     ///
     /// # Errors
     /// [`PlanError::Paths`]: no path, or more than [`MAX_PATHS`](volcomp_guard::MAX_PATHS). [`PlanError::Period`]: a path was planned for
@@ -187,7 +187,7 @@ impl Cycle {
         })
     }
 
-    /// Adds controllers from which only positions of further axes are read. In reports they follow the paths.
+    /// Adds controllers that only report positions of further axes. In reports they follow the paths.
     ///
     /// # Errors
     /// [`PlanError::Paths`]: more than [`MAX_PATHS`](volcomp_guard::MAX_PATHS) together with the paths.
@@ -233,7 +233,7 @@ impl Cycle {
         }
     }
 
-    /// Restores the interlock that a controller, by its index in the reports, showed when the program ended: only the same controller or the
+    /// Restores the interlock that the controller with this index in the reports showed when the program ended. Only the same controller or the
     /// operator can clear it.
     pub fn restore_interlock(&mut self, index: usize, interlock: Interlock) {
         self.interlocks.restore(index, interlock);
@@ -264,7 +264,7 @@ impl Cycle {
         &self.report
     }
 
-    /// The descriptions of the controllers: first of the paths in order, then of the read-only
+    /// Descriptions of the controllers: those of the paths in order, then those of the read-only
     /// controllers.
     pub fn descriptions(&self) -> impl Iterator<Item = &Description> {
         let readers = self.readers.iter().map(PositionReader::description);
@@ -283,7 +283,7 @@ impl Cycle {
         self.clock.clone().unwrap_or_else(system)
     }
 
-    /// Start of the cycle's time.
+    /// Instant at which the cycle's time is zero.
     pub fn start(&self) -> Instant {
         self.start
     }
@@ -299,7 +299,7 @@ impl Cycle {
         replacement.carry_over(&self.model);
         std::mem::swap(&mut self.model, replacement);
         self.lag.forget();
-        // The range of valid positions depends on the model, so the next position is judged by the range alone. A position that has jumped
+        // The range of valid positions depends on the model, so the next position is checked against the range alone. A position that has jumped
         // stays rejected.
         let axes = self.model.axes.len();
         for (index, check) in self.checks.iter_mut().enumerate().take(axes) {
@@ -314,7 +314,7 @@ impl Cycle {
             path.fit_to(&self.model);
         }
         let limits = self.paths[self.selector.active()].limits();
-        // Only the test shifts can differ from accepted limits, so the guard accepts these.
+        // Only the test shifts can differ from limits that the guard has accepted before.
         let _ = self.guard.set_limits(limits);
         Ok(())
     }
@@ -349,9 +349,9 @@ impl Cycle {
         self.report.overruns += missed;
     }
 
-    /// Handles an acknowledgement. During an interlock or a fault it confirms these, and, if the
-    /// fault was caused by an unknown correction left on the active path, that correction.
-    /// Otherwise it confirms jumped sensors and the corrections left on any path.
+    /// Handles an acknowledgement. During an interlock or a fault it confirms only these and the
+    /// correction left on the active path. Otherwise it confirms jumped sensors and the corrections
+    /// left on all paths.
     fn acknowledge(&mut self, since_start: Duration, input: &CycleInput) {
         let is_fault = matches!(self.guard.state(), GuardState::Faulted(_))
             || input.forbids.contains(Reasons::FAULTED_BEFORE);
@@ -369,7 +369,7 @@ impl Cycle {
         }
     }
 
-    /// Runs one cycle, which began at `now`. `own_clock` returns the CPU time of the thread.
+    /// Runs one cycle, which began at `now`. `own_clock` returns the CPU time used by the thread.
     pub fn run(
         &mut self,
         now: Instant,
@@ -391,7 +391,7 @@ impl Cycle {
         let mut own = Duration::ZERO;
         if switched {
             own = own_clock().saturating_sub(computes);
-            // The last reading of the path was made on standby, and may be several readings old.
+            // The last reading of a new active path was made on standby, and may be several cycles old.
             let active = self.selector.active();
             let deadline = self.instant() + self.paths[active].exchange_time_out();
             self.read(active, deadline, since_start);
@@ -438,10 +438,10 @@ impl Cycle {
         self.interlocks.update(index, path.interlock());
     }
 
-    /// Updates temperatures, thermal lags and model. Runs in every cycle, because rarely executed code finds cold caches and makes cycles long.
+    /// Updates temperatures, thermal lags and model. Runs in every cycle: rarely executed code has cold caches and would make single cycles long.
     fn thermal(&mut self, since_start: Duration, passed: Duration) {
         self.sensors.read(since_start, self.start, &mut self.report.sensors);
-        // A pause of the program must not let a sensor count as missing.
+        // After a pause of the program, sensors must not count as missing.
         let dt = passed.min(self.period * 5);
         self.degraded = self.model.warm(dt, passed.saturating_sub(dt), &self.report.sensors);
     }
@@ -455,7 +455,7 @@ impl Cycle {
             Some(clock) => clock.elapsed(),
             None => since_start + begun.elapsed(),
         };
-        // A test's clock may be far from the system's, so the deadline is on the same clock as the age.
+        // A test's clock may be far from the system's, so the deadline uses the same clock as the age.
         let at = self.instant();
         let path = &mut self.paths[self.selector.active()];
         let left = self.guard.time_to_send(now);
@@ -478,8 +478,8 @@ impl Cycle {
         }
     }
 
-    /// The machine position for the path at `index`: per axis its own position, else that of a read-only controller, else a fresh position
-    /// of another path, else the configured fixed position.
+    /// Combines the machine position for the path at `index`: for each axis its own position, else that of a read-only controller, else a fresh
+    /// position of another path, else the configured fixed position.
     fn machine_position(&self, index: usize, now: Duration) -> MachinePosition {
         let path = &self.paths[index];
         let mut place = MachinePosition::default();
@@ -507,7 +507,7 @@ impl Cycle {
         place
     }
 
-    /// Whether a path could correct now (`usable`), and whether it could take over now (`ready`).
+    /// Whether a path could correct now (`usable`), and whether it could become active now (`ready`).
     fn health(&self, index: usize, now: Duration) -> PathHealth {
         let path = &self.paths[index];
         let place = self.machine_position(index, now);
@@ -527,7 +527,7 @@ impl Cycle {
         }
     }
 
-    /// Whether the applied correction will be known when this path writes: either the control
+    /// Whether the applied correction will be known when this path writes: either its control
     /// reports it for all axes that the active path wrote, or the active path cannot have left a
     /// correction.
     fn is_ready(&self, index: usize, now: Duration) -> bool {
@@ -551,12 +551,12 @@ impl Cycle {
             };
         };
         let by_itself = before.read_back.zero_after_last_write(&before.limits());
-        // During an interlock a control holds the applied correction.
+        // During an interlock a control holds the applied correction, so the time to zero counts from its end.
         let since = sent.max(self.stopped);
         by_itself.is_some_and(|wait| now.saturating_sub(since) > wait)
     }
 
-    /// Selects the active path. Returns why a preferred path may not take over, and whether the path changed.
+    /// Selects the active path. Returns the reason why a preferred path may not take over, and whether the path changed.
     fn select(&mut self, now: Duration) -> (Reasons, bool) {
         let state = self.guard.state();
         if !self.interlocks.reasons().is_empty() {
@@ -585,7 +585,7 @@ impl Cycle {
         }
         self.standby.wanted = (choice.blocked && !is_left).then_some(choice.preferred);
         if choice.switched {
-            // A barrier at zero has also dropped the correction that it received over lines.
+            // A barrier at zero has also dropped the correction that it received over digital lines.
             let released = self.paths[before].read_back_status().scheme == Scheme::Barrier;
             self.paths[choice.active].read_back.take_over(now, released);
             let (path, left) = (&self.paths[choice.active], &self.paths[before]);
@@ -596,8 +596,8 @@ impl Cycle {
         (blocked, choice.switched)
     }
 
-    /// The correction by the model at a position, mm and rad; `None` while a position is unknown. `applied` is the correction on the axes,
-    /// in machine order.
+    /// Correction that the model requests at a position, mm and rad, with reasons; `None` while a position is unknown or rejected. `applied` is the
+    /// correction on the axes, in machine order.
     fn wanted(
         &mut self,
         place: &MachinePosition,
@@ -609,7 +609,7 @@ impl Cycle {
         }
         (self.report.positions, self.report.known) = (place.positions, place.known);
         let refused = self.judge(place);
-        // Also while a position is rejected, because the other axes may reverse meanwhile.
+        // Runs also while a position is rejected, because the other axes may reverse meanwhile.
         self.approach(&mut state, place);
         if !refused.is_empty() {
             self.commanded = None;
@@ -638,8 +638,8 @@ impl Cycle {
         (Some(wanted), notes)
     }
 
-    /// Whether positions are implausible, and the reason. While disarmed, the next position is
-    /// accepted without comparison.
+    /// Checks the positions for plausibility; returns the reasons to reject them. While disarmed, the next position is
+    /// accepted without comparison to the previous one.
     fn judge(&mut self, place: &MachinePosition) -> Reasons {
         (self.report.outside_travel, self.report.jumped) = (0, 0);
         self.report.not_believed = 0;
@@ -687,7 +687,7 @@ impl Cycle {
         });
         let lost = |then: Duration| now.saturating_sub(then) > path.limits().zero_after;
         if place.oldest.is_some_and(lost) {
-            // Positions of this age are not reported as current.
+            // Positions this old are not reported as current.
             self.report.known = 0;
             self.report.wanted = PerAxis::ZERO;
             self.commanded = None;
@@ -706,7 +706,7 @@ impl Cycle {
             |place: usize| path.corrects(place) && path.limits().test_shift[place] == 0.0;
         let unproven = (0..path.count()).any(unproven);
         if !self.guard.state().is_armed() || place.oldest.is_none_or(lost) {
-            // There is no correction to reduce.
+            // A correction of zero cannot be reduced.
             notes = notes.without(Reasons::REDUCED_BY_AGE);
         }
         output.reasons |= notes | path.notes | Reasons::NOT_PROVEN.when(unproven);
@@ -737,8 +737,8 @@ impl Cycle {
         self.lag.reduction(&input, age, now)
     }
 
-    /// Updates the direction of approach of each axis, from positions without correction that are not rejected. After a gap in them that
-    /// is longer than positions may be held, the direction is unknown.
+    /// Updates the direction of approach of each axis from its position, unless that is unknown or rejected. After a gap
+    /// longer than positions may be held, the direction is unknown.
     fn approach(&mut self, state: &mut State, place: &MachinePosition) {
         let axes = self.model.axes.len();
         let hold = self.guard.limits().hold;
@@ -748,7 +748,7 @@ impl Cycle {
                 continue;
             }
             memory.forget_after(hold, place.taken[index]);
-            // The threshold of the coarsest controller that reports the axis; an axis at a fixed position does not reverse.
+            // Reversal threshold: the largest of the controllers that report the axis; an axis at a fixed position does not reverse.
             let paths = self.paths.iter().map(|path| &path.reported);
             let readers = self.readers.iter().map(|reader| &reader.reported);
             let thresholds = paths.chain(readers).filter_map(|seen| seen.reversal_of(index));
@@ -868,7 +868,7 @@ impl Cycle {
     }
 }
 
-/// The model's correction in the axis order of a path; zero for axes that do not correct. A
+/// Converts the model's correction to the axis order of a path; zero for axes that do not correct. A
 /// remaining correction on a non-correcting rotary axis ramps to zero; all linear axes of the path
 /// follow it, whether they correct or not.
 fn in_channel(path: &ControlPath, wanted: &CoupledCorrection) -> RequestedCorrection {

@@ -6,7 +6,7 @@ use volcomp_guard::{LimitsError, Quantity};
 use volcomp_port::UnfitAxes;
 use volcomp_vocabulary::{AxisKind, AxisName, Displacement};
 
-/// Why controllers, machine and settings do not fit together. Detected before any device is opened.
+/// Reasons why controllers, machine and settings do not fit together. Detected before any device is opened.
 #[expect(missing_docs, reason = "the messages say what the fields are")]
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
@@ -29,7 +29,7 @@ pub enum PlanError {
         device: String,
         axis: AxisName,
         found: Displacement,
-        /// Lower and upper end of the axis's travel.
+        /// Ends of the axis's travel, lower end first.
         travel: [Displacement; 2],
     },
     #[error(
@@ -50,7 +50,7 @@ pub enum PlanError {
         true => "none of them corrects: a rotary axis corrects only with three linear directions on the same controller, which take back what it moves the tip, and where half its step moves the tip little enough".to_owned(),
     })]
     NothingToCorrect {
-        /// Whether written rotary axes could correct but would increase the error of the tool.
+        /// Whether written rotary axes could correct, but would increase the error of the tool.
         uncorrected: bool,
         device: String,
         axes: Vec<AxisName>,
@@ -105,7 +105,7 @@ pub enum PlanError {
     Paths { found: usize },
 }
 
-/// Why the control thread cannot be started.
+/// Reasons why the control thread cannot be started.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum StartError {
@@ -155,14 +155,14 @@ fn limits_text(device: &str, axis: Option<AxisName>, error: &LimitsError) -> Str
     format!("{device}: {key}{of}: found {}, expected {}{step}", error.found(), error.expected)
 }
 
-/// The configuration key or default from which the step of an axis comes.
+/// Text that names the configuration key or default from which the step of an axis comes.
 fn step_key(unit: &str, default: &str) -> String {
     format!(
         ", which is resolution_{unit} ({default} where it is not stated; on CAN the factor in the DBC file)"
     )
 }
 
-/// Why a running cycle rejects a model or limits.
+/// Reasons why a running cycle rejects a model or limits.
 #[expect(missing_docs, reason = "the messages say what the fields are")]
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]

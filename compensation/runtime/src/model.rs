@@ -13,12 +13,12 @@ mod nodes;
 
 pub use largest_move::LargestMove;
 
-/// Maximum distance of a plausible position outside the travel, mm or °, where end switches and reference points are.
+/// Maximum distance of a plausible position outside the travel, mm or °: end switches and reference points are within it.
 const OVERTRAVEL_MM_OR_DEG: f64 = 5.0;
 /// Number of sampled positions over the travel of a rotary axis, both ends included.
 const TRAVEL_SAMPLES: u32 = 25;
 
-/// The range of valid positions of an axis, mm or rad; `None`: any.
+/// Range of valid positions of an axis, mm or rad; `None` for an axis without ends.
 fn position_range(axis: &Axis) -> Option<[f64; 2]> {
     let [low, high] = axis.travel;
     let ends = [low - OVERTRAVEL_MM_OR_DEG, high + OVERTRAVEL_MM_OR_DEG];
@@ -26,7 +26,7 @@ fn position_range(axis: &Axis) -> Option<[f64; 2]> {
     axis.has_ends().then(|| ends.map(end))
 }
 
-/// The correction by a model at a state.
+/// Correction by a model at a state.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ModelCorrection {
     /// Correction to add to the command, in machine order: mm for linear, rad for rotary axes.
@@ -34,49 +34,49 @@ pub struct ModelCorrection {
     /// Whether two rotary axes could correct the direction of the tool axis, but part of it is not
     /// corrected because the pose is within about 1° of a singular one.
     pub singular: bool,
-    /// The pose is within about 6° of a singular one: rotary corrections are more than ten times the error of the tool axis, or omitted.
+    /// Whether the pose is within about 6° of a singular one: rotary corrections are more than ten times the error of the tool axis, or omitted.
     pub near_singular: bool,
 }
 
-/// The parts of a coupled correction by a model at a state, in machine order. For any rotary corrections δ_r on the axes, the matching
+/// Parts of a coupled correction by a model at a state, in machine order. For any rotary corrections δ_r on the axes, the matching
 /// linear corrections are `position` + Σ `follow[r]`·δ_r.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CoupledCorrection {
-    /// Linear corrections of the position error while no rotary axis moves, mm; zero for all other axes.
+    /// Linear corrections of the position error if no rotary axis moves, mm; zero for all other axes.
     pub position: PerAxis<f64>,
     /// Rotary corrections of the direction of the tool axis, rad; zero for all other axes.
     pub rotary: PerAxis<f64>,
-    /// For each rotary axis, correcting or not: movement of the linear axes per rotation that keeps
+    /// Movement of the linear axes per rotation of each rotary axis, correcting or not, that keeps
     /// the tool tip in place, mm/rad.
     pub follow: PerAxis<PerAxis<f64>>,
-    /// See [`ModelCorrection`].
+    /// See [`ModelCorrection::singular`].
     pub singular: bool,
-    /// See [`ModelCorrection`].
+    /// See [`ModelCorrection::near_singular`].
     pub near_singular: bool,
-    /// Two linear axes are nearly parallel: see [`Reasons::LINEAR_NEAR_SINGULAR`](volcomp_guard::Reasons::LINEAR_NEAR_SINGULAR).
+    /// Whether two linear axes are nearly parallel: see [`Reasons::LINEAR_NEAR_SINGULAR`](volcomp_guard::Reasons::LINEAR_NEAR_SINGULAR).
     pub linear_near_singular: bool,
 }
 
-/// A compiled machine with its thermal terms. Boxed, and passed to the cycle as a whole.
+/// A compiled machine with its thermal terms.
 #[derive(Clone)]
 pub struct Model {
-    /// The name in the machine file.
+    /// Name in the machine file.
     pub name: String,
-    /// The checksum of the machine file's content.
+    /// Checksum of the machine file's content.
     pub hash: String,
-    /// The text of the machine file, serialised from the machine.
+    /// Text of the machine file, serialised from the machine.
     pub text: String,
     /// The axes in machine order.
     pub axes: Vec<AxisName>,
-    /// The lower and the upper end of travel of each axis, in machine order.
+    /// Lower and upper end of travel of each axis, in machine order.
     pub travel: Vec<[Displacement; 2]>,
     /// Whether coordinates of each axis are reduced to its travel by whole periods.
     goes_round: Vec<bool>,
-    /// Range of valid positions of each axis, mm and rad, in machine order; `None`: unlimited.
+    /// Range of valid positions of each axis, mm and rad, in machine order; `None`: any position is valid.
     ranges: PerAxis<Option<[f64; 2]>>,
-    /// Nodes of the curves along each axis, where the model may change abruptly, mm and rad, ascending.
+    /// Nodes of the curves along each axis, where the slope of the model may change abruptly, mm and rad, ascending.
     nodes: Vec<Vec<f64>>,
-    /// The nodes, and positions between them, at which the curves must be sampled to find their maximum.
+    /// Positions along each axis at which the curves must be sampled to find their extremes: the nodes, and positions between them.
     places: Vec<Vec<f64>>,
     grids: Vec<nodes::GridNodes>,
     /// Whether errors depend on the direction of approach, by axis.
@@ -89,7 +89,7 @@ pub struct Model {
 }
 
 impl Model {
-    /// Compiles a machine and its thermal terms.
+    /// Compiles a machine and its thermal terms; `fading` states the times in which terms without a sensor fade.
     ///
     /// # Errors
     /// Curves that cannot be compiled, thermal terms of axes that do not exist.
@@ -131,7 +131,7 @@ impl Model {
         self.compiled.chain().structure().to_string()
     }
 
-    /// Index of an axis in machine order.
+    /// Index of an axis in machine order; `None` if the machine lacks it.
     pub fn index_of(&self, name: AxisName) -> Option<usize> {
         self.axes.iter().position(|known| *known == name)
     }
@@ -155,7 +155,7 @@ impl Model {
         }
     }
 
-    /// Travel (rad) after which the coordinates of the axis at this index wrap; `None`: never.
+    /// Period of the coordinates of the axis at this index, rad; `None` if they do not wrap.
     pub fn turn_of(&self, index: usize) -> Option<f64> {
         (self.goes_round.get(index) == Some(&true)).then_some(core::f64::consts::TAU)
     }
@@ -176,12 +176,12 @@ impl Model {
         self.axes.iter().any(|name| name.is_rotary())
     }
 
-    /// The sensors used by thermal terms, in the order of [`step`](Self::step).
+    /// Names of the sensors that thermal terms use, in the order of [`step`](Self::step).
     pub fn sensors(&self) -> &[String] {
         self.thermal.sensors()
     }
 
-    /// Advances the thermal terms by `dt_s` with the temperature (°C) of each sensor, `None` if missing. Returns whether a term lacks its
+    /// Advances the thermal terms by `dt_s` with the temperature (°C) of each sensor; `None`: missing. Returns whether a term lacks its
     /// sensor. Does not allocate.
     pub fn step(&mut self, dt_s: f64, degc: &[Option<f64>]) -> bool {
         self.thermal.step(dt_s, degc);
@@ -199,7 +199,7 @@ impl Model {
         self.thermal.stand(stood_s);
     }
 
-    /// Takes over the lags of another model for thermal terms with the same sensor. Does not allocate.
+    /// Takes over the thermal lags of another model for terms with the same sensor. Does not allocate.
     pub fn carry_over(&mut self, from: &Self) {
         self.thermal.carry_over(&from.thermal);
         self.put_thermal();
@@ -215,18 +215,18 @@ impl Model {
         !self.compiled.outside_range(state).is_empty()
     }
 
-    /// The axes that correct if a controller writes only the axes `written`; all others are held.
+    /// Axes that correct if a controller writes only the axes `written`; all others are held.
     /// Does not allocate.
     pub fn correctors_among(&self, written: &[AxisName]) -> Correctors {
         self.compiled.correctors_among(written)
     }
 
-    /// The correction of all axes that may correct: see [`correction_of`](Self::correction_of).
+    /// Correction by all axes that may correct: see [`correction_of`](Self::correction_of).
     pub fn correction(&self, state: &State) -> ModelCorrection {
         self.correction_of(state, self.compiled.correctors())
     }
 
-    /// The correction at a state by the correcting axes while all others are held. Solved to first order twice; the
+    /// Correction at a state by the correcting axes while all others are held. It is solved to first order twice; the
     /// second solution, which is returned, uses the errors at the state corrected by the first. Does not allocate.
     pub fn correction_of(&self, state: &State, correctors: &Correctors) -> ModelCorrection {
         let first = self.compiled.first_order_of(state, correctors);
@@ -240,8 +240,8 @@ impl Model {
         }
     }
 
-    /// The correction in parts. `applied` is the present correction on the axes (mm, rad), which limits and ramps may have reduced; the
-    /// errors are evaluated at the position that it leads to. If the whole correction is applied, the sum of the parts equals
+    /// Correction in parts. `applied` is the present correction on the axes (mm, rad), which limits and ramps may have reduced; the
+    /// errors are evaluated at the position to which it leads. If the whole correction is applied, the sum of the parts equals
     /// [`correction_of`](Self::correction_of). Does not allocate.
     pub fn wanted(
         &self,
@@ -273,7 +273,7 @@ impl Model {
         }
     }
 
-    /// The correcting axes of a path: those of [`correctors_among`](Self::correctors_among) without rotary axes whose correction would
+    /// Correcting axes of a path: those of [`correctors_among`](Self::correctors_among) without rotary axes whose correction would
     /// increase the error of the tool. If the correcting linear axes do not span all directions, all rotary axes are excluded, because
     /// their movement of the tip cannot be compensated. A rotary axis is also excluded if half a step (`steps`, rad, in machine order)
     /// moves the tip by more than `most`. Does not allocate.
@@ -291,8 +291,8 @@ impl Model {
         correctors
     }
 
-    /// The axes that follow a rotary axis if the correcting axes cannot, because they have fewer
-    /// than three linear directions. These are all axes that a controller writes, correcting or
+    /// Axes that follow a remaining correction on a rotary axis if the correcting axes cannot, because they have fewer
+    /// than three linear directions: all axes that a controller writes, correcting or
     /// not. `None` if the correcting axes can follow, or no rotary axis is written. Does not
     /// allocate.
     pub(crate) fn followers(
@@ -305,7 +305,7 @@ impl Model {
             .then(|| Correctors::choose(self.compiled.chain(), written))
     }
 
-    /// The correcting axes of a controller: see [`correctors_of_path`](Self::correctors_of_path).
+    /// Correcting axes of a controller: see [`correctors_of_path`](Self::correctors_of_path).
     pub fn correctors_of(&self, controller: &Description, most: Mm) -> Correctors {
         let written: Vec<AxisName> = controller.axes.iter().map(|axis| axis.name).collect();
         let mut steps = PerAxis::ZERO;
@@ -317,8 +317,8 @@ impl Model {
         self.correctors_of_path(&written, &steps, most)
     }
 
-    /// A pose (mm, rad in machine order) within the travels in which rotary axes turn two of the
-    /// correcting linear axes nearly parallel; `None` if no sampled pose does. Samples 25 positions
+    /// A pose (mm, rad in machine order) within the travels at which rotary axes turn two of the
+    /// correcting linear axes nearly parallel; `None` if there is none at the 25 sampled positions
     /// of each rotary axis.
     pub fn linear_near_singular(&self, correctors: &Correctors) -> Option<PerAxis<f64>> {
         let rotary = (0..self.axes.len()).filter(|axis| self.axes[*axis].is_rotary());
@@ -329,8 +329,8 @@ impl Model {
         })
     }
 
-    /// The largest position error due to the resolution of a rotary correction: half a step times the longest lever from its axis line to
-    /// the tool tip over the work space. `index` is in machine order; zero for a linear axis and for an invalid index. Levers are sampled
+    /// Largest position error due to the resolution of a rotary correction: half a step times the longest lever arm from its axis line to
+    /// the tool tip over the work space. `index` is in machine order; zero for a linear axis and for an invalid index. Lever arms are sampled
     /// at the ends of the linear travels, where they are longest, and at 25 positions of the other rotary axes. Does not allocate.
     pub fn rotary_step_error(&self, index: usize, step: Rad) -> Mm {
         let lever_mm = self.levers_mm.get(index).copied().unwrap_or(0.0);
@@ -384,7 +384,7 @@ impl Model {
         }
     }
 
-    /// The error of the tool at a state, in workpiece axes: without correction, and with `correction` (mm, rad) added to the command. The
+    /// Errors of the tool at a state, in workpiece axes: without correction, and with `correction` (mm, rad) added to the command. The
     /// latter is the movement of the ideal tool by the correction, plus the error of the machine at the resulting position. Does not
     /// allocate.
     pub fn errors(&self, state: &State, correction: &PerAxis<f64>) -> [ToolError; 2] {
@@ -398,7 +398,7 @@ impl Model {
         ]
     }
 
-    /// The error against the ideal pose `commanded` if the axes are at `state`, whose ideal pose is `reached`.
+    /// Error relative to the ideal pose `commanded` if the axes are at `state`, whose ideal pose is `reached`.
     fn error_against(&self, commanded: &Pose, reached: &Pose, state: &State) -> ToolError {
         let chain = self.compiled.chain();
         let (tip, axis) = (chain.tool_tip_mm(), chain.tool_axis());
@@ -415,7 +415,7 @@ impl Model {
         }
     }
 
-    /// The model in the steady state at these temperatures (°C, by sensor name).
+    /// Returns the model in the steady state at these temperatures (°C, by sensor name).
     #[must_use]
     pub fn warmed(&self, degc: impl Fn(&str) -> Option<f64>) -> Self {
         let mut warm = self.clone();
@@ -423,7 +423,7 @@ impl Model {
         warm
     }
 
-    /// The model as a replacement of a running one. It takes over the lagged temperatures that both
+    /// Returns the model as a replacement of a running one. It takes over the lagged temperatures that both
     /// models have; the others start at these temperatures (°C, by sensor name).
     #[must_use]
     pub fn in_place_of(&self, running: &Self, degc: impl Fn(&str) -> Option<f64>) -> Self {
@@ -448,7 +448,7 @@ fn moved(state: &State, delta: &PerAxis<f64>) -> State {
     there
 }
 
-/// Largest position error of a rotary correction due to its resolution, mm: half a step times the lever, which is the distance of the tool
+/// Largest position error of a rotary correction due to its resolution: half a step times the lever arm, which is the distance of the tool
 /// tip from the axis line.
 pub fn rotary_step_error(lever_mm: f64, step: Rad) -> Mm {
     Mm(0.5 * step.0.abs() * lever_mm)
@@ -475,7 +475,7 @@ mod tests {
         assert!((linear.0 - 0.05).abs() < 1e-5 && rotary == Rad(0.0), "{linear}");
     }
 
-    /// With A held, Z takes over the part that A would correct.
+    /// With A held, Z corrects the part that A would correct.
     #[test]
     fn models_are_compared_by_the_written_axes() {
         let model = |urad: f64| {

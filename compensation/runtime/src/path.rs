@@ -1,4 +1,4 @@
-//! One controller path in a cycle. State: the last answer, and the known applied correction.
+//! One controller path of a cycle. State: the last answer of the controller, and the applied correction as far as it is known.
 
 use std::time::{Duration, Instant};
 
@@ -29,31 +29,30 @@ use crate::{
 /// - The thread that reads `device` on standby may hold it. All other data are here, so a cycle never waits for the thread.
 /// - `reading` is set only if the last answer was valid and not too old, and the path has not become silent since; `answered_at` is then
 ///   set too. `read_at` never decreases: answers to earlier requests are dropped.
-/// - `seen` holds positions without the correction. A reading with an unknown correction is never stored there.
+/// - `reported` has positions without the correction. A reading with an unknown correction is never stored there.
 /// - `correctors` and `followers` belong to the active model: `fit_to` is called with every new one. `limits` has the planned test shifts,
 ///   `limits()` only those of correcting axes.
 /// - Every correction recorded as sent in `read_back` was sent by `send`, or by another path to the same barrier.
 pub struct ControlPath {
     pub(crate) device: ControllerSlot,
-    /// The driver's description of the controller, kept here because another thread may hold the controller.
+    /// Description of the controller, kept here because another thread may hold the controller.
     pub(crate) description: Description,
     limits: Limits,
     pub(crate) read_back: ReadBack,
     /// Whether the control ramps to zero on its own when writes stop.
     pub(crate) goes_to_zero: bool,
     pub(crate) reported: ReportedPositions,
-    /// Resolution of the positions, mm or rad, from which the thresholds of a reversal follow.
+    /// Resolution of the positions, mm or rad, from which the reversal thresholds follow.
     position_steps: PerChannel<f64>,
-    /// Letters of the written axes.
     names: Vec<AxisName>,
-    /// The axes that correct with the active model.
+    /// Axes that correct with the active model.
     pub(crate) correctors: Correctors,
-    /// The axes that follow a remaining correction on rotary axes, if the correcting axes cannot.
+    /// Axes that follow a remaining correction on rotary axes; `None` if the correcting axes can.
     pub(crate) followers: Option<Correctors>,
     /// Maximum movement of the tip by half a step of a correcting rotary axis.
     rotary_step: Mm,
     pub(crate) only_thermal: bool,
-    /// Machine axes at a configured position, mm and rad.
+    /// Fixed positions of machine axes from the configuration, mm and rad.
     pub(crate) fixed: PerAxis<Option<f64>>,
     pub(crate) notes: Reasons,
     pub(crate) reading: Option<Snapshot>,
@@ -64,7 +63,7 @@ pub struct ControlPath {
 }
 
 impl ControlPath {
-    /// A path before its first cycle, from an open controller and its plan.
+    /// Creates a path from an open controller and its plan.
     ///
     /// # Errors
     /// Limits that a guard rejects; never for an unmodified plan.
@@ -124,7 +123,7 @@ impl ControlPath {
         self.followers = model.followers(&self.names, &self.correctors);
     }
 
-    /// Replaces the limits, for the same axes. Does not allocate.
+    /// Replaces the limits. Errors: limits of other axes, steps or period. Does not allocate.
     pub(crate) fn set_limits(&mut self, limits: &Limits) -> Result<(), LimitsError> {
         limits.check_in_place_of(&self.limits)?;
         self.limits = *limits;
@@ -134,7 +133,7 @@ impl ControlPath {
         Ok(())
     }
 
-    /// Limits of the path. Test shifts of non-correcting axes are zero, because nothing is written to these.
+    /// Limits of the path. Test shifts of non-correcting axes are zero, because no shift is written to these.
     pub(crate) fn limits(&self) -> Limits {
         let shift = |place: usize| {
             if self.corrects(place) { self.limits.test_shift[place] } else { 0.0 }
@@ -214,7 +213,7 @@ impl ControlPath {
         self.read_at
     }
 
-    /// The interlock of the last reading at the age of its flags; `None`: the controller did not answer.
+    /// Interlocks of the last reading, given the age of its flags; `None`: the controller did not answer.
     pub(crate) fn interlock(&self) -> Option<Interlock> {
         let (reading, answered_at) = (self.reading.as_ref()?, self.answered_at?);
         let age = answered_at.saturating_sub(self.flags_taken);
@@ -222,7 +221,7 @@ impl ControlPath {
         Some(interlock_of(reading, shown, age, self.limits.hold))
     }
 
-    /// Timeout of an exchange. It exceeds a cycle if positions may be held for longer, because a
+    /// Timeout of an exchange: 0.6 periods, or a third of the maximum age of positions if that is longer, because a
     /// late answer costs a few cycles and a dropped connection many.
     pub(crate) fn exchange_time_out(&self) -> Duration {
         // Bounds the delay of a cycle even if positions may be held for seconds.
@@ -230,14 +229,14 @@ impl ControlPath {
         self.limits.period.mul_f64(0.6).max(hold / 3)
     }
 
-    /// Whether the controller answered the last reading within the allowed silence of a standby path.
+    /// Whether the last reading was answered, and is not older than the allowed silence of a standby path.
     pub(crate) fn answers(&self, now: Duration) -> bool {
         let silent = STANDBY_INTERVAL * 3 + self.exchange_time_out();
         let read_at = self.read_at.filter(|_| self.reading.is_some());
         read_at.is_some_and(|read_at| now.saturating_sub(read_at) <= silent)
     }
 
-    /// Drops the last reading of a path whose exchange hangs for too long. Returns whether there was one.
+    /// Drops the last reading of a path whose exchange hangs for too long. Returns whether it was dropped.
     pub(crate) fn drop_if_silent(&mut self, now: Duration) -> bool {
         let is_silent = self.reading.is_some() && !self.answers(now);
         if is_silent {
@@ -246,7 +245,7 @@ impl ControlPath {
         is_silent
     }
 
-    /// Reads the controller. `start` is the start of the cycle's clock. Returns whether it answered.
+    /// Reads the controller. `start` is the start of the cycle's clock. Returns whether the answer was valid.
     pub(crate) fn read(&mut self, deadline: Instant, start: Instant, now: Duration) -> bool {
         let read = match self.device.held_controller() {
             Some(controller) => controller.read(deadline),
@@ -278,7 +277,7 @@ impl ControlPath {
         }
         let limits = self.limits();
         let held = |at: Instant| at.saturating_duration_since(start);
-        // A device that only repeats data older than the maximum age of positions has not answered.
+        // A device that only repeats data older than the maximum age of positions counts as not answering.
         let is_young = |snapshot: &Snapshot| self.is_young(Some(held(snapshot.youngest())), now);
         self.reading = (*read).ok().filter(is_young);
         let Some(snapshot) = &self.reading else {
@@ -342,7 +341,7 @@ impl ControlPath {
             }
             Some(controller) => controller.apply(correction, deadline),
         };
-        // A slow control has received the correction only when it answers.
+        // A slow control has received the correction only when it answers, so `now` includes the exchange.
         let now = now + begun.elapsed();
         // A failed write on digital lines has no effect.
         if sent.is_ok() || self.read_back_status().scheme != volcomp_guard::Scheme::NoReadBack {
@@ -366,7 +365,7 @@ impl ControlPath {
     }
 }
 
-/// The link to the barrier of a plan; `None` without a barrier.
+/// Link to the barrier of a plan; `None` without a barrier.
 fn link(plan: &PathPlan, owner: u16) -> Result<Option<BarrierLink>, PlanError> {
     let Some(barrier) = plan.barrier else {
         return Ok(None);
@@ -383,7 +382,7 @@ fn link(plan: &PathPlan, owner: u16) -> Result<Option<BarrierLink>, PlanError> {
     Ok(Some(link))
 }
 
-/// The interlocks of a reading whose flags have this age; flags older than `hold` are unknown.
+/// Interlocks of a reading whose flags have this age; flags older than `hold` are unknown.
 pub(crate) fn interlock_of(
     reading: &Snapshot,
     shown: ShownStates,
@@ -403,18 +402,18 @@ pub(crate) fn interlock_of(
     flags.at_age(age, hold, shown)
 }
 
-/// An owner number for the next machine of this process ([`ControlPath::with_owner`]). It differs
+/// Returns an owner number for the next machine of this process ([`ControlPath::with_owner`]). It differs
 /// at every call and between runs, so that a barrier can distinguish two machines of one process.
 pub fn next_owner() -> u16 {
     use std::sync::atomic::{AtomicU16, Ordering};
     static NEXT: AtomicU16 = AtomicU16::new(1);
     let numbers = u32::from(u16::MAX);
     let moved = u32::from(owner() - 1) + u32::from(NEXT.fetch_add(1, Ordering::Relaxed));
-    // Below 65535, so it fits, and is never 0.
+    // The remainder is below 65535, so it fits, and the result is never 0.
     u16::try_from(moved % numbers).map_or(1, |number| number + 1)
 }
 
-/// A number that distinguishes this run of the program from others: random, drawn once, never 0.
+/// Number that distinguishes this run of the program from others: random, drawn once, never 0.
 fn owner() -> u16 {
     use std::sync::OnceLock;
     static OWNER: OnceLock<u16> = OnceLock::new();

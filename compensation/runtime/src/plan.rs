@@ -17,13 +17,13 @@ use crate::{
     settings::{AxisSettings, BarrierSettings, GuardSettings, PathSettings},
 };
 
-/// Minimum test shift, in steps of the position and of the correction; a smaller one proves nothing.
+/// Minimum test shift, in steps of the position and of the correction; a smaller shift proves nothing.
 pub const SHIFT_STEPS: f64 = 4.0;
 
-/// Slew with which a remaining correction on a non-correcting axis without limits returns to zero.
+/// Slew per second with which a remaining correction on a non-correcting axis without limits returns to zero.
 const HELD_SLEW_PER_S: Urad = Urad(100.0);
 
-/// A controller path that was checked against machine and settings, not opened.
+/// Plan of a controller path: checked against machine and settings, not opened.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PathPlan {
     /// The driver's description of the controller.
@@ -32,17 +32,17 @@ pub struct PathPlan {
     pub limits: Limits,
     /// Machine index of each axis whose position the controller reports; written axes come first.
     pub machine_axis: PerChannel<usize>,
-    /// Travel after which the direction of each of these axes is treated as reversed, mm or rad.
+    /// Travel after which the direction of each reported axis counts as reversed, mm or rad.
     pub reversal: PerChannel<f64>,
     /// Resolution of the reported positions, mm or rad; 0 if none is configured.
     pub position_steps: PerChannel<f64>,
-    /// The correcting axes of the controller; the other axes of the machine are held.
+    /// Correcting axes of the controller; the other axes of the machine are held.
     pub correctors: Correctors,
     /// Maximum movement of the tip by half a step of a correcting rotary axis.
     pub rotary_step: Mm,
-    /// The rotary axes that could correct but do not, because the error of the tool would increase.
+    /// Rotary axes that could correct but do not, because the error of the tool would increase.
     pub uncorrected: Vec<UncorrectedAxis>,
-    /// Machine axes at a configured position, mm and rad.
+    /// Fixed positions of machine axes from the configuration, mm and rad; `None` for axes that are read.
     pub fixed: PerAxis<Option<f64>>,
     /// Reasons reported in every cycle.
     pub notes: Reasons,
@@ -54,25 +54,25 @@ pub struct PathPlan {
     pub no_read_back: bool,
     /// Time for which a control without a barrier is watched for foreign changes before the first write.
     pub watch: Duration,
-    /// Behaviour of a control without read-back when writes stop.
+    /// Behaviour of a control without read-back when writes stop; `None`: it keeps its correction.
     pub time_out: Option<ControlTimeOut>,
 }
 
 /// A rotary axis that could correct but does not.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct UncorrectedAxis {
-    /// The letter of the axis.
+    /// Letter of the axis.
     pub axis: AxisName,
-    /// Why the axis does not correct.
+    /// Reason why the axis does not correct.
     pub why: UncorrectedReason,
 }
 
-/// Why a rotary axis that could correct does not.
+/// Reasons why a rotary axis that could correct does not.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum UncorrectedReason {
     /// The correcting linear axes do not span all directions, so they cannot compensate the axis's movement of the tip.
     Uncatchable,
-    /// Half a step of the axis moves the tip by up to this amount in the work space, which exceeds the allowed one.
+    /// Half a step of the axis moves the tip by up to this amount in the work space, which exceeds the permitted one.
     Coarse(Mm),
 }
 
@@ -114,7 +114,7 @@ impl PathPlan {
         let mut notes = Reasons::CANNOT_SEE_OTHERS.when(!description.sees_other_gateways);
         match (description.heartbeat, settings.unwatched) {
             (Heartbeat::Unwatched, false) => return Err(PlanError::Unwatched { device: device() }),
-            // The configuration takes precedence over a counter that the driver found.
+            // The configuration takes precedence over the heartbeat counter that the driver found.
             (_, true) => notes |= Reasons::UNWATCHED,
             (Heartbeat::Watched, false) => {}
         }
@@ -179,7 +179,7 @@ impl PathPlan {
         self.barrier.is_some() || self.no_read_back && self.time_out.is_some()
     }
 
-    /// Whether the axis at this channel index corrects. Other axes are written with zero.
+    /// Whether the axis at this channel index corrects. Zero is written to the other axes.
     pub fn corrects(&self, place: usize) -> bool {
         place < self.description.axes.len() && self.correctors.contains(self.machine_axis[place])
     }
@@ -305,7 +305,7 @@ fn fixed_positions(
     Ok(fixed)
 }
 
-/// The barrier of a control; driver and settings must agree that it exists.
+/// Barrier of a control, on whose existence driver and settings must agree; `None` without one.
 fn barrier(
     description: &Description,
     settings: &PathSettings,
@@ -317,7 +317,7 @@ fn barrier(
     }
 }
 
-/// Limits of a non-correcting axis without configured ones: its target is zero, to which a remaining correction returns slowly.
+/// Limits of a non-correcting axis without configured ones: a remaining correction returns to zero slowly.
 fn held_limits(axis: &Axis) -> AxisLimits {
     AxisLimits {
         kind: axis.kind(),
@@ -330,7 +330,7 @@ fn held_limits(axis: &Axis) -> AxisLimits {
     }
 }
 
-/// The limits that the guard of a controller enforces, mm and rad. Axes that do not correct have no
+/// Limits that the guard of a controller enforces, mm and rad. Axes that do not correct have no
 /// test shift and need no configured limits. Configured limits are reduced to those of the device
 /// and, without a barrier, to those of a path without a barrier. Errors: correcting rotary axes
 /// without limits, limits that a guard rejects, or limits that the device cannot represent.
@@ -435,8 +435,8 @@ pub(crate) fn position_steps(
     Ok(steps)
 }
 
-/// Travel after which the direction of each reported axis is treated as reversed, mm or rad. On read-only axes no correction can be
-/// mistaken for travel.
+/// Travel after which the direction of each reported axis counts as reversed, mm or rad. `limits` is `None` for read-only axes, on which no
+/// correction can be mistaken for travel.
 pub(crate) fn reversals(
     description: &Description,
     position_steps: &PerChannel<f64>,

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use volcomp_vocabulary::{MAX_AXES, PerAxis, PerChannel};
 
-/// The axes reported by a controller, in channel order, and their last positions.
+/// Axes reported by a controller, in channel order, and their last positions.
 ///
 /// Invariants:
 /// - Once `taken` is set, all `positions` are finite and were valid at this time.
@@ -13,7 +13,7 @@ pub(crate) struct ReportedPositions {
     /// Machine index of each axis; the axes that the controller writes come first.
     pub(crate) machine_axis: PerChannel<usize>,
     count: usize,
-    /// Travel after which the direction is treated as reversed, mm or rad.
+    /// Travel after which the direction of each axis counts as reversed, mm or rad.
     pub(crate) reversal: PerChannel<f64>,
     /// Positions without correction, mm or rad, valid at `taken`.
     positions: PerChannel<f64>,
@@ -36,12 +36,12 @@ impl ReportedPositions {
         }
     }
 
-    /// Last position of a machine axis (mm or rad), and the time at which it was valid.
+    /// Last position of a machine axis (mm or rad) and the time at which it was valid; `None` if none was reported.
     pub(crate) fn position_of(&self, machine_axis: usize) -> Option<(f64, Duration)> {
         Some((self.positions[self.place_of(machine_axis)?], self.taken?))
     }
 
-    /// Travel after which the direction of a machine axis is treated as reversed, mm or rad.
+    /// Travel after which the direction of a machine axis counts as reversed, mm or rad; `None` if the controller does not report the axis.
     pub(crate) fn reversal_of(&self, machine_axis: usize) -> Option<f64> {
         Some(self.reversal[self.place_of(machine_axis)?])
     }
@@ -55,7 +55,7 @@ impl ReportedPositions {
 pub(crate) struct MachinePosition {
     /// Positions without correction, mm and rad.
     pub(crate) positions: PerAxis<f64>,
-    /// When each position was valid; zero for a configured fixed position.
+    /// Time at which each position was valid; zero for a configured fixed position.
     pub(crate) taken: PerAxis<Duration>,
     /// Bit mask of the known positions: bit 0 is the first axis.
     pub(crate) known: u16,

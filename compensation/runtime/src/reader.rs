@@ -1,4 +1,4 @@
-//! A controller that only reports positions, and is never written. State: its last answer.
+//! A controller that only reports positions and is never written. State: its last answer.
 
 use std::{
     io,
@@ -20,17 +20,17 @@ use crate::{
     standby::ControllerSlot,
 };
 
-/// Time without an answer after which the interlock of this controller is unknown.
+/// Time without an answer after which the interlocks of this controller are unknown.
 const SILENT: Duration = Duration::from_millis(500);
 
-/// A read-only controller: checked against the machine, not opened.
+/// Plan of a read-only controller: checked against the machine, not opened.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ReaderPlan {
     /// The driver's description of the controller.
     pub description: Description,
     /// Machine index of each axis whose position the controller reports.
     pub machine_axis: PerChannel<usize>,
-    /// Travel after which the direction of each of these axes is treated as reversed, mm or rad.
+    /// Travel after which the direction of each reported axis counts as reversed, mm or rad.
     pub reversal: PerChannel<f64>,
 }
 
@@ -66,12 +66,12 @@ pub struct PositionReader {
     description: Description,
     pub(crate) reported: ReportedPositions,
     answered: Option<Duration>,
-    /// The interlock of the last reading; `None`: the controller did not answer.
+    /// Interlocks of the last reading; `None`: the controller did not answer.
     interlock: Option<Interlock>,
 }
 
 impl PositionReader {
-    /// A reader before its first cycle, from an open controller and its plan.
+    /// Creates a reader from an open controller and its plan.
     pub fn new(controller: Box<dyn Controller>, plan: &ReaderPlan) -> Self {
         Self {
             device: ControllerSlot::new(controller),
@@ -115,7 +115,7 @@ impl PositionReader {
             let answered = reading.received.saturating_duration_since(start);
             failures += u64::from(!self.receive(&reading.read, (start, answered, hold)));
         }
-        // The state of the machine is unknown during a hanging exchange.
+        // The interlocks are unknown during a hanging exchange.
         let is_silent = |then: Duration| now.saturating_sub(then) > SILENT;
         if !self.device.is_held() && self.answered.is_none_or(is_silent) {
             self.interlock = None;
@@ -130,7 +130,7 @@ impl PositionReader {
     ) -> bool {
         let held = |at: Instant| at.saturating_duration_since(start);
         let age = |at: Instant| now.saturating_sub(held(at));
-        // A device that only repeats old data has not answered.
+        // A device that only repeats old data counts as not answering.
         let young = (*read).ok().filter(|read| age(read.youngest()) <= hold);
         let shown = self.description.shown;
         self.interlock = young.map(|read| interlock_of(&read, shown, age(read.state_taken), hold));
@@ -142,7 +142,7 @@ impl PositionReader {
         true
     }
 
-    /// The interlock of the last reading; `None`: the controller did not answer.
+    /// Interlocks of the last reading; `None`: the controller did not answer.
     pub(crate) fn interlock(&self) -> Option<Interlock> {
         self.interlock
     }

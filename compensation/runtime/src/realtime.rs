@@ -1,4 +1,4 @@
-//! The control thread, which owns the cycle, and its lock-free rings to other threads.
+//! The control thread, which owns the cycle, and its lock-free queues to other threads.
 
 use std::{
     sync::{
@@ -27,20 +27,20 @@ use crate::{
     settings::Realtime,
 };
 
-/// Capacity of the ring of cycle times; further times are lost.
+/// Capacity of the queue of cycle times; further times are lost.
 const TIMINGS: usize = 8192;
 const OVERRUN_REPORTED_FOR: Duration = Duration::from_secs(2);
 /// Time after which a request that the thread has not received expires.
 const REQUEST_TIMEOUT: Duration = Duration::from_secs(1);
 
-/// Size of the stack that is touched before the loop begins, bytes.
+/// Size of the stack that is touched before the loop begins, so that no page fault occurs later, bytes.
 const STACK: usize = 256 * 1024;
 
 const DEGREE: usize = 511;
 
-/// An order to the control thread.
+/// Order to the control thread.
 pub enum Order {
-    /// A request to the guard, such as arming.
+    /// Passes a request to the guard, such as arming.
     Request(Request),
     /// Replaces the model; the correction ramps to the new one.
     Model(Box<Replacement>),
@@ -51,7 +51,7 @@ pub enum Order {
 struct QueuedOrder {
     order: Order,
     until: Instant,
-    /// Number of disarm orders when the request was made: a request to arm is dropped if another disarm order follows.
+    /// Number of disarm orders when the request was made: a request to arm is dropped if a disarm order followed it.
     disarms: u64,
 }
 
@@ -65,12 +65,12 @@ pub struct Handle {
     reports: triple_buffer::Output<Report>,
     shared: Arc<Shared>,
     pulse: Pulse,
-    /// `None` if the thread has ended, or a test runs the cycles.
+    /// `None` if the thread was joined, or if a test runs the cycles.
     thread: Option<JoinHandle<()>>,
     is_manual: bool,
 }
 
-/// An object that the control thread returns to be freed, because it must not free memory.
+/// Object that the control thread returns to be freed, because it must not free memory itself.
 enum Retired {
     Model(#[expect(dead_code, reason = "kept to be dropped")] Box<Replacement>),
     Limits(#[expect(dead_code, reason = "kept to be dropped")] Box<Limits>),
@@ -89,7 +89,7 @@ struct Shared {
     cycle_done_ns: AtomicU64,
 }
 
-/// Orders disarming without waiting: it needs no ring, no lock, and no thread other than the control thread. Clones can be used on any
+/// Orders disarming without waiting: it needs no queue, no lock, and no thread other than the control thread. Clones can be used on any
 /// thread.
 #[derive(Clone)]
 pub struct DisarmSwitch(Arc<Shared>);
@@ -104,7 +104,7 @@ impl DisarmSwitch {
     /// unchanged.
     pub fn end(&self) {
         self.0.ends.store(true, Ordering::Relaxed);
-        // Release: a thread that reads the new count also reads `ends`.
+        // Release ordering: a thread that reads the new count also reads `ends`.
         self.0.disarms.fetch_add(1, Ordering::Release);
     }
 
@@ -114,7 +114,7 @@ impl DisarmSwitch {
     }
 }
 
-/// The heartbeat of the control thread, by which other threads see that it runs.
+/// Heartbeat of the control thread, which shows other threads that it runs.
 #[derive(Clone)]
 pub struct Pulse {
     shared: Arc<Shared>,
@@ -123,7 +123,7 @@ pub struct Pulse {
 }
 
 impl Pulse {
-    /// Maximum gap between cycles that still leaves the last report valid, however short the period is: schedulers and exchanges with
+    /// Minimum of [`patience`](Self::patience), however short the period is: schedulers and exchanges with
     /// controllers occasionally take that long.
     pub const JITTER: Duration = Duration::from_millis(100);
 
@@ -133,17 +133,17 @@ impl Pulse {
         self.clock.elapsed().saturating_sub(done)
     }
 
-    /// The clock of the cycle.
+    /// Clock of the cycle.
     pub fn clock(&self) -> &Clock {
         &self.clock
     }
 
-    /// Gap between cycles up to which the last report is valid: three periods, at least [`JITTER`](Self::JITTER).
+    /// Maximum time between cycles up to which the last report counts as valid: three periods, at least [`JITTER`](Self::JITTER).
     pub fn patience(&self) -> Duration {
         (self.period * 3).max(Self::JITTER)
     }
 
-    /// Time since the last cycle, if it is longer than [`patience`](Self::patience).
+    /// Time since the last cycle; `None` while it does not exceed [`patience`](Self::patience).
     pub fn silence(&self) -> Option<Duration> {
         Some(self.age()).filter(|age| *age > self.patience())
     }
@@ -172,17 +172,17 @@ impl Handle {
         DisarmSwitch(Arc::clone(&self.shared))
     }
 
-    /// The heartbeat of the thread.
+    /// Heartbeat of the thread.
     pub fn pulse(&self) -> Pulse {
         self.pulse.clone()
     }
 
-    /// Number of orders that can be sent before the thread receives the next.
+    /// Number of orders that fit into the queue now.
     pub fn room(&self) -> usize {
         self.orders.slots()
     }
 
-    /// Sets the reasons that forbid arming from now on; with none, arming is allowed.
+    /// Sets the reasons that forbid arming from now on; an empty set permits it.
     pub fn forbid(&self, reasons: Reasons) {
         self.shared.forbids.store(reasons.bits(), Ordering::Relaxed);
     }
@@ -192,27 +192,27 @@ impl Handle {
         self.shared.notes.store(reasons.bits(), Ordering::Relaxed);
     }
 
-    /// The report of the latest cycle.
+    /// Report of the latest cycle.
     pub fn report(&mut self) -> &Report {
         self.reports.read()
     }
 
-    /// The cycle times since the last call.
+    /// Cycle times since the last call.
     pub fn timings(&mut self) -> impl Iterator<Item = Timing> + '_ {
         std::iter::from_fn(|| self.timings.pop().ok())
     }
 
-    /// The state changes since the last call.
+    /// State changes since the last call.
     pub fn changes(&mut self) -> Vec<Change> {
         std::iter::from_fn(|| self.changes.pop().ok()).collect()
     }
 
-    /// The models and limits rejected since the last call; the previous ones stay active.
+    /// Models and limits rejected since the last call; the previous ones stay active.
     pub fn refusals(&mut self) -> impl Iterator<Item = OrderRefusal> + '_ {
         std::iter::from_fn(|| self.refusals.pop().ok())
     }
 
-    /// Frees the objects returned by the thread.
+    /// Frees the objects that the thread has returned.
     pub fn free_retired(&mut self) {
         while self.retired.pop().is_ok() {}
     }
@@ -222,12 +222,12 @@ impl Handle {
         self.shared.cycles.load(Ordering::Relaxed)
     }
 
-    /// The clock of the cycle, which determines when requests expire.
+    /// Clock of the cycle, by which requests expire.
     pub fn clock(&self) -> &Clock {
         self.pulse.clock()
     }
 
-    /// Whether the thread has ended. Unless it was stopped, the cause is a panic, which was printed.
+    /// Whether the thread has ended. Unless it was stopped, it has panicked and printed the cause.
     pub fn has_ended(&self) -> bool {
         if self.is_manual {
             return self.shared.stop.load(Ordering::Relaxed);
@@ -294,7 +294,7 @@ pub fn start(mut cycle: Cycle, realtime: Realtime) -> Result<(Handle, Vec<String
     Ok((handle, lacking))
 }
 
-/// The parts of a control loop without a thread, for tests, which set its time ([`Cycle::with_clock`]) and run its cycles.
+/// Creates a control loop without a thread, for tests that set its time ([`Cycle::with_clock`]) and run its cycles.
 pub fn start_manual(cycle: Cycle) -> (Handle, ManualCycles) {
     let (mut handle, control) = control(cycle, false);
     handle.is_manual = true;
@@ -309,7 +309,7 @@ impl ManualCycles {
     pub fn cycle(&mut self) {
         if !self.0.shared.stop.load(Ordering::Relaxed) {
             self.0.run_cycle(false);
-            // If the ring is full, the times of this cycle are lost.
+            // If the queue is full, the times of this cycle are lost.
             let _ = self.0.timings.push(Timing::default());
         }
     }
@@ -366,7 +366,7 @@ fn reference_ns() -> u64 {
 /// The control loop on its thread.
 ///
 /// Invariants:
-/// - An order is executed only if the ring of retired objects has room, because nothing may be freed here.
+/// - An order is executed only if the queue of retired objects has room, because nothing may be freed here.
 /// - `disarms` never exceeds the number of disarm orders given.
 /// - `last` is the state and path that were published last.
 struct Control {
@@ -408,7 +408,7 @@ impl Control {
                 reference_ns: if self.reference { reference_ns() } else { 0 },
                 missed,
             };
-            // If the ring is full, the times of this cycle are lost.
+            // If the queue is full, the times of this cycle are lost.
             let _ = self.timings.push(timing);
         }
     }
@@ -436,12 +436,12 @@ impl Control {
                 reasons: report.reasons,
                 active: report.active,
             };
-            // If the ring is full, a thousand changes are unread, and this one is lost.
+            // If the queue is full, a thousand changes are unread, and this one is lost.
             let _ = self.changes.push(change);
         }
     }
 
-    /// Executes the queued orders; at most one of them is a request to the guard.
+    /// Executes the queued orders up to the first request to the guard, and returns the inputs of the cycle.
     fn next_input(&mut self, overrunning: bool) -> CycleInput {
         let mut input = CycleInput {
             request: None,
@@ -470,15 +470,15 @@ impl Control {
                 Order::Model(mut replacement) => {
                     match self.cycle.swap_model(&mut replacement) {
                         Ok(()) => input.request = Some(Request::Switched),
-                        // If the ring is full, 63 other refusals are unread.
+                        // If the queue is full, 63 other refusals are unread.
                         Err(refusal) => drop(self.refusals.push(refusal)),
                     }
-                    // The loop checked that there is room.
+                    // The loop has checked that there is room.
                     let _ = self.retired.push(Retired::Model(replacement));
                 }
                 Order::Limits(path, limits) => {
                     match self.cycle.set_limits(path, &limits) {
-                        // A ramp leads to the correction within the new limits, as for a new model.
+                        // A ramp leads to the correction within the new limits, as after a change of the model.
                         Ok(()) => input.request = Some(Request::Switched),
                         Err(refusal) => drop(self.refusals.push(refusal)),
                     }
@@ -505,7 +505,7 @@ fn nanos(duration: Duration) -> u64 {
     u64::try_from(duration.as_nanos()).unwrap_or(u64::MAX)
 }
 
-/// Requests SCHED_FIFO and a processor for this thread. Returns descriptions of the rejected settings.
+/// Requests SCHED_FIFO and a processor for this thread. Returns descriptions of the settings that the system rejected.
 pub fn schedule(wanted: Realtime) -> Vec<String> {
     let mut lacking = Vec::new();
     if let Some(cpu) = wanted.cpu {
@@ -547,7 +547,7 @@ static COEFFICIENTS: [f64; DEGREE + 1] = {
     let mut coefficients = [0.0; DEGREE + 1];
     let mut power = 0;
     while power <= DEGREE {
-        // Below 512, so exact.
+        // Below 512, so the conversion is exact.
         coefficients[power] = 1.0 / (power + 1) as f64;
         power += 1;
     }

@@ -4,7 +4,7 @@ use volcomp_guard::{MAX_SENSORS, SensorReport};
 
 use crate::model::Model;
 
-/// A model, and the index of each of its sensors among the temperatures of a cycle.
+/// A model, and the index of the temperature of each of its sensors among those of a cycle.
 pub struct Replacement {
     model: Box<Model>,
     places: Vec<Option<usize>>,
@@ -12,7 +12,7 @@ pub struct Replacement {
 }
 
 impl Replacement {
-    /// A model for the temperatures with these names.
+    /// Assigns the sensors of a model to the temperatures with these names.
     pub fn new(model: Box<Model>, names: &[String]) -> Self {
         let wanted = model.sensors();
         let places = wanted.iter().map(|wanted| names.iter().position(|name| name == wanted));

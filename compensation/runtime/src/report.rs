@@ -7,23 +7,23 @@ use volcomp_guard::{
 };
 use volcomp_vocabulary::PerAxis;
 
-/// Requests to a cycle. The default requests nothing.
+/// Inputs of a cycle. The default requests nothing.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct CycleInput {
     /// A request to the guard, such as arming.
     pub request: Option<Request>,
-    /// Why arming is forbidden; empty if it is allowed.
+    /// Reasons why arming is forbidden; empty if it is allowed.
     pub forbids: Reasons,
     /// Additional reasons to report, which do not forbid arming.
     pub notes: Reasons,
 }
 
-/// The error of the tool at one position, in workpiece axes.
+/// Error of the tool at one position, in workpiece axes.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ToolError {
     /// Actual minus ideal position of the tool tip, mm.
     pub position_mm: [f64; 3],
-    /// Rotation of the actual against the ideal tool, rad about the workpiece axes.
+    /// Rotation of the actual relative to the ideal tool, rad about the workpiece axes.
     pub rotation_rad: [f64; 3],
     /// Actual minus ideal direction of the tool axis: the difference of two unit vectors, rad.
     pub axis_rad: [f64; 3],
@@ -42,7 +42,7 @@ pub struct PathReport {
     pub scheme: Scheme,
     /// Whether the controller is known to apply a correction other than zero.
     pub holds: bool,
-    /// The first value of its barrier that does not fit the limits; axes in the order of the path.
+    /// First value in the barrier of the control that does not fit the limits, axes in the order of the path; `None` if all fit.
     pub barrier_misfit: Option<BarrierMisfit>,
     /// Reasons from the read-back and the interlocks of this path.
     pub reasons: Reasons,
@@ -63,28 +63,28 @@ pub struct Report {
     pub active: usize,
     /// Positions without correction, mm and rad.
     pub positions: PerAxis<f64>,
-    /// Bit mask of the known positions: bit 0 is the first axis of the machine.
+    /// Bit mask of the axes with a known position: bit 0 is the first axis of the machine.
     pub known: u16,
-    /// Bit mask of the positions rejected as too far outside the travel: bit 0 is the first axis of the machine.
+    /// Bit mask of the axes whose position is rejected as too far outside the travel: bit 0 is the first axis of the machine.
     pub outside_travel: u16,
-    /// Bit mask of the positions rejected as unreachable since the previous ones: bit 0 is the first axis of the machine.
+    /// Bit mask of the axes whose position is rejected as unreachable since the previous one: bit 0 is the first axis of the machine.
     pub jumped: u16,
     /// Bit mask of the axes whose position has jumped and was not accepted since, also while it is unknown or outside the travel: bit 0 is
-    /// the first axis of the machine. Only while armed.
+    /// the first axis of the machine. Set only while armed.
     pub not_believed: u16,
-    /// The correction by the model, mm and rad; unknown while `error` is `None`.
+    /// Correction by the model, mm and rad; valid only while `error` is set.
     pub wanted: PerAxis<f64>,
-    /// The correction that the control is known to apply, mm and rad. Zero for axes that are not in `written`.
+    /// Correction that the control was last confirmed to apply, mm and rad. Zero for axes that are not in `written`.
     pub correction: PerAxis<f64>,
     /// Bit mask of the axes written by the active path: bit 0 is the first axis of the machine.
     pub written: u16,
-    /// Whether `correction` was confirmed within the maximum age of positions. Otherwise it is the last confirmed value.
+    /// Whether `correction` was confirmed within the maximum age of positions.
     pub correction_known: bool,
-    /// The correction last sent without an error, mm and rad; `None`: none since the start.
+    /// Correction last sent without an error, mm and rad; `None`: none since the start.
     pub sent: Option<PerAxis<f64>>,
     /// Result of the last test shift for each axis that the active path corrects; `None` for other axes.
     pub proven: PerAxis<Option<AxisProof>>,
-    /// The paths in order of preference, then the read-only controllers; further entries are unused.
+    /// States of the paths in order of preference, then of the read-only controllers; further entries are unused.
     pub paths: [PathReport; MAX_PATHS],
     /// Error without correction, by the model; `None` while a position is unknown.
     pub error: Option<ToolError>,
@@ -135,7 +135,7 @@ impl Default for Report {
 pub struct Change {
     /// Number of the cycle with the change.
     pub cycle: u64,
-    /// The state from that cycle on.
+    /// State of the guard from that cycle on.
     pub state: State,
     /// Reasons for the state.
     pub reasons: Reasons,
@@ -146,7 +146,7 @@ pub struct Change {
 /// Durations of one cycle, ns.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Timing {
-    /// Wake-up latency: from the deadline to the first instruction of the cycle.
+    /// Wake-up latency: from the deadline to the start of the cycle.
     pub wake_ns: u64,
     /// Duration of the whole cycle, including exchanges.
     pub whole_ns: u64,

@@ -15,7 +15,7 @@ pub struct Sensors {
 }
 
 impl Sensors {
-    /// The sensors of these thermometers; only the first [`MAX_SENSORS`] are used.
+    /// Uses the sensors of these thermometers; only the first [`MAX_SENSORS`] are read.
     pub fn new(thermometers: Vec<Box<dyn Thermometer>>, limits: SensorLimits) -> Self {
         let mut sensors = Self { thermometers, limits, checks: Vec::new() };
         sensors.checks = vec![SensorCheck::default(); sensors.names().len()];
@@ -31,7 +31,7 @@ impl Sensors {
             .collect()
     }
 
-    /// Confirms sensors that jumped: their next readings are accepted.
+    /// Confirms sensors that jumped, so that their next readings are accepted.
     pub(crate) fn acknowledge(&mut self) {
         self.checks.iter_mut().for_each(SensorCheck::acknowledge);
     }
@@ -71,7 +71,6 @@ mod tests {
 
     use super::*;
 
-    /// Each sensor has its own index, its own silence and faults, and an acknowledged jump is accepted.
     #[test]
     fn sensors_of_several_thermometers() {
         let start = Instant::now();

@@ -9,18 +9,18 @@ use volcomp_guard::{ControlTimeOut, SensorLimits};
 use volcomp_model::Fading;
 use volcomp_vocabulary::{AxisKind, AxisName, Displacement, Mm, Rad, Um, Unit, Urad};
 
-/// The limits of the axes of one kind: lengths in [`Um`] for linear, angles in [`Urad`] for rotary axes.
+/// Limits of the axes of one kind, in [`Um`] for linear and in [`Urad`] for rotary axes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AxisSettings<U> {
     /// Largest correction, in either direction.
     pub limit: U,
-    /// Threshold above which a correction is reported.
+    /// Magnitude above which a correction is reported.
     pub warn: U,
     /// Largest change of the correction per second.
     pub slew_per_s: U,
     /// Largest change of the slew per second; infinite: unlimited.
     pub accel_per_s2: U,
-    /// Threshold of the change of the correction, anywhere in the work space, above which a new model needs a confirmation.
+    /// Largest change of the correction by a new model, anywhere in the work space, up to which no confirmation is needed.
     pub confirm: U,
     /// Size of the test shift at arming, which proves whether positions contain the correction; 0: none.
     pub test_shift: U,
@@ -33,14 +33,14 @@ pub struct GuardSettings {
     pub linear: AxisSettings<Um>,
     /// The limits of rotary axes, µrad; `None` if no controller has one.
     pub rotary: Option<AxisSettings<Urad>>,
-    /// The largest corrections on a path without a barrier.
+    /// Largest corrections on a path without a barrier.
     pub without_barrier: WithoutBarrier,
-    /// Maximum movement of the tool tip by half a step of a rotary axis, anywhere in the work space; coarser rotary axes do not correct,
-    /// because the tool may be off by that amount during a step.
+    /// Maximum movement of the tool tip by half a step of a rotary axis, anywhere in the work space. Rotary axes with a coarser step do not
+    /// correct, because the tool may be off by that amount during a step.
     pub rotary_step: Um,
     /// Maximum age of positions; from then on the correction is held.
     pub hold: Duration,
-    /// Age of positions at which the correction ramps to zero.
+    /// Age of positions from which the correction ramps to zero.
     pub zero_after: Duration,
     /// Duration of a ramp; at least 20 cycles.
     pub ramp: Duration,
@@ -60,8 +60,8 @@ impl GuardSettings {
     /// Default of the maximum tip movement by half a rotary step: 10 µm, reached by the usual step of 0.001° at a lever of 1.15 m.
     pub const ROTARY_STEP: Um = Um(10.0);
 
-    /// Limits of linear axes, and defaults for all other settings: the correction is held from an age of the positions of 50 ms, and ramps
-    /// to zero from 500 ms; ramp 500 ms; stop at most 5 s; a preferred controller takes over again after 2 s.
+    /// Creates settings with these limits of linear axes and defaults otherwise: the correction is held from an age of the positions of 50 ms, and
+    /// ramps to zero from 500 ms; ramp 500 ms; stop at most 5 s; a preferred controller takes over again after 2 s.
     pub fn new(linear: AxisSettings<Um>) -> Self {
         Self {
             linear,
@@ -79,7 +79,7 @@ impl GuardSettings {
         }
     }
 
-    /// The limits for the kind of `axis`, as lengths (mm) or angles (rad); `None` if there are none.
+    /// Limits for the kind of `axis`, as lengths (mm) or angles (rad); `None` if there are none.
     pub fn of(&self, axis: AxisName) -> Option<AxisSettings<Displacement>> {
         match axis.kind() {
             AxisKind::Linear => {
@@ -105,7 +105,7 @@ impl AxisSettings<Urad> {
 }
 
 impl<U: Unit> AxisSettings<U> {
-    /// Limits without an acceleration limit and a test shift, in [`Um`] for linear and in [`Urad`] for rotary axes.
+    /// Creates limits without an acceleration limit and a test shift, in [`Um`] for linear and in [`Urad`] for rotary axes.
     pub fn new(limit: U, slew_per_s: U) -> Self {
         Self {
             limit,
@@ -132,7 +132,7 @@ impl<U> AxisSettings<U> {
     }
 }
 
-/// Maximum speed of axes.
+/// Maximum speeds of axes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Rapid {
     /// Maximum speed of linear axes, m/min.
@@ -142,14 +142,14 @@ pub struct Rapid {
 }
 
 impl Default for Rapid {
-    /// 100 m/min and 200/min: the speed of linear motors and torque motors, which few axes exceed.
+    /// 100 m/min and 200/min: the speeds of linear motors and torque motors, which few axes exceed.
     fn default() -> Self {
         Self { linear_m_per_min: 100.0, rotary_rpm: 200.0 }
     }
 }
 
 impl Rapid {
-    /// Maximum speed of this kind of axis, per second.
+    /// Maximum speed of this kind of axis, mm/s or rad/s.
     pub(crate) fn per_s(&self, kind: AxisKind) -> Displacement {
         match kind {
             AxisKind::Linear => Displacement::Length(Mm(self.linear_m_per_min * 1000.0 / 60.0)),
@@ -186,24 +186,25 @@ impl Default for WithoutBarrier {
     }
 }
 
-/// The settings of one controller path that do not belong to its driver.
+/// Settings of one controller path that are not part of its driver.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PathSettings {
-    /// Machine axes that the controller does not report, and their fixed positions; rotary axes only if in `not_driven`.
+    /// Fixed positions of machine axes that the controller does not report; rotary axes only if in `not_driven`.
     pub fixed: BTreeMap<AxisName, Displacement>,
-    /// Rotary axes without a drive, which are set by hand, or never. Only these may have a fixed position. All other rotary axes must be
+    /// Rotary axes without a drive, which are set by hand or never move. Only these may have a fixed position. All other rotary axes must be
     /// read, because the correction of the linear axes rotates with them.
     pub not_driven: BTreeSet<AxisName>,
-    /// Accepts a control without a fail-safe for a stop of the program.
+    /// Whether a control without a fail-safe for a stop of the program is accepted.
     pub unwatched: bool,
-    /// Whether the path carries thermal terms alone, for slow controls: positions may then be held for up to 5 s.
+    /// Whether the path carries thermal terms alone, for slow controls; positions may then be held for up to 5 s.
     pub only_thermal: bool,
     /// Maximum age of positions on this path, from which the correction is held; `None`: [`GuardSettings::hold`]. If it exceeds
-    /// [`GuardSettings::zero_after`], the correction then ramps to zero at once.
+    /// [`GuardSettings::zero_after`], the correction ramps to zero as soon as this age is exceeded.
     pub hold: Option<Duration>,
-    /// Whether the test shift is made at arming.
+    /// Whether a test shift is made at arming.
     pub proves: bool,
-    /// Resolution of the reported position by axis. Axes without an entry report positions more finely than the step of their correction.
+    /// Resolution of the reported position by axis. Axes without an entry are assumed to report positions more finely than the step of their
+    /// correction.
     pub position_steps: BTreeMap<AxisName, Displacement>,
     /// Maximum lag of the read-back, in writes, from 1.
     pub read_back_cycles: usize,
@@ -211,7 +212,7 @@ pub struct PathSettings {
     pub barrier: Option<BarrierSettings>,
     /// Time for which a control without a barrier is watched before the first write, to detect another gateway.
     pub watch: Duration,
-    /// What a control without read-back does when writes stop; `None`: it keeps its correction.
+    /// Behaviour of a control without read-back when writes stop; `None`: it keeps its correction.
     pub time_out: Option<ControlTimeOut>,
 }
 

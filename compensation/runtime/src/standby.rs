@@ -15,13 +15,13 @@ use rtrb::{Consumer, Producer, PushError, RingBuffer};
 use volcomp_port::{Controller, Fault, Snapshot};
 
 pub(crate) const STANDBY_INTERVAL: Duration = Duration::from_millis(100);
-/// Capacity of the ring of answers; further ones are lost.
+/// Capacity of the queue of answers; further ones are lost.
 const ANSWERS: usize = 8;
 
-/// The controller of a path, held by the cycle or by its standby thread.
+/// Slot for the controller of a path, which is held by the cycle or by its standby thread.
 ///
 /// Invariants:
-/// - The controller is in exactly one place: here, in a ring, or with the thread.
+/// - The controller is in exactly one place: here, in a queue, or with the thread.
 pub(crate) struct ControllerSlot {
     controller: Option<Box<dyn Controller>>,
     thread: Option<StandbyThread>,
@@ -95,7 +95,7 @@ impl ControllerSlot {
         self.controller.as_deref_mut()
     }
 
-    /// The next answer from the thread. Lock-free.
+    /// Takes the next answer of the thread from the queue. Lock-free.
     pub(crate) fn next_reading(&mut self) -> Option<StandbyReading> {
         self.thread.as_mut()?.readings.pop().ok()
     }
@@ -128,7 +128,7 @@ impl ControllerSlot {
         let jobs = ReadJob { controller, time_out };
         match thread.jobs.push(jobs) {
             Ok(()) => thread.thread.unpark(),
-            // There is one controller, so the ring has room; otherwise the next cycle tries again.
+            // There is one controller, so the queue has room; otherwise the next cycle tries again.
             Err(PushError::Full(jobs)) => self.controller = Some(jobs.controller),
         }
     }
@@ -164,12 +164,12 @@ impl StandbyReader {
         while !self.is_over() {
             let requested = Instant::now();
             let read = controller.read(requested + time_out);
-            // The ring is full if the cycle has not read it for long; this answer is then lost.
+            // If the queue is full because the cycle has not read it for long, this answer is lost.
             let _ =
                 self.readings.push(StandbyReading { requested, received: Instant::now(), read });
             self.rest(requested + self.every);
         }
-        // There is one controller, so the ring has room.
+        // There is one controller, so the queue has room.
         let _ = self.back.push(controller);
     }
 

@@ -1,4 +1,4 @@
-//! The sensitivity of 60 errors compared with one model evaluation per entry of the table (pose and error), and the whole grid of nine
+//! Time of the sensitivity of 60 errors, compared with one model evaluation per entry of the table (pose and error), and of the whole grid of nine
 //! nodes per axis, which must take less than 10 s on two cores. Only ratios within one run are meaningful.
 
 use std::hint::black_box;

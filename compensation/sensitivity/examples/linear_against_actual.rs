@@ -1,5 +1,5 @@
-//! The accuracy of the sum of 60 error twists: linear and actual volumetric error of the published machine with 60 errors at 1000 random
-//! positions, as a histogram of their ratio.
+//! Accuracy of the sum of 60 error twists: prints a histogram of the ratio between the linear and the actual volumetric error of the published
+//! machine with 60 errors at 1000 random positions.
 //!
 //!     cargo run -p volcomp-sensitivity --example linear_against_actual
 

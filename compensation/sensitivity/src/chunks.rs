@@ -9,8 +9,8 @@ use rayon::prelude::*;
 
 const CHUNK: usize = 2048;
 
-/// Results of `work` for each chunk of `count` poses, in the order of the poses, so that joining them gives the same digits in every run.
-/// `progress` receives, from any thread, the number of finished poses and their total number.
+/// Calls `work` for each chunk of the indices 0 to `count`. The results are in the order of the poses, so that joining them gives the same digits
+/// in every run. `progress` receives, from any thread, the number of finished poses and their total number.
 pub(crate) fn chunks<T: Send>(
     count: usize,
     progress: &(impl Fn(usize, usize) + Sync),

@@ -6,17 +6,17 @@ use nalgebra::{DMatrix, DVector};
 /// projection onto the previous columns.
 pub const DEPENDENT_BELOW: f64 = 1e-9;
 
-/// Weight of a column in a combination, relative to the largest weight, below which it is a
-/// rounding error.
+/// Weights in a combination below this value, relative to the largest weight, are treated as
+/// rounding errors.
 const ROUNDING: f64 = 1e-7;
 
-/// The rank of a matrix, and its linear combinations of columns that are zero.
+/// Rank of a matrix, and the linear combinations of its columns that are zero.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Dependence {
-    /// The columns that are independent of the previous ones, ascending.
+    /// Indices of the columns that are independent of the previous ones, ascending.
     pub kept: Vec<usize>,
-    /// For each dependent column the combination with previous columns that is zero: indices and weights of unit length, the first
-    /// positive, the dependent column last.
+    /// Vanishing combination of each dependent column with previous columns: indices and weights, the weights of unit length, the first
+    /// one positive, the dependent column last.
     pub null: Vec<Vec<(usize, f64)>>,
 }
 
@@ -26,11 +26,11 @@ impl Dependence {
         self.kept.len()
     }
 
-    /// The dependence of the columns of `matrix`, in any scale, in order: each column is projected onto the previous ones by twofold
+    /// Determines the dependence of the columns of `matrix`, in any scale, in order: each column is projected onto the previous ones by twofold
     /// orthogonalisation. A column of zeros depends on no other.
     pub fn of(matrix: &DMatrix<f64>) -> Self {
         let mut basis: Vec<DVector<f64>> = Vec::new();
-        // For each column of the basis: its index, and its coefficients in the basis, both scaled to unit length.
+        // Index of each column of the basis, and its coefficients in the basis, both scaled to unit length.
         let mut places: Vec<usize> = Vec::new();
         let mut triangle: Vec<Vec<f64>> = Vec::new();
         let norms: Vec<f64> = matrix.column_iter().map(|column| column.norm()).collect();
@@ -66,12 +66,12 @@ impl Dependence {
     }
 }
 
-/// Weights of the basis columns for a vector that is given by its components along the orthogonalised basis.
+/// Weights of the basis columns for a vector with these components (`shares`) along the orthogonalised basis.
 fn weights(triangle: &[Vec<f64>], shares: &[f64]) -> Vec<f64> {
     let mut left = shares.to_vec();
     let mut weights = vec![0.0; shares.len()];
     for (place, column) in triangle.iter().enumerate().rev() {
-        // The diagonal exceeds the dependence threshold.
+        // The diagonal exceeds the dependence threshold, so it is not zero.
         let weight = left[place] / column[place];
         weights[place] = weight;
         for (left, share) in left.iter_mut().zip(column) {
@@ -88,7 +88,6 @@ fn combination(scaled: Vec<(usize, f64)>, norms: &[f64]) -> Vec<(usize, f64)> {
     let mut weighted: Vec<(usize, f64)> =
         kept.map(|(place, weight)| (place, weight / norms[place])).collect();
     let length = weighted.iter().map(|(_, weight)| weight * weight).sum::<f64>().sqrt();
-    // The first weight is positive by convention.
     let first = weighted.first().map_or(1.0, |(_, weight)| weight.signum());
     for (_, weight) in &mut weighted {
         *weight /= length * first;

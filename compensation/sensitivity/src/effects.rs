@@ -35,7 +35,7 @@ pub struct Effect {
 
 const MAX_POSES: usize = 1 << 28;
 
-/// The number of poses, if it is within the limit and the chain has the axes of all errors.
+/// Returns the number of poses, if it is within the limit and the chain has the axes of all errors.
 pub(crate) fn checked(
     chain: &Chain,
     terms: &[ErrorTerm],
@@ -58,7 +58,7 @@ pub(crate) fn checked(
     Ok(count)
 }
 
-/// Sums and maxima of the squares of displacement (mm) and rotation (rad).
+/// Sum and maximum of the squares of the displacement (mm²) and of the rotation (rad²).
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Squares {
     position: [f64; 2],
@@ -78,7 +78,7 @@ impl Squares {
     }
 }
 
-/// The first-order effect on the tool of each error alone, with the values (µm or µrad) of a source, over the poses. An error motion is
+/// Computes the first-order effect on the tool of each error alone, with the values (µm or µrad) of a source, over the poses. An error motion is
 /// evaluated at each pose, for the pose's direction of approach.
 ///
 /// # Errors
@@ -92,7 +92,7 @@ pub fn effects_of(
     effects_of_with_progress(chain, source, terms, poses, |_, _| {})
 }
 
-/// [`effects_of`]; `progress` receives, from any thread, the number of finished poses and their total number.
+/// Like [`effects_of`]; `progress` receives, from any thread, the number of finished poses and their total number.
 ///
 /// # Errors
 /// See [`effects_of`].
@@ -106,7 +106,7 @@ pub fn effects_of_with_progress(
     let count = checked(chain, terms, poses)?;
     let made_of: Vec<(usize, Vec<InGap>)> = terms
         .iter()
-        // Infallible: all axes were checked above.
+        // All axes were checked above, so nothing is filtered out.
         .filter_map(|&term| Some((chain.structure().index_of(term.axis())?, twists(chain, term))))
         .collect();
     let parts: Vec<Vec<Squares>> = chunks(count, &progress, |places| {
@@ -139,13 +139,13 @@ pub fn effects_of_with_progress(
     effects(terms, &sums, count, |_| 1.0)
 }
 
-/// The component of a motion that belongs to a term, mm or rad.
+/// Component of a motion that belongs to a term, mm or rad.
 fn component_of(six: &ErrorMotion, term: ErrorTerm) -> f64 {
     let along = term.component().mcs_index();
     if term.component().is_angular() { six.angular_rad[along] } else { six.linear_mm[along] }
 }
 
-/// The effects of errors with the value `size` (mm or rad), from the squares for one unit of each
+/// Effects of errors with the value `size` (mm or rad), from the squares for one unit (mm or rad) of each
 /// error.
 pub(crate) fn effects(
     terms: &[ErrorTerm],

@@ -1,6 +1,6 @@
 use volcomp_vocabulary::AxisName;
 
-/// Why a sensitivity analysis is not possible.
+/// Reasons why a sensitivity analysis is not possible.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum SensitivityError {

@@ -1,4 +1,4 @@
-//! First-order volumetric error as a formula, each error with its lever, as printed in papers.
+//! First-order volumetric error as a formula, each error with its lever arm, as printed in papers.
 
 use volcomp_kinematics::{Chain, ErrorSource, Joint, State, nalgebra::Vector3};
 use volcomp_vocabulary::{AxisKind, ErrorName};
@@ -12,20 +12,20 @@ use crate::{
 /// Components along X, Y and Z.
 type Vector = [Polynomial; 3];
 
-/// The left-hand sides: displacement of the tool tip along X, Y and Z, rotation of the tool about them.
+/// Left-hand sides: displacement of the tool tip along X, Y and Z, rotation of the tool about them.
 const LEFT: [&str; 6] = ["dX", "dY", "dZ", "dA", "dB", "dC"];
 
-/// Errors that have the same lever.
+/// Errors that have the same lever arm, except for the sign.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Grouped {
-    /// The lever without its sign: mm of displacement per rad, or a dimensionless number.
+    /// Lever arm: mm of displacement per rad, or a dimensionless number.
     pub lever: Polynomial,
-    /// The errors, each with true for a negative sign.
+    /// Errors, each with `true` if its sign is negative.
     pub errors: Vec<(ErrorTerm, bool)>,
 }
 
-/// The first-order volumetric error of a chain in workpiece axes: six sums of errors times levers. Lengths are in mm, angles in rad; the
-/// tool tip is `Xt`, `Yt`, `Zt`, of which coordinates that are 0 are omitted.
+/// First-order volumetric error of a chain in workpiece axes: six sums of errors times lever arms. Lengths are in mm, angles in rad. The
+/// coordinates of the tool tip are `Xt`, `Yt` and `Zt`; those that are 0 are omitted.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Expression {
     components: [Vec<Grouped>; 6],
@@ -33,7 +33,7 @@ pub struct Expression {
 }
 
 impl Expression {
-    /// The formula of a chain with these errors; errors of missing axes are omitted.
+    /// Derives the formula of a chain with these errors; errors of missing axes are omitted.
     pub fn of(chain: &Chain, terms: &[ErrorTerm]) -> Self {
         let made_of: Vec<_> = terms.iter().map(|&term| twists(chain, term)).collect();
         let tip = chain.tool_tip_mm();
@@ -42,7 +42,7 @@ impl Expression {
             Polynomial::factor(symbol, f64::from(u8::from(tip[place] != 0.0)))
         });
         let mut columns: Vec<[Vector; 2]> = vec![<[Vector; 2]>::default(); terms.len()];
-        // From the tool to the workpiece, like the sum of twists.
+        // From the tool to the workpiece, as in the sum of twists.
         for gap in (0..=chain.joints().len()).rev() {
             for (column, twists) in columns.iter_mut().zip(&made_of) {
                 for twist in twists.iter().filter(|twist| twist.gap == gap) {
@@ -83,17 +83,17 @@ impl Expression {
         Self { components, tool_tip_mm: tip.into() }
     }
 
-    /// The errors of each component with their levers: displacements along X, Y, Z, then rotations about X, Y, Z.
+    /// Errors of each component with their lever arms: displacements along X, Y, Z, then rotations about X, Y, Z.
     pub fn components(&self) -> &[Vec<Grouped>; 6] {
         &self.components
     }
 
-    /// The values of the tool tip coordinates `Xt`, `Yt` and `Zt` in the formula, mm.
+    /// Values of the tool tip coordinates `Xt`, `Yt` and `Zt` in the formula, mm.
     pub fn tool_tip_mm(&self) -> [f64; 3] {
         self.tool_tip_mm
     }
 
-    /// The six formulas, `dX = …` to `dC = …`, in a syntax accepted by Python and spreadsheets.
+    /// Formats the six formulas, `dX = …` to `dC = …`, in a syntax accepted by Python and spreadsheets.
     pub fn text(&self) -> [String; 6] {
         core::array::from_fn(|place| {
             let sum = written(&self.components[place], false, ErrorTerm::to_string);
@@ -101,7 +101,7 @@ impl Expression {
         })
     }
 
-    /// The six formulas in LaTeX, each with its `&` before the equals sign.
+    /// Formats the six formulas in LaTeX, each with `&` before the equals sign.
     pub fn latex(&self) -> [String; 6] {
         let name = |term: &ErrorTerm| {
             let text = term.to_string();
@@ -115,7 +115,7 @@ impl Expression {
         })
     }
 
-    /// The value of the six formulas at a state, mm and rad, with the errors of `source`.
+    /// Evaluates the six formulas at a state, mm and rad, with the errors of `source`.
     pub fn value<S: ErrorSource>(&self, chain: &Chain, source: &S, state: &State) -> [f64; 6] {
         let value_of = |factor: Factor| {
             let at = |axis| chain.structure().index_of(axis).map_or(0.0, |place| state.q[place]);
@@ -139,7 +139,7 @@ impl Expression {
     }
 }
 
-/// The value of an error in a source, mm or rad.
+/// Value of an error in a source, mm or rad; 0 if the chain lacks its axis.
 fn error_of<S: ErrorSource>(chain: &Chain, source: &S, state: &State, term: ErrorTerm) -> f64 {
     let Some(axis) = chain.structure().index_of(term.axis()) else {
         return 0.0;
@@ -170,7 +170,7 @@ fn shift(point: &mut Vector, by: &Vector3<f64>, sign: f64) {
     }
 }
 
-/// The rotation matrix of a rotary axis: u·uᵀ + cos·(I − u·uᵀ) + sin·u^.
+/// Rotation matrix of a rotary axis: u·uᵀ + cos·(I − u·uᵀ) + sin·u^.
 fn turn(joint: &Joint) -> [Vector; 3] {
     let u = &joint.direction;
     let hat = u.cross_matrix();
@@ -196,7 +196,7 @@ fn turned(turn: &[Vector; 3], vector: &Vector) -> Vector {
     })
 }
 
-/// Groups errors whose levers are equal except for the sign, in the order of the first error of each group.
+/// Groups errors whose lever arms are equal except for the sign, in the order of the first error of each group.
 fn grouped(levers: impl Iterator<Item = (ErrorTerm, Polynomial)>) -> Vec<Grouped> {
     let mut groups: Vec<Grouped> = Vec::new();
     for (term, lever) in levers.filter(|(_, lever)| !lever.is_zero()) {
@@ -209,7 +209,7 @@ fn grouped(levers: impl Iterator<Item = (ErrorTerm, Polynomial)>) -> Vec<Grouped
     groups
 }
 
-/// Formats a sum of errors and levers; `name` formats an error.
+/// Formats a sum of errors times lever arms; `name` formats an error.
 fn written(groups: &[Grouped], latex: bool, name: impl Fn(&ErrorTerm) -> String) -> String {
     let mut text = String::new();
     let mut add = |negative: bool, what: &str| {
@@ -228,7 +228,7 @@ fn written(groups: &[Grouped], latex: bool, name: impl Fn(&ErrorTerm) -> String)
             }
             continue;
         }
-        // The sign of the first error precedes the lever.
+        // The sign of the first error is written before the lever arm.
         let turned = group.errors.first().is_some_and(|(_, negative)| *negative);
         let mut sum = String::new();
         for (place, (term, negative)) in group.errors.iter().enumerate() {

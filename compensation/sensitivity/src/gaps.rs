@@ -1,7 +1,7 @@
 //! Errors as constant twists in the gaps between the joints.
 //!
 //! To first order an error of one unit is a twist in one gap of the chain, or in two: a displaced axis line is a twist on the workpiece
-//! side of its joint and the opposite twist on its tool side (the adjoint of the joint's screw). A gap has six twists, so the 60 errors of
+//! side of its joint and the opposite twist on its tool side. A gap has six twists, so the 60 errors of
 //! five axes are combinations of 36 twists, and only the effects of these change from pose to pose.
 
 use nalgebra::{Matrix3, Vector3};
@@ -13,17 +13,17 @@ use crate::term::ErrorTerm;
 /// Maximum number of gaps: one before each axis and one after the last.
 pub(crate) const MAX_GAPS: usize = MAX_AXES + 1;
 
-/// A unit twist, about the MCS origin, in a gap; gap 0 precedes the first axis from the workpiece.
+/// A twist about the MCS origin in a gap; gap 0 is between the workpiece and the first axis.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct InGap {
     pub(crate) gap: usize,
-    /// Displacement of a point at the origin: 1 for a unit length, mm/rad for a unit angle.
+    /// Displacement of a point at the origin: dimensionless for a length error, mm/rad for an angular error.
     pub(crate) linear: Vector3<f64>,
-    /// Rotation vector: 1 for a unit angle.
+    /// Rotation vector: dimensionless for an angular error, zero for a length error.
     pub(crate) angular: Vector3<f64>,
 }
 
-/// The twists of an error of one unit (mm or rad); empty if the chain lacks the axis.
+/// Twists of an error of one unit (mm or rad); empty if the chain lacks the axis.
 pub(crate) fn twists(chain: &Chain, term: ErrorTerm) -> Vec<InGap> {
     let joints = chain.joints();
     let Some(index) = joints.iter().position(|joint| joint.name == term.axis()) else {
@@ -47,7 +47,7 @@ pub(crate) fn twists(chain: &Chain, term: ErrorTerm) -> Vec<InGap> {
             vec![at(index + usize::from(on_tool_side), &origin)]
         }
         ErrorTerm::Named(name) if name.location => {
-            // The position of the line of a linear axis has no effect, so it is taken through the
+            // The line of a linear axis may have any position, so it is taken through the
             // origin.
             let point = match joint.kind {
                 AxisKind::Linear => origin,
@@ -62,12 +62,12 @@ pub(crate) fn twists(chain: &Chain, term: ErrorTerm) -> Vec<InGap> {
     }
 }
 
-/// The effect at a pose of a twist in each gap on the tool.
+/// Position of the gaps relative to workpiece and tool at a pose, from which the effect of twists follows.
 #[derive(Clone, Debug)]
 pub(crate) struct Gaps {
     /// Rotations from the axes of each gap to the axes of the workpiece.
     pub(crate) turned: [Matrix3<f64>; MAX_GAPS],
-    /// The tool tip in the coordinates of each gap, mm.
+    /// Tool tip in the coordinates of each gap, mm.
     pub(crate) tip_mm: [Vector3<f64>; MAX_GAPS],
 }
 
@@ -80,7 +80,7 @@ impl Gaps {
         for (index, joint) in joints.iter().enumerate().rev() {
             let motion = joint.motion(state.q[index]);
             gaps.tip_mm[index] = motion.transform_point(&gaps.tip_mm[index + 1]);
-            // The rotation of the joint alone, multiplied below.
+            // Rotation of this joint alone; the rotations of the previous joints are multiplied below.
             gaps.turned[index + 1] = motion.rotation;
         }
         for index in 1..=joints.len() {

@@ -1,11 +1,11 @@
-//! Sums of products of coordinates, sines, cosines and tool offsets: the levers in a formula.
+//! Sums of products of coordinates, sines, cosines and tool offsets: the lever arms in a formula.
 
 use core::fmt;
 use std::collections::BTreeMap;
 
 use volcomp_vocabulary::AxisName;
 
-/// A factor of a product in a lever.
+/// A factor of a product in a lever arm.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Factor {
     /// The coordinate of a linear axis, mm: `x`.
@@ -14,7 +14,7 @@ pub enum Factor {
     Cos(AxisName),
     /// The sine of the coordinate of a rotary axis: `sin(a)`.
     Sin(AxisName),
-    /// X, Y or Z (0, 1, 2) of the tool tip at machine zero, mm: `Xt`.
+    /// X, Y or Z coordinate (0, 1, 2) of the tool tip at machine zero, mm: `Xt`.
     Tool(usize),
 }
 
@@ -61,12 +61,12 @@ impl Polynomial {
         sum
     }
 
-    /// Whether the sum is empty.
+    /// Whether the polynomial is zero: it has no products.
     pub fn is_zero(&self) -> bool {
         self.0.is_empty()
     }
 
-    /// The products with their coefficients.
+    /// Products, each with its coefficient.
     pub fn products(&self) -> impl Iterator<Item = (&[Factor], f64)> {
         self.0.iter().map(|(factors, &number)| (&factors[..], number))
     }
@@ -77,7 +77,7 @@ impl Polynomial {
         }
         let sum = self.0.entry(factors.to_vec()).or_insert(0.0);
         *sum += value;
-        // Cancellation is exact, since the numbers are equal with opposite signs.
+        // Cancellation is exact, because the numbers are equal with opposite signs.
         if *sum == 0.0 {
             self.0.remove(factors);
         }
@@ -109,14 +109,14 @@ impl Polynomial {
         self.0.iter().map(product).sum()
     }
 
-    /// The terms in reading order: products first, a constant last.
+    /// Products in reading order, with the constant last.
     fn ordered(&self) -> Vec<(&[Factor], f64)> {
         let mut products: Vec<_> = self.products().collect();
         products.sort_by_key(|(factors, _)| factors.is_empty());
         products
     }
 
-    /// The polynomial or its negative, so that the first coefficient is positive; true if negated.
+    /// Returns the polynomial or its negative, whichever has a positive first coefficient, and whether it was negated.
     pub(crate) fn positive(mut self) -> (Self, bool) {
         let negative = self.ordered().first().is_some_and(|(_, number)| *number < 0.0);
         if negative {
@@ -154,7 +154,7 @@ impl Polynomial {
             let mut parts: Vec<String> = factors.iter().map(|&factor| name(factor)).collect();
             let size = number.abs();
             if size != 1.0 || parts.is_empty() {
-                // All digits, since the formula must be as accurate as the model.
+                // Write all digits: the formula must be as accurate as the model.
                 parts.insert(0, size.to_string());
             }
             text += &parts.join(times);

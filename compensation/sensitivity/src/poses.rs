@@ -6,21 +6,21 @@ use volcomp_vocabulary::AxisName;
 /// Poses of a chain, in mm and rad, in chain order.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Poses {
-    /// Every combination of the nodes of each axis.
+    /// Every combination of the listed nodes of each axis.
     Grid(Vec<Vec<f64>>),
     /// Every combination of `count` evenly spaced nodes over the travel of each axis, both ends included; a count of 1 gives the middle.
     Even {
-        /// The travel of each axis.
+        /// Travel of each axis, mm or rad.
         travels: Vec<[f64; 2]>,
         /// Number of nodes of each axis.
         count: usize,
     },
-    /// These poses, in order.
+    /// The listed poses, in order.
     List(Vec<State>),
 }
 
 impl Poses {
-    /// A grid of `count` evenly spaced nodes over the travel (mm, rad) of each axis, both ends included; a count of 1 gives the middle.
+    /// Creates a grid of `count` evenly spaced nodes over the travel (mm, rad) of each axis, both ends included; a count of 1 gives the middle.
     ///
     /// # Errors
     /// See [`Chain::by_axis`].
@@ -46,7 +46,7 @@ impl Poses {
         }
     }
 
-    /// The pose at an index; in a grid the last axis varies fastest. Beyond the end a grid wraps around, and a list returns machine zero.
+    /// Pose at an index; in a grid the last axis varies fastest. Beyond the end a grid wraps around, and a list returns machine zero.
     pub fn state(&self, place: usize) -> State {
         let axes = match self {
             Self::List(states) => return states.get(place).copied().unwrap_or_default(),
@@ -71,7 +71,6 @@ impl Poses {
         }
     }
 
-    /// The coordinate of a node of a grid, mm or rad.
     fn node(&self, axis: usize, place: usize) -> f64 {
         match self {
             Self::Grid(nodes) => nodes[axis].get(place).copied().unwrap_or_default(),

@@ -14,7 +14,7 @@ use crate::{
     term::ErrorTerm,
 };
 
-/// Number of poses whose rows are triangularised in one step.
+/// Number of poses whose rows are reduced to a triangular factor in one step.
 const STACKED: usize = 48;
 
 /// Errors whose effects are proportional at every pose: one motion of the tool.
@@ -110,7 +110,7 @@ pub fn sensitivity_with_progress(
     })
 }
 
-/// 1 µm or 1 µrad of an error, in mm or rad.
+/// Value of 1 µm or 1 µrad of an error, in mm or rad.
 fn in_micro_units(term: ErrorTerm) -> f64 {
     if term.component().is_angular() { 1e-6 } else { 1e-3 }
 }
@@ -130,11 +130,11 @@ fn in_micro(mut combination: Vec<(ErrorTerm, f64)>) -> Vec<(ErrorTerm, f64)> {
     combination
 }
 
-/// The twists of the gaps without those that are equal at every pose: translations are unchanged across a linear axis.
+/// Columns for the twists of the gaps. Twists that are equal at every pose share a column: translations are unchanged across a linear axis.
 struct Basis {
     place: Vec<[usize; 6]>,
     columns: usize,
-    /// The lever that makes rotations comparable to displacements, mm.
+    /// Lever arm by which displacements are divided to compare them with rotations, mm.
     lever_mm: f64,
 }
 
@@ -155,7 +155,7 @@ impl Basis {
             }
             place.push(here);
         }
-        // Only the order of magnitude of the lever matters.
+        // Only the order of magnitude of the lever arm matters.
         let lever = |at: usize| {
             let gaps = Gaps::at(chain, &poses.state(at));
             let levers = gaps.tip_mm[..=chain.joints().len()].iter().map(Vector3::norm);
@@ -197,7 +197,7 @@ impl Basis {
 }
 
 struct Sums {
-    /// The effect of each error per mm or rad.
+    /// Squares of the effect of each error per mm or rad.
     effects: Vec<Squares>,
     triangle: DMatrix<f64>,
 }
@@ -248,7 +248,7 @@ impl Sums {
     }
 }
 
-/// Groups proportional columns; columns of zeros are omitted.
+/// Groups errors with proportional columns; columns of zeros are omitted.
 fn motions(
     chain: &Chain,
     terms: &[ErrorTerm],
@@ -282,11 +282,11 @@ fn motions(
     groups.into_iter().map(named).collect()
 }
 
-/// The name of a motion, which is the name of its error nearest to the workpiece.
+/// Name of a motion, which is derived from the error whose gap is nearest to the workpiece.
 fn name(chain: &Chain, terms: &[ErrorTerm], made_of: &[Vec<InGap>], group: &[usize]) -> String {
     let single = group.iter().filter(|&&place| made_of[place].len() == 1);
     let Some(&place) = single.min_by_key(|&&place| made_of[place][0].gap) else {
-        // Only errors of axis lines, which consist of two twists each.
+        // All errors displace axis lines; these consist of two twists each.
         let names: Vec<String> = group.iter().map(|&place| terms[place].to_string()).collect();
         return format!("line of an axis: {}", names.join(", "));
     };

@@ -5,7 +5,7 @@ use core::fmt;
 use volcomp_kinematics::Chain;
 use volcomp_vocabulary::{AxisName, Component, ErrorName};
 
-/// One error of a machine: an error motion at the current coordinate of its axis, a location error, or an assembly error.
+/// One error of a machine: an error motion, a location error, or an assembly error.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum ErrorTerm {
     /// An error motion `E?N` or a location error `E?0N`.
@@ -23,7 +23,7 @@ impl ErrorTerm {
         }
     }
 
-    /// The axis of the error.
+    /// Axis to which the error belongs: the `Y` of `EXY`.
     pub fn axis(self) -> AxisName {
         match self {
             Self::Named(name) => name.axis,
@@ -31,7 +31,7 @@ impl ErrorTerm {
         }
     }
 
-    /// The name of the coefficient in a null combination: `EXC constant` for an error motion, because that is a curve; otherwise the name.
+    /// Name of the coefficient in a null combination: `EXC constant` for an error motion, whose curve has several coefficients; otherwise the name.
     pub fn coefficient(self) -> String {
         match self {
             Self::Named(name) if !name.location => format!("{name} constant"),
@@ -71,8 +71,8 @@ impl fmt::Display for ErrorTerm {
     }
 }
 
-/// The errors of a chain, axis by axis from the workpiece to the tool: six error motions, then the location errors with an effect. With
-/// `assembly`, the six assembly errors replace the location errors that they include, and of the other location errors only those in
+/// Errors of a chain, axis by axis from the workpiece to the tool: six error motions, then the location errors that have an effect. With
+/// `assembly`, the six assembly errors replace the location errors; only those in
 /// `stated` remain.
 pub fn terms(chain: &Chain, assembly: bool, stated: &[ErrorName]) -> Vec<ErrorTerm> {
     let mut terms = Vec::new();

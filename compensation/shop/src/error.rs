@@ -3,7 +3,7 @@ use volcomp_metrology::MetrologyError;
 use volcomp_model::ModelError;
 use volcomp_vocabulary::ErrorName;
 
-/// Why a shop cannot make measurement files.
+/// Reasons why a shop cannot make measurement files.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ShopError {
@@ -16,23 +16,23 @@ pub enum ShopError {
     /// The file of the truth machine is invalid, or the machine lacks an axis to be measured.
     #[error(transparent)]
     Machine(#[from] ModelError),
-    /// The instrument of a line is invalid (only possible when built in code).
+    /// The instrument of a line is invalid (only possible for a shop built in code).
     #[error("the line of {error}: {source}")]
     Instrument {
-        /// The error that the line measures.
+        /// Error that the line measures.
         error: ErrorName,
-        /// Why the instrument is rejected.
+        /// Reason why the instrument is rejected.
         source: InstrumentError,
     },
-    /// An error cannot be measured by the requested method (only possible when built in code).
+    /// An error cannot be measured by the requested method (only possible for a shop built in code).
     #[error("the line of {error}: {source}")]
     Method {
-        /// The error that the line should measure.
+        /// Error that the line should measure.
         error: ErrorName,
-        /// Why the method does not fit the error.
+        /// Reason why the method does not fit the error.
         source: MetrologyError,
     },
-    /// More readings than allowed for a shop.
+    /// More readings than a shop may make.
     #[error(
         "the shop makes {found} readings, expected at most {most}: fewer targets, runs or poses"
     )]
@@ -47,28 +47,28 @@ pub enum ShopError {
     Observation {
         /// Name of the observation's row file, without extension.
         name: String,
-        /// Why it cannot be made.
+        /// Reason why the observation cannot be made.
         source: Box<ObservationError>,
     },
 }
 
-/// Why an observation cannot be made.
+/// Reasons why an observation cannot be made.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ObservationError {
-    /// The instrument is invalid (only possible when built in code).
+    /// The instrument is invalid (only possible for a shop built in code).
     #[error(transparent)]
     Instrument(#[from] InstrumentError),
     /// The machine lacks an axis or a tool, or a coordinate is not a number.
     #[error(transparent)]
     Machine(#[from] ModelError),
-    /// Too few poses with the tip at a target position are within travel.
+    /// Too few of the requested poses with the tip at a target position are within the travels.
     #[error(
         "{what} at [{}, {}, {}] mm in workpiece axes: found {found} of {poses} poses within travel, expected a place that the tool reaches with the rotary axes all over their travel, or rotary axes held by `at`",
         at[0], at[1], at[2]
     )]
     Reach {
-        /// The target position, for the message.
+        /// Noun for the target position in the message.
         what: String,
         /// Position, mm in workpiece axes.
         at: [f64; 3],
@@ -113,15 +113,15 @@ pub enum ObservationError {
         /// Maximum of this distance, mm.
         most_mm: f64,
     },
-    /// A plan contains a sphere that does not exist (only possible when built in code).
+    /// A plan refers to a sphere that does not exist (only possible for a shop built in code).
     #[error("found sphere S{found} in the plan, expected S1 to S{most}")]
     NoSphere {
         /// Number of the sphere in the plan, from 1.
         found: usize,
-        /// Number of spheres in the plan.
+        /// Number of spheres of the observation.
         most: usize,
     },
-    /// Too few or too many poses, marks or diagonals (only possible when built in code).
+    /// Too few or too many poses, marks or diagonals (only possible for a shop built in code).
     #[error("found {found} {what}, expected {least} to {most}")]
     Count {
         /// Plural noun of the counted things: poses, marks or diagonals.
@@ -133,7 +133,7 @@ pub enum ObservationError {
         /// Maximum number of poses, marks or diagonals.
         most: usize,
     },
-    /// The diagonal does not exist (only possible when built in code).
+    /// A diagonal has an unknown name (only possible for a shop built in code).
     #[error("found the diagonal {name:?}, expected one of PPP, NPP, PNP, PPN")]
     NoDiagonal {
         /// The rejected name.
@@ -144,7 +144,7 @@ pub enum ObservationError {
     NoDirection,
 }
 
-/// Why an instrument is rejected.
+/// Reasons why an instrument is rejected.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum InstrumentError {
@@ -159,12 +159,12 @@ pub enum InstrumentError {
     /// The number of runs is zero.
     #[error("found no runs, expected at least 1")]
     NoRuns,
-    /// More readings than allowed for a line.
+    /// More readings than one line may have.
     #[error("found {targets} targets in {runs} runs, expected at most {most} readings")]
     Readings {
         /// Number of targets of the line.
         targets: usize,
-        /// The number of runs in each direction.
+        /// Number of runs in each direction.
         runs: u32,
         /// Maximum number of readings.
         most: usize,
@@ -172,7 +172,7 @@ pub enum InstrumentError {
     /// A number is not finite, or is negative where that is not allowed.
     #[error("{what}: found {found}, expected {expected}")]
     Number {
-        /// The quantity, as the key of a shop file with its unit.
+        /// Key of the quantity in a shop file, with its unit.
         what: &'static str,
         /// The rejected number.
         found: f64,

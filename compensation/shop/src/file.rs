@@ -15,7 +15,7 @@ impl Format {
         ("keysight-report", Self::KeysightReport),
     ];
 
-    /// The file extension for angles, or for lengths with or without straightness optics.
+    /// File extension of a format, for angles or lengths, with or without straightness optics.
     fn ending(self, holds_angles: bool, straightness: bool) -> &'static str {
         match (self, holds_angles, straightness) {
             (Self::Csv, ..) => "csv",
@@ -27,7 +27,7 @@ impl Format {
         }
     }
 
-    /// Why a line cannot be written in this format; `None` if it can.
+    /// Reason why a line cannot be written in this format; `None` if it can.
     pub(crate) fn refuses(self, line: &ShopLine) -> Option<&'static str> {
         match self {
             Self::ApiPos if line.setup.reads_angles() => {

@@ -15,7 +15,7 @@ pub struct Instrument {
     pub length: Imperfections<Um>,
     /// Imperfections of angle readings.
     pub angle: Imperfections<Urad>,
-    /// Standard deviation of the slope between a straightness reference and its axis.
+    /// Standard deviation of the slope of a straightness reference relative to its axis.
     pub alignment: Urad,
     /// Number of targets over the travel, both ends included.
     pub targets: usize,
@@ -25,21 +25,21 @@ pub struct Instrument {
     pub both_directions: bool,
 }
 
-/// Deviations of the readings from the true deviations, µm or µrad.
+/// Systematic and random deviations of the readings from the true values, µm or µrad.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Imperfections<U> {
     /// Standard deviation of a reading.
     pub noise: U,
     /// Resolution of a reading, 0 for none.
     pub resolution: U,
-    /// Drift of the readings from the first to the last reading of a line.
+    /// Drift from the first to the last reading of a line.
     pub drift: U,
     /// Lost motion of the set-up: forward minus backward.
     pub reversal: U,
 }
 
 impl Default for Instrument {
-    /// A perfect instrument, 21 targets, five bidirectional runs.
+    /// A perfect instrument with 21 targets and five bidirectional runs.
     fn default() -> Self {
         Self {
             length: Imperfections::default(),
@@ -98,7 +98,7 @@ impl Instrument {
         Ok(())
     }
 
-    /// Checks that the runs over this number of targets do not exceed the maximum number of readings.
+    /// Checks that the runs over `targets` targets do not exceed the maximum number of readings.
     pub(crate) fn check_count(&self, targets: usize) -> Result<(), InstrumentError> {
         let (runs, most) = (self.runs, MAX_READINGS);
         if targets.saturating_mul(runs as usize) > most {
@@ -112,7 +112,7 @@ impl Instrument {
         (0..self.targets).map(|index| low + (high - low) * index as f64 / last).collect()
     }
 
-    /// Measures a line. `perfect` returns the reading of a perfect instrument at a target in a direction, 0 at the first target.
+    /// Measures a line. `perfect` returns the reading of a perfect instrument, µm or µrad, at a target in a direction; 0 at the first target.
     pub(crate) fn run(
         &self,
         targets: &[f64],
@@ -153,7 +153,7 @@ impl Instrument {
     }
 }
 
-/// The targets of a bridge over a travel, from the lower end on, spaced by the distance of its feet.
+/// Targets of a bridge over a travel, mm, from the lower end on, spaced by the distance of its feet.
 pub(crate) fn bridge_targets([low, high]: [f64; 2], bridge_mm: f64) -> Vec<f64> {
     (0..=MAX_TARGETS)
         .map(|step| low + bridge_mm * step as f64)
@@ -174,7 +174,7 @@ fn rounded(value: f64, step: f64) -> f64 {
     if step > 0.0 { (value / step).round() * step } else { value }
 }
 
-/// The keys of an instrument, allowed in its own table and in a `[[measurement]]`, which overrides them.
+/// Keys of an instrument, which are valid in its own table and in a `[[measurement]]`, where they override it.
 pub(crate) const INSTRUMENT_KEYS: [&str; 12] = [
     "noise_um",
     "noise_urad",
@@ -190,7 +190,7 @@ pub(crate) const INSTRUMENT_KEYS: [&str; 12] = [
     "both_directions",
 ];
 
-/// The instrument of a section, whose keys override those of `base`.
+/// Decodes the instrument of a section, whose keys override those of `base`.
 pub(crate) fn decode_instrument(
     section: &Section<'_>,
     base: &Instrument,

@@ -20,12 +20,12 @@ use crate::{
     shop::{Shop, ShopLine, ShopLocation},
 };
 
-/// First random stream of location errors, separate from the streams of lines and observations.
+/// Number of the first random stream of location errors, separate from the streams of lines and observations.
 const FIRST_LOCATION: u64 = 1 << 33;
 
 impl Shop {
-    /// All files by name: the machine without errors; the measurements and `calibration.toml`, unless there are only observations; the
-    /// observations and `observations.toml`, if there are any. `progress` receives the number of finished lines and observations and their
+    /// Makes all files, each with its name: the machine without errors; the measurements and `calibration.toml`, unless there are only observations;
+    /// the observations and `observations.toml`, if there are any. `progress` receives the number of finished lines and observations and their
     /// total number.
     ///
     /// # Errors
@@ -61,7 +61,6 @@ impl Shop {
                 self.measure(index, line, alignment.unwrap_or_default(), set_up.as_ref())?;
             let (name, text) = self.measurement_file(line, &measurement);
             let setup = line.setup.to_toml(&self.truth);
-            // Writing to a String cannot fail.
             let file = toml_string(&name);
             let _ = write!(calibration, "\n[[measurement]]\n{setup}file = {file}\n");
             if let Some(curve) = line.curve {
@@ -94,7 +93,7 @@ impl Shop {
         Ok(files)
     }
 
-    /// The names of the [`files`](Self::files), without generating them.
+    /// Names of the [`files`](Self::files), without generating them.
     pub fn file_names(&self) -> Vec<String> {
         let mut names = vec!["machine.toml".to_owned()];
         names.extend(self.lines.iter().map(ShopLine::file_name));
@@ -110,7 +109,7 @@ impl Shop {
         names
     }
 
-    /// Whether there is a calibration file: there is something to calibrate, or there are no observations.
+    /// Whether there is a calibration file: if there is something to calibrate, or if there are no observations.
     pub(crate) fn has_calibration(&self) -> bool {
         !self.lines.is_empty()
             || !self.squareness.is_empty()
@@ -118,7 +117,7 @@ impl Shop {
             || self.observations.is_empty()
     }
 
-    /// The table of a location error in the calibration file: its value with noise, and its standard uncertainty.
+    /// Table of a location error in the calibration file: its value with noise, and its standard uncertainty.
     fn read_location(&self, index: usize, location: &ShopLocation) -> Result<String, ShopError> {
         let error = location.error;
         let mut random = ChaCha8Rng::seed_from_u64(self.seed);
@@ -134,7 +133,7 @@ impl Shop {
         } else {
             seen.linear_mm[place] * 1e3
         };
-        // Rounded to a millionth of a µm or µrad, which removes rounding errors of the pose computation.
+        // Rounding to a millionth of a µm or µrad removes the rounding errors of the pose computation.
         let value = (value * 1e6).round() / 1e6;
         let read = value + location.noise * share;
         let unit = error.component.unit();
@@ -151,7 +150,7 @@ impl Shop {
         self.lines.len() + self.observations.len()
     }
 
-    /// Slopes of the straightness references to their axes. The two beams of a squareness measurement enclose the angle φ of its reference,
+    /// Slope of each straightness reference relative to its axis. The two beams of a squareness measurement enclose the angle φ of its reference,
     /// so their slopes add up to φ − π/2.
     fn alignments(&self) -> BTreeMap<ErrorName, Urad> {
         let mut alignments = BTreeMap::new();
@@ -172,13 +171,13 @@ impl Shop {
         alignments
     }
 
-    /// The coordinates at which artefacts are set up, and the axes along which they are aligned.
+    /// Coordinates of all axes at which artefacts are set up, and the axes along which they are aligned.
     fn reference(&self) -> (Vec<f64>, [AxisName; 2]) {
         let axes = self.truth.axes().iter();
         (axes.map(Axis::nearest_zero).collect(), [AxisName::X, AxisName::Y])
     }
 
-    /// The targets of a straightness measurement, mm; `None` if the error is not measured.
+    /// Targets of a straightness measurement, mm; `None` if the error is not measured.
     fn targets_of(&self, error: ErrorName) -> Option<Vec<f64>> {
         let line = self.lines.iter().find(|line| line.setup.error == error)?;
         let travel = self.truth.axis(error.axis)?.travel;
@@ -188,20 +187,20 @@ impl Shop {
         })
     }
 
-    /// The set-up of the artefacts along the reference lines of the straightness measurements, by default over 21 targets.
+    /// Set-up of the artefacts along the reference lines of the straightness measurements, by default over 21 targets.
     fn set_up(&self) -> ArtefactPoses {
         let (reference, axes) = self.reference();
         ArtefactPoses::of(&self.truth, &reference, axes, |error| self.targets_of(error))
     }
 
-    /// A separate random generator for each line, so that an additional line does not change the others.
+    /// Creates a separate random generator for each line, so that an additional line does not change the others.
     fn random(&self, stream: usize) -> ChaCha8Rng {
         let mut random = ChaCha8Rng::seed_from_u64(self.seed);
         random.set_stream(stream as u64);
         random
     }
 
-    /// The readings of the instrument along a line, µm or µrad. `alignment` is the slope of its straightness reference, `index` selects the
+    /// Readings of the instrument along a line, µm or µrad. `alignment` is the slope of its straightness reference, `index` selects the
     /// random stream.
     fn measure(
         &self,
@@ -268,7 +267,7 @@ impl Shop {
     }
 }
 
-/// The errors that an instrument measures: all, or only the error motions of the axis on which it
+/// Error source as an instrument measures it: all errors, or only the error motions of the axis `only` on which it
 /// is centred.
 struct Seen<S> {
     of: S,

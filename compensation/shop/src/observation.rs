@@ -12,7 +12,7 @@ use crate::{
 pub struct ShopObservation {
     /// Name of the row file without its extension.
     pub name: String,
-    /// The instrument; `alignment` is the standard deviation of each tilt with which a bar or a laser is set up.
+    /// Imperfections, targets and runs; `alignment` is the standard deviation of each tilt with which a bar or a laser is set up.
     pub instrument: Instrument,
     /// Coordinates of the axes that do not move, mm or deg.
     pub at: Vec<(AxisName, f64)>,
@@ -29,29 +29,29 @@ pub enum Setting {
     Points {
         /// Poses at which the tracker measures.
         poses: Poses,
-        /// The pose of the tracker: x, y, z in mm, then a, b, c in deg about the fixed X, Y and Z.
+        /// Pose of the tracker in workpiece axes: x, y, z in mm, then a, b, c in deg about the fixed X, Y and Z.
         frame: [f64; 6],
-        /// Offset of the target from the tip, in tool axes at machine zero.
+        /// Offset of the target from the tip, mm in tool axes at machine zero; `None`: the target is at the tip.
         target: Option<[f64; 3]>,
     },
-    /// Spheres on the table.
+    /// A touch probe or an R-test on spheres on the table.
     Sphere {
-        /// The poses: random ones for each sphere, or those of a plan.
+        /// Poses: random ones for each sphere, or those of a plan.
         poses: Poses,
         /// Centres of the spheres, mm in workpiece axes.
         centres: Vec<[f64; 3]>,
-        /// The recorded quantity.
+        /// Quantity that the probe records.
         reads: Reads,
     },
     /// Distances from a point on the table: ballbar or laser tracer.
     Distance {
         /// Poses at which distances are measured.
         poses: Poses,
-        /// Point on the table, mm.
+        /// Point on the table from which distances are measured, mm.
         point: [f64; 3],
         /// Length by which every reading is too short, mm.
         dead_length_mm: f64,
-        /// Distance of all poses from the point (ballbar), mm; `None`: anywhere within the travels (laser tracer).
+        /// Distance of all poses from the point, mm (ballbar); `None`: anywhere within the travels (laser tracer).
         radius_mm: Option<f64>,
     },
     /// A step gauge: distances between its faces.
@@ -60,12 +60,12 @@ pub enum Setting {
     BallRow {
         /// The bar; its marks are the balls.
         bar: Bar,
-        /// The recorded quantity.
+        /// Quantity that the probe records.
         reads: Reads,
     },
-    /// A laser along body diagonals, such as `PPP`.
+    /// A laser along body diagonals.
     Diagonals {
-        /// Names of the measured diagonals.
+        /// Names of the measured diagonals, such as `PPP`.
         names: Vec<String>,
     },
 }
@@ -73,9 +73,9 @@ pub enum Setting {
 /// The poses at which an instrument takes readings.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Poses {
-    /// This number of random poses over the travels.
+    /// Random poses over the travels: their number.
     Drawn(usize),
-    /// The poses that a plan commands.
+    /// Commanded poses of a plan.
     Planned(Plan),
 }
 
@@ -89,21 +89,21 @@ impl Poses {
     }
 }
 
-/// What a probe records at a sphere or a ball.
+/// Quantity that a probe records at a sphere or a ball.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Reads {
-    /// The coordinates of the machine at the actual centre, to which it moves (touch probe).
+    /// Coordinates of the machine with the tip at the actual centre (touch probe).
     Coordinates,
-    /// The offset from the nominal centre, to which the machine moves (R-test, indicators).
+    /// Offset of the tip from the actual centre with the machine at the nominal one (R-test, indicators).
     Offset,
 }
 
 /// A bar with marks.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Bar {
-    /// The point of the bar at distance 0.
+    /// Point of the bar at distance 0, mm in workpiece axes.
     pub origin: [f64; 3],
-    /// The nominal direction of the bar; not necessarily a unit vector.
+    /// Nominal direction of the bar in workpiece axes; not necessarily a unit vector.
     pub direction: [f64; 3],
     /// The calibrated distances along the bar, mm.
     pub distances: Vec<f64>,
@@ -112,7 +112,7 @@ pub struct Bar {
 }
 
 impl Setting {
-    /// The name in a shop file.
+    /// Name of the kind of instrument in a shop file.
     pub fn kind(&self) -> &'static str {
         match self {
             Self::Points { .. } => "points",
@@ -149,7 +149,7 @@ impl ShopObservation {
         Ok(())
     }
 
-    /// The standard uncertainty of a reading for the file of observations, µm: noise and rounding.
+    /// Standard uncertainty of a reading for the file of observations, µm: noise and rounding.
     pub(crate) fn uncertainty_um(&self) -> f64 {
         let length = &self.instrument.length;
         let rounding = length.resolution.0 / 12.0_f64.sqrt();
@@ -173,5 +173,5 @@ impl ShopObservation {
 }
 pub(crate) const MOST_MARKS: usize = 10_000;
 
-/// Standard uncertainty of an instrument without noise, µm.
+/// Minimum of the standard uncertainty, which applies to an instrument without noise, µm.
 const LEAST_UNCERTAINTY_UM: f64 = 1e-3;

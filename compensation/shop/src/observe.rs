@@ -1,4 +1,4 @@
-//! Generates the row files of the volumetric instruments, and the file of observations that refers to them.
+//! Generates the row files of the volumetric instruments, and the file of observations that names them.
 
 mod bars;
 mod diagonals;
@@ -27,10 +27,10 @@ use crate::{
     shop::{CALIBRATED, Shop},
 };
 
-/// First random stream of observations, separate from those of lines.
+/// Number of the first random stream of observations, separate from those of lines.
 const FIRST_STREAM: u64 = 1 << 32;
 
-/// First random stream of the approach directions, separate from the streams of readings.
+/// Number of the first random stream of approach directions, separate from the streams of readings.
 const FIRST_SIDES: u64 = 1 << 48;
 
 struct Made {
@@ -52,11 +52,10 @@ impl Shop {
             .iter()
             .map(|unknown| format!("    {},\n", unknown.to_toml(false)))
             .collect();
-        // The observations start from the errors identified by the lines, and identify the others.
+        // The observations start from the errors that the lines determine, and identify the others.
         let machine = if self.has_calibration() { CALIBRATED } else { "machine.toml" };
         let mut text = String::new();
         if machine == CALIBRATED {
-            // Writing to a String cannot fail.
             let _ = writeln!(text, "# Made by: volcomp calibrate calibration.toml -o {CALIBRATED}");
         }
         let _ = write!(text, "machine = \"{machine}\"\nunknown = [\n{}]\n", unknown.concat());
@@ -79,7 +78,7 @@ impl Shop {
     }
 }
 
-/// The numbers of the spheres of each observation, from 1, for their names S1, S2, …, which must be unique in the file of observations.
+/// Numbers of the spheres of each observation, from 1, for their names S1, S2, …, which must be unique in the file of observations.
 /// Spheres at the same position are one sphere.
 fn sphere_numbers(observations: &[ShopObservation]) -> Vec<Vec<usize>> {
     let mut places: Vec<[f64; 3]> = Vec::new();
@@ -102,17 +101,17 @@ fn sphere_numbers(observations: &[ShopObservation]) -> Vec<Vec<usize>> {
 struct Observer<'a> {
     truth: &'a Machine,
     what: &'a ShopObservation,
-    /// The numbers of the observation's spheres.
+    /// Numbers of the spheres of this observation, from 1.
     spheres: Vec<usize>,
     tools: Tools<'a>,
     free_axes: FreeAxes,
     random: ChaCha8Rng,
     approach: Approach,
-    /// Random approach directions of the axes before the first row.
+    /// Random generator for the approach directions of the axes before the first row.
     sides: ChaCha8Rng,
 }
 
-/// The machine with each tool, used in turn; with the tool in the spindle if none is named.
+/// Names of the tools, which are used in turn from pose to pose, with the machine that has each tool; the name is empty for the tool in the spindle.
 struct Tools<'a>(Vec<(&'a str, Machine)>);
 
 impl Tools<'_> {
@@ -124,7 +123,7 @@ impl Tools<'_> {
         &self.at(pose).1
     }
 
-    /// The tool's cell in a row, with a trailing comma; empty if no tool is named.
+    /// Cell of the tool in a row, with a trailing comma; empty if no tool is named.
     fn cell(&self, pose: usize) -> String {
         match self.at(pose).0 {
             "" => String::new(),
@@ -189,12 +188,11 @@ impl<'a> Observer<'a> {
         StandardNormal.sample(&mut self.random)
     }
 
-    /// A random direction, uniformly distributed.
     fn direction(&mut self) -> Vector3<f64> {
         direction(&mut self.random)
     }
 
-    /// A reading, mm, with noise and then rounded.
+    /// Adds noise to a value and rounds it to the resolution, mm.
     fn read(&mut self, value_mm: f64) -> f64 {
         let length = self.what.instrument.length;
         let read = value_mm + 1e-3 * length.noise.0 * self.normal();
@@ -202,19 +200,19 @@ impl<'a> Observer<'a> {
         if step > 0.0 { (read / step).round() * step } else { read }
     }
 
-    /// The drift of the set-up at a row: zero at the first row, complete at the last.
+    /// Drift of the set-up at a row, mm: zero at the first row, complete at the last.
     fn drift_mm(&self, direction: &Vector3<f64>, row: usize, rows: usize) -> Vector3<f64> {
         let share = row as f64 / rows.saturating_sub(1).max(1) as f64;
         direction * (1e-3 * self.what.instrument.length.drift.0 * share)
     }
 
-    /// The column names of the axes, with a trailing comma.
+    /// Column names of the axes, each with a trailing comma.
     fn axes_header(&self) -> String {
         let letters = self.truth.axes().iter().map(|axis| format!("{},", axis.name));
         letters.collect()
     }
 
-    /// The coordinates, mm or deg, with a trailing comma.
+    /// Cells of the coordinates, mm or deg, each with a trailing comma.
     fn coordinates(&self, state: &State) -> String {
         let axes = self.truth.axes().iter().zip(&state.q);
         axes.fold(String::new(), |mut text, (axis, &q)| {
@@ -238,7 +236,7 @@ impl<'a> Observer<'a> {
         )
     }
 
-    /// The indices of the marks in each pass, in order.
+    /// Indices of the marks in each pass, in the order in which they are measured.
     fn passes(&self, marks: usize) -> Vec<Vec<usize>> {
         let instrument = &self.what.instrument;
         let mut passes = Vec::new();
@@ -256,29 +254,28 @@ impl<'a> Observer<'a> {
     }
 }
 
-/// Random approach directions before the first row, which are not recorded.
+/// Random approach directions before the first row; they are not recorded in the files.
 fn from_one_side(random: &mut ChaCha8Rng) -> Approach {
     let side = |()| Direction::of(random.random_range(-1.0..1.0));
     Approach::from_sides([(); MAX_AXES].map(side))
 }
 
-/// A random direction, uniformly distributed.
+/// Random unit vector, uniformly distributed.
 fn direction(random: &mut ChaCha8Rng) -> Vector3<f64> {
     let [x, y, z] = [(); 3].map(|()| StandardNormal.sample(random));
     Vector3::<f64>::new(x, y, z).try_normalize(1e-12).unwrap_or_else(Vector3::x)
 }
 
-/// A direction and two directions normal to it, as columns.
+/// Matrix whose columns are a unit direction and two unit directions normal to it.
 fn across(along: &Vector3<f64>) -> Matrix3<f64> {
     let side = Vector3::ith(along.iamin(), 1.0);
     let side1 = (side - along * along.dot(&side)).normalize();
     Matrix3::from_columns(&[*along, side1, along.cross(&side1)])
 }
 
-/// Adds a row: cells that end with a comma, then numbers.
+/// Appends a row: `cells`, which end with a comma, then numbers.
 fn push_row(text: &mut String, cells: &str, numbers: &[f64]) {
     let numbers: Vec<String> = numbers.iter().map(|x| number(*x)).collect();
-    // Writing to a String cannot fail.
     let _ = writeln!(text, "{cells}{}", numbers.join(","));
 }
 

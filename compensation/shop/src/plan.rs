@@ -1,4 +1,4 @@
-//! Plans of poses: given commands instead of random poses.
+//! Plans of poses: commands from a file instead of random poses.
 
 use std::path::{Path, PathBuf};
 
@@ -11,7 +11,7 @@ pub(crate) const MOST_POSES: usize = 100_000;
 /// Commanded poses, in order.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Plan {
-    /// The axes with coordinates in the plan. Other axes are at the coordinates of `at`, or linear ones follow to a sphere.
+    /// Axes with coordinates in the plan. Other axes are at the coordinates of `at`; linear axes that the plan does not command move to the sphere.
     pub axes: Vec<AxisName>,
     /// The poses in the order of the file.
     pub poses: Vec<PlannedPose>,
@@ -27,14 +27,14 @@ impl Plan {
 /// One commanded pose.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PlannedPose {
-    /// Coordinates of the plan's axes, mm or deg.
+    /// Coordinates of the plan's axes, mm or deg, in the order of [`Plan::axes`].
     pub at: Vec<f64>,
     /// Index of the sphere, from 0; unused without spheres.
     pub sphere: usize,
 }
 
-/// Reads a plan: a CSV table with a column for each commanded axis, and a column `sphere` (S1, S2, …) if there are several. `spheres` is
-/// the number of spheres. The path is relative to the shop file.
+/// Reads a plan: a CSV table with a column for each commanded axis, and a column `sphere` (S1, S2, …) if there are several spheres. `spheres` is
+/// their number. The path is relative to the shop file.
 pub(crate) fn read_plan(
     value: &Value<'_>,
     machine: &Machine,
@@ -80,7 +80,7 @@ pub(crate) fn read_plan(
             "found no column `sphere`, expected one with the sphere of each row: S1 to S{spheres}"
         )));
     }
-    // The linear axes follow to a sphere if the plan commands none of them.
+    // The linear axes move to the sphere if the plan commands none of them.
     let follow = spheres > 0 && axes.iter().all(|(axis, _)| axis.is_rotary());
     for axis in machine.axes() {
         let name = axis.name;
@@ -103,7 +103,7 @@ pub(crate) fn read_plan(
         for &(name, column) in &axes {
             let cell = row.cell(column);
             let found = cell.number()?;
-            // Infallible: the name was looked up above.
+            // The name was looked up above, so the axis exists.
             let Some(axis) = machine.axis(name) else {
                 continue;
             };

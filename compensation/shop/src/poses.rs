@@ -1,4 +1,4 @@
-//! Poses at which a machine is observed, and movements to a point.
+//! Poses at which a machine is observed, and motions of the axes to a point.
 
 use rand::{Rng, RngExt};
 use volcomp_kinematics::{REACHED_WITHIN_MM, State, actual_pose, nalgebra::Vector3};
@@ -9,7 +9,7 @@ use crate::plan::{Plan, PlannedPose};
 
 /// Resolution of commands, mm or deg.
 const COMMAND_STEP: f64 = 1e-3;
-/// Maximum number of attempts for one pose, each with other rotary coordinates.
+/// Maximum number of attempts for one pose, each with other random rotary coordinates.
 const TRIES: usize = 200;
 
 #[derive(Clone, Debug)]
@@ -38,7 +38,7 @@ impl FreeAxes {
         own.map(|(place, _, travel)| (*place, *travel))
     }
 
-    /// Poses distributed over the travels: each axis visits `poses` evenly spaced coordinates, ends included, each once in an independent
+    /// Draws poses distributed over the travels: each axis visits `poses` evenly spaced coordinates, ends included, each once in an independent
     /// random order.
     pub(crate) fn everywhere(&self, poses: usize, random: &mut impl Rng) -> Vec<State> {
         let mut states = vec![self.held; poses];
@@ -50,7 +50,7 @@ impl FreeAxes {
         states
     }
 
-    /// The poses of a plan; axes that it does not command are at their held coordinates, or at 0.
+    /// States of the poses of a plan; axes that it does not command are at their held coordinates, or at 0.
     pub(crate) fn planned(&self, machine: &Machine, plan: &Plan) -> Vec<State> {
         let state = |pose: &PlannedPose| {
             let mut state = self.held;
@@ -64,8 +64,8 @@ impl FreeAxes {
         plan.poses.iter().map(state).collect()
     }
 
-    /// Poses with the ideal tip at points, with rotary coordinates distributed over the travels. `point` and `machine` are called with the
-    /// index of the pose; unreachable points are redrawn. `Err`: the number of poses found.
+    /// Draws poses with the ideal tip at points, with rotary coordinates distributed over the travels. `point` and `machine` are called with the
+    /// index of the pose; poses with unreachable points are redrawn. `Err`: the number of poses found before one could not be reached.
     pub(crate) fn around<'m, R: Rng>(
         &self,
         poses: usize,
@@ -141,7 +141,7 @@ impl FreeAxes {
         (missed_mm <= REACHED_WITHIN_MM).then_some(state)
     }
 
-    /// Calls `by` for each free linear axis and adds the result to its coordinate, mm.
+    /// Replaces the coordinate of each free linear axis, mm, by the result of `by`.
     pub(crate) fn shift_linear(&self, state: &mut State, mut by: impl FnMut(f64) -> f64) {
         for (place, _) in self.of(AxisKind::Linear) {
             state.q[place] = by(state.q[place]);
@@ -149,7 +149,7 @@ impl FreeAxes {
     }
 }
 
-/// The actual tip, plus an offset in tool axes, mm in workpiece axes.
+/// Actual tip plus an offset in tool axes, mm in workpiece axes.
 pub(crate) fn actual_tip(
     machine: &Machine,
     state: &State,

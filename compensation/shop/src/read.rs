@@ -49,7 +49,7 @@ impl Shop {
     }
 
     /// Decodes the text of a shop file. `file` is its name in messages, and plans of poses are relative to it. `machine` returns the
-    /// machine with a name.
+    /// machine file with a name.
     ///
     /// # Errors
     /// Invalid input, with file, line and key.
@@ -128,7 +128,7 @@ fn decode(root: &Section<'_>, truth: Machine) -> Result<Shop, InputError> {
     })
 }
 
-/// Decodes a `[[location]]`: location errors that are read with the same noise.
+/// Decodes a `[[location]]`: one or several location errors that are read with the same noise.
 fn decode_location(
     section: &Section<'_>,
     truth: &Machine,
@@ -189,7 +189,7 @@ struct Usual<'s> {
     format: Format,
 }
 
-/// Decodes a `[[measurement]]`: one line for each error in it.
+/// Decodes a `[[measurement]]`: one line for each of its errors.
 fn decode_measurement(
     section: &Section<'_>,
     truth: &Machine,
@@ -263,7 +263,7 @@ fn decode_measurement(
     Ok(())
 }
 
-/// An unused name: `eyy`, then `eyy-2`, …
+/// Returns a file name that is not used yet: `eyy`, then `eyy-2`, …
 fn free_name(error: ErrorName, lines: &[ShopLine]) -> String {
     let base = error.to_string().to_lowercase();
     let before = lines.iter().filter(|line| line.setup.error == error);

@@ -117,7 +117,8 @@ const BAR_KEYS: [&str; 8] = [
     "tools",
 ];
 
-/// The shop's instrument, overridden by the keys of the observation. A set-up drifts only if the observation has the key.
+/// Decodes the instrument of an observation, whose keys override those of the shop's instrument. A set-up drifts only if the observation itself
+/// states a drift.
 fn own_instrument(
     section: &Section<'_>,
     base: &Instrument,
@@ -135,7 +136,7 @@ fn own_instrument(
     Ok(instrument)
 }
 
-/// An unused name: `sphere`, then `sphere-2`, …
+/// Returns a file name that is not used yet: `sphere`, then `sphere-2`, …
 fn free_name(kind: &str, before: &[ShopObservation]) -> String {
     let same = before.iter().filter(|other| other.setting.kind() == kind);
     match same.count() {
@@ -242,7 +243,7 @@ fn diagonals(section: &Section<'_>, truth: &Machine) -> Result<Vec<String>, Inpu
     Ok(names)
 }
 
-/// Decodes the axes that do not move, within their travels. Along diagonals these cannot be X, Y and Z.
+/// Decodes the coordinates of the axes that do not move. Along diagonals these cannot be X, Y and Z.
 fn at(
     section: &Section<'_>,
     truth: &Machine,

@@ -27,11 +27,11 @@ pub enum Format {
 pub struct Header {
     /// The date of the test.
     pub date: Option<String>,
-    /// The person who measured.
+    /// Name of the person who measured.
     pub by: Option<String>,
     /// The serial number of the machine.
     pub serial: Option<String>,
-    /// Location of the machine.
+    /// Place at which the machine is installed.
     pub location: Option<String>,
     /// Air temperature during the test, °C.
     pub air_degc: Option<f64>,
@@ -55,13 +55,13 @@ pub struct Shop {
     pub squareness: Vec<(ErrorName, Urad)>,
     /// Location errors that are measured directly.
     pub locations: Vec<ShopLocation>,
-    /// Header data of the measurement files.
+    /// Header data of every measurement file.
     pub header: Header,
     /// The volumetric observations to be made.
     pub observations: Vec<ShopObservation>,
-    /// The unknowns of the file of observations.
+    /// Unknowns of the file of observations.
     pub unknown: Vec<Unknown>,
-    /// The input files: the shop file, the machine, plans of poses; empty if the shop was not read from a file.
+    /// Paths of the input files: shop file, machine, plans of poses; empty if the shop was not read from a file.
     pub inputs: Vec<PathBuf>,
 }
 
@@ -74,7 +74,7 @@ pub const CALIBRATED: &str = "calibrated.toml";
 pub struct ShopLocation {
     /// Name of the location error.
     pub error: ErrorName,
-    /// Standard deviation of the reading, µm or µrad; written as its standard uncertainty.
+    /// Standard deviation of the reading, µm or µrad; the calibration file states it as the standard uncertainty.
     pub noise: f64,
 }
 
@@ -85,9 +85,9 @@ pub struct ShopLine {
     pub setup: Setup,
     /// The instrument, with its targets and runs.
     pub instrument: Instrument,
-    /// The kind of curve requested by the calibration file.
+    /// Kind of curve that the calibration file requests; `None`: the default.
     pub curve: Option<CurveChoice>,
-    /// For a rotary axis: whether the readings refer to the commanded pose, so that they include the location errors of the axis. Otherwise
+    /// Whether the readings of a rotary axis refer to the commanded pose, so that they include the location errors of the axis. Otherwise
     /// the instrument is centred on the actual axis.
     pub holds_location: bool,
     /// Name of the measurement file without its extension.

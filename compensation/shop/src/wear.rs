@@ -8,35 +8,35 @@ use volcomp_model::{
 use volcomp_vocabulary::{AxisKind, AxisName, Component, ErrorName};
 
 /// Number of evenly spaced positions at which a worn curve is tabulated, in addition to the sampling coordinates of the previous curve,
-/// since these positions alone would alias the wave of a screw.
+/// because these positions alone would alias the periodic error of a screw.
 const NODES: u32 = 64;
-/// Wear per month at load 1, before a random factor for each error: maximum deflection of a guide,
-/// µm. The next constant is the elongation of a screw.
+/// Maximum deflection of a guide by wear, µm per month at load 1, before a random factor for each error.
 const GUIDE_UM: f64 = 0.06;
+/// Elongation of a screw by wear, µm per month at load 1, before the same factor.
 const SCREW_UM: f64 = 0.08;
-/// Growth of the backlash per month, µm and µrad. It reduces the reversal value (forward minus backward), because the carriage lags.
+/// Growth of the backlash, µm or µrad per month. It reduces the reversal value (forward minus backward), because the carriage lags.
 const PLAY: f64 = 0.05;
-/// Growth per month of the eccentricity of a rotary axis's gear, µrad.
+/// Growth of the eccentricity of a rotary axis's gear, µrad per month.
 const GEAR_URAD: f64 = 0.2;
-/// Growth per month of the run-out of a rotary axis's bearing, µm.
+/// Growth of the run-out of a rotary axis's bearing, µm per month.
 const BEARING_UM: f64 = 0.02;
-/// Standard deviation per month of the drift of a squareness or parallelism, µrad.
+/// Standard deviation of the drift of a squareness or parallelism, µrad per month.
 const SETTLED_URAD: f64 = 0.15;
 /// Standard deviation of the natural logarithm of the random factors.
 const SPREAD: f64 = 0.4;
 
-/// The operating time of a machine. Wear is proportional to `months` and `load`.
+/// Operating time of a machine. Wear is proportional to `months` and `load`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Wear {
     /// Months of operation.
     pub months: f64,
     /// Relative load: 1 is one shift of mixed parts.
     pub load: f64,
-    /// Random seed, different for each machine.
+    /// Random seed; use another one for each machine.
     pub seed: u64,
 }
 
-/// Why wear cannot be computed.
+/// Reasons why wear cannot be computed.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum WearError {
@@ -58,13 +58,13 @@ pub enum WearError {
     Machine(#[from] ModelError),
 }
 
-/// The result of ageing a machine.
+/// Result of ageing a machine.
 #[derive(Clone, Debug)]
 #[non_exhaustive]
 pub struct Worn {
     /// The machine with its worn errors.
     pub machine: Machine,
-    /// Errors that were not changed because they are grids over two axes.
+    /// Errors that were not changed, because they are grids over two axes.
     pub left: Vec<ErrorName>,
 }
 
@@ -139,7 +139,7 @@ impl Wear {
             let mut draws = self.draws(name);
             let bent = GUIDE_UM * self.amount() * draws.factor() * draws.sign();
             worn.add(name, 0.0, |q| bent * zone.bump(q))?;
-            // The tilt follows the tangent of the path: slope times axis direction; µm/mm is mrad.
+            // The tilt is the slope of the bent guide, with the sign by the right-hand rule; µm/mm is mrad.
             let turned = if (along + 1) % 3 == across { 1e3 } else { -1e3 };
             let tilt = ErrorName::motion(ANGULAR[about], axis);
             worn.add(tilt, 0.0, |q| turned * bent * zone.slope(q))?;
@@ -168,7 +168,7 @@ impl Wear {
 
 /// Rounds a position, an error or an angle to 1e-6 mm, µm or µrad.
 fn rounded(value: f64) -> f64 {
-    // Adding 0 avoids a negative zero.
+    // Adding 0 turns −0 into 0.
     (1e6 * value).round() / 1e6 + 0.0
 }
 
@@ -178,7 +178,7 @@ const SQUARENESSES: [(Component, AxisName); 3] =
     [(Component::EC, AxisName::Y), (Component::EA, AxisName::Z), (Component::EB, AxisName::Z)];
 
 impl Worn {
-    /// Adds `more(position)` to the mean of an error of the new machine, and `reversal` to its reversal value.
+    /// Adds `more(position)` to the mean of an error of the machine, and `reversal` to its reversal value.
     fn add(
         &mut self,
         name: ErrorName,
@@ -249,7 +249,7 @@ impl Zone {
         -0.5 * std::f64::consts::PI / self.half * (std::f64::consts::PI * at).sin()
     }
 
-    /// The fraction of the zone below `q`: 0 before the zone, 1 after it.
+    /// Integral of the bump up to `q` as a fraction of the whole: 0 before the zone, 1 after it.
     fn passed(self, q: f64) -> f64 {
         let at = ((q - self.middle) / self.half).clamp(-1.0, 1.0);
         0.5 * (1.0 + at + (std::f64::consts::PI * at).sin() / std::f64::consts::PI)

@@ -10,7 +10,7 @@ use crate::map::{
     Position, SCALES,
 };
 
-/// A correction over the work space, added to each output, mm. It depends on the coordinates of the grid axes (mm or deg) and on the
+/// Correction over the work space, added to each output, mm. It depends on the coordinates of the grid axes (mm or deg) and on the
 /// direction of approach of each (`None`: mean of both).
 pub trait Field {
     /// Correction of each output, mm.
@@ -54,7 +54,7 @@ pub struct Output {
     pub name: AxisName,
     /// Resolution of the axis's correction, mm.
     pub step_mm: f64,
-    /// Maximum correction, mm, at most the 2 mm of the guard.
+    /// Maximum correction, mm; at most 2 mm, the maximum of the guard.
     pub limit_mm: f64,
 }
 
@@ -75,12 +75,12 @@ pub struct Request {
     pub model: u32,
 }
 
-/// A map and its error.
+/// A map with its error.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Table {
     /// The map to be sent to a control.
     pub map: Map,
-    /// Error on a dense sample between the lines, in both directions of approach.
+    /// Error at dense samples on and between the lines, in both directions of approach.
     pub misfit: Misfit,
     /// Maximum slope of a correction along an axis of the grid, mm per mm or deg.
     pub steepest: f64,
@@ -93,7 +93,7 @@ impl Request {
     }
 }
 
-/// Why a map cannot be built.
+/// Reasons why a map cannot be built.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 #[expect(missing_docs, reason = "the messages name the fields")]
@@ -138,7 +138,7 @@ pub enum TablesError {
     },
 }
 
-/// Euclidean norm of the corrections of all outputs, in their unit.
+/// Euclidean norm of the values of all outputs, in their unit.
 pub(crate) fn norm(values: &[f64; OUTPUTS]) -> f64 {
     values.iter().map(|v| v * v).sum::<f64>().sqrt()
 }
@@ -146,7 +146,7 @@ pub(crate) fn norm(values: &[f64; OUTPUTS]) -> f64 {
 /// Points of a regular lattice with coordinates from 0 to 1, ends included: up to `most` points
 /// along each of `axes` axes; the first axis varies fastest.
 pub(crate) fn lattice(axes: usize, most: usize) -> impl Iterator<Item = [f64; GRID_AXES]> {
-    // Fewer points for many axes.
+    // Fewer points per axis if there are many axes.
     let places = if axes > 3 { most.min(5) } else { most };
     let count = (0..axes).fold(1, |count, _| count * places);
     (0..count).map(move |number| {
@@ -183,7 +183,7 @@ pub(crate) fn distance(one: [f64; OUTPUTS], other: [f64; OUTPUTS]) -> f64 {
 struct ScaledRequest {
     grid: Layout,
     outputs: Layout,
-    /// First position, number of steps of the travel, step size in millionths.
+    /// First position and travel, in steps, and the step in millionths of a mm or deg, for each axis of the grid.
     travels: Vec<(i32, i32, u32)>,
     output_step_nm: [u32; OUTPUTS],
     limits: [f64; OUTPUTS],
@@ -191,7 +191,7 @@ struct ScaledRequest {
     reversal: [[i16; OUTPUTS]; GRID_AXES],
 }
 
-/// A number in millionths of its unit.
+/// Converts a number to whole millionths of its unit. Errors: a number that is not whole or out of range.
 fn millionths(what: String, found: f64) -> Result<u32, TablesError> {
     let number = (found * 1e6).round();
     let is_whole = (number - found * 1e6).abs() <= 1e-6 * number;
@@ -206,7 +206,7 @@ fn millionths(what: String, found: f64) -> Result<u32, TablesError> {
     Ok(number as u32)
 }
 
-/// The nearest whole number; 0 for NaN.
+/// Rounds to a whole number; 0 for NaN.
 #[expect(clippy::cast_possible_truncation, reason = "it saturates")]
 fn nearest_i32(number: f64) -> i32 {
     number.round() as i32
@@ -257,7 +257,7 @@ impl ScaledRequest {
             let step = millionths(format!("step of the position of {}", axis.name), axis.step)?;
             let [low, high] = axis.travel.map(|end| end / axis.step);
             let most = f64::from(MAX_POSITION_STEPS) / 2.0;
-            // Also rejects NaN.
+            // Written so that NaN is rejected too.
             if !(low < high && low >= -most && high <= most) {
                 return Err(TablesError::Number {
                     what: format!("travel of {}, in steps of its position,", axis.name),
@@ -292,7 +292,7 @@ impl ScaledRequest {
         (f64::from(first) + steps) * f64::from(step) * 1e-6
     }
 
-    /// Samples the work space, and returns the largest correction of each output; a correction beyond its limit is an error.
+    /// Samples the work space, and returns the largest correction of each output, mm. Errors: a correction beyond its limit.
     fn survey(&self, request: &Request, field: &impl Field) -> Result<[f64; OUTPUTS], TablesError> {
         let mut largest = [0.0_f64; OUTPUTS];
         for shares in lattice(self.travels.len(), 9) {
@@ -325,7 +325,7 @@ impl ScaledRequest {
         })
     }
 
-    /// Chooses the largest number of parts per step for which the values fit their range with a margin of 10 %.
+    /// Chooses the largest scale (parts per step) at which the values fit into 16 bits with a margin of 10 %.
     fn choose_scale(&mut self, largest: [f64; OUTPUTS]) {
         let mut scale = SCALES[0];
         let steps = (0..self.outputs.count()).map(|output| largest[output] / self.step_mm(output));
@@ -336,14 +336,14 @@ impl ScaledRequest {
         self.scale = scale;
     }
 
-    /// Maximum rounding error of the values and of the interpolation along each axis, mm.
+    /// Maximum error by rounding the values and the interpolation along each axis, mm.
     fn rounding_mm(&self) -> f64 {
         let roundings = 0.5 * (1.0 + self.travels.len() as f64);
         let steps = (0..self.outputs.count()).map(|output| self.step_mm(output).powi(2));
         roundings * steps.sum::<f64>().sqrt() / f64::from(self.scale)
     }
 
-    /// Stores the constant part of the reversals. Returns the sum of their variations over all axes, mm.
+    /// Stores the mean over the work space of half the reversal value of each axis. Returns the sum over all axes of the largest deviation from it, mm.
     fn store_reversals(&mut self, field: &impl Field) -> f64 {
         if !field.is_bidirectional() {
             return 0.0;
@@ -384,8 +384,8 @@ impl ScaledRequest {
         let gaps = i32::from(count) - 1;
         let pitch = (steps + gaps - 1) / gaps;
         let mut best = (i32::MAX, 1, 1);
-        // Try numbers of places per pitch, from the maximum of a control down to a quarter of it,
-        // for one that meets the end of travel.
+        // Tries numbers of places per pitch, from the maximum of a control down to a quarter of it,
+        // for one with which the last line is at the end of travel.
         let least = pitch.div_euclid(32767) + 1;
         for part in (least..=(pitch / 8192).clamp(least, 32767)).take(2000) {
             let parts = (pitch + part - 1) / part;
@@ -462,7 +462,7 @@ impl ScaledRequest {
 /// Builds the smallest map within the error bound.
 ///
 /// The number of lines along each axis follows from interpolation errors of the field along lines through the work space. Then the map is
-/// compared with the field on a dense sample between its lines, and lines are added if the error exceeds the bound.
+/// compared with the field at dense samples between its lines, and lines are added if the error exceeds the bound.
 ///
 /// # Errors
 /// Invalid numbers, a correction beyond its limit, a bound that no grid meets or that needs more words than available.
@@ -514,14 +514,14 @@ fn lines_text(request: &Request, table: Option<&Table>) -> String {
     format!("lines along {}", each.join(", "))
 }
 
-/// A number of lines along an axis, and the error due to this axis alone, mm.
+/// Number of lines along an axis, and the error due to this axis alone, mm.
 #[derive(Clone, Copy, Debug)]
 struct Refinement {
     count: u16,
     error_mm: f64,
 }
 
-/// The smallest grid whose combined error meets the target: lines are added where they reduce the error most per word.
+/// Finds the smallest grid whose combined error meets the target: lines are added where they reduce the error most per word. `None` if none does.
 fn lines_for(refinements: &[Vec<Refinement>], target_mm: f64) -> Option<Vec<u16>> {
     let mut at = vec![0; refinements.len()];
     loop {
@@ -570,7 +570,7 @@ impl ScaledRequest {
         let others = lattice(axes - 1, if axes <= 3 { 3 } else { 2 });
         for shares in others {
             let mut shares = shares;
-            // Insert an entry for the axis itself, whose coordinate `look` sets.
+            // Inserts an entry for the axis itself, whose coordinate `look` sets.
             shares[axis..].rotate_right(1);
             let mut at = self.place(&shares);
             let mut look = |steps: f64| {
@@ -595,7 +595,7 @@ impl ScaledRequest {
         largest
     }
 
-    /// The smallest map within the bound, regardless of the available words; `None` if it has too many words for any control.
+    /// Finds the smallest map within the bound, regardless of the available words; `None` if it has too many words for any control.
     ///
     /// The errors of the single axes add up to more than the error of the map. The target is
     /// therefore loosened while the map is better than required, and tightened while it is worse.
@@ -640,7 +640,7 @@ impl ScaledRequest {
         Ok(Table { map, misfit, steepest })
     }
 
-    /// The best map that fits into the available words; `None` if none fits.
+    /// Finds the best map that fits into the available words; `None` if none fits.
     fn best_within(
         &self,
         request: &Request,
@@ -648,7 +648,7 @@ impl ScaledRequest {
         field: &impl Field,
     ) -> Result<Option<Table>, TablesError> {
         let fits = |counts: &Vec<u16>| self.words(counts) <= request.words.min(MAX_WORDS);
-        // Two lines along each axis meet this target.
+        // A target that two lines along each axis meet.
         let most = refinements
             .iter()
             .filter_map(|refinements| refinements.first())
@@ -670,11 +670,11 @@ impl ScaledRequest {
 }
 
 const MAX_LATTICE_POSITIONS: usize = 400_000;
-/// Number of additional positions distributed over the work space.
+/// Number of positions of the Halton sequence at which a map is also evaluated.
 const HALTON_POSITIONS: u32 = 20_000;
 
-/// Error of a map: norm of the difference between the control's look-up and the field. The rounding of the applied correction to output
-/// steps, at most 0.6 steps, is not included.
+/// Error of a map: norm of the difference between the control's look-up and the field over all outputs. The rounding of the applied correction to
+/// output steps, at most 0.6 steps, is not included.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Misfit {
     /// Maximum error, mm.
@@ -715,13 +715,13 @@ impl MisfitSum {
     }
 }
 
-/// Error of a map within these travels (mm or deg): on its lines and half-way between them, in all directions of approach, and at positions
-/// distributed over the work space.
+/// Evaluates the error of a map within these travels (mm or deg): on its lines and half-way between them, in all directions of approach, and at
+/// positions distributed over the work space.
 fn evaluate_misfit(map: &Map, field: &impl Field, travels: &[[f64; 2]]) -> Misfit {
     let axes = travels.len();
     let lines = &map.header().lines;
     let directions: Vec<_> = directions_of(field, axes).collect();
-    // Whole steps within the travel, as in the control.
+    // Positions are whole steps within the travel, as in the control.
     let ends: Vec<[i32; 2]> = (0..axes)
         .map(|axis| {
             let step = lines[axis].coordinate(1.0);

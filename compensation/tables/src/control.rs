@@ -2,7 +2,7 @@
 //!
 //! By the rules of the [`protocol`](volcomp_guard::protocol) only the control decides what it accepts. A map arrives in pieces through one
 //! mailbox, in order, into the inactive buffer. A final frame swaps the buffers if the checksum of all received words is correct. The
-//! applied corrections move at a limited rate, to those of another map and, when frames stop, to zero.
+//! applied corrections move at a limited rate: to those of another map, and to zero when frames stop.
 //!
 //! All data are 16-bit words and whole numbers. [`Lookup::scan`] does not allocate, wait or read a clock; time is the number of scans.
 
@@ -24,30 +24,30 @@ const _: () = assert!(HEADER_WORDS == 68 && MAX_WORDS == 32767);
 pub struct Settings {
     /// Input axes of the maps, in the order of [`Position`].
     pub grid: Layout,
-    /// Corrected axes, machine number and limits, as for a barrier; each limit is 1 to 32767.
+    /// Corrected axes, machine number and limits, as for a barrier. Each limit is 1 to 32767.
     pub outputs: barrier::Settings,
     /// Position step of each axis of the grid, millionths of a mm (nm) or of a deg.
     pub position_step_millionths: [u32; GRID_AXES],
     /// Step of each output, nm.
     pub output_step_nm: [u32; OUTPUTS],
-    /// Size of each of the two buffers, words, 69 to 32767.
+    /// Size of each of the two buffers, words: 69 to 32767.
     pub capacity: u16,
-    /// Travel in the opposite direction after which an axis of the grid is treated as reversed,
-    /// position steps, 1 to 1000000.
+    /// Travel in the opposite direction after which an axis of the grid counts as reversed,
+    /// position steps: 1 to 1000000.
     pub turned: [i32; GRID_AXES],
 }
 
-/// Maximum step of positions (millionths) and of corrections (nm): within the range of a DINT.
+/// Maximum step of positions (millionths) and of corrections (nm), within the range of a DINT.
 const MAX_STEP: i64 = 2_000_000_000;
 
-/// Why settings are invalid.
+/// Reasons why settings are invalid.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[expect(missing_docs, reason = "the messages name the fields")]
 pub enum SettingsError {
-    /// A setting that is shared with a barrier is invalid.
+    /// A setting shared with a barrier is invalid.
     #[error(transparent)]
     Outputs(#[from] barrier::SettingsError),
-    /// A number out of range.
+    /// A number is out of range.
     #[error("{what} is {found}, expected {expected}")]
     Number { what: &'static str, found: i64, expected: &'static str },
 }
@@ -77,7 +77,7 @@ impl Settings {
         Ok(())
     }
 
-    /// Maximum number of scans from the last accepted frame until every output is at zero, without scans in which the control holds.
+    /// Maximum number of scans from the last accepted frame until every output is at zero; scans in which the control holds are not counted.
     #[must_use]
     pub fn zero_within_scans(&self) -> u32 {
         let of = &self.outputs;
@@ -103,7 +103,7 @@ fn within(
     Err(SettingsError::Number { what, found, expected })
 }
 
-/// Map words per frame.
+/// Number of map words in a frame.
 pub const DATA_WORDS: usize = 64;
 /// Number of words in a frame: head, body, checksum. All frames have the same length.
 pub const FRAME_WORDS: usize = BODY + 2 + DATA_WORDS + 2;
@@ -113,30 +113,30 @@ const BODY: usize = HEAD_WORDS;
 /// Content of a frame to the control.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Body {
-    /// Starts a transfer, which continues with the map's first word.
+    /// Starts the transfer of a map, whose first word is expected next.
     Begin {
-        /// Number that distinguishes the map from earlier ones.
+        /// Number that distinguishes the map from others.
         counter: u16,
         /// Length of the map, words.
         words: u16,
     },
-    /// The next words of the map.
+    /// Transfers the next words of the map.
     Words {
-        /// Index of the first of these words.
+        /// Index of the first transferred word in the map.
         place: u16,
         /// The words; zeros beyond the end of the map.
         data: [u16; DATA_WORDS],
     },
-    /// The map is complete and is to become active.
+    /// Makes the map active, which is complete.
     Swap {
-        /// Number that distinguishes the map from earlier ones.
+        /// Number of the transferred map.
         counter: u16,
         /// Checksum of the map's words.
         check: [u16; 2],
     },
-    /// Keep-alive: the active map stays valid.
+    /// Keeps the active map valid.
     Keep {
-        /// Number that distinguishes the map from earlier ones.
+        /// Number of the active map.
         counter: u16,
     },
 }
@@ -144,9 +144,9 @@ pub enum Body {
 /// A frame for the control's mailbox.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Frame {
-    /// Proof that the frame is current.
+    /// Proof that the frame is current: epoch, tick, owner and sequence.
     pub head: Head,
-    /// Content, by kind of frame.
+    /// Content by kind of frame.
     pub body: Body,
 }
 
@@ -179,7 +179,7 @@ impl Frame {
     }
 }
 
-/// The words of a mailbox, whose checksum is correct.
+/// Words of a mailbox whose checksum is correct.
 struct MailboxFrame<'a>(&'a [u16; FRAME_WORDS]);
 
 impl<'a> MailboxFrame<'a> {
@@ -209,7 +209,7 @@ impl<'a> MailboxFrame<'a> {
 pub const REPORT_WORDS: usize = HEAD + 3 * OUTPUTS + 2;
 
 const HEAD: usize = 13;
-/// Value in a report if no map is being loaded.
+/// Value of the next word's index in a report if no map is being loaded.
 const NOT_LOADING: u16 = u16::MAX;
 
 /// Refusals of a look-up, by their number in the report.
@@ -227,18 +227,18 @@ const REFUSALS: [Refusal; 11] = [
     Refusal::Kind,
 ];
 
-/// The report of a control with a map after each scan.
+/// Report of a control with a map, published after each scan.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Report {
-    /// Link state and applied corrections, as for a barrier.
+    /// State of the link and applied corrections, as for a barrier.
     pub of: barrier::Report,
     /// Whether a map is active. Otherwise the corrections are zero or ramping to zero.
     pub valid: bool,
     /// Number of the active map, or of the last active one; 0: none since start-up.
     pub counter: u16,
-    /// Number of the map being loaded, and index of the next word.
+    /// Number of the map being loaded, and index of the next expected word; `None`: no map is being loaded.
     pub loading: Option<(u16, u16)>,
-    /// Buffer of the active map, 0 or 1.
+    /// Index of the buffer with the active map, 0 or 1.
     pub buffer: u16,
 }
 
@@ -249,7 +249,7 @@ impl Report {
         HEAD + 3 * outputs.count().min(OUTPUTS) + 2
     }
 
-    /// Writes the words and returns their number.
+    /// Encodes the report and returns its number of words.
     pub fn encode(&self, words: &mut [u16; REPORT_WORDS]) -> usize {
         let (loading, next) = self.loading.unwrap_or((0, NOT_LOADING));
         let (of, settings) = (&self.of, &self.of.settings);
@@ -323,7 +323,7 @@ impl Report {
     }
 }
 
-/// Extreme position of an axis in its direction, from which it must travel back by a minimum before it is treated as reversed.
+/// Extreme position of an axis in its direction of travel; it counts as reversed after a minimum travel back from there.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 struct Travel {
     extreme: i32,
@@ -335,7 +335,7 @@ impl Travel {
         Self { extreme: position, direction: None }
     }
 
-    /// Direction at a position (within ±1e9 steps).
+    /// Updates and returns the direction at a position (within ±1e9 steps); `turned` is the minimum travel for a reversal, steps.
     fn direction(&mut self, position: i32, turned: i32) -> Option<Direction> {
         let beyond = position - self.extreme;
         let (onward, back) = match self.direction {
@@ -354,7 +354,7 @@ impl Travel {
     }
 }
 
-/// The look-up of one machine in its control.
+/// Look-up of one machine in its control.
 #[derive(Clone, Debug)]
 pub struct Lookup {
     settings: Settings,
@@ -365,23 +365,23 @@ pub struct Lookup {
 /// State of a look-up between scans, apart from its buffers.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Memory {
-    /// Sender whose frames are accepted.
+    /// State of the link: the sender whose frames are accepted.
     pub link: Link,
-    /// Why the last frame was rejected.
+    /// Reason why the last frame was rejected.
     pub refusal: Refusal,
     /// Header of the active map; `None`: no map is active, and the corrections ramp to zero.
     pub used: Option<Header>,
-    /// Number of the active map, or of the last active one.
+    /// Number of the active map, or of the last active one; 0: none since start-up.
     pub counter: u16,
     /// Index of the active buffer; maps are loaded into the other one.
     pub buffer: usize,
-    /// The map being loaded, if any.
+    /// The map being loaded; `None`: no transfer is in progress.
     pub loading: Option<Loading>,
     /// Correction applied to each axis, output steps.
     pub applied: [i16; OUTPUTS],
     /// Correction towards which each axis moves, output steps.
     pub goal: [i16; OUTPUTS],
-    /// Number of scans since the last movement.
+    /// Number of scans since the corrections last moved, without those in which the control holds.
     pub waited: u16,
     /// Tick and sequence of the last frame with a correct checksum.
     pub found: Option<(u16, u16)>,
@@ -391,16 +391,16 @@ pub struct Memory {
 /// A map being loaded.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Loading {
-    /// Number that distinguishes the map from earlier ones.
+    /// Number that distinguishes the map from others.
     pub counter: u16,
     /// Length of the map, words.
     pub words: u16,
-    /// Index of the next word.
+    /// Index of the next expected word.
     pub next: u16,
 }
 
 impl Lookup {
-    /// A look-up after power-up or reset, without an active map. `epoch` was stored before the power-off; `applied` are the corrections in
+    /// Starts a look-up after power-up or reset, without an active map. `epoch` was stored before the power-off; `applied` are the corrections in
     /// the axis words, from which the axes ramp to zero.
     ///
     /// # Errors
@@ -422,21 +422,21 @@ impl Lookup {
         Ok(Self { settings, buffers: [buffer(), buffer()], memory })
     }
 
-    /// The state apart from the buffers.
+    /// State apart from the buffers.
     #[must_use]
     pub fn memory(&self) -> &Memory {
         &self.memory
     }
 
-    /// Words of a buffer, 0 or 1, for a sender that reads back the words it has written.
+    /// Words of a buffer, 0 or 1, for a sender that reads back what it has written.
     #[must_use]
     pub fn buffer(&self, buffer: usize) -> &[u16] {
         self.buffers.get(buffer).map_or(&[], |words| words)
     }
 
-    /// Runs one scan of the control. `mailbox`: the words of the mailbox, copied before this call. `steps`: the positions of the grid axes,
-    /// without the correction if the control can separate it. `holds`: emergency stop, alarm or not referenced; the axes then keep their
-    /// corrections.
+    /// Runs one scan of the control. `mailbox` contains the words of the mailbox, copied before this call. `steps` are the positions of the grid axes,
+    /// without the correction if the control can separate it. `holds` states an emergency stop, an alarm, or that the machine is not referenced; the
+    /// axes then keep their corrections.
     pub fn scan(
         &mut self,
         mailbox: &[u16; FRAME_WORDS],
@@ -493,7 +493,7 @@ impl Lookup {
         }
     }
 
-    /// Returns true if the frame in the mailbox was accepted, and false if it was processed before.
+    /// Processes the frame in the mailbox. Returns true if it was accepted, and false if it was processed before.
     fn judge(&mut self, mailbox: &[u16; FRAME_WORDS]) -> Result<bool, Refusal> {
         let of = &self.settings.outputs;
         let frame =
@@ -545,7 +545,7 @@ impl Lookup {
         };
         into.copy_from_slice(&data[..count]);
         loading.next += u16::try_from(count).unwrap_or(0);
-        // Words arrive in order, so the whole header precedes the values.
+        // Words arrive in order, so the whole header is there before the values.
         let scale = i32::from(self.buffers[1 - self.memory.buffer][9]);
         let outputs = self.settings.outputs.axes.count();
         for (at, word) in data[..count].iter().enumerate() {
@@ -629,7 +629,7 @@ impl Lookup {
         {
             let limit = i32::from(self.settings.outputs.limit[output]);
             let before = i32::from(self.memory.goal[output]);
-            // Hysteresis: changes of a target by up to 0.6 steps are ignored, so that position noise causes no movement.
+            // Hysteresis: changes of a goal by up to 0.6 steps are ignored, so that position noise causes no movement.
             if 10 * (parts - before * scale).abs() <= 6 * scale {
                 continue;
             }

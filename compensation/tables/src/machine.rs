@@ -18,7 +18,7 @@ const SAMPLED_POSES: u32 = 2000;
 pub struct MapOptions {
     /// Input axes of the map; if empty, the linear axes of the machine.
     pub grid: Vec<AxisName>,
-    /// Positions of the other axes, mm or deg; default 0.
+    /// Fixed positions of axes that the map does not cover, mm or deg; axes without an entry are at 0.
     pub others: Vec<(AxisName, f64)>,
     /// Position resolution in the control's program, mm for linear axes.
     pub position_step_mm: f64,
@@ -53,14 +53,14 @@ impl Default for MapOptions {
     }
 }
 
-/// The map of a machine at fixed temperatures, and the effects that it neglects.
+/// Map of a machine at fixed temperatures, and the effects that it neglects.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MachineMap {
     /// The map with its error.
     pub table: Table,
     /// Fixed axes and their positions, mm or deg.
     pub held: Vec<(AxisName, f64)>,
-    /// Maximum change of the correction for other positions of the fixed axes, mm; `None` without fixed axes.
+    /// Maximum change of the correction if the fixed axes are elsewhere, mm; `None` without fixed axes.
     pub elsewhere_mm: Option<f64>,
     /// Effect of 1 K at each sensor.
     pub sensitivities: Vec<Sensitivity>,
@@ -114,7 +114,7 @@ impl MachineMap {
     /// Builds the map of a machine with its current tool, at these temperatures.
     ///
     /// The map corrects the position of the tool with the linear axes in `correct` of the machine file, but not the tool orientation. A
-    /// rotary axis is an axis of the grid if it is named there; otherwise it is fixed at its given position.
+    /// rotary axis is an axis of the grid if the options name it; otherwise it is fixed at its position in the options.
     ///
     /// # Errors
     /// Same as [`build`]; axes that the machine lacks, that roll over, or that correct nothing.
@@ -203,7 +203,7 @@ impl MachineMap {
     }
 }
 
-/// Chain indices of the linear axes that correct if rotary axes do not, in the order of the outputs
+/// Chain indices of the linear axes that correct while rotary axes do not, in the order of the outputs
 /// of the map.
 fn correcting_axes(machine: &Machine) -> Vec<usize> {
     let names: Vec<AxisName> = match machine.correct() {
@@ -222,11 +222,11 @@ fn correcting_axes(machine: &Machine) -> Vec<usize> {
 fn model_number(machine: &Machine) -> u32 {
     let checksum = machine.checksum();
     let digits = checksum.strip_prefix("sha256:").and_then(|digits| digits.get(..8));
-    // The conversion of hexadecimal digits cannot fail.
+    // The digits are hexadecimal, so the conversion cannot fail.
     digits.and_then(|first| u32::from_str_radix(first, 16).ok()).unwrap_or(0)
 }
 
-/// Maximum change of the correction for other positions of the fixed axes, mm.
+/// Maximum change of the correction if the fixed axes are elsewhere, mm.
 fn elsewhere_mm(
     machine: &Machine,
     field: &MachineField<'_>,
@@ -256,7 +256,7 @@ fn elsewhere_mm(
     Some(poses.fold(0.0, f64::max))
 }
 
-/// Maximum effect of 1 K at each sensor.
+/// Maximum effect of 1 K at each sensor, over the work space.
 fn sensitivities(
     machine: &Machine,
     temperatures: &Temperatures,
@@ -267,7 +267,7 @@ fn sensitivities(
     let mut found = Vec::new();
     for sensor in thermal.sensors() {
         let mut around = temperatures.clone();
-        // A sensor without a given temperature is at reference temperature, where its terms are zero.
+        // A sensor without a given temperature is at the reference temperature, where its terms are zero.
         for name in thermal.sensors() {
             around.entry(name.to_owned()).or_insert(thermal.reference_degc);
         }
@@ -313,7 +313,7 @@ pub struct Sensitivity {
 }
 
 /// Time, s, until a map for fixed temperatures is off by more than `within_mm` if every sensor drifts by `k_per_h` in the worst direction;
-/// `None` if temperatures have no effect. Lags of the terms only extend the time.
+/// `None` if temperatures have no effect. Lags of the thermal terms can only extend this time.
 pub fn refresh_s(sensitivities: &[Sensitivity], k_per_h: f64, within_mm: f64) -> Option<f64> {
     let mm_per_h: f64 = sensitivities.iter().map(|s| s.mm_per_k * k_per_h.abs()).sum();
     (mm_per_h > 0.0).then(|| within_mm / mm_per_h * 3600.0)
@@ -322,15 +322,15 @@ pub fn refresh_s(sensitivities: &[Sensitivity], k_per_h: f64, within_mm: f64) ->
 /// Size of the transfer of a map to a control.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Transfer {
-    /// Number of frames, written one after the other.
+    /// Number of frames, which are written one after the other.
     pub frames: usize,
-    /// Bytes transferred: the frames, a report before each frame, and the map read back. Bytes of
+    /// Number of bytes: the frames, a report before each frame, and the map read back. Bytes of
     /// the bus protocol are not included.
     pub bytes: usize,
 }
 
 impl Transfer {
-    /// The transfer of a map without losses.
+    /// Computes the transfer of a map without losses.
     #[must_use]
     pub fn of(map: &Map) -> Self {
         let words = map.words().len();
@@ -338,7 +338,7 @@ impl Transfer {
         Self { frames, bytes: 2 * (frames * (FRAME_WORDS + REPORT_WORDS) + words) }
     }
 
-    /// Duration, s, over a link of `bytes_per_s`, with an overhead of `exchange_s` per frame.
+    /// Duration of the transfer, s, over a link of `bytes_per_s`, with an overhead of `exchange_s` per frame.
     #[must_use]
     pub fn duration_s(&self, bytes_per_s: f64, exchange_s: f64) -> f64 {
         self.bytes as f64 / bytes_per_s + self.frames as f64 * exchange_s

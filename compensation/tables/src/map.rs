@@ -1,17 +1,17 @@
-//! Map of the corrections over the work space in words: its header, its values, and the control's look-up.
+//! Map of the corrections over the work space, in 16-bit words: its header, its values, and the control's look-up.
 
 use volcomp_guard::protocol::{Layout, checksum};
 use volcomp_vocabulary::{AxisName, Direction};
 
 /// Maximum number of input axes of a map.
 pub const GRID_AXES: usize = 5;
-/// Maximum number of corrected axes: one per direction in space.
+/// Maximum number of corrected axes, one per direction in space.
 pub const OUTPUTS: usize = 3;
-/// Number of words before the first value.
+/// Number of header words, which precede the values.
 pub const HEADER_WORDS: usize = 68;
-/// Maximum number of words: indices are 15-bit numbers, which every control supports.
+/// Maximum number of words of a map: indices are 15-bit numbers, which every control supports.
 pub const MAX_WORDS: usize = 32767;
-/// Maximum and minimum number of parts per output step.
+/// Maximum and minimum number of parts into which an output step is divided.
 pub const SCALES: [u16; 2] = [64, 1];
 /// Maximum magnitude of a line position, position steps.
 pub(crate) const MAX_POSITION_STEPS: i32 = 1_000_000_000;
@@ -23,14 +23,14 @@ const AXIS_WORDS: usize = 7;
 const REVERSAL_AT: usize = AXES_AT + AXIS_WORDS * GRID_AXES;
 const STEPS_AT: usize = REVERSAL_AT + GRID_AXES * OUTPUTS;
 
-/// Grid lines along one axis. Their pitch is `part`·`parts` position steps; the control interpolates at `parts` places per pitch.
+/// Grid lines along one axis. Adjacent lines are `part`·`parts` position steps apart; the control interpolates at `parts` places between them.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct Lines {
     /// Position of the first line, position steps.
     pub origin: i32,
-    /// Position steps per place, 1 to 32767.
+    /// Position steps per place of interpolation, 1 to 32767.
     pub part: u16,
-    /// Places per pitch, 1 to 32767.
+    /// Number of places of interpolation per pitch, 1 to 32767.
     pub parts: u16,
     /// Number of lines, 2 to 32767.
     pub count: u16,
@@ -70,19 +70,19 @@ impl Lines {
 /// Axes, grid lines, reversal values and steps of a map.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Header {
-    /// Number that distinguishes the map from earlier ones; never 0.
+    /// Number that distinguishes the map from others; never 0.
     pub counter: u16,
     /// First 32 bits of the checksum of the machine file.
     pub model: u32,
-    /// Input axes; the first varies slowest.
+    /// Input axes; the first varies slowest in the values.
     pub grid: Layout,
     /// Corrected axes.
     pub outputs: Layout,
-    /// Parts per output step, 1 to 64.
+    /// Number of parts per output step, 1 to 64.
     pub scale: u16,
-    /// Lines along each axis of the grid.
+    /// Lines along each input axis.
     pub lines: [Lines; GRID_AXES],
-    /// Half the reversal value, in parts: added to each output after positive motion of a grid axis, subtracted after negative motion.
+    /// Half the reversal value, in parts: added to each output after positive motion of an input axis, subtracted after negative motion.
     pub reversal: [[i16; OUTPUTS]; GRID_AXES],
     /// Step of each output, nm.
     pub output_step_nm: [u32; OUTPUTS],
@@ -98,7 +98,7 @@ pub fn axes_of(layout: Layout) -> impl Iterator<Item = AxisName> {
 }
 
 impl Header {
-    /// Number of values of a map with this header.
+    /// Number of values of the map.
     #[must_use]
     pub fn values(&self) -> usize {
         let lines = self.lines.iter().take(self.grid.count());
@@ -148,7 +148,6 @@ impl Header {
         put(&mut words, 5, self.grid.number());
         put(&mut words, 7, self.outputs.number());
         words[9] = self.scale;
-        // At most 32767 in a valid header.
         words[10] = u16::try_from(self.words()).unwrap_or(u16::MAX);
         for (axis, lines) in self.lines.iter().enumerate() {
             let at = AXES_AT + AXIS_WORDS * axis;
@@ -224,7 +223,7 @@ fn layout(number: u32) -> Result<Layout, MapError> {
     Layout::of(names).map_err(|_| MapError::Axes)
 }
 
-/// Writes a 32-bit value, low word first.
+/// Writes a 32-bit value into two words, low word first.
 fn put(words: &mut [u16; HEADER_WORDS], at: usize, value: u32) {
     let [a, b, c, d] = value.to_le_bytes();
     words[at] = u16::from_le_bytes([a, b]);
@@ -235,7 +234,7 @@ fn long(words: &[u16; HEADER_WORDS], at: usize) -> u32 {
     u32::from(words[at]) | u32::from(words[at + 1]) << 16
 }
 
-/// Why words or bytes are not a valid map.
+/// Reasons why words or bytes are not a valid map.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 #[expect(missing_docs, reason = "the messages name the fields")]
@@ -267,13 +266,13 @@ pub enum MapError {
 /// Position of the machine as reported by its control.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Position {
-    /// Coordinate of each axis of the grid, in position steps of that axis.
+    /// Coordinate of each input axis, in position steps of that axis.
     pub steps: [i32; GRID_AXES],
-    /// Direction of approach of each axis; `None`: unknown, so the mean of both applies.
+    /// Direction of approach of each input axis; `None`: unknown, so the mean of both applies.
     pub directions: [Option<Direction>; GRID_AXES],
 }
 
-/// Values of a map at a position, in parts of the output steps: linear between the lines, constant outside the grid. `words` is the whole
+/// Interpolates a map at a position, in parts of the output steps: linear between the lines, constant outside the grid. `words` is the whole
 /// map, header included; missing words count as 0.
 pub(crate) fn look_up(header: &Header, words: &[u16], position: &Position) -> [i32; OUTPUTS] {
     let axes = header.grid.count().min(GRID_AXES);
@@ -299,7 +298,7 @@ pub(crate) fn look_up(header: &Header, words: &[u16], position: &Position) -> [i
                 node = node * usize::from(header.lines[axis].count) + cell + (number >> axis & 1);
             }
             let word = words.get(HEADER_WORDS + node * outputs + output);
-            // Shifted to positive values, since controls divide negative numbers differently.
+            // Shifted to positive values, because controls divide negative numbers differently.
             *corner = i32::from(word.copied().unwrap_or(0).cast_signed()) + 32768;
         }
         for (axis, rest) in rest.iter().enumerate().take(axes) {
@@ -323,7 +322,7 @@ pub(crate) fn look_up(header: &Header, words: &[u16], position: &Position) -> [i
     values
 }
 
-/// A map: header and values. Invariant: every index that a look-up reads is valid.
+/// A map: header and values. Invariant: every index that a look-up reads is within `words`.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Map {
     header: Header,
@@ -331,7 +330,7 @@ pub struct Map {
 }
 
 impl Map {
-    /// A map with these values in parts of the output steps: all outputs of one node, then all
+    /// Creates a map from its values, in parts of the output steps: all outputs of one node, then all
     /// outputs of the next node along the last axis.
     ///
     /// # Errors
@@ -363,19 +362,19 @@ impl Map {
         Ok(Self { header, words })
     }
 
-    /// Decoded header of the map.
+    /// Header of the map.
     #[must_use]
     pub fn header(&self) -> &Header {
         &self.header
     }
 
-    /// Words of the header and the values.
+    /// All words of the map: header and values.
     #[must_use]
     pub fn words(&self) -> &[u16] {
         &self.words
     }
 
-    /// The two words of the checksum, seeded with the machine number and the corrected axes.
+    /// Two checksum words, seeded with the machine number and the corrected axes.
     #[must_use]
     pub fn checksum(&self, machine: u16) -> [u16; 2] {
         let check = checksum(machine, self.header.outputs, &self.words);
@@ -398,7 +397,7 @@ impl Map {
         })
     }
 
-    /// The map in bytes: header, values, checksum.
+    /// Encodes the map as bytes: header, values, checksum.
     #[must_use]
     pub fn image(&self, machine: u16, order: ByteOrder) -> Vec<u8> {
         let mut words = self.words.clone();
@@ -430,7 +429,7 @@ impl Map {
     }
 }
 
-/// Byte order of the words.
+/// Byte order of words.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ByteOrder {
     /// Low byte first, as in the memory of a FANUC PMC.
@@ -448,7 +447,7 @@ impl ByteOrder {
     }
 }
 
-/// Bytes of words, two each.
+/// Encodes words as bytes, two each.
 pub fn to_bytes(words: &[u16], order: ByteOrder) -> Vec<u8> {
     let bytes = words.iter().flat_map(|word| match order {
         ByteOrder::LowFirst => word.to_le_bytes(),

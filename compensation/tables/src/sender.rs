@@ -1,4 +1,4 @@
-//! The sender: selects the next frame by the control's last report, and so transfers a map and keeps it valid, one exchange at a time.
+//! Sender of a map: selects the next frame from the control's last report, and so transfers a map and keeps it valid, one exchange at a time.
 
 use volcomp_guard::protocol::{Refusal, ReportStatus, Session};
 
@@ -7,14 +7,14 @@ use crate::{
     map::{HEADER_WORDS, Map, OUTPUTS},
 };
 
-/// What a sender must do next so that the control uses its map.
+/// Next action of a sender so that the control uses its map.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum NextAction {
     /// Write a frame with this content to the mailbox.
     Write(Body),
-    /// Read back the words of this buffer, 0 or 1, compare them with the map, and pass the result to the next call.
+    /// Read back the words of the loaded buffer, compare them with the map, and pass the result to the next call.
     ReadBack {
-        /// Index of the loaded buffer.
+        /// Index of the loaded buffer, 0 or 1.
         buffer: u16,
     },
 }
@@ -30,8 +30,8 @@ pub enum ReadBackResult {
     Other,
 }
 
-/// The next action that makes `map` active or keeps it active. `report` is the control's last report. The function is stateless: after any
-/// loss it continues from the state of the control.
+/// Selects the next action that makes `map` active or keeps it active. `report` is the control's last report. The function is stateless: after
+/// any loss it continues from the state of the control.
 #[must_use]
 pub fn next_write(map: &Map, machine: u16, report: &Report, loaded: ReadBackResult) -> NextAction {
     let counter = map.header().counter;
@@ -54,10 +54,9 @@ pub fn next_write(map: &Map, machine: u16, report: &Report, loaded: ReadBackResu
     NextAction::Write(body)
 }
 
-/// The complete transfer of a map: begin, words, swap.
+/// Contents of the frames of the complete transfer of a map: begin, words, swap.
 pub fn writes(map: &Map, machine: u16) -> impl Iterator<Item = Body> + '_ {
     let counter = map.header().counter;
-    // At most 32767 words.
     let words = u16::try_from(map.words().len()).unwrap_or(u16::MAX);
     let check = map.checksum(machine);
     core::iter::once(Body::Begin { counter, words })
@@ -98,14 +97,14 @@ pub trait Exchange {
     fn buffer(&mut self, buffer: u16, count: usize) -> Result<Vec<u16>, Self::Error>;
 }
 
-/// Limits that the sender enforces on the map and the control.
+/// Limits that the sender enforces on the map and on the settings of the control.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SenderLimits {
     /// Maximum correction, mm.
     pub limit_mm: f64,
     /// Maximum rate of change of a correction, mm/s.
     pub slew_mm_per_s: f64,
-    /// Maximum timeout of the control, s, after which its corrections begin to ramp to zero. The duration of the ramp follows from their
+    /// Maximum timeout of the control, s, after which its corrections ramp to zero. The duration of the ramp follows from their
     /// limit and rate, see [`Settings::zero_within_scans`](crate::control::Settings::zero_within_scans).
     pub zero_after_s: f64,
     /// Scan time of the control's program, s.
@@ -114,7 +113,7 @@ pub struct SenderLimits {
     pub capacity: usize,
 }
 
-/// Why a map is not sent to this control.
+/// Reasons why a map is not sent to a control.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[expect(missing_docs, reason = "the messages name the fields")]
 pub enum LimitError {
@@ -171,7 +170,7 @@ impl SenderLimits {
     /// # Errors
     /// The first limit that the control exceeds.
     pub fn check_control(&self, map: &Map, report: &Report) -> Result<(), LimitError> {
-        // Tolerates rounding in the conversion to steps.
+        // Tolerates the rounding of the conversion to steps.
         let beyond = |found: f64, most: f64| found.is_nan() || found > most * (1.0 + 1e-9);
         let report = &report.of.settings;
         for output in 0..map.header().outputs.count().min(OUTPUTS) {
@@ -204,7 +203,7 @@ fn step_mm(map: &Map, output: usize) -> f64 {
     f64::from(map.header().output_step_nm[output]) * 1e-6
 }
 
-/// What a step of the sender achieved.
+/// Result of a step of the sender.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Step {
     /// The report was torn or belongs to another machine; nothing was sent.
@@ -217,7 +216,7 @@ pub enum Step {
     Kept,
 }
 
-/// Why a sender stops.
+/// Reasons why a step of the sender fails.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum SendError<E> {
     /// Transport error. The next step continues from the state of the control.
@@ -228,7 +227,7 @@ pub enum SendError<E> {
     Held {
         /// Number of the other sender.
         by: u16,
-        /// Sequence number of the other sender's last frame; constant if that sender has stopped.
+        /// Sequence number of the other sender's last frame; it stays constant if that sender has stopped.
         sequence: u16,
     },
     /// The control or the map exceeds the limits.
@@ -242,7 +241,7 @@ pub enum SendError<E> {
 /// Maximum number of times that the transfer of a rejected map is restarted.
 const MAX_RESTARTS: u32 = 8;
 
-/// A sender of one map. State about the control: whether the loaded words were read back, its last tick, its active map.
+/// Sender of one map. It stores about the control: whether the loaded words were read back, the last tick, and the active map.
 #[derive(Clone, Debug)]
 pub struct Sender {
     map: Map,
@@ -256,7 +255,7 @@ pub struct Sender {
 }
 
 impl Sender {
-    /// A sender of this map for the control of this machine. `owner` is a random number of the sender, not 0.
+    /// Creates a sender of this map for the control of this machine. `owner` is a random number that identifies the sender, not 0.
     ///
     /// # Errors
     /// The map exceeds the limits.
@@ -282,7 +281,7 @@ impl Sender {
     /// Replaces the map and returns the previous one, which stays active in the control until the new one is loaded completely.
     ///
     /// # Errors
-    /// The map exceeds the limits; the previous one stays.
+    /// The map exceeds the limits; the previous one then stays.
     pub fn replace(&mut self, map: Map) -> Result<Map, LimitError> {
         self.allowed.check_map(&map)?;
         (self.loaded, self.restarts) = (ReadBackResult::Unknown, 0);
@@ -302,7 +301,7 @@ impl Sender {
         Report::decode(self.machine, self.map.header().outputs, words)
     }
 
-    /// Reads the control's report, and sends the next frame.
+    /// Reads the control's report and sends the next frame.
     ///
     /// # Errors
     /// See [`SendError`]; after [`SendError::Exchange`] the step can be retried.
@@ -316,7 +315,7 @@ impl Sender {
             return Ok(Step::Unreadable);
         };
         self.in_use = report.valid.then_some(report.counter);
-        // An unchanged tick is not answered: a stopped program would get its own old tick indefinitely.
+        // A frame with an unchanged tick would be wrong: a stopped program would get its own old tick indefinitely.
         if self.tick.replace(report.of.tick) == Some(report.of.tick) {
             return Ok(Step::NotScanned);
         }

@@ -1,4 +1,4 @@
-//! Decoding of a position frame and encoding of a correction frame.
+//! Time to decode a position frame and to encode a correction frame.
 
 use std::hint::black_box;
 

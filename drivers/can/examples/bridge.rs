@@ -16,7 +16,7 @@ use volcomp_can::{
 use volcomp_port::{Controller, Fault};
 use volcomp_vocabulary::{AxisName, PerChannel};
 
-/// A bus in memory: the frames to the gateway and those to the control.
+/// A bus in memory: a queue of frames to the gateway, and one of frames to the control.
 #[derive(Clone, Default)]
 struct Bus(Arc<Mutex<[VecDeque<Frame>; 2]>>);
 
@@ -51,7 +51,7 @@ impl CanPort for Bus {
     }
 }
 
-/// A message of the table with these values, counter and checksum.
+/// Frame of the message with these signals, with counter and checksum.
 fn message(table: &SignalTable, values: &[(&str, f64)], counter: u64) -> Option<Frame> {
     let (place, _) = table.find(values.first()?.0)?;
     let message = &table.messages[place];

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant, SystemTime};
 /// that the wall clock was set, and the timestamps are ignored.
 const MAX_CLOCK_DRIFT: Duration = Duration::from_millis(1);
 
-/// Maximum time for reading both clocks, and thus the maximum error between them.
+/// Maximum time between the readings of both clocks, and thus the maximum error between them.
 const MAX_CLOCK_READ_TIME: Duration = Duration::from_micros(100);
 
 /// Reads both clocks. If the thread is interrupted between the two, they are read again, at most twice.
@@ -22,7 +22,7 @@ pub(crate) fn both_clocks() -> (Instant, SystemTime) {
     both
 }
 
-/// The last time at which no frame was waiting, by both clocks. Frames found later arrived after it.
+/// The last time at which no frame was waiting, by both clocks; frames found later arrived after it.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Arrivals {
     empty: Instant,
@@ -35,7 +35,7 @@ impl Arrivals {
         Self { empty, wall }
     }
 
-    /// The arrival time of a frame read at `now`, never later than the true one: the kernel timestamp, if there is one and the clock was
+    /// Arrival time of a frame that is read at `now`, never later than the true one: the kernel timestamp, if there is one and the clock was
     /// not set meanwhile, else the last time at which no frame was waiting. A frame without a valid timestamp thus gets its maximum age.
     pub(crate) fn of(&self, stamp: Option<SystemTime>, now: Instant, wall: SystemTime) -> Instant {
         let passed = now.saturating_duration_since(self.empty);
@@ -64,7 +64,7 @@ mod tests {
             let arrived = arrivals.of(stamp, empty + at, wall + wall_at);
             arrived.duration_since(empty)
         };
-        // Read 300 ms after the queue was empty.
+        // Frames are read 300 ms after the queue was empty.
         let at = 300 * MS;
         assert_eq!(read(Some(20 * MS), at, at), 20 * MS);
         assert_eq!(read(Some(at), at, at), at);

@@ -1,5 +1,5 @@
 //! Transport of the barrier's words in the signals `FRAME_0`, `FRAME_1`, … and `REPORT_0`, `REPORT_1`, … The words are not interpreted
-//! here, except for the size of a count, which the unit and factor of the value words define. Words in several messages belong together if
+//! here; only the size of a count is taken from unit and factor of the value words. Words in several messages belong together if
 //! the messages have the same counter.
 
 use std::time::Instant;
@@ -14,9 +14,9 @@ use crate::{
     signals::{Message, Signal, SignalTable},
 };
 
-/// Number of words before the values of a frame: epoch, tick, sequence, owner.
+/// Number of words of a frame before its values: epoch, tick, sequence, owner.
 const FRAME_HEADER_WORDS: usize = 4;
-/// Number of words before the axes of a report: epoch, tick, owner, sequence, refusal, scans from
+/// Number of words of a report before its axes: epoch, tick, owner, sequence, refusal, scans from
 /// step to step, hold, timeout.
 const REPORT_HEADER_WORDS: usize = 8;
 /// Number of words per axis of a report: applied correction, limit, rate.
@@ -34,26 +34,26 @@ struct Word {
     signal: Signal,
 }
 
-/// The transport of a barrier's words on a bus.
+/// Transport of a barrier's words on a bus.
 pub(crate) struct Barrier {
     frame: Vec<Word>,
     sent: Vec<OutgoingMessage>,
     report: Vec<ReceivedSignal>,
-    /// The last complete report, and the arrival of its oldest message.
+    /// The last complete report, and the arrival time of its oldest message.
     last: Option<(Words, Instant)>,
     counter: u64,
 }
 
 const LARGEST_COUNT: f64 = 32767.0;
 
-/// The size of one count, and the largest correction, mm or rad.
+/// Size of one count and largest correction of an axis, mm or rad.
 pub(crate) struct Count {
     pub(crate) step: f64,
     pub(crate) largest: f64,
 }
 
 impl Barrier {
-    /// The transport for these axes with the signals of a table; `None` if the table has no barrier words. Errors: words that are missing, too few or
+    /// Finds the signals for these axes in a table; `None` if the table has no barrier words. Errors: words that are missing, too few or
     /// too many for the axes, not of 16 bits, or whose units do not match their axes.
     pub(crate) fn of(
         table: &SignalTable,
@@ -96,7 +96,7 @@ impl Barrier {
         check_shared_counter(table, &report)?;
         let mut sent: Vec<OutgoingMessage> = Vec::new();
         let mut parts = Vec::new();
-        // The message with the last word is sent last, since the control takes the frame as complete when it arrives.
+        // The message with the last word is sent last, because the control takes the frame as complete when it arrives.
         let mut order: Vec<usize> = Vec::new();
         for (message, _) in frame.iter().rev() {
             if !order.contains(message) {
@@ -113,7 +113,7 @@ impl Barrier {
         for at in &frame {
             let place = order.iter().position(|message| *message == at.0);
             parts.push(Word {
-                // The order contains every message of a word.
+                // The order contains every message with a word, so the position exists.
                 sent: place.unwrap_or(0),
                 signal: signal(at).clone(),
             });
@@ -129,7 +129,7 @@ impl Barrier {
         Ok(Some((barrier, counts)))
     }
 
-    /// Writes the words of a frame into their messages and sends these in order, the message with the last word last.
+    /// Writes the words of a frame into their messages and sends these, the message with the last word last.
     pub(crate) fn post(
         &mut self,
         port: &mut impl CanPort,
@@ -152,7 +152,7 @@ impl Barrier {
         Ok(())
     }
 
-    /// Processes a valid new message: if the report's messages now all have the same counter, stores the report.
+    /// Processes a new valid message: stores the report if all of its messages now have the same counter.
     pub(crate) fn process(&mut self, messages: &[ReceivedMessage], index: usize) {
         if !self.report.iter().any(|signal| signal.message == index) {
             return;
@@ -168,14 +168,14 @@ impl Barrier {
                 return;
             };
             oldest = oldest.min(taken);
-            // The signal has 16 bits.
+            // The signal has 16 bits, so the conversion cannot fail.
             *word = u16::try_from(place.signal.raw(part.data())).unwrap_or(0);
         }
         let words = words.get(..self.report.len()).and_then(Words::new);
         self.last = words.map(|words| (words, oldest)).or(self.last);
     }
 
-    /// The last complete report, and the arrival of its oldest message.
+    /// The last complete report, and the arrival time of its oldest message.
     pub(crate) fn report(&self) -> Option<(Words, Instant)> {
         self.last
     }
@@ -188,7 +188,7 @@ pub(crate) fn send(port: &mut impl CanPort, frame: &Frame, deadline: Instant) ->
     port.send(frame, deadline)
 }
 
-/// The signals of the words `PREFIX_0`, `PREFIX_1` and so on, in order.
+/// Message and signal index of the words `PREFIX_0`, `PREFIX_1` and so on, in order.
 fn words(table: &SignalTable, prefix: &str) -> Result<Vec<(usize, usize)>, String> {
     let mut found = Vec::new();
     for (message, of_message) in table.messages.iter().enumerate() {
@@ -226,7 +226,7 @@ fn check_word_count(
     ))
 }
 
-/// Checks that each of several messages has a counter, which distinguishes words of different times. The checksum of the words alone does
+/// Checks that each of several messages has a counter, by which words of different times are distinguished. The checksum of the words alone does
 /// not detect all mixtures of three or more frames.
 fn check_shared_counter(table: &SignalTable, words: &[(usize, usize)]) -> Result<(), String> {
     let messages = || words.iter().map(|(message, _)| *message);
@@ -242,7 +242,7 @@ fn check_shared_counter(table: &SignalTable, words: &[(usize, usize)]) -> Result
     Ok(())
 }
 
-/// The size of a count of an axis, by unit and factor of its value word.
+/// Size of a count of an axis, from unit and factor of its value word.
 fn axis_count(signal: &Signal, name: AxisName) -> Result<Count, String> {
     let unit = Quantity::Of(name).factor(&signal.unit);
     let unit = unit.map_err(|unit| {
@@ -272,7 +272,7 @@ fn check_same_count(found: &Signal, expected: &Signal) -> Result<(), String> {
     ))
 }
 
-/// Checks that a signal transports a word unchanged: 16 bits, no offset, and, unless it is `counted`, no unit or factor.
+/// Checks that a signal transports a word unchanged: 16 bits, no offset, and no unit or factor unless it is `counted`.
 fn check(signal: &Signal, counted: bool) -> Result<(), String> {
     let word = &signal.name;
     if signal.bits != 16 {

@@ -21,19 +21,19 @@ use crate::{
     signals::SignalTable,
 };
 
-/// The signals and axes for reading and correcting a control on a CAN bus.
+/// Signals and axes for reading and correcting a control on a CAN bus.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct BridgeConfig {
-    /// The messages and signals of the bus.
+    /// Messages and signals of the bus.
     pub table: SignalTable,
     /// Name of the channel through which corrections reach the axes.
     pub channel: String,
-    /// The axes in channel order; signals `X_POS` and, without a barrier, `X_CORR` and optionally `X_APPLIED`.
+    /// Written axes in channel order. Signals: `X_POS` and, without a barrier, `X_CORR` and optionally `X_APPLIED`.
     pub axes: Vec<AxisName>,
-    /// Axes whose positions are only read, signal `X_POS`. Without `axes` nothing is sent.
+    /// Axes whose positions are only read (signal `X_POS`). Without `axes` nothing is sent.
     pub reads: Vec<AxisName>,
-    /// Whether positions contain the correction.
+    /// Whether reported positions contain the correction.
     pub includes_correction: bool,
 }
 
@@ -50,7 +50,7 @@ impl BridgeConfig {
         axes.filter_map(step).collect()
     }
 
-    /// The description of the controller, without opening a bus.
+    /// Describes the controller without opening a bus.
     ///
     /// # Errors
     /// Axes without signals, unknown units.
@@ -61,7 +61,7 @@ impl BridgeConfig {
 }
 
 enum Transport {
-    /// Words of a frame for the barrier of the control.
+    /// Corrections are sent as words of a frame for the barrier of the control.
     Barrier(Barrier),
     Plain(PlainCorrections),
     ReadOnly,
@@ -79,7 +79,7 @@ pub struct CanController<P> {
 }
 
 impl<P: CanPort> CanController<P> {
-    /// A controller on a bus.
+    /// Creates a controller on a bus.
     ///
     /// # Errors
     /// Axes without signals, unknown units, words of a barrier that do not fit the axes.
@@ -137,7 +137,7 @@ impl<P: CanPort> CanController<P> {
                 alarm: states[1].is_some(),
                 emergency_stop: states[2].is_some(),
             },
-            // A barrier accepts frames of one sender only, and reports which.
+            // A barrier accepts frames of one sender only, and reports its number.
             sees_other_gateways: has_barrier,
             shortest_cycle: Duration::from_millis(1),
             device: device.clone(),
@@ -153,7 +153,7 @@ impl<P: CanPort> CanController<P> {
         })
     }
 
-    /// The bus errors so far.
+    /// Numbers of bus errors so far.
     pub fn health(&self) -> Health {
         self.receiver.health
     }
@@ -180,7 +180,7 @@ impl<P: CanPort> CanController<P> {
         place.signal.value(message.data()) * place.to_internal
     }
 
-    /// Whether a state of the control is on; `forbids` if its message was never received.
+    /// Whether a state of the control is on. Returns `forbids`, the value that forbids correction, if its message was never received.
     fn state(&self, place: &ReceivedSignal, forbids: bool) -> bool {
         if self.receiver.message(place).taken.is_some() {
             self.value(place) != 0.0
@@ -189,7 +189,7 @@ impl<P: CanPort> CanController<P> {
         }
     }
 
-    /// The oldest and the newest arrival of these signals; `None` if one was never received.
+    /// Oldest and newest arrival time of these signals; `None` if one was never received.
     fn arrivals(&self, places: &[ReceivedSignal]) -> Option<[Instant; 2]> {
         let mut places = places.iter();
         let first = self.receiver.message(places.next()?).taken?;
@@ -205,7 +205,7 @@ impl<P: CanPort> Controller for CanController<P> {
         &self.description
     }
 
-    /// The positions, states and applied correction or report received last, regardless of their age. Waits only until every position was
+    /// Returns the positions, states and applied correction or report received last, regardless of their age. Waits only until every position was
     /// received once. `taken` is the arrival of the oldest position, `uncertainty` the time from it to the newest one.
     fn read(&mut self, deadline: Instant) -> Result<Snapshot, Fault> {
         self.listen(deadline, false)?;
@@ -250,7 +250,7 @@ impl<P: CanPort> Controller for CanController<P> {
             positions,
             taken,
             uncertainty: newest.duration_since(taken),
-            // A state without a signal takes its good value, which the configuration has accepted; see the description.
+            // States without a signal are reported as good, which the configuration has accepted; the description names them.
             state: ControllerState {
                 referenced: state(referenced, true, false),
                 alarm: state(alarm, false, true),

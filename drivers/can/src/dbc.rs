@@ -6,7 +6,7 @@ use crate::{
     signals::{Message, Signal, SignalTable},
 };
 
-/// An unusable DBC file.
+/// Errors of a DBC file.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum DbcError {
@@ -23,13 +23,13 @@ pub enum DbcError {
     Entry {
         /// Name of the file, for messages.
         file: String,
-        /// The line of the message or signal, from 1.
+        /// Line of the message or signal, from 1.
         line: usize,
-        /// The name of the message; for a signal followed by a dot and its name.
+        /// Name of the message; for a signal, followed by a dot and its name.
         place: String,
-        /// The entry or value that was found in the file.
+        /// Entry or value in the file.
         found: String,
-        /// The entry or value that was expected in its place.
+        /// Entry or value that was expected in its place.
         expected: String,
     },
 }
@@ -42,7 +42,7 @@ struct Defect {
 }
 
 impl SignalTable {
-    /// Parses the text of a DBC file without a name.
+    /// Parses the text of a DBC file; messages name it `DBC`.
     ///
     /// # Errors
     /// See [`SignalTable::parse_file`].
@@ -50,7 +50,7 @@ impl SignalTable {
         Self::parse_file("DBC", text)
     }
 
-    /// Parses the text of `file`.
+    /// Parses the text of a DBC file; `file` is its name in messages.
     ///
     /// # Errors
     /// Not a DBC file, signals outside their message, invalid frame lengths, and a unit that is missing or does not match the quantity of the
@@ -88,7 +88,7 @@ impl SignalTable {
     }
 }
 
-/// Checks the used signals of a message: each is an integer that shares no bits with others, and bits 0 mean that a state is off.
+/// Checks the used signals of a message: each is an integer that shares no bits with others, and all bits 0 mean that a state is off.
 fn check_signals(dbc: &Dbc, id: MessageId, message: &Message) -> Result<(), Defect> {
     for (index, signal) in message.signals.iter().enumerate() {
         let is_word = ["FRAME_", "REPORT_"].map(|prefix| signal.name.starts_with(prefix));
@@ -122,7 +122,7 @@ fn defect(place: &str, found: &str, expected: &str) -> Defect {
     Defect { place: place.to_owned(), found: found.to_owned(), expected: expected.to_owned() }
 }
 
-/// The line of a message, or of a signal within its message; 1 if it is not found.
+/// Line of a message, or of a signal within its message, from 1; 1 if it is not found.
 fn line_of(text: &str, place: &str) -> usize {
     let (message, signal) = match place.split_once('.') {
         Some((message, signal)) => (message, Some(signal)),
@@ -186,7 +186,7 @@ fn signal(message: &str, length: usize, found: &can_dbc::Signal) -> Result<Signa
     let bits = u32::try_from(found.size).unwrap_or(u32::MAX);
     let start = u32::try_from(found.start_bit).unwrap_or(u32::MAX);
     let big_endian = found.byte_order == ByteOrder::BigEndian;
-    // The start of a big-endian signal is its highest bit; bits within a byte are numbered from the right.
+    // The start bit of a big-endian signal is its highest bit; bits within a byte are numbered from the right.
     let shift = if big_endian {
         let from_left = (start / 8).saturating_mul(8).saturating_add(7 - start % 8);
         all.checked_sub(from_left.saturating_add(bits))

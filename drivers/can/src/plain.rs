@@ -13,7 +13,7 @@ use crate::{
 };
 
 struct AxisSignal {
-    /// Index of the message in which the signal is sent.
+    /// Index of the signal's message among the sent ones.
     sent: usize,
     signal: Signal,
     to_internal: f64,
@@ -27,7 +27,8 @@ pub(crate) struct PlainCorrections {
 }
 
 impl PlainCorrections {
-    /// Plain corrections for these axes, and the size of their steps. Errors: an axis without its signal, a unit that does not match it.
+    /// Finds the correction signals for these axes. Returns also the size of a count of each. Errors: an axis without its signal, a unit that
+    /// does not match it.
     pub(crate) fn of(
         table: &SignalTable,
         names: &[AxisName],
@@ -61,7 +62,6 @@ impl PlainCorrections {
         if self.sent.iter().all(counted) { Heartbeat::Watched } else { Heartbeat::Unwatched }
     }
 
-    /// Number of corrections that exceeded the range of their signal.
     pub(crate) fn saturated(&self) -> u64 {
         self.saturated
     }
@@ -86,7 +86,7 @@ impl PlainCorrections {
     }
 }
 
-/// Index of a message among those to send, to which it is added if necessary.
+/// Index of a message among those to send; adds it if necessary. `None` if the message cannot represent corrections of 0.
 fn outgoing_index(sent: &mut Vec<(Message, Frame)>, message: &Message) -> Option<usize> {
     let known = sent.iter().position(|(other, _)| other.name == message.name);
     if known.is_some() {
@@ -94,7 +94,7 @@ fn outgoing_index(sent: &mut Vec<(Message, Frame)>, message: &Message) -> Option
     }
     let mut frame = message.frame()?;
     for signal in &message.signals {
-        // Corrections of axes that are not written here are 0, whose raw value may differ from 0.
+        // Corrections of axes that are not written are 0, whose raw value may differ from 0.
         if signal.name.ends_with("_CORR") && !signal.put(frame.data_mut(), 0.0) {
             return None;
         }
@@ -103,7 +103,7 @@ fn outgoing_index(sent: &mut Vec<(Message, Frame)>, message: &Message) -> Option
     Some(sent.len() - 1)
 }
 
-/// The signal of an axis with this suffix, which must exist.
+/// Message and signal index of the signal of an axis with this suffix. Errors: the table lacks it.
 pub(crate) fn required_signal(
     table: &SignalTable,
     name: AxisName,

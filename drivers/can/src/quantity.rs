@@ -1,8 +1,8 @@
-//! The quantity of a signal, by its name, and its accepted units. Only this module converts units of a DBC file to mm, rad and °C.
+//! Quantity of a signal, by its name, and its accepted units. Only this module converts units of a DBC file to mm, rad and °C.
 
 use volcomp_vocabulary::{AxisKind, AxisName};
 
-/// The state signals of a control: whether every axis is referenced, an alarm is active, the emergency stop is pressed.
+/// Names of the state signals of a control: whether every axis is referenced, an alarm is active, the emergency stop is pressed.
 pub(crate) const STATES: [&str; 3] = ["REFERENCED", "ALARM", "EMERGENCY_STOP"];
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -21,7 +21,7 @@ pub(crate) struct WrongUnit {
 }
 
 impl Quantity {
-    /// The quantity of a signal by its name: `X_POS`, `X_CORR`, `X_APPLIED`, `…_TEMP` and the states; `None` for every other signal.
+    /// Quantity of a signal by its name: `X_POS`, `X_CORR`, `X_APPLIED`, `…_TEMP` and the states; `None` for every other signal.
     pub(crate) fn of_signal(name: &str) -> Option<Self> {
         if STATES.contains(&name) {
             return Some(Self::State);
@@ -34,7 +34,7 @@ impl Quantity {
         letter.parse().ok().map(Self::Of)
     }
 
-    /// The accepted units, each with the factor to mm, rad or °C.
+    /// Accepted units, each with the factor to mm, rad or °C.
     fn units(self) -> &'static [(&'static str, f64)] {
         const DEG: f64 = std::f64::consts::PI / 180.0;
         match self {
@@ -54,7 +54,7 @@ impl Quantity {
         }
     }
 
-    /// The factor from a unit to mm, rad or °C. Errors: the unit does not match this quantity.
+    /// Factor from a unit to mm, rad or °C. Errors: the unit does not match this quantity.
     pub(crate) fn factor(self, unit: &str) -> Result<f64, WrongUnit> {
         let known = self.units().iter().find(|(name, _)| *name == unit);
         known.map(|(_, factor)| *factor).ok_or_else(|| WrongUnit {
@@ -78,7 +78,7 @@ impl Quantity {
     }
 }
 
-/// The factor from the unit of a signal to mm, rad or °C; 1 for a signal without a known quantity. Errors: a unit that does not match the quantity.
+/// Factor from the unit of a signal to mm, rad or °C; 1 for a signal without a known quantity. Errors: a unit that does not match the quantity.
 pub(crate) fn to_internal(name: &str, unit: &str) -> Result<f64, WrongUnit> {
     Quantity::of_signal(name).map_or(Ok(1.0), |quantity| quantity.factor(unit))
 }

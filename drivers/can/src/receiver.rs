@@ -1,4 +1,4 @@
-//! Reception of messages from one port: the last valid data of each message, and the bus errors.
+//! Receives messages from one port: stores the last valid data of each message, and counts bus errors.
 
 use std::time::{Duration, Instant};
 
@@ -10,28 +10,28 @@ use crate::{
     signals::{Message, Signal, SignalTable},
 };
 
-/// Bus errors so far: numbers of frames, and whether the controller is bus-off.
+/// Bus errors since the start.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Health {
-    /// Frames with a wrong length or checksum.
+    /// Number of frames with a wrong length or checksum.
     pub broken: u64,
-    /// Number of frames with the counter of the previous frame or an earlier one: the frame is repeated because its sender has stopped, or
-    /// it arrived out of order.
+    /// Number of frames with the counter of the previous frame or of an earlier one: repeated because the sender has stopped, or out of
+    /// order.
     pub repeated: u64,
-    /// Number of lost frames, by gaps of the counter.
+    /// Number of lost frames, from gaps of the counter.
     pub lost: u64,
-    /// Error frames of the bus controller.
+    /// Number of error frames of the bus controller.
     pub errors: u64,
-    /// The bus controller is bus-off, and no frame has arrived since.
+    /// Whether the bus controller is bus-off, and no frame has arrived since.
     pub bus_off: bool,
 }
 
-/// A frame whose 16-step counter is at least this many steps ahead is treated as late: it arrived
+/// A frame whose 16-step counter is at least this many steps ahead counts as late: it arrived
 /// out of order or twice.
 const MIN_STEPS_BEHIND: u64 = 8;
-/// Maximum delay of a frame that arrives out of order. A later frame is the first one after a silence, in which the counter may have
-/// wrapped. It does not limit the age of data.
+/// Maximum delay of a frame that arrives out of order. A frame after a longer silence is always new, because the counter may have
+/// wrapped meanwhile. The delay does not limit the age of data.
 const MAX_OVERTAKE_DELAY: Duration = Duration::from_millis(100);
 
 pub(crate) struct ReceivedMessage {
@@ -46,7 +46,7 @@ impl ReceivedMessage {
         Self { message: message.clone(), data: [0; 64], counter: None, taken: None }
     }
 
-    /// The data of the last valid frame; zeros before the first.
+    /// Data of the last valid frame; zeros before the first one.
     pub(crate) fn data(&self) -> &[u8] {
         &self.data[..self.message.length]
     }
@@ -55,7 +55,7 @@ impl ReceivedMessage {
         self.counter
     }
 
-    /// Whether the last valid frame arrived no more than `within` before another one.
+    /// Whether the last valid frame arrived at most `within` before the time `other`.
     fn arrived_within(&self, other: Instant, within: Duration) -> bool {
         self.taken.is_some_and(|taken| other.saturating_duration_since(taken) <= within)
     }
@@ -72,7 +72,7 @@ impl ReceivedMessage {
                     health.repeated += 1;
                     return false;
                 }
-                // After a silence of `MAX_OVERTAKE_DELAY` the counter may have wrapped any number of times.
+                // After a silence of more than `MAX_OVERTAKE_DELAY` the counter may have wrapped any number of times.
                 ahead
                     if ahead >= MIN_STEPS_BEHIND
                         && self.arrived_within(taken, MAX_OVERTAKE_DELAY) =>
@@ -106,7 +106,7 @@ impl<P: CanPort> Receiver<P> {
     }
 
     /// Processes the waiting frames; with `wait`, waits for a frame until the deadline. Returns whether a subscribed frame arrived. Calls
-    /// `whole` with all messages and the index of each message that was valid and new.
+    /// `whole` for each message that was valid and new, with all messages and its index.
     pub(crate) fn listen(
         &mut self,
         deadline: Instant,
@@ -147,11 +147,11 @@ impl<P: CanPort> Receiver<P> {
 pub(crate) struct ReceivedSignal {
     pub(crate) message: usize,
     pub(crate) signal: Signal,
-    /// The factor from the unit of the signal to mm, rad or °C.
+    /// Factor from the unit of the signal to mm, rad or °C.
     pub(crate) to_internal: f64,
 }
 
-/// Adds the message of a signal to the received ones, if it is missing. Errors: a unit that does not match the quantity of the signal.
+/// Subscribes to the message of a signal. Errors: a unit that does not match the quantity of the signal.
 /// [`SignalTable::parse`] checks this too, but a table may be built otherwise.
 pub(crate) fn subscribe(
     table: &SignalTable,

@@ -1,14 +1,14 @@
-//! Signals in the data of frames: bit positions, scaling and value access.
+//! Signals in the data of frames: bit positions, scaling and access to values.
 
 use volcomp_vocabulary::{AxisName, Displacement};
 
 use crate::{frame::Frame, quantity::Quantity};
 
-/// A number in the data of a frame.
+/// A number in the data of a frame, with value = raw · `factor` + `offset`.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Signal {
-    /// The name of the signal, without the name of its message.
+    /// Name of the signal, without the name of its message.
     pub name: String,
     /// Unit, as written in the file.
     pub unit: String,
@@ -16,12 +16,12 @@ pub struct Signal {
     pub signed: bool,
     /// Number of bits, 1 to 64.
     pub bits: u32,
-    /// Value = raw · factor + offset.
+    /// Value of one raw count, in the unit of the signal.
     pub factor: f64,
-    /// The offset in the unit of the signal, added to raw · factor.
+    /// Value at raw 0, in the unit of the signal.
     pub offset: f64,
     pub(crate) big_endian: bool,
-    /// Position of the lowest bit. Little-endian: counted from bit 0 of the first byte upwards. Big-endian: the same after reversing the
+    /// Position of the lowest bit. Little-endian: counted from bit 0 of the first byte. Big-endian: the same after reversing the
     /// byte order of the message.
     pub(crate) shift: u32,
 }
@@ -30,7 +30,7 @@ pub struct Signal {
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Message {
-    /// The name of the message in the file.
+    /// Name of the message in the file.
     pub name: String,
     /// Identifier of the message's frames.
     pub id: u32,
@@ -38,11 +38,11 @@ pub struct Message {
     pub extended: bool,
     /// Number of data bytes: up to 8 classic, more for FD.
     pub length: usize,
-    /// The signals in the data of the message.
+    /// Signals in the data of the message.
     pub signals: Vec<Signal>,
-    /// Index of the signal that counts the frames.
+    /// Index of the signal that counts the frames; `None` without one.
     pub(crate) counter: Option<usize>,
-    /// Index of the signal that holds the checksum.
+    /// Index of the signal with the checksum; `None` without one.
     pub(crate) checksum: Option<usize>,
 }
 
@@ -55,12 +55,12 @@ pub struct SignalTable {
 }
 
 impl SignalTable {
-    /// Index of the message that a frame belongs to.
+    /// Index of the message to which a frame belongs.
     pub fn message_of(&self, frame: &Frame) -> Option<usize> {
         self.messages.iter().position(|m| (m.id, m.extended) == (frame.id, frame.extended))
     }
 
-    /// Index of the message that contains a signal, and of the signal in it.
+    /// Index of the message that contains a signal, and index of the signal in it.
     pub fn find(&self, signal: &str) -> Option<(usize, usize)> {
         self.messages.iter().enumerate().find_map(|(index, message)| {
             let place = message.signals.iter().position(|s| s.name == signal)?;
@@ -70,13 +70,13 @@ impl SignalTable {
 }
 
 impl Signal {
-    /// Index of byte `k`, counted from the byte with the lowest bits; past the end if the data are too short.
+    /// Index in the data of byte `k`, counted from the byte with the lowest bits; past the end if the data are too short.
     #[inline]
     fn byte(&self, length: usize, k: usize) -> usize {
         if self.big_endian { length.wrapping_sub(k + 1) } else { k }
     }
 
-    /// The raw bits of the signal in the data.
+    /// Raw bits of the signal in the data; bits beyond the end of the data are 0.
     #[inline]
     pub fn raw(&self, data: &[u8]) -> u64 {
         let (first, within) = ((self.shift / 8) as usize, self.shift % 8);
@@ -91,7 +91,7 @@ impl Signal {
         raw & (u64::MAX >> (64 - self.bits))
     }
 
-    /// The value in the data, in the unit of the signal.
+    /// Value in the data, in the unit of the signal.
     #[inline]
     #[expect(clippy::cast_precision_loss, reason = "as precise as a number can be")]
     pub fn value(&self, data: &[u8]) -> f64 {
@@ -122,7 +122,7 @@ impl Signal {
         }
     }
 
-    /// Writes the nearest value in range; NaN becomes raw 0. Returns whether the value was in range.
+    /// Writes the nearest representable value; NaN becomes raw 0. Returns whether the value was in range.
     #[inline]
     #[expect(
         clippy::cast_possible_truncation,
@@ -149,19 +149,19 @@ impl Signal {
         both.into_iter().any(|(one, two)| one & two != 0)
     }
 
-    /// The factor from the value to mm, rad or °C; `None` for a signal that is not a position, correction or temperature.
+    /// Factor from the value to mm, rad or °C; `None` for a signal that is not a position, correction, temperature or state.
     pub(crate) fn to_internal(&self) -> Option<f64> {
         Quantity::of_signal(&self.name)?.factor(&self.unit).ok()
     }
 
-    /// The axis and its position in the data, if this is a position signal (`X_POS`).
+    /// Axis and position in the data, if this is a position signal (`X_POS`).
     pub fn position(&self, data: &[u8]) -> Option<(AxisName, Displacement)> {
         let name: AxisName = self.name.strip_suffix("_POS")?.parse().ok()?;
         let mm_or_rad = self.value(data) * self.to_internal()?;
         Some((name, Displacement::new(name.kind(), mm_or_rad)))
     }
 
-    /// The sensor name in lower case and its temperature in the data, °C, if this is a temperature signal (`BED_TEMP`).
+    /// Name of the sensor in lower case and its temperature in the data, °C, if this is a temperature signal (`BED_TEMP`).
     pub fn temperature(&self, data: &[u8]) -> Option<(String, f64)> {
         let name = self.name.strip_suffix("_TEMP")?.to_lowercase();
         Some((name, self.value(data) * self.to_internal()?))
@@ -178,25 +178,25 @@ impl Signal {
         }
     }
 
-    /// Largest magnitude that the signal can hold with either sign, in its unit; 0 if it can hold only one sign.
+    /// Largest magnitude that the signal can represent with either sign, in its unit; 0 if it can represent only one sign.
     pub fn largest(&self) -> f64 {
         let [a, b] = self.raw_range().map(|raw| raw * self.factor + self.offset);
         a.max(b).min(-a.min(b)).max(0.0)
     }
 
-    /// Step between two values, in the unit of the signal.
+    /// Difference between adjacent values, in the unit of the signal.
     pub fn step(&self) -> f64 {
         self.factor.abs()
     }
 }
 
 impl Message {
-    /// A frame of this message with all bits 0.
+    /// Creates a frame of this message with all bits 0; `None` for an invalid length.
     pub fn frame(&self) -> Option<Frame> {
         Frame::new(self.id, self.extended, self.length > 8, &[0; 64][..self.length])
     }
 
-    /// The counter in a frame's data, if the message has one.
+    /// Counter in a frame's data; `None` if the message has none.
     pub fn counter(&self, data: &[u8]) -> Option<u64> {
         Some(self.signals[self.counter?].raw(data))
     }
@@ -210,7 +210,7 @@ impl Message {
             })
     }
 
-    /// Sets counter and checksum; to be called after all other signals are set.
+    /// Sets counter and checksum; call it after all other signals are set.
     pub fn seal(&self, data: &mut [u8], counter: u64) {
         if let Some(place) = self.counter {
             self.signals[place].put_raw(data, counter);
@@ -224,7 +224,7 @@ impl Message {
 }
 
 /// CRC-8 SAE J1850 (polynomial 1d, initial value ff, result inverted) over the identifier (four bytes, high byte first) and the data, with
-/// the bits of the checksum set to 0.
+/// the bits of the checksum signal `own` set to 0.
 pub fn checksum(id: u32, data: &[u8], own: &Signal) -> u8 {
     let mut plain = [0; 64];
     let length = data.len().min(64);

@@ -8,7 +8,7 @@ use crate::{
     signals::SignalTable,
 };
 
-/// The names of the temperatures of a table, in the order of [`CanThermometer`].
+/// Names of the temperatures in a table, in the order of [`CanThermometer`].
 ///
 /// # Errors
 /// A table without temperatures.
@@ -28,7 +28,7 @@ pub struct CanThermometer<P> {
 }
 
 impl<P: CanPort> CanThermometer<P> {
-    /// The temperatures of a table with these names, in this order; without names all of them.
+    /// Creates a thermometer with the temperatures of these names in a table, in this order; without names, with all of them.
     ///
     /// # Errors
     /// A table without temperatures, an unknown name, or a duplicate.
@@ -70,7 +70,7 @@ impl<P: CanPort> CanThermometer<P> {
         })
     }
 
-    /// Counts of broken, repeated and lost frames and of error frames, and whether the controller is bus-off.
+    /// Bus errors since the start.
     pub fn health(&self) -> Health {
         self.receiver.health
     }

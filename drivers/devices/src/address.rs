@@ -1,4 +1,4 @@
-//! Device URLs, and the canonical names of the devices that they reach.
+//! Device URLs, and canonical names of the devices to which they lead.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -11,9 +11,9 @@ use volcomp_port::DeviceError;
 #[derive(Clone, Copy)]
 pub(crate) struct Scheme {
     pub(crate) name: &'static str,
-    /// The form of the scheme's URLs, for messages.
+    /// Form of the scheme's URLs, for messages.
     pub(crate) form: &'static str,
-    /// The cargo feature of this crate that enables the driver.
+    /// Feature of this crate that enables the driver.
     pub(crate) feature: &'static str,
     pub(crate) keys: &'static str,
 }
@@ -52,15 +52,15 @@ impl Scheme {
 /// A parsed device URL: scheme, host, port, path and query keys.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Address {
-    /// The URL as written.
+    /// The URL as written, for messages.
     pub text: String,
     /// Name of the scheme, which determines the bus.
     pub scheme: &'static str,
     /// Host or interface; empty if the scheme has none.
     pub host: String,
-    /// The port; `None` if the URL has none.
+    /// Port; `None` if the URL has none.
     pub port: Option<u16>,
-    /// Path of a device file.
+    /// Path of a device file; empty if the scheme has none.
     pub path: String,
     keys: BTreeMap<String, String>,
 }
@@ -102,7 +102,7 @@ impl Address {
             path: url.path().to_owned(),
             keys,
         };
-        // For example `://HOST` or `://INTERFACE`.
+        // The form has a host if capital letters follow the scheme, as in `://HOST` or `://INTERFACE`.
         let behind = scheme.form.split("://").nth(1);
         let has_host = behind.is_some_and(|behind| behind.starts_with(char::is_uppercase));
         if has_host && address.host.is_empty() {
@@ -115,12 +115,12 @@ impl Address {
         Ok(address)
     }
 
-    /// Error for an invalid value in the URL or the configuration of this device.
+    /// Creates the error for an invalid value in the URL or the configuration of this device.
     pub fn wrong(&self, found: impl Into<String>, expected: impl Into<String>) -> DeviceError {
         DeviceError::option(&*self.text, found, expected)
     }
 
-    /// Error for a request that the device or this build does not support.
+    /// Creates the error for a request that the device or this build does not support.
     pub fn unsupported(
         &self,
         found: impl Into<String>,
@@ -152,7 +152,7 @@ impl Address {
         self.keys.get(key).map(String::as_str)
     }
 
-    /// The value of a numeric query key.
+    /// Value of a numeric query key, or `default` if the URL lacks it.
     ///
     /// # Errors
     /// Not a number in the range of the key.
@@ -172,14 +172,14 @@ impl Address {
         })
     }
 
-    /// The comma-separated values of a query key.
+    /// Comma-separated values of a query key; empty if the URL lacks it.
     pub fn list(&self, key: &str) -> Vec<String> {
         let words = self.get(key).unwrap_or_default().split(',');
         words.filter(|word| !word.is_empty()).map(str::to_owned).collect()
     }
 }
 
-/// Names of the device at the host and port of a URL, by resolved addresses, so that spellings do not matter: `localhost`, `127.0.0.1` and
+/// Names of the device at the host and port of a URL, by resolved addresses: `localhost`, `127.0.0.1` and
 /// a DNS alias are one device. `usual` is the default port.
 pub(crate) fn hosts(address: &Address, usual: u16) -> BTreeSet<String> {
     let (host, port) = (&*address.host, address.port.unwrap_or(usual));
@@ -203,7 +203,7 @@ pub(crate) fn hosts(address: &Address, usual: u16) -> BTreeSet<String> {
 fn canonical(ip: IpAddr) -> IpAddr {
     let ip = ip.to_canonical();
     let is_this_computer = match ip {
-        // Other addresses of 127.0.0.0/8 stay distinct; tests use them.
+        // Other addresses of 127.0.0.0/8 stay distinct, because tests use them.
         IpAddr::V4(v4) if v4.is_loopback() => v4 == Ipv4Addr::LOCALHOST,
         // Connections to the unspecified address reach this computer.
         ip => ip.is_loopback() || ip.is_unspecified() || is_own(ip),
@@ -211,7 +211,7 @@ fn canonical(ip: IpAddr) -> IpAddr {
     if is_this_computer { Ipv4Addr::LOCALHOST.into() } else { ip }
 }
 
-/// Whether an address belongs to this computer: the kernel would then use it as the source of packets to it. Nothing is sent.
+/// Whether an address belongs to this computer, in which case the kernel uses it as the source of packets to it. Nothing is sent.
 fn is_own(ip: IpAddr) -> bool {
     let any: IpAddr = match ip {
         IpAddr::V4(_) => Ipv4Addr::UNSPECIFIED.into(),

@@ -1,4 +1,4 @@
-//! The buses of this build: the driver of each scheme, and the functions that dispatch to it.
+//! The buses of this build: the driver of each scheme, and the functions that call it.
 
 use std::{collections::BTreeSet, time::Duration};
 
@@ -18,7 +18,7 @@ const KEYS: [&str; 4] = ["url", "axes", "reads", "unseen"];
 const WRITER_KEYS: [&str; 6] = ["channel", "fixed", "not_driven", "terms", "hold_ms", "test_shift"];
 
 impl Scheme {
-    /// The driver; `None` if it is not in this build.
+    /// Driver of the scheme; `None` if it is not in this build.
     pub(crate) fn driver(self) -> Option<&'static Driver> {
         match self.feature {
             #[cfg(feature = "focas")]
@@ -39,7 +39,7 @@ impl Scheme {
 }
 
 impl Address {
-    /// The driver of the address's bus.
+    /// Driver of the address's bus.
     ///
     /// # Errors
     /// A bus that is not in this build.
@@ -56,14 +56,14 @@ impl Address {
 }
 
 impl ControllerConfig {
-    /// The driver of the URL; `None` if the URL is invalid or its bus is not in this build.
+    /// Driver of the URL; `None` if the URL is invalid or its bus is not in this build.
     pub fn driver(&self) -> Option<&'static Driver> {
         Address::parse(&self.url).ok()?.driver().ok()
     }
 }
 
 impl ThermometerConfig {
-    /// Reports all mistakes in the table; `at` is its key.
+    /// Reports all mistakes in the table; `at` is the key of the table.
     pub fn validate(&self, at: &str, found: &mut Mistakes<'_>) {
         found.require(at, "names");
         let Some((address, _)) = address(at, &self.url, found) else {
@@ -77,7 +77,7 @@ impl ThermometerConfig {
 }
 
 impl ThermometerDevice {
-    /// Whether both tables describe the same module, however their URLs are written: the same unit at the same host or serial device, or
+    /// Whether both tables describe the same module, however their URLs are spelled: the same unit at the same host or serial device, or
     /// the same signals of the same CAN interface.
     pub fn is_same(&self, other: &Self) -> bool {
         let module = |Self { address, .. }: &Self| {
@@ -96,7 +96,7 @@ impl ThermometerDevice {
 }
 
 impl MapKeys {
-    /// Checks the URL of the control and the tables of its bus; `sizes` are the numbers of words in a frame and in a report.
+    /// Checks the URL of the control and the tables of its bus. `sizes` are the numbers of words in a frame and in a report.
     pub fn validate_control(&self, sizes: [usize; 2], found: &mut Mistakes<'_>) {
         let address = Address::parse(&self.url);
         let driver = address.as_ref().ok().map(Address::driver);
@@ -127,7 +127,7 @@ impl MapKeys {
     }
 }
 
-/// The controller of a `[[controller]]`, not opened.
+/// Creates the controller of a `[[controller]]` without opening it.
 ///
 /// # Errors
 /// An invalid URL or key, a bus that is not in this build.
@@ -136,7 +136,7 @@ pub fn controller(own: &ControllerConfig) -> Configured {
     (address.driver()?.controller)(address, own)
 }
 
-/// The thermometer of a `[[thermometer]]`, not opened.
+/// Creates the thermometer of a `[[thermometer]]` without opening it.
 ///
 /// # Errors
 /// An invalid URL or name, a device without temperatures, a bus that is not in this build.
@@ -145,7 +145,7 @@ pub fn thermometer(own: &ThermometerConfig) -> Result<ThermometerDevice, DeviceE
     (address.driver()?.thermometer)(address, own)
 }
 
-/// The control of a map sender, not connected.
+/// Creates the control of a map sender without connecting to it.
 ///
 /// # Errors
 /// A file that cannot be read, a control that accepts no map, a bus that is not in this build.
@@ -154,7 +154,7 @@ pub fn map_device(keys: &MapKeys) -> Result<MapDevice, DeviceError> {
     (address.driver()?.map)(&address, keys)
 }
 
-/// Reads a device once. Nothing is written beyond what opening requires; GPIO outputs keep their levels.
+/// Reads a device once, within the time `at_most`. Nothing is written beyond what opening requires; GPIO outputs keep their levels.
 ///
 /// # Errors
 /// A device that does not exist or does not answer, a bus that is not in this build.
@@ -162,14 +162,14 @@ pub fn probe(address: &Address, at_most: Duration) -> Result<Probe, DeviceError>
     (address.driver()?.probe)(address, at_most)
 }
 
-/// Whether a controller of this driver uses a key.
+/// Whether a controller of this driver uses a key of its table. `is_reader`: no axes are written.
 pub fn uses(driver: &Driver, is_reader: bool, key: &str) -> bool {
     let is_writer_key = WRITER_KEYS.contains(&key) || driver.writer_keys.contains(&key);
     KEYS.contains(&key) || driver.keys.contains(&key) || (!is_reader && is_writer_key)
 }
 
-/// Checks the URL of a controller, and rejects keys that its driver does not use, which would be ignored silently. `at` is the key of its
-/// table. `None` if the URL is invalid.
+/// Checks the URL of a controller, and rejects keys that its driver would silently ignore. `at` is the key of its
+/// table. Returns the address; `None` if the URL is invalid.
 pub fn check_keys(
     own: &ControllerConfig,
     at: &str,
@@ -245,7 +245,7 @@ mod tests {
         (driver.devices)(&address)
     }
 
-    /// Different spellings of an address must name one device, so that they share one lock.
+    /// All spellings of an address must give the same device, so that they share one lock.
     #[test]
     fn every_spelling_of_an_address_is_one_device() {
         let one = of("focas://127.0.0.1");
@@ -270,7 +270,7 @@ mod tests {
         assert!(module.is_disjoint(&one));
     }
 
-    /// The loopback interface, which every computer has, by its kernel index.
+    /// The loopback interface, which every computer has, is identified by its kernel index.
     #[test]
     fn an_interface_is_known_by_its_number() {
         let number = std::fs::read_to_string("/sys/class/net/lo/ifindex").expect("there");

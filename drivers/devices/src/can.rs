@@ -1,4 +1,4 @@
-//! Machine controllers and thermometers on CAN interfaces of Linux.
+//! Controls and thermometers on CAN interfaces of Linux.
 
 use std::{
     collections::BTreeMap,
@@ -34,7 +34,7 @@ pub(crate) const DRIVER: Driver = Driver {
 
 fn first(address: &Address, machine: &FirstMachine<'_>) -> FirstConfig {
     let mut settings = vec![includes_correction(false)];
-    // An invalid DBC file is reported when the configuration is checked.
+    // An invalid DBC file is reported elsewhere, when the configuration is checked.
     let has_barrier = signal_table(address).is_ok_and(|table| {
         let config = BridgeConfig {
             table,
@@ -126,7 +126,7 @@ impl ControllerDevice for Bridge {
     }
 }
 
-/// Name of a network interface by its kernel index, since it may have several names.
+/// Name of a network interface by its kernel index, because an interface may have several names.
 fn interface(name: &str) -> String {
     let number = socket(AddressFamily::INET, SocketType::DGRAM, None)
         .and_then(|socket| name_to_index(socket, name));
@@ -134,7 +134,7 @@ fn interface(name: &str) -> String {
         .map_or_else(|_| format!("interface {name}"), |number| format!("interface number {number}"))
 }
 
-/// The signals of the DBC file in a URL, by default of the shipped file. Errors: the file cannot be
+/// Signal table of the DBC file that a URL names, by default of the shipped file. Errors: the file cannot be
 /// read or is not a DBC file.
 fn signal_table(address: &Address) -> Result<SignalTable, DeviceError> {
     let text = match address.get("dbc") {

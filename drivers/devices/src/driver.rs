@@ -1,4 +1,4 @@
-//! The interface of a bus driver: its function table, and the traits of the devices that it creates from a configuration.
+//! Interface of bus drivers: the function table of a driver, and the traits of the devices that it creates from a configuration.
 
 use std::{
     any::Any,
@@ -19,22 +19,22 @@ use crate::{
     probe::Probe,
 };
 
-/// The driver of a bus: its URLs and configuration keys, and functions that create its devices.
+/// Driver of a bus: its URLs and configuration keys, and the functions that create its devices.
 pub struct Driver {
     /// Kind of controller, with the schemes of its URLs, for messages.
     pub name: &'static str,
-    /// The keys of `[[controller]]` that the driver uses in addition to the common ones, even for read-only controllers.
+    /// Keys of `[[controller]]` that the driver uses in addition to the common ones, also for read-only controllers.
     pub keys: &'static [&'static str],
     /// Additional keys that the driver uses only if axes are written.
     pub writer_keys: &'static [&'static str],
-    /// The tables of a map sender's file that the driver uses; empty: its controls accept no map.
+    /// Tables of a map sender's file that the driver uses; empty if its controls accept no map.
     pub map_tables: &'static [&'static str],
-    /// Default port of a URL.
+    /// Default network port.
     pub port: u16,
-    /// The names of the devices that an address reaches, independent of its spelling. A device that cannot be resolved, such as a host
+    /// Names of the devices to which an address leads, independent of its spelling. A device that cannot be resolved, such as a host
     /// without a DNS entry, has the name in the URL.
     pub devices: fn(&Address) -> BTreeSet<String>,
-    /// Whether only one program can read from an address.
+    /// Whether only one program at a time can read from an address.
     pub is_exclusive: fn(&Address) -> bool,
     /// Checks the keys of `[[controller]]` that are specific to the driver.
     pub validate: fn(&ControllerConfig, &Rules<'_>, &mut Mistakes<'_>),
@@ -44,24 +44,24 @@ pub struct Driver {
     pub controller: fn(Address, &ControllerConfig) -> Configured,
     /// Creates the thermometer of a `[[thermometer]]`, without opening it.
     pub thermometer: fn(Address, &ThermometerConfig) -> Result<ThermometerDevice, DeviceError>,
-    /// Checks the tables of a map sender's file. The array has the numbers of words in a frame and in a report.
+    /// Checks the tables of a map sender's file, for these numbers of words in a frame and in a report.
     pub validate_map: fn(&MapKeys, [usize; 2], &mut Mistakes<'_>),
-    /// Creates the control of a map sender, without connecting.
+    /// Creates the control of a map sender without connecting to it.
     pub map: fn(&Address, &MapKeys) -> Result<MapDevice, DeviceError>,
-    /// URL of a controller, as an example.
+    /// Example of a controller's URL.
     pub example: &'static str,
     /// Usual values of the keys of `[[controller]]`, for a first configuration.
     pub first: fn(&Address, &FirstMachine<'_>) -> FirstConfig,
-    /// The same for `[[thermometer]]` with this number of sensors.
+    /// Usual values of the keys of `[[thermometer]]` with this number of sensors, for a first configuration.
     pub first_thermometer: fn(usize) -> Vec<Setting>,
-    /// Reads a device once. Nothing is written beyond what opening requires; GPIO outputs keep their levels.
+    /// Reads a device once, within a maximum time. Nothing is written beyond what opening requires; GPIO outputs keep their levels.
     pub probe: fn(&Address, Duration) -> Result<Probe, DeviceError>,
 }
 
-/// A configured controller, or why it is invalid.
+/// A configured controller, or the reason why its configuration is invalid.
 pub type Configured = Result<Box<dyn ControllerDevice>, DeviceError>;
 
-/// Defaults of a driver: devices at hosts, no keys, no temperatures, no maps.
+/// Defaults for the fields of a driver: devices at hosts, no keys, no temperatures, no maps.
 pub(crate) const USUAL: Driver = Driver {
     name: "",
     keys: &[],
@@ -87,7 +87,7 @@ pub(crate) const USUAL: Driver = Driver {
     probe: |address, _| Err(address.unsupported("this device cannot be probed", "name another")),
 };
 
-/// The context in which the keys of a driver are checked.
+/// Context in which the keys of a driver are checked.
 #[derive(Clone, Copy, Debug)]
 pub struct Rules<'a> {
     /// Name of the controller's table, for messages.
@@ -98,24 +98,24 @@ pub struct Rules<'a> {
     pub has_barrier: bool,
 }
 
-/// Looks up the travel of a machine axis (lower and upper end).
+/// Function that returns the travel of a machine axis, lower end first; `None` if the machine lacks the axis.
 pub type Travels<'a> = dyn Fn(AxisName) -> Option<[Displacement; 2]> + 'a;
 
-/// A configured controller, not opened. Methods that need no device fail if the configuration is invalid; the others fail if the device
+/// A configured controller that is not opened. Methods that need no device fail if the configuration is invalid; the others fail if the device
 /// cannot be reached or does not match the configuration.
 #[expect(clippy::missing_errors_doc, reason = "the trait says it once")]
 pub trait ControllerDevice: Any + Send + Sync {
-    /// The description of the controller, without opening it.
+    /// Describes the controller without opening it.
     fn describe(&self) -> Result<Description, DeviceError>;
 
     /// Opens the controller. Connections are made in the background; a CAN interface and GPIO lines must exist.
     fn open(&self) -> Result<Box<dyn Controller>, DeviceError>;
 
-    /// Properties of the controller's readings that the guard needs.
+    /// Properties of the controller's readings, for the guard.
     fn settings(&self) -> Settings;
 
-    /// Reads the properties of a control, and compares them with the configuration and the guard's requirements (`None` for a read-only
-    /// controller). Returns `None` if the bus has nothing to compare. Nothing is written.
+    /// Reads the properties of a control, and compares them with the configuration and with the guard's requirements (`None` for a read-only
+    /// controller). Returns `None` if the bus provides nothing to compare. Nothing is written.
     fn inspect(
         &self,
         _needs: Option<&GuardRequirements>,
@@ -133,37 +133,37 @@ pub trait ControllerDevice: Any + Send + Sync {
         Ok(())
     }
 
-    /// Two memory blocks of this controller that share a byte in the control, if any.
+    /// Two memory blocks of this controller that share a byte in the control; `None` if there are none.
     fn overlap(&self) -> Option<[Block; 2]> {
         None
     }
 
-    /// Two memory blocks, one of each controller of the same control, that share a byte, at least one of them written; `None` if there are
-    /// none.
+    /// Two memory blocks that share a byte, one of this and one of another controller of the same control, at least one of them written; `None` if there
+    /// are none.
     fn overlap_with(&self, _other: &dyn Any) -> Option<[Block; 2]> {
         None
     }
 
-    /// The memory of the control that this configuration uses.
+    /// Memory of the control that this configuration uses.
     fn memory(&self) -> ControlMemory {
         ControlMemory::default()
     }
 }
 
-/// Maximum delay until a correction appears in the messages of a bridge, which sends them on its own schedule. The guard checks their age.
+/// Maximum delay until a correction appears in the messages of a bridge, which sends them at its own interval. The guard checks their age.
 #[cfg(any(feature = "can", feature = "linuxcnc"))]
 pub(crate) const REPORTED_WITHIN: Duration = Duration::from_millis(100);
 
 /// Properties of a controller's readings that the guard needs.
 #[derive(Clone, Debug, Default)]
 pub struct Settings {
-    /// Maximum time until a correction appears in readings; `None`: in the next cycle.
+    /// Maximum time until a correction appears in readings; `None`: it does so in the next cycle.
     pub shown_within: Option<Duration>,
-    /// Step of the positions of each axis whose control reports them coarsely.
+    /// Resolution of the positions, by axis, where the control reports them coarsely.
     pub position_steps: BTreeMap<AxisName, Displacement>,
     /// Whether positions are too coarse for the test shift at arming.
     pub is_coarse: bool,
-    /// Time without a latch edge after which the control ramps the correction to zero.
+    /// Time without a latch edge after which the control ramps the correction to zero; `None`: never.
     pub time_out: Option<Duration>,
 }
 
@@ -172,11 +172,11 @@ pub struct Settings {
 pub struct GuardRequirements {
     /// Slew of each axis in channel order, mm/min or rad/min.
     pub slew_per_min: Vec<f64>,
-    /// Largest correction: mm for linear axes, rad for rotary axes.
+    /// Largest correction: mm for linear axes, then rad for rotary axes.
     pub limit: [f64; 2],
-    /// Minimum rate of a barrier: mm/s for linear axes, rad/s for rotary axes.
+    /// Minimum rate of a barrier: mm/s for linear axes, then rad/s for rotary axes.
     pub rate_per_s: [f64; 2],
-    /// Time after which the guard ramps out.
+    /// Age of positions after which the guard ramps out.
     pub zero_after: Duration,
 }
 
@@ -240,10 +240,10 @@ pub struct PmcPlan {
     pub referenced: Option<String>,
 }
 
-/// A block of a control's memory.
+/// A block in a control's memory.
 #[derive(Clone, Debug)]
 pub struct Block {
-    /// The configuration key that sets the address of the block.
+    /// Configuration key that sets the address of the block.
     pub key: &'static str,
     /// Purpose and location of the block, for messages.
     pub text: String,
@@ -251,14 +251,14 @@ pub struct Block {
     pub is_byte: bool,
 }
 
-/// Opens a thermometer. Connections are made in the background; a CAN interface must exist.
+/// Function that opens a thermometer. Connections are made in the background; a CAN interface must exist.
 pub(crate) type OpenThermometer =
     Box<dyn Fn() -> Result<Box<dyn Thermometer>, DeviceError> + Send + Sync>;
 
-/// A configured thermometer, not opened.
+/// A configured thermometer that is not opened.
 pub struct ThermometerDevice {
     pub(crate) address: Address,
-    /// The names of the sensors, in the order of the device.
+    /// Names of the sensors, in the order of the device.
     pub names: Vec<String>,
     pub(crate) open: OpenThermometer,
 }
@@ -275,11 +275,11 @@ impl ThermometerDevice {
 
 pub(crate) type OpenMap = Box<dyn Fn() -> Result<Box<dyn MapWords>, MapError>>;
 
-/// A control that accepts a map, not connected.
+/// A control that accepts a map; not connected.
 pub struct MapDevice {
     /// Interval of the frames that keep a map active.
     pub period: Duration,
-    /// Connects to the control.
+    /// Function that connects to the control.
     pub open: OpenMap,
 }
 
@@ -300,7 +300,7 @@ pub trait MapWords {
     fn close(self: Box<Self>) {}
 }
 
-/// Why map words cannot be transferred.
+/// Error of a transfer of map words.
 #[derive(Debug, thiserror::Error)]
 #[error("{0}")]
 pub struct MapError(String);

@@ -1,5 +1,5 @@
-//! First configuration of a device, as `volcomp-gateway init` writes it: each key with a usual value, and its unit and
-//! meaning. Every driver states its own keys beside the code that reads them.
+//! First configuration of a device, as `volcomp-gateway init` writes it: each key with a usual value, its unit and its
+//! meaning. Every driver states its own keys next to the code that reads them.
 
 use std::fmt::Display;
 
@@ -9,37 +9,37 @@ use volcomp_vocabulary::{AxisKind, AxisName, Displacement};
 
 use crate::address::{Address, SCHEMES, Scheme};
 
-/// A key of a first configuration.
+/// A key with its value in a first configuration.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Setting {
-    /// The key in its table; a key of an inner table follows a dot.
+    /// Name of the key in its table; a key of an inner table follows a dot.
     pub key: &'static str,
-    /// The value, as TOML.
+    /// Value as TOML.
     pub value: String,
-    /// Meaning with the unit, for the comment.
+    /// Meaning and unit, written as a comment.
     pub meaning: &'static str,
-    /// Whether the line is only an example, commented out.
+    /// Whether the line is an example, which is commented out.
     pub is_example: bool,
 }
 
 impl Setting {
-    /// A key with its value, as TOML.
+    /// Creates a key with a value as TOML.
     pub fn new(key: &'static str, value: impl Display, meaning: &'static str) -> Self {
         Self { key, value: value.to_string(), meaning, is_example: false }
     }
 
-    /// A key with a number.
+    /// Creates a key with a number.
     pub fn number(key: &'static str, value: f64, meaning: &'static str) -> Self {
         // The debug format keeps the decimal point, which TOML needs in a fraction.
         Self::new(key, format_args!("{value:?}"), meaning)
     }
 
-    /// A key with a text.
+    /// Creates a key with a text.
     pub fn text(key: &'static str, value: &str, meaning: &'static str) -> Self {
         Self::new(key, toml_string(value), meaning)
     }
 
-    /// A key with a list of texts.
+    /// Creates a key with a list of texts.
     pub fn list(
         key: &'static str,
         values: impl IntoIterator<Item = impl Display>,
@@ -50,7 +50,7 @@ impl Setting {
         Self::new(key, format_args!("[{}]", values.join(", ")), meaning)
     }
 
-    /// The same as an example, commented out.
+    /// Turns the key into an example, which is commented out.
     #[must_use]
     pub fn example(self) -> Self {
         Self { is_example: true, ..self }
@@ -60,23 +60,23 @@ impl Setting {
 /// First configuration of a controller.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct FirstConfig {
-    /// Cycle period that suits the bus, ms.
+    /// Usual cycle period of the bus, ms.
     pub cycle_ms: f64,
-    /// Largest correction of a linear axis that the bus carries without further settings, or less, µm.
+    /// Largest correction of a linear axis that needs no further settings of the bus, µm.
     pub limit_um: f64,
-    /// The keys of `[[controller]]`.
+    /// Keys of `[[controller]]`.
     pub settings: Vec<Setting>,
-    /// File with a random key of 128 bits that the settings name.
+    /// Name of the file in the settings that must contain a random key of 128 bits; `None`: no file is needed.
     pub key_file: Option<&'static str>,
-    /// Whether the device shows a single axis, so that the positions of the others must be stated.
+    /// Whether the device reports a single axis, so that positions of the others must be configured.
     pub(crate) shows_one_axis: bool,
 }
 
-/// Facts of the machine from which a driver makes its first configuration.
+/// Properties of the machine for which a driver makes its first configuration.
 pub struct FirstMachine<'a> {
-    /// The axes to be corrected.
+    /// Axes to be corrected.
     pub axes: &'a [AxisName],
-    /// All axes of the machine with the ends of their travel.
+    /// All axes of the machine, with the ends of their travel.
     pub travel: &'a [(AxisName, [Displacement; 2])],
 }
 
@@ -137,16 +137,16 @@ pub(crate) fn unseen() -> Setting {
     )
 }
 
-/// The controllers of this build: an example of a URL, and the name of the control.
+/// Controllers of this build: an example of the URL, and the name of the control.
 pub fn controllers() -> Vec<(&'static str, &'static str)> {
     let drivers = SCHEMES.into_iter().filter_map(Scheme::driver);
     let mut found: Vec<_> = drivers.map(|own| (own.example, own.name)).collect();
-    // One driver may have several schemes.
+    // One driver may have several schemes, which are listed once.
     found.dedup();
     found
 }
 
-/// The first configuration of a controller for the axes of a machine.
+/// First configuration of a controller for the axes of a machine.
 ///
 /// # Errors
 /// An invalid URL, or a bus that is not in this build.
@@ -177,7 +177,7 @@ pub fn first_controller(url: &str, machine: &FirstMachine<'_>) -> Result<FirstCo
     Ok(first)
 }
 
-/// Each axis at zero, or at the end of its travel next to zero.
+/// Key `fixed` with each axis at zero, or at the end of its travel nearest to zero.
 fn fixed_positions(axes: &[&(AxisName, [Displacement; 2])]) -> Setting {
     let positions = axes.iter().map(|(name, travel)| {
         let [low, high] = travel.map(Displacement::mm_or_deg);
@@ -190,7 +190,7 @@ fn fixed_positions(axes: &[&(AxisName, [Displacement; 2])]) -> Setting {
     )
 }
 
-/// The first configuration of a thermometer with these sensors.
+/// First configuration of a thermometer with these sensors.
 ///
 /// # Errors
 /// An invalid URL, or a bus that is not in this build.

@@ -20,7 +20,7 @@ pub(crate) const DRIVER: Driver = Driver {
     ..lines::LINES
 };
 
-/// The device file of the chip in `CHIP:LINES`, since a chip also has a label and a name.
+/// Device file of the chip in `CHIP:LINES`, because a chip also has a label and a name.
 fn chip(lines: &str) -> String {
     let file = LineSet::parse(lines).and_then(|set| set.chip_file());
     let named = || lines.rsplit_once(':').map_or(lines, |(chip, _)| chip);
@@ -28,8 +28,8 @@ fn chip(lines: &str) -> String {
     format!("gpio {chip}")
 }
 
-/// Opens the lines of a URL. The keys are named from the control: `position` are its outputs, `correction` its inputs. Errors: missing keys, or lines
-/// that cannot be requested.
+/// Opens the lines of a URL. The keys are named from the control's side: `position` are its outputs, `correction` its inputs. Errors: missing keys, or
+/// lines that cannot be requested.
 fn gpio_port(address: &Address) -> Result<GpioPort, DeviceError> {
     let [position, correction] = line_sets(address)?;
     GpioPort::open(&position, &correction)
@@ -60,7 +60,7 @@ fn probe(address: &Address, at_most: Duration) -> Result<Probe, DeviceError> {
     let mut probe = Probe::of(&address.text);
     probe.inputs = (0..port.inputs()).map(|line| levels >> line & 1 == 1).collect();
     if port.inputs() == 15 {
-        // Decode the levels by the published scheme.
+        // The levels are decoded by the published scheme.
         let word = Wiring::published().position_word(levels);
         if let Some(word) = word {
             let position = PositionWord::PUBLISHED.decode(word).position;

@@ -26,29 +26,29 @@ use volcomp_vocabulary::{AxisKind, AxisName, Displacement};
 
 use crate::address::Address;
 
-/// One table `[[controller]]`: a path to the machine.
+/// Table `[[controller]]`: a path to the machine.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct ControllerConfig {
     pub url: String,
-    /// Name of the channel through which its corrections reach the axes; `None`: the driver's default.
+    /// Name of the channel through which corrections reach the axes; `None`: the driver's default.
     pub channel: Option<String>,
     pub axes: Vec<AxisName>,
     pub reads: Vec<AxisName>,
     pub fixed: BTreeMap<AxisName, f64>,
     pub not_driven: Vec<AxisName>,
     pub includes_correction: bool,
-    /// The terms of the correction on this path: `["thermal"]`; `None`: all.
+    /// Terms of the correction that this path carries: `["thermal"]`; `None`: all.
     pub terms: Option<Vec<String>>,
-    /// Maximum age of positions before the correction is held on this path; `None`: `hold_ms` of `[guard]`.
+    /// Maximum age of positions on this path, from which the correction is held; `None`: `hold_ms` of `[guard]`.
     pub hold_ms: Option<f64>,
-    /// Whether the test shift is made at arming; `None`: only if the positions are fine enough.
+    /// Whether a test shift is made at arming; `None`: only if the positions are fine enough.
     pub test_shift: Option<bool>,
     pub unwatched: bool,
     pub unseen: Vec<StateKey>,
-    /// Smallest step of a correction of a linear axis; `None`: the driver's default.
+    /// Smallest step of a correction of a linear axis, µm; `None`: the driver's default.
     pub resolution_um: Option<f64>,
-    /// Smallest step of a correction of a rotary axis; `None`: the driver's default.
+    /// Smallest step of a correction of a rotary axis, µrad; `None`: the driver's default.
     pub resolution_urad: Option<f64>,
     /// PMC address of the shift words; `None`: the driver's default.
     #[cfg(feature = "focas")]
@@ -58,9 +58,9 @@ pub struct ControllerConfig {
     /// PMC address of the byte with the reference bits of the axes; `None`: the driver's default.
     #[cfg(feature = "focas")]
     pub referenced: Option<Referenced>,
-    /// The barrier in the control; `None`: corrections are written as plain values.
+    /// Barrier in the control; `None`: corrections are written as plain values.
     pub barrier: Option<BarrierConfig>,
-    /// The words on digital lines; `None` for other devices.
+    /// Words on digital lines; `None` for other devices.
     #[cfg(any(feature = "gpio", feature = "modbus"))]
     pub digital: Option<DigitalConfig>,
     /// Connection settings of the server, and its nodes; `None` for other devices.
@@ -70,7 +70,7 @@ pub struct ControllerConfig {
     pub linuxcnc: Option<LinuxCncTable>,
 }
 
-/// One table `[[thermometer]]`: a device with temperatures.
+/// Table `[[thermometer]]`: a device with temperatures.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct ThermometerConfig {
@@ -92,7 +92,7 @@ pub enum StateKey {
     EmergencyStop,
 }
 
-/// The table `[controller.barrier]`: the settings of the barrier in the control.
+/// Table `[controller.barrier]`: the settings of the barrier in the control.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct BarrierConfig {
@@ -104,14 +104,14 @@ pub struct BarrierConfig {
     pub report: Option<PmcByte>,
 }
 
-/// The keys of controllers whose corrections are written as plain values.
+/// Keys that are valid only for controllers whose corrections are written as plain values.
 pub(crate) const PLAIN_KEYS: &[&str] =
     &["includes_correction", "unwatched", "resolution_um", "resolution_urad"];
 
-/// Keys of a table in `[[controller]]` that are invalid in the same table of `[[thermometer]]` and of a map sender.
+/// Keys of a table in `[[controller]]` that are invalid in the table of the same name in `[[thermometer]]` and in a map sender's file.
 pub const CONTROLLER_ONLY: [&str; 3] = ["numbers", "sign", "nodes"];
 
-/// Rejects a key if no axis has this kind.
+/// Reports a key that applies to one kind of axis if `axes` has no such axis.
 pub fn has_axis(key: &str, kind: AxisKind, axes: &[AxisName], found: &mut Mistakes<'_>) {
     // Missing axes are reported elsewhere.
     if !axes.is_empty() && !axes.iter().any(|name| name.kind() == kind) {
@@ -126,7 +126,7 @@ pub fn has_axis(key: &str, kind: AxisKind, axes: &[AxisName], found: &mut Mistak
     }
 }
 
-/// Rejects a file that has only one of two keys; `why` is appended to the message.
+/// Reports a file that has only one of two keys; `why` is appended to the message.
 pub fn both(found: &mut Mistakes<'_>, at: &str, keys: [&str; 2], stated: [bool; 2], why: &str) {
     let [one, other] = keys;
     if let [true, false] | [false, true] = stated {
@@ -138,7 +138,7 @@ pub fn both(found: &mut Mistakes<'_>, at: &str, keys: [&str; 2], stated: [bool; 
     }
 }
 
-/// Rejects an empty path.
+/// Reports an empty path.
 pub fn path(key: &str, path: &Path, found: &mut Mistakes<'_>) {
     if path.as_os_str().is_empty() {
         found.add(key, "found an empty text, expected a path");
@@ -157,13 +157,13 @@ pub fn ms(time: Duration) -> f64 {
     (time.as_secs_f64() * 1e9).round() / 1e6
 }
 
-/// Converts milliseconds that were checked to be positive.
+/// Converts milliseconds to a duration; 0 if the number is invalid.
 pub fn of_ms(ms: f64) -> Duration {
     Duration::try_from_secs_f64(ms * 1e-3).unwrap_or_default()
 }
 
 impl BarrierConfig {
-    /// The scan period of the control's program.
+    /// Scan period of the control's program.
     pub fn scan(&self) -> Duration {
         of_ms(self.scan_ms)
     }
@@ -182,7 +182,7 @@ impl ThermometerConfig {
 }
 
 impl ControllerConfig {
-    /// The states whose absence the configuration accepts (`unseen`).
+    /// States whose absence the configuration accepts (`unseen`).
     pub fn unseen(&self) -> ShownStates {
         let has = |state| self.unseen.contains(&state);
         ShownStates {
@@ -192,7 +192,7 @@ impl ControllerConfig {
         }
     }
 
-    /// The configured smallest step of a correction for this kind of axis.
+    /// Configured smallest step of a correction for this kind of axis; `None`: the driver's default.
     pub fn resolution(&self, kind: AxisKind) -> Option<Displacement> {
         let micro = match kind {
             AxisKind::Linear => self.resolution_um,
@@ -205,7 +205,7 @@ impl ControllerConfig {
         self.axes.iter().chain(&self.reads).copied()
     }
 
-    /// Rejects a channel other than `only`, the single channel of a control.
+    /// Rejects a channel other than `only`, which is the only channel of the control.
     pub(crate) fn only_channel(
         &self,
         address: &Address,
@@ -221,13 +221,13 @@ impl ControllerConfig {
         }
     }
 
-    /// The configured channel name, or `default`.
+    /// Configured channel name, or `default`.
     pub(crate) fn channel_or(&self, default: &str) -> String {
         self.channel.as_deref().unwrap_or(default).to_owned()
     }
 }
 
-/// The keys of a map sender's file; the tables of a bus need its feature.
+/// Keys of a map sender's file; the tables of a bus need its feature.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct MapKeys {
@@ -248,7 +248,7 @@ pub struct MapKeys {
     pub audit: AuditConfig,
 }
 
-/// The table `[audit]`.
+/// Table `[audit]`.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct AuditConfig {
@@ -270,7 +270,7 @@ impl MapKeys {
     }
 }
 
-/// The PMC areas that a configuration can name.
+/// PMC areas that a configuration can name.
 #[cfg(feature = "focas")]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub enum PmcLetter {
@@ -281,7 +281,7 @@ pub enum PmcLetter {
     D,
 }
 
-/// A byte of the PMC, `{ pmc = "R", at = 120 }`.
+/// Byte of the PMC: `{ pmc = "R", at = 120 }`.
 #[cfg(feature = "focas")]
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -290,7 +290,7 @@ pub struct PmcByte {
     pub at: u16,
 }
 
-/// The words of the shifts in the PMC, `{ pmc = "R", first = 100, width = 2 }`.
+/// Words of the shifts in the PMC: `{ pmc = "R", first = 100, width = 2 }`.
 #[cfg(feature = "focas")]
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -308,7 +308,7 @@ fn word() -> u16 {
     2
 }
 
-/// `false`, or the PMC byte with the reference bits of the axes.
+/// `false`: not read; or the PMC byte with the reference bits of the axes.
 #[cfg(feature = "focas")]
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(untagged)]
@@ -319,7 +319,7 @@ pub enum Referenced {
 
 #[cfg(feature = "focas")]
 impl<'de> Deserialize<'de> for Referenced {
-    // The derived `untagged` implementation loses the location of an error in the byte.
+    // The derived `untagged` implementation would lose the location of an error in the byte.
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
         struct Either;
         impl<'de> Visitor<'de> for Either {
@@ -341,7 +341,7 @@ impl<'de> Deserialize<'de> for Referenced {
     }
 }
 
-/// The table `pmc` of a map sender's file: the PMC addresses of its words.
+/// Table `pmc` of a map sender's file: the PMC addresses of its words.
 #[cfg(feature = "focas")]
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -360,7 +360,7 @@ impl Default for PmcTable {
     }
 }
 
-/// The table `[controller.digital]`: the words on digital lines.
+/// Table `[controller.digital]`: the words on digital lines.
 #[cfg(any(feature = "gpio", feature = "modbus"))]
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -373,9 +373,9 @@ pub struct DigitalConfig {
     pub position_code: PositionCode,
     pub correction_bits: u32,
     pub correction_code: CorrectionCode,
-    /// The line that toggles when the correction word has settled, from 0; `None` without a latch.
+    /// Line, from 0, that toggles once the correction word has settled; `None` without a latch.
     pub latch: Option<u32>,
-    /// Time without a latch edge after which the control ramps the correction to zero; `None`: never.
+    /// Time without a latch edge after which the control ramps the correction to zero, ms; `None`: never.
     pub time_out_ms: Option<f64>,
     #[serde(with = "CoherenceKey")]
     pub coherence: Coherence,
@@ -411,7 +411,7 @@ impl Default for DigitalConfig {
     }
 }
 
-/// The table `linuxcnc` of a `[[controller]]`.
+/// Table `linuxcnc` of a `[[controller]]`.
 #[cfg(feature = "linuxcnc")]
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -420,13 +420,13 @@ pub struct LinuxCncTable {
     pub ini: Option<PathBuf>,
 }
 
-/// The tables `sinumerik`: connection settings of a control's OPC UA server, and the nodes of a controller.
+/// Table `sinumerik`: connection settings of a control's OPC UA server, and the nodes of a controller.
 #[cfg(feature = "sinumerik")]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct SinumerikTable {
     pub namespace: String,
-    /// The user name; `None`: anonymous.
+    /// User name; `None`: anonymous.
     pub user: Option<String>,
     pub password_file: Option<PathBuf>,
     pub security: Security,

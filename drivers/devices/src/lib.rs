@@ -42,7 +42,7 @@ pub use keys::{AreaConfig, PmcByte, PmcLetter, Referenced};
 pub use list::{CanInterface, GpioChip, GpioLine, LocalDevices, SerialPort, list};
 pub use probe::{BusFacts, ControlFacts, Facts, ModuleFacts, Probe, ProbedTemperature, SeenFrames};
 
-/// The tables `[[controller]]` and `[[thermometer]]` of a gateway, and the checks of their keys.
+/// Tables `[[controller]]` and `[[thermometer]]` of a gateway, and the checks of their keys.
 pub mod config {
     pub use crate::{
         buses::{check_keys, uses},
@@ -53,7 +53,7 @@ pub mod config {
     };
 }
 
-/// The file of a map sender, and access to the words of a map in a control.
+/// File of a map sender, and access to the words of a map in a control.
 pub mod map {
     pub use crate::{
         driver::{MapDevice, MapError, MapWords},

@@ -1,4 +1,4 @@
-//! One axis on digital lines, on any port: the table `[controller.digital]`.
+//! One axis on digital lines of any port: the table `[controller.digital]`.
 
 use std::time::Duration;
 
@@ -16,7 +16,7 @@ use crate::{
     keys::{ControllerConfig, DigitalConfig, PLAIN_KEYS, has_axis, of_ms},
 };
 
-/// The part of the driver that all ports with digital lines share.
+/// Fields of the driver that all ports with digital lines share.
 pub(crate) const LINES: Driver = Driver {
     name: "digital lines (gpio://, modbus://, modbus-rtu://)",
     keys: &["digital"],
@@ -33,7 +33,7 @@ pub(crate) fn first(
     code: &str,
     machine: &FirstMachine<'_>,
 ) -> FirstConfig {
-    // Two readings and a write.
+    // Two readings and a write in each cycle.
     const EXCHANGES: u32 = 3;
     const MM_PER_COUNT: f64 = 1.0 / 32.0;
     const DEG_PER_COUNT: f64 = 1.0 / 128.0;
@@ -145,7 +145,7 @@ fn validate(own: &ControllerConfig, rules: &Rules<'_>, found: &mut Mistakes<'_>)
     }
 }
 
-/// Rejects lines without a latch if there is a barrier, which accepts their words only at an edge.
+/// Reports lines without a latch if another controller has a barrier, which accepts words from lines only at an edge.
 fn latch(own: &ControllerConfig, rules: &Rules<'_>, found: &mut Mistakes<'_>) {
     let latch = own.digital.and_then(|digital| digital.latch);
     if rules.has_barrier && own.barrier.is_none() && !own.axes.is_empty() && latch.is_none() {
@@ -160,7 +160,7 @@ fn latch(own: &ControllerConfig, rules: &Rules<'_>, found: &mut Mistakes<'_>) {
 }
 
 impl ControllerConfig {
-    /// The words of one axis on digital lines. For a rotary axis the step must be configured, since the published scheme has none.
+    /// Words of one axis on digital lines. For a rotary axis the step must be configured, because the published scheme has none.
     ///
     /// # Errors
     /// A missing key.
@@ -211,7 +211,7 @@ struct Lines<D> {
     time_out: Option<Duration>,
 }
 
-/// One axis on the lines of a port. Errors: more than one axis, a missing key.
+/// Creates a controller of one axis on the lines of a port. Errors: more than one axis, a missing key.
 pub(crate) fn controller<D: DigitalIo + 'static>(
     address: Address,
     config: &ControllerConfig,

@@ -1,4 +1,4 @@
-//! LinuxCNC controls, through their bridge.
+//! LinuxCNC controls, connected through their bridge.
 
 use std::{
     path::{Path, PathBuf},
@@ -23,10 +23,10 @@ use crate::{
 
 const ANSWERS_WITHIN: Duration = Duration::from_secs(2);
 
-/// Time between two reports, from which the scans of a bridge are counted.
+/// Time between two reports in which the scans of a bridge are counted.
 const COUNTED_FOR: Duration = Duration::from_millis(500);
 
-/// Usual name of the file with the key.
+/// Usual name of the key file.
 const KEY_FILE: &str = "volcomp.key";
 
 pub(crate) const DRIVER: Driver = Driver {
@@ -64,7 +64,7 @@ fn first() -> FirstConfig {
     ]);
     FirstConfig {
         cycle_ms: 1.0,
-        // Words of the bridge end at 32.767 µm unless its step is set.
+        // The words of the bridge are limited to 32.767 µm unless its step is set.
         limit_um: 30.0,
         settings,
         key_file: Some(KEY_FILE),
@@ -96,7 +96,7 @@ impl ControllerDevice for Control {
         }
     }
 
-    /// Reads the current state of the bridge. To check its barrier, two reports some scans apart are read.
+    /// Reads the present state of the bridge. To check its barrier, two reports some scans apart are read.
     fn inspect(&self, needs: Option<&GuardRequirements>) -> Result<Option<Inspected>, DeviceError> {
         let config = &self.config;
         let state =
@@ -148,7 +148,7 @@ impl ControllerDevice for Control {
     }
 }
 
-/// The guard's requirements in the units of the INI file.
+/// Requirements of the guard in the units of the INI file.
 fn least(needs: &GuardRequirements) -> GuardMinimum {
     let milli = |[linear, rotary]: [f64; 2]| [linear * 1e3, rotary.to_degrees() * 1e3];
     GuardMinimum {
@@ -158,7 +158,7 @@ fn least(needs: &GuardRequirements) -> GuardMinimum {
     }
 }
 
-/// The control of a `[[controller]]`. Errors: a missing table of the barrier, steps that are not whole numbers, no key.
+/// Settings of the control in a `[[controller]]`. Errors: a missing table of the barrier, steps that are not whole numbers, no key.
 fn control(address: &Address, config: &ControllerConfig) -> Result<Control, DeviceError> {
     let machine = match &config.barrier {
         Some(barrier) => barrier.machine,

@@ -73,7 +73,6 @@ pub fn list() -> LocalDevices {
     }
 }
 
-/// The serial ports of this computer, sorted by name.
 pub(crate) fn serial_ports() -> Vec<SerialPort> {
     #[cfg(feature = "modbus")]
     {
@@ -126,7 +125,6 @@ fn can_interfaces(folder: &Path) -> Vec<CanInterface> {
     found
 }
 
-/// The GPIO chips of this computer; their lines are included if this user may open the chip.
 fn gpio_chips() -> Vec<GpioChip> {
     #[cfg(feature = "gpio")]
     {
@@ -170,7 +168,7 @@ fn gpio_chip(path: &Path) -> GpioChip {
 mod tests {
     use super::*;
 
-    /// A folder like the kernel's, with two CAN interfaces, one of them up, and other interfaces.
+    /// A folder as in the kernel's sysfs, with two CAN interfaces, one of them up, and other interfaces.
     #[test]
     fn can_interfaces_are_recognised_by_their_hardware() {
         let folder = tempfile::tempdir().expect("writable");

@@ -23,7 +23,7 @@ use crate::{
     probe::{Facts, ModuleFacts, Probe},
 };
 
-/// The scheme of a serial line.
+/// Scheme of a serial line.
 const RTU: &str = "modbus-rtu";
 
 const PORT: u16 = 502;
@@ -43,7 +43,7 @@ pub(crate) const DRIVER: Driver = Driver {
     controller: |address, own| lines::controller(address, own, digital_modules, unopened),
     thermometer,
     example: "modbus://192.0.2.40:502?profile=WAGO-750-8DI/8DO",
-    // Two equal readings prove nothing on Modbus; Gray code limits an error to one step.
+    // On Modbus two equal readings may be the same image, so they prove nothing; Gray code limits an error to one step.
     first: |address, machine| lines::first(unopened(address).ok(), "gray", machine),
     probe,
     ..lines::LINES
@@ -58,7 +58,7 @@ fn thermometer(address: Address, own: &ThermometerTable) -> Result<ThermometerDe
     })
 }
 
-/// The profile that a URL names: a file if it ends in `.toml`, else a shipped one.
+/// Profile that a URL names: a file if it ends in `.toml`, otherwise a shipped one.
 fn profile(address: &Address) -> Result<Profile, DeviceError> {
     let name = address.get("profile").ok_or_else(|| {
         let known: Vec<String> = Profile::shipped().into_iter().map(|p| p.name).collect();
@@ -141,7 +141,7 @@ fn thermometer_config(
     })
 }
 
-/// The digital lines of a URL. Errors: invalid keys, a profile without digital lines.
+/// Opens the digital lines of a URL. Errors: invalid keys, a profile without digital lines.
 fn digital_modules(address: &Address) -> Result<ModbusDigital, DeviceError> {
     let (bus, module) = module(address)?;
     ModbusDigital::new(bus, &[module], answer_within(address)?, Backoff::default())

@@ -55,7 +55,7 @@ impl Probe {
         Self { device: device.to_owned(), ..Self::default() }
     }
 
-    /// Adds a position; if a device names an axis twice, the last position counts.
+    /// Adds a position, mm or rad; if a device names an axis twice, the last position counts.
     pub(crate) fn add_position(&mut self, name: String, at: Displacement) {
         let positions = match at.kind() {
             AxisKind::Linear => &mut self.positions_mm,

@@ -24,7 +24,7 @@ use crate::{
     probe::Probe,
 };
 
-/// Speed used in messages about the lag of a correction, mm/s: 10 m/min.
+/// Speed at which messages state the lag of a correction, mm/s: 10 m/min.
 const LAG_SPEED_MM_PER_S: f64 = 10_000.0 / 60.0;
 
 pub(crate) const DRIVER: Driver = Driver {
@@ -174,7 +174,7 @@ impl ControllerDevice for SinumerikConfig {
         let axes = self.axes.iter().chain(&self.reads);
         Settings {
             shown_within: Some(self.server.read_back()),
-            // Resolution of reported positions: three decimals, or the step of the corrections.
+            // Positions are reported with three decimals, or with the step of the corrections.
             position_steps: axes.map(|name| (*name, self.position_step(*name))).collect(),
             ..Settings::default()
         }
@@ -190,7 +190,7 @@ impl ControllerDevice for SinumerikConfig {
             };
             fastest.insert(axis.axis.to_string(), per_min);
             let slew = needs.and_then(|needs| needs.slew_per_min.get(place));
-            // Rotary axes, in rev/min, are not compared, since their slews are tiny.
+            // Rotary axes, in rev/min, are not compared, because their slews are tiny.
             if let Some(slew) =
                 slew.filter(|slew| axis.axis.kind() == AxisKind::Linear && **slew > per_min)
             {
@@ -230,7 +230,7 @@ impl MapWords for volcomp_sinumerik::MapWords {
     }
 }
 
-/// The control of a `[[controller]]`. Errors: a password file that is readable by others or cannot be read.
+/// Settings of the control in a `[[controller]]`. Errors: a password file that is readable by others or cannot be read.
 fn control(address: &Address, config: &ControllerConfig) -> Result<SinumerikConfig, DeviceError> {
     let table = config.sinumerik.clone().unwrap_or_default();
     let mut control = SinumerikConfig::new(server(address, &table)?, &config.axes);
@@ -249,7 +249,7 @@ fn control(address: &Address, config: &ControllerConfig) -> Result<SinumerikConf
     Ok(control)
 }
 
-/// The connection settings of a control's server. Errors: a password file that is readable by others or cannot be read.
+/// Connection settings of a control's server. Errors: a password file that is readable by others or cannot be read.
 pub(crate) fn server(address: &Address, config: &SinumerikTable) -> Result<Server, DeviceError> {
     let mut server = Server::new(&*address.text);
     server.namespace.clone_from(&config.namespace);
@@ -267,7 +267,7 @@ pub(crate) fn server(address: &Address, config: &SinumerikTable) -> Result<Serve
     Ok(server)
 }
 
-/// The first line of a file that must be readable by its owner only.
+/// First line of a file that only its owner may read.
 fn password(address: &Address, file: &Path) -> Result<String, DeviceError> {
     let text = volcomp_document::private::read(file).map_err(|error| {
         let expected = "expected a file with the password in its first line";
@@ -276,7 +276,7 @@ fn password(address: &Address, file: &Path) -> Result<String, DeviceError> {
     Ok(text.lines().next().unwrap_or_default().to_owned())
 }
 
-/// Checks the connection settings of the OPC UA server of a SINUMERIK control. `at` is its table.
+/// Checks the connection settings of the OPC UA server of a SINUMERIK control. `at` is the key of their table.
 pub(crate) fn validate_server(table: &SinumerikTable, at: &str, found: &mut Mistakes<'_>) {
     let key = |name: &str| format!("{at}.{name}");
     let user = [table.user.is_some(), table.password_file.is_some()];
@@ -302,7 +302,7 @@ pub(crate) fn validate_server(table: &SinumerikTable, at: &str, found: &mut Mist
     }
 }
 
-/// Rejects a path through SD43900 that carries more than thermal terms, or whose hold time is missing or too short.
+/// Reports a path through SD43900 that carries more than thermal terms, or whose hold time is missing or too short.
 fn thermal_path(own: &ControllerConfig, rules: &Rules<'_>, found: &mut Mistakes<'_>) {
     let at = rules.at;
     let period_ms = own.sinumerik.clone().unwrap_or_default().period_ms;
@@ -370,7 +370,7 @@ fn probe(address: &Address, at_most: Duration) -> Result<Probe, DeviceError> {
     let found = list_axes(&server, &Nodes::default()).map_err(|error| error.of(&*address.text))?;
     let mut probe = Probe::of(&address.text);
     for (name, at) in found {
-        // The first letter of its name determines whether an axis is rotary.
+        // The first letter of an axis name decides whether the axis is rotary.
         let known = name.chars().next().and_then(AxisName::from_letter);
         let kind = known.map_or(AxisKind::Linear, AxisName::kind);
         probe.add_position(name, Displacement::from_coordinate(kind, at));

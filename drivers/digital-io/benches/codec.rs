@@ -1,4 +1,4 @@
-//! Decoding a position and encoding a correction, as every cycle does.
+//! Time to decode a position and to encode a correction, as in every cycle.
 
 use std::hint::black_box;
 

@@ -19,7 +19,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         panel.clone(),
         "lines",
         Wiring::published(),
-        // The lines do not switch at the same instant: two readings must agree.
+        // The lines do not switch at the same instant, so two readings must agree.
         Coherence::TwoAgree,
         vec![axis],
     )?;

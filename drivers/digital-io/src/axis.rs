@@ -10,11 +10,11 @@ use crate::words::{CorrectionWord, PositionWord};
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct DigitalAxis {
-    /// Axis letter; it also determines whether the axis is linear or rotary.
+    /// Letter of the axis, which also determines whether it is linear or rotary.
     pub name: AxisName,
     /// The word with which the control reports the position.
     pub position: PositionWord,
-    /// Tracking parameters if only the low bits of the position are reported. `None`: the word holds the whole position.
+    /// Tracking parameters if only the low bits of the position are reported; `None`: the word encodes the whole position.
     pub low_bits: Option<LowBits>,
     /// The word with which the control receives the correction.
     pub correction: CorrectionWord,
@@ -22,19 +22,19 @@ pub struct DigitalAxis {
     pub includes_correction: bool,
 }
 
-/// Tracking of a position of which only the low bits are reported. The position remains known if the axis moves less than half the range of
+/// Tracking of a position of which only the low bits are reported. The position stays known if the axis moves less than half the range of
 /// the word between two readings.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct LowBits {
-    /// Position of the axis at the first reading, such as its reference.
+    /// Position of the axis at the first reading, such as its reference position.
     pub from: Displacement,
-    /// Maximum travel of the axis in one second.
+    /// Maximum travel of the axis in one second: a length for a linear axis, an angle for a rotary one.
     pub most_per_s: Displacement,
 }
 
 impl LowBits {
-    /// Longest time between two words after which the position is still known.
+    /// Maximum time between two words after which the position is still known.
     pub(crate) fn within(&self, word: &PositionWord) -> Duration {
         let seconds = 0.5 * word.range() / self.most_per_s.mm_or_rad();
         Duration::try_from_secs_f64(seconds).unwrap_or(Duration::ZERO)
@@ -42,8 +42,8 @@ impl LowBits {
 }
 
 impl DigitalAxis {
-    /// The published scheme: 15 bits of 1/32 mm from 0 to 1024 mm, 8 bits of 1 µm. Its steps are lengths: for a rotary axis, set steps that are
-    /// angles, or [`DigitalController::new`](crate::DigitalController::new) rejects the axis.
+    /// Creates an axis by the published scheme: 15 bits of 1/32 mm from 0 to 1024 mm, 8 bits of 1 µm. Its steps are lengths: for a rotary axis, set steps
+    /// that are angles, or [`DigitalController::new`](crate::DigitalController::new) rejects the axis.
     pub fn published(name: AxisName) -> Self {
         Self {
             name,
@@ -54,7 +54,7 @@ impl DigitalAxis {
         }
     }
 
-    /// Checks that all position settings have the unit of the axis (length or angle). The correction's step is checked with the description.
+    /// Checks that all position settings have the quantity of the axis (length or angle). The step of the correction is checked with the description.
     pub(crate) fn check(&self) -> Result<(), String> {
         let (kind, position) = (self.name.kind(), self.position);
         let known = self.low_bits.map_or(position.zero, |low| low.from);

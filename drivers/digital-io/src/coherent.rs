@@ -4,20 +4,20 @@ use volcomp_port::{DigitalIo, Fault, InputLevels};
 
 use crate::wiring::Wiring;
 
-/// When a word is treated as coherent.
+/// Condition under which a word counts as coherent.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Coherence {
     /// Two consecutive readings agree. They can both be wrong if the lines are skewed for longer than one reading, or if a port returns the
-    /// same image until its next exchange (Modbus). Then use Gray code, a parity or a strobe.
+    /// same image until its next exchange (Modbus). In these cases use Gray code, a parity or a strobe.
     TwoAgree,
-    /// The strobe is 1 before and after, and the readings agree.
+    /// The strobe is 1 in both of two readings, and they agree.
     Strobe,
-    /// A single reading: the port latches its inputs together.
+    /// A single reading suffices, because the port latches its inputs together.
     Latched,
 }
 
-/// Returns input levels with a coherent word, unused lines set to 0, and the time of these levels.
+/// Reads input levels with a coherent word. Returns them with unused lines set to 0, and their time.
 ///
 /// # Errors
 /// [`Fault::TimedOut`] if no word was stable before the deadline, or a fault of the port.

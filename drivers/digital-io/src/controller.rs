@@ -30,7 +30,7 @@ pub struct DigitalController<D> {
     axes: Vec<DigitalAxis>,
     description: Description,
     readings: Vec<Option<AxisReading>>,
-    /// Index of the axis that was selected last.
+    /// Index of the axis that the control selected last.
     selected: usize,
     outputs: Outputs,
     wrote: bool,
@@ -45,7 +45,7 @@ struct AxisReading {
 }
 
 impl<D: DigitalIo> DigitalController<D> {
-    /// A control connected through digital lines.
+    /// Creates a controller on digital lines.
     ///
     /// # Errors
     /// A wiring that does not fit the port or the words.
@@ -85,7 +85,7 @@ impl<D: DigitalIo> DigitalController<D> {
             tells_applied: false,
             shown: ShownStates::NONE,
             sees_other_gateways: false,
-            // The readings and one write for each axis.
+            // Readings and one write, for each axis.
             shortest_cycle: io.shortest_cycle() * (readings + 1),
             device: device.clone(),
         };
@@ -107,7 +107,7 @@ impl<D: DigitalIo> DigitalController<D> {
         })
     }
 
-    /// The corrections of the last confirmed writes, by axis; `None` for an axis not written yet. With a latch: those on the lines when it
+    /// Corrections of the last confirmed writes, by axis, mm or rad; `None` for an axis not written yet. With a latch: those on the lines when it
     /// was toggled. A failed write does not change them.
     pub fn sent(&self) -> &PerChannel<Option<f64>> {
         self.outputs.taken()
@@ -126,7 +126,7 @@ impl<D: DigitalIo> DigitalController<D> {
         })
     }
 
-    /// Updates the sent corrections by the levels that the device has confirmed.
+    /// Updates the sent corrections from the levels that the device has confirmed.
     fn note(&mut self) {
         self.outputs.note(&self.io, &self.wiring, &self.axes, self.wrote);
     }
@@ -141,7 +141,7 @@ impl<D: DigitalIo> DigitalController<D> {
         };
         let mut unwrapper = None;
         if let Some(low) = &axis.low_bits {
-            // The position stays unknown, since the last known one only gets older.
+            // Reading keeps failing, because the last known position only gets older.
             let is_lost = |reading: &AxisReading| {
                 taken.saturating_duration_since(reading.taken) >= low.within(&axis.position)
             };
@@ -192,9 +192,9 @@ impl<D: DigitalIo> Controller for DigitalController<D> {
             state_taken: oldest,
             correction_taken: oldest,
             uncertainty: begun.elapsed().max(Duration::from_nanos(1)),
-            // The state is not reported, which the description says and the configuration has accepted.
+            // The lines report no state, which the configuration has accepted; see the description.
             state: ControllerState { referenced: true, ..ControllerState::default() },
-            // The correction on the lines; it is unknown whether the control applies it.
+            // The correction on the lines; whether the control applies it is unknown.
             applied: self.outputs.carried(),
             report: None,
         })

@@ -18,12 +18,12 @@ use volcomp_port::{DeviceError, DigitalIo, Fault, InputLevels, UnopenedLines};
 pub struct LineSet {
     /// Label, name or path of the chip: `panel-out`, `gpiochip0`, `/dev/gpiochip0`.
     pub chip: String,
-    /// The numbers of the lines on the chip, the lowest bit first.
+    /// Numbers of the lines on the chip, that of the lowest bit first.
     pub lines: Vec<Offset>,
 }
 
 impl LineSet {
-    /// Parses `panel-out:0-14` or `gpiochip0:3,5,9-11`.
+    /// Parses a text such as `panel-out:0-14` or `gpiochip0:3,5,9-11`.
     ///
     /// # Errors
     /// Any other text.
@@ -58,14 +58,14 @@ impl LineSet {
     }
 }
 
-/// Inputs of one chip and outputs of another, or the same.
+/// A port with inputs of one chip and outputs of the same or another one.
 pub struct GpioPort {
     device: String,
     inputs: Request,
     input_lines: Vec<Offset>,
     outputs: Request,
     output_lines: Vec<Offset>,
-    /// Preallocated levels of the inputs and of the outputs.
+    /// Preallocated storage for the levels of inputs and outputs, so that a cycle does not allocate.
     input_values: Values,
     output_values: Values,
     confirmed: u64,
@@ -75,7 +75,7 @@ pub struct GpioPort {
 const SHORTEST_CYCLE: Duration = Duration::from_micros(50);
 
 impl GpioPort {
-    /// Describes a port on these lines, without taking them.
+    /// Describes a port on these lines without requesting them.
     pub fn describe(control_outputs: &LineSet, control_inputs: &LineSet) -> UnopenedLines {
         let count = |set: &LineSet| u32::try_from(set.lines.len()).unwrap_or(u32::MAX);
         UnopenedLines {
@@ -90,7 +90,7 @@ impl GpioPort {
     /// then driven, so that nothing changes at the control.
     ///
     /// # Errors
-    /// A chip or line does not exist or is in use, or the chip cannot read the present levels of output lines: driving them could then step
+    /// A chip or line does not exist or is in use, or the chip cannot read the present levels of output lines, so that driving them could step
     /// a correction.
     pub fn open(control_outputs: &LineSet, control_inputs: &LineSet) -> Result<Self, DeviceError> {
         let inputs = Request::builder()
@@ -132,7 +132,7 @@ impl GpioPort {
     }
 }
 
-/// The levels of lines as bits, in the order of the lines.
+/// Levels of lines as bits, in the order of `lines`.
 fn levels_of(values: &Values, lines: &[Offset]) -> u64 {
     let mut levels = 0;
     for (bit, line) in lines.iter().enumerate() {
@@ -141,7 +141,7 @@ fn levels_of(values: &Values, lines: &[Offset]) -> u64 {
     levels
 }
 
-/// Sets levels in `values`, which must contain all of these lines, so that nothing is allocated.
+/// Sets levels in `values`, which must already contain all of these lines, so that nothing is allocated.
 fn put_levels(values: &mut Values, lines: &[Offset], levels: u64) {
     for (bit, line) in lines.iter().enumerate() {
         values.set(*line, Value::from(levels >> bit & 1 == 1));
@@ -196,7 +196,7 @@ impl DigitalIo for GpioPort {
         SHORTEST_CYCLE
     }
 
-    /// Reads all lines with one system call; the chip determines whether they are sampled together.
+    /// Reads all lines with one system call; whether they are sampled together depends on the chip.
     fn read(&mut self, _deadline: Instant) -> Result<InputLevels, Fault> {
         let taken = Instant::now();
         let read = self.inputs.values(&mut self.input_values);

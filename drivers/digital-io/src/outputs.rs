@@ -1,4 +1,4 @@
-//! The outputs that carry the correction: the next levels to write, and the correction received by the control.
+//! Outputs with the correction: the levels to write next, and the correction that the control has received.
 
 use std::time::Instant;
 
@@ -13,11 +13,11 @@ const LATCHED_WITHIN: u32 = 3;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Latching {
-    /// The control has received the last correction, and the latch is unchanged since.
+    /// The control has received the last correction, and the latch has not changed since.
     Taken,
-    /// These levels were written; the latch is toggled when they are confirmed.
+    /// These levels were written; the latch is toggled once they are confirmed.
     Settling(u64),
-    /// The latch was toggled while the other lines kept these levels.
+    /// The latch was toggled; the other lines keep these levels.
     Turned(u64),
 }
 
@@ -49,13 +49,13 @@ impl Outputs {
         }
     }
 
-    /// The corrections on the lines at the last confirmed write, by axis; `None` for an axis not written yet.
+    /// Corrections on the lines at the last confirmed write, by axis, mm or rad; `None` for an axis not written yet.
     pub(crate) fn taken(&self) -> &PerChannel<Option<f64>> {
         &self.taken
     }
 
-    /// The correction on the lines now, also before the first write, if the device reports its output levels. Only available for a single
-    /// axis.
+    /// Correction on the lines now, also before the first write; `None` if the device does not report its output levels, or if there are several
+    /// axes.
     pub(crate) fn carried(&self) -> Option<PerChannel<f64>> {
         self.carried.filter(|_| self.is_reported)
     }
@@ -88,7 +88,7 @@ impl Outputs {
         Ok(())
     }
 
-    /// The levels to write next, and the state after that write. Unused lines keep the levels found at start. After a pause the word is
+    /// The levels to write next, and the state after that write. Unused lines keep the levels that the device has confirmed. After a pause the word is
     /// written anew: the control may be at zero by now, and the earlier word would be a step.
     fn next(
         &self,
@@ -105,7 +105,7 @@ impl Outputs {
         let turned = match (self.latching, confirmed) {
             _ if now > self.latched_by => None,
             (Latching::Settling(levels), Some(found)) if found == levels => Some(levels ^ bit),
-            // It is unknown whether the latch has toggled, so no other line may change with it.
+            // Whether the latch has toggled is unknown, so no other line may change with it.
             (Latching::Turned(levels), None) => Some(levels),
             (Latching::Turned(levels), Some(found)) if found ^ levels == bit => Some(levels),
             _ => None,
@@ -118,7 +118,7 @@ impl Outputs {
         (levels, Latching::Settling(levels))
     }
 
-    /// Updates the state by the levels confirmed by the device. `wrote`: whether anything was written since the start.
+    /// Updates the state from the levels that the device has confirmed. `wrote`: whether anything was written since the start.
     pub(crate) fn note(
         &mut self,
         io: &impl DigitalIo,

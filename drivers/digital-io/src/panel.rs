@@ -1,4 +1,4 @@
-//! A control connected through simulated digital lines, for simulations, examples and tests.
+//! Simulated digital lines with a control behind them, for simulations, examples and tests.
 
 use std::{
     sync::{Arc, Mutex, MutexGuard, PoisonError},
@@ -13,15 +13,15 @@ use crate::{axis::DigitalAxis, wiring::Wiring};
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct PanelWord {
-    /// Level of the latch line, which toggles once the others have settled; `false` without one.
+    /// Level of the latch line, which toggles once the others have settled; `false` without a latch.
     pub latch: bool,
-    /// Index of the axis in the word.
+    /// Index of the corrected axis.
     pub axis: usize,
-    /// The correction, counts; `None` if the word is invalid.
+    /// Correction in counts; `None` if the word is invalid.
     pub counts: Option<i32>,
 }
 
-/// The lines of a control in memory. Clones share the lines: pass one to a [`DigitalController`](crate::DigitalController), and use the
+/// Lines of a control in memory. Clones share the lines: pass one to a [`DigitalController`](crate::DigitalController), and use the
 /// other as the control.
 #[derive(Clone)]
 pub struct Panel(Arc<Mutex<PanelState>>);
@@ -37,7 +37,7 @@ struct PanelState {
 }
 
 impl Panel {
-    /// Lines with this wiring to a control with these axes: all levels 0, the first axis selected.
+    /// Creates lines with this wiring to a control with these axes: all levels 0, the first axis selected.
     pub fn new(wiring: Wiring, axes: Vec<DigitalAxis>) -> Self {
         Self(Arc::new(Mutex::new(PanelState {
             wiring,
@@ -58,7 +58,7 @@ impl Panel {
         self.state().takes = Box::new(takes);
     }
 
-    /// Moves the axis at this index to a position, mm or rad, and selects it. No effect if there is no such axis.
+    /// Moves the axis with this index to a position, mm or rad, and selects it. No effect if there is no such axis.
     pub fn shows(&self, axis: usize, position: f64) {
         let mut state = self.state();
         if let Some(place) = state.positions.get_mut(axis) {
@@ -67,7 +67,7 @@ impl Panel {
         }
     }
 
-    /// Sets the levels of the lines to the control, as if left by another program.
+    /// Sets the levels of the lines to the control, as if another program had left them.
     pub fn left_at(&self, levels: u64) {
         self.state().outputs = levels;
     }
@@ -82,7 +82,7 @@ impl Panel {
         self.state().word()
     }
 
-    /// The correction on the lines to the control, mm or rad; `None` if the word is invalid or there is no such axis.
+    /// Correction on the lines to the control, mm or rad; `None` if the word is invalid or there is no such axis.
     pub fn correction(&self) -> Option<f64> {
         let state = self.state();
         let (word, axis) = state.wiring.control_inputs(state.outputs);

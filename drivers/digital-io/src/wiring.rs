@@ -1,27 +1,27 @@
-//! The assignment of bits to lines.
+//! Assignment of bits to lines.
 
 use crate::words::{CorrectionWord, PositionWord, mask};
 
-/// The assignment of bits to lines. The outputs of the control carry the position and are our inputs; its inputs carry the correction and
+/// Assignment of bits to lines. The outputs of the control carry the position and are our inputs; its inputs carry the correction and
 /// are our outputs.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Wiring {
-    /// Our inputs with the position bits, lowest first.
+    /// Our inputs with the position bits, lowest bit first.
     pub position: Vec<u32>,
-    /// Our input for even parity over the position, the axis selection and itself.
+    /// Our input with the even parity over the position, the axis selection and itself; `None` without one.
     pub parity: Option<u32>,
-    /// Our input that is 1 while the word is stable.
+    /// Our input that is 1 while the word is stable; `None` without one.
     pub strobe: Option<u32>,
     /// Our inputs with the index of the selected axis, lowest bit first.
     pub select: Vec<u32>,
-    /// Our outputs with the correction bits, lowest first.
+    /// Our outputs with the correction bits, lowest bit first.
     pub correction: Vec<u32>,
     /// Our outputs with the index of the corrected axis, lowest bit first: as many lines as `select`. The control accepts a correction only
-    /// while this index matches the selected axis.
+    /// while this index equals that of the selected axis.
     pub echo: Vec<u32>,
-    /// Our output that toggles one write after the correction. A control that samples the correction at both edges of this line never reads
-    /// lines that have not settled.
+    /// Our output that toggles one write after the correction; `None` without one. A control that samples the correction at both edges of this line never
+    /// reads lines that have not settled.
     #[cfg_attr(feature = "serde", serde(default))]
     pub latch: Option<u32>,
     /// Bit mask of inverted inputs.
@@ -34,11 +34,11 @@ pub struct Wiring {
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{what}: {found}, expected {expected}")]
 pub struct WiringError {
-    /// The wrong part of the wiring.
+    /// Invalid part of the wiring.
     pub what: &'static str,
-    /// The value that was found in the wiring.
+    /// Value in the wiring.
     pub found: String,
-    /// The value or condition that was expected.
+    /// Value or condition that was expected.
     pub expected: String,
 }
 
@@ -50,7 +50,7 @@ pub(crate) struct PositionInput {
 }
 
 impl Wiring {
-    /// The published scheme: 15 lines from the control with the position of one axis, 8 lines to it with the correction.
+    /// Published scheme: 15 lines from the control with the position of one axis, 8 lines to it with the correction.
     pub fn published() -> Self {
         Self { position: (0..15).collect(), correction: (0..8).collect(), ..Self::default() }
     }
@@ -108,18 +108,18 @@ impl Wiring {
         self.outputs().fold(0, |used, line| used | 1 << line)
     }
 
-    /// The bit of the latch; 0 without one.
+    /// Bit of the latch; 0 without one.
     pub(crate) fn latch_bit(&self) -> u64 {
         self.latch.map_or(0, |line| 1 << line)
     }
 
-    /// Whether the wiring leaves any of this number of outputs unused.
+    /// Whether the wiring leaves any of `outputs` outputs unused.
     pub(crate) fn leaves_outputs(&self, outputs: u32) -> bool {
         let available = u64::MAX.checked_shr(64 - outputs.min(64)).unwrap_or(0);
         available & !self.used_outputs() != 0
     }
 
-    /// Bit mask of the inputs that must agree between two readings.
+    /// Bit mask of the inputs that must agree in two readings.
     pub(crate) fn used_inputs(&self) -> u64 {
         self.inputs().fold(0, |used, line| used | 1 << line)
     }
@@ -135,14 +135,14 @@ impl Wiring {
         PositionInput { word, axis, valid: parity_is_right && holds_still }
     }
 
-    /// The position word on the inputs; `None` if the parity is wrong or the word is not stable.
+    /// Position word on the inputs; `None` if the parity is wrong or the word is not stable.
     #[inline]
     pub fn position_word(&self, levels: u64) -> Option<u32> {
         let input = self.position_input(levels);
         input.valid.then_some(input.word)
     }
 
-    /// The output levels for a correction of an axis, with the latch at 0.
+    /// Output levels for a correction word of an axis, with the latch at 0.
     #[inline]
     pub fn levels(&self, word: u32, axis: u32) -> u64 {
         let bits = scatter(word, &self.correction) | scatter(axis, &self.echo);
@@ -159,14 +159,14 @@ impl Wiring {
         levels ^ self.inverted_inputs
     }
 
-    /// The correction word and the axis index on a control's inputs.
+    /// Correction word and axis index on a control's inputs.
     pub fn control_inputs(&self, levels: u64) -> (u32, u32) {
         let levels = levels ^ self.inverted_outputs;
         (gather(levels, &self.correction), gather(levels, &self.echo))
     }
 }
 
-/// Collects the bits of some lines, the first as the lowest.
+/// Collects the bits of some lines into a word; the first line is the lowest bit.
 #[inline]
 fn gather(levels: u64, lines: &[u32]) -> u32 {
     let mut word = 0;

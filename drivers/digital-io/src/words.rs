@@ -1,6 +1,6 @@
 //! Encoding of positions and corrections in words of a given number of bits.
 //!
-//! Values are f64 in mm, or rad for a rotary axis; the unit is that of the word's step.
+//! Values are f64 in mm, or rad for a rotary axis; the step of a word determines which.
 
 use volcomp_vocabulary::{AxisKind, Displacement, Mm};
 
@@ -16,18 +16,18 @@ pub enum PositionCode {
     Gray,
 }
 
-/// A position in up to 32 bits. The quantisation error is at most half a step; the range is 2^bits steps from `zero`. Published: 15 bits of
-/// 1/32 mm, 1024 mm; its quantisation error of at most 15.6 µm causes 0.2 nm at an error slope of 10 µm/m.
+/// Position in a word of up to 32 bits. The quantisation error is at most half a step; the range is 2^bits steps from `zero`. The published scheme
+/// has 15 bits of 1/32 mm, 1024 mm; its quantisation error of at most 15.6 µm causes 0.2 nm at an error slope of 10 µm/m.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct PositionWord {
-    /// How many bits the word has, one per input or output line.
+    /// Number of bits, one per line.
     pub bits: u32,
-    /// The code of the bits.
+    /// Code of the bits.
     pub code: PositionCode,
     /// Travel of the axis per count: a length for a linear, an angle for a rotary axis.
     pub step: Displacement,
-    /// The position of the axis at count 0, of the same kind as the step.
+    /// Position of the axis at count 0, of the same quantity as the step.
     pub zero: Displacement,
 }
 
@@ -43,16 +43,16 @@ pub enum CorrectionCode {
     SignMagnitude,
 }
 
-/// A correction in up to 32 bits. The quantisation error is at most half a step; the largest correction is 2^(bits−1) − 1 steps, since the
-/// most negative number of two's complement is never sent. Published: 8 bits of 1 µm, ±127 µm.
+/// Correction in a word of up to 32 bits. The quantisation error is at most half a step; the largest correction is 2^(bits−1) − 1 steps, because the
+/// most negative number of two's complement is never sent. The published scheme has 8 bits of 1 µm, ±127 µm.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct CorrectionWord {
-    /// How many bits the word has, one per input or output line.
+    /// Number of bits, one per line.
     pub bits: u32,
-    /// The code of the bits.
+    /// Code of the bits.
     pub code: CorrectionCode,
-    /// Travel of the axis per count: a length for a linear, an angle for a rotary axis.
+    /// Correction per count: a length for a linear, an angle for a rotary axis.
     pub step: Displacement,
 }
 
@@ -60,11 +60,11 @@ pub struct CorrectionWord {
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Correction {
-    /// The bits of the word, lowest first.
+    /// Bits of the word.
     pub word: u32,
-    /// The correction after quantisation, mm or rad.
+    /// Correction after quantisation, mm or rad.
     pub sent: f64,
-    /// Whether the requested correction was out of range, or not a number.
+    /// Whether the requested correction was out of range or not a number.
     pub saturated: bool,
 }
 
@@ -78,7 +78,7 @@ pub struct Coded {
     pub within: f64,
 }
 
-/// A travel that exceeds the range of a position word.
+/// Error: a travel exceeds the range of a position word.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[error(
     "found a travel from {} to {} {unit}, expected one within {} to {} {unit}, which {bits} bits of this step can represent",
@@ -86,11 +86,11 @@ pub struct Coded {
     unit = travel[0].kind().coordinate_unit()
 )]
 pub struct BeyondWord {
-    /// The lower and the upper end of the travel.
+    /// Lower and upper end of the travel.
     pub travel: [Displacement; 2],
-    /// The first and the last position in the range of the word.
+    /// First and last position in the range of the word.
     pub word: [Displacement; 2],
-    /// How many bits the word has, one per input or output line.
+    /// Number of bits of the word.
     pub bits: u32,
 }
 
@@ -104,7 +104,7 @@ fn sign_bit(bits: u32) -> u32 {
 }
 
 impl PositionWord {
-    /// The published scheme: 15 bits of 1/32 mm from 0 to 1024 mm, for a linear axis.
+    /// Published scheme: 15 bits of 1/32 mm from 0 to 1024 mm, for a linear axis.
     pub const PUBLISHED: Self = Self {
         bits: 15,
         code: PositionCode::Binary,
@@ -112,7 +112,7 @@ impl PositionWord {
         zero: Displacement::Length(Mm(0.0)),
     };
 
-    /// Whether step and zero have the unit of this kind of axis.
+    /// Whether step and zero have the quantity of this kind of axis.
     pub(crate) fn is_of(&self, kind: AxisKind) -> bool {
         self.step.kind() == kind && self.zero.kind() == kind
     }
@@ -127,7 +127,7 @@ impl PositionWord {
         self.counts() * self.step.mm_or_rad()
     }
 
-    /// The first and the last position in range, mm or rad; each also encodes positions up to half a count beyond.
+    /// First and last position in the range, mm or rad; each also encodes positions up to half a count beyond.
     pub fn ends(&self) -> [f64; 2] {
         [0.0, self.counts() - 1.0].map(|count| self.at(count).position)
     }
@@ -147,7 +147,7 @@ impl PositionWord {
         Err(BeyondWord { travel: of_kind(travel), word: of_kind(ends), bits: self.bits })
     }
 
-    /// The count of a word, converted from Gray code if necessary.
+    /// Count of a word, converted from Gray code if necessary.
     #[inline]
     pub fn count(&self, word: u32) -> u32 {
         let word = word & mask(self.bits);
@@ -174,7 +174,7 @@ impl PositionWord {
         Coded { position: self.zero.mm_or_rad() + count * step, within: 0.5 * step }
     }
 
-    /// Encodes a position (mm or rad), as a control does: the nearest count, `None` outside the range.
+    /// Encodes a position (mm or rad), as a control does, to the nearest count; `None` outside the range.
     #[expect(
         clippy::cast_possible_truncation,
         clippy::cast_sign_loss,
@@ -194,7 +194,7 @@ impl PositionWord {
 }
 
 impl CorrectionWord {
-    /// The published scheme: 8 bits of 1 µm in two's complement, for a linear axis.
+    /// Published scheme: 8 bits of 1 µm in two's complement, for a linear axis.
     pub const PUBLISHED: Self = Self {
         bits: 8,
         code: CorrectionCode::TwosComplement,
@@ -247,10 +247,10 @@ impl CorrectionWord {
     }
 }
 
-/// Maximum count: larger ones are not positions of a machine, and not exact in f64.
+/// Maximum count: larger ones are not positions of a machine, and are not exact in f64.
 const FARTHEST: f64 = 4_503_599_627_370_496.0;
 
-/// Tracks a position of which only the low bits are reported: the axis must move less than half the range of the word between two words.
+/// Tracks a position of which only the low bits are reported; the axis must move less than half the range of the word between two words.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Unwrapper {
     word: PositionWord,
@@ -259,7 +259,7 @@ pub struct Unwrapper {
 }
 
 impl Unwrapper {
-    /// Starts from a word and the known position of the axis (mm or rad) at that time, such as its reference.
+    /// Starts with a word and the known position of the axis (mm or rad) at that time, such as its reference position.
     #[expect(clippy::cast_possible_truncation, reason = "positions are counted in millions")]
     pub fn new(word: PositionWord, raw: u32, known: f64) -> Self {
         let range = i64::from(mask(word.bits)) + 1;
@@ -267,13 +267,13 @@ impl Unwrapper {
         let about = ((known - word.zero.mm_or_rad()) / word.step.mm_or_rad())
             .round()
             .clamp(-FARTHEST, FARTHEST) as i64;
-        // The count with these low bits nearest to the known position.
+        // The count with these low bits that is nearest to the known position.
         let ahead = (i64::from(last) - about).rem_euclid(range);
         let ahead = if ahead * 2 > range { ahead - range } else { ahead };
         Self { word, count: about + ahead, last }
     }
 
-    /// The position of the next word.
+    /// Updates and returns the position from the next word.
     pub fn follow(&mut self, raw: u32) -> Coded {
         let now = self.word.count(raw);
         let range = i64::from(mask(self.word.bits)) + 1;

@@ -11,7 +11,7 @@ pub fn addresses(text: &str) -> impl Iterator<Item = &str> {
     text.split(',').map(str::trim)
 }
 
-/// The first invalid server address: without a scheme, of a WebSocket, or with a user (nkeys identify users).
+/// First invalid server address in a list: without a scheme, of a WebSocket, or with a user (nkeys identify users); `None` if all are valid.
 pub fn wrong_address(text: &str) -> Option<&str> {
     addresses(text).find(|one| parse(one).is_none())
 }
@@ -23,7 +23,7 @@ pub fn in_the_clear(text: &str) -> impl Iterator<Item = &str> {
     })
 }
 
-/// Port of the first address in a list, by default 4222. `None`: the address is invalid.
+/// Port of the first address in a list, by default 4222; `None`: the address is invalid.
 pub fn first_port(text: &str) -> Option<u16> {
     let (_, port) = parse(addresses(text).next()?)?;
     Some(port.unwrap_or(DEFAULT_PORT))
@@ -33,7 +33,7 @@ fn is_loopback(host: &str) -> bool {
     host == "localhost" || host.parse().is_ok_and(|address: IpAddr| address.is_loopback())
 }
 
-/// Host and port of an address; an IPv6 host without its brackets. `None`: the address is invalid.
+/// Host and port of an address, an IPv6 host without its brackets; `None`: the address is invalid.
 fn parse(text: &str) -> Option<(&str, Option<u16>)> {
     let address = text.strip_prefix("nats://").or_else(|| text.strip_prefix("tls://"))?;
     let (host, port) = if let Some(rest) = address.strip_prefix('[') {
@@ -73,7 +73,7 @@ mod tests {
     fn loopback_and_tls_addresses_are_not_in_the_clear() {
         let none = "nats://127.0.0.1:4222, nats://localhost, nats://[::1]:4222, nats://127.8.0.1, tls://nats.shop.lan";
         assert_eq!(in_the_clear(none).count(), 0);
-        // One of several addresses without TLS, and names that only begin like a loopback address.
+        // One of several addresses is without TLS, or a name only begins like a loopback address.
         for (text, found) in [
             ("tls://a:4222,nats://b:4222", "nats://b:4222"),
             ("nats://localhost.shop.lan:4222", "nats://localhost.shop.lan:4222"),

@@ -28,12 +28,12 @@ pub struct Received {
     pub identity: Identity,
     pub kind: Kind,
     pub sequence: u64,
-    /// When the stream stored the message, seconds since 1970 by the server's clock.
+    /// Time at which the stream stored the message, seconds since 1970 by the server's clock.
     pub stored_s: f64,
     pub bytes: Bytes,
 }
 
-/// Messages received together.
+/// Messages that were received together.
 pub struct Batch {
     pub messages: Vec<Received>,
     unacknowledged: Vec<Message>,
@@ -78,11 +78,11 @@ impl Collection {
         &self.stream
     }
 
-    /// Receives the next batch: waits for a first message, and collects those that follow within 20 ms, at most 2000. Retries while the
+    /// Receives the next batch: waits for a first message, then for those that follow within 20 ms, at most 2000. Retries while the
     /// server cannot be reached.
     ///
     /// # Errors
-    /// Why the subscription had to be restarted: log it, and call again.
+    /// The reason why the subscription had to be restarted: log it, and call again.
     pub async fn next(&mut self) -> Result<Batch, LinkError> {
         let next = match self.messages.take() {
             Some(messages) => Ok(messages),
@@ -104,7 +104,7 @@ impl Collection {
                         batch.messages.push(received);
                         batch.unacknowledged.push(message);
                     }
-                    // No machine may publish on this subject, so the message is never redelivered.
+                    // No machine may publish on this subject, so the message must not be redelivered.
                     None => {
                         let _ = message.ack_with(AckKind::Term).await;
                     }
@@ -120,7 +120,7 @@ impl Collection {
             }
             Some(_) => Ok(batch),
             None => {
-                // The message stream has ended, and is reopened in the next call.
+                // The message stream has ended, and is reopened by the next call.
                 if !batch.messages.is_empty() {
                     self.messages = Some(messages);
                 }

@@ -1,4 +1,4 @@
-//! The centre's side of the connection: publishes the desired state of machines, and detects values that other clients put.
+//! The centre's side of the connection: publishes the desired states of machines, and detects values that other clients put.
 
 use std::sync::Arc;
 
@@ -30,7 +30,7 @@ pub struct Hub {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct DesiredValue {
     pub machine: MachineId,
-    /// The value; empty if it was deleted.
+    /// Value of the key; empty if it was deleted.
     pub value: Bytes,
 }
 
@@ -38,7 +38,7 @@ pub struct DesiredValue {
 pub enum DesiredEvent {
     /// A value was put, by this centre or by another client.
     Put(DesiredValue),
-    /// The connection was established or restored. Values put while it was down were not received.
+    /// The connection was established or restored. Values that were put while it was down are not reported.
     Connected,
 }
 
@@ -66,12 +66,11 @@ impl Hub {
         Ok(Self { client, context, reconnected })
     }
 
-    /// The JetStream context, for operations that this crate does not provide.
+    /// JetStream context, for operations that this crate does not provide.
     pub fn context(&self) -> &Context {
         &self.context
     }
 
-    /// True if the connection to the server is up.
     pub fn is_connected(&self) -> bool {
         is_connected(&self.client)
     }
@@ -98,7 +97,7 @@ impl Hub {
         stored(what, &self.context, subject, HeaderMap::new(), value).await
     }
 
-    /// The stored desired state of a machine; `None` if there is none.
+    /// Stored desired state of a machine; `None` if there is none.
     ///
     /// # Errors
     /// The server does not respond.
@@ -130,7 +129,7 @@ impl Hub {
         put_model(&self.context, machine, sha256, model, replicas).await
     }
 
-    /// Watches the keys of all machines. Each connection event goes to one watch only, so use a single watch to receive all.
+    /// Watches the keys of all machines. Each connection event is received by one watch only, so use a single watch.
     ///
     /// # Errors
     /// The connection is closed.
@@ -143,21 +142,21 @@ impl Hub {
         Ok(DesiredWatch { puts, reconnected: Arc::clone(&self.reconnected) })
     }
 
-    /// Collections of the messages of a site's machines: conditions and telemetry; audit records and acknowledgements.
+    /// Collections of the messages of a site's machines: first conditions and telemetry, then audit records and acknowledgements.
     pub fn collections(&self, site: &SiteId) -> [Collection; 2] {
         streams_of(site).map(|(stream, _)| Collection::new(self.context.clone(), stream))
     }
 }
 
 impl DesiredWatch {
-    /// The next event; `None` if the connection is closed permanently. Cancel safe.
+    /// Waits for the next event; `None` if the connection is closed permanently. Cancel safe.
     pub async fn next(&mut self) -> Option<DesiredEvent> {
         loop {
             tokio::select! {
                 message = self.puts.next() => {
                     let message = message?;
                     let machine = message.subject.as_str().rsplit('.').next().map(str::parse);
-                    // Ignore keys that are not machine names.
+                    // Keys that are not machine names are ignored.
                     if let Some(Ok(machine)) = machine {
                         return Some(DesiredEvent::Put(DesiredValue { machine, value: message.payload }));
                     }

@@ -33,7 +33,7 @@ macro_rules! id {
         pub struct $name(String);
 
         impl $name {
-            /// The name as used in subjects.
+            /// Name as used in subjects.
             pub fn as_str(&self) -> &str {
                 &self.0
             }

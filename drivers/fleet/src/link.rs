@@ -1,7 +1,7 @@
 //! The machine's side of the connection.
 //!
-//! A machine requests the value of one key and subscribes to its changes, without a consumer or a watch, so the server keeps no state for
-//! it.
+//! A machine requests the value of one key and subscribes to its changes, without a consumer or a watch, so that the server keeps no state
+//! for it.
 
 use std::{fmt, sync::Arc, time::Duration};
 
@@ -20,7 +20,7 @@ use crate::{
     subjects::{latest_desired_subject, models_bucket},
 };
 
-/// Interval at which the value is requested, in case a notification was lost.
+/// Interval at which the value is requested, in case the notification of a change was lost.
 const REQUEST_INTERVAL: Duration = Duration::from_secs(60);
 pub(crate) const RESPONSE_TIMEOUT: Duration = Duration::from_secs(5);
 const MAX_MODEL_BYTES: u64 = 4 << 20;
@@ -39,7 +39,7 @@ pub enum LinkError {
     Nats { what: &'static str, source: Box<dyn std::error::Error + Send + Sync> },
     #[error("{what}: no answer within {within:?}")]
     Late { what: &'static str, within: Duration },
-    /// The object store does not have the model, or has another one under its name.
+    /// The object store lacks the model, or has another one under its name.
     #[error("the model {sha256} in the object store: {found}")]
     Model { sha256: String, found: String },
 }
@@ -57,7 +57,7 @@ pub struct LinkSettings {
     pub url: String,
     /// Seed of the user's nkey. Messages and `Debug` never show it.
     pub seed: String,
-    /// File of certificates, PEM, that are trusted in addition to the certificates of the system.
+    /// File with certificates, PEM, that are trusted in addition to those of the system.
     pub roots: Option<std::path::PathBuf>,
 }
 
@@ -109,13 +109,13 @@ impl LinkSettings {
     }
 }
 
-/// Publishes and fetches over a machine's connection; clones share it.
+/// Publishes and fetches over a machine's connection; clones share the connection.
 #[derive(Clone)]
 pub struct MachineSender {
     client: Client,
     context: Context,
     subjects: Subjects,
-    /// Subject to request the latest value of the machine's key.
+    /// Subject for requests of the latest value of the machine's key.
     latest_desired: String,
     models: String,
 }
@@ -124,12 +124,12 @@ pub struct MachineSender {
 pub struct MachineLink {
     sender: MachineSender,
     desired: Subscriber,
-    /// Notified on every (re)connection: values published while disconnected were not received.
+    /// Notified on every (re)connection, because values published while disconnected were not received.
     reconnected: Arc<Notify>,
     request_timer: tokio::time::Interval,
     /// Whether the value must be requested, or the last request was not answered.
     due: bool,
-    /// SHA-256 of the last value returned.
+    /// SHA-256 of the value returned last; `None` before the first one.
     last: Option<[u8; 32]>,
 }
 
@@ -170,7 +170,7 @@ impl MachineLink {
         })
     }
 
-    /// A handle that publishes and fetches over this connection while another task waits for values.
+    /// Returns a handle that publishes and fetches over this connection while another task waits for values.
     pub fn sender(&self) -> MachineSender {
         self.sender.clone()
     }
@@ -179,7 +179,7 @@ impl MachineLink {
     /// the server.
     pub async fn next_desired(&mut self) -> Bytes {
         loop {
-            // A change received while a response is pending is returned by the next call. The version reveals an older value that arrives
+            // A change received while a response is pending is returned by the next call. The version of a manifest reveals an older value that arrives
             // after a newer one.
             let value = if self.due {
                 let answer = self.sender.request_value().await;
@@ -220,14 +220,13 @@ impl MachineLink {
         self.sender.publish(kind, id, bytes).await
     }
 
-    /// True if the connection to the server is up.
     pub fn is_connected(&self) -> bool {
         self.sender.is_connected()
     }
 }
 
 impl MachineSender {
-    /// The current value; `None` if there is none or the request timed out, which is then repeated.
+    /// Requests the present value; `None` if there is none, or if the request timed out, in which case it must be repeated.
     async fn request_value(&self) -> Option<Bytes> {
         let request = self.client.request(self.latest_desired.clone(), Bytes::new());
         let answer = timeout(RESPONSE_TIMEOUT, request).await;
@@ -247,7 +246,7 @@ impl MachineSender {
         if model.bytes > MAX_MODEL_BYTES {
             return Err(wrong("larger than 4 MiB"));
         }
-        // Direct requests are used because a machine with permission to create consumers could send messages to any subject.
+        // Direct requests are used, because a machine with permission to create consumers could send messages to any subject.
         let stream = self
             .context
             .get_stream_no_info(format!("OBJ_{}", self.models))
@@ -291,7 +290,6 @@ impl MachineSender {
         stored("publishing", &self.context, subject, headers, bytes).await
     }
 
-    /// True if the connection to the server is up.
     pub fn is_connected(&self) -> bool {
         is_connected(&self.client)
     }

@@ -1,4 +1,4 @@
-//! The desired state of a machine: the manifest, its signature, and the document that contains both.
+//! Desired state of a machine: the manifest, its signature, and the document that contains both.
 //!
 //! The signature covers the transmitted bytes, so the serialization is unambiguous. A machine accepts a manifest that is signed by a
 //! trusted key, addressed to this machine, and newer (by version) than every accepted one. Clocks play no role: a wrong clock does not
@@ -19,7 +19,7 @@ pub const INLINE_LIMIT: usize = 1024 * 1024;
 /// Prefix of the signed bytes, so that signatures made for another purpose are invalid here.
 const PURPOSE: &[u8] = b"volcomp desired 1\0";
 
-/// Reference to a machine file by its checksum.
+/// Reference to a machine file by checksum and size.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ModelRef {
@@ -45,9 +45,9 @@ impl ModelRef {
 #[serde(deny_unknown_fields)]
 pub struct Manifest {
     pub machine: MachineId,
-    /// Serial number of the machine tool, so that a gateway computer moved to another machine rejects the manifest.
+    /// Serial number of the machine tool, so that a gateway computer that was moved to another machine rejects the manifest.
     pub serial: String,
-    /// Version, higher than in every earlier manifest.
+    /// Version, higher than that of every earlier manifest.
     pub version: u64,
     pub axes: Vec<AxisName>,
     pub model: ModelRef,
@@ -62,18 +62,18 @@ pub struct Manifest {
     /// Interval of full telemetry, s; `None`: 10.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub telemetry_s: Option<u32>,
-    /// Issue time and author, for display only.
+    /// Time and author of the manifest, for display only.
     #[serde(default)]
     pub issued: String,
 }
 
-/// A signed manifest with its model: the value under the key of a machine.
+/// A signed manifest with its model, which is the value under the key of a machine.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Desired {
     /// The manifest as JSON, exactly as signed.
     pub manifest: String,
-    /// The public key that verifies the signature, base64.
+    /// Public key that verifies the signature, base64.
     pub key: String,
     pub signature: String,
     /// The machine file if it is not larger than [`INLINE_LIMIT`]; `None`: it is in the machine's object store under its checksum.
@@ -81,7 +81,7 @@ pub struct Desired {
     pub model: Option<String>,
 }
 
-/// Why the value of a key is malformed.
+/// Reasons why the value of a key is malformed.
 #[derive(Debug, thiserror::Error)]
 pub enum DesiredError {
     /// Invalid JSON, or unexpected keys.
@@ -90,7 +90,7 @@ pub enum DesiredError {
     /// The key or the signature is not base64 of the right length.
     #[error("{what}: expected base64 of {bytes} bytes")]
     Base64 { what: &'static str, bytes: usize },
-    /// The public key is not a point of the curve, or is weak: anyone can forge its signatures.
+    /// The public key is not a point of the curve, or is weak, so that anyone can forge its signatures.
     #[error("key: expected an Ed25519 public key of large order")]
     WeakKey,
 }
@@ -127,7 +127,7 @@ impl Desired {
         Ok(serde_json::to_vec(self)?)
     }
 
-    /// The key that signed the manifest; `None` if the signature is invalid. Does not check whether the key is trusted.
+    /// Key that signed the manifest; `None` if the signature is invalid. Does not check whether the key is trusted.
     ///
     /// # Errors
     /// The key or the signature is not base64 of its length.
@@ -153,14 +153,14 @@ pub fn trusted_key(text: &str) -> Result<VerifyingKey, DesiredError> {
     key.filter(|key| !key.is_weak()).ok_or(DesiredError::WeakKey)
 }
 
-/// Identity and trusted keys of a machine.
+/// Identity of a machine and the keys that it trusts.
 #[derive(Clone, Debug)]
 pub struct Trust {
     pub keys: Vec<VerifyingKey>,
     pub machine: MachineId,
     pub serial: String,
     pub axes: Vec<AxisName>,
-    /// Highest version ever accepted, stored on disk; 0 if none.
+    /// Highest version that was ever accepted, as stored on disk; 0 if none.
     pub highest: u64,
 }
 
@@ -168,11 +168,11 @@ pub struct Trust {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Accepted {
     pub manifest: Manifest,
-    /// The machine file, verified against its checksum; `None`: it is in the object store.
+    /// Machine file, verified against its checksum; `None`: it is in the object store.
     pub model: Option<String>,
 }
 
-/// Why a manifest is rejected. A rejected manifest changes nothing.
+/// Reasons why a manifest is rejected. A rejected manifest changes nothing.
 #[derive(Debug, thiserror::Error)]
 pub enum ManifestRejection {
     #[error(transparent)]
@@ -196,10 +196,10 @@ pub enum ManifestRejection {
 }
 
 impl Trust {
-    /// Verifies a manifest. The signature is checked first, so that unsigned data never determine the error.
+    /// Verifies a manifest. The signature is checked first, so that the error never depends on unsigned data.
     ///
     /// # Errors
-    /// Why it is rejected.
+    /// The reason why it is rejected.
     pub fn accept(&self, desired: &Desired) -> Result<Accepted, ManifestRejection> {
         let signer = desired.signer()?.ok_or(ManifestRejection::Signature)?;
         if !self.keys.contains(&signer) {
@@ -255,7 +255,6 @@ fn signed_bytes(manifest: &str) -> Vec<u8> {
 pub(crate) fn hex(bytes: &[u8]) -> String {
     use std::fmt::Write;
     bytes.iter().fold(String::new(), |mut text, byte| {
-        // Writing to a string never fails.
         let _ = write!(text, "{byte:02x}");
         text
     })

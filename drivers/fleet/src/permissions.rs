@@ -1,7 +1,7 @@
 //! Permissions of all users at the NATS server, and the text of the server's configuration.
 //!
 //! A machine publishes on its own four subjects, and reads its own key and object store. It cannot list, watch or delete anything. It
-//! receives no messages of other machines, because its inboxes have its name.
+//! receives no messages of other machines, because its inboxes contain its name.
 
 use std::{
     collections::BTreeSet,
@@ -17,7 +17,7 @@ use crate::{
     subjects::{latest_desired_subject, models_bucket},
 };
 
-/// Maximum message size, bytes: a model of 1 MiB with its manifest, as JSON.
+/// Maximum message size, bytes: sufficient for a model of 1 MiB with its manifest, as JSON.
 const MAX_PAYLOAD: usize = 4 * 1024 * 1024;
 
 /// Subjects that a user may publish on and subscribe to.
@@ -39,7 +39,7 @@ impl Permissions {
                 subjects.ack,
                 // The latest value of its key, and nothing else in that stream.
                 latest_desired_subject(&identity.machine),
-                // The machine's own object store, message by message. Not by a consumer, which could send messages to any subject.
+                // The machine's own object store, message by message; not by a consumer, which could send messages to any subject.
                 format!("$JS.API.DIRECT.GET.OBJ_{models}.>"),
                 format!("$JS.API.DIRECT.GET.OBJ_{models}"),
             ],
@@ -47,18 +47,18 @@ impl Permissions {
         }
     }
 
-    /// Permissions of a centre: everything in the fleet.
+    /// Permissions of a centre: all subjects.
     pub fn of_centre() -> Self {
         let everything = || vec![">".to_owned()];
         Self { publish: everything(), subscribe: everything() }
     }
 }
 
-/// A machine and the public key by which the NATS server recognises it.
+/// A machine, and the public key by which the NATS server identifies it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct MachineUser {
     pub identity: Identity,
-    /// Public nkey of the machine's user, `U…`.
+    /// Public nkey of the machine, `U…`.
     pub nkey: String,
 }
 
@@ -83,14 +83,14 @@ pub struct ServerSettings {
     pub machines: Vec<MachineUser>,
 }
 
-/// Why a configuration cannot be written.
+/// Reasons why a configuration cannot be written.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum ServerConfigError {
     #[error(
         "{what}: found {found:?}, expected a text without quotation marks, backslashes and control characters"
     )]
     Text { what: &'static str, found: String },
-    /// The address of a cluster server is invalid or contains a password.
+    /// An address of the cluster is invalid or contains a password.
     #[error("routes: found {found}, expected nats://HOST:PORT without a user")]
     Route { found: String },
     #[error(
@@ -103,7 +103,7 @@ pub enum ServerConfigError {
 }
 
 impl ServerSettings {
-    /// The text of the server's configuration file. **For a server in a cluster it contains the cluster password**: only the file's owner
+    /// Text of the server's configuration file. **For a server in a cluster it contains the cluster password**: only the file's owner
     /// may read it.
     ///
     /// # Errors
@@ -111,7 +111,6 @@ impl ServerSettings {
     pub fn text(&self) -> Result<String, ServerConfigError> {
         let store = self.store.display().to_string();
         let mut text = String::new();
-        // Writing to a string never fails.
         let _ = write!(
             text,
             "server_name: {}\nlisten: {}\nmax_payload: {MAX_PAYLOAD}\njetstream {{ store_dir: {} }}\n",
@@ -183,12 +182,12 @@ fn quoted(what: &'static str, text: &str) -> Result<String, ServerConfigError> {
     Ok(format!("\"{text}\""))
 }
 
-/// Prefix of the hashed seed, so that no other hash of the seed equals the password.
+/// Prefix of the seed before hashing, so that no other hash of the seed equals the password.
 const PURPOSE: &[u8] = b"volcomp route 1\0";
 /// User name of a server that joins the cluster.
 const USER: &str = "route";
 
-/// Password that the servers of a cluster share. `Debug` does not show it.
+/// Password shared by the servers of a cluster. `Debug` does not show it.
 #[derive(Clone, PartialEq, Eq)]
 pub struct RoutePassword(String);
 
@@ -213,23 +212,22 @@ impl RoutePassword {
 pub struct Cluster {
     pub name: String,
     pub listen: String,
-    /// Addresses of the cluster servers, `nats://HOST:PORT`.
+    /// Addresses of the servers of the cluster, `nats://HOST:PORT`.
     pub routes: Vec<String>,
     pub password: RoutePassword,
-    /// Certificates that the cluster servers trust, PEM; `None`: the certificates of the system.
+    /// Certificates that the servers of the cluster trust, PEM; `None`: the certificates of the system.
     /// Unused without TLS.
     pub roots: Option<PathBuf>,
 }
 
 impl Cluster {
-    /// The table `cluster` of the server's configuration, with a line end.
+    /// Table `cluster` of the server's configuration, with a line end.
     fn text(&self, tls: Option<&ServerTls>) -> Result<String, ServerConfigError> {
         let password = &self.password.0;
         let routes: Result<Vec<String>, ServerConfigError> = (self.routes.iter())
             .map(|route| quoted("routes", &self.with_password(route)?))
             .collect();
         let mut text = String::new();
-        // Writing to a string never fails.
         let _ = writeln!(
             text,
             "cluster {{\n  name: {}\n  listen: {}\n  routes: [{}]\n  authorization {{ user: {USER}, password: \"{password}\", timeout: 5 }}",
@@ -254,13 +252,13 @@ impl Cluster {
         Ok(text)
     }
 
-    /// Inserts the cluster password into a server's address.
+    /// Inserts the cluster password into the address of a server.
     fn with_password(&self, route: &str) -> Result<String, ServerConfigError> {
         match route.strip_prefix("nats://") {
             Some(address) if !address.is_empty() && !address.contains(['@', '/']) => {
                 Ok(format!("nats://{USER}:{}@{address}", self.password.0))
             }
-            // The address contains a password, which messages must not repeat.
+            // The address contains a password, which messages must not show.
             Some(address) if address.contains('@') => {
                 Err(ServerConfigError::Route { found: "an address with a user".to_owned() })
             }

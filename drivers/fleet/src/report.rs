@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 use volcomp_vocabulary::AxisName;
 
-/// Common fields of every machine message. `instance` and `number` identify a message: duplicates count once, and two gateways with the
+/// Common fields of every machine message. `instance` and `number` identify a message, so that duplicates count once, and two gateways with the
 /// identity of one machine are detected.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Envelope<T> {
@@ -13,7 +13,7 @@ pub struct Envelope<T> {
     pub instance: String,
     /// Message number since the start, counted over all kinds.
     pub number: u64,
-    /// Seconds since the start of the gateway when the message was created.
+    /// Time since the start of the gateway at which the message was created, s.
     pub uptime_s: f64,
     /// Seconds since 1970 by the gateway's clock, for display only.
     pub wall_s: f64,
@@ -29,16 +29,16 @@ pub struct Envelope<T> {
 pub struct Condition {
     pub state: String,
     pub reasons: Vec<String>,
-    /// Whether the machine corrects, or will resume automatically.
+    /// Whether the machine corrects, or resumes automatically.
     pub armed: bool,
     /// Confirmed correction by linear axis, µm.
     pub correction_um: BTreeMap<AxisName, f64>,
     /// Confirmed correction by rotary axis, µrad.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub correction_urad: BTreeMap<AxisName, f64>,
-    /// Residual position error according to the model, µm; `None` if unknown.
+    /// Residual position error by the model, µm; `None` if unknown.
     pub residual_um: Option<f64>,
-    /// Temperatures by name, °C; `None` if the sensor is broken.
+    /// Temperature by name of the sensor, °C; `None` if the sensor is broken.
     pub temperatures_degc: BTreeMap<String, Option<f64>>,
     pub cycle_p99_us: f64,
     /// Number of cycles since the start that exceeded their period.
@@ -47,7 +47,7 @@ pub struct Condition {
     pub faults: u64,
 }
 
-/// A record of the machine's audit log. It contains the checksum of its predecessor, so that missing and changed records are detected.
+/// Record of the machine's audit log. It contains the checksum of its predecessor, so that missing and changed records are detected.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct AuditLine {
     /// SHA-256 over the checksum of the previous record, a line feed, and `record`; 64 hexadecimal digits.
@@ -56,20 +56,20 @@ pub struct AuditLine {
     pub record: String,
 }
 
-/// Outcome of a manifest on the machine.
+/// Outcome of a manifest at the machine.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(tag = "outcome", rename_all = "kebab-case")]
 pub enum Outcome {
     /// The model is active; the correction has ramped to it, or is ramping.
     Activated,
-    /// The manifest is stored, but it moves the axes so far that the operator must confirm it (rule 13) by a new manifest with `confirm`.
+    /// The manifest is stored, but its model moves the axes so far that the operator must confirm it (rule 13) by a new manifest with `confirm`.
     NeedsConfirmation {
         hash: String,
         /// Largest change of a linear axis, µm, as text; empty if not finite.
         worst_um: String,
         /// Largest change of a rotary axis, µrad, as text; empty if there is none or it is not finite.
         worst_urad: String,
-        /// Signs that the model belongs to another machine, one sentence each.
+        /// Indications that the model belongs to another machine, one sentence each.
         #[serde(default, skip_serializing_if = "Vec::is_empty")]
         differences: Vec<String>,
     },
@@ -77,7 +77,7 @@ pub enum Outcome {
     Refused { why: String },
 }
 
-/// Describes the moves of [`Outcome::NeedsConfirmation`] in words, and the signs of another machine.
+/// Describes the moves of [`Outcome::NeedsConfirmation`], and the indications of another machine.
 pub fn largest_moves(worst_um: &str, worst_urad: &str, differences: &[String]) -> String {
     let mut words = match (worst_um, worst_urad) {
         ("", "") => "a distance that is not finite".to_owned(),
@@ -96,7 +96,7 @@ pub fn largest_moves(worst_um: &str, worst_urad: &str, differences: &[String]) -
 pub struct Acknowledgement {
     /// Version of the manifest; 0 if it could not be read.
     pub version: u64,
-    /// SHA-256 of the whole value, which reveals values put by other clients.
+    /// SHA-256 of the whole value of the key, which reveals values put by other clients.
     pub value_sha256: String,
     #[serde(flatten)]
     pub outcome: Outcome,
@@ -106,7 +106,6 @@ pub struct Acknowledgement {
 mod tests {
     use super::largest_moves;
 
-    /// No sentence ends with a unit without a number.
     #[test]
     fn unknown_values_are_omitted() {
         assert_eq!(largest_moves("75.0", "", &[]), "75.0 µm");

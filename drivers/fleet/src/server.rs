@@ -15,7 +15,7 @@ use crate::{ServerConfigError, ServerSettings};
 const DEBIAN_PATH: &str = "/usr/sbin/nats-server";
 const START_TIMEOUT: Duration = Duration::from_secs(30);
 
-/// Why a server does not run.
+/// Reasons why a server does not run.
 #[derive(Debug, thiserror::Error)]
 pub enum ServerError {
     /// The settings do not make a valid configuration.
@@ -39,14 +39,14 @@ pub struct Server {
     configuration: PathBuf,
 }
 
-/// Path of the program if it is installed.
+/// Path of `nats-server`; `None` if it is not installed.
 pub fn program() -> Option<PathBuf> {
     let path = std::env::var_os("PATH").unwrap_or_default();
     let folders = std::env::split_paths(&path).map(|folder| folder.join("nats-server"));
     folders.chain([PathBuf::from(DEBIAN_PATH)]).find(|file| file.is_file())
 }
 
-/// Replaces a configuration file. Only its owner can read it, since it may contain a cluster password. A file of another user (as whom the
+/// Replaces a configuration file. Only its owner can read it, because it may contain a cluster password. A file of another user (as whom the
 /// server runs) keeps its owner.
 ///
 /// # Errors
@@ -79,10 +79,10 @@ impl Server {
         server.ready(folder)
     }
 
-    /// Starts a server of a cluster. It becomes ready only when the other servers run too.
+    /// Starts a server of a cluster, which becomes ready only when the other servers run too.
     ///
     /// # Errors
-    /// The server does not start or does not listen.
+    /// The server does not start.
     pub fn spawn(settings: &ServerSettings, folder: &Path) -> Result<Self, ServerError> {
         let program = program().ok_or(ServerError::NotInstalled)?;
         let configuration = folder.join("nats.conf");
@@ -111,7 +111,6 @@ impl Server {
         Ok(self)
     }
 
-    /// Address of the server for clients.
     pub fn url(&self) -> String {
         format!("nats://{}", self.listen)
     }
@@ -120,7 +119,7 @@ impl Server {
         self.child.id()
     }
 
-    /// Writes changed settings (such as users) and reloads the server.
+    /// Writes changed settings (such as users) and makes the server reload them.
     ///
     /// # Errors
     /// The settings do not make a valid configuration, or the server rejects them.

@@ -1,7 +1,7 @@
 //! Queue of outgoing messages: in memory while the server is reachable, on disk while it is not, bounded in both.
 //!
-//! State: the waiting messages. Those on disk outlive the program. A message is sent until the server acknowledges that it is stored; after
-//! a crash some are sent again, and their ids identify duplicates.
+//! State: the waiting messages. Those on disk survive the end of the program. A message is sent until the server acknowledges that it is
+//! stored; after a crash some are sent again, and their ids identify duplicates.
 
 use std::{
     collections::VecDeque,
@@ -13,24 +13,24 @@ use sha2::{Digest, Sha256};
 
 use crate::Kind;
 
-/// Maximum number of messages of a lane in memory; further ones are written to disk. While the server is reachable, nothing is written.
+/// Maximum number of messages of a lane in memory; beyond it they are written to disk. While the server is reachable, this does not happen.
 const MAX_IN_MEMORY: usize = 64;
-/// Maximum number of messages of a lane in memory while the disk rejects writes; then the oldest are dropped.
+/// Maximum number of messages of a lane in memory while the disk rejects writes; beyond it the oldest are dropped.
 const MAX_WITHOUT_DISK: usize = 1024;
-/// Maximum size of a file on disk, bytes (except for a single larger message).
+/// Maximum size of a file on disk, bytes, except for a single larger message.
 const FILE: usize = 256 * 1024;
 
-/// Priority of a message, by its [`Kind`].
+/// Priority class of a message, by its [`Kind`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Lane {
-    /// Acknowledgements and audit records: to be sent first, and never dropped in favour of telemetry.
+    /// Acknowledgements and audit records: sent first, and never dropped in favour of telemetry.
     Kept,
     /// Conditions and telemetry: sent last, and dropped first.
     Passing,
 }
 
 impl Lane {
-    /// The lane of messages of this kind.
+    /// Lane of messages of this kind.
     pub fn of(kind: Kind) -> Self {
         match kind {
             Kind::Ack | Kind::Audit => Self::Kept,
@@ -39,12 +39,12 @@ impl Lane {
     }
 }
 
-/// Size limits of the queue.
+/// Maximum sizes of the queue on disk.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SpoolLimits {
-    /// Acknowledgements and audit records on disk, bytes.
+    /// Acknowledgements and audit records, bytes.
     pub kept_bytes: u64,
-    /// Conditions and telemetry on disk, bytes.
+    /// Conditions and telemetry, bytes.
     pub passing_bytes: u64,
 }
 
@@ -55,7 +55,7 @@ impl Default for SpoolLimits {
     }
 }
 
-/// A message that waits to be sent.
+/// A message waiting to be sent.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Waiting {
     pub kind: Kind,
@@ -64,7 +64,7 @@ pub struct Waiting {
     pub bytes: Vec<u8>,
 }
 
-/// The messages waiting for the server.
+/// Messages waiting for the server.
 #[derive(Debug)]
 pub struct Spool {
     kept: Queue,
@@ -83,12 +83,12 @@ impl Spool {
         })
     }
 
-    /// Adds a message. Never fails: without room the oldest message of its lane is dropped, and counted in [`dropped`](Self::dropped).
+    /// Adds a message. Never fails: if there is no room, the oldest message of its lane is dropped, and counted in [`dropped`](Self::dropped).
     pub fn push(&mut self, message: Waiting) {
         self.lane(Lane::of(message.kind)).push(message);
     }
 
-    /// The next message of a lane to send; the same one until [`done`](Self::done).
+    /// Next message of a lane to send; the same one until [`done`](Self::done) is called.
     pub fn first(&mut self, lane: Lane) -> Option<&Waiting> {
         self.lane(lane).first()
     }
@@ -98,7 +98,7 @@ impl Spool {
         self.lane(lane).done();
     }
 
-    /// Number of messages dropped for lack of room or with damaged files since the start.
+    /// Number of messages dropped since the start, for lack of room or with damaged files.
     pub fn dropped(&self) -> u64 {
         self.kept.dropped + self.passing.dropped
     }
@@ -124,7 +124,7 @@ impl Spool {
     }
 }
 
-/// A file on disk. Its name contains its number, which orders the files, and the number of its messages, so that messages lost with a
+/// A file on disk. Its name contains its number, by which files are ordered, and the number of its messages, so that messages lost with a
 /// damaged file are counted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 struct Stored {
@@ -145,18 +145,18 @@ impl Stored {
     }
 }
 
-/// One lane, in the order of sending: the messages of the open file, the other files, the messages in memory.
+/// Queue of one lane. Order of sending: the messages of the open file, the other files, the messages in memory.
 #[derive(Debug)]
 struct Queue {
     folder: PathBuf,
     limit: u64,
     files: VecDeque<Stored>,
-    /// The file whose messages are being sent, until all are done.
+    /// File whose messages are being sent, until all are done.
     open: Option<Stored>,
     /// Remaining messages of the open file.
     front: VecDeque<Waiting>,
-    /// The message returned last, and whether it came from the open file. It is not in the queue, so that it cannot be among the messages
-    /// dropped meanwhile.
+    /// The message returned last, and whether it came from the open file. It is kept outside the queue, so that it is not dropped
+    /// meanwhile.
     given: Option<(Waiting, bool)>,
     /// The newest messages, not yet in a file.
     memory: VecDeque<Waiting>,
@@ -226,7 +226,7 @@ impl Queue {
             let file = Stored { number: self.next_file, messages: count as u64, bytes: length };
             let path = self.path(file);
             if let Err(e) = std::fs::write(&path, &bytes) {
-                // A partial file may remain, whose messages are still in memory and would be sent twice.
+                // A partial file may remain; its messages are still in memory and would be sent twice.
                 let _ = std::fs::remove_file(&path);
                 self.trouble = Some(format!("{}: {e}", path.display()));
                 return;
@@ -264,7 +264,7 @@ impl Queue {
             };
             let path = self.path(file);
             match std::fs::read(&path) {
-                // The file may still exist, so it is retried, and newer messages go first.
+                // The file may still exist, so it is retried, and newer messages are sent first.
                 Err(e) if e.kind() != io::ErrorKind::NotFound || !self.folder.is_dir() => {
                     self.trouble = Some(format!("{}: {e}", path.display()));
                     self.files.push_front(file);
@@ -278,7 +278,7 @@ impl Queue {
     }
 
     /// Loads the messages of a file. Damaged messages, and messages of a kind unknown to this
-    /// program version, are dropped.
+    /// version of the program, are dropped.
     fn give_out(&mut self, file: Stored, bytes: &[u8]) {
         self.open = Some(file);
         self.trouble = None;
@@ -301,7 +301,7 @@ impl Queue {
         }
     }
 
-    /// Returns the message sent last to the queue. Messages of the open file are also on disk.
+    /// Returns the message that [`first`](Self::first) handed out to the queue. Messages of the open file are also on disk.
     fn take_back(&mut self) {
         match self.given.take() {
             Some((message, true)) => self.front.push_front(message),
@@ -317,7 +317,7 @@ impl Queue {
     }
 }
 
-/// Length of the header of a record: lengths of the kind, the id and the bytes, then eight bytes of checksum, by which a torn end is
+/// Size of the header of a record, bytes: lengths of the kind, the id and the content, then eight bytes of checksum, by which a torn end is
 /// detected.
 const HEADER: usize = 1 + 2 + 4 + 8;
 
@@ -328,7 +328,7 @@ struct Record<'a> {
     bytes: &'a [u8],
 }
 
-/// Appends a record. It is omitted if its kind, id or bytes exceed what their length fields can represent.
+/// Appends a record. It is omitted if its kind, id or content are longer than their length fields can represent.
 fn append(file: &mut Vec<u8>, record: Record<'_>) {
     let lengths = (
         u8::try_from(record.kind.len()),
@@ -347,7 +347,7 @@ fn append(file: &mut Vec<u8>, record: Record<'_>) {
     file.extend_from_slice(record.bytes);
 }
 
-/// The records of a file up to the first torn or damaged one.
+/// Records of a file, up to the first torn or damaged one.
 fn records(mut file: &[u8]) -> impl Iterator<Item = Record<'_>> {
     std::iter::from_fn(move || {
         let (header, rest) = file.split_at_checked(HEADER)?;
@@ -390,7 +390,7 @@ mod tests {
     use super::*;
 
     proptest! {
-        /// A file that is cut at any byte, or has one changed byte, yields its records before that point unchanged.
+        /// A file that is cut at any byte, or has one changed byte, yields the records before that point unchanged.
         #[test]
         fn a_damaged_file_yields_its_complete_records(
             messages in proptest::collection::vec(("[a-z]{0,9}", ".{0,20}", proptest::collection::vec(any::<u8>(), 0..40)), 0..8),

@@ -18,7 +18,7 @@ const TELEMETRY_PREFIX: &str = "telemetry-";
 /// Prefix of the name of a site's stream of audit records and acknowledgements.
 const AUDIT_PREFIX: &str = "audit-";
 const HISTORY: i64 = 8;
-/// Deduplication window: messages with the same id within it are stored once.
+/// Deduplication window: messages with the same id within this time are stored once.
 const DUPLICATE_WINDOW: Duration = Duration::from_secs(120);
 
 /// Retention limits of the streams, by age and size.
@@ -27,8 +27,8 @@ pub struct StreamRetention {
     /// Number of servers of the cluster that store each stream: 1, 3 or 5.
     pub replicas: usize,
     pub telemetry: Duration,
-    /// Maximum size of a site's two streams together, bytes. That of conditions and telemetry has three quarters and removes its oldest
-    /// messages. That of audit records and acknowledgements has a quarter and refuses new ones, which wait at their gateways, since the centre
+    /// Maximum size of a site's two streams together, bytes. That of conditions and telemetry gets three quarters and removes its oldest
+    /// messages. That of audit records and acknowledgements gets a quarter and refuses new ones, which wait at their gateways, because the centre
     /// may not have collected the old ones.
     pub site_bytes: i64,
     pub audit: Duration,

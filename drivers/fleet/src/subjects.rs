@@ -1,4 +1,4 @@
-//! The names of the fleet's subjects, buckets and streams.
+//! Names of the fleet's subjects, buckets and streams.
 //!
 //! A machine publishes on its own four subjects, one for each [`Kind`] of message, and reads only the key with its name.
 
@@ -19,7 +19,7 @@ pub enum Kind {
 impl Kind {
     pub const ALL: [Self; 4] = [Self::Ack, Self::Audit, Self::Condition, Self::Telemetry];
 
-    /// Last token of the kind's subject.
+    /// Last token of the subject of this kind.
     pub fn name(self) -> &'static str {
         match self {
             Self::Ack => "ack",
@@ -29,7 +29,7 @@ impl Kind {
         }
     }
 
-    /// The kind whose subject ends with this token.
+    /// Kind whose subject ends with this token.
     pub fn with_name(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|kind| kind.name() == name)
     }
@@ -46,7 +46,7 @@ pub(crate) fn latest_desired_subject(machine: &MachineId) -> String {
     format!("$JS.API.DIRECT.GET.KV_{DESIRED_BUCKET}.{desired}")
 }
 
-/// Object store of a machine's models that are too large for a manifest.
+/// Name of the object store of a machine's models that are too large for a manifest.
 pub(crate) fn models_bucket(machine: &MachineId) -> String {
     format!("models-{machine}")
 }
@@ -54,9 +54,9 @@ pub(crate) fn models_bucket(machine: &MachineId) -> String {
 /// Subjects of one machine.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Subjects {
-    /// Short condition, once a second by default.
+    /// Subject of short conditions, once a second by default.
     pub condition: String,
-    /// Full telemetry, every ten seconds by default.
+    /// Subject of full telemetry, every ten seconds by default.
     pub telemetry: String,
     pub audit: String,
     pub ack: String,
@@ -80,7 +80,7 @@ impl Subjects {
         }
     }
 
-    /// The subject of messages of this kind.
+    /// Subject of messages of this kind.
     pub fn of_kind(&self, kind: Kind) -> &str {
         match kind {
             Kind::Ack => &self.ack,

@@ -1,5 +1,5 @@
-//! Duration of a cycle with the simulator on loopback, compared with two exchanges of the same sizes with a bare echo, in turn in one
-//! run: medians and 99th percentiles.
+//! Compares the duration of a cycle with the simulator on loopback to that of two exchanges of the same sizes with a server that only
+//! echoes; both alternate in one run. Reports medians and 99th percentiles.
 
 use std::{
     io::{Read, Write},
@@ -15,9 +15,8 @@ use volcomp_port::Controller;
 use volcomp_vocabulary::{AxisName, PerChannel};
 
 const CYCLES: usize = 20_000;
-/// Number of measured cycles in a run without `cargo bench`, which only shows that the bench works.
+/// Number of measured cycles in a run without `cargo bench`, which only checks that the bench works.
 const CYCLES_OF_A_TEST: usize = 200;
-/// Number of cycles before the measured ones.
 const WARM_UP: usize = 1000;
 /// Bytes sent and received in the two exchanges of a cycle: positions, status, shifts, heartbeat, referenced; then shifts, heartbeat.
 const EXCHANGES: [(usize, usize); 2] = [(152, 370), (75, 44)];
@@ -45,7 +44,7 @@ fn pin_to(core: usize) -> Result<(), rustix::io::Errno> {
     rustix::thread::sched_setaffinity(None, &set)
 }
 
-/// Times of this number of cycles and of bare exchanges, rising.
+/// Measures `count` cycles and `count` exchanges with the echo; returns both lists of durations, sorted.
 fn measure(
     servers_on: usize,
     count: usize,
@@ -82,7 +81,7 @@ fn measure(
     Ok([cycles, bare])
 }
 
-/// Starts a thread that answers requests by the sizes in [`EXCHANGES`].
+/// Starts a thread that answers requests of the sizes in [`EXCHANGES`] with as many bytes as a control.
 fn echo() -> std::io::Result<TcpStream> {
     let listener = TcpListener::bind("127.0.0.1:0")?;
     let stream = TcpStream::connect(listener.local_addr()?)?;

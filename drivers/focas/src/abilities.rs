@@ -1,4 +1,4 @@
-//! Determines the request forms that a control accepts in a cycle. Nothing is written.
+//! Finds the request forms that a control accepts in a cycle; it sends only read requests.
 
 use std::time::Instant;
 
@@ -13,8 +13,8 @@ use crate::{
     session::Session,
 };
 
-/// Tries the form with the fewest exchanges first; if the control rejects it, determines each ability separately. The error for a request
-/// that is rejected in every form has the control's return code.
+/// Finds the request forms that the control accepts: first the one with the fewest exchanges; if it is rejected, each ability separately.
+/// Errors: a request that is rejected in every form, with the control's return code.
 pub(crate) fn find(
     session: &mut Session,
     config: &FocasConfig,
@@ -61,7 +61,6 @@ impl FormProbe<'_> {
         self.refusal(&exchanges, request).map(|refused| refused.is_none())
     }
 
-    /// Whether the control answers a command.
     fn accepts(&mut self, item: ReadItem) -> Result<bool, FocasError> {
         self.refusal_of(item).map(|refused| refused.is_none())
     }
@@ -79,8 +78,8 @@ impl FormProbe<'_> {
         self.refusal(&[exchange], &item.words(self.config))
     }
 
-    /// Why the control does not answer as required: it rejects the request, or returns less data than requested. Other failures are errors,
-    /// including a busy control.
+    /// Sends read requests. Returns the error if the control rejects one or returns less data than requested, `None` if it answers all. Other
+    /// failures are errors of this function, including a busy control.
     fn refusal(
         &mut self,
         exchanges: &[Exchange<ReadItem>],

@@ -1,4 +1,4 @@
-//! Decoding of the control's responses about itself.
+//! Decodes the control's responses about itself.
 
 use crate::frame::{FrameError, number};
 
@@ -17,7 +17,7 @@ pub(crate) mod function {
     pub(crate) const WRITE_PMC: u16 = 0x8002;
 }
 
-/// Coordinate system of positions.
+/// Coordinate system in which positions are read.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum PositionKind {
@@ -37,11 +37,11 @@ impl PositionKind {
     }
 }
 
-/// The type, software and number of axes of a control, as the control reports them.
+/// Type, software and number of axes that a control reports.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct SystemInfo {
-    /// Number of axis slots in responses about all axes.
+    /// Number of axis slots in a response about all axes, used or not.
     pub max_axes: u16,
     /// The type of control, such as ` 0` or `31`.
     pub cnc_type: String,
@@ -49,7 +49,7 @@ pub struct SystemInfo {
     pub machine_type: String,
     pub series: String,
     pub version: String,
-    /// Number of axes of the path, two digits.
+    /// Number of axes of the path, as two digits.
     pub axes: String,
 }
 
@@ -79,7 +79,7 @@ pub struct Alarm {
     pub text: String,
 }
 
-/// Decodes the number in a slot of eight bytes, mm or deg.
+/// Decodes the number in the eight-byte slot with this index, mm or deg. Errors: the data end before it, or the slot holds no number.
 pub(crate) fn slot(data: &[u8], index: usize) -> Result<f64, FrameError> {
     let bytes = data.get(8 * index..).and_then(|rest| rest.first_chunk::<8>());
     let bytes = bytes.ok_or(FrameError("fewer axes than requested"))?;

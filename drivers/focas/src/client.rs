@@ -1,4 +1,4 @@
-//! Single read and write requests, for set-up and tools; a real-time cycle uses [`FocasController`](crate::FocasController).
+//! Sends single read and write requests, for set-up and tools; a real-time cycle uses [`FocasController`](crate::FocasController).
 
 use std::time::{Duration, Instant};
 
@@ -31,12 +31,12 @@ impl Client {
         Ok(Self { session: Session::open(host, port, at_most)?, path: 1, at_most })
     }
 
-    /// Releases the session for other requests.
+    /// Returns the session, for requests that this client does not offer.
     pub fn into_session(self) -> Session {
         self.session
     }
 
-    /// Selects a path of the control other than the first.
+    /// Selects a path of the control, from 1; without this call it is 1.
     #[must_use]
     pub fn with_path(self, path: u16) -> Self {
         Self { path, ..self }
@@ -75,7 +75,7 @@ impl Client {
         Ok(block.data.to_vec())
     }
 
-    /// Type, software and number of axes of the control.
+    /// Reads type, software and number of axes of the control.
     ///
     /// # Errors
     /// See [`FocasError`].
@@ -95,7 +95,7 @@ impl Client {
         })
     }
 
-    /// State of the control.
+    /// Reads the state of the control.
     ///
     /// # Errors
     /// See [`FocasError`].
@@ -104,7 +104,7 @@ impl Client {
         status(&data).map_err(|e| broken("reading the status", e))
     }
 
-    /// Axis letters; axes without one are omitted.
+    /// Reads the letters of the axes in the control's order, up to the first axis without one.
     ///
     /// # Errors
     /// See [`FocasError`].
@@ -114,7 +114,7 @@ impl Client {
         Ok(names.take_while(char::is_ascii_alphabetic).collect())
     }
 
-    /// Positions of the first `axes` axes, mm or deg.
+    /// Reads the positions of the first `axes` axes, mm or deg.
     ///
     /// # Errors
     /// See [`FocasError`]; a slot that holds no number.
@@ -125,7 +125,7 @@ impl Client {
         (0..axes).map(position).collect()
     }
 
-    /// Reads bytes of PMC memory.
+    /// Reads `bytes` bytes of PMC memory from the address `first`.
     ///
     /// # Errors
     /// See [`FocasError`].
@@ -145,7 +145,7 @@ impl Client {
         Ok(data)
     }
 
-    /// Writes bytes to PMC memory.
+    /// Writes bytes to PMC memory from the address `first`.
     ///
     /// # Errors
     /// See [`FocasError`].
@@ -157,7 +157,7 @@ impl Client {
         Ok(())
     }
 
-    /// Reads a custom macro variable; `None` if it is vacant.
+    /// Reads the custom macro variable with this number; `None` if it is vacant.
     ///
     /// # Errors
     /// See [`FocasError`].
@@ -170,7 +170,7 @@ impl Client {
         Ok(Some(value).filter(|value| !value.is_nan()))
     }
 
-    /// Sets a custom macro variable.
+    /// Sets the custom macro variable with this number.
     ///
     /// # Errors
     /// See [`FocasError`].
@@ -181,7 +181,7 @@ impl Client {
         Ok(())
     }
 
-    /// Reads a work offset of an axis (`number` 0: external, 1 to 6: G54 to G59), mm or deg.
+    /// Reads a work offset (`number` 0: external, 1 to 6: G54 to G59) of an axis, counted from 0; mm or deg.
     ///
     /// # Errors
     /// See [`FocasError`].
@@ -191,7 +191,7 @@ impl Client {
         slot(&data, axis).map_err(|e| broken("reading a work offset", e))
     }
 
-    /// Sets a work offset of an axis, counted from 0, with three decimals: mm or deg.
+    /// Sets a work offset (numbers as in [`Client::read_work_offset`]) of an axis, counted from 0; mm or deg, rounded to three decimals.
     ///
     /// A work offset does not replace a zero point shift: it reportedly takes effect only when blocks are read ahead. A public description
     /// of the protocol documents this request only for G54 of the X axis, with a delayed read-back. This client has been tested only
@@ -208,13 +208,13 @@ impl Client {
         let axis = i32::try_from(axis + 1).unwrap_or(i32::MAX);
         let args = [number, number, axis, 0, 8];
         let [a, b, c, d, ..] = number_bytes(value, 3);
-        // As in the public description: the mantissa alone, exponent ffff.
+        // As in the public description: a mantissa of four bytes, then zeros and the exponent ffff.
         let data = [a, b, c, d, 0, 0, 0xff, 0xff];
         self.request(function::WRITE_OFFSET, args, &data, "writing a work offset")?;
         Ok(())
     }
 
-    /// Reads an integer parameter of the control, for an axis (from 0) or without one.
+    /// Reads a parameter of the control: for the axis with this index (from 0), or without an axis.
     ///
     /// # Errors
     /// See [`FocasError`]; an unknown number makes the control reject the request.
@@ -230,8 +230,8 @@ impl Client {
         slot(values, axis.unwrap_or(0)).map_err(|e| broken("reading a parameter", e))
     }
 
-    /// Reads an integer parameter of the control. The inner error is the control's reason for not reporting it. Errors: see [`FocasError`]: no
-    /// response.
+    /// Reads an integer parameter of the control. The inner error is the reason why its value is unknown: the control rejects the request, or the
+    /// value is not a whole number. Errors: the session failed, or the control is busy.
     pub(crate) fn integer_parameter(
         &mut self,
         number: i32,
@@ -248,11 +248,12 @@ impl Client {
         }))
     }
 
-    /// The PMC words from which the control takes the machine zero point shift of its axes, by parameters 1203#0 and 1280 (meaning from
-    /// memory of manuals). The source is unknown, without an error, if the control rejects the request or reports no valid address.
+    /// Reads from which PMC words the control takes the machine zero point shift of its axes: parameters 1203#0 and 1280, whose meaning is
+    /// from memory of manuals. If the control rejects the request or the values are not whole numbers, the result is
+    /// [`ShiftSource::Unreported`].
     ///
     /// # Errors
-    /// See [`FocasError`]: no response.
+    /// The session failed, or the control is busy: see [`FocasError`].
     pub fn shift_source(&mut self) -> Result<ShiftSource, FocasError> {
         let mut values = [0; 2];
         for (value, number) in values.iter_mut().zip([SHIFT_IN_USE, SHIFT_FIRST]) {
@@ -266,7 +267,7 @@ impl Client {
         Ok(ShiftSource::Reported { in_use: in_use & 1 == 1, first })
     }
 
-    /// Active alarms, at most ten.
+    /// Reads the active alarms, at most ten.
     ///
     /// # Errors
     /// See [`FocasError`].
@@ -291,7 +292,7 @@ impl Client {
     }
 }
 
-/// Parses a non-negative integer.
+/// Converts a non-negative integer of at most 32 bits; `None` for other numbers.
 #[expect(
     clippy::cast_possible_truncation,
     clippy::cast_sign_loss,

@@ -9,14 +9,14 @@ use crate::{
     pmc::{BarrierArea, Block, PmcAddress, PmcArea, Width},
 };
 
-/// Smallest step of the positions that a control reports, mm or deg.
+/// Assumed resolution of the positions that a control reports, mm or deg.
 const POSITION_STEP: f64 = 0.001;
 
-/// Words in which the machine zero point shifts of the axes are written.
+/// PMC words to which the machine zero point shifts of the axes are written.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Shift {
-    /// Word of the control's first axis; the words of its other axes follow.
+    /// First byte of the word for the control's first axis; the words of its other axes follow.
     pub first: PmcAddress,
     pub width: Width,
     pub count_linear: Mm,
@@ -32,19 +32,19 @@ impl Shift {
         }
     }
 
-    /// The shifts in two-byte words, as in frames to a barrier.
+    /// The same shifts in two-byte words, the width in frames to a barrier.
     pub(crate) fn in_words(self) -> Self {
         Self { width: Width::Word, ..self }
     }
 
-    /// Maximum magnitude of a shift for this kind of axis that the width can represent.
+    /// Largest shift, in either direction, of an axis of this kind that a word of this width holds.
     pub fn largest(&self, kind: AxisKind) -> Displacement {
         let count = self.count(kind).mm_or_rad();
         Displacement::new(kind, count * f64::from(self.width.largest()))
     }
 }
 
-/// Configuration of a control: connection and correction.
+/// Configuration of a control: its connection, the axes, and the memory through which corrections are written.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FocasConfig {
     pub host: String,
@@ -55,25 +55,25 @@ pub struct FocasConfig {
     pub channel: String,
     /// The axes to correct, in channel order.
     pub axes: Vec<AxisName>,
-    /// Axes whose positions are only read. Without `axes`, the only PMC memory that the driver accesses is `referenced`.
+    /// Axes whose positions are only read. If `axes` is empty, `referenced` is the only PMC memory that the driver accesses.
     pub reads: Vec<AxisName>,
     pub shift: Shift,
-    /// Byte that every correction increments and the ladder monitors; `None` without monitoring.
+    /// Byte that every correction increments and the ladder monitors; `None`: the ladder monitors nothing.
     pub heartbeat: Option<PmcAddress>,
-    /// Byte that is written last in every correction and counts up. A ladder that copies the shifts when this byte changes takes all axes
-    /// together.
+    /// Byte that each correction increments after the shifts are written. A ladder that copies the shifts when this byte changes gives
+    /// all axes their shifts in the same scan. `None`: no such byte.
     pub sequence: Option<PmcAddress>,
-    /// Memory of a barrier in the ladder: its frames and reports. Corrections are then sent by `post`, not by `apply`; heartbeat and
+    /// Memory of a barrier in the ladder: its frames and reports. If set, corrections are sent by `post`, not by `apply`; heartbeat and
     /// sequence byte are unused, and the driver never writes the words of `shift`, which belong to the ladder.
     pub barrier: Option<BarrierArea>,
-    /// Whether a ladder copies the words of `shift` to those from which the control takes the shift. Otherwise the control takes it from
+    /// Whether a ladder copies the words of `shift` to those from which the control takes the shift. If not, the control takes the shift from
     /// the words of `shift`, and its parameters must agree.
     pub copied: bool,
     /// Coordinate system in which positions are read.
     pub positions: PositionKind,
-    /// Whether reported positions include the shift.
+    /// Whether reported positions contain the shift.
     pub includes_correction: bool,
-    /// Byte with a bit for each referenced axis, the control's first axis lowest; `None`: all axes are assumed to be referenced.
+    /// Byte with one bit for each referenced axis, the lowest for the control's first axis; `None`: all axes are assumed to be referenced.
     pub referenced: Option<PmcAddress>,
     /// Timeout for connecting, and for each request until the first cycle.
     pub at_most: Duration,
@@ -82,7 +82,7 @@ pub struct FocasConfig {
 }
 
 impl FocasConfig {
-    /// Shifts in words of 1 µm and 0.001 deg from R100, a heartbeat at R120, referenced axes in F120.
+    /// A configuration for these axes: shifts in two-byte words of 1 µm and 0.001 deg from R100, a heartbeat at R120, referenced axes in F120.
     ///
     /// The addresses are examples. It is unverified that a shift from R memory is enabled (parameters 1203#0 and 1280) and that F120
     /// reports the referenced axes: see the control's manual.
@@ -113,7 +113,7 @@ impl FocasConfig {
         }
     }
 
-    /// Resolution of the reported positions of an axis: 0.001 mm or 0.001 deg, or the count of its corrections if that is coarser.
+    /// Resolution of the reported positions of an axis: 0.001 mm or 0.001 deg, or one count of its shift if that is coarser.
     pub fn position_step(&self, name: AxisName) -> Displacement {
         let decimal = match name.kind() {
             AxisKind::Linear => POSITION_STEP,
@@ -128,10 +128,10 @@ impl FocasConfig {
         format!("focas://{}:{}", self.host, self.port)
     }
 
-    /// Description of the controller for this configuration, without connecting.
+    /// Describes the controller with this configuration, without connecting.
     ///
     /// # Errors
-    /// No axis, a duplicate axis, a count without positive displacement; bytes that are not writable, exceed the PMC's memory, or overlap.
+    /// No axis, a duplicate axis, a count that is not positive; bytes that are not writable, exceed the PMC's memory, or overlap.
     pub fn describe(&self) -> Result<Description, FocasError> {
         let axis = |&name: &AxisName| Axis {
             name,
@@ -167,14 +167,14 @@ impl FocasConfig {
         Ok(description)
     }
 
-    /// The first two overlapping memory blocks of this configuration; `None` without an overlap, or if the configuration is invalid
-    /// otherwise.
+    /// The first two overlapping memory blocks of this configuration; `None` if no blocks overlap, or if the configuration has another
+    /// error.
     pub fn overlap(&self) -> Option<[Block; 2]> {
         overlap_within(self)
     }
 
-    /// Two overlapping memory blocks, one of each configuration, at least one of them written; `None` without an overlap, or if the
-    /// controls differ.
+    /// Two overlapping memory blocks, one of each configuration, at least one of them written; `None` if no blocks overlap, or if the
+    /// configurations are for different controls.
     pub fn overlap_with(&self, other: &Self) -> Option<[Block; 2]> {
         let is_same = self.host.eq_ignore_ascii_case(&other.host) && self.port == other.port;
         is_same.then(|| overlap_between(self, other)).flatten()
@@ -192,8 +192,8 @@ const FRAME: &str = "the words of the frame";
 const REPORT: &str = "the words of the report";
 const REFERENCED: &str = "the byte of the referenced axes";
 
-/// Memory blocks of a configuration, with shift words for `slots` axes of the control. With a barrier, the shift words belong to the
-/// ladder, and heartbeat and sequence byte are unused.
+/// Memory blocks that the driver uses, with shift words for `slots` axes of the control. With a barrier, the ladder writes the shift
+/// words, and heartbeat and sequence byte are unused.
 fn used(config: &FocasConfig, slots: usize) -> Result<Vec<MemoryUse>, FocasError> {
     let axes = config.axes.len();
     let plain = config.barrier.is_none();
@@ -205,7 +205,7 @@ fn used(config: &FocasConfig, slots: usize) -> Result<Vec<MemoryUse>, FocasError
     let shifts = (axes > 0).then_some(first);
     let (byte, word) = (Width::Byte, Width::Word);
     let mut found = Vec::new();
-    // Key, description, first byte, number of words, their width, whether this driver writes them.
+    // Key, description, first byte, number of words, their width in bytes, whether this driver writes them.
     for (key, what, at, points, width, written) in [
         ("barrier.frame", FRAME, frame, frame_words, word, true),
         ("barrier.report", REPORT, report, report_words, word, false),
@@ -229,8 +229,8 @@ fn used(config: &FocasConfig, slots: usize) -> Result<Vec<MemoryUse>, FocasError
     Ok(found)
 }
 
-/// Checks the memory blocks, with shift words for `slots` axes of the control: written bytes must exist and be writable, and no blocks may
-/// overlap.
+/// Checks the memory blocks, with shift words for `slots` axes of the control: the addresses must exist, written bytes must be writable, and
+/// no blocks may overlap.
 pub(crate) fn check(config: &FocasConfig, slots: usize) -> Result<(), FocasError> {
     match overlap(&used(config, slots)?) {
         Some([one, other]) => Err(FocasError::Overlap { one, other }),
@@ -265,7 +265,6 @@ pub(crate) fn without_axis_words(
     Ok(blocks.filter(|block| !of_ladder(block)).collect())
 }
 
-/// The first pair of overlapping blocks, one of each configuration, at least one of them written.
 fn overlap_between(one: &FocasConfig, other: &FocasConfig) -> Option<[Block; 2]> {
     let blocks = |config: &FocasConfig| used(config, config.axes.len()).unwrap_or_default();
     let (ours, theirs) = (blocks(one), blocks(other));

@@ -11,7 +11,7 @@ use crate::{
     plan::Abilities,
 };
 
-/// A control whose axes are corrected. A separate thread connects and reconnects.
+/// Reads and corrects a control, with one read and one write in each cycle. A separate thread connects and reconnects.
 pub struct FocasController {
     description: Description,
     supply: Supply<Link>,
@@ -45,10 +45,10 @@ impl FocasController {
         Ok(Self { description, supply: Supply::new(&device, backoff, open)? })
     }
 
-    /// Waits for the first connection.
+    /// Waits until the first connection is made.
     ///
     /// # Errors
-    /// Why the connection failed; if the control rejected it, with the return code and its meaning.
+    /// No connection within `at_most`: the reason of the last attempt; if the control rejected it, with the return code and its meaning.
     pub fn wait(&mut self, at_most: Duration) -> Result<(), DeviceError> {
         self.supply.wait(at_most).map(|_| ())
     }
@@ -58,12 +58,12 @@ impl FocasController {
         self.supply.opened()
     }
 
-    /// Why there is no connection. Takes a lock: not for a cycle.
+    /// Error of the last connection attempt; `None` if it succeeded. Takes a lock: not for a cycle.
     pub fn last_error(&self) -> Option<DeviceError> {
         self.supply.last_error()
     }
 
-    /// Properties that the control reported at the start of the present connection; `None` without a connection. Allocates: not for a
+    /// Properties that the control reported when the present connection was opened; `None` without a connection. Allocates: not for a
     /// cycle.
     pub fn inspection(&mut self) -> Option<Inspection> {
         self.supply.current().ok().map(|link| link.found().clone())

@@ -29,7 +29,7 @@ pub enum FocasError {
     /// A request timed out, or its response is unreadable.
     #[error("{request}: {source}")]
     Failed { request: String, source: Fault },
-    /// The control takes the shift words without a ladder, so they must have two bytes for each axis.
+    /// The control takes the shift words without a ladder, so the words must have two bytes for each axis.
     #[error(
         "area.width: found {}, expected 2: the control takes two bytes for each axis; or area.copied = true, where a ladder copies the words on",
         .0.bytes()
@@ -37,7 +37,7 @@ pub enum FocasError {
     Width(Width),
     #[error("the control has no axis {name}, found {found}")]
     NoAxis { name: AxisName, found: String },
-    /// Several axes of the control begin with the letter of an axis of the configuration.
+    /// Several axes of the control have names that begin with the letter of a configured axis.
     #[error(
         "axis {name}: found several axes of the control whose names begin with this letter, {found}, expected one"
     )]
@@ -70,7 +70,7 @@ pub enum FocasError {
         points: usize,
         bytes: u16,
     },
-    /// A parameter of the control makes it take shifts from other words than the configured ones.
+    /// A parameter of the control does not match the configuration.
     #[error("parameter {parameter} of the control ({meaning}): found {found}, expected {expected}")]
     Parameter {
         parameter: &'static str,

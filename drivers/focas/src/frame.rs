@@ -1,14 +1,14 @@
-//! Frames of the protocol in both directions, big-endian, according to public captures and descriptions. Only building requests and
-//! responses allocates.
+//! Builds and parses frames of the protocol in both directions, big-endian, according to public captures and descriptions. Only building
+//! requests and responses allocates.
 
 /// Length of a frame's header, bytes.
 pub const HEAD: usize = 10;
 /// The four bytes at the start of every frame.
 const SYNC: [u8; 4] = [0xa0; 4];
 const REQUEST_VERSION: u16 = 1;
-/// Length of a command without data, bytes.
+/// Length of a command without its data, bytes.
 const COMMAND: usize = 0x1c;
-/// Length of a block without data, bytes.
+/// Length of a response block without its data, bytes.
 const BLOCK: usize = 16;
 
 /// Type of a frame.
@@ -60,7 +60,7 @@ pub struct Head {
     /// 1 in requests; 2, 3 or 4 in responses, by the generation of the control.
     pub version: u16,
     pub kind: Kind,
-    /// Number of bytes after the header.
+    /// Length of the payload, bytes.
     pub length: usize,
 }
 
@@ -98,7 +98,7 @@ pub fn frame(version: u16, kind: Kind, payload: &[u8]) -> Result<Vec<u8>, FrameE
     Ok(bytes)
 }
 
-/// The frame that opens a session for commands (role 2; role 1 is for programs).
+/// The frame that opens a session for commands (role 2; role 1 transfers programs).
 pub fn open_frame() -> [u8; HEAD + 2] {
     [0xa0, 0xa0, 0xa0, 0xa0, 0, 1, 1, 1, 0, 2, 0, 2]
 }
@@ -108,7 +108,7 @@ pub fn close_frame() -> [u8; HEAD] {
     [0xa0, 0xa0, 0xa0, 0xa0, 0, 1, 2, 1, 0, 0]
 }
 
-/// The part of the control that a command addresses.
+/// Part of the control to which a command is addressed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u16)]
 pub enum Target {
@@ -142,7 +142,7 @@ struct Sent {
     target: u16,
     path: u16,
     function: u16,
-    /// Offset of the command's data in the frame.
+    /// Offset of the command's data from the start of the frame.
     data: usize,
 }
 
@@ -180,7 +180,7 @@ impl Request {
         &self.bytes
     }
 
-    /// Data of a command, for in-place changes before the next transmission.
+    /// Data of the command with this index, to be changed in place before the request is sent again.
     pub fn data_mut(&mut self, command: usize) -> &mut [u8] {
         let Some(sent) = self.commands.get(command) else {
             return &mut [];
@@ -190,7 +190,7 @@ impl Request {
         self.bytes.get_mut(sent.data..end).unwrap_or_default()
     }
 
-    /// Blocks of a response to this request, checked against it.
+    /// Parses the payload of a response to this request and checks that its blocks match the commands.
     ///
     /// # Errors
     /// A malformed response, or one to a different request.
@@ -218,12 +218,12 @@ pub struct Block<'a> {
     pub target: u16,
     pub path: u16,
     pub function: u16,
-    /// 0, or the return code of a rejected command.
+    /// 0, or the return code with which the control rejected the command.
     pub error: i16,
     pub data: &'a [u8],
 }
 
-/// Iterator over the blocks of a response.
+/// Iterator over the blocks of a response, in the order of the commands.
 #[derive(Clone, Debug)]
 pub struct Blocks<'a> {
     rest: &'a [u8],
@@ -235,7 +235,7 @@ impl<'a> Blocks<'a> {
     /// Parses the payload of a response.
     ///
     /// # Errors
-    /// The payload lacks the count.
+    /// The payload is too short for the number of blocks.
     pub fn parse(payload: &'a [u8]) -> Result<Self, FrameError> {
         let (count, rest) =
             payload.split_first_chunk::<2>().ok_or(FrameError("an answer without a count"))?;
@@ -253,7 +253,7 @@ impl<'a> Blocks<'a> {
         let error = i16::from_be_bytes([head[8], head[9]]);
         let length = usize::from(number(14));
         let data = block.get(BLOCK..).ok_or(CUT)?;
-        // A rejection may contain a length without data.
+        // A rejected command may have a length without data.
         let data = match data.get(..length) {
             Some(data) => data,
             None if error != 0 => &[],
@@ -332,7 +332,7 @@ pub fn push_block(
     Ok(())
 }
 
-/// Decodes a number of eight bytes: mantissa, base, exponent. `None` if it is vacant or invalid.
+/// Decodes a number of eight bytes: mantissa, base, exponent. `None` if the number is vacant or invalid.
 pub fn number(bytes: [u8; 8]) -> Option<f64> {
     let [a, b, c, d, e, f, g, h] = bytes;
     let mantissa = f64::from(i32::from_be_bytes([a, b, c, d]));

@@ -1,4 +1,4 @@
-//! An open session with the requests of a cycle in the form that the control accepts.
+//! An open session, with the requests of a cycle in the form that the control accepts.
 
 use std::{
     thread,
@@ -20,7 +20,7 @@ use crate::{
     session::Session,
 };
 
-/// Maximum time that data sent in a cycle may stay unacknowledged: longer than the deadline of any cycle, but too short for an outdated
+/// Maximum time for which data sent in a cycle may stay unacknowledged: longer than the deadline of any cycle, but too short for an outdated
 /// correction to do harm. The kernel enforces it even while the program is stopped.
 const UNACKNOWLEDGED_TIMEOUT: Duration = Duration::from_millis(250);
 
@@ -35,8 +35,8 @@ pub struct Inspection {
     /// Request forms that the control accepts in a cycle.
     pub abilities: Abilities,
     pub notes: Vec<String>,
-    /// Two reports of the control's barrier with their reading times, one second apart: their ticks give the scan time. Empty without a
-    /// barrier in the configuration, or if the control did not report them.
+    /// Two reports of the control's barrier, with the times at which they were read, about one second apart: their ticks give the scan time.
+    /// Empty if the configuration has no barrier, or the control did not report.
     pub reports: Vec<(Instant, Words)>,
 }
 
@@ -44,21 +44,21 @@ pub(crate) struct Link {
     session: Session,
     found: Inspection,
     axes: Vec<PlannedAxis>,
-    /// Number of corrected axes, which come first.
+    /// Number of corrected axes, which come first in `axes`.
     corrected: usize,
     width: Width,
     applied: Applied,
     has_barrier: bool,
     reads: Vec<Exchange<ReadItem>>,
     writes: Vec<Exchange<WriteItem>>,
-    /// The heartbeat at the control: the value last written or, before the first write, last read.
+    /// The heartbeat at the control: the value last written or, before the first write, last read. `None` if it is unknown.
     heartbeat: Option<u8>,
     /// The sequence number last written or, before the first write, last read.
     sequence: u8,
 }
 
 impl Link {
-    /// Opens a session, finds the axes and the accepted request forms, and compares the control's parameters with the configuration.
+    /// Opens a session, finds the axes and the accepted request forms, and checks the control's parameters against the configuration.
     pub(crate) fn open(config: &FocasConfig) -> Result<Self, FocasError> {
         let client = Client::open(&config.host, config.port, config.at_most)?;
         let mut client = client.with_path(config.path);
@@ -191,8 +191,8 @@ impl Link {
             let has_heartbeat = (self.writes[index].parts.iter())
                 .any(|part| matches!(part, WriteItem::Heartbeat(_)));
             if has_heartbeat {
-                // Unknown until the exchange succeeds: after a failed one, the value at the control must not be taken for that of another
-                // client.
+                // Unknown until the exchange succeeds: after a failed exchange, the value at the control must not be taken for one that another
+                // gateway has written.
                 self.heartbeat = None;
             }
             self.send(index, deadline)?;
@@ -263,7 +263,7 @@ fn find_axes(config: &FocasConfig, names: &[char]) -> Result<Vec<PlannedAxis>, F
     };
     let axes: Vec<PlannedAxis> =
         config.axes.iter().chain(&config.reads).map(planned).collect::<Result<_, FocasError>>()?;
-    // The control has a word for each of its axes, corrected or not, so the words extend further than those of the corrected axes.
+    // The control has a shift word for each of its axes, corrected or not, so the words can end after those of the corrected axes.
     config::check(config, names.len())?;
     Ok(axes)
 }

@@ -1,4 +1,4 @@
-//! The words of a correction map in the PMC, over a separate session.
+//! Reads and writes the words of a correction map in the PMC, over a separate session.
 
 use std::time::Duration;
 
@@ -6,7 +6,7 @@ use crate::{Client, FocasError, PmcAddress};
 
 const MAX_READ_BYTES: usize = 128;
 
-/// PMC addresses of a control that looks up corrections in a map. All words have two bytes, low byte first.
+/// PMC addresses of the correction map in a control that looks up corrections itself. All words have two bytes, low byte first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct MapPlaces {
     pub mailbox: PmcAddress,
@@ -17,19 +17,19 @@ pub struct MapPlaces {
 }
 
 impl MapPlaces {
-    /// Number of the byte after the end of a buffer, 0 or 1.
+    /// Address after the last byte of buffer 0 or 1.
     fn end(&self, buffer: u16) -> usize {
         usize::from(self.buffers.at) + 2 * self.capacity * (usize::from(buffer) + 1)
     }
 
-    /// Whether both buffers are within the addresses that a request can represent.
+    /// Whether the addresses of both buffers fit in a request.
     pub fn fits(&self) -> bool {
         self.end(1) <= usize::from(u16::MAX) + 1
     }
 }
 
 /// An open session that transfers a map to the PMC. Every exchange has a timeout. After a failed exchange the state of the session is
-/// undefined: drop it.
+/// unknown: drop it.
 pub struct MapWords {
     client: Client,
     places: MapPlaces,
@@ -78,7 +78,7 @@ impl MapWords {
         self.read(self.places.buffers, skip, count)
     }
 
-    /// Reads the words at `from`, after an offset in bytes.
+    /// Reads `words` words, the first of them `skip` bytes after `from`.
     fn read(
         &mut self,
         from: PmcAddress,
@@ -89,7 +89,7 @@ impl MapWords {
         let (mut at, end) = (usize::from(from.at) + skip, usize::from(from.at) + skip + 2 * words);
         while at < end {
             let count = (end - at).min(MAX_READ_BYTES);
-            // An offset beyond the addresses of a request is replaced by the largest address, which the control rejects.
+            // An address too large for a request is replaced by the largest one, which the control rejects.
             let first = u16::try_from(at).unwrap_or(u16::MAX);
             let length = u16::try_from(count).unwrap_or(u16::MAX);
             let bytes = self.client.read_pmc(from.area, first, length)?;

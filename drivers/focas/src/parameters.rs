@@ -16,7 +16,7 @@ pub(crate) const SHIFT_IN_USE: i32 = 1203;
 /// Parameter with the first R address of the shift words.
 pub(crate) const SHIFT_FIRST: i32 = 1280;
 
-/// The words from which the control takes the machine zero point shift. See [`Client::shift_source`](crate::Client::shift_source).
+/// From which words the control takes the machine zero point shift; see [`Client::shift_source`](crate::Client::shift_source).
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum ShiftSource {
@@ -24,10 +24,10 @@ pub enum ShiftSource {
     Reported {
         /// Whether the extended external machine zero point shift is in use (parameter 1203#0).
         in_use: bool,
-        /// First byte of the words in R, two bytes for each axis (parameter 1280).
+        /// Number of the first byte in R; the words have two bytes for each axis (parameter 1280).
         first: u32,
     },
-    /// The control does not report the parameters: it is too old for the request, or lacks the option.
+    /// The control does not report the parameters, because it is too old for the request or lacks the option, or a value is invalid.
     #[cfg_attr(feature = "serde", serde(rename = "Untold"))]
     Unreported {
         /// Reason why the control does not report the parameters.
@@ -36,8 +36,8 @@ pub enum ShiftSource {
 }
 
 impl ShiftSource {
-    /// Compares the reported source with a configuration. Returns remarks if there is no conflict. Errors: the parameter by which the control takes
-    /// the shift from other words than configured; or source words that overlap the configured ones although a ladder must copy them.
+    /// Compares the reported source with a configuration; returns remarks if they agree. Errors: the parameter by which the control takes the shift
+    /// from other words than configured, or source words that overlap the configured ones although a ladder must copy these.
     pub(crate) fn check(
         &self,
         config: &FocasConfig,
@@ -112,10 +112,10 @@ impl ShiftSource {
     }
 }
 
-/// Parameters of which one bit determines the unit of reported positions.
+/// Parameters with the bits that determine the unit of reported positions.
 pub(crate) const UNIT_NUMBERS: [i32; 3] = [1001, 3104, 0];
 
-/// Checks the reported values of [`UNIT_NUMBERS`]: positions must be in mm. Returns remarks if there is no conflict. Errors: the parameter by which
+/// Checks that positions are in mm, by the reported values of [`UNIT_NUMBERS`]; returns remarks if they are. Errors: the parameter by which
 /// positions are, or may become, in inches.
 pub(crate) fn check_units(reported: &[Result<u32, String>; 3]) -> Result<Vec<String>, FocasError> {
     let [inch_machine, in_unit_of_program, program] = reported;

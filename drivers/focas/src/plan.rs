@@ -1,4 +1,4 @@
-//! The reads and writes of a cycle, packed into frames in the form that the control accepts.
+//! Packs the reads and writes of a cycle into frames, in the form that the control accepts.
 
 use volcomp_vocabulary::AxisKind;
 
@@ -9,10 +9,10 @@ use crate::{
     pmc::{BarrierArea, PmcAddress, Width},
 };
 
-/// How commands are packed into frames.
+/// How the commands of a read or write are distributed over frames.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Packing {
-    /// All commands of a read in one frame.
+    /// All commands in one frame.
     OneFrame,
     /// Commands for the control and commands for the PMC in separate frames.
     ByTarget,
@@ -20,7 +20,7 @@ pub enum Packing {
     OneByOne,
 }
 
-/// Request forms that a control accepts in a cycle; determined at every connection.
+/// Request forms that a control accepts in a cycle; they are determined at every connection.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Abilities {
     pub packing: Packing,
@@ -38,14 +38,13 @@ impl Abilities {
 /// A corrected or read-only axis, and its index in the control. Corrected axes come first in every list.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct PlannedAxis {
-    /// Index among the control's axes, from 0.
     pub(crate) slot: usize,
     pub(crate) kind: AxisKind,
     /// Displacement by one count, mm or rad.
     pub(crate) count: f64,
 }
 
-/// Consecutive words that are read or written together: shifts of slots, or words of a frame or a report.
+/// Consecutive words that are read or written together: the shifts of adjacent axes, or words of a frame or a report.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Run {
     pub(crate) first: usize,
@@ -53,7 +52,7 @@ pub(crate) struct Run {
 }
 
 impl Run {
-    /// Byte range of a slot's shift within the run; `None` outside it.
+    /// Position of a slot's shift within the bytes of the run; `None` if the run does not contain the slot.
     pub(crate) fn bytes_of(self, slot: usize, width: Width) -> Option<std::ops::Range<usize>> {
         let index = slot.checked_sub(self.first).filter(|i| *i < self.count)?;
         let bytes = usize::from(width.bytes());
@@ -141,7 +140,7 @@ impl ReadItem {
     }
 }
 
-/// Runs of the corrected axes' slots; adjacent slots are joined if `ranges` are accepted.
+/// Runs of shift words for the corrected axes; adjacent slots share a run if the control accepts `ranges`.
 pub(crate) fn runs(config: &FocasConfig, axes: &[PlannedAxis], ranges: bool) -> Vec<Run> {
     let corrected = axes.iter().take(config.axes.len());
     let mut slots: Vec<usize> = corrected.map(|axis| axis.slot).collect();
@@ -156,7 +155,7 @@ pub(crate) fn runs(config: &FocasConfig, axes: &[PlannedAxis], ranges: bool) -> 
     runs
 }
 
-/// Commands that read the positions of the axes: one for all axes, or one for each.
+/// Commands that read the positions of the axes: one for all axes if the control accepts it (`all_axes`), otherwise one for each.
 pub(crate) fn positions(axes: &[PlannedAxis], all_axes: bool) -> Vec<ReadItem> {
     if all_axes {
         vec![ReadItem::Positions]
@@ -166,7 +165,8 @@ pub(crate) fn positions(axes: &[PlannedAxis], all_axes: bool) -> Vec<ReadItem> {
     }
 }
 
-/// Reads of the words with the applied correction: the shifts, or the report of the barrier; joined if `ranges` are accepted.
+/// Reads of the words with the applied correction: the shifts, or the report of the barrier. Adjacent words share a read if the control
+/// accepts `ranges`.
 pub(crate) fn words(config: &FocasConfig, axes: &[PlannedAxis], ranges: bool) -> Vec<ReadItem> {
     if config.barrier.is_none() {
         let runs = runs(config, axes, ranges).into_iter();
@@ -176,7 +176,7 @@ pub(crate) fn words(config: &FocasConfig, axes: &[PlannedAxis], ranges: bool) ->
     words.into_iter().map(ReadItem::Report).collect()
 }
 
-/// Runs that cover the first `words` words: a single one if `ranges` are accepted.
+/// Runs that cover the first `words` words: a single one if the control accepts `ranges`, otherwise one for each word.
 fn in_runs(words: usize, ranges: bool) -> Vec<Run> {
     let run = |first, count| Run { first, count };
     if ranges { vec![run(0, words)] } else { (0..words).map(|word| run(word, 1)).collect() }
@@ -190,7 +190,7 @@ pub(crate) fn bytes(config: &FocasConfig) -> Vec<ReadItem> {
     heartbeat.into_iter().chain(referenced).collect()
 }
 
-/// Frames of a read. Positions come first, so that their time is the least uncertain.
+/// Frames of the read in a cycle. Positions come first, so that their time is the least uncertain.
 pub(crate) fn reads(
     config: &FocasConfig,
     axes: &[PlannedAxis],
@@ -217,7 +217,7 @@ pub(crate) fn read(
     Ok(Exchange { request: Request::new(&commands)?, parts: items.to_vec() })
 }
 
-/// Frames of a write: shifts, then heartbeat, then sequence; or the frame for the barrier, which ends with its checksum.
+/// Frames of the write in a cycle: shifts, then heartbeat, then sequence; or the frame for the barrier, which ends with its checksum.
 pub(crate) fn writes(
     config: &FocasConfig,
     axes: &[PlannedAxis],
@@ -290,8 +290,7 @@ fn run_args(from: PmcAddress, width: Width, run: Run, written: usize) -> [i32; 5
     [first, last, from.area as i32, width.code(), written as i32]
 }
 
-/// First byte of the report; without a barrier, when no report is requested, the first byte of the
-/// shift words.
+/// First byte of the report; without a barrier, where no report is requested, the first byte of the shift words.
 fn report_area(config: &FocasConfig) -> PmcAddress {
     config.barrier.map_or(config.shift.first, |barrier| barrier.report)
 }

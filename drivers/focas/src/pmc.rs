@@ -40,7 +40,7 @@ impl PmcArea {
         matches!(self, Self::R | Self::D)
     }
 
-    /// Content of an area that is not the ladder's own memory, for messages.
+    /// What an area that is not the ladder's own memory contains, for messages.
     pub(crate) fn holds(self) -> &'static str {
         match self {
             Self::G => {
@@ -57,7 +57,7 @@ impl PmcArea {
         }
     }
 
-    /// The area with this letter; `None` if there is none.
+    /// The area with this letter; `None` if no area has it.
     pub fn from_letter(letter: char) -> Option<Self> {
         Self::ALL
             .into_iter()
@@ -65,14 +65,13 @@ impl PmcArea {
     }
 }
 
-/// Size of one point of PMC memory.
+/// Size of one point of PMC memory: one, two or four bytes, signed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Width {
     Byte,
     #[default]
     Word,
-    /// Four bytes, signed.
     Long,
 }
 
@@ -85,7 +84,7 @@ impl Width {
         }
     }
 
-    /// Maximum magnitude that a point can represent.
+    /// Largest magnitude that a signed point of this size holds in both directions.
     pub fn largest(self) -> i32 {
         match self {
             Self::Byte => i32::from(i8::MAX),
@@ -118,7 +117,7 @@ impl fmt::Display for PmcAddress {
     }
 }
 
-/// Addresses of a barrier's frames and reports in PMC memory. Both are consecutive two-byte words, low byte first.
+/// PMC addresses of a barrier's frame and report. Both are consecutive two-byte words, low byte first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct BarrierArea {
@@ -129,7 +128,7 @@ pub struct BarrierArea {
 }
 
 impl BarrierArea {
-    /// Number of words in a frame for `axes` axes: epoch, tick, sequence, owner, a value per axis, two words of checksum.
+    /// Number of words in a frame for `axes` axes: epoch, tick, sequence, owner, one value per axis, two words of checksum.
     pub const fn frame_words(axes: usize) -> usize {
         4 + axes + 2
     }
@@ -153,7 +152,7 @@ pub struct Block {
 }
 
 impl Block {
-    /// The first byte in both blocks; `None` if they do not overlap.
+    /// The first byte that both blocks contain; `None` if they do not overlap.
     pub fn shared(&self, other: &Self) -> Option<PmcAddress> {
         let at = self.first.at.max(other.first.at);
         let is_in_both =

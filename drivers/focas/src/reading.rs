@@ -1,4 +1,4 @@
-//! A read of a cycle: its exchanges, and the decoding of their responses. Nothing here allocates.
+//! Executes the read of a cycle: sends its requests and decodes the responses. Nothing here allocates.
 
 use std::time::{Duration, Instant};
 
@@ -17,14 +17,14 @@ use crate::{
 
 pub(crate) struct Reading {
     pub(crate) snapshot: Snapshot,
-    /// The heartbeat at the control, if it is read.
+    /// The heartbeat at the control; `None` if it is not read.
     pub(crate) heartbeat: Option<u8>,
 }
 
-/// Words from which the applied correction is read.
+/// The words that contain the applied correction.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Applied {
-    /// The shifts themselves, as words of this width.
+    /// The shifts of the axes, as words of this width.
     Shifts(Width),
     /// The report of a barrier, with this number of words.
     Report(usize),
@@ -68,7 +68,7 @@ pub(crate) fn read(
         },
         heartbeat: None,
     };
-    // The time of the positions is the middle between the first request and the last response with positions.
+    // Positions are timed by the middle between the first request and the last response with positions.
     let mut positions_since = None;
     for exchange in exchanges {
         let sent = Instant::now();
@@ -87,7 +87,7 @@ pub(crate) fn read(
     Ok(reading)
 }
 
-/// The data of a block, or the fault of a rejection.
+/// The data of a block. Fault: the control rejected the command.
 pub(crate) fn data(block: Result<Block<'_>, FrameError>) -> Result<&[u8], Fault> {
     let block = block?;
     match block.error {

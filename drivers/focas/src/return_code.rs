@@ -59,7 +59,7 @@ impl ReturnCode {
 }
 
 impl From<ReturnCode> for volcomp_port::Fault {
-    /// A rejection in a real-time cycle, with the name and meaning of the code.
+    /// Converts the code to a fault of a real-time cycle, with name and meaning.
     fn from(code: ReturnCode) -> Self {
         Self::Refused { code: i32::from(code.0), what: code.words() }
     }

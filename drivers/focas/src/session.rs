@@ -21,11 +21,12 @@ use crate::{
 
 const MAX_RESPONSE_BYTES: usize = 65_536;
 
-/// An open session. After any fault except a rejection it is dead, because a delayed response could be taken for the next one.
+/// An open session. After any fault except a rejection or an expired deadline before sending it is dead, because a delayed response could
+/// be taken for the next one.
 ///
 /// A dead session is aborted at once, within the cycle: the connection is reset, and undelivered data in the kernel are discarded.
 /// Otherwise a request written before a cable was unplugged would reach the control when the cable is plugged in again, and shift an axis
-/// by an outdated correction. The same happens if the process ends before it has closed the session.
+/// by an outdated correction. The connection is also reset if the process ends before it has closed the session.
 #[derive(Debug)]
 pub struct Session {
     stream: TcpStream,
@@ -38,7 +39,7 @@ impl Session {
     /// Connects to `host`:`port` and opens a session.
     ///
     /// # Errors
-    /// An unknown host, a timeout after `at_most`, a rejected session.
+    /// An unknown host, no session within `at_most`, a rejected session.
     pub fn open(host: &str, port: u16, at_most: Duration) -> Result<Self, FocasError> {
         let deadline = Instant::now() + at_most;
         let addresses = (host, port)
@@ -59,7 +60,7 @@ impl Session {
         let lost = |_| FocasError::NoSession(Fault::Disconnected);
         stream.set_nodelay(true).map_err(lost)?;
         stream.set_nonblocking(true).map_err(lost)?;
-        // No data are delivered after the socket is closed, even by the end of the process.
+        // Undelivered data are discarded when the socket is closed, also by the end of the process.
         let set = set_socket_linger(&stream, Some(Duration::ZERO));
         set.map_err(|e| lost(e.into()))?;
         let mut session = Self {
@@ -111,7 +112,7 @@ impl Session {
         self.version
     }
 
-    /// Whether a new session must be opened.
+    /// Whether the session has failed, so that a new one must be opened.
     pub fn is_dead(&self) -> bool {
         self.dead
     }
@@ -197,7 +198,7 @@ impl Session {
             if have >= needed {
                 match head {
                     None => {
-                        // The bytes are present, since `have` is at least their number.
+                        // The bytes are present, because `have` is at least their number.
                         let bytes = self.answer.first_chunk().unwrap_or(&[0; HEAD]);
                         head = Some(Head::parse(bytes)?);
                         continue;

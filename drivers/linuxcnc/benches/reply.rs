@@ -1,5 +1,5 @@
-//! Time from a received state to the frame that answers it, compared with a bare echo of the same size, in turn over thousands of
-//! datagrams in one process: `cargo bench -p volcomp-linuxcnc --bench reply -- 20000`.
+//! Time from a received state to the frame that answers it, compared with an echo of the same size by a server that does nothing else. Both
+//! alternate over thousands of datagrams in one process: `cargo bench -p volcomp-linuxcnc --bench reply -- 20000`.
 #![allow(missing_docs, reason = "a program")]
 
 use std::{
@@ -23,7 +23,7 @@ const EVERY: Duration = Duration::from_millis(1);
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let wanted = std::env::args().find_map(|text| text.parse().ok());
-    // Without `cargo bench` it is only started to see that it runs.
+    // Without `cargo bench` the program only checks that it works.
     let is_measured = std::env::args().any(|argument| argument == "--bench");
     let rounds: usize = wanted.unwrap_or(if is_measured { 5000 } else { 50 });
     let settings = Settings {

@@ -1,27 +1,27 @@
-//! The age of a state, by the clock of the bridge.
+//! Converts times on the clock of the bridge to our clock, so that the age of a state is known.
 
 use std::time::{Duration, Instant};
 
-/// Validity of a comparison of the clocks, which may drift by 100 µs within it (10 ppm).
+/// Time for which a comparison of the clocks is valid; they may drift by 100 µs within it (10 ppm).
 const COMPARISON_WINDOW: Duration = Duration::from_secs(10);
 
-/// The offset between our clock and the bridge's clock, from the fastest datagrams. The excess of a
-/// datagram's own offset is its delay on the network or in our queue, and adds to its age.
+/// Offset between our clock and the bridge's clock, from the datagrams with the least delay. The excess of another datagram's offset is its
+/// delay on the network or in our queue, and adds to its age.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Clocks {
-    /// The smallest offset in the current and in the previous window. An offset is the local time at which the bridge's clock was zero.
+    /// Smallest offset in the current window, then that in the previous one. An offset is our time at which the bridge's clock was zero.
     least: [Option<Instant>; 2],
     begun: Option<Instant>,
 }
 
 impl Clocks {
-    /// Discards all comparisons, because the bridge restarted or moved to another computer.
+    /// Discards all comparisons, because the bridge has restarted or runs on another computer.
     pub(crate) fn reset(&mut self) {
         *self = Self::default();
     }
 
-    /// Converts `time` on the bridge's clock to our clock, by the fastest datagram so far. `arrived` is when the datagram was read; the
-    /// result is never later.
+    /// Converts `time` on the bridge's clock to our clock, by the datagram with the least delay in the last two windows. `arrived` is when the
+    /// datagram was read; the result is never later.
     pub(crate) fn local_time(&mut self, time: Duration, arrived: Instant) -> Instant {
         // Our time at which the bridge's clock was zero; `None` if `Instant` cannot represent it.
         let Some(zero) = arrived.checked_sub(time) else {
@@ -65,7 +65,7 @@ mod tests {
     fn diverging_clocks_are_compared_again() {
         let start = Instant::now();
         let mut clocks = Clocks::default();
-        // Our clock runs 0.1 % faster: 60 ms in a minute, of which the last two windows remain uncorrected.
+        // Our clock runs 0.1 % faster: 60 ms per minute, of which the drift within the last two windows is not corrected.
         let mut oldest = Duration::ZERO;
         for ms in 1000..61_000 {
             let arrived = start + MS * ms + Duration::from_micros(ms.into());

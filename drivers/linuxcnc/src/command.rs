@@ -12,13 +12,13 @@ const HEADER_BYTES: usize = 20;
 /// Maximum size of a command, bytes.
 pub const COMMAND_BYTES: usize = HEADER_BYTES + 2 * MOST_WORDS + MAC;
 
-/// A command from a gateway to a bridge. The bridge sends its states to the sender's address for a second afterwards.
+/// A command from a gateway to a bridge. For a second after it the bridge sends its states to the sender's address.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Command {
     /// Machine number.
     pub machine: u16,
-    /// Run and sequence number of the state to which the command responds. The bridge rejects frames that respond to none of the states of
-    /// its last second. Zeros before the first state; such a command only requests states.
+    /// Run and sequence number of the state that the command answers. The bridge rejects frames that answer none of the states of its last
+    /// second. Zeros before the first state; such a command only requests states.
     pub answers: [u32; 2],
     /// Request for states, or a frame.
     pub content: Content,
@@ -34,7 +34,7 @@ pub enum Content {
 }
 
 impl Command {
-    /// Decodes a datagram.
+    /// Decodes a command from a datagram.
     ///
     /// # Errors
     /// A datagram that is not a command of this version and key.
@@ -69,7 +69,7 @@ impl Command {
         Ok(Self { machine, answers, content })
     }
 
-    /// Encodes the datagram and returns its length in bytes.
+    /// Encodes the command in `bytes`, with its authentication code, and returns the length of the datagram in bytes.
     pub fn encode(&self, key: &Key, bytes: &mut [u8; COMMAND_BYTES]) -> usize {
         let (kind, words): (u16, &[u16]) = match &self.content {
             Content::Listen => (0, &[]),

@@ -1,4 +1,4 @@
-//! LinuxCNC as a controller: receives states from its bridge and sends frames for the barrier to it.
+//! Controls LinuxCNC through its bridge: receives states and sends frames for the barrier.
 
 use std::{
     io::ErrorKind,
@@ -27,7 +27,7 @@ use crate::{
 /// Interval of listen commands while no frames are sent: the bridge stops sending states a second after the last command.
 const LISTEN_INTERVAL: Duration = Duration::from_millis(200);
 
-/// Time without states of the current run after which states of another run are accepted.
+/// Time without states of the current run after which states of another run are accepted as a restart.
 const RUN_TIMEOUT: Duration = Duration::from_secs(1);
 
 const MAX_DATAGRAMS_PER_READ: usize = 256;
@@ -43,7 +43,7 @@ pub struct LinuxCncConfig {
     pub key: Key,
     /// Whether the bridge may run on another computer. Datagrams are not encrypted: anyone on that network can read them.
     pub remote: bool,
-    /// Name of the channel through which corrections reach the axes.
+    /// Name of the channel through which corrections reach the axes; controllers with the same name are alternatives.
     pub channel: String,
     /// Machine number, as set in the bridge; unused if positions are only read.
     pub machine: u16,
@@ -51,9 +51,9 @@ pub struct LinuxCncConfig {
     pub axes: Vec<AxisName>,
     /// Axes whose positions are only read.
     pub reads: Vec<AxisName>,
-    /// The size of a count of linear axes.
+    /// Length of one count of a linear axis.
     pub step_linear: Displacement,
-    /// The size of a count of rotary axes.
+    /// Angle of one count of a rotary axis.
     pub step_rotary: Displacement,
 }
 
@@ -66,7 +66,7 @@ impl LinuxCncConfig {
         Displacement::Angle(Deg(1e-6).to_rad())
     }
 
-    /// Device name used in messages.
+    /// Name of the device in messages.
     pub fn device(&self) -> String {
         device(&self.host, self.port)
     }
@@ -83,7 +83,7 @@ impl LinuxCncConfig {
         nano(kind, self.step(kind).mm_or_rad()).round()
     }
 
-    /// The description of the controller, without opening it.
+    /// Describes the controller without opening it.
     ///
     /// # Errors
     /// Invalid axes or steps.
@@ -93,7 +93,7 @@ impl LinuxCncConfig {
             let largest = f64::from(i16::MAX) * step.mm_or_rad();
             Axis {
                 name: *name,
-                // `pos-cmd` never contains the offset.
+                // `pos-cmd` never contains the offset of the correction.
                 includes_correction: false,
                 resolution: step,
                 largest: Some(Displacement::new(name.kind(), largest)),
@@ -139,14 +139,14 @@ fn nano(kind: AxisKind, mm_or_rad: f64) -> f64 {
     }
 }
 
-/// Counters of irregularities on the connection to the bridge.
+/// Counters of irregular datagrams from the bridge.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Health {
-    /// Number of datagrams with another key or version, or that are not states.
+    /// Number of datagrams that are not states of this version and key.
     pub broken: u64,
     /// Number of states of another machine, or with other axes or steps.
     pub foreign: u64,
-    /// Number of states that arrived out of order or twice.
+    /// Number of states that arrived twice or out of order, or that are of another run although states of the current run still arrive.
     pub late: u64,
     /// Number of states that never arrived.
     pub lost: u64,
@@ -160,7 +160,7 @@ pub struct LinuxCncController {
     description: Description,
     machine: u16,
     key: Key,
-    /// When the last command was sent, and the run of the state to which it responded.
+    /// When the last command was sent, and the run of the state that it answered.
     last_sent: Option<(Instant, u32)>,
     last: Option<(State, Instant)>,
     last_received: Option<Instant>,
@@ -193,12 +193,12 @@ impl LinuxCncController {
         })
     }
 
-    /// Counters of rejected, late and lost states.
+    /// Counters of irregular datagrams since the start.
     pub fn health(&self) -> Health {
         self.health
     }
 
-    /// The last state received from the bridge.
+    /// The last state received from the bridge, regardless of its age; `None` before the first one.
     pub fn state(&self) -> Option<&State> {
         self.last.as_ref().map(|(state, _)| state)
     }
@@ -209,7 +209,7 @@ impl LinuxCncController {
         let command = Command { machine: self.machine, answers, content };
         let mut bytes = [0; COMMAND_BYTES];
         let length = command.encode(&self.key, &mut bytes);
-        // An error "connection refused" concerns the previous datagram, so this one is sent again.
+        // An error "connection refused" is about the previous datagram, so this one is sent again.
         for _ in 0..2 {
             match self.socket.send(&bytes[..length]) {
                 Ok(_) => return Ok(()),
@@ -283,7 +283,7 @@ impl LinuxCncController {
         self.last = Some((state, local_time));
     }
 
-    /// Why a state does not belong to this machine.
+    /// Reason why a state does not match the configuration; `None` if it does.
     fn mismatch_of(&self, state: &State) -> Option<&'static str> {
         // A configuration that only reads positions has no machine number.
         if self.description.barrier && state.machine != self.machine {

@@ -5,11 +5,11 @@ use volcomp_vocabulary::{AxisName, MAX_AXES};
 
 use crate::{Key, VERSION, key::MAC};
 
-/// Why a datagram cannot be read.
+/// Reasons why a datagram cannot be decoded.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum DatagramError {
-    /// The length in bytes is wrong.
+    /// The length does not match the content.
     #[error("found {found} bytes, expected {expected}")]
     Length {
         /// Length of the datagram, bytes.
@@ -49,12 +49,12 @@ pub enum DatagramError {
         /// The rejected byte.
         found: u8,
     },
-    /// A position or velocity is not finite, or the size of a count is zero.
+    /// A position or velocity is not finite, or a count has the size zero.
     #[error(
         "axis {axis}: found a position or velocity that is not finite, or a count of size 0, expected numbers and a size of 1 or more"
     )]
     Number {
-        /// The axis with this position, velocity or size.
+        /// Axis with the invalid position, velocity or count size.
         axis: AxisName,
     },
     /// The content is of an unknown kind.
@@ -99,7 +99,7 @@ impl<'a> Writer<'a> {
         Self { bytes, length: 0 }
     }
 
-    /// Appends bytes. They fit, because the capacity of a datagram is that of its largest content.
+    /// Appends bytes. They always fit, because the buffer has room for the largest content.
     pub(crate) fn put(&mut self, more: &[u8]) {
         let end = self.length + more.len();
         if let Some(room) = self.bytes.get_mut(self.length..end) {
@@ -119,7 +119,7 @@ impl<'a> Writer<'a> {
 pub(crate) struct Reader<'a>(pub(crate) &'a [u8]);
 
 impl Reader<'_> {
-    /// The next bytes; zeros past the end.
+    /// Removes the next `N` bytes from the start and returns them; zeros if fewer are left.
     pub(crate) fn take<const N: usize>(&mut self) -> [u8; N] {
         let Some((head, rest)) = self.0.split_first_chunk::<N>() else {
             return [0; N];

@@ -12,14 +12,14 @@ pub(crate) const MAC: usize = 8;
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub struct Key([u8; 16]);
 
-/// Why a key cannot be read from a file.
+/// Reasons why a key cannot be read from a file.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum KeyError {
     /// The file cannot be read, or is readable by others.
     #[error(transparent)]
     Private(#[from] PrivateError),
-    /// The content is not a key.
+    /// The file does not contain a key of 32 hexadecimal digits.
     #[error("{}: expected 32 hexadecimal digits and nothing else", .0.display())]
     Malformed(std::path::PathBuf),
 }
@@ -40,7 +40,7 @@ impl Key {
         Self::parse(&text).ok_or_else(|| KeyError::Malformed(file.to_owned()))
     }
 
-    /// Parses 32 hexadecimal digits; blanks may follow.
+    /// Parses 32 hexadecimal digits, which blanks may follow.
     fn parse(text: &str) -> Option<Self> {
         let digits = text.trim_end_matches([' ', '\t', '\r', '\n']).as_bytes();
         let (pairs, []) = digits.as_chunks::<2>() else {

@@ -1,6 +1,6 @@
 //! Detects axes whose actual offset differs from the value that the bridge reports as applied.
 //!
-//! The bridge performs the same check and holds. This second check covers a faulty bridge: each state contains both the value that the
+//! The bridge makes the same check and holds. This second check covers a faulty bridge: each state contains both the value that the
 //! barrier applies and the offset that the control's planner has reached.
 
 use std::time::Duration;
@@ -9,12 +9,11 @@ use volcomp_vocabulary::MAX_AXES;
 
 use crate::{Flags, State};
 
-/// Tolerance of an offset, in addition to the recent movement of its value: three counts plus
-/// `TOLERANCE_NANO` (nm or millionths of a degree), within which the planner stops. It is small, so
-/// that even a small missing correction is detected.
+/// Tolerance of an offset in counts. `TOLERANCE_NANO` (nm or millionths of a degree), within which the planner stops, and the recent movement
+/// of the applied value are added to it. It is small, so that even a small missing correction is detected.
 const TOLERANCE_COUNTS: f64 = 3.0;
 const TOLERANCE_NANO: f64 = 10.0;
-/// Maximum lag of the control's planner; time constant with which recent movement decays.
+/// Maximum lag of the control's planner, and time constant with which recent movement decays.
 const MAX_PLANNER_LAG: Duration = Duration::from_millis(250);
 /// Time out of tolerance after which the offset is treated as lost.
 const LOST_AFTER: Duration = Duration::from_millis(500);
@@ -27,7 +26,7 @@ const WORDS_PER_AXIS: usize = 3;
 pub(crate) struct OffsetMonitor {
     last: Option<Duration>,
     applied: [f64; MAX_AXES],
-    /// Recent movement of each value, nm or millionths of a degree; decays with `MAX_PLANNER_LAG`.
+    /// Recent movement of the applied value of each axis, nm or millionths of a degree; decays with `MAX_PLANNER_LAG`.
     moved: [f64; MAX_AXES],
     /// Bridge time from which an axis has been out of tolerance; `None`: all are within it.
     since: Option<Duration>,
@@ -40,7 +39,7 @@ impl OffsetMonitor {
         self.is_lost
     }
 
-    /// Processes a state of the same run as the previous one; its first `axes` axes are corrected.
+    /// Processes a state of the same run as the previous one. Its first `axes` axes are the corrected ones.
     pub(crate) fn process(&mut self, state: &State, axes: usize) {
         let words = state.report.as_slice();
         let applies = state.flags.has(Flags::ENABLED) && state.flags.has(Flags::HOMED);

@@ -1,4 +1,4 @@
-//! The socket to a bridge, and a single request for its state.
+//! Opens the socket to a bridge, and requests a single state from it.
 
 use std::{
     net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, ToSocketAddrs, UdpSocket},
@@ -56,10 +56,10 @@ fn resolve(host: &str, port: u16, remote: bool) -> Result<SocketAddr, DeviceErro
     })
 }
 
-/// Requests one state from a bridge with any machine number and axes.
+/// Requests one state from a bridge, whatever its machine number and axes.
 ///
 /// # Errors
-/// A host that cannot be resolved or is another computer, a bridge that does not answer or has another version or key.
+/// A host that cannot be resolved or is another computer without `remote`; no state of this version and key within `at_most`.
 pub fn read_state(
     host: &str,
     port: u16,

@@ -1,4 +1,4 @@
-//! The datagram that the bridge sends once per servo cycle.
+//! The datagram that the bridge sends in every servo cycle.
 
 use std::{fmt, time::Duration};
 
@@ -18,7 +18,7 @@ const BYTES_PER_AXIS: usize = 32;
 /// Maximum size of a state, bytes.
 pub const STATE_BYTES: usize = HEADER_BYTES + MAX_AXES * BYTES_PER_AXIS + 2 * MOST_WORDS + MAC;
 
-/// Operating state of the control, as bits.
+/// Operating state of the control: the sum of the constants of this type that apply.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Flags(pub u16);
 
@@ -29,9 +29,9 @@ impl Flags {
     pub const ENABLED: u16 = 1 << 1;
     /// Every joint is homed.
     pub const HOMED: u16 = 1 << 2;
-    /// The control has limited an offset at a soft limit (`motion.eoffset-limited`).
+    /// The control has cut off an offset at a soft limit (`motion.eoffset-limited`).
     pub const LIMITED: u16 = 1 << 3;
-    /// The control probes: probed positions contain the offset.
+    /// The control is probing: probed positions contain the offset.
     pub const PROBING: u16 = 1 << 4;
     /// The control's offset differs from the bridge's request: the control has absorbed it into its position, cleared it or frozen it. The
     /// bridge holds for a second, and continues from the actual offset.
@@ -59,7 +59,7 @@ impl Flags {
     }
 }
 
-/// The texts of all flags: `on, homed, probing`.
+/// Formats the texts of all flags: `on, homed, probing`.
 impl fmt::Display for Flags {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let words =
@@ -72,7 +72,7 @@ impl fmt::Display for Flags {
     }
 }
 
-/// One flag and its texts.
+/// A flag with its name and texts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Flag {
     /// Mask with the bit of the flag.
@@ -81,7 +81,7 @@ pub struct Flag {
     pub name: &'static str,
     /// Text that is shown if the flag is set.
     pub set: &'static str,
-    /// Text if not set; empty for none.
+    /// Text that is shown if the flag is not set; empty for none.
     pub unset: &'static str,
 }
 
@@ -91,12 +91,12 @@ impl Flag {
     }
 }
 
-/// One axis in the control.
+/// State of one axis in the control.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AxisState {
     /// The letter of the axis.
     pub name: AxisName,
-    /// The size of a count of the barrier, nm or millionths of a degree.
+    /// Size of a count of the barrier, nm or millionths of a degree.
     pub step: u32,
     /// The commanded position without the offset (`axis.L.pos-cmd`), mm or deg.
     pub position: f64,
@@ -106,14 +106,14 @@ pub struct AxisState {
     pub offset: i64,
 }
 
-/// The state reported by the bridge once per servo cycle.
+/// A state of the control, as the bridge reports it in every servo cycle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct State {
     /// The number of the machine.
     pub machine: u16,
-    /// Random number drawn by the bridge at its start.
+    /// Random number that the bridge draws at its start.
     pub run: u32,
-    /// Number of states sent since the start of the bridge; it wraps.
+    /// Number of the state since the start of the bridge; it wraps.
     pub sequence: u32,
     /// Operating state of the control.
     pub flags: Flags,
@@ -128,7 +128,7 @@ pub struct State {
 }
 
 impl State {
-    /// A state with these axes and zeros elsewhere; `None` if there are more than [`MAX_AXES`].
+    /// A state with these axes, and zeros elsewhere; `None` if there are more than [`MAX_AXES`].
     #[must_use]
     pub fn of(axes: &[AxisState]) -> Option<Self> {
         let mut room = [None; MAX_AXES];
@@ -152,7 +152,7 @@ impl State {
         self.axes.iter().map_while(Option::as_ref)
     }
 
-    /// Decodes a datagram.
+    /// Decodes a state from a datagram.
     ///
     /// # Errors
     /// A datagram that is not a state of this version and key.
@@ -206,10 +206,10 @@ impl State {
         })
     }
 
-    /// Encodes the datagram and returns its length in bytes.
+    /// Encodes the state in `bytes`, with its authentication code, and returns the length of the datagram in bytes.
     pub fn encode(&self, key: &Key, bytes: &mut [u8; STATE_BYTES]) -> usize {
         let words = self.report.as_slice();
-        // Both counts fit, since their maxima are small.
+        // Both counts fit, because their maxima are small.
         let count = u8::try_from(self.axes().count()).unwrap_or(0);
         let length = u16::try_from(words.len()).unwrap_or(0);
         let mut writer = Writer::new(bytes);

@@ -1,4 +1,4 @@
-//! The line to the modules, serial or TCP: one request at a time; after a timeout the line is drained.
+//! The line to the modules, serial or TCP, which carries one request at a time; after a timeout it is drained.
 
 use std::{
     collections::VecDeque,
@@ -62,7 +62,7 @@ pub enum Bus {
 }
 
 impl Bus {
-    /// Device name used in messages.
+    /// Name of the device in messages.
     pub fn device(&self) -> String {
         match self {
             Self::Tcp { host, port } => format!("modbus://{host}:{port}"),
@@ -132,9 +132,9 @@ pub(crate) fn thread_error(device: &str, error: io::Error) -> DeviceError {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum RequestError {
-    /// Timeout. The line was drained, so a late answer has been discarded.
+    /// No answer in time. The line was drained, so a late answer has been discarded.
     NoAnswer,
-    /// The request was echoed, but no answer arrived in time: an adapter with local echo, and a silent module.
+    /// The request was echoed, but no answer arrived in time: the module behind an adapter with local echo is silent.
     EchoOnly,
     /// The module rejected the request with this exception code; 0: the answer was to another request.
     Refused(u8),
@@ -166,8 +166,8 @@ pub(crate) struct Line {
 }
 
 impl Line {
-    /// Timeout for the response to a write. Over TCP it is limited by the deadline: the connection is then reset, so that no part of the
-    /// write stays in a kernel queue. A serial line transmits a request at once, so that it cannot be cancelled.
+    /// Timeout for the response to a write. Over TCP the deadline limits it: at the deadline the connection is reset, so that no part of the
+    /// write stays in a kernel queue. A serial line transmits a request at once, so that a write cannot be cancelled.
     pub(crate) fn write_timeout(&self, at_most: Duration, deadline: Instant) -> Duration {
         if self.serial.is_some() {
             return at_most;
@@ -175,7 +175,7 @@ impl Line {
         at_most.min(deadline.saturating_duration_since(Instant::now()))
     }
 
-    /// Sends a request to the module with this address and waits up to `at_most` for its answer.
+    /// Sends a request to the module with this address, and waits up to `at_most` for its answer. After a timeout the line is drained.
     pub(crate) async fn request(
         &mut self,
         unit: u8,
@@ -202,7 +202,7 @@ impl Line {
         }
     }
 
-    /// Waits until the line has been silent for the response timeout, and discards received bytes.
+    /// Waits until a serial line has been silent for the response timeout, and discards received bytes. A TCP connection is given up instead.
     async fn drain(&mut self, at_most: Duration) -> Result<(), RequestError> {
         let Some(serial) = &mut self.serial else {
             // TCP answers carry transaction numbers, so draining is not needed; the connection is reopened.
@@ -226,13 +226,13 @@ impl Line {
 /// A serial port that removes echoes from the received data: adapters with local echo return every request before the response. No answer
 /// to a request of this crate begins with the whole request.
 ///
-/// Invariant: `sent` is the part of the request that may still be echoed; `matched` of its bytes have come back. The first differing byte
+/// Invariant: `sent` is the part of the request that may still be echoed; `matched` of its bytes have come back. The first byte that differs
 /// proves that there is no echo: the matched bytes are then moved to `received`, which is read first.
 struct Port {
     stream: SerialStream,
     sent: Vec<u8>,
     matched: usize,
-    /// The whole request came back.
+    /// Whether the whole request has come back.
     echoed: bool,
     received: VecDeque<u8>,
 }

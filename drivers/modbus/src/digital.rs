@@ -1,4 +1,4 @@
-//! Modules with digital lines, polled in the background and combined into one port.
+//! Combines modules with digital lines into one port; the modules are polled in the background.
 
 use std::{
     sync::{
@@ -28,9 +28,9 @@ pub struct DigitalModule {
 }
 
 /// The lines of several modules; the first module has the lowest bits. Reading and writing never wait for the bus. Inputs are those of the
-/// last exchange, with their arrival time, regardless of their age. Outputs are sent with the next exchange, once per write; a write that
-/// cannot begin before its deadline, or was requested before the connection was made, is not sent. The next call reports a write as failed
-/// if it was not sent, or not acknowledged by every module before its deadline.
+/// last exchange over this connection, with their arrival time, regardless of their age. Outputs are sent with the next exchange, once per
+/// write. A write is not sent if it cannot begin before its deadline, or if it was requested before the connection was made. If a write was not
+/// sent, or not acknowledged by every module before its deadline, the next write returns the fault.
 pub struct ModbusDigital {
     device: String,
     inputs: u32,
@@ -39,7 +39,7 @@ pub struct ModbusDigital {
     images: Output<Image>,
     requested: Input<OutputRequest>,
     number: u64,
-    /// Number of the last write known to have succeeded or failed.
+    /// Sequence number of the last write known to have succeeded or failed.
     settled: u64,
     oldest_deadline: Option<Instant>,
     reported: u64,
@@ -68,10 +68,10 @@ impl ModbusDigital {
         })
     }
 
-    /// Starts the exchanges. `answer_within` is the response timeout of a module.
+    /// Starts a thread that exchanges inputs and outputs with the modules. `answer_within` is the response timeout of a module.
     ///
     /// # Errors
-    /// An invalid configuration.
+    /// An invalid configuration, or the thread cannot be started.
     pub fn new(
         bus: Bus,
         modules: &[DigitalModule],
@@ -134,7 +134,8 @@ fn lines(bus: &Bus, modules: &[DigitalModule]) -> Result<Vec<(u8, Digital)>, Dev
     modules.iter().map(line).collect()
 }
 
-/// Duration of one exchange with all modules on the line: characters of 11 bits, gaps, and a turnaround of 2 ms.
+/// Duration of one exchange with all modules on the line: serial, the time of the characters (11 bits each), the gaps, and a turnaround of
+/// 2 ms per request; over TCP, 2 ms per module.
 fn exchange_time(bus: &Bus, lines: &[(u8, Digital)]) -> Duration {
     let Bus::Rtu { baud, .. } = bus else {
         return Duration::from_millis(2 * lines.len() as u64);
@@ -178,7 +179,7 @@ impl DigitalIo for ModbusDigital {
         self.exchange
     }
 
-    /// The inputs of the last exchange with their arrival time, which ages while modules do not answer.
+    /// Returns the inputs of the last exchange, with their arrival time. Fault: no inputs were read over this connection.
     fn read(&mut self, _deadline: Instant) -> Result<InputLevels, Fault> {
         let image = *self.images.read();
         let inputs = image.inputs.filter(|_| image.connected);
@@ -188,7 +189,7 @@ impl DigitalIo for ModbusDigital {
         })
     }
 
-    /// Queues the outputs for the next exchange. A fault reports that an earlier write failed; the outputs are queued nevertheless, unless
+    /// Queues the outputs for the next exchange. A fault can mean that an earlier write failed: these outputs are queued nevertheless, unless
     /// there is no connection or the deadline has passed.
     fn write(&mut self, levels: u64, deadline: Instant) -> Result<(), Fault> {
         let (now, image) = (Instant::now(), *self.images.read());

@@ -1,4 +1,4 @@
-//! Exchanges with modules that have digital lines, on a separate thread: inputs are read continuously, outputs are written once per request.
+//! Exchanges inputs and outputs with the modules on a separate thread: inputs are read continuously, outputs are written once per request.
 
 use std::{
     sync::{
@@ -17,14 +17,14 @@ use crate::{
     profile::Digital,
 };
 
-/// Number of consecutive equal answers required to accept output levels, since a single one may be wrong.
+/// Number of consecutive equal answers after which read-back output levels are accepted, because a single answer may be wrong.
 const REQUIRED_EQUAL_ANSWERS: u32 = 3;
 
-/// Maximum number of consecutive read-backs of the outputs that time out or break the connection. After that they are skipped over this
+/// Maximum number of consecutive read-backs of the outputs that may time out or break the connection. Further ones are skipped: over this
 /// connection or, if it broke, over the next one.
 const MAX_READ_BACKS: u8 = 3;
 
-/// Exception codes of a module that lacks the function, or lacks it for these outputs.
+/// Exception codes of a module that cannot read back outputs, or not these.
 const UNSUPPORTED_CODES: [u8; 2] = [1, 2];
 
 #[derive(Clone, Copy, Debug)]
@@ -39,18 +39,17 @@ pub(crate) struct OutputRequest {
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Image {
     pub(crate) connected: bool,
-    /// The inputs, and when the oldest part of them arrived.
+    /// The input levels, with the time at which the oldest of them arrived; `None` before the first reading over this connection.
     pub(crate) inputs: Option<InputLevels>,
-    /// The exception code with which a module rejected the last reading of its inputs.
+    /// Exception code with which a module rejected the last reading of the inputs; `None` if none did.
     pub(crate) refused: Option<u8>,
-    /// Output levels that all modules accepted last or, before the first write, the levels read
-    /// back.
+    /// Output levels that all modules accepted last or, before the first write, that were read back; `None` if unknown.
     pub(crate) outputs: Option<u64>,
     /// Set if a module has reported that it cannot read back its outputs.
     pub(crate) lacks_read_back: bool,
     /// Sequence number of the last write that all modules accepted.
     pub(crate) taken: u64,
-    /// Sequence number of the last write that failed, and the fault.
+    /// Sequence number and fault of the last write that failed.
     pub(crate) failed: Option<(u64, Fault)>,
 }
 
@@ -128,7 +127,7 @@ impl Exchanger {
         Ok(())
     }
 
-    /// Reads back the output levels if they are unknown and the modules support it. Three consecutive equal answers are accepted.
+    /// Reads back the output levels if they are unknown and the modules can report them. Three consecutive equal answers are accepted.
     async fn read_back_outputs(&mut self, line: &mut Line) -> Result<(), RequestError> {
         let is_known = self.image.outputs.is_some() || self.image.lacks_read_back;
         if is_known || self.skips_read_back || self.failed_read_backs >= MAX_READ_BACKS {
@@ -256,7 +255,7 @@ impl Exchanger {
     }
 }
 
-/// The first `count` bits of an answer as levels, shifted up by `first` lines.
+/// Levels from the first `count` bits of an answer, shifted up by `first` lines.
 fn gathered(bits: &[bool], count: u16, first: u32) -> u64 {
     let lines = bits.iter().take(usize::from(count)).zip(first..64);
     lines.fold(0, |levels, (level, line)| levels | u64::from(*level) << line)

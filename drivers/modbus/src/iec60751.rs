@@ -1,4 +1,4 @@
-//! Platinum resistance thermometers by IEC 60751: the Callendar–Van Dusen equation both ways, −200 to 850 °C.
+//! Platinum resistance thermometers by IEC 60751: the Callendar–Van Dusen equation in both directions, −200 to 850 °C.
 
 use volcomp_vocabulary::bounds::PLAUSIBLE_DEGC;
 
@@ -8,10 +8,10 @@ pub const A: f64 = 3.9083e-3;
 pub const B: f64 = -5.775e-7;
 /// Coefficient C of the standard, 1/°C⁴; used below 0 °C only.
 pub const C: f64 = -4.183e-12;
-/// The range of the standard, °C.
+/// Lowest and highest temperature of the standard, °C.
 pub const RANGE_DEGC: [f64; 2] = [*PLAUSIBLE_DEGC.start(), *PLAUSIBLE_DEGC.end()];
 
-/// R(t)/R₀ = 1 + A·t + B·t² (+ C·(t − 100)·t³ below 0 °C). `None` outside the range.
+/// Resistance ratio at a temperature in °C: R(t)/R₀ = 1 + A·t + B·t² (+ C·(t − 100)·t³ below 0 °C). `None` outside the range.
 pub fn ratio(degc: f64) -> Option<f64> {
     (RANGE_DEGC[0]..=RANGE_DEGC[1]).contains(&degc).then(|| unchecked_ratio(degc))
 }
@@ -21,7 +21,7 @@ fn unchecked_ratio(t: f64) -> f64 {
     1.0 + t * (A + t * (B + below))
 }
 
-/// The temperature of a resistance ratio R/R₀, °C; `None` outside the range, also for NaN.
+/// Temperature of a resistance ratio R/R₀, °C; `None` outside the range or for NaN.
 pub fn temperature(ratio: f64) -> Option<f64> {
     let [low, high] = RANGE_DEGC.map(unchecked_ratio);
     // Accepts rounding errors at the ends, 0.5 nK.
@@ -40,7 +40,8 @@ pub fn temperature(ratio: f64) -> Option<f64> {
     Some(t.clamp(RANGE_DEGC[0], RANGE_DEGC[1]))
 }
 
-/// Temperature of a two-wire sensor: the lead resistance (both leads) is subtracted first. `r0_ohm` is 100 for a PT100.
+/// Temperature of a two-wire sensor, °C: `leads_ohm`, the resistance of both leads together, is subtracted first. `r0_ohm` is the resistance
+/// at 0 °C, 100 for a PT100. `None` outside the range of the standard.
 pub fn two_wire(ohm: f64, leads_ohm: f64, r0_ohm: f64) -> Option<f64> {
     temperature((ohm - leads_ohm) / r0_ohm)
 }

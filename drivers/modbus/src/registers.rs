@@ -1,4 +1,4 @@
-//! Converts registers to a temperature, by a profile.
+//! Converts registers to a temperature as a profile describes.
 
 use std::time::Instant;
 
@@ -10,8 +10,9 @@ use crate::{
     profile::{ByteOrder, Channels, NumberType, Unit, WordOrder},
 };
 
-/// The temperature of one channel. `registers` starts with the first channel; `status` holds the fault bits, if the module has any. A
-/// temperature is bad only if the module reports a fault code, a fault bit, or a value at the end of its range.
+/// Decodes the temperature of channel `channel`, from 0. `registers` starts with the first channel; `status` holds the fault bits of the
+/// channel, if the module has any. The temperature is bad if the module reports a fault code or bit, if the value is not a number, is at or
+/// beyond an end of the range, or is a float that no thermometer sends, or if registers are missing.
 pub fn read_channel(
     channels: &Channels,
     registers: &[u16],

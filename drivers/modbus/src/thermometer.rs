@@ -1,4 +1,4 @@
-//! Modules that are polled in the background; their temperatures are published as reported. Plausibility is not checked here.
+//! Polls modules in the background and publishes their temperatures as reported; whether they are plausible is checked elsewhere.
 
 use std::time::{Duration, Instant};
 
@@ -11,10 +11,10 @@ use crate::{
     registers::read_channel,
 };
 
-/// Maximum number of polling rounds that skip a module that does not answer.
+/// Maximum number of consecutive polling rounds that skip a module that does not answer.
 const MAX_SKIPPED_ROUNDS: u32 = 16;
 
-/// A module on the line.
+/// A temperature module on the line.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct ThermometerUnit {
@@ -22,7 +22,7 @@ pub struct ThermometerUnit {
     pub unit: u8,
     /// The profile of the module: its registers and the scaling of its channels.
     pub profile: Profile,
-    /// Names of the module's channels, starting with the first; channels without a name are not used.
+    /// Names of the module's channels, from the first on; channels without a name are not read.
     pub names: Vec<String>,
 }
 
@@ -89,11 +89,11 @@ impl ThermometerConfig {
     }
 }
 
-/// Starts polling the modules of one line in a separate thread, which ends with the returned thermometer. If the line cannot be opened,
-/// opening is retried, and its sensors are bad until then.
+/// Starts polling the modules of one line in a separate thread, which ends when the returned thermometer is dropped. If the line cannot be
+/// opened, opening is retried, and its sensors are bad until then.
 ///
 /// # Errors
-/// An invalid configuration.
+/// An invalid configuration, or the thread cannot be started.
 pub fn poll_temperatures(config: ThermometerConfig) -> Result<Published, DeviceError> {
     let device = config.bus.device();
     let names = config.names()?;
@@ -116,7 +116,7 @@ pub fn poll_temperatures(config: ThermometerConfig) -> Result<Published, DeviceE
     Ok(published)
 }
 
-/// Number of consecutive rounds in which a module has not answered, and of further rounds that skip it.
+/// Number of consecutive requests to a module that failed, and number of the next rounds that skip it.
 #[derive(Clone, Copy, Default)]
 struct Outage {
     rounds: u32,
@@ -152,7 +152,7 @@ impl Poller {
         !self.publisher.has_reader()
     }
 
-    /// Sleeps, but at most until the thread is stopped.
+    /// Sleeps for `pause`, but not longer than until the thread is stopped.
     async fn sleep(&self, pause: Duration) {
         let end = Instant::now() + pause;
         while !self.stopped() && Instant::now() < end {
@@ -184,7 +184,7 @@ impl Poller {
                     ) => {
                         outage.rounds += 1;
                         let skip = 1_u32.checked_shl(outage.rounds - 1).unwrap_or(u32::MAX) - 1;
-                        // A single module is never skipped, since its timeout delays no other module.
+                        // A single module is never skipped, because its timeout delays no other module.
                         let others = self.config.units.len() > 1;
                         outage.skip = if others { skip.min(MAX_SKIPPED_ROUNDS) } else { 0 };
                     }
@@ -194,7 +194,7 @@ impl Poller {
         }
     }
 
-    /// Index of the first sensor of a module among all sensors.
+    /// Index among all sensors of the first sensor of the module with this index.
     fn first_sensor(&self, index: usize) -> usize {
         self.config.units[..index].iter().map(|unit| unit.names.len()).sum()
     }
@@ -227,7 +227,6 @@ impl Poller {
     }
 }
 
-/// Reads the registers of a module's channels, and their fault bits if it has any.
 async fn read_module(
     line: &mut Line,
     unit: u8,

@@ -1,4 +1,4 @@
-//! A simulated machine on a connection that loses responses and breaks: the faults that a correcting program must handle.
+//! Corrects a simulated machine over a connection that loses responses and breaks: the faults that a correcting program must handle.
 //!
 //! ```text
 //! cargo run -p volcomp-port --example disturbed
@@ -37,7 +37,7 @@ fn main() {
             rise_k: 3.0,
             time_constant_s: 600.0,
         }],
-        // X is 20 µm/m too long.
+        // The X axis moves too far, by 20 µm per metre.
         truth: Arc::new(|at, _| PerChannel::leading([2e-5 * at[0]])),
         clock: clock.clone(),
     };

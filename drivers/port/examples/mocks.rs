@@ -1,5 +1,5 @@
 //! Tests code that drives a machine without one: mocks of the three traits replace control, thermometer and digital lines. Each mock
-//! answers as prescribed, and fails the test on an unexpected call.
+//! answers as the test prescribes, and fails the test on an unexpected call.
 //!
 //! ```text
 //! cargo run -p volcomp-port --example mocks
@@ -12,10 +12,10 @@ use volcomp_port::{
     MockThermometer, Snapshot, Temperature, Thermometer, vocabulary::PerChannel,
 };
 
-/// Thermal expansion of the scale, mm per mm and K.
+/// Thermal expansion of the scale, 1/K.
 const EXPANSION_PER_K: f64 = 11.5e-6;
 
-/// The tested code: corrects the expansion of the first axis while the first digital line permits it.
+/// The code under test: corrects the thermal growth of the first axis while the first digital line permits it.
 fn correct_growth(
     controller: &mut impl Controller,
     thermometer: &mut impl Thermometer,

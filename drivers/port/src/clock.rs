@@ -9,14 +9,14 @@ use std::{
 /// A monotonic clock: the system's, or one that a test advances.
 #[derive(Clone, Debug)]
 pub enum Clock {
-    /// The monotonic clock of the system, counted from this instant.
+    /// The monotonic clock of the system; its time starts at this instant.
     System(Instant),
-    /// A manual clock: nanoseconds since this instant, advanced from outside.
+    /// A manual clock, which only a test advances: the instant of its start, and the nanoseconds since then.
     Manual(Instant, Arc<AtomicU64>),
 }
 
 impl Clock {
-    /// The monotonic clock, starting now.
+    /// The monotonic clock of the system, with its time starting now.
     pub fn system() -> Self {
         Self::System(Instant::now())
     }
@@ -41,7 +41,7 @@ impl Clock {
         }
     }
 
-    /// The present instant by this clock.
+    /// The present time of this clock, as an instant.
     pub fn now(&self) -> Instant {
         self.start() + self.elapsed()
     }

@@ -1,4 +1,4 @@
-//! Conformance tests for the traits of this crate, called from the tests of each implementation. They panic with the violated rule.
+//! Conformance tests for the traits of this crate, for use in the tests of each implementation. They panic with the rule that is broken.
 
 use std::time::{Duration, Instant};
 
@@ -12,7 +12,7 @@ fn soon() -> Instant {
     Instant::now() + PATIENCE
 }
 
-/// Polls until the condition holds, since some devices report a write with a delay.
+/// Polls until the condition holds, because some devices report a write with a delay. Panics after a timeout.
 fn eventually(what: &str, mut holds: impl FnMut() -> bool) {
     let until = soon();
     while !holds() {
@@ -21,7 +21,7 @@ fn eventually(what: &str, mut holds: impl FnMut() -> bool) {
     }
 }
 
-/// Checks that description, readings and writes of a connected controller at standstill are consistent.
+/// Checks a connected controller at standstill: description, readings and writes must be consistent.
 ///
 /// # Panics
 /// If a rule of the trait is broken; the message names it.
@@ -45,14 +45,14 @@ pub fn controller(device: &mut impl Controller) {
     } else {
         plain_values(device, &first);
     }
-    // With an expired deadline a call fails in time and leaves the device usable.
+    // With an expired deadline a call must end in time, and leave the device usable.
     let begun = Instant::now();
     let _ = device.read(begun);
     assert!(begun.elapsed() < PATIENCE, "a passed deadline must end the call");
     eventually("it reads again after a passed deadline", || device.read(soon()).is_ok());
 }
 
-/// Checks a controller without a barrier: values are applied, and read back if the device has a read-back.
+/// Checks a controller without a barrier: written corrections are applied, and read back if the device has a read-back.
 fn plain_values(device: &mut impl Controller, first: &Snapshot) {
     let description = device.description().clone();
     assert_eq!(first.report, None, "a report, but no barrier");
@@ -82,7 +82,7 @@ fn plain_values(device: &mut impl Controller, first: &Snapshot) {
 }
 
 /// Checks a controller with a barrier: reports arrive and advance, invalid frames are sent like valid ones (the barrier rejects them), and
-/// plain values are rejected.
+/// plain corrections are rejected.
 fn barrier(device: &mut impl Controller, first: &Snapshot) {
     assert_eq!(first.applied, None, "with a barrier only its reports show the applied correction");
     let mut earlier = None;
@@ -127,7 +127,7 @@ pub fn digital_io(device: &mut impl DigitalIo, wired: bool) {
     }
 }
 
-/// Checks a thermometer: all its sensors become good within the time limit.
+/// Checks a thermometer: names are unique, and every sensor becomes good within the time limit.
 ///
 /// # Panics
 /// If a rule of the trait is broken; the message names it.

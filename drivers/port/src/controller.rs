@@ -14,35 +14,35 @@ pub struct Axis {
     pub name: AxisName,
     /// Whether reported positions contain the applied correction.
     pub includes_correction: bool,
-    /// The smallest step of a correction: a length for a linear, an angle for a rotary axis.
+    /// Smallest step of a correction: a length for a linear, an angle for a rotary axis.
     pub resolution: Displacement,
-    /// The largest correction, in either direction, that the device can carry; `None` if there is no such bound.
+    /// Largest correction, in either direction, that the device can carry; `None` if it has no such bound.
     pub largest: Option<Displacement>,
 }
 
 impl Axis {
-    /// Whether positions and corrections of this axis are lengths or angles.
+    /// Whether the axis is linear or rotary, so that positions and corrections are lengths or angles.
     pub fn kind(&self) -> AxisKind {
         self.name.kind()
     }
 
-    /// The smallest step of a correction as a number in mm or rad.
+    /// Smallest step of a correction, mm or rad.
     pub fn step(&self) -> f64 {
         self.resolution.mm_or_rad()
     }
 }
 
-/// Whether the control ramps the correction out when the gateway stops.
+/// Whether the control monitors the gateway, and ramps the correction out when the gateway stops.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Heartbeat {
     /// The control monitors a word that [`Controller::apply`] advances.
     Watched,
-    /// No monitoring: the configuration must accept it (`unwatched`).
+    /// The control monitors nothing; the configuration must accept this (`unwatched`).
     Unwatched,
 }
 
-/// The operating states that a controller reports. The configuration must explicitly accept each state that is not reported.
+/// The operating states that a controller reports. The configuration must explicitly accept each state that it does not report.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct ShownStates {
@@ -57,7 +57,7 @@ pub struct ShownStates {
 impl ShownStates {
     /// A controller that reports all three states.
     pub const ALL: Self = Self { referenced: true, alarm: true, emergency_stop: true };
-    /// A controller that reports none of the three states, such as plain lines.
+    /// A controller that reports none of the three states, such as one that only has digital lines.
     pub const NONE: Self = Self { referenced: false, alarm: false, emergency_stop: false };
 }
 
@@ -72,11 +72,10 @@ pub struct Description {
     pub channel: String,
     /// The written axes in channel order, at most [`MAX_AXES`]. Empty if the controller only reports positions.
     pub axes: Vec<Axis>,
-    /// Axes whose positions the controller reports but which it never writes; in all lists they
-    /// follow `axes`.
+    /// Axes whose positions the controller reports but which it never writes; in all lists they follow `axes`.
     #[cfg_attr(feature = "serde", serde(default))]
     pub reads: Vec<AxisName>,
-    /// Whether the control ramps the correction out when the gateway stops.
+    /// Whether the control monitors the gateway.
     pub heartbeat: Heartbeat,
     /// True if corrections are sent in frames to a barrier in the control ([`Controller::post`]), which reports the applied correction; false if
     /// they are written as plain values ([`Controller::apply`]).
@@ -92,7 +91,7 @@ pub struct Description {
 }
 
 impl Description {
-    /// Index of an axis in channel order.
+    /// Index of an axis in `axes`, the channel order; `None` for other axes, also those that are only read.
     pub fn index_of(&self, name: AxisName) -> Option<usize> {
         self.axes.iter().position(|axis| axis.name == name)
     }
@@ -142,7 +141,7 @@ impl Description {
     }
 }
 
-/// Why the axes of a [`Description`] are invalid.
+/// Reasons why the axes of a [`Description`] are invalid.
 #[expect(missing_docs, reason = "the messages say what the fields are")]
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
@@ -164,7 +163,7 @@ pub enum UnfitAxes {
     Largest { name: AxisName, largest: Displacement },
 }
 
-/// The operating state of a controller. A state that the controller reports, but which is missing or invalid in this reading, takes its
+/// The operating state of a controller. A state that the controller reports, but that is missing or invalid in this reading, has its
 /// safe value: not referenced, alarm, emergency stop.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
@@ -190,10 +189,10 @@ pub struct Snapshot {
     pub uncertainty: Duration,
     /// The operating state of the controller.
     pub state: ControllerState,
-    /// When the oldest part of that state was valid, as `taken`.
+    /// When the oldest part of `state` was valid, on the same clock as `taken`.
     pub state_taken: Instant,
-    /// The applied correction, mm and rad, if the device has no barrier and can read it back. If the control has no read-back
-    /// ([`Description::tells_applied`]): the correction on the outputs to the control, as far as the device knows it.
+    /// The applied correction, mm and rad, if the device has no barrier. It is read back; if the control has no read-back
+    /// ([`Description::tells_applied`] is false), it is the correction on the outputs to the control, as far as the device knows it.
     pub applied: Option<PerChannel<f64>>,
     /// The last report of the barrier as received; its checksum shows whether it is complete. `None` without a barrier, or before the first report.
     pub report: Option<Words>,
@@ -208,7 +207,7 @@ impl Snapshot {
         Self { taken, state_taken: taken, correction_taken: taken, ..self }
     }
 
-    /// Time at which the most recent part was valid; nothing newer was received from the controller.
+    /// When the most recent part was valid; nothing newer was received from the controller.
     pub fn youngest(&self) -> Instant {
         self.taken.max(self.state_taken).max(self.correction_taken)
     }
@@ -218,7 +217,7 @@ impl Snapshot {
 ///
 /// Reads and writes are for a real-time loop: they use an open connection, are bounded by the deadline and do not allocate. Connecting and
 /// reconnecting happen on another thread ([`Supply`](crate::Supply)); until then calls return [`Fault::NotConnected`]. After any other fault the
-/// implementation is ready for the next call.
+/// next call can be made at once.
 #[cfg_attr(feature = "mock", mockall::automock)]
 pub trait Controller: Send {
     /// The properties of the controller that follow from its configuration.

@@ -2,7 +2,7 @@ use std::{error::Error, fmt, sync::Arc};
 
 use crate::Fault;
 
-/// Why a device cannot be set up, opened or queried. The first three kinds are mistakes of the caller, detected before a device is opened
+/// An error of setting up, opening or querying a device. The first three kinds are mistakes of the caller, found before a device is opened
 /// ([`DeviceError::is_input`]); the others are failures of the device or its connection.
 #[derive(Clone, Debug, thiserror::Error)]
 #[non_exhaustive]
@@ -13,7 +13,7 @@ pub enum DeviceError {
     /// A setting of the device in its URL, a file or the configuration is invalid.
     #[error(transparent)]
     Option(DeviceProblem),
-    /// The device, or this build of the program, does not support the request.
+    /// The device, or this build of the program, does not support what was requested.
     #[error(transparent)]
     Unsupported(DeviceProblem),
     /// The device does not exist, is in use by another program, or refuses the connection.
@@ -27,16 +27,16 @@ pub enum DeviceError {
     Protocol(DeviceProblem),
 }
 
-/// Which device failed, what was found, and what was expected; the same for every [`DeviceError`].
+/// Which device failed, what was found, and what was expected; the content of every [`DeviceError`].
 #[derive(Clone, Debug)]
 pub struct DeviceProblem {
     /// The device as its URL or the configuration names it.
     pub device: String,
     /// The value or state that was found.
     pub found: String,
-    /// Expected value, or advice.
+    /// The expected value or state, or advice.
     pub expected: String,
-    /// The underlying error, if any.
+    /// The error that caused this one; `None` if there is none.
     pub source: Option<Arc<dyn Error + Send + Sync>>,
 }
 
@@ -86,7 +86,7 @@ impl DeviceError {
         protocol => Protocol,
     }
 
-    /// Adds the source of this error.
+    /// Sets the error that caused this one.
     #[must_use]
     pub fn caused_by(mut self, source: impl Error + Send + Sync + 'static) -> Self {
         self.problem_mut().source = Some(Arc::new(source));
@@ -121,7 +121,7 @@ impl DeviceError {
         matches!(self, Self::Address(_) | Self::Option(_) | Self::Unsupported(_))
     }
 
-    /// Constructor of the error kind for an exchange that failed with `fault`.
+    /// The constructor of the kind of error that an exchange with this fault is.
     pub fn of_fault_kind(fault: Fault) -> fn(String, String, String) -> Self {
         match fault {
             Fault::NotConnected | Fault::Disconnected => Self::open,
@@ -131,7 +131,7 @@ impl DeviceError {
         }
     }
 
-    /// Error for an exchange that failed with `fault`, which becomes its source.
+    /// Error of an exchange that failed with `fault`, which becomes its source.
     pub fn of_fault(device: impl Into<String>, fault: Fault, expected: impl Into<String>) -> Self {
         let kind = Self::of_fault_kind(fault);
         kind(device.into(), fault.to_string(), expected.into()).caused_by(fault)

@@ -2,10 +2,10 @@ use std::time::{Duration, Instant};
 
 use crate::Fault;
 
-/// The levels of all inputs (bit 0 is the first line), and when they were sampled.
+/// The levels of all inputs, and when they were sampled.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct InputLevels {
-    /// Levels as a bit mask; bit 0 is the first line.
+    /// Levels as a bit mask; bit 0 is the first line, and a set bit is a line that is on.
     pub levels: u64,
     /// When the device delivered the oldest of these levels (not when they were requested).
     pub taken: Instant,
@@ -30,7 +30,7 @@ pub trait DigitalIo: Send {
     /// Number of outputs, at most 64.
     fn outputs(&self) -> u32;
 
-    /// Shortest duration of one exchange: a lower bound for the cycle time of a controller on this port.
+    /// Shortest duration of one exchange: a lower bound for the cycle time of a controller that uses this port.
     fn shortest_cycle(&self) -> Duration;
 
     /// Returns the input levels received last, regardless of their age, with their arrival time. The device samples them together if it
@@ -40,18 +40,18 @@ pub trait DigitalIo: Send {
     /// See [`Fault`].
     fn read(&mut self, deadline: Instant) -> Result<InputLevels, Fault>;
 
-    /// Sets all outputs. A device that is written in the background stores the levels here and reports a failure with the next call.
+    /// Sets all outputs. A device that is written in the background queues the levels, and reports a failed write at the next call.
     ///
     /// # Errors
     /// See [`Fault`]. The levels of the outputs are then unknown.
     fn write(&mut self, levels: u64, deadline: Instant) -> Result<(), Fault>;
 
-    /// The output levels that the device confirmed last: the levels of its last accepted write or,
-    /// if nothing was written, the levels found at start. `None` if unknown.
+    /// The output levels that the device confirmed last: those of its last accepted write or, before the first write, those read back. `None` if
+    /// unknown.
     fn confirmed(&self) -> Option<u64>;
 
-    /// Whether the device can report its output levels. If it cannot, unused outputs are written as off; otherwise nothing is written until
-    /// the levels are known.
+    /// Whether the device can report its output levels. If it can, nothing is written until the levels are known; otherwise unused outputs are
+    /// written as off.
     fn reports_outputs(&self) -> bool {
         true
     }
@@ -91,7 +91,7 @@ impl<D: DigitalIo + ?Sized> DigitalIo for Box<D> {
     }
 }
 
-/// A digital port that is not opened, for checks before opening: every exchange fails with [`Fault::NotConnected`].
+/// A digital port that is not open, for checks before opening: every exchange fails with [`Fault::NotConnected`].
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct UnopenedLines {
@@ -101,7 +101,7 @@ pub struct UnopenedLines {
     pub inputs: u32,
     /// Number of outputs, at most 64.
     pub outputs: u32,
-    /// Shortest time of one exchange.
+    /// Shortest duration of one exchange.
     pub shortest_cycle: Duration,
 }
 

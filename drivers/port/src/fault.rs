@@ -1,11 +1,11 @@
-/// Why a call of a real-time cycle failed. Creating one does not allocate.
+/// The reason why a call of a real-time cycle failed. Creating one does not allocate.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum Fault {
     /// There is no connection; a background thread is reconnecting.
     #[error("not connected")]
     NotConnected,
-    /// The deadline passed before the answer was complete. The connection is dropped, so that a late answer cannot be taken for the next one.
+    /// The deadline passed before the answer was complete. A connection on which a late answer could be taken for the next one is dropped.
     #[error("no answer before the deadline")]
     TimedOut,
     /// The other side closed the connection, or the device was removed.
@@ -25,8 +25,8 @@ pub enum Fault {
     /// Another gateway corrects this controller.
     #[error("another gateway moves the heartbeat")]
     OtherGateway,
-    /// Not every axis has its correction yet, because axes that share lines are written in turn. Further calls with the same corrections
-    /// continue.
+    /// Not every axis has its correction yet, because axes that share lines are written one after the other. Further calls with the same
+    /// corrections continue.
     #[error("not every axis is written yet")]
     Unfinished,
     /// The device does not support this call.

@@ -13,11 +13,11 @@ use rtrb::{Consumer, Producer, PushError, RingBuffer};
 
 use crate::{DeviceError, Fault};
 
-/// Delay between connection attempts.
+/// Delays between connection attempts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Backoff {
-    /// Delay after the first failure; doubled after each further one.
+    /// Delay after the first failure; each further failure doubles it.
     pub first: Duration,
     /// Maximum delay. After a connection that lasted longer than `first` the delay starts again at `first`.
     pub most: Duration,
@@ -31,7 +31,7 @@ impl Default for Backoff {
 }
 
 impl Backoff {
-    /// The delay that follows the delay `before`. `lived`: how long the lost connection lasted; zero if there was none.
+    /// The delay after the next failure, if the last delay was `before`. `lived`: how long the lost connection lasted; zero if there was none.
     #[must_use]
     pub fn next(self, before: Duration, lived: Duration) -> Duration {
         let doubled =
@@ -49,9 +49,9 @@ struct Shared {
     last_error: Mutex<Option<DeviceError>>,
 }
 
-/// A connection that is reopened automatically. The real-time thread takes an open connection and gives it up when it fails. A separate
-/// thread, which ends with the supply, resolves, connects, waits and closes. Lock-free rings connect the two, so the real-time thread never
-/// waits.
+/// A connection that is reopened automatically. The real-time thread uses an open connection, and gives it up when it fails. A separate
+/// thread, which ends with the supply, connects, waits between attempts, and closes. Lock-free queues between them let the real-time thread
+/// never wait.
 pub struct Supply<T> {
     current: Option<T>,
     kept: Option<T>,
@@ -95,7 +95,7 @@ impl<T: Send + 'static> Supply<T> {
     /// The open connection. Never blocks, allocates or frees.
     ///
     /// # Errors
-    /// [`Fault::NotConnected`].
+    /// [`Fault::NotConnected`] until the helper thread has opened one.
     pub fn current(&mut self) -> Result<&mut T, Fault> {
         if let Some(dead) = self.kept.take() {
             self.give_back(dead);
@@ -118,7 +118,7 @@ impl<T: Send + 'static> Supply<T> {
     fn give_back(&mut self, dead: T) {
         match self.dead.push(dead) {
             Ok(()) => self.connector.unpark(),
-            // Unreachable, since there is one connection at a time; otherwise the next call retries.
+            // Unreachable, because there is one connection at a time; otherwise the next call retries.
             Err(PushError::Full(dead)) => self.kept = Some(dead),
         }
     }
@@ -126,7 +126,7 @@ impl<T: Send + 'static> Supply<T> {
     /// Waits until there is a connection. Not for real-time threads.
     ///
     /// # Errors
-    /// Why the last attempt failed.
+    /// No connection within `at_most`: the error of the last attempt, or [`DeviceError::NoAnswer`] if none has failed.
     pub fn wait(&mut self, at_most: Duration) -> Result<&mut T, DeviceError> {
         let begun = Instant::now();
         while self.current().is_err() {
@@ -147,7 +147,7 @@ impl<T: Send + 'static> Supply<T> {
         self.shared.opened.load(Ordering::Relaxed)
     }
 
-    /// Why the last attempt failed; `None` since the last success. Takes a lock: not for real-time threads.
+    /// Error of the last attempt; `None` if it succeeded or none was made. Takes a lock: not for real-time threads.
     pub fn last_error(&self) -> Option<DeviceError> {
         let last = self.shared.last_error.lock();
         last.unwrap_or_else(PoisonError::into_inner).clone()
@@ -179,7 +179,7 @@ impl<T, F: FnMut() -> Result<T, DeviceError>> Connector<T, F> {
                     self.note(None);
                     self.shared.opened.fetch_add(1, Ordering::Relaxed);
                     let born = Instant::now();
-                    // There is room, since the previous connection was returned.
+                    // The queue has room, because the previous connection was taken from it.
                     if self.hand_over.push(connection).is_err() {
                         return;
                     }
@@ -198,7 +198,7 @@ impl<T, F: FnMut() -> Result<T, DeviceError>> Connector<T, F> {
         self.shared.ends.load(Ordering::Acquire)
     }
 
-    /// Waits until the connection is given up and returns it; `None` when the supply ends.
+    /// Waits until the connection is given up, and returns it; `None` when the supply ends.
     fn dead(&mut self) -> Option<T> {
         loop {
             if let Ok(dead) = self.dead.pop() {

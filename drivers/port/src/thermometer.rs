@@ -5,7 +5,7 @@ use std::{
     time::Instant,
 };
 
-/// Why a temperature is bad or uncertain.
+/// Reasons why a temperature is bad or uncertain.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
@@ -16,7 +16,7 @@ pub enum Reason {
     /// The device does not answer.
     #[error("the device does not answer")]
     NoAnswer,
-    /// The device refuses the request with this Modbus exception.
+    /// The device refuses the request with a Modbus exception.
     #[error("the device refuses: exception {code:02}, {}", exception_name(*code))]
     Refused {
         /// The code of the exception.
@@ -28,7 +28,7 @@ pub enum Reason {
     /// The value is a float that no thermometer sends.
     #[error("no number of a thermometer: another byte_order or word_order?")]
     Implausible,
-    /// The device reports a fault, or returns a value that encodes one.
+    /// The device reports a fault, or its value encodes one.
     #[error("the device reports a fault")]
     Reported,
     /// The sensor or its wire is broken, or the value is at the upper clamp of the module.
@@ -37,7 +37,7 @@ pub enum Reason {
     /// The sensor is shorted, or the value is at the lower clamp of the module.
     #[error("short circuit, or the value below the range")]
     Short,
-    /// The device reports a value outside its range.
+    /// The device reports that the value is outside its range.
     #[error("outside the range of the device")]
     OutOfRange,
     /// The value is not a number.
@@ -73,7 +73,7 @@ pub enum Quality {
     Bad(Reason),
 }
 
-/// One temperature of a sensor, with its quality and the time it was taken.
+/// The last temperature of a sensor, with its quality and time.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Temperature {
     /// Temperature, °C; `None` if bad.
@@ -98,7 +98,7 @@ impl Temperature {
         }
     }
 
-    /// A reading that must not be used.
+    /// A reading without a usable temperature.
     pub fn bad(reason: Reason, taken: Instant) -> Self {
         Self { degc: None, quality: Quality::Bad(reason), taken: Some(taken) }
     }
@@ -110,11 +110,10 @@ pub trait Thermometer: Send {
     /// Name of the device in the configuration.
     fn device(&self) -> &str;
 
-    /// The names of the thermometer's sensors.
+    /// The names of the sensors, in the order of the temperatures.
     fn names(&self) -> &[String];
 
-    /// The latest temperature of each sensor in the order of the names, regardless of its age. Never blocks or
-    /// allocates.
+    /// The last temperature of each sensor in the order of the names, regardless of its age. Never blocks or allocates.
     fn latest(&mut self) -> &[Temperature];
 }
 
@@ -132,15 +131,15 @@ impl<T: Thermometer + ?Sized> Thermometer for Box<T> {
     }
 }
 
-/// The producing end, held by the driver's thread.
+/// The producing end of a [`Published`] thermometer, held by the driver's thread.
 pub struct Publisher {
     into: triple_buffer::Input<Vec<Temperature>>,
     reader: Weak<()>,
 }
 
 impl Publisher {
-    /// Publishes temperatures. If there are fewer than sensors, the others keep the values of this buffer, which are not the last published
-    /// ones.
+    /// Publishes the temperatures of the sensors, in the order of the names. If there are fewer temperatures than sensors, the other sensors get
+    /// older values than those published last.
     pub fn publish(&mut self, temperatures: &[Temperature]) {
         let buffer = self.into.input_buffer_mut();
         for (place, found) in buffer.iter_mut().zip(temperatures) {
@@ -149,7 +148,7 @@ impl Publisher {
         self.into.publish();
     }
 
-    /// False once the thermometer was dropped: the driver's thread then ends.
+    /// Whether the thermometer still exists; otherwise the driver's thread ends.
     pub fn has_reader(&self) -> bool {
         self.reader.strong_count() > 0
     }
@@ -160,11 +159,11 @@ pub struct Published {
     device: String,
     names: Vec<String>,
     from: triple_buffer::Output<Vec<Temperature>>,
-    /// Shows the publisher that this thermometer exists.
+    /// The publisher detects by this reference that the thermometer exists.
     _reader: Arc<()>,
 }
 
-/// Creates a thermometer and its publisher.
+/// Creates a thermometer without readings, and its publisher.
 pub fn published(device: impl Into<String>, names: Vec<String>) -> (Publisher, Published) {
     let empty = vec![Temperature::NOT_READ; names.len()];
     let (into, from) = triple_buffer::triple_buffer(&empty);

@@ -26,7 +26,7 @@ impl Words {
         &self.words[..self.length]
     }
 
-    /// The words, mutable.
+    /// The words in use as a mutable slice.
     pub fn as_mut_slice(&mut self) -> &mut [u16] {
         &mut self.words[..self.length]
     }

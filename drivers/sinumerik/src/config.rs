@@ -13,10 +13,10 @@ use crate::{
 
 /// Name of the channel through which corrections reach the axes: SD43900.
 pub const CHANNEL: &str = "temperature-compensation";
-/// Assumed resolution of reported positions, mm or deg.
+/// Assumed resolution of the reported positions, mm or deg.
 const POSITION_STEP: f64 = 0.001;
 
-/// Sign of the setting data.
+/// Direction in which a positive value of the setting data moves an axis.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
@@ -29,7 +29,7 @@ pub enum Sign {
 }
 
 impl Sign {
-    /// Factor from a correction to the value written.
+    /// Factor from a correction to the value to write, 1 or −1.
     pub fn factor(self) -> f64 {
         match self {
             Self::Adds => 1.0,
@@ -44,17 +44,17 @@ impl Sign {
 pub struct SinumerikConfig {
     /// The server of the control.
     pub server: Server,
-    /// Corrected axes, in channel order.
+    /// The corrected axes, in channel order.
     pub axes: Vec<AxisName>,
     /// Axes whose positions are only read.
     pub reads: Vec<AxisName>,
-    /// Numbers of the axes in the control, from 1: of `axes`, then of `reads`. Empty: 1, 2, 3, ….
+    /// Numbers of the axes in the control, from 1: of `axes`, then of `reads`. If empty, the axes are numbered 1, 2, 3, ….
     pub numbers: Vec<u16>,
-    /// Ids of the OPC UA nodes that are read and written.
+    /// Patterns of the OPC UA nodes that are read and written.
     pub nodes: Nodes,
-    /// Name of the channel through which corrections reach the axes.
+    /// Name of the channel through which corrections reach the axes; controllers with the same name are alternatives.
     pub channel: String,
-    /// Sign of the setting data.
+    /// Direction in which a positive value of the setting data moves an axis.
     pub sign: Sign,
     /// The smallest step of a correction of a linear axis.
     pub step_linear: Mm,
@@ -65,7 +65,7 @@ pub struct SinumerikConfig {
 }
 
 impl SinumerikConfig {
-    /// Corrections in steps of 0.1 µm and 0.0001 deg, axes numbered from 1, node ids of [`Nodes::default`].
+    /// A configuration for these axes: corrections in steps of 0.1 µm and 0.0001 deg, axes numbered from 1, nodes of [`Nodes::default`].
     pub fn new(server: Server, axes: &[AxisName]) -> Self {
         Self {
             server,
@@ -81,12 +81,12 @@ impl SinumerikConfig {
         }
     }
 
-    /// Device name used in messages.
+    /// Name of the device in messages.
     pub fn device(&self) -> &str {
         &self.server.url
     }
 
-    /// Resolution of the positions of an axis: 0.001 mm or 0.001 deg, or the step of its corrections if that is coarser.
+    /// Resolution of the reported positions of an axis: 0.001 mm or 0.001 deg, or the step of its corrections if that is coarser.
     pub fn position_step(&self, name: AxisName) -> Displacement {
         let decimal = match name.kind() {
             AxisKind::Linear => POSITION_STEP,
@@ -114,9 +114,9 @@ impl SinumerikConfig {
         names.enumerate().map(move |(place, name)| (name, number(place)))
     }
 
-    /// The description of the controller, without connecting.
+    /// Describes the controller without connecting.
     ///
-    /// The setting data keeps its value when writing stops, which the control does not detect: hence [`Heartbeat::Unwatched`]. Each cycle
+    /// The setting data keep their values when writing stops, which the control does not detect: hence [`Heartbeat::Unwatched`]. Each cycle
     /// writes at most once, so the shortest cycle is the sampling period of the server.
     ///
     /// # Errors
@@ -161,7 +161,7 @@ impl SinumerikConfig {
 
 /// Distance that an axis travels at this speed during one `period`, in which a correction is read and written once.
 ///
-/// A position-dependent correction is wrong by its change over that distance; a correction that depends on temperatures alone is not
+/// A position-dependent correction is wrong by its change over that distance. A correction that depends only on temperatures is not
 /// affected.
 pub fn lag(speed_mm_per_s: f64, period: Duration) -> Mm {
     Mm(speed_mm_per_s * period.as_secs_f64())

@@ -3,7 +3,7 @@ use std::{path::PathBuf, time::Duration};
 use volcomp_port::{DeviceError, UnfitAxes};
 use volcomp_vocabulary::AxisName;
 
-/// Why a control cannot be described, reached, read or written.
+/// Errors of describing, reaching, reading or writing a control.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum SinumerikError {
@@ -62,9 +62,9 @@ pub enum SinumerikError {
     Certificate {
         /// Certificate or key file.
         file: PathBuf,
-        /// The state of the file.
+        /// What is wrong with the file.
         found: String,
-        /// The required state.
+        /// What the file must be.
         expected: String,
     },
     /// The server's certificate is not among the trusted ones.
@@ -84,7 +84,7 @@ pub enum SinumerikError {
         "security: found a server that offers {}, expected {expected} among them: enable it at the control, or set another `security`", .offered.join(", ")
     )]
     Protection {
-        /// The message security that the server offers.
+        /// The kinds of message security that the server offers.
         offered: Vec<String>,
         /// The configured message security.
         expected: String,
@@ -111,15 +111,15 @@ pub enum SinumerikError {
     Node {
         /// Id of the node.
         node: String,
-        /// The server's status or value of the node.
+        /// The server's status for the node, or its value.
         found: String,
     },
-    /// The control ignores the correction of an axis.
+    /// The temperature compensation of an axis is switched off, so that the control ignores its correction.
     #[error(
         "axis {axis}: MD32750 $MA_TEMP_COMP_TYPE is {found}, expected bit 0 set (1 or 3): the control ignores SD43900 otherwise, and writing would not move the axis; set it at the control and activate it there"
     )]
     SwitchedOff {
-        /// Axis with a correction that has no effect.
+        /// The axis whose correction has no effect.
         axis: AxisName,
         /// Value of machine data 32750.
         found: u32,
@@ -136,7 +136,7 @@ pub enum SinumerikError {
         /// The name that the control reports.
         found: String,
     },
-    /// A response that violates the protocol.
+    /// A response violates the protocol.
     #[error("invalid answer: {0}")]
     Answer(&'static str),
 }

@@ -8,8 +8,8 @@ pub struct MapNodes {
     pub mailbox: String,
     /// The 24 words of the report, an array: `/Plc/DB100.DBW144:WORD[24]`.
     pub report: String,
-    /// Pattern for an array of words in the two consecutive buffers: `{byte}` is the byte offset of the first word, `{count}` the number of
-    /// words.
+    /// Pattern for an array of words in the two buffers, of which the second follows the first: `{byte}` is the byte offset of the first word,
+    /// `{count}` the number of words.
     pub buffers: String,
 }
 
@@ -24,12 +24,11 @@ impl Default for MapNodes {
     }
 }
 
-/// Number of buffer words read as one array.
+/// Number of buffer words that are read as one array.
 const PIECE: usize = 64;
 
 impl MapNodes {
-    /// The nodes of the first `count` words of a buffer (0 or 1), with `capacity` words per buffer: arrays of 64 words, the last one
-    /// shorter.
+    /// Nodes of the first `count` words of buffer 0 or 1, if each buffer has `capacity` words: arrays of 64 words, the last one shorter.
     #[must_use]
     pub fn of_buffer(&self, buffer: u16, count: usize, capacity: usize) -> Vec<String> {
         let first = usize::from(buffer) * capacity;

@@ -20,15 +20,15 @@ pub struct Nodes {
     pub setting: String,
     /// Machine data 32750 of an axis, the type of its temperature compensation.
     pub kind: String,
-    /// Machine data 32760 of an axis, the fraction of its maximum velocity available for a change of the correction; empty: not read.
+    /// Machine data 32760 of an axis, the fraction of its maximum velocity with which a correction may change; empty: not read.
     pub share: String,
     /// Machine data 32000 of an axis, its maximum velocity, mm/min or rev/min; empty: not read.
     pub speed: String,
-    /// The emergency stop: pressed unless 0 or false; `None`: the control does not report it.
+    /// The emergency stop: pressed unless 0 or false; `None`: it is not read.
     pub emergency_stop: Option<String>,
-    /// The alarm: active unless 0 or false; `None`: the control does not report it.
+    /// The alarm: active unless 0 or false; `None`: it is not read.
     pub alarm: Option<String>,
-    /// Whether an axis is referenced: yes unless 0 or false; `None`: the control does not report it.
+    /// Whether an axis is referenced: yes unless 0 or false; `None`: it is not read.
     pub referenced: Option<String>,
 }
 
@@ -50,7 +50,7 @@ impl Default for Nodes {
 }
 
 impl Nodes {
-    /// The node id of a pattern for the axis of this number.
+    /// Inserts the number of an axis in a pattern and returns the node id.
     pub fn of_axis(pattern: &str, number: u16) -> String {
         pattern
             .replace("{axis}", &number.to_string())

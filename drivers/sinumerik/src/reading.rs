@@ -1,4 +1,4 @@
-//! The nodes that are read in every period, and the conversion of their values, without I/O.
+//! Names the nodes that are read in every period, and converts their values, without I/O.
 
 use std::time::{Duration, Instant};
 
@@ -11,10 +11,10 @@ use crate::{
     nodes::Nodes,
 };
 
-/// One value of a response.
+/// The value of a node in a response.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Value {
-    /// The number, 1 for true; `None` if there is none or its status is not good.
+    /// The value as a number, 1 for true; `None` if there is none or its status is not good.
     pub number: Option<f64>,
     /// Time from sampling to the response, by the server's clock; `None` if the server does not report it.
     pub age: Option<Duration>,
@@ -36,7 +36,7 @@ pub struct Reading {
 }
 
 impl Reading {
-    /// The reading for a configuration.
+    /// Determines the nodes to read for a configuration.
     pub fn new(config: &SinumerikConfig) -> Self {
         let nodes = &config.nodes;
         let axes: Vec<(AxisName, u16)> = config.numbered().collect();
@@ -64,23 +64,23 @@ impl Reading {
         }
     }
 
-    /// The node ids, in the expected order of the values.
+    /// Ids of the nodes to read; their values must have the same order.
     pub fn nodes(&self) -> &[String] {
         &self.nodes
     }
 
-    /// The node ids of the settings, in the order of the written axes.
+    /// Ids of the setting data, in the order of the written axes.
     pub fn settings(&self) -> &[String] {
         &self.nodes[self.axes.len()..self.axes.len() + self.written]
     }
 
-    /// The snapshot of a response that was requested at `begun` and complete at `ended`.
+    /// Converts the values of a response that was requested at `begun` and complete at `ended`.
     ///
-    /// Positions and states were valid before the middle of the exchange by their age, which follows from the server's source timestamps.
-    /// The age of a setting is the time since its last write, so the setting was valid in the middle of the exchange.
+    /// If the server's source timestamps are used, positions and states are older than the middle of the exchange by their age, otherwise they are
+    /// as old as the middle. The age of a setting is the time since its last write, so a setting was valid in the middle of the exchange.
     ///
     /// # Errors
-    /// Too few values, a position or a setting that is not a number; [`SinumerikError::SwitchedOff`].
+    /// Another number of values than of nodes; a position, setting or machine datum that is not a number; [`SinumerikError::SwitchedOff`].
     pub fn snapshot(
         &self,
         values: &[Value],
@@ -134,7 +134,8 @@ impl Reading {
         })
     }
 
-    /// The operating state. A state without a value takes its safe value; a state without a configured node is assumed to be good.
+    /// The operating state. A state whose value is missing has its safe value. A state without a configured node counts as good, as the description
+    /// declares that it is not reported.
     fn state(&self, values: &[Value]) -> ControllerState {
         let (referenced, rest) = values.split_at(if self.referenced { self.axes.len() } else { 0 });
         let is_on = |value: &Value| value.number.map(|number| number != 0.0);
@@ -152,8 +153,8 @@ impl Reading {
         }
     }
 
-    /// The values to write for corrections in mm and rad: mm and deg, rounded to the steps of `config`, in the order of
-    /// [`Reading::settings`].
+    /// Converts corrections (mm and rad) to the values to write, mm and deg with the configured sign, rounded to the steps of `config`, in the
+    /// order of [`Reading::settings`].
     pub fn values(
         &self,
         config: &SinumerikConfig,
@@ -170,12 +171,12 @@ impl Reading {
     }
 }
 
-/// Checks that bit 0 of MD32750 is set: the temperature compensation is switched on.
+/// Checks that bit 0 of MD32750 is set, so that the temperature compensation of the axis is switched on.
 ///
 /// # Errors
 /// [`SinumerikError::SwitchedOff`].
 pub fn is_switched_on(axis: AxisName, md32750: f64) -> Result<(), SinumerikError> {
-    // Any value other than a small whole number counts as 0.
+    // Any value other than a small non-negative number counts as 0.
     let whole = if (0.0..=f64::from(u16::MAX)).contains(&md32750) {
         #[expect(
             clippy::cast_possible_truncation,

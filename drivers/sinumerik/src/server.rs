@@ -9,25 +9,25 @@ pub const SHORTEST_PERIOD: Duration = Duration::from_millis(100);
 /// Default port of the control's OPC UA server.
 pub const PORT: u16 = 4840;
 
-/// The OPC UA server of a control, and its polling settings.
+/// The OPC UA server of a control, and how it is polled.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Server {
-    /// URL of the server, `opc.tcp://HOST:4840`.
+    /// URL of the server: `opc.tcp://HOST:4840`.
     pub url: String,
     /// Namespace of the server's nodes. Its index is looked up in the server's NamespaceArray at every connection.
     pub namespace: String,
-    /// User to log in; `None`: anonymous.
+    /// User that logs in; `None`: anonymous.
     pub user: Option<User>,
-    /// Message security.
+    /// Message security of the connection.
     pub security: Security,
     /// Folder with certificates: `own/cert.der`, `private/private.pem`, `trusted/` with the server's. Required with message security.
     pub pki: Option<PathBuf>,
-    /// Interval between readings.
+    /// Time between the starts of two readings.
     pub period: Duration,
-    /// Timeout of a request; the session is closed when it expires.
+    /// Timeout of a request; when it expires, the session is closed.
     pub time_out: Duration,
-    /// Whether the age of positions follows from the server's source timestamps. Must be off for servers that update them only when a value
-    /// changes, because positions would become stale at standstill.
+    /// Whether the age of positions is taken from the server's source timestamps. Must be off if the server updates them only when a value
+    /// changes, because positions at standstill would then seem to be old.
     pub source_timestamps: bool,
     /// Delay between connection attempts.
     pub backoff: Backoff,
@@ -48,12 +48,12 @@ impl fmt::Debug for User {
     }
 }
 
-/// Message security, with the policy Basic256Sha256.
+/// Message security; with signatures, the policy is Basic256Sha256.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
 pub enum Security {
-    /// No security: passwords are sent in clear text.
+    /// Messages are neither signed nor encrypted: passwords are sent in clear text.
     #[default]
     None,
     /// Messages are signed.
@@ -95,7 +95,7 @@ impl Server {
         Ok(())
     }
 
-    /// Longest time until a sent correction appears in a reading, if every request is answered in time: the write, a reading that had
+    /// Longest time until a sent correction appears in a reading, if every request is answered in time: the write, a reading that has
     /// already begun, and the next reading.
     pub fn read_back(&self) -> Duration {
         self.time_out + 2 * self.period

@@ -1,5 +1,5 @@
-//! Checks of observations before the fit: one limit for each number and size, whether a file or a program provides it,
-//! and implausible units and directions.
+//! Checks of observations before the fit: limits on numbers and sizes, also for observations that a program builds, and tests for
+//! implausible units and directions.
 
 use volcomp_document::{CsvTable, InputError, Value};
 use volcomp_kinematics::nalgebra::{Matrix3, Vector3};
@@ -36,7 +36,7 @@ pub fn standard_uncertainty_um(found: f64) -> Result<f64, String> {
     Err(format!("found {found:e} µm, expected {LEAST:e} to {MOST:e} µm"))
 }
 
-/// Unit vector along a vector of any length.
+/// Normalises a direction vector. Errors: a zero vector.
 pub(crate) fn unit_vector(value: &Value<'_>) -> Result<Vector3<f64>, InputError> {
     Vector3::from(value.vector::<3>()?)
         .try_normalize(1e-12)
@@ -183,12 +183,11 @@ pub(crate) fn refuse_units(
     /// Ratio between the spread of targets and that of the tool, either way, that indicates another unit: an inch is 25 times a mm.
     const OTHER_UNIT: f64 = 15.0;
     const MIN_MOTION_MM: f64 = 1.0;
-    /// Largest difference between a measured and the nominal length between two poses, mm, for rows
-    /// with an extent of a usual machine tool; [`limit_mm`] scales it to other extents.
+    /// Largest difference between a measured and the nominal length between two poses, mm, scaled by [`limit_mm`].
     const MAX_APART_MM: f64 = 5.0;
-    /// Additional difference per mm of length.
+    /// Permissible additional difference per mm of nominal length, mm.
     const MAX_APART_SHARE: f64 = 2e-3;
-    /// Maximum length in diagonals of the travels: no ballbar or tracer is longer.
+    /// Maximum measured length, as a multiple of the diagonal of the travels: no ballbar or tracer is longer.
     const MAX_DIAGONALS: f64 = 20.0;
     let nominal = |pose: &MachinePose| pose.ideal_tip_mm(machine.chain());
     // A machine with rotary axes only has arms of unknown length.
@@ -235,11 +234,11 @@ pub(crate) fn refuse_units(
     Ok(())
 }
 
-/// Why a line of sight is rejected: it runs neither along its rows (positioning) nor across them (straightness), so its readings would act in a wrong
-/// direction.
+/// Reason to reject a line of sight that runs neither along its rows (positioning) nor across them (straightness); `None` if it is aligned, or if
+/// the rows are not on a line.
 pub(crate) fn oblique(rows: &[Row], direction: &Vector3<f64>, machine: &Machine) -> Option<String> {
     const ALIGNED_DEG: f64 = 1.0;
-    /// Largest spread across the line as a fraction of the spread along it.
+    /// Largest spread of the rows across their best-fit line, as a fraction of the spread along it, at which they count as straight.
     const STRAIGHT: f64 = 1e-3;
     const MIN_SPREAD_MM: f64 = 1.0;
     let tips = rows.iter().map(|row| row.pose.ideal_tip_mm(machine.chain()));

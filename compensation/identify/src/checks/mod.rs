@@ -11,7 +11,7 @@ use crate::observations::Row;
 /// Minimum and maximum extent of rows to which limits apply without scaling, mm: those of nearly all machine tools.
 const USUAL_EXTENT_MM: [f64; 2] = [300.0, 2000.0];
 
-/// Minimum factor on a limit, for rows in a corner of a machine.
+/// Minimum scale factor of a limit, for rows that cover only a corner of a machine.
 const SMALLEST_FACTOR: f64 = 0.1;
 
 /// Diagonal of the box around all coordinates of the linear axes, or of the box around all nominal
@@ -36,7 +36,7 @@ fn extent_mm<'r>(machine: &Machine, rows: impl Iterator<Item = &'r Row>) -> f64 
     diagonal(&coordinates).max(diagonal(&tips))
 }
 
-/// Scales a limit, mm, stated for usual machine tools to the extent of these rows; rounded to two digits, as messages show it.
+/// Scales a limit for usual machine tools, mm, to the extent of these rows. The result is rounded to two digits, as messages show it.
 pub(crate) fn limit_mm<'r>(
     machine: &Machine,
     rows: impl Iterator<Item = &'r Row>,

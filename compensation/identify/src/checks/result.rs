@@ -19,14 +19,13 @@ use crate::{
     triangle::triangle,
 };
 
-/// Maximum distance of a row from the nominal machine, mm, for rows with an extent of a usual machine tool; [`limit_mm`] scales it to other extents.
-/// A newly assembled machine deviates by a few mm.
+/// Maximum distance of a row from the nominal machine, mm, scaled by [`limit_mm`]. A newly assembled machine deviates by a few mm.
 const MAX_FROM_NOMINAL_MM: f64 = 10.0;
-/// Maximum RMS residual of a file after the fit, mm, for rows with an extent of a usual machine tool; [`limit_mm`] scales it to other extents.
+/// Maximum RMS residual of a file after the fit, mm, scaled by [`limit_mm`].
 const MAX_RESIDUAL_MM: f64 = 0.5;
-/// RMS residuals below this multiple of the stated uncertainty are attributed to the instrument.
+/// RMS residuals below this multiple of the stated uncertainty are attributed to the instrument and never rejected.
 const WITHIN_UNCERTAINTY: f64 = 6.0;
-/// A file is treated as inverted if reversing its sign leaves less than this share of the RMS residual.
+/// A file is reported as inverted if a refit with the opposite sign of its readings reduces the RMS residual of all rows below this share.
 const INVERTED_LEAVES: f64 = 0.25;
 /// Minimum number of readings per unknown; with fewer, almost no redundancy remains to check the unknowns.
 const MIN_NUMBERS_PER_UNKNOWN: f64 = 1.5;
@@ -81,7 +80,7 @@ pub(crate) fn refuse_far(
     Err(IdentifyError::FarRows { files })
 }
 
-/// Rejects a file whose residuals no machine explains. With robust weights, which discount single rows, the median counts.
+/// Rejects a file whose RMS residual after the fit exceeds the limit; with robust weights, its median residual.
 pub(crate) fn refuse_unexplained(
     system: &System,
     observations: &Observations,
@@ -113,14 +112,14 @@ pub(crate) fn refuse_unexplained(
     Ok(())
 }
 
-/// Rejects a target whose position is not determined while tilts are unknown: they act through its lever arm, so the
+/// Rejects a tracker target whose position is undetermined while tilts are unknown. Tilts act through the lever arm of the target, so the
 /// identified machine would be right at the target and wrong at the tip.
 pub(crate) fn refuse_target(
     system: &System,
     rows: &Rows,
     rank: &Rank,
 ) -> Result<(), IdentifyError> {
-    /// Shares below this in a combination move the target by a negligible amount.
+    /// Minimum share of the target in a combination without effect; smaller shares move the target by a negligible amount.
     const SHARE: f64 = 1e-3;
     let is_tilt = |&param: &usize| match system.params.at(param) {
         Param::Coefficient(place) => {
@@ -160,7 +159,7 @@ pub(crate) fn refuse_target(
     Ok(())
 }
 
-/// Warnings for files whose readings fit far better with the opposite sign, from one linear refit each.
+/// Warnings for files whose readings fit far better with the opposite sign, from one linearised refit for each file.
 pub(crate) fn inverted(
     system: &System,
     observations: &Observations,
@@ -209,7 +208,7 @@ pub(crate) fn inverted(
         columns.set_column(kept + 1 + place, &(&equations.residuals + change));
     }
     let triangle = triangle(columns);
-    // Squares of a column of residuals that no change of the unknowns reduces.
+    // Sum of squares of a column of residuals after the refit of all unknowns.
     let left = |place: usize| triangle.column(kept + place).rows_range(kept..).norm_squared();
     let now = left(0);
     let freedom = fitted.solution.freedom.max(1.0);
@@ -230,7 +229,7 @@ pub(crate) fn inverted(
     notes
 }
 
-/// Ratio of residuals to stated uncertainty of each file, largest first.
+/// RMS residual of each file as a multiple of the stated uncertainty, largest first.
 pub(crate) fn times_by_file<'a>(
     observations: &'a Observations,
     rows: &Rows,
@@ -279,8 +278,7 @@ pub(crate) fn contradiction(
     Some(Note::warning("", what))
 }
 
-/// Warning if every linear axis keeps to a small part of its travel: coordinates and readings may both be in inches,
-/// and the result holds for this part only.
+/// Warning if no linear axis moves over more than a twentieth of its travel: coordinates and readings may both be in inches.
 pub(crate) fn small_travel(machine: &Machine, rows: &Rows) -> Option<Note> {
     const SMALL: f64 = 1.0 / 20.0;
     let mut largest: Option<(f64, AxisName, f64)> = None;

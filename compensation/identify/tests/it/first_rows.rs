@@ -89,7 +89,7 @@ fn straight_line(rows: &[[f64; 2]], reversal_um: f64) -> (f64, f64) {
         let more = 2.0 * (0.5 * reversal_um / 2.0_f64.sqrt()).powi(2);
         (1.0 / (square + if k == 0 { more } else { 0.0 }), *row)
     });
-    // Readings after the first row contain both halves.
+    // Readings after the first row contain half the reversal value of both axes.
     let both = 2.0 * 0.5 * reversal_um / 2.0_f64.sqrt();
     let [mut w, mut wx, mut wxx, mut wy, mut wxy] = [0.0; 5];
     for (k, (weight, [at, read])) in weighted.enumerate() {
@@ -175,7 +175,7 @@ fn a_first_row_alone_determines_no_reversal_value() {
             let parameter = found.parameters.iter().find(|p| p.name == name);
             assert!(parameter.is_some_and(|p| !p.determined), "{name} {first:?}");
         }
-        // As with a reversal value of any size.
+        // Equals the fit with an arbitrarily large reversal value.
         let expected = straight_line(&rows, 1e5);
         let (value, uncertainty) = value(&found, "EC0Y");
         assert!(

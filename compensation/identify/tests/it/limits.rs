@@ -153,7 +153,6 @@ fn a_direction_of_infinite_length_is_refused() {
 
 type Spoil = fn(&mut Observations);
 
-/// Observations that no file can contain but a program can build are rejected.
 #[test]
 fn invalid_observations_of_a_program_are_refused() {
     let lab = lab();

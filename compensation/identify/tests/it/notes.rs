@@ -193,7 +193,7 @@ fn a_turn_of_a_modulo_is_the_same_pose() {
     }
 }
 
-/// A file with the same rows under another name is noted, since its rows count twice.
+/// A file with the same rows under another name is noted, because its rows count twice.
 #[test]
 fn one_test_under_two_names_is_noted() {
     let lab = Lab::new(MACHINE);
@@ -241,7 +241,7 @@ fn an_absurd_number_is_refused_at_its_cell() {
     assert_eq!(words(&lab, &observed(head, &["t.csv"])), "");
 }
 
-/// Lengths that share a pose are noted, since they may rest on one reading there.
+/// Lengths that share a pose are noted, because they may depend on the same reading there.
 #[test]
 fn lengths_that_share_a_pose_are_noted() {
     let lab = Lab::new(MACHINE);

@@ -66,7 +66,7 @@ fn fact(page: &mut Page, name: &str, value: Option<&str>) {
     page.put(&format!("<div class=\"fact\"><dt>{}</dt><dd>{value}</dd></div>", escaped(name)));
 }
 
-/// The figures on the first page, with the line for the signature.
+/// Writes the figures of the first page and the line for the signature.
 fn summary(page: &mut Page, report: &Report) {
     const MOST_ROWS: usize = 16;
     page.put("<div class=\"summary\"><h3>Summary</h3>");
@@ -121,7 +121,7 @@ fn summary(page: &mut Page, report: &Report) {
     );
 }
 
-/// Class, sign and sentence of the verdict.
+/// CSS class, sign and sentence of the verdict on all tolerances.
 fn verdict_words(report: &Report) -> (&'static str, &'static str, String) {
     let whole = Verdict::of_all(report.checks.iter().map(|check| check.outcome));
     let (class, sign, sentence) = match whole {
@@ -137,7 +137,7 @@ fn verdict_words(report: &Report) -> (&'static str, &'static str, String) {
     (class, sign, sentence.to_owned())
 }
 
-/// Formats a coordinate without trailing zeros.
+/// Formats a coordinate with at most three decimals, without trailing zeros.
 fn plain(value: f64) -> String {
     let text = short(value, 3);
     text.trim_end_matches('0').trim_end_matches('.').to_owned()
@@ -160,7 +160,7 @@ pub(super) fn verdict(page: &mut Page, report: &Report) {
     }
     let columns = [
         "figure",
-        // Also visible on a small screen.
+        // Columns that are also shown on a small screen.
         "Verdict",
         "of",
         ">value",

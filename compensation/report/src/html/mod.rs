@@ -83,7 +83,7 @@ pub fn html(report: &Report) -> String {
 
 type Section = fn(&mut Page, &Report);
 
-/// The hash source of a script or a style in a content security policy.
+/// Hash source of a script or a style for the content security policy.
 fn hash(text: &str) -> String {
     format!("sha256-{}", STANDARD.encode(Sha256::digest(text.as_bytes())))
 }

@@ -100,7 +100,7 @@ fn targets(page: &mut Page, test: &Positioning) {
     page.table(&columns, rows);
 }
 
-/// All targets if there are few enough; otherwise evenly spaced ones and those that determine the figures.
+/// Targets to list: all if there are few enough, otherwise evenly spaced ones and those that determine the figures.
 fn chosen(all: &[TargetRow]) -> Vec<&TargetRow> {
     if all.len() <= MOST_ROWS {
         return all.iter().collect();

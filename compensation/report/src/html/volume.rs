@@ -154,7 +154,7 @@ pub(super) fn volume(page: &mut Page, report: &Report) {
     vectors(page, volume);
 }
 
-/// Lists the axes that do not move, and the errors that the maps therefore omit.
+/// Lists the axes at fixed coordinates, and the errors that the maps therefore omit.
 fn standing(page: &mut Page, volume: &Volume) {
     if volume.standing.is_empty() {
         return;
@@ -173,7 +173,7 @@ fn standing(page: &mut Page, volume: &Volume) {
     );
 }
 
-/// All maps before, then all after compensation, with a common colour scale.
+/// Writes the maps before, then those after compensation, with a common colour scale.
 fn maps(page: &mut Page, volume: &Volume) {
     let Maps { before, after, most_um } = pictures::maps(volume);
     let class = match volume.slices.len() {

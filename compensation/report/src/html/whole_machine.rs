@@ -7,7 +7,7 @@ use crate::{
 };
 
 const MOST_COMBINATIONS: usize = 40;
-/// Smallest listed weight in a combination, relative to its largest.
+/// Minimum weight of a listed unknown in a combination, relative to the largest weight.
 const LEAST_WEIGHT: f64 = 0.02;
 
 fn list(page: &mut Page, texts: &[String]) {

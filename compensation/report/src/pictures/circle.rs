@@ -8,21 +8,21 @@ use volcomp_metrology::{
 use super::figures;
 use crate::plot::{Look, Panel, PolarPlot, picture, polar, short};
 
-/// A circular test: file, plane, trace, the centre that was removed (µm along both axes), and the judged quantities.
+/// Data of the picture of a circular test.
 pub struct CirclePlot {
     /// The measurement file.
     pub file: String,
     /// The plane of the circle.
     pub plane: CircularPlane,
-    /// The points.
+    /// Measured points of the circle.
     pub trace: CircularTrace,
-    /// Least-squares centre of all points along the two axes, µm, which is removed.
+    /// Least-squares centre of all points along the two axes, µm, which the picture subtracts.
     pub centre_um: [f64; 2],
-    /// The quantities of ISO 230-4.
+    /// Results by ISO 230-4.
     pub quantities: Vec<JudgedQuantity>,
 }
 
-/// The picture of one or several circular tests.
+/// Draws one or several circular tests.
 pub fn circles_picture(tests: &[CirclePlot]) -> String {
     let title = match tests {
         [one] => format!(
@@ -49,7 +49,7 @@ pub fn circles_picture(tests: &[CirclePlot]) -> String {
     picture(&title, &lines, &rows)
 }
 
-/// Deviations about the centre of all points, of which G(b) is the range.
+/// Radial deviations about the centre of all points, whose range is G(b).
 fn plot(of: &CirclePlot) -> PolarPlot {
     let [x, y] = of.centre_um;
     let series = Sense::BOTH.into_iter().filter_map(|sense| {

@@ -12,12 +12,11 @@ use crate::{
     report::{Band, Branch, Curve, CurveLine},
 };
 
-/// Number of points of a drawn curve.
 const POINTS: usize = 241;
 
 impl Curve {
-    /// The curve through the mean readings of one file: `value` at any coordinate, and the half widths of its band at some. The error
-    /// has no name, the axis only that of the file.
+    /// Creates the curve through the mean readings of one file. `value` is the curve at any coordinate, `band` its half widths at some coordinates. The
+    /// error has no name; the axis is that stated in the file.
     pub fn of_fit(
         file: String,
         x_unit: String,
@@ -71,7 +70,7 @@ impl Curve {
     }
 }
 
-/// The picture of a curve: readings, curve and band, and the residuals below.
+/// Draws a curve with its readings and band, and the residuals below.
 pub fn curve_picture(title: &str, lines: &[String], curve: &Curve) -> String {
     let panel = |plot: XyPlot, height: f64, heading: &str| {
         vec![Panel {

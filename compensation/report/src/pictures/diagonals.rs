@@ -12,7 +12,7 @@ use crate::{
     report::{Diagonal, Diagonals},
 };
 
-/// One plot per diagonal, with one scale: name and plot.
+/// Panels of the diagonals, all with the same scale.
 pub(crate) fn diagonal_plots(of: &Diagonals) -> Vec<Panel> {
     let after_of = |name: &str| -> Option<&Diagonal> {
         let after = of.after.as_ref()?;
@@ -42,7 +42,7 @@ pub(crate) fn diagonal_plots(of: &Diagonals) -> Vec<Panel> {
     with_one_scale(plots.collect())
 }
 
-/// The picture of the diagonals of a machine.
+/// Draws the diagonals of a machine.
 pub fn diagonals_picture(title: &str, lines: &[String], of: &Diagonals) -> String {
     let mut panels = diagonal_plots(of);
     for (panel, diagonal) in panels.iter_mut().zip(&of.before.found) {
@@ -51,7 +51,7 @@ pub fn diagonals_picture(title: &str, lines: &[String], of: &Diagonals) -> Strin
     picture(title, lines, &in_pairs(&panels))
 }
 
-/// The picture of measured diagonals, with their judged quantities.
+/// Draws measured diagonals, with their judged quantities.
 pub fn measured_diagonals_picture(of: &Iso230Part6, quantities: &[JudgedQuantity]) -> String {
     let plots = of.diagonals.iter().map(|measured| {
         let mut series = Vec::new();

@@ -1,6 +1,7 @@
 use crate::plot::{Bars, Panel, bars, picture};
 
-/// The picture of the effect of each error on the position (µm) and the orientation (µrad) of the tool: name, RMS and largest.
+/// Draws the effect of each error on the position (µm) and on the orientation (µrad) of the tool. Each entry has the name of the error, the RMS
+/// and the largest effect.
 pub fn effects_picture(
     title: &str,
     lines: &[String],

@@ -30,7 +30,8 @@ use volcomp_metrology::JudgedQuantity;
 
 use crate::plot::{Look, Mark, Series, SquareSketch, XyPlot, round_below, short};
 
-/// One line of text per standard with the values, limits and verdicts of its quantities; those of one direction only with a limit.
+/// Lines of text, one per standard, with the values, limits and verdicts of its quantities. Quantities of a single direction are listed only if
+/// they have a limit.
 fn figures(quantities: &[JudgedQuantity]) -> Vec<String> {
     let of_standards = quantities.chunk_by(|a, b| a.standard == b.standard);
     let line = |of: &[JudgedQuantity]| {
@@ -61,7 +62,7 @@ fn figure(of: &JudgedQuantity) -> Option<String> {
     })
 }
 
-/// Adds the limits of a tolerance to a plot: two lines with the height of the limit, about the middle of the span that it limits.
+/// Draws the limits of a tolerance: two lines at a distance of `limit`, about the middle of `span`.
 fn tolerance_lines(plot: &mut XyPlot, symbol: &str, unit: &str, span: [f64; 2], limit: f64) {
     let middle = f64::midpoint(span[0], span[1]);
     let [left, right] = plot.coordinate_range();
@@ -88,16 +89,16 @@ fn span(values: impl Iterator<Item = f64>) -> Option<[f64; 2]> {
     })
 }
 
-/// Round factor by which the largest of the angles, µrad, is drawn as an angle that can be seen.
+/// Round factor by which angles are exaggerated so that the largest of them, µrad, is visible.
 pub(crate) fn exaggeration(angles_urad: impl IntoIterator<Item = f64>) -> f64 {
-    /// Angle in the drawing of the largest squareness error, rad.
+    /// Drawn angle of the largest squareness error, rad.
     const DRAWN_RAD: f64 = 0.2;
     let angles = angles_urad.into_iter().map(f64::abs);
     let largest = angles.filter(|angle| angle.is_finite()).fold(0.0, f64::max);
     if largest > 0.0 { round_below(DRAWN_RAD / (largest * 1e-6)) } else { 1.0 }
 }
 
-/// The sketch of the angle between two axes.
+/// Sketch of the angle between two axes; `angle_urad` is its deviation from 90°.
 pub(crate) fn sketch(
     [first, second]: &[String; 2],
     angle_urad: f64,

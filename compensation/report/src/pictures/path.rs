@@ -3,7 +3,7 @@
 use super::span;
 use crate::plot::{Panel, PathPlot, PathPoint, colour_bar, path_plot, picture, round_below, short};
 
-/// A position of a program.
+/// Commanded position of an NC program, with its deviations.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ProgramPlace {
     /// Programmed position of the tip, mm.
@@ -12,30 +12,30 @@ pub struct ProgramPlace {
     pub before_um: [f64; 3],
     /// Deviation of the tip with the compensated program, µm.
     pub after_um: [f64; 3],
-    /// Whether no path leads here from the position before.
+    /// Whether a path begins here, without a connection to the previous position.
     pub begins: bool,
 }
 
-/// The largest deviation of one of the two programs.
+/// Figures of the deviation along one program, original or compensated.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ProgramFigures {
     /// Largest deviation, µm.
     pub max_um: f64,
     /// Root mean square of the deviation, µm.
     pub rms_um: f64,
-    /// Line of the program with the largest deviation.
+    /// Line number in the program of the largest deviation, from 1.
     pub line: usize,
-    /// Programmed position there, mm.
+    /// Programmed position of the tip at the largest deviation, mm.
     pub tip_mm: [f64; 3],
 }
 
 const AXES: [&str; 3] = ["X", "Y", "Z"];
 
-/// Share of the picture that the largest deviation takes, at most.
+/// Maximum size of the largest deviation in the picture, as a share of its width.
 const DRAWN: f64 = 0.08;
 
-/// The picture of a path in the plane of its largest extent, without and with compensation, with one scale. The magnification of the
-/// deviations is the largest round one with which they stay small against the path.
+/// Draws a path in the plane of its largest extent, without and with compensation, at the same scale. The deviations are magnified by the
+/// largest round factor at which they stay small relative to the path.
 pub fn program_picture(
     files: &[String],
     path: &[ProgramPlace],
@@ -113,7 +113,7 @@ pub fn program_picture(
     picture(&title, files, &rows)
 }
 
-/// The stored position that is nearest to that of the largest deviation.
+/// Point at the largest deviation, with the other data of the nearest stored point, and its label; `None` without points.
 fn worst(
     plane: [usize; 2],
     points: &[PathPoint],
@@ -126,7 +126,7 @@ fn worst(
     Some((point, format!("{} µm", short(of.max_um, 1))))
 }
 
-/// The two axes of the largest extent of the path, in axis order. End points of rapid motions are used only if there are no other points.
+/// Indices of the two axes of the largest extent of the path, in axis order. End points of rapid motions count only if there are no other points.
 fn plane_of(path: &[ProgramPlace]) -> [usize; 2] {
     let has_drawn = path.iter().any(|place| !place.begins);
     let extent = |i: usize| {

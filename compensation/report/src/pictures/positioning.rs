@@ -15,7 +15,7 @@ use crate::{
 };
 
 impl Positioning {
-    /// The test of one file; `error` is its name in ISO 230, empty if unknown. Without VDI/DGQ 3441 and without uncertainties.
+    /// Evaluates the test of one file, without VDI/DGQ 3441 and uncertainties. `error` is its name in ISO 230, empty if unknown.
     pub fn of_measurement(
         file: String,
         error: String,
@@ -39,7 +39,7 @@ impl Positioning {
     }
 }
 
-/// The picture of one or several tests with their judged quantities: one plot below the other, those of one unit with one scale.
+/// Draws one or several tests with their judged quantities, one plot below the other. Plots of the same unit have the same scale.
 pub fn positioning_picture(tests: &[(Positioning, Vec<JudgedQuantity>)]) -> String {
     let mut plots: Vec<(XyPlot, &Positioning)> = tests
         .iter()
@@ -108,7 +108,7 @@ fn of(row: &TargetRow, direction: Direction) -> Option<&Approach> {
     }
 }
 
-/// Runs, means, mean ± 2 s, and the quantities of the standard where they arise.
+/// Plot of runs, means, mean ± 2 s, and the quantities of the standard at the values that determine them.
 pub(crate) fn positioning_plot(test: &Positioning) -> XyPlot {
     let mut series = run_series(&test.runs, true);
     let mut legend = Vec::new();
@@ -172,10 +172,10 @@ pub(crate) fn positioning_plot(test: &Positioning) -> XyPlot {
     }
 }
 
-/// Symbol and value of a quantity, and the range of which it is the height.
+/// Symbol and value of a quantity, and the range of readings whose width it is.
 type Span = (&'static str, Option<f64>, Option<[f64; 2]>);
 
-/// A, E and M.
+/// Spans of the quantities A, E and M.
 fn spans(result: &Iso230Part2) -> [Span; 3] {
     let rows = &result.targets;
     let approaches = || rows.iter().flat_map(|row| [row.forward, row.backward]).flatten();

@@ -5,7 +5,7 @@ use volcomp_identify::FileResiduals;
 use super::span;
 use crate::plot::{Look, Mark, Panel, Series, WIDTH, XyPlot, picture, xy};
 
-/// The picture of the residuals of the rows of each file, with one scale, and the uncertainty stated for them.
+/// Draws the residuals of the rows of each file and their stated uncertainty, at the same scale.
 pub fn residuals_picture(lines: &[String], files: &[FileResiduals]) -> String {
     let mut plots: Vec<XyPlot> = files.iter().map(plot).collect();
     let range = span(plots.iter().flat_map(XyPlot::value_range));

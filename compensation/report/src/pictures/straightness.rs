@@ -7,20 +7,20 @@ use crate::plot::{
     Bracket, Look, Mark, Panel, Series, WIDTH, XyPlot, picture, short, square_sketch, xy,
 };
 
-/// A straightness profile about its reference line.
+/// A straightness profile relative to its reference line.
 #[derive(Clone, Debug)]
 pub struct StraightnessPlot {
     /// The measurement file.
     pub file: String,
-    /// Name of the reference line: the symbol of its quantity.
+    /// Symbol of the quantity that belongs to the reference line.
     pub reference: &'static str,
     /// Targets, mm, and deviations from the reference line, µm.
     pub profile: Vec<(f64, f64)>,
-    /// The straightness by each reference line.
+    /// Straightness by each reference line.
     pub quantities: Vec<JudgedQuantity>,
 }
 
-/// The picture of one or several profiles with one scale: the zero line is the reference line.
+/// Draws one or several profiles at the same scale; the zero line is the reference line.
 pub fn straightness_picture(profiles: &[StraightnessPlot]) -> String {
     let mut plots: Vec<XyPlot> = profiles.iter().map(profile_plot).collect();
     let range = span(plots.iter().flat_map(XyPlot::value_range));
@@ -82,32 +82,32 @@ fn profile_plot(of: &StraightnessPlot) -> XyPlot {
 /// One of the two straightness lines of a squareness.
 #[derive(Clone, Debug)]
 pub struct SlopePlot {
-    /// The straightness error: `EXY`.
+    /// Name of the straightness error, such as `EXY`.
     pub error: String,
     /// The measurement file.
     pub file: String,
     /// Targets, mm, and mean deviations, µm.
     pub profile: Vec<(f64, f64)>,
-    /// The line whose slope counts.
+    /// Line whose slope enters the squareness.
     pub line: ReferenceLine,
 }
 
-/// The squareness of two axes.
+/// Data of the picture of a squareness.
 #[derive(Clone, Debug)]
 pub struct SquarenessPlot {
-    /// The squareness error: `EC0Y`.
+    /// Name of the squareness error, such as `EC0Y`.
     pub error: String,
-    /// The axis from which the angle is counted, and the axis to which it is counted.
+    /// Axis from which, and axis to which the angle is counted.
     pub axes: [String; 2],
     /// Angle between the axes minus 90°, µrad.
     pub angle_urad: f64,
-    /// The two lines.
+    /// Straightness lines whose slopes give the angle, one for each axis.
     pub lines: [SlopePlot; 2],
-    /// The squareness with its tolerance.
+    /// Squareness with its tolerance.
     pub quantities: Vec<JudgedQuantity>,
 }
 
-/// The picture of a squareness: both profiles with their lines and one scale, and the angle.
+/// Draws a squareness: both profiles with their lines at the same scale, and the angle.
 pub fn squareness_picture(of: &SquarenessPlot) -> String {
     let mut plots = of.lines.each_ref().map(slope_plot);
     let range = span(plots.iter().flat_map(XyPlot::value_range));
@@ -129,7 +129,7 @@ pub fn squareness_picture(of: &SquarenessPlot) -> String {
     picture(&title, &lines, &[panels.collect(), vec![sketch]])
 }
 
-/// A profile without its middle, which is the place of the optics and no error.
+/// Profile minus the value of its line at mid travel, which depends on the set-up of the optics and is no error.
 fn slope_plot(of: &SlopePlot) -> XyPlot {
     let line = |at: f64| of.line.intercept_um + of.line.slope_um_per_mm * at;
     let ends = of.profile.first().zip(of.profile.last());

@@ -8,16 +8,16 @@ use crate::{
     report::{Slice, Vector, Volume},
 };
 
-/// Length of the longest arrow of a map, in the units of the picture: about the distance from its place to the frame.
+/// Length of the longest arrow of a map, in picture units: about the distance from its position to the frame.
 const LONGEST: f64 = 32.0;
 
-/// The maps of both states, with one colour scale and one scale of the arrows, and the error of the last colour, µm.
+/// Maps of both states, with a common colour scale and a common scale of the arrows.
 pub(crate) struct Maps {
-    /// The maps before compensation, or of the only state.
+    /// Maps before compensation, or of the only state.
     pub(crate) before: Vec<HeatMap>,
-    /// The maps after compensation; empty without such a state.
+    /// Maps after compensation; empty if there is no such state.
     pub(crate) after: Vec<HeatMap>,
-    /// The value of the last colour, µm.
+    /// Error shown by the last colour, µm.
     pub(crate) most_um: f64,
 }
 
@@ -77,7 +77,7 @@ fn label(axis: &str) -> String {
     format!("{axis}, {}", if is_rotary(axis) { "deg" } else { "mm" })
 }
 
-/// The error vectors of a plane, within it.
+/// Positions and error vectors of a plane, projected onto it.
 fn arrows(slice: &Slice, after: bool) -> Vec<([f64; 2], [f64; 2])> {
     let index = |axis: &str| axis.parse().map_or(0, AxisName::mcs_index);
     let (across, up) = (index(&slice.across), index(&slice.up));
@@ -89,7 +89,7 @@ fn arrows(slice: &Slice, after: bool) -> Vec<([f64; 2], [f64; 2])> {
     slice.vectors.iter().filter_map(arrow).collect()
 }
 
-/// The picture of the volumetric error: planes with the error vectors in them, a map over two rotary axes, and one colour scale.
+/// Draws the volumetric error: maps over planes with the error vectors in them, a map over two rotary axes, and one colour scale.
 pub fn map_picture(title: &str, lines: &[String], volume: &Volume) -> String {
     let maps = maps(volume);
     let panel = |map: &HeatMap| Panel { heading: String::new(), svg: heat_map(map) };
@@ -99,5 +99,5 @@ pub fn map_picture(title: &str, lines: &[String], volume: &Volume) -> String {
     picture(title, lines, &rows)
 }
 
-/// Label of the colours of the maps.
+/// Label of the colour scale of the maps.
 pub(crate) const COLOURS: &str = "length of the error, µm";

@@ -8,20 +8,20 @@ const LEFT: f64 = 64.0;
 const TOP: f64 = 44.0;
 const ROW: f64 = 16.0;
 
-/// Horizontal bars, one below the other, with a mark at a second value.
+/// Horizontal bars, one below the other, each with a mark at a second value.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Bars {
     /// Text alternative for a screen reader.
     pub words: String,
-    /// Label of the values, with their unit.
+    /// Label of the value axis, with the unit.
     pub label: String,
-    /// What a bar and its mark are.
+    /// Legend of the bars and of the marks.
     pub legend: [String; 2],
     /// Name, value of the bar, value of the mark.
     pub rows: Vec<(String, f64, f64)>,
 }
 
-/// Draws bars from zero, with a common scale.
+/// Draws bars from zero, at a common scale.
 pub fn bars(bars: &Bars) -> String {
     let right = WIDTH - 14.0;
     let bottom = TOP + ROW * bars.rows.len() as f64;

@@ -1,12 +1,12 @@
-//! A colour scale for readers with colour-vision deficiency and for grey printing: from dark blue to yellow with increasing lightness. Its
-//! supports are those of the published colour map `cividis` (Nuñez, Anderton, Renslow 2018), rounded.
+//! Colour scale from dark blue to yellow with increasing lightness, for readers with colour-vision deficiency and for grey printing. Its
+//! support colours are those of the published colour map `cividis` (Nuñez, Anderton, Renslow 2018), rounded.
 
 use super::{
     scale::{short, ticks},
     svg::{Anchor, Svg, finite},
 };
 
-/// The colours of the plots: variable, on white, on dark. Blue and orange stay distinct with every colour-vision deficiency.
+/// Colours of the plots: name of the variable, colour on white, colour on dark. Blue and orange stay distinct with every colour-vision deficiency.
 const COLOURS: [[&str; 3]; 7] = [
     ["paper", "#fff", "#171a1d"],
     ["ink", "#16191c", "#e7eaed"],
@@ -17,7 +17,7 @@ const COLOURS: [[&str; 3]; 7] = [
     ["mark", "#6a2c91", "#cfa2f2"],
 ];
 
-/// CSS that sets the colours of the plots of a page as variables: `--paper`, `--ink`, `--faint`, `--grid`, `--forward`, `--backward`, `--mark`.
+/// CSS declarations of the plot colours as variables: `--paper`, `--ink`, `--faint`, `--grid`, `--forward`, `--backward`, `--mark`.
 pub fn colour_variables() -> String {
     let set = |theme: usize| -> String {
         let one = |colour: &[&str; 3]| format!("--{}:{};", colour[0], colour[theme]);
@@ -30,7 +30,7 @@ pub fn colour_variables() -> String {
     )
 }
 
-/// A style with its variables replaced by the colours on white, or on dark: most viewers of SVG files do not support CSS variables.
+/// Replaces the variables of a style by the colours on white, or on dark: most viewers of SVG files do not support CSS variables.
 pub(super) fn without_variables(style: &str, dark: bool) -> String {
     COLOURS.iter().fold(style.to_owned(), |style, colour| {
         let name = format!("var(--{})", colour[0]);
@@ -38,7 +38,7 @@ pub(super) fn without_variables(style: &str, dark: bool) -> String {
     })
 }
 
-/// Equidistant support colours: red, green, blue.
+/// Equidistant support colours: red, green, blue, 0 to 255.
 const SUPPORTS: [[f64; 3]; 9] = [
     [0.0, 34.0, 78.0],
     [18.0, 53.0, 112.0],
@@ -62,7 +62,7 @@ pub fn colour_at(share: f64) -> String {
         return "#808080".to_owned();
     }
     let at = share.clamp(0.0, 1.0) * (SUPPORTS.len() - 1) as f64;
-    // From 0 to 7, since the last support is the end of the last interval.
+    // Index from 0 to 7, because the last support is the end of the last interval.
     let part = (at.floor() as usize).min(SUPPORTS.len() - 2);
     let within = at - part as f64;
     let channel = |index: usize| {
@@ -81,7 +81,7 @@ pub fn colour_scale(strips: usize) -> impl Iterator<Item = (f64, String)> {
     })
 }
 
-/// The colour scale from 0 to `most`, with its `label` above.
+/// Draws the colour scale from 0 to `most`, with its `label` above.
 pub fn colour_bar(label: &str, most: f64) -> String {
     let (left, width) = (4.0, 400.0);
     let mut svg = Svg::new("plot", (420.0, 54.0), label, "");
@@ -119,7 +119,6 @@ mod tests {
         0.2126 * channel(1) + 0.7152 * channel(3) + 0.0722 * channel(5)
     }
 
-    /// Lightness alone distinguishes the colours.
     #[test]
     fn it_grows_ever_lighter() {
         let all: Vec<f64> = (0..=50).map(|i| luminance(&colour_at(f64::from(i) / 50.0))).collect();

@@ -7,10 +7,10 @@ use super::{
 const WIDTH: f64 = 330.0;
 const LEFT: f64 = 50.0;
 const TOP: f64 = 34.0;
-/// Maximum length of the rule of the arrows.
+/// Maximum length of the scale arrow below the map, in picture units.
 const RULE: f64 = 40.0;
 
-/// A field over two coordinates.
+/// Values of a field over two coordinates.
 #[derive(Clone, Debug, PartialEq)]
 pub struct HeatMap {
     /// Text alternative for a screen reader.
@@ -21,23 +21,23 @@ pub struct HeatMap {
     pub x_label: String,
     /// Label of the second coordinate, with its unit.
     pub y_label: String,
-    /// The nodes of the first coordinate, ascending.
+    /// Nodes of the first coordinate, ascending.
     pub x: Vec<f64>,
-    /// The nodes of the second coordinate, ascending.
+    /// Nodes of the second coordinate, ascending.
     pub y: Vec<f64>,
-    /// The values, the first coordinate varying fastest.
+    /// Value at each node; the first coordinate varies fastest.
     pub values: Vec<f64>,
-    /// The value of the last colour of the scale; the first colour is 0.
+    /// Value of the last colour of the scale; the first colour is 0.
     pub most: f64,
-    /// The unit of the values, and of the arrows.
+    /// Unit of the values and of the arrows.
     pub unit: String,
-    /// Positions, and vectors in the plane, in `unit`.
+    /// Position and vector of each arrow, the vector in `unit`.
     pub arrows: Vec<([f64; 2], [f64; 2])>,
-    /// Length of a vector of 1 `unit` in the picture.
+    /// Length of a vector of 1 `unit`, in picture units.
     pub arrow_scale: f64,
 }
 
-/// Draws a heat map with one cell per node, in the proportions of the plane unless it is too elongated.
+/// Draws a heat map with one cell per node. Both coordinates have the same scale unless the map would be too elongated.
 pub fn heat_map(map: &HeatMap) -> String {
     let right = WIDTH - 18.0;
     let range = |nodes: &[f64]| match (nodes.first(), nodes.last()) {
@@ -97,7 +97,7 @@ pub fn heat_map(map: &HeatMap) -> String {
     svg.finish()
 }
 
-/// The arrows, each with a light edge that separates it from any colour, and below the map the length of a round one.
+/// Draws the arrows, each with a light edge that separates it from any colour, and below the map a scale arrow of a round length.
 fn arrows(svg: &mut Svg, map: &HeatMap, (x, y): (&Scale, &Scale), bottom: f64) {
     for ([at_x, at_y], [u, v]) in &map.arrows {
         let from = [x.at(*at_x), y.at(*at_y)];
@@ -124,7 +124,7 @@ fn arrows(svg: &mut Svg, map: &HeatMap, (x, y): (&Scale, &Scale), bottom: f64) {
         }
     }
     if !map.arrows.is_empty() && map.arrow_scale > 0.0 {
-        // Maps with one scale show the same length.
+        // Maps with the same scale show the same length.
         let round = round_below(RULE / map.arrow_scale);
         let end = LEFT + round * map.arrow_scale;
         svg.line("rule", [LEFT, bottom + 28.0], [end, bottom + 28.0]);
@@ -136,7 +136,7 @@ fn arrows(svg: &mut Svg, map: &HeatMap, (x, y): (&Scale, &Scale), bottom: f64) {
     }
 }
 
-/// The edges of cells around nodes: midpoints between nodes, and symmetric edges for the outermost cells.
+/// Edges of the cells around nodes: midpoints between nodes; the outermost cells are symmetric.
 fn edges(nodes: &[f64]) -> Vec<f64> {
     match nodes {
         [] => Vec::new(),

@@ -24,7 +24,6 @@ pub(crate) fn outline(path: &mut String, mark: Mark, [x, y]: [f64; 2], size: f64
     }
     let r = finite(size);
     let f = finite;
-    // Writing to a String cannot fail.
     let _ = match mark {
         Mark::None => Ok(()),
         Mark::Dot => write!(

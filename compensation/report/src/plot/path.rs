@@ -9,23 +9,23 @@ use super::{
     xy::WIDTH,
 };
 
-/// Room for the labels, and between the drawing and the frame.
+/// Left, right, top and bottom margin, in picture units.
 const MARGINS: [f64; 4] = [52.0, 12.0, 18.0, 40.0];
-/// Number of colours of the path.
+/// Number of colours of the deviated path.
 const COLOURS: usize = 24;
-/// Radius of a hole, seen along its axis; a motion shorter than that is drawn as one.
+/// Radius of the mark of a hole, seen along its axis; motions shorter than that are drawn as such a mark.
 const HOLE: f64 = 3.0;
 
-/// One position of a path.
+/// Position on a path, with its deviation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PathPoint {
     /// Programmed position in the plane, mm.
     pub at_mm: [f64; 2],
     /// Deviation in the plane, µm.
     pub deviation_um: [f64; 2],
-    /// Size of the whole deviation, µm: the colour.
+    /// Magnitude of the deviation in space, µm, which the colour shows.
     pub size_um: f64,
-    /// Whether a line begins here, without a connection to the point before.
+    /// Whether a line begins here, without a connection to the previous point.
     pub begins: bool,
 }
 
@@ -34,30 +34,30 @@ pub struct PathPoint {
 pub struct PathPlot {
     /// Text alternative for a screen reader.
     pub words: String,
-    /// Labels of the axes to the right and upwards, with their unit.
+    /// Labels of the horizontal and the vertical axis, with their unit.
     pub labels: [String; 2],
-    /// The drawn range of both axes, mm.
+    /// Drawn range of both axes, mm.
     pub range_mm: [[f64; 2]; 2],
     /// Width of the picture, in its own units.
     pub width: f64,
-    /// Magnification of the deviations.
+    /// Magnification of the deviations relative to the path.
     pub magnification: f64,
-    /// Deviation of the last colour, µm; the first is 0.
+    /// Deviation shown by the last colour, µm; the first colour is 0.
     pub most_um: f64,
-    /// The positions.
+    /// Points of the path, in the order of travel.
     pub points: Vec<PathPoint>,
-    /// Position of the largest deviation, and its label.
+    /// Point of the largest deviation, and its label; `None`: not marked.
     pub worst: Option<(PathPoint, String)>,
 }
 
-/// Draws a path plot with one scale for both axes.
+/// Draws a path plot with the same scale for both axes.
 pub fn path_plot(plot: &PathPlot) -> String {
     let [left, right, top, bottom] = MARGINS;
     let width = if plot.width.is_finite() { plot.width.clamp(200.0, 2000.0) } else { WIDTH };
     let range_mm = plot.range_mm.map(drawn_range);
     let times = if plot.magnification.is_finite() { plot.magnification } else { 1.0 };
     let [across, up] = range_mm.map(|[low, high]| high - low);
-    // Both axes have the same scale; a minimum height leaves room for the labels of a long thin path.
+    // A minimum height leaves room for the labels of a long thin path.
     let scale = ((width - left - right) / across).min(1.3 * width / up);
     let height = (up * scale).max(60.0);
     let (foot, middle) = (top + height, 0.5 * (height - up * scale));
@@ -77,7 +77,6 @@ pub fn path_plot(plot: &PathPlot) -> String {
             (on_page(at), point)
         })
     };
-    // The programmed path.
     let mut path = String::new();
     let all: Vec<_> = drawn(0.0).map(|(at, point)| (at, point.begins)).collect();
     for (at, begins) in spaced(&all, 0.5) {
@@ -96,14 +95,14 @@ pub fn path_plot(plot: &PathPlot) -> String {
     svg.finish()
 }
 
-/// A range that can be drawn: without numbers, or without extent, 0 to 1 mm.
+/// Range to draw, mm; 0 to 1 mm if the range is invalid or has no extent.
 fn drawn_range([low, high]: [f64; 2]) -> [f64; 2] {
-    /// Maximum magnitude that is drawn, mm.
+    /// Maximum magnitude of a drawn coordinate, mm.
     const MOST: f64 = 1e9;
     if high - low > 1e-9 && low.abs().max(high.abs()) <= MOST { [low, high] } else { [0.0, 1.0] }
 }
 
-/// One element per colour: the deviated path, in steps of at least half a pixel.
+/// Draws the deviated path in steps of at least half a pixel, as one element per colour.
 fn coloured<'a>(
     svg: &mut Svg,
     plot: &PathPlot,
@@ -160,10 +159,9 @@ fn colour_of(size_um: f64, most_um: f64) -> usize {
     (share.clamp(0.0, 1.0) * COLOURS as f64).min(COLOURS as f64 - 1.0) as usize
 }
 
-/// Adds a step to a path; positions are rounded to tenths of a pixel.
+/// Appends a step to a path; positions are rounded to tenths of a pixel.
 fn step(path: &mut String, verb: char, [x, y]: [f64; 2]) {
     use std::fmt::Write as _;
-    // Writing to a String cannot fail.
     let _ = write!(path, "{verb}{} {}", tenths(x), tenths(y));
 }
 

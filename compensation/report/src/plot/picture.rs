@@ -1,4 +1,4 @@
-//! One file with a title and plots: an SVG document with its own style.
+//! Picture files: an SVG document with its own style, a title and plots.
 
 use super::{
     STYLE,
@@ -6,27 +6,27 @@ use super::{
     svg::{Anchor, Svg, escaped, finite},
 };
 
-/// Width of a picture and its margin, in its own units: px at its natural size.
+/// Width of a picture, in its own units: px at its natural size.
 const WIDTH: f64 = 720.0;
 const MARGIN: f64 = 20.0;
 /// Distance between panels.
 const GAP: f64 = 16.0;
 
-/// Rules of the document itself. Rules for media apply in browsers; other viewers ignore them and show the picture in its natural size.
+/// CSS rules of the document itself. Media rules apply in browsers; other viewers ignore them and show the picture at its natural size.
 const PAGE: &str = ".page{font-family:system-ui,\"Segoe UI\",Roboto,\"DejaVu Sans\",Arial,sans-serif}.page .paper{fill:var(--paper)}.page .title{font-size:17px;font-weight:700;fill:var(--ink)}.page .caption{font-size:13px;fill:var(--faint)}.page .panel{font-size:13px;font-weight:700;fill:var(--ink)}\n";
 const SCREEN: &str = "@media all{.page{max-width:100%;height:auto;background:#fff}}@media (max-width:560px){.page .title{font-size:20px}.page .caption,.page .plot text,.page .plot .tick{font-size:16px}.page .panel{font-size:14px}.page .plot .letter{font-size:13px}}";
 
-/// One plot of a picture: an `<svg>` of this module, and a heading, which may be empty.
+/// One plot of a picture, with a heading.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Panel {
-    /// Heading above the plot.
+    /// Heading above the plot; may be empty.
     pub heading: String,
-    /// The plot.
+    /// `<svg>` element of the plot, from a function of this module.
     pub svg: String,
 }
 
-/// A picture as an SVG document: title, lines of text, and rows of panels. The panels of a row share its width by their own widths, and
-/// keep their heights.
+/// Creates a picture as an SVG document: title, lines of text, and rows of panels. The panels of a row share its width in proportion to their own
+/// widths, and keep their heights.
 pub fn picture(title: &str, lines: &[String], rows: &[Vec<Panel>]) -> String {
     let mut body = Svg::inner();
     let mut y = MARGIN;
@@ -44,7 +44,7 @@ pub fn picture(title: &str, lines: &[String], rows: &[Vec<Panel>]) -> String {
         let sizes: Vec<[f64; 2]> = row.iter().map(|panel| size(&panel.svg)).collect();
         let across: f64 = sizes.iter().map(|size| size[0]).sum();
         let gaps = GAP * row.len().saturating_sub(1) as f64;
-        // A row of narrow panels is not widened.
+        // A row of narrow panels is hardly enlarged.
         let scale = ((full - gaps) / across.max(1.0)).min(1.04);
         let heads = row.iter().zip(&sizes).map(|(panel, [width, _])| {
             let lines = folded(&panel.heading, chars(width * scale));
@@ -87,7 +87,7 @@ pub fn picture(title: &str, lines: &[String], rows: &[Vec<Panel>]) -> String {
     )
 }
 
-/// The rules of a style that set a colour, by lines.
+/// Lines of a style that set a colour.
 fn colours_of(style: &str) -> String {
     let lines = style.lines().filter(|line| line.contains("var(--"));
     lines.flat_map(|line| [line, "\n"]).collect()
@@ -103,7 +103,7 @@ fn chars(width: f64) -> usize {
     (width / 7.6).max(8.0) as usize
 }
 
-/// Width and height of a plot by its `viewBox`, which [`Svg::new`] wrote.
+/// Width and height of a plot from its `viewBox`, which [`Svg::new`] wrote.
 fn size(svg: &str) -> [f64; 2] {
     let inside = svg.split_once("viewBox=\"0 0 ").and_then(|(_, rest)| rest.split_once('"'));
     let mut numbers = inside
@@ -113,7 +113,7 @@ fn size(svg: &str) -> [f64; 2] {
     [0, 1].map(|_| numbers.next().unwrap_or(0.0))
 }
 
-/// Folds a text into lines of at most `most` characters, at spaces where there are any.
+/// Breaks a text into lines of at most `most` characters, at spaces if possible.
 fn folded(text: &str, most: usize) -> impl Iterator<Item = &str> {
     let mut rest = text;
     std::iter::from_fn(move || {

@@ -10,7 +10,7 @@ use super::{
 const WIDTH: f64 = 680.0;
 const HEIGHT: f64 = 560.0;
 const CENTRE: [f64; 2] = [0.5 * WIDTH, 302.0];
-/// Radii of the smallest and the largest value: the inner one keeps lobes apart.
+/// Radii at which the smallest and the largest value are drawn; the inner one keeps lobes apart.
 const RADII: [f64; 2] = [70.0, 232.0];
 
 /// Radial deviations of a circle.
@@ -18,18 +18,18 @@ const RADII: [f64; 2] = [70.0, 232.0];
 pub struct PolarPlot {
     /// Text alternative for a screen reader.
     pub words: String,
-    /// Axes drawn to the right and upwards.
+    /// Names of the axes drawn to the right and upwards.
     pub axes: [String; 2],
     /// Unit of the deviations.
     pub unit: String,
-    /// The curves.
+    /// Drawn curves.
     pub series: Vec<PolarSeries>,
 }
 
 /// Name, look, and points (angle in rad, deviation) in the order of travel.
 pub type PolarSeries = (String, Look, Vec<(f64, f64)>);
 
-/// Draws the plot as one `<svg>` element: circles are equal deviations, the darker one is zero.
+/// Draws the plot as one `<svg>` element. Circles are lines of equal deviation; the darker one is zero.
 pub fn polar(plot: &PolarPlot) -> String {
     let values = plot.series.iter().flat_map(|(_, _, points)| points);
     let values = values.map(|(_, value)| *value).chain([0.0]);
@@ -75,7 +75,7 @@ pub fn polar(plot: &PolarPlot) -> String {
         svg.text("key", [x + 32.0, 14.0], Anchor::Start, name);
         x += 50.0 + 8.6 * name.chars().count() as f64;
     }
-    // On the diagonal, where curves seldom have their peaks.
+    // Labels are on the diagonal, where curves seldom have their peaks.
     for value in &values {
         let r = scale.at(*value) * std::f64::consts::FRAC_1_SQRT_2;
         let text = short(*value, decimals);

@@ -6,7 +6,7 @@ use super::{
 };
 
 const SIZE: [f64; 2] = [680.0, 460.0];
-/// Length of the longest arrow, relative to the largest travel.
+/// Length of the longest arrow as a fraction of the largest travel.
 const LONGEST: f64 = 0.22;
 
 /// One error vector.
@@ -16,7 +16,7 @@ pub struct Arrow {
     pub at_mm: [f64; 3],
     /// Error at the position, µm.
     pub error_um: [f64; 3],
-    /// Whether the vector belongs to the state after compensation.
+    /// Whether the error is that after compensation.
     pub after: bool,
 }
 
@@ -25,15 +25,15 @@ pub struct Arrow {
 pub struct Quiver {
     /// Text alternative for a screen reader.
     pub words: String,
-    /// The ends of the travels, mm.
+    /// Ends of the travels of X, Y and Z, mm.
     pub travels_mm: [[f64; 2]; 3],
-    /// The error vectors to be drawn.
+    /// Error vectors, before and after compensation.
     pub arrows: Vec<Arrow>,
     /// Label of the scale arrow.
     pub scale_word: String,
 }
 
-/// Rotation about the vertical axis, and tilt, of the static view, rad.
+/// Rotation about the vertical axis, and tilt of the static view, rad.
 const VIEW: [f64; 2] = [-0.62, 0.42];
 
 /// Draws a quiver plot.
@@ -110,9 +110,9 @@ pub fn quiver(quiver: &Quiver) -> String {
     svg.finish()
 }
 
-/// Pixels per unit of the box, such that the box fits the static view.
+/// Pixels per unit of the box at which the box fits the static view.
 fn fitting(corners: impl Iterator<Item = [f64; 3]>) -> f64 {
-    /// Fraction of the picture that the box occupies; arrows extend beyond it.
+    /// Fraction of the picture that the box fills; arrows extend beyond it.
     const FILLED: f64 = 0.76;
     let halves = corners.fold([0.0_f64; 2], |[across, up], corner| {
         let [x, y] = projected(corner, VIEW, 1.0);

@@ -8,9 +8,9 @@ pub struct Scale {
 }
 
 impl Scale {
-    /// A scale over all finite `values`, extended at both ends by `margin` (relative to their range). An empty range is widened.
+    /// Creates a scale over all finite `values`, extended at both ends by `margin` (relative to their range). An empty range is widened.
     pub fn over(values: impl IntoIterator<Item = f64>, places: [f64; 2], margin: f64) -> Self {
-        /// Maximum magnitude that is drawn: far beyond measured values, and small enough to subtract.
+        /// Maximum magnitude of a drawn value: far beyond measured values, and small enough to subtract without overflow.
         const MOST: f64 = 1e12;
         let finite = values.into_iter().filter(|x| x.abs() <= MOST);
         let (low, high) = finite
@@ -34,7 +34,7 @@ impl Scale {
     }
 }
 
-/// About `count` round values in a range, and the number of decimals that they need.
+/// About `count` round values in a range, and the number of decimals with which to format them.
 #[expect(
     clippy::cast_possible_truncation,
     clippy::cast_sign_loss,

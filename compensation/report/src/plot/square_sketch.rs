@@ -8,13 +8,13 @@ use super::{
 pub struct SquareSketch {
     /// Text alternative for a screen reader.
     pub words: String,
-    /// The axis drawn to the right.
+    /// Name of the axis drawn to the right.
     pub first: String,
-    /// The axis drawn upwards.
+    /// Name of the axis drawn upwards.
     pub second: String,
-    /// The angle from the first to the second axis, minus 90°, µrad.
+    /// Angle from the first to the second axis minus 90°, µrad.
     pub angle_urad: f64,
-    /// Factor by which the deviation is exaggerated.
+    /// Factor by which the deviation is exaggerated in the sketch.
     pub exaggeration: f64,
     /// The label below the sketch, with the value.
     pub label: String,

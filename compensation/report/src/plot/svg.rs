@@ -15,7 +15,7 @@ pub(crate) enum Anchor {
 }
 
 impl Svg {
-    /// An empty picture of this size, in its own units, with a text alternative for screen readers. `class` and `more` are attributes from
+    /// Creates an empty picture of this size, in its own units, with a text alternative for screen readers. `class` and `more` are attributes from
     /// this crate, never from a file.
     pub fn new(class: &str, (width, height): (f64, f64), words: &str, more: &str) -> Self {
         let (width, height) = (finite(width), finite(height));
@@ -27,7 +27,7 @@ impl Svg {
         }
     }
 
-    /// Elements without an `<svg>` around them, for [`Svg::finish_inner`].
+    /// Creates elements without an `<svg>` around them, for [`Svg::finish_inner`].
     pub(super) fn inner() -> Self {
         Self { text: String::new() }
     }
@@ -85,7 +85,6 @@ impl Svg {
     }
 
     pub(crate) fn put(&mut self, what: core::fmt::Arguments<'_>) {
-        // Writing to a String cannot fail.
         let _ = self.text.write_fmt(what);
     }
 
@@ -101,7 +100,7 @@ impl Svg {
     }
 }
 
-/// A number rounded to hundredths, never −0; 0 if it is not finite.
+/// Rounds a number to hundredths, never to −0; 0 if it is not finite.
 pub fn finite(x: f64) -> f64 {
     let hundredths = (x * 100.0).round() / 100.0;
     if hundredths.is_finite() { hundredths + 0.0 } else { 0.0 }

@@ -3,8 +3,8 @@
 /// Maximum number of drawn points of one plot.
 pub const MOST_POINTS: usize = 6000;
 
-/// Reduces points in ascending x to about `most`. In each of equal parts of the range the first, smallest, largest and last value are kept,
-/// so that peaks remain. Points that are not finite are removed.
+/// Reduces points in ascending x to about `most`. The range is divided into equal parts, of which the first, smallest, largest and last value are
+/// kept, so that peaks remain. Points that are not finite are removed.
 #[expect(
     clippy::cast_possible_truncation,
     clippy::cast_sign_loss,
@@ -43,7 +43,7 @@ pub fn thinned(points: &[(f64, f64)], most: usize) -> Vec<(f64, f64)> {
     kept
 }
 
-/// Drops finite points of a path that are nearer than `least` to the one before; points that begin a line, and the last one, are kept.
+/// Drops finite points of a path that are nearer than `least` to the previous kept point; points that begin a line, and the last point, are kept.
 pub(super) fn spaced(
     points: &[([f64; 2], bool)],
     least: f64,

@@ -7,18 +7,18 @@ use super::{
     thin::{MOST_POINTS, thinned},
 };
 
-/// Width of a plot that fills a page.
+/// Width of a plot that fills a page, in picture units.
 pub const WIDTH: f64 = 680.0;
 const LEFT: f64 = 58.0;
 /// Distance between adjacent brackets next to the plot.
 const SLOT: f64 = 44.0;
-/// Width of an average legend character; the text is larger on narrow screens, where the picture is scaled down.
+/// Width of an average legend character in picture units; the text is larger on narrow screens, where the picture is scaled down.
 const SIGN: f64 = 8.6;
 const ROW: f64 = 17.0;
-/// Maximum number of points of a series with markers, which would overlap otherwise.
+/// Maximum number of points of a series up to which markers are drawn; more would overlap.
 const MOST_MARKS: usize = 250;
 
-/// The look of a series. Forward and backward differ in colour, line (solid, dashed) and markers.
+/// Line style of a series. Forward and backward differ in colour, line (solid, dashed) and markers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Look {
     /// A single run forward.
@@ -29,7 +29,7 @@ pub enum Look {
     Forward,
     /// Mean readings or a curve backward.
     Backward,
-    /// A curve of both directions, or their mean.
+    /// A curve for both directions, or the mean of both.
     Both,
     /// Mean ± 2 s of the forward runs.
     LimitForward,
@@ -58,14 +58,14 @@ impl Look {
     }
 }
 
-/// Points of one series.
+/// Points of one curve.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Series {
-    /// The name of the points, shown with the value at the pointer.
+    /// Name of the series, shown with the value at the pointer.
     pub name: String,
-    /// Coordinates and values, coordinates ascending.
+    /// Coordinate and value of each point, coordinates ascending.
     pub points: Vec<(f64, f64)>,
-    /// The line style of the points.
+    /// Line style of the series.
     pub look: Look,
     /// The marker at each point.
     pub mark: Mark,
@@ -82,18 +82,18 @@ pub struct Band {
     pub low: Vec<f64>,
     /// The upper limit at each coordinate.
     pub high: Vec<f64>,
-    /// The line style; [`Look::Backward`] is hatched.
+    /// Line style; [`Look::Backward`] is hatched.
     pub look: Look,
 }
 
 /// A span of values with a label, drawn next to the plot or at a coordinate within it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Bracket {
-    /// The symbol with its value.
+    /// Label: the symbol and its value.
     pub label: String,
-    /// The values at both ends.
+    /// Values at both ends.
     pub span: [f64; 2],
-    /// The coordinate; `None`: next to the plot.
+    /// Coordinate at which the bracket is drawn; `None`: next to the plot.
     pub at: Option<f64>,
 }
 
@@ -102,25 +102,25 @@ pub struct Bracket {
 pub struct XyPlot {
     /// Text alternative for a screen reader.
     pub words: String,
-    /// The label of the coordinate, with its unit.
+    /// Label of the coordinate axis, with its unit.
     pub x_label: String,
-    /// Whether the label is written below the plot; false if another plot with the same coordinate follows.
+    /// Whether the coordinate axis is labelled; false if another plot with the same coordinate follows below.
     pub x_named: bool,
-    /// The label of the value, with its unit.
+    /// Label of the value axis, with its unit.
     pub y_label: String,
-    /// Minimum range of the coordinate axis.
+    /// Range that the coordinate axis covers at least; `None`: that of the points.
     pub x_range: Option<[f64; 2]>,
-    /// Minimum range of the value axis, for plots with the same scale.
+    /// Range that the value axis covers at least, so that several plots have the same scale; `None`: that of the points.
     pub y_range: Option<[f64; 2]>,
     /// Width of the picture, in its own units: at most [`WIDTH`].
     pub width: f64,
-    /// Height of the plot area.
+    /// Height of the plot area, in picture units.
     pub height: f64,
-    /// The series of points, drawn in order.
+    /// Series, drawn in this order.
     pub series: Vec<Series>,
-    /// The bands, drawn behind the series.
+    /// Bands, drawn behind the series.
     pub bands: Vec<Band>,
-    /// Labelled spans.
+    /// Spans of values, with their labels.
     pub brackets: Vec<Bracket>,
     /// Line styles, markers and texts of the legend; empty for no legend.
     pub legend: Vec<(Look, Mark, String)>,
@@ -207,7 +207,7 @@ pub fn xy(plot: &XyPlot) -> String {
     svg.finish()
 }
 
-/// 0, if the value axis can include it without hiding the values: they keep at least a quarter of its height.
+/// Zero, if the value axis can include it and the values still take at least a quarter of its height.
 fn with_zero([low, high]: [f64; 2]) -> Option<f64> {
     (low >= high || high - low >= 0.25 * (high.max(0.0) - low.min(0.0))).then_some(0.0)
 }
@@ -215,7 +215,7 @@ fn with_zero([low, high]: [f64; 2]) -> Option<f64> {
 /// A legend entry: its look (`None`: a band), text and position.
 type Entry = (Option<Look>, Mark, String, [f64; 2]);
 
-/// The positions of the legend entries, and the number of rows.
+/// Positions of the legend entries, and the number of rows.
 fn legend_places(plot: &XyPlot) -> (Vec<Entry>, usize) {
     let band = (!plot.bands.is_empty() && !plot.band_label.is_empty())
         .then(|| (None, Mark::None, plot.band_label.clone()));

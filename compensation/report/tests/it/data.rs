@@ -5,7 +5,7 @@ use volcomp_report::{
 
 use crate::{Shop, machine};
 
-/// The report of a machine file with these lines.
+/// Report of a machine file with these additional lines.
 fn stated(more: &str) -> Report {
     Report::of_machine("machine.toml", &machine(more), &Stated::default())
 }
@@ -93,7 +93,7 @@ fn one_run_has_a_band_of_its_residuals() {
     assert!(page.contains("With one run its residuals are drawn again"));
 }
 
-/// A value whose distance from the limit is below U is undecided: the laser scale of 0.5 µm/m (k = 1) over 0.8 m gives U = 0.8 µm.
+/// The verdict is undecided if the distance from the limit is below U: the laser scale of 0.5 µm/m (k = 1) over 0.8 m gives U = 0.8 µm.
 #[test]
 fn a_figure_near_its_limit_is_undecided() {
     let shop = Shop::new();
@@ -149,11 +149,11 @@ fn squareness_and_error_motions_are_judged_with_their_uncertainty() {
     };
     let u = |symbol: &str| of(symbol).uncertainty.expect(symbol);
     assert_eq!(u("EC0Y"), 4.0);
-    // 12 + 4 is above 15, 12 is not.
+    // 12 + 4 exceeds the limit of 15, 12 does not.
     assert_eq!(of("EC0Y").outcome, Verdict::Undecided);
     assert!((u("EYX") - 0.848_528).abs() < 1e-6, "{}", u("EYX"));
     assert!((u("EBX") - core::f64::consts::SQRT_2).abs() < 1e-6, "{}", u("EBX"));
-    // 0.02 µm/mm over 800 mm with a wave: the extremes are at or near the ends.
+    // 0.02 µm/mm over 800 mm plus a wave: the extremes are at or near the ends.
     let (least, most) = (
         (0.848_528_f64.powi(2) + 0.7_f64.powi(2)).sqrt(),
         (0.848_528_f64.powi(2) + 0.8_f64.powi(2)).sqrt(),
@@ -217,7 +217,7 @@ fn editions_and_vdi_stand_in_the_report() {
     );
 }
 
-/// Waves that the curve does not follow leave the error undecided, so V does not pass. A single target has no range.
+/// Waves that the curve does not follow leave the error undecided, so V does not pass.
 #[test]
 fn a_figure_that_the_curve_does_not_bear_out_does_not_pass() {
     let shop = Shop::new();
@@ -240,7 +240,7 @@ fn a_figure_that_the_curve_does_not_bear_out_does_not_pass() {
     let found = checks(&report, &limits);
     assert_eq!((found[0].outcome, &found[0].of), (Verdict::Undecided, &CheckOf::NotConfirmed));
     assert_eq!(found[1].outcome, Verdict::Pass);
-    // The machine file reports the undecided error until the error is set again.
+    // The machine file keeps the error undecided until it is set again.
     let text_of_machine = machine.to_toml();
     let mut read = volcomp_model::Machine::parse(&text_of_machine, "m.toml").expect("valid");
     assert_eq!(read.to_toml(), text_of_machine);
@@ -268,7 +268,7 @@ fn a_figure_that_the_curve_does_not_bear_out_does_not_pass() {
     assert_eq!(found[1].outcome, Verdict::NotEvaluated, "{found:?}");
 }
 
-/// A file with one run shows no scatter: a verdict whose uncertainty lacks it is no pass, until the calibration states it.
+/// A file with a single run shows no scatter: verdicts whose uncertainty lacks it do not pass, until the calibration file states it.
 #[test]
 fn an_uncertainty_without_the_scatter_of_a_file_passes_nothing() {
     let shop = Shop::new();
@@ -294,7 +294,7 @@ fn an_uncertainty_without_the_scatter_of_a_file_passes_nothing() {
             let [check] = &checks(&report, &limits)[..] else { panic!("one check") };
             (check.outcome, check.of.clone())
         });
-        // Where no file has several runs nothing is drawn at all.
+        // If no file has several runs, no Monte Carlo samples are drawn.
         assert_eq!(judged[0], judged[1]);
         judged[0].clone()
     };
@@ -304,7 +304,7 @@ fn an_uncertainty_without_the_scatter_of_a_file_passes_nothing() {
     assert_eq!(found(1, stated).0, Verdict::Pass);
 }
 
-/// An unknown whose value requires another unknown to be zero is open unless that unknown is known to be zero.
+/// An error whose value requires another unknown to be zero is undetermined unless that unknown is known to be zero.
 #[test]
 fn an_unknown_that_holds_if_another_is_zero_is_open_where_that_is() {
     let parameter = |name: &str, uncertainty, given_zero: &[&str]| Parameter {
@@ -376,7 +376,7 @@ fn what_a_squareness_is_judged_by() {
     let told = |of: &String| of.ends_with("is not known: EXX");
     let (_, report) = judged(&text);
     assert!(report.not_measured.iter().any(told));
-    // The machine file reports it too: neither alone nor as the truth does it pass as a whole machine.
+    // The machine file records it too: neither the machine alone nor as the truth passes as a whole machine.
     let (_, calibration) = shop.calibrated();
     let written = calibration.machine.to_toml();
     let machine = volcomp_model::Machine::parse(&written, "machine.toml").expect("written");
@@ -384,7 +384,7 @@ fn what_a_squareness_is_judged_by() {
     assert!(report.not_measured.iter().any(told));
 }
 
-/// An angle in [assembly] is part of the squareness, so the location error alone is not evaluated.
+/// An angle in `[assembly]` is part of the squareness, so the location error alone is not evaluated.
 #[test]
 fn no_location_is_judged_beside_assembly_errors() {
     let report = stated("[assembly]\nY = [0, 0, 0, 0, 0, 50]\n[errors]\nEXX = 3.0\n");
@@ -471,7 +471,7 @@ fn figures_stand_against_tolerances() {
     };
     assert!(error == "EXX" && file.ends_with("exx.csv"), "{error} {file}");
     assert_eq!(report.checks[0].of.to_string(), format!("EXX, {file}"));
-    // Without a volume no errors are missing from it.
+    // A report without a volume has no errors missing from it.
     assert_eq!(report.checks[5].of, CheckOf::Symbol);
 }
 

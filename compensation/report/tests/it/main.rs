@@ -1,4 +1,4 @@
-//! Reports of calibrations made in the tests: data, page, and the page in a browser.
+//! Reports of calibrations made in the tests: data, page as text, and page in a browser.
 
 mod browser;
 mod data;
@@ -19,7 +19,7 @@ pub(crate) fn machine(more: &str) -> Machine {
     Machine::parse(&format!("{MACHINE}{more}"), "machine.toml").expect("a machine")
 }
 
-/// Deviations of bidirectional runs with deterministic scatter.
+/// CSV file of bidirectional runs with deterministic scatter.
 pub(crate) fn csv(
     targets: usize,
     step: f64,
@@ -36,7 +36,6 @@ pub(crate) fn csv(
                 noise = noise * 48_271 % 2_147_483_647;
                 let scatter = noise as f64 / 2_147_483_647.0 - 0.5;
                 let direction = if backward { "-" } else { "+" };
-                // Writing to a String cannot fail.
                 let _ = writeln!(
                     text,
                     "{target},{run},{direction},{:.3}",

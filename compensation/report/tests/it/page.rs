@@ -1,4 +1,4 @@
-//! The page as text: its content, and that no file can inject markup.
+//! Page as text: its content, and that no file can inject markup.
 
 use volcomp_report::{Report, Stated, html};
 
@@ -20,7 +20,6 @@ fn what_nobody_states_is_said_to_be_not_stated() {
     assert!(page.contains("No tolerance stated."));
 }
 
-/// File names and headers of measurement files are escaped.
 #[test]
 fn texts_of_files_are_never_markup() {
     let shop = Shop::new();
@@ -109,8 +108,7 @@ fn the_page_asks_for_nothing_outside_of_itself() {
     }
 }
 
-/// The first page has who it is for and what was found, with a line for the signature, before any section. The figures are those of the
-/// report.
+/// The first page states the customer and the figures of the report, with a line for the signature, before any section.
 #[test]
 fn the_first_page_is_a_certificate() {
     let shop = Shop::new();
@@ -151,7 +149,7 @@ fn the_first_page_is_a_certificate() {
         report.warnings
     );
     assert!(!warned(&report, "no material temperature"));
-    // Without statements the page has no empty lines for them, and the files are named.
+    // Without these statements the page has no empty lines for them, and the files are named.
     let plain = shop.report();
     assert!(warned(&plain, "exx.csv states no material temperature"), "{:?}", plain.warnings);
     let page = html(&plain);

@@ -90,7 +90,6 @@ proptest! {
     }
 }
 
-/// A whole document: its style, its panels, its texts.
 #[test]
 fn a_picture_is_one_document() {
     let plot = |points: &[(f64, f64)], span: [f64; 2]| XyPlot {

@@ -4,7 +4,7 @@ use volcomp_report::html;
 
 use crate::browser::whole;
 
-/// The texts between the tags of a page, without styles and scripts.
+/// Texts between the tags of a page, without styles and scripts.
 fn between_tags(page: &str) -> Vec<String> {
     let mut rest = page;
     let mut found = Vec::new();

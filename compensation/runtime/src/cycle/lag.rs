@@ -1,5 +1,5 @@
 //! Reduction of a correction by the age of the positions: the older they are, the farther the machine may have moved. State: the speeds of
-//! the axes.
+//! the axes, and past corrections.
 
 use std::time::Duration;
 
@@ -14,7 +14,7 @@ use crate::{
 
 /// Minimum time over which speeds are measured; over less, the resolution of the positions dominates.
 const BASE: Duration = Duration::from_millis(20);
-/// Time for which a reduction is reported, since at speed the reduction changes with every position.
+/// Time for which a reduction stays reported, because at speed it changes with every position.
 const REPORTED_FOR: Duration = Duration::from_secs(2);
 const MAX_AHEAD: Duration = Duration::from_secs(10);
 
@@ -22,28 +22,28 @@ const MAX_AHEAD: Duration = Duration::from_secs(10);
 const SPACING: Duration = Duration::from_millis(10);
 /// Number of past corrections that are stored.
 const REMEMBERED: usize = 3;
-/// Relative change of the requested correction below which no prediction is made. It applies to a
-/// past interval as long as the time ahead; for a longer interval the threshold grows in
+/// Relative change of the requested correction over the last `ahead` up to which no prediction is
+/// made. If the stored corrections cover a longer interval, the threshold grows in
 /// proportion, up to `MOST_CHANGE`. If the change is parabolic, the change ahead is at most eleven
 /// times as large, which is less than half of the correction.
 const CALM_CHANGE: f64 = 1.0 / 32.0;
 const MOST_CHANGE: f64 = 1.0 / 8.0;
 
-/// Speeds of the axes, and the reduction of the correction.
+/// Speeds of the axes, and past corrections.
 ///
 /// Invariants:
-/// - `wanted` is in descending order of time, entries at least `SPACING` apart, and all from the present model.
+/// - `wanted` is in descending order of time, entries at least `SPACING` apart, and all from the active model.
 /// - `goes_out` is set only while positions are stale.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Lag {
-    /// Positions, and the time at which they were valid.
+    /// Positions from which the speed was last measured, and the time at which they were valid.
     before: Option<(PerAxis<f64>, Duration)>,
-    /// Past corrections by the model, and the times of their positions; newest first.
+    /// Past corrections requested by the model, and the times of their positions; newest first.
     wanted: [Option<(CoupledCorrection, Duration)>; REMEMBERED],
     /// Speed of each axis, mm/s and rad/s.
     speed: PerAxis<f64>,
     last: Option<Duration>,
-    /// Whether the correction ramps out until positions are fresh again.
+    /// Whether the correction ramps out fast until positions are fresh again.
     goes_out: bool,
 }
 
@@ -54,17 +54,17 @@ pub(super) struct PredictionInputs<'a> {
     pub(super) limits: &'a Limits,
     pub(super) state: &'a State,
     pub(super) wanted: &'a CoupledCorrection,
-    /// The applied correction, in machine order.
+    /// Applied correction in machine order, mm and rad.
     pub(super) applied: &'a PerAxis<f64>,
     pub(super) way_out: Duration,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Reduction {
-    /// Largest factor of the correction, 0 to 1, with which the error is smaller than without
+    /// Largest factor on the correction, 0 to 1, with which the error is smaller than without
     /// correction.
     pub(super) part: f64,
-    /// Positions are stale, and the held correction would become worse than no correction.
+    /// Whether positions are stale, and the held correction would become worse than no correction.
     pub(super) fast_ramp_out: bool,
     pub(super) notes: Reasons,
 }
@@ -87,7 +87,7 @@ impl Lag {
         self.before = Some((place.positions, taken));
     }
 
-    /// The largest factor with which a correction c reduces the error if positions have this `age`.
+    /// Computes the largest factor with which a correction c reduces the error if positions have this `age`.
     /// Until the correction reaches the axes, the machine continues at its speed, and the required
     /// correction changes by some distance d. If d ≤ c/2, the whole correction is better than none,
     /// in whatever direction it changes. For larger d the factor is 2·(1 − d/c), which is 0 at d =
@@ -102,7 +102,7 @@ impl Lag {
         let stale = age > limits.hold;
         let mut ahead = age.saturating_add(limits.delay());
         if stale {
-            // A held correction ramps out with its slew.
+            // A held correction ramps out at its slew, which takes additional time.
             ahead = ahead.saturating_add(inputs.way_out);
         }
         let ahead = ahead.min(MAX_AHEAD);
@@ -128,7 +128,7 @@ impl Lag {
 }
 
 impl Lag {
-    /// Whether the correction changed so little before the positions of `taken` that a prediction
+    /// Whether the correction changed so little before the time `taken` of the positions that a prediction
     /// would not reduce it. A prediction costs as much as the rest of the cycle.
     fn is_calm(&self, inputs: &PredictionInputs<'_>, taken: Duration, ahead: Duration) -> bool {
         let Some((_, begun)) = self.wanted[REMEMBERED - 1] else {
@@ -171,10 +171,10 @@ impl Lag {
 }
 
 impl PredictionInputs<'_> {
-    /// Factor with which the correction is better than none: the smaller of the factors half-way
-    /// and at the end of the path covered in `ahead`.
+    /// Factor with which the correction is better than none over the time `ahead`: the smaller one of half-way
+    /// and at the end.
     fn part_ahead(&self, speed: &PerAxis<f64>, ahead: Duration) -> f64 {
-        // Half the path is also checked, because a periodic error may have the same value at its end.
+        // A periodic error may have the same value at the end as now, so half-way is checked too.
         let half = self.part_after(speed, ahead / 2);
         half.min(self.part_after(speed, ahead))
     }
@@ -194,7 +194,7 @@ impl PredictionInputs<'_> {
     /// axes, then the rotary axes.
     fn compare(&self, then: &CoupledCorrection) -> [Comparison; 2] {
         let now = self.wanted;
-        // The effect of the present linear corrections at the pose ahead, where the levers of the
+        // Effect of the present linear corrections at the pose ahead, where the lever arms of the
         // rotary corrections differ.
         let mut does = now.position;
         let rows = now.follow.iter().zip(&then.follow).zip(&now.rotary);
@@ -216,7 +216,7 @@ impl PredictionInputs<'_> {
     }
 }
 
-/// Size of a correction and its distance from the required one; a distance of up to one step is
+/// Size of a correction, and its distance from the required one, mm or rad; a distance of up to one step is
 /// treated as zero.
 struct Comparison {
     size: f64,
@@ -235,7 +235,7 @@ impl Comparison {
         if differs <= 0.5 * self.size { 1.0 } else { (2.0 * (1.0 - differs / self.size)).max(0.0) }
     }
 
-    /// Whether the distance is at most `part` of the correction; above 0.5 the correction is reduced.
+    /// Whether the distance is at most the share `part` of the correction plus two steps. Above a share of 0.5 the correction is reduced.
     fn is_within(&self, part: f64) -> bool {
         self.differs <= part * (self.size + 2.0 * self.step)
     }

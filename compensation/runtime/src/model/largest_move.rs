@@ -1,26 +1,26 @@
-//! Largest change of the correction when one model replaces another: sampled at the corners and the centre of the work space and at the
-//! sampling positions of the curves, in either direction of approach; then by coordinate ascent from the largest changes found.
+//! Largest change of the correction when one model replaces another. It is sampled at the corners and the centre of the work space and at the
+//! sampling positions of the curves, in either direction of approach, then searched by coordinate ascent from the largest changes found.
 
 use volcomp_kinematics::{Correctors, State};
 use volcomp_vocabulary::{Direction, Displacement, Mm, PerAxis, Rad};
 
 use super::{Model, nodes::GridNodes};
 
-/// Maximum number of states at which two models are compared, apart from curve nodes.
+/// Maximum number of sampled states, apart from those at curve nodes.
 const MAX_STATES: usize = 5000;
-/// Maximum number of states at curve nodes. With more the result is infinite, and the operator must check the change.
+/// Maximum number of sampled states at curve nodes. With more the result is infinite, and the operator must check the change.
 const MAX_NODE_STATES: usize = 100_000;
 /// Number of additional equidistant intervals per axis: an axis without errors has no curve, but
-/// its position may change the lever of others.
+/// its position may change the lever arm of others.
 const PLACES: usize = 25;
-/// Maximum number of states in the coordinate ascent. It is raised to the states of one pass, but
+/// Maximum number of states in the coordinate ascent. It is raised to the number of states of one pass, but
 /// not above `MAX_NODE_STATES`.
 const MAX_CLIMB_STATES: usize = 40_000;
 const MAX_PASSES: usize = 2;
-/// Number of points with the largest changes that are also sampled with the other axes at their ends.
+/// Number of points with the largest changes that are also sampled with the other axes at the ends of their travel.
 const MAX_BEST_NODES: usize = 20;
 
-/// Largest change of the correction in the work space when one model replaces another. Infinite if the axes differ, or there are too many
+/// Largest change of the correction in the work space when one model replaces another. Infinite if the axes differ, or if there are too many
 /// nodes to compare.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LargestMove {
@@ -33,7 +33,7 @@ pub struct LargestMove {
 impl LargestMove {
     const NONE: Self = Self { linear: Mm(0.0), rotary: Rad(0.0) };
 
-    /// The larger value of each kind.
+    /// Combines two results: the larger value of each kind.
     #[must_use]
     pub fn max(self, other: Self) -> Self {
         Self {
@@ -62,7 +62,7 @@ impl<'a> Pair<'a> {
         Self { models, correctors, worst, left, most: PerAxis::default() }
     }
 
-    /// The change at a state, mm and rad; updates the largest ones.
+    /// Evaluates the change at a state, and updates the largest ones.
     fn sample(&mut self, state: &State) -> LargestMove {
         if self.left == 0 {
             return LargestMove::NONE;
@@ -99,8 +99,8 @@ impl<'a> Pair<'a> {
 }
 
 impl Model {
-    /// Largest change of the correction in the work space when `other` replaces this model, from
-    /// either direction of approach. `ways` are the correcting axes of each controller path, with
+    /// Largest change of the correction in the work space when `other` replaces this model, over
+    /// both directions of approach. `ways` are the correcting axes of each controller path, with
     /// this model and with the other one. The change depends on them, so it is evaluated for each
     /// path, and for all axes together.
     pub fn largest_move(
@@ -131,13 +131,13 @@ impl Model {
     }
 }
 
-/// The sampling positions in the work space of two models, mm and rad.
+/// Sampling positions in the work space of two models, mm and rad.
 struct Space {
     ends: Vec<Vec<f64>>,
     middle: PerAxis<f64>,
-    /// Sampling positions of the curves, and equidistant positions, by axis.
+    /// Sampling positions of the curves and equidistant positions, by axis.
     places: Vec<Vec<f64>>,
-    /// Nodes of grids over two axes, and positions of pairs of rotary axes, since the product of two rotations is largest with both turned.
+    /// Nodes of grids over two axes, and positions of pairs of rotary axes: the product of two rotations is largest with both turned.
     grids: Vec<GridNodes>,
     /// The relevant directions of approach: all axes in the same direction, and each reversing axis
     /// opposite to the others.
@@ -239,7 +239,7 @@ impl Space {
         self.climb(pair, &along);
     }
 
-    /// Coordinate ascent: moves one axis at a time to its largest change. Starts from the largest change found, and from the combined
+    /// Coordinate ascent: moves one axis at a time to its largest change. It starts from the largest change found, and from the combined
     /// maxima of the single axes, because a scan along one axis does not show the sum of two contributions.
     fn climb(&self, pair: &mut Pair<'_>, along: &[PerAxis<[(f64, State); 2]>]) {
         let axes = pair.models[0].axes.len();
@@ -289,8 +289,8 @@ impl Space {
         }
     }
 
-    /// Samples points that fix one or two axes, with the other axes centred; the points with the largest changes also with the other axes
-    /// at their ends.
+    /// Samples points that fix one or two axes, with the other axes centred; the points with the largest changes are also sampled with the other
+    /// axes at their ends.
     fn sample_points(&self, pair: &mut Pair<'_>, points: impl Iterator<Item = Vec<(usize, f64)>>) {
         let at = |mut q: PerAxis<f64>, point: &[(usize, f64)]| {
             for (axis, place) in point {
@@ -309,8 +309,8 @@ impl Space {
         }
     }
 
-    /// Samples the centre and the corners of the work space and, within the budget, combinations of centres and ends, from every direction
-    /// of approach.
+    /// Samples the centre and the corners of the work space and, within the budget, combinations of centres and ends, in all relevant
+    /// directions of approach.
     fn corners(&self, pair: &mut Pair<'_>, at_most: usize) {
         let with_middles: Vec<Vec<f64>> = (self.ends.iter().enumerate())
             .map(|(axis, ends)| {
@@ -339,7 +339,7 @@ impl Space {
         }
     }
 
-    /// The indices of four corners that are far apart.
+    /// Four corners of the work space that are far apart, mm and rad.
     fn diagonals(&self) -> impl Iterator<Item = PerAxis<f64>> + '_ {
         (0..4_usize).map(|number| {
             let mut q = PerAxis::default();
@@ -392,7 +392,7 @@ mod tests {
         Model::new(&machine, Fading::default()).unwrap_or_else(|e| panic!("{e}"))
     }
 
-    /// Changes that appear only between the corners, or in one direction of approach.
+    /// Changes that appear only between the corners, or in one direction of approach, are found.
     #[test]
     fn changes_between_corners_are_found() {
         let flat = model(SMALL, "EYX = 0.0\n");
@@ -406,7 +406,7 @@ mod tests {
                 "EYX = { table = [[0.0, 0.0], [36.0, 0.0], [37.0, 300.0], [38.0, 0.0], [800.0, 0.0]], interpolation = \"linear\" }\n",
                 299.0,
             ),
-            // The lever of Z: 200 µrad at X = 100 mm over 250 mm of Z.
+            // Tilt with the lever arm of Z: 200 µrad at X = 100 mm over 250 mm of Z.
             (
                 "EAX = { table = [[0.0, 0.0], [100.0, 200.0], [800.0, 0.0]], interpolation = \"linear\" }\n",
                 25.0,
@@ -425,7 +425,7 @@ mod tests {
         }
     }
 
-    /// A peak at an off-centre grid node, one at the second of 801 nodes, and a change that needs two turned rotary axes.
+    /// A peak at an off-centre grid node, one at the second of 801 nodes, and a change that needs two turned rotary axes are found.
     #[test]
     fn every_node_is_sampled() {
         let flat = model(SMALL, "EYX = 0.0\n");
@@ -453,7 +453,7 @@ mod tests {
         assert!(um > 300.0, "both turned: {um} µm");
     }
 
-    /// A screw error whose period equals the sampling distance.
+    /// The period of the screw error equals the sampling distance.
     #[test]
     fn a_periodic_error_between_samples_is_found() {
         let flat = model(SMALL, "EZZ = 0.0\n");

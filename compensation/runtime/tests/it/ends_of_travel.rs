@@ -25,7 +25,7 @@ fn machine(turns: [f64; 2], tilts: f64) -> Machine {
 fn an_end_of_travel_has_the_error_of_its_own_side() {
     let GuardSettings { fading, .. } = guard();
     let warm = Temperatures::new();
-    // Includes ends that the conversion returns larger or smaller, such as 105, 125, 192, 210 and 255.
+    // Includes ends that conversion to radians and back makes larger or smaller, such as 105, 125, 192, 210 and 255.
     for degrees in 1..=359 {
         let high = f64::from(degrees);
         let machine = machine([high - 360.0, high], high);
@@ -48,7 +48,7 @@ fn an_end_of_travel_has_the_error_of_its_own_side() {
             assert_eq!(machine.outside_travel(&state), [], "{end} deg");
             assert!(!model.is_outside_range(&state), "{end} deg");
         }
-        // A position beyond the end is still outside.
+        // A position beyond the end is outside.
         let state = machine.state(&[(AxisName::B, high + 1e-6)]).expect("a state");
         assert_eq!(machine.outside_travel(&state), [AxisName::B]);
         assert!(model.is_outside_range(&state));

@@ -1,5 +1,5 @@
-//! Axes that do not correct, because they may not or because the tool error would grow, get zero only. Linear axes that a rotary axis
-//! turns parallel.
+//! Axes that do not correct, because the machine file excludes them or the tool error would grow, get zero only. Linear axes that a rotary axis
+//! turns parallel are reported.
 
 use std::time::Duration;
 
@@ -32,7 +32,7 @@ fn shifting() -> GuardSettings {
     guard
 }
 
-/// Arms; returns the largest output of each machine axis in 3000 cycles.
+/// Arms, and returns the largest output of each machine axis in 3000 cycles.
 fn largest_outputs(rig: &mut Rig, machine: &Machine) -> Vec<(AxisName, f64)> {
     let joints = machine.chain().joints();
     let mut largest: Vec<_> = joints.iter().map(|joint| (joint.name, 0.0_f64)).collect();
@@ -48,7 +48,6 @@ fn largest_outputs(rig: &mut Rig, machine: &Machine) -> Vec<(AxisName, f64)> {
     largest
 }
 
-/// Axes that do not correct get neither test shift nor correction, with or without limits for their kind.
 #[test]
 fn nothing_is_written_to_axes_that_do_not_correct() {
     let machine = correcting("\"X\", \"Y\", \"Z\"");
@@ -64,7 +63,6 @@ fn nothing_is_written_to_axes_that_do_not_correct() {
     }
 }
 
-/// A linear axis parallel to another one does not correct and gets no test shift.
 #[test]
 fn a_redundant_linear_axis_is_not_shifted() {
     let text = "structure = \"w b X Y Z C t\"
@@ -98,7 +96,7 @@ fn another_model_removes_the_test_shift_of_axes_that_no_longer_correct() {
     for (name, largest) in largest_outputs(&mut rig, &after) {
         assert_eq!(largest > 0.0, !name.is_rotary(), "axis {name}: {largest}");
     }
-    // Limits planned for the old model do not restore its test shift.
+    // Limits planned for the old model do not restore the test shift of the axis.
     let mut rig = Rig::of(&before, &shifting(), PLACE, &NAMES);
     let limits = rig.limits;
     rig.swap(&after);
@@ -145,7 +143,7 @@ fn plan(axes: &[AxisName], step_urad: f64, most: Um) -> Result<PathPlan, PlanErr
     PathPlan::new(description, &model, &guard, &alone(), PERIOD)
 }
 
-/// The plan for all axes with this step and these limits of the rotary axes.
+/// Plan for all axes with this step and these limits of the rotary axes.
 fn shipped(
     step_deg: f64,
     has_barrier: bool,
@@ -235,7 +233,7 @@ fn rotary_axes_correct_only_with_three_linear_directions() {
     assert!(refused.to_string().contains("three linear directions"), "{refused}");
 }
 
-/// With X, Y and A only, A is not corrected, since no axis compensates its motion of the tip along Z; the tool error does not grow.
+/// With X, Y and A only, A is not corrected, because no axis compensates its motion of the tip along Z; the tool error does not grow.
 #[test]
 fn a_machine_with_two_linear_directions_and_a_rotary_axis_gains_no_error() {
     let text = "structure = \"w A' b X Y t\"

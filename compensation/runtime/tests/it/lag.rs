@@ -42,8 +42,7 @@ fn turned(at: Duration) -> f64 {
     (RPM / 60.0 * TAU * at.as_secs_f64()).rem_euclid(TAU)
 }
 
-/// A control with stationary linear axes. The read-only path reports the table angle of `age` ago, or the last one before it became
-/// silent.
+/// A control with stationary linear axes. The read-only path reports the table angle of `age` ago; from `silent_since` on, the last one.
 #[derive(Default)]
 struct Late {
     age: Duration,
@@ -145,7 +144,7 @@ impl Table {
 /// Maximum effect of rounding, the slew of one cycle and the model's steps, mm.
 const ROUNDING: f64 = 3.0 * STEP + 2e-5;
 
-/// With `hold_ms` = 200 (maximum) the correction reduced by the age of the positions is at most as wrong as none; with older positions
+/// With `hold_ms` = 200 (the maximum) the correction reduced by the age of the positions is at most as wrong as none; with older positions
 /// nothing is corrected.
 #[test]
 fn a_correction_by_late_positions_is_never_worse_than_none() {

@@ -44,7 +44,7 @@ EYY = { fourier = [0.0, 0.0, 5.0], period = 10.0 }
 EBZ = 100.0
 ";
 
-/// Near the singular pose a limit leaves little of the correction of C: the remaining error is below 0.2 µm. Errors evaluated at the
+/// Near the singular pose a limit clips most of the correction of C: the remaining error is below 0.2 µm. Errors evaluated at the
 /// unlimited correction would cause 4.6 µm.
 #[test]
 fn a_limit_near_the_singular_pose_makes_no_error() {
@@ -124,7 +124,7 @@ tool = { gauge = [400.0, 300.0, 0.0], length = 120.0 }
 errors = { EBZ = -160.0 }
 ";
 
-/// A corrected machine whose B axis has a correction, its pose, and the maximum tool error from then on.
+/// A corrected machine whose B axis has a correction, its pose, and the bound on the tool error from then on.
 struct Holding {
     rig: Rig,
     machine: Machine,

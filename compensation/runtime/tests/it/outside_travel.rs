@@ -9,7 +9,7 @@ use volcomp_vocabulary::AxisName;
 
 use crate::rig::{Injected, NAMES, Rig, guard, machine, machine_file};
 
-/// Z from −500 to 0, B, X, C, Y.
+/// Positions of Z (travel −500 to 0), B, X, C, Y.
 const PLACE: [f64; 5] = [-100.0, 20.0, 300.0, 40.0, 200.0];
 
 #[test]
@@ -22,7 +22,7 @@ fn a_position_far_outside_the_travel_holds_and_comes_back() {
     let applied = armed.sent.unwrap();
     let z = machine().index_of(AxisName::Z).unwrap();
     assert!(applied[z] != 0.0);
-    // Limit switches are within 5 mm of the travel.
+    // Positions up to 5 mm beyond the travel are accepted, because limit switches are there.
     go(&mut rig, &control, [0.0, 104.9]);
     let report = rig.run(50);
     assert_eq!(report.state, State::Compensating);
@@ -73,7 +73,7 @@ fn a_jump_within_the_travel_holds_ramps_out_and_returns_with_the_position() {
     let z = machine().index_of(AxisName::Z).unwrap();
     let applied = armed.sent.unwrap();
     assert!(applied[z] != 0.0);
-    // Z at −400 mm, and at −100/25.4 as in another unit.
+    // Z jumps to −400 mm, and to −100/25.4 mm, as in another unit.
     for displaced in [-300.0, 100.0 - 100.0 / 25.4] {
         control.displace(displaced);
         let report = rig.step(None);
@@ -82,7 +82,7 @@ fn a_jump_within_the_travel_holds_ramps_out_and_returns_with_the_position() {
         assert_eq!((report.error, report.sent), (None, armed.sent));
         let held = rig.run(10);
         assert!((held.sent.unwrap()[z] - applied[z]).abs() < 1e-9);
-        // A wrong position is never accepted just because time passes.
+        // A wrong position is not accepted with time.
         let lost = rig.run(5000);
         assert_eq!(lost.state, State::Holding(Hold::Lost), "{lost:?}");
         assert_eq!((lost.sent.unwrap()[z], lost.jumped), (0.0, 1 << z));
@@ -103,7 +103,6 @@ fn a_jump_within_the_travel_holds_ramps_out_and_returns_with_the_position() {
     assert_eq!((report.positions[z], report.jumped), (-400.0, 0));
 }
 
-/// Z is outside the travel of a wrong machine file; with the right one its position is accepted.
 #[test]
 fn a_new_travel_accepts_the_next_position() {
     let (mut rig, control, _) = compensating();
@@ -124,7 +123,7 @@ fn a_new_travel_accepts_the_next_position() {
     assert_eq!(report.state, State::Compensating, "{report:?}");
 }
 
-/// Z is reported 200 mm too low, within its travel or beyond it; another travel in the machine file does not make the wrong position credible.
+/// Z is reported 200 mm too low, within its travel or beyond it; another travel in the machine file does not make the wrong position valid.
 #[test]
 fn a_new_travel_accepts_no_jumped_position() {
     for displaced in [-200.0, -600.0] {
@@ -150,7 +149,7 @@ fn motion_at_rapid_after_a_silence_is_accepted() {
     control.set_silent(true);
     rig.run(50);
     control.set_silent(false);
-    // 200 ms at 90 m/min, as if the axis had continued.
+    // The position after 200 ms at 90 m/min, as if the axis had continued.
     control.displace(-300.0);
     assert_eq!(rig.step(None).jumped, 0);
     go(&mut rig, &control, [-300.0, 0.0]);
@@ -174,7 +173,7 @@ fn a_table_that_rolls_over_is_accepted() {
     }
 }
 
-/// After referencing, a jump is accepted only by arming again. Stale flags also read "not referenced", but must not validate a jump.
+/// After referencing, a jump is accepted only by arming again. Stale flags also read "not referenced", but must not confirm a jump.
 #[test]
 fn a_position_after_referencing_is_accepted_after_arming_again() {
     let (mut rig, control, armed) = compensating();

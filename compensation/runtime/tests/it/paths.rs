@@ -31,7 +31,7 @@ fn to_barrier() -> PathSettings {
     }
 }
 
-/// Settings of a path whose control ramps to zero at its timeout.
+/// Settings of a path whose control ramps to zero after its timeout.
 fn lets_go() -> PathSettings {
     PathSettings { time_out: Some(TIME_OUT), proves: false, ..alone() }
 }
@@ -43,7 +43,7 @@ fn writing(device: &str, axes: &[AxisName]) -> Description {
 }
 
 /// X stops, travels 100 mm at 60 m/min from cycle `begins` on, and stops. The first path fails for one second from cycle 800 + `offset`
-/// on. Returns the largest change of the axis by one write, µm.
+/// on. Returns the largest change of the correction on X by one write, µm.
 fn largest_write_um(offset: u64, begins: u64, hand_back: Duration) -> f64 {
     let ways = Ways::to(Control::default(), Clock::manual());
     let guard = GuardSettings { hand_back, ..guard_um(30.0) };
@@ -67,7 +67,8 @@ fn largest_write_um(offset: u64, begins: u64, hand_back: Duration) -> f64 {
     ways.plant().largest * 1e3
 }
 
-/// A change of path in motion moves the axis by at most 2 µm per write, although the standby reading is up to 100 ms old, equal to 26 µm.
+/// A change of path in motion changes the correction by at most 2 µm per write, although the standby reading is up to 100 ms old, which is
+/// equivalent to 26 µm.
 #[test]
 fn a_change_of_paths_in_motion_makes_no_step() {
     let (sooner, later) = (Duration::from_secs(2), Duration::from_millis(2050));
@@ -190,9 +191,9 @@ fn fewer_axes_take_over_once_the_others_are_at_zero() {
     assert_eq!((last.state, last.active), (State::Compensating, 1));
 }
 
-/// Three axes behind a barrier, and a second path that writes two of them, whose control has a timeout as well; Z needs 120 µm. The first
+/// Three axes with a barrier, and a second path that writes two of them, whose control has a timeout as well; Z needs 120 µm. The first
 /// path is cut at cycle 1500; an emergency stop that only the second reports lasts until cycle `stop_until`. Returns the largest
-/// correction of Z while the second path writes, counts, and whether it wrote.
+/// correction of Z while the second path writes, in counts, and whether that path wrote.
 fn left_on_z(real_scan: Duration, time_out_scans: u16, stop_until: i32) -> (i16, bool) {
     let control = Control {
         barrier: Some(barrier_of(&AXES, 150, 25, time_out_scans)),
@@ -358,8 +359,8 @@ fn with_scale(ways: &Ways<Control>) -> Cycle {
     cycle.with_readers(vec![reader]).expect("room")
 }
 
-/// Runs 3000 cycles with a request to disarm in one of them. Returns the number of path changes, the final state, and the word of X (µm)
-/// in these cycles.
+/// Runs 3000 cycles with a request to disarm in cycle `disarm_at`. Returns the number of path changes, the final state, and the word of X (µm)
+/// in the cycles `look_at`.
 fn with_silent_scale(disarm_at: u32, look_at: [u32; 3]) -> (u32, State, [f64; 3]) {
     let ways = Ways::to(Control::at(&[(AxisName::X, 30.0)]), Clock::manual());
     let mut cycle = with_scale(&ways);
@@ -383,7 +384,7 @@ fn with_silent_scale(disarm_at: u32, look_at: [u32; 3]) -> (u32, State, [f64; 3]
     (changes, cycle.report().state, words)
 }
 
-/// Stale positions on both paths ramp the correction out within 1.2 s. The path must not change in every cycle, since each change
+/// Stale positions on both paths ramp the correction out within 1.2 s. The path must not change in every cycle, because each change
 /// restarts the ramp.
 #[test]
 fn stale_positions_on_both_paths_ramp_out() {
@@ -501,7 +502,7 @@ fn lines_after_a_change(second: [AxisName; 5], place: [f64; 5]) -> (Vec<[f64; 5]
     (got, index.map(|index| cycle.report().wanted[index]))
 }
 
-/// Before the program ended, the second path showed an emergency stop; now it is silent. The first path alone does not permit arming.
+/// Before the program ended, the second path showed an emergency stop; now it is silent. An answer of the first path alone does not permit arming.
 #[test]
 fn a_restored_interlock_holds_until_the_same_path_clears_it() {
     let ways = Ways::to(Control::default(), Clock::manual());
@@ -539,7 +540,7 @@ fn lines_with_their_axes_in_another_order_take_over_by_a_ramp() {
         for second in [FIVE, [c, a, z, x, y]] {
             let (got, wanted) = lines_after_a_change(second, place);
             for (cycle, words) in got.iter().enumerate() {
-                // The ramp of 2 s has 500 cycles; two cycles of delay and one step of rounding are allowed.
+                // The ramp of 2 s takes 500 cycles; two cycles of delay and one step of rounding are allowed.
                 let ramp = (cycle as f64 / 500.0).min(1.0);
                 for (i, word) in words.iter().enumerate() {
                     let beyond = (word - ramp * wanted[i]).abs();

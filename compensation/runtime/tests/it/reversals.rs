@@ -16,13 +16,13 @@ use crate::{
 const REVERSAL: &str = "EYY = { mean = { poly = [0.0] }, reversal = 20.0 }";
 const CONTROL: &str = "control";
 
-/// Why the cycle does not see the motion.
+/// Reason why the cycle does not see the motion.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Blind {
     Nothing,
-    /// X is wrong for these cycles.
+    /// The position of X is rejected for these cycles.
     Jump(u32),
-    /// Y is wrong as well.
+    /// The positions of X and Y are rejected for these cycles.
     JumpOfBoth(u32),
     /// The control does not answer for these cycles.
     Silence(u32),
@@ -72,7 +72,7 @@ impl Scene {
     }
 }
 
-/// Y moves forwards, then back unseen by the cycle; returns its correction in µm afterwards.
+/// Y moves forwards, then back unseen by the cycle. Returns its correction afterwards, µm.
 fn corrected_um(blind: Blind) -> f64 {
     let mut scene = Scene::compensating();
     scene.go(100.0);

@@ -155,7 +155,7 @@ impl<C: Controller> Controller for Writes<C> {
     }
 }
 
-/// Faults of a controller that a cycle owns.
+/// Faults that a test injects into a controller owned by a cycle.
 #[derive(Clone, Default)]
 pub(crate) struct Injected(Arc<Injections>);
 
@@ -243,12 +243,10 @@ pub(crate) fn cycle_of(
     Cycle::new(Box::new(model), paths, guard.hand_back, sensors, PERIOD)
 }
 
-/// Deviation of the tool tip, mm.
 pub(crate) fn tip_mm(error: Option<ToolError>) -> f64 {
     Vector3::from(error.expect("positions are known").position_mm).norm()
 }
 
-/// Advances the clock by a period, and runs one cycle.
 pub(crate) fn step(cycle: &mut Cycle, clock: &Clock, request: Option<Request>) -> Report {
     clock.advance(PERIOD);
     run(cycle, clock, request)
@@ -335,7 +333,7 @@ impl Rig {
         self.run(cycles)
     }
 
-    /// Arms, and compensates for some cycles; returns the last report, and the largest excess of the tip's residual over its error
+    /// Arms, and compensates for these cycles. Returns the last report, and the largest excess of the tip's residual over its error
     /// without correction, mm.
     pub(crate) fn arm_and_compare(&mut self, cycles: u32) -> (Report, f64) {
         self.run(20);

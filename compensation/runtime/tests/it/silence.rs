@@ -18,7 +18,7 @@ use crate::{
 const HOLD: Duration = Duration::from_millis(60);
 const ZERO_AFTER: Duration = Duration::from_millis(700);
 
-/// Which messages of the control have stopped.
+/// Messages of the control that have stopped.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct Silent {
     positions: bool,
@@ -103,7 +103,7 @@ impl Scene {
         self.ways.plant().silent = silent;
     }
 
-    /// Compensates until the stopped messages are older than `hold`, then checks the state.
+    /// Runs until the stopped messages are older than `hold`, then checks the state.
     fn holds(&mut self, silent: Silent, expected: State) -> Report {
         self.set(silent);
         let last = self.run(HOLD);

@@ -1,4 +1,4 @@
-//! A barrier behind paths with delays: a path takes over again while the correction moves.
+//! Tests of a barrier behind paths with delays: a path takes over again while the correction moves.
 
 use std::{collections::VecDeque, time::Duration};
 
@@ -99,7 +99,7 @@ fn slow_ways(late: usize) -> (Ways<Slow>, Cycle) {
     (ways, cycle)
 }
 
-/// X moves up for 80 cycles and down for 80 within the slew, and the first path takes over again: between the turning points the axis
+/// X moves up for 80 cycles and down for 80 within the slew, then the first path takes over again: between the turning points the axis
 /// moves back by at most 1 µm.
 #[test]
 fn a_hand_back_in_motion_reverses_no_axis() {

@@ -1,4 +1,4 @@
-//! A separate thread reads a standby path, which never delays the cycle.
+//! A separate thread reads a standby path and never delays the cycle.
 
 use std::time::{Duration, Instant};
 
@@ -18,7 +18,7 @@ use crate::{
     thread::after_cycles,
 };
 
-/// Two paths to one machine; the first can be cut, the second can hang.
+/// Two paths to one machine; the first can be disconnected, the second can hang.
 struct TwoWays {
     cycle: Cycle,
     first: Remote,

@@ -62,7 +62,7 @@ impl Rig {
         }
     }
 
-    /// Runs at this temperature; returns the requested correction of Z, µm.
+    /// Runs at this temperature. Returns the requested correction of Z, µm.
     fn run(&mut self, seconds: u32, degc: f64) -> f64 {
         // The thermometer is read in the middle of each second, so its reading is old after a pause.
         for k in 0..seconds * 250 {
@@ -152,7 +152,7 @@ fn a_reload_that_changes_a_lag_does_not_move_the_axes() {
     }
 }
 
-/// A removed term whose sensor has cooled while its lag is still warm: the reported move is 0.06 mm now, and zero in the steady state.
+/// A removed term whose sensor has cooled while its lag is still warm: the reported change is 0.06 mm now, and zero in the steady state.
 #[test]
 fn a_change_is_judged_with_the_present_lags() {
     let cold = |_: &str| Some(20.0);

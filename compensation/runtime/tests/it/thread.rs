@@ -80,7 +80,7 @@ fn disarming_overtakes_queued_orders() {
     hangs.set(false);
     after_cycles(&mut handle, 100);
     assert_eq!(handle.report().state.name(), "disarmed");
-    // A request to arm from before the disarm may be sent after it, because arming waits for the disk.
+    // A request to arm from before the disarm order may be sent after it, because arming waits for the disk.
     let until = Instant::now() + Duration::from_secs(20);
     assert!(handle.send_by(Order::Request(Request::Arm), until, before));
     after_cycles(&mut handle, 5);
@@ -91,7 +91,7 @@ fn disarming_overtakes_queued_orders() {
     switch.disarm();
     after_cycles(&mut handle, 3);
     assert!(!handle.report().state.is_armed());
-    // The end of the program disarms too.
+    // The end of the program disarms as well.
     after_cycles(&mut handle, 200);
     assert!(handle.send(Order::Request(Request::Arm)));
     after_cycles(&mut handle, 5);

@@ -88,7 +88,7 @@ pub(crate) struct Control {
     pub(crate) place: BTreeMap<AxisName, f64>,
     /// Applied corrections, mm and rad.
     pub(crate) words: BTreeMap<AxisName, f64>,
-    /// Corrections written on paths without read-back, if those lead to other words.
+    /// Corrections written on paths without read-back, if they are separate from `words`.
     pub(crate) lines: Option<BTreeMap<AxisName, f64>>,
     pub(crate) barrier: Option<Barrier>,
     pub(crate) mailbox: Option<Vec<u16>>,

@@ -11,7 +11,7 @@ use volcomp_sensitivity::{Expression, terms};
 use volcomp_test_support::structures::all_types;
 use volcomp_vocabulary::{AxisKind, Component, ErrorName};
 
-/// The formula of the two-axis mechanism in Procedia Engineering 24 (2011) 845–849 is reproduced term by term.
+/// Formula of the two-axis mechanism in Procedia Engineering 24 (2011) 845–849.
 #[test]
 fn the_published_mechanism_comes_out_term_by_term() {
     let mut chain = Chain::new("w b X Y t".parse().unwrap());
@@ -161,7 +161,7 @@ fn every_printed_formula_is_the_sum_of_twists() {
             let twist = volumetric_error(&chain, &given, &state, Form::Twist);
             let expected = [twist.position_mm.as_slice(), twist.rotation_rad.as_slice()].concat();
             let ours = expression.value(&chain, &given, &state);
-            // Relative to the size of the whole vector, since a component may almost cancel.
+            // The tolerance is relative to the whole vector, because a component may almost cancel.
             let size = [twist.position_mm.norm(), twist.rotation_rad.norm()];
             for (k, line) in text.iter().enumerate() {
                 let (_, formula) = line.split_once(" = ").unwrap();

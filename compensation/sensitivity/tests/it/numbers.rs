@@ -59,7 +59,7 @@ fn one(chain: &Chain, term: ErrorTerm) -> GivenErrors {
     errors
 }
 
-/// The stacked columns from one evaluation of the twist form per pose and error: µm, and µrad times a lever.
+/// Stacked columns from one evaluation of the twist form per pose and error: µm, and µrad times a lever arm.
 fn stacked(chain: &Chain, errors: &[ErrorTerm], poses: &[State]) -> DMatrix<f64> {
     let mut matrix = DMatrix::zeros(6 * poses.len(), errors.len());
     for (column, &term) in errors.iter().enumerate() {
@@ -175,8 +175,8 @@ fn proportional(found: &Sensitivity, errors: &[ErrorTerm], scaled: &DMatrix<f64>
     assert_eq!(named, errors.len());
 }
 
-/// On a table with C next to the workpiece a shift of C's line is a shift of the workpiece minus a rotating one: three errors are two
-/// independent motions, and the null direction names them.
+/// On a table with C next to the workpiece, a shift of C's line equals a shift of the workpiece minus a rotating one: three errors have two
+/// independent effects, and the null combination names them.
 #[test]
 fn a_null_direction_names_its_errors() {
     let chain = Chain::new("w C' b t".parse().unwrap());
@@ -186,7 +186,7 @@ fn a_null_direction_names_its_errors() {
     let poses = Poses::over(&chain, [(AxisName::C, [-3.0, 3.0])], 9).unwrap();
     let found = sensitivity(&chain, &named(&["EXC", "EYC", "EX0C", "EY0C"]), &poses).unwrap();
     assert_eq!((found.rank, found.indistinguishable.len()), (4, 0));
-    // Two slides along X: every error of the first is also one of the second.
+    // Two slides along X: every error of the first has the same effect as one of the second.
     let chain = Chain::new("w b X U t".parse().unwrap());
     let poses = Poses::over(&chain, [AxisName::X, AxisName::U].map(|axis| (axis, [0.0, 100.0])), 3)
         .unwrap();
@@ -237,7 +237,7 @@ fn invalid_poses_are_refused() {
     let uncounted = sensitivity(&chain, &errors, &many).unwrap_err();
     assert!(uncounted.to_string().contains("found too many poses"), "{uncounted}");
     assert_eq!(sensitivity(&chain, &[], &many), Err(SensitivityError::NoErrors));
-    // Nodes beyond any memory are counted without creating them.
+    // A grid too large for any memory is counted without creating its nodes.
     let endless = Poses::Even { travels: vec![[0.0, 1.0]; 9], count: usize::MAX };
     assert_eq!(endless.count(), None);
     let uncounted = sensitivity(&chain, &errors, &endless).unwrap_err();
@@ -395,7 +395,7 @@ fn progress_counts_every_pose_once() {
     assert_eq!(found, sensitivity(chain, &errors, &poses).unwrap());
     let mut done = std::mem::take(&mut *reported.lock().unwrap());
     done.sort_unstable();
-    // 8000 poses in chunks of 2048: every partial sum once, the last with all poses.
+    // 8000 poses in chunks of 2048: progress is reported after each chunk.
     assert_eq!(done.len(), 4);
     assert_eq!(done.last(), Some(&8000));
     let none = Temperatures::new();

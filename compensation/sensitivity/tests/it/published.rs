@@ -113,13 +113,13 @@ fn the_machine_with_37_errors() {
         .collect();
     assert_eq!(stated.len(), 37, "{file}");
     let found = sensitivity(machine.chain(), &stated, &poses(&machine, 3)).unwrap();
-    // The published location errors are independent of the motions.
+    // Every published location error has an effect.
     assert!(found.errors.iter().all(|error| error.position_rms_um > 0.0), "{file}");
     println!("{file}: rank {} of 37, {} motions", found.rank, found.motions.len());
 }
 
-/// At 1000 poses the sum of the 60 error twists deviates from the exact product by less than 0.1 % and more than 0.0001 %, its second
-/// order.
+/// At 1000 poses the sum of the 60 error twists deviates from the exact product by less than 0.1 %, but by more than 0.0001 %, which is the
+/// second order that it lacks.
 #[test]
 fn at_a_thousand_poses_linear_and_actual_errors_differ_by_less_than_a_thousandth() {
     let machine = example("blade-mill.toml");

@@ -16,7 +16,7 @@ use crate::{
 
 struct TrueBar {
     origin: Vector3<f64>,
-    /// Nominal directions along and across the bar, as columns.
+    /// Matrix whose columns are the nominal directions along and across the bar.
     axes: Matrix3<f64>,
     along: Vector3<f64>,
     distances: Vec<f64>,
@@ -30,7 +30,7 @@ struct AtMark {
 }
 
 impl Observer<'_> {
-    /// The actual bar on the table: tilted, with distances that deviate according to their calibration.
+    /// Draws the actual bar on the table: tilted, with distances that deviate according to their calibration.
     fn true_bar(&mut self, bar: &Bar) -> Result<TrueBar, ObservationError> {
         let along = Vector3::from(bar.direction)
             .try_normalize(1e-12)
@@ -51,7 +51,7 @@ impl Observer<'_> {
         })
     }
 
-    /// Visits the marks of a bar, forward and, if requested, back.
+    /// Measures the marks of a bar, forward and, if requested, back.
     fn along(
         &mut self,
         bar: &Bar,
@@ -76,7 +76,7 @@ impl Observer<'_> {
         Ok(found)
     }
 
-    /// The faces of a step gauge are recorded like balls that are measured only along the bar. Lengths of one run share their first face,
+    /// Measures a step gauge. Its faces are recorded like balls that are read only along the bar. Lengths of one run share their first face,
     /// and all runs share the calibration.
     pub(super) fn step_gauge(&mut self, bar: &Bar) -> Result<Made, ObservationError> {
         let real = self.true_bar(bar)?;
@@ -94,7 +94,8 @@ impl Observer<'_> {
         Ok(self.row_of(bar, &real, &rows, "B", [offsets, ""]))
     }
 
-    /// The row files of a bar. `letter` names its balls or faces; a column with a constant reading comes with that reading.
+    /// Creates the row files of a bar. `letter` names its balls or faces. `head` is the header of the offset columns, and `always` the constant
+    /// reading in the last of them.
     fn row_of(
         &self,
         bar: &Bar,

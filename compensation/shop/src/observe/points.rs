@@ -68,7 +68,6 @@ impl Observer<'_> {
             } else {
                 format!("{{ {} }}", by_tool.join(", "))
             };
-            // Writing to a String cannot fail.
             let _ = writeln!(tables, "target = {targets}");
             if !is_found {
                 let _ = writeln!(tables, "target_within_mm = {}", number(RULER_MM));
@@ -77,7 +76,7 @@ impl Observer<'_> {
         Made { files: vec![(file, text)], tables }
     }
 
-    /// Whether a tracker determines the target position on the tool, which requires rotation about two directions.
+    /// Whether a tracker determines the target position on the tool, which requires two rotary axes.
     fn tells_targets(&self) -> bool {
         let rotary = self.truth.axes().iter();
         let rotary = rotary.filter(|axis| axis.name.kind() == AxisKind::Rotary);

@@ -81,7 +81,7 @@ impl Observer<'_> {
             })
     }
 
-    /// A planned pose with the ideal tip at the sphere. If the plan commands no linear axes, these are solved for; otherwise the commanded
+    /// State of a planned pose with the ideal tip at the sphere. If the plan commands no linear axes, these are solved for; otherwise the commanded
     /// tip must be near the sphere.
     fn to_sphere(
         &self,
@@ -128,7 +128,7 @@ impl Observer<'_> {
         Ok(row)
     }
 
-    /// Moves from the nominal pose to a centre. Returns the recorded coordinates, and the offset along `axes`, mm.
+    /// Measures a centre, starting from the nominal pose. Returns the recorded coordinates, and the offset along `axes`, mm.
     pub(super) fn at_centre(
         &mut self,
         pose: usize,
@@ -150,7 +150,7 @@ impl Observer<'_> {
                     let found = self.free_axes.actual(machine, state, centre);
                     found.ok_or(ObservationError::NotReached { at: (*centre).into() })
                 };
-                // The approach direction follows from the actual motion, so that it can be derived from the recorded coordinates.
+                // The approach direction follows from the actual motion, so that it agrees with the recorded coordinates.
                 let mut state = found(state)?;
                 self.approach.to(&mut state, self.truth);
                 let mut state = found(state)?;

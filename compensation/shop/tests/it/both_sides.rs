@@ -1,5 +1,5 @@
-//! Linear axes on both sides of `b`: straightness references are on the table for some axes and on the tool for others. Slopes caused by
-//! rotary axes, kept constants and assembly errors are no squareness.
+//! Linear axes on both sides of `b`: straightness references are on the table for some axes and on the tool for others. Slopes due to
+//! rotary axes, kept constants and assembly errors do not count as squareness.
 
 use std::{collections::BTreeMap, fmt::Write as _, fs, path::Path};
 
@@ -28,7 +28,7 @@ fn geometry(structure: &str) -> String {
     text + "[tool]\ntip = [40.0, -30.0, -150.0]\n"
 }
 
-/// Simulates the lines of a shop on a truth, and calibrates a machine file that keeps some errors of the truth. `more` is appended to the
+/// Simulates the lines of a shop on a true machine, and calibrates a machine file that keeps some of its errors. `more` is appended to the
 /// calibration file.
 pub(crate) fn round_trip(
     folder: &Path,
@@ -82,7 +82,7 @@ const BOTH_SIDES: [&str; 5] = [
 ];
 const TILTS: &str = "EC0Y = 22.0\nEA0Z = -15.0\nEB0Z = 9.0\n";
 
-/// Constants that a machine file keeps are in the readings and do not count as squareness again: less than 0.02 µm remain.
+/// Constants that a machine file keeps are in the readings and must not count as squareness again: less than 0.02 µm remain.
 #[test]
 fn constants_that_are_kept_are_no_squareness() {
     for structure in BOTH_SIDES {
@@ -136,7 +136,7 @@ fn assembly_angles_that_are_kept_are_no_squareness() {
     }
 }
 
-/// Every error motion of the linear axes, with constants and slopes, and every location error.
+/// Machine text with every error motion of the linear axes, with constants and slopes, and every location error; and the names of these errors.
 pub(crate) fn every_error(structure: &str) -> (String, Vec<String>) {
     let mut errors = String::new();
     for (axis, (letter, length)) in
@@ -167,7 +167,7 @@ pub(crate) fn every_error(structure: &str) -> (String, Vec<String>) {
     (truth, unknown)
 }
 
-/// Every line of the linear axes with the other axes held; `more` precedes all tables.
+/// Shop text that measures every line of the linear axes with the other axes held; `more` precedes all tables.
 pub(crate) fn every_line(held: &str, more: &str) -> String {
     let held = |linear: &str| match held {
         "" => format!("at = {{ {linear} }}"),
@@ -197,7 +197,7 @@ pub(crate) fn every_line(held: &str, more: &str) -> String {
     lines + SQUARES
 }
 
-/// Lines measured with rotary axes off zero and spheres for the rotary axes, in one file, reproduce the machine within 0.02 µm.
+/// Lines measured with rotary axes off zero, and spheres for the rotary axes, in one file: the calibrated machine agrees within 0.02 µm.
 #[test]
 fn lines_with_rotary_axes_off_zero_make_the_machine() {
     for (structure, held) in [

@@ -1,5 +1,5 @@
-//! Coverage of the stated uncertainty: shops with a known machine are measured, and calibrated or identified; the share of true errors
-//! within the 95 % band is counted.
+//! Coverage of the stated uncertainty: shops with a known machine are measured and then calibrated or identified; the tests count the share of
+//! true errors within the 95 % band.
 
 use std::{fmt::Write as _, fs, path::Path};
 
@@ -22,7 +22,7 @@ const BAND: f64 = 1.959_964;
 /// Positions evaluated in each shop.
 const POSES: usize = 10;
 
-/// Number of shops: `VOLCOMP_SHOPS` (500 for the full figure); by default as many as take a few seconds.
+/// Number of shops: the environment variable `VOLCOMP_SHOPS` (500 for a precise result); by default as many as take a few seconds.
 fn shops() -> u64 {
     const FEW: u64 = 30;
     asked().unwrap_or(FEW)
@@ -36,7 +36,7 @@ fn asked() -> Option<u64> {
 /// Monte Carlo samples per shop.
 const TRIALS: u64 = 100;
 
-/// Values evaluated and within their bands, by component of the error; and the share within of each finished shop.
+/// Number of evaluated values and of those within their bands, by component of the error; share of values within the bands for each shop.
 #[derive(Default)]
 struct Count {
     inside: [u32; 6],
@@ -63,8 +63,8 @@ impl Count {
         self.before = now;
     }
 
-    /// With 500 shops 93 to 97 % must be within. Values of one shop are correlated, so with fewer shops 95 % must be within three
-    /// standard errors of the mean over the shops.
+    /// Asserts that 93 to 97 % of the values are within their bands (500 shops). Values of one shop are correlated, so with fewer shops 95 % must
+    /// be within three standard errors of the mean over the shops.
     fn holds(&self, what: &str) {
         let share = self.report(what);
         let count = self.shops.len() as f64;
@@ -246,7 +246,7 @@ fn calibrated(
 /// degree of freedom, they are slightly too wide (coverage 97.1 % over 500 shops).
 #[test]
 fn bands_of_lines_hold_the_truth() {
-    // All numbers of runs are tested for the full figure only.
+    // All numbers of runs are tested only if `VOLCOMP_SHOPS` is set.
     let counts = if asked().is_some() { &["3", "5", "10"][..] } else { &["5"] };
     for runs in counts {
         let text = LINES.replace("RUNS", runs);
@@ -255,7 +255,7 @@ fn bands_of_lines_hold_the_truth() {
     }
 }
 
-/// Lines of which some runs lack targets: one stops, one starts late, single readings are missing, and one run alone holds an end.
+/// Some runs lack targets: one stops, one starts late, single readings are missing, and one end has readings of a single run.
 #[test]
 fn bands_of_lines_that_lack_targets_hold_the_truth() {
     let text = LINES.replace("RUNS", "5");
@@ -385,7 +385,7 @@ fn unknowns_beside_lines(runs: u32, few: u64) {
     for seed in 0..count {
         shop.seed = 1000 + seed;
         write(&shop, folder);
-        // One file with the lines and the observations.
+        // Merges lines and observations into one file.
         let read = |name: &str| fs::read_to_string(folder.join(name)).expect("written");
         let (lines, observed) = (read("calibration.toml"), read("observations.toml"));
         let at = observed.find("[[observation]]").expect("an observation");

@@ -1,4 +1,4 @@
-//! The example of ball rows equals the shop's output, and its errors are found.
+//! The files of the ball row example equal the shop's output, and its errors are identified.
 
 use std::fs;
 
@@ -24,6 +24,6 @@ fn the_ball_rows_of_the_example_are_those_of_its_shop() {
     nominal.clear_errors();
     let before = compare(&shop.truth, &nominal, 500, 1).position_um;
     let after = compare(&shop.truth, &found.machine, 500, 1).position_um;
-    // 0.5 µm over rows of 375 mm are 2 µrad of squareness: 1 µm at the other end of the volume.
+    // 0.5 µm over rows of 375 mm correspond to 2 µrad of squareness, which is 1 µm at the other end of the volume.
     assert!(before > 15.0 && after < 4.0, "{before} {after}");
 }

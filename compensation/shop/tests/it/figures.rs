@@ -9,7 +9,7 @@ use volcomp_test_support::root;
 
 use crate::volume::{Differences, compare};
 
-/// Measures a truth and identifies its errors; returns the result and the largest differences from the truth before and after.
+/// Measures a true machine and identifies its errors. Returns the result and the largest differences from the truth before and after.
 fn measured(truth: &str, shop: &str) -> (Identification, Differences, Differences) {
     let folder = tempfile::tempdir().expect("a folder");
     let write = |name: &str, text: &str| {
@@ -35,7 +35,7 @@ fn against(truth: &Machine, machine: &Machine) -> Differences {
 
 fn found(folder: &Path) -> Identification {
     let mut file = Observations::read(&folder.join("observations.toml")).expect("read back");
-    // The result is compared with the truth instead of omitted rows.
+    // The result is compared with the true machine, so cross-validation is not needed.
     file.folds = 0;
     identify(&file, |_, _| {}).expect("identified")
 }
@@ -79,8 +79,8 @@ tools = [\"short\", \"long\"]
     text
 }
 
-/// The published machine with 37 errors (30 position-dependent, 3 squareness, 4 parallelism, reference Y; the shipped file corrects an
-/// error in the printed chain), all noise 0.3 µm: 200 probings and 400 distances leave 0.6 of 45 µm over 2000 poses, and 2.6 µrad of the
+/// Published machine with 37 errors (30 position-dependent, 3 squareness, 4 parallelism, reference Y; the shipped file corrects an
+/// error in the printed chain), all noise 0.3 µm: after 200 probings and 400 distances, 0.6 of 45 µm remain over 2000 poses, and 2.6 µrad of the
 /// tool axis. 83 of 121 unknowns are determined; the others do not change the tip position.
 #[test]
 fn thirty_seven_errors_are_found_to_two_micrometres() {
@@ -101,7 +101,7 @@ fn thirty_seven_errors_are_found_to_two_micrometres() {
     assert!(after.position_um < 2.0 && after.tool_axis_urad < 3.0, "{file}: {after:?}");
 }
 
-/// The published machine with a tilting table, 800 × 600 × 800: two direction cosines and two offsets of each rotary axis, squareness and
+/// Published machine with a tilting table, 800 × 600 × 800: two direction cosines and two offsets of each rotary axis, squareness and
 /// scales of the linear axes are identified within 2 µm and 3 µrad.
 #[test]
 fn a_tilting_table_is_found_to_two_micrometres_and_three_microradians() {
@@ -170,7 +170,7 @@ at = { A = 0, C = 0 }
     assert!(after.position_um < 2.0 && after.rotation_urad < 3.0, "{after:?}");
 }
 
-/// The reversal value is identified from probed balls: the machine moves to their actual positions, so that an axis without command still
+/// The reversal value is identified from probed balls. The machine moves to their actual positions, so an axis without a command still
 /// moves by its errors, which changes its approach direction.
 #[test]
 fn a_reversal_is_found_from_probed_balls() {

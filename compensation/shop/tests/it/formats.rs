@@ -1,4 +1,4 @@
-//! Measurement files of all formats contain the same readings; the examples equal the shop's output.
+//! Measurement files of all formats contain the same readings, and the shipped examples equal the shop's output.
 
 use std::{fs, path::Path};
 
@@ -54,7 +54,7 @@ fn the_means_are_the_same_in_every_format() {
                 assert_eq!(expected.len(), 5);
                 assert_eq!(found.len(), 5, "{name}");
                 for ((at, mean), (found_at, found)) in expected.iter().zip(&found) {
-                    // µm with four decimals, mm with seven, mrad with nine.
+                    // Resolution of the files: µm with four decimals, mm with seven, mrad with nine.
                     assert!((at - found_at).abs() < 1e-9 && (mean - found).abs() < 6e-5, "{name}");
                 }
             }

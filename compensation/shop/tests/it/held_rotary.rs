@@ -41,14 +41,14 @@ fn at(m: &M, p: [f64; 3]) -> [f64; 3] {
     std::array::from_fn(|i| m[i][0] * p[0] + m[i][1] * p[1] + m[i][2] * p[2] + m[i][3])
 }
 
-/// The error motion of Z at a coordinate: a tilt about Y, and a displacement along Z, at the point of Z.
+/// Error motion of Z at a coordinate: a tilt about Y and a displacement along Z, about the point of Z.
 fn error_of_z(z: f64) -> M {
     let share = (z / 500.0).powi(2);
     let tilt = about_y(TILT_URAD * 1e-6 * share, POINT_Z);
     product(&shift([0.0, 0.0, LENGTH_UM * 1e-3 * share]), &tilt)
 }
 
-/// With Z on the tool, carried by B, carried by Y: excess motion of a point on the carriage, in the frame of Z.
+/// Reading with Z on the tool side, carried by B, carried by Y: excess motion of a point on the carriage along Z, µm.
 fn reading_on_the_tool_um(z: f64) -> f64 {
     let held = product(&shift([0.0, HELD[1], 0.0]), &about_y(HELD[0].to_radians(), POINT_B));
     let back = product(&about_y(-HELD[0].to_radians(), POINT_B), &shift([0.0, -HELD[1], 0.0]));
@@ -57,12 +57,12 @@ fn reading_on_the_tool_um(z: f64) -> f64 {
     let actual = product(&ideal, &error_of_z(z));
     let (to, from) = (at(&actual, on_carriage), at(&ideal, on_carriage));
     let moved: [f64; 3] = std::array::from_fn(|i| to[i] - from[i]);
-    // Along the direction of Z, rotated by B.
+    // Component along the direction of Z, which B has rotated.
     let (s, c) = HELD[0].to_radians().sin_cos();
     (moved[0] * s + moved[2] * c) * 1e3
 }
 
-/// With Z and B carrying the workpiece, Z outermost: the errors of Z move the workpiece axes.
+/// Reading with Z and B carrying the workpiece, Z outermost: the errors of Z move the workpiece axes.
 fn reading_on_the_table_um(z: f64) -> f64 {
     let held = product(&about_y(HELD[0].to_radians(), POINT_B), &shift([0.0, HELD[1], 0.0]));
     // The point is fixed on the table, so it does not move in workpiece axes.
@@ -122,7 +122,7 @@ fn readings_are_those_of_a_chain_written_by_hand() {
     }
 }
 
-/// The Abbe offset is corrected with the lever at the held position: the original errors are found within 0.01.
+/// The Abbe offset is corrected with the lever arm at the held position: the original errors are found within 0.01.
 #[test]
 fn the_errors_come_back() {
     for (structure, _) in SIDES {

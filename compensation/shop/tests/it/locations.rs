@@ -1,4 +1,4 @@
-//! Location errors that are measured directly, and the calibration file with them.
+//! Location errors that are measured directly, and their entries in the calibration file.
 
 use std::{fs, path::Path};
 
@@ -51,7 +51,7 @@ fn values_without_noise_are_those_of_the_truth() {
     assert_eq!(value(&found, "EX0B"), None, "was not measured");
 }
 
-/// Over many seeds the noise has the standard deviation that the calibration file states.
+/// The noise over many seeds has the standard deviation that the calibration file states.
 #[test]
 fn the_noise_is_what_the_file_states() {
     let mut squares = 0.0;
@@ -73,7 +73,7 @@ fn the_noise_is_what_the_file_states() {
     assert!((deviation / 2.5 - 1.0).abs() < 0.12, "{deviation}");
 }
 
-/// A line of a rotary axis contains the effect of its location errors; if these are measured directly, the calibration subtracts it: less
+/// A line of a rotary axis contains the effect of its location errors. If these are measured directly, the calibration subtracts it: less
 /// than 0.5 µm remain.
 #[test]
 fn lines_of_the_axis_are_freed_of_it() {

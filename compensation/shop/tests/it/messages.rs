@@ -20,7 +20,6 @@ const SHOP: &str = "machine = \"truth.toml\"\nseed = 1\nformat = \"csv\"\n[instr
     [[squareness]]\nerror = \"EC0Y\"\nreference_angle_urad = 2.0\n";
 
 proptest! {
-    /// A shop file with any removal or insertion gives measurements or a message.
     #[test]
     fn damaged_shops_do_not_panic(
         place in 0..SHOP.len(), cut in 0..20_usize, put in "[\\[\\]{}=,.'\"# \n0-9a-zA-Z-]{0,6}",
@@ -38,7 +37,6 @@ proptest! {
         }
     }
 
-    /// Any numbers in a shop built in code give measurements or an error.
     #[test]
     fn odd_shops_built_in_code_do_not_panic(
         noise in any::<f64>(), step in any::<f64>(), alignment in any::<f64>(), targets in 0..40_usize,
@@ -103,7 +101,6 @@ fn more_readings_than_fit_are_refused() {
     assert!(matches!(many.files(|_, _| {}), Err(ShopError::Readings { .. })));
 }
 
-/// An invalid observation built in code is rejected like one in a shop file.
 #[test]
 fn what_is_wrong_with_an_observation_built_in_code_is_named() {
     let bar = |marks: usize| Bar {

@@ -78,7 +78,6 @@ origin = [10, 20, 30]\ndirection = [0, 1, 0]\ndistances = [0, 50, 90]\nat = { C 
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(300))]
 
-    /// Observations with any removal or insertion give measurements or a message.
     #[test]
     fn damaged_observations_do_not_panic(
         place in 0..SHOP.len(), cut in 0..20_usize, put in "[\\[\\]{}=,.'\"# \n0-9a-zA-Z-]{0,6}",

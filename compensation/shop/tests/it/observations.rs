@@ -23,7 +23,7 @@ EX0B = 30.0
 EAY = { poly = [0.0, 0.2] }
 ";
 
-/// The actual tip of that machine, mm. X carries the workpiece, and its scale is 50 µm/m too long; Y rolls about X by 0.2 µrad/mm at
+/// Actual tip of that machine, mm. X carries the workpiece, and its scale is 50 µm/m too long; Y rolls about X by 0.2 µrad/mm at
 /// machine zero; B's axis is 30 µm too far along X.
 fn tip_of_head([x, y, z, b_deg]: [f64; 4]) -> [f64; 3] {
     let (roll, b) = (0.2e-6 * y, b_deg.to_radians());
@@ -31,7 +31,7 @@ fn tip_of_head([x, y, z, b_deg]: [f64; 4]) -> [f64; 3] {
     let (s, c) = b.sin_cos();
     let [dx, dz] = [0.0 - 20.03, 150.0 - 400.0];
     let turned = [20.03 + c * dx + s * dz, 0.0, 400.0 - s * dx + c * dz + z];
-    // The roll of Y about X moves with the carriage.
+    // The axis of the roll of Y moves with the carriage.
     let (sr, cr) = roll.sin_cos();
     let rolled = [turned[0], cr * turned[1] - sr * turned[2] + y, sr * turned[1] + cr * turned[2]];
     [rolled[0] + x + 0.05e-3 * x, rolled[1], rolled[2]]
@@ -52,7 +52,7 @@ fn write(folder: &Path, shop: &Shop) {
 
 fn identified(folder: &Path) -> Identification {
     let mut file = Observations::read(&folder.join("observations.toml")).expect("read back");
-    // The result is compared with the truth instead of omitted rows.
+    // The result is compared with the true machine, so cross-validation is not needed.
     file.folds = 0;
     identify(&file, |_, _| {}).expect("identified")
 }
@@ -133,7 +133,7 @@ both_directions = false
         let tip = Vector3::from(tip_of_head(state(&distance, row)));
         let length = (tip - Vector3::new(10.0, 20.0, 30.0)).norm() - 100.5;
         near(number(&distance, row, "length_mm"), length, "distance");
-        // The tracker is rotated by 90° about Z, so its x is our y. Without B the target moves only along X.
+        // The tracker is rotated by 90° about Z, so its x is Y of the workpiece. Without B the target moves only along X.
         let tip = tip_of_head(state(&tracker, row));
         near(number(&tracker, row, "x"), tip[1] - 200.0, "tracker x");
         near(number(&tracker, row, "y"), -(tip[0] + 3.0 - 1000.0), "tracker y");
@@ -190,7 +190,7 @@ fn largest_difference_um(one: &Machine, other: &Machine) -> f64 {
     crate::volume::compare(one, other, 300, 5).position_um
 }
 
-/// Each instrument without noise, alone or in the combination that it needs, reproduces the errors within 0.1 µm.
+/// Each instrument without noise, alone or in the required combination, reproduces the errors within 0.1 µm.
 #[test]
 fn every_instrument_brings_the_errors_back() {
     let truth = format!("{TABLE}{ERRORS}");
@@ -324,7 +324,7 @@ fn spheres(folder: &Path, file: &str) -> Vec<String> {
 }
 
 /// Two tables with different spheres, and a third with a sphere of each: the spheres keep their names, and the observations determine the
-/// truth.
+/// errors.
 #[test]
 fn spheres_of_several_tables_have_names_of_their_own() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -345,7 +345,6 @@ fn spheres_of_several_tables_have_names_of_their_own() {
     identified(folder);
 }
 
-/// Names with special characters of TOML and CSV survive writing and reading.
 #[test]
 fn names_are_read_back_whatever_stands_in_them() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -415,8 +414,8 @@ EC0Y = 25.0
     }
 }
 
-/// If the machine does not rotate the tool, a ruler measures the target position; otherwise the effect of tilts at the tip would be
-/// unknown.
+/// If the machine does not rotate the tool, the target position is stated as measured with a ruler; otherwise the effect of tilts at the tip
+/// would be unknown.
 #[test]
 fn a_target_on_a_machine_without_rotary_axes_is_stated_by_a_ruler() {
     let folder = tempfile::tempdir().expect("a folder");

@@ -1,4 +1,4 @@
-//! `[[location]]` values: positions of axes with all axes at `reference`, relative to the tip and along the reference lines of X and Y.
+//! Values of `[[location]]`: positions of axes with all axes at `reference`, relative to the tip and along the reference lines of X and Y.
 //! Expected values are products of separate 4×4 matrices.
 
 use std::fmt::Write as _;
@@ -40,7 +40,7 @@ fn plus(a: V, b: V) -> V {
     std::array::from_fn(|i| a[i] + b[i])
 }
 
-/// Coefficients of an error of a truth: a polynomial, a single number, or none if missing.
+/// Coefficients of an error in the text of a true machine: those of a polynomial, or a single number; 0 if the error is missing.
 fn numbers(truth: &str, name: &str) -> Vec<f64> {
     let line = truth.lines().find_map(|line| line.strip_prefix(&format!("{name} = ")));
     let text = line.unwrap_or("0.0");
@@ -60,7 +60,7 @@ fn least_squares(poly: &[f64], length: f64, targets: usize) -> [f64; 2] {
     [my - slope * mx, slope]
 }
 
-/// The locations of a truth's rotary axes, as tables of a calibration file.
+/// Location errors of the rotary axes of a true machine, as tables of a calibration file.
 fn values(truth: &str, structure: &str, targets: usize) -> String {
     let tip = [40.0, -30.0, -150.0];
     let mut before = small([0.0; 3], [0.0; 3], [0.0; 3]);
@@ -104,7 +104,7 @@ fn values(truth: &str, structure: &str, targets: usize) -> String {
         let mut unit = [0.0; 3];
         unit[own] = 1.0;
         let direction = plus(plus(unit, cross(askew, unit)), slope);
-        // Linear: M·E on the tool, E·M on the workpiece; rotary the other way round. At 0, M is the identity.
+        // Linear axes: M·E on the tool side, E·M on the workpiece side; rotary axes the other way round. At 0, M is the identity.
         if rotary == on_tool {
             before = product(&before, &errors);
         }

@@ -43,7 +43,7 @@ fn tip(x: f64, y: f64, c: f64, axis: [f64; 2]) -> [f64; 2] {
     [axis[0] + k * dx - s * dy, axis[1] + s * dx + k * dy]
 }
 
-/// In an R-test at planned angles the linear axes follow the nominal sphere, and the offset is the effect of the displaced axis.
+/// In an R-test at planned angles the linear axes move to the nominal sphere, and the offset is the effect of the displaced axis.
 #[test]
 fn angles_alone_let_the_linear_axes_follow() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -79,7 +79,7 @@ fn rows_alternate_between_spheres() {
         text.lines().skip(1).map(|line| line.split(',').collect()).collect();
     let order: Vec<[&str; 2]> = cells.iter().map(|row| [row[0], row[4]]).collect();
     assert_eq!(order, [["0", "S2"], ["90", "S1"], ["180", "S2"]]);
-    // A touch probe records machine coordinates: S1 at C = 90°.
+    // A touch probe records machine coordinates; checked for S1 at C = 90°.
     let at: Vec<f64> = cells[1][1..4].iter().map(|q| q.parse().expect("a number")).collect();
     let [x, y] = tip(at[0], at[1], 90.0, [0.020, -0.010]);
     assert!((x - 150.0).abs() < 2e-6 && y.abs() < 2e-6, "{x} {y}");

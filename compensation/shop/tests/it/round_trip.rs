@@ -1,5 +1,5 @@
-//! The virtual shop and its inverse: readings are from the whole chain with all errors, while the calibration evaluates single lines by
-//! their rules.
+//! Round trip of the virtual shop and the calibration: readings come from the whole chain with all errors, while the calibration evaluates
+//! single lines by their rules.
 
 use std::{fmt::Write, fs, path::Path};
 
@@ -98,7 +98,7 @@ reference_angle_urad = 5.0
 error = "EB0Z"
 "#;
 
-/// Simulates, and calibrates with polynomials of order 3, which are exact for the truth.
+/// Measures a true machine and calibrates with polynomials of order 3, which are exact for it.
 fn round_trip(folder: &Path, truth: &str, lines: &str, more: &str) -> (Machine, Calibration) {
     fs::write(folder.join("truth.toml"), truth).expect("written");
     fs::write(folder.join("shop.toml"), lines).expect("written");
@@ -129,7 +129,7 @@ fn tip_and_error(machine: &Machine, node: [f64; 3]) -> [Vector3<f64>; 2] {
     [machine.chain().ideal_tip_mm(&state), error.position_mm * 1e3]
 }
 
-/// Largest difference between two machines after best-fit rigid-body alignment, the gauge freedom of a calibration.
+/// Largest difference between two machines after best-fit rigid-body alignment, which a calibration does not determine.
 fn largest_difference_um(one: &Machine, other: &Machine) -> f64 {
     let steps = |length: f64| (0..5).map(move |i| length * f64::from(i) / 4.0);
     let nodes: Vec<[f64; 3]> = steps(2000.0)
@@ -246,7 +246,7 @@ w X' b Y Z t | X.direction = [-1, 0, 0]\nY.direction = [0, -1, 0] |
 }
 
 /// EX0C = 40 µm moves the point under an indicator by 40·(cos C − 1) µm along X. An instrument centred on the axis does not measure this,
-/// and its calibration file says so.
+/// and its calibration file states so.
 #[test]
 fn an_instrument_centred_on_the_axis_does_not_see_where_the_axis_lies() {
     const TRUTH: &str = "structure = \"w C' X' b Y Z t\"

@@ -14,7 +14,7 @@ use volcomp_vocabulary::Displacement;
 pub(crate) struct Differences {
     pub(crate) position_um: f64,
     pub(crate) rotation_urad: f64,
-    /// Difference of the tool axis direction; a rotation about the axis does not count.
+    /// Difference of the tool axis directions, µrad; a rotation about the tool axis does not count.
     pub(crate) tool_axis_urad: f64,
 }
 

@@ -15,7 +15,7 @@ fn worn(months: f64, load: f64, seed: u64) -> Machine {
     wear.of(&machine()).expect("worn").machine
 }
 
-/// An error (µm or µrad) at a coordinate, after motion in a direction.
+/// Value of an error (µm or µrad) at a coordinate, after motion in a direction.
 fn value(machine: &Machine, name: &str, q: f64, direction: Option<Direction>) -> f64 {
     let name: ErrorName = name.parse().expect("a name");
     let mut coordinates = [0.0; 9];
@@ -34,7 +34,7 @@ fn without_work_nothing_changes() {
     assert_eq!(worn(6.0, 2.0, 1).to_toml(), worn(12.0, 1.0, 1).to_toml());
 }
 
-/// No number in the file has rounding digits, as 79.99980000000001 or 1e-15 would.
+/// No number in the file has rounding digits, as in 79.99980000000001 or 1e-15.
 #[test]
 fn numbers_have_six_decimals_at_most() {
     let text = worn(7.0, 1.3, 4).to_toml();
@@ -52,7 +52,6 @@ fn numbers_have_six_decimals_at_most() {
     assert!(count > 1000, "{count}");
 }
 
-/// 24 months add twice as much wear as 12.
 #[test]
 fn wear_is_proportional_to_time() {
     let (new, one, two) = (machine(), worn(12.0, 1.0, 3), worn(24.0, 1.0, 3));
@@ -97,7 +96,7 @@ fn tilts_are_the_tangents_of_the_bent_ways() {
         ("Z", "EYZ", "EAZ", -1.0),
     ] {
         let [low, high] = machine().axis(axis.parse().expect("an axis")).expect("it").travel;
-        // Over an eighth of the travel, because the curve between tabulated positions is not exact.
+        // The tolerance is for an eighth of the travel, because the curve between tabulated positions is not exact.
         let way = (high - low) / 8.0;
         for part in 0..8 {
             let from = low + way * f64::from(part);
@@ -113,7 +112,7 @@ fn tilts_are_the_tangents_of_the_bent_ways() {
     assert!(largest > 5.0, "{largest}");
 }
 
-/// The worn machine keeps a wave with the pitch of a screw, of which 64 even positions over 500 mm would sample only every third period.
+/// The worn machine keeps a periodic error with the pitch of a screw, of which 64 even positions over 500 mm sample only every third period.
 #[test]
 fn a_wave_that_was_there_stays() {
     let machine = |errors: &str| {

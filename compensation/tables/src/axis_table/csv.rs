@@ -1,4 +1,4 @@
-//! The format of volcomp.
+//! CSV, the format of volcomp.
 
 use core::fmt::Write;
 
@@ -20,7 +20,6 @@ pub(crate) fn write(tables: &[AxisTable], options: &WriteOptions) -> Written {
     }
     let mut text = String::new();
     for line in options.facts.lines(Format::Csv, &options.axes) {
-        // Writing to a string cannot fail.
         let _ = writeln!(text, "# {line}");
     }
     text += HEAD;
@@ -47,7 +46,7 @@ pub(crate) fn write(tables: &[AxisTable], options: &WriteOptions) -> Written {
     Written { files: vec![TextFile { name, text }], ..Written::default() }
 }
 
-/// Replaces comment lines by blank ones, so that line numbers stay the same.
+/// Replaces comment lines by blank ones, which keeps the line numbers.
 fn without_comments(text: &str) -> String {
     let lines = text.lines().map(|line| if line.trim_start().starts_with('#') { "" } else { line });
     lines.collect::<Vec<_>>().join("\n")

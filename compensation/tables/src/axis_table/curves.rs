@@ -11,16 +11,16 @@ use super::{
     text::ExchangeError,
 };
 
-/// Curves (mm or deg, µm or µrad) and location errors (µm or µrad), as in the section `[errors]` of a machine file.
+/// Contents of the section `[errors]` of a machine file. Curves have their coordinate in mm or deg and their value in µm or µrad.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Curves {
-    /// Error motions and their curves.
+    /// Error motions with their curves.
     pub motions: Vec<(ErrorName, ErrorCurve)>,
     /// Location errors, µm or µrad.
     pub locations: Vec<(ErrorName, f64)>,
 }
 
-/// The translation along a linear axis or rotation about a rotary one, in the direction of its letter.
+/// Component of the own motion of an axis: the translation along a linear axis, or the rotation about a rotary one.
 pub(crate) fn own_component(axis: AxisName) -> Component {
     match (axis.is_rotary(), axis.mcs_index()) {
         (false, 0) => Component::EX,
@@ -32,7 +32,7 @@ pub(crate) fn own_component(axis: AxisName) -> Component {
     }
 }
 
-/// The error motion of a table: positioning for the axis itself, straightness for another axis.
+/// Error motion that a table describes: positioning if input and output are the same axis, otherwise straightness.
 fn name_of(table: &AxisTable) -> ErrorName {
     ErrorName::motion(own_component(table.output), table.input)
 }
@@ -115,7 +115,6 @@ pub fn to_toml(curves: &Curves) -> String {
         Field::Grid(_) => "0.0".to_owned(),
     };
     for (name, curve) in &curves.motions {
-        // Writing to a string cannot fail.
         let _ = match curve {
             ErrorCurve::Single(single) => writeln!(text, "{name} = {}", field(single)),
             ErrorCurve::Pair { forward, backward } => {

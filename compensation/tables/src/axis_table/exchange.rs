@@ -1,4 +1,4 @@
-//! Writes tables to files and reads them back, by format.
+//! Writes tables as files of a format, and reads them back.
 
 use volcomp_vocabulary::{CorrectionLimit, bounds::is_plausible_error};
 
@@ -21,7 +21,7 @@ impl Format {
     pub fn of_files(files: &[TextFile]) -> Option<Self> {
         let (facts, tables): (Vec<_>, Vec<_>) =
             (files.iter()).partition(|file| is_facts_file(file.base()));
-        // The format in the facts files applies, if these agree.
+        // The format stated in facts files takes precedence, if they agree.
         let mut stated: Vec<Self> = facts.iter().filter_map(|file| stated_format(file)).collect();
         stated.dedup();
         match stated[..] {
@@ -30,7 +30,7 @@ impl Format {
         }
     }
 
-    /// The format in the header of a file that volcomp wrote; `None` for any other file.
+    /// Format stated in the header of a file that volcomp wrote; `None` for any other file.
     pub fn stated_in(file: &TextFile) -> Option<Self> {
         stated_format(file)
     }
@@ -74,7 +74,7 @@ impl Content {
 /// Tables read from files.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ReadTables {
-    /// Tables of one kind.
+    /// The tables: either axis tables or component errors.
     pub content: Content,
     /// Anomalies found in the files.
     pub warnings: Vec<Warning>,
@@ -127,7 +127,7 @@ pub fn write(
     Ok(written)
 }
 
-/// Reads the tables of a control; the facts file is not a table. Without axis numbers from the caller, those of the facts file or of a
+/// Reads the tables of a control; the facts file is not a table. If the options state no axis numbers, those of the facts file or of a
 /// table header apply.
 ///
 /// # Errors
@@ -139,7 +139,7 @@ pub fn read(
 ) -> Result<ReadTables, ExchangeError> {
     let mut warnings = Vec::new();
     let mut options = options.clone();
-    // The SINUMERIK reader itself compares the headers of its files.
+    // The SINUMERIK reader compares the headers of its files itself.
     if options.axes.iter().next().is_none()
         && format != Format::Siemens840d
         && let Some((file, numbers)) = stated_numbers(format, files)
@@ -166,7 +166,7 @@ pub fn read(
         let names: Vec<&str> = files.iter().map(|file| file.name.as_str()).collect();
         ExchangeError::NoCurves(format!("{}: {what}", names.join(", ")))
     };
-    // The reader of component errors rejects invalid tables with their line.
+    // The reader of component errors has already rejected invalid tables with their line.
     if let Some(refusal) = content.refusal() {
         return Err(in_files(refusal));
     }

@@ -97,7 +97,7 @@ fn record(here: FilePosition<'_>, text: &str, found: &mut Records) -> Result<(),
                 let steps = whole(size).ok_or_else(wrong)?;
                 found.data.insert(parameter - DATA, steps);
             }
-            // Other parameters, since files contain all of them.
+            // Other parameters are skipped, because the files contain all parameters.
             _ => {}
         }
         rest = behind;
@@ -133,7 +133,7 @@ impl Reader<'_> {
         u32::try_from(point).ok().filter(|point| *point < 10_000)
     }
 
-    /// The points of an axis; `None` if it has none.
+    /// Points of an axis; `None` if it has none.
     fn extent(
         &self,
         axis: AxisName,
@@ -234,8 +234,9 @@ impl Reader<'_> {
 const FORMAT: Format = Format::Fanuc;
 /// Maximum number of points: N10000 to N19999.
 const MAX_POINTS: usize = 10_000;
-/// Maximum magnitude of an increment with the option, then without it. Not verified against a FANUC manual.
+/// Maximum magnitude of an increment on a control with the option for larger ones. Not verified against a FANUC manual.
 const MAX_INCREMENT: i64 = 127;
+/// Maximum magnitude of an increment on every control. Not verified against a FANUC manual.
 const MAX_STANDARD_INCREMENT: i64 = 7;
 
 struct Points {
@@ -245,7 +246,8 @@ struct Points {
     last: u32,
     interval: f64,
     turn: f64,
-    /// First point for negative motion, and the deviation at the reference position after negative motion.
+    /// Number of the first point for negative motion, and the deviation at the reference position after negative motion, in detection units;
+    /// `None`: both directions share their points.
     negative: Option<(u32, i64)>,
 }
 
@@ -255,7 +257,7 @@ struct PitchData {
     /// Number of each point, and its pitch error increment.
     data: Vec<(u32, i64)>,
     next: u32,
-    /// Axes with increments that not every control accepts.
+    /// Axes with increments above [`MAX_STANDARD_INCREMENT`], which not every control accepts.
     wide: Vec<AxisName>,
     offsets: Vec<String>,
 }
@@ -373,7 +375,7 @@ impl PitchData {
         Ok(())
     }
 
-    /// Stores cumulative values as increments between points. Returns the first point.
+    /// Stores cumulative values as increments between points. Returns the number of the first point.
     fn add_points(&mut self, table: &AxisTable, units: &[i64]) -> Result<u32, ExchangeError> {
         let first = self.next;
         let steps = std::iter::once(0).chain(units.windows(2).map(|pair| pair[1] - pair[0]));
@@ -393,7 +395,7 @@ impl PitchData {
     }
 }
 
-/// Index of the node at the reference position, which is at machine zero.
+/// Index of the node at machine zero, which is the reference position.
 fn reference_of(table: &AxisTable, low: f64, interval: f64) -> Result<usize, ExchangeError> {
     let place = (0.0 - low) / interval;
     let count = table.positions.len();
@@ -419,7 +421,6 @@ fn text(all: &[Points], data: &[(u32, i64)]) -> String {
             .filter_map(|points| Some(format!("A{}P{}", points.axis, of(points)?)))
             .collect();
         if !values.is_empty() {
-            // Writing to a string cannot fail.
             let _ = writeln!(text, "N{number:05}{values}");
         }
     };
@@ -438,7 +439,7 @@ fn text(all: &[Points], data: &[(u32, i64)]) -> String {
     text + "%\n"
 }
 
-/// Formats a number with a decimal point, such as 30.0 in known files.
+/// Formats a number with a decimal point, as in known files: 30.0.
 fn real(value: f64) -> String {
     let text = short(value, 9);
     if text.contains('.') { text } else { text + ".0" }

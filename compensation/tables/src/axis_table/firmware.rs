@@ -29,15 +29,15 @@ pub enum Firmware {
     Grbl,
 }
 
-/// X, Y and Z: rows and columns of the matrices here.
+/// Order of rows and columns of the matrices here.
 const AXES: [AxisName; 3] = [AxisName::X, AxisName::Y, AxisName::Z];
-/// Decimals of factors: 1e-7 is 0.1 µm over a metre.
+/// Decimals of skew and step factors: 1e-7 is 0.1 µm over a metre.
 const DECIMALS: usize = 7;
 /// Decimals of steps per mm and of rotation distances, mm.
 const STEPS_DECIMALS: usize = 6;
-/// Largest plausible difference of a factor of the steps from 1: more is another screw, not an error.
+/// Largest plausible difference of a step factor from 1; a larger one means another screw.
 const LARGEST_SCALE_ERROR: f64 = 0.1;
-/// Smallest turn of the part that is reported, rad.
+/// Smallest rotation of the part that is reported, rad.
 const NEGLIGIBLE_TURN: f64 = 1e-6;
 
 impl Firmware {
@@ -57,7 +57,7 @@ impl Firmware {
         self != Self::Grbl
     }
 
-    /// Meaning of the numbers in the file.
+    /// Sign convention and meaning of the numbers in the file.
     pub fn sign(self) -> &'static str {
         match self {
             Self::Klipper => {
@@ -128,8 +128,8 @@ pub struct LinearSettings {
     pub turn_rad: f64,
 }
 
-/// Steps and skew that remove the best-fit lines of the deviations along X, Y and Z through the reference position. The part may be turned as a
-/// whole, because such firmware keeps the direction of X and the plane of X and Y.
+/// Computes the steps and the skew that remove the slopes of the best-fit lines of the deviations along X, Y and Z through the reference position.
+/// The part may remain rotated as a whole, because such firmware keeps the direction of X and the plane of X and Y.
 ///
 /// # Errors
 /// Same as [`sampled`]; a deviation of more than a tenth of the travel.
@@ -170,8 +170,8 @@ fn slope(table: &AxisTable) -> f64 {
     over / under
 }
 
-/// Splits the matrix C from commands to corrected commands into C = D·S·Qᵀ: steps D, skew S and a rotation Q of the part. D·S = K is the upper
-/// triangular root of C·Cᵀ, which does not contain Q.
+/// Splits the matrix C from commands to corrected commands into C = D·S·Qᵀ: steps D, skew S and a rotation Q of the part. K = D·S is the upper
+/// triangular root of C·Cᵀ, in which Q cancels. `None` if there is no such root.
 fn of_matrix(c: &[[f64; 3]; 3]) -> Option<LinearSettings> {
     let dot = |a: usize, b: usize| (0..3).map(|at| c[a][at] * c[b][at]).sum::<f64>();
     let k33 = dot(2, 2).sqrt();
@@ -189,7 +189,7 @@ fn of_matrix(c: &[[f64; 3]; 3]) -> Option<LinearSettings> {
     found.steps.iter().all(plausible).then_some(found)
 }
 
-/// The number as files hold it.
+/// The number after formatting with the decimals of the files.
 fn written(value: f64) -> f64 {
     short(value, DECIMALS).parse().unwrap_or(value)
 }
@@ -215,7 +215,7 @@ impl LinearSettings {
         correction
     }
 
-    /// Factors with the letters of their axes, for the axes of the machine.
+    /// Step factors of the axes that the machine has.
     fn factors<'a>(&'a self, machine: &'a Machine) -> impl Iterator<Item = (AxisName, f64)> + 'a {
         let there = |axis: AxisName| machine.axes().iter().any(|of| of.name == axis);
         let all = AXES.into_iter().zip(self.steps);
@@ -223,11 +223,11 @@ impl LinearSettings {
     }
 }
 
-/// Writes the settings. `now` holds the steps per mm (Klipper: the rotation distances, mm) that are set in the control; of other axes the file
-/// holds the factor.
+/// Writes the settings. `now` contains the steps per mm (Klipper: the rotation distances, mm) that are set in the control; for other axes the file
+/// contains the factor.
 ///
 /// # Errors
-/// `now` names an axis that the machine or the firmware does not have, or holds a number that is not above 0.
+/// `now` names an axis that the machine or the firmware does not have, or contains a number that is not above 0.
 pub fn write_settings(
     firmware: Firmware,
     settings: &LinearSettings,
@@ -248,7 +248,6 @@ pub fn write_settings(
     let mut text = String::new();
     let mark = firmware.comment();
     for line in head(firmware, facts) {
-        // Writing to a string cannot fail.
         let _ = writeln!(text, "{mark} {line}");
     }
     match firmware {
@@ -336,7 +335,7 @@ fn klipper_skew(text: &mut String, skew: Skew) {
     let _ = writeln!(text, "\n# The same by lengths: SET_SKEW {}", planes.join(" "));
 }
 
-/// Diagonals and side AC,BD,AD of the rhombus with this skew factor, mm, as `SET_SKEW` takes them.
+/// Lengths AC, BD and AD (both diagonals and a side) of the rhombus with this skew factor, mm, as arguments of `SET_SKEW`.
 fn lengths(factor: f64) -> String {
     const SIDE_MM: f64 = 100.0;
     let half = 0.5 * (core::f64::consts::FRAC_PI_2 - factor.atan());
@@ -376,7 +375,7 @@ fn steps_line(
     };
 }
 
-/// Note for firmware without skew.
+/// Notes on the skew that firmware without a skew correction leaves.
 fn left_skew(skew: Skew) -> Vec<String> {
     let planes = [("XY", skew.xy), ("XZ", skew.xz), ("YZ", skew.yz)];
     let left: Vec<String> = planes

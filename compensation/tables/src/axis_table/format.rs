@@ -1,10 +1,10 @@
 use core::{fmt, str::FromStr};
 
-/// The control or software that reads the table, and in which of its formats.
+/// Format of table files, by the control or software that reads them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[non_exhaustive]
 pub enum Format {
-    /// The format of volcomp.
+    /// CSV, the format of volcomp.
     Csv,
     /// LinuxCNC, COMP_FILE_TYPE 0: nominal, actual forward, actual backward.
     Linuxcnc,

@@ -14,10 +14,10 @@ use super::{
 };
 
 const MAX_LINES: usize = 256;
-/// Decimals of mm and deg, as in known files.
+/// Decimals of lengths and angles in mm and deg, as in known files.
 const DECIMALS: usize = 4;
 
-/// Non-empty lines of a file, with their numbers.
+/// Non-empty lines of a file with their line numbers, from 1.
 fn lines(file: &TextFile) -> impl Iterator<Item = (usize, &str)> {
     let lines = file.text.lines().enumerate();
     lines.map(|(index, line)| (index + 1, line.trim())).filter(|(_, line)| !line.is_empty())
@@ -145,7 +145,7 @@ fn read_com(
     }
 }
 
-/// Input axis of a table file; `None` if the `.cma` file does not contain it.
+/// Input axis of a table file, from the `.cma` file or from the file name; `None` if the `.cma` file does not name the table.
 fn input_of(
     file: &TextFile,
     name: &str,
@@ -261,18 +261,18 @@ fn rows_of(
     Ok(rows)
 }
 
-/// Tolerance for equal angles, rad.
+/// Angles that differ by less are treated as equal, rad.
 const SAME_RAD: f64 = 1e-8;
 
 const WITHIN_A_TURN: &str = "a table over a rotary axis holds 0 to 360 deg";
 
-/// Why full-turn tables that do not begin at 0 deg are changed.
+/// Reason for leaving out full-turn tables whose two ends deviate differently.
 const IN_TWO: &str = "a table over a rotary axis holds 0 to 360 deg, and its two ends, which are one position there, deviate differently";
 
 #[derive(Default)]
 struct AcceptedTables<'a> {
     tables: Vec<Cow<'a, AxisTable>>,
-    /// Axes whose tables were shifted to 0 … 360 deg.
+    /// Axes whose full-turn tables were shifted to 0 … 360 deg.
     wrapped: Vec<AxisName>,
     beyond: Vec<&'a AxisTable>,
     in_two: Vec<&'a AxisTable>,
@@ -329,7 +329,7 @@ fn is_turn(table: &AxisTable) -> bool {
     table.input.is_rotary() && (length - TAU).abs() < 1e-6
 }
 
-/// Whether the values at both ends agree to the last decimal of a file.
+/// Whether the values at both ends agree within half a digit of the file.
 fn closes(table: &AxisTable) -> bool {
     let half_a_digit = 0.5 * 10.0_f64.powi(-i32::try_from(DECIMALS).unwrap_or(0));
     let mut both_directions = [Some(&table.forward), table.backward.as_ref()].into_iter().flatten();
@@ -339,12 +339,12 @@ fn closes(table: &AxisTable) -> bool {
     })
 }
 
-/// A full-turn table shifted to 0 to 360 deg. It keeps its nodes if one of them is at 0 or the spacing is uneven; otherwise it is resampled
+/// Shifts a full-turn table to 0 … 360 deg. It keeps its nodes if one of them is at 0 or the spacing is uneven; otherwise it is resampled
 /// from 0 with the same spacing.
 fn wrapped(table: &AxisTable) -> AxisTable {
     let turn = AxisTable { modulo: true, ..table.clone() };
     let mut positions: Vec<f64> = if let Some(spacing) = table.spacing() {
-        // Multiples of the spacing from 0, which are the existing nodes except for rounding.
+        // Multiples of the spacing from 0; except for rounding they are existing nodes if one node is at 0.
         let inner = 1..table.positions.len().saturating_sub(1);
         inner.map(|place| spacing * place as f64).collect()
     } else {
@@ -460,7 +460,6 @@ pub(crate) fn write_tnc640(tables: &[AxisTable]) -> Result<Written, ExchangeErro
 fn row(text: &mut String, cells: &[String]) {
     let mut line = String::new();
     for cell in cells {
-        // Writing to a string cannot fail.
         let _ = write!(line, "{cell:<14}");
     }
     text.push_str(line.trim_end());

@@ -12,11 +12,11 @@ use super::{
     text::{ExchangeError, FilePosition, TextFile, number, short},
 };
 
-/// Decimals of lengths, mm.
+/// Number of decimals of lengths, mm.
 const MM: usize = 7;
-/// Decimals of angles, rad.
+/// Number of decimals of angles, rad.
 const RAD: usize = 10;
-/// Decimals of positions.
+/// Number of decimals of positions.
 const POSITION: usize = 9;
 
 fn value(name: ErrorName, value: f64) -> String {
@@ -49,7 +49,6 @@ pub(crate) fn write(errors: &ErrorTables, options: &WriteOptions) -> Written {
     }
     let mut text = String::new();
     for line in options.facts.lines(Format::IsgCsv, &options.axes) {
-        // Writing to a string cannot fail.
         let _ = writeln!(text, "// {line}");
     }
     let mut rest: Vec<&ErrorTable> = errors.curves.iter().collect();

@@ -47,11 +47,10 @@ pub(crate) fn write(tables: &[AxisTable], format: Format) -> Result<Written, Exc
         let backward = table.backward.as_ref().unwrap_or(&table.forward);
         let rows = table.positions_in_file_unit().zip(&table.forward).zip(backward);
         for ((at, forward), backward) in rows {
-            // The nominal as written, so that the difference is the exact deviation.
+            // Uses the nominal position as written, so that the difference to it is the exact deviation.
             let nominal: f64 = short(at, decimals).parse().unwrap_or(at);
             let [forward, backward] = [forward, backward]
                 .map(|by| short(value(nominal, table.output_in_file_unit(*by)), decimals));
-            // Writing to a string cannot fail.
             let _ = writeln!(text, "{} {forward} {backward}", short(nominal, decimals));
         }
         if table.modulo {
@@ -76,7 +75,7 @@ pub(crate) fn write(tables: &[AxisTable], format: Format) -> Result<Written, Exc
     Ok(written)
 }
 
-/// Axis of a file, from its name: `X.comp`, `x.comp`, `axis-x.comp`.
+/// Axis of a file from its name, such as `X.comp`, `x.comp` or `axis-x.comp`.
 fn axis_of(file: &TextFile) -> Result<AxisName, ExchangeError> {
     let base = file.base();
     let stem = base.split('.').next().unwrap_or(base);
@@ -169,7 +168,7 @@ fn read_file(
     Ok(table)
 }
 
-/// Numbers that `sscanf("%lf %lf %lf")` would read from a line; hexadecimal ones are not supported.
+/// Numbers that `sscanf("%lf %lf %lf")` would read from a line, except hexadecimal ones; `None` if there are fewer than three.
 fn scanned(line: &str) -> Option<[f64; 3]> {
     let mut rest = line;
     let mut found = [0.0; 3];

@@ -73,7 +73,7 @@ impl Category {
     }
 }
 
-/// The machine with the errors of one category only; `None` if it has none.
+/// Machine with the errors of one category only; `None` if it has none.
 pub(crate) fn with_only(
     machine: &Machine,
     category: Category,
@@ -169,19 +169,19 @@ pub struct Loss {
 
 enum ControlModel {
     Content(Content),
-    /// The control evaluates component errors like the model.
+    /// The control evaluates component errors like the model, so they are a machine.
     Machine(Box<Machine>),
     Firmware(Firmware, LinearSettings),
 }
 
-/// What the control is given.
+/// What is loaded into the control.
 #[derive(Clone, Copy)]
 enum Given<'a> {
     Tables(Format, &'a WriteOptions),
     Firmware(Firmware),
 }
 
-/// The options for the tables, and the poses at which they are compared with the model.
+/// Inputs of the comparison between the control's correction and the model.
 struct Comparison<'a> {
     temperatures: &'a Temperatures,
     options: &'a TableOptions,
@@ -189,13 +189,13 @@ struct Comparison<'a> {
     correction: CorrectionOptions,
     outputs: Vec<usize>,
     spread: Vec<State>,
-    /// Poses at which the residual error of a table is probably largest.
+    /// Poses at which the residual error of tables is probably largest.
     likely: Vec<State>,
 }
 
 /// Compares the correction by tables of this format, as written to files, with the model, for all errors together and for each category
-/// alone. The poses cover the travel of all axes, and along lines the midpoints between table positions and the nodes of the machine's
-/// curves; each with positive and with negative approach of all axes.
+/// alone. The poses are spread over the travel of all axes; additional ones are, along each axis, midpoints between table positions and nodes of
+/// the machine's curves. Each is evaluated with positive and with negative approach of all axes.
 ///
 /// # Errors
 /// Same as [`sampled`], [`write`](super::write) and [`read`](super::read).
@@ -209,7 +209,7 @@ pub fn loss(
     loss_of(machine, temperatures, options, Given::Tables(format, write))
 }
 
-/// Like [`loss`], for the steps and skew that this firmware holds.
+/// Like [`loss`], for the steps and skew of this firmware.
 ///
 /// # Errors
 /// Same as [`linear_settings`].
@@ -232,7 +232,7 @@ fn loss_of(
         Given::Tables(format, _) => format,
         Given::Firmware(_) => Format::Csv,
     };
-    // A single category may need larger corrections than all errors together.
+    // A single category may need larger corrections than all errors together, so the limit does not apply.
     let options = &TableOptions { limit: CorrectionLimit::LARGEST, ..options.clone() };
     let correction = machine.correction_options();
     let correctors = correction.correctors(machine.chain());
@@ -390,7 +390,7 @@ fn warmer(machine: &Machine, temperatures: &Temperatures) -> Option<Temperatures
 }
 
 impl Comparison<'_> {
-    /// The correction by the control, from the files read back; `None` if the format holds no error of this machine.
+    /// Correction model of the control, from the files read back; `None` if the format can represent no error of this machine.
     fn held_model(&self, machine: &Machine) -> Result<Option<ControlModel>, ExchangeError> {
         let (format, to_write) = match self.given {
             Given::Tables(format, write) => (format, write),
@@ -402,7 +402,7 @@ impl Comparison<'_> {
         let content = sampled(machine, self.temperatures, self.options, format)?;
         let files = match write(format, &content, to_write) {
             Ok(written) => written.files,
-            // The format holds none of these errors, so nothing is corrected.
+            // The format represents none of these errors, so nothing is corrected.
             Err(ExchangeError::NotRepresentable { what, .. }) if what == "tables" => {
                 return Ok(None);
             }

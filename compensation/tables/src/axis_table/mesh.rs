@@ -1,4 +1,4 @@
-//! Bed meshes of printers and height maps of routers: Z of a surface over X and Y.
+//! Bed meshes of printers and height maps of routers: Z heights of a surface over X and Y.
 
 use volcomp_document::quoted;
 use volcomp_vocabulary::{AxisName, Component, ErrorName};
@@ -11,9 +11,9 @@ use super::{
 
 /// Reads a mesh as the straightness curves `EZX` and `EZY`.
 ///
-/// The first row is `mm` and the positions of X, each further row a position of Y and the heights there, all in mm. A height is the Z at which
+/// The first row is `mm` and the positions of X; each further row is a position of Y and the heights there, all in mm. A height is the Z at which
 /// the tool touches a plane: where it is high, the tool is low, so the errors have the opposite sign. `EZX` and `EZY` are the least-squares
-/// fit of f(x) + g(y) to the heights without their mean; a warning states what they leave.
+/// fit of f(x) + g(y) to the heights minus their mean; a warning states the residual.
 ///
 /// # Errors
 /// A row that is not of this form, positions that do not increase, implausible heights.
@@ -100,7 +100,7 @@ fn rows(file: &TextFile) -> Result<Rows, ExchangeError> {
     Ok((xs, ys, heights))
 }
 
-/// The first cell, and the numbers after it; `None` if one of these is not a number.
+/// First cell of a line, and the numbers after it; `None` if one of these is not a number.
 fn cells(line: &str) -> (&str, Option<Vec<f64>>) {
     let mut cells = line.split([',', ';', '\t']).map(str::trim);
     let first = cells.next().unwrap_or("");

@@ -16,7 +16,7 @@ use super::{
 pub struct AxisNumbers(Vec<(AxisName, u16)>);
 
 impl AxisNumbers {
-    /// The given numbers; `None` if an axis or a number occurs twice.
+    /// Creates a list of axis numbers; `None` if an axis or a number occurs twice.
     pub fn stated(numbers: Vec<(AxisName, u16)>) -> Option<Self> {
         let twice = numbers.iter().enumerate().any(|(place, (name, number))| {
             let before = &numbers[..place];
@@ -44,7 +44,7 @@ impl AxisNumbers {
         found.map(|(_, number)| *number)
     }
 
-    /// Axis with this number; `None` if there is none.
+    /// Axis with this number in the control; `None` if there is none.
     pub fn axis(&self, number: u16) -> Option<AxisName> {
         let found = self.0.iter().find(|(_, known)| *known == number);
         found.map(|(name, _)| *name)
@@ -56,13 +56,13 @@ impl AxisNumbers {
     }
 }
 
-/// Name of the facts file, which accompanies files without comments. Each format has its own, so that the name shows which tables it
+/// Name of the facts file, which accompanies table files without comments. It contains the format, so that it shows which tables it
 /// describes.
 pub fn facts_file(format: Format) -> String {
     format!("{FACTS_STEM}-{format}.txt")
 }
 
-/// Whether this is the name of a facts file, which no control reads; also the older name without a format.
+/// Whether this is the name of a facts file, which no control reads; older names do not contain the format.
 pub fn is_facts_file(name: &str) -> bool {
     let format = name.strip_prefix(FACTS_STEM).and_then(|end| end.strip_suffix(".txt"));
     format.is_some_and(|format| format.is_empty() || format.starts_with('-'))
@@ -71,7 +71,7 @@ pub fn is_facts_file(name: &str) -> bool {
 const FACTS_STEM: &str = "volcomp-tables";
 const NUMBERS: &str = "Axis numbers:";
 
-/// Machine, reference position and temperatures for which tables were computed.
+/// Origin of tables: the machine, reference position and temperatures for which they were computed.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Facts {
     /// Name of the machine.
@@ -86,11 +86,11 @@ pub struct Facts {
     own_at_reference: Vec<(AxisName, f64)>,
 }
 
-/// Maximum unreported deviation at the reference position, mm or rad.
+/// Deviations at the reference position up to this magnitude are not reported, mm or rad.
 const NEGLIGIBLE_DEVIATION: f64 = 1e-6;
 
 impl Facts {
-    /// Facts about a machine with its axes at a reference position.
+    /// Creates the facts of a machine with its axes at a reference position.
     pub fn of(machine: &Machine, at: Vec<(AxisName, f64)>, temperatures: String) -> Self {
         Self {
             machine: machine.name.clone(),
@@ -117,8 +117,8 @@ impl Facts {
         }
     }
 
-    /// Explains why positioning tables are not zero at the reference position. `None` for FANUC, whose increments begin at 0 there; a note
-    /// reports the omitted deviation.
+    /// Note that positioning tables are not zero at the reference position; `None` if they are. `None` also for FANUC, whose increments begin
+    /// at 0 there; another note reports the omitted deviation.
     fn moved_reference(&self, format: Format) -> Option<String> {
         if self.own_at_reference.is_empty() || format == Format::Fanuc {
             return None;
@@ -138,7 +138,6 @@ impl Facts {
     pub(crate) fn lines(&self, format: Format, axes: &AxisNumbers) -> Vec<String> {
         let mut at = String::new();
         for (name, place) in &self.at {
-            // Writing to a string cannot fail.
             let _ = write!(at, " {name}={}", short(*place, 6));
         }
         let temperatures = match self.temperatures.as_str() {
@@ -171,7 +170,7 @@ fn title(format: Format) -> String {
     format!("Compensation tables, format {format}")
 }
 
-/// Axis numbers in a header that [`write`](super::exchange::write) made for this format, and the file with that header.
+/// Axis numbers in a header that [`write`](super::exchange::write) made for this format, with the file that has this header.
 pub(crate) fn stated_numbers(
     format: Format,
     files: &[TextFile],
@@ -200,7 +199,7 @@ pub(crate) fn stated_format(file: &TextFile) -> Option<Format> {
     Format::ALL.into_iter().find(is_head)
 }
 
-/// How a format represents the two directions of motion.
+/// Text on how a format represents the two directions of motion.
 fn directions(format: Format) -> &'static str {
     match format {
         Format::Csv => {
@@ -218,7 +217,7 @@ fn directions(format: Format) -> &'static str {
     }
 }
 
-/// Replaces control characters, so that the text stays on one line.
+/// Replaces control characters by spaces, so that the text stays on one line.
 pub(crate) fn one_line(text: &str) -> String {
     text.chars().map(|c| if c.is_control() { ' ' } else { c }).collect()
 }
@@ -236,7 +235,7 @@ pub(crate) fn facts_with(format: Format, options: &WriteOptions, written: &Writt
     TextFile { name: facts_file(format), text }
 }
 
-/// Machine data and control settings that the written tables depend on.
+/// Settings of the control on which the written tables depend, and their origin.
 #[derive(Clone, Debug, PartialEq)]
 pub struct WriteOptions {
     /// Origin of the tables.
@@ -249,10 +248,10 @@ pub struct WriteOptions {
     pub detection_unit: f64,
 }
 
-/// Control settings that the meaning of the read tables depends on.
+/// Settings of the control on which the meaning of the read tables depends.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ReadOptions {
-    /// Axis numbers in the control, if known.
+    /// Axis numbers in the control; empty if unknown.
     pub axes: AxisNumbers,
     /// Number of the encoder whose `$AA_ENC_COMP` table is read; `None`: the only one with a table.
     pub encoder: Option<u8>,
@@ -282,9 +281,9 @@ impl Default for ReadOptions {
 pub struct Written {
     /// Files for the control, and the facts file if any.
     pub files: Vec<TextFile>,
-    /// Information that the files cannot hold, and settings that the control needs.
+    /// Notes: information that the files cannot represent, and settings that the control needs.
     pub notes: Vec<String>,
-    /// Omitted tables, by output and input axis; a note gives the reason.
+    /// Output and input axis of each omitted table; a note gives the reason.
     pub left_out: Vec<(AxisName, AxisName)>,
 }
 

@@ -19,28 +19,28 @@ pub struct TableOptions {
     pub step_mm: f64,
     /// Node spacing along a rotary axis, deg.
     pub step_deg: f64,
-    /// Reference position of the axes that a table does not cover, mm or deg; default: 0 or the nearest end of travel.
+    /// Reference position of the axes that a table does not cover, mm or deg; axes without an entry: 0 or the nearest end of travel.
     pub at: Vec<(AxisName, f64)>,
     /// Maximum table value; larger values are rejected.
     pub limit: CorrectionLimit,
 }
 
 impl Default for TableOptions {
-    /// Nodes every 50 mm and 15 deg, the other axes at 0, a limit of 250 µm and 250 µrad.
+    /// Nodes every 50 mm and 15 deg, the other axes at 0 or the nearest end of travel, a limit of 250 µm and 250 µrad.
     fn default() -> Self {
         Self { step_mm: 50.0, step_deg: 15.0, at: Vec::new(), limit: CorrectionLimit::default() }
     }
 }
 
 impl TableOptions {
-    /// The middle of the travel of each linear axis, in whole steps from 0 or the nearest end of travel, mm; rotary axes are left out.
+    /// Middle of the travel of each linear axis, in whole steps from 0 or the nearest end of travel, mm; rotary axes are left out.
     pub fn in_the_middle(&self, machine: &Machine) -> Vec<(AxisName, f64)> {
         let linear = machine.axes().iter().filter(|axis| !axis.name.is_rotary());
         let middle = |axis: &Axis| {
             let from = axis.nearest_zero();
             let steps = (f64::midpoint(axis.travel[0], axis.travel[1]) - from) / self.step_mm;
             let at = from + self.step_mm * steps.round();
-            // A step that is longer than the travel may end outside.
+            // If the step is longer than the travel, the result may be outside it.
             (axis.name, if axis.may_stand_at(at) { at } else { from })
         };
         linear.map(middle).collect()
@@ -129,7 +129,7 @@ pub(super) fn positions(
 
 enum Node {
     Within(f64),
-    /// Outside the travel: extrapolated from the previous node through the end of travel, so that interpolation yields the model's value at
+    /// A node outside the travel: extrapolated from the previous node through the end of travel, so that interpolation yields the model's value at
     /// the end.
     Beyond {
         inner: f64,
@@ -166,7 +166,7 @@ struct Lines<'a> {
 }
 
 impl Lines<'_> {
-    /// Nodes along an axis, mm or deg: whole steps from the reference position, which is a node.
+    /// Nodes along an axis, mm or deg: whole steps from the reference position, which is itself a node.
     fn nodes(&self, axis: &Axis, index: usize) -> Result<Vec<Node>, ExchangeError> {
         let [low, high] = axis.travel;
         let (option, step) = if axis.name.is_rotary() {
@@ -213,7 +213,7 @@ impl Lines<'_> {
             let (inner, end) =
                 if place > high { (place - step, high) } else { (place + step, low) };
             if (end - inner).abs() < 1e-6 * step {
-                // The axis has no travel, so the single value applies.
+                // The axis has no travel, so its single value applies.
                 return Node::Beyond { inner: end, end: end + step.copysign(place - end), at: end };
             }
             Node::Beyond { inner, end, at: place }
@@ -221,8 +221,8 @@ impl Lines<'_> {
         Ok((first..=last).map(node).collect())
     }
 
-    /// Distance, mm or deg, from the lower end of travel to the first node of a turn, such that the reference position is a node. Other
-    /// formats than ours are rejected if it is not 0, because no control is known to accept tables that begin within a turn. Error curves
+    /// Distance, mm or deg, from the lower end of travel to the first node of a turn, such that the reference position is a node. Formats other
+    /// than CSV are rejected if it is not 0, because no control is known to accept tables that begin within a turn. Formats of component errors
     /// do not depend on a reference position.
     fn first_beyond(&self, axis: &Axis, index: usize, step: f64) -> Result<f64, ExchangeError> {
         if self.format.holds_errors() {
@@ -258,7 +258,7 @@ impl Lines<'_> {
             let along = |direction: Direction| -> Vec<PerAxis<f64>> {
                 let of = |at: f64| {
                     let mut state = self.reference;
-                    // Nodes over a turn may be outside the travel.
+                    // Nodes over a turn may be outside the travel; the equivalent position within it is used.
                     let at = match axis.modulo {
                         Some(period) if at > axis.travel[1] => {
                             brought_into(axis.travel, period, at)

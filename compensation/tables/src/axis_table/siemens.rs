@@ -33,7 +33,7 @@ pub(crate) fn read(
 struct AxisNames<'a> {
     options: &'a AxisNumbers,
     stated: AxisNumbers,
-    /// Machine axis names with a letter and a number (X1) found so far.
+    /// First name found for each axis with a name of a letter and a number, such as X1.
     numbered: RefCell<BTreeMap<AxisName, String>>,
 }
 
@@ -103,7 +103,7 @@ fn cross(
     tables: &mut Vec<AxisTable>,
     warnings: &mut Vec<Warning>,
 ) -> Result<(), ExchangeError> {
-    // Tables for a single direction, until the table for the other direction is found.
+    // Tables for a single direction, stored until the table for the other direction is found.
     let mut halves: BTreeMap<(AxisName, AxisName), [Option<AxisTable>; 2]> = BTreeMap::new();
     for (number, parameters) in &found.cec {
         let here = parameters.last;
@@ -146,7 +146,7 @@ fn cross(
     Ok(())
 }
 
-/// Joins two unidirectional tables; a missing direction has no deviation.
+/// Joins two unidirectional tables; a missing direction counts as zero.
 fn joined(halves: [Option<AxisTable>; 2]) -> Option<AxisTable> {
     let zero =
         |table: &AxisTable| AxisTable { forward: vec![0.0; table.forward.len()], ..table.clone() };
@@ -166,7 +166,7 @@ fn joined(halves: [Option<AxisTable>; 2]) -> Option<AxisTable> {
 enum Statement {
     Metric,
     Inch,
-    /// Blank line, or framing such as CHANDATA and M17.
+    /// A blank line, or framing such as CHANDATA and M17.
     Nothing,
     /// Another variable of the control.
     Other(String),
@@ -235,7 +235,7 @@ fn without_number(text: &str) -> &str {
 }
 
 struct Parameters<'a> {
-    /// Location for messages about the table: the file of its first statement, and the line of its
+    /// Position for messages about the table: the file of its first statement, and the line of its
     /// last one.
     last: FilePosition<'a>,
     values: BTreeMap<u32, f64>,
@@ -276,7 +276,7 @@ impl<'a> Parameters<'a> {
             ("", Value::Number(number)) => {
                 self.values.insert(point, number);
             }
-            // Additional parameters of newer controls are ignored.
+            // Parameters that only newer controls have are stored but not used.
             (_, Value::Number(number)) => {
                 self.numbers.insert(part.to_owned(), number);
             }
@@ -289,7 +289,7 @@ impl<'a> Parameters<'a> {
 struct Statements<'a> {
     cec: BTreeMap<u32, Parameters<'a>>,
     enc: BTreeMap<(u32, String), Parameters<'a>>,
-    /// Axis numbers in a header written by volcomp.
+    /// Axis numbers in a header that volcomp wrote.
     stated: Vec<(AxisName, u16)>,
 }
 
@@ -388,14 +388,14 @@ impl<'a> Statements<'a> {
 
 const MAX_POINTS: f64 = 100_000.0;
 
-/// Points of a table: positions in mm or deg, values as in the file; `None` if undefined.
+/// Points of a table: positions in mm or deg, values as in the file.
 struct Points {
     positions: Vec<f64>,
     values: Vec<f64>,
     modulo: bool,
 }
 
-/// First and last position, spacing, and number of points.
+/// First and last position and their spacing, mm or deg; index of the last point; whether the last position is a whole number of steps away.
 struct Extent {
     min: f64,
     max: f64,
@@ -536,7 +536,6 @@ pub(crate) fn write(
         let mut text = head(options);
         let backlashes = backlashes(&own, options)?;
         for line in &backlashes {
-            // Writing to a string cannot fail.
             let _ = writeln!(text, "; {line}");
         }
         for table in &own {
@@ -586,8 +585,8 @@ pub(crate) fn write(
     Ok(written)
 }
 
-/// Backlash of each axis with reversal: mean of backward − forward. It is positive where the encoder leads the machine part, as in Siemens's
-/// description of MD32450.
+/// Lines for MD32450 with the backlash of each axis that has a reversal value: mean of backward − forward. It is positive if the encoder leads the
+/// machine part, as in Siemens's description of MD32450.
 fn backlashes(own: &[&AxisTable], options: &WriteOptions) -> Result<Vec<String>, ExchangeError> {
     let mut lines = Vec::new();
     for table in own {
@@ -610,7 +609,6 @@ fn backlashes(own: &[&AxisTable], options: &WriteOptions) -> Result<Vec<String>,
 fn head(options: &WriteOptions) -> String {
     let mut text = String::new();
     for line in options.facts.lines(FORMAT, &options.axes) {
-        // Writing to a string cannot fail.
         let _ = writeln!(text, "; {}", line.replace(';', ","));
     }
     text += "METRIC\n\nCHANDATA(1)\n";
@@ -633,7 +631,7 @@ fn axis(
     Ok(format!("AX{number}"))
 }
 
-/// Decimals of a value: 1 nm, or about 2e-9 rad.
+/// Number of decimals of a value: 1 nm, or about 2e-9 rad.
 fn decimals(table: &AxisTable) -> usize {
     if table.output.is_rotary() { 7 } else { 6 }
 }

@@ -6,7 +6,7 @@ use volcomp_vocabulary::{
 
 use super::{format::Format, text::ExchangeError};
 
-/// Magnitude below which a deviation is treated as zero, mm or rad.
+/// Deviations below this magnitude are treated as zero, mm or rad.
 pub(crate) const ZERO_BELOW: f64 = 1e-9;
 
 /// Deviation of one axis over the commanded position of the same or another axis, linear between the nodes and constant beyond the ends.
@@ -59,7 +59,7 @@ impl AxisTable {
         }
     }
 
-    /// Mean of both directions at each position.
+    /// Mean of both directions at each position, mm or rad.
     pub fn mean(&self) -> Vec<f64> {
         let Some(backward) = &self.backward else {
             return self.forward.clone();
@@ -75,7 +75,7 @@ impl AxisTable {
         all.all(|value| value.abs() < ZERO_BELOW)
     }
 
-    /// Spacing of the positions, if it is uniform except for rounding.
+    /// Spacing of the positions, mm or rad; `None` if it is not uniform except for rounding.
     pub fn spacing(&self) -> Option<f64> {
         let (&first, &last) = (self.positions.first()?, self.positions.last()?);
         let parts = self.positions.len().checked_sub(1).filter(|&n| n > 0)?;
@@ -87,7 +87,7 @@ impl AxisTable {
         even.then_some(spacing)
     }
 
-    /// Why these numbers are not a valid table; `None` if they are.
+    /// Reason why these numbers are not a valid table; `None` if they are.
     pub fn refusal(&self) -> Option<String> {
         let name = self.title();
         let nodes = self.positions.len();
@@ -130,7 +130,7 @@ impl AxisTable {
         format!("table {} over {}", self.output, self.input)
     }
 
-    /// First position and spacing of an evenly spaced table, mm or deg.
+    /// First position and spacing of an evenly spaced table, mm or deg. Errors: uneven spacing.
     pub(crate) fn even(&self, format: Format) -> Result<(f64, f64), ExchangeError> {
         let (Some(spacing), Some(first)) = (self.spacing(), self.positions.first()) else {
             return Err(ExchangeError::not_representable(
@@ -143,7 +143,7 @@ impl AxisTable {
         Ok((self.input_in_file_unit(*first), self.input_in_file_unit(spacing)))
     }
 
-    /// The curves resampled at these positions; nodes in between are lost.
+    /// Resamples the table at these positions, mm or rad; nodes in between are lost.
     pub(crate) fn at_positions(&self, positions: Vec<f64>) -> Self {
         let along = |values: &Vec<f64>| {
             let each = positions.iter();
@@ -158,7 +158,7 @@ impl AxisTable {
     }
 }
 
-/// Linear between the nodes, constant beyond the ends; 0 without nodes.
+/// Linear interpolation between the nodes, constant beyond the ends; 0 without nodes.
 pub(crate) fn interpolated(positions: &[f64], values: &[f64], at: f64) -> f64 {
     let above = positions.partition_point(|position| *position <= at);
     let value = |place: usize| values.get(place).copied().unwrap_or(0.0);
@@ -194,7 +194,7 @@ impl ErrorTable {
         Displacement::new(self.name.axis.kind(), position).mm_or_deg()
     }
 
-    /// Why these numbers are not a valid table; `None` if they are.
+    /// Reason why these numbers are not a valid table; `None` if they are.
     pub fn refusal(&self) -> Option<String> {
         let name = self.name;
         let nodes = self.positions.len();
@@ -215,7 +215,7 @@ impl ErrorTable {
     }
 }
 
-/// Component errors of a machine as tables and numbers.
+/// Component errors of a machine as tables and single values.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ErrorTables {
     /// Error motions.
@@ -224,7 +224,7 @@ pub struct ErrorTables {
     pub locations: Vec<(ErrorName, f64)>,
 }
 
-/// Axis tables, or tables of component errors.
+/// Content of table files: axis tables, or component errors.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Content {
     /// Tables of one axis over another.
@@ -292,7 +292,7 @@ pub(crate) struct TableValue {
 }
 
 impl Content {
-    /// Why the first invalid table is invalid; `None` if all are valid.
+    /// Reason why the first invalid table is invalid; `None` if all are valid.
     pub(crate) fn refusal(&self) -> Option<String> {
         match self {
             Self::Axes(tables) => tables.iter().find_map(AxisTable::refusal),
@@ -300,7 +300,7 @@ impl Content {
         }
     }
 
-    /// The tables in the units of documents, without location errors.
+    /// Tables in the units of documents, without location errors.
     pub fn listed(&self) -> Vec<ListedTable> {
         match self {
             Self::Axes(tables) => (tables.iter())
@@ -323,7 +323,7 @@ impl Content {
         }
     }
 
-    /// The first value that is not allowed. NaN must be rejected by the caller.
+    /// First value that `allows` rejects; `None` if there is none. The caller must reject NaN.
     pub(crate) fn first_refused(
         &self,
         allows: impl Fn(Displacement) -> bool,

@@ -1,4 +1,4 @@
-//! Text files of tables: number parsing and formatting, and locations of errors.
+//! Text files of tables: number parsing and formatting, and positions of errors.
 
 use volcomp_document::InputError;
 use volcomp_model::ModelError;
@@ -17,12 +17,12 @@ pub struct TextFile {
 }
 
 impl TextFile {
-    /// Name after the last slash.
+    /// File name after the last slash or backslash.
     pub(crate) fn base(&self) -> &str {
         self.name.rsplit(['/', '\\']).next().unwrap_or(&self.name)
     }
 
-    /// Location of a line, counted from 1.
+    /// Position of a line, counted from 1.
     pub(crate) fn at(&self, line: usize) -> FilePosition<'_> {
         FilePosition { file: self, line: Some(line) }
     }
@@ -32,7 +32,7 @@ impl TextFile {
     }
 }
 
-/// The line of a file, or the whole file, to which an error or a warning refers.
+/// Line of a file, or the whole file, to which an error or a warning refers.
 #[derive(Clone, Copy)]
 pub(crate) struct FilePosition<'a> {
     pub(crate) file: &'a TextFile,
@@ -53,7 +53,7 @@ impl FilePosition<'_> {
         })
     }
 
-    /// The error for a file with more lines of values than the control accepts.
+    /// Creates the error for a file with more lines of values than the control accepts.
     pub(crate) fn too_many(self, most: usize) -> ExchangeError {
         self.error(format!("a line {}", most + 1), format!("at most {most}"))
     }
@@ -75,7 +75,7 @@ pub struct Warning {
     pub text: String,
 }
 
-/// Largest magnitude accepted as a position or deviation.
+/// Maximum magnitude of a position or deviation in a file.
 const LARGEST: f64 = 1e9;
 
 /// Parses a finite number of plausible magnitude; `-0.000` becomes 0.
@@ -85,7 +85,7 @@ pub(crate) fn number(text: &str) -> Option<f64> {
     sane.then_some(number + 0.0)
 }
 
-/// A number with this many decimals, never `-0`.
+/// Formats a number with this many decimals, never as `-0`.
 pub(crate) fn fixed(value: f64, decimals: usize) -> String {
     let text = format!("{value:.decimals$}");
     match text.strip_prefix('-') {
@@ -94,7 +94,7 @@ pub(crate) fn fixed(value: f64, decimals: usize) -> String {
     }
 }
 
-/// A number with at most this many decimals, without trailing zeros.
+/// Formats a number with at most this many decimals, without trailing zeros.
 pub(crate) fn short(value: f64, decimals: usize) -> String {
     let text = fixed(value, decimals);
     if !text.contains('.') {
@@ -108,7 +108,7 @@ pub(crate) fn signed(value: f64, decimals: usize) -> String {
     if text.starts_with('-') { text } else { format!("+{text}") }
 }
 
-/// The nearest whole number; `None` if it is out of the range of the files.
+/// Rounds to a whole number; `None` if it is out of the range of the files.
 pub(crate) fn whole(value: f64) -> Option<i64> {
     let rounded = value.round();
     #[expect(clippy::cast_possible_truncation, reason = "checked beside it")]
@@ -119,17 +119,17 @@ pub(crate) fn whole(value: f64) -> Option<i64> {
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{file}{}: found {found}, expected {expected}", line.map_or_else(String::new, |line| format!(":{line}")))]
 pub struct LineError {
-    /// File name as given.
+    /// File name.
     pub file: String,
     /// Line, counted from 1; `None` for the whole file.
     pub line: Option<usize>,
     /// Text in the file that is invalid.
     pub found: String,
-    /// What a valid file would contain instead.
+    /// Description of valid text.
     pub expected: String,
 }
 
-/// Why tables cannot be computed, written or read.
+/// Reasons why tables cannot be computed, written or read.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 #[expect(missing_docs, reason = "the messages name the fields")]
@@ -151,13 +151,13 @@ pub enum ExchangeError {
     /// A value in a file, or in tables to be written, is implausible for a machine tool.
     #[error("{}{what} is {found:.1}, expected at most {most}", if files.is_empty() { String::new() } else { format!("{}: ", files.join(", ")) })]
     Implausible {
-        /// Empty if the tables were to be written.
+        /// Names of the files that were read; empty if the tables were to be written.
         files: Vec<String>,
         what: String,
         found: Displacement,
         most: Displacement,
     },
-    /// The format cannot hold the data.
+    /// The format cannot represent the data.
     #[error("{format}: {what}: found {found}, expected {expected}")]
     NotRepresentable { format: Format, what: String, found: String, expected: String },
     /// Tables cannot be converted to curves of a machine file.

@@ -7,12 +7,12 @@ use volcomp_tables::{
 
 use crate::world::request;
 
-/// Maximum rounding error with 64 parts of 1 µm: one for the value, and one for each axis.
+/// Maximum rounding error with 64 parts of 1 µm, mm: half a part for the value, and half a part for each axis.
 fn rounding_mm(axes: usize, outputs: usize) -> f64 {
     0.5 * (1.0 + axes as f64) * (outputs as f64).sqrt() * 0.001 / 64.0
 }
 
-/// Maximum error by rounding the position within a cell: half a digit along each axis, times the steepest slope.
+/// Maximum error by rounding the position within a cell, mm: half a digit along each axis, times the steepest slope.
 fn places_mm(table: &Table) -> f64 {
     let header = table.map.header();
     let lines = header.lines[..header.grid.count()].iter();
@@ -54,7 +54,6 @@ fn a_square_needs_as_many_lines_as_its_second_derivative_says() {
             table.misfit
         );
         assert!(table.misfit.max_mm <= within_um * 1e-3);
-        // At most a third more lines than needed.
         let needed = (80.0 / within_um).sqrt().ceil();
         assert!(gaps >= needed && gaps <= 1.3 * needed + 1.0, "{within_um}: {gaps}, {needed}");
     }
@@ -115,7 +114,7 @@ fn a_memory_shortage_states_the_words_needed() {
     assert!(reached_um > 0.8, "{reached_um}");
     let said = refused.to_string();
     assert!(said.starts_with("0.8 µm need ") && said.contains("lines along X "), "{said}");
-    // Both numbers in the message are correct.
+    // Both numbers in the message are reached: the words for this bound, and the error in this memory.
     wanted.words = needed;
     let table = build(&wanted, &field).expect("as many words as it takes");
     assert!(table.map.words().len() <= needed && table.misfit.max_mm <= 0.0008);
@@ -123,7 +122,7 @@ fn a_memory_shortage_states_the_words_needed() {
     wanted.within_mm = 1.05 * reached_um * 1e-3;
     let table = build(&wanted, &field).expect("the error that it said");
     assert!(table.map.words().len() <= 1000);
-    // Room for no map.
+    // The memory is too small for any map.
     wanted.words = 60;
     let refused = build(&wanted, &field).expect_err("no room");
     assert!(matches!(refused, TablesError::Memory { reached_um: None, .. }), "{refused}");
@@ -142,7 +141,7 @@ fn invalid_requests_are_refused() {
         ),
         (|r| r.outputs[0].limit_mm = 2.001, "limit of X (mm) is 2.001"),
         (|r| r.axes.clear(), "expected one to five different axes of the grid"),
-        // A bound finer than the parts of a step.
+        // The bound is finer than the parts of a step.
         (|r| r.within_mm = 5e-6, "no grid keeps 0.005 µm"),
     ];
     let flat = |_: &[f64; GRID_AXES]| [0.01, 0.0, 0.0];
@@ -189,7 +188,7 @@ fn a_constant_reversal_is_in_the_map_and_the_rest_counts() {
         "{:?}",
         table.misfit
     );
-    // The backlash varies by 2 µm, so half of it by ±0.5 µm about its mean.
+    // The backlash varies by 2 µm, so half of it varies by ±0.5 µm about its mean.
     let table = build(&request(1, 1, 1.0), &Play { varies_mm: 0.002 }).expect("a map");
     assert!((table.misfit.max_mm - 0.0005).abs() <= 2.0 * rounding_mm(1, 1), "{:?}", table.misfit);
     assert!(table.misfit.directions[0].is_some());

@@ -108,7 +108,7 @@ fn the_map_of_a_gantry_is_its_correction_within_the_bound() {
         let found = largest_mm(&machine, &temperatures, &made);
         assert!(stated <= within_mm, "{stated}");
         assert!(found <= 1.02 * stated && found > 0.3 * stated, "{found}, stated {stated}");
-        // Half of the reversal value of 6 µm, opposite to the error.
+        // The header has half of the reversal value of 6 µm, with the opposite sign of the error.
         let header = made.table.map.header();
         let step = f64::from(header.scale);
         assert!((f64::from(header.reversal[0][0]) + 3.0 * step).abs() < 0.1 * step, "{header:?}");
@@ -129,7 +129,7 @@ fn the_refresh_interval_follows_from_the_effect_of_1_k() {
         &MapOptions { within_mm: 0.003, ..MapOptions::default() },
     )
     .expect("a map");
-    // 11.5 µm/(m·K) over 800 mm, and 3.2 µm/K.
+    // 11.5 µm/(m·K) over 800 mm for the scale, and 3.2 µm/K for the spindle.
     let found: Vec<(&str, f64)> =
         made.sensitivities.iter().map(|s| (s.sensor.as_str(), s.mm_per_k * 1e3)).collect();
     let [("scale_x", scale), ("spindle", spindle)] = found[..] else { panic!("{found:?}") };
@@ -196,7 +196,7 @@ fn a_transfer_counts_every_frame() {
     );
 }
 
-/// An axis that rolls over is rejected in a map's grid: outside the travel a map holds its end value, while such an axis has the value of
+/// An axis that rolls over is rejected in a map's grid: outside the travel a map keeps its end value, while such an axis has the value of
 /// the equivalent position.
 #[test]
 fn an_axis_that_rolls_over_has_no_map() {

@@ -13,7 +13,7 @@ use crate::world;
 
 const MACHINE: u16 = 77;
 
-/// A control whose mailbox is written over the wire.
+/// Control whose mailbox is written over the wire.
 struct Control {
     lookup: Lookup,
     settings: Settings,
@@ -25,7 +25,7 @@ struct Control {
     writes: usize,
     /// Every n-th write is lost; 0 for none.
     loses: usize,
-    /// One word is read back wrong once.
+    /// Whether one word is read back wrong once.
     lies: bool,
 }
 
@@ -99,7 +99,7 @@ impl Exchange for Control {
     }
 }
 
-/// A map that corrects X by 80 µm along X and Y by 50 µm along Y, times `times`.
+/// Map that corrects X by 80 µm along X and Y by 50 µm along Y, multiplied by `times`.
 fn map(counter: u16, times: f64) -> Map {
     let request = volcomp_tables::Request { counter, words: 600, ..world::request(2, 2, 0.5) };
     let field = |at: &[f64; GRID_AXES]| {
@@ -123,7 +123,7 @@ fn sender(map: &Map, owner: u16) -> Sender {
     Sender::new(map.clone(), MACHINE, owner, allowed()).expect("within the limits")
 }
 
-/// Steps until the control has the map active; returns their number.
+/// Runs steps until the map is active in the control; returns their number.
 fn bring(sender: &mut Sender, control: &mut Control) -> usize {
     for count in 1..2000 {
         if sender.step(control).expect("no fault that lasts") == Step::Kept {
@@ -145,7 +145,7 @@ fn the_active_map_is_reported_during_a_transfer() {
         assert_eq!(first.in_use(), Some(1));
     }
     assert_eq!(first.in_use(), Some(2));
-    // No frames for longer than the timeout, during the transfer of a third map.
+    // The frames stop for longer than the timeout, during the transfer of a third map.
     first.replace(map(3, 1.0)).expect("within the limits");
     assert_eq!(first.step(&mut control), Ok(Step::Loading));
     assert_eq!(first.in_use(), Some(2));
@@ -205,7 +205,7 @@ fn a_lost_sender_ramps_to_zero() {
     bring(&mut first, &mut control);
     keep(&mut first, &mut control, 200);
     let full = control.applied;
-    // The same sender with another map, stopped during its transfer.
+    // The sender is given another map, and stops during its transfer.
     first.replace(map(4, -1.0)).expect("within the limits");
     for _ in 0..3 {
         assert_eq!(first.step(&mut control), Ok(Step::Loading));
@@ -268,7 +268,7 @@ fn a_second_sender_sends_nothing() {
     let mut first = sender(&map(3, 1.0), 9);
     bring(&mut first, &mut control);
     let (mailbox, writes) = (control.mailbox, control.writes);
-    // Also a sender with the same owner number by chance.
+    // This includes a sender that has the same owner number by chance.
     for owner in [10, 9] {
         let found = sender(&map(4, -1.0), owner).step(&mut control);
         assert!(matches!(found, Err(SendError::Held { by: 9, .. })), "{found:?}");
@@ -324,7 +324,7 @@ fn limits_of_sender_and_control_are_checked() {
     }
 }
 
-/// The control's limit is below the corrections of the map: the transfer is repeated some times, then fails with `Refused`.
+/// The control's limit is below the corrections of the map: the transfer is repeated a limited number of times, then fails with `Refused`.
 #[test]
 fn a_rejected_map_stops_the_sender() {
     let mut control = Control::new();

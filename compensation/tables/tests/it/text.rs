@@ -1,4 +1,4 @@
-//! The shipped Structured Text, run by a small interpreter, produces the same words as the reference for the same frames.
+//! The shipped Structured Text, run by a small interpreter, gives the same words as the reference for the same frames.
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -42,7 +42,7 @@ impl Control {
         Self(block)
     }
 
-    /// The next scan is the first after a power-up or reset.
+    /// Prepares the first scan after a power-up or reset.
     fn begins(&mut self, tick: u16, applied: [i16; OUTPUTS]) {
         for (output, applied) in applied.into_iter().enumerate() {
             self.0.set("atStart", output, applied.into());
@@ -105,7 +105,7 @@ fn random_map(rng: &mut ChaCha8Rng, settings: &Settings, counter: u16) -> Vec<u1
             words[10] += 1;
         }
         19..=20 => words[10] ^= 1,
-        // A single line with the number of values of one line.
+        // An axis with a single line, and the number of values that fits to it.
         13 => {
             words[at + 4] = 1;
             let lines = (0..axes).map(|axis| usize::from(words[15 + 7 * axis]));
@@ -118,7 +118,7 @@ fn random_map(rng: &mut ChaCha8Rng, settings: &Settings, counter: u16) -> Vec<u1
     words
 }
 
-/// A sender with every kind of error.
+/// A sender whose frames have every kind of error.
 struct Sender {
     map: Vec<u16>,
     counter: u16,
@@ -224,7 +224,7 @@ fn checksum(settings: &Settings, words: &[u16]) -> [u16; 2] {
     [sum, of_sums].map(|sum| u16::try_from(sum).expect("below 65535"))
 }
 
-/// Runs a text in parallel with the reference; returns the numbers of activated maps and of each refusal, or the first difference.
+/// Runs a text in parallel with the reference. Returns the number of activated maps and of each refusal, or the first difference.
 fn compare(text: &str) -> Result<(usize, [usize; 11]), String> {
     let mut rng = ChaCha8Rng::seed_from_u64(7);
     let block = Block::parse(text)?;
@@ -270,7 +270,7 @@ fn compare(text: &str) -> Result<(usize, [usize; 11]), String> {
             let counter = lookup.report().counter;
             let report = lookup.scan(&mailbox, &steps, holds);
             swaps += usize::from(report.valid && report.counter != counter);
-            // A look-up has no refusals for digital lines.
+            // Look-ups have no refusals for digital lines, so those numbers are skipped.
             let kind = report.of.refusal as usize;
             refused[kind - usize::from(kind > Refusal::Lines as usize)] += 1;
             let mut expected = [0; REPORT_WORDS];
@@ -283,7 +283,7 @@ fn compare(text: &str) -> Result<(usize, [usize; 11]), String> {
                 ));
             }
         }
-        // A sender reads back the words of the reference.
+        // The words that a sender reads back equal those of the reference.
         let memory = lookup.memory();
         let words = memory.used.as_ref().map_or(0, Header::words);
         let base = memory.buffer * usize::from(settings.capacity);
@@ -304,7 +304,7 @@ fn the_structured_text_matches_the_reference() {
     assert!(refused.iter().all(|count| *count > 20), "{refused:?}");
 }
 
-/// Parts of the text, each with its mutation.
+/// Parts of the text, each with a mutation that the comparison must detect.
 const MISTAKES: &str = r"
 sum := (machine + layout / 65535) MOD 65535; | sum := 0;
 FOR at := 0 TO 69 DO | FOR at := 0 TO 68 DO
@@ -384,7 +384,7 @@ fn every_mutation_of_the_text_is_detected() {
         let text = TEXT.replacen(right.as_str(), wrong, 1);
         compare(&text).is_err()
     };
-    // Two at a time, because these take most of the test time.
+    // Two at a time in parallel, because these take most of the test time.
     let (first, second) = mistakes.split_at(mistakes.len() / 2);
     let missed_in = |part: &[[String; 2]]| -> Vec<String> {
         let missed = part.iter().filter(|mistake| !found(mistake));

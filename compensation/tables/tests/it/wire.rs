@@ -1,4 +1,4 @@
-//! A gateway, a control, and a wire that loses, duplicates, delays, reorders and tears: the applied correction is always that of a
+//! A gateway, a control, and a wire that loses, duplicates, delays, reorders and tears frames: the applied correction is always that of a
 //! complete map or ramps to zero, and changes at most at its rate.
 
 use proptest::prelude::*;
@@ -22,7 +22,7 @@ struct Badness {
     late: f64,
 }
 
-/// Writes and reads in transit, by the scan of their arrival.
+/// Writes in transit, with the scan of their arrival, and the last report.
 struct Wire {
     bad: Badness,
     writes: Vec<(usize, Vec<(usize, u16)>)>,
@@ -46,7 +46,7 @@ impl Wire {
             }
             let all: Vec<(usize, u16)> = words.iter().copied().enumerate().collect();
             if rng.random_bool(self.bad.torn) {
-                // In two pieces, the second of which arrives later or never.
+                // The frame is written in two pieces, the second of which arrives later or never.
                 let (first, second) = all.split_at(rng.random_range(0..FRAME_WORDS));
                 self.writes.push((arrives, first.to_vec()));
                 if rng.random_bool(0.7) {
@@ -66,7 +66,7 @@ impl Wire {
         }
     }
 
-    /// What a gateway reads: nothing, a report torn from two, or the report.
+    /// Reading of a gateway: nothing, a report torn from two, or the report.
     fn read(
         &mut self,
         rng: &mut ChaCha8Rng,
@@ -92,7 +92,7 @@ struct Gateway {
     session: Session,
     map: Map,
     loaded: ReadBackResult,
-    /// The maps that were sent, by number; every active map must be one of them.
+    /// Maps that were sent; every active map must be one of them.
     sent: Vec<Map>,
 }
 
@@ -104,7 +104,7 @@ impl Gateway {
     }
 }
 
-/// Multilinear value of a map in floating point, without reversals, in parts; implemented again from the definition.
+/// Multilinear interpolation of a map in floating point, without reversals, in parts: an independent implementation of the definition.
 fn reference(map: &Map, steps: &[i32; GRID_AXES], output: usize) -> f64 {
     let header = map.header();
     let (axes, outputs) = (header.grid.count(), header.outputs.count());
@@ -128,7 +128,7 @@ fn reference(map: &Map, steps: &[i32; GRID_AXES], output: usize) -> f64 {
     sum
 }
 
-/// The effect of the reversals for every combination of directions, in parts.
+/// Effects of the reversals for every combination of directions, in parts.
 fn reversals(map: &Map, output: usize) -> Vec<f64> {
     let header = map.header();
     let mut sums = vec![0.0];
@@ -139,7 +139,7 @@ fn reversals(map: &Map, output: usize) -> Vec<f64> {
     sums
 }
 
-/// Runs a simulation for this number of scans; returns the number of activated maps.
+/// Runs a simulation for this number of scans. Returns the number of activated maps.
 #[expect(
     clippy::too_many_lines,
     reason = "one world: its wire, its senders, its control and their rules"
@@ -243,7 +243,7 @@ fn run(seed: u64, bad: Badness, scans: usize) -> Result<usize, TestCaseError> {
         since_taken = memory.link.sequence;
         silent = if taken { 0 } else { silent + u32::from(!holds) };
         if let Some(header) = &memory.used {
-            // The active map equals a sent one, word for word.
+            // The active map equals one that was sent, word for word.
             let words = &lookup.buffer(memory.buffer)[..header.words()];
             let sent = gateways.iter().flat_map(|gateway| &gateway.sent);
             let whole = sent.into_iter().find(|map| map.words() == words);
@@ -254,7 +254,7 @@ fn run(seed: u64, bad: Badness, scans: usize) -> Result<usize, TestCaseError> {
             for output in 0..outputs {
                 let scale = f64::from(header.scale);
                 let limit = f64::from(settings.outputs.limit[output]);
-                // 0.6 of a step, plus the rounding of the values along five axes and of the position within a cell.
+                // Bound: 0.6 of a step, plus the rounding of the values along five axes and of the position within a cell.
                 let roundings = 0.6 + 0.5 * (1.0 + GRID_AXES as f64) / scale;
                 let fits = roundings + cell_rounding(map, output);
                 let value = reference(map, &steps, output);
@@ -276,7 +276,7 @@ fn run(seed: u64, bad: Badness, scans: usize) -> Result<usize, TestCaseError> {
                 );
             }
         }
-        // They are zero within the computed time after the last accepted frame.
+        // They are zero within the computed number of scans after the last accepted frame.
         if silent > settings.zero_within_scans() {
             prop_assert_eq!(report.of.applied, Counts::default());
         }

@@ -8,7 +8,7 @@ use volcomp_tables::{
     vocabulary::AxisName::{self, X, Y, Z},
 };
 
-/// A request over X, Y and Z, 0 to 1000 mm each, for the correction of these axes.
+/// Request over this number of axes, 0 to 1000 mm or deg each, for the correction of this number of outputs.
 pub(crate) fn request(axes: usize, outputs: usize, within_um: f64) -> Request {
     let names = [X, Y, Z, AxisName::A, AxisName::C];
     let axis = |name| GridAxis { name, travel: [0.0, 1000.0], step: 0.001 };
@@ -23,7 +23,7 @@ pub(crate) fn request(axes: usize, outputs: usize, within_um: f64) -> Request {
     }
 }
 
-/// Random settings with few scans of each kind, and buffers for maps of 300 words.
+/// Random settings with small numbers of scans, and buffers for maps of 300 words.
 pub(crate) fn settings(rng: &mut ChaCha8Rng) -> Settings {
     let (axes, outputs) = (rng.random_range(1..=GRID_AXES), rng.random_range(1..=OUTPUTS));
     let hold_scans = rng.random_range(1..20);
@@ -50,7 +50,7 @@ pub(crate) fn settings(rng: &mut ChaCha8Rng) -> Settings {
 
 pub(crate) fn map(rng: &mut ChaCha8Rng, settings: &Settings, counter: u16) -> Map {
     let (axes, outputs) = (settings.grid.count(), settings.outputs.axes.count());
-    // At most 232 values.
+    // The map has at most 232 values.
     let most = [70_u16, 8, 4, 2, 2][axes - 1];
     let scale = [1, 3, 64][rng.random_range(0..3)];
     let far = rng.random_bool(0.1);

@@ -15,12 +15,12 @@ pub struct CanopenDigital<P> {
     inputs: u32,
     outputs: u32,
     levels: Option<InputLevels>,
-    /// The output levels of the last frame accepted by the bus.
+    /// Output levels in the last frame that the bus accepted.
     sent: Option<u64>,
 }
 
 impl<P: CanPort> CanopenDigital<P> {
-    /// A node with these numbers of lines. A node whose heartbeat is older than `silent_after` is treated as not running (heartbeat
+    /// Creates a port for a node with these numbers of lines. A node whose heartbeat is older than `silent_after` is treated as not running (heartbeat
     /// consumer time of CiA 301; choose it by the heartbeat period of the node).
     ///
     /// # Errors
@@ -67,7 +67,7 @@ impl<P: CanPort> DigitalIo for CanopenDigital<P> {
         Duration::from_millis(4)
     }
 
-    /// The inputs that the node sent last with their arrival time, regardless of their age, as long as the node runs.
+    /// Returns the inputs that the node sent last with their arrival time, regardless of their age, as long as the node runs.
     fn read(&mut self, _deadline: Instant) -> Result<InputLevels, Fault> {
         let (own, inputs, levels) = (self.node, self.inputs, &mut self.levels);
         self.nodes.listen(&mut self.port, |node, number, frame, taken| {
@@ -98,7 +98,7 @@ impl<P: CanPort> DigitalIo for CanopenDigital<P> {
         Ok(())
     }
 
-    /// The levels that the bus accepted; nodes do not acknowledge process data.
+    /// Levels that the bus accepted; nodes do not acknowledge process data.
     fn confirmed(&self) -> Option<u64> {
         self.sent
     }
@@ -108,7 +108,7 @@ impl<P: CanPort> DigitalIo for CanopenDigital<P> {
     }
 }
 
-/// The frame with the output levels of a node, its RPDO 1.
+/// RPDO 1 with the output levels of a node; `None` if they do not fit.
 fn outputs_frame(node: u8, levels: u64, lines: u32) -> Option<Frame> {
     let bytes = levels.to_le_bytes();
     let count = usize::try_from(lines.div_ceil(8)).ok()?;

@@ -18,7 +18,7 @@ struct MonitoredNode {
     started: Option<Instant>,
 }
 
-/// The monitored nodes, which are started when pre-operational and treated as not answering when their heartbeat is too old.
+/// Nodes that are started when pre-operational and treated as not answering if their heartbeat is too old.
 #[derive(Debug)]
 pub(super) struct Nodes {
     monitored: BTreeMap<u8, MonitoredNode>,
@@ -37,8 +37,8 @@ impl Nodes {
         Self { monitored: nodes.map(|node| (node, monitored)).collect(), silent_after }
     }
 
-    /// Processes the waiting frames without blocking: passes process data on (node, number, frame, arrival), and starts a node that is ready. Errors:
-    /// [`Fault::Disconnected`] if the interface is down or bus-off.
+    /// Processes the waiting frames without blocking. Calls `process_data` with node, PDO number, frame and arrival time of process data, and starts
+    /// a node that does not run. Errors: [`Fault::Disconnected`] if the interface is down or bus-off.
     pub(super) fn listen(
         &mut self,
         port: &mut impl CanPort,
@@ -62,7 +62,7 @@ impl Nodes {
             }
         }
         if let Some(frame) = self.start(now) {
-            // Missing heartbeats reveal a bus that accepts no frames.
+            // An error can be ignored: if the bus accepts no frames, the heartbeats stop as well.
             let _ = port.send(&frame, now);
         }
         Ok(())
@@ -86,7 +86,7 @@ impl Nodes {
         }
     }
 
-    /// The frame that starts a node which does not run, at most once per second and node.
+    /// Frame that starts one node that does not run, at most once per second and node; `None` if there is none.
     fn start(&mut self, now: Instant) -> Option<Frame> {
         let needs_start = |monitored: &MonitoredNode| {
             let due = monitored
@@ -100,7 +100,7 @@ impl Nodes {
         nmt(NmtCommand::Start, *node)
     }
 
-    /// Why the data of a node must not be used; `None` if they may.
+    /// Reason why the data of a node must not be used; `None` if they may be used.
     pub(super) fn failure(&self, node: u8) -> Option<Reason> {
         let monitored = self.monitored.get(&node)?;
         if monitored.last_heartbeat.elapsed() > self.silent_after || monitored.state.is_none() {

@@ -1,4 +1,4 @@
-//! Reading and writing single objects of nodes.
+//! Reads and writes single objects of nodes (SDO).
 
 use std::time::Instant;
 
@@ -73,7 +73,7 @@ impl<P: CanPort> SdoClient<P> {
             | SdoAnswer::Written { object }
             | SdoAnswer::Aborted { object, .. }
             | SdoAnswer::Segmented { object }) = answer;
-            // A late answer to an earlier request.
+            // The frame answers an earlier request.
             if from != node || object != object_id {
                 continue;
             }

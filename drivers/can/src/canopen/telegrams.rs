@@ -2,7 +2,7 @@
 
 use crate::frame::Frame;
 
-/// The state of a node, from its heartbeat.
+/// State of a node, as reported in its heartbeat.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum NodeState {
@@ -36,62 +36,62 @@ impl NodeState {
 pub enum Telegram {
     /// Heartbeat of a node.
     Heartbeat {
-        /// The number of the node, 1 to 127.
+        /// Number of the node, 1 to 127.
         node: u8,
         /// State of the node at the time of the heartbeat.
         state: NodeState,
     },
     /// Emergency message of a node.
     Emergency {
-        /// The number of the node, 1 to 127.
+        /// Number of the node, 1 to 127.
         node: u8,
-        /// The error code by CiA 301; 0 when all errors are cleared.
+        /// Error code by CiA 301; 0 when all errors are cleared.
         code: u16,
     },
     /// Process data sent by a node (TPDO).
     Pdo {
-        /// The number of the node, 1 to 127.
+        /// Number of the node, 1 to 127.
         node: u8,
-        /// The number of the process data object, 1 to 4.
+        /// Number of the process data object, 1 to 4.
         number: u8,
     },
-    /// The answer to reading or writing an object.
+    /// Response to a read or write request for an object.
     Sdo {
-        /// The number of the node, 1 to 127.
+        /// Number of the node, 1 to 127.
         node: u8,
         /// Result of the transfer.
         answer: SdoAnswer,
     },
 }
 
-/// The answer to an expedited SDO transfer.
+/// Response to an expedited SDO transfer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum SdoAnswer {
-    /// An object was read: up to four bytes, little-endian.
+    /// The object was read: up to four bytes, little-endian.
     Read {
-        /// The index and subindex of the object.
+        /// Index and subindex of the object.
         object: (u16, u8),
         /// Bytes of the object as a little-endian number; unused bytes are 0.
         value: u32,
         /// Number of bytes of the object in `value`, 1 to 4.
         bytes: u8,
     },
-    /// Confirms that an object was written.
+    /// The object was written.
     Written {
-        /// The index and subindex of the object.
+        /// Index and subindex of the object.
         object: (u16, u8),
     },
-    /// Rejects the transfer.
+    /// The node rejects the transfer.
     Aborted {
-        /// The index and subindex of the object.
+        /// Index and subindex of the object.
         object: (u16, u8),
-        /// The abort code by CiA 301.
+        /// Abort code by CiA 301.
         code: u32,
     },
     /// A segmented transfer, which this consumer does not support.
     Segmented {
-        /// The index and subindex of the object.
+        /// Index and subindex of the object.
         object: (u16, u8),
     },
 }
@@ -148,19 +148,19 @@ pub enum NmtCommand {
     Reset = 129,
 }
 
-/// The frame that sends a command to a node (0: to all nodes).
+/// Creates the frame that sends a command to a node (0: to all nodes).
 pub fn nmt(command: NmtCommand, node: u8) -> Option<Frame> {
     Frame::new(0, false, false, &[command as u8, node])
 }
 
-/// The frame that requests an object.
+/// Creates the frame that requests an object; `None` for an invalid node number.
 pub fn sdo_read(node: u8, (index, sub): (u16, u8)) -> Option<Frame> {
     let [low, high] = index.to_le_bytes();
     let data = [0x40, low, high, sub, 0, 0, 0, 0];
     Frame::new(0x600 + u32::from(node), false, false, &data)
 }
 
-/// The frame that writes an object of 1 to 4 bytes.
+/// Creates the frame that writes an object of 1 to 4 bytes; `None` for another length or an invalid node number.
 pub fn sdo_write(node: u8, (index, sub): (u16, u8), value: &[u8]) -> Option<Frame> {
     let unused = 4_usize.checked_sub(value.len()).filter(|unused| *unused < 4)?;
     let [low, high] = index.to_le_bytes();

@@ -39,7 +39,7 @@ impl Number {
     }
 }
 
-/// One temperature of a node.
+/// One temperature in the process data of a node.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Channel {
@@ -49,11 +49,11 @@ pub struct Channel {
     pub node: u8,
     /// The number of the process data object, 1 to 4.
     pub pdo: u8,
-    /// Offset of the number in the process data, bytes.
+    /// Byte offset of the number in the process data.
     pub at: usize,
     /// Encoding of the number.
     pub number: Number,
-    /// Offset of the channel's status byte (object 6150h; 0 is good) in the same process data; `None` without one.
+    /// Byte offset of the channel's status byte (object 6150h; 0 is good) in the same process data; `None` without one.
     pub status_at: Option<usize>,
 }
 
@@ -68,8 +68,8 @@ pub struct CanopenThermometer<P> {
 }
 
 impl<P: CanPort> CanopenThermometer<P> {
-    /// Reads these channels. The data of a node whose heartbeat is older than `silent_after` are not used (heartbeat consumer time of CiA
-    /// 301; choose it by the heartbeat period of the node). The age of the process data of a running node is not checked.
+    /// Creates a thermometer with these channels. The data of a node whose heartbeat is older than `silent_after` are not used (heartbeat consumer time of
+    /// CiA 301; choose it by the heartbeat period of the node). The age of the process data of a running node is not checked.
     ///
     /// # Errors
     /// Invalid channels.
@@ -141,7 +141,7 @@ impl<P: CanPort> Thermometer for CanopenThermometer<P> {
         let take = |node, number, frame: &Frame, taken| {
             take(channels, latest, (node, number), frame, taken);
         };
-        // Missing heartbeats reveal a lost bus.
+        // An error can be ignored: if the bus is lost, the heartbeats stop as well.
         let _ = self.nodes.listen(&mut self.port, take);
         for (channel, latest) in self.channels.iter().zip(&mut self.latest) {
             let failure = self.nodes.failure(channel.node);

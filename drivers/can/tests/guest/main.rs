@@ -19,7 +19,7 @@ use volcomp_port::{Controller, Fault, Quality, Reason, Thermometer};
 use volcomp_test_support::{Running, peers};
 use volcomp_vocabulary::{AxisName, PerChannel};
 
-/// Locks the virtual buses for one test. Without them prints a line on standard error and returns `None`.
+/// Locks the virtual buses for one test. Without them, prints a line on standard error and returns `None`.
 fn buses() -> Option<MutexGuard<'static, ()>> {
     static BUSES: Mutex<()> = Mutex::new(());
     let buses = BUSES.lock().unwrap_or_else(PoisonError::into_inner);
@@ -162,12 +162,12 @@ fn the_bridge_survives_an_interface_going_down() {
     assert_eq!(controller.apply(&PerChannel::ZERO, soon()), Err(Fault::Disconnected));
     std::thread::sleep(Duration::from_millis(600));
     let late = Instant::now() + Duration::from_millis(20);
-    // The last values are returned with their arrival times.
+    // While the interface is down, the last values are returned with their arrival times.
     let found = controller.read(late).unwrap();
     assert!(found.youngest() <= down);
     let up = Instant::now();
     run("ip", &["link", "set", "vcan0", "up"]);
-    // The same sockets continue.
+    // After it is up again, the same sockets work.
     while control.receive(Instant::now()).is_err() {}
     sends(&mut control, 7.0);
     let end = Instant::now() + Duration::from_secs(2);
@@ -181,7 +181,7 @@ fn the_bridge_survives_an_interface_going_down() {
     controller.apply(&PerChannel([0.001; 9]), soon()).unwrap();
 }
 
-/// A frame has its kernel arrival time, however long it waited. Positions that were not read for a while are returned as old.
+/// A frame has its kernel arrival time, however long it waited. Positions that were not read for a while are returned with their old time.
 #[test]
 fn queued_frames_keep_their_kernel_timestamps() {
     let Some(_buses) = buses() else {
@@ -243,7 +243,7 @@ fn a_missing_interface_is_named() {
     assert!(message.contains("ip link set can0 up"), "{message}");
 }
 
-/// A node of PyPI's canopen: read and write of objects, start, temperatures, and disappearance.
+/// A node of PyPI's canopen: objects are read and written, the node is started, temperatures are received, and its disappearance is reported.
 #[test]
 fn a_canopen_node_is_started_and_read() {
     let Some(_buses) = buses() else {

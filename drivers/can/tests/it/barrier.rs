@@ -1,4 +1,4 @@
-//! Words for a barrier in the control, with the shipped DBC file and others.
+//! Words for a barrier in the control, with the shipped DBC file and with others.
 
 use std::process::Command;
 
@@ -67,7 +67,7 @@ fn frames_are_sent_and_reports_received() {
     let second = report_of(table, words(0xfedc, 19).as_slice(), 5);
     assert_eq!(read(&second[..2]).report, Some(words(0x1357, 19)));
     assert_eq!(read(&second[2..]).report, Some(words(0xfedc, 19)));
-    // Two complete reports and a part of the next in one read.
+    // One read processes two complete reports and a part of the next.
     let third = report_of(table, words(0x0a0b, 19).as_slice(), 6);
     let fourth = report_of(table, words(0x0c0d, 19).as_slice(), 7);
     let all = [&third[..], &fourth[..], &first[..3]].concat();
@@ -86,7 +86,7 @@ fn frames_are_sent_and_reports_received() {
         let bytes: Vec<u8> = words.iter().flat_map(|word| word.to_le_bytes()).collect();
         assert_eq!(sent.data()[..6], bytes);
     }
-    // Nothing is sent after the deadline, with too few words, or for plain values.
+    // Nothing is sent after the deadline, with too few words, or as plain values.
     let late = controller.post(&frame, std::time::Instant::now());
     assert_eq!(late, Err(Fault::TimedOut));
     let few = controller.post(&words(1, 8), soon());
@@ -255,7 +255,7 @@ fn cantools_agrees_on_barrier_words() {
     let bus = Bus::default();
     let config = config(BARRIER_DBC, &XYZ);
     let mut controller = CanController::new(bus.clone(), &config).unwrap();
-    // −20 µm in X, in two's complement.
+    // −20 µm in X, as two's complement.
     let frame = [7, 65535, 3, 0xbeef, (-20_i16).cast_unsigned(), 150, 0, 0xffff, 0x8000];
     controller.post(&Words::new(&frame).unwrap(), soon()).unwrap();
     let sent = bus.sent();

@@ -213,14 +213,13 @@ fn temperatures_are_decoded_with_their_faults() {
     assert!((latest[1].degc.unwrap() + 39.95).abs() < 1e-9);
     assert_eq!(latest[2].quality, Quality::Bad(Reason::Short));
     assert_eq!(latest[3].quality, Quality::Bad(Reason::Open));
-    // A temperature that is missing from now on keeps its value and time.
+    // A temperature that is no longer sent keeps its value and time.
     std::thread::sleep(Duration::from_millis(20));
     assert_eq!(thermometer.latest(), latest);
     bus.state().down = true;
     assert_eq!(thermometer.latest()[0].quality, Quality::Bad(Reason::NoAnswer));
 }
 
-/// Configured names select temperatures of the file in the order of the names.
 #[test]
 fn names_select_temperatures() {
     let bus = Bus::default();
@@ -310,7 +309,7 @@ fn values_keep_their_arrival_times() {
         let others = [snapshot.state_taken, snapshot.correction_taken];
         assert_eq!((others, snapshot.youngest()), ([at(5); 2], at(7)));
     }
-    // New positions must not refresh the applied correction, since with an age of 60 to 100 ms that causes a step of 28 µm and a fault.
+    // New positions must not refresh the time of the applied correction: with an age of 60 to 100 ms that causes a step of 28 µm and a fault.
     deliver(frame_of(&table, "POSITION_XY", &[("X_POS", 6.0)], 2), 240);
     let snapshot = controller.read(deadline).unwrap();
     assert_eq!((snapshot.taken, snapshot.correction_taken), (at(240), at(5)));
@@ -373,7 +372,7 @@ fn a_custom_fd_frame() {
     .unwrap();
     let frame = frame_of(&table, "ALL", &[("X_POS", 1234.5678), ("Y_POS", -0.0001)], 1);
     assert!(frame.fd && frame.extended && frame.data().len() == 16);
-    // High byte first.
+    // Big-endian: the high byte is first.
     assert_eq!(frame.data()[..4], 12_345_678_i32.to_be_bytes());
     bus.deliver(frame);
     let snapshot = controller.read(soon()).unwrap();
@@ -385,7 +384,7 @@ fn a_custom_fd_frame() {
     assert_eq!((sent.fd, &sent.data()[..4]), (true, &[0, 1, 0xff, 0xfe][..]));
 }
 
-/// Axes that are not corrected get zero in the frames, also if zero is not bits 0, as for Z with an offset of −2048 µm.
+/// Axes that are not corrected get a value of zero, even if its bits are not 0, as for Z with an offset of −2048 µm.
 #[test]
 fn an_uncorrected_axis_gets_zero() {
     let (from, to) = ("Z_CORR : 24|12@1- (1,0)", "Z_CORR : 24|12@1+ (1,-2048)");
@@ -402,7 +401,7 @@ fn an_uncorrected_axis_gets_zero() {
 }
 
 /// A frame that is overtaken or repeated, as by a bridge between two buses, neither clears an emergency stop nor makes an old position
-/// new.
+/// count as new.
 #[test]
 fn an_overtaken_frame_is_ignored() {
     let table = shipped();

@@ -15,7 +15,6 @@ fn frame(id: u32, data: &[u8]) -> Frame {
     Frame::new(id, false, false, data).unwrap()
 }
 
-/// Heartbeat, emergency and PDO frames of CiA 301 are decoded.
 #[test]
 fn telegrams_are_decoded() {
     let sdo = |data: &[u8]| match telegram(&frame(0x585, data)) {
@@ -67,7 +66,7 @@ fn telegrams_are_decoded() {
 fn objects_are_transferred_one_at_a_time() {
     let bus = Bus::default();
     let mut client = SdoClient::new(bus.clone());
-    // First come late answers to other requests, answers of other nodes, and other frames.
+    // Late answers to other requests, answers of other nodes, and other frames arrive first.
     bus.deliver(frame(0x586, &[0x43, 0x32, 0x61, 1, 9, 0, 0, 0]));
     bus.deliver(frame(0x585, &[0x43, 0x32, 0x61, 2, 9, 0, 0, 0]));
     bus.deliver(frame(0x185, &[1, 2]));
@@ -125,7 +124,7 @@ fn a_node_is_started_monitored_and_read() {
     let latest = seen(&[pdo(215, 21.5, [1, 0])]);
     assert_eq!(latest[0].quality, Quality::Bad(Reason::Reported));
     assert_eq!(latest[1].degc, Some(21.5));
-    // Too short for the data of both channels.
+    // The frame is too short for the data of both channels.
     let latest = seen(&[frame(0x185, &[1])]);
     assert!(latest.iter().all(|t| t.degc.is_none()));
     let emergency = frame(0x085, &[0x10, 0x50, 0, 0, 0, 0, 0, 0]);
@@ -163,7 +162,7 @@ fn invalid_channels_are_rejected() {
 #[test]
 fn lines_of_a_node() {
     let bus = Bus::default();
-    // Very different intervals, which a busy computer does not confuse.
+    // The two intervals differ so much that a busy computer does not confuse them.
     let (quick, patient) = (Duration::from_millis(20), Duration::from_secs(60));
     let mut port = CanopenDigital::new(bus.clone(), 9, 15, 8, patient).unwrap();
     assert_eq!(port.read(soon()), Err(Fault::NotConnected));
@@ -190,12 +189,12 @@ fn lines_of_a_node() {
         bus.deliver(frame(0x709, &[5]));
         bus.deliver(frame(0x189, &[0x34, 0]));
         let came = Instant::now();
-        // The heartbeat is still fresh; from here on the result depends on the time.
+        // The heartbeat is still fresh here; the result of later readings depends on the time.
         let _ = port.read(soon());
         std::thread::sleep(3 * quick);
         let found = port.read(soon());
         assert_eq!(found.map(|found| found.levels), expected);
-        // The lines of a running node keep their levels and time.
+        // The lines of a running node keep their levels and arrival time.
         let age = |found: InputLevels| (before..=came).contains(&found.taken);
         assert!(found.is_ok_and(age) || expected.is_err());
     }

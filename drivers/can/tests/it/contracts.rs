@@ -1,4 +1,4 @@
-//! The conformance tests for thermometers and digital ports, with nodes that send periodically.
+//! Conformance tests for thermometers and digital ports, with nodes that send periodically.
 
 use std::{
     sync::{

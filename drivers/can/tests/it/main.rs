@@ -24,7 +24,7 @@ use volcomp_vocabulary::AxisName;
 #[global_allocator]
 static ALLOCATOR: assert_no_alloc::AllocDisabler = assert_no_alloc::AllocDisabler;
 
-/// A bus in memory: incoming and sent frames, and whether the interface is down.
+/// A bus in memory: received and sent frames, and whether the interface is down.
 #[derive(Clone, Default)]
 pub(crate) struct Bus(Arc<Mutex<BusState>>);
 
@@ -99,7 +99,7 @@ pub(crate) fn soon() -> Instant {
     Instant::now() + Duration::from_millis(30)
 }
 
-/// A sealed frame of a message with these values.
+/// Frame of a message with these values, with counter and checksum.
 pub(crate) fn frame_of(
     table: &SignalTable,
     name: &str,

@@ -1,4 +1,4 @@
-//! The words of the shipped file with the reference barrier: a scanning control, a gateway, and a bus that loses messages.
+//! Words of the shipped file with the reference barrier: a scanning control, a gateway, and a bus that loses messages.
 
 use std::time::{Duration, Instant};
 
@@ -27,7 +27,7 @@ struct Control {
     barrier: Barrier,
     settings: Settings,
     mailbox: [u16; 9],
-    /// Last received counters of a frame's three messages.
+    /// Last received counter of each of a frame's three messages.
     counters: [Option<u64>; 3],
     /// Content of the mailbox when the three counters were last equal.
     copied: [u16; 9],
@@ -125,7 +125,7 @@ impl Gateway {
         }
     }
 
-    /// Answers a new complete report with a frame of these counts; returns the report.
+    /// Answers a new complete report with a frame of these counts. Returns the report.
     fn answers(&mut self, settings: &Settings, values: [i16; 3]) -> Option<Report> {
         let snapshot = self.controller.read(soon()).ok()?;
         let report = Report::decode(MACHINE, layout(), snapshot.report?.as_slice())?;
@@ -156,15 +156,15 @@ fn frames_arrive_and_silence_ramps_to_zero() {
     assert_eq!(report.applied[..3], wanted);
     assert_eq!((report.refusal, report.owner), (Refusal::None, 0x5a5a));
     assert!(gateway.landed >= 78, "{}", gateway.landed);
-    // Without frames all axes are at zero after the timeout and 150/3 steps.
+    // Without frames all axes are at zero after the timeout and 150/3 steps of the ramp.
     for _ in 0..63 {
         control.scan(|| false);
     }
     assert_eq!(control.barrier.report().applied, Counts::default());
 }
 
-/// Random message loss tears frames and reports: every accepted report was published, and the axes stay within rate and limit. Without
-/// message counters the checksum of the words would accept some torn ones.
+/// Random message loss tears frames and reports: every accepted report is one that was published, and the axes stay within rate and limit.
+/// Without message counters the checksum of the words would accept some torn ones.
 #[test]
 fn torn_words_are_rejected() {
     for (percent, kept) in [(1, 0.99), (10, 0.9), (40, 0.6)] {
@@ -187,7 +187,7 @@ fn torn_words_are_rejected() {
                 accepted += 1;
             }
         }
-        // All seven messages of a report arrive in (1 − p)⁷ of the scans; two thirds of that are required.
+        // All seven messages of a report arrive in (1 − p)⁷ of the scans; the test requires two thirds of that.
         let least = 0.67 * 3000.0 * f64::powi(kept, 7);
         assert!(f64::from(accepted) >= least, "{accepted} at {percent} % lost, expected {least}");
         assert!(percent > 10 || gateway.landed > 300, "{}", gateway.landed);

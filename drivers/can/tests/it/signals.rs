@@ -23,7 +23,7 @@ fn the_shipped_file_is_complete() {
     }
 }
 
-/// CRC-8 SAE J1850 of "123456789" is 4b.
+/// The published check value of CRC-8 SAE J1850 for "123456789" is 4b.
 #[test]
 fn the_checksum_matches_the_published_value() {
     let dbc =
@@ -83,7 +83,6 @@ fn invalid_files_are_rejected() {
     assert!(message("BO_ nonsense").starts_with("DBC: "));
 }
 
-/// Data shorter than the message are decoded as zeros in either byte order.
 #[test]
 fn short_data_decode_as_zeros() {
     for order in [0, 1] {
@@ -121,7 +120,7 @@ fn values_saturate_at_their_bits() {
 }
 
 proptest! {
-    /// Any signal at any position and in both byte orders: its bits survive a round trip, and no others change.
+    /// For any signal at any position and in both byte orders: its bits survive a round trip, and no others change.
     #[test]
     fn bits_round_trip(
         start in 0_u64..64, bits in 1_u64..=64, little: bool, signed: bool, raw: u64, background: u64,
@@ -232,7 +231,7 @@ fn units_must_match_the_quantity() {
     assert!((at.mm_or_rad() - 0.0025).abs() < 1e-12, "{at}");
 }
 
-/// The largest magnitude available with either sign: in two's complement one step less than half the range, for an unsigned number 0.
+/// The largest magnitude with either sign: in two's complement one step less than half the range, for an unsigned number 0.
 #[test]
 fn the_largest_value_with_either_sign() {
     let largest = |size: u32, sign: char, scale: &str| {
@@ -277,7 +276,7 @@ fn floating_point_signals_are_rejected() {
     assert!(SignalTable::parse(&dbc).is_ok());
 }
 
-/// A state signal whose zero bits mean "on" is rejected: with all bits 0 the control would count as referenced.
+/// A state signal whose zero bits mean "on" is rejected: a frame with all bits 0 would report the control as referenced.
 #[test]
 fn a_state_must_be_off_with_bits_zero() {
     let text = refused("REFERENCED : 52|1@1+ (1,0)", "REFERENCED : 52|1@1+ (1,1)");
@@ -302,7 +301,7 @@ fn corpus_files_parse_or_are_rejected() {
     }
 }
 
-/// Corpus files (identifier, two flags, data, as the fuzz target splits them) are decoded.
+/// Corpus files (identifier, two flags, data, split as in the fuzz target) are decoded.
 #[test]
 fn corpus_frames_are_decoded() {
     let table = shipped();

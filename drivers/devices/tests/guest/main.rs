@@ -18,7 +18,7 @@ fn lines_are_probed() {
     assert!(message.to_string().contains("gpio panel-up: there is no such chip"), "{message}");
 }
 
-/// The probe of a bus reports 100 mm and -2 mm, sealed by the rule of the shipped file.
+/// The probe of a bus reports 100 mm and −2 mm from a frame with counter and checksum of the shipped file.
 #[test]
 fn a_bus_is_probed() {
     let table = volcomp_can::SignalTable::parse(volcomp_can::SHIPPED_DBC).unwrap();

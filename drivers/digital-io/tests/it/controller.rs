@@ -34,7 +34,7 @@ fn the_published_scheme_corrects_an_axis() {
     let axis = DigitalAxis::published(AxisName::X);
     let (panel, mut controller) = on_panel(&Wiring::published(), &[axis]);
     contract::controller(&mut controller);
-    // 1000 mm and back, with a correction of 100 µm/m.
+    // The axis moves to 1000 mm and back, with a correction of 100 µm/m.
     for step in 0..=200 {
         let place = 1000.0 - 10.0 * f64::from(i32::abs(step - 100));
         panel.shows(0, place);
@@ -44,7 +44,7 @@ fn the_published_scheme_corrects_an_axis() {
         requested[0] = -1e-4 * snapshot.positions[0];
         controller.apply(&requested, soon()).unwrap();
         let sent = panel.correction().unwrap();
-        // 0.5 µm, plus the effect of 1/64 mm of position.
+        // The tolerance is 0.5 µm, plus the effect of 1/64 mm of position.
         assert!((sent + 1e-4 * place).abs() <= 0.000_5 + 1e-4 / 64.0, "{sent} at {place}");
         assert_eq!(controller.sent()[0], Some(sent));
     }
@@ -54,7 +54,6 @@ fn the_published_scheme_corrects_an_axis() {
     assert!((panel.correction().unwrap() - 0.127).abs() < 1e-12);
 }
 
-/// Three axes share the lines in turn; each is corrected only while selected.
 #[test]
 fn several_axes_share_the_lines() {
     let wiring = Wiring {
@@ -95,17 +94,17 @@ fn several_axes_share_the_lines() {
         assert_eq!(panel.word().axis, axis);
         assert!((panel.correction().unwrap() - requested[axis]).abs() < 1e-12);
     }
-    // New corrections have not reached the axes that are not selected.
+    // New corrections have not yet reached the axes that are not selected.
     let others = PerChannel::leading([0.011, -0.022, 0.034]);
     assert_eq!(controller.apply(&others, soon()), Ok(()));
     assert_eq!(controller.apply(&requested.map(|x| -x), soon()), Err(Fault::Unfinished));
-    // The control stops at one axis, and the others age.
+    // If the control stays at one axis, the positions of the others age.
     let first = controller.read(soon()).unwrap().taken;
     std::thread::sleep(Duration::from_millis(5));
     assert_eq!(controller.read(soon()).unwrap().taken, first);
 }
 
-/// Eight lines of 0.01 mm, so that the word wraps every 2.56 mm.
+/// An axis whose word has 8 bits of 0.01 mm, and so wraps every 2.56 mm.
 fn low_bits(most_per_s: f64) -> (Panel, DigitalController<Panel>) {
     let axis = DigitalAxis {
         position: PositionWord {
@@ -126,7 +125,7 @@ fn low_bits(most_per_s: f64) -> (Panel, DigitalController<Panel>) {
 
 #[test]
 fn low_bits_follow_a_long_axis() {
-    // Half of 2.56 mm takes 12.8 s.
+    // Half of 2.56 mm takes 12.8 s at this speed.
     let (panel, mut controller) = low_bits(0.1);
     for step in 0..5000 {
         let place = f64::from(step);
@@ -186,7 +185,7 @@ fn an_unconfigured_axis_is_a_fault() {
     assert!(message.contains("no strobe line is named"), "{message}");
 }
 
-/// Steps of the wrong kind are rejected: the published words are lengths and do not fit a rotary axis. With angular
+/// The published words are lengths and do not fit a rotary axis. With angular
 /// steps the axis is described and corrected in rad.
 #[test]
 fn units_must_match_the_kind_of_the_axis() {
@@ -209,19 +208,19 @@ fn units_must_match_the_kind_of_the_axis() {
     let axis = controller.description().axes[0];
     assert_eq!(axis.resolution, Displacement::Angle(Urad(5.0).to_rad()));
     controller.read(soon()).unwrap();
-    // 7 µrad requested: one step of 5 µrad is sent.
+    // Of the requested 7 µrad, one step of 5 µrad is sent.
     controller.apply(&PerChannel::leading([7e-6]), soon()).unwrap();
     assert!((controller.sent()[0].unwrap() - 5e-6).abs() < 1e-18);
 }
 
-/// The latch toggles one write after the word, since the control accepts a correction at the edge. Only accepted corrections count as
+/// The latch toggles one write after the word, because the control accepts a correction at the edge. Only accepted corrections count as
 /// sent, and unused lines keep their levels.
 #[test]
 fn the_latch_toggles_one_write_after_the_word() {
     let axis = DigitalAxis::published(AxisName::X);
     let wiring = Wiring { latch: Some(8), ..Wiring::published() };
     let panel = Panel::new(wiring.clone(), vec![axis]);
-    // Levels left by another program: the latch at 1, and a tenth line that is not ours.
+    // Another program has left the latch at 1, and a tenth line, which the wiring does not use, at 1.
     panel.left_at(0x305);
     let taken = Arc::new(Mutex::new((panel.word(), 0)));
     let takes = Arc::clone(&taken);

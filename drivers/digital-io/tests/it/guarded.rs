@@ -1,4 +1,4 @@
-//! The guard over digital lines: the corrections that reach the axes.
+//! The guard over digital lines: corrections that reach the axes.
 
 use std::{
     sync::{Arc, Mutex},
@@ -66,7 +66,7 @@ impl Rig {
         }
     }
 
-    /// One cycle; `None` until every axis was selected once.
+    /// Runs one cycle; `None` until every axis was selected once.
     fn cycle(&mut self, request: Option<Request>) -> Option<Output> {
         self.now += PERIOD;
         let now = self.now;
@@ -92,13 +92,13 @@ impl Rig {
 }
 
 /// The last word before disarming is latched: the control is at 0 and no step exceeds 2 µm. Without the last edge the control would keep
-/// 1 to 3 µm while 0 is reported, and in motion accept two slews at once.
+/// 1 to 3 µm while 0 is reported, and in motion it would accept two slews at once.
 #[test]
 fn the_last_word_is_latched() {
     let wiring = Wiring { latch: Some(8), ..Wiring::published() };
     for disarmed_in in 150..170 {
         let mut rig = Rig::new(wiring.clone(), &[AxisName::X]);
-        // The latch, the correction that the control applies, and its largest step, µm.
+        // Level of the latch, the correction that the control applies, and its largest step, µm.
         let control = Arc::new(Mutex::new((false, 0_i32, 0_i32)));
         let takes = Arc::clone(&control);
         rig.panel.on_write(move |word| {
@@ -124,7 +124,7 @@ fn the_last_word_is_latched() {
     }
 }
 
-/// Axes that share lines in turn get no step larger than 2 µm: only the selected axis counts as written.
+/// Axes that share lines in turn get no step larger than 2 µm, because only the selected axis counts as written.
 #[test]
 fn axes_that_share_lines_do_not_step() {
     let wiring = Wiring { select: vec![15], echo: vec![8], ..Wiring::published() };
@@ -132,7 +132,7 @@ fn axes_that_share_lines_do_not_step() {
     let mut applied = [0_i32; 2];
     let mut largest = 0;
     for cycle in 0..3000 {
-        // The control selects each for 60 ms, and accepts the correction of the selected one.
+        // The control selects each axis for 60 ms, and accepts corrections of the selected one only.
         let shows = cycle / 15 % 2;
         rig.panel.shows(shows, 100.0);
         let request = (cycle == 30).then_some(Request::Arm);

@@ -1,4 +1,4 @@
-//! Words, wiring, coherent reading of lines, and a control behind them.
+//! Words, wiring, coherent readings of lines, and a control on digital lines.
 
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 

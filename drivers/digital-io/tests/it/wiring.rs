@@ -82,7 +82,7 @@ fn port(readings: Vec<u64>) -> MockDigitalIo {
 fn lines_are_read_until_two_agree() {
     let wiring = Wiring::published();
     let read = |readings, coherence| read_coherent(&mut port(readings), &wiring, coherence, soon());
-    // 0x0fff to 0x1000 passes other words.
+    // From 0x0fff to 0x1000 the skewed lines pass through other words.
     let skewed = vec![0x0fff, 0x1fff, 0x1f00, 0x1000];
     assert_eq!(read(skewed.clone(), Coherence::TwoAgree), Ok(0x1000));
     assert_eq!(read(skewed, Coherence::Latched), Ok(0x0fff));
@@ -107,7 +107,7 @@ fn lines_that_keep_changing_time_out() {
     assert_eq!(found, Err(Fault::Disconnected));
 }
 
-/// With parity and strobe a reading waits for both, even if two readings agree.
+/// With parity and strobe, words are rejected until both are correct, even if two readings agree.
 #[test]
 fn parity_and_strobe_are_waited_for() {
     let wiring = Wiring {
@@ -126,7 +126,6 @@ fn parity_and_strobe_are_waited_for() {
 }
 
 proptest! {
-    /// Words survive any order, inversion and parity of the lines in both directions.
     #[test]
     fn words_pass_unchanged_through_any_wiring(
         lines in Just((0..40_u32).collect::<Vec<_>>()).prop_shuffle(),

@@ -17,7 +17,7 @@ fn correction(bits: u32, code: CorrectionCode) -> CorrectionWord {
     CorrectionWord { bits, code, step: Displacement::Length(Mm(0.001)) }
 }
 
-/// The published words encode as documented: 1 µm resolution, ±127 µm, over 1024 mm.
+/// Resolution of 1 µm, ±127 µm, over 1024 mm.
 #[test]
 fn published_words_encode_as_documented() {
     let axis = DigitalAxis::published(AxisName::X);
@@ -78,7 +78,7 @@ fn codes_round_trip() {
 }
 
 proptest! {
-    /// A correction is sent within half a count or saturated, and never as the invalid word.
+    /// A correction is sent within half a count or reported as saturated, and never as the invalid word.
     #[test]
     fn corrections_round_trip(um in -200.0..200.0_f64, sign in any::<bool>(), bits in 2_u32..12) {
         let code = if sign { CorrectionCode::SignMagnitude } else { CorrectionCode::TwosComplement };
@@ -102,7 +102,7 @@ proptest! {
         prop_assert!((coded.position - mm).abs() <= coded.within * 1.000_001);
     }
 
-    /// A word with only the low 8 bits of the position, counts of 1 µm, is unwrapped without a slip for steps up to 120 µm, about 40
+    /// A word with only the low 8 bits of the position, counts of 1 µm, is tracked correctly for steps up to 120 µm, which is about 40
     /// m/min at 6 kHz.
     #[test]
     fn low_bits_are_followed(start in -5e3..5e3_f64, steps in proptest::collection::vec(-0.12..0.12_f64, 1..400)) {

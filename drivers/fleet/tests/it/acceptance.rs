@@ -79,7 +79,7 @@ fn each_rejection_reason_is_reported() {
     assert!(matches!(refused(&short), ManifestRejection::Document(_)));
 }
 
-/// A key of order 1 verifies nothing: a plain verification accepts any signature by the neutral point, `verify_strict` rejects it.
+/// A key of order 1 is rejected: a plain verification would accept any signature by the neutral point, `verify_strict` does not.
 #[test]
 fn a_key_of_small_order_verifies_nothing() {
     use base64::{Engine, engine::general_purpose::STANDARD};
@@ -106,7 +106,7 @@ fn a_signature_of_the_bare_manifest_is_rejected() {
 }
 
 proptest! {
-    /// Whichever byte is changed, an accepted manifest is the signed one, with its model.
+    /// Whichever byte is changed, an accepted manifest equals the signed one, with its model.
     #[test]
     fn a_changed_byte_is_never_accepted(at in 0_usize..2000, to in any::<u8>()) {
         let mut bytes = signed(|_| {}).bytes().unwrap();
@@ -129,7 +129,7 @@ proptest! {
         }
     }
 
-    /// Machine and site names have no characters with a meaning in subjects, and 1 to 64 characters.
+    /// Accepted names have 1 to 64 characters, none of which has a meaning in subjects.
     #[test]
     fn machine_and_site_names_are_restricted(text in ".{0,70}") {
         if let Ok(name) = text.parse::<volcomp_fleet::MachineId>() {

@@ -77,7 +77,7 @@ impl Bench {
         }
     }
 
-    /// The centre's connection with its bucket and streams.
+    /// Connects as the centre and creates its bucket and streams.
     pub(crate) async fn prepared(&self) -> jetstream::Context {
         let client = ConnectOptions::with_nkey(self.centre.seed().unwrap())
             .connect(self.url())
@@ -89,7 +89,7 @@ impl Bench {
         context
     }
 
-    /// The context of [`Self::prepared`], and the bucket with a value for each machine.
+    /// Like [`Self::prepared`], with a value in the bucket for each machine.
     pub(crate) async fn with_values(&self) -> (jetstream::Context, kv::Store) {
         let context = self.prepared().await;
         let store = context.get_key_value("desired").await.unwrap();
@@ -98,7 +98,7 @@ impl Bench {
         (context, store)
     }
 
-    /// With the first machine's credentials, stores a server response under the second machine's key.
+    /// Stores a server response under the second machine's key, with the credentials of the first machine.
     pub(crate) async fn forge(&self) {
         let thief = self.stolen(0).await;
         let (subject, reply) = ("volcomp.berlin.mill-a.condition", "$KV.desired.mill-b");
@@ -107,7 +107,7 @@ impl Bench {
         thief.flush().await.unwrap();
     }
 
-    /// A plain NATS connection with a machine's credentials.
+    /// Opens a plain NATS connection with a machine's credentials.
     pub(crate) async fn stolen(&self, machine: usize) -> async_nats::Client {
         let (identity, key) = &self.machines[machine];
         ConnectOptions::with_nkey(key.seed().unwrap())

@@ -1,4 +1,4 @@
-//! The cluster port of the real server, over which servers join.
+//! The cluster port of the real server, through which servers join.
 
 use std::{path::Path, time::Duration};
 
@@ -14,7 +14,7 @@ use volcomp_test_support::free_address;
 
 use crate::bench::{identity, runtime};
 
-/// Timeout for a slow computer.
+/// Timeout that suffices on a slow computer.
 const LONG: Duration = Duration::from_secs(60);
 /// A message that does not arrive within this time counts as blocked.
 const NEVER: Duration = Duration::from_millis(800);
@@ -135,7 +135,7 @@ fn the_password_appears_only_in_the_configuration() {
         settings.text()
     };
     let shown = text(cluster("nats://127.0.0.1:6223")).unwrap();
-    // `printf 'volcomp route 1\0SUA' | sha256sum`
+    // Expected password, from `printf 'volcomp route 1\0SUA' | sha256sum`.
     let secret = "3268c692553668c77a272fa3211ccc8b2f8f43ceff05aaba60f61a12e97a6df8";
     assert_eq!(shown.matches(secret).count(), 2, "{shown}");
     assert!(shown.contains(&format!("nats://route:{secret}@127.0.0.1:6223")));

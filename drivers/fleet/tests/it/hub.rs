@@ -75,9 +75,9 @@ fn unacknowledged_messages_are_redelivered() {
     });
 }
 
-/// docs/src/fleet.md: a stolen nkey fills the streams of its site up to `telemetry_gib`. A stored audit record is not removed for one that does not
-/// fit, since the centre may not have collected it. The server compares the body alone with the room that is left, so these bodies are large
-/// against the 65 bytes that it stores beside each. The stream was created without limit by an earlier version.
+/// docs/src/fleet.md: a stolen nkey fills the streams of its site up to `telemetry_gib`. No stored audit record is removed to make room for a new one,
+/// because the centre may not have collected it. The server compares only the body of a message with the free space, so the bodies here are much
+/// larger than the 65 bytes of overhead per message. The stream was created without limit by an earlier version.
 #[test]
 fn a_full_stream_of_audit_records_refuses_new_ones() {
     Bench::run(async |bench| {
@@ -122,7 +122,7 @@ fn a_full_stream_of_audit_records_refuses_new_ones() {
         assert!(audit.bytes <= 25_000 && audit.first_sequence == 1, "{audit:?}");
         assert!(audit.messages > 20, "{audit:?}");
         assert!(telemetry.bytes <= 75_000 && telemetry.first_sequence > 1, "{telemetry:?}");
-        // More room helps.
+        // With a larger limit, messages are accepted again.
         hub.prepare(&sites, limited(200_000)).await.unwrap();
         publish(Kind::Audit).await.unwrap();
     });

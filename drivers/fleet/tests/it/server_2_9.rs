@@ -36,7 +36,7 @@ fn a_machine_receives_its_value_at_start_and_on_change() {
         store.put("mill-b", "not for a".into()).await.unwrap();
         store.put("mill-a", "second".into()).await.unwrap();
         assert_eq!(next(&mut link).await, "second");
-        // Putting an equal value is no change.
+        // Putting an equal value does not count as a change.
         store.put("mill-a", "second".into()).await.unwrap();
         store.put("mill-a", "third".into()).await.unwrap();
         assert_eq!(next(&mut link).await, "third");
@@ -83,7 +83,7 @@ fn a_large_model_is_fetched_completely_or_rejected() {
         };
         put(&text).await.unwrap();
         assert_eq!(link.fetch_model(&model).await.unwrap(), text);
-        // Another content under the same name.
+        // Another model is stored under the same name.
         let other = text.replacen("line", "lime", 1);
         put(&other).await.unwrap();
         let error = link.fetch_model(&model).await.unwrap_err().to_string();
@@ -132,7 +132,7 @@ fn stolen_credentials_give_no_further_access() {
             let answer = timeout(NEVER, thief.request(subject, Bytes::new())).await;
             assert!(!matches!(answer, Ok(Ok(_))), "{subject}: {answer:?}");
         }
-        // Subscriptions to everything, and to another machine.
+        // Subscriptions to everything, and to another machine, are rejected.
         for subject in [
             ">",
             "*.*.*.*",
@@ -146,7 +146,7 @@ fn stolen_credentials_give_no_further_access() {
             let mut heard = thief.subscribe(subject).await.unwrap();
             thief.flush().await.unwrap();
             store.put("mill-b", "secret".into()).await.unwrap();
-            // Both machines publish: the thief receives neither message.
+            // Both machines publish, and the thief receives neither message.
             for machine in [0, 1] {
                 let link = link(bench, machine).await;
                 let sent = link.publish(Kind::Condition, subject, "said".into());
@@ -155,7 +155,7 @@ fn stolen_credentials_give_no_further_access() {
             let message = timeout(NEVER, heard.next()).await;
             assert!(!matches!(message, Ok(Some(_))), "{subject}: {message:?}");
         }
-        // Publications on another machine's subjects, to its key and to its objects.
+        // Publications on another machine's subjects, to its key and to its objects are rejected.
         let before = messages(&context).await;
         for subject in [
             "$KV.desired.mill-a",

@@ -99,7 +99,7 @@ fn flushed_messages_survive_and_done_ones_do_not_return() {
     assert_eq!(all(&mut open(folder.path())), [""; 0]);
 }
 
-/// A program killed while it sends a file sends that file again: no message is lost, and IDs identify duplicates.
+/// A program that is killed while it sends a file sends that file again: no message is lost, and ids identify duplicates.
 #[test]
 fn a_crash_loses_no_message_on_disk() {
     let folder = tempfile::tempdir().unwrap();

@@ -13,7 +13,7 @@ const NUMBER: i16 = 3;
 const PROTECTED: i16 = 7;
 const NO_FUNCTION: i16 = 1;
 
-/// Payload of the response to a request to open a session.
+/// Builds the payload of the response to a request to open a session.
 pub(super) fn opened(options: &Options) -> Vec<u8> {
     let (length, count_at) =
         if options.version < 3 { (16 + 8 * 10, 8) } else { (40 + 32 * 10, 10) };
@@ -80,7 +80,6 @@ fn answer_one(command: &Command<'_>, options: &Options, world: &mut World) -> Co
     }
 }
 
-/// Function that reads macro variables as mantissa and exponent.
 const READ_MACRO_NUMBERS: u16 = 0x15;
 
 fn system(options: &Options, world: &World) -> Vec<u8> {
@@ -203,7 +202,7 @@ fn parameter(command: &Command<'_>, options: &Options, world: &World) -> Command
     Ok(data)
 }
 
-/// Parameters for the unit of reported positions, and for the source of the shifts in the simulated control.
+/// Value of a parameter that determines the unit of positions or the source of the shifts; `None` for other parameters.
 fn known_parameter(number: i32, world: &World) -> Option<f64> {
     if UNIT_NUMBERS.contains(&number) {
         // A metric machine that reports positions in mm.
@@ -223,7 +222,7 @@ fn known_parameter(number: i32, world: &World) -> Option<f64> {
     }
 }
 
-/// Decodes area, first byte, size of a point and total size.
+/// Parses the arguments of a PMC command: area, first byte, size of a point, total size in bytes.
 fn pmc_range(
     command: &Command<'_>,
     options: &Options,

@@ -45,7 +45,7 @@ pub struct Options {
 }
 
 impl Default for Options {
-    /// Version 3 with 32 slots, garbage in the unused ones.
+    /// A control of version 3 with 32 slots, the unused ones with garbage.
     fn default() -> Self {
         Self {
             version: 3,
@@ -94,7 +94,7 @@ impl Simulator {
     /// # Errors
     /// The address cannot be bound.
     pub fn start(address: &str, options: Options, mut world: World) -> std::io::Result<Self> {
-        // The control's program starts with the shifts in the words of the axes.
+        // At the start, the control's program takes over the shifts in the words of the axes.
         world.reset();
         let listener = TcpListener::bind(address)?;
         let address = listener.local_addr()?;
@@ -124,7 +124,7 @@ impl Simulator {
         self.address
     }
 
-    /// The machine and the memory of the control. Holding the lock delays responses.
+    /// Locks the machine and the memory of the control. Responses wait while the lock is held.
     pub fn world(&self) -> MutexGuard<'_, World> {
         self.shared.world()
     }
@@ -138,7 +138,7 @@ impl Simulator {
         self.shared.requests.load(Ordering::Relaxed)
     }
 
-    /// Power-cycles the control: see [`World::power_up`]; its connections end.
+    /// Power-cycles the control (see [`World::power_up`]) and ends its connections.
     pub fn power_up(&self) {
         self.world().power_up();
         self.disconnect_all();
@@ -157,7 +157,7 @@ impl Drop for Simulator {
     fn drop(&mut self) {
         self.shared.stop.store(true, Ordering::SeqCst);
         self.disconnect_all();
-        // A connection wakes the listener.
+        // A connection ends the wait of the listening thread.
         drop(TcpStream::connect(self.address));
         for thread in self.threads.drain(..) {
             // The panic message was already printed.
@@ -166,7 +166,7 @@ impl Drop for Simulator {
     }
 }
 
-/// Runs the scans of the control with its period. Late scans are made up for, up to a limit.
+/// Runs the scans of the control with its period. Late scans are made up for, up to five periods.
 fn scan(shared: &Shared) {
     const MOST_BEHIND: u32 = 5;
     let mut due = Instant::now();
@@ -243,7 +243,7 @@ fn answer_all(stream: &mut TcpStream, shared: &Shared) -> std::io::Result<()> {
                 };
                 send(stream, shared, options.version, kind, &answer)?;
             }
-            // Anything else drops the connection.
+            // An unexpected frame ends the connection.
             _ => return Ok(()),
         }
     }

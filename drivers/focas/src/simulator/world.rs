@@ -1,4 +1,4 @@
-//! The machine behind the simulated control, its memory, and the programs in the control. Units are those of the control: mm for linear,
+//! The machine behind the simulated control, its memory, and the program in the control. Units are those of the control: mm for linear,
 //! deg for rotary axes.
 
 use std::{
@@ -25,21 +25,21 @@ pub struct ShiftArea {
     /// First byte of the word of the first axis.
     pub first: usize,
     pub width: Width,
-    /// Displacement of an axis by one count, mm or deg.
+    /// Size of a count, mm or deg.
     pub count: f64,
     /// Whether reported positions include the shift.
     pub in_positions: bool,
 }
 
-/// Positions of the axes as a function of motion time, mm or deg.
+/// Function from motion time to the commanded positions of the axes, mm or deg.
 pub type Motion = Arc<dyn Fn(Duration) -> Vec<f64> + Send + Sync>;
 
-/// One scan of the control, for a log.
+/// The state after a scan of the control, for a log.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Scan<'a> {
     /// The shifts of all axes after the scan, counts.
     pub shifts: &'a [i64],
-    /// Whether the control was power-cycled since the previous scan: changes of the shifts in between are not steps of the axes.
+    /// Whether the control was power-cycled since the previous scan, so that changes of the shifts in between are not steps of the axes.
     pub switched_on: bool,
 }
 
@@ -70,22 +70,20 @@ pub struct World {
     /// Work offsets by number and slot, mm or deg.
     pub offsets: BTreeMap<(i32, usize), f64>,
     started: Instant,
-    /// Motion time at which the emergency stop was pressed; `None` if it is released.
+    /// Motion time at which the emergency stop was pressed; `None` while it is released.
     stopped_at: Option<Duration>,
     /// Total time for which the emergency stop was pressed.
     stop_time: Duration,
     silent_until: Option<Instant>,
-    /// Signals on digital lines to the control: latch level, axis index, counts.
+    /// Digital lines to the control: level of the latch line, axis index, counts. `None` if they are not used.
     lines: Option<(bool, usize, i16)>,
     memory: Vec<Vec<u8>>,
     pending: Vec<(Instant, PmcArea, usize, Vec<u8>)>,
     /// Number of bytes of the next longer write that arrive at once; `None`: writes arrive whole.
     tear: Option<usize>,
-    /// The positions reported while they are frozen.
     frozen: Option<Vec<f64>>,
     /// Whether positions of linear axes are reported in inches.
     inches: bool,
-    /// Shifts at the last scan, counts.
     scanned: Vec<i64>,
     /// Largest change of each shift between two scans, counts.
     largest_steps: Vec<i64>,
@@ -94,7 +92,7 @@ pub struct World {
 }
 
 impl World {
-    /// Axes at 0, referenced, with shifts in words of 0.001 mm or deg from R100.
+    /// A machine with these axes at 0 and referenced, and with shifts in words of 0.001 mm or deg from R100.
     pub fn new(axes: &[char]) -> Self {
         let count = axes.len();
         let mut world = Self {
@@ -135,12 +133,12 @@ impl World {
         world
     }
 
-    /// Sets the referenced bits in F120, of all axes or of none.
+    /// Sets the referenced bits in F120, for all axes or for none.
     pub fn set_referenced(&mut self, referenced: bool) {
         self.set(PmcArea::F, 120, &[if referenced { 0xff } else { 0 }]);
     }
 
-    /// This control with a barrier for all its axes: one mailbox from R200, the report from R240.
+    /// Adds a barrier for all axes to this control: one mailbox from R200, the report from R240.
     #[must_use]
     pub fn with_barrier(mut self, program: Box<dyn ControlProgram>) -> Self {
         let axes = self.axes.len();
@@ -168,7 +166,7 @@ impl World {
     }
 
     /// Sets the digital lines to the control: `value` (counts) for the axis at this index of the program, and the level of the latch line,
-    /// which toggles when the others have settled. The program determines their effect.
+    /// which toggles after the other lines have settled. The program determines their effect.
     pub fn set_lines(&mut self, latch: bool, axis: usize, value: i16) {
         self.lines = Some((latch, axis, value));
     }
@@ -183,12 +181,12 @@ impl World {
         &self.largest_steps
     }
 
-    /// Restarts the measurement of [`largest_steps`](Self::largest_steps).
+    /// Sets [`largest_steps`](Self::largest_steps) to zero.
     pub fn reset_largest_steps(&mut self) {
         self.largest_steps.fill(0);
     }
 
-    /// Resets the control: its program restarts, the shift words of the axes are kept.
+    /// Resets the control: its program restarts; the shift words of the axes keep their values.
     pub fn reset(&mut self) {
         if let Some(mut ladder) = self.ladder.take() {
             ladder.restart(self);
@@ -245,7 +243,8 @@ impl World {
         self.emergency_stop() || !self.alarms.is_empty() || !referenced
     }
 
-    /// Delays all responses, also to new sessions, by this time from now on. Requests received meanwhile are answered afterwards.
+    /// From now on, delays all responses until this time has passed, also those to new sessions. Requests received meanwhile are answered
+    /// afterwards.
     pub fn pause(&mut self, time: Duration) {
         self.silent_until = Instant::now().checked_add(time);
     }
@@ -274,18 +273,18 @@ impl World {
         }
     }
 
-    /// Motion time: the time since the start, less the time in emergency stop.
+    /// Motion time: the time since the start without the time in emergency stop.
     pub fn moved_for(&self) -> Duration {
         let moves = || self.elapsed().saturating_sub(self.stop_time);
         self.stopped_at.unwrap_or_else(moves)
     }
 
-    /// Commanded positions of the axes, without shifts, mm or deg.
+    /// Commanded positions of the axes now, without shifts, mm or deg.
     pub fn commanded(&self) -> Vec<f64> {
         (self.motion)(self.moved_for())
     }
 
-    /// Reported positions of the axes, mm or deg.
+    /// Reported positions of the axes now: mm (inches after [`report_inches`](Self::report_inches)) or deg.
     pub fn positions(&mut self) -> Vec<f64> {
         if let Some(frozen) = &self.frozen {
             return frozen.clone();
@@ -341,20 +340,20 @@ impl World {
         self.set(shift.area, shift.first + slot * width, &bytes[..width]);
     }
 
-    /// Words of PMC memory, low byte first; empty beyond the end of the memory.
+    /// Reads words of PMC memory, low byte first; empty if they extend beyond the end of the memory.
     pub fn words(&mut self, first: PmcAddress, count: usize) -> Vec<u16> {
         let bytes = self.read(first.area, first.at.into(), 2 * count);
         let word = |bytes: &[u8]| u16::from_le_bytes([bytes[0], bytes[1]]);
         bytes.unwrap_or_default().chunks_exact(2).map(word).collect()
     }
 
-    /// Sets words of PMC memory immediately.
+    /// Sets words of PMC memory at once, ignoring `readback_delay`.
     pub fn set_words(&mut self, first: PmcAddress, words: &[u16]) {
         let bytes: Vec<u8> = words.iter().flat_map(|word| word.to_le_bytes()).collect();
         self.set(first.area, first.at.into(), &bytes);
     }
 
-    /// Reads bytes of PMC memory that are visible now (see `readback_delay`).
+    /// Reads bytes of PMC memory that are visible now (see `readback_delay`); `None` if they extend beyond the end of the memory.
     pub fn read(&mut self, area: PmcArea, at: usize, length: usize) -> Option<Vec<u8>> {
         let now = Instant::now();
         let (due, later) =
@@ -367,7 +366,7 @@ impl World {
         memory.get(at..at.checked_add(length)?).map(<[u8]>::to_vec)
     }
 
-    /// Writes PMC memory; returns `false` outside it.
+    /// Writes bytes to PMC memory; they take effect after `readback_delay`. Returns `false` if they are outside the memory.
     pub fn write(&mut self, area: PmcArea, at: usize, bytes: &[u8]) -> bool {
         if at.checked_add(bytes.len()).is_none_or(|end| end > AREA) {
             return false;
@@ -394,7 +393,7 @@ impl World {
         true
     }
 
-    /// Sets bytes of PMC memory immediately, ignoring `readback_delay`; has no effect outside the memory.
+    /// Sets bytes of PMC memory at once, ignoring `readback_delay`; no effect outside the memory.
     pub fn set(&mut self, area: PmcArea, at: usize, bytes: &[u8]) {
         if let Some(memory) = self.memory.get_mut(area as usize)
             && let Some(end) = at.checked_add(bytes.len())
@@ -405,30 +404,30 @@ impl World {
     }
 }
 
-/// The program of the simulated control, run once per scan.
+/// The program of the simulated control, which runs once per scan.
 pub enum Ladder {
     /// A barrier: it validates frames, moves the shifts at its own rate, and reports.
     Barrier(BarrierLadder),
     Own(Box<dyn LadderProgram>),
 }
 
-/// A custom program for the simulated control.
+/// A custom program of the simulated control.
 pub trait LadderProgram: Send {
     /// Runs one scan: the program reads and writes PMC memory, and sets the shifts of the axes.
     fn scan(&mut self, world: &mut World);
 
-    /// Restarts the program, as after a reset, with the shifts in the words of the axes.
+    /// Restarts the program, as after a reset; the words of the axes hold the present shifts.
     fn restart(&mut self, world: &mut World);
 }
 
-/// A barrier in the control, with its memory addresses.
+/// A barrier as the program of the control, with its memory addresses.
 pub struct BarrierLadder {
     pub program: Box<dyn ControlProgram>,
     /// First byte of each mailbox for frames.
     pub frames: Vec<PmcAddress>,
     /// First byte of the report.
     pub report: PmcAddress,
-    /// Index in the control of each axis of the barrier, from 0, in channel order.
+    /// Indices in the control of the barrier's axes, from 0, in channel order.
     pub slots: Vec<usize>,
 }
 
@@ -446,7 +445,7 @@ impl BarrierLadder {
 
     fn scan(&mut self, world: &mut World) {
         let words = BarrierArea::frame_words(self.slots.len());
-        // Copied before validation, as in a ladder.
+        // Copied before they are validated, as in a ladder.
         let frames: Vec<Vec<u16>> = self.frames.iter().map(|at| world.words(*at, words)).collect();
         let frames: Vec<&[u16]> = frames.iter().map(Vec::as_slice).collect();
         if let Some((latch, axis, value)) = world.lines() {

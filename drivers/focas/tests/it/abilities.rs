@@ -1,4 +1,4 @@
-//! Controls that accept fewer and fewer request forms: the driver finds the accepted form, and reports rejections in words.
+//! Controls that accept ever fewer request forms: the driver finds the accepted form, and reports rejections in words.
 
 use std::{
     sync::Arc,
@@ -18,8 +18,8 @@ use crate::{
     simulator, until,
 };
 
-/// Controls that accept fewer and fewer request forms; with the form for each, and the number of requests to read and write three axes
-/// with a heartbeat and a byte of referenced axes.
+/// Controls that accept ever fewer request forms, each with the form that the driver must find and with the number of requests to read and
+/// write three axes with a heartbeat and a byte of referenced axes.
 fn controls() -> [(Options, Abilities, u64); 6] {
     use Packing::{ByTarget, OneByOne, OneFrame};
     let options = |change: fn(&mut Options)| {
@@ -68,7 +68,7 @@ fn every_control_fulfils_the_controller_contract() {
         let simulator = simulator(options);
         simulator.world().readback_delay = Duration::from_millis(3);
         let mut config = config(&simulator, &[AxisName::X, AxisName::Y, AxisName::Z]);
-        // With a delayed read-back a change of the heartbeat cannot be attributed.
+        // While written bytes cannot be read back yet, a change of the heartbeat cannot be attributed.
         config.heartbeat = None;
         let mut controller = connected(config);
         assert_eq!(controller.abilities(), Some(expected));

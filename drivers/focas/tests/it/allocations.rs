@@ -14,7 +14,7 @@ use crate::{
 
 const AXES: [AxisName; 3] = [AxisName::X, AxisName::Y, AxisName::Z];
 
-/// Runs cycles on a connection that is open, lost, missing and restored.
+/// Runs cycles while the connection is open, lost, missing and restored.
 fn cycles(controller: &mut FocasController, silence: impl Fn(), frame: Option<&Words>) {
     let cycle = |controller: &mut FocasController, deadline: Instant| {
         assert_no_alloc(|| {

@@ -1,4 +1,4 @@
-//! Frames to a barrier in the simulated control and its reports, both opaque to the driver. The applied shifts are those of the
+//! Frames to a barrier in the simulated control and its reports; the driver does not interpret either. The applied shifts are those of the
 //! simulator.
 
 use std::{
@@ -32,7 +32,6 @@ pub(crate) fn area() -> BarrierArea {
     BarrierArea { frame: r(200), report: r(240) }
 }
 
-/// A barrier for the first `axes` axes of the control.
 fn settings(axes: usize) -> Settings {
     volcomp_test_support::barrier::settings(&AXES[..axes]).unwrap()
 }
@@ -48,7 +47,7 @@ fn barrier_config(simulator: &Simulator) -> FocasConfig {
     FocasConfig { barrier: Some(area()), ..config(simulator, &AXES) }
 }
 
-/// A gateway reduced to the barrier protocol.
+/// A minimal gateway that only speaks the barrier protocol.
 struct Sender {
     session: Session,
     settings: Settings,
@@ -126,8 +125,8 @@ fn the_barrier_receives_frames_and_reports() {
     }
 }
 
-/// If every word needs its own request, a scan tears nearly every frame and report: both ends reject them by the checksum, and the axes
-/// keep their rate.
+/// If every word needs its own request, a scan sees nearly every frame and report half-written: both ends reject these by the checksum, and
+/// the axes keep their rate.
 #[test]
 fn torn_frames_and_reports_are_rejected() {
     let simulator = simulated(Options {
@@ -206,7 +205,7 @@ fn garbage_in_memory_causes_no_step() {
     assert_eq!(simulator.world().shifts(), [0.110, 0.010, 0.0]);
 }
 
-/// The correction is held while the control holds its axes. After a power-up it is zero, with a new epoch.
+/// While the control holds its axes, the correction does not change. After a power-up it is zero, with a new epoch.
 #[test]
 fn emergency_stop_holds_and_power_up_starts_a_new_epoch() {
     let simulator = simulated(Options::default());
@@ -327,7 +326,6 @@ fn overlapping_words_are_rejected() {
     assert!(fixed.unwrap().contains("barrier.frame: found F0"));
 }
 
-/// Two configurations for one control need separate frames but may share a report.
 #[test]
 fn controllers_of_one_control_need_disjoint_words() {
     let config = |frame: Option<u16>, first: u16| {
@@ -375,8 +373,8 @@ fn two_mailboxes() -> (Simulator, [FocasController; 2]) {
     (simulator, controllers)
 }
 
-/// One gateway switches between the connections while a correction is applied: no step exceeds 2 counts, although the other mailbox has
-/// an old frame, complete or torn.
+/// One gateway switches between the connections while a correction is applied: no step exceeds 2 counts, although the mailbox of the other
+/// connection has an old frame, complete or torn.
 #[test]
 fn a_gateway_switches_connections_without_a_step() {
     let (simulator, mut controllers) = two_mailboxes();

@@ -1,4 +1,4 @@
-//! Single requests of the client; the simulator with an independent client (pyfocas).
+//! Tests single requests of the client, and the simulator with an independent client (pyfocas).
 
 use std::{process::Command, time::Duration};
 
@@ -14,7 +14,7 @@ fn client(simulator: &Simulator) -> Client {
     Client::open("127.0.0.1", simulator.address().port(), TIMEOUT).unwrap()
 }
 
-/// Every generation answers every request, with garbage in unused slots and fragmented responses.
+/// Controls of every generation answer every request; unused slots contain garbage, and responses arrive in pieces.
 #[test]
 fn every_request_is_answered_by_every_generation() {
     for (version, slots, fragment) in [(2, 8, 0), (3, 32, 7), (4, 32, 0), (3, 32, 1)] {
@@ -107,14 +107,12 @@ fn connection_errors_name_their_cause() {
     assert!(error.to_string().starts_with("no connection to 127.0.0.1:1: "), "{error}");
     let error = Client::open("no.such.host.invalid", 1, TIMEOUT).unwrap_err();
     assert!(error.to_string().contains("cannot be resolved"), "{error}");
-    // A server that does not respond.
     let silent = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
     let port = silent.local_addr().unwrap().port();
     let error = Client::open("127.0.0.1", port, Duration::from_millis(100)).unwrap_err();
     assert!(error.to_string().contains("no answer before the deadline"), "{error}");
 }
 
-/// A response truncated at any byte is a fault within the deadline.
 #[test]
 fn truncated_responses_are_faults() {
     use std::io::{Read, Write};
@@ -136,7 +134,6 @@ fn truncated_responses_are_faults() {
             stream.read_exact(&mut [0; 40]).unwrap();
             stream.write_all(&answer[..cut]).unwrap();
             stream.shutdown(std::net::Shutdown::Write).unwrap();
-            // Wait until the client has closed.
             let _ = stream.read(&mut [0; 64]);
         }
     });

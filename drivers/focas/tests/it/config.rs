@@ -11,8 +11,8 @@ fn config(change: impl Fn(&mut FocasConfig)) -> FocasConfig {
     config
 }
 
-/// Only the ladder's own memory may be written, no signals between control, ladder and machine (G8.4 is the emergency stop). Every area
-/// may be read; the report must be in the ladder's memory.
+/// Only the ladder's own memory may be written, but no signals between control, ladder and machine (G8.4 is the emergency stop). Every area
+/// may be read, but the report must be in the ladder's memory.
 #[test]
 fn only_ladder_memory_is_writable() {
     for area in PmcArea::ALL {
@@ -44,7 +44,6 @@ fn only_ladder_memory_is_writable() {
     }
 }
 
-/// Words must end within the 16-bit PMC addresses of their area.
 #[test]
 fn words_must_end_within_the_area() {
     for (width, bytes) in [(Width::Byte, 1_u16), (Width::Word, 2), (Width::Long, 4)] {
@@ -64,7 +63,7 @@ fn words_must_end_within_the_area() {
     }
 }
 
-/// Words of one, two and four bytes, signed, in 1 µm and 0.001°, limit the shift.
+/// The largest shift is that of a signed word of one, two or four bytes, in counts of 1 µm and 0.001°.
 #[test]
 fn the_width_limits_the_shift() {
     for (width, most) in
@@ -86,7 +85,7 @@ fn the_width_limits_the_shift() {
     }
 }
 
-/// Words that the control takes directly must have two bytes. With one byte, 21 µm for X and 2 µm for Y would move X by half a
+/// Words that the control takes without a ladder must have two bytes. With one byte, 21 µm for X and 2 µm for Y would move X by half a
 /// millimetre; with four, Y would get the sign of X.
 #[test]
 fn directly_taken_words_must_have_two_bytes() {

@@ -25,14 +25,12 @@ use crate::{
     simulator, until,
 };
 
-/// A cable between driver and simulator.
 struct Cable {
     address: SocketAddr,
-    /// Whether the cable is unplugged.
     out: Arc<AtomicBool>,
-    /// Connections whose held bytes were discarded because the sender had reset.
+    /// Number of connections whose held bytes were discarded because the sender had reset.
     reset: Arc<AtomicUsize>,
-    /// Connections whose held bytes were delivered after an outage.
+    /// Number of connections whose held bytes were delivered after an outage.
     late: Arc<AtomicUsize>,
 }
 
@@ -76,8 +74,8 @@ fn forward(mut from: TcpStream, mut to: TcpStream) {
     let _ = to.shutdown(std::net::Shutdown::Write);
 }
 
-/// Forwards the driver's bytes. While the cable is unplugged they are held; then they are delivered unless the driver has reset the
-/// connection, because its kernel then has nothing to send.
+/// Forwards the driver's bytes. While the cable is unplugged, it holds them; afterwards it delivers them unless the driver has reset the
+/// connection, in which case its kernel would have nothing to send.
 fn hold_and_forward(
     mut from: TcpStream,
     mut to: TcpStream,
@@ -111,7 +109,7 @@ fn hold_and_forward(
     let _ = to.shutdown(std::net::Shutdown::Write);
 }
 
-/// In three outages out of three the old write is discarded; an orderly close would deliver it.
+/// In each of ten outages the old write is discarded; an orderly close would deliver it.
 #[test]
 fn an_old_write_is_not_delivered_after_an_outage() {
     let simulator = simulator(Options::default());
@@ -142,14 +140,14 @@ fn an_old_write_is_not_delivered_after_an_outage() {
     }
 }
 
-/// The proxy does deliver late bytes after an orderly close, without which the test above would prove nothing.
+/// After an orderly close the proxy does deliver held bytes; otherwise the test above would prove nothing.
 #[test]
 fn the_proxy_delivers_late_after_an_orderly_close() {
     let simulator = simulator(Options::default());
     let cable = Cable::to(&simulator);
     let mut sender = TcpStream::connect(cable.address).unwrap();
     sender.write_all(&volcomp_focas::frame::open_frame()).unwrap();
-    // Read everything, since unread data turn the close into a reset.
+    // Read everything, because unread data turn the close into a reset.
     sender.read_exact(&mut [0; 10 + 360]).unwrap();
     cable.out.store(true, Ordering::SeqCst);
     sender.write_all(&volcomp_focas::frame::close_frame()).unwrap();
@@ -216,7 +214,7 @@ fn half_a_write_ends_the_session() {
     assert_eq!(controller.connections(), 2);
 }
 
-/// A complete response after the deadline is rejected: the call ends within 120 ms.
+/// A complete response after the deadline is rejected, and the call ends within 120 ms.
 #[test]
 fn no_call_blocks_longer_than_its_deadline() {
     let simulator = simulator(Options::default());
@@ -229,7 +227,7 @@ fn no_call_blocks_longer_than_its_deadline() {
     assert!(took < Duration::from_millis(120), "{took:?}");
 }
 
-/// The controller reconnects after a disconnection, a late response and a power cycle, and a late response is never attributed to the
+/// The controller reconnects after a disconnection, a late response and a power cycle. A late response is never taken for that of the
 /// next request.
 #[test]
 fn it_reconnects_automatically() {
@@ -280,6 +278,6 @@ fn a_thousand_connections_leak_nothing() {
     };
     let early = count_at(&mut controller, 20);
     let late = count_at(&mut controller, 1000);
-    // Meanwhile other tests of this program open descriptors.
+    // Other tests of this process open descriptors meanwhile.
     assert!(late <= early + 60, "{early} descriptors, then {late}");
 }

@@ -1,4 +1,4 @@
-//! Positions, states and corrections of the controller, compared with the simulator.
+//! Compares positions, states and corrections of the controller with the simulator.
 
 use std::{
     sync::Arc,
@@ -24,7 +24,7 @@ pub(crate) fn connected(config: FocasConfig) -> FocasController {
     controller
 }
 
-/// Corrections of the first three axes, µm.
+/// Corrections in mm for the first three axes, from µm.
 pub(crate) fn um(x: f64, y: f64, z: f64) -> PerChannel<f64> {
     PerChannel::leading([x * 1e-3, y * 1e-3, z * 1e-3])
 }
@@ -34,7 +34,7 @@ fn shifts_reach_the_named_axes() {
     let simulator = simulator(Options::default());
     simulator.world().shift.in_positions = true;
     simulator.world().motion = Arc::new(|_| vec![10.0, 20.0, 30.0, 90.0]);
-    // Another order than the control's, and one axis omitted.
+    // The configuration has another order of axes than the control, and omits one.
     let mut controller = connected(config(&simulator, &[AxisName::Z, AxisName::X]));
     controller.apply(&um(5.0, -12.0, 0.0), soon()).unwrap();
     assert_eq!(simulator.world().shifts(), [-0.012, 0.0, 0.005, 0.0]);
@@ -74,7 +74,7 @@ fn read_only_axes_are_read_and_not_written() {
     }
     assert!(matches!(reader.apply(&um(1.0, 1.0, 1.0), soon()), Err(Fault::Unsupported(_))));
     assert_eq!(simulator.world().shifts(), [-0.012, 0.0, 0.005, 0.0]);
-    // Read-only axes must be referenced too, since their positions determine the correction of the others.
+    // Read-only axes must be referenced too, because the correction of the others depends on their positions.
     let is_referenced =
         |reader: &mut FocasController| reader.read(soon()).unwrap().state.referenced;
     assert!(is_referenced(&mut reader));
@@ -183,7 +183,7 @@ fn memory_addresses_are_configurable() {
     assert!((shifts[1] - 0.1234).abs() < 1e-12 && (shifts[2] + 0.0056).abs() < 1e-12, "{shifts:?}");
 }
 
-/// A heartbeat within the shift words is rejected: it would shift an axis by 0 to 255 counts.
+/// A heartbeat within the shift words is rejected, because it would shift an axis by 0 to 255 counts.
 #[test]
 fn a_heartbeat_within_the_shift_words_is_rejected() {
     let config = |heartbeat: u16| {

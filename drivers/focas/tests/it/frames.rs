@@ -1,4 +1,4 @@
-//! Frames compared with bytes from public captures and the protocol description.
+//! Compares frames with bytes from public captures and the protocol description.
 
 use proptest::prelude::*;
 use volcomp_focas::frame::{
@@ -116,7 +116,6 @@ fn data_can_be_changed_in_place() {
     assert_eq!((commands[0].data, commands[1].data), (&[1, 2, 3, 4][..], &[9][..]));
 }
 
-/// A two-block response truncated at any byte is rejected.
 #[test]
 fn truncated_responses_are_rejected() {
     let commands = [
@@ -136,7 +135,7 @@ fn truncated_responses_are_rejected() {
     assert!(request.answers(&more).is_err());
 }
 
-/// Corpus responses, requests and headers parse as their file names say.
+/// Each file of the corpus parses as the response, request or header that its name says.
 #[test]
 fn corpus_frames_parse() {
     let mut seen = 0;

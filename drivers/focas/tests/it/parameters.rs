@@ -1,4 +1,4 @@
-//! A control whose parameters show that it takes shifts from other words, or may report positions in inches, is rejected.
+//! A control is rejected if its parameters show that it takes shifts from other words, or that its positions may be in inches.
 
 use std::{
     cell::RefCell,
@@ -55,18 +55,18 @@ fn the_parameters_of_the_control_are_compared_with_the_configuration() {
         |config| config.shift.first = at(PmcArea::D, 100),
         "found 100, expected words in R, but area is D100",
     );
-    // With a copying ladder the control's own shift words must differ from ours.
+    // With a copying ladder, the words from which the control takes the shift must differ from those that the driver writes.
     assert_eq!(found([1.0, 300.0], copied).unwrap(), reported(true, 300));
     assert_eq!(found([0.0, 0.0], copied).unwrap(), reported(false, 0));
     refused([1.0, 100.0], copied, "overlap");
-    // The words of all four axes count, although only two are corrected: the last one overlaps ours.
+    // The shift words of all four axes count, although only two axes are corrected: the word of the last axis overlaps ours.
     refused([1.0, 94.0], copied, "overlap");
     assert!(found([1.0, 92.0], copied).is_ok());
     refused([1.0, 114.0], copied, "the heartbeat R120 lies within the words from which");
     refused([1.0, 70_000.0], copied, "found 70000");
 }
 
-/// Frame and report must not overlap the axis words, since epoch and tick would move the axes.
+/// Frame and report must not overlap the axis words, because epoch and tick would move the axes.
 #[test]
 fn frame_and_report_must_not_overlap_the_axis_words() {
     let barrier = |config: &mut FocasConfig| {
@@ -93,7 +93,7 @@ fn frame_and_report_must_not_overlap_the_axis_words() {
     }
 }
 
-/// A control that is old or lacks the option does not report its shift source: accepted with a note.
+/// A control that does not report its shift source, because it is old or lacks the option, is accepted with a note.
 #[test]
 fn an_unreported_shift_source_is_noted() {
     let simulator = simulator(Options::default());

@@ -1,5 +1,4 @@
-//! The other HAL files: the files before the bridge's file, and the files that a display loads
-//! after it (`[HAL]POSTGUI_HALFILE`).
+//! Checks the other HAL files: those before the bridge's file, and those that a display loads after it (`[HAL]POSTGUI_HALFILE`).
 
 use std::{
     collections::HashMap,
@@ -30,7 +29,7 @@ fn read(folder: &Path, value: &str) -> io::Result<String> {
     Ok(String::from_utf8_lossy(&bytes).into_owned())
 }
 
-/// The pin and the signal of each connection in a HAL file, with its line number.
+/// Line number, pin and signal of each connection in a HAL file.
 fn connections(text: &str) -> impl Iterator<Item = (usize, &str, &str)> {
     text.lines().enumerate().flat_map(|(number, line)| {
         let line = line.split('#').next().unwrap_or_default();
@@ -70,7 +69,7 @@ fn signal_of(pin: &str) -> Option<String> {
 }
 
 impl Ini {
-    /// Finds pins of the bridge that a later file connects to another signal, on which LinuxCNC stops.
+    /// Finds pins of the bridge that a HAL file of the display connects to another signal, at which LinuxCNC stops.
     pub(super) fn check_display_files(&self, problems: &mut Vec<Problem>) {
         let Some(folder) = &self.folder else {
             return;
@@ -88,7 +87,7 @@ impl Ini {
             .map(|(_, pin, signal)| (pin, signal))
             .collect();
         let [corrected, read_only] = self.letters().map(|letters| letters.to_lowercase());
-        // Of a read-only axis the bridge connects only the position.
+        // Of an axis that is only read, the bridge connects only the position.
         let is_reported =
             |pin: &str| match pin.strip_prefix("axis.").and_then(|rest| rest.split_once('.')) {
                 Some((axis, name)) => {

@@ -17,17 +17,17 @@ use volcomp_vocabulary::AxisKind;
 
 use crate::{Key, KeyError, LinuxCncConfig, PORT};
 
-/// An INI file of LinuxCNC: sections, keys and values as written.
+/// An INI file of LinuxCNC, with sections, keys and values as written.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Ini {
     entries: Vec<(String, String, String)>,
-    /// Included files that cannot be read, and why.
+    /// Included files that cannot be read, each with the reason.
     unread: Vec<(String, String)>,
-    /// Folder of the files named in the INI file; `None` for text without a file.
+    /// Folder relative to which the INI file names other files; `None` for a text without a file.
     folder: Option<PathBuf>,
 }
 
-/// The expected settings of an INI file.
+/// What the settings of an INI file must match.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Expected<'a> {
     /// The gateway's configuration of the control.
@@ -40,7 +40,7 @@ pub struct Expected<'a> {
 
 const BRIDGE: &str = "volcomp.tcl";
 
-/// The keys of the bridge's section, as in `volcomp.tcl`.
+/// Keys that the bridge's section may contain, as in `volcomp.tcl`.
 const KEYS: [&str; 15] = [
     "MACHINE",
     "AXES",
@@ -61,7 +61,7 @@ const KEYS: [&str; 15] = [
 
 const MAX_JOINTS: f64 = 16.0;
 
-/// Units that the bridge accepts: key, accepted words in any case, and the same words for messages. LinuxCNC also accepts numbers, and text
+/// Units that the bridge accepts: key, accepted words in any case, the same words for messages. LinuxCNC also accepts numbers, and text
 /// after a number; the bridge rejects these, and so does this check.
 const UNITS: [(&str, [&str; 2], &str); 2] = [
     ("LINEAR_UNITS", ["mm", "metric"], "mm or metric"),
@@ -74,7 +74,7 @@ fn is_bridge(value: &str) -> bool {
     file.rsplit('/').next() == Some(BRIDGE)
 }
 
-/// Path of a file named in an INI file in `folder`: relative to it, or to the user's home (`~/`).
+/// Path of a file that an INI file in `folder` names: relative to `folder`, or to the user's home (`~/`).
 fn below(folder: &Path, name: &str) -> PathBuf {
     let home = std::env::home_dir().zip(name.strip_prefix("~/"));
     home.map_or_else(|| folder.join(name), |(home, rest)| home.join(rest))
@@ -100,7 +100,7 @@ impl Ini {
         Self { entries, unread: Vec::new(), folder: None }
     }
 
-    /// Reads a file and the files that its lines `#INCLUDE FILE` name, relative to it. As in LinuxCNC, such lines in included files are
+    /// Reads an INI file and the files that its lines `#INCLUDE FILE` name, relative to it. As in LinuxCNC, such lines in included files are
     /// comments.
     ///
     /// # Errors
@@ -127,7 +127,7 @@ impl Ini {
         Ok(Self { unread, folder: Some(folder.to_owned()), ..Self::parse(&text) })
     }
 
-    /// The values of a key, in file order.
+    /// All values of a key, in file order.
     pub fn all<'a>(&'a self, section: &str, key: &str) -> impl Iterator<Item = &'a str> {
         let of = move |(in_section, name, _): &&(String, String, String)| {
             in_section == section && name == key
@@ -135,13 +135,13 @@ impl Ini {
         self.entries.iter().filter(of).map(|(_, _, value)| value.as_str())
     }
 
-    /// The first value of a key; LinuxCNC ignores the others.
+    /// The first value of a key, the only one that LinuxCNC uses; `None` if the key is missing.
     #[must_use]
     pub fn get(&self, section: &str, key: &str) -> Option<&str> {
         self.all(section, key).next()
     }
 
-    /// All settings that are wrong or missing.
+    /// Finds all settings that are wrong or missing.
     #[must_use]
     pub fn problems(&self, expected: &Expected<'_>) -> Vec<Problem> {
         let mut problems = Vec::new();
@@ -161,7 +161,7 @@ impl Ini {
         problems
     }
 
-    /// Checks `[HAL]`: the file of the bridge is listed, as the last one.
+    /// Checks `[HAL]`: the file of the bridge must be listed, as the last one.
     fn hal_files(&self, problems: &mut Vec<Problem>) {
         let mut files = self.all("HAL", "HALFILE");
         if !files.any(is_bridge) {
@@ -200,8 +200,7 @@ impl Ini {
         }
     }
 
-    /// Checks that the bridge reports the axes whose positions the gateway reads. The bridge
-    /// reports the axes in `AXES` and `READS`.
+    /// Checks that the bridge reports the axes whose positions the gateway reads: those in `AXES` and `READS`.
     fn reads(&self, expected: &Expected<'_>, problems: &mut Vec<Problem>) {
         let [axes, reads] = self.letters();
         for axis in &expected.control.reads {
@@ -212,20 +211,19 @@ impl Ini {
         }
     }
 
-    /// The letters of the axes that the bridge corrects, and of those that it only reports.
+    /// Letters of the axes that the bridge corrects, then of those that it only reports.
     fn letters(&self) -> [String; 2] {
         let of = |key| self.bridge_value(key);
         [of("AXES").unwrap_or_else(|| "XYZ".to_owned()), of("READS").unwrap_or_default()]
     }
 
-    /// A value of the bridge's section in the form that the bridge uses: without blanks, in upper case.
+    /// A value of the bridge's section in the form that the bridge uses, without blanks and in upper case; `None` if the key is missing.
     fn bridge_value(&self, key: &str) -> Option<String> {
         let text = self.get("VOLCOMP", key)?;
         Some(text.replace(' ', "").to_uppercase())
     }
 
-    /// Checks the axis sections: every corrected axis reserves a fraction of its velocity for the
-    /// offset (`OFFSET_AV_RATIO`).
+    /// Checks the axis sections: each corrected axis must reserve a fraction of its velocity for the offset (`OFFSET_AV_RATIO`).
     fn shares(&self, expected: &Expected<'_>, problems: &mut Vec<Problem>) {
         for axis in &expected.control.axes {
             match self.get(&format!("AXIS_{axis}"), "OFFSET_AV_RATIO") {

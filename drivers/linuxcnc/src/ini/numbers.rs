@@ -1,4 +1,4 @@
-//! Checks the bridge's numbers in an INI file: whether the bridge accepts them, and the gateway can arm with them.
+//! Checks the numbers of the bridge in an INI file: the bridge must accept them, and the gateway must be able to arm with them.
 
 use volcomp_vocabulary::{AxisKind, AxisName};
 
@@ -10,18 +10,18 @@ const MAX_WORD: f64 = i16::MAX as f64;
 /// LinuxCNC's default for the maximum velocity of an axis, mm/s or deg/s.
 const DEFAULT_MAX_VELOCITY: f64 = 1.0;
 
-/// Limits that the guard requires of the bridge, for linear axes and for rotary axes.
+/// Limits that the guard requires of the bridge; of each pair, the first is for linear axes, the second for rotary axes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GuardMinimum {
-    /// Largest correction: µm, and millidegrees for rotary axes.
+    /// Largest correction, µm and millidegrees.
     pub limit: [f64; 2],
-    /// Minimum rate of the barrier, twice the slew: µm/s, and millidegrees per second for rotary axes.
+    /// Minimum rate of the barrier, twice the slew, µm/s and millidegrees per second.
     pub rate: [f64; 2],
-    /// Age of the positions from which the guard ramps the correction to zero, ms: the maximum for the bridge's `TIME_OUT_MS`.
+    /// Age of the positions at which the guard begins to ramp the correction to zero, ms: the maximum for the bridge's `TIME_OUT_MS`.
     pub zero_after_ms: f64,
 }
 
-/// The keys of the settings for one kind of axis.
+/// Keys of the settings for one kind of axis.
 pub(super) struct Keys {
     pub(super) of: AxisKind,
     pub(super) step: &'static str,
@@ -35,7 +35,7 @@ pub(super) const KEYS: [Keys; 2] = [
 ];
 
 impl Ini {
-    /// Reads a number of the bridge's section. A malformed number, or a missing one without a default, is reported.
+    /// Reads a number of the bridge's section; `default` if it is missing. Reports a malformed number, or a missing one without a default.
     fn number(
         &self,
         key: &'static str,
@@ -127,8 +127,8 @@ impl Ini {
         }
     }
 
-    /// Checks that an axis can move its offset at the rate of the bridge, mm/s or deg/s. A missing
-    /// or invalid fraction is reported elsewhere.
+    /// Checks that an axis can move its offset at the rate of the bridge, mm/s or deg/s. A missing or invalid fraction of its velocity is
+    /// reported elsewhere.
     fn check_offset_rate(
         &self,
         axis: AxisName,
@@ -156,7 +156,7 @@ impl Ini {
     }
 }
 
-/// Reports a number that is too large, or below one of several bounds, each with its reason.
+/// Reports a number above `most`, or below the largest of `least`; each bound has its reason.
 fn check_range(
     key: &'static str,
     found: f64,

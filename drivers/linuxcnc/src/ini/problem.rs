@@ -13,7 +13,7 @@ pub enum Problem {
         "[HAL]HALFILE: {BRIDGE} is missing, expected it after the file that loads the motion controller"
     )]
     NoHalFile,
-    /// A key of the bridge is missing.
+    /// A key of the bridge's section is missing.
     #[error("[VOLCOMP]{key} is missing, expected {expected}")]
     Missing {
         /// Key in the section `[VOLCOMP]`.
@@ -39,7 +39,7 @@ pub enum Problem {
     NotRead {
         /// The axis that the gateway reads.
         axis: AxisName,
-        /// The value of this key in the INI file; empty if it is missing.
+        /// The value of `READS` in the INI file; empty if it is missing.
         found: String,
     },
     /// A value of the bridge is not a number. LinuxCNC treats a comment after a value as part of the value.
@@ -52,7 +52,7 @@ pub enum Problem {
         /// The expected value, in words.
         expected: &'static str,
     },
-    /// A value of the bridge is below the gateway's minimum, or less than one count or scan.
+    /// A value of the bridge is below the gateway's minimum, or less than one count or one scan.
     #[error("[VOLCOMP]{key}: found {found}, expected {expected} or more: {why}")]
     TooSmall {
         /// Key in the section `[VOLCOMP]`.
@@ -61,7 +61,7 @@ pub enum Problem {
         found: f64,
         /// Minimum, in the unit of the key.
         expected: f64,
-        /// The reason for the bound.
+        /// Reason for the minimum.
         why: &'static str,
     },
     /// A value of the bridge exceeds the gateway's maximum, or the range of a word.
@@ -73,7 +73,7 @@ pub enum Problem {
         found: f64,
         /// Maximum, in the unit of the key.
         expected: f64,
-        /// The reason for the bound.
+        /// Reason for the maximum.
         why: &'static str,
     },
     /// A HAL file is listed after the bridge's HAL file.
@@ -89,7 +89,7 @@ pub enum Problem {
     PostGui {
         /// The file as named in the INI file.
         file: String,
-        /// Why the file cannot be read.
+        /// Reason why the file cannot be read.
         reason: String,
     },
     /// A HAL file of the display connects a pin that the bridge has connected.
@@ -125,7 +125,7 @@ pub enum Problem {
     /// The key of the bridge is missing or malformed.
     #[error("[VOLCOMP]KEY_FILE: {reason}; expected a copy of the gateway's key")]
     Key {
-        /// The file and the error.
+        /// The file, and what is wrong with it.
         reason: String,
     },
     /// An included file cannot be read.
@@ -133,10 +133,10 @@ pub enum Problem {
     Include {
         /// The file as named in the `#INCLUDE` line.
         file: String,
-        /// Why the file cannot be read.
+        /// Reason why the file cannot be read.
         reason: String,
     },
-    /// An axis moves its offset more slowly than the bridge changes it.
+    /// An axis cannot move its offset as fast as the bridge changes it.
     #[error(
         "[AXIS_{axis}]OFFSET_AV_RATIO: found {found}, expected {expected} or more: of MAX_VELOCITY = {velocity} that is the rate of the bridge, [VOLCOMP]{key}, which the offset has to follow"
     )]
@@ -152,7 +152,7 @@ pub enum Problem {
         /// Key in `[VOLCOMP]` with the rate of the bridge that the offset must follow.
         key: &'static str,
     },
-    /// An axis has no fraction of velocity for its offset.
+    /// No fraction of an axis's velocity is reserved for its offset.
     #[error(
         "[AXIS_{axis}]OFFSET_AV_RATIO is missing, expected a number such as 0.02: by default LinuxCNC applies no offset"
     )]
@@ -160,7 +160,7 @@ pub enum Problem {
         /// Axis whose section lacks `OFFSET_AV_RATIO`.
         axis: AxisName,
     },
-    /// The velocity fraction of an axis is out of range.
+    /// The fraction of an axis's velocity for its offset is out of range.
     #[error(
         "[AXIS_{axis}]OFFSET_AV_RATIO: found {found}, expected more than 0 and at most 0.2: it is taken from the velocity of programs"
     )]
@@ -170,7 +170,7 @@ pub enum Problem {
         /// The value of this key in the INI file.
         found: String,
     },
-    /// LinuxCNC has a compensation table for a joint, which would add to our correction.
+    /// LinuxCNC has a compensation table for a joint, which would act in addition to our correction.
     #[error(
         "[JOINT_{joint}]COMP_FILE: found {found}, expected none: its correction and that of the gateway would add up"
     )]
@@ -180,7 +180,7 @@ pub enum Problem {
         /// The name of the table's file in the INI file.
         found: String,
     },
-    /// LinuxCNC has a backlash for a joint, which would add to our correction.
+    /// LinuxCNC compensates a backlash of a joint, which would act in addition to our correction.
     #[error(
         "[JOINT_{joint}]BACKLASH: found {found}, expected none or 0: the model of the machine has the reversal errors, and both would add up"
     )]
@@ -190,7 +190,7 @@ pub enum Problem {
         /// The backlash in the INI file.
         found: String,
     },
-    /// A unit is missing, and LinuxCNC uses its default.
+    /// A unit is missing, so that LinuxCNC would use its default.
     #[error("[TRAJ]{key} is missing, expected {expected}: the bridge counts in this unit")]
     NoUnits {
         /// Key in the section `[TRAJ]`.

@@ -21,7 +21,6 @@ use volcomp_port::Words;
 use volcomp_vocabulary::{AxisName, PerChannel};
 
 pub(crate) const MACHINE: u16 = 7;
-/// The key as bytes; its file is `KEY_TEXT`.
 pub(crate) const KEY: Key = Key::new(*b"klmnopqrstuvwxyz");
 pub(crate) const KEY_TEXT: &str = "6b6c6d6e6f707172737475767778797a\n";
 pub(crate) const AXES: [AxisName; 2] = [AxisName::X, AxisName::C];
@@ -38,7 +37,7 @@ pub(crate) fn settings() -> Settings {
     }
 }
 
-/// Faults and data of the simulated bridge besides its report.
+/// Faults of the simulated bridge, and the data in its states besides the report.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Behaviour {
     pub(crate) machine: u16,

@@ -1,5 +1,5 @@
-//! The bridge, compiled alone and run scan by scan: its barrier compared with the reference, and its reports when the control does not
-//! follow.
+//! Tests the bridge's component, compiled alone and run scan by scan: its barrier is compared with the reference, and its reports are checked
+//! when the control does not follow.
 
 use std::{
     fmt::Write as _,
@@ -24,7 +24,7 @@ use crate::{
     frames::{mailboxes_of, posts, settings},
 };
 
-/// The program of `scans.c`; `None` without a compiler.
+/// Compiles `scans.c` once and returns the path of the program; `None` without a compiler.
 fn bridge() -> Option<&'static Path> {
     static BUILT: OnceLock<Option<(TempDir, PathBuf)>> = OnceLock::new();
     let built = BUILT.get_or_init(|| {
@@ -35,7 +35,7 @@ fn bridge() -> Option<&'static Path> {
     built.as_ref().map(|(_, program)| program.as_path())
 }
 
-/// The key of a component that has read none.
+/// The key of a component that has not read a key file.
 const NO_KEY: Key = Key::new([0; 16]);
 
 pub(crate) struct Run {
@@ -52,7 +52,7 @@ pub(crate) struct ScanInput {
     pub(crate) cut: bool,
     /// Whether the control's current mode moves offsets.
     pub(crate) mode: bool,
-    /// 1: the control clears its offsets; 2: its planner does not move them; 3: its planner is 0.1 s late.
+    /// 1: the control clears its offsets; 2: its planner does not move them; 3: its planner is 0.1 s late; others: it follows.
     pub(crate) does: u8,
     pub(crate) period_ns: u32,
     pub(crate) probing: bool,
@@ -89,7 +89,7 @@ impl ScanOutput {
 }
 
 impl Run {
-    /// The bridge; `None` without a compiler.
+    /// Starts the program; `None` without a compiler.
     pub(crate) fn new() -> Option<Self> {
         Some(Self::of(&mut Command::new(bridge()?)))
     }
@@ -108,7 +108,7 @@ impl Run {
         Self { _child: child, input, replies }
     }
 
-    /// A configured bridge: counts of 1 nm, limits of 30 um and rates of 2 um per scan.
+    /// Starts the program and configures it: counts of 1 nm, limits of 30 µm and rates of 2 µm per scan.
     pub(crate) fn set() -> Option<Self> {
         Some(Self::new()?.ready())
     }
@@ -218,7 +218,7 @@ proptest! {
     }
 }
 
-/// A setting above the 16 bits of the published words is rejected, since it would be published as another value.
+/// A setting above the 16 bits of the published words is rejected, because it would be published as another value.
 #[test]
 fn settings_beyond_the_word_range_are_rejected() {
     for (line, fits) in [
@@ -294,7 +294,7 @@ fn a_file_without_an_epoch_is_rejected() {
     }
 }
 
-/// In joint mode LinuxCNC moves no offset and a request would cause a jump at the change of mode: the counts stay, and the offset is
+/// In joint mode LinuxCNC moves no offset, and a request would cause a jump at the change of mode: the counts stay, and the offset is
 /// reported as lost.
 #[test]
 fn no_offset_is_requested_in_joint_mode() {
@@ -321,7 +321,7 @@ fn no_offset_is_requested_in_joint_mode() {
     assert!(zero);
 }
 
-/// An offset is reported as lost 0.5 to 1.2 s after the planner stops following, with any servo period.
+/// An offset is reported as lost 0.5 to 1.2 s after the planner has stopped, at any servo period.
 #[test]
 fn a_missing_offset_is_lost() {
     for period_ns in [250_000, 1_000_000] {
@@ -370,7 +370,7 @@ fn a_lagging_offset_is_not_lost() {
     }
 }
 
-/// The alarm of a lost offset lasts one second with any servo period.
+/// The alarm for a lost offset lasts one second at any servo period.
 #[test]
 fn a_lost_offset_is_reported_for_one_second() {
     for period_ns in [250_000, 1_000_000] {
@@ -385,7 +385,7 @@ fn a_lost_offset_is_reported_for_one_second() {
     }
 }
 
-/// An offset above the word range is not reported, since the word would have another value. The correction moves towards zero.
+/// An offset above the word range is not reported, because the word would have another value. The correction moves towards zero.
 #[test]
 fn an_offset_beyond_the_word_range_is_not_reported() {
     let Some(mut run) = Run::set() else { return };
@@ -429,7 +429,8 @@ fn the_offset_at_contact_or_loss_is_stored() {
     }
 }
 
-/// A small correction that never arrives is detected like a large one once the recent motion has decayed; one that arrives is not lost.
+/// A small correction that never arrives is detected like a large one after the recent motion has decayed; one that arrives is not reported as
+/// lost.
 #[test]
 fn a_small_missing_correction_is_lost() {
     let Some(mut run) = Run::set() else { return };
@@ -445,8 +446,8 @@ fn a_small_missing_correction_is_lost() {
     assert_eq!(output.applied(), 300);
 }
 
-/// While the disk hangs, frames are rejected with that cause after as many timeouts as a start advances the epoch; otherwise an old frame
-/// could be accepted after a restart.
+/// While the epoch cannot be written to the disk, frames are rejected with that cause after as many timeouts as a start advances the epoch;
+/// otherwise an old frame could be accepted after a restart.
 #[test]
 fn frames_are_rejected_while_the_epoch_cannot_be_written() {
     let Some(mut run) = Run::set() else { return };

@@ -1,4 +1,4 @@
-//! Datagrams: known bytes, round trips, the fuzz corpus, and the tables of flags and causes in README.md.
+//! Tests datagrams: known bytes, round trips, the fuzz corpus, and the tables of flags and causes in README.md.
 
 use std::{fmt::Write as _, path::Path, time::Duration};
 
@@ -156,7 +156,7 @@ fn corpus_datagrams_are_decoded_or_rejected() {
     assert_eq!(valid, 3);
 }
 
-/// Rows of the README table whose first column has the heading `first`; cells without backticks.
+/// Rows of the README table whose first column has the heading `first`, without the backticks in the cells.
 fn table(first: &str) -> Vec<Vec<String>> {
     let text = std::fs::read_to_string(crate_file("README.md")).unwrap();
     let rows = text
@@ -179,7 +179,7 @@ fn names(rows: &[Vec<String>]) -> Vec<(u16, String)> {
     rows.iter().map(|row| (row[0].parse().unwrap(), row[1].clone())).collect()
 }
 
-/// Constants of the C enumeration whose first constant has this name, without their prefix.
+/// Constants of the C enumeration that begins with this constant, without their prefix.
 fn component_constants(first: &str, prefix: &str) -> Vec<(u16, String)> {
     let text = std::fs::read_to_string(crate_file("bridge/volcomp.comp")).unwrap();
     let (_, rest) = text.split_once(&format!("enum {{ {prefix}{first}")).unwrap();

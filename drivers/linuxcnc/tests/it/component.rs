@@ -1,4 +1,4 @@
-//! The servo-thread component without LinuxCNC, as a program that a test runs.
+//! Compiles the servo-thread component without LinuxCNC, as a program that a test runs.
 
 use std::{
     fmt::Write as _,
@@ -11,7 +11,7 @@ use volcomp_test_support::peers;
 
 use crate::bridge::KEY_TEXT;
 
-/// Pins, parameters and includes of a component in C, as halcompile declares them.
+/// C declarations of the pins, parameters and includes in the component's head, as halcompile generates them.
 fn pins(head: &str) -> String {
     let (mut includes, mut pins) = (String::new(), String::new());
     for line in head.lines() {

@@ -1,4 +1,4 @@
-//! The driver against a simulated bridge.
+//! Tests the driver with a simulated bridge.
 
 use std::{
     net::UdpSocket,
@@ -157,7 +157,7 @@ fn a_silent_bridge_ages_and_restarts() {
 
 #[test]
 fn without_a_bridge_a_read_ends_at_its_deadline() {
-    // A free port, which was just closed.
+    // A port that is free, because it was just closed.
     let port = UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
     let bridge = Bridge::start();
     let config = LinuxCncConfig { port, ..bridge.config() };
@@ -167,7 +167,7 @@ fn without_a_bridge_a_read_ends_at_its_deadline() {
     assert!(Instant::now() >= deadline);
 }
 
-/// Duplicated, reordered and queued datagrams, and one from an earlier run: each is ignored or has the right age.
+/// Duplicated, reordered and queued datagrams, and one from an earlier run: each is ignored, or has the right age.
 #[test]
 fn late_duplicate_and_queued_states_are_distinguished() {
     let socket = UdpSocket::bind("127.0.0.1:0").unwrap();

@@ -1,4 +1,4 @@
-//! Contents of a barrier's mailboxes: valid, old, foreign, torn and random frames.
+//! Generates contents of a barrier's mailboxes: valid, old, foreign, torn and random frames.
 
 use proptest::prelude::*;
 use volcomp_guard::{
@@ -28,7 +28,7 @@ pub(crate) fn settings(
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Post {
     Nothing,
-    /// A gateway's frame: owner, age in ticks, sequence distance, in the current or previous epoch.
+    /// A gateway's frame with this owner, age in ticks and distance of the sequence number; `before`: with the previous epoch.
     Made {
         owner: u16,
         old: u16,
@@ -82,7 +82,8 @@ fn words_of(post: Post, last: &Report) -> Vec<u16> {
     }
 }
 
-/// Contents of the filled mailboxes at a scan; none after three repetitions, since a gateway answers each report with a new frame.
+/// Words of the mailboxes that are filled at a scan. After three repetitions all are empty, because a gateway answers each report with a new
+/// frame.
 pub(crate) fn mailboxes_of(posts: [Post; 2], repeat: usize, last: &Report) -> Vec<Vec<u16>> {
     let posts = posts.into_iter().filter(|_| repeat <= 3);
     let mailboxes = posts.map(|post| words_of(post, last));

@@ -109,7 +109,6 @@ SERVO_PERIOD = 1000000 | SERVO_PERIOD = 500000 | [EMCMOT]SERVO_PERIOD: found 500
     assert_eq!(problems_of(&right), [""; 0]);
 }
 
-/// The bridge must report every axis that the gateway reads, corrected or not.
 #[test]
 fn axes_that_are_read_must_be_reported() {
     let control = LinuxCncConfig { reads: vec![AxisName::A, AxisName::C], ..control() };
@@ -129,7 +128,6 @@ fn axes_that_are_read_must_be_reported() {
     assert_eq!(problems_of(&mill()), [missing("none", "A"), missing("none", "C")]);
 }
 
-/// Included text is inserted as by LinuxCNC; unreadable files are reported.
 #[test]
 fn included_files_are_checked() {
     let dir = tempfile::tempdir().unwrap();

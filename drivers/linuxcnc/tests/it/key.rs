@@ -1,4 +1,4 @@
-//! Key and authentication code of datagrams: published test vectors, both implementations on random bytes, rejected files.
+//! Tests key and authentication code of datagrams: published test vectors, both implementations on random bytes, rejected files.
 
 use std::{fmt::Write as _, path::Path};
 
@@ -11,7 +11,7 @@ use crate::{
     component::write_key,
 };
 
-/// SipHash-2-4 (64 bits) of the bytes 00, 01 .. for each length from 0, with the key 00 01 .. 0f (`vectors.h` of its authors).
+/// SipHash-2-4 (64 bits) of the bytes 00, 01, … of each length from 0 on, with the key 00 01 … 0f (`vectors.h` of its authors).
 const VECTORS: [&str; 64] = [
     "310e0edd47db6f72",
     "fd67dc93c539f874",

@@ -1,4 +1,4 @@
-//! The protocol, and the driver with a simulated bridge.
+//! Tests the protocol, and the driver with a simulated bridge.
 #![expect(clippy::unwrap_used, reason = "tests")]
 
 mod bridge;

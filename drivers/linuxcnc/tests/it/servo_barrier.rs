@@ -1,4 +1,4 @@
-//! The bridge's component without LinuxCNC, compiled with sanitizers, compared with the reference barrier scan by scan and datagram by
+//! Compares the bridge's component, compiled with sanitizers and without LinuxCNC, with the reference barrier, scan by scan and datagram by
 //! datagram.
 
 use std::{
@@ -24,7 +24,7 @@ use crate::{
     frames::{Post, mailboxes_of, posts, settings},
 };
 
-/// Scans without motion after a start, when the machine has just been switched on.
+/// Number of scans without motion after a start, while the machine has just been switched on.
 const SETTLES: usize = 20;
 /// Advance of the epoch at a start, relative to the stored one.
 const EPOCHS_AHEAD: u16 = 16;
@@ -58,7 +58,7 @@ fn cases() -> impl Strategy<Value = Case> {
         })
 }
 
-/// A gateway's socket, with run and sequence of the last state received.
+/// Socket of a gateway, with run and sequence number of the last state received.
 struct Sender {
     socket: UdpSocket,
     answers: [u32; 2],
@@ -193,7 +193,7 @@ fn the_component_equals_the_reference_at_every_scan() {
     assert!(seen.get().iter().all(|count| *count > 100), "{:?}", seen.get());
 }
 
-/// The servo thread and the thread that stores the epoch share atomic words only: no data race.
+/// The servo thread and the thread that stores the epoch share only atomic words: the sanitizer finds no data race.
 #[test]
 fn the_component_has_no_data_race() {
     let dir = tempfile::tempdir().unwrap();

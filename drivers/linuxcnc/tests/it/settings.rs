@@ -1,4 +1,4 @@
-//! `check` and the bridge's HAL file apply the same rules to an INI file.
+//! `check` and the bridge's HAL file must apply the same rules to an INI file.
 
 use std::{path::Path, process::Command};
 
@@ -41,8 +41,8 @@ const UNITS: [(&str, &str, bool); 28] = [
     ("ANGULAR_UNITS", "mm", false),
 ];
 
-/// Lines of the shipped file, their replacements, and the message of both programs. Each of the last three replacements is a number in
-/// one of the languages (Rust, Tcl, C).
+/// Lines of the shipped file, their replacements, and the message of both programs. The last three replacements are numbers in one of the
+/// languages (Rust, Tcl, C) only.
 const REFUSED: &str = r"
 LINEAR_UNITS = mm\n |  | [TRAJ]LINEAR_UNITS is missing, expected mm or metric: the bridge counts in this unit
 ANGULAR_UNITS = degree\n |  | [TRAJ]ANGULAR_UNITS is missing, expected degree or deg: the bridge counts in this unit
@@ -60,7 +60,7 @@ LIMIT_UM = 30 | LIMIT_UM = 0x1e | [VOLCOMP]LIMIT_UM: found 0x1e, expected a numb
 LIMIT_UM = 30 | LIMIT_UM = nan | [VOLCOMP]LIMIT_UM: found nan, expected a number without further text
 ";
 
-/// Settings that only the bridge checks.
+/// Settings whose rules only the bridge checks.
 const NEEDED: &str = r"
 MACHINE = 1\n |  | [VOLCOMP]MACHINE is missing, expected a
 LIMIT_UM = 30\n |  | [VOLCOMP]LIMIT_UM is missing, expected a number

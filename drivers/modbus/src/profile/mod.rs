@@ -24,7 +24,7 @@ const SHIPPED: [&str; 14] = [
     include_str!("../../profiles/adam-6050.toml"),
 ];
 
-/// A profile that does not exist or is invalid.
+/// Errors of a profile: it does not exist, or is invalid.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ProfileError {
@@ -68,7 +68,7 @@ impl NumberType {
     }
 }
 
-/// Order of the two registers of a value.
+/// Order of the two registers that hold one value.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum WordOrder {
@@ -96,7 +96,7 @@ impl ByteOrder {
         [("high", Self::HighFirst), ("low", Self::LowFirst)];
 }
 
-/// The quantity and unit of a scaled number.
+/// Quantity and unit of a scaled number.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Unit {
@@ -133,7 +133,7 @@ pub struct Status {
     pub mask: u16,
 }
 
-/// The temperature channels of a module.
+/// The temperature channels of a module, and how their registers are decoded.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Channels {
@@ -149,7 +149,7 @@ pub struct Channels {
     pub word_order: WordOrder,
     /// Order of the bytes in each register of a two-register value.
     pub byte_order: ByteOrder,
-    /// Factor: value = raw number · `scale` + `offset`.
+    /// Factor of the raw number: value = raw number · `scale` + `offset`.
     pub scale: f64,
     /// Offset, in `unit`.
     pub offset: f64,
@@ -163,7 +163,7 @@ pub struct Channels {
     pub status: Option<Status>,
 }
 
-/// The digital lines of a module.
+/// Numbers and addresses of a module's digital lines.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Digital {
@@ -177,13 +177,13 @@ pub struct Digital {
     pub outputs: u16,
 }
 
-/// A module: its temperature channels, its digital lines, or both.
+/// A module's profile: its temperature channels, its digital lines, or both.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Profile {
     /// The name of the module.
     pub name: String,
-    /// Factory baud rate of the serial line, Bd.
+    /// Baud rate of the serial line as delivered.
     pub baud: u32,
     /// The temperature channels; `None`: the module has none.
     pub channels: Option<Channels>,
@@ -194,8 +194,7 @@ pub struct Profile {
 }
 
 impl Profile {
-    /// Returns a shipped profile. In its name, blanks, slashes and underscores are treated as `-`; case does not
-    /// matter.
+    /// Returns a shipped profile by its name. Blanks, slashes and underscores are treated as `-`; case does not matter.
     ///
     /// # Errors
     /// [`ProfileError::Unknown`].
@@ -223,7 +222,7 @@ impl Profile {
         Document::read(file)?.decode(|root| Ok(decode::profile(&root)?))
     }
 
-    /// Parses a profile.
+    /// Parses a profile from TOML.
     ///
     /// # Errors
     /// Not TOML, or a missing, unknown or invalid key.

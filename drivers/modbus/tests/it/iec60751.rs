@@ -1,7 +1,6 @@
 use proptest::prelude::*;
 use volcomp_modbus::iec60751::{RANGE_DEGC, ratio, temperature, two_wire};
 
-/// Resistances of a PT100 equal the tables of the standard within half a digit.
 #[test]
 fn resistances_match_the_standard() {
     for (degc, ohm) in [

@@ -1,4 +1,4 @@
-//! Simulated modules on a serial line that respond late, wrongly, or not at all.
+//! Tests with simulated modules on a serial line that respond late, wrongly, or not at all.
 
 use std::{
     fs::{File, OpenOptions},
@@ -27,7 +27,7 @@ fn crc(bytes: &[u8]) -> [u8; 2] {
     crc.to_le_bytes()
 }
 
-/// A module's response to a request, and its delay.
+/// Function from a request to the module's response and its delay; `None`: no response.
 type Behaviour = dyn FnMut(&[u8]) -> Option<(Duration, Vec<u8>)> + Send;
 
 /// The modules at the other end of the line.
@@ -87,7 +87,7 @@ impl Drop for Modules {
     }
 }
 
-/// Registers of a unit: 20.1 °C, plus 1 °C per unit number.
+/// Response with the registers of a unit: 20.1 °C, plus 1 °C per unit number.
 fn registers(request: &[u8]) -> Vec<u8> {
     let unit = request[0];
     let mut answer = vec![unit, request[1], 8];
@@ -123,7 +123,6 @@ fn the_echo_of_an_adapter_is_not_a_response() {
     until("it is good again", || thermometer.latest()[0].quality == Quality::Good);
 }
 
-/// A rejection is reported with the name of its exception, not as a timeout.
 #[test]
 fn exceptions_are_named() {
     let Some(wire) = Wire::new() else { return };
@@ -176,8 +175,8 @@ fn units_on_one_line_are_polled_in_turn() {
     assert!(polled.windows(3).all(|w| w[0] != w[1] && w[1] != w[2]), "{polled:?}");
 }
 
-/// Unit 1 responds after the timeout with data that would fit any unit: the response is attributed neither to unit 2 nor to unit 1's next
-/// request.
+/// Unit 1 responds after the timeout with data that would fit any unit: the response is taken neither for that of unit 2 nor for that to
+/// unit 1's next request.
 #[test]
 fn a_late_response_is_never_taken_for_another() {
     let Some(wire) = Wire::new() else { return };
@@ -214,7 +213,7 @@ fn a_late_response_is_never_taken_for_another() {
     assert!((thermometer.latest()[0].degc.unwrap() - 21.1).abs() < 1e-9);
 }
 
-/// Truncated responses and wrong checksums give no value; the next response is good.
+/// A truncated response, or one with a wrong checksum, gives no value; the next response is good.
 #[test]
 fn corrupted_responses_are_rejected() {
     let Some(wire) = Wire::new() else { return };

@@ -1,4 +1,4 @@
-//! PT100 by the standard, profiles, simulated faulty modules, and servers of pymodbus and libmodbus.
+//! Tests PT100 by the standard, profiles, simulated faulty modules, and servers of pymodbus and libmodbus.
 
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
@@ -27,7 +27,7 @@ pub(crate) fn socat(ours: &Path, theirs: &Path) -> Running {
     Running::start(Command::new("socat").args([end(ours), end(theirs)]))
 }
 
-/// Two serial ports that socat connects.
+/// Two serial ports, connected to each other by socat.
 pub(crate) struct Wire {
     _socat: Running,
     _folder: tempfile::TempDir,

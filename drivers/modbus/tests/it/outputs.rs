@@ -1,4 +1,4 @@
-//! Outputs on a simulated TCP module that times out or rejects requests, and records writes.
+//! Tests outputs on a simulated TCP module that times out or rejects requests, and records writes.
 
 use std::{
     collections::VecDeque,
@@ -36,12 +36,12 @@ struct ModuleState {
     /// If set, reading the inputs of unit 2 blocks; `is_blocked` is true while a request waits for it.
     blocked: bool,
     is_blocked: bool,
-    /// Connections that the client reset, and those that it closed.
+    /// Number of connections that the client reset, and number that it closed.
     resets: u32,
     closes: u32,
 }
 
-/// Response to a request for the coils.
+/// How the module responds to a request for the coils.
 #[derive(Clone, Copy, PartialEq)]
 enum CoilResponse {
     Disconnect,
@@ -237,7 +237,6 @@ fn an_unacknowledged_write_resets_the_connection_at_its_deadline() {
     assert_eq!(module.get(|state| state.closes), 0);
 }
 
-/// The last inputs of a module that stops responding are returned with their arrival time.
 #[test]
 fn inputs_keep_their_time_of_arrival() {
     let (module, address) = Module::start();
@@ -255,7 +254,6 @@ fn inputs_keep_their_time_of_arrival() {
     until("a read succeeds again", || port.read(soon()).is_ok_and(|found| found.taken > silent));
 }
 
-/// A rejected or unacknowledged write is reported as failed by a later call, and is not confirmed.
 #[test]
 fn a_rejected_write_is_reported_as_failed() {
     let (module, address) = Module::start();

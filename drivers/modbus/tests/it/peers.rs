@@ -1,4 +1,4 @@
-//! Servers of independent libraries, pymodbus and libmodbus, over TCP and RTU.
+//! Tests with servers of independent libraries, pymodbus and libmodbus, over TCP and RTU.
 
 use std::{
     path::{Path, PathBuf},

@@ -1,4 +1,4 @@
-//! Profiles: shipped files, decoding of registers, error messages, the fuzz corpus.
+//! Tests profiles: shipped files, decoding of registers, error messages, the fuzz corpus.
 
 use std::{path::Path, time::Instant};
 

@@ -13,8 +13,8 @@ pub(super) enum Write {
 }
 
 impl Write {
-    /// Mixes the first part of this write with the rest of the previous one, as read by a control during the write. `cut` is the size of
-    /// the first part, 0 to 1.
+    /// Combines the first part of this write with the rest of the previous one, as a control sees it that reads during the write. `cut` is the
+    /// fraction of the write that belongs to the first part, 0 to 1.
     pub(super) fn torn(&self, before: Option<&Self>, cut: f64) -> Self {
         match (*self, before) {
             (Self::Frame(new), Some(Self::Frame(old))) => {
@@ -50,7 +50,7 @@ impl Write {
     }
 }
 
-/// Index of the cut among `count` elements, at least 1 and below `count`.
+/// Number of elements before the cut among `count`, at least 1 and below `count`.
 #[expect(
     clippy::cast_possible_truncation,
     clippy::cast_sign_loss,
@@ -72,12 +72,12 @@ enum Due {
 pub(super) struct DelayedWrites([Option<(Write, Due)>; MAX_DELAYED]);
 
 impl DelayedWrites {
-    /// Delays a write by a number of calls. Returns the write if the queue is full.
+    /// Delays a write by a number of calls, at least 1. Returns the write if the queue is full.
     pub(super) fn keep(&mut self, write: Write, calls: u32) -> Option<Write> {
         self.put(write, Due::After(calls.max(1)))
     }
 
-    /// Delays a write until after the next one. Returns the write if the queue is full.
+    /// Delays a write until the next one was delivered. Returns the write if the queue is full.
     pub(super) fn keep_for_next(&mut self, write: Write) -> Option<Write> {
         self.put(write, Due::NextWrite)
     }
@@ -92,7 +92,7 @@ impl DelayedWrites {
         }
     }
 
-    /// Counts a call that reached the device.
+    /// Counts a call that reached the device, for the writes that are delayed by a number of calls.
     pub(super) fn pass(&mut self) {
         for (_, due) in self.0.iter_mut().flatten() {
             if let Due::After(calls) = due {
@@ -107,7 +107,8 @@ impl DelayedWrites {
         }
     }
 
-    /// Removes and returns a due write. `written`: a write has just been delivered, so those delayed until after it are due.
+    /// Removes and returns one write that is due; `None` if there is none. `written`: a write has just been delivered, so that those delayed
+    /// until after it are due.
     pub(super) fn take(&mut self, written: bool) -> Option<Write> {
         let due = |slot: &&mut Option<(Write, Due)>| match slot {
             Some((_, Due::After(calls))) => *calls == 0,

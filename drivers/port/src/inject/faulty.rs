@@ -1,4 +1,4 @@
-//! The device wrapper that injects faults: the common part, then the part for each kind of device.
+//! Wraps a device to inject faults: the common part, then the part for each kind of device.
 
 use std::{
     fmt,
@@ -25,7 +25,7 @@ const MAX_QUEUED_INJECTIONS: usize = 64;
 const MAX_LAG: usize = 64;
 const LATE_WRITE_TIMEOUT: Duration = Duration::from_secs(1);
 
-/// Function that waits instead of the clock.
+/// Function that is called instead of waiting on the clock.
 type Pause = Box<dyn FnMut(Duration) + Send>;
 
 /// Function that carries out a write on this kind of device.
@@ -58,7 +58,7 @@ pub struct Faulty<D> {
 struct PendingFaults {
     lie: Option<(Lie, u32)>,
     constant: u32,
-    /// The reading whose read-back or report further readings repeat.
+    /// The reading whose read-back or report the following readings repeat; `None` if they repeat none.
     constant_of: Option<Snapshot>,
     late_write: Option<u32>,
     double_write: Option<u32>,
@@ -67,7 +67,7 @@ struct PendingFaults {
     late_answer: Option<Duration>,
     frozen_positions: u32,
     frozen_at: Option<PerChannel<f64>>,
-    /// Axis, factor, offset, and number of remaining readings with a wrong position.
+    /// Axis, factor, offset (mm or rad), and number of remaining readings with a wrong position.
     wrong_position: Option<(usize, f64, f64, u32)>,
     stop_after_read: Option<Duration>,
     stop_before_write: Option<Duration>,
@@ -76,12 +76,12 @@ struct PendingFaults {
     jump: Option<(usize, f64)>,
 }
 
-/// Handle to request faults of a [`Faulty`] device that another owner holds.
+/// A handle with which a [`Faulty`] device is disturbed while another owner, also on another thread, holds it.
 #[derive(Clone, Debug)]
 pub struct Remote(Arc<Mutex<Vec<Injection>>>);
 
 impl Remote {
-    /// Requests a fault from the next call on. Returns `false` and discards it if 64 requests are queued.
+    /// Requests a fault, injected at the next call to which it applies. Returns `false` and discards it if 64 requests are queued.
     pub fn inject(&self, injection: Injection) -> bool {
         let mut injections = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         let room = injections.len() < MAX_QUEUED_INJECTIONS;
@@ -126,14 +126,14 @@ impl<D> Faulty<D> {
         }
     }
 
-    /// Sets the clock for deadlines and stops of the program; a manual clock is advanced instead of waiting.
+    /// Sets the clock for deadlines, delays and pauses of the program; a manual clock is advanced instead of waiting.
     #[must_use]
     pub fn with_clock(mut self, clock: Clock) -> Self {
         self.clock = clock;
         self
     }
 
-    /// Sets the function that waits. It is called with the duration of every delay and program stop, also of those between a reading and
+    /// Sets a function that is called instead of waiting, with the duration of every delay or pause of the program, also between a reading and
     /// the following write.
     #[must_use]
     pub fn with_pause(mut self, pause: impl FnMut(Duration) + Send + 'static) -> Self {
@@ -146,7 +146,7 @@ impl<D> Faulty<D> {
         Remote(Arc::clone(&self.injections))
     }
 
-    /// Requests a fault from the next call on.
+    /// Requests a fault, injected at the next call to which it applies.
     pub fn inject(&mut self, injection: Injection) {
         let pending = &mut self.pending;
         match injection {
@@ -181,7 +181,7 @@ impl<D> Faulty<D> {
         chance > 0.0 && self.random.random::<f64>() < chance
     }
 
-    /// Applies the requests of [`Remote`] handles; if a handle holds the lock, the next call applies them.
+    /// Takes over the requests of [`Remote`] handles; if a handle holds the lock, the next call takes them over.
     fn take_injections(&mut self) {
         let injections = Arc::clone(&self.injections);
         if let Ok(mut injections) = injections.try_lock() {
@@ -192,7 +192,7 @@ impl<D> Faulty<D> {
         }
     }
 
-    /// Draws the duration or delay of a fault, in calls.
+    /// Draws the duration or delay of a fault: 1 to `calls` calls.
     fn calls(&mut self) -> u32 {
         self.random.random_range(1..=self.faults.calls.max(1))
     }
@@ -209,7 +209,7 @@ impl<D> Faulty<D> {
         }
     }
 
-    /// Applies the delay, loss or disconnection that precedes the exchange with the device.
+    /// Applies the disconnection, delay or loss before the exchange with the device.
     fn before(&mut self, deadline: Instant) -> Result<(), Fault> {
         self.take_injections();
         if self.disconnected == 0 && self.occurs(self.faults.disconnect) {
@@ -275,7 +275,7 @@ impl<D> Faulty<D> {
         }
     }
 
-    /// Waits for the drawn delay of an answer that the device has already given, and returns the delay.
+    /// Waits for the delay of an answer that the device has already given, if one was drawn or requested, and returns the delay.
     fn delay_response(&mut self, deadline: Instant) -> Duration {
         let left = deadline.saturating_duration_since(self.clock.now());
         let most = left.mul_f64(0.9);
@@ -290,7 +290,7 @@ impl<D> Faulty<D> {
         late
     }
 
-    /// Stops the program for the drawn duration after a reading.
+    /// Pauses the program after a reading, if a pause was drawn or requested.
     fn after_reading(&mut self) {
         if self.occurs(self.faults.stop_after_read) {
             self.pending.stop_after_read = Some(self.stop_time());
@@ -401,7 +401,7 @@ impl<C: Controller> Controller for Faulty<C> {
         }
         let mut snapshot = self.device.read(deadline)?;
         let late = self.delay_response(deadline);
-        // Drivers take the middle of the exchange as the time.
+        // Drivers take the middle of the exchange as the time of the reading.
         snapshot.taken += late / 2;
         snapshot.state_taken += late / 2;
         snapshot.correction_taken += late / 2;

@@ -11,7 +11,7 @@ use volcomp_vocabulary::PerChannel;
 
 use crate::{Controller, Description, Fault, Snapshot, Words};
 
-/// Polling interval of the switch during a blocked reading.
+/// Interval at which a blocked reading looks at the switch.
 const LOOK_EVERY: Duration = Duration::from_millis(1);
 
 /// A controller whose readings block while its switch is on, regardless of their deadline, like a hanging driver or system call. Writes are
@@ -26,7 +26,7 @@ pub struct Hanging<C> {
 pub struct HangSwitch(Arc<AtomicBool>);
 
 impl HangSwitch {
-    /// Blocks readings, or releases them.
+    /// Sets whether readings block.
     pub fn set(&self, hangs: bool) {
         self.0.store(hangs, Ordering::Relaxed);
     }

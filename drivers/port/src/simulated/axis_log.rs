@@ -17,7 +17,7 @@ use volcomp_vocabulary::{MAX_AXES, PerChannel};
 #[derive(Debug, Default)]
 pub struct AxisLog {
     scans: AtomicU64,
-    /// Bits of the `f64` of each axis.
+    /// The correction of each axis, as the bits of an `f64`.
     applied: [AtomicU64; MAX_AXES],
     largest_change: [AtomicU64; MAX_AXES],
     furthest: [AtomicU64; MAX_AXES],
@@ -26,14 +26,14 @@ pub struct AxisLog {
     recorded: Mutex<Vec<Given>>,
 }
 
-/// The corrections applied in one scan.
+/// The corrections that were applied in one scan.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Given {
-    /// Time on the clock of the machine.
+    /// Time of the scan on the clock of the machine.
     pub at: Duration,
-    /// The correction of each axis, mm and rad.
+    /// The applied correction of each axis, mm and rad.
     pub applied: PerChannel<f64>,
-    /// Whether emergency stop, alarm or missing reference held the axes.
+    /// Whether the axes were held: by emergency stop, by an alarm, or because an axis was not referenced.
     pub held: bool,
 }
 
@@ -47,7 +47,7 @@ fn raise(bits: &AtomicU64, value: f64) {
 }
 
 impl AxisLog {
-    /// The number of scans, or of writes, so far.
+    /// Number of scans so far; of writes if the control runs no program.
     pub fn scans(&self) -> u64 {
         self.scans.load(Ordering::Relaxed)
     }
@@ -62,7 +62,7 @@ impl AxisLog {
         load(&self.largest_change)
     }
 
-    /// The largest correction of each axis in either direction since [`forget`](Self::forget), mm and rad.
+    /// The largest magnitude of the correction of each axis since [`forget`](Self::forget), mm and rad.
     pub fn furthest(&self) -> PerChannel<f64> {
         load(&self.furthest)
     }
@@ -72,7 +72,7 @@ impl AxisLog {
         self.changes_while_held.load(Ordering::Relaxed)
     }
 
-    /// Resets the largest changes, the largest corrections and the recorded scans.
+    /// Resets the largest changes, the largest corrections, the changes while held, and the recorded scans.
     pub fn forget(&self) {
         for bits in self.largest_change.iter().chain(&self.furthest) {
             bits.store(0, Ordering::Relaxed);
@@ -81,13 +81,13 @@ impl AxisLog {
         self.lock().clear();
     }
 
-    /// Records up to `most` scans from now on, for [`recorded`](Self::recorded). Allocates here, so that scans do not allocate.
+    /// From now on, records the first `most` scans, for [`recorded`](Self::recorded). Allocates now, so that scans do not allocate.
     pub fn record(&self, most: usize) {
         *self.lock() = Vec::with_capacity(most);
         self.records.store(most > 0, Ordering::Relaxed);
     }
 
-    /// The scans recorded since [`record`](Self::record) or [`forget`](Self::forget).
+    /// The scans recorded since the last call of [`record`](Self::record) or [`forget`](Self::forget).
     pub fn recorded(&self) -> Vec<Given> {
         self.lock().clone()
     }

@@ -12,9 +12,9 @@ pub struct Controls {
     pub alarm: AtomicBool,
     /// The emergency stop is pressed: the machine stops.
     pub emergency_stop: AtomicBool,
-    /// Feed hold: the machine stops, without an interlock.
+    /// Feed hold: the machine stops, but corrections are not held.
     pub feed_hold: AtomicBool,
-    /// The reported positions no longer change.
+    /// The reported positions no longer change, although the axes move.
     pub frozen: AtomicBool,
     /// All connections to the machine are lost.
     pub disconnected: AtomicBool,
@@ -24,21 +24,21 @@ pub struct Controls {
     /// At the next call the control restarts with the applied correction still in the words of its axes, and resets this switch. No effect
     /// if the control runs no program.
     pub restart: AtomicBool,
-    /// Number of corrections applied or frames posted.
+    /// Number of corrections or frames that were written.
     pub heartbeat: AtomicU64,
     /// Corrections applied to the axes.
     pub axes: AxisLog,
 }
 
 impl Controls {
-    /// Whether corrections are held: emergency stop, alarm or not referenced.
+    /// Whether corrections are held: by emergency stop or alarm, or because the axes are not referenced.
     pub(super) fn holds(&self) -> bool {
         [&self.unreferenced, &self.alarm, &self.emergency_stop]
             .iter()
             .any(|switch| switch.load(Ordering::Relaxed))
     }
 
-    /// Whether the machine stops.
+    /// Whether the machine stops its program.
     pub(super) fn stands(&self) -> bool {
         self.holds() || self.feed_hold.load(Ordering::Relaxed)
     }

@@ -1,4 +1,4 @@
-//! A simulated machine: it runs a part program, has a true error and heats up. Its control may run a program that determines the
+//! A simulated machine that runs a part program, has a true error and warms up. Its control may run a program that determines the
 //! corrections of the axes. The true error is a function, independent of the error model under test.
 
 mod axis_log;

@@ -10,7 +10,7 @@ use volcomp_vocabulary::PerChannel;
 pub struct Move {
     /// End point, mm and rad.
     pub to: PerChannel<f64>,
-    /// Feed, mm/s (rad/s where no linear axis moves).
+    /// Speed along the path, mm/s; rad/s if no linear axis moves.
     pub feed_per_s: f64,
     /// Dwell time at the end point.
     pub dwell: Duration,
@@ -20,7 +20,7 @@ pub struct Move {
 #[derive(Clone, Debug)]
 pub struct Path {
     segments: Vec<Segment>,
-    /// Start time of each segment, then the end of the last one, s.
+    /// Start time of each segment, then the end of the last dwell, s.
     starts_s: Vec<f64>,
 }
 
@@ -36,7 +36,8 @@ struct Segment {
 }
 
 impl Path {
-    /// Repeats the moves of a program with this acceleration (mm/s², or rad/s² if no linear axis moves).
+    /// A path that repeats these moves, with this acceleration and deceleration (mm/s²; rad/s² if no linear axis moves). It starts at the end
+    /// point of the last move.
     pub fn new(program: &[Move], acceleration: f64) -> Self {
         let mut from = program.last().map_or(PerChannel::ZERO, |last| last.to);
         let (mut segments, mut starts_s) = (Vec::new(), vec![0.0]);
@@ -50,13 +51,13 @@ impl Path {
         Self { segments, starts_s }
     }
 
-    /// Time from the start until the end point of a move (counted from 0), without its dwell. `None` if there is no such move.
+    /// Time from the start until the end point of the move with this index, from 0, without its dwell. `None` if there is no such move.
     pub fn arrival(&self, index: usize) -> Option<Duration> {
         let (segment, start_s) = (self.segments.get(index)?, self.starts_s.get(index)?);
         Duration::try_from_secs_f64(start_s + segment.duration_s()).ok()
     }
 
-    /// Position of the axes at a time since the start, mm and rad.
+    /// Positions of the axes at a time since the start, mm and rad.
     pub fn at(&self, elapsed: Duration) -> PerChannel<f64> {
         let period = self.starts_s[self.starts_s.len() - 1];
         let time = if period > 0.0 { elapsed.as_secs_f64() % period } else { 0.0 };

@@ -13,13 +13,13 @@ use crate::{
     ShownStates, Snapshot, Words,
 };
 
-/// Maximum number of controllers of one machine.
+/// Maximum number of controllers that can be connected to one machine whose control runs a program.
 pub const MOST_WAYS: usize = 4;
 
 /// Shortest cycle of a machine whose control runs no program.
 const SHORTEST_CYCLE: Duration = Duration::from_micros(10);
 
-/// The true error on each axis, mm and rad, at a position (mm, rad) and sensor temperatures (°C).
+/// Function from a position (mm, rad) and the sensors' temperatures (°C) to the true error of each axis, mm and rad.
 pub type Truth = Arc<dyn Fn(&PerChannel<f64>, &[f64]) -> PerChannel<f64> + Send + Sync>;
 
 /// The axes, program, sensors and true error of a simulated machine.
@@ -27,9 +27,9 @@ pub type Truth = Arc<dyn Fn(&PerChannel<f64>, &[f64]) -> PerChannel<f64> + Send 
 pub struct Machine {
     /// The axes of the machine in channel order.
     pub axes: Vec<Axis>,
-    /// Moves, repeated in a loop.
+    /// The moves of the part program, which repeats.
     pub program: Vec<Move>,
-    /// Acceleration and deceleration of every move, mm/s² or rad/s².
+    /// Acceleration and deceleration of every move, mm/s²; rad/s² if no linear axis moves.
     pub acceleration_per_s2: f64,
     /// The temperature sensors of the machine.
     pub sensors: Vec<Warming>,
@@ -46,9 +46,8 @@ impl Machine {
         self.started(None)
     }
 
-    /// Starts a machine whose control runs a program once per `scan` (at least 1 µs): corrections
-    /// are sent in frames ([`Controller::post`]), and the axes get the corrections that the program
-    /// applies.
+    /// Starts a machine whose control runs a program once per `scan` (at least 1 µs): corrections are sent in frames ([`Controller::post`]), and
+    /// the axes get the corrections that the program applies. Returns its controller, thermometer and test switches.
     pub fn start_with(
         self,
         program: Box<dyn ControlProgram>,
@@ -68,8 +67,8 @@ impl Machine {
     }
 }
 
-/// A simulated machine, which runs whether or not a controller is connected; clones are the same machine. Every call first advances its
-/// time and runs the due scans of its control.
+/// A simulated machine, which runs whether or not a controller is connected; clones are the same machine. Every call first advances it
+/// to the present time and runs the due scans of its control.
 #[derive(Clone)]
 pub struct Plant(Arc<Mutex<Inner>>);
 
@@ -79,9 +78,9 @@ struct Inner {
     controls: Arc<Controls>,
     applied: PerChannel<f64>,
     frozen_at: Option<PerChannel<f64>>,
-    /// Clock time up to which the machine was simulated.
+    /// Time on the clock until which the machine was simulated.
     until: Duration,
-    /// Part of the simulated time in which the machine moved along its program.
+    /// Motion time: the part of the simulated time in which the machine moved along its program.
     moved: Duration,
     control: Option<Control>,
 }
@@ -116,7 +115,7 @@ impl Plant {
             controls,
             applied: PerChannel::ZERO,
             frozen_at: None,
-            // The time before the start counts as simulated.
+            // The time before the start does not move the machine.
             until: Duration::ZERO,
             moved: Duration::ZERO,
             control,
@@ -145,7 +144,7 @@ impl Plant {
         self.now().applied
     }
 
-    /// Error on each axis now, with the applied correction and without, mm and rad.
+    /// Error of each axis now, with the applied correction and without it, mm and rad.
     pub fn residual_and_error(&self) -> [PerChannel<f64>; 2] {
         let inner = self.now();
         let sensors = inner.machine.sensors.iter();
@@ -157,15 +156,16 @@ impl Plant {
         [PerChannel::from_fn(|i| missed[i] + inner.applied[i]), error]
     }
 
-    /// Sets the digital lines of the control: `value` (counts) for the axis at this index, and the level of the latch line, which toggles
-    /// once the others have settled. The control's program decides whether to accept the value.
+    /// Sets the digital lines to the control: `value` (counts) for the axis at this index, and the level of the latch line, which toggles
+    /// after the others have settled. The control's program decides whether to accept the value; without a program there is no effect.
     pub fn set_lines(&self, latch: bool, axis: usize, value: i16) {
         if let Some(control) = &mut self.now().control {
             control.program.lines(latch, axis, value);
         }
     }
 
-    /// Adds a mailbox for a further controller; `None` if the maximum is reached.
+    /// Adds a mailbox for a further controller and returns its index; `None` if there are [`MOST_WAYS`] already. 0 if the control runs no
+    /// program.
     fn another_way(&self) -> Option<usize> {
         let mut inner = self.now();
         let Some(control) = &mut inner.control else {
@@ -192,7 +192,7 @@ impl Plant {
         self.now().snapshot()
     }
 
-    /// Applies these values (mm, rad), rounded to steps.
+    /// Applies corrections (mm, rad), rounded to the steps of the axes.
     fn apply(&self, corrections: &PerChannel<f64>) {
         let mut inner = self.now();
         let inner = &mut *inner;
@@ -205,7 +205,7 @@ impl Plant {
         inner.controls.heartbeat.fetch_add(1, Ordering::Relaxed);
     }
 
-    /// Stores a frame in the mailbox of a controller, for the next scan.
+    /// Stores a frame in the mailbox with the index `way`, for the next scan.
     fn post(&self, way: usize, frame: &Words) {
         let mut inner = self.now();
         if let Some(mailbox) = (inner.control.as_mut()).and_then(|c| c.mailboxes.get_mut(way)) {
@@ -330,9 +330,8 @@ impl SimulatedController {
         }
     }
 
-    /// Connects another controller to the same machine, as a second gateway or bus would. If the
-    /// control runs a program, each controller has its own mailbox. `None` if [`MOST_WAYS`]
-    /// controllers exist already.
+    /// Connects another controller to the same machine, as a second gateway or bus would. If the control runs a program, each controller has
+    /// its own mailbox. `None` if the control runs a program and [`MOST_WAYS`] controllers exist already.
     pub fn another(&self) -> Option<Self> {
         let way = self.plant.another_way()?;
         Some(Self::on(self.plant.clone(), way))
@@ -343,12 +342,12 @@ impl SimulatedController {
         self.plant.clone()
     }
 
-    /// The programmed position now, without correction.
+    /// The programmed position now, without correction, mm and rad.
     pub fn commanded(&self) -> PerChannel<f64> {
         self.plant.commanded()
     }
 
-    /// Error on each axis now, with the applied correction and without, mm and rad.
+    /// Error of each axis now, with the applied correction and without it, mm and rad.
     pub fn residual_and_error(&self) -> [PerChannel<f64>; 2] {
         self.plant.residual_and_error()
     }

@@ -88,7 +88,7 @@ fn a_constant_read_back_hides_changes() {
     assert!((rig.read().applied.unwrap()[0] - 0.024).abs() < 1e-12);
 }
 
-/// A write from before an outage arrives after it, when the axis is elsewhere, as in a field failure.
+/// A write from before an outage arrives after it, when the axis is elsewhere, as has happened in the field.
 #[test]
 fn a_late_write_arrives_after_the_requested_calls_and_survives_an_outage() {
     let mut rig = Rig::new(Faults::default());
@@ -138,7 +138,7 @@ fn writes_are_doubled_torn_and_reordered() {
     assert_eq!(rig.truth(), [0.060, -0.060]);
 }
 
-/// The program stops between read and write: time passes, and the write that missed its deadline is not sent.
+/// The program pauses between read and write: time passes, and the write whose deadline has passed is not sent.
 #[test]
 fn the_program_stops_between_reading_and_writing() {
     let mut rig = Rig::new(Faults::default());
@@ -230,7 +230,7 @@ fn faults_can_be_requested_remotely() {
     assert_eq!(rig.faulty.read(soon), Err(Fault::TimedOut));
 }
 
-/// Reports its number of scans, and a sum over the words.
+/// A program that reports its number of scans, and a sum over the words.
 #[derive(Default)]
 struct Counting(u16);
 
@@ -333,7 +333,7 @@ fn all_faults_together_are_seeded() {
     assert!((1500..2900).contains(&answered), "{answered}");
 }
 
-/// Digital lines: some settle first, and a write may arrive late.
+/// Digital lines: a part of a write arrives first, and a write may arrive late.
 #[test]
 fn lines_are_written_torn_and_late() {
     struct Port(u64);

@@ -100,7 +100,6 @@ fn changes_by_a_test_take_effect() {
     assert_eq!(controller.apply(&PerChannel::ZERO, soon()), Err(Fault::NotConnected));
 }
 
-/// During an emergency stop or alarm the machine does not move; afterwards it continues from there without a jump.
 #[test]
 fn it_stops_while_motion_is_forbidden_and_continues_from_there() {
     let clock = Clock::manual();
@@ -125,7 +124,7 @@ fn it_stops_while_motion_is_forbidden_and_continues_from_there() {
     }
 }
 
-/// Moves one count per scan towards the first value of the last frame, except while held.
+/// A program that moves one count per scan towards the first value of the last frame, except while axes are held.
 #[derive(Default)]
 struct OneCount {
     at: i16,
@@ -179,7 +178,7 @@ fn the_machine_clock_scans_the_program_of_the_control() {
     assert!((snapshot.positions[1] + 0.010).abs() < 1e-12);
     assert_eq!(controls.axes.scans(), 10);
     assert_eq!(controls.axes.applied()[..2], [0.010, -0.010]);
-    // The clock advances without calls; then all scans are caught up.
+    // The clock advances without calls; the next call catches up all scans.
     clock.advance(SCAN / 2 + SCAN * 29);
     assert_eq!(controller.plant().applied()[..2], [0.040, -0.040]);
     controls.emergency_stop.store(true, Ordering::Relaxed);
@@ -211,11 +210,10 @@ fn a_restart_keeps_the_correction_and_a_reboot_clears_it() {
     clock.advance(SCAN);
     let report = controller.read(soon()).unwrap().report.unwrap();
     assert_eq!(report.as_slice(), [9, 1, 2]);
-    // Clearing is no step, since the axes were off.
+    // Clearing is no step, because the axes were without power.
     assert!((controls.axes.largest_change()[0] - 0.001).abs() < 1e-12);
 }
 
-/// Two buses or gateways use one control, each with its own mailbox.
 #[test]
 fn several_controllers_use_one_machine() {
     let clock = Clock::manual();

@@ -73,7 +73,6 @@ fn the_delay_restarts_after_a_lasting_connection() {
     assert_eq!(backoff.next(backoff.most, 2 * backoff.first), backoff.first);
 }
 
-/// The real-time thread takes and gives up connections without allocating or freeing memory.
 #[test]
 fn the_real_time_thread_does_not_allocate_or_free() {
     let alive = Arc::new(AtomicUsize::new(0));

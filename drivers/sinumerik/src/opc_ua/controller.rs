@@ -1,4 +1,4 @@
-//! Controller that returns the latest reading and queues writes, without waiting.
+//! The controller: returns the latest reading and queues writes, without waiting.
 
 use std::{
     sync::{Arc, atomic::Ordering},
@@ -30,7 +30,7 @@ pub struct SinumerikController {
 }
 
 impl SinumerikController {
-    /// Starts to connect. Connection failures are logged as warnings (`tracing`).
+    /// Starts a thread that connects. Connection failures are logged as warnings (`tracing`).
     ///
     /// # Errors
     /// An invalid configuration, or the thread cannot be started.
@@ -53,10 +53,10 @@ impl SinumerikController {
         Ok(Self { description, requests, latest, number: 0, shared })
     }
 
-    /// Waits for the first reading. Not for real-time threads.
+    /// Waits until the first reading was tried. Not for real-time threads.
     ///
     /// # Errors
-    /// Why there is no reading.
+    /// No session within `at_most`: the reason of the last failure.
     pub fn wait(&mut self, at_most: Duration) -> Result<(), DeviceError> {
         let end = Instant::now() + at_most;
         while !self.latest.read().connected {
@@ -72,12 +72,12 @@ impl SinumerikController {
         Ok(())
     }
 
-    /// Why there is no connection. Takes a lock: not for a cycle.
+    /// Reason why there is no session; `None` with a session. Takes a lock: not for a cycle.
     pub fn last_error(&self) -> Option<DeviceError> {
         self.shared.last_error()
     }
 
-    /// What the control reported when the present session was opened; `None` without a session. Takes a lock: not for a cycle.
+    /// Properties that the control reported when the present session was opened; `None` without a session. Takes a lock: not for a cycle.
     pub fn inspection(&self) -> Option<Inspection> {
         self.shared.found()
     }
@@ -87,7 +87,7 @@ impl SinumerikController {
         self.shared.opened.load(Ordering::Relaxed)
     }
 
-    /// Number of writes answered, and number of writes dropped because their deadline had passed.
+    /// Number of writes that the control answered (accepted or rejected), then number of writes dropped because their deadline had passed.
     pub fn writes(&self) -> [u64; 2] {
         [&self.shared.written, &self.shared.missed].map(|count| count.load(Ordering::Relaxed))
     }
@@ -121,7 +121,7 @@ impl Controller for SinumerikController {
         });
         match self.shared.refused.load(Ordering::Acquire) {
             0 => Ok(()),
-            // Bit representation of the OPC UA status code.
+            // The bits of the OPC UA status code.
             code => Err(Fault::Refused {
                 code: code.cast_signed(),
                 what: "SD43900 cannot be written: see the user's rights at the control",

@@ -10,7 +10,7 @@ const RECOVERED: Duration = Duration::from_secs(10);
 pub(super) struct FailureLog(Option<String>);
 
 impl FailureLog {
-    /// Whether to log this reason now. `lived` is the duration of the session that ended; zero if none was opened.
+    /// Whether to log this failure now. `lived` is the duration of the session that ended; zero if none was opened.
     pub(super) fn is_new(&mut self, failure: &str, lived: Duration) -> bool {
         if lived < RECOVERED && self.0.as_deref() == Some(failure) {
             return false;
@@ -24,7 +24,7 @@ impl FailureLog {
 mod tests {
     use super::*;
 
-    /// A second loss for the same reason must be logged as well (regression).
+    /// A second loss of the session for the same reason must be logged as well (regression).
     #[test]
     fn a_failure_is_logged_once_and_again_after_a_recovery() {
         let mut failures = FailureLog::default();

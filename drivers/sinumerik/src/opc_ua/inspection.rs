@@ -1,4 +1,4 @@
-//! Reads the properties of a control when a session is opened, and checks that it accepts corrections.
+//! Reads the properties of a control when a session is opened, and checks that the control accepts corrections.
 
 use opcua::types::{DataValue, Variant};
 use volcomp_vocabulary::{AxisName, MAX_AXES};
@@ -13,20 +13,21 @@ use crate::{
 pub struct InspectedAxis {
     /// The axis of the configuration.
     pub axis: AxisName,
-    /// Number in the control.
+    /// Number of the axis in the control, from 1.
     pub number: u16,
-    /// Name of the axis in the control; `None` if the control does not report it or the name is not read.
+    /// Name of the axis in the control; `None` if the control does not report it, or the configuration has no node for it.
     pub name: Option<String>,
-    /// Maximum rate of a correction of the axis, MD32760 times MD32000, mm/min or rev/min; `None` if the control does not report it.
+    /// Maximum rate of a correction of the axis, MD32760 times MD32000, mm/min or rev/min; `None` if the axis is only read, the control does not
+    /// report the values, or the configuration has no nodes for them.
     pub fastest_per_min: Option<f64>,
 }
 
-/// The properties of a control.
+/// The properties that a control reports.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Inspection {
     /// The axes in the order of the configuration: written axes first, then those that are only read.
     pub axes: Vec<InspectedAxis>,
-    /// Properties that the control does not report, in words.
+    /// Remarks for the user on properties that the control does not report.
     pub notes: Vec<String>,
 }
 
@@ -44,8 +45,8 @@ pub fn inspect(config: &SinumerikConfig) -> Result<Inspection, SinumerikError> {
     })
 }
 
-/// Lists the axes of an unknown control: names and positions, mm and deg. Axis numbers are read from 1 until one does not exist; an axis
-/// without a name is listed by its number. Nothing is written.
+/// Lists names and positions (mm or deg) of the axes of an unknown control, with the numbers from 1 until one does not exist. The name of an
+/// axis without a name is its number. Nothing is written.
 ///
 /// # Errors
 /// A control that cannot be reached, or has no axis at these nodes.

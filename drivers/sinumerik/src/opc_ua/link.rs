@@ -28,7 +28,7 @@ use crate::{
     server::{PORT, Security, Server},
 };
 
-/// Status codes with which a server rejects a write while the session remains usable.
+/// Status codes with which a server rejects a write, while the session remains usable.
 const REFUSALS: [StatusCode; 6] = [
     StatusCode::BadUserAccessDenied,
     StatusCode::BadNotWritable,
@@ -42,10 +42,10 @@ const REFUSALS: [StatusCode; 6] = [
 const MAX_CHUNK_BYTES: usize = 32 * 1024;
 const MAX_CHUNKS: usize = 1;
 /// Stack of a thread that decodes what a control sends. The library (0.19) does not limit how deep values are nested, and takes up to 5.4 kB of
-/// stack for each byte of the largest message: nested ones must be errors, not the end of the process. Unused stack takes no memory.
+/// stack for each byte of the largest message. Nested values must cause an error, not the end of the process. Unused stack takes no memory.
 pub(super) const DECODING_STACK_BYTES: usize = MAX_CHUNK_BYTES * (MAX_CHUNKS + 1) * 8 * 1024;
 
-/// A runtime whose tasks run on a thread with [`DECODING_STACK_BYTES`].
+/// Creates a runtime with one thread, which has a stack of [`DECODING_STACK_BYTES`].
 pub(super) fn runtime() -> Result<Runtime, SinumerikError> {
     Builder::new_multi_thread()
         .worker_threads(1)
@@ -102,7 +102,7 @@ impl Link {
             Some(user) => IdentityToken::UserName(user.name.clone(), user.password.clone().into()),
         };
         let connect = |error: opcua::types::Error| SinumerikError::Connect(error.to_string());
-        // As a task of the runtime, so that the answer is decoded with its stack.
+        // In a task of the runtime, so that the answer is decoded on its large stack.
         let url = server.url.clone();
         let discovery = tokio::spawn(async move {
             let endpoints = client.get_server_endpoints_from_url(url.as_str()).await;
@@ -127,7 +127,7 @@ impl Link {
             .user_identity_token(identity)
             .build(client.certificate_store().clone())
             .map_err(connect)?;
-        // The library must not reopen a lost session, since old values could be taken for new ones.
+        // The library must not reopen a lost session, because old values could then be taken for new ones.
         session.disable_reconnects();
         let mut link =
             Self { session, events: events.spawn(), namespace: 0, time_out: server.time_out };
@@ -190,13 +190,13 @@ impl Link {
         })
     }
 
-    /// Writes nodes of the control. Returns the status of each.
+    /// Writes nodes of the control. Returns the status of each, or a single one if the server rejects the whole write.
     pub(super) async fn write(
         &self,
         values: impl Iterator<Item = (&String, Variant)>,
     ) -> Result<Vec<StatusCode>, SinumerikError> {
         let values = values.map(|(node, value)| {
-            // Without status and timestamps, which many servers reject in writes.
+            // Without status and timestamps, because many servers reject writes that have them.
             let value = DataValue { value: Some(value), ..DataValue::null() };
             WriteValue::new(
                 self.id(node),
@@ -215,7 +215,7 @@ impl Link {
         }
     }
 
-    /// Awaits a response within the timeout, while the session is alive.
+    /// Waits for a response within the timeout; ends earlier if the session ends.
     async fn within<T>(
         &self,
         request: impl Future<Output = Result<T, opcua::types::Error>>,
@@ -224,7 +224,7 @@ impl Link {
         answer.map_err(|error| SinumerikError::Connect(error.to_string()))
     }
 
-    /// Awaits the server's response within the timeout; expiry is an error.
+    /// Waits for the server's response within the timeout. Errors: no response in time.
     async fn answered<T>(
         &self,
         request: impl Future<Output = Result<T, opcua::types::Error>>,
@@ -238,7 +238,7 @@ impl Link {
         }
     }
 
-    /// Closes the session properly, since a control admits only a few sessions.
+    /// Closes the session properly, because a control admits only a few sessions.
     pub(super) async fn close(self) {
         // If the server does not respond, the session is dropped anyway.
         let _ = tokio::time::timeout(self.time_out, self.session.disconnect()).await;
@@ -266,7 +266,7 @@ impl Answer {
     }
 }
 
-/// A value as a number, 1 for true; `None` if it is missing, its status is not good, or it is not finite.
+/// Converts a value to a number, 1 for true; `None` if it is missing, its status is not good, or it is not finite.
 pub(super) fn number_of(value: &DataValue) -> Option<f64> {
     let is_good = value.status.is_none_or(|status| status.is_good());
     match value.value.as_ref().filter(|_| is_good)? {
@@ -275,7 +275,7 @@ pub(super) fn number_of(value: &DataValue) -> Option<f64> {
     }
 }
 
-/// Why there is no session, with advice for known causes.
+/// Describes why there is no session, with advice for known causes.
 fn failure_text(status: StatusCode, server: &Server) -> String {
     let what = match status {
         StatusCode::BadCertificateHostNameInvalid => {

@@ -1,4 +1,4 @@
-//! The TCP connection below OPC UA. Closing always resets it, so that undelivered data never reaches the control later: a request written
+//! The TCP connection below OPC UA. Closing always resets it, so that undelivered data never reach the control later: a request written
 //! before a cable was unplugged must not move an axis when the cable is plugged in again.
 
 use std::{sync::Arc, time::Duration};
@@ -23,7 +23,7 @@ use tokio_util::codec::FramedRead;
 
 pub(super) struct ResetOnClose {
     pub(super) address: String,
-    /// The connection ends if data stays unacknowledged for this long.
+    /// The connection ends if data stay unacknowledged for this long.
     pub(super) time_out: Duration,
 }
 

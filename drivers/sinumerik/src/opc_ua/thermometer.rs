@@ -1,4 +1,4 @@
-//! Temperatures of a control's PLC, updated by a separate thread.
+//! Reads temperatures of a control's PLC in a separate thread.
 
 use std::time::{Duration, Instant};
 
@@ -16,8 +16,8 @@ pub struct Sensor {
     pub node: String,
 }
 
-/// Starts reading temperatures of a control in a separate thread, once per period of its server, at most once a second; the thread ends with
-/// the returned thermometer. A control that does not answer is retried, and its sensors are bad until then.
+/// Starts reading temperatures of a control in a separate thread, once per period of its server but at most once a second; the thread ends
+/// when the returned thermometer is dropped. If the control does not answer, reading is retried, and its sensors are bad until then.
 ///
 /// # Errors
 /// An invalid server configuration, or the thread cannot be started.

@@ -1,5 +1,5 @@
-//! Certificates of a secure connection: the client's own, and the server's, which must be trusted. Problems are reported with the file and
-//! the remedy before a session is opened.
+//! Certificates of a secure connection: the client's own, and the server's, which must be trusted. Problems are reported before a session is
+//! opened, with the file and the remedy.
 
 use std::{
     fs, io,
@@ -63,7 +63,7 @@ pub(super) fn check_own(folder: &Path) -> Result<(), SinumerikError> {
         return Err(wrong(&file, "a certificate without this URI", expected));
     }
     let public = certificate.public_key().map_err(|_| none())?;
-    // A signature by the key must verify with the certificate.
+    // A signature made with the key must verify with the certificate.
     let mut signature = vec![0; read.size()];
     let signed = read.sign_sha256(APPLICATION_URI.as_bytes(), &mut signature);
     let belongs = signed.is_ok()
@@ -113,8 +113,8 @@ fn words(policy: SecurityPolicy, mode: MessageSecurityMode) -> String {
     format!("{} {mode}", policy.to_str())
 }
 
-/// Checks that a server's certificate is among the trusted ones, under any file name, and valid today. An untrusted certificate is saved as rejected,
-/// for the operator to compare. Errors: the certificate is not trusted or has expired, or the folder cannot be used.
+/// Checks that a server's certificate is among the trusted ones, under any file name, and valid today. An untrusted certificate is saved in the
+/// folder of rejected ones, for the operator to compare. Errors: the certificate is not trusted or has expired, or the folder cannot be used.
 pub(super) fn admit(folder: &Path, endpoint: &EndpointDescription) -> Result<(), SinumerikError> {
     let certificate = &X509::from_byte_string(&endpoint.server_certificate).map_err(|_| {
         wrong(folder, "a server without a readable certificate", "one with an X.509 certificate")

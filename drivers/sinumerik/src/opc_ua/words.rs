@@ -1,4 +1,4 @@
-//! Transfer of map words to the PLC, over a separate session.
+//! Transfers the words of a map to the PLC, over a separate session.
 
 use opcua::types::{DataValue, Variant};
 
@@ -52,7 +52,7 @@ impl MapWords {
         }
     }
 
-    /// Reads the first `count` words of a buffer, 0 or 1.
+    /// Reads the first `count` words of buffer 0 or 1.
     ///
     /// # Errors
     /// Same as [`MapWords::report`].
@@ -66,7 +66,7 @@ impl MapWords {
         Ok(words)
     }
 
-    /// Closes the session properly: a control admits only a few.
+    /// Closes the session properly, because a control admits only a few.
     pub fn close(self) {
         self.runtime.block_on(self.link.close());
     }

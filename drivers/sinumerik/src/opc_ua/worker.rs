@@ -1,4 +1,4 @@
-//! The thread of a control. It owns the session, the last write and the last reading.
+//! The thread of a control, which owns the session, the last write and the last reading.
 
 use std::{
     sync::{
@@ -34,7 +34,7 @@ pub(super) struct WriteRequest {
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Latest {
     pub(super) connected: bool,
-    /// The last reading; it is kept, and ages, while later readings fail.
+    /// The last reading, which is kept and ages while later readings fail; `None` before the first one in a session.
     pub(super) snapshot: Option<Snapshot>,
 }
 
@@ -56,12 +56,12 @@ struct Diagnosis {
 }
 
 impl Shared {
-    /// Why there is no connection. Takes a lock: not for a cycle.
+    /// Reason why there is no session; `None` with a session. Takes a lock: not for a cycle.
     pub(super) fn last_error(&self) -> Option<DeviceError> {
         self.diagnosis.lock().unwrap_or_else(PoisonError::into_inner).error.clone()
     }
 
-    /// The properties of the control found when the session was opened. Takes a lock: not for a cycle.
+    /// Properties of the control found when the session was opened; `None` without a session. Takes a lock: not for a cycle.
     pub(super) fn found(&self) -> Option<Inspection> {
         self.diagnosis.lock().unwrap_or_else(PoisonError::into_inner).found.clone()
     }
@@ -79,7 +79,7 @@ pub(super) struct Worker {
     pub(super) latest: Input<Latest>,
     pub(super) shared: Arc<Shared>,
     pub(super) opened: Option<Instant>,
-    /// The notes of the last session start; notes are logged only if they differ from these.
+    /// Remarks of the previous session, so that the same ones are logged once.
     pub(super) noted: Vec<String>,
 }
 
@@ -149,7 +149,7 @@ impl Worker {
         Ok(())
     }
 
-    /// Reads the control; `None` if a node has no good number. The failure shows only in the age of the last reading.
+    /// Reads the control; `None` if a node has no good number. Such a failure shows only in the age of the last reading.
     async fn read(&self, link: &Link) -> Result<Option<Snapshot>, SinumerikError> {
         let answer = link.read(self.reading.nodes()).await?;
         match self.reading.snapshot(&answer.numbers(), answer.begun, answer.ended) {
@@ -159,7 +159,7 @@ impl Worker {
         }
     }
 
-    /// Writes the requested corrections, unless the deadline has passed or they are already applied.
+    /// Writes the requested corrections, unless they are already applied or the deadline has passed.
     async fn carry_out(
         &self,
         link: &Link,

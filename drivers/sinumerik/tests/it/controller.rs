@@ -1,4 +1,4 @@
-//! The driver against a simulated control with and without faults.
+//! Tests the driver with a simulated control, with and without faults.
 
 use std::time::{Duration, Instant};
 
@@ -40,7 +40,7 @@ fn read(controller: &mut SinumerikController) -> Snapshot {
     controller.read(soon()).expect("a connected control")
 }
 
-/// A snapshot from a reading that started after this call.
+/// Waits for a snapshot of a reading that started after this call.
 fn next(controller: &mut SinumerikController) -> Snapshot {
     let now = Instant::now();
     until("a new reading", TIMEOUT, || {
@@ -207,7 +207,7 @@ fn positions_age_while_the_sampler_stalls() {
     let snapshot = next(&mut controller);
     next(&mut controller);
     assert!(age(&snapshot) <= snapshot.uncertainty + Duration::from_secs(1));
-    // False timestamps are detectable on moving axes only, thus not here.
+    // False timestamps can be detected only on moving axes, so not here.
     peer.type_in("stick on");
     let [first, second] = [next(&mut controller), next(&mut controller)];
     assert_eq!(age(&second), Duration::ZERO);

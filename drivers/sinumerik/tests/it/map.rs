@@ -74,7 +74,6 @@ fn sender(counter: u16, owner: u16) -> Sender {
     Sender::new(map(counter), MACHINE, owner, allowed).expect("within the limits")
 }
 
-/// Runs the sender until a step has this result.
 fn step_until(sender: &mut Sender, words: &mut Words, expected: Step) {
     let end = Instant::now() + TIMEOUT;
     while sender.step(words).expect("no fault") != expected {
@@ -87,7 +86,7 @@ fn applied_um(peer: &mut Peer, axis: &str) -> f64 {
     peer.number("map_um", axis)
 }
 
-/// Runs the sender until this axis has this correction, µm.
+/// Runs the sender until this axis has the correction `um`, µm.
 fn keep_until(peer: &mut Peer, sender: &mut Sender, words: &mut Words, axis: &str, um: f64) {
     until("the correction", TIMEOUT, || {
         sender.step(words).expect("no fault");
@@ -141,7 +140,7 @@ fn silence_ramps_to_zero_and_the_map_is_sent_again() {
     keep_until(&mut peer, &mut sender, &mut words, "Z", -40.0);
 }
 
-/// A first map is active, and the sender of a second map is killed during its transfer: a third sender finds the control owned.
+/// The sender of a second map is killed during its transfer while a first map is active: a third sender finds the control owned.
 #[test]
 fn a_killed_sender_and_a_foreign_sender() {
     let Some(mut peer) = peer() else { return };

@@ -1,4 +1,4 @@
-//! A peer that nests values in its first answer as deep as the largest message allows: an error, not the end of the process.
+//! A peer nests values in its first answer as deep as the largest message allows: the driver must return an error, not end the process.
 
 use std::{
     io::{Read as _, Write as _},
@@ -26,13 +26,13 @@ fn receive(stream: &mut TcpStream) -> Vec<u8> {
     body
 }
 
-/// The number at a place, and the place after it.
+/// The number at this offset, and the offset after it.
 fn number(bytes: &[u8], at: usize) -> (u32, usize) {
     let number = bytes[at..at + 4].try_into().expect("four");
     (u32::from_le_bytes(number), at + 4)
 }
 
-/// Opens the channel with a response whose header has nested diagnostics.
+/// Answers the client's first message with a response whose header has nested diagnostics.
 fn respond(stream: &mut TcpStream, nested: usize) {
     receive(stream);
     send(stream, *b"ACKF", &numbers(&[0, 65_535, 65_535, 0, 0]));

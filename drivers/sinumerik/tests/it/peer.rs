@@ -18,7 +18,7 @@ pub(crate) struct Peer {
 }
 
 impl Peer {
-    /// Starts a simulated control on a free port; `None` without the tests' Python.
+    /// Starts a simulated control on a free port; `None` if the tests' Python is missing.
     pub(crate) fn start(arguments: &[&str]) -> Option<Self> {
         let python = peers::python()?;
         let program = root().join("drivers/sinumerik/tests/peer/sinumerik-sim.py");

@@ -1,4 +1,4 @@
-//! Decoding of responses, and invalid configurations.
+//! Tests the decoding of responses, and invalid configurations.
 
 use std::time::{Duration, Instant};
 

@@ -1,4 +1,4 @@
-//! Secured connections to servers of an independent library that accept no others.
+//! Tests secured connections to servers of an independent library that accept no others.
 
 use std::{
     fs,
@@ -48,7 +48,7 @@ impl Client {
         files.map(|file| file.unwrap().path()).collect()
     }
 
-    /// Positions of the server's axes, or the driver's error.
+    /// Reads the positions of the server's axes; the driver's error otherwise.
     fn list_axes(&self, url: &str, security: Security) -> Result<Vec<(String, f64)>, String> {
         let mut server = Server::new(url);
         server.security = security;
@@ -104,7 +104,7 @@ fn a_server_is_trusted_after_the_operator_accepts_it() {
     let fingerprint = String::from_utf8(fingerprint.stdout).unwrap();
     let (_, fingerprint) = fingerprint.trim().split_once('=').unwrap();
     assert!(message.contains(fingerprint), "{fingerprint}: {message}");
-    // A rejected certificate is not trusted at the second attempt either.
+    // The rejected certificate is not trusted at the second attempt either.
     client.refused(&url, &["not trusted"]);
     let name = rejected[0].file_name().unwrap();
     fs::rename(&rejected[0], client.pki().join("trusted").join(name)).unwrap();
@@ -125,7 +125,7 @@ fn a_server_is_trusted_after_the_operator_accepts_it() {
     assert_eq!(client.list_axes(&url, Security::SignAndEncrypt), Ok(axes()));
     assert_eq!(client.files("trusted").len(), 1);
     assert!(!pem.exists() && client.files("rejected").is_empty());
-    // This server accepts only signed and encrypted messages.
+    // This server accepts only messages that are signed and encrypted.
     for security in [Security::Sign, Security::None] {
         let message = client.list_axes(&url, security).unwrap_err();
         assert!(message.contains("offers Basic256Sha256 sign-and-encrypt, expected"), "{message}");
@@ -177,7 +177,6 @@ fn a_server_that_rejects_the_client_is_reported() {
     client.refused(&url, &["the server rejects this client", "own/cert.der"]);
 }
 
-/// An invalid certificate or key of the client is rejected before connecting.
 #[test]
 fn own_certificate_and_key_are_checked_first() {
     let Some(client) = Client::new() else { return };

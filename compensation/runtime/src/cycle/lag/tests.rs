@@ -60,8 +60,8 @@ fn random_model(random: &mut ChaCha8Rng) -> Model {
     Model::new(&machine, Fading::default()).expect("compiles")
 }
 
-/// Number of predictions that were skipped, that were made, and that reduced the correction; and
-/// the smallest factor to which a skipped prediction would have reduced it.
+/// Counts of skipped, made and reducing predictions, and
+/// the smallest factor to which a skipped prediction would have reduced the correction.
 #[derive(Debug)]
 struct Looks {
     spared: u32,
@@ -70,7 +70,7 @@ struct Looks {
     least: f64,
 }
 
-/// Predicts, or skips the prediction, with the axes at this position and time.
+/// Predicts, or skips the prediction, with the axes at this position and time; counts the outcome.
 fn look(
     lag: &mut Lag,
     looks: &mut Looks,
@@ -126,7 +126,6 @@ fn look(
 
 const NO_LOOKS: Looks = Looks { spared: 0, taken: 0, reduced: 0, least: 1.0 };
 
-/// Tests random machines, on paths with corners and speed ramps.
 #[test]
 fn a_skipped_prediction_would_reduce_nothing() {
     let mut random = ChaCha8Rng::seed_from_u64(6);
@@ -166,7 +165,7 @@ fn a_skipped_prediction_would_reduce_nothing() {
     assert!(looks.spared > 50_000 && looks.reduced > 5_000, "{looks:?}");
 }
 
-/// Tests a curve that is flat up to a node and steep after it.
+/// The curve is flat up to a node and steep after it.
 #[test]
 fn no_prediction_is_skipped_before_a_bend() {
     let text = "structure = \"w X' b Y Z t\"\n[axes]\nX.travel = [0, 400]\nY.travel = [0, 400]\nZ.travel = [0, 400]\n[errors]\nEXX = { table = [[0.0, 10.0], [200.0, 10.0], [204.0, -10.0], [400.0, -10.0]] }\n";

@@ -81,7 +81,7 @@ impl Cell {
         axes
     }
 
-    /// The correction that the model requests while `applied` is applied.
+    /// Correction that the model requests while `applied` is applied.
     pub(crate) fn wanted(&self, state: &State, applied: &PerChannel<f64>) -> RequestedCorrection {
         let applied = self.axes(applied);
         let wanted = self.model.wanted(state, &self.correctors, &applied);
@@ -109,8 +109,8 @@ impl Cell {
         (actual.transform_point(&tip) - chain.ideal_pose(state).transform_point(&tip)).norm()
     }
 
-    /// Difference of the machine's error (mm) between these corrections: the model was evaluated at one of them, then the machine moved
-    /// for a cycle, and a limit, slew or acceleration changed the correction.
+    /// Difference of the machine's error, mm, between two corrections: that at which the model was evaluated, and that after a cycle in which the
+    /// machine moved and a limit, slew or acceleration changed it.
     pub(crate) fn differs(&self, state: &State, [one, other]: [&PerChannel<f64>; 2]) -> f64 {
         let chain = self.machine.chain();
         let tip = chain.tool_tip_mm();

@@ -1,5 +1,5 @@
-//! Rule for coupled axes: however a correction is limited, ramped or rounded, the tool error is at most that without correction or at the
-//! start of the ramp, plus rounding. Checked by the exact chain, for every type of machine with oblique axes, random poses and limits.
+//! Tests of the rule for coupled axes: however a correction is limited, ramped or rounded, the tool error is at most that without correction or
+//! at the start of the ramp, plus rounding. The exact chain checks it, for every type of machine with oblique axes, random poses and limits.
 //! `COUPLED_POSES` is the number of poses of each type.
 
 mod cell;
@@ -24,7 +24,7 @@ fn poses() -> usize {
 }
 
 /// Runs a scene for every pose of every type of machine on two threads. At most the share `behind` of the cycles may be exempt from the
-/// bound because linear axes are behind.
+/// bound because linear axes lag.
 fn over_all_types(
     name: &str,
     behind: f64,

@@ -8,7 +8,7 @@ use volcomp_vocabulary::{AxisKind, MAX_AXES, PerAxis, PerChannel};
 
 use super::{cell::Cell, over_all_types, scene::Scene};
 
-/// For every type of machine and any correcting axes the parts of a correction add up to the whole, within 1e-12.
+/// Within 1e-12, for every type of machine and any correcting axes.
 #[test]
 fn the_parts_add_up_to_the_correction() {
     let mut rng = ChaCha8Rng::seed_from_u64(9);
@@ -48,7 +48,7 @@ fn the_parts_add_up_to_the_correction() {
     }
 }
 
-/// The rule holds on ramps at standstill and in motion: from zero, from any correction, and after a hold.
+/// The bound holds on ramps at standstill and in motion: from zero, from any correction, and after a hold.
 #[test]
 fn ramps_to_the_correction() {
     for (name, behind, restarts, is_held) in
@@ -77,7 +77,7 @@ fn ramps_to_the_correction() {
     }
 }
 
-/// With enough time and room the words reach the whole correction, within one step.
+/// With enough time and large enough limits the words reach the whole correction, within one step.
 #[test]
 fn arrives_at_the_whole_correction() {
     over_all_types("arrives", 0.03, |cell, rng, seen| {
@@ -91,7 +91,7 @@ fn arrives_at_the_whole_correction() {
         for (i, axis) in scene.limits.axes.iter_mut().enumerate() {
             axis.limit = full[i].abs() + 3.0 * axis.resolution;
         }
-        // The linear axes have room to follow the rotary corrections as well.
+        // The limits of the linear axes suffice to follow the rotary corrections as well.
         for (i, axis) in scene.limits.axes.iter_mut().enumerate() {
             axis.limit += wanted.position[i].abs() + 0.1;
         }
@@ -142,7 +142,7 @@ fn ramps_to_zero() {
         for _ in 0..rng.random_range(1..40) {
             scene.follow(rng, seen);
         }
-        // Axes that were behind do not arrive together.
+        // Lagging axes do not arrive together with the others.
         let together = !scene.followed.behind;
         scene.begins();
         scene.vector.begin_line(&PerChannel::ZERO);
@@ -168,7 +168,7 @@ fn ramps_to_zero() {
 }
 
 /// Limits, slew and acceleration are lowered: no word moves farther out than before or than the new limit, the return uses the lower
-/// slew, and then the rule holds again.
+/// slew, and then the bound holds again.
 #[test]
 fn limits_lowered_in_motion() {
     over_all_types("lowered", 0.25, |cell, rng, seen| {

@@ -1,4 +1,4 @@
-//! A correction that follows a machine, and the resulting tool error.
+//! A correction on a moving machine, and the resulting tool error.
 
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
@@ -11,7 +11,7 @@ use super::cell::Cell;
 /// The commanded position over time: constant, or all axes at constant rates.
 pub(crate) struct Path {
     pub(crate) from: State,
-    /// mm/s and rad/s.
+    /// Rate of each axis, mm/s and rad/s.
     pub(crate) rate: PerAxis<f64>,
 }
 
@@ -40,7 +40,7 @@ impl Path {
     }
 }
 
-/// Counts over all scenes of a kind.
+/// Counts over all scenes of one kind.
 #[derive(Default)]
 pub(crate) struct Seen {
     pub(crate) cycles: usize,
@@ -49,12 +49,12 @@ pub(crate) struct Seen {
     pub(crate) limited: usize,
     pub(crate) arrived: usize,
     pub(crate) scenes: usize,
-    /// Largest excess of the tool error over its bound, mm; negative is a margin.
+    /// Largest excess of the tool error over its bound, mm; negative: a margin.
     pub(crate) worst: Option<f64>,
     pub(crate) reported: String,
 }
 
-/// State of vector, machine and clock.
+/// One test case: the vector under test, following the correction of a machine along a path, and the time so far.
 pub(crate) struct Scene<'a> {
     pub(crate) cell: &'a Cell,
     pub(crate) limits: Limits,
@@ -63,14 +63,14 @@ pub(crate) struct Scene<'a> {
     pub(crate) time_s: f64,
     /// Tool error at the start of the ramp or line, mm.
     pub(crate) began: f64,
-    /// The correction at the last evaluation of the model.
+    /// Correction at which the model was last evaluated.
     pub(crate) asked_at: PerChannel<f64>,
     /// Whether the next cycle starts a ramp.
     pub(crate) ramp_begins: bool,
     pub(crate) followed: FollowResult,
     /// Rate of the smooth values in the previous cycle, mm/s and rad/s.
     pub(crate) rate: PerChannel<f64>,
-    /// Each word with its time, s.
+    /// Time (s) and correction words of each cycle.
     pub(crate) trace: Vec<(f64, PerChannel<f64>)>,
 }
 
@@ -106,7 +106,7 @@ impl<'a> Scene<'a> {
         self.began = self.cell.off(&self.path.at(self.time_s), &self.vector.smooth());
     }
 
-    /// The correction requested now, with the errors at the actual position.
+    /// Requests the correction with the errors at the actual position.
     pub(crate) fn wanted(&mut self, state: &State) -> RequestedCorrection {
         self.asked_at = self.vector.output();
         self.cell.wanted(state, &self.asked_at)
@@ -137,7 +137,7 @@ impl<'a> Scene<'a> {
         }
     }
 
-    /// Checks that every word is within its limit or approaches it, and every motion within slew and acceleration.
+    /// Asserts that every word is within its limit or approaches it, and every motion within slew and acceleration.
     pub(crate) fn holds_words(&mut self, before: &Vector, dt_s: f64) {
         for i in 0..self.limits.count {
             let axis = &self.limits.axes[i];
@@ -158,7 +158,7 @@ impl<'a> Scene<'a> {
         self.trace.push((self.time_s, self.vector.output()));
     }
 
-    /// Checks that in any time window a word moves by at most slew × time plus one step.
+    /// Asserts that in any time window a word moves by at most slew × time plus one step.
     pub(crate) fn holds_in_windows(&self) {
         for (first, (start, from)) in self.trace.iter().enumerate() {
             for (end, to) in &self.trace[first..] {
@@ -171,7 +171,7 @@ impl<'a> Scene<'a> {
         }
     }
 
-    /// Writes nothing for this time.
+    /// Lets this time pass without a write.
     pub(crate) fn stands(&mut self, time_s: f64) {
         self.vector.stop();
         self.rate = PerChannel::ZERO;

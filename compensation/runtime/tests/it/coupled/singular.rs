@@ -37,7 +37,7 @@ fn trunnion(rng: &mut ChaCha8Rng) -> Cell {
     Cell::of(Machine::parse(&text, "m.toml").expect("a machine"), &[2, 3, 4, 1, 0])
 }
 
-/// Within 1.5° of the singular pose C is requested to correct many times the tool axis error: the tool error stays within its bound. If
+/// Within 1.5° of the singular pose the correction of C is many times the tool axis error; the tool error stays within its bound. If
 /// each axis were limited and rounded alone (50 µm, 100 µrad, steps of 17 µrad), 10.8 µm would become 51.3 µm.
 #[test]
 fn near_the_singular_pose_the_tool_is_no_further_off() {
@@ -81,8 +81,8 @@ fn near_the_singular_pose_the_tool_is_no_further_off() {
     assert!(worst_alone > 0.020, "the case is one: {worst_alone}");
 }
 
-/// A digit of A flickers at the edge of the singular range, 1.146°: each axis moves by at most one step, linear axes also by that step's
-/// lever.
+/// The last digit of A flickers at the edge of the singular range, 1.146°: each axis moves by at most one step, linear axes also by the
+/// effect of that step at its lever arm.
 #[test]
 fn a_flickering_digit_at_the_edge_of_the_singular_pose_moves_each_axis_by_one_step() {
     let text = "structure = \"w C' A' b X Y Z t\"\n[axes.X]\ntravel = [0.0, 600.0]\n[axes.Y]\ntravel = [0.0, 500.0]\n[axes.Z]\ntravel = [-400.0, 0.0]\n[axes.A]\ntravel = [-110.0, 30.0]\npoint = [300.0, 250.0, -450.0]\n[axes.C]\ntravel = [-360.0, 360.0]\npoint = [300.0, 250.0, -450.0]\n[errors]\nEBZ = 10.0\n";

@@ -19,7 +19,7 @@ fn corpus_files_are_read_or_refused_by_their_names() {
     }
 }
 
-/// Some thousand random mutations of the corpus do not panic; every text that is read can be written and read again.
+/// Random mutations of the corpus do not panic; every text that is read can be written and read again.
 #[test]
 fn mutated_texts_do_not_panic() {
     let mut rng = ChaCha8Rng::seed_from_u64(5);

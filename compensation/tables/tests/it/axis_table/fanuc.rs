@@ -6,7 +6,7 @@ use volcomp_test_support::cases;
 
 use super::{close, edges, own, refused, tables, writing};
 
-/// −100 to 200 mm in steps of 100 mm, in µm.
+/// Table from −100 to 200 mm in steps of 100 mm; values in µm.
 fn table(forward: [f64; 4], backward: Option<[f64; 4]>) -> AxisTable {
     let mm = |um: [f64; 4]| um.map(|um| um * 1e-3).to_vec();
     let positions = vec![-100.0, 0.0, 100.0, 200.0];
@@ -50,7 +50,7 @@ fn both_directions() {
 
 #[test]
 fn files_as_controls_put_them_out() {
-    // End of block as LF, CR or semicolon, other parameters in between, two axes in a record.
+    // End of block as LF, CR or semicolon, other parameters in between, and two axes in a record are accepted.
     let text = "%\rN00000P00001100;\rN05898S1P30.0S2P30.0;\rN03620A1P1A2P0;\rN03621A1P0A2P0;\rN03622A1P2A2P0;\rN03623A1P2A2P0;\rN03624A1P50.0A2P0;\rN10000P0;\rN10001P-1;\rN10002P3;\r%\r";
     let (found, warnings) = tables(Format::Fanuc, "p", text);
     // With magnification 2 an increment of 1 µm counts twice; the second axis has no points.

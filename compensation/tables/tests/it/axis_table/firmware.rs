@@ -1,4 +1,4 @@
-//! Steps and skew for firmware without tables: a machine with known errors and the formula of the firmware make a square.
+//! Steps and skew for firmware without tables: with the formula of the firmware, a machine with known errors makes a square.
 
 use volcomp_kinematics::Form;
 use volcomp_tables::axis_table::{
@@ -48,7 +48,7 @@ fn number(text: &str, key: &str) -> f64 {
     rest[..end].parse().unwrap_or_else(|_| panic!("{key} in {text}"))
 }
 
-/// Where the tool is after the firmware has moved to a position, by the exact model.
+/// Position of the tool after the firmware has moved the motors, by the exact model, mm.
 fn tip(machine: &Machine, motors: [f64; 3]) -> [f64; 3] {
     let state = machine.state(&[(X, motors[0]), (Y, motors[1]), (Z, motors[2])]).expect("a state");
     let error = machine.error_at(&state, Form::Exact, &Temperatures::new()).position_mm;
@@ -63,7 +63,7 @@ fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
     (0..3).map(|at| a[at] * b[at]).sum()
 }
 
-/// The sides of a cube of 200 mm are at right angles within 1 µrad, and 200 mm long within 0.1 µm.
+/// Asserts that the sides of a cube of 200 mm are at right angles within 1 µrad, and 200 mm long within 0.1 µm.
 fn is_a_cube(tip_of: impl Fn([f64; 3]) -> [f64; 3]) {
     let corner = tip_of([50.0, 40.0, 30.0]);
     let sides = [[250.0, 40.0, 30.0], [50.0, 240.0, 30.0], [50.0, 40.0, 230.0]]
@@ -76,7 +76,7 @@ fn is_a_cube(tip_of: impl Fn([f64; 3]) -> [f64; 3]) {
     }
 }
 
-/// `skew_correction.py` and `planner.h`: the position sent to the motors.
+/// Position sent to the motors by `skew_correction.py` and `planner.h`, mm.
 fn skewed([x, y, z]: [f64; 3], [xy, xz, yz]: [f64; 3]) -> [f64; 3] {
     [x - y * xy - z * (xz - xy * yz), y - z * yz, z]
 }
@@ -89,7 +89,7 @@ fn marlin_makes_a_cube() {
     let steps = ["M92 X", "M92 Y", "M92 Z"].map(|key| number(&file, key));
     is_a_cube(|at| {
         let [x, y, z] = skewed(at, skew);
-        // Steps of a motor, and its travel by the steps per mm that were right for it before.
+        // Travel of each motor: the steps by the new setting, at the steps per mm that were set before.
         let travel = [x * steps[0] / 80.0, y * steps[1] / 100.0, z * steps[2] / 400.0];
         tip(&machine, travel)
     });
@@ -101,7 +101,7 @@ fn klipper_makes_a_cube_by_profile_and_by_lengths() {
     let file = text(Firmware::Klipper, &machine, &[(X, 40.0), (Y, 40.0), (Z, 8.0)]);
     let profile = ["xy_skew = ", "xz_skew = ", "yz_skew = "].map(|key| number(&file, key));
     let distance = ["x]: ", "y]: ", "z]: "].map(|key| number(&file, key));
-    // A skew factor from three lengths, as `SET_SKEW` computes it.
+    // Skew factor from three lengths, computed as in `SET_SKEW`.
     let (_, lengths) = file.split_once("SET_SKEW ").expect("a command");
     let lengths = lengths.lines().next().expect("a line");
     let of_lengths: Vec<f64> = lengths
@@ -117,7 +117,7 @@ fn klipper_makes_a_cube_by_profile_and_by_lengths() {
     for skew in [profile, [of_lengths[0], of_lengths[1], of_lengths[2]]] {
         is_a_cube(|at| {
             let [x, y, z] = skewed(at, skew);
-            // A turn of the motor was 40 mm of travel and is now stated as more or less.
+            // A turn of the motor travels 40 mm (Z: 8 mm), but the firmware now assumes the corrected distance.
             let travel = [x * 40.0 / distance[0], y * 40.0 / distance[1], z * 8.0 / distance[2]];
             tip(&machine, travel)
         });
@@ -132,14 +132,14 @@ fn signs() {
     assert_eq!([leaning.skew.xz, leaning.skew.yz], [0.0, 0.0]);
     close(settings(&machine("EB0Z = 700.0\n")).skew.xz, 0.0007, 1e-8);
     close(settings(&machine("EA0Z = -900.0\n")).skew.yz, 0.0009, 1e-8);
-    // 0.3 mm/m too far: fewer steps, a longer rotation distance.
+    // X moves 0.3 mm/m too far, so it needs fewer steps, or a longer rotation distance.
     let file = |firmware| text(firmware, &machine("EXX = { poly = [0.0, 0.3] }\n"), &[]);
     close(number(&file(Firmware::Grbl), "; $100: multiply by "), 1.0 / 1.0003, 1e-7);
     close(number(&file(Firmware::Marlin), "; M92 X: multiply by "), 1.0 / 1.0003, 1e-7);
     close(number(&file(Firmware::Klipper), "[stepper_x]: multiply by "), 1.0003, 1e-7);
 }
 
-/// Squareness stated as a tilt of X turns the part, and the square is right none the less.
+/// Squareness stated as a tilt of X rotates the part, but the square is right.
 #[test]
 fn a_tilt_of_x_is_skew_and_a_turn_of_the_part() {
     let machine = machine("EC0X = 1200.0\n");
@@ -178,12 +178,12 @@ fn what_is_left() {
         found.expect("a loss").axes
     };
     for axis in loss(ERRORS, Firmware::Klipper) {
-        // Of 360 µm at Y = 300 mm. Beyond the travel, where the correction goes by 0.36 mm, a curve of 0.3 µm/mm keeps its end value.
+        // The maximum is 360 µm at Y = 300 mm. Beyond the travel, by up to 0.36 mm of correction, a curve of 0.3 µm/mm keeps its end value.
         assert!(axis.correction > 50.0 && axis.largest < 0.13, "{axis:?}");
     }
     let grbl = loss(ERRORS, Firmware::Grbl);
     close(grbl[0].largest, 300.0 * 1.2, 1.0);
-    // A parabola with the ends 0 and the middle c·150² has no slope, so all of it is left.
+    // A parabola from 0 to 0 with c·150² in the middle has no slope, so all of it remains.
     let bent = loss("EYX = { poly = [0.0, -0.3, 1.0e-3] }\n", Firmware::Marlin);
     close(bent[1].largest, 1.0e-3 * 150.0 * 150.0, 0.1);
 }
@@ -202,7 +202,7 @@ fn what_cannot_be() {
         "--steps: found axis A, expected X, Y or Z, which the machine has"
     );
     assert_eq!(refused(&[(X, 0.0)]), "--steps X: found 0, expected a number above 0");
-    // A travel of 2 mm with an error of 1 mm.
+    // An error of 1 mm on a travel of 2 mm is rejected.
     let short = Machine::parse(
         "structure = \"w b X t\"\n[axes]\nX.travel = [0.0, 2.0]\n[errors]\nEXX = { poly = [0.0, 500.0] }\n",
         "m.toml",

@@ -1,4 +1,4 @@
-//! HEIDENHAIN: the known file formats.
+//! HEIDENHAIN: files equal the known formats.
 
 use volcomp_tables::axis_table::{
     AxisNumbers, AxisTable, Content, Format, TableOptions, WriteOptions, loss, read, sampled, write,
@@ -89,7 +89,7 @@ COM MM | COM INCH | found INCH
     }
 }
 
-/// A rotary table with a first harmonic of 25 µrad and a reversal value of 4 µrad.
+/// Machine with a rotary table C that has a first harmonic of 25 µrad and a reversal value of 4 µrad.
 fn turning(modulo: &str, travel: &str) -> Machine {
     Machine::parse(
         &format!(
@@ -105,7 +105,7 @@ fn turning(modulo: &str, travel: &str) -> Machine {
 fn a_turn_from_minus_180_deg_is_written_from_0_to_360() {
     use AxisName::{A, C};
     let format = Format::HeidenhainTnc640;
-    // With A at 0, C turns about the tool and corrects nothing.
+    // With A at 0, C rotates about the tool axis and corrects nothing.
     let tilted = TableOptions { at: vec![(A, 30.0)], ..TableOptions::default() };
     for (modulo, travel) in [
         ("C.modulo = 360.0\n", "[-180.0, 180.0]"),
@@ -123,7 +123,7 @@ fn a_turn_from_minus_180_deg_is_written_from_0_to_360() {
         let (back, given) = (over(&back, C, C), over(&given, C, C));
         let edges = edges(back);
         assert_eq!((edges.len(), edges[0].0, edges[24].0), (25, 0.0, 360.0));
-        // Half a digit of the file, in rad.
+        // Half a digit of the file, rad.
         let resolution = 0.51e-4_f64.to_radians();
         for (node, at) in given.positions.iter().enumerate() {
             let angle = *at;

@@ -1,4 +1,4 @@
-//! TwinCAT: the file of TF5280.
+//! TwinCAT: files for TF5280.
 
 use volcomp_tables::axis_table::{Content, ErrorTables, Format};
 

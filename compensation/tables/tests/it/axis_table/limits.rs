@@ -26,7 +26,7 @@ fn implausible_errors_make_no_table_of_any_format() {
         for errors in [
             "EXX = { poly = [0.0, 20] }\n",
             "EXX = { poly = [1e7, 0.02] }\n",
-            // Positions in place of deviations.
+            // A file with positions in place of deviations.
             "EXX = { table = [[0, 0], [300, 299994], [600, 599988]] }\n",
         ] {
             for limit_um in [250.0, 2000.0] {

@@ -51,7 +51,7 @@ fn um(loss: &Loss, category: Option<Category>, axis: AxisName) -> f64 {
     of_axis(axes, axis).largest
 }
 
-/// Checks the maximum loss of a category in tables with a step of 100 mm, µm.
+/// Asserts the maximum loss of a category in tables with a step of 100 mm, µm.
 fn loses(machine: &Machine, format: Format, what: Category, axis: AxisName, by: f64, within: f64) {
     close(um(&lost(machine, format, 100.0), Some(what), axis), by, within);
 }
@@ -60,7 +60,7 @@ use AxisName::{X, Y, Z};
 
 #[test]
 fn straight_lines_lose_the_bend_between_nodes() {
-    // c h² / 4 in the middle of a step h: 1e-4 µm/mm² × 200² / 4 = 1 µm.
+    // The loss is c h² / 4 in the middle of a step h: 1e-4 µm/mm² × 200² / 4 = 1 µm.
     let machine = machine("[errors]\nEXX = { poly = [0.0, 0.0, 1.0e-4] }\n");
     let found = lost(&machine, Format::Csv, 200.0);
     assert!(found.poses > 13 * 13 * 13);
@@ -70,7 +70,7 @@ fn straight_lines_lose_the_bend_between_nodes() {
     let x = &found.axes[0];
     let at = x.at[&X];
     assert!((at / 100.0).round() % 2.0 == 1.0, "in the middle of a step: {at}");
-    // Half the step has a quarter of the loss, although the thirteen poses along each axis are 100 mm apart as well.
+    // Half the step has a quarter of the loss. The poses spread over the travel are also 100 mm apart and would miss it.
     let finer = lost(&machine, Format::Csv, 100.0);
     close(um(&finer, None, X), 0.25, 2e-3);
     assert!(finer.axes[0].rms > 0.05, "{:?}", finer.axes[0]);
@@ -108,7 +108,7 @@ fn levers_are_those_of_the_reference_position() {
     for format in [Format::Csv, Format::Siemens840d, Format::HeidenhainTnc640, Format::Linuxcnc] {
         loses(&machine, format, Category::Angular, X, 72.0, 0.2);
     }
-    // Component errors include the lever.
+    // Component errors are applied with their lever arm, so nothing is lost.
     loses(&machine, Format::IsgCsv, Category::Angular, X, 0.0, 0.02);
 }
 
@@ -180,12 +180,11 @@ fn every_format_is_compared_for_every_example() {
     }
 }
 
-/// The interpolation error is found within 10 % at any step, also if compared poses coincide with table nodes.
+/// The interpolation error is found within 10 % at any step, even if compared poses coincide with table nodes.
 #[test]
 fn the_bend_between_nodes_is_found_at_any_step() {
     let machine = machine("[errors]\nEXX = { poly = [0.0, 0.0, 1.0e-4] }\n");
     for step_mm in [200.0, 100.0, 50.0] {
-        // c h² / 4.
         let bend_um = 1e-4 * step_mm * step_mm / 4.0;
         let found = um(&lost(&machine, Format::Csv, step_mm), None, X);
         assert!(
@@ -195,7 +194,7 @@ fn the_bend_between_nodes_is_found_at_any_step() {
     }
 }
 
-/// The last midpoint of a turn that starts within the travel is outside; the equivalent position is compared.
+/// The last midpoint of a turn that starts within the travel is outside it; the equivalent position within the travel is compared.
 #[test]
 fn the_midpoint_beyond_the_end_of_a_turn_is_compared() {
     let tops = 15.0;

@@ -40,8 +40,8 @@ fn read(text: &str) -> ReadTables {
     read_mesh(&file("bed.csv", text)).unwrap_or_else(|error| panic!("{error}"))
 }
 
-/// A probe touches the plate where its own error lifts it: at the Z that takes the error back. The model of the curves has the errors of the
-/// machine again, but for the mean.
+/// A probe touches the plate at the Z that compensates its own error. The curves of the mesh are the errors of the
+/// machine except for the mean.
 #[test]
 fn the_curves_of_a_probed_mesh_are_the_errors_of_the_machine() {
     let machine_of =
@@ -61,7 +61,7 @@ fn the_curves_of_a_probed_mesh_are_the_errors_of_the_machine() {
     assert!(warnings[1].contains("leave up to 0 um"), "{warnings:?}");
 }
 
-/// Without the means a twist c·x·y is c·(x − mean)·(y − mean): all of it is left.
+/// Without the means a twist c·x·y is c·(x − mean)·(y − mean), and all of it remains.
 #[test]
 fn a_twist_is_left() {
     let found = read(&mesh(|x, y| 1e-5 * (x - 140.0) * (y - 150.0) + 0.25));
@@ -99,7 +99,7 @@ fn what_is_no_mesh() {
         "bed.csv:3: found Y=4 after Y=4, expected increasing positions"
     );
     assert_eq!(refused("mm,1,2\n4,0,0\n"), "bed.csv: found 1 rows of heights, expected at least 2");
-    // Heights in µm.
+    // Heights in µm instead of mm are rejected.
     assert!(
         refused("mm,1,2\n4,0,50\n5,0,0\n").contains("expected at most 2000"),
         "{}",

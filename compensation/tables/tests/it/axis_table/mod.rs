@@ -19,7 +19,7 @@ use volcomp_tables::axis_table::{
 };
 use volcomp_tables::vocabulary::AxisName;
 
-/// X=1, Y=2, Z=3, C=4, A=5: the order of a real machine.
+/// Axis numbers X = 1, Y = 2, Z = 3, C = 4, A = 5, in the order of a real machine.
 pub(crate) fn numbers() -> AxisNumbers {
     use AxisName::{A, C, X, Y, Z};
     AxisNumbers::stated(vec![(X, 1), (Y, 2), (Z, 3), (C, 4), (A, 5)]).expect("each once")
@@ -77,7 +77,7 @@ pub(crate) fn refused(format: Format, name: &str, text: &str) -> String {
     error.to_string()
 }
 
-/// Positions and deviations, mm or deg.
+/// Positions and forward deviations of a table, mm or deg.
 pub(crate) fn edges(table: &AxisTable) -> Vec<(f64, f64)> {
     let nodes = table.positions.iter().zip(&table.forward);
     nodes

@@ -6,7 +6,7 @@ use volcomp_tables::vocabulary::{AxisName, Direction, ErrorName};
 
 use super::{inside, of_axes, over, own, writing};
 
-/// Random positions and values in mm and deg, with the node at index `zero` at 0.
+/// Tables with random values on evenly spaced positions, mm and deg, with the node at index `zero` at 0.
 fn table(input: AxisName, output: AxisName) -> impl Strategy<Value = AxisTable> {
     let steps = prop_oneof![Just(0.5), Just(1.0), Just(2.5), Just(10.0), Just(50.0)];
     (2_usize..40, steps, any::<prop::sample::Index>(), any::<bool>()).prop_flat_map(
@@ -14,7 +14,7 @@ fn table(input: AxisName, output: AxisName) -> impl Strategy<Value = AxisTable> 
             let values = || prop::collection::vec(-0.05..0.05_f64, count);
             let zero = zero.index(count);
             (values(), values()).prop_map(move |(forward, backward)| {
-                // The limits are 2 mm and 2 mrad, with half the reversal and extrapolated nodes included.
+                // The limits of 2 mm and 2 mrad also apply to half the reversal and to extrapolated nodes.
                 let each = |values: Vec<f64>| -> Vec<f64> {
                     values.into_iter().map(|v| inside(output, v)).collect()
                 };
@@ -29,7 +29,7 @@ fn table(input: AxisName, output: AxisName) -> impl Strategy<Value = AxisTable> 
     )
 }
 
-/// The part of a table that a format keeps.
+/// Part of a table that a format keeps.
 #[derive(Clone, Copy)]
 enum Keeps {
     Everything,
@@ -63,7 +63,7 @@ fn kept(table: &AxisTable, keeps: Keeps) -> Option<AxisTable> {
     }
 }
 
-/// Checks that written tables are read back; `within` is the resolution in mm or deg.
+/// Asserts that written tables are read back; `within` is the resolution in mm or deg.
 fn comes_back(
     format: Format,
     tables: &[AxisTable],
@@ -113,7 +113,7 @@ fn several() -> impl Strategy<Value = Vec<AxisTable>> {
     pairs.map(|(input, output)| table(input, output)).prop_map(Vec::from)
 }
 
-/// Tables for the TNC, where all tables over an axis have the same positions.
+/// Tables as the TNC requires them: all tables over an axis have the same positions.
 fn several_of_one() -> impl Strategy<Value = Vec<AxisTable>> {
     use AxisName::{C, X, Y};
     (table(X, X), prop::collection::vec(-0.05..0.05_f64, 40)).prop_map(|(own, values)| {
@@ -123,7 +123,7 @@ fn several_of_one() -> impl Strategy<Value = Vec<AxisTable>> {
             backward: None,
             ..own.clone()
         };
-        // 0.68 mrad at 1950 mm; the limit is 2 mrad.
+        // The largest value is 0.68 mrad at 1950 mm; the limit is 2 mrad.
         let slope = own.positions.iter().map(|at| (at * 2e-5).to_radians());
         let to_rotary = AxisTable { forward: slope.collect(), ..along(C) };
         vec![own.clone(), along(Y), to_rotary]

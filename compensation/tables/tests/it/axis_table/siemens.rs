@@ -33,7 +33,7 @@ fn cec(
     text + more
 }
 
-/// Table and warnings of a text as in an archive.
+/// Reads a text as in an archive. Returns its tables and warnings.
 fn read_cec(values: &[f64], axes: [&str; 2], steps: [f64; 3]) -> (Vec<AxisTable>, Vec<String>) {
     tables(F, "a.ini", &framed(&cec(0, values, axes, steps, "")))
 }
@@ -51,7 +51,7 @@ fn a_length_of_no_whole_number_of_steps_is_read_with_a_warning() {
     let nodes = edges(&found[0]);
     assert_eq!(nodes.len(), 10);
     assert_eq!(nodes[0], (-850.0, 0.0));
-    // Point 9 would be at 50; at MAX the line towards it is interpolated.
+    // Point 9 would be at 50, beyond MAX; the line towards it is interpolated at MAX.
     close(nodes[9].0, 0.0, 1e-12);
     close(nodes[9].1, 0.0085, 1e-12);
     close(found[0].deviation(400.0, None), 0.0085, 1e-12);
@@ -241,8 +241,8 @@ fn written_files_follow_the_documented_form() {
     assert!(again.warnings.is_empty(), "{:?}", again.warnings);
 }
 
-/// A nut with play of 3 µm: the encoder leads the slide, which is 3 µm behind after positive motion, so the backlash is positive (MD32450). C
-/// leads by 0.001 deg. A table in one direction has no backlash.
+/// A nut with play of 3 µm: the encoder leads the slide, which is 3 µm behind after positive motion, so the backlash is positive (MD32450). For C
+/// it is 0.001 deg. A table in one direction has no backlash.
 #[test]
 fn the_reversal_is_a_backlash_for_the_machine_data() {
     let mean = [0.0, 0.004, -0.002];
@@ -269,7 +269,7 @@ fn the_reversal_is_a_backlash_for_the_machine_data() {
         "{:?}",
         written.notes
     );
-    // The comments do not disturb the reader: the mean comes back.
+    // The reader ignores the comments: the mean is read back.
     let again = read(F, &written.files, &ReadOptions::default()).expect("read");
     let again = of_axes(again.content);
     close(over(&again, AxisName::X, AxisName::X).forward[1], 0.004, 1e-9);
