@@ -247,10 +247,7 @@ impl Chain {
         if axis.kind == AxisKind::Linear {
             return 0.0;
         }
-        let carried = self.joints.iter().zip(state.q).skip(index + 1);
-        let tip_mm = carried
-            .rev()
-            .fold(self.tool_tip_mm, |tip_mm, (joint, q)| joint.motion(q).transform_point(&tip_mm));
+        let tip_mm = self.carried_tip_mm(index + 1, state);
         axis.direction.cross(&(tip_mm - axis.point_mm)).norm()
     }
 
@@ -278,7 +275,16 @@ impl Chain {
 
     /// The ideal tool tip from the workpiece origin, mm in workpiece axes: T·tip − origin.
     pub fn ideal_tip_mm(&self, state: &State) -> Vector3<f64> {
-        self.ideal_pose(state).transform_point(&self.tool_tip_mm) - self.workpiece_origin_mm
+        self.carried_tip_mm(0, state) - self.workpiece_origin_mm
+    }
+
+    /// The tool tip after the motion of the axes from the one at `first` to the tool, mm in MCS.
+    fn carried_tip_mm(&self, first: usize, state: &State) -> Vector3<f64> {
+        let carriers = self.joints.iter().zip(state.q).skip(first).rev();
+        carriers.fold(self.tool_tip_mm, |tip_mm, (joint, q)| match joint.kind {
+            AxisKind::Linear => tip_mm + joint.direction * q,
+            AxisKind::Rotary => joint.motion(q).transform_point(&tip_mm),
+        })
     }
 }
 

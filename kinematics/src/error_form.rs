@@ -8,8 +8,8 @@ use crate::{
     chain::{Chain, Joint},
     math::sin_cos,
     pose::{
-        Pose, rotation_about_axis, rotation_from_sin_cos, rotation_from_vector, skew_part,
-        small_rotation, vector_from_rotation,
+        Pose, rotation_about_axis, rotation_from_sin_cos, rotation_from_vector, rotation_quotients,
+        skew_part, small_rotation, vector_from_rotation,
     },
     source::{ErrorMotion, ErrorSource, State},
     structure::Side,
@@ -84,6 +84,52 @@ pub fn volumetric_error<S: ErrorSource>(
 /// T_actual(q): the product of exponentials including every error.
 pub fn actual_pose<S: ErrorSource>(chain: &Chain, source: &S, state: &State) -> Pose {
     actual_product::<Exponential, S>(chain, source, state)
+}
+
+/// The image of a point of the tool under T_actual(q), mm: the same as that of [`actual_pose`], without forming a pose.
+pub fn actual_point_mm<S: ErrorSource>(
+    chain: &Chain,
+    source: &S,
+    state: &State,
+    point_mm: &Vector3<f64>,
+) -> Vector3<f64> {
+    let mut point = *point_mm;
+    for (index, joint) in chain.joints().iter().enumerate().rev() {
+        let (q, error) = (state.q[index], source.error_motion(index, state));
+        let (location, assembly) = (source.location(index), source.assembly(index));
+        let direction = rotated(&joint.direction, &location.angular_rad);
+        let assemble = |at: Vector3<f64>| rotated(&at, &assembly.angular_rad) + assembly.linear_mm;
+        let err = |at: Vector3<f64>| {
+            let lever = at - joint.point_mm;
+            rotated(&lever, &error.angular_rad) + joint.point_mm + error.linear_mm
+        };
+        let go = |at: Vector3<f64>| match joint.kind {
+            AxisKind::Linear => at + direction * q,
+            AxisKind::Rotary => {
+                let centre = joint.point_mm + location.linear_mm;
+                rotation_about_axis(&direction, q) * (at - centre) + centre
+            }
+        };
+        // In the order of `actual_product`, from the right.
+        point = match (joint.side, joint.errors_on_tool_side()) {
+            (Side::Tool, true) => assemble(go(err(point))),
+            (Side::Tool, false) => assemble(err(go(point))),
+            (Side::Workpiece, true) => go(err(assemble(point))),
+            (Side::Workpiece, false) => err(go(assemble(point))),
+        };
+    }
+    point
+}
+
+/// exp(r^)·v, without forming the matrix.
+fn rotated(v: &Vector3<f64>, r_rad: &Vector3<f64>) -> Vector3<f64> {
+    let angle_squared = r_rad.norm_squared();
+    if angle_squared == 0.0 {
+        return *v;
+    }
+    let (sine_quotient, cosine_quotient) = rotation_quotients(angle_squared);
+    let across = r_rad.cross(v);
+    v + across * sine_quotient + r_rad.cross(&across) * cosine_quotient
 }
 
 trait SmallMotion {

@@ -26,7 +26,9 @@ pub use correction::{Correction, CorrectionOptions, correct};
 pub use correctors::{Correctors, INDEPENDENT_ABOVE};
 pub use denavit_hartenberg::{DhConvention, DhRow, DhTable};
 pub use error::{ChainError, InsteadConstant, NoEffect};
-pub use error_form::{Form, UnknownForm, VolumetricError, actual_pose, volumetric_error};
+pub use error_form::{
+    Form, UnknownForm, VolumetricError, actual_point_mm, actual_pose, volumetric_error,
+};
 pub use given_errors::GivenErrors;
 pub use inverse::{NoSolution, Pointing, REACHED_WITHIN_MM};
 pub use least_norm::{LEFT_OUT_BELOW, NEAR_SINGULAR_BELOW, SINGULAR_BELOW};

@@ -61,17 +61,22 @@ impl Mul for Pose {
 
 /// The rotation matrix exp(r^) of a rotation vector `r_rad` (Rodrigues' formula).
 pub fn rotation_from_vector(r_rad: &Vector3<f64>) -> Matrix3<f64> {
-    let angle_squared = r_rad.norm_squared();
+    let (sine_quotient, cosine_quotient) = rotation_quotients(r_rad.norm_squared());
+    let hat = r_rad.cross_matrix();
+    Matrix3::identity() + hat * sine_quotient + hat * hat * cosine_quotient
+}
+
+/// sin θ/θ and (1 − cos θ)/θ² of Rodrigues' formula, from θ².
+#[inline]
+pub(crate) fn rotation_quotients(angle_squared: f64) -> (f64, f64) {
     // Series below 1e-4 rad: the closed quotients lose digits there, two terms of the series do not.
-    let (sine_quotient, cosine_quotient) = if angle_squared < 1e-8 {
+    if angle_squared < 1e-8 {
         (1.0 - angle_squared / 6.0, 0.5 - angle_squared / 24.0)
     } else {
         let angle = sqrt(angle_squared);
         let (sin, cos) = sin_cos(angle);
         (sin / angle, (1.0 - cos) / angle_squared)
-    };
-    let hat = r_rad.cross_matrix();
-    Matrix3::identity() + hat * sine_quotient + hat * hat * cosine_quotient
+    }
 }
 
 /// The rotation about the unit vector `axis` by `angle_rad`.

@@ -56,13 +56,16 @@ impl Slides {
     ) -> PerAxis<f64> {
         let mut corrected = *state;
         let first = self.delta(&machine.evaluate_with(state, registers));
-        for (q, delta) in corrected.q.iter_mut().zip(&first) {
+        let axes = machine.axes.len();
+        for (q, delta) in corrected.q.iter_mut().zip(&first).take(axes) {
             *q += delta;
         }
         let second = self.delta(&machine.evaluate_with(&corrected, registers));
         // If an error grows as fast as its coordinate, the second step is almost zero.
-        let size =
-            |delta: &PerAxis<f64>| delta.iter().fold(0.0, |most, d| libm::fabs(*d).max(most));
+        let size = |delta: &PerAxis<f64>| {
+            let sizes = delta.iter().take(axes).map(|delta| libm::fabs(*delta));
+            sizes.fold(0.0, |most, size| if size > most { size } else { most })
+        };
         if size(&second) < 0.5 * size(&first) { first } else { second }
     }
 

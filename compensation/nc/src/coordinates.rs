@@ -115,7 +115,9 @@ impl Frame {
     #[inline]
     pub(crate) fn to_machine(&self, program: &Axes) -> Axes {
         let mut at: Axes = std::array::from_fn(|i| program[i] + self.shift[i]);
-        self.turn_about_centre(&mut at, self.rotation_deg);
+        if self.rotation_deg != 0.0 {
+            self.turn_about_centre(&mut at, self.rotation_deg);
+        }
         let at = std::array::from_fn(|i| at[i] + self.work[i] + self.tool[i]);
         self.tip.as_ref().map_or(at, |tip| tip.to_axes(&at))
     }
@@ -137,10 +139,13 @@ impl Frame {
 
     #[inline]
     pub(crate) fn to_program(&self, machine: &Axes) -> Axes {
-        let control = self.tip.as_ref().map(|tip| tip.of_axes(machine));
-        let control = control.as_ref().unwrap_or(machine);
-        let mut at: Axes = std::array::from_fn(|i| control[i] - self.work[i] - self.tool[i]);
-        self.turn_about_centre(&mut at, -self.rotation_deg);
+        let mut at = self.tip.as_ref().map_or(*machine, |tip| tip.of_axes(machine));
+        for ((at, work), tool) in at.iter_mut().zip(&self.work).zip(&self.tool) {
+            *at = *at - work - tool;
+        }
+        if self.rotation_deg != 0.0 {
+            self.turn_about_centre(&mut at, -self.rotation_deg);
+        }
         std::array::from_fn(|i| at[i] - self.shift[i])
     }
 
@@ -227,10 +232,8 @@ struct RotaryPose {
     others: [f64; 6],
     /// Centre point with X, Y and Z at zero.
     base_mm: Vector3<f64>,
-    /// Displacement of the centre point per unit of X, Y and Z, as columns.
+    /// Displacement of the centre point per unit of X, Y and Z, as columns: orthonormal, because no rotary axis is between X, Y and Z.
     columns: Matrix3<f64>,
-    /// Inverse of `columns`.
-    inverse: Matrix3<f64>,
 }
 
 /// Maximum deviation of the scalar products of the X, Y and Z directions from those of an orthonormal frame.
@@ -239,16 +242,17 @@ const PERPENDICULAR: f64 = 1e-9;
 /// Number of cached kinematics: a motion evaluates its two ends many times, each with and without correction.
 const KEPT: usize = 4;
 
-/// The centre point in a frame. State: a cache of the kinematics for the last rotary positions, and the index of the newest one.
+/// The centre point in a frame. State: a cache of the kinematics for the last rotary positions, and the index of the newest one. It is
+/// boxed, because most frames, which are copied with each executed motion, have none.
 #[derive(Clone, Debug)]
 pub(crate) struct TipFrame {
     pub(crate) tip: Arc<Tip>,
-    last: RefCell<([Option<RotaryPose>; KEPT], usize)>,
+    last: Box<RefCell<([Option<RotaryPose>; KEPT], usize)>>,
 }
 
 impl TipFrame {
     pub(crate) fn new(tip: Arc<Tip>) -> Self {
-        Self { tip, last: RefCell::default() }
+        Self { tip, last: Box::default() }
     }
 
     fn with<T>(&self, axes: &Axes, take: impl FnOnce(&RotaryPose) -> T) -> T {
@@ -278,10 +282,11 @@ impl TipFrame {
     fn to_axes(&self, tip: &Axes) -> Axes {
         let [x, y, z, ..] = *tip;
         let at = self.with(tip, |turned| {
-            let at = turned.inverse * (Vector3::new(x, y, z) - turned.base_mm);
-            // One refinement step removes the rounding error of the inverse.
+            // X, Y and Z are perpendicular, so that the inverse is the transpose. One refinement
+            // step removes what is missing from that, and the rounding errors.
+            let at = turned.columns.tr_mul(&(Vector3::new(x, y, z) - turned.base_mm));
             let missing = Vector3::new(x, y, z) - turned.base_mm - turned.columns * at;
-            at + turned.inverse * missing
+            at + turned.columns.tr_mul(&missing)
         });
         let mut axes = *tip;
         axes[..3].copy_from_slice(at.as_slice());
@@ -344,8 +349,6 @@ impl Tip {
                     - self.chain.workpiece_origin_mm()
                     - self.at_zero_mm),
             columns,
-            // Invertible for all rotary positions, because no rotary axis is between X, Y and Z.
-            inverse: (columns.try_inverse()).unwrap_or(Matrix3::repeat(f64::NAN)),
         }
     }
 

@@ -3,10 +3,10 @@
 use std::sync::Arc;
 
 use volcomp_model::{
-    Machine, Temperatures, Tolerance,
+    Machine, Temperatures, Thermal, Tolerance,
     curve::ErrorCurve,
     evaluator::{CompiledMachine, Evaluation, Neglected, Slides},
-    kinematics::{Correctors, Form, State, actual_pose},
+    kinematics::{Correctors, Form, State, actual_point_mm},
     vocabulary::{
         AxisKind, AxisName, Component, Coordinate, CorrectionLimit, Direction, Displacement,
         ErrorName, MAX_AXES, TURNED_AFTER, TURNED_AFTER_ROTARY, bounds::LARGEST_CORRECTION,
@@ -265,13 +265,16 @@ impl Play {
 
 impl AxialCurves {
     fn lost_motion(&self, coordinates: &[f64]) -> f64 {
-        let value = |direction: Direction| -> f64 {
-            let along = self.curves.iter().map(|(curve, share)| {
-                share * curve.value(self.place, coordinates, Some(direction))
-            });
-            along.sum()
-        };
-        let lost = value(Direction::Negative) - value(Direction::Positive);
+        let along = self.curves.iter().map(|(curve, share)| {
+            let value = |of: Direction| curve.value(self.place, coordinates, Some(of));
+            share
+                * match curve {
+                    // The mean of both directions has no part in their difference.
+                    ErrorCurve::Reversal { reversal, .. } => -reversal,
+                    _ => value(Direction::Negative) - value(Direction::Positive),
+                }
+        });
+        let lost: f64 = along.sum();
         self.scale * lost.max(0.0)
     }
 
@@ -428,6 +431,17 @@ impl Corrector {
         })
     }
 
+    /// The same machine without errors, so that nothing is corrected.
+    pub(crate) fn without_errors(
+        machine: &Machine,
+        temperatures: &Temperatures,
+    ) -> Result<Self, NcError> {
+        let mut ideal = machine.clone();
+        ideal.clear_errors();
+        ideal.set_thermal(Thermal::default())?;
+        Ok(Self { corrects: [false; MAX_AXES], ..Self::new(&ideal, temperatures, 1.0)? })
+    }
+
     /// Activates the tool with this tool offset; returns true if the tool changed.
     pub(crate) fn take_tool(&mut self, offset: &Axes) -> Result<bool, NcError> {
         if self.tool.offset == *offset {
@@ -527,6 +541,9 @@ impl Corrector {
 
     /// Correction at these axis coordinates (mm, deg).
     pub(crate) fn at(&self, at: &Axes) -> Correction {
+        if !self.corrects.contains(&true) {
+            return Correction::default();
+        }
         let state = self.state(at);
         let most_mm = NEGLECTED * self.split_beyond_mm;
         self.tool.correction(&state, &self.places, &self.temperatures, most_mm)
@@ -595,8 +612,9 @@ impl Corrector {
     pub(crate) fn on_tool_mm(&self, at: &Axes, off: &Axes, above_mm: f64) -> [f64; 3] {
         let chain = self.tool.machine.chain();
         let point = chain.tool_tip_mm() + chain.tool_axis() * above_mm;
-        let pose = actual_pose(chain, &self.tool.compiled, &self.carried(at, off));
-        (pose.transform_point(&point) - chain.workpiece_origin_mm()).into()
+        let state = self.carried(at, off);
+        let actual = actual_point_mm(chain, &self.tool.compiled, &state, &point);
+        (actual - chain.workpiece_origin_mm()).into()
     }
 
     /// Position of the point `above_mm` above the tip along the tool axis, on the ideal machine; mm from the workpiece

@@ -9,14 +9,16 @@ use std::ops::Range;
 use memchr::memchr;
 
 use crate::{
+    NcError,
     block::Manner,
     codes::LARGEST,
     control::{Control, Dialect},
-    coordinates::{Axes, LETTERS, axis_of},
+    coordinates::{Axes, LETTERS, axis_of, each},
     heidenhain::{block_number, write_block_number},
     interpreter::Interpreter,
     line::{NewWord, Script},
     modal::{Code, Modal},
+    motion::{Move, Path},
     notes::Note,
     number::{Number, plain},
     rewrite::{AppliedCorrection, ComputedValues, MAX_LINE_BYTES, Rewriter},
@@ -108,7 +110,9 @@ impl PlainLine {
         loop {
             rest = without_blanks(rest);
             let [letter, behind @ ..] = rest else { break };
-            if syntax.comments.contains(letter) {
+            let letter = letter.to_ascii_uppercase();
+            let axis = axis_of(letter);
+            if axis.is_none() && syntax.comments.contains(&letter) {
                 if !ends_in_comment(rest) {
                     return None;
                 }
@@ -127,8 +131,7 @@ impl PlainLine {
             let to = from + length;
             rest = &number[length..];
             let before = std::mem::replace(&mut line.end, to);
-            let letter = letter.to_ascii_uppercase();
-            let Some(axis) = axis_of(letter) else {
+            let Some(axis) = axis else {
                 let digits = &number[..length];
                 let needs_digits = syntax.dialect == Dialect::Siemens && letter != b'F';
                 if needs_digits && !digits.iter().all(u8::is_ascii_digit) {
@@ -330,7 +333,6 @@ impl Rewriter {
             && self.carried_at_initial.is_none()
             && !self.switches_radius
             && self.interpreter.allows_fast_path()
-            && self.motion_sender.is_none()
             && (self.corrector.axes()).all(|axis| self.interpreter.knows_program_position(axis))
     }
 
@@ -370,7 +372,12 @@ impl Rewriter {
     }
 
     /// Compensates a usual line, without its end; `None`: not a usual line, nothing was changed.
-    pub(crate) fn fast_line(&mut self, text: &[u8], out: &mut Vec<u8>) -> Option<()> {
+    pub(crate) fn fast_line(
+        &mut self,
+        text: &[u8],
+        number: usize,
+        out: &mut Vec<u8>,
+    ) -> Option<()> {
         if !self.allows_fast_path() {
             return None;
         }
@@ -394,7 +401,7 @@ impl Rewriter {
         }
         let after = frame.to_program(&to);
         // F applies to the rotary axes alone, which must stay so.
-        if code != 0 && self.moves_rotary_axes_only(&[before, after]) {
+        if code != 0 && self.moves_rotary_axes_only([&before, &after]) {
             return None;
         }
         let (ends, ends_in_program) = ([&from, &to], [&before, &after]);
@@ -410,33 +417,37 @@ impl Rewriter {
         let frame = &self.interpreter.frame;
         let mut carried = frame.moved_in_program_at([&from, &before], &self.carried);
         let mut numbers = [None; 9];
-        self.words_at([&to, &after], None, &mut carried, |this, axes, delta, carried| {
-            for axis in axes {
-                let is_named = line.names(axis);
-                if !is_named && !this.corrector.has(axis) {
-                    continue;
+        // On a machine without errors, as in `verify`, no word changes.
+        if self.corrector.corrects.contains(&true) || carried != [0.0; 9] {
+            self.words_at([&to, &after], None, &mut carried, |this, axes, delta, carried| {
+                // The machine has each named axis.
+                for axis in this.corrector.axes().filter(|axis| axes.contains(axis)) {
+                    let is_named = line.names(axis);
+                    let corrects = this.corrects(axis);
+                    let way = AxisWay {
+                        from: before[axis],
+                        to: after[axis],
+                        delta: if corrects { delta[axis] } else { 0.0 },
+                        carried: carried[axis],
+                        incremental,
+                        manner: Manner::Modal,
+                        keeps: false,
+                        written: is_named.then(|| OutputWord {
+                            decimals: line.words[axis].decimals,
+                            anew: false,
+                        }),
+                        numerals: this.numerals(axis, None),
+                    };
+                    // As in `axis_word`: all axes are known and none is clamped, so the line needs no
+                    // note.
+                    let scale = this.interpreter.modal.scale(axis);
+                    (numbers[axis], carried[axis]) = way.word(scale, corrects);
                 }
-                let way = AxisWay {
-                    from: before[axis],
-                    to: after[axis],
-                    delta: delta[axis],
-                    carried: carried[axis],
-                    incremental,
-                    manner: Manner::Modal,
-                    keeps: false,
-                    written: is_named
-                        .then(|| OutputWord { decimals: line.words[axis].decimals, anew: false }),
-                    numerals: this.numerals(axis, None),
-                };
-                // All axes are known, so the line needs no note.
-                (numbers[axis], carried[axis]) = this.axis_word(axis, &way, 0);
-            }
-        });
+            });
+        }
         // The line is rejected by the general path, with a message.
-        let frame = &self.interpreter.frame;
-        let end = frame.to_machine(&after);
-        let carried = frame.moved_in_machine_at([&end, &after], &carried);
-        if self.needs_note_or_rejection(&end, &carried) {
+        let carried = self.interpreter.frame.moved_in_machine_at([&to, &after], &carried);
+        if self.needs_note_or_rejection(&to, &carried) {
             return None;
         }
         let begins = out.len();
@@ -444,6 +455,11 @@ impl Rewriter {
             Script { dialect: self.interpreter.dialect, comma: self.comma, ..Script::default() };
         line.write(text, &numbers, script, self.counts.added, out);
         if out.len() - begins > MAX_LINE_BYTES {
+            out.truncate(begins);
+            return None;
+        }
+        // The general path reports an error.
+        if self.send_usual(&line, code, [&from, &to], [&before, &after], number).is_err() {
             out.truncate(begins);
             return None;
         }
@@ -464,6 +480,34 @@ impl Rewriter {
         self.counts.changed += u64::from(numbers.iter().any(Option::is_some));
         self.record_part_end(1.0);
         Some(())
+    }
+
+    /// Sends the motion of a usual line to the receiver of executed motions, if any.
+    fn send_usual(
+        &self,
+        line: &PlainLine,
+        code: Code,
+        [from, to]: [&Axes; 2],
+        [before, after]: [&Axes; 2],
+        number: usize,
+    ) -> Result<(), NcError> {
+        if self.motion_sender.is_none() {
+            return Ok(());
+        }
+        let motion = Move {
+            path: if code == 0 { Path::Rapid } else { Path::Line },
+            from: *from,
+            to: *to,
+            words: each(|axis| line.names(axis).then_some(axis)),
+            incremental: [!self.interpreter.modal.absolute; 9],
+            in_machine: false,
+            polar: None,
+            known: self.interpreter.known,
+            arrives_from_unknown: [false; 9],
+            wraps: [0.0; 9],
+        };
+        let cuts = motion.cuts();
+        self.send_executed(motion, [*before, *after], number, cuts)
     }
 
     /// Furthest position of each axis after a motion on which no axis reverses. `None` if the motion must take the

@@ -6,7 +6,7 @@ use std::{
 };
 
 use memchr::memchr2;
-use volcomp_model::{Machine, Temperatures, Thermal, vocabulary::CorrectionLimit};
+use volcomp_model::{Machine, Temperatures, vocabulary::CorrectionLimit};
 
 use crate::{
     Counts, Decimals, NcError, Notes,
@@ -227,7 +227,7 @@ impl Stream {
             written.extend_from_slice(end);
             return Ok(Next::Line);
         }
-        if rewriter.fast_line(line, written).is_some() {
+        if rewriter.fast_line(line, self.number, written).is_some() {
             written.extend_from_slice(end);
             return Ok(Next::Line);
         }
@@ -332,10 +332,7 @@ pub(crate) fn run_in_parallel<T>(
     programs: Vec<(&mut (dyn BufRead + Send), &SetUp)>,
     take: impl FnOnce(&[MotionReceiver]) -> T,
 ) -> Result<(T, Option<NcError>), NcError> {
-    let mut ideal = machine.clone();
-    ideal.clear_errors();
-    ideal.set_thermal(Thermal::default())?;
-    let ideal = Corrector::new(&ideal, temperatures, 1.0)?;
+    let ideal = Corrector::without_errors(machine, temperatures)?;
     thread::scope(|scope| {
         let (mut runs, mut motions) = (Vec::new(), Vec::new());
         for (mut program, setup) in programs {

@@ -85,6 +85,9 @@ impl Carriages {
     /// Moves the drives to a position; each axis moves in one direction.
     pub(crate) fn move_to(&mut self, truth: &Corrector, to: &Axes) {
         let from = std::mem::replace(&mut self.drive, *to);
+        if !truth.play.any {
+            return;
+        }
         let lost = truth.lost_motion(to);
         for axis in 0..9 {
             if self.arrives_from_unknown[axis] {

@@ -390,27 +390,41 @@ impl Rewriter {
         Ok(outcome.ends)
     }
 
+    /// Sends a motion to the receiver of executed motions, if any.
     pub(crate) fn send_motion(
-        &mut self,
+        &self,
         motion: &Move,
+        number: usize,
+        cuts: bool,
+    ) -> Result<(), NcError> {
+        if self.motion_sender.is_none() {
+            return Ok(());
+        }
+        self.send_executed(motion.clone(), self.ends_of(motion), number, cuts)
+    }
+
+    /// Like [`send_motion`](Self::send_motion), with the ends of the motion in program coordinates.
+    pub(crate) fn send_executed(
+        &self,
+        motion: Move,
+        in_program: [Axes; 2],
         number: usize,
         cuts: bool,
     ) -> Result<(), NcError> {
         let Some(motion_sender) = &self.motion_sender else {
             return Ok(());
         };
-        let made = ExecutedMotion {
+        let sent = motion_sender.send(ExecutedMotion {
             line: number,
-            motion: motion.clone(),
-            in_program: self.ends_of(motion),
+            motion,
+            in_program,
             frame: self.interpreter.frame.clone(),
             tool: self.interpreter.modal.tool_offset,
             system: self.interpreter.modal.system,
             cuts_from_stated_zero: cuts && self.interpreter.has_stated_zero(),
             known: self.knows_position(),
             in_inches: self.interpreter.modal.unit_mm != 1.0,
-        };
-        let sent = motion_sender.send(made);
+        });
         sent.map_err(|_| io::Error::from(io::ErrorKind::BrokenPipe).into())
     }
 

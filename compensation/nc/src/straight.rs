@@ -115,7 +115,7 @@ pub(crate) struct OutputWord {
 impl AxisWay {
     /// The number to be written, if any, and the correction applied afterwards. `scale` is mm or deg per unit of the word.
     #[inline]
-    fn word(&self, scale: f64, may_be_added: bool) -> (Option<Number>, f64) {
+    pub(crate) fn word(&self, scale: f64, may_be_added: bool) -> (Option<Number>, f64) {
         let nominal = if self.incremental { self.to - self.from } else { self.to };
         let base = if self.incremental { self.from + self.carried } else { 0.0 };
         let wanted = self.to + self.delta - base;
@@ -193,7 +193,7 @@ impl Rewriter {
         }
         self.split(motion, at_ends, [begins, 1.0], line, parts)?;
         self.corrector.put_back(sides);
-        if self.moves_rotary_axes_only(at_ends) {
+        if self.moves_rotary_axes_only([&at_ends[0], &at_ends[1]]) {
             self.follow_turn(at_ends, parts);
         }
         if parts.len() > 1 {
@@ -387,7 +387,7 @@ impl Rewriter {
         let frame = &self.interpreter.frame;
         let splits = parts.len() > 1;
         let moves_rotary_axes_only =
-            motion.path == Path::Line && self.moves_rotary_axes_only(&[from, end]);
+            motion.path == Path::Line && self.moves_rotary_axes_only([&from, &end]);
         let mut carried = frame.moved_in_program(&motion.from, &self.carried);
         let (mut before, mut passed) = (from, 0.0);
         let mut next = 0;
@@ -459,7 +459,7 @@ impl Rewriter {
     /// True if a motion moves only axes other than X, Y and Z, on a control that applies F to X, Y and Z as soon as one of them moves, and
     /// gives the rotary axes the same time (LinuxCNC; NIST IR 6556, 2.1.2.5). A correction of 1 µm in Y would then turn an axis programmed
     /// at F600 at its maximum speed. Therefore X, Y and Z keep their correction during such a motion, and are corrected in separate blocks.
-    pub(crate) fn moves_rotary_axes_only(&self, [from, to]: &[Axes; 2]) -> bool {
+    pub(crate) fn moves_rotary_axes_only(&self, [from, to]: [&Axes; 2]) -> bool {
         let moves = |mut axes: Range<usize>| {
             axes.any(|axis| (to[axis] - from[axis]).abs() > RESTING_WITHIN)
         };
@@ -735,7 +735,7 @@ impl Rewriter {
 
     /// True if the words of an axis include a correction; with tool centre point control X, Y and Z do if any linear axis is corrected.
     #[inline]
-    fn corrects(&self, axis: usize) -> bool {
+    pub(crate) fn corrects(&self, axis: usize) -> bool {
         if axis < 3 && self.interpreter.frame.tip.is_some() {
             return (0..3).any(|axis| self.corrector.corrects[axis]);
         }

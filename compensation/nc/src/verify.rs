@@ -137,10 +137,13 @@ fn other_motions(line: usize) -> NcError {
 const MAX_STORED_PLACES: usize = 20_000;
 
 /// Number of positions evaluated per `LENGTH_MM` of a line or an arc, whose length is rounded up to
-/// a multiple of it. The last position is at the end.
+/// a multiple of it, unless [`DENSEST_MM`] allows fewer. The last position is at the end.
 const PLACES: u32 = 8;
 
 const LENGTH_MM: f64 = 100.0;
+
+/// A line has no more evaluated positions than leave this distance, mm, between them, over which errors are linear; one is its end.
+const DENSEST_MM: f64 = 2.0;
 
 /// Maximum number of lengths of `LENGTH_MM` per motion.
 const MAX_LENGTHS: f64 = 64.0;
@@ -178,15 +181,19 @@ impl Stations {
             Path::Hole { .. } => Self { first: 0, last: PLACES_OF_HOLE, stride: 1 },
             Path::Rapid => Self { first: 1, last: 1, stride: 1 },
             _ => {
-                let lengths = (length_mm(original) / LENGTH_MM).clamp(1.0, MAX_LENGTHS);
+                let (length_mm, Move { from, to, .. }) = (length_mm(original), &original.motion);
                 #[expect(
                     clippy::cast_possible_truncation,
                     clippy::cast_sign_loss,
                     reason = "1 to 64"
                 )]
-                let lengths = (lengths - SAME_SHARE).ceil().max(1.0) as u32;
+                let whole = |parts: f64| (parts - SAME_SHARE).ceil().clamp(1.0, MAX_LENGTHS) as u32;
+                // The length of a motion of other axes is not that of X, Y and Z.
+                let is_curved = is_arc || from[3..] != to[3..];
+                let places = if is_curved { PLACES } else { whole(length_mm / DENSEST_MM) };
                 let stride = if is_arc { STEPS_OF_ARC } else { 1 };
-                Self { first: 1, last: lengths * PLACES * stride, stride }
+                let last = whole(length_mm / LENGTH_MM) * places.min(PLACES) * stride;
+                Self { first: 1, last, stride }
             }
         }
     }
@@ -472,7 +479,7 @@ impl Comparison {
             after_um: um(commanded, &self.after.off),
             begins,
         };
-        let along = self.direction(original, share);
+        let along = self.direction(original, share, &tip);
         let sums = self.sums.iter_mut().zip(&mut self.of_motion);
         for ((sums, of_motion), of) in sums.zip(BEFORE_AND_AFTER) {
             sums.take(&place, of, along);
@@ -481,13 +488,14 @@ impl Comparison {
         self.keep(place);
     }
 
-    /// Direction of the tip path at a fraction of a motion, in workpiece axes; zero without a path.
-    fn direction(&self, original: &ExecutedMotion, share: f64) -> [f64; 3] {
+    /// Direction of the tip path at a fraction of a motion, where the tip is, in workpiece axes; zero without a path.
+    fn direction(&self, original: &ExecutedMotion, share: f64, tip_mm: &[f64; 3]) -> [f64; 3] {
         if original.motion.path == Path::Rapid {
             return [0.0; 3];
         }
-        let [before, behind] = [(share - NEAR).max(0.0), (share + NEAR).min(1.0)]
-            .map(|share| self.truth.ideal_tip_mm(&place_of(original, share)));
+        let tip_at = |share: f64| self.truth.ideal_tip_mm(&place_of(original, share));
+        let before = tip_at((share - NEAR).max(0.0));
+        let behind = if share == 1.0 { *tip_mm } else { tip_at((share + NEAR).min(1.0)) };
         let way: [f64; 3] = std::array::from_fn(|i| behind[i] - before[i]);
         let length = dot(way, way).sqrt();
         // The rounding error of a resting tip is not a direction.

@@ -3,7 +3,7 @@
 use rand::RngExt;
 use volcomp_kinematics::{
     Chain, Correction, CorrectionOptions, Correctors, ErrorMotion, ErrorSource, GivenErrors,
-    NEAR_SINGULAR_BELOW, SINGULAR_BELOW, State, actual_pose, correct,
+    NEAR_SINGULAR_BELOW, SINGULAR_BELOW, State, actual_point_mm, actual_pose, correct,
     least_norm::LinearColumns,
     nalgebra::{DMatrix, Vector3},
 };
@@ -92,6 +92,8 @@ fn check(chain: &Chain, source: &impl ErrorSource, state: &State) -> Correction 
         *q += delta;
     }
     let tip = actual_pose(chain, source, &command).transform_point(&chain.tool_tip_mm());
+    let alone = actual_point_mm(chain, source, &command, &chain.tool_tip_mm());
+    assert!((alone - tip).norm() < 1e-10, "{structure}: {alone} {tip}");
     let ideal = chain.ideal_pose(state).transform_point(&chain.tool_tip_mm());
     assert!((tip - ideal - found.residual_mm).norm() < 1e-12);
     let most = 50.0 * tool_axis_error_rad(chain, source, state);

@@ -1,4 +1,4 @@
-//! Fast path: plain lines against the same lines with a comment in front, with S or with M50, which take the general path.
+//! Fast path: plain lines, and the motions that they execute, against the same lines with a comment in front, with S or with M50, which take the general path.
 
 use std::fmt::Write as _;
 
@@ -6,6 +6,8 @@ use rand::{RngExt as _, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use volcomp_model::{Machine, Temperatures, vocabulary::CorrectionLimit};
 use volcomp_nc::{Corrector, Dialect, Job, NcError, SetUp, Strategy, Summary, compensate};
+
+use crate::identity::verified_by;
 
 const THREE: &str = "structure = \"w X' b Y Z t\"\naxes.X.travel = [0.0, 600.0]\naxes.Y.travel = [0.0, 500.0]\naxes.Z.travel = [-400.0, 0.0]\n[errors]\nEXX = { poly = [0.0, 0.2] }\nEYX = { poly = [0.0, 0.0, 0.0004] }\nECX = { poly = [0.0, 0.3] }\nEYY = { poly = [0.0, -0.1] }\nEAY = { poly = [0.0, 0.1] }\nEC0Y = 20.0\n";
 const REVERSAL: &str = "EZZ = { mean = { poly = [0.0, 0.01] }, reversal = 3.0 }\n";
@@ -259,9 +261,9 @@ fn comments_do_not_change_numbers() {
             let slow = lines.iter().map(|line| in_general(dialect, line, general));
             let (usual, slow) = (lines.join("\n"), slow.collect::<Vec<_>>().join("\n"));
             let (out, summary) = compensated(&corrector, &setup, (strategy, dialect), &usual);
-            let (slow, expected) = compensated(&corrector, &setup, (strategy, dialect), &slow);
-            let slow = slow.replace(general, "");
-            for (number, (line, slow)) in out.lines().zip(slow.lines()).enumerate() {
+            let (slow_out, expected) = compensated(&corrector, &setup, (strategy, dialect), &slow);
+            let without = slow_out.replace(general, "");
+            for (number, (line, slow)) in out.lines().zip(without.lines()).enumerate() {
                 assert_eq!(
                     line,
                     slow,
@@ -269,10 +271,16 @@ fn comments_do_not_change_numbers() {
                     number + 1
                 );
             }
-            assert_eq!(out.len(), slow.len(), "machine {place}, seed {seed}");
+            assert_eq!(out.len(), without.len(), "machine {place}, seed {seed}");
             match (summary, expected) {
                 (Ok(summary), Ok(expected)) => {
                     assert_eq!(summary, expected, "machine {place}, seed {seed}");
+                    let verified = [[&usual, &out], [&slow, &slow_out]].map(|[program, result]| {
+                        let texts = [program.as_str(), result.as_str()];
+                        let found = verified_by(&machine, &setup, dialect, texts, &summary.shares);
+                        found.map_err(|error| error.to_string())
+                    });
+                    assert_eq!(verified[0], verified[1], "machine {place}, seed {seed}");
                     changed += summary.counts.changed;
                     finished += 1;
                 }

@@ -49,6 +49,26 @@ fn modelled_errors_are_removed() {
     assert!(empty.path.is_empty());
 }
 
+/// Eight positions on up to 100 mm of a line or an arc; on a line only as many as leave at most 2 mm between them. One is its end.
+#[test]
+fn short_lines_have_few_positions() {
+    let truth = "[errors]\nEXX = { poly = [0.0, 0.1] }\n";
+    for (program, places, largest_um) in [
+        ("G1 F100 X0.5\n", 1, 0.05),
+        ("G1 F100 X2\n", 1, 0.2),
+        ("G1 F100 X3 Y4\n", 3, 0.3),
+        ("G1 F100 X0\n", 1, 0.0),
+        ("G1 F100 X16\n", 8, 1.6),
+        ("G1 F100 X99\n", 8, 9.9),
+        ("G1 F100 X101\n", 16, 10.1),
+        ("G2 F100 X2 I1\n", 8, 0.2),
+    ] {
+        let found = compared(truth, &SetUp::default(), program, program, &[1.0]);
+        assert_eq!(found.places, places, "{program}");
+        assert!((found.before.max_um - largest_um).abs() < 1e-6, "{program}: {found:?}");
+    }
+}
+
 #[test]
 fn a_result_of_another_program_is_refused() {
     let truth = Machine::parse(TRAVELS, "m.toml").expect("a good machine");
