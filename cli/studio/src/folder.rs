@@ -20,6 +20,7 @@ use volcomp_web::file_name;
 
 use crate::{
     error::StudioError,
+    interrupt::Interrupt,
     questions::{AnsweredDraft, DraftState, TypedAnswer, questions, with_answers},
 };
 
@@ -56,6 +57,7 @@ struct Answers {
 #[derive(Clone, Debug)]
 pub struct Folder {
     path: PathBuf,
+    pub(crate) interrupt: Interrupt,
 }
 
 /// State of the folder, as shown in the web page.
@@ -144,7 +146,7 @@ impl Folder {
                 return Err(StudioError::disk(name)(io::Error::other(no_file)));
             }
         }
-        Ok(Self { path })
+        Ok(Self { path, interrupt: Interrupt::default() })
     }
 
     pub(crate) fn at(&self, name: &str) -> PathBuf {
@@ -305,6 +307,7 @@ impl Folder {
                 why: "found a file that this page did not write, or that was changed since; it is not replaced: move it away to answer questions here".to_owned(),
             });
         }
+        self.interrupt.check()?;
         self.write(CALIBRATION, whole.text.as_bytes())?;
         let hash = sha256_of(&self.at(CALIBRATION)).map_err(StudioError::disk(CALIBRATION))?;
         let kept = Answers { calibration: hash, answers: given.to_vec() };
@@ -319,6 +322,7 @@ impl Folder {
     /// # Errors
     /// An invalid name, a TOML file of another kind, a file that is too large, or too many files.
     pub fn receive(&self, name: &str, bytes: &[u8]) -> Result<(), StudioError> {
+        self.interrupt.check()?;
         let name = name_of_upload(name)?;
         let wrong = |why: String| StudioError::Upload { name: name.clone(), why };
         if bytes.len() > MAX_FILE_BYTES {
@@ -356,6 +360,7 @@ impl Folder {
     /// Key and line of the error, with the name of the text's source.
     pub fn set_machine(&self, name: &str, text: &str) -> Result<(), StudioError> {
         Machine::parse(text, name)?;
+        self.interrupt.check()?;
         let path = self.at(MACHINE);
         if path.exists() {
             let kept = fs::copy(&path, self.at(".machine.toml.bak"));

@@ -24,6 +24,7 @@ use volcomp_web::{headers, hosts, is_of_another_page};
 use crate::{
     error::StudioError,
     folder::{Folder, MAX_FILE_BYTES, REPORT},
+    interrupt::Interrupt,
     outputs::TableRequest,
     questions::TypedAnswer,
     send::Target,
@@ -99,7 +100,13 @@ impl Studio {
     }
 }
 
-type Page = Arc<Mutex<Folder>>;
+/// The folder, and the interrupt of its requests, which is outside of the lock that they hold.
+struct Served {
+    folder: Mutex<Folder>,
+    interrupt: Interrupt,
+}
+
+type Page = Arc<Served>;
 
 const PAGES: [(&str, &str, &str); 4] = [
     ("", "text/html; charset=utf-8", include_str!("../web/index.html")),
@@ -125,6 +132,7 @@ fn router(token: &str, folder: Folder) -> Router {
         .route(&at("api/fit"), post(fit))
         .route(&at("api/tables"), post(tables))
         .route(&at("api/send"), post(send))
+        .route(&at("api/cancel"), post(cancel))
         // One byte more, so that the handler can reject a file that is too large by its name.
         .layer(DefaultBodyLimit::max(MAX_FILE_BYTES + 1))
         .route(&at("api/nc"), post(nc).layer(DefaultBodyLimit::max(MAX_PROGRAM_BYTES)))
@@ -133,7 +141,10 @@ fn router(token: &str, folder: Folder) -> Router {
             refuse(StatusCode::NOT_FOUND, why)
         })
         .layer(from_fn(every_request))
-        .with_state(Arc::new(Mutex::new(folder)))
+        .with_state(Arc::new(Served {
+            interrupt: folder.interrupt.clone(),
+            folder: Mutex::new(folder),
+        }))
 }
 
 async fn every_request(request: Request, next: Next) -> Response {
@@ -169,8 +180,11 @@ async fn work<T: Send + 'static>(
     page: Page,
     work: impl FnOnce(&Folder) -> Result<T, StudioError> + Send + 'static,
 ) -> Result<T, Response> {
+    // Before the wait for the lock, so that a request that waits is cancelled as well.
+    let interrupt = page.interrupt.of_request();
     let done = tokio::task::spawn_blocking(move || {
-        let folder = page.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut folder = page.folder.lock().unwrap_or_else(PoisonError::into_inner);
+        folder.interrupt = interrupt;
         work(&folder).map_err(|error| (error.status(), folder.relative(&error)))
     });
     match done.await {
@@ -204,6 +218,12 @@ async fn respond_to<R: DeserializeOwned + Send + 'static, T: Serialize + Send + 
         Ok(request) => respond(page, move |folder| of(folder, request)).await,
         Err(e) => refuse(StatusCode::BAD_REQUEST, &format!("the request: {e}")),
     }
+}
+
+/// Cancels what runs; its own request responds when it has stopped, or is finished.
+async fn cancel(Shared(page): Shared<Page>) -> Response {
+    page.interrupt.cancel();
+    Json(json!({})).into_response()
 }
 
 async fn state(Shared(page): Shared<Page>) -> Response {

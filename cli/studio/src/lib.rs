@@ -4,6 +4,7 @@ mod error;
 mod fit;
 mod folder;
 mod http;
+mod interrupt;
 mod outputs;
 mod questions;
 mod send;

@@ -1,9 +1,13 @@
 //! The page over real HTTP.
 
 use std::{
+    collections::BTreeMap,
+    fs,
     io::{Read, Write},
     net::{SocketAddr, TcpListener, TcpStream},
+    path::{Path, PathBuf},
     thread,
+    time::Duration,
 };
 
 use serde_json::{Value, json};
@@ -13,7 +17,7 @@ use volcomp_studio::{Folder, Studio};
 use crate::{SLOPE, small};
 
 struct Page {
-    _dir: TempDir,
+    dir: TempDir,
     address: SocketAddr,
     path: String,
 }
@@ -60,7 +64,7 @@ impl Page {
         let path = url.strip_prefix(&format!("http://{address}")).expect("its address");
         let path = path.to_owned();
         thread::spawn(move || studio.run());
-        Self { _dir: dir, address, path }
+        Self { dir, address, path }
     }
 
     fn send(&self, method: &str, path: &str, headers: &str, body: &str) -> Answer {
@@ -129,6 +133,44 @@ fn the_http_api_turns_a_folder_into_a_machine_file() {
         page.send("POST", "api/nc?name=part.ngc&tolerance_um=1", "", "G21 G90\nG1 X400 F100\nM2\n");
     assert_eq!(program.json()["file"], "result/nc/part.ngc", "{}", program.body);
     assert!(page.get("file?name=result/nc/part.ngc").body.contains("X399.992"));
+}
+
+/// Every file of the folder with its content.
+fn contents(dir: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
+    let mut all = BTreeMap::new();
+    for entry in fs::read_dir(dir).expect("readable") {
+        let path = entry.expect("readable").path();
+        if path.is_dir() {
+            all.extend(contents(&path));
+        } else {
+            all.insert(path.clone(), fs::read(path).expect("readable"));
+        }
+    }
+    all
+}
+
+#[test]
+fn a_cancelled_fit_changes_nothing() {
+    let page = page();
+    page.post("api/answers", &defaults(&page.get("api/state").json()));
+    let before = contents(page.dir.path());
+    // The second one waits for the first.
+    thread::scope(|scope| {
+        let fit = || scope.spawn(|| page.post("api/fit", &json!({ "tolerance": "" })));
+        let fits = [fit(), fit()];
+        while !fits.iter().all(thread::ScopedJoinHandle::is_finished) {
+            page.post("api/cancel", &json!({}));
+            thread::sleep(Duration::from_millis(10));
+        }
+        for fit in fits {
+            let refused = fit.join().expect("no panic");
+            assert_eq!(refused.status, 409, "{}", refused.body);
+            assert!(refused.body.contains("cancelled"), "{}", refused.body);
+        }
+    });
+    assert_eq!(contents(page.dir.path()), before);
+    // A later request is not cancelled.
+    assert_eq!(page.post("api/fit", &json!({ "tolerance": "" })).status, 200);
 }
 
 #[test]
