@@ -31,9 +31,11 @@ const MAX_RESULTS: usize = 10_000;
 pub const MAX_FILE_BYTES: usize = 8 * 1024 * 1024;
 
 pub(crate) const MACHINE: &str = "machine.toml";
+/// The machine file that the last one replaced.
+pub(crate) const MACHINE_BACKUP: &str = ".machine.toml.bak";
 pub(crate) const CALIBRATION: &str = "calibration.toml";
 pub(crate) const SETUP: &str = "setup.toml";
-const ANSWERS: &str = "answers.json";
+pub(crate) const ANSWERS: &str = "answers.json";
 pub(crate) const RESULT: &str = "result";
 pub(crate) const FITTED: &str = "result/machine.toml";
 pub(crate) const REPORT: &str = "result/report.html";
@@ -363,7 +365,7 @@ impl Folder {
         self.interrupt.check()?;
         let path = self.at(MACHINE);
         if path.exists() {
-            let kept = fs::copy(&path, self.at(".machine.toml.bak"));
+            let kept = fs::copy(&path, self.at(MACHINE_BACKUP));
             kept.map_err(StudioError::disk(MACHINE))?;
         }
         self.write(MACHINE, text.as_bytes())
@@ -380,6 +382,12 @@ impl Folder {
         written.map_err(StudioError::disk(name))
     }
 
+    /// The folder to which the next fit moves the previous result.
+    pub(crate) fn next_aside(&self) -> PathBuf {
+        let mut folders = (1_u64..).map(|number| self.at(&format!("{EARLIER_PREFIX}{number}")));
+        folders.find(|path| !path.exists()).unwrap_or_default()
+    }
+
     /// Moves the tables and programs of the previous result to another folder: next to a new machine file they would be mistaken for its own.
     /// Its machine file and report go with them if the new machine file, with the content `fitted`, is another one.
     pub(crate) fn set_outputs_aside(&self, fitted: &str) -> Result<(), StudioError> {
@@ -392,8 +400,7 @@ impl Folder {
         if outputs.is_empty() {
             return Ok(());
         }
-        let mut folders = (1_u64..).map(|number| self.at(&format!("{EARLIER_PREFIX}{number}")));
-        let aside = folders.find(|path| !path.exists()).unwrap_or_default();
+        let aside = self.next_aside();
         let moved = || {
             fs::create_dir(&aside)?;
             for path in outputs {

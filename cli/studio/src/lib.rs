@@ -8,6 +8,7 @@ mod interrupt;
 mod outputs;
 mod questions;
 mod send;
+mod undo;
 
 pub use error::StudioError;
 pub use fit::{FitResult, Verdict};

@@ -81,6 +81,8 @@ function show(now) {
   if (!now) return;
   state = now;
   element("folder").textContent = state.folder;
+  element("undo").hidden = !state.undo;
+  if (state.undo) element("undo").textContent = `Undo: ${state.undo.what} of ${new Date(state.undo.at_s * 1000).toLocaleTimeString([], { hour: "2-digit", minute: "2-digit" })}`;
   showFiles();
   showMachine();
   const draft = state.draft;
@@ -315,15 +317,24 @@ async function fit() {
   element("fit-panel").scrollIntoView();
 }
 
+/** Reverts the last change; a fit that is reverted is no longer shown. */
+async function undo() {
+  const now = await ask("api/undo", {}, "Reverting the last change");
+  if (!now) return;
+  element("fitted").hidden = true;
+  element("report").removeAttribute("src");
+  show(now);
+}
+
 async function upload(files) {
   // One that is refused does not stop the others.
-  const refused = [];
+  const refused = [], batch = Date.now();
   for (const [index, file] of [...files].entries()) {
     if (file.size > LARGEST_FILE) {
       refused.push(`${file.name}: larger than 8 MiB, the most that is taken`);
       continue;
     }
-    const now = await ask(`api/upload?name=${encodeURIComponent(file.name)}`, file, `Copying ${file.name} (${index + 1} of ${files.length})`);
+    const now = await ask(`api/upload?name=${encodeURIComponent(file.name)}&batch=${batch}`, file, `Copying ${file.name} (${index + 1} of ${files.length})`);
     if (now) show(now);
     else refused.push(element("answer").textContent);
     if (cancelled) break;
@@ -409,6 +420,7 @@ for (const name of ["dragover", "dragleave", "drop"]) {
   });
 }
 element("choose").addEventListener("change", async () => { await upload([...element("choose").files]); element("choose").value = ""; });
+element("undo").addEventListener("click", undo);
 element("structure").addEventListener("input", showTravels);
 element("machine-form").addEventListener("submit", async (event) => { event.preventDefault(); show(await ask("api/machine", { text: machineText() }, "Writing machine.toml")); });
 element("machine-edit").addEventListener("submit", async (event) => { event.preventDefault(); show(await ask("api/machine", { text: element("machine-text").value }, "Writing machine.toml")); });

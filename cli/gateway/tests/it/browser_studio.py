@@ -124,6 +124,11 @@ with sync_playwright() as playwright:
     page.fill("#questions [data-all='at.Z']", "-300")
     page.locator("#questions [data-all='at.Z']").press("Tab")
     assert [field.input_value() for field in places.all()] == ["-299"] + ["-300"] * (places.count() - 1)
+    # The last change is named, and taken back.
+    page.set_input_files("#choose", {"name": "extra.csv", "mimeType": "text/csv", "buffer": b"target_mm,deviation_um\n0,0\n"})
+    until(page, lambda: "file extra.csv of" in page.inner_text("#undo"))
+    page.click("#undo")
+    until(page, lambda: page.is_hidden("#undo") and "extra.csv" not in page.inner_text("#files"))
     # Open questions are counted; what was answered outlives a reload: it is in the folder.
     page.click("#fit")
     until(page, lambda: "questions are open" in page.inner_text("#answer"))
