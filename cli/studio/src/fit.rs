@@ -114,7 +114,7 @@ impl Folder {
     }
 
     /// An earlier model, with the tool of the present one.
-    fn earlier(&self, name: &str, machine: &Machine) -> Result<Machine, StudioError> {
+    pub(crate) fn earlier(&self, name: &str, machine: &Machine) -> Result<Machine, StudioError> {
         if !self.models()?.iter().any(|known| known.name == name) {
             return Err(StudioError::Request {
                 key: "earlier",

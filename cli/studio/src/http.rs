@@ -193,6 +193,7 @@ fn router(token: &str, folder: Folder) -> Router {
         .route(&at("api/send"), post(send))
         .route(&at("api/cancel"), post(cancel))
         .route(&at("api/undo"), post(undo))
+        .route(&at("api/drift"), post(drift))
         // One byte more, so that the handler can reject a file that is too large by its name.
         .layer(DefaultBodyLimit::max(MAX_FILE_BYTES + 1))
         .route(&at("api/nc"), post(nc).layer(DefaultBodyLimit::max(MAX_PROGRAM_BYTES)))
@@ -359,6 +360,15 @@ async fn undo(Shared(page): Shared<Page>) -> Response {
         session.state()
     })
     .await
+}
+
+#[derive(Deserialize)]
+struct ModelName {
+    model: String,
+}
+
+async fn drift(Shared(page): Shared<Page>, body: Bytes) -> Response {
+    respond_to(page, &body, |session, ModelName { model }| session.folder.drift(&model)).await
 }
 
 #[derive(Deserialize)]

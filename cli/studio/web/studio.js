@@ -9,6 +9,8 @@ const LARGEST_FILE = 8 * 1024 * 1024;
 const OF_ONE = ["error", "file"];
 /** Shorter work is not shown, ms. */
 const SHOWN_AFTER = 300;
+/** Changes of a model that the table names. */
+const LISTED_CHANGES = 6;
 let state = null, busy = false;
 /** Whether the user has cancelled the request, or the requests of one action. */
 let cancelled = false;
@@ -113,14 +115,46 @@ function showFiles() {
   if (state.files.length === 0) make("li", "not-used", target, "no files yet");
 }
 
+const dateOf = (model) => new Date(model.written_s * 1000).toLocaleString();
+
 /** The models that later fits replaced, by the time at which they were written. */
 function showEarlier() {
-  element("earlier-line").hidden = state.models.length === 0;
+  element("earlier-line").hidden = element("models-part").hidden = state.models.length === 0;
+  const models = JSON.stringify(state.models);
+  if (element("models").dataset.of !== models) element("models").hidden = true;
+  element("models").dataset.of = models;
   const field = element("earlier"), chosen = field.value;
   field.replaceChildren();
   make("option", "", field, "none").value = "";
-  for (const model of state.models) make("option", "", field, `${new Date(model.written_s * 1000).toLocaleString()}: ${model.name}`).value = model.name;
+  for (const model of state.models) make("option", "", field, `${dateOf(model)}: ${model.name}`).value = model.name;
   field.value = state.models.some((model) => model.name === chosen) ? chosen : "";
+}
+
+/** The largest differences of a model from the newest. */
+function differences(changes) {
+  const shown = changes.filter((of) => of.largest >= 0.05).slice(0, LISTED_CHANGES);
+  const more = changes.length - shown.length;
+  if (shown.length === 0) return more ? "none of 0.05 or more" : "none";
+  return shown.map((of) => `${of.error} ${of.largest.toFixed(1)} ${of.unit}`).join(", ") + (more ? `, and ${more} smaller` : "");
+}
+
+/** A table of all models with their volumetric error and what has changed since. */
+async function compare() {
+  const target = element("models"), all = [{ name: "result/machine.toml" }, ...state.models];
+  target.replaceChildren();
+  target.hidden = false;
+  const table = make("table", "", target), head = make("tr", "", table);
+  for (const word of ["Model", "Volumetric error V, µm", "Largest differences from the newest"]) make("th", "", head, word).scope = "col";
+  for (const [index, model] of all.entries()) {
+    const drift = await ask("api/drift", { model: model.name }, `Comparing model ${index + 1} of ${all.length}`);
+    if (cancelled) return;
+    const row = make("tr", "", table);
+    make("th", "", row, index ? dateOf(model) : "the newest").scope = "row";
+    make("td", "", row, drift && drift.position_um !== null ? drift.position_um.toFixed(1) : "");
+    make("td", "", row, !drift ? element("answer").textContent : index ? differences(drift.changes) : "");
+    // The reason is in its row.
+    showMessage("");
+  }
 }
 
 function showMachine() {
@@ -420,6 +454,7 @@ for (const name of ["dragover", "dragleave", "drop"]) {
   });
 }
 element("choose").addEventListener("change", async () => { await upload([...element("choose").files]); element("choose").value = ""; });
+element("compare").addEventListener("click", compare);
 element("undo").addEventListener("click", undo);
 element("structure").addEventListener("input", showTravels);
 element("machine-form").addEventListener("submit", async (event) => { event.preventDefault(); show(await ask("api/machine", { text: machineText() }, "Writing machine.toml")); });
