@@ -94,6 +94,23 @@
       tilt = Math.max(-Math.PI / 2, Math.min(Math.PI / 2, tilt + up));
       draw();
     };
+    const level = svg.closest(".keep").querySelector(".level");
+    const slider = level.querySelector("input");
+    const vectors = [...svg.querySelectorAll("[data-v]")].map((part) => [part, Number(part.dataset.v)]);
+    const filter = () => {
+      let count = 0;
+      for (const [part, um] of vectors) {
+        const isShown = um >= Number(slider.value);
+        part.classList.toggle("below", !isShown);
+        if (isShown) count += 0.5;
+      }
+      const text = slider.value + " \u00b5m";
+      slider.setAttribute("aria-valuetext", text);
+      level.querySelector("output").textContent = text + ": " + count + " of " + vectors.length / 2;
+    };
+    slider.addEventListener("input", filter);
+    filter();
+    level.hidden = false;
     let last = null;
     svg.addEventListener("pointerdown", (event) => {
       last = [event.clientX, event.clientY];

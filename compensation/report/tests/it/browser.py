@@ -76,6 +76,18 @@ with sync_playwright() as playwright:
     page.mouse.move(box["x"] + 260, box["y"] + 220)
     page.mouse.up()
     assert arrow.get_attribute("d") != turned
+    # The slider hides the vectors below its value, by its keys, and shows how many are left; the longest one stays.
+    slider = page.get_by_label("Show errors of at least")
+    sizes = [float(part.get_attribute("data-v")) for part in quiver.locator("path.vector").all()]
+    slider.focus()
+    for key in ("End", "ArrowLeft", "Home"):
+        page.keyboard.press(key)
+        least = float(slider.input_value())
+        expected = sum(size >= least for size in sizes)
+        displays = quiver.locator("path.vector").evaluate_all("all => all.map((of) => getComputedStyle(of).display)")
+        shown = [size for size, display in zip(sizes, displays) if display != "none"]
+        assert len(shown) == expected and max(sizes) in shown, (key, least, shown)
+        assert page.locator(".level output").inner_text() == f"{slider.input_value()} µm: {expected} of {len(sizes)}"
     # Paper is light whatever the screen is, and no picture is cut.
     page.emulate_media(media="print", color_scheme="dark")
     assert page.evaluate("getComputedStyle(document.documentElement).getPropertyValue('--paper')").strip() == "#fff"
