@@ -68,7 +68,7 @@ async function ask(path, body, doing = "Reading the folder") {
     ended();
     for (const button of document.querySelectorAll("button")) button.disabled = false;
     // A disabled button loses the focus.
-    if (focused && document.activeElement === document.body) focused.focus();
+    if (focused && document.activeElement === document.body) focused.focus({ preventScroll: true });
   }
 }
 
@@ -226,12 +226,12 @@ function fieldOf(question, parent) {
   let field;
   if (question.choices.length) {
     field = make("select", "", parent);
-    make("option", "", field, question.default === null ? "" : `not answered; default: ${question.default}`).value = "";
+    make("option", "", field, question.default === null ? "" : `open; default: ${question.default}`).value = "";
     for (const choice of question.choices) make("option", "", field, choice).value = choice;
   } else {
     field = make("input", "", parent);
     field.autocomplete = "off";
-    if (question.default !== null) field.placeholder = `not answered; default: ${question.default}`;
+    if (question.default !== null) field.placeholder = `open; default: ${question.default}`;
   }
   field.dataset.key = question.key;
   return field;
@@ -362,13 +362,13 @@ async function undo() {
 
 async function upload(files) {
   // One that is refused does not stop the others.
-  const refused = [], batch = Date.now();
-  for (const [index, file] of [...files].entries()) {
+  const refused = [], batch = Date.now(), all = [...files];
+  for (const [index, file] of all.entries()) {
     if (file.size > LARGEST_FILE) {
       refused.push(`${file.name}: larger than 8 MiB, the most that is taken`);
       continue;
     }
-    const now = await ask(`api/upload?name=${encodeURIComponent(file.name)}&batch=${batch}`, file, `Copying ${file.name} (${index + 1} of ${files.length})`);
+    const now = await ask(`api/upload?name=${encodeURIComponent(file.name)}&batch=${batch}`, file, `Copying ${file.name} (${index + 1} of ${all.length})`);
     if (now) show(now);
     else refused.push(element("answer").textContent);
     if (cancelled) break;

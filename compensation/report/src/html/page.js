@@ -15,6 +15,11 @@
   };
   const hush = () => { tip.hidden = true; };
   addEventListener("scroll", hush, { passive: true });
+  // A box that scrolls is reached by the keys as well.
+  const boxes = document.querySelectorAll(".wide,.scroll");
+  const reach = () => { for (const box of boxes) if (box.scrollWidth > box.clientWidth) box.tabIndex = 0; else box.removeAttribute("tabindex"); };
+  addEventListener("resize", reach);
+  reach();
   const numbers = (text) => text.trim().split(/[\s,]+/).map(Number);
   const shown = (value, range) => {
     const digits = Math.max(0, Math.min(6, 4 - Math.ceil(Math.log10(Math.abs(range) || 1))));

@@ -29,6 +29,9 @@ with sync_playwright() as playwright:
             page.emulate_media(color_scheme=scheme)
             wide = page.evaluate("document.documentElement.scrollWidth")
             assert wide <= width, f"{wide} px do not fit {width}"
+            page.evaluate("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
+            closed = page.evaluate("[...document.querySelectorAll('.wide,.scroll')].filter((e) => e.scrollWidth > e.clientWidth && e.tabIndex < 0).length")
+            assert closed == 0, f"{closed} boxes that scroll are not reached by the keys at {width} px"
             # Tables may be pushed sideways in their boxes; pictures are drawn as wide as the screen is.
             pushed = page.evaluate("""[...document.querySelectorAll('svg')].filter((e) => e.getBoundingClientRect().right > innerWidth
                 || e.parentElement.scrollWidth > e.parentElement.clientWidth + 1).length""")
