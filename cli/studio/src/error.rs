@@ -104,6 +104,9 @@ pub enum StudioError {
         /// Response, or the reason why it is missing.
         why: String,
     },
+    /// The user cancelled the request.
+    #[error("cancelled: nothing was changed in the folder")]
+    Cancelled,
     /// The operating system provides no socket, thread or random numbers.
     #[error("{what}: {source}")]
     System {
@@ -123,7 +126,7 @@ impl StudioError {
         match self {
             Self::Disk { .. } | Self::System { .. } => 500,
             Self::Send { .. } => 502,
-            Self::NoResult | Self::Stale => 409,
+            Self::NoResult | Self::Stale | Self::Cancelled => 409,
             _ => 422,
         }
     }

@@ -82,13 +82,16 @@ impl Folder {
         };
         let MachineWithReport { machine, mut report, missed, inputs } = self.found()?;
         let earlier = earlier.map(|name| self.earlier(name, &machine)).transpose()?;
-        report.add_working_space(&machine, earlier.as_ref())?;
+        let is_cancelled = || self.interrupt.is_cancelled();
+        report.add_working_space(&machine, earlier.as_ref(), &is_cancelled)?;
+        self.interrupt.check()?;
         refuse_two_units(&report, &limits)?;
         report.checks = checks(&report, &limits);
         // File names are relative to the folder, as in the calibration file.
         let folder = escaped(&self.at("").display().to_string());
         let page = html(&report).replace(&folder, "");
         let text = machine.to_toml();
+        self.interrupt.check()?;
         self.set_outputs_aside(&text)?;
         self.write(FITTED, text.as_bytes())?;
         self.write(REPORT, page.as_bytes())?;
@@ -111,7 +114,7 @@ impl Folder {
     }
 
     /// An earlier model, with the tool of the present one.
-    fn earlier(&self, name: &str, machine: &Machine) -> Result<Machine, StudioError> {
+    pub(crate) fn earlier(&self, name: &str, machine: &Machine) -> Result<Machine, StudioError> {
         if !self.models()?.iter().any(|known| known.name == name) {
             return Err(StudioError::Request {
                 key: "earlier",
@@ -151,6 +154,7 @@ impl Folder {
         // Before the fit, because a file may change while it runs.
         let inputs = self.inputs(&file.files)?;
         let calibration = calibrate(&file, |_, _| {})?;
+        self.interrupt.check()?;
         let stated = stated(&calibration.machine);
         Ok(MachineWithReport {
             report: Report::of_calibration(CALIBRATION, &file, &calibration, &stated),

@@ -20,6 +20,7 @@ use volcomp_web::file_name;
 
 use crate::{
     error::StudioError,
+    interrupt::Interrupt,
     questions::{AnsweredDraft, DraftState, TypedAnswer, questions, with_answers},
 };
 
@@ -30,9 +31,11 @@ const MAX_RESULTS: usize = 10_000;
 pub const MAX_FILE_BYTES: usize = 8 * 1024 * 1024;
 
 pub(crate) const MACHINE: &str = "machine.toml";
+/// The machine file that the last one replaced.
+pub(crate) const MACHINE_BACKUP: &str = ".machine.toml.bak";
 pub(crate) const CALIBRATION: &str = "calibration.toml";
 pub(crate) const SETUP: &str = "setup.toml";
-const ANSWERS: &str = "answers.json";
+pub(crate) const ANSWERS: &str = "answers.json";
 pub(crate) const RESULT: &str = "result";
 pub(crate) const FITTED: &str = "result/machine.toml";
 pub(crate) const REPORT: &str = "result/report.html";
@@ -56,6 +59,7 @@ struct Answers {
 #[derive(Clone, Debug)]
 pub struct Folder {
     path: PathBuf,
+    pub(crate) interrupt: Interrupt,
 }
 
 /// State of the folder, as shown in the web page.
@@ -144,7 +148,7 @@ impl Folder {
                 return Err(StudioError::disk(name)(io::Error::other(no_file)));
             }
         }
-        Ok(Self { path })
+        Ok(Self { path, interrupt: Interrupt::default() })
     }
 
     pub(crate) fn at(&self, name: &str) -> PathBuf {
@@ -305,6 +309,7 @@ impl Folder {
                 why: "found a file that this page did not write, or that was changed since; it is not replaced: move it away to answer questions here".to_owned(),
             });
         }
+        self.interrupt.check()?;
         self.write(CALIBRATION, whole.text.as_bytes())?;
         let hash = sha256_of(&self.at(CALIBRATION)).map_err(StudioError::disk(CALIBRATION))?;
         let kept = Answers { calibration: hash, answers: given.to_vec() };
@@ -319,6 +324,7 @@ impl Folder {
     /// # Errors
     /// An invalid name, a TOML file of another kind, a file that is too large, or too many files.
     pub fn receive(&self, name: &str, bytes: &[u8]) -> Result<(), StudioError> {
+        self.interrupt.check()?;
         let name = name_of_upload(name)?;
         let wrong = |why: String| StudioError::Upload { name: name.clone(), why };
         if bytes.len() > MAX_FILE_BYTES {
@@ -356,9 +362,10 @@ impl Folder {
     /// Key and line of the error, with the name of the text's source.
     pub fn set_machine(&self, name: &str, text: &str) -> Result<(), StudioError> {
         Machine::parse(text, name)?;
+        self.interrupt.check()?;
         let path = self.at(MACHINE);
         if path.exists() {
-            let kept = fs::copy(&path, self.at(".machine.toml.bak"));
+            let kept = fs::copy(&path, self.at(MACHINE_BACKUP));
             kept.map_err(StudioError::disk(MACHINE))?;
         }
         self.write(MACHINE, text.as_bytes())
@@ -375,6 +382,12 @@ impl Folder {
         written.map_err(StudioError::disk(name))
     }
 
+    /// The folder to which the next fit moves the previous result.
+    pub(crate) fn next_aside(&self) -> PathBuf {
+        let mut folders = (1_u64..).map(|number| self.at(&format!("{EARLIER_PREFIX}{number}")));
+        folders.find(|path| !path.exists()).unwrap_or_default()
+    }
+
     /// Moves the tables and programs of the previous result to another folder: next to a new machine file they would be mistaken for its own.
     /// Its machine file and report go with them if the new machine file, with the content `fitted`, is another one.
     pub(crate) fn set_outputs_aside(&self, fitted: &str) -> Result<(), StudioError> {
@@ -387,8 +400,7 @@ impl Folder {
         if outputs.is_empty() {
             return Ok(());
         }
-        let mut folders = (1_u64..).map(|number| self.at(&format!("{EARLIER_PREFIX}{number}")));
-        let aside = folders.find(|path| !path.exists()).unwrap_or_default();
+        let aside = self.next_aside();
         let moved = || {
             fs::create_dir(&aside)?;
             for path in outputs {

@@ -23,10 +23,12 @@ use volcomp_web::{headers, hosts, is_of_another_page};
 
 use crate::{
     error::StudioError,
-    folder::{Folder, MAX_FILE_BYTES, REPORT},
+    folder::{Folder, MACHINE, MAX_FILE_BYTES, REPORT, State, name_of_upload},
+    interrupt::Interrupt,
     outputs::TableRequest,
     questions::TypedAnswer,
     send::Target,
+    undo::{Change, ChangeName},
 };
 
 const MAX_PROGRAM_BYTES: usize = 64 * 1024 * 1024;
@@ -99,7 +101,71 @@ impl Studio {
     }
 }
 
-type Page = Arc<Mutex<Folder>>;
+/// The session, and the interrupt of its requests, which is outside of the lock that they hold.
+struct Served {
+    session: Mutex<Session>,
+    interrupt: Interrupt,
+}
+
+struct Session {
+    folder: Folder,
+    last_change: Option<Change>,
+}
+
+impl Session {
+    /// Changes the folder; a change that failed half-way can be reverted as well.
+    fn change<T>(
+        &mut self,
+        what: String,
+        uploaded: Option<&FileName>,
+        of: impl FnOnce(&Folder) -> Result<T, StudioError>,
+    ) -> Result<T, StudioError> {
+        let name = uploaded.and_then(|uploaded| name_of_upload(&uploaded.name).ok());
+        let before = self.folder.snapshot(name.as_deref());
+        let done = of(&self.folder);
+        let batch = uploaded.and_then(|uploaded| uploaded.batch);
+        if let Some(change) = self.folder.change_since(before, what, batch) {
+            self.last_change = Some(change.after(self.last_change.take()));
+        }
+        done
+    }
+
+    /// Writes tables or a program, after which the fit to which they belong cannot be reverted.
+    fn export<T>(
+        &mut self,
+        of: impl FnOnce(&Folder) -> Result<T, StudioError>,
+    ) -> Result<T, StudioError> {
+        let done = of(&self.folder)?;
+        self.last_change.take_if(|change| change.is_fit());
+        Ok(done)
+    }
+
+    fn revert(&mut self) -> Result<(), StudioError> {
+        let Some(change) = &self.last_change else {
+            let why =
+                "found no change to revert: it was reverted already, or the studio was restarted";
+            return Err(StudioError::Request { key: "undo", why: why.to_owned() });
+        };
+        self.folder.revert(change)?;
+        self.last_change = None;
+        Ok(())
+    }
+
+    fn state(&self) -> Result<PageState, StudioError> {
+        let undo = self.last_change.as_ref().map(|change| change.name.clone());
+        Ok(PageState { folder: self.folder.state()?, undo })
+    }
+}
+
+#[derive(Serialize)]
+struct PageState {
+    #[serde(flatten)]
+    folder: State,
+    /// The change that `api/undo` reverts.
+    undo: Option<ChangeName>,
+}
+
+type Page = Arc<Served>;
 
 const PAGES: [(&str, &str, &str); 4] = [
     ("", "text/html; charset=utf-8", include_str!("../web/index.html")),
@@ -125,6 +191,9 @@ fn router(token: &str, folder: Folder) -> Router {
         .route(&at("api/fit"), post(fit))
         .route(&at("api/tables"), post(tables))
         .route(&at("api/send"), post(send))
+        .route(&at("api/cancel"), post(cancel))
+        .route(&at("api/undo"), post(undo))
+        .route(&at("api/drift"), post(drift))
         // One byte more, so that the handler can reject a file that is too large by its name.
         .layer(DefaultBodyLimit::max(MAX_FILE_BYTES + 1))
         .route(&at("api/nc"), post(nc).layer(DefaultBodyLimit::max(MAX_PROGRAM_BYTES)))
@@ -133,7 +202,10 @@ fn router(token: &str, folder: Folder) -> Router {
             refuse(StatusCode::NOT_FOUND, why)
         })
         .layer(from_fn(every_request))
-        .with_state(Arc::new(Mutex::new(folder)))
+        .with_state(Arc::new(Served {
+            interrupt: folder.interrupt.clone(),
+            session: Mutex::new(Session { folder, last_change: None }),
+        }))
 }
 
 async fn every_request(request: Request, next: Next) -> Response {
@@ -167,11 +239,14 @@ fn refuse(status: StatusCode, why: &str) -> Response {
 /// Runs work on the folder on a blocking thread: a fit takes seconds.
 async fn work<T: Send + 'static>(
     page: Page,
-    work: impl FnOnce(&Folder) -> Result<T, StudioError> + Send + 'static,
+    work: impl FnOnce(&mut Session) -> Result<T, StudioError> + Send + 'static,
 ) -> Result<T, Response> {
+    // Before the wait for the lock, so that a request that waits is cancelled as well.
+    let interrupt = page.interrupt.of_request();
     let done = tokio::task::spawn_blocking(move || {
-        let folder = page.lock().unwrap_or_else(PoisonError::into_inner);
-        work(&folder).map_err(|error| (error.status(), folder.relative(&error)))
+        let mut session = page.session.lock().unwrap_or_else(PoisonError::into_inner);
+        session.folder.interrupt = interrupt;
+        work(&mut session).map_err(|error| (error.status(), session.folder.relative(&error)))
     });
     match done.await {
         Ok(Ok(done)) => Ok(done),
@@ -187,7 +262,7 @@ async fn work<T: Send + 'static>(
 
 async fn respond<T: Serialize + Send + 'static>(
     page: Page,
-    of: impl FnOnce(&Folder) -> Result<T, StudioError> + Send + 'static,
+    of: impl FnOnce(&mut Session) -> Result<T, StudioError> + Send + 'static,
 ) -> Response {
     match work(page, of).await {
         Ok(document) => Json(document).into_response(),
@@ -198,20 +273,26 @@ async fn respond<T: Serialize + Send + 'static>(
 async fn respond_to<R: DeserializeOwned + Send + 'static, T: Serialize + Send + 'static>(
     page: Page,
     body: &Bytes,
-    of: impl FnOnce(&Folder, R) -> Result<T, StudioError> + Send + 'static,
+    of: impl FnOnce(&mut Session, R) -> Result<T, StudioError> + Send + 'static,
 ) -> Response {
     match serde_json::from_slice(body) {
-        Ok(request) => respond(page, move |folder| of(folder, request)).await,
+        Ok(request) => respond(page, move |session| of(session, request)).await,
         Err(e) => refuse(StatusCode::BAD_REQUEST, &format!("the request: {e}")),
     }
 }
 
+/// Cancels what runs; its own request responds when it has stopped, or is finished.
+async fn cancel(Shared(page): Shared<Page>) -> Response {
+    page.interrupt.cancel();
+    Json(json!({})).into_response()
+}
+
 async fn state(Shared(page): Shared<Page>) -> Response {
-    respond(page, Folder::state).await
+    respond(page, |session| session.state()).await
 }
 
 async fn report(Shared(page): Shared<Page>) -> Response {
-    match work(page, |folder| folder.result(REPORT)).await {
+    match work(page, |session| session.folder.result(REPORT)).await {
         Ok(bytes) => ([(header::CONTENT_TYPE, "text/html; charset=utf-8")], bytes).into_response(),
         Err(refusal) => refusal,
     }
@@ -220,14 +301,19 @@ async fn report(Shared(page): Shared<Page>) -> Response {
 #[derive(Deserialize)]
 struct FileName {
     name: String,
+    /// Number of the drop, common to its files.
+    batch: Option<u64>,
 }
 
 /// Download of a file below `result/`.
-async fn file(Shared(page): Shared<Page>, Query(FileName { name }): Query<FileName>) -> Response {
+async fn file(
+    Shared(page): Shared<Page>,
+    Query(FileName { name, .. }): Query<FileName>,
+) -> Response {
     let base = name.rsplit('/').next().unwrap_or_default();
     let base: String = base.chars().filter(char::is_ascii).collect();
     let saved = format!("attachment; filename=\"{}\"", base.replace(['"', '\\'], "_"));
-    match work(page, move |folder| folder.result(&name)).await {
+    match work(page, move |session| session.folder.result(&name)).await {
         Ok(bytes) => {
             let kind = "application/octet-stream".to_owned();
             let of = [(header::CONTENT_TYPE, kind), (header::CONTENT_DISPOSITION, saved)];
@@ -237,14 +323,11 @@ async fn file(Shared(page): Shared<Page>, Query(FileName { name }): Query<FileNa
     }
 }
 
-async fn upload(
-    Shared(page): Shared<Page>,
-    Query(FileName { name }): Query<FileName>,
-    body: Bytes,
-) -> Response {
-    respond(page, move |folder| {
-        folder.receive(&name, &body)?;
-        folder.state()
+async fn upload(Shared(page): Shared<Page>, Query(file): Query<FileName>, body: Bytes) -> Response {
+    respond(page, move |session| {
+        let what = format!("file {}", file.name);
+        session.change(what, Some(&file), |folder| folder.receive(&file.name, &body))?;
+        session.state()
     })
     .await
 }
@@ -255,19 +338,37 @@ struct MachineText {
 }
 
 async fn machine(Shared(page): Shared<Page>, body: Bytes) -> Response {
-    respond_to(page, &body, |folder, MachineText { text }| {
-        folder.set_machine("machine.toml", &text)?;
-        folder.state()
+    respond_to(page, &body, |session, MachineText { text }| {
+        let what = "machine file".to_owned();
+        session.change(what, None, |folder| folder.set_machine(MACHINE, &text))?;
+        session.state()
     })
     .await
 }
 
 async fn answers(Shared(page): Shared<Page>, body: Bytes) -> Response {
-    respond_to(page, &body, |folder, given: Vec<TypedAnswer>| {
-        folder.answer(&given)?;
-        folder.state()
+    respond_to(page, &body, |session, given: Vec<TypedAnswer>| {
+        session.change("answers".to_owned(), None, |folder| folder.answer(&given))?;
+        session.state()
     })
     .await
+}
+
+async fn undo(Shared(page): Shared<Page>) -> Response {
+    respond(page, |session| {
+        session.revert()?;
+        session.state()
+    })
+    .await
+}
+
+#[derive(Deserialize)]
+struct ModelName {
+    model: String,
+}
+
+async fn drift(Shared(page): Shared<Page>, body: Bytes) -> Response {
+    respond_to(page, &body, |session, ModelName { model }| session.folder.drift(&model)).await
 }
 
 #[derive(Deserialize)]
@@ -277,14 +378,16 @@ struct FitRequest {
 }
 
 async fn fit(Shared(page): Shared<Page>, body: Bytes) -> Response {
-    respond_to(page, &body, |folder, of: FitRequest| {
-        folder.fit(&of.tolerance, of.earlier.as_deref())
+    respond_to(page, &body, |session, of: FitRequest| {
+        let fit = |folder: &Folder| folder.fit(&of.tolerance, of.earlier.as_deref());
+        session.change("fit".to_owned(), None, fit)
     })
     .await
 }
 
 async fn tables(Shared(page): Shared<Page>, body: Bytes) -> Response {
-    respond_to(page, &body, |folder, of: TableRequest| folder.tables(&of)).await
+    respond_to(page, &body, |session, of: TableRequest| session.export(|folder| folder.tables(&of)))
+        .await
 }
 
 #[derive(Deserialize)]
@@ -294,9 +397,12 @@ struct Program {
 }
 
 async fn nc(Shared(page): Shared<Page>, Query(of): Query<Program>, body: Bytes) -> Response {
-    respond(page, move |folder| folder.nc(&of.name, &body, of.tolerance_um)).await
+    respond(page, move |session| {
+        session.export(|folder| folder.nc(&of.name, &body, of.tolerance_um))
+    })
+    .await
 }
 
 async fn send(Shared(page): Shared<Page>, body: Bytes) -> Response {
-    respond_to(page, &body, |folder, target: Target| folder.send(&target)).await
+    respond_to(page, &body, |session, target: Target| session.folder.send(&target)).await
 }

@@ -117,6 +117,7 @@ impl Folder {
         let content = sampled(&machine, &none, &options, format)?;
         let written = write(format, &content, &write_options)?;
         let lost = loss(&machine, &none, &options, format, &write_options)?;
+        self.interrupt.check()?;
         let mut files = Vec::new();
         for file in &written.files {
             let name = format!("{TABLES}/{format}/{}", file.name);
@@ -177,6 +178,7 @@ impl Folder {
         let mut input = BufReader::new(program);
         let summary = compensate(&mut input, &mut output, job, |_| Ok(())).map_err(wrong)?;
         let file = format!("{PROGRAMS}/{name}");
+        self.interrupt.check()?;
         self.write(&file, &output)?;
         let counts = &summary.counts;
         let notes = summary.notes.by_line().into_iter();

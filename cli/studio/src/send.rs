@@ -22,6 +22,7 @@ use volcomp_web::{
 use crate::{
     error::StudioError,
     folder::{FITTED, Folder, MACHINE},
+    interrupt::Interrupt,
 };
 
 /// Timeout of one request with its answer.
@@ -76,10 +77,12 @@ impl Folder {
     pub fn send(&self, target: &Target) -> Result<Delivery, StudioError> {
         // Parse it as a machine first, so that a damaged file is reported here and not by the peer.
         self.fitted_machine()?;
+        self.interrupt.check()?;
         let text = String::from_utf8_lossy(&self.result(FITTED)?).into_owned();
         match target {
             Target::Gateway { url, token, certificate } => {
-                to_gateway(&Server::new(url, certificate)?, token, &text)
+                let server = Server::new(url, certificate)?;
+                to_gateway(&server, token, &text, &self.interrupt)
             }
             Target::Centre { url, name, password, certificate } => {
                 to_centre(&Server::new(url, certificate)?, [name, password], &text)
@@ -88,7 +91,12 @@ impl Folder {
     }
 }
 
-fn to_gateway(server: &Server, token: &str, text: &str) -> Result<Delivery, StudioError> {
+fn to_gateway(
+    server: &Server,
+    token: &str,
+    text: &str,
+    interrupt: &Interrupt,
+) -> Result<Delivery, StudioError> {
     let headers = [("Authorization", format!("Bearer {token}"))];
     let upload = format!("/api/model/upload?kind=machine&name={MACHINE}");
     let sent = server.request("POST", &upload, &headers, text)?;
@@ -105,6 +113,7 @@ fn to_gateway(server: &Server, token: &str, text: &str) -> Result<Delivery, Stud
         if begun.elapsed() > COMPARE_TIMEOUT {
             return Err(server.failed(&"the gateway has not compared the machine file in time"));
         }
+        interrupt.check()?;
         std::thread::sleep(POLL_INTERVAL);
     };
     if let Some(error) = candidate["error"].as_str() {

@@ -7,7 +7,13 @@ const VERDICTS = { pass: "Every tolerance is met.", fail: "A tolerance is not me
 const LARGEST_FILE = 8 * 1024 * 1024;
 /** Questions whose answers differ from file to file. */
 const OF_ONE = ["error", "file"];
+/** Shorter work is not shown, ms. */
+const SHOWN_AFTER = 300;
+/** Changes of a model that the table names. */
+const LISTED_CHANGES = 6;
 let state = null, busy = false;
+/** Whether the user has cancelled the request, or the requests of one action. */
+let cancelled = false;
 /** What was typed and is not saved yet, by subject and key. */
 const typed = new Map();
 const keyOf = (of, key) => `${of}\n${key}`;
@@ -25,10 +31,26 @@ function showMessage(said) {
   element("answer").textContent = said || "";
 }
 
+/** Shows what runs, and since how many seconds; returns how to end it. */
+function showProgress(doing) {
+  const begun = performance.now();
+  element("doing").textContent = `${doing} …`;
+  element("cancel").disabled = false;
+  const tick = () => {
+    const ms = performance.now() - begun;
+    element("running").hidden = ms < SHOWN_AFTER;
+    element("seconds").textContent = `${Math.floor(ms / 1000)} s`;
+  };
+  const timer = setInterval(tick, 100);
+  return () => { clearInterval(timer); element("running").hidden = true; };
+}
+
 /** A request; what it refuses is shown, and `null` returned. */
-async function ask(path, body) {
+async function ask(path, body, doing = "Reading the folder") {
   busy = true;
-  for (const button of document.querySelectorAll("button")) button.disabled = true;
+  cancelled = false;
+  const focused = document.activeElement, ended = showProgress(doing);
+  for (const button of document.querySelectorAll("button:not(#cancel)")) button.disabled = true;
   try {
     const sent = body instanceof Blob || typeof body === "string" ? body : JSON.stringify(body);
     const response = await fetch(path, body === undefined ? {} : { method: "POST", body: sent });
@@ -43,7 +65,10 @@ async function ask(path, body) {
     return null;
   } finally {
     busy = false;
+    ended();
     for (const button of document.querySelectorAll("button")) button.disabled = false;
+    // A disabled button loses the focus.
+    if (focused && document.activeElement === document.body) focused.focus({ preventScroll: true });
   }
 }
 
@@ -58,6 +83,8 @@ function show(now) {
   if (!now) return;
   state = now;
   element("folder").textContent = state.folder;
+  element("undo").hidden = !state.undo;
+  if (state.undo) element("undo").textContent = `Undo: ${state.undo.what} of ${new Date(state.undo.at_s * 1000).toLocaleTimeString([], { hour: "2-digit", minute: "2-digit" })}`;
   showFiles();
   showMachine();
   const draft = state.draft;
@@ -88,14 +115,46 @@ function showFiles() {
   if (state.files.length === 0) make("li", "not-used", target, "no files yet");
 }
 
+const dateOf = (model) => new Date(model.written_s * 1000).toLocaleString();
+
 /** The models that later fits replaced, by the time at which they were written. */
 function showEarlier() {
-  element("earlier-line").hidden = state.models.length === 0;
+  element("earlier-line").hidden = element("models-part").hidden = state.models.length === 0;
+  const models = JSON.stringify(state.models);
+  if (element("models").dataset.of !== models) element("models").hidden = true;
+  element("models").dataset.of = models;
   const field = element("earlier"), chosen = field.value;
   field.replaceChildren();
   make("option", "", field, "none").value = "";
-  for (const model of state.models) make("option", "", field, `${new Date(model.written_s * 1000).toLocaleString()}: ${model.name}`).value = model.name;
+  for (const model of state.models) make("option", "", field, `${dateOf(model)}: ${model.name}`).value = model.name;
   field.value = state.models.some((model) => model.name === chosen) ? chosen : "";
+}
+
+/** The largest differences of a model from the newest. */
+function differences(changes) {
+  const shown = changes.filter((of) => of.largest >= 0.05).slice(0, LISTED_CHANGES);
+  const more = changes.length - shown.length;
+  if (shown.length === 0) return more ? "none of 0.05 or more" : "none";
+  return shown.map((of) => `${of.error} ${of.largest.toFixed(1)} ${of.unit}`).join(", ") + (more ? `, and ${more} smaller` : "");
+}
+
+/** A table of all models with their volumetric error and what has changed since. */
+async function compare() {
+  const target = element("models"), all = [{ name: "result/machine.toml" }, ...state.models];
+  target.replaceChildren();
+  target.hidden = false;
+  const table = make("table", "", target), head = make("tr", "", table);
+  for (const word of ["Model", "Volumetric error V, µm", "Largest differences from the newest"]) make("th", "", head, word).scope = "col";
+  for (const [index, model] of all.entries()) {
+    const drift = await ask("api/drift", { model: model.name }, `Comparing model ${index + 1} of ${all.length}`);
+    if (cancelled) return;
+    const row = make("tr", "", table);
+    make("th", "", row, index ? dateOf(model) : "the newest").scope = "row";
+    make("td", "", row, drift && drift.position_um !== null ? drift.position_um.toFixed(1) : "");
+    make("td", "", row, !drift ? element("answer").textContent : index ? differences(drift.changes) : "");
+    // The reason is in its row.
+    showMessage("");
+  }
 }
 
 function showMachine() {
@@ -167,12 +226,12 @@ function fieldOf(question, parent) {
   let field;
   if (question.choices.length) {
     field = make("select", "", parent);
-    make("option", "", field, question.default === null ? "" : `not answered; default: ${question.default}`).value = "";
+    make("option", "", field, question.default === null ? "" : `open; default: ${question.default}`).value = "";
     for (const choice of question.choices) make("option", "", field, choice).value = choice;
   } else {
     field = make("input", "", parent);
     field.autocomplete = "off";
-    if (question.default !== null) field.placeholder = `not answered; default: ${question.default}`;
+    if (question.default !== null) field.placeholder = `open; default: ${question.default}`;
   }
   field.dataset.key = question.key;
   return field;
@@ -261,7 +320,7 @@ function answers() {
 /** Saves what was typed; whether it was taken. */
 async function save() {
   if (!state.draft) return true;
-  const now = await ask("api/answers", answers());
+  const now = await ask("api/answers", answers(), "Saving the answers");
   if (!now) return false;
   typed.clear();
   show(now);
@@ -276,9 +335,8 @@ async function fit() {
     if (first) first.scrollIntoView({ block: "center" });
     return;
   }
-  element("working").hidden = false;
-  const fitted = await ask("api/fit", { tolerance: element("tolerance").value, earlier: element("earlier").value || null });
-  element("working").hidden = true;
+  const used = state.files.filter((file) => !file.not_used).length;
+  const fitted = await ask("api/fit", { tolerance: element("tolerance").value, earlier: element("earlier").value || null }, used ? `Fitting ${used} file${used > 1 ? "s" : ""}` : "Evaluating the machine file");
   element("fitted").hidden = !fitted;
   if (!fitted) return;
   const verdict = element("verdict");
@@ -293,17 +351,27 @@ async function fit() {
   element("fit-panel").scrollIntoView();
 }
 
+/** Reverts the last change; a fit that is reverted is no longer shown. */
+async function undo() {
+  const now = await ask("api/undo", {}, "Reverting the last change");
+  if (!now) return;
+  element("fitted").hidden = true;
+  element("report").removeAttribute("src");
+  show(now);
+}
+
 async function upload(files) {
   // One that is refused does not stop the others.
-  const refused = [];
-  for (const file of files) {
+  const refused = [], batch = Date.now(), all = [...files];
+  for (const [index, file] of all.entries()) {
     if (file.size > LARGEST_FILE) {
       refused.push(`${file.name}: larger than 8 MiB, the most that is taken`);
       continue;
     }
-    const now = await ask(`api/upload?name=${encodeURIComponent(file.name)}`, file);
+    const now = await ask(`api/upload?name=${encodeURIComponent(file.name)}&batch=${batch}`, file, `Copying ${file.name} (${index + 1} of ${all.length})`);
     if (now) show(now);
     else refused.push(element("answer").textContent);
+    if (cancelled) break;
   }
   showMessage(refused.join("; "));
 }
@@ -325,7 +393,7 @@ async function tables(event) {
     at[field.dataset.axis] = Number(field.value);
   }
   const number = (id) => Number(element(id).value);
-  const done = await ask("api/tables", { format: element("format").value, step_mm: number("step-mm"), step_deg: number("step-deg"), limit_um: number("limit"), at });
+  const done = await ask("api/tables", { format: element("format").value, step_mm: number("step-mm"), step_deg: number("step-deg"), limit_um: number("limit"), at }, "Writing tables");
   const target = element("tables-done");
   target.replaceChildren();
   if (!done) return;
@@ -344,7 +412,7 @@ async function nc(event) {
   event.preventDefault();
   const [program] = element("program").files;
   if (!program) return showMessage("Choose a program first.");
-  const done = await ask(`api/nc?name=${encodeURIComponent(program.name)}&tolerance_um=${encodeURIComponent(element("nc-tolerance").value)}`, program);
+  const done = await ask(`api/nc?name=${encodeURIComponent(program.name)}&tolerance_um=${encodeURIComponent(element("nc-tolerance").value)}`, program, `Compensating ${program.name}`);
   const target = element("nc-done");
   target.replaceChildren();
   if (!done) return;
@@ -359,7 +427,7 @@ async function send(event, to, fields) {
   for (const field of fields) request[field] = element(`${to}-${field}`).value.trim();
   const [certificate] = element(`${to}-certificate`).files;
   if (certificate) request.certificate = await certificate.text();
-  const sent = await ask("api/send", request);
+  const sent = await ask("api/send", request, `Sending to the ${to}`);
   const target = element(`${to}-done`);
   target.replaceChildren();
   if (!sent) return;
@@ -370,6 +438,13 @@ async function send(event, to, fields) {
   for (const warning of sent.warnings) make("li", "", warnings, warning);
 }
 
+element("cancel").addEventListener("click", () => {
+  cancelled = true;
+  element("cancel").disabled = true;
+  element("doing").textContent = "Cancelling …";
+  // The cancelled request says whether it was stopped or already finished.
+  fetch("api/cancel", { method: "POST" }).catch(() => {});
+});
 const drop = element("drop");
 for (const name of ["dragover", "dragleave", "drop"]) {
   document.addEventListener(name, (event) => {
@@ -379,9 +454,11 @@ for (const name of ["dragover", "dragleave", "drop"]) {
   });
 }
 element("choose").addEventListener("change", async () => { await upload([...element("choose").files]); element("choose").value = ""; });
+element("compare").addEventListener("click", compare);
+element("undo").addEventListener("click", undo);
 element("structure").addEventListener("input", showTravels);
-element("machine-form").addEventListener("submit", async (event) => { event.preventDefault(); show(await ask("api/machine", { text: machineText() })); });
-element("machine-edit").addEventListener("submit", async (event) => { event.preventDefault(); show(await ask("api/machine", { text: element("machine-text").value })); });
+element("machine-form").addEventListener("submit", async (event) => { event.preventDefault(); show(await ask("api/machine", { text: machineText() }, "Writing machine.toml")); });
+element("machine-edit").addEventListener("submit", async (event) => { event.preventDefault(); show(await ask("api/machine", { text: element("machine-text").value }, "Writing machine.toml")); });
 element("questions").addEventListener("submit", (event) => { event.preventDefault(); save(); });
 element("defaults").addEventListener("click", () => {
   for (const field of element("questions").querySelectorAll("[data-default]")) if (!field.value && field.dataset.default) fill(field, field.dataset.default);

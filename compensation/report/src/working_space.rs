@@ -17,7 +17,7 @@ use crate::{
 impl Report {
     /// Adds the body diagonals and the volumetric error of `machine` without correction, over the tools of its file. `before` is an earlier
     /// machine file of the same geometry, whose diagonals and error are added as the state before. Returns the note on thermal terms, which are
-    /// not included.
+    /// not included. Once `is_cancelled` returns true, the errors count as 0: the search ends soon, and the caller discards the report.
     ///
     /// # Errors
     /// A machine whose errors cannot be evaluated.
@@ -25,6 +25,7 @@ impl Report {
         &mut self,
         machine: &Machine,
         before: Option<&Machine>,
+        is_cancelled: &dyn Fn() -> bool,
     ) -> Result<Option<String>, ModelError> {
         let found = (State::Found, machine);
         let (first, second) = match before {
@@ -48,8 +49,8 @@ impl Report {
             Ok(of)
         });
         let earlier = with_tools.collect::<Result<Vec<_>, ModelError>>()?;
-        let now: Vec<_> = tools.iter().map(|(_, with_tool)| errors(with_tool)).collect();
-        let then: Vec<_> = earlier.iter().map(errors).collect();
+        let now: Vec<_> = tools.iter().map(|(_, of)| errors(of, is_cancelled)).collect();
+        let then: Vec<_> = earlier.iter().map(|of| errors(of, is_cancelled)).collect();
         let now = fields(&tools, &earlier, &now);
         let then = fields(&tools, &earlier, &then);
         let found = volumetric(&now)?;
@@ -91,9 +92,15 @@ impl Report {
 }
 
 /// Position (mm) and rotation (rad) of the error at a pose, in workpiece axes, at the reference temperature.
-fn errors(machine: &Machine) -> impl Fn(&Pose) -> [f64; 6] {
+fn errors<'a>(
+    machine: &'a Machine,
+    is_cancelled: &'a dyn Fn() -> bool,
+) -> impl Fn(&Pose) -> [f64; 6] + 'a {
     let none = Temperatures::new();
     move |pose| {
+        if is_cancelled() {
+            return [0.0; 6];
+        }
         let source = machine.source(&none);
         let found = volumetric_error(machine.chain(), &source, pose, Form::Exact);
         let (p, r) = (found.position_mm, found.rotation_rad);

@@ -43,6 +43,16 @@ def asked(page):
         raise AssertionError(f"nothing to confirm: {page.inner_text('#answer')!r}") from failed
 
 
+def reachable(page, name):
+    """The keys reach every box that scrolls, and every field has a name."""
+    closed = page.evaluate("""[...document.querySelectorAll('ul,pre,div')].filter((box) => box.clientHeight && box.scrollHeight > box.clientHeight + 1
+        && getComputedStyle(box).overflowY !== 'visible' && box.tabIndex < 0 && !box.querySelector('a,button,input,select')).map((box) => box.id)""")
+    assert not closed, f"{name}: {closed}"
+    nameless = page.evaluate("""[...document.querySelectorAll('input,select,textarea')].filter((field) => !field.labels.length
+        && !field.ariaLabel && !field.placeholder).map((field) => field.id)""")
+    assert not nameless, f"{name}: {nameless}"
+
+
 def look(page, name):
     """A picture at two widths, at which nothing may be wider than the window."""
     for width in (1200, 600):
@@ -50,6 +60,8 @@ def look(page, name):
         page.wait_for_timeout(200)
         wide = page.evaluate("[document.documentElement.scrollWidth, window.innerWidth]")
         assert wide[0] <= wide[1], f"{name}: the page is wider than its window: {wide}"
+        if page.url.startswith(studio):
+            reachable(page, name)
         page.evaluate("window.scrollTo(0, 0)")
         page.screenshot(path=screenshot.replace(".png", f"-{width}-{name}.png"), full_page=True)
     page.set_viewport_size({"width": 1200, "height": 900})
@@ -124,6 +136,11 @@ with sync_playwright() as playwright:
     page.fill("#questions [data-all='at.Z']", "-300")
     page.locator("#questions [data-all='at.Z']").press("Tab")
     assert [field.input_value() for field in places.all()] == ["-299"] + ["-300"] * (places.count() - 1)
+    # The last change is named, and taken back.
+    page.set_input_files("#choose", {"name": "extra.csv", "mimeType": "text/csv", "buffer": b"target_mm,deviation_um\n0,0\n"})
+    until(page, lambda: "file extra.csv of" in page.inner_text("#undo"))
+    page.click("#undo")
+    until(page, lambda: page.is_hidden("#undo") and "extra.csv" not in page.inner_text("#files"))
     # Open questions are counted; what was answered outlives a reload: it is in the folder.
     page.click("#fit")
     until(page, lambda: "questions are open" in page.inner_text("#answer"))
@@ -141,6 +158,14 @@ with sync_playwright() as playwright:
     page.wait_for_selector("#questions [data-key=bridge_mm]")
     fill(page)
     page.fill("#tolerance", "V=1")
+    # What runs is shown, and a cancelled fit has no result.
+    page.click("#fit")
+    page.wait_for_selector("#running:not([hidden])")
+    until(page, lambda: "Fitting 5 files" in page.inner_text("[role=status]"))
+    page.click("#cancel")
+    until(page, lambda: "cancelled: nothing was changed" in page.inner_text("#answer"))
+    assert page.is_hidden("#running") and page.is_hidden("#fitted")
+    assert not (pathlib.Path(page.inner_text("#folder")) / "result").exists()
     page.click("#fit")
     page.wait_for_selector("#verdict[data-verdict=fail]")
     until(page, lambda: page.locator("#warnings li").count() > 0)
@@ -168,6 +193,19 @@ with sync_playwright() as playwright:
     page.click("#gateway button")
     until(page, lambda: "has the machine file" in page.inner_text("#gateway-done"))
     look(page, "sent")
+    # Another model stands beside the earlier one in the table; undone, everything is as before.
+    page.click("#machine-fold summary")
+    page.fill("#machine-text", page.input_value("#machine-text") + "\n[errors]\nEB0Z = 7.0\n")
+    page.click("#machine-edit button")
+    until(page, lambda: "machine file of" in page.inner_text("#undo"))
+    page.click("#fit")
+    until(page, lambda: "fit of" in page.inner_text("#undo"))
+    page.click("#compare")
+    until(page, lambda: page.locator("#models tr").count() == 3 and page.is_hidden("#running"))
+    assert "EB0Z 7.0 µrad" in page.inner_text("#models")
+    look(page, "models")
+    page.click("#undo")
+    until(page, lambda: page.is_hidden("#models-part") and page.is_visible("#stale"))
     # The gateway compares, and corrects with it once an engineer has confirmed it there.
     page.goto(page.locator("#gateway-done a").get_attribute("href"))
     page.wait_for_selector("#in-force dd")

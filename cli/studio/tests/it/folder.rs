@@ -86,6 +86,39 @@ fn a_hand_edited_calibration_file_is_not_overwritten() {
     assert_eq!(fs::read_to_string(&path).expect("there"), changed);
 }
 
+/// Readings of twice the slope and a squareness that the machine file states: 8 µm of EXX at the end of the travel, 5 µrad of EC0Y.
+#[test]
+fn earlier_models_are_compared_with_the_newest() {
+    let (dir, folder) = small();
+    folder.answer(&defaults(&folder)).expect("answers");
+    let first = folder.fit("V=100", None).expect("fitted");
+    let readings: String = SLOPE
+        .lines()
+        .map(|line| match line.rsplit_once(',') {
+            Some((head, um)) => match um.parse::<f64>() {
+                Ok(um) => format!("{head},{}\n", 2.0 * um),
+                Err(_) => format!("{line}\n"),
+            },
+            None => String::new(),
+        })
+        .collect();
+    fs::write(dir.path().join("exx.csv"), readings).expect("writable");
+    let text = fs::read_to_string(dir.path().join("machine.toml")).expect("there");
+    folder.set_machine("machine.toml", &format!("{text}\n[errors]\nEC0Y = 5.0\n")).expect("valid");
+    let second = folder.fit("V=100", None).expect("fitted");
+    let models = folder.state().expect("readable").models;
+    let earlier = folder.drift(&models[0].name).expect("compared");
+    assert_eq!(earlier.position_um, first.position_um);
+    let names: Vec<_> = earlier.changes.iter().map(|of| (of.error.as_str(), of.unit)).collect();
+    assert_eq!(names, [("EXX", "µm"), ("EC0Y", "µrad")]);
+    let largest: Vec<f64> = earlier.changes.iter().map(|of| of.largest).collect();
+    assert!((largest[0] - 8.05).abs() < 0.1 && (largest[1] - 5.0).abs() < 1e-9, "{largest:?}");
+    let newest = folder.drift("result/machine.toml").expect("evaluated");
+    assert_eq!((newest.position_um, newest.changes), (second.position_um, Vec::new()));
+    let refused = folder.drift("machine.toml").expect_err("no model").to_string();
+    assert!(refused.contains("earlier models"), "{refused}");
+}
+
 /// A pipe in place of a file is rejected, since reading would block.
 #[test]
 fn a_pipe_in_place_of_a_studio_file_is_rejected() {

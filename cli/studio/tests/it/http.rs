@@ -1,9 +1,13 @@
 //! The page over real HTTP.
 
 use std::{
+    collections::BTreeMap,
+    fs,
     io::{Read, Write},
     net::{SocketAddr, TcpListener, TcpStream},
+    path::{Path, PathBuf},
     thread,
+    time::Duration,
 };
 
 use serde_json::{Value, json};
@@ -13,7 +17,7 @@ use volcomp_studio::{Folder, Studio};
 use crate::{SLOPE, small};
 
 struct Page {
-    _dir: TempDir,
+    dir: TempDir,
     address: SocketAddr,
     path: String,
 }
@@ -60,7 +64,7 @@ impl Page {
         let path = url.strip_prefix(&format!("http://{address}")).expect("its address");
         let path = path.to_owned();
         thread::spawn(move || studio.run());
-        Self { _dir: dir, address, path }
+        Self { dir, address, path }
     }
 
     fn send(&self, method: &str, path: &str, headers: &str, body: &str) -> Answer {
@@ -129,6 +133,115 @@ fn the_http_api_turns_a_folder_into_a_machine_file() {
         page.send("POST", "api/nc?name=part.ngc&tolerance_um=1", "", "G21 G90\nG1 X400 F100\nM2\n");
     assert_eq!(program.json()["file"], "result/nc/part.ngc", "{}", program.body);
     assert!(page.get("file?name=result/nc/part.ngc").body.contains("X399.992"));
+}
+
+/// Every file of the folder with its content.
+fn contents(dir: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
+    let mut all = BTreeMap::new();
+    for entry in fs::read_dir(dir).expect("readable") {
+        let path = entry.expect("readable").path();
+        if path.is_dir() {
+            all.extend(contents(&path));
+        } else {
+            all.insert(path.clone(), fs::read(path).expect("readable"));
+        }
+    }
+    all
+}
+
+#[test]
+fn a_cancelled_fit_changes_nothing() {
+    let page = page();
+    page.post("api/answers", &defaults(&page.get("api/state").json()));
+    let before = contents(page.dir.path());
+    // The second one waits for the first.
+    thread::scope(|scope| {
+        let fit = || scope.spawn(|| page.post("api/fit", &json!({ "tolerance": "" })));
+        let fits = [fit(), fit()];
+        while !fits.iter().all(thread::ScopedJoinHandle::is_finished) {
+            page.post("api/cancel", &json!({}));
+            thread::sleep(Duration::from_millis(10));
+        }
+        for fit in fits {
+            let refused = fit.join().expect("no panic");
+            assert_eq!(refused.status, 409, "{}", refused.body);
+            assert!(refused.body.contains("cancelled"), "{}", refused.body);
+        }
+    });
+    assert_eq!(contents(page.dir.path()), before);
+    // A later request is not cancelled.
+    assert_eq!(page.post("api/fit", &json!({ "tolerance": "" })).status, 200);
+}
+
+#[test]
+fn the_last_change_is_reverted_whole() {
+    let page = page();
+    let undo = || page.post("api/undo", &json!({}));
+    let undoable = || page.get("api/state").json()["undo"]["what"].clone();
+    let now = || contents(page.dir.path());
+    assert_eq!(undo().status, 422, "nothing was changed yet");
+    // Answers: the second ones replace the first.
+    page.post("api/answers", &json!([]));
+    let before = now();
+    page.post("api/answers", &defaults(&page.get("api/state").json()));
+    assert_eq!(undoable(), "answers");
+    let answered = now();
+    assert_ne!(before, answered);
+    assert_eq!(undo().status, 200);
+    assert_eq!(now(), before);
+    assert_eq!((undo().status, undoable()), (422, Value::Null), "one level only");
+    page.post("api/answers", &defaults(&page.get("api/state").json()));
+    assert_eq!(now(), answered);
+    // The same answers again change nothing, so nothing else is forgotten or offered.
+    // A first fit, and one of other readings that moves it aside.
+    let fit = || assert_eq!(page.post("api/fit", &json!({ "tolerance": "" })).status, 200);
+    fit();
+    let fitted = now();
+    fit();
+    assert_eq!(now(), fitted, "the same input gives the same bytes");
+    assert_eq!(undoable(), "fit");
+    assert_eq!(undo().status, 200);
+    assert_eq!(now(), answered);
+    fit();
+    let exx = page.dir.path().join("exx.csv");
+    fs::write(&exx, SLOPE.replace(",8.1", ",8.4")).expect("writable");
+    let before = now();
+    fit();
+    assert!(page.dir.path().join("result/before-1/machine.toml").exists());
+    assert_eq!(undo().status, 200);
+    assert_eq!(now(), before);
+    assert_eq!(page.get("api/state").json()["is_stale"], true);
+    // A program that was written from a fit belongs to it.
+    fit();
+    page.send("POST", "api/nc?name=part.ngc&tolerance_um=1", "", "G21 G90\nG1 X400 F100\nM2\n");
+    assert_eq!(undoable(), Value::Null);
+    // A machine file, with the backup of the one before.
+    let before = now();
+    let text = fs::read_to_string(page.dir.path().join("machine.toml")).expect("there");
+    let machine = |text: &str| page.post("api/machine", &json!({ "text": text })).status;
+    assert_eq!(machine(&text.replace("small", "other")), 200);
+    assert_eq!((undoable(), undo().status), (json!("machine file"), 200));
+    assert_eq!(now(), before);
+    // Files of one drop, but not those of the drop before.
+    let upload = |name: &str, batch: u32, body: &str| {
+        let path = format!("api/upload?name={name}&batch={batch}");
+        assert_eq!(page.send("POST", &path, "", body).status, 200);
+    };
+    upload("one.csv", 1, "1");
+    assert_eq!(undoable(), "file one.csv");
+    let before = now();
+    upload("two.csv", 2, "2");
+    upload("machine.toml", 2, &text.replace("small", "third"));
+    upload("three.csv", 2, "3");
+    assert_eq!((undoable(), undo().status), (json!("3 files"), 200));
+    assert_eq!(now(), before);
+    // What another program has changed since stays.
+    upload("four.csv", 3, "4");
+    fs::write(page.dir.path().join("four.csv"), "5").expect("writable");
+    let refused = undo();
+    assert_eq!(refused.status, 422);
+    assert!(refused.body.contains("four.csv: was changed since"), "{}", refused.body);
+    assert_eq!(fs::read_to_string(page.dir.path().join("four.csv")).expect("there"), "5");
 }
 
 #[test]

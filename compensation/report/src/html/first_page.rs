@@ -69,7 +69,7 @@ fn fact(page: &mut Page, name: &str, value: Option<&str>) {
 /// Writes the figures of the first page and the line for the signature.
 fn summary(page: &mut Page, report: &Report) {
     const MOST_ROWS: usize = 16;
-    page.put("<div class=\"summary\"><h3>Summary</h3>");
+    page.put("<div class=\"summary\"><h2>Summary</h2>");
     let (_, _, sentence) = verdict_words(report);
     page.put(&format!("<p><strong>{}</strong></p>", escaped(&sentence)));
     let with_unit = |value: f64, unit: &str| format!("{} {unit}", short(value, 2));

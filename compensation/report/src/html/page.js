@@ -15,6 +15,11 @@
   };
   const hush = () => { tip.hidden = true; };
   addEventListener("scroll", hush, { passive: true });
+  // A box that scrolls is reached by the keys as well.
+  const boxes = document.querySelectorAll(".wide,.scroll");
+  const reach = () => { for (const box of boxes) if (box.scrollWidth > box.clientWidth) box.tabIndex = 0; else box.removeAttribute("tabindex"); };
+  addEventListener("resize", reach);
+  reach();
   const numbers = (text) => text.trim().split(/[\s,]+/).map(Number);
   const shown = (value, range) => {
     const digits = Math.max(0, Math.min(6, 4 - Math.ceil(Math.log10(Math.abs(range) || 1))));
@@ -94,6 +99,23 @@
       tilt = Math.max(-Math.PI / 2, Math.min(Math.PI / 2, tilt + up));
       draw();
     };
+    const level = svg.closest(".keep").querySelector(".level");
+    const slider = level.querySelector("input");
+    const vectors = [...svg.querySelectorAll("[data-v]")].map((part) => [part, Number(part.dataset.v)]);
+    const filter = () => {
+      let count = 0;
+      for (const [part, um] of vectors) {
+        const isShown = um >= Number(slider.value);
+        part.classList.toggle("below", !isShown);
+        if (isShown) count += 0.5;
+      }
+      const text = slider.value + " \u00b5m";
+      slider.setAttribute("aria-valuetext", text);
+      level.querySelector("output").textContent = text + ": " + count + " of " + vectors.length / 2;
+    };
+    slider.addEventListener("input", filter);
+    filter();
+    level.hidden = false;
     let last = null;
     svg.addEventListener("pointerdown", (event) => {
       last = [event.clientX, event.clientY];

@@ -5,7 +5,10 @@ use volcomp_vocabulary::AxisName;
 use super::write::{Cell, Page};
 use crate::{
     pictures::{self, Maps, diagonal_plots, exaggeration, sketch},
-    plot::{Arrow, Quiver, colour_bar, escaped, heat_map, quiver, short, square_sketch},
+    plot::{
+        Arrow, Quiver, colour_bar, escaped, finite, heat_map, quiver, round_below, short,
+        square_sketch,
+    },
     report::{Diagonal, Report, Standing, State, Volume},
 };
 
@@ -192,6 +195,21 @@ fn maps(page: &mut Page, volume: &Volume) {
     page.put(&format!("<div class=\"colours\">{bar}</div>"));
 }
 
+/// A slider for the smallest error that is shown, µm; the script shows it.
+fn level(picture: &Quiver) -> String {
+    let lengths = picture.arrows.iter().map(|arrow| {
+        let [x, y, z] = arrow.error_um;
+        x.hypot(y).hypot(z)
+    });
+    let longest = lengths.filter(|um| um.is_finite()).fold(0.0, f64::max);
+    let step = round_below(longest / 50.0).max(0.01);
+    // The longest vector is shown at the last step as well.
+    let end = finite(step * (longest / step).floor());
+    format!(
+        "<label class=\"level\" hidden>Show errors of at least <input type=\"range\" min=\"0\" max=\"{end}\" step=\"{step}\" value=\"0\"> <output></output></label>"
+    )
+}
+
 fn vectors(page: &mut Page, volume: &Volume) {
     let arrows = volume.vectors.iter().flat_map(|vector| {
         let arrow = |error_um, after| Arrow { at_mm: vector.at_mm, error_um, after };
@@ -212,5 +230,6 @@ fn vectors(page: &mut Page, volume: &Volume) {
         page.put("<div class=\"legend\"><span><i class=\"b\"></i>before</span><span><i class=\"f\"></i>after</span></div>");
     }
     page.figure(&quiver(&picture), "");
+    page.put(&level(&picture));
     page.put("</div>");
 }

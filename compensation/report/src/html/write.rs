@@ -55,7 +55,9 @@ impl Page {
                 Some(name) => (" class=\"n\"", name),
                 None => ("", *column),
             };
-            let _ = write!(self.text, "<th{class}>{}</th>", escaped(name));
+            // A column without a name has no header.
+            let cell = if name.is_empty() { "td" } else { "th" };
+            let _ = write!(self.text, "<{cell}{class}>{}</{cell}>", escaped(name));
         }
         self.text += "</tr></thead><tbody>";
         for row in rows {

@@ -65,12 +65,12 @@ pub fn quiver(quiver: &Quiver) -> String {
         VIEW[0], VIEW[1]
     );
     let mut svg = Svg::new("plot quiver", (width, height), &quiver.words, &more);
-    let put = |svg: &mut Svg, class: &str, [from, to]: [[f64; 3]; 2]| {
+    let put = |svg: &mut Svg, class: &str, more: &str, [from, to]: [[f64; 3]; 2]| {
         let [a, b] = [from, to].map(|at| projected(at, VIEW, scale_px));
         let four = |at: [f64; 3]| at.map(|x| finite(x * 100.0) / 100.0);
         let ([x, y, z], [u, v, w]) = (four(from), four(to));
         svg.put(format_args!(
-            "<path class=\"{class}\" data-p=\"{x} {y} {z} {u} {v} {w}\" d=\"M{} {}L{} {}\"/>",
+            "<path class=\"{class}\"{more} data-p=\"{x} {y} {z} {u} {v} {w}\" d=\"M{} {}L{} {}\"/>",
             finite(a[0]),
             finite(a[1]),
             finite(b[0]),
@@ -78,15 +78,17 @@ pub fn quiver(quiver: &Quiver) -> String {
         ));
     };
     for [from, to] in edges_of_box([x, y, z]) {
-        put(&mut svg, "box", [to_box(from), to_box(to)]);
+        put(&mut svg, "box", "", [to_box(from), to_box(to)]);
     }
     for arrow in &finite_arrows {
         let from = to_box(arrow.at_mm);
         let to = [0, 1, 2].map(|axis| from[axis] + arrow.error_um[axis] * per_um);
         let class = if arrow.after { "vector f" } else { "vector b" };
-        put(&mut svg, class, [from, to]);
+        let size = format!(" data-v=\"{}\"", finite(length(&arrow.error_um)));
+        put(&mut svg, class, &size, [from, to]);
         // A dot at the start of the arrow.
-        put(&mut svg, if arrow.after { "root f" } else { "root b" }, [from, from]);
+        let class = if arrow.after { "root f" } else { "root b" };
+        put(&mut svg, class, &size, [from, from]);
     }
     for (axis, name) in ["X", "Y", "Z"].into_iter().enumerate() {
         let mut at = [x[0], y[0], z[0]];

@@ -29,6 +29,9 @@ with sync_playwright() as playwright:
             page.emulate_media(color_scheme=scheme)
             wide = page.evaluate("document.documentElement.scrollWidth")
             assert wide <= width, f"{wide} px do not fit {width}"
+            page.evaluate("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
+            closed = page.evaluate("[...document.querySelectorAll('.wide,.scroll')].filter((e) => e.scrollWidth > e.clientWidth && e.tabIndex < 0).length")
+            assert closed == 0, f"{closed} boxes that scroll are not reached by the keys at {width} px"
             # Tables may be pushed sideways in their boxes; pictures are drawn as wide as the screen is.
             pushed = page.evaluate("""[...document.querySelectorAll('svg')].filter((e) => e.getBoundingClientRect().right > innerWidth
                 || e.parentElement.scrollWidth > e.parentElement.clientWidth + 1).length""")
@@ -76,6 +79,18 @@ with sync_playwright() as playwright:
     page.mouse.move(box["x"] + 260, box["y"] + 220)
     page.mouse.up()
     assert arrow.get_attribute("d") != turned
+    # The slider hides the vectors below its value, by its keys, and shows how many are left; the longest one stays.
+    slider = page.get_by_label("Show errors of at least")
+    sizes = [float(part.get_attribute("data-v")) for part in quiver.locator("path.vector").all()]
+    slider.focus()
+    for key in ("End", "ArrowLeft", "Home"):
+        page.keyboard.press(key)
+        least = float(slider.input_value())
+        expected = sum(size >= least for size in sizes)
+        displays = quiver.locator("path.vector").evaluate_all("all => all.map((of) => getComputedStyle(of).display)")
+        shown = [size for size, display in zip(sizes, displays) if display != "none"]
+        assert len(shown) == expected and max(sizes) in shown, (key, least, shown)
+        assert page.locator(".level output").inner_text() == f"{slider.input_value()} µm: {expected} of {len(sizes)}"
     # Paper is light whatever the screen is, and no picture is cut.
     page.emulate_media(media="print", color_scheme="dark")
     assert page.evaluate("getComputedStyle(document.documentElement).getPropertyValue('--paper')").strip() == "#fff"

@@ -1,0 +1,154 @@
+//! Reverts the last change that the page made to the folder. The earlier contents are kept in memory only.
+
+use std::{
+    fs,
+    path::PathBuf,
+    time::{SystemTime, UNIX_EPOCH},
+};
+
+use serde::Serialize;
+use volcomp_model::sha256_of;
+
+use crate::{
+    error::StudioError,
+    folder::{
+        ANSWERS, CALIBRATION, FITTED, Folder, INPUTS, MACHINE, MACHINE_BACKUP, PROGRAMS, REPORT,
+        RESULT, SETUP, TABLES,
+    },
+};
+
+/// Every file that a change may write, except an uploaded one.
+const WRITTEN: [&str; 8] =
+    [MACHINE, MACHINE_BACKUP, SETUP, ANSWERS, CALIBRATION, FITTED, REPORT, INPUTS];
+
+/// The contents before a change.
+pub(crate) struct Snapshot {
+    files: Vec<(String, Option<Vec<u8>>)>,
+    /// Where the change would move the previous result.
+    aside: PathBuf,
+}
+
+/// A change that can be reverted.
+#[derive(Debug)]
+pub(crate) struct Change {
+    pub(crate) name: ChangeName,
+    /// Files of one drop are reverted together.
+    batch: Option<u64>,
+    files: Vec<ChangedFile>,
+    /// The folder to which the change moved the previous result.
+    aside: Option<PathBuf>,
+}
+
+/// A change as the page names it.
+#[derive(Clone, Debug, Serialize)]
+pub(crate) struct ChangeName {
+    /// What was changed: `answers`, `file exx.csv`.
+    what: String,
+    /// When, seconds since 1970 (UTC).
+    at_s: u64,
+}
+
+#[derive(Debug)]
+struct ChangedFile {
+    name: String,
+    before: Option<Vec<u8>>,
+    /// SHA-256 after the change; `None` if the change removed the file.
+    after: Option<String>,
+}
+
+impl Change {
+    /// True for a fit, to which tables and programs belong.
+    pub(crate) fn is_fit(&self) -> bool {
+        let is_result = |file: &ChangedFile| file.name == FITTED || file.name == REPORT;
+        self.aside.is_some() || self.files.iter().any(is_result)
+    }
+
+    /// Joins the change with the previous one, if both are of one drop of files.
+    pub(crate) fn after(mut self, previous: Option<Self>) -> Self {
+        let Some(previous) = previous.filter(|of| of.batch.is_some() && of.batch == self.batch)
+        else {
+            return self;
+        };
+        for earlier in previous.files {
+            match self.files.iter_mut().find(|file| file.name == earlier.name) {
+                Some(file) => file.before = earlier.before,
+                None => self.files.push(earlier),
+            }
+        }
+        let uploaded = self.files.iter().filter(|file| file.name != MACHINE_BACKUP);
+        self.name.what = format!("{} files", uploaded.count());
+        self
+    }
+}
+
+impl Folder {
+    /// The files that a change may write, with an uploaded one.
+    pub(crate) fn snapshot(&self, uploaded: Option<&str>) -> Snapshot {
+        let mut names: Vec<&str> = WRITTEN.to_vec();
+        names.extend(uploaded.filter(|name| !WRITTEN.contains(name)));
+        let read = |name: &str| (name.to_owned(), fs::read(self.at(name)).ok());
+        Snapshot { files: names.into_iter().map(read).collect(), aside: self.next_aside() }
+    }
+
+    /// What has changed since `before`; `None` if nothing has.
+    pub(crate) fn change_since(
+        &self,
+        before: Snapshot,
+        what: String,
+        batch: Option<u64>,
+    ) -> Option<Change> {
+        let files = before.files.into_iter().filter_map(|(name, before)| {
+            let now = fs::read(self.at(&name)).ok();
+            let after = now.is_some().then(|| sha256_of(&self.at(&name)).unwrap_or_default());
+            (now != before).then_some(ChangedFile { name, before, after })
+        });
+        let files: Vec<ChangedFile> = files.collect();
+        let aside = Some(before.aside).filter(|aside| aside.exists());
+        if files.is_empty() && aside.is_none() {
+            return None;
+        }
+        let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+        Some(Change { name: ChangeName { what, at_s: since.as_secs() }, batch, files, aside })
+    }
+
+    /// Restores the contents before a change.
+    ///
+    /// # Errors
+    /// A file was changed since by another program: then nothing is reverted.
+    pub(crate) fn revert(&self, change: &Change) -> Result<(), StudioError> {
+        for file in &change.files {
+            if sha256_of(&self.at(&file.name)).ok() != file.after {
+                let why = "was changed since by another program, so the change is not reverted";
+                return Err(StudioError::Upload { name: file.name.clone(), why: why.to_owned() });
+            }
+        }
+        let outputs = [TABLES, PROGRAMS].into_iter().filter(|name| self.at(name).exists());
+        if let Some(name) = outputs.take(usize::from(change.is_fit())).next() {
+            let why = "was written from this fit, which is therefore not reverted";
+            return Err(StudioError::Upload { name: name.to_owned(), why: why.to_owned() });
+        }
+        self.interrupt.check()?;
+        if let Some(aside) = &change.aside {
+            // The previous machine file returns with its date.
+            let moved = || {
+                for entry in fs::read_dir(aside)? {
+                    let entry = entry?;
+                    fs::rename(entry.path(), self.at(RESULT).join(entry.file_name()))?;
+                }
+                fs::remove_dir(aside)
+            };
+            moved().map_err(StudioError::disk(aside.display()))?;
+        }
+        for file in &change.files {
+            let path = self.at(&file.name);
+            match &file.before {
+                Some(before) if fs::read(&path).ok().as_ref() != Some(before) => {
+                    self.write(&file.name, before)?;
+                }
+                Some(_) => {}
+                None => fs::remove_file(&path).map_err(StudioError::disk(&file.name))?,
+            }
+        }
+        Ok(())
+    }
+}
