@@ -210,6 +210,7 @@ function show(state) {
   const reasons = state.reasons.filter((reason) => reason !== "no barrier");
   if (gone) reasons.unshift(`check the cable and the control: the applied correction is unknown, last confirmed ${gone.confirmed_ms === null ? "never" : `${ago(gone.confirmed_ms)} ago`}`);
   showReasons(reasons);
+  if (before && before.state !== state.state) text("advice", "");
   text("machine-name", state.machine.name);
   text("controller", state.controller && !state.simulated ? `${state.controller.device}` : "");
   element("simulated").hidden = !state.simulated;
@@ -227,6 +228,7 @@ function show(state) {
 /** Nothing is known any more: no number of before stays on the page. */
 function lost(why) {
   if (element("banner").dataset.state !== "lost") text("answer", "");
+  text("advice", "");
   element("banner").dataset.state = "lost";
   element("banner").classList.remove("gone");
   text("state", "no connection");

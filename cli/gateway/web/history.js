@@ -18,6 +18,8 @@ const MARKS = { arming: ["A", "#3b8fd6", "ramps in"], "test-shift": ["T", "#a074
 const shownHistory = { span_s: LIVE_S, every_ms: 0, start_s: null, step_s: 0, points: [] };
 /** The single states of the last two minutes, whichever range is shown. */
 let livePoints = [];
+/** Kinds of the events at which a state begins, by its name. */
+const STATE_KINDS = ["test-shift", "arming", "compensating", "holding", "ramping-out", "disarmed", "faulted"];
 let logEvents = [], eventsShown = FEW_EVENTS, lastDrawn = 0, timer = null;
 
 const length = (v) => (v ? Math.hypot(...v) : null);
@@ -225,10 +227,17 @@ async function refreshLog() {
     if (!response.ok) return;
     logEvents = (await response.json()).events;
     showLog();
+    showAdvice();
     drawAll();
   } catch {
     // The stream reports that the gateway is gone.
   }
+}
+
+/** What to do about the present state, in the banner: the advice of the event at which it began. */
+function showAdvice() {
+  const began = logEvents.find((event) => STATE_KINDS.includes(event.kind));
+  text("advice", lastState && began && began.kind === lastState.state ? (began.advice || []).join(" ") : "");
 }
 
 function showLog() {

@@ -31,7 +31,9 @@ pub(crate) fn question(key: &str, inner: Option<&str>) -> String {
         ("channels", Some("reading_is")) => {
             "does the instrument's channel hold a \"position\" or a \"deviation\"?"
         }
-        ("channels", Some("unit")) | ("unit", None) => "in which unit are the readings?",
+        ("channels", Some("unit")) | ("unit", None) => {
+            "in which unit are the readings? An angle for a level or an autocollimator on a bridge, also where the error is a straightness."
+        }
         ("error", None) => "which error does this file measure?",
         ("file", None) => "which of these files is the right one?",
         ("at", None) => "where did the other axes stand during this test?",

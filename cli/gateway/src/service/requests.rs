@@ -81,7 +81,7 @@ impl Service {
             } else if report.sensors.iter().any(|sensor| sensor.jumped) {
                 "a temperature that jumped has no valid reading now: it can be acknowledged when its sensor works again"
             } else {
-                "there is nothing to acknowledge: no fault, no interlock of a silent controller, and no temperature that jumped"
+                "there is nothing to acknowledge: no fault, no interlock of a silent controller, and no temperature that jumped; a position that jumped needs disarm, then arm"
             };
             let reply = settled(409, report.state, self.all_reasons(&report), Some(why));
             return finish(&request.who, request.answer, reply);

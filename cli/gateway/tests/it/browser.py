@@ -133,6 +133,7 @@ with sync_playwright() as playwright:
     red = page.evaluate("() => getComputedStyle(document.getElementById('banner')).backgroundColor")
     assert red == "rgb(179, 38, 30)", red
     page.wait_for_selector("#events .advice:has-text('Check the cable')")
+    page.wait_for_selector("#banner #advice:has-text('Check the cable')")
     page.click("#demo button[value=cable][aria-pressed=true]")
     state(page, "compensating")
     page.wait_for_selector("#banner:not(.gone)")

@@ -91,7 +91,10 @@ fn summary(page: &mut Page, report: &Report) {
     }
     for square in &report.squareness {
         rows.push(vec![
-            Cell::text(format!("squareness of {} and {}", square.first, square.second)),
+            Cell::text(format!(
+                "squareness of {} and {}, angle − 90°",
+                square.first, square.second
+            )),
             Cell::text(with_unit(square.angle_urad, "µrad")),
         ]);
     }
