@@ -1,5 +1,7 @@
 //! Tables with one row for each target and one column for each run: `Target (mm), Run 1 fwd, Run 1 bwd, …`.
 
+use std::collections::BTreeSet;
+
 use volcomp_document::{Column, CsvTable, quoted};
 
 use crate::csv_head::direction_named;
@@ -267,10 +269,29 @@ impl WideTable {
         };
         let is_near = within(&|reading| reading.deviation * to_targets - reading.target);
         let is_small = within(&|reading| reading.deviation * to_targets);
-        if self.unit.is_some() && !is_near && !is_small {
+        let is_shifted =
+            || [1.0, -1.0].iter().any(|sign| follow_targets(readings, sign * to_targets));
+        if !is_near && !is_small && (self.unit.is_some() || is_shifted()) {
             let message = "found values that are neither near the targets nor small, expected measured positions or deviations: write `measured` or `deviation` into the heads of the runs";
             return Err(table.header_error(message).into());
         }
         Ok(is_near)
     }
+}
+
+/// Whether the values at more than half of the targets are the targets plus a common offset, as with a zero elsewhere, a turn more, or an outlier.
+fn follow_targets(readings: &[WideReading], to_targets: f64) -> bool {
+    let offset = |reading: &WideReading| reading.deviation * to_targets - reading.target;
+    let mut offsets: Vec<f64> = readings.iter().map(offset).collect();
+    offsets.sort_by(f64::total_cmp);
+    let Some(&median) = offsets.get(offsets.len() / 2) else {
+        return false;
+    };
+    let [low, high] = range(readings.iter().map(|reading| reading.target));
+    let is_close =
+        |reading: &&WideReading| (offset(reading) - median).abs() < DEVIATION_SHARE * (high - low);
+    let targets = |readings: &mut dyn Iterator<Item = &WideReading>| {
+        readings.map(|reading| reading.target.to_bits()).collect::<BTreeSet<u64>>().len()
+    };
+    2 * targets(&mut readings.iter().filter(is_close)) > targets(&mut readings.iter())
 }

@@ -187,3 +187,23 @@ fn what_is_no_wide_table() {
         assert_eq!(refused(text), message);
     }
 }
+
+/// Measured positions with their zero elsewhere, an opposite sign, a turn more or an outlier are not deviations in µm.
+#[test]
+fn positions_that_are_shifted_are_refused() {
+    let message = "x.csv:1: header: found values that are neither near the targets nor small, expected measured positions or deviations: write `measured` or `deviation` into the heads of the runs";
+    for rows in [
+        "-200,0.002\n-100,100.001\n0,199.998\n100,300.003\n200,400.001\n",
+        "-200,200.002\n-100,100.001\n0,-0.002\n100,-99.999\n200,-200.003\n",
+        "0,0.004\n90,90.002\n180,179.999\n270,270.001\n360,0.003\n",
+        "0,0.004\n100,100.002\n200,799.999\n300,300.001\n400,400.003\n",
+    ] {
+        assert_eq!(refused(&format!("target mm,fwd\n{rows}")), message);
+        assert!(csv(&format!("target mm,fwd deviation\n{rows}")).is_ok(), "{rows}");
+    }
+    // Large deviations in µm.
+    for rows in ["0,0\n10,40\n20,-35\n30,20\n40,5\n", "0,0\n100,40\n200,80\n300,120\n400,160\n"] {
+        let read = csv(&format!("target mm,fwd\n{rows}")).unwrap();
+        assert_eq!((read.unit, read.readings[1].deviation), (None, 40.0));
+    }
+}
