@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 
 use volcomp_document::{Column, CsvTable, quoted};
 
-use crate::csv_head::direction_named;
+use crate::csv_head::{direction_named, inches_without_targets};
 use crate::number::{Place, range};
 use crate::{DeviationUnit, Direction, MetrologyError, ReadingUnit, TargetUnit};
 
@@ -180,6 +180,9 @@ impl WideTable {
         table: &CsvTable,
         targets: Targets,
     ) -> Result<WideReadings, MetrologyError> {
+        if self.unit == Some(ReadingUnit::Inch) && targets.unit.is_none() {
+            return Err(inches_without_targets(table));
+        }
         let mut readings = Vec::new();
         for row in table.rows() {
             let place = Place::new(file, row.line());

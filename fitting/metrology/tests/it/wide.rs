@@ -207,3 +207,13 @@ fn positions_that_are_shifted_are_refused() {
         assert_eq!((read.unit, read.readings[1].deviation), (None, 40.0));
     }
 }
+
+/// A table in inches whose targets have no unit, with a row or a column for each run.
+#[test]
+fn inches_need_the_unit_of_the_targets() {
+    let message = "x.csv:1: header: found deviations in inches and targets without a unit, expected `target inch`, `target mm` or `target deg`";
+    for head in ["deviation inch", "fwd inch", "fwd deviation inch", "fwd measured inch"] {
+        assert_eq!(refused(&format!("target,{head}\n0,0\n4,0.0001\n")), message);
+        assert!(csv(&format!("target inch,{head}\n0,0\n4,0.0001\n")).is_ok(), "{head}");
+    }
+}
