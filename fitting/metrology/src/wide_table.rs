@@ -95,7 +95,8 @@ impl Head {
     }
 }
 
-/// Words, numbers and signs of a head, in lower case. A hyphen between letters and digits is omitted.
+/// Words, numbers and signs of a head, in lower case. A hyphen between letters and digits is omitted. Other signs are words, such as a double
+/// prime, which may be a unit, so that a head with an unknown one is not read.
 fn words(head: &str) -> Vec<String> {
     let mut words: Vec<String> = Vec::new();
     let mut before = None;
@@ -104,7 +105,7 @@ fn words(head: &str) -> Vec<String> {
             'a'
         } else if c.is_ascii_digit() {
             '1'
-        } else if "+−↑↓°".contains(c) || c == '-' && !is_joining(head, at) {
+        } else if !is_separator(head, at, c) && (c != '-' || !is_joining(head, at)) {
             '+'
         } else {
             ' '
@@ -119,6 +120,13 @@ fn words(head: &str) -> Vec<String> {
         before = Some(kind);
     }
     words
+}
+
+fn is_separator(head: &str, at: usize, c: char) -> bool {
+    let behind = head[at..].chars().nth(1);
+    // A slash before a number divides a unit: mm/1000.
+    let divides = c == '/' && behind.is_some_and(|c| c.is_ascii_digit());
+    (c.is_whitespace() || "_/,:;.|=#–—&()[]{}".contains(c)) && !divides
 }
 
 fn is_joining(head: &str, hyphen: usize) -> bool {

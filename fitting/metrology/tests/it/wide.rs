@@ -217,3 +217,14 @@ fn inches_need_the_unit_of_the_targets() {
         assert!(csv(&format!("target inch,{head}\n0,0\n4,0.0001\n")).is_ok(), "{head}");
     }
 }
+
+/// Signs that may be units are not skipped: arc seconds would be read as µrad, thousandths as mm.
+#[test]
+fn unknown_signs_are_refused() {
+    for head in ["Run 1 fwd [″]", "\"Run 1 fwd (\"\")\"", "fwd mm/1000", "fwd ×10 µm", "fwd %"]
+    {
+        let message = refused(&format!("target deg,{head}\n0,0\n90,2\n"));
+        assert!(message.starts_with("x.csv:1: header: found "), "{message}");
+    }
+    assert_eq!(csv("target deg,#1: fwd (arcsec)\n0,0\n90,2\n").unwrap().notes, [""; 0]);
+}
