@@ -64,11 +64,11 @@ const DEVIATION_SHARE: f64 = 0.05;
 impl Head {
     /// Parses a head. `None` if a word of it is unknown, as in `mean fwd`: the column is not a run. A single `r` means reverse if another head has a
     /// single `f`, else run.
-    fn of(head: &str, r_is_reverse: bool) -> Option<Self> {
+    fn of(head: &str, r_is_reverse: bool, hyphen_is_reverse: bool) -> Option<Self> {
         let mut found = Self::default();
         let words = words(head);
-        // A hyphen is a direction only where no word states one.
-        let hyphen = words.iter().any(|word| word == "-");
+        // A hyphen is a direction only where no word states one, and another head has a `+`: `Run - 1` has none.
+        let hyphen = hyphen_is_reverse && words.iter().any(|word| word == "-");
         for word in words.iter().filter(|word| *word != "-") {
             let is_new = if let Ok(run) = word.parse::<u32>() {
                 found.run.replace(run).is_none() && run > 0
@@ -142,10 +142,10 @@ impl WideTable {
             let mut heads = table.names();
             heads.any(|(_, head)| words(head).iter().any(|word| word == letter))
         };
-        let r_is_reverse = single("f");
+        let (r_is_reverse, hyphen_is_reverse) = (single("f"), single("+"));
         let heads = table.names().filter(|(column, _)| *column != target);
-        let heads =
-            heads.filter_map(|(column, text)| Some((column, text, Head::of(text, r_is_reverse)?)));
+        let head = |text| Head::of(text, r_is_reverse, hyphen_is_reverse);
+        let heads = heads.filter_map(|(column, text)| Some((column, text, head(text)?)));
         let mut wide = Self { runs: Vec::new(), unit: None, is_measured: None };
         let wrong = |found: String, expected: &str| {
             table.header_error(format!("found {found}, expected {expected}"))

@@ -228,3 +228,19 @@ fn unknown_signs_are_refused() {
     }
     assert_eq!(csv("target deg,#1: fwd (arcsec)\n0,0\n90,2\n").unwrap().notes, [""; 0]);
 }
+
+/// A hyphen between words is not the backward direction.
+#[test]
+fn a_hyphen_is_a_direction_beside_a_plus_alone() {
+    for heads in ["Run - 1,Run - 2", "Run 1 - µm,Run 2 - µm"] {
+        let message = refused(&format!("target mm,{heads}\n0,0,1\n100,2,1\n"));
+        assert!(
+            message.ends_with(
+                "expected the direction of each run in its head: `Run 1 fwd`, `Run 1 bwd`"
+            ),
+            "{message}"
+        );
+    }
+    let read = csv("target mm,+,-\n0,0,1\n100,2,1\n").unwrap();
+    assert_eq!(read.readings[1].direction, Direction::Negative);
+}
