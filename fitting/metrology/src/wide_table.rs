@@ -62,9 +62,9 @@ struct Head {
 const DEVIATION_SHARE: f64 = 0.05;
 
 impl Head {
-    /// Parses a head. `None` if a word of it is unknown, as in `mean fwd`: the column is not a run. A single `r` means reverse if another head has a
-    /// single `f`, else run.
-    fn of(head: &str, r_is_reverse: bool, hyphen_is_reverse: bool) -> Option<Self> {
+    /// Parses a head. `None` if a word of it is unknown, as in `mean fwd`: the column is not a run. If another head has a single `f`, a single `r` or
+    /// `b` means backward; else `r` means run and `b` is unknown, because B is the reversal value of ISO 230-2.
+    fn of(head: &str, has_forward_letter: bool, hyphen_is_reverse: bool) -> Option<Self> {
         let mut found = Self::default();
         let words = words(head);
         // A hyphen is a direction only where no word states one, and another head has a `+`: `Run - 1` has none.
@@ -72,12 +72,15 @@ impl Head {
         for word in words.iter().filter(|word| *word != "-") {
             let is_new = if let Ok(run) = word.parse::<u32>() {
                 found.run.replace(run).is_none() && run > 0
-            } else if word == "r" && !r_is_reverse || ["run", "pass"].contains(&word.as_str()) {
+            } else if word == "r" && !has_forward_letter || ["run", "pass"].contains(&word.as_str())
+            {
                 !core::mem::replace(&mut found.says_run, true)
             } else if ["measured", "position", "actual"].contains(&word.as_str()) {
                 found.is_measured.replace(true).is_none()
             } else if ["deviation", "dev", "error"].contains(&word.as_str()) {
                 found.is_measured.replace(false).is_none()
+            } else if word == "b" && !has_forward_letter {
+                return None;
             } else if let Some(direction) = direction_named(word) {
                 found.direction.replace(direction).is_none()
             } else {
@@ -142,14 +145,15 @@ impl WideTable {
             let mut heads = table.names();
             heads.any(|(_, head)| words(head).iter().any(|word| word == letter))
         };
-        let (r_is_reverse, hyphen_is_reverse) = (single("f"), single("+"));
+        let (has_forward_letter, hyphen_is_reverse) = (single("f"), single("+"));
         let heads = table.names().filter(|(column, _)| *column != target);
-        let head = |text| Head::of(text, r_is_reverse, hyphen_is_reverse);
+        let head = |text| Head::of(text, has_forward_letter, hyphen_is_reverse);
         let heads = heads.filter_map(|(column, text)| Some((column, text, head(text)?)));
         let mut wide = Self { runs: Vec::new(), unit: None, is_measured: None };
         let wrong = |found: String, expected: &str| {
             table.header_error(format!("found {found}, expected {expected}"))
         };
+        let mut is_numbered = None;
         for (index, (column, text, head)) in heads.enumerate() {
             let Some(direction) = head.direction else {
                 let expected = "the direction of each run in its head: `Run 1 fwd`, `Run 1 bwd`";
@@ -160,6 +164,10 @@ impl WideTable {
                 return Err(wrong(quoted(text), expected).into());
             }
             (wide.unit, wide.is_measured) = (head.unit, head.is_measured);
+            if *is_numbered.get_or_insert(head.run.is_some()) != head.run.is_some() {
+                let expected = "a number in the heads of all runs or of none";
+                return Err(wrong(quoted(text), expected).into());
+            }
             let others = wide.runs.iter().filter(|run| run.direction == direction);
             let highest = || others.clone().map(|other| other.number).max().unwrap_or(0);
             let next = || highest().saturating_add(1);

@@ -244,3 +244,17 @@ fn a_hyphen_is_a_direction_beside_a_plus_alone() {
     let read = csv("target mm,+,-\n0,0,1\n100,2,1\n").unwrap();
     assert_eq!(read.readings[1].direction, Direction::Negative);
 }
+
+/// The column of the reversal values B is not a run backward.
+#[test]
+fn reversal_values_are_no_run() {
+    for heads in ["fwd,bwd", "Run 1 fwd,Run 1 bwd"] {
+        let read = csv(&format!("target mm,{heads},B\n0,1,3,-2\n100,1,3,-2\n")).unwrap();
+        assert_eq!(read.readings.len(), 4);
+        assert_eq!(read.notes, ["columns that are not read: B"]);
+    }
+    assert_eq!(
+        refused("target mm,F1,B1,B\n0,1,3,-2\n100,1,3,-2\n"),
+        "x.csv:1: header: found `B`, expected a number in the heads of all runs or of none"
+    );
+}
