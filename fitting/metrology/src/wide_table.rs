@@ -71,7 +71,7 @@ impl Head {
         let hyphen = hyphen_is_reverse && words.iter().any(|word| word == "-");
         for word in words.iter().filter(|word| *word != "-") {
             let is_new = if let Ok(run) = word.parse::<u32>() {
-                found.run.replace(run).is_none() && run > 0
+                found.run.replace(run).is_none()
             } else if word == "r" && !has_forward_letter || ["run", "pass"].contains(&word.as_str())
             {
                 !core::mem::replace(&mut found.says_run, true)
@@ -167,6 +167,9 @@ impl WideTable {
             if *is_numbered.get_or_insert(head.run.is_some()) != head.run.is_some() {
                 let expected = "a number in the heads of all runs or of none";
                 return Err(wrong(quoted(text), expected).into());
+            }
+            if head.run == Some(0) {
+                return Err(wrong(quoted(text), "runs numbered from 1").into());
             }
             let others = wide.runs.iter().filter(|run| run.direction == direction);
             let highest = || others.clone().map(|other| other.number).max().unwrap_or(0);

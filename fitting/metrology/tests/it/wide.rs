@@ -258,3 +258,12 @@ fn reversal_values_are_no_run() {
         "x.csv:1: header: found `B`, expected a number in the heads of all runs or of none"
     );
 }
+
+/// Runs numbered from 0 are refused: the first would be lost.
+#[test]
+fn run_zero_is_refused() {
+    assert_eq!(
+        refused("target mm,Run 0 fwd,Run 1 fwd\n0,1,3\n100,1,3\n"),
+        "x.csv:1: header: found `Run 0 fwd`, expected runs numbered from 1"
+    );
+}
