@@ -301,7 +301,8 @@ impl WideTable {
     }
 }
 
-/// Whether the values at more than half of the targets are the targets plus a common offset, as with a zero elsewhere, a turn more, or an outlier.
+/// Whether the values at more than two thirds of the targets are the targets plus a common offset, as with a zero elsewhere, a turn more, or an
+/// outlier. Of three random deviations, two are so in one table of five.
 fn follow_targets(readings: &[WideReading], to_targets: f64) -> bool {
     let offset = |reading: &WideReading| reading.deviation * to_targets - reading.target;
     let mut offsets: Vec<f64> = readings.iter().map(offset).collect();
@@ -315,5 +316,5 @@ fn follow_targets(readings: &[WideReading], to_targets: f64) -> bool {
     let targets = |readings: &mut dyn Iterator<Item = &WideReading>| {
         readings.map(|reading| reading.target.to_bits()).collect::<BTreeSet<u64>>().len()
     };
-    2 * targets(&mut readings.iter().filter(is_close)) > targets(&mut readings.iter())
+    3 * targets(&mut readings.iter().filter(is_close)) > 2 * targets(&mut readings.iter())
 }

@@ -206,6 +206,9 @@ fn positions_that_are_shifted_are_refused() {
         let read = csv(&format!("target mm,fwd\n{rows}")).unwrap();
         assert_eq!((read.unit, read.readings[1].deviation), (None, 40.0));
     }
+    // Two of three readings are by chance as far apart as their targets.
+    let read = csv("target mm,fwd\n0,3\n10,13.5\n20,5\n").unwrap();
+    assert_eq!((read.unit, read.readings[1].deviation), (None, 13.5));
 }
 
 /// A table in inches whose targets have no unit, with a row or a column for each run.
