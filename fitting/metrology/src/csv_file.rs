@@ -6,7 +6,9 @@ use std::fmt::Write as _;
 use volcomp_document::{Column, CsvRow, CsvTable, quoted};
 use volcomp_vocabulary::{AxisKind, AxisName};
 
-use crate::csv_head::{direction_named, heads, not_read, unit_of, with_unit};
+use crate::csv_head::{
+    direction_named, heads, inches_without_targets, not_read, unit_of, with_unit,
+};
 use crate::encoding::{decode, first_line, refuse_empty};
 use crate::number::{Place, decimals};
 use crate::runs::alignment_notes;
@@ -171,8 +173,7 @@ impl Columns {
             })?),
         };
         if unit == Some(ReadingUnit::Inch) && target.unit.is_none() {
-            let found = "deviations in inches and targets without a unit";
-            return Err(wrong(found, "`target inch`, `target mm` or `target deg`"));
+            return Err(inches_without_targets(table));
         }
         let run_and_direction = match (table.column("run")?, table.column("direction")?) {
             (Some(run), Some(direction)) => Some((run, direction)),

@@ -36,6 +36,12 @@ pub(crate) fn one_column<'t>(
     Ok(first)
 }
 
+/// Targets without a unit beside readings in inches may be in inches or in mm.
+pub(crate) fn inches_without_targets(table: &CsvTable) -> MetrologyError {
+    let message = "found deviations in inches and targets without a unit, expected `target inch`, `target mm` or `target deg`";
+    table.header_error(message).into()
+}
+
 pub(crate) fn heads(table: &CsvTable) -> String {
     let heads: Vec<&str> = table.names().map(|(_, name)| name).collect();
     quoted(&heads.join(&table.separator().to_string()))

@@ -1,8 +1,10 @@
 //! Tables with one row for each target and one column for each run: `Target (mm), Run 1 fwd, Run 1 bwd, …`.
 
+use std::collections::BTreeSet;
+
 use volcomp_document::{Column, CsvTable, quoted};
 
-use crate::csv_head::direction_named;
+use crate::csv_head::{direction_named, inches_without_targets};
 use crate::number::{Place, range};
 use crate::{DeviationUnit, Direction, MetrologyError, ReadingUnit, TargetUnit};
 
@@ -60,22 +62,25 @@ struct Head {
 const DEVIATION_SHARE: f64 = 0.05;
 
 impl Head {
-    /// Parses a head. `None` if a word of it is unknown, as in `mean fwd`: the column is not a run. A single `r` means reverse if another head has a
-    /// single `f`, else run.
-    fn of(head: &str, r_is_reverse: bool) -> Option<Self> {
+    /// Parses a head. `None` if a word of it is unknown, as in `mean fwd`: the column is not a run. If another head has a single `f`, a single `r` or
+    /// `b` means backward; else `r` means run and `b` is unknown, because B is the reversal value of ISO 230-2.
+    fn of(head: &str, has_forward_letter: bool, hyphen_is_reverse: bool) -> Option<Self> {
         let mut found = Self::default();
         let words = words(head);
-        // A hyphen is a direction only where no word states one.
-        let hyphen = words.iter().any(|word| word == "-");
+        // A hyphen is a direction only where no word states one, and another head has a `+`: `Run - 1` has none.
+        let hyphen = hyphen_is_reverse && words.iter().any(|word| word == "-");
         for word in words.iter().filter(|word| *word != "-") {
             let is_new = if let Ok(run) = word.parse::<u32>() {
-                found.run.replace(run).is_none() && run > 0
-            } else if word == "r" && !r_is_reverse || ["run", "pass"].contains(&word.as_str()) {
+                found.run.replace(run).is_none()
+            } else if word == "r" && !has_forward_letter || ["run", "pass"].contains(&word.as_str())
+            {
                 !core::mem::replace(&mut found.says_run, true)
             } else if ["measured", "position", "actual"].contains(&word.as_str()) {
                 found.is_measured.replace(true).is_none()
             } else if ["deviation", "dev", "error"].contains(&word.as_str()) {
                 found.is_measured.replace(false).is_none()
+            } else if word == "b" && !has_forward_letter {
+                return None;
             } else if let Some(direction) = direction_named(word) {
                 found.direction.replace(direction).is_none()
             } else {
@@ -93,7 +98,8 @@ impl Head {
     }
 }
 
-/// Words, numbers and signs of a head, in lower case. A hyphen between letters and digits is omitted.
+/// Words, numbers and signs of a head, in lower case. A hyphen between letters and digits is omitted. Other signs are words, such as a double
+/// prime, which may be a unit, so that a head with an unknown one is not read.
 fn words(head: &str) -> Vec<String> {
     let mut words: Vec<String> = Vec::new();
     let mut before = None;
@@ -102,7 +108,7 @@ fn words(head: &str) -> Vec<String> {
             'a'
         } else if c.is_ascii_digit() {
             '1'
-        } else if "+−↑↓°".contains(c) || c == '-' && !is_joining(head, at) {
+        } else if !is_separator(head, at, c) && (c != '-' || !is_joining(head, at)) {
             '+'
         } else {
             ' '
@@ -119,6 +125,13 @@ fn words(head: &str) -> Vec<String> {
     words
 }
 
+fn is_separator(head: &str, at: usize, c: char) -> bool {
+    let behind = head[at..].chars().nth(1);
+    // A slash before a number divides a unit: mm/1000.
+    let divides = c == '/' && behind.is_some_and(|c| c.is_ascii_digit());
+    (c.is_whitespace() || "_/,:;.|=#–—&()[]{}".contains(c)) && !divides
+}
+
 fn is_joining(head: &str, hyphen: usize) -> bool {
     let (before, behind) = head.split_at(hyphen);
     let is_joined = |c: Option<char>| c.is_some_and(char::is_alphanumeric);
@@ -132,14 +145,15 @@ impl WideTable {
             let mut heads = table.names();
             heads.any(|(_, head)| words(head).iter().any(|word| word == letter))
         };
-        let r_is_reverse = single("f");
+        let (has_forward_letter, hyphen_is_reverse) = (single("f"), single("+"));
         let heads = table.names().filter(|(column, _)| *column != target);
-        let heads =
-            heads.filter_map(|(column, text)| Some((column, text, Head::of(text, r_is_reverse)?)));
+        let head = |text| Head::of(text, has_forward_letter, hyphen_is_reverse);
+        let heads = heads.filter_map(|(column, text)| Some((column, text, head(text)?)));
         let mut wide = Self { runs: Vec::new(), unit: None, is_measured: None };
         let wrong = |found: String, expected: &str| {
             table.header_error(format!("found {found}, expected {expected}"))
         };
+        let mut is_numbered = None;
         for (index, (column, text, head)) in heads.enumerate() {
             let Some(direction) = head.direction else {
                 let expected = "the direction of each run in its head: `Run 1 fwd`, `Run 1 bwd`";
@@ -150,6 +164,13 @@ impl WideTable {
                 return Err(wrong(quoted(text), expected).into());
             }
             (wide.unit, wide.is_measured) = (head.unit, head.is_measured);
+            if *is_numbered.get_or_insert(head.run.is_some()) != head.run.is_some() {
+                let expected = "a number in the heads of all runs or of none";
+                return Err(wrong(quoted(text), expected).into());
+            }
+            if head.run == Some(0) {
+                return Err(wrong(quoted(text), "runs numbered from 1").into());
+            }
             let others = wide.runs.iter().filter(|run| run.direction == direction);
             let highest = || others.clone().map(|other| other.number).max().unwrap_or(0);
             let next = || highest().saturating_add(1);
@@ -178,6 +199,9 @@ impl WideTable {
         table: &CsvTable,
         targets: Targets,
     ) -> Result<WideReadings, MetrologyError> {
+        if self.unit == Some(ReadingUnit::Inch) && targets.unit.is_none() {
+            return Err(inches_without_targets(table));
+        }
         let mut readings = Vec::new();
         for row in table.rows() {
             let place = Place::new(file, row.line());
@@ -267,10 +291,30 @@ impl WideTable {
         };
         let is_near = within(&|reading| reading.deviation * to_targets - reading.target);
         let is_small = within(&|reading| reading.deviation * to_targets);
-        if self.unit.is_some() && !is_near && !is_small {
+        let is_shifted =
+            || [1.0, -1.0].iter().any(|sign| follow_targets(readings, sign * to_targets));
+        if !is_near && !is_small && (self.unit.is_some() || is_shifted()) {
             let message = "found values that are neither near the targets nor small, expected measured positions or deviations: write `measured` or `deviation` into the heads of the runs";
             return Err(table.header_error(message).into());
         }
         Ok(is_near)
     }
+}
+
+/// Whether the values at more than two thirds of the targets are the targets plus a common offset, as with a zero elsewhere, a turn more, or an
+/// outlier. Of three random deviations, two are so in one table of five.
+fn follow_targets(readings: &[WideReading], to_targets: f64) -> bool {
+    let offset = |reading: &WideReading| reading.deviation * to_targets - reading.target;
+    let mut offsets: Vec<f64> = readings.iter().map(offset).collect();
+    offsets.sort_by(f64::total_cmp);
+    let Some(&median) = offsets.get(offsets.len() / 2) else {
+        return false;
+    };
+    let [low, high] = range(readings.iter().map(|reading| reading.target));
+    let is_close =
+        |reading: &&WideReading| (offset(reading) - median).abs() < DEVIATION_SHARE * (high - low);
+    let targets = |readings: &mut dyn Iterator<Item = &WideReading>| {
+        readings.map(|reading| reading.target.to_bits()).collect::<BTreeSet<u64>>().len()
+    };
+    3 * targets(&mut readings.iter().filter(is_close)) > 2 * targets(&mut readings.iter())
 }

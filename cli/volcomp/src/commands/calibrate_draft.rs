@@ -113,7 +113,9 @@ fn take<'a>(
         };
         let found = drafts.iter();
         let found: Vec<AnswerOf> = found.flat_map(|draft| draft.for_all(of, key, value)).collect();
-        if found.is_empty() && ["point", "rides"].contains(&key) {
+        let is_lever = |key: &str| ["point", "rides"].contains(&key);
+        let mut asked = drafts.iter().flat_map(|draft| &draft.questions);
+        if found.is_empty() && is_lever(key) && !asked.any(|asked| is_lever(&asked.key)) {
             notes.push(format!(
                 "--answer {given} is not used: no tilt is measured, so that the place of a line has no effect"
             ));

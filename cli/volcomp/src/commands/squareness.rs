@@ -36,7 +36,7 @@ pub(crate) struct SquarenessArguments {
     #[arg(
         long,
         value_name = "AC,BD,AD",
-        conflicts_with_all = ["reference_angle_urad", "reference", "unit", "square_urad", "straight_edge_um", "temperature_urad"]
+        conflicts_with_all = ["reference_angle_urad", "reference", "unit", "square_urad", "straight_edge_um", "temperature_urad", "plot"]
     )]
     lengths: Option<String>,
     /// Squareness error: EC0Y, EA0Z or EB0Z

@@ -140,6 +140,15 @@ fn the_narrower_answer_counts_whatever_the_order() {
     assert_eq!(rides(&["rides=other", "rides=carriage"]), ("other other".to_owned(), true));
 }
 
+/// Where levers are asked for, an answer about the lever of an error without a file is refused: it may be misspelt.
+#[test]
+fn a_lever_of_an_error_without_a_file_is_refused() {
+    let (_folder, call) = straightnesses();
+    let call: Vec<&str> = call.iter().map(String::as_str).collect();
+    let call = [&call[..], &["--answer", "EZZ:rides=other"]].concat();
+    contains(&refused(&call), "--answer EZZ:rides=other: no question is open for it");
+}
+
 fn laser(serial: &str, title: &str) -> String {
     format!(
         "HEADER::\r\nFile Type: rtl\r\nUSER-TEXT::\r\nMachine: Mill 7\r\nSerial No: {serial}\r\nAxis: X\r\nTitle: {title}\r\nTARGET DATA::\r\n\

@@ -143,3 +143,13 @@ fn a_mesh_lifts_the_tool_where_the_bed_is_high() {
     );
     contains(&refused(&["import", &mesh, "--format", "bed"]), "isg-csv, fanuc, mesh");
 }
+
+/// Lengths have no lines to draw, so a file for a picture is refused, not silently left unwritten.
+#[test]
+fn lengths_are_not_drawn() {
+    let folder = Folder::new();
+    let plot = folder.file("square.svg");
+    let call = ["squareness", "--error", "EC0Y", "--lengths", "141.46,141.39,100", "--plot", &plot];
+    contains(&refused(&call), "cannot be used with '--plot <FILE>'");
+    assert!(!fs::exists(&plot).expect("a folder"));
+}

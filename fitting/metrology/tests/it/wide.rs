@@ -187,3 +187,86 @@ fn what_is_no_wide_table() {
         assert_eq!(refused(text), message);
     }
 }
+
+/// Measured positions with their zero elsewhere, an opposite sign, a turn more or an outlier are not deviations in µm.
+#[test]
+fn positions_that_are_shifted_are_refused() {
+    let message = "x.csv:1: header: found values that are neither near the targets nor small, expected measured positions or deviations: write `measured` or `deviation` into the heads of the runs";
+    for rows in [
+        "-200,0.002\n-100,100.001\n0,199.998\n100,300.003\n200,400.001\n",
+        "-200,200.002\n-100,100.001\n0,-0.002\n100,-99.999\n200,-200.003\n",
+        "0,0.004\n90,90.002\n180,179.999\n270,270.001\n360,0.003\n",
+        "0,0.004\n100,100.002\n200,799.999\n300,300.001\n400,400.003\n",
+    ] {
+        assert_eq!(refused(&format!("target mm,fwd\n{rows}")), message);
+        assert!(csv(&format!("target mm,fwd deviation\n{rows}")).is_ok(), "{rows}");
+    }
+    // Large deviations in µm.
+    for rows in ["0,0\n10,40\n20,-35\n30,20\n40,5\n", "0,0\n100,40\n200,80\n300,120\n400,160\n"] {
+        let read = csv(&format!("target mm,fwd\n{rows}")).unwrap();
+        assert_eq!((read.unit, read.readings[1].deviation), (None, 40.0));
+    }
+    // Two of three readings are by chance as far apart as their targets.
+    let read = csv("target mm,fwd\n0,3\n10,13.5\n20,5\n").unwrap();
+    assert_eq!((read.unit, read.readings[1].deviation), (None, 13.5));
+}
+
+/// A table in inches whose targets have no unit, with a row or a column for each run.
+#[test]
+fn inches_need_the_unit_of_the_targets() {
+    let message = "x.csv:1: header: found deviations in inches and targets without a unit, expected `target inch`, `target mm` or `target deg`";
+    for head in ["deviation inch", "fwd inch", "fwd deviation inch", "fwd measured inch"] {
+        assert_eq!(refused(&format!("target,{head}\n0,0\n4,0.0001\n")), message);
+        assert!(csv(&format!("target inch,{head}\n0,0\n4,0.0001\n")).is_ok(), "{head}");
+    }
+}
+
+/// Signs that may be units are not skipped: arc seconds would be read as µrad, thousandths as mm.
+#[test]
+fn unknown_signs_are_refused() {
+    for head in ["Run 1 fwd [″]", "\"Run 1 fwd (\"\")\"", "fwd mm/1000", "fwd ×10 µm", "fwd %"]
+    {
+        let message = refused(&format!("target deg,{head}\n0,0\n90,2\n"));
+        assert!(message.starts_with("x.csv:1: header: found "), "{message}");
+    }
+    assert_eq!(csv("target deg,#1: fwd (arcsec)\n0,0\n90,2\n").unwrap().notes, [""; 0]);
+}
+
+/// A hyphen between words is not the backward direction.
+#[test]
+fn a_hyphen_is_a_direction_beside_a_plus_alone() {
+    for heads in ["Run - 1,Run - 2", "Run 1 - µm,Run 2 - µm"] {
+        let message = refused(&format!("target mm,{heads}\n0,0,1\n100,2,1\n"));
+        assert!(
+            message.ends_with(
+                "expected the direction of each run in its head: `Run 1 fwd`, `Run 1 bwd`"
+            ),
+            "{message}"
+        );
+    }
+    let read = csv("target mm,+,-\n0,0,1\n100,2,1\n").unwrap();
+    assert_eq!(read.readings[1].direction, Direction::Negative);
+}
+
+/// The column of the reversal values B is not a run backward.
+#[test]
+fn reversal_values_are_no_run() {
+    for heads in ["fwd,bwd", "Run 1 fwd,Run 1 bwd"] {
+        let read = csv(&format!("target mm,{heads},B\n0,1,3,-2\n100,1,3,-2\n")).unwrap();
+        assert_eq!(read.readings.len(), 4);
+        assert_eq!(read.notes, ["columns that are not read: B"]);
+    }
+    assert_eq!(
+        refused("target mm,F1,B1,B\n0,1,3,-2\n100,1,3,-2\n"),
+        "x.csv:1: header: found `B`, expected a number in the heads of all runs or of none"
+    );
+}
+
+/// Runs numbered from 0 are refused: the first would be lost.
+#[test]
+fn run_zero_is_refused() {
+    assert_eq!(
+        refused("target mm,Run 0 fwd,Run 1 fwd\n0,1,3\n100,1,3\n"),
+        "x.csv:1: header: found `Run 0 fwd`, expected runs numbered from 1"
+    );
+}
