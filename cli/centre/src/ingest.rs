@@ -223,7 +223,7 @@ impl Ingest {
         }
     }
 
-    /// Returns events of a pass that failed, so that the next pass processes them.
+    /// Puts the events that [`take_observations`](Self::take_observations) returned back after a failed pass, so that the next pass processes them.
     pub fn restore_events(&mut self, looked: BTreeMap<MachineId, NewEvents>) {
         for (machine, before) in looked {
             if let Some(reception) = self.machines.get_mut(&machine) {

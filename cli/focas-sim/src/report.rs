@@ -12,7 +12,7 @@ use crate::{
 /// Rounding difference between the end of one move and the start of the next, mm or deg, that is not treated as travel.
 const NO_TRAVEL: f64 = 1e-9;
 
-/// Values by axis letter; linear and rotary axes are kept separately.
+/// Values by axis letter, in the unit at the end of the field name: one map for the linear axes, another for the rotary axes.
 pub(crate) type ByLetter = BTreeMap<AxisName, f64>;
 
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
@@ -81,7 +81,7 @@ impl Reporter {
         Self { last: Vec::new(), approach: vec![None; axes.len()], axes, truth }
     }
 
-    /// Commanded positions and applied shifts, mm and deg.
+    /// Commanded positions and applied shifts, mm and deg. Also notes the direction in which each axis has moved since the previous call.
     fn look(&mut self, simulator: &Simulator) -> [Vec<f64>; 2] {
         let (commanded, shifts) = {
             let mut world = simulator.world();

@@ -125,7 +125,7 @@ impl Published {
         Arc::clone(&locked(&self.shared.model))
     }
 
-    /// The lengths of the errors over the last two minutes.
+    /// Errors of the tool tip and the tool axis over the last two minutes, without and with the correction.
     pub fn history(&self) -> History {
         let points = locked(&self.shared.trend).points.clone();
         let errors = points.into_iter().map(|point| HistoryPoint {
@@ -139,7 +139,8 @@ impl Published {
         History { span_s: SPAN_S.into(), points: errors.collect(), ..History::default() }
     }
 
-    /// The history of the last `span_s`: single states up to two minutes, else means and maxima over periods.
+    /// The history of the last `span_s` seconds. Each point is one published state if that is at most two minutes, otherwise the means and maxima
+    /// over a period.
     pub fn history_over(&self, span_s: u32) -> History {
         let uptime_s = self.pulse.clock().elapsed().as_secs_f64();
         let now_s = unix_s();

@@ -31,7 +31,7 @@ const MAX_RESULTS: usize = 10_000;
 pub const MAX_FILE_BYTES: usize = 8 * 1024 * 1024;
 
 pub(crate) const MACHINE: &str = "machine.toml";
-/// The machine file that the last one replaced.
+/// Backup of the previous machine file, written when `machine.toml` is replaced.
 pub(crate) const MACHINE_BACKUP: &str = ".machine.toml.bak";
 pub(crate) const CALIBRATION: &str = "calibration.toml";
 pub(crate) const SETUP: &str = "setup.toml";

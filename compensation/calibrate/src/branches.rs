@@ -21,8 +21,8 @@ const ROUNDS: usize = 40;
 const WITHIN_SIGMAS: f64 = 3.0;
 const STEPS: usize = 120;
 
-/// Scatter of a mean reading about a curve. Offsets and slopes of the runs are removed first: they shift and rotate the curve, but do not affect its
-/// residuals.
+/// Scatter of a mean reading about a curve: the largest of the lines, `None` if it is unknown for all. Offsets and slopes of the runs are removed
+/// first: they shift and rotate the curve, but do not affect its residuals.
 fn noise_about_curve(profiles: &[Profile<'_>]) -> Option<Noise> {
     let noise = profiles.iter().filter_map(|profile| profile.scatter_of_mean(RunAlignment::Line));
     noise.reduce(|a, b| if b.deviation > a.deviation { b } else { a })

@@ -134,7 +134,7 @@ impl<'a> LineOfSight<'a> {
         vector_from_rotation(&(actual.rotation * ideal.rotation.transpose()))
     }
 
-    /// Actual pose of the tool side, relative to the artefacts.
+    /// Pose of the artefact on the tool side in the frame of the artefact on the workpiece side, with the errors.
     fn actual(&self, errors: &impl ErrorSource, command: &State) -> Pose {
         let [workpiece, tool] = self.artefacts;
         workpiece * actual_pose(self.chain, errors, command) * tool

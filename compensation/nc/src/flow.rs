@@ -135,7 +135,7 @@ pub(crate) fn o_line(line: &[u8]) -> Option<OLine> {
     Some(OLine::Statement(Statement { name, keyword, rest: scanner.at() }))
 }
 
-/// True if only a comment is left.
+/// True if nothing or only a comment is left of the line.
 fn is_end(scanner: &mut Scanner<'_>) -> bool {
     matches!(scanner.peek(), None | Some(b'(' | b';'))
 }

@@ -117,7 +117,7 @@ impl Digits {
     }
 }
 
-/// Bound on the number of steps for exact arithmetic.
+/// Numbers of this many steps or more are refused, so that arithmetic on steps is exact in an `f64`.
 const MAX_STEPS: f64 = 4e15;
 
 /// A value in whole steps of the last decimal; `None` if it is too large to be exact.
@@ -256,12 +256,12 @@ impl Number {
         Some(Self { steps: steps(value, decimals)?, decimals, form: Form::Plain })
     }
 
-    /// The nearest number with at most `most` decimals, without trailing zeros.
+    /// The nearest number with at most `most` decimals, without trailing zeros; `None` if it is too large to be exact.
     pub(crate) fn shortest(value: f64, most: u8) -> Option<Self> {
         Self::shortest_of(value, 0, most)
     }
 
-    /// The nearest number with `least` to `most` decimals, without trailing zeros beyond `least`.
+    /// The nearest number with `least` to `most` decimals, without trailing zeros beyond `least`; `None` if it is too large to be exact.
     pub(crate) fn shortest_of(value: f64, least: u8, most: u8) -> Option<Self> {
         let mut number = Self::nearest(value, most)?;
         while number.decimals > least && number.steps % 10 == 0 {
@@ -275,7 +275,7 @@ impl Number {
         Self { form, ..self }
     }
 
-    /// This angular position, from 0 to less than 360.
+    /// This angular position (deg) moved by whole turns into 0 to less than 360; `None` if it has too many decimals.
     pub(crate) fn in_one_turn(self) -> Option<Self> {
         let turn = steps(360.0, self.decimals)?;
         Some(Self { steps: self.steps.rem_euclid(turn), ..self })

@@ -546,7 +546,7 @@ pub struct Slice {
     pub y: Vec<f64>,
     /// Magnitude of the error before compensation at each node, µm; the axis to the right varies fastest.
     pub before_um: Vec<f64>,
-    /// Magnitude of the error after compensation at each node, µm; `None` without such a state.
+    /// Magnitude of the error after compensation at each node, µm; `None` if that state is not known.
     pub after_um: Option<Vec<f64>>,
     /// Error vectors at positions in the plane; empty for a map over rotary axes.
     #[serde(default)]
@@ -560,7 +560,7 @@ pub struct Vector {
     pub at_mm: [f64; 3],
     /// The error before compensation, µm.
     pub before_um: [f64; 3],
-    /// The error after compensation, µm; `None` without such a state.
+    /// The error after compensation, µm; `None` if that state is not known.
     pub after_um: Option<[f64; 3]>,
 }
 

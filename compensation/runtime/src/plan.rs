@@ -20,7 +20,7 @@ use crate::{
 /// Minimum test shift, in steps of the position and of the correction; a smaller shift proves nothing.
 pub const SHIFT_STEPS: f64 = 4.0;
 
-/// Slew per second with which a remaining correction on a non-correcting axis without limits returns to zero.
+/// Rate, per second, at which a remaining correction on a rotary axis that neither corrects nor has limits returns to zero.
 const HELD_SLEW_PER_S: Urad = Urad(100.0);
 
 /// Plan of a controller path: checked against machine and settings, not opened.
@@ -330,10 +330,11 @@ fn held_limits(axis: &Axis) -> AxisLimits {
     }
 }
 
-/// Limits that the guard of a controller enforces, mm and rad. Axes that do not correct have no
-/// test shift and need no configured limits. Configured limits are reduced to those of the device
-/// and, without a barrier, to those of a path without a barrier. Errors: correcting rotary axes
-/// without limits, limits that a guard rejects, or limits that the device cannot represent.
+/// Limits that the guard of a controller enforces, mm and rad. They are the configured ones, but without a barrier at most
+/// [`without_barrier`](GuardSettings::without_barrier). An axis that does not correct needs no configured limits and has no test shift; its limit is
+/// lowered to what the device can carry.
+///
+/// Errors: a correcting rotary axis without limits, a correcting axis whose limit exceeds what the device can carry, limits that a guard rejects.
 fn limits(
     description: &Description,
     position_steps: &PerChannel<f64>,
@@ -435,8 +436,8 @@ pub(crate) fn position_steps(
     Ok(steps)
 }
 
-/// Travel after which the direction of each reported axis counts as reversed, mm or rad. `limits` is `None` for read-only axes, on which no
-/// correction can be mistaken for travel.
+/// Travel after which the direction of each reported axis counts as reversed, mm or rad. `limits` is `None` for a read-only controller: it writes no
+/// correction that could be mistaken for travel.
 pub(crate) fn reversals(
     description: &Description,
     position_steps: &PerChannel<f64>,

@@ -64,8 +64,9 @@ impl FreeAxes {
         plan.poses.iter().map(state).collect()
     }
 
-    /// Draws poses with the ideal tip at points, with rotary coordinates distributed over the travels. `point` and `machine` are called with the
-    /// index of the pose; poses with unreachable points are redrawn. `Err`: the number of poses found before one could not be reached.
+    /// Draws poses with the ideal tip at points (mm in workpiece axes), with rotary coordinates distributed over the travels. `point` and `machine`
+    /// are called with the index of the pose; poses with unreachable points are redrawn. `Err`: the number of poses found before one could not be
+    /// reached.
     pub(crate) fn around<'m, R: Rng>(
         &self,
         poses: usize,
@@ -100,7 +101,8 @@ impl FreeAxes {
         Ok(states)
     }
 
-    /// Moves the linear axes so that the ideal tip is at a point, rounded like commands; `None` outside the travels.
+    /// Moves the free linear axes, in steps of commands, so that the ideal tip is at `target` (mm in workpiece axes); `None` if they cannot reach it
+    /// within their travels.
     pub(crate) fn ideal(
         &self,
         machine: &Machine,

@@ -48,7 +48,7 @@ pub(crate) struct Passes {
     pub(crate) targets: Vec<(f64, Vec<(usize, f64)>)>,
 }
 
-/// Orthonormal functions over the targets of a pass: a constant and, for a line, a slope about the mean target.
+/// Orthonormal functions over the targets of a pass: a constant, and with [`RunAlignment::Line`] a slope about the mean target.
 struct Basis {
     mean_target: f64,
     scales: [f64; 2],

@@ -44,8 +44,8 @@ pub fn tilt_sign(error: ErrorName, reading: TiltReading) -> Result<f64, Metrolog
 /// Straightness profile from the tilts of a bridge that is moved in steps of its length.
 ///
 /// `tilts` are (target in mm, θ_k in µrad), targets ascending; θ_k is read with the feet on targets k − 1 and k, the first reading is not used.
-/// `bridge_mm` is the foot spacing s. Returns (target in mm, h_k in µm) with h_0 = 0 and h_k = h_{k−1} + s σ θ_k, before any reference line is
-/// removed.
+/// `bridge_mm` is the foot spacing s. Returns (target in mm, h_k in µm) with h_0 = 0 and h_k = h_{k−1} + s σ θ_k, where σ is [`tilt_sign`], before
+/// any reference line is removed.
 ///
 /// # Errors
 /// Not a straightness error, fewer than two targets, numbers that are not finite, or a target spacing that differs from `bridge_mm` by more than 1 %.

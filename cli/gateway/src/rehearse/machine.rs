@@ -143,15 +143,15 @@ impl Rig {
     /// Creates a machine in its initial state, in place of the first controller of a plan.
     ///
     /// # Errors
-    /// No barrier can be set to the limits, or the plan has no controller.
+    /// The limits do not give valid settings of a barrier, or the plan has no controller.
     pub fn of(plan: &Plan) -> Result<Self, GatewayError> {
         let path = plan.paths().first();
         let path = path.ok_or_else(|| GatewayError::invalid("no controller, expected one"))?;
         Self::new(plan, path, 1, 1)
     }
 
-    /// Creates a machine in its initial state, with its thermometer. The barrier in its control is `rate` times as fast as configured: 1, except for
-    /// tests of the rehearsal itself. Errors: no barrier can be set to the limits.
+    /// Creates a machine in its initial state, with its thermometer. The barrier in its control moves `rate` times as fast as its settings say;
+    /// `rate` is 1, except in tests of the rehearsal itself. Errors: the limits do not give valid settings of a barrier.
     pub(super) fn new(
         plan: &Plan,
         path: &PathPlan,
@@ -241,7 +241,7 @@ impl Rig {
         Ok(plan.opened(cycle))
     }
 
-    /// Clock of the machine; it stops until it is advanced.
+    /// Clock of the machine, which moves only when the caller advances it.
     pub fn clock(&self) -> &Clock {
         &self.clock
     }
@@ -354,7 +354,7 @@ fn moves(model: &Model, plan: &PathPlan) -> (Vec<Move>, f64) {
     (program.to_vec(), feed_per_s / ACCELERATING_S)
 }
 
-/// The barrier in the control of a path; `None`: it has none. Errors: no barrier can be set to the limits.
+/// Settings of the barrier in the control of a path; `None`: it has none. Errors: the limits do not give valid settings of a barrier.
 pub(super) fn barrier(plan: &PathPlan) -> Result<Option<Settings>, GatewayError> {
     let wrong = |source| GatewayError::Barrier { device: plan.description.device.clone(), source };
     (plan.barrier)

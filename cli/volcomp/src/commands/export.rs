@@ -65,7 +65,7 @@ pub(crate) struct ExportArguments {
     control: ControlArguments,
 }
 
-/// Compensation tables, or steps and skew of firmware.
+/// What is exported: compensation tables for a control, or the steps and skew settings of a firmware without tables.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Target {
     Tables(Format),

@@ -7,8 +7,9 @@ use crate::lab::Lab;
 
 type M = [[f64; 4]; 4];
 
-/// Constant of ECC kept from the machine file, and the squareness, rad.
+/// The constant of ECC that the machine file keeps, rad.
 const TURN: f64 = 100e-6;
+/// The squareness error EC0Y, rad.
 const SQUARE: f64 = 22e-6;
 /// A point on the table and one on the tool, mm.
 const ON_TABLE: [f64; 4] = [250.0, 120.0, 40.0, 1.0];

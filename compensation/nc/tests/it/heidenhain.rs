@@ -481,7 +481,7 @@ fn random_lines_are_copied_byte_for_byte() {
     assert!(taken > 300, "only {taken} were taken");
 }
 
-/// A block number close to 2^64 has no successor: refused.
+/// Block numbers up to 10⁹ are accepted; larger ones, also those beyond 64 bits, are refused.
 #[test]
 fn block_numbers_without_a_next_one_are_refused() {
     let taken = |number: &str| {

@@ -41,7 +41,8 @@ fn a_carriage_rests_within_its_play() {
     }
 }
 
-/// Closed form: the shorter way changes the number of a rotary position, while the carriage stays at its flank.
+/// Closed form: `A=DC(10)` after 350 turns forward by the shorter way, although the number falls. The drive has not reversed, so the table stays at
+/// the same side of its lost motion.
 #[test]
 fn the_shorter_way_keeps_the_flank() {
     let travel = "travel = [-500, 500]\n";

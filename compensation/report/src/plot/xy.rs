@@ -10,7 +10,7 @@ use super::{
 /// Width of a plot that fills a page, in picture units.
 pub const WIDTH: f64 = 680.0;
 const LEFT: f64 = 58.0;
-/// Distance between adjacent brackets next to the plot.
+/// Width that each [`Bracket`] next to the plot takes, in picture units.
 const SLOT: f64 = 44.0;
 /// Width of an average legend character in picture units; the text is larger on narrow screens, where the picture is scaled down.
 const SIGN: f64 = 8.6;

@@ -41,8 +41,8 @@ const UNITS: [(&str, &str, bool); 28] = [
     ("ANGULAR_UNITS", "mm", false),
 ];
 
-/// Lines of the shipped file, their replacements, and the message of both programs. The last three replacements are numbers in one of the
-/// languages (Rust, Tcl, C) only.
+/// Lines of the shipped file, their replacements, and the message with which both `check` and the HAL file refuse them. The last three replacements
+/// are numbers to Rust, Tcl or C, and are refused nevertheless.
 const REFUSED: &str = r"
 LINEAR_UNITS = mm\n |  | [TRAJ]LINEAR_UNITS is missing, expected mm or metric: the bridge counts in this unit
 ANGULAR_UNITS = degree\n |  | [TRAJ]ANGULAR_UNITS is missing, expected degree or deg: the bridge counts in this unit

@@ -53,7 +53,7 @@ pub struct ThermalSegment {
 }
 
 impl ThermalFit {
-    /// Predicted displacement in every row of a record with the same sensors; lags start at its first row.
+    /// Predicted displacement, µm or µrad, in every row of a record with the same sensors; lags start at its first row.
     pub fn predict(&self, record: &ThermalRecord) -> Vec<f64> {
         let mut predicted = vec![self.constant; record.len()];
         for term in &self.terms {
@@ -95,7 +95,7 @@ impl ThermalFit {
         (0..self.start_degc.len()).filter(counts).collect()
     }
 
-    /// Displacement with every sensor at `reference_degc`, the temperature that the terms of a machine file refer to.
+    /// Displacement, µm or µrad, with every sensor at `reference_degc`, the temperature that the terms of a machine file refer to.
     pub fn constant_at(&self, reference_degc: f64) -> f64 {
         let terms = self.terms.iter().flat_map(|term| term.per_k.iter().zip(&self.start_degc));
         self.constant + terms.map(|(per_k, start)| per_k * (reference_degc - start)).sum::<f64>()
@@ -189,8 +189,8 @@ struct Zero {
 }
 
 impl ThermalTerms {
-    /// `offsets`: mean residual for each (run, position), relative to the start of the run. `lags_s`: time constants
-    /// available to the search, s.
+    /// `offsets`: mean residual, µm or µrad, for each (run, position), relative to the start of the run. `lags_s`: time
+    /// constants available to the search, s.
     pub(super) fn new(
         numbers: Vec<ThermalNumber>,
         penalty: f64,
@@ -243,7 +243,7 @@ impl ThermalTerms {
         lags
     }
 
-    /// Prediction from the temperatures of a run with the same sensors, relative to its value in the first row.
+    /// Prediction, µm or µrad, from the temperatures of a run with the same sensors, relative to its value in the first row.
     fn unknown_zero(&self, run: &ThermalRun, between: Between) -> Vec<f64> {
         let mut sum = vec![0.0; run.record.len()];
         for number in &self.numbers {
@@ -275,7 +275,7 @@ impl ThermalTerms {
         rms(known.iter().map(|&row| bent[row] - straight[row]))
     }
 
-    /// Record minus prediction in every row of the run, or part of a run, from which the terms were
+    /// Record minus prediction, µm or µrad, in every row of the run, or part of a run, from which the terms were
     /// found.
     pub fn errors(&self, run: &ThermalRun) -> Vec<f64> {
         let predicted = self.unknown_zero(run, Between::Straight);
@@ -297,8 +297,8 @@ impl ThermalTerms {
         judged(&run.record.time_s, &self.errors(run), &known)
     }
 
-    /// Displacement with every sensor at `reference_degc`, the temperature that the terms of a machine file refer to: its mean over runs and
-    /// positions, and the range.
+    /// Displacement with every sensor at `reference_degc`, the temperature that the terms of a machine file refer to: mean over the positions of all
+    /// runs, and maximum minus minimum, both in µm or µrad.
     pub fn constant_at(&self, reference_degc: f64) -> (f64, f64) {
         let at = |zero: &Zero| {
             let per_k = |number: &ThermalNumber| match number.effect {

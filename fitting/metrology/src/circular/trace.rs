@@ -251,7 +251,9 @@ pub(super) fn one_turn(angles_rad: &[f64], senses: &[Sense]) -> OneTurn {
     found
 }
 
+/// Consecutive points in one sense of motion.
 struct Run {
+    /// Index of the first point.
     first: usize,
     /// Angle of each point from the first one in the sense of motion, rad; it may exceed one turn.
     angles: Vec<f64>,
@@ -269,7 +271,7 @@ impl Run {
     }
 }
 
-/// Runs in a sense; `None` if the angles do not progress in it.
+/// The runs in one sense of motion; `None` if the angle goes back by more than [`LEAST_TURN_RAD`] within one of them.
 fn runs(angles_rad: &[f64], senses: &[Sense], sense: Sense) -> Option<Vec<Run>> {
     let mut runs: Vec<Run> = Vec::new();
     for (index, here) in senses.iter().enumerate() {
@@ -290,7 +292,7 @@ fn runs(angles_rad: &[f64], senses: &[Sense], sense: Sense) -> Option<Vec<Run>> 
     Some(runs)
 }
 
-/// Signed difference of two angles by the shorter way round.
+/// Second minus first of two angles by the shorter way round, rad.
 fn turn(pair: &[f64]) -> f64 {
     let turn = (pair[1] - pair[0]).rem_euclid(std::f64::consts::TAU);
     if turn > std::f64::consts::PI { turn - std::f64::consts::TAU } else { turn }
