@@ -268,8 +268,8 @@ impl Bucket {
 pub(crate) struct Minutes(VecDeque<Minute>);
 
 impl Minutes {
-    /// Adds a minute in its place; the same one again replaces the earlier. Beyond [`MAX_POINTS`] the one furthest from it in time
-    /// is dropped: a wrong clock or a damaged line costs no more than its own minutes.
+    /// Inserts a minute in the order of time; it replaces a known one of the same time. Beyond [`MAX_POINTS`] the first or the last minute is
+    /// dropped, whichever is further from the inserted one, so that a wrong clock or a damaged line costs no more than its own minutes.
     fn push(&mut self, minute: Minute) {
         let at_s = minute.at_s;
         let place = self.0.partition_point(|known| known.at_s < at_s);

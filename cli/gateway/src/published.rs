@@ -18,17 +18,19 @@ use crate::{
 /// Maximum interval between two publications. A state older than this plus [`Pulse::patience`] is
 /// stale, whichever of the two threads is late.
 const PUBLISHED_EVERY: Duration = Duration::from_millis(150);
+/// Length of the history with single states, s.
 const SPAN_S: u32 = 120;
+/// Minimum interval between two points of this history, s.
 const STEP_S: f64 = 0.25;
 
-/// Reading side, used by the dashboard.
+/// The published state for its readers, such as the dashboard.
 #[derive(Clone)]
 pub struct Published {
     shared: Arc<Shared>,
     pulse: Pulse,
 }
 
-/// Writing side, used by the service.
+/// Publishes the state; used by the service.
 pub struct Publisher {
     shared: Arc<Shared>,
     pulse: Pulse,

@@ -59,7 +59,7 @@ impl SignalReceiver {
         Ok(Self { receiver, handle })
     }
 
-    /// Waits at most `wait` for the next signal.
+    /// Waits at most `wait` for the next signal; `None` if there was none.
     pub fn next(&self, wait: Duration) -> Option<Signal> {
         match self.receiver.recv_timeout(wait) {
             Ok(signal) => Some(signal),

@@ -104,14 +104,14 @@ pub enum Refusal {
 }
 
 impl Refusal {
-    /// Index of this refusal in the list `all` of a control, as sent in its reports.
+    /// Index of this refusal in the list `all` of a control, as sent in its reports; 0 if the list lacks it.
     #[must_use]
     pub fn number_in(self, all: &[Self]) -> u16 {
         let place = all.iter().position(|one| *one == self).unwrap_or(0);
         u16::try_from(place).unwrap_or(0)
     }
 
-    /// The refusal with this index.
+    /// The refusal with this index in the list `all` of a control; `None` beyond its end.
     #[must_use]
     pub fn numbered(all: &[Self], number: u16) -> Option<Self> {
         all.get(usize::from(number)).copied()

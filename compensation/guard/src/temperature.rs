@@ -204,7 +204,7 @@ impl SensorCheck {
         }
     }
 
-    /// Checks the answer for the sensor with index `own`. `others` are the accepted temperatures of all sensors, °C.
+    /// Checks the answer for the sensor with index `own`; `None` if it has no flaw. `others` are the accepted temperatures of all sensors, °C.
     fn check(
         &mut self,
         now: Duration,

@@ -184,7 +184,7 @@ struct Aligned {
 }
 
 impl Aligned {
-    /// Length of the residual error, and residual tilt of the tool axis.
+    /// Length of the residual error of the tip, mm, and residual tilt of the tool axis, rad.
     fn left(&self, at: &At) -> [f64; 2] {
         let moved = plus(self.shift, cross(self.turn, minus(at.tip, self.about)));
         let turn = minus(at.turn, self.turn);

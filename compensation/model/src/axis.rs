@@ -123,8 +123,8 @@ impl Axis {
     }
 }
 
-/// The axis in a column header: its letter, alone or with the unit of the coordinates: `X`, `X mm`, `X_mm`, `C [deg]`, `C°`. Case matters:
-/// `x` is not an axis.
+/// The axis in a column header: its letter, alone or with the unit of the coordinates: `X`, `X mm`, `X_mm`, `C [deg]`, `C°`. `None` for other
+/// headers. Case matters: `x` is not an axis.
 pub fn axis_of_head(head: &str) -> Option<AxisName> {
     let (name, unit) = split_head(head);
     let axis: AxisName = name.parse().ok()?;

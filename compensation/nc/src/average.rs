@@ -339,7 +339,7 @@ fn at_places(
     found.and(failed.map_or(Ok(()), Err))
 }
 
-/// Position where a motion cuts: its end, or half-way down a hole.
+/// Position where a motion cuts, in machine coordinates: its end, or half-way down a hole; `None` if it does not cut.
 fn cuts_at(made: &ExecutedMotion) -> Option<Axes> {
     let motion = &made.motion;
     match motion.path {
@@ -350,7 +350,7 @@ fn cuts_at(made: &ExecutedMotion) -> Option<Axes> {
     }
 }
 
-/// Positions at the plane R, half-way down and at the bottom of a hole.
+/// Positions at the plane R, half-way down and at the bottom of a hole, in machine coordinates; `None` for other motions.
 fn heights_of_hole(made: &ExecutedMotion) -> Option<[Axes; 3]> {
     let Path::Hole { bottom, clearance, depth } = made.motion.path else {
         return None;

@@ -250,7 +250,7 @@ impl<'a> Scanner<'a> {
         all
     }
 
-    /// Reads a decimal number with an optional sign; returns its value and decimals.
+    /// Reads a decimal number with an optional sign; returns its value and number of decimals, `None` without a number.
     pub(crate) fn number(&mut self) -> Option<(f64, u8)> {
         if let Some((value, decimals, length)) = plain(&self.bytes[self.at..], b'.') {
             self.at += length;
@@ -259,7 +259,7 @@ impl<'a> Scanner<'a> {
         self.number_with_blanks()
     }
 
-    /// Reads a decimal number with any number of digits, also with blanks between them.
+    /// Like [`number`](Self::number), for any number of digits, also with blanks between them.
     fn number_with_blanks(&mut self) -> Option<(f64, u8)> {
         let before = self.at;
         let mut digits = Digits::default();

@@ -318,7 +318,7 @@ pub(crate) trait Formulas {
     const FUNCTIONS: Functions;
     const PAIRS: Pairs;
 
-    /// Reads an unsigned number.
+    /// Reads an unsigned number; returns its value and number of decimals, `None` without a number.
     fn number(&self, scanner: &mut Scanner<'_>) -> Option<(f64, u8)>;
     /// Reads a parameter or a constant at this bracket depth; `None` without one.
     fn parameter(&self, scanner: &mut Scanner<'_>, depth: u32) -> Result<Option<Value>, Fault>;

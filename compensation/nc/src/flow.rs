@@ -74,7 +74,7 @@ pub(crate) enum OLine {
     Wrong(&'static str),
 }
 
-/// Parses a line that begins with an O; `None` for other lines.
+/// Parses a line that begins with an O, a colon (its form in ISO code) or a program name in angle brackets; `None` for other lines.
 pub(crate) fn o_line(line: &[u8]) -> Option<OLine> {
     let mut scanner = Scanner::new(line);
     let may_be_skipped = scanner.takes(b'/');
@@ -309,7 +309,7 @@ impl Flow {
         self.partner.get(&line).copied().unwrap_or(line)
     }
 
-    /// Start of a subroutine called in this file: defined in the same file, in the program, or in its own file.
+    /// Line of the start of a subroutine called in this file: defined in the same file, in the program, or in its own file; `None` if it is in none.
     pub(crate) fn sub(&self, name: &str, file: usize) -> Option<usize> {
         let own = (self.files.iter()).filter(|(_, path, _)| is_file_of(path, name));
         let files = [file, 0].into_iter().chain(own.map(|(file, ..)| *file));

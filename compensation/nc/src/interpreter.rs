@@ -860,7 +860,7 @@ impl Interpreter {
     }
 }
 
-/// The axis of a named position parameter: `_x`.
+/// Index of the axis of a named position parameter, such as `_x`; `None` for other names.
 pub(crate) fn axis_of_name(name: &str) -> Option<usize> {
     match name.as_bytes() {
         [b'_', letter] => axis_of(letter.to_ascii_uppercase()),

@@ -685,7 +685,7 @@ impl Rewriter {
         }
     }
 
-    /// Bound violated by this correction at a position, both in program coordinates.
+    /// Bound violated by the correction `carried` at a position, both in program coordinates; `None` if it is within all bounds.
     pub(crate) fn bound_violation(&self, at: &Axes, carried: &Axes) -> Option<BoundViolation> {
         let frame = &self.interpreter.frame;
         let in_machine = frame.to_machine(at);
@@ -693,7 +693,7 @@ impl Rewriter {
         self.violation_in_machine(&in_machine, &by)
     }
 
-    /// Bound violated by this correction at a position, both in machine coordinates.
+    /// Bound violated by the correction `by` at a position, both in machine coordinates; `None` if it is within all bounds.
     pub(crate) fn violation_in_machine(&self, at: &Axes, by: &Axes) -> Option<BoundViolation> {
         let of_axes = self.bounds.violation(&self.interpreter.known, at, by);
         of_axes.or_else(|| {

@@ -329,13 +329,13 @@ pub struct FitNumbers {
     pub readings: usize,
     /// Statistics of the readings minus the curve.
     pub residual: Residual,
-    /// RMS error of predicting each reading from the others; `None` if a reading cannot be predicted.
+    /// RMS error of predicting each reading from the others, in the unit of the curve; `None` if a reading cannot be predicted.
     pub leave_one_out: Option<f64>,
-    /// Maximum difference between the forward and the backward curve, forward − backward.
+    /// Largest difference of the curves, forward − backward, with its sign, in the unit of the curve; `None` if one curve holds for both directions.
     pub reversal: Option<f64>,
 }
 
-/// Statistics of the residuals of a fit: readings minus curve.
+/// Statistics of the residuals of a fit, readings minus curve, in the unit of the curve.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Residual {
     /// Smallest residual, with its sign.

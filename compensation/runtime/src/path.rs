@@ -204,7 +204,7 @@ impl ControlPath {
         self.answered_at.is_some_and(|answered_at| self.is_young(self.reported.taken, answered_at))
     }
 
-    /// Time of the last message to the controller that may have arrived.
+    /// Time of the last message to the controller that may have arrived; `None` before the first.
     pub(crate) fn last_sent(&self) -> Option<Duration> {
         self.sent
     }

@@ -211,7 +211,7 @@ where
     Ok(())
 }
 
-/// The first axis that `path` writes and `other` does not.
+/// The first axis that `path` writes and `other` does not; `None` if there is none.
 pub(crate) fn left_to(path: &Description, other: &Description) -> Option<AxisName> {
     let mut axes = path.axes.iter().map(|axis| axis.name);
     axes.find(|name| other.axes.iter().all(|axis| axis.name != *name))

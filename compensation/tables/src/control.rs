@@ -335,7 +335,8 @@ impl Travel {
         Self { extreme: position, direction: None }
     }
 
-    /// Updates and returns the direction at a position (within ±1e9 steps); `turned` is the minimum travel for a reversal, steps.
+    /// Updates and returns the direction at a position (within ±1e9 steps); `None` until the axis has travelled `turned` steps, which are also the
+    /// minimum travel for a reversal.
     fn direction(&mut self, position: i32, turned: i32) -> Option<Direction> {
         let beyond = position - self.extreme;
         let (onward, back) = match self.direction {

@@ -29,7 +29,7 @@ impl Kind {
         }
     }
 
-    /// Kind whose subject ends with this token.
+    /// Kind whose subject ends with this token; `None` for other tokens.
     pub fn with_name(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|kind| kind.name() == name)
     }

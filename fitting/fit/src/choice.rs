@@ -85,7 +85,7 @@ pub struct Choice {
 }
 
 impl Choice {
-    /// Score of the chosen method.
+    /// Score of the chosen method; `None` if [`scores`](Self::scores) lacks it.
     pub fn chosen(&self) -> Option<&Score> {
         self.scores.iter().find(|score| score.method == self.method)
     }

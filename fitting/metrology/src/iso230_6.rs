@@ -22,7 +22,7 @@ pub const DIAGONAL_NAMES: [&str; 10] =
 
 impl Diagonal {
     /// Diagonal of a name, case ignored: `PPP`, `NPP`, `PNP`, `PPN` through the body; `PP0` and `NP0` in a plane X–Y, `P0P` and `N0P` in X–Z, `0PP`
-    /// and `0NP` in Y–Z.
+    /// and `0NP` in Y–Z. `None` for other texts.
     pub fn named(name: &str) -> Option<Self> {
         let upper = name.trim().to_ascii_uppercase();
         if !DIAGONAL_NAMES.contains(&upper.as_str()) {

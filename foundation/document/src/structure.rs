@@ -231,7 +231,8 @@ fn collect(table: &DeTable<'_>, above: &str, places: &mut Places) {
     }
 }
 
-/// Removes the innermost entry whose key or value contains these bytes from a table.
+/// Removes from a table the innermost entry whose key or value contains these bytes; returns its key, below `above`, and its value. `None` if no
+/// entry contains them.
 fn take<'i>(
     table: &mut DeTable<'i>,
     above: &str,

@@ -43,7 +43,7 @@ const ROOT_KEYS: [&str; 12] = [
     "opc_ua",
 ];
 
-/// The key that replaces `key` of earlier versions.
+/// Message about a key of earlier versions: what to write instead. `None` for other keys.
 fn replaced(key: &str) -> Option<&'static str> {
     match key {
         "several" => Some(

@@ -181,7 +181,7 @@ fn short(hash: &str) -> &str {
     digits.get(..8).unwrap_or(digits)
 }
 
-/// Seconds since 1970 of a time in the form of [`crate::audit::utc`].
+/// Seconds since 1970 of a time in the form of [`crate::audit::utc`]; `None` for other text and earlier times.
 fn seconds(time: &str) -> Option<f64> {
     let at = OffsetDateTime::parse(time, &Rfc3339).ok()?;
     Some(at.unix_timestamp_nanos() as f64 * 1e-9).filter(|s| *s >= 0.0)

@@ -229,14 +229,14 @@ fn uncertainty(
     joints.map(|(joint, spread)| (joint.name, micro(joint.kind, spread))).collect()
 }
 
-/// A single rotary axis never fully corrects the tool axis; this is noted once.
+/// Note that a single rotary axis cannot fully correct the tool axis; `None` if none or several may move.
 fn one_rotary_note(machine: &Machine, options: &CorrectionOptions) -> Option<String> {
     (movable_rotary(machine, options) == 1).then(|| {
         "one rotary axis may move: the tool axis is corrected in one direction only".to_owned()
     })
 }
 
-/// Notes the number of positions at which the solver did not converge.
+/// Note with the number `open` of positions at which the solver did not converge; `None` if that is 0.
 fn not_converged_note(open: usize, count: usize) -> Option<String> {
     (open > 0).then(|| {
         format!(
@@ -381,7 +381,7 @@ impl<'t> Columns<'t> {
         }
     }
 
-    /// Notes the columns of the table that are not copied because computed ones have the same names.
+    /// Note with the columns of the table that are not copied because computed ones have the same names; `None` without any.
     fn replaced_note(&self) -> Option<String> {
         (!self.replaced.is_empty()).then(|| {
             let names = self.replaced.join(", ");

@@ -636,7 +636,7 @@ const PAPER_LINES: [(&str, &str, f64, Option<f64>); 9] = [
 
 const FILES: [(&str, &str); 3] = [("EXX", "exx.rtl"), ("EYY", "eyy.rtl"), ("EZZ", "ezz.rtl")];
 
-/// Residuals printed in the paper for a method at the targets, µm.
+/// Smallest and largest residual at the targets that the paper prints for an error and a method, µm; `None` if it prints none.
 fn printed(error: &str, method: &str) -> Option<[f64; 2]> {
     match (error, method) {
         ("EXX", "polynomial of order 6") => Some([-5.2, 5.0]),

@@ -23,7 +23,7 @@ fn lines(file: &TextFile) -> impl Iterator<Item = (usize, &str)> {
     lines.map(|(index, line)| (index + 1, line.trim())).filter(|(_, line)| !line.is_empty())
 }
 
-/// Axis letter in `AXIS_X.COM` or `AXIS-X.COM`.
+/// Axis letter in a file name such as `AXIS_X.COM` or `AXIS-X.COM`; `None` for other names.
 fn axis_in(name: &str) -> Option<AxisName> {
     let stem = name.split('.').next()?.to_ascii_uppercase();
     stem.rsplit(['_', '-']).next()?.parse().ok()

@@ -54,13 +54,13 @@ pub struct JudgedThermal {
     /// Sparse terms with time constants.
     pub few: ThermalPrediction,
     /// Root mean square of the displacement in the predicted rows, which is the error without
-    /// terms.
+    /// terms, µm or µrad.
     pub none_rms: f64,
-    /// Mean square of the displacement in each part.
+    /// Mean square of the displacement in each part, µm² or µrad².
     pub none_of_parts: Vec<f64>,
     /// The sparse terms that are assessed, found from all runs and rows.
     pub terms: ThermalTerms,
-    /// Root mean square error in each run by terms found from the others; empty for a single run.
+    /// Root mean square error in each run by terms found from the others, µm or µrad; empty for a single run.
     pub left_out: Vec<f64>,
 }
 
@@ -84,7 +84,7 @@ pub struct CoarseRows {
     pub interval_s: f64,
     /// Shortest non-zero time constant of the terms, s.
     pub shortest_lag_s: f64,
-    /// Root mean square increase of the prediction error by unknown temperatures between the rows.
+    /// Root mean square increase of the prediction error by unknown temperatures between the rows, µm or µrad.
     pub adds_rms: f64,
     /// Interval at which this contribution is insignificant, s.
     pub enough_s: f64,

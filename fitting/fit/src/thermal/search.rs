@@ -350,7 +350,7 @@ impl Space {
         ))
     }
 
-    /// Coefficients of a choice for temperatures that curve between the rows.
+    /// Coefficients of a choice for temperatures that curve between the rows; `None` if the rows do not determine any.
     fn bent(
         &self,
         choice: &Choice,

@@ -151,7 +151,7 @@ fn passed(points: &[TracePoint]) -> [bool; 4] {
     PLACES.map(|place| points.iter().any(|p| since(p, place) <= near))
 }
 
-/// Least-squares fit with the best spike width between two widths, by golden-section search.
+/// Least-squares fit with the best spike width between two widths (deg), by golden-section search; `None` if `at` fails at a width.
 fn narrowed([mut low, mut high]: [f64; 2], at: &dyn Fn(f64) -> Option<Fit>) -> Option<Fit> {
     const STEPS: usize = 14;
     const GOLDEN: f64 = 0.618_033_988_749_894_8;
@@ -172,7 +172,7 @@ const COUNT: usize = 11;
 /// Column of the spike at 0°.
 const FIRST_SPIKE: usize = 7;
 
-/// Angle travelled since a place, in the sense of motion, modulo a full turn.
+/// Angle travelled since the angle `place`, in the sense of motion, modulo a full turn, rad.
 fn since(p: &TracePoint, place: f64) -> f64 {
     (p.sense.sign() * (p.angle_rad - place)).rem_euclid(TAU)
 }
