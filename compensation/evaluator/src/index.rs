@@ -8,10 +8,11 @@ const TO_INTEGER: f64 = 4_503_599_627_370_496.0;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Cell {
-    /// First breakpoint in the cell; the interval after `first` applies from there on. Infinite
-    /// without a breakpoint.
+    /// First breakpoint in the cell, from which on interval `first` + 1 applies; infinite without a breakpoint.
     pub(crate) split: f64,
+    /// Interval at the start of the cell.
     pub(crate) first: u32,
+    /// Number of breakpoints in the cell after `split`.
     pub(crate) more: u32,
 }
 
@@ -26,7 +27,7 @@ pub(crate) struct Uniform {
 }
 
 impl Uniform {
-    /// Adds the cells of ascending breakpoints, at least one; intervals are counted from `first_interval`.
+    /// Appends the cells of one or more ascending breakpoints to the shared list. The interval below the first breakpoint is `first_interval`.
     #[expect(clippy::cast_possible_truncation, reason = "breakpoints are counted in thousands")]
     pub(crate) fn add(cells: &mut Vec<Cell>, breakpoints: &[f64], first_interval: usize) -> Self {
         let from = cells.len();
@@ -67,7 +68,7 @@ impl Uniform {
     }
 }
 
-/// Cell width for at most one breakpoint per cell, within the maximum number of cells.
+/// Number of cells for at most one breakpoint per cell, but no more than [`MAX_CELLS`].
 #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "capped")]
 fn cells_for(breakpoints: &[f64]) -> usize {
     let widths = breakpoints.windows(2).map(|pair| pair[1] - pair[0]);

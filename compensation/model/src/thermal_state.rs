@@ -426,7 +426,7 @@ impl Watch {
         }
     }
 
-    /// The temperature of a sensor above the reference, clamped to the tested range.
+    /// The temperature of a sensor above the reference, K, clamped to the tested range; unchanged if no range is stated for the sensor.
     pub(crate) fn held_k(&self, sensor: usize, over_k: f64) -> f64 {
         let mut sensors = self.sensors.iter();
         let watched = sensors.find(|watched| watched.sensor == sensor);

@@ -24,7 +24,7 @@ pub(super) enum FaultAction {
     Nothing,
     Chance(Faults),
     Directed(Injection),
-    /// In every `every` cycles, `readings` readings report the position of the first axis mirrored
+    /// Once every `every` cycles, the next `readings` readings report the position of the first axis mirrored
     /// between the ends of its travel.
     OtherEnd {
         every: u64,

@@ -11,8 +11,9 @@ type M = [[f64; 4]; 4];
 const TURN: f64 = 100e-6;
 /// The squareness error EC0Y, rad.
 const SQUARE: f64 = 22e-6;
-/// A point on the table and one on the tool, mm.
+/// A point on the table, mm in table axes.
 const ON_TABLE: [f64; 4] = [250.0, 120.0, 40.0, 1.0];
+/// A point on the tool, mm in tool axes.
 const ON_TOOL: [f64; 4] = [30.0, -20.0, 60.0, 1.0];
 
 fn product(a: &M, b: &M) -> M {
