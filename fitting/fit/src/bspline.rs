@@ -13,9 +13,9 @@ const MAX_SEGMENTS: usize = 400;
 /// penalty on a slow wave falls with the fourth power of their number.
 const LOG_LAMBDA: [i32; 2] = [-9, 9];
 const SEGMENTS_OF_RANGE: f64 = 40.0;
-/// In gaps wider than this multiple of the mean gap, the spline is constrained to the range of the readings, because the neighbouring readings do
-/// not determine it there. For 500 random sets of targets (`examples/gaps.rs`), a limit of four causes errors up to five times the best; limits of
-/// one and two cause none.
+/// In gaps wider than this multiple of the mean gap, the spline is constrained to the band of the readings ([`band_of`]), because the neighbouring
+/// readings do not determine it there. For 500 random sets of targets (`examples/gaps.rs`), a limit of four causes errors up to five times the
+/// best; limits of one and two cause none.
 const WIDE_GAP: f64 = 2.0;
 /// Final step of the refinement, in decades.
 const LOG_RESOLUTION: f64 = 0.01;
@@ -162,8 +162,8 @@ impl Problem {
         rows.map(|(row, mean)| mean - value(row, coefficients)).collect()
     }
 
-    /// Score of a smoothing parameter: generalised cross-validation. With wide gaps between the targets, the score is the leave-one-out error, or
-    /// infinity if the spline leaves the range of the readings inside a gap.
+    /// Score of a smoothing parameter, best if small: generalised cross-validation. With wide gaps between the targets, the score is the sum of the
+    /// squared leave-one-out errors, or infinity if the spline leaves the band of the readings ([`band_of`]) inside a gap.
     fn score(&self, triangle: &Triangle) -> f64 {
         if self.in_gaps.is_empty() {
             return self.generalised(triangle);

@@ -274,7 +274,7 @@ fn m128_has_the_numbers_of_m428() {
     }
 }
 
-/// M127 and M129 act at the end of their block: a motion beside them is still made under M126, M128.
+/// M127 and M129 act at the end of their block, so a motion in that block is still made under M126 or M128: refused if it matters.
 #[test]
 fn the_end_of_a_mode_stands_in_a_block_of_its_own() {
     let example = include_str!("../../../../examples/table-tilting.toml");

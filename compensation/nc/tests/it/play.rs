@@ -6,7 +6,7 @@ use volcomp_test_support::rows;
 
 use crate::identity::{TRAVELS, verified_in, written};
 
-/// X starts at the zero of the part.
+/// The axes start at machine zero, which in X is also the zero of G54.
 const START: &str = "[start]\nX = 0\nY = 0\nZ = 0\n[work_offset.G54]\nX = 0\n[tool.1]\nZ = 0\n";
 const EXAMPLE: &str = include_str!("../../../../examples/table-tilting.toml");
 const CONE: &str = include_str!("../../../../examples/parts/cone.ngc");
@@ -237,7 +237,7 @@ fn the_virtual_machine_assumes_no_direction_of_approach() {
 }
 
 /// Y is 0.2 µm/deg too far by the angle of C, and its carriage lags by 12 µm. At C50 the carriage has to go back by 10 µm, and forward
-/// again while C turns to 0: by hand it is at 10.000 with the drive at 10.006, then at 9.990 with the drive at 9.984, then with the
+/// again while C turns to 0: calculated by hand, it is at 10.000 with the drive at 10.006, then at 9.990 with the drive at 9.984, then with the
 /// drive at 9.996. A motion without correction leaves the carriage in place, although the correction there differs.
 #[test]
 fn a_resting_axis_keeps_its_side_of_approach() {

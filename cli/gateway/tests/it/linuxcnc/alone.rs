@@ -15,8 +15,9 @@ use super::peer::HERE;
 /// The folder of LinuxCNC's components.
 const MODULES: &str = "/usr/lib/linuxcnc/modules";
 
-/// The start script, and the lock file of a running LinuxCNC.
+/// The start script of LinuxCNC.
 const LINUXCNC: &str = "/usr/bin/linuxcnc";
+/// Line of the start script with the lock file of a running LinuxCNC.
 const RUNS: &str = "LOCKFILE=/tmp/linuxcnc.lock\n";
 
 /// Environment variable: a folder with LinuxCNC's components, the bridge and the start script.
@@ -84,7 +85,8 @@ fn build() -> TempDir {
 }
 
 /// Whether this process runs the test itself. Two LinuxCNC on one computer share memory and lock file, and the first to end kills the
-/// programs of the other by name. Therefore each test is started again in separate namespaces, and the outer process adopts its result.
+/// programs of the other by name. Therefore this function starts each test again in separate namespaces, where it returns true. In the outer process
+/// it returns false after the test has passed there, and panics if it has failed.
 pub(crate) fn goes_on(name: &str) -> bool {
     if let Some(folder) = std::env::var_os(WITH_BRIDGE) {
         for (own, of_all) in [("modules", MODULES), ("linuxcnc", LINUXCNC)] {
