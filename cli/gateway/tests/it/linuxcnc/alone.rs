@@ -86,7 +86,7 @@ fn build() -> TempDir {
 
 /// Whether this process runs the test itself. Two LinuxCNC on one computer share memory and lock file, and the first to end kills the
 /// programs of the other by name. Therefore this function starts each test again in separate namespaces, where it returns true. In the outer process
-/// it returns false after the test has passed there, and panics if it has failed.
+/// it returns false after the test has passed there or where LinuxCNC cannot be started, and panics if the test has failed.
 pub(crate) fn goes_on(name: &str) -> bool {
     if let Some(folder) = std::env::var_os(WITH_BRIDGE) {
         for (own, of_all) in [("modules", MODULES), ("linuxcnc", LINUXCNC)] {
