@@ -269,7 +269,7 @@ fn tables(
     })
 }
 
-/// Note on the reference position of tables for which none is stated.
+/// Note that tables without `--at` hold on the lines through these positions; `None` for a machine with one axis, which has no such lines.
 fn not_at(reference: &[(AxisName, f64)]) -> Option<String> {
     let places = reference.iter();
     let places: Vec<String> = places.map(|(name, at)| format!("{name}={}", rounded(*at))).collect();

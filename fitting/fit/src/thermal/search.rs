@@ -32,9 +32,9 @@ pub struct ThermalSearch {
     /// coefficient multiplies. With small penalties, correlated sensors get large coefficients of
     /// opposite sign.
     pub penalties: Vec<f64>,
-    /// Maximum number of sensors.
+    /// Maximum number of sensors, at least 1.
     pub most_sensors: usize,
-    /// Maximum number of time constants; 0 is treated as 1.
+    /// Maximum number of time constants, at least 1.
     pub most_lags: usize,
     /// Whether to search for expansions if the position was varied.
     pub expansions: bool,
