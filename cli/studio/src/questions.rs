@@ -55,8 +55,8 @@ pub(crate) struct AnsweredDraft {
     pub(crate) whole: Draft,
 }
 
-/// Applies answers in two passes, because errors and units from the first pass determine which questions exist. Answers to questions that no longer
-/// exist, because their file or its error has changed, are ignored.
+/// Applies answers in three passes, errors, units and all others, because each pass determines which questions the next one has. Answers to questions
+/// that no longer exist, because their file or its error has changed, are ignored.
 pub(crate) fn with_answers(
     draft: &Draft,
     given: &[TypedAnswer],

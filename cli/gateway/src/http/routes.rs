@@ -506,7 +506,7 @@ async fn answer_of(query: Result<PendingReply, Reply>) -> Response {
 const NODES: usize = 25;
 
 /// Magnitude of the error over the travels of the first two linear axes, with the other axes at their current
-/// positions.
+/// positions. Empty with fewer than two linear axes, or if the position of an axis is unknown.
 fn error_map_of(model: &Model, status: &Status) -> ErrorMap {
     let mut linear: Vec<(AxisName, usize)> = model
         .axes
