@@ -247,7 +247,7 @@ impl CorrectionWord {
     }
 }
 
-/// Maximum count: larger ones are not positions of a machine, and are not exact in f64.
+/// Maximum count, 2⁵²: far beyond the positions of a machine, and still exact in an `f64`.
 const FARTHEST: f64 = 4_503_599_627_370_496.0;
 
 /// Tracks a position of which only the low bits are reported; the axis must move less than half the range of the word between two words.
