@@ -302,7 +302,7 @@ impl WideTable {
 }
 
 /// Whether the values at more than two thirds of the targets are the targets plus a common offset, as with a zero elsewhere, a turn more, or an
-/// outlier. Of three random deviations, two are so in one table of five.
+/// outlier. A half would be too few: in one table of five with three random deviations, two differ by chance as their targets do.
 fn follow_targets(readings: &[WideReading], to_targets: f64) -> bool {
     let offset = |reading: &WideReading| reading.deviation * to_targets - reading.target;
     let mut offsets: Vec<f64> = readings.iter().map(offset).collect();
