@@ -228,6 +228,7 @@ fn the_last_change_is_reverted_whole() {
     };
     upload("one.csv", 1, "1");
     assert_eq!(undoable(), "file one.csv");
+    assert_eq!((machine(&text), undoable()), (200, json!("file one.csv")), "the same again");
     let before = now();
     upload("two.csv", 2, "2");
     upload("machine.toml", 2, &text.replace("small", "third"));
