@@ -1,19 +1,14 @@
 //! Drift of a machine: its earlier models in comparison with the newest.
 
-use std::collections::BTreeSet;
-
 use serde::Serialize;
 use volcomp_model::Machine;
 use volcomp_report::{Report, Stated};
-use volcomp_vocabulary::{Direction, ErrorName};
+use volcomp_vocabulary::ErrorName;
 
 use crate::{
     error::StudioError,
     folder::{FITTED, Folder},
 };
-
-/// Number of equidistant positions at which curves are compared.
-const POINTS: usize = 241;
 
 /// A model of the folder in comparison with the newest.
 #[derive(Clone, Debug, Serialize)]
@@ -55,46 +50,17 @@ impl Folder {
 }
 
 fn changes(model: &Machine, newest: &Machine) -> Vec<ErrorChange> {
-    let both = [model, newest];
-    let motions: BTreeSet<ErrorName> =
-        both.into_iter().flat_map(Machine::errors).map(|(error, _)| error).collect();
-    let motions = motions.into_iter().map(|error| (error, of_curve(error, both)));
-    let locations: BTreeSet<&ErrorName> =
-        both.into_iter().flat_map(|of| of.locations().keys()).collect();
-    let locations = locations.into_iter().map(|error| {
-        let [then, now] = both.map(|of| of.locations().get(error).copied().unwrap_or_default());
-        (*error, (now - then).abs())
-    });
     let lever_m = 1e-3 * newest.diagonal_of_travels_mm();
-    let effect_um = |error: ErrorName, largest: f64| {
-        if error.component.is_angular() { largest * lever_m } else { largest }
+    let effect_um = |(error, largest): &(ErrorName, f64)| {
+        if error.component.is_angular() { *largest * lever_m } else { *largest }
     };
-    let mut all: Vec<_> = motions.chain(locations).filter(|(_, largest)| *largest != 0.0).collect();
-    all.sort_by(|(a, x), (b, y)| effect_um(*b, *y).total_cmp(&effect_um(*a, *x)));
+    let mut all = newest.differences(model);
+    all.retain(|(_, largest)| *largest != 0.0);
+    all.sort_by(|a, b| effect_um(b).total_cmp(&effect_um(a)));
     let named = all.into_iter().map(|(error, largest)| ErrorChange {
         error: error.to_string(),
         largest,
         unit: error.component.symbol(),
     });
     named.collect()
-}
-
-/// Largest difference of an error motion over the travel of its axis and both directions, the other axes nearest to 0.
-fn of_curve(error: ErrorName, both: [&Machine; 2]) -> f64 {
-    let [_, newest] = both;
-    let (Some(axis), Ok(own)) = (newest.axis(error.axis), newest.index_of(error.axis)) else {
-        return 0.0;
-    };
-    let mut at: Vec<f64> = newest.axes().iter().map(volcomp_model::Axis::nearest_zero).collect();
-    let mut largest = 0.0_f64;
-    for place in axis.nodes(POINTS) {
-        at[own] = place;
-        for direction in Direction::BOTH {
-            let [then, now] = both.map(|of| {
-                of.error(error).map_or(0.0, |curve| curve.value(own, &at, Some(direction)))
-            });
-            largest = largest.max((now - then).abs());
-        }
-    }
-    largest
 }

@@ -364,6 +364,10 @@ impl Folder {
         Machine::parse(text, name)?;
         self.interrupt.check()?;
         let path = self.at(MACHINE);
+        // The same again would replace the kept one by itself.
+        if fs::read(&path).is_ok_and(|present| present == text.as_bytes()) {
+            return Ok(());
+        }
         if path.exists() {
             let kept = fs::copy(&path, self.at(MACHINE_BACKUP));
             kept.map_err(StudioError::disk(MACHINE))?;

@@ -122,8 +122,8 @@ impl Folder {
                 return Err(StudioError::Upload { name: file.name.clone(), why: why.to_owned() });
             }
         }
-        let outputs = [TABLES, PROGRAMS].into_iter().filter(|name| self.at(name).exists());
-        if let Some(name) = outputs.take(usize::from(change.is_fit())).next() {
+        let output = [TABLES, PROGRAMS].into_iter().find(|name| self.at(name).exists());
+        if let Some(name) = output.filter(|_| change.is_fit()) {
             let why = "was written from this fit, which is therefore not reverted";
             return Err(StudioError::Upload { name: name.to_owned(), why: why.to_owned() });
         }

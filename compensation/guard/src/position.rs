@@ -65,7 +65,7 @@ struct RejectedPosition {
 
 /// The last accepted position of an axis. After a rejection, a position is accepted only within the distance that the
 /// axis could have travelled from the last accepted position by the first rejection; this distance does not grow with
-/// time. Two kinds of rejection require more:
+/// time. Some rejections require more:
 /// - If a second reading follows from a jump by motion, the next accepted position must be a jump back by as much. A wrong
 ///   position with a constant error could otherwise move back within this distance.
 /// - If it jumps again, to a second place that two readings confirm or by a third reading that follows from neither, no

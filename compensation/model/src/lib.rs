@@ -4,6 +4,7 @@ mod axis;
 mod compile;
 mod curve_file;
 mod diagonals;
+mod differences;
 mod error;
 mod error_rules;
 mod free_axis;

@@ -142,7 +142,7 @@ const PLACES: u32 = 8;
 
 const LENGTH_MM: f64 = 100.0;
 
-/// A line has no more evaluated positions than leave this distance, mm, between them, over which errors are linear; one is its end.
+/// Distance of evaluated positions on a line, mm, below which it has fewer of them: over this distance errors are linear.
 const DENSEST_MM: f64 = 2.0;
 
 /// Maximum number of lengths of `LENGTH_MM` per motion.

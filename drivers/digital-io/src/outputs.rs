@@ -7,8 +7,8 @@ use volcomp_vocabulary::PerChannel;
 
 use crate::{axis::DigitalAxis, wiring::Wiring};
 
-/// Time within which the latch is toggled for a word, as a multiple of the time within which the word must be written. A write that took
-/// longer has failed, and a cycle is shorter than twice this time.
+/// Time within which the latch is toggled for a word, as a multiple of the time within which the word must be written: that time, after which
+/// the write has failed, and a cycle, which is shorter than twice that time.
 const LATCHED_WITHIN: u32 = 3;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

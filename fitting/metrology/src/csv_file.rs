@@ -202,8 +202,7 @@ impl Rows {
         columns: &Columns,
     ) -> Result<(), MetrologyError> {
         let place = Place::new(file, row.line());
-        let stated = place.number("target", &row.cell(columns.target.column).decimal_text()?)?;
-        let target = if columns.target.in_inches { 25.4 * stated } else { stated };
+        let target = columns.target.of(row, place)?;
         let deviation_text = row.cell(columns.deviation).decimal_text()?;
         let stated = place.number("deviation", &deviation_text)?;
         let deviation = stated * columns.unit.map_or(1.0, ReadingUnit::micro);

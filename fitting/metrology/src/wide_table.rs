@@ -2,7 +2,7 @@
 
 use std::collections::BTreeSet;
 
-use volcomp_document::{Column, CsvTable, quoted};
+use volcomp_document::{Column, CsvRow, CsvTable, quoted};
 
 use crate::csv_head::{direction_named, inches_without_targets};
 use crate::number::{Place, range};
@@ -46,6 +46,14 @@ pub(crate) struct Targets {
     pub(crate) column: Column,
     pub(crate) unit: Option<TargetUnit>,
     pub(crate) in_inches: bool,
+}
+
+impl Targets {
+    /// The target of a row; inches as mm.
+    pub(crate) fn of(self, row: CsvRow<'_>, place: Place<'_>) -> Result<f64, MetrologyError> {
+        let stated = place.number("target", &row.cell(self.column).decimal_text()?)?;
+        Ok(if self.in_inches { 25.4 * stated } else { stated })
+    }
 }
 
 /// Run, direction, unit and kind of reading stated in a column head.
@@ -205,8 +213,7 @@ impl WideTable {
         let mut readings = Vec::new();
         for row in table.rows() {
             let place = Place::new(file, row.line());
-            let target = place.number("target", &row.cell(targets.column).decimal_text()?)?;
-            let target = if targets.in_inches { 25.4 * target } else { target };
+            let target = targets.of(row, place)?;
             for run in &self.runs {
                 let text = row.cell(run.column).decimal_text()?;
                 // A missing reading.
@@ -302,7 +309,7 @@ impl WideTable {
 }
 
 /// Whether the values at more than two thirds of the targets are the targets plus a common offset, as with a zero elsewhere, a turn more, or an
-/// outlier. Of three random deviations, two are so in one table of five.
+/// outlier. A half would be too few: in one table of five with three random deviations, two differ by chance as their targets do.
 fn follow_targets(readings: &[WideReading], to_targets: f64) -> bool {
     let offset = |reading: &WideReading| reading.deviation * to_targets - reading.target;
     let mut offsets: Vec<f64> = readings.iter().map(offset).collect();

@@ -5,6 +5,7 @@ use std::{
     fs::{File, TryLockError},
     io::IsTerminal,
     net::SocketAddr,
+    os::unix::fs::OpenOptionsExt,
     path::Path,
     sync::Arc,
 };
@@ -54,8 +55,8 @@ pub(super) fn run(config: &Config, log: LogForm) -> Result<(), Error> {
         key: signing_key(config)?,
         own: Key::all(&config.keys.folder)?,
     };
-    let store = open(config)?;
     let _lock = lock(&config.store.file)?;
+    let store = open(config)?;
     store.audit("centre", "centre.start", "", serde_json::json!({}))?;
     let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build()?;
     runtime.block_on(async {
@@ -81,16 +82,19 @@ pub(super) fn run(config: &Config, log: LogForm) -> Result<(), Error> {
 }
 
 /// Locks the database until the file is dropped. With two running centres every time of a roll-out would elapse twice as fast, and each would hear
-/// only some of the machines.
+/// only some of the machines. Call it before the database is opened, so that the file is dropped after it: closing the file releases the POSIX
+/// locks of the connections that this program has to it.
 fn lock(database: &Path) -> Result<File, Error> {
-    let file = File::open(database)?;
+    let failed = |why| Error::Database { file: database.display().to_string(), why };
+    let file = File::options().append(true).create(true).mode(0o600).open(database);
+    let file = file.map_err(failed)?;
     match file.try_lock() {
         Ok(()) => Ok(file),
         Err(TryLockError::WouldBlock) => Err(Error::Wrong(format!(
             "{}: another centre runs with this database, expected one",
             database.display()
         ))),
-        Err(TryLockError::Error(error)) => Err(error.into()),
+        Err(TryLockError::Error(error)) => Err(failed(error)),
     }
 }
 

@@ -113,17 +113,16 @@ fn take<'a>(
         };
         let found = drafts.iter();
         let found: Vec<AnswerOf> = found.flat_map(|draft| draft.for_all(of, key, value)).collect();
-        let is_lever = |key: &str| ["point", "rides"].contains(&key);
-        let mut asked = drafts.iter().flat_map(|draft| &draft.questions);
-        if found.is_empty() && is_lever(key) && !asked.any(|asked| is_lever(&asked.key)) {
-            notes.push(format!(
-                "--answer {given} is not used: no tilt is measured, so that the place of a line has no effect"
-            ));
-            continue;
-        }
         if found.is_empty() {
             let asked = drafts.iter().flat_map(|draft| &draft.questions);
             let mut keys: Vec<&str> = asked.map(|q| q.key.as_str()).collect();
+            let is_lever = |key: &str| ["point", "rides"].contains(&key);
+            if is_lever(key) && !keys.iter().any(|asked| is_lever(asked)) {
+                notes.push(format!(
+                    "--answer {given} is not used: no tilt is measured, so that the place of a line has no effect"
+                ));
+                continue;
+            }
             keys.sort_unstable();
             keys.dedup();
             return Err(wrong(format!(

@@ -91,12 +91,12 @@ impl FromStr for Target {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
-        match text.parse::<Firmware>() {
-            Ok(firmware) => Ok(Self::Firmware(firmware)),
-            Err(()) => text.parse().map(Self::Tables).map_err(|error| {
-                format!("{error}, {}", Firmware::ALL.map(Firmware::name).join(", "))
-            }),
+        if let Some(firmware) = Firmware::ALL.into_iter().find(|of| of.name() == text) {
+            return Ok(Self::Firmware(firmware));
         }
+        text.parse().map(Self::Tables).map_err(|error| {
+            format!("{error}, {}", Firmware::ALL.map(Firmware::name).join(", "))
+        })
     }
 }
 
@@ -197,13 +197,14 @@ pub(crate) fn run(arguments: &ExportArguments) -> Result<Answer, Failure> {
                 written: write_settings(firmware, &settings, &machine, &facts, &now)?,
                 loss: firmware_loss(&machine, &temperatures, &options, firmware)?,
                 tables: Vec::new(),
+                holds_along_lines: false,
                 settings: Some(settings),
                 sign: firmware.sign(),
                 trust: firmware.trust(),
             }
         }
     };
-    if arguments.at.is_none() && made.tables.iter().any(|table| table.output.len() == 1) {
+    if arguments.at.is_none() && made.holds_along_lines {
         notes.extend(not_at(&reference));
     }
     notes.extend(made.loss.axes.iter().filter_map(worse_than_none));
@@ -232,6 +233,8 @@ struct Exported {
     written: Written,
     loss: Loss,
     tables: Vec<Made>,
+    /// Whether the tables correct axes, and so hold along lines through the reference position alone.
+    holds_along_lines: bool,
     settings: Option<LinearSettings>,
     sign: &'static str,
     trust: &'static str,
@@ -262,6 +265,7 @@ fn tables(
     Ok(Exported {
         loss: loss(machine, temperatures, options, format, &write_options)?,
         tables: made(&content, &written.left_out),
+        holds_along_lines: matches!(content, Content::Axes(_)),
         written,
         settings: None,
         sign: format.sign(),
@@ -473,8 +477,7 @@ fn settings_table(settings: &LinearSettings) -> String {
     for (axis, factor) in ["X", "Y", "Z"].into_iter().zip(settings.steps) {
         rows.add_row(["steps per mm, factor", axis, &fixed(factor, 7)]);
     }
-    let skew = settings.skew;
-    for (plane, factor) in [("XY", skew.xy), ("XZ", skew.xz), ("YZ", skew.yz)] {
+    for (plane, factor) in settings.skew.planes() {
         rows.add_row(["skew factor", plane, &fixed(factor, 7)]);
     }
     table_text(&rows)

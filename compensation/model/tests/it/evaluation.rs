@@ -195,3 +195,21 @@ fn the_map_visits_every_node_x_fastest() {
         assert!((error.position_mm.x - 1e-5 * at_mm[0]).abs() < 1e-12);
     }
 }
+
+/// Even positions every 25 mm miss the peak of EXX, and Y at 0 the part of the grid.
+#[test]
+fn differences_of_two_machines_are_found_wherever_they_are() {
+    let one = plain(
+        "EXX = { table = [[0, 0], [300, 0], [312, 5], [325, 0], [1000, 0]], interpolation = \"linear\" }\nEC0Y = 7.0",
+    );
+    let other = plain(
+        "EZX = { grid = { axes = [\"X\", \"Y\"], nodes = [[0, 1000], [0, 500]], values = [[0, 0], [0, 4]] } }",
+    );
+    let found = one.differences(&other);
+    assert_eq!(found.len(), 3, "{found:?}");
+    for (name, expected) in [("EC0Y", 7.0), ("EXX", 5.0), ("EZX", 4.0)] {
+        let by = found.iter().find(|(error, _)| error.to_string() == name);
+        assert!(by.is_some_and(|(_, by)| (by - expected).abs() < 1e-6), "{name}: {found:?}");
+    }
+    assert!(one.differences(&one).iter().all(|(_, by)| *by == 0.0));
+}

@@ -3,7 +3,7 @@
 //! Klipper and Marlin move to x − y·xy − z·(xz − xy·yz), y − z·yz, z, and then multiply by the steps per mm. GRBL has the steps alone. The
 //! formulas are those of `skew_correction.py` and `planner.h`.
 
-use core::{fmt, fmt::Write, str::FromStr};
+use core::fmt::Write;
 
 use volcomp_kinematics::State;
 use volcomp_model::{Machine, Temperatures};
@@ -89,21 +89,6 @@ impl Firmware {
     }
 }
 
-impl fmt::Display for Firmware {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(self.name())
-    }
-}
-
-impl FromStr for Firmware {
-    type Err = ();
-
-    fn from_str(text: &str) -> Result<Self, ()> {
-        let named = Self::ALL.into_iter().find(|of| of.name() == text);
-        named.ok_or(())
-    }
-}
-
 /// Skew factors: cotangents of the angles between axes.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "schema", derive(serde::Serialize, schemars::JsonSchema))]
@@ -114,6 +99,13 @@ pub struct Skew {
     pub xz: f64,
     /// Motion along +Y per mm of Z.
     pub yz: f64,
+}
+
+impl Skew {
+    /// Names of the planes, with their factors.
+    pub fn planes(self) -> [(&'static str, f64); 3] {
+        [("XY", self.xy), ("XZ", self.xz), ("YZ", self.yz)]
+    }
 }
 
 /// The linear part of a machine's correction: steps and skew.
@@ -253,8 +245,7 @@ pub fn write_settings(
     match firmware {
         Firmware::Klipper => klipper_skew(&mut text, settings.skew),
         Firmware::Marlin => {
-            let [i, j, k] = [settings.skew.xy, settings.skew.xz, settings.skew.yz]
-                .map(|factor| short(factor, DECIMALS));
+            let [i, j, k] = settings.skew.planes().map(|(_, factor)| short(factor, DECIMALS));
             let _ = writeln!(text, "M852 I{i} J{j} K{k}");
         }
         Firmware::Grbl => {}
@@ -313,7 +304,8 @@ fn head(firmware: Firmware, facts: &Facts) -> Vec<String> {
     };
     vec![
         format!(
-            "Steps and skew, format {firmware}, written by volcomp {}",
+            "Steps and skew, format {}, written by volcomp {}",
+            firmware.name(),
             env!("CARGO_PKG_VERSION")
         ),
         format!("Machine: {}, {}", one_line(&facts.machine), facts.checksum),
@@ -327,11 +319,10 @@ fn head(firmware: Firmware, facts: &Facts) -> Vec<String> {
 
 fn klipper_skew(text: &mut String, skew: Skew) {
     *text += "[skew_correction]\n\n[skew_correction volcomp]\n";
-    for (plane, factor) in [("xy", skew.xy), ("xz", skew.xz), ("yz", skew.yz)] {
-        let _ = writeln!(text, "{plane}_skew = {}", short(factor, DECIMALS));
+    for (plane, factor) in skew.planes() {
+        let _ = writeln!(text, "{}_skew = {}", plane.to_lowercase(), short(factor, DECIMALS));
     }
-    let planes = [("XY", skew.xy), ("XZ", skew.xz), ("YZ", skew.yz)];
-    let planes = planes.map(|(plane, factor)| format!("{plane}={}", lengths(factor)));
+    let planes = skew.planes().map(|(plane, factor)| format!("{plane}={}", lengths(factor)));
     let _ = writeln!(text, "\n# The same by lengths: SET_SKEW {}", planes.join(" "));
 }
 
@@ -362,9 +353,9 @@ fn steps_line(
     };
     let mark = firmware.comment();
     let factor = if firmware == Firmware::Klipper { 1.0 / factor } else { factor };
-    let _ = match (firmware, now) {
-        (_, None) => writeln!(text, "{mark} {setting}: multiply by {}", short(factor, DECIMALS)),
-        (_, Some(now)) => {
+    let _ = match now {
+        None => writeln!(text, "{mark} {setting}: multiply by {}", short(factor, DECIMALS)),
+        Some(now) => {
             let (new, now) = (short(now * factor, STEPS_DECIMALS), short(now, STEPS_DECIMALS));
             match firmware {
                 Firmware::Klipper => writeln!(text, "{mark} {setting}: {new} instead of {now}"),
@@ -377,10 +368,8 @@ fn steps_line(
 
 /// Notes on the skew that firmware without a skew correction leaves.
 fn left_skew(skew: Skew) -> Vec<String> {
-    let planes = [("XY", skew.xy), ("XZ", skew.xz), ("YZ", skew.yz)];
-    let left: Vec<String> = planes
-        .iter()
-        .filter(|(_, factor)| *factor != 0.0)
+    let left = skew.planes().into_iter().filter(|(_, factor)| *factor != 0.0);
+    let left: Vec<String> = left
         .map(|(plane, factor)| format!("{plane} {} urad", short(factor.atan() * 1e6, 1)))
         .collect();
     if left.is_empty() {
