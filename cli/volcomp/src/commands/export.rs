@@ -94,9 +94,9 @@ impl FromStr for Target {
         if let Some(firmware) = Firmware::ALL.into_iter().find(|of| of.name() == text) {
             return Ok(Self::Firmware(firmware));
         }
-        text.parse().map(Self::Tables).map_err(|error| {
-            format!("{error}, {}", Firmware::ALL.map(Firmware::name).join(", "))
-        })
+        text.parse()
+            .map(Self::Tables)
+            .map_err(|error| format!("{error}, {}", Firmware::ALL.map(Firmware::name).join(", ")))
     }
 }
 
