@@ -6,6 +6,7 @@ sent to the gateway, and activated on the gateway's page.
 """
 import pathlib
 import sys
+import time
 
 from playwright.sync_api import Error, sync_playwright
 
@@ -160,7 +161,9 @@ with sync_playwright() as playwright:
     page.fill("#tolerance", "V=1")
     # What runs is named, and a cancelled fit has no result. The button is shown after a moment, in which a fast computer has fitted.
     page.click("#fit")
-    assert "Fitting 5 files" in page.text_content("[role=status]")
+    begun = time.monotonic()
+    while "Fitting 5 files" not in page.text_content("[role=status] #doing"):
+        assert time.monotonic() - begun < 90, "the answers are not saved"
     page.evaluate("() => document.getElementById('cancel').click()")
     until(page, lambda: "cancelled: nothing was changed" in page.inner_text("#answer"))
     assert page.is_hidden("#running") and page.is_hidden("#fitted")
