@@ -14,6 +14,8 @@ use crate::{
 pub const LEAVE_OUT: &str = "leave_out";
 /// Answer that keeps the default of a key.
 pub const KEEP_DEFAULT: &str = "default";
+/// Keys of the place of a line, which matters only with tilts.
+pub const LEVER_KEYS: [&str; 2] = ["point", "rides"];
 /// Keys with a default, besides the positions in `at`.
 const DEFAULTED: [&str; 4] = ["point", "rides", "sign", "holds_location"];
 
@@ -108,10 +110,13 @@ impl Draft {
         let mut in_order: Vec<&Answer> = answers.iter().collect();
         in_order.sort_by_key(|answer| Turn::of(&answer.key));
         let first_other = in_order.partition_point(|answer| Turn::of(&answer.key) != Turn::Other);
-        for (index, answer) in in_order.into_iter().enumerate() {
-            if index == first_other {
+        let (errors, others) = in_order.split_at(first_other);
+        for step in errors.iter().map(Some).chain([None]).chain(others.iter().map(Some)) {
+            let Some(answer) = step else {
+                // The errors are known now, and with them whether levers matter.
                 levers(&mut proposed, self.machine_has_tilts);
-            }
+                continue;
+            };
             match &answer.of {
                 Subject::Measurement(place) => {
                     let Some(slot) = proposed.get_mut(*place) else {
@@ -129,7 +134,7 @@ impl Draft {
                             }));
                         }
                     } else if let Some(of) = slot {
-                        let is_lever = ["point", "rides"].contains(&answer.key.as_str());
+                        let is_lever = LEVER_KEYS.contains(&answer.key.as_str());
                         let may_lose = self.proposed[*place].may_lose_keys()
                             || (is_lever && of.facts.without_levers);
                         if may_lose && of.has_lost(&answer.key) {
@@ -158,9 +163,6 @@ impl Draft {
                     }
                 }
             }
-        }
-        if first_other == answers.len() {
-            levers(&mut proposed, self.machine_has_tilts);
         }
         let proposed: Vec<Proposed> = proposed.into_iter().flatten().collect();
         let possible = squares_of(&proposed);

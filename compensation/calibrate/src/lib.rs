@@ -37,7 +37,7 @@ mod tables;
 mod testing;
 mod varied;
 
-pub use answers::{Answer, AnswerError, KEEP_DEFAULT, LEAVE_OUT, Subject, Turn};
+pub use answers::{Answer, AnswerError, KEEP_DEFAULT, LEAVE_OUT, LEVER_KEYS, Subject, Turn};
 pub use artefact_poses::{ArtefactPoses, location_seen};
 pub use branches::{FitQuality, FittedCurve, Quality};
 pub use calibration::{Calibration, calibrate, calibrated_machine};

@@ -3,7 +3,7 @@ use std::path::{Path, PathBuf};
 
 use schemars::JsonSchema;
 use serde::Serialize;
-use volcomp_calibrate::{Answer as AnswerOf, Draft, Turn, draft};
+use volcomp_calibrate::{Answer as AnswerOf, Draft, LEVER_KEYS, Turn, draft};
 use volcomp_model::Machine;
 
 use super::{Answer, refuse_overwriting, table, table_text};
@@ -116,7 +116,7 @@ fn take<'a>(
         if found.is_empty() {
             let asked = drafts.iter().flat_map(|draft| &draft.questions);
             let mut keys: Vec<&str> = asked.map(|q| q.key.as_str()).collect();
-            let is_lever = |key: &str| ["point", "rides"].contains(&key);
+            let is_lever = |key: &str| LEVER_KEYS.contains(&key);
             if is_lever(key) && !keys.iter().any(|asked| is_lever(asked)) {
                 notes.push(format!(
                     "--answer {given} is not used: no tilt is measured, so that the place of a line has no effect"
