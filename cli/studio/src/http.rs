@@ -130,16 +130,6 @@ impl Session {
         done
     }
 
-    /// Writes tables or a program, after which the fit to which they belong cannot be reverted.
-    fn export<T>(
-        &mut self,
-        of: impl FnOnce(&Folder) -> Result<T, StudioError>,
-    ) -> Result<T, StudioError> {
-        let done = of(&self.folder)?;
-        self.last_change.take_if(|change| change.is_fit());
-        Ok(done)
-    }
-
     fn revert(&mut self) -> Result<(), StudioError> {
         let Some(change) = &self.last_change else {
             let why =
@@ -152,7 +142,8 @@ impl Session {
     }
 
     fn state(&self) -> Result<PageState, StudioError> {
-        let undo = self.last_change.as_ref().map(|change| change.name.clone());
+        let undo = self.last_change.as_ref().filter(|of| self.folder.output_of(of).is_none());
+        let undo = undo.map(|change| change.name.clone());
         Ok(PageState { folder: self.folder.state()?, undo })
     }
 }
@@ -386,8 +377,7 @@ async fn fit(Shared(page): Shared<Page>, body: Bytes) -> Response {
 }
 
 async fn tables(Shared(page): Shared<Page>, body: Bytes) -> Response {
-    respond_to(page, &body, |session, of: TableRequest| session.export(|folder| folder.tables(&of)))
-        .await
+    respond_to(page, &body, |session, of: TableRequest| session.folder.tables(&of)).await
 }
 
 #[derive(Deserialize)]
@@ -397,10 +387,7 @@ struct Program {
 }
 
 async fn nc(Shared(page): Shared<Page>, Query(of): Query<Program>, body: Bytes) -> Response {
-    respond(page, move |session| {
-        session.export(|folder| folder.nc(&of.name, &body, of.tolerance_um))
-    })
-    .await
+    respond(page, move |session| session.folder.nc(&of.name, &body, of.tolerance_um)).await
 }
 
 async fn send(Shared(page): Shared<Page>, body: Bytes) -> Response {

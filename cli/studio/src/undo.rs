@@ -111,6 +111,11 @@ impl Folder {
         Some(Change { name: ChangeName { what, at_s: since.as_secs() }, batch, files, aside })
     }
 
+    /// The tables or programs written from a fit, which is therefore not reverted.
+    pub(crate) fn output_of(&self, change: &Change) -> Option<&'static str> {
+        [TABLES, PROGRAMS].into_iter().find(|name| change.is_fit() && self.at(name).exists())
+    }
+
     /// Restores the contents before a change.
     ///
     /// # Errors
@@ -122,8 +127,7 @@ impl Folder {
                 return Err(StudioError::Upload { name: file.name.clone(), why: why.to_owned() });
             }
         }
-        let output = [TABLES, PROGRAMS].into_iter().find(|name| self.at(name).exists());
-        if let Some(name) = output.filter(|_| change.is_fit()) {
+        if let Some(name) = self.output_of(change) {
             let why = "was written from this fit, which is therefore not reverted";
             return Err(StudioError::Upload { name: name.to_owned(), why: why.to_owned() });
         }
