@@ -7,7 +7,6 @@ use crate::structure::{Side, Structure};
 /// Why a chain or one of its error values is invalid.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
-#[expect(missing_docs, reason = "the messages say what most fields are")]
 pub enum ChainError {
     #[error("the structure `{structure}` has no axis {axis}")]
     NoSuchAxis { axis: AxisName, structure: Structure },

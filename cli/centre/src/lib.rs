@@ -1,6 +1,5 @@
 #![doc = include_str!("../README.md")]
 #![expect(clippy::missing_errors_doc, reason = "the variants of `Error` say it")]
-#![expect(missing_docs, reason = "the names of plain fields and variants say it")]
 
 pub mod clock;
 pub mod command;

@@ -13,7 +13,6 @@ use volcomp_web::TlsError;
 /// An error of the gateway: at start-up, or while it executes a command.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
-#[expect(missing_docs, reason = "`file` is a path, `source` the cause")]
 pub enum GatewayError {
     /// An error at a position of the configuration or the machine file.
     #[error(transparent)]

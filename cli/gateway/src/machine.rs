@@ -195,7 +195,6 @@ fn start(
 }
 
 /// The service of a machine, and the handles shared with other threads.
-#[expect(missing_docs, reason = "each is named as its type")]
 pub struct MachineParts {
     pub config: Config,
     pub service: Service,

@@ -43,7 +43,6 @@ pub struct Answer {
 
 /// Reason why an answer is rejected.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[expect(missing_docs, reason = "the messages say what the fields are")]
 #[non_exhaustive]
 pub enum AnswerError {
     #[error("{subject}: the draft has no such measurement")]

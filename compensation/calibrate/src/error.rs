@@ -9,7 +9,6 @@ use volcomp_vocabulary::{AxisName, ErrorName};
 
 /// Reason why a calibration file cannot be read or does not give a machine.
 #[derive(Debug, thiserror::Error)]
-#[expect(missing_docs, reason = "the messages say what the fields are")]
 #[non_exhaustive]
 pub enum CalibrateError {
     /// The calibration file could not be read as text.

@@ -9,7 +9,6 @@ use volcomp_vocabulary::{AxisName, ErrorName};
 /// Why a machine cannot be compiled or its bytes cannot be read.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
-#[expect(missing_docs, reason = "the messages say what most fields are")]
 pub enum EvaluatorError {
     #[error(
         "curve {curve} needs more than 1 MiB for a tolerance of {tolerance_nm} nm (nrad), {}", expected(*.fitting_nm)
@@ -61,7 +60,6 @@ fn names(axes: &[AxisName]) -> String {
 /// Why bytes are not a compiled machine.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
-#[expect(missing_docs, reason = "the messages say what most fields are")]
 pub enum BlobError {
     #[error("found no VOLCOMPM at its start")]
     NotABlob,

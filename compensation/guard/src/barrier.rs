@@ -41,7 +41,6 @@ pub struct Settings {
 }
 
 /// Why the settings of a barrier are invalid.
-#[expect(missing_docs, reason = "the messages say what the fields are")]
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum SettingsError {
     /// The axes are invalid.

@@ -4,7 +4,6 @@ use volcomp_model::ModelError;
 
 /// Reason why observations cannot be identified.
 #[derive(Debug, thiserror::Error)]
-#[expect(missing_docs, reason = "the messages say what the fields are")]
 #[non_exhaustive]
 pub enum IdentifyError {
     /// A file could not be read as text.
@@ -79,7 +78,6 @@ pub enum IdentifyError {
     "{}: this row is {largest_mm:.1} mm from the nominal machine, expected at most {limit_mm} mm ({rows} of {of} rows are further, median {typical_mm:.1} mm): do the machine file and the columns describe the machine that was measured (structure, points of the rotary axes, directions, units, tool, sphere)?",
     at(file, *line)
 )]
-#[expect(missing_docs, reason = "the message says what the fields are")]
 pub struct FarFile {
     pub file: String,
     /// Line of the furthest row, from 1.

@@ -7,7 +7,6 @@ use crate::provenance::ProvenanceRefusal;
 /// Why a machine file is rejected or a machine cannot be evaluated.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
-#[expect(missing_docs, reason = "the messages say what most fields are")]
 pub enum ModelError {
     /// The file cannot be read as text.
     #[error(transparent)]
@@ -116,7 +115,6 @@ pub enum ErrorRefusal {
 /// Why thermal terms are rejected.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
-#[expect(missing_docs, reason = "the messages say what most fields are")]
 pub enum ThermalRefusal {
     /// A term belongs to an error that is not an error motion of the machine.
     #[error("found \"{found}\", expected an error motion E?N of an axis of `{structure}`")]

@@ -145,7 +145,6 @@ impl Provenance {
 /// Why a provenance is rejected.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
-#[expect(missing_docs, reason = "the messages say what most fields are")]
 pub enum ProvenanceRefusal {
     #[error("date: found `{found}`, expected a day of the calendar such as 2026-11-26")]
     Date { found: String },

@@ -4,7 +4,6 @@ use volcomp_model::vocabulary::{AxisName, Coordinate, Displacement};
 
 /// Reason why a program cannot be compensated: line (counted from 1), found text, and expected
 /// text.
-#[expect(missing_docs, reason = "the messages document it")]
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum NcError {
@@ -71,7 +70,6 @@ impl NcError {
 }
 
 /// A syntax or semantic fault of a block.
-#[expect(missing_docs, reason = "the messages document it")]
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum Fault {
@@ -97,7 +95,6 @@ pub enum Fault {
 }
 
 /// A correction out of bounds.
-#[expect(missing_docs, reason = "the messages document it")]
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum BoundViolation {

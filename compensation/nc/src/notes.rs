@@ -3,7 +3,6 @@ use std::collections::BTreeMap;
 use crate::modal::name_of_offset;
 
 /// A note about a compensated program.
-#[expect(missing_docs, reason = "the messages document it")]
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, thiserror::Error)]
 #[non_exhaustive]
 pub enum Note {

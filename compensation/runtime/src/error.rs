@@ -7,7 +7,6 @@ use volcomp_port::UnfitAxes;
 use volcomp_vocabulary::{AxisKind, AxisName, Displacement};
 
 /// Reasons why controllers, machine and settings do not fit together. Detected before any device is opened.
-#[expect(missing_docs, reason = "the messages say what the fields are")]
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum PlanError {
@@ -163,7 +162,6 @@ fn step_key(unit: &str, default: &str) -> String {
 }
 
 /// Reasons why a running cycle rejects a model or limits.
-#[expect(missing_docs, reason = "the messages say what the fields are")]
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum OrderRefusal {

@@ -96,7 +96,6 @@ impl Request {
 /// Reasons why a map cannot be built.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
-#[expect(missing_docs, reason = "the messages name the fields")]
 pub enum TablesError {
     /// The model cannot be evaluated.
     #[error(transparent)]

@@ -42,7 +42,6 @@ const MAX_STEP: i64 = 2_000_000_000;
 
 /// Reasons why settings are invalid.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-#[expect(missing_docs, reason = "the messages name the fields")]
 pub enum SettingsError {
     /// A setting shared with a barrier is invalid.
     #[error(transparent)]

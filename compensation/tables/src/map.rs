@@ -237,7 +237,6 @@ fn long(words: &[u16; HEADER_WORDS], at: usize) -> u32 {
 /// Reasons why words or bytes are not a valid map.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
-#[expect(missing_docs, reason = "the messages name the fields")]
 pub enum MapError {
     #[error("a map has at least 69 words, found {found}")]
     Short { found: usize },

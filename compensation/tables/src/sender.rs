@@ -115,7 +115,6 @@ pub struct SenderLimits {
 
 /// Reasons why a map is not sent to a control.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
-#[expect(missing_docs, reason = "the messages name the fields")]
 pub enum LimitError {
     #[error("the map has {found} words, expected at most {capacity}, the size of a buffer")]
     Words { found: usize, capacity: usize },

@@ -1,6 +1,5 @@
 //! Configuration keys: the tables `[[controller]]` and `[[thermometer]]` of a gateway, and the file of a map sender. Field names are keys;
 //! the keys of a bus need its feature.
-#![expect(missing_docs, reason = "the manual describes the keys")]
 
 #[cfg(feature = "focas")]
 use std::fmt;

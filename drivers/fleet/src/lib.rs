@@ -1,5 +1,4 @@
 #![doc = include_str!("../README.md")]
-#![expect(missing_docs, reason = "the names of plain fields and variants say it")]
 
 mod address;
 #[cfg(feature = "nats")]

@@ -1,6 +1,5 @@
 //! Time from a received state to the frame that answers it, compared with an echo of the same size by a server that does nothing else. Both
 //! alternate over thousands of datagrams in one process: `cargo bench -p volcomp-linuxcnc --bench reply -- 20000`.
-#![allow(missing_docs, reason = "a program")]
 
 use std::{
     net::UdpSocket,

@@ -142,7 +142,6 @@ impl Description {
 }
 
 /// Reasons why the axes of a [`Description`] are invalid.
-#[expect(missing_docs, reason = "the messages say what the fields are")]
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum UnfitAxes {

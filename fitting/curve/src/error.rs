@@ -5,7 +5,6 @@ use thiserror::Error;
 /// `index` counts from 0. Callers that read files prefix the file and the key.
 #[derive(Clone, Debug, PartialEq, Error)]
 #[non_exhaustive]
-#[expect(missing_docs, reason = "the messages say what most fields are")]
 pub enum CurveError {
     #[error("{what} {index} is {value}: expected a finite number")]
     NotFinite { what: &'static str, index: usize, value: f64 },

@@ -4,7 +4,6 @@ use volcomp_curve::CurveError;
 /// Reason why readings cannot be fitted. `index` counts from 0.
 #[derive(Clone, Debug, PartialEq, Error)]
 #[non_exhaustive]
-#[expect(missing_docs, reason = "the messages say what most fields are")]
 pub enum FitError {
     #[error("found {readings} readings for {abscissae} abscissae: expected one for each")]
     Lengths {

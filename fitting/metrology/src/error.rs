@@ -28,7 +28,6 @@ impl std::fmt::Display for Finding {
 /// Errors of a measurement file or of a request about one.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
-#[expect(missing_docs, reason = "the messages say what most fields are")]
 pub enum MetrologyError {
     /// The operating system cannot read the file.
     #[error("{file}: cannot be read: {source}")]

@@ -39,7 +39,6 @@ impl std::fmt::Display for DeviationUnit {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(rename_all = "lowercase"))]
-#[expect(missing_docs, reason = "the names are the units")]
 pub enum ReadingUnit {
     Mm,
     Um,
@@ -130,7 +129,6 @@ impl std::fmt::Display for ReadingUnit {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(rename_all = "lowercase"))]
-#[expect(missing_docs, reason = "the names are the units")]
 pub enum TargetUnit {
     Mm,
     Deg,

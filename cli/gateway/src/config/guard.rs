@@ -13,7 +13,6 @@ use volcomp_devices::config::{ms, of_ms};
 /// The table `[guard]`: limits, rates and times of the correction.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
-#[expect(missing_docs, reason = "the keys, which the manual describes")]
 pub struct GuardTable {
     pub limit_um: f64,
     pub warn_um: Option<f64>,

@@ -329,7 +329,6 @@ impl Config {
 /// The table `[dashboard]`: its address and access control.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
-#[expect(missing_docs, reason = "the manual describes the keys")]
 pub struct DashboardConfig {
     pub listen: SocketAddr,
     pub token_file: Option<PathBuf>,
@@ -366,7 +365,6 @@ pub(crate) fn realtime() -> Realtime {
 /// The table `[fleet]`: the centre that provides the machine file and receives the condition of the machine.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
-#[expect(missing_docs, reason = "the manual describes the keys")]
 pub struct FleetConfig {
     pub url: String,
     pub site: String,
@@ -386,7 +384,6 @@ fn fleet_dir() -> PathBuf {
 /// The table `[shdr]`: an adapter for MTConnect agents.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
-#[expect(missing_docs, reason = "the manual describes the keys")]
 pub struct ShdrConfig {
     pub listen: SocketAddr,
     pub anyone_may_read: bool,
@@ -407,7 +404,6 @@ impl Default for ShdrConfig {
 /// The table `[opc_ua]`: a read-only OPC UA server.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
-#[expect(missing_docs, reason = "the manual describes the keys")]
 pub struct OpcUaConfig {
     pub listen: SocketAddr,
     pub anyone_may_read: bool,

@@ -39,7 +39,6 @@ pub enum Scheme {
 }
 
 /// A setting of a barrier that does not fit the limits of the guard: the value found and the bound. Axes are counted from 0, in channel order.
-#[expect(missing_docs, reason = "found and expected")]
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum BarrierMisfit {
     /// The barrier's limit is below the guard's, mm or rad.

@@ -132,7 +132,6 @@ pub struct LineError {
 /// Reasons why tables cannot be computed, written or read.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
-#[expect(missing_docs, reason = "the messages name the fields")]
 pub enum ExchangeError {
     /// The model cannot be evaluated.
     #[error(transparent)]

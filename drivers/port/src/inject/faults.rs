@@ -74,7 +74,6 @@ impl Lie {
 }
 
 /// A fault on request, injected at the next call to which it applies.
-#[expect(missing_docs, reason = "numbers of readings or calls, and places of axes")]
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
 pub enum Injection {

@@ -3,7 +3,6 @@ use super::FeatureKind;
 /// Reason why a feature cannot be evaluated.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
-#[expect(missing_docs, reason = "the messages say what most fields are")]
 pub enum FormError {
     #[error(
         "{feature}: found {found} different points, expected at least {expected}: with fewer every form deviation is zero"
