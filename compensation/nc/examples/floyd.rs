@@ -39,7 +39,7 @@ impl Field {
     }
 }
 
-/// A station of the path with its nodes: commands where the normal of the path crosses the grid of the field.
+/// A station of the path. Its nodes are the commands where the normal of the path crosses the grid of the field.
 struct Station {
     at: Point,
     nodes: Vec<Point>,
@@ -270,7 +270,7 @@ fn long(field: &Field, text: &mut String) -> Result<(), Box<dyn Error>> {
     let path: Vec<Place> = nominal.iter().map(|[x, y]| [*x, *y, 0.0]).collect();
     let actual = |[x, y, z]: Place| match field.actual([x, y]) {
         Ok([x, y]) => [x, y, z],
-        // The whole path is within the machine's travel.
+        // Unreachable: the whole path is within the machine's travel.
         Err(_) => [f64::NAN; 3],
     };
     let planned = plan(&path, actual, &Limits::default()).ok_or("no plan")?;

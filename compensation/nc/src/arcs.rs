@@ -1,7 +1,7 @@
 //! Corrected arcs: one arc where the circle through three corrected points fits, otherwise several parts.
 //!
-//! Each corrected arc has its own centre. Where it differs from the pole active in the control, a pole line precedes the arc. Later polar
-//! coordinates would refer to the new pole, so they are rewritten as X and Y.
+//! Each corrected arc has its own centre. If the centre differs from the pole active in the control, a pole line
+//! precedes the arc. Later polar coordinates would refer to the new pole, so they are rewritten as X and Y.
 
 use std::f64::consts::{FRAC_PI_2, FRAC_PI_4, PI, TAU};
 
@@ -20,8 +20,9 @@ use crate::{
     straight::{Leg, MAX_PARTS, Part, WriteRule, polar_writes, too_many_parts, words_of},
 };
 
-/// Upper bound on the largest deviation of a part from its circle, as a multiple of the deviation at its quarter points: an error that is
-/// linear within the part causes none at the ends and in the middle, and one bend in each half.
+/// Upper bound on the maximum deviation of a part from its circle, as a multiple of the deviation at its quarter
+/// points. An error linear within the part causes no deviation at the ends and in the middle, and one maximum in each
+/// half.
 const BETWEEN_QUARTERS: f64 = 1.15;
 
 /// Samples per turn in the search for axis reversals; `MAX_ARC_SAMPLES` is the maximum number for one arc.
@@ -29,8 +30,8 @@ const ARC_SAMPLES_PER_TURN: u32 = 64;
 
 const MAX_ARC_SAMPLES: f64 = 4096.0;
 
-/// Twice the travel below which an axis of the plane counts as stationary near its turning point,
-/// mm. On an arc of radius r it is stationary for √(`HARDLY_MM`·r) to either side.
+/// Twice the travel of an axis near its turning point on an arc below which the axis counts as stationary, mm. On an
+/// arc of radius r the axis is stationary within √(`HARDLY_MM`·r) of its turning point, to either side.
 const HARDLY_MM: f64 = 5e-4;
 
 /// Minimum length of a part of an arc, in steps (last decimals) of its words: shorter parts are not split.
@@ -53,7 +54,7 @@ impl Stretch {
         (self.to - self.from) * arc.turns_by.abs()
     }
 
-    /// Number of whole turns before the last turn, which may be a whole one too.
+    /// Number of whole turns before the last turn, which may also be whole.
     fn more_turns(self, arc: &Arc) -> f64 {
         (self.turns(arc) / (2.0 * PI) - 1e-9).floor().max(0.0)
     }
@@ -175,7 +176,8 @@ impl Bow {
         self.on_normal(self.sag - self.radius())
     }
 
-    /// The arc between two points near its ends: with the same radius if it turns by less than a quarter turn, otherwise with the same sag.
+    /// A similar arc between two points near the ends of this arc. It has the radius of this arc if this arc turns by
+    /// less than a quarter turn, otherwise its sag.
     pub(crate) fn between(&self, start: [f64; 2], end: [f64; 2]) -> Self {
         let mut other = Self { start, end, ..*self };
         let (radius, half) = (self.radius(), 0.5 * other.chord());
@@ -245,7 +247,8 @@ impl Rewriter {
                 true => WriteRule::Anew,
                 false => WriteRule::IfChanged,
             });
-            // An arc of a few steps becomes a different arc if its correction changes, so it then keeps the correction of its start.
+            // If the correction changes along an arc of a few steps, the arc becomes a different one. Such an arc keeps
+            // the correction of its start.
             let mut found = None;
             for keeps in [is_closed, true] {
                 let leg = Leg {
@@ -579,7 +582,8 @@ impl Rewriter {
         };
         let carriages = self.corrector.carriages(steps, place);
         let mut found = self.corrector.turns(steps, carriages);
-        // A shorter part would become a different arc when the backlash is crossed, and an axis hardly moves near its turning point.
+        // A part shorter than this would become a different arc when the backlash is crossed, and an axis hardly moves
+        // near its turning point.
         let (radius, _) = arc.start(from);
         let shortest = (SHORTEST_TURN_IN_STEPS * self.step_mm()).max((HARDLY_MM * radius).sqrt());
         let shortest = shortest / (radius * arc.turns_by.abs());
@@ -693,7 +697,7 @@ impl Rewriter {
         BETWEEN_QUARTERS * largest + 2.0 * curved <= tolerance
     }
 
-    /// The circle words of a part of an arc; `None` if a control would execute a different arc by them.
+    /// The circle words of a part of an arc; `None` if a control would execute a different arc from these words.
     pub(crate) fn circle(&self, written: &WrittenArc<'_>, line: Line<'_>) -> Option<CircleWords> {
         let (arc, part) = (written.arc, written.part);
         let [start, end] = written.commanded();
@@ -803,7 +807,8 @@ impl Rewriter {
         Some((words, said))
     }
 
-    /// Adds one word and returns its value. A word of the program's own line is replaced only if its number changes.
+    /// Adds one word and returns its value. An existing word of the program's line is replaced only if its number
+    /// changes.
     fn word(
         &self,
         written: &WrittenArc<'_>,
@@ -1038,7 +1043,7 @@ fn middle_of(start: [f64; 2], end: [f64; 2], centre: [f64; 2], clockwise: bool) 
     [centre[0] + radius * angle.cos(), centre[1] + radius * angle.sin()]
 }
 
-/// Sag of an arc of this radius, mm, and angle, rad.
+/// Sag, mm, of an arc of this radius, mm, that turns by this angle, rad.
 fn sag_of(radius: f64, turns: f64) -> f64 {
     2.0 * radius * (0.25 * turns).sin().powi(2)
 }

@@ -155,7 +155,8 @@ pub fn average(
         ));
     }
     let mut sums = vec![Sums::default(); SYSTEMS];
-    // Errors at the zeros of the work offsets from whose stated zero the program cuts.
+    // For each work offset, the error at its zero; `None` if the program never cuts from the zero that the set-up
+    // states.
     let mut off_mm = [None; SYSTEMS].to_vec();
     at_places(program, job, None, |corrector, place| {
         if place.from_stated_zero {
@@ -178,7 +179,7 @@ pub fn average(
     };
     let means: Vec<[f64; 3]> = sums.iter().map(mean).collect();
     if measured.is_some() {
-        // With readings, the error at zero is known only as their mean.
+        // With readings, the error at each zero is the mean error of the readings.
         for (off, mean) in off_mm.iter_mut().zip(&means) {
             *off = off.map(|_| mean.map(|mm| -mm));
         }
@@ -231,7 +232,7 @@ pub fn average(
             left_um: measured.map_or_else(|| left[system].um(), |(_, [left, _])| left),
             before_um: measured.map_or_else(|| of.um(), |(_, [_, before])| before),
             offset_mm: std::array::from_fn(|i| {
-                // A number of inches times 25.4 has one more decimal.
+                // A value converted from inches to mm has one more decimal.
                 let decimals = job.decimals.of(i, unit) + u8::from(unit != 1.0);
                 let power = 10_f64.powi(i32::from(decimals));
                 let mm = |word: Number| (unit * word.value() * power).round() / power;
@@ -250,7 +251,7 @@ struct CutPlace {
     /// Machine coordinates, mm.
     at: Axes,
     delta: [f64; 3],
-    /// Change of X, Y and Z under the moved set-up, mm.
+    /// Displacement of the cutting position, mm, in a run under the set-up with the mean corrections.
     moved: [f64; 3],
     frame: Frame,
     from_stated_zero: bool,

@@ -87,8 +87,8 @@ pub(crate) struct Block {
     pub(crate) keyword: Range<usize>,
     /// True if numbers have decimal commas; `None` if the block has no decimals.
     pub(crate) comma: Option<bool>,
-    /// Whether the last coordinate of the program was in least increments; `None` if there was none yet, or the control does not count in
-    /// increments.
+    /// Whether the last coordinate of the program was in least increments; `None` if there was no coordinate yet, or if
+    /// the control does not count in increments.
     pub(crate) last_in_increments: Option<bool>,
     /// Byte range of the block-delete mark.
     pub(crate) skip: Range<usize>,
@@ -134,7 +134,7 @@ pub(crate) enum Command {
     NamedTool,
     /// The rest of the line moves axes in a dialect-specific way and is copied unchanged.
     Cycle(Cycle),
-    /// Makes the cycle modal, executed after each motion (`Some`), or ends this (`None`).
+    /// Makes a cycle modal, so that it is executed after each motion (`Some`), or cancels the modal cycle (`None`).
     EachMotion(Option<Cycle>),
     /// A copied command that may move axes; their positions are unknown afterwards.
     MayMove(String),
@@ -259,7 +259,7 @@ impl<'a> Scanner<'a> {
         self.number_with_blanks()
     }
 
-    /// Like [`number`](Self::number), for any number of digits, also with blanks between them.
+    /// Like [`number`](Self::number), for numbers of any length, also with blanks between the digits.
     fn number_with_blanks(&mut self) -> Option<(f64, u8)> {
         let before = self.at;
         let mut digits = Digits::default();

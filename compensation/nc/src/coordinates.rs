@@ -43,7 +43,7 @@ pub(crate) fn is_rotary(axis: usize) -> bool {
 #[derive(Clone, Debug)]
 pub(crate) struct AxisPlaces {
     places: Axes<Option<usize>>,
-    /// Axes of the machine: (index of the axis, index in the chain).
+    /// Axes that the machine has: (index of the axis, index in the chain).
     present: Vec<(usize, usize)>,
 }
 
@@ -242,8 +242,9 @@ const PERPENDICULAR: f64 = 1e-9;
 /// Number of cached kinematics: a motion evaluates its two ends many times, each with and without correction.
 const KEPT: usize = 4;
 
-/// The centre point in a frame. State: a cache of the kinematics for the last rotary positions, and the index of the newest one. It is
-/// boxed, because most frames, which are copied with each executed motion, have none.
+/// The tool centre point in a frame. State: a cache of the kinematics at the last rotary positions, and the index of
+/// its newest entry. The cache is boxed, because a frame is copied with each executed motion and most frames have no
+/// `TipFrame`.
 #[derive(Clone, Debug)]
 pub(crate) struct TipFrame {
     pub(crate) tip: Arc<Tip>,
@@ -282,8 +283,8 @@ impl TipFrame {
     fn to_axes(&self, tip: &Axes) -> Axes {
         let [x, y, z, ..] = *tip;
         let at = self.with(tip, |turned| {
-            // X, Y and Z are perpendicular, so that the inverse is the transpose. One refinement
-            // step removes what is missing from that, and the rounding errors.
+            // X, Y and Z are perpendicular, so the inverse is the transpose. One refinement step removes the remaining
+            // non-orthogonality and the rounding errors.
             let at = turned.columns.tr_mul(&(Vector3::new(x, y, z) - turned.base_mm));
             let missing = Vector3::new(x, y, z) - turned.base_mm - turned.columns * at;
             at + turned.columns.tr_mul(&missing)
@@ -295,8 +296,8 @@ impl TipFrame {
 }
 
 impl Tip {
-    /// `None` for machines whose control cannot have tool centre point control: without rotary axes, without X, Y and Z, with a rotary axis
-    /// between X, Y and Z, or with directions of these that are not a right-handed frame.
+    /// `None` for machines whose control cannot have tool centre point control: without rotary axes, without X, Y and
+    /// Z, with a rotary axis between X, Y and Z, or with directions of X, Y and Z that are not a right-handed frame.
     pub(crate) fn new(machine: &Machine) -> Option<Self> {
         let chain = machine.chain().clone();
         let places = AxisPlaces::of(machine);

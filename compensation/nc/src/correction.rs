@@ -208,8 +208,8 @@ impl MachineWithTool {
 /// Number of sample points for the backlash along the travel of an axis.
 const NODES: u32 = 33;
 
-/// Minimum reverse travel, mm and deg, after which an axis with backlash counts as reversed: the rounding of words. It bounds the resulting
-/// error of the carriage.
+/// Minimum reverse travel, mm and deg, after which an axis with backlash counts as reversed. A smaller travel may be
+/// rounding of words. The resulting error of the carriage is at most this travel.
 const LEAST: [f64; 2] = [5e-4, 1e-5];
 
 /// Bidirectional curves of an axis along its own direction, each with its component along the axis.
@@ -269,7 +269,7 @@ impl AxialCurves {
             let value = |of: Direction| curve.value(self.place, coordinates, Some(of));
             share
                 * match curve {
-                    // The mean of both directions has no part in their difference.
+                    // The mean of both directions cancels in their difference.
                     ErrorCurve::Reversal { reversal, .. } => -reversal,
                     _ => value(Direction::Negative) - value(Direction::Positive),
                 }
@@ -356,7 +356,8 @@ impl Bounds {
         None
     }
 
-    /// Violation of the bound on the displacement of the tool, which is at most `most_mm`.
+    /// Violation of the bound on the displacement of the tool. `most_mm` is an upper bound of the displacement;
+    /// `moves_mm`, the exact value, is computed only if the upper bound exceeds the limit.
     pub(crate) fn violation_at_tool(
         &self,
         most_mm: impl FnOnce() -> f64,
@@ -522,7 +523,8 @@ impl Corrector {
         let lost = self.lost_motion(at);
         let (mut there, mut approach) = (*at, self.approach);
         for axis in (0..MAX_AXES).filter(|axis| lost[*axis] > 0.0) {
-            // Evaluate the curves of the nearer flank; the remaining distance counts as travel of the axis.
+            // Evaluate the curves of the flank nearer to the carriage; the remaining distance counts as travel of the
+            // axis.
             let off = off[axis];
             (approach[axis], there[axis]) = match off {
                 0.0 => (None, at[axis]),
@@ -592,7 +594,8 @@ impl Corrector {
         chain.ideal_tip_mm(&self.places.state(at)).into()
     }
 
-    /// Upper bound of the displacement of the tip by this correction, mm, without a pose; infinite outside the travels of the linear axes.
+    /// Upper bound of the displacement of the tip by this correction, mm, computed without the pose; infinite outside
+    /// the travels of the linear axes.
     pub(crate) fn moves_at_most_mm(&self, at: &Axes, by: &Axes) -> f64 {
         let mut most_mm = 0.0;
         for axis in self.axes() {
@@ -659,8 +662,8 @@ impl Corrector {
         }
         let off_mm = bulge_mm * self.tool.steepness + coupled_mm;
         if share <= 1.0 {
-            // For fractions up to 1 the bound grows at most linearly: if this cheap bound holds, so
-            // does the tighter one.
+            // For fractions up to 1 the bound grows at most linearly: if this cheap bound is within the tolerance, so
+            // is the tighter one.
             let is_near =
                 share * self.split_beyond_mm + off_mm <= ROUNDING_MARGIN * self.split_beyond_mm;
             if is_near || bulge_mm == 0.0 && coupled_mm == 0.0 {

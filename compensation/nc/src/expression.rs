@@ -314,7 +314,7 @@ type Pairs = &'static [(&'static str, fn(f64, f64) -> f64)];
 pub(crate) trait Formulas {
     /// Operators, the weakest precedence first.
     const OPERATORS: &'static [Equals];
-    /// Functions of one argument in addition to the common ones; those of two are in [`Self::PAIRS`].
+    /// Functions of one argument in addition to the common ones; functions of two arguments are in [`Self::PAIRS`].
     const FUNCTIONS: Functions;
     const PAIRS: Pairs;
 

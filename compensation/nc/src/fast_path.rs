@@ -1,8 +1,9 @@
 //! Fast path for the most frequent line of long programs: a straight motion to a position in plain
 //! numbers, optionally with a block number, F and a comment at its end.
 //!
-//! It compensates such a line in one pass, in a fraction of the time of the general path ([`Rewriter::line`]), with identical output and
-//! state. Any other line is left to that path, before any state has changed.
+//! The fast path compensates such a line in one pass, in a fraction of the time of the general path
+//! ([`Rewriter::line`]), with identical output and state. It leaves any other line to the general path before it
+//! changes any state.
 
 use std::ops::Range;
 
@@ -238,7 +239,7 @@ impl PlainLine {
     }
 }
 
-/// True if a text that begins with a comment has nothing else.
+/// True if a text that begins with a comment contains nothing after the comment.
 fn ends_in_comment(text: &[u8]) -> bool {
     let is_closed = match text {
         [b'(', behind @ ..] => (memchr(b')', behind))
@@ -362,8 +363,8 @@ impl Rewriter {
         code.filter(|code| *code == 0 || *code == 10 && self.zero_needs_no_note())
     }
 
-    /// True if this correction at the end of a line (machine coordinates) is the first with an assumed work offset, which is noted, or is
-    /// out of bounds.
+    /// True if this correction at the end of a line (machine coordinates) needs a note, because it is the first one
+    /// with an assumed work offset, or a rejection, because it is out of bounds.
     fn needs_note_or_rejection(&self, end: &Axes, carried: &Axes) -> bool {
         let is_noted = |system| self.interpreter.notes.has(&Note::NoOffset(system));
         let unstated = self.interpreter.unstated_offset();
@@ -371,7 +372,8 @@ impl Rewriter {
             || self.violation_in_machine(end, carried).is_some()
     }
 
-    /// Compensates a usual line, without its end; `None`: not a usual line, nothing was changed.
+    /// Compensates a usual line, without its line end. `None` if the general path must take the line; nothing was
+    /// changed then.
     pub(crate) fn fast_line(
         &mut self,
         text: &[u8],
@@ -400,7 +402,7 @@ impl Rewriter {
             return None;
         }
         let after = frame.to_program(&to);
-        // F applies to the rotary axes alone, which must stay so.
+        // F applies to the rotary axes alone; a correction of X, Y or Z would change its meaning.
         if code != 0 && self.moves_rotary_axes_only([&before, &after]) {
             return None;
         }
@@ -445,7 +447,7 @@ impl Rewriter {
                 }
             });
         }
-        // The line is rejected by the general path, with a message.
+        // The general path rejects the line, with a message.
         let carried = self.interpreter.frame.moved_in_machine_at([&to, &after], &carried);
         if self.needs_note_or_rejection(&to, &carried) {
             return None;

@@ -513,7 +513,7 @@ pub(crate) struct Listing<'t> {
 }
 
 impl<'t> Listing<'t> {
-    /// Lists the lines of a program, numbered from `first`, and those of the files.
+    /// Lists the lines of a program, numbered from `first`, and the lines of the files.
     pub(crate) fn new(
         own: Vec<(&'t [u8], &'t [u8])>,
         first: usize,
@@ -595,7 +595,7 @@ impl Names {
     }
 }
 
-/// Internal name of a numbered program: O-word names have no blanks.
+/// Internal name of a numbered program. The blank distinguishes it from O-word names.
 fn number_name(number: u32) -> String {
     format!("O {number}")
 }

@@ -1,7 +1,7 @@
 //! The conversational language of HEIDENHAIN controls.
 //!
-//! Words with the meaning of RS-274 ones get their letters and codes: a line `L` is G1, with FMAX G0; `RL` is G41. Unknown words, which
-//! might move an axis, are rejected with their column.
+//! Words that have an RS-274 equivalent get its letter and code: a line `L` is G1, with FMAX G0; `RL` is G41. Unknown
+//! words, which might move an axis, are rejected with their column.
 
 use std::{io::Write as _, ops::Range};
 
@@ -339,7 +339,7 @@ impl Reader<'_, '_> {
         Ok(true)
     }
 
-    /// Refuses M127 and M129, which act at the end of their block, beside a motion that they change.
+    /// Rejects M127 and M129 in a block whose motion they would change: both act at the end of their block.
     fn check_end_of_block(&self) -> Result<(), Fault> {
         let modal = &self.values.interpreter.modal;
         let words = || self.block.words.iter().map(|word| word.letter);
@@ -899,8 +899,8 @@ pub(crate) fn write_block_number(before: &[u8], number: u64, out: &mut Vec<u8>) 
     let _ = write!(out, "{number:0width$}");
 }
 
-/// Renumbers the lines from byte `begins` on consecutively from `number`. The program's own line, at byte `at`, gets a new number, each
-/// added line gets its first.
+/// Numbers the lines from byte `begins` on consecutively, starting with `number`. The number of the program's own line,
+/// at byte `at`, is replaced; the added lines, which have no numbers yet, get one.
 pub(crate) fn renumber(out: &mut Vec<u8>, begins: usize, at: usize, number: u64) {
     let lines = out.split_off(begins);
     let lines = lines.split_inclusive(|byte| *byte == b'\n');

@@ -144,8 +144,8 @@ impl Rewriter {
             Vec::new()
         };
         self.carried = frame.moved_in_machine(&end, &carried);
-        // After the cycle the tool may be above the hole with the correction of half the depth, and
-        // arrives there from the bottom.
+        // After the cycle the tool may be above the hole, with the correction for half the depth, and has approached
+        // from the bottom.
         self.mark_outdated();
         let at_bottom = frame.to_machine(&at_height(&end, depth, bottom));
         self.corrector.move_to(&at_bottom);

@@ -1,8 +1,8 @@
 //! Executes blocks in the RS-274 order of execution, regardless of the order of their words.
 //!
-//! It also tracks which assumptions each axis position depends on. Values that the set-up does not state are assumed to be zero. A position
-//! named under an assumed offset or length is known in program coordinates only while the same ones are active: under others an added word
-//! would lead to an arbitrary position.
+//! It also tracks which assumptions each axis position depends on. Values that the set-up does not state are assumed to
+//! be zero. A position named under an assumed offset or length is known in program coordinates only while this offset
+//! and length are active. Under another one an added word would lead to an arbitrary position.
 
 use std::{collections::BTreeMap, sync::Arc};
 

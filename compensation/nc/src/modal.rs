@@ -154,8 +154,8 @@ pub(crate) struct Modal {
     pub(crate) centre_point: CentrePoint,
     /// Rotation of G68, deg, and its centre.
     pub(crate) rotation: Option<(f64, [f64; 2])>,
-    /// Axes that no absolute position has named since their coordinates changed, where controls
-    /// differ in what an incremental word then means.
+    /// Axes whose coordinates have changed and that no absolute position has named since. Controls differ in the
+    /// meaning of an incremental word of such an axis.
     pub(crate) frame_is_new: Axes<bool>,
     pub(crate) programmed: ProgrammedFrame,
     /// Centre of arcs and polar coordinates set by a separate block: a position in X and Y.

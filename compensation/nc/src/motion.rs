@@ -71,7 +71,7 @@ pub(crate) struct Move {
 }
 
 impl Move {
-    /// Machine coordinates at which the motion ends or, with an intermediate point, stops before.
+    /// Machine coordinates at which the motion stops: the intermediate point, if any, and the end.
     pub(crate) fn stops(&self) -> impl Iterator<Item = &Axes> {
         let through = match &self.path {
             Path::Home { through, .. } => Some(through),

@@ -99,7 +99,7 @@ impl Digits {
         }
         let power = POWERS[usize::from(self.decimals)];
         let size = if self.mantissa < EXACT {
-            // Both are exact, so the quotient is correctly rounded.
+            // Mantissa and power are exact, so the quotient is correctly rounded.
             self.mantissa as f64 / power
         } else {
             let digits = self.mantissa / 1000;

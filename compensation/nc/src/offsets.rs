@@ -262,7 +262,7 @@ impl Interpreter {
                         continue;
                     }
                     self.set_offset_from_position(system, axis, given.line);
-                    // The offset that gives the current position this coordinate.
+                    // The work offset in which the current position has this coordinate.
                     let frame = self.frame_with(system);
                     let mut way = [0.0; 9];
                     way[axis] = frame.to_program(&self.position)[axis] - value;
@@ -525,8 +525,8 @@ impl Interpreter {
         Ok(takes_words)
     }
 
-    /// Marks the axes whose coordinates on SINUMERIK differ from those `before`: work offset,
-    /// programmed frame and tool offset.
+    /// Marks the axes whose coordinates on SINUMERIK have changed. `before` holds the previous work offset, programmed
+    /// frame and tool offset.
     pub(crate) fn mark_new_coordinates(&mut self, before: (usize, ProgrammedFrame, Axes)) {
         if self.dialect != Dialect::Siemens {
             return;

@@ -63,7 +63,7 @@ const AROUND: i32 = 2;
 /// Grid refinement factor per round.
 const FINER: f64 = 0.5;
 
-/// Maximum number of rounds with one grid step, and in total.
+/// Maximum number of search rounds with one grid step; `MAX_ROUNDS` limits all rounds together.
 const MAX_ROUNDS_AT_ONE_STEP: usize = 16;
 
 const MAX_ROUNDS: usize = 400;

@@ -138,7 +138,7 @@ impl Corrector {
         self.play.has(axis)
     }
 
-    /// Lagging axes whose carriage is at a known position, the furthest one in its direction.
+    /// Axes with lost motion whose carriage position is known: it is at the flank of their direction of approach.
     pub(crate) fn axes_at_flank(&self) -> impl Iterator<Item = usize> {
         (0..MAX_AXES).filter(|axis| {
             self.lags(*axis) && self.corrects[*axis] && self.approach[*axis].is_some()
@@ -168,9 +168,9 @@ impl Corrector {
         self.furthest[turn.axis] = turn.furthest;
     }
 
-    /// Correction at a position for the axes with lost motion, without its backlash part. It moves
-    /// their carriages, so a reversal of the correction crosses the backlash. 0 for the other axes,
-    /// whose direction is that of the uncorrected command.
+    /// Correction of the axes with lost motion at a position, without its backlash part. This correction moves the
+    /// carriages, so a reversal of it crosses the backlash. 0 for the other axes, whose direction is that of the
+    /// uncorrected command.
     pub(crate) fn without_play(&self, at: &Axes) -> Axes {
         if !self.play.any {
             return [0.0; MAX_AXES];
@@ -178,7 +178,7 @@ impl Corrector {
         self.without_play_of(at, &self.at(at).delta)
     }
 
-    /// Like [`without_play`](Self::without_play), with a known correction at the position.
+    /// Like [`without_play`](Self::without_play), with the correction at the position given as `delta`.
     pub(crate) fn without_play_of(&self, at: &Axes, delta: &Axes) -> Axes {
         let lost = self.lost_motion(at);
         std::array::from_fn(|axis| {
@@ -204,9 +204,9 @@ impl Corrector {
         self.move_carriages(&std::array::from_fn(|axis| to[axis] + more[axis]))
     }
 
-    /// Furthest position of each axis in its direction after a motion of one step, whose carriages
-    /// end at `carriages`, without play; `None` if an axis reverses, or if the motion does not
-    /// start where the last one ended.
+    /// Furthest position of each axis in its direction after a motion sampled in one step. `carriages` are the carriage
+    /// positions at its end, without backlash. `None` if an axis reverses, or if the motion does not start where the
+    /// last one ended.
     pub(crate) fn furthest_after(&self, from: &Axes, carriages: &Axes) -> Option<Axes> {
         if self.moved_to != *from {
             return None;
@@ -224,14 +224,15 @@ impl Corrector {
         Some(furthest)
     }
 
-    /// Moves the axes to a position at which none reverses, with the result of [`furthest_after`](Self::furthest_after).
+    /// Moves the axes to a position without a reversal; `furthest` is the result of
+    /// [`furthest_after`](Self::furthest_after).
     pub(crate) fn go_on_to(&mut self, to: &Axes, furthest: Axes) {
         (self.moved_to, self.furthest) = (*to, furthest);
     }
 
-    /// Moves the axes to a position by a motion that does not apply the correction there: the carriage of a lagging axis is where its drive
-    /// leaves it, and stays at its flank while the drive rests or moves within the backlash. `drives` are the machine coordinates before and
-    /// after, with the correction that is applied.
+    /// Moves the axes to a position by a motion that does not apply the correction there. The drive of a lagging axis
+    /// pushes its carriage; the carriage rests while the drive rests or moves within the backlash. `drives` are the
+    /// machine coordinates before and after the motion, with the applied correction.
     pub(crate) fn move_uncorrected(&mut self, to: &Axes, drives: [&Axes; 2]) {
         if !self.bidirectional {
             return;
@@ -281,8 +282,8 @@ impl Corrector {
         turns
     }
 
-    /// Carriage positions along a motion with the positions `at`. Those of axes with lost motion include their correction, sampled in
-    /// `steps` steps and interpolated linearly.
+    /// Carriage positions along a motion with the positions `at`. The positions of axes with lost motion include the
+    /// correction, sampled in `steps` steps and interpolated linearly.
     pub(crate) fn carriages(&self, steps: u32, at: impl Fn(f64) -> Axes) -> impl Fn(f64) -> Axes {
         let share = |step: u32| f64::from(step) / f64::from(steps);
         let more: Vec<Axes> = if self.play.any {
@@ -330,8 +331,8 @@ impl Corrector {
             let (side, mut furthest) = (self.approach[axis], self.furthest[axis]);
             let mut side = side;
             let mut of_furthest = 0;
-            // The axis has not reached the start yet and reverses there: it first moves on to the
-            // start.
+            // Start of the motion, if the axis reverses there but its furthest position is still before the start: the
+            // axis first moves on to the start.
             let mut goes_on = None;
             for step in 0..=steps {
                 let here = places[step as usize][axis];
@@ -390,8 +391,8 @@ impl Corrector {
     }
 }
 
-/// Number of steps with which no reversal is missed on a motion whose axes deviate from a straight
-/// line by at most `bulge_mm`.
+/// Number of sampling steps that misses no reversal on a motion whose axes deviate from a straight line by at most
+/// `bulge_mm`.
 pub(crate) fn steps_of(bulge_mm: f64) -> f64 {
     (bulge_mm / REVERSAL_TOLERANCE_MM).sqrt().clamp(1.0, MAX_STEPS)
 }

@@ -123,8 +123,8 @@ impl Meaning {
         })
     }
 
-    /// True if a straight motion under these modes can precede a block that switches to `after`: X and Y stay polar or Cartesian, and an F
-    /// of the block that it needs has the same meaning.
+    /// True if a straight motion under these modes can precede a block that switches to `after`: X and Y stay polar or
+    /// Cartesian, and F, if the motion takes it from the block, has the same meaning in both modes.
     pub(crate) fn takes_straight(&self, after: &Modal, has_feed: bool) -> bool {
         let has_other_feed = match (self.feed_mode, self.feed) {
             (FeedMode::InverseTime, None) => true,
@@ -428,7 +428,7 @@ impl Rewriter {
         sent.map_err(|_| io::Error::from(io::ErrorKind::BrokenPipe).into())
     }
 
-    /// True if the positions of X, Y and Z are known, as far as the machine has them.
+    /// True if the positions of X, Y and Z are known; an axis that the machine lacks counts as known.
     fn knows_position(&self) -> bool {
         (0..3).all(|axis| self.interpreter.known[axis] || !self.corrector.has(axis))
     }
@@ -577,8 +577,8 @@ impl Rewriter {
         }
     }
 
-    /// Updates the state after a motion that is copied unchanged: axes with absolute words lose their correction (at home they get that of
-    /// the stored position); the others keep theirs.
+    /// Updates the state after a motion that is copied unchanged. Axes with absolute words lose their correction; a
+    /// motion to G28 or G30 gives them the correction of the stored position. The other axes keep their correction.
     pub(crate) fn pass_uncorrected(&mut self, motion: &Move) {
         let frame = &self.interpreter.frame;
         let mut carried = if motion.in_machine {

@@ -123,8 +123,9 @@ fn skip_comment(scanner: &mut Scanner<'_>, column: Column) -> Result<(), Fault> 
     Ok(())
 }
 
-/// Checks the end of a block on FANUC and Haas controls, where a semicolon ends the block instead of beginning a comment. Errors: anything but
-/// comments after the semicolon in `rest`, the text after the last word, which starts at column `from`.
+/// Checks the end of a block on FANUC and Haas controls, where a semicolon ends the block instead of beginning a
+/// comment. `rest` is the text after the last word, from column `from` on. Errors: anything but comments follows the
+/// semicolon.
 pub(crate) fn check_end_of_block(rest: &[u8], from: usize) -> Result<(), Fault> {
     let (mut in_comment, mut ended) = (false, false);
     for (place, byte) in rest.iter().enumerate() {

@@ -1,8 +1,8 @@
 //! Shortest paths through a weighted directed graph: between all pairs of nodes, and through layers of them.
 //!
-//! All pairs by R. W. Floyd, Algorithm 97, Communications of the ACM 5 (1962), 345; through layers by R. Bellman's principle of optimality
-//! (Dynamic Programming, 1957). On a layered graph both find the same path; the time of the second is linear, not cubic, in the number of
-//! layers.
+//! All pairs by R. W. Floyd, Algorithm 97, Communications of the ACM 5 (1962), 345; through layers by R. Bellman's
+//! principle of optimality (Dynamic Programming, 1957). On a layered graph both find the same path; in the number of
+//! layers, the time of the layered search is linear, that of all pairs cubic.
 
 /// Why a graph is invalid.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]

@@ -1,7 +1,8 @@
 //! The language of SINUMERIK controls.
 //!
-//! Words with the meaning of RS-274 ones get their letters and codes: `CR=` is R, G71 is G21. Unknown words, which might move an axis, are
-//! rejected with their column. The meaning of codes and names is from memory of the programming manual, not verified on a control.
+//! Words that have an RS-274 equivalent get its letter and code: `CR=` is R, G71 is G21. Unknown words, which might
+//! move an axis, are rejected with their column. The meaning of codes and names is from memory of the programming
+//! manual, not verified on a control.
 
 use crate::{
     block::{
@@ -696,7 +697,6 @@ fn exponent_number(scanner: &mut Scanner<'_>) -> Option<(f64, u8)> {
     let sign = if scanner.takes(b'-') { -1 } else { 1 };
     scanner.takes(b'+');
     let power = plain_number(scanner, b"").filter(|(power, _)| *power <= 300.0);
-    // Powers of ten up to 300.
     let power = power.and_then(|(power, _)| format!("{power:.0}").parse::<i32>().ok());
     let value = power.map(|power| value * 10_f64.powi(sign * power));
     let value = value.filter(|value| value.is_finite());

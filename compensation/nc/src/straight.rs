@@ -160,7 +160,7 @@ impl Rewriter {
         parts: &mut Vec<f64>,
     ) -> Result<(), NcError> {
         self.turns = self.turns_of(motion);
-        // The start must be known too: the parts of a motion from elsewhere would lead elsewhere.
+        // The start must be known too: from an unknown start, the ends of the parts are unknown.
         let is_known =
             (self.corrector.axes()).all(|axis| motion.known[axis] && self.interpreter.known[axis]);
         if !is_known || self.contour != Contour::None {
@@ -441,7 +441,7 @@ impl Rewriter {
                 carried[..2].fill(0.0);
             }
             if place > 0 && share == passed && words.iter().all(Option::is_none) {
-                // Nothing is missing.
+                // The part needs no line: the correction is already applied.
                 continue;
             }
             let feed = splits.then(|| self.feed_of_part(share - passed)).flatten();
@@ -469,7 +469,8 @@ impl Rewriter {
         !moves(0..3) && moves(3..9) && !takes_together
     }
 
-    /// Splits a motion of rotary axes alone where X, Y and Z lag by the tolerance; there they follow in a separate block.
+    /// Splits a motion of rotary axes alone wherever the corrections of X, Y and Z lag by the tolerance; X, Y and Z
+    /// follow there in a separate block.
     fn follow_turn(&mut self, [from, to]: &[Axes; 2], parts: &mut Vec<f64>) {
         let tolerance = self.corrector.split_beyond_mm;
         let mut shares = Vec::new();
@@ -484,7 +485,7 @@ impl Rewriter {
                 shares.extend([begins + (ends - begins) * step / steps; 2]);
                 step += 1.0;
             }
-            // The next motion applies the correction at the end of this one.
+            // The next motion applies the correction that is missing at the end of this motion.
             let is_inside = ends > 0.0 && ends < 1.0;
             shares.extend(std::iter::repeat_n(ends, if is_inside { 2 } else { 1 }));
             (begins, before) = (ends, after);

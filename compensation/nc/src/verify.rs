@@ -136,30 +136,30 @@ fn other_motions(line: usize) -> NcError {
 
 const MAX_STORED_PLACES: usize = 20_000;
 
-/// Number of positions evaluated per `LENGTH_MM` of a line or an arc, whose length is rounded up to
-/// a multiple of it, unless [`DENSEST_MM`] allows fewer. The last position is at the end.
+/// Number of positions evaluated per `LENGTH_MM` of a line or an arc; its length is rounded up to a multiple of
+/// `LENGTH_MM`. Short lines have fewer ([`DENSEST_MM`]). The last position is at the end.
 const PLACES: u32 = 8;
 
 const LENGTH_MM: f64 = 100.0;
 
-/// Distance of evaluated positions on a line, mm, below which it has fewer of them: over this distance errors are linear.
+/// Distance of evaluated positions on a line too short for [`PLACES`] positions, mm. Over this distance errors are
+/// linear.
 const DENSEST_MM: f64 = 2.0;
 
 /// Maximum number of lengths of `LENGTH_MM` per motion.
 const MAX_LENGTHS: f64 = 64.0;
 
-/// Number of steps between two evaluated positions of an arc at which the machine is simulated; an inspected circle has a point at each of
-/// them.
+/// Number of simulation steps from one evaluated position of an arc to the next. An inspected circle has a point at
+/// each step.
 const STEPS_OF_ARC: u32 = 9;
 
-/// Number of evaluated positions of a hole in addition to its plane R: half-way down and at its
-/// bottom.
+/// Number of evaluated positions of a hole in addition to its plane R: half-way down and at its bottom.
 const PLACES_OF_HOLE: u32 = 2;
 
 /// Fraction of a motion, to either side, from which its direction is computed.
 const NEAR: f64 = 1e-6;
 
-/// Tip travel over twice `NEAR`, mm, below which the tip counts as resting: it is a rounding error.
+/// Tip travel over twice `NEAR`, mm, below which the tip counts as resting: a smaller travel is a rounding error.
 const RESTING_WITHIN_MM: f64 = 1e-11;
 
 /// Minimum increase of the deviation, µm, to count a motion as worse than before.
@@ -188,7 +188,7 @@ impl Stations {
                     reason = "1 to 64"
                 )]
                 let whole = |parts: f64| (parts - SAME_SHARE).ceil().clamp(1.0, MAX_LENGTHS) as u32;
-                // The length of a motion of other axes is not that of X, Y and Z.
+                // `length_mm` does not include the travel of the other axes.
                 let is_curved = is_arc || from[3..] != to[3..];
                 let places = if is_curved { PLACES } else { whole(length_mm / DENSEST_MM) };
                 let stride = if is_arc { STEPS_OF_ARC } else { 1 };
@@ -243,8 +243,8 @@ struct Comparison {
     corrector: Option<Corrector>,
     averages: Option<Vec<Average>>,
     stated: [bool; SYSTEMS],
-    /// Deviation of each probed zero from its work offset with the original program, and with the result, whose work offset includes the
-    /// modelled error there; mm in workpiece axes.
+    /// Deviation of each probed zero from its work offset, mm in workpiece axes: with the original program, and with
+    /// the result. The work offset of the result includes the modelled error at the zero.
     zeros: Vec<Option<[[f64; 3]; 2]>>,
     /// Every `stride`-th position is stored.
     stride: u64,

@@ -245,7 +245,8 @@ fn the_tool_length_counts_and_the_program_number_stays_first() {
     assert!(String::from_utf8_lossy(&out).starts_with("%\nO0007\nG21 G90\nG10 L2 P1"));
 }
 
-/// Incremental motions from another offset or from the start position do not contain the mean, so they are refused.
+/// Incremental motions from another offset or from the start position do not contain the mean correction, so they are
+/// refused.
 #[test]
 fn incremental_motions_from_other_offsets_are_refused() {
     let scale = "EXX = { poly = [0.0, 0.1] }\n";
@@ -262,8 +263,8 @@ fn incremental_motions_from_other_offsets_are_refused() {
     assert_eq!(run(scale, SETUP, good).expect("averaged").1[0].places, 1);
 }
 
-/// Positions that do not depend on the work offset lack the mean and are refused: an axis that is never named, another offset, and a G92
-/// zero from there.
+/// Positions that do not depend on the work offset lack the mean correction and are refused: an axis that is never
+/// named, another work offset, and a zero that G92 sets at such a position.
 #[test]
 fn positions_without_the_mean_correction_are_refused() {
     let errors = "EXX = { poly = [10.0, 0.1] }\nEYY = { poly = [4.0] }\n";
@@ -322,8 +323,8 @@ fn offsets_are_printed_without_meaningless_digits() {
     assert!(differ > 0, "the product has no such digits anywhere");
 }
 
-/// X reaches 50 from 100 and then stays: the mean correction is that of this direction of approach, -2 µm. From an unknown position it is
-/// 0.
+/// X reaches 50 from 100 and then stays, so its direction of approach stays the same: the mean correction is -2 µm.
+/// From an unknown position the mean correction is 0.
 #[test]
 fn the_mean_has_the_direction_of_approach() {
     let errors = "EXX = { mean = { poly = [0.0] }, reversal = -4 }\n";

@@ -343,7 +343,7 @@ fn g52_and_g92_together_are_refused() {
     }
 }
 
-/// U, V and W are refused where they may be incremental X, Y and Z, unless the machine has an axis W.
+/// U, V and W are refused where they may mean incremental X, Y and Z, unless the machine has an axis W.
 #[test]
 fn incremental_u_v_w_are_refused() {
     for line in ["G1 U20. F100.", "G0 W-5.", "G28 U0. W0.", "G92 V5.", "G83 X1. W-2. R1. F1."] {
@@ -546,7 +546,7 @@ fn corrections_of_a_clamped_axis_are_noted() {
     }
 }
 
-/// With a modal exact stop, the axes stop after each part of a split motion: a note.
+/// With a modal exact stop, the axes stop after each part of a split motion, which a note reports.
 #[test]
 fn split_motions_with_an_exact_stop_are_noted() {
     let bends = format!("{TRAVELS}[errors]\nEZX = {{ poly = [0.0, 0.0, 0.0005] }}\n");

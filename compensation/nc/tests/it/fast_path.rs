@@ -86,7 +86,7 @@ fn program(draw: &mut ChaCha8Rng, axes: &[(char, f64)]) -> Vec<String> {
     lines
 }
 
-/// Those lines that are also valid in the language of SINUMERIK controls.
+/// The lines that are also valid in the language of SINUMERIK controls.
 fn siemens(lines: Vec<String>) -> Vec<String> {
     const OTHER: [&str; 13] =
         ["G92", "G68", "G69", "G8", "M4", "T1", "G49", "G41", "G2 ", "G20", "[", "W", "G40"];
@@ -192,7 +192,8 @@ fn heidenhain(draw: &mut ChaCha8Rng, axes: &[(char, f64)]) -> Vec<String> {
     lines
 }
 
-/// The line with a word that makes it take the general path; it is in front of a comment, and only in motions of HEIDENHAIN programs.
+/// The line with the word `general`, which makes it take the general path. The word precedes a comment; in HEIDENHAIN
+/// programs only motions get it.
 fn in_general(dialect: Dialect, line: &str, general: &str) -> String {
     let at = line.find(';').unwrap_or(line.len());
     let (words, comment) = line.split_at(at);

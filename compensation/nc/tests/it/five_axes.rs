@@ -454,7 +454,7 @@ fn the_direction_of_a_modulo_axis_must_be_stated() {
         assert_eq!((words[0], words[words.len() - 1] % 360.0), (250.0, 10.0));
     }
     assert!(linear.windows(2).all(|pair| pair[1] < pair[0]), "{linear:?}");
-    // The set-up applies to rollover axes only: A moves by +200 through 0, within its travel.
+    // The set-up applies to rollover axes only: this C is not one and turns by +200° through 0, within its travel.
     let swivel = "G0 X10 Y20 Z0 C-100\nG1 C100 F500\n";
     let (out, _) = result(SWIVELS, SHORTER, swivel).expect("compensated");
     let turned: Vec<f64> = places(&out).iter().map(|place| place[4]).collect();
@@ -462,7 +462,7 @@ fn the_direction_of_a_modulo_axis_must_be_stated() {
     assert!(shorter.iter().all(|c| !(10.1..249.9).contains(c)), "{shorter:?}");
 }
 
-/// A machine with a table that turns about A, and the start of its programs.
+/// Errors of a table that turns about A. `START` is the start of the programs.
 const TILTED: &str =
     "EC0A = 200.0\nEZA = { table = [[-360, -15], [360, 15]], interpolation = \"linear\" }\n";
 const START: &str = "G94 G0 X20 Y0 Z30 A0\nG1 Z25 F100\n";
@@ -479,8 +479,9 @@ fn turned(errors: &str, setup: &str, dialect: Dialect, program: &str) -> Result<
     done.map(|(out, _)| String::from_utf8(out).expect("text")).map_err(|error| error.to_string())
 }
 
-/// In a purely rotary motion F applies to the rotary axis. Where a linear word would change that, X, Y and Z follow in separate blocks,
-/// within the tolerance; controls that combine mm and deg move all axes together.
+/// In a motion of rotary axes alone F applies to the rotary axis, and a word of X, Y or Z would change the feed. X, Y
+/// and Z therefore follow in separate blocks, within the tolerance. On controls that combine mm and deg all axes move
+/// together.
 #[test]
 fn a_purely_rotary_motion_keeps_its_feed() {
     let program = format!("{START}G1 A90 F600\nX30 F50\n");
@@ -546,7 +547,7 @@ fn the_limit_holds_at_the_tool() {
             .sum();
         let moved_um = 1e3 * off.sqrt();
         assert!(moved_um > 1.0, "{wanted:?} {moved_um}");
-        // For any rounding of the words.
+        // 0.1 µm covers any rounding of the words.
         run(&text, moved_um + 0.1).expect("within the limit");
         let refused = run(&text, moved_um - 0.1).expect_err("beyond the limit");
         let begins = "line 2: the corrections of all axes together move the tool by ";

@@ -236,7 +236,7 @@ fn loops_left_early() {
         &format!("{while_left}{three}"),
         "line 10: LinuxCNC ends this loop here, whatever its condition is, since the break of line 3",
     );
-    // Also if the break is not executed, so that the loop ends by its condition.
+    // The same holds if the break is not executed and the loop ends by its condition.
     let passed =
         "#5=0\no1 while [#5 lt 2]\n#5=[#5+1]\no2 if [#5 eq 9]\no1 break\no2 endif\no1 endwhile\n";
     says(&format!("{passed}{three}"), "line 12: LinuxCNC ends this loop here");

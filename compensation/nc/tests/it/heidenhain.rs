@@ -274,7 +274,8 @@ fn m128_has_the_numbers_of_m428() {
     }
 }
 
-/// M127 and M129 act at the end of their block, so a motion in that block is still made under M126 or M128: refused if it matters.
+/// M127 and M129 act at the end of their block, so a motion in that block is still made under M126 or M128. A motion
+/// for which the mode makes a difference is refused.
 #[test]
 fn the_end_of_a_mode_stands_in_a_block_of_its_own() {
     let example = include_str!("../../../../examples/table-tilting.toml");
@@ -307,7 +308,7 @@ fn written(
     identity::written(Dialect::Heidenhain, machine, setup, program)
 }
 
-/// X is 100 µm/m too long: each position in closed form, each word in its notation.
+/// X is 100 µm/m too long. The expected positions follow from this closed form; each word keeps its notation.
 #[test]
 fn words_keep_their_notation() {
     let scale = "[errors]\nEXX = { poly = [0.0, 0.1] }\n";
@@ -361,7 +362,7 @@ fn tools_and_the_shorter_way() {
     assert_eq!(text, program.replacen("X+0", "X-0.030", 1).replacen("X+0", "X-0.010", 1));
     let machine = "name = \"m\"\nstructure = \"w A' b X Y Z t\"\n[axes.X]\ntravel = [-500, 500]\n[axes.Y]\ntravel = [-500, 500]\n[axes.Z]\ntravel = [-500, 500]\n[axes.A]\ntravel = [-360, 360]\n[errors]\nEAA = { poly = [104.719755] }\n";
     let machine = Machine::parse(machine, "m.toml").expect("a good machine");
-    // 0.006°.
+    // A is corrected by -0.006°.
     let (text, _) =
         written(&machine, "", "L X+0 Y+0 Z+0 A+350 FMAX\nL M126\nL A+10 FMAX\nL IA+350 FMAX\n")
             .expect("taken");

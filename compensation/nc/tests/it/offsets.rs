@@ -90,7 +90,8 @@ fn g92_3_restores_the_shift() {
     begins(&message, "line 2: G92.3 before any G92, G52 or G92.1");
 }
 
-/// Setting a position to its corrected value rounds a word: the loss does not remain in the offset, however often the position is set.
+/// G92 and G10 L20 at a corrected position round the new coordinate: the rounding error does not stay in the offset,
+/// however often they are repeated.
 #[test]
 fn setting_a_zero_keeps_the_correction() {
     let errors = "[errors]\nEXX = { poly = [0.0, 0.01] }\nEYY = { poly = [0.0, 0.01] }\n";
@@ -105,7 +106,7 @@ fn setting_a_zero_keeps_the_correction() {
         let (text, found) = verified(errors, &inches);
         assert!(found.after.max_um < 0.5 * 2_f64.sqrt() + 0.01, "{text}{found:?}");
     }
-    // If the position has no more decimals, the word has none either.
+    // If the position needs no more decimals, the word gets none.
     let (text, _) = verified(errors, "G0 X100\nG92 X0\nM2\n");
     assert_eq!(text, "G0 X99.999\nG92 X-0.001\nM2\n");
 }

@@ -41,8 +41,8 @@ fn a_carriage_rests_within_its_play() {
     }
 }
 
-/// Closed form: `A=DC(10)` after 350 turns forward by the shorter way, although the number falls. The drive has not reversed, so the table stays at
-/// the same side of its lost motion.
+/// Closed form: from A350, `A=DC(10)` turns forward by the shorter way, although the coordinate falls. The drive has
+/// not reversed, so the table stays at the same flank of its lost motion.
 #[test]
 fn the_shorter_way_keeps_the_flank() {
     let travel = "travel = [-500, 500]\n";
@@ -133,7 +133,7 @@ fn play_is_taken_up_before_arcs_with_other_codes() {
         "G20 G0 X1 Y2 Z0 F40\nG0 X2\nG1 X3\nG21 G3 X76.2 Y50.8 I-20 J0\nM2\n",
     );
     assert_eq!(out.lines().nth(3), Some("G1 X2.9999"), "{out}");
-    // Without an earlier F the added line has the feed of the arc.
+    // Without an earlier F the added line gets the F of the arc.
     let out = crate::flow::text(
         machine,
         "G0 X60 Y40 Z0\nG0 X80\nG0 Y50\nG17 G3 X80 Y50 I-20 J0 F250\nM2\n",

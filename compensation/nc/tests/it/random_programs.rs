@@ -221,8 +221,8 @@ pub(crate) fn assert_copied(dialect: Dialect, programs: &[&[u8]]) {
     }
 }
 
-/// Whether a machine without errors accepts a program and returns it unchanged; the result on a worn machine must then be accepted as
-/// well.
+/// Whether a machine without errors accepts a program and returns it unchanged. If so, checks that the result on a worn
+/// machine is accepted as well.
 pub(crate) fn accepts_with_result(dialect: Dialect, program: &str) -> bool {
     let ideal = Machine::parse(TRAVELS, "m.toml").expect("a good machine");
     if copy_unchanged(&ideal, dialect, program.as_bytes()).is_err() {

@@ -128,7 +128,7 @@ G0 X0 Y0 Z20\nG91 G81 X10 R-20 Z-200 L2 F100\nX10 Z-100\nG80\nM2\n | G0 X0 Y0 Z1
     );
 }
 
-/// Each hole of a row at one position gets a line with a word, without which the line would not be a hole.
+/// Each hole of a row at one position gets a line with an axis word, because a line without one is not a hole.
 #[test]
 fn repeated_holes_at_one_position_have_a_word() {
     let tilt = "[errors]\nEYZ = { poly = [0.0, 0.4] }\n";

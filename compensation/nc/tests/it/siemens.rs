@@ -245,7 +245,7 @@ fn written(
     identity::written(Dialect::Siemens, machine, setup, program)
 }
 
-/// X is 100 µm/m too long: each position in closed form, each word in its notation.
+/// X is 100 µm/m too long. The expected positions follow from this closed form; each word keeps its notation.
 #[test]
 fn words_keep_their_notation() {
     let scale = "[errors]\nEXX = { poly = [0.0, 0.1] }\n";
@@ -300,7 +300,7 @@ fn added_lines_keep_the_notation() {
 fn the_shorter_way() {
     let machine_text = "name = \"m\"\nstructure = \"w A' b X Y Z t\"\n[axes.X]\ntravel = [-500, 500]\n[axes.Y]\ntravel = [-500, 500]\n[axes.Z]\ntravel = [-500, 500]\n[axes.A]\ntravel = [-360, 360]\n[errors]\nEAA = { poly = [104.719755] }\n";
     let machine = Machine::parse(machine_text, "m.toml").expect("a good machine");
-    // 0.006°.
+    // A is corrected by -0.006°.
     let program = "G0 X0 Y0 Z0 A350\nA=DC(10)\nA=DC(0)\nA=DC(359.9)\nA=IC(-10)\n";
     let (text, _) = written(&machine, "", program).expect("taken");
     assert_eq!(

@@ -293,8 +293,8 @@ fn cycles_along_a_diameter() {
     );
 }
 
-/// Refused: a split whose parts would need their own F, a split into thousands of parts, and a cycle with R alone, which drills on some
-/// controls.
+/// Refused motions: a split whose parts would need their own F, a split into thousands of parts, and a cycle with R
+/// alone, which drills on some controls.
 #[test]
 fn motions_that_cannot_be_split_are_refused() {
     let bent = "EYX = { poly = [0, 0, 0.0001] }\n";
@@ -478,8 +478,8 @@ fn elements_of_a_contour_are_not_split() {
     assert!(out.lines().count() > on.lines().count() + 3, "{out}");
 }
 
-/// A tool in plane R is lifted by LinuxCNC to the G98 plane before the next hole, one above R is not. R must not be written below the
-/// tool.
+/// LinuxCNC lifts a tool in plane R to the G98 plane before the next hole, but not a tool above R. Therefore R must not
+/// be written below the tool.
 #[test]
 fn the_plane_r_does_not_go_below_the_tool_before_it_is_lifted() {
     let program = "G0 X0 Y0 Z50\nG99 G81 X100 Z-5 R2\nX600 G98\nX700\n";

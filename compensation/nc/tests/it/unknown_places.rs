@@ -398,7 +398,7 @@ fn words_of_unknown_codes_are_not_coordinates() {
         begins(&message, "line 3: an arc after an unknown M code");
         let named = "G90 G1 X0. Y100. F100\nX10. M205\nG1 X10.\nG2 X20. I5.\n";
         run(control, named).expect(named);
-        // Incremental words are copied until the position is named.
+        // Incremental words are copied until an absolute word names the position.
         let ways = "G90 G1 X0. Y100. F100\nM205 X1. Y1.\nG91 X5. Y5.\n";
         let (out, _) = run(control, ways).expect(ways);
         assert!(out.ends_with("M205 X1. Y1.\nG91 X5. Y5.\n"), "{out}");

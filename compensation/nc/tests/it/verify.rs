@@ -18,7 +18,7 @@ fn verified(model: &str, truth: &str, program: &str) -> Result<Verification, NcE
     verified_by(&truth, &setup, Dialect::Rs274, texts, &summary.shares)
 }
 
-/// The model has 80 of 100 µm/m: at 100 mm, 2 of 10 µm remain.
+/// The model contains 80 of the true 100 µm/m: at 100 mm, 2 of 10 µm remain.
 #[test]
 fn unmodelled_errors_remain() {
     let program =
@@ -49,7 +49,8 @@ fn modelled_errors_are_removed() {
     assert!(empty.path.is_empty());
 }
 
-/// Eight positions on up to 100 mm of a line or an arc; on a line only as many as leave at most 2 mm between them. One is its end.
+/// A line or an arc has eight positions per started 100 mm, a line of less than 16 mm one per started 2 mm. The last
+/// position is the end.
 #[test]
 fn short_lines_have_few_positions() {
     let truth = "[errors]\nEXX = { poly = [0.0, 0.1] }\n";
@@ -131,7 +132,8 @@ fn deviations_along_the_path_are_not_across() {
     assert!((tangential.across_rms_um - of_end).abs() < 1e-3, "{tangential:?}");
 }
 
-/// The evaluated positions depend on the program only: split and unsplit results have the same deviation before, also with backlash.
+/// The evaluated positions depend on the program only: split and unsplit results have the same deviation before
+/// compensation, also with backlash.
 #[test]
 fn the_deviation_before_is_independent_of_the_result() {
     let truth = "[errors]\nEXX = { mean = { poly = [0.0, 0.05, 0.0002] }, reversal = -3 }\nEYX = { poly = [0.0, 0.1, 0.001] }\n";
