@@ -1,7 +1,7 @@
 //! The Python module `volcomp`: machines, measurements, calibration and identification on NumPy arrays.
 //!
-//! Arrays are checked and converted here, files and results are those of the library crates. Lengths are mm, rotary coordinates deg,
-//! errors µm and µrad, as in the files and in what the command line prints with `--json`.
+//! Arrays are checked and converted here; the library crates read files and compute results. Lengths are mm, rotary
+//! coordinates deg, errors µm and µrad, as in the files and in the `--json` output of the command line.
 #![expect(
     clippy::needless_pass_by_value,
     reason = "PyO3 hands arguments of Python functions over by value"

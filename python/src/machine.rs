@@ -333,7 +333,7 @@ impl Machine {
                 )));
             }
         }
-        // Fits: each axis occurs once.
+        // The list has room for all names, because each axis occurs once.
         options.correct = Some(names.into_iter().collect());
         Ok(options)
     }

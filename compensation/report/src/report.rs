@@ -71,7 +71,6 @@ pub struct Head {
     pub source: String,
     /// Name of the machine, from the caller or the measurement files.
     pub machine: Option<String>,
-    /// Serial number.
     pub serial: Option<String>,
     /// Date of the measurement, as written in the file or option.
     pub date: Option<String>,
@@ -79,7 +78,6 @@ pub struct Head {
     pub operator: Option<String>,
     /// Name of the measuring instrument.
     pub instrument: Option<String>,
-    /// The customer.
     #[serde(default)]
     pub customer: Option<String>,
     /// Number of the certificate.
@@ -125,7 +123,7 @@ pub struct SourceFile {
     pub date: Option<String>,
 }
 
-/// Subject of a figure and what its value lacks.
+/// Subject of a figure, or a restriction of its value.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum CheckOf {
@@ -148,7 +146,6 @@ pub enum CheckOf {
     Test {
         /// The measured error.
         error: String,
-        /// The measurement file.
         file: String,
     },
 }
@@ -284,7 +281,6 @@ pub struct CurveLine {
 /// Readings of one run.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Run {
-    /// The direction of travel.
     pub direction: Direction,
     /// Number of the run among the runs of its direction, from 1.
     pub number: u32,
@@ -301,7 +297,6 @@ pub struct Branch {
     pub points: Vec<(f64, f64)>,
     /// Target and residual of each mean reading: reading minus curve.
     pub residuals: Vec<(f64, f64)>,
-    /// Confidence band.
     pub band: Option<Band>,
     /// Fit results; `None` if the curve comes from the machine file.
     pub fit: Option<FitNumbers>,
@@ -349,7 +344,6 @@ pub struct Residual {
 /// A positioning test to ISO 230-2.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Positioning {
-    /// The measurement file.
     pub file: String,
     /// The measured error.
     pub error: String,

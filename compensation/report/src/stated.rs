@@ -8,7 +8,6 @@ use crate::report::{AxisTravel, Head};
 /// Values from the caller, which override the values in the files.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Stated {
-    /// The customer.
     pub customer: Option<String>,
     /// Number of the certificate.
     pub certificate: Option<String>,
@@ -18,7 +17,6 @@ pub struct Stated {
     pub material_degc: Option<[f64; 2]>,
     /// Name of the machine, instead of that in the measurement files.
     pub machine: Option<String>,
-    /// Serial number.
     pub serial: Option<String>,
     /// Date of the measurement, instead of that in the files.
     pub date: Option<String>,

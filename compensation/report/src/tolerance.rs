@@ -49,8 +49,8 @@ fn is_of(test: &Positioning, of: Option<&str>) -> bool {
     of.is_none_or(|of| test.error == of || axis().is_ok_and(|axis| axis == of))
 }
 
-/// Positioning tests to which a tolerance applies: that of its error, those of its axis, or all. A test
-/// with a more specific tolerance for the same symbol is excluded.
+/// Positioning tests to which a tolerance applies: the test of the named error, the tests of the named axis, or all
+/// tests. A test with a more specific tolerance for the same symbol is excluded.
 fn tests_of<'r>(
     report: &'r Report,
     tolerances: &[Tolerance],
@@ -273,8 +273,9 @@ fn stated(report: &Report, key: &str) -> Option<f64> {
     stated.find(|of| of.key == key).map(|of| of.standard)
 }
 
-/// Standard uncertainty of the range of mean readings: that of two readings and, for a length, of the scale over the distance
-/// `apart` between them, mm. `None` without contributions, and for curves derived from other readings (summed tilts, other errors).
+/// Standard uncertainty of the range of mean readings: the uncertainty of two readings and, for a length, the scale
+/// uncertainty over the distance `apart` between them, mm. `None` without contributions, and for curves derived from
+/// other readings (summed tilts, other errors).
 fn of_range(report: &Report, curve: &Curve, apart: f64) -> Option<f64> {
     let direct = |line: &crate::report::CurveLine| !line.runs.is_empty();
     if !curve.lines.iter().all(direct) {

@@ -108,7 +108,8 @@ fn errors<'a>(
     }
 }
 
-/// Error fields of each tool. The curves of both machines determine the sampled poses, so that both are evaluated at the same ones.
+/// Error fields of each tool. The curves of both machines determine the sampled poses, so that both machines are
+/// evaluated at the same poses.
 fn fields<'a>(
     tools: &'a [(&'a str, Machine)],
     earlier: &'a [Machine],

@@ -127,8 +127,9 @@ impl Cycle {
     /// Creates a cycle over these paths in order of preference. A preferred path takes over again once it has been usable for `hand_back`.
     ///
     /// # Errors
-    /// [`PlanError::Paths`]: no path, or more than [`MAX_PATHS`](volcomp_guard::MAX_PATHS). [`PlanError::Period`]: a path was planned for
-    /// another period. Those of [`PathPlan::check_together`](crate::PathPlan::check_together).
+    /// [`PlanError::Paths`]: no path, or more than [`MAX_PATHS`](volcomp_guard::MAX_PATHS). [`PlanError::Period`]: a
+    /// path was planned for another period. The errors of
+    /// [`PathPlan::check_together`](crate::PathPlan::check_together).
     pub fn new(
         model: Box<Model>,
         mut paths: Vec<ControlPath>,
@@ -187,7 +188,7 @@ impl Cycle {
         })
     }
 
-    /// Adds controllers that only report positions of further axes. In reports they follow the paths.
+    /// Adds controllers that only report positions of further axes. In reports these controllers follow the paths.
     ///
     /// # Errors
     /// [`PlanError::Paths`]: more than [`MAX_PATHS`](volcomp_guard::MAX_PATHS) together with the paths.
@@ -239,9 +240,9 @@ impl Cycle {
         self.interlocks.restore(index, interlock);
     }
 
-    /// Starts threads that read the standby paths and the read-only controllers, so that slow or hanging exchanges do not delay the cycle.
-    /// Without threads they are read within the cycle, after the write, for at most half a period, which suits clocks advanced by a test.
-    /// [`start`](crate::start) calls this.
+    /// Starts threads that read the standby paths and the read-only controllers, so that slow or hanging exchanges do
+    /// not delay the cycle. Without threads the cycle itself reads these controllers after the write, for at most half
+    /// a period, which suits clocks advanced by a test. [`start`](crate::start) calls this.
     ///
     /// # Errors
     /// The operating system cannot create a thread.
@@ -349,9 +350,8 @@ impl Cycle {
         self.report.overruns += missed;
     }
 
-    /// Handles an acknowledgement. During an interlock or a fault it confirms only these and the
-    /// correction left on the active path. Otherwise it confirms jumped sensors and the corrections
-    /// left on all paths.
+    /// Handles an acknowledgement. During an interlock or a fault it confirms the interlocks and the correction left on
+    /// the active path. Otherwise it also confirms jumped sensors and the corrections left on all paths.
     fn acknowledge(&mut self, since_start: Duration, input: &CycleInput) {
         let is_fault = matches!(self.guard.state(), GuardState::Faulted(_))
             || input.forbids.contains(Reasons::FAULTED_BEFORE);
@@ -737,8 +737,8 @@ impl Cycle {
         self.lag.reduction(&input, age, now)
     }
 
-    /// Updates the direction of approach of each axis from its position, unless that is unknown or rejected. After a gap
-    /// longer than positions may be held, the direction is unknown.
+    /// Updates the direction of approach of each axis from its position, unless the position is unknown or rejected.
+    /// After a gap longer than positions may be held, the direction is unknown.
     fn approach(&mut self, state: &mut State, place: &MachinePosition) {
         let axes = self.model.axes.len();
         let hold = self.guard.limits().hold;

@@ -13,7 +13,8 @@ mod nodes;
 
 pub use largest_move::LargestMove;
 
-/// Maximum distance of a plausible position outside the travel, mm or °: end switches and reference points are within it.
+/// Maximum distance of a plausible position outside the travel, mm or °. End switches and reference points are within
+/// this distance.
 const OVERTRAVEL_MM_OR_DEG: f64 = 5.0;
 /// Number of sampled positions over the travel of a rotary axis, both ends included.
 const TRAVEL_SAMPLES: u32 = 25;
@@ -423,8 +424,8 @@ impl Model {
         warm
     }
 
-    /// Returns the model as a replacement of a running one. It takes over the lagged temperatures that both
-    /// models have; the others start at these temperatures (°C, by sensor name).
+    /// Returns the model as a replacement of a running one. It takes over the lagged temperatures of the terms that
+    /// both models have; the other terms start at these temperatures (°C, by sensor name).
     #[must_use]
     pub fn in_place_of(&self, running: &Self, degc: impl Fn(&str) -> Option<f64>) -> Self {
         let mut taken = self.clone();

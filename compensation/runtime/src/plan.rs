@@ -72,7 +72,8 @@ pub struct UncorrectedAxis {
 pub enum UncorrectedReason {
     /// The correcting linear axes do not span all directions, so they cannot compensate the axis's movement of the tip.
     Uncatchable,
-    /// Half a step of the axis moves the tip by up to this amount in the work space, which exceeds the permitted one.
+    /// Half a step of the axis moves the tip by up to this amount in the work space, which exceeds the permitted
+    /// amount.
     Coarse(Mm),
 }
 
@@ -330,9 +331,9 @@ fn held_limits(axis: &Axis) -> AxisLimits {
     }
 }
 
-/// Limits that the guard of a controller enforces, mm and rad. They are the configured ones, but without a barrier at most
-/// [`without_barrier`](GuardSettings::without_barrier). An axis that does not correct needs no configured limits and has no test shift; its limit is
-/// lowered to what the device can carry.
+/// Limits that the guard of a controller enforces, mm and rad: the configured limits, but without a barrier at most
+/// [`without_barrier`](GuardSettings::without_barrier). An axis that does not correct needs no configured limits and
+/// has no test shift; its limit is lowered to what the device can carry.
 ///
 /// Errors: a correcting rotary axis without limits, a correcting axis whose limit exceeds what the device can carry, limits that a guard rejects.
 fn limits(

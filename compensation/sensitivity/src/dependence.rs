@@ -15,8 +15,8 @@ const ROUNDING: f64 = 1e-7;
 pub struct Dependence {
     /// Indices of the columns that are independent of the previous ones, ascending.
     pub kept: Vec<usize>,
-    /// Vanishing combination of each dependent column with previous columns: indices and weights, the weights of unit length, the first
-    /// one positive, the dependent column last.
+    /// For each dependent column, the combination with previous columns that is zero: indices and weights, the
+    /// dependent column last. The weights form a vector of unit length; the first one is positive.
     pub null: Vec<Vec<(usize, f64)>>,
 }
 
@@ -26,8 +26,8 @@ impl Dependence {
         self.kept.len()
     }
 
-    /// Determines the dependence of the columns of `matrix`, in any scale, in order: each column is projected onto the previous ones by twofold
-    /// orthogonalisation. A column of zeros depends on no other.
+    /// Determines the dependence of the columns of `matrix`, in order; their scale does not matter. Each column is
+    /// projected onto the previous ones by twofold orthogonalisation. A column of zeros depends on no other.
     pub fn of(matrix: &DMatrix<f64>) -> Self {
         let mut basis: Vec<DVector<f64>> = Vec::new();
         // Index of each column of the basis, and its coefficients in the basis, both scaled to unit length.

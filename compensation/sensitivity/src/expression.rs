@@ -24,8 +24,8 @@ pub struct Grouped {
     pub errors: Vec<(ErrorTerm, bool)>,
 }
 
-/// First-order volumetric error of a chain in workpiece axes: six sums of errors times lever arms. Lengths are in mm, angles in rad. The
-/// coordinates of the tool tip are `Xt`, `Yt` and `Zt`; those that are 0 are omitted.
+/// First-order volumetric error of a chain in workpiece axes: six sums of errors times lever arms. Lengths are in mm,
+/// angles in rad. The coordinates of the tool tip are `Xt`, `Yt` and `Zt`; a coordinate that is 0 is omitted.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Expression {
     components: [Vec<Grouped>; 6],

@@ -73,7 +73,7 @@ pub fn sensitivity(
     sensitivity_with_progress(chain, terms, poses, |_, _| {})
 }
 
-/// [`sensitivity()`]; `progress` receives, from any thread, the number of finished poses and their total number.
+/// Like [`sensitivity()`]; `progress` receives, from any thread, the number of finished poses and their total number.
 ///
 /// # Errors
 /// [`SensitivityError`].

@@ -50,7 +50,7 @@ impl FreeAxes {
         states
     }
 
-    /// States of the poses of a plan; axes that it does not command are at their held coordinates, or at 0.
+    /// States of the poses of a plan; axes that the plan does not command are at their held coordinates, or at 0.
     pub(crate) fn planned(&self, machine: &Machine, plan: &Plan) -> Vec<State> {
         let state = |pose: &PlannedPose| {
             let mut state = self.held;
@@ -64,9 +64,9 @@ impl FreeAxes {
         plan.poses.iter().map(state).collect()
     }
 
-    /// Draws poses with the ideal tip at points (mm in workpiece axes), with rotary coordinates distributed over the travels. `point` and `machine`
-    /// are called with the index of the pose; poses with unreachable points are redrawn. `Err`: the number of poses found before one could not be
-    /// reached.
+    /// Draws poses with the ideal tip at points (mm in workpiece axes), with rotary coordinates distributed over the
+    /// travels. `point` and `machine` are called with the index of the pose; poses with unreachable points are redrawn.
+    /// `Err`: the number of poses found before an unreachable one.
     pub(crate) fn around<'m, R: Rng>(
         &self,
         poses: usize,

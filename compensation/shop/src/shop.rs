@@ -25,7 +25,6 @@ pub enum Format {
 /// Header data for every measurement file, as far as its format supports them.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Header {
-    /// The date of the test.
     pub date: Option<String>,
     /// Name of the person who measured.
     pub by: Option<String>,
@@ -92,7 +91,6 @@ pub struct ShopLine {
     pub holds_location: bool,
     /// Name of the measurement file without its extension.
     pub name: String,
-    /// The format of the measurement file.
     pub format: Format,
 }
 

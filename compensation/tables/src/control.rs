@@ -1,8 +1,9 @@
 //! The control's side of the map mode: a reference implementation for testing control programs.
 //!
-//! By the rules of the [`protocol`](volcomp_guard::protocol) only the control decides what it accepts. A map arrives in pieces through one
-//! mailbox, in order, into the inactive buffer. A final frame swaps the buffers if the checksum of all received words is correct. The
-//! applied corrections move at a limited rate: to those of another map, and to zero when frames stop.
+//! By the rules of the [`protocol`](volcomp_guard::protocol) only the control decides which frames it accepts. A map
+//! arrives in pieces through one mailbox, in order, into the inactive buffer. A final frame swaps the buffers if the
+//! checksum of all received words is correct. The applied corrections move at a limited rate: to those of another map,
+//! and to zero when frames stop.
 //!
 //! All data are 16-bit words and whole numbers. [`Lookup::scan`] does not allocate, wait or read a clock; time is the number of scans.
 
@@ -126,7 +127,7 @@ pub enum Body {
         /// The words; zeros beyond the end of the map.
         data: [u16; DATA_WORDS],
     },
-    /// Makes the map active, which is complete.
+    /// Makes the completely transferred map active.
     Swap {
         /// Number of the transferred map.
         counter: u16,

@@ -240,7 +240,8 @@ pub enum SendError<E> {
 /// Maximum number of times that the transfer of a rejected map is restarted.
 const MAX_RESTARTS: u32 = 8;
 
-/// Sender of one map. It stores about the control: whether the loaded words were read back, the last tick, and the active map.
+/// Sender of one map. State: whether the loaded words were read back, the last tick of the control, and the map active
+/// in the control.
 #[derive(Clone, Debug)]
 pub struct Sender {
     map: Map,

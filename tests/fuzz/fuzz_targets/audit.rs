@@ -1,5 +1,5 @@
 #![no_main]
-//! Audit logs: no panic on any bytes, and the complete records are still complete without the rest.
+//! Audit logs: no panic on any bytes, and cutting the log after its complete records leaves the same records.
 
 use libfuzzer_sys::fuzz_target;
 use volcomp_gateway::audit::verify;

@@ -1,5 +1,5 @@
 #![no_main]
-//! Dynamic captures: no panic on any bytes, and what is accepted has finite samples.
+//! Dynamic captures: no panic on any bytes, and an accepted capture has finite samples.
 
 use libfuzzer_sys::fuzz_target;
 use volcomp_metrology::parse_rtx;

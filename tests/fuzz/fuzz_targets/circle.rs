@@ -1,5 +1,5 @@
 #![no_main]
-//! Traces of circles: no panic on any bytes, and what is accepted is finite and can be evaluated without a panic.
+//! Traces of circles: no panic on any bytes, and an accepted trace is finite and can be evaluated without a panic.
 
 use libfuzzer_sys::fuzz_target;
 use volcomp_metrology::circular::{CircularPlane, circular_deviations, circular_signatures, parse_trace};

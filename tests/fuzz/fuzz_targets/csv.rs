@@ -1,5 +1,5 @@
 #![no_main]
-//! Tables of readings: no panic on any bytes, and what is accepted is written and read back the same.
+//! Tables of readings: no panic on any bytes, and an accepted table is written and read back unchanged.
 
 use libfuzzer_sys::fuzz_target;
 use volcomp_metrology::{evaluate, parse_csv, write_csv};

@@ -1,5 +1,5 @@
 #![no_main]
-//! Machine files: no panic on any text, and what is read is written, read back the same and evaluated.
+//! Machine files: no panic on any text, and an accepted machine is written, read back unchanged and evaluated.
 
 use libfuzzer_sys::fuzz_target;
 use volcomp_kinematics::{Form, State};

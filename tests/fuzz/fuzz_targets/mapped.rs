@@ -1,5 +1,5 @@
 #![no_main]
-//! Tables and logs with their mapping: no panic on any text, and what is accepted can be evaluated.
+//! Tables and logs with their mapping: no panic on any text, and accepted input can be evaluated.
 
 use libfuzzer_sys::fuzz_target;
 use volcomp_document::Document;

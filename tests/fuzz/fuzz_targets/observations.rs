@@ -10,7 +10,7 @@ axes.Y.travel = [0.0, 400.0]
 axes.C.travel = [-180.0, 180.0]
 ";
 
-// The input is the observation file and, after a line `===`, the table that every row file is.
+// The input is the observation file and, after a line `===`, the table that serves as every row file.
 fuzz_target!(|text: &str| {
     let (keys, rows) = text.split_once("\n===\n").unwrap_or((text, ""));
     let read = |path: &std::path::Path| {

@@ -1,5 +1,5 @@
 #![no_main]
-//! Laser files: no panic on any bytes, and what is accepted can be evaluated and written.
+//! Laser files: no panic on any bytes, and an accepted file can be evaluated and written.
 
 use libfuzzer_sys::fuzz_target;
 use volcomp_metrology::{RenishawKind, evaluate, parse_renishaw, write_renishaw};

@@ -1,6 +1,6 @@
 #![no_main]
-//! API files, compensation exports and reports of 5529 and 5530 lasers: no panic on any bytes, and what is accepted can be
-//! evaluated and written as a table.
+//! API files, compensation exports and reports of 5529 and 5530 lasers: no panic on any bytes, and an accepted file can
+//! be evaluated and written as a table.
 
 use libfuzzer_sys::fuzz_target;
 use volcomp_metrology::{evaluate, parse_csv, parse_keysight_report, parse_pos, parse_ren, write_csv};

@@ -72,7 +72,7 @@ fn stop(_: &PanicInfo) -> ! {
     }
 }
 
-/// Named by the precompiled `core` of hosted targets, which unwind; never called here.
+/// The precompiled `core` of hosted targets, which unwind, refers to this symbol; it is never called here.
 #[unsafe(no_mangle)]
 extern "C" fn rust_eh_personality() {}
 
@@ -195,8 +195,8 @@ pub unsafe extern "C" fn volcomp_five_axis(
     0
 }
 
-/// First-order correction (mm, rad) of a compiled machine from its bytes, at the coordinates `q` (mm, rad) of
-/// its axes, both in the order of its chain. Returns how many axes it has, or −1 if the bytes are refused.
+/// First-order correction (mm, rad) of a compiled machine from its bytes, at the coordinates `q` (mm, rad) of its axes,
+/// both in the order of its chain. Returns the number of axes, or −1 if the bytes are refused.
 ///
 /// # Safety
 /// `blob` points to `length` bytes, `q` to 9 numbers, `delta` to 9 writable ones.

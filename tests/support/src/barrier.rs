@@ -20,7 +20,7 @@ pub fn protection() -> Protection {
     }
 }
 
-/// Settings of that barrier for linear axes of 1 µm per count.
+/// Settings of the barrier of [`protection`], for linear axes of 1 µm per count.
 ///
 /// # Errors
 /// No axes, too many, or a duplicate.

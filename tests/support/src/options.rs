@@ -9,8 +9,9 @@ const END: &str = "<!--end-->";
 
 /// Compares the blocks of a program in `docs/src/commands.md` with its options; with `UPDATE=1` rewrites them.
 ///
-/// A block stands between `<!--options PROGRAM COMMAND-->` and `<!--end-->`: the usage, and a table of arguments and options. A block
-/// `<!--options PROGRAM COMMAND --option …-->` has a table of these options alone; rows of such a table are left out of the other blocks of the program.
+/// A block is between `<!--options PROGRAM COMMAND-->` and `<!--end-->`: the usage, and a table of arguments and
+/// options. A block `<!--options PROGRAM COMMAND --option …-->` has a table of these options alone; rows of such a
+/// table are left out of the other blocks of the program.
 ///
 /// # Panics
 /// The page differs, or a command has no block.
@@ -32,7 +33,7 @@ pub fn compare(command: Command) {
     panic!("{}: found, expected: {different:#?}\nrun this test with UPDATE=1", path.display());
 }
 
-/// The page with the blocks of one program as they should be.
+/// The page with regenerated blocks of one program.
 fn rendered(page: &str, program: &Command) -> String {
     let blocks = || page.split(BEGIN).skip(1).filter_map(|block| block.split_once("-->"));
     let mut shared = Vec::new();

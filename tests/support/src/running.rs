@@ -29,7 +29,7 @@ impl Running {
         (running, line.trim_end().to_owned(), output)
     }
 
-    /// Starts a program that prints `ready` when it is.
+    /// Starts a program and waits until it prints `ready`.
     pub fn start_ready(command: &mut Command) -> Self {
         let (running, line, _) = Self::start_and_hear(command);
         assert_eq!(line, "ready", "{command:?}");

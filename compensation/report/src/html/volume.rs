@@ -195,7 +195,7 @@ fn maps(page: &mut Page, volume: &Volume) {
     page.put(&format!("<div class=\"colours\">{bar}</div>"));
 }
 
-/// A slider for the smallest error that is shown, µm; the script shows it.
+/// A slider for the smallest error that is shown, µm. It is hidden until the script runs.
 fn level(picture: &Quiver) -> String {
     let lengths = picture.arrows.iter().map(|arrow| {
         let [x, y, z] = arrow.error_um;

@@ -10,9 +10,7 @@ use crate::plot::{Look, Panel, PolarPlot, picture, polar, short};
 
 /// Data of the picture of a circular test.
 pub struct CirclePlot {
-    /// The measurement file.
     pub file: String,
-    /// The plane of the circle.
     pub plane: CircularPlane,
     /// Measured points of the circle.
     pub trace: CircularTrace,

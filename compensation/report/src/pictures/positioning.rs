@@ -15,7 +15,8 @@ use crate::{
 };
 
 impl Positioning {
-    /// Evaluates the test of one file, without VDI/DGQ 3441 and uncertainties. `error` is its name in ISO 230, empty if unknown.
+    /// Evaluates the test of one file, without VDI/DGQ 3441 and uncertainties. `error` is the ISO 230 name of the
+    /// error, empty if unknown.
     pub fn of_measurement(
         file: String,
         error: String,
@@ -172,7 +173,7 @@ pub(crate) fn positioning_plot(test: &Positioning) -> XyPlot {
     }
 }
 
-/// Symbol and value of a quantity, and the range of readings whose width it is.
+/// Symbol and value of a quantity, and the range of readings whose width is the value.
 type Span = (&'static str, Option<f64>, Option<[f64; 2]>);
 
 /// Spans of the quantities A, E and M.

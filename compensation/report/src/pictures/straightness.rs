@@ -10,7 +10,6 @@ use crate::plot::{
 /// A straightness profile relative to its reference line.
 #[derive(Clone, Debug)]
 pub struct StraightnessPlot {
-    /// The measurement file.
     pub file: String,
     /// Symbol of the quantity that belongs to the reference line.
     pub reference: &'static str,
@@ -84,7 +83,6 @@ fn profile_plot(of: &StraightnessPlot) -> XyPlot {
 pub struct SlopePlot {
     /// Name of the straightness error, such as `EXY`.
     pub error: String,
-    /// The measurement file.
     pub file: String,
     /// Targets, mm, and mean deviations, µm.
     pub profile: Vec<(f64, f64)>,

@@ -15,7 +15,6 @@ const RULE: f64 = 40.0;
 pub struct HeatMap {
     /// Text alternative for a screen reader.
     pub words: String,
-    /// The title above the map.
     pub title: String,
     /// Label of the first coordinate, with its unit.
     pub x_label: String,

@@ -5,7 +5,6 @@ use super::svg::finite;
 /// The marker at each point of a series.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Mark {
-    /// No marker.
     None,
     /// A filled dot.
     Dot,

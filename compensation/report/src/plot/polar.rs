@@ -22,7 +22,6 @@ pub struct PolarPlot {
     pub axes: [String; 2],
     /// Unit of the deviations.
     pub unit: String,
-    /// Drawn curves.
     pub series: Vec<PolarSeries>,
 }
 

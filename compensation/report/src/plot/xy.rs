@@ -65,7 +65,6 @@ pub struct Series {
     pub name: String,
     /// Coordinate and value of each point, coordinates ascending.
     pub points: Vec<(f64, f64)>,
-    /// Line style of the series.
     pub look: Look,
     /// The marker at each point.
     pub mark: Mark,
@@ -120,7 +119,6 @@ pub struct XyPlot {
     pub series: Vec<Series>,
     /// Bands, drawn behind the series.
     pub bands: Vec<Band>,
-    /// Spans of values, with their labels.
     pub brackets: Vec<Bracket>,
     /// Line styles, markers and texts of the legend; empty for no legend.
     pub legend: Vec<(Look, Mark, String)>,

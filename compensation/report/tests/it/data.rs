@@ -124,8 +124,9 @@ fn a_figure_near_its_limit_is_undecided() {
     assert!(page.contains("undecided") && page.contains("Not every stated tolerance is decided"));
 }
 
-/// The reference angle of 2 µrad (k = 1) gives U = 4 µrad for the squareness. Two mean readings of 0.3 µm give U = 2 √2 · 0.3 µm for a
-/// straightness, of 0.5 µrad 2 √2 · 0.5 µrad for a tilt. For positioning the scale of 0.5 µm/m is added in quadrature.
+/// The reference angle of 2 µrad (k = 1) gives U = 4 µrad for the squareness. Two mean readings of 0.3 µm give U = 2 √2
+/// · 0.3 µm for a straightness, and two of 0.5 µrad give U = 2 √2 · 0.5 µrad for a tilt. For positioning the scale of
+/// 0.5 µm/m is added in quadrature.
 #[test]
 fn squareness_and_error_motions_are_judged_with_their_uncertainty() {
     let shop = Shop::new();
@@ -189,7 +190,7 @@ fn a_squareness_from_lines_is_judged_with_their_slopes() {
     assert!((0.1..5.0).contains(&u), "{u}");
     let mut warnings = report.warnings.iter();
     assert!(warnings.any(|of| of.text.contains("exy.csv: one run; U of the squareness")));
-    // EXX, EYX, EBX, EXY and the squareness of X and Y of 21 errors.
+    // Five of the 21 errors have a value: EXX, EYX, EBX, EXY and the squareness of X and Y.
     assert_eq!(report.count_as_0, 16);
     assert_eq!(
         report.all_met(),
@@ -376,7 +377,7 @@ fn what_a_squareness_is_judged_by() {
     let told = |of: &String| of.ends_with("is not known: EXX");
     let (_, report) = judged(&text);
     assert!(report.not_measured.iter().any(told));
-    // The machine file records it too: neither the machine alone nor as the truth passes as a whole machine.
+    // The machine file records that one direction of EXX is unknown, so the report of the machine file lists it too.
     let (_, calibration) = shop.calibrated();
     let written = calibration.machine.to_toml();
     let machine = volcomp_model::Machine::parse(&written, "machine.toml").expect("written");
@@ -471,7 +472,6 @@ fn figures_stand_against_tolerances() {
     };
     assert!(error == "EXX" && file.ends_with("exx.csv"), "{error} {file}");
     assert_eq!(report.checks[0].of.to_string(), format!("EXX, {file}"));
-    // A report without a volume has no errors missing from it.
     assert_eq!(report.checks[5].of, CheckOf::Symbol);
 }
 
@@ -566,7 +566,7 @@ fn the_working_space_has_the_sizes_of_its_errors() {
     assert!((size.form_max_um - 400.0).abs() < 1.0, "{size:?}");
     assert_eq!(size.at[0].axis, "X");
     assert!([0.0, 800.0].contains(&size.at[0].at));
-    // Uniformly distributed over the travel.
+    // RMS of an error that grows linearly over the travel: its maximum / √3.
     assert!((size.rms_um / (800.0 / 3.0_f64.sqrt()) - 1.0).abs() < 1e-3, "{size:?}");
     assert!((found.after.expect("after").found.max_um - 400.0).abs() < 1e-9);
     assert_eq!(found.slices.len(), 3);
@@ -597,7 +597,7 @@ fn the_data_is_the_same_after_json() {
     assert_eq!(serde_json::to_string(&again).expect("JSON"), text);
 }
 
-/// On a machine with rotary axes the map applies to one position of these, which the page states.
+/// On a machine with rotary axes the map applies to one position of the rotary axes, which the page states.
 #[test]
 fn axes_that_stand_still_are_named() {
     let path = volcomp_test_support::root().join("examples/five-axis.toml");

@@ -12,7 +12,7 @@ use crate::{
     positions::MachinePosition,
 };
 
-/// Minimum time over which speeds are measured; over less, the resolution of the positions dominates.
+/// Minimum time over which speeds are measured; over a shorter time the resolution of the positions dominates.
 const BASE: Duration = Duration::from_millis(20);
 /// Time for which a reduction stays reported, because at speed it changes with every position.
 const REPORTED_FOR: Duration = Duration::from_secs(2);
@@ -22,10 +22,10 @@ const MAX_AHEAD: Duration = Duration::from_secs(10);
 const SPACING: Duration = Duration::from_millis(10);
 /// Number of past corrections that are stored.
 const REMEMBERED: usize = 3;
-/// Relative change of the requested correction over the last `ahead` up to which no prediction is
-/// made. If the stored corrections cover a longer interval, the threshold grows in
-/// proportion, up to `MOST_CHANGE`. If the change is parabolic, the change ahead is at most eleven
-/// times as large, which is less than half of the correction.
+/// No prediction is made if the requested correction has changed by at most this fraction over a time as long as the
+/// prediction time `ahead`. If the stored corrections cover a longer time, the threshold grows in proportion, up to
+/// `MOST_CHANGE`. For a parabolic change, the change ahead is then at most eleven times as large, which is less than
+/// half of the correction.
 const CALM_CHANGE: f64 = 1.0 / 32.0;
 const MOST_CHANGE: f64 = 1.0 / 8.0;
 

@@ -8,10 +8,11 @@ use super::{Model, nodes::GridNodes};
 
 /// Maximum number of sampled states, apart from those at curve nodes.
 const MAX_STATES: usize = 5000;
-/// Maximum number of sampled states at curve nodes. With more the result is infinite, and the operator must check the change.
+/// Maximum number of sampled states at curve nodes. With more states the result is infinite, and the operator must
+/// check the change.
 const MAX_NODE_STATES: usize = 100_000;
-/// Number of additional equidistant intervals per axis: an axis without errors has no curve, but
-/// its position may change the lever arm of others.
+/// Number of additional equidistant intervals per axis. An axis without errors has no curve, but its position may
+/// change the lever arms of other axes.
 const PLACES: usize = 25;
 /// Maximum number of states in the coordinate ascent. It is raised to the number of states of one pass, but
 /// not above `MAX_NODE_STATES`.
@@ -99,10 +100,9 @@ impl<'a> Pair<'a> {
 }
 
 impl Model {
-    /// Largest change of the correction in the work space when `other` replaces this model, over
-    /// both directions of approach. `ways` are the correcting axes of each controller path, with
-    /// this model and with the other one. The change depends on them, so it is evaluated for each
-    /// path, and for all axes together.
+    /// Largest change of the correction in the work space when `other` replaces this model, over both directions of
+    /// approach. `ways` are the correcting axes of each controller path, with this model and with the other one. The
+    /// change depends on the correcting axes, so it is evaluated for each path, and for all axes together.
     pub fn largest_move(
         &self,
         other: &Self,

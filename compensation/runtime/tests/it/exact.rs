@@ -60,7 +60,8 @@ fn without_correction_residual_and_error_agree() {
     }
 }
 
-/// In the middle and at the end of the ramp the reported residual equals that of the exact chain with the applied correction.
+/// In the middle and at the end of the ramp the reported residual equals the error by the exact chain with the applied
+/// correction.
 #[test]
 fn the_residual_is_that_of_the_chain_at_command_plus_correction() {
     let mut largest = 0.0_f64;

@@ -1,5 +1,5 @@
-//! Late positions at speed: a rotary table at 33 rpm, positions 0 to 500 ms old. The error with correction is at most that without, and
-//! the reasons report the reduction.
+//! Late positions at speed: a rotary table at 33 rpm, positions 0 to 500 ms old. The error with correction is at most
+//! the error without correction, and the reasons report the reduction.
 
 use std::{f64::consts::TAU, time::Duration};
 

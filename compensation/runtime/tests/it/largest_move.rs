@@ -68,8 +68,8 @@ fn extremes(curve: &Curve, travel: f64) -> [f64; 2] {
     })
 }
 
-/// For errors in X over one to three axes, with periods far below the travel, the reported move is within 5 % of the scan: the sum of the
-/// single maxima.
+/// For errors in X over one to three axes, with periods far below the travel, the reported move is within 5 % of the
+/// sum of the extremes that a scan along each axis finds.
 #[test]
 fn the_largest_move_is_that_of_a_dense_scan() {
     let flat = model(&machine());

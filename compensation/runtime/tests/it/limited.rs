@@ -1,5 +1,5 @@
-//! Errors are evaluated at the actual position of the axes, not at that of an unlimited correction. The correction of a rotary axis that
-//! stops correcting ramps out together with the linear axes that compensate it.
+//! Errors are evaluated at the position that the axes actually reach, which the limits determine. The correction of a
+//! rotary axis that stops correcting ramps out together with the linear axes that compensate it.
 
 use std::time::Duration;
 

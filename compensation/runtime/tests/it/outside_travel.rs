@@ -1,4 +1,4 @@
-//! Positions that cannot be those of the machine: too far outside the travel, or unreachable from the previous one.
+//! Implausible positions: too far outside the travel, or unreachable from the previous position.
 
 use volcomp_model::Machine;
 use volcomp_runtime::{

@@ -76,7 +76,7 @@ errors = { EXX = { mean = { poly = [0.0] }, reversal = 20.0 } }
     let cycle = ways.cycle(model.clone(), &guard(slew_before), vec![path]);
     let mut cycle = cycle.expect("one path");
     let step = |cycle: &mut Cycle, request| ways.step(cycle, request);
-    // Three readings, which may be a read-back delay apart.
+    // Arming needs readings that are a read-back delay apart.
     for _ in 0..40 {
         step(&mut cycle, None);
     }

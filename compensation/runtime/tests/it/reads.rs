@@ -126,7 +126,7 @@ fn positions_of_a_silent_reader_expire() {
     assert_eq!(report.state.name(), "holding", "{:?}", report.reasons);
     assert!(report.reasons.contains(Reasons::POSITIONS_STALE));
     let report = moving.run(400);
-    // After `zero_after` and a ramp.
+    // The correction is zero after `zero_after` and a ramp.
     assert_eq!(report.correction, PerAxis::ZERO);
     assert!(report.reasons.contains(Reasons::POSITIONS_LOST));
     reader.set_silent(false);

@@ -136,7 +136,7 @@ fn effects_are_those_of_the_model_and_the_rank_that_of_singular_values() {
     }
 }
 
-/// Checks that no null combination moves the tool at any pose, and that they are linearly independent.
+/// Checks that no null combination moves the tool at any pose, and that the null combinations are linearly independent.
 fn vanish(found: &Sensitivity, errors: &[ErrorTerm], matrix: &DMatrix<f64>) {
     let mut null = DMatrix::zeros(errors.len(), found.indistinguishable.len());
     for (column, combination) in found.indistinguishable.iter().enumerate() {

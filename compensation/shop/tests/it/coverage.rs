@@ -349,8 +349,8 @@ poses = 24
 ";
 
 /// 95 % bands cover the true values of unknowns that are identified together with measured lines. Their uncertainties
-/// include the noise of the lines, the laser scale and the squares. With those of the observations alone, coverage
-/// would be 40 to 77 %.
+/// include the noise of the lines, the laser scale and the squares. With the uncertainties of the observations alone,
+/// coverage would be 40 to 77 %.
 #[test]
 fn bands_of_unknowns_beside_lines_hold_the_truth() {
     unknowns_beside_lines(5, 60);

@@ -48,7 +48,8 @@ fn error_of_z(z: f64) -> M {
     product(&shift([0.0, 0.0, LENGTH_UM * 1e-3 * share]), &tilt)
 }
 
-/// Reading with Z on the tool side, carried by B, carried by Y: excess motion of a point on the carriage along Z, µm.
+/// Reading with Z on the tool side, carried by B, which Y carries: excess motion of a point on the carriage along Z,
+/// µm.
 fn reading_on_the_tool_um(z: f64) -> f64 {
     let held = product(&shift([0.0, HELD[1], 0.0]), &about_y(HELD[0].to_radians(), POINT_B));
     let back = product(&about_y(-HELD[0].to_radians(), POINT_B), &shift([0.0, -HELD[1], 0.0]));

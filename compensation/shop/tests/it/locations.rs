@@ -73,8 +73,8 @@ fn the_noise_is_what_the_file_states() {
     assert!((deviation / 2.5 - 1.0).abs() < 0.12, "{deviation}");
 }
 
-/// A line of a rotary axis contains the effect of its location errors. If these are measured directly, the calibration subtracts it: less
-/// than 0.5 µm remain.
+/// A line of a rotary axis contains the effect of its location errors. If these are measured directly, the calibration
+/// subtracts their effect: less than 0.5 µm remain.
 #[test]
 fn lines_of_the_axis_are_freed_of_it() {
     let folder = tempfile::tempdir().expect("a folder");

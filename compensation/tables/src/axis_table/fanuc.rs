@@ -97,7 +97,7 @@ fn record(here: FilePosition<'_>, text: &str, found: &mut Records) -> Result<(),
                 let steps = whole(size).ok_or_else(wrong)?;
                 found.data.insert(parameter - DATA, steps);
             }
-            // Other parameters are skipped, because the files contain all parameters.
+            // Other parameters are skipped, because a file contains all parameters of the control.
             _ => {}
         }
         rest = behind;

@@ -174,7 +174,7 @@ enum ControlModel {
     Firmware(Firmware, LinearSettings),
 }
 
-/// What is loaded into the control.
+/// Data loaded into the control.
 #[derive(Clone, Copy)]
 enum Given<'a> {
     Tables(Format, &'a WriteOptions),
@@ -193,9 +193,10 @@ struct Comparison<'a> {
     likely: Vec<State>,
 }
 
-/// Compares the correction by tables of this format, as written to files, with the model, for all errors together and for each category
-/// alone. The poses are spread over the travel of all axes; additional ones are, along each axis, midpoints between table positions and nodes of
-/// the machine's curves. Each is evaluated with positive and with negative approach of all axes.
+/// Compares the correction by tables of this format, as written to files, with the model, for all errors together and
+/// for each category alone. The poses are spread over the travel of all axes; additional ones are, along each axis,
+/// midpoints between table positions and nodes of the machine's curves. Each pose is evaluated with positive and with
+/// negative approach of all axes.
 ///
 /// # Errors
 /// Same as [`sampled`], [`write`](super::write) and [`read`](super::read).

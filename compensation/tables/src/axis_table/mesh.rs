@@ -11,9 +11,10 @@ use super::{
 
 /// Reads a mesh as the straightness curves `EZX` and `EZY`.
 ///
-/// The first row is `mm` and the positions of X; each further row is a position of Y and the heights there, all in mm. A height is the Z at which
-/// the tool touches a plane: where it is high, the tool is low, so the errors have the opposite sign. `EZX` and `EZY` are the least-squares
-/// fit of f(x) + g(y) to the heights minus their mean; a warning states the residual.
+/// The first row is `mm` and the positions of X; each further row is a position of Y and the heights there, all in mm.
+/// A height is the Z at which the tool touches a plane: where Z is high, the tool is low, so the errors have the
+/// opposite sign. `EZX` and `EZY` are the least-squares fit of f(x) + g(y) to the heights minus their mean; a warning
+/// states the residual.
 ///
 /// # Errors
 /// A row that is not of this form, positions that do not increase, implausible heights.

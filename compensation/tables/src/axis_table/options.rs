@@ -56,8 +56,8 @@ impl AxisNumbers {
     }
 }
 
-/// Name of the facts file, which accompanies table files without comments. It contains the format, so that it shows which tables it
-/// describes.
+/// Name of the facts file, which accompanies table files without comments. The name contains the format, which
+/// identifies the tables that the file describes.
 pub fn facts_file(format: Format) -> String {
     format!("{FACTS_STEM}-{format}.txt")
 }

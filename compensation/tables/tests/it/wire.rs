@@ -276,7 +276,7 @@ fn run(seed: u64, bad: Badness, scans: usize) -> Result<usize, TestCaseError> {
                 );
             }
         }
-        // They are zero within the computed number of scans after the last accepted frame.
+        // The corrections are zero within the computed number of scans after the last accepted frame.
         if silent > settings.zero_within_scans() {
             prop_assert_eq!(report.of.applied, Counts::default());
         }

@@ -41,7 +41,7 @@ proptest! {
         let at = at.index(image.len());
         prop_assume!(image[at] != to);
         image[at] = to;
-        // 0 and 65535 have the same checksum, so such a change is not detected: one part of a step.
+        // 0 and 65535 have the same checksum, so this change, by one part of a step, is not detected.
         let found = Map::from_image(&image, machine);
         let same_weight = found.as_ref().is_ok_and(|found| {
             let pairs = found.words().iter().zip(map.words());

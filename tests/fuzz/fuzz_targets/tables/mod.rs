@@ -3,7 +3,8 @@
 use volcomp_tables::axis_table::{AxisNumbers, Format, ReadOptions, TextFile, WriteOptions, curves, read, to_toml, write};
 use volcomp_tables::vocabulary::AxisName::{A, C, X, Y, Z};
 
-/// No panic on any bytes, nor on what was read: as curves, and as a table that is written and read again.
+/// Checks that no step panics: reading any bytes, converting an accepted table to curves, writing it and reading it
+/// again.
 pub fn keeps(format: Format, bytes: &[u8]) {
     let Ok(text) = core::str::from_utf8(bytes) else {
         return;
@@ -18,7 +19,7 @@ pub fn keeps(format: Format, bytes: &[u8]) {
     if let Ok(curves) = curves(&found.content) {
         let _ = to_toml(&curves);
     }
-    // The writer may reject a control's table: points that coincide after rounding, both encoders.
+    // The writer may reject a table that was read: one with points that coincide after rounding, or with both encoders.
     let written = write(format, &found.content, &WriteOptions { axes, ..WriteOptions::default() });
     if let Ok(written) = written {
         let _ = read(format, &written.files, &options);

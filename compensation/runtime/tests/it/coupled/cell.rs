@@ -109,8 +109,9 @@ impl Cell {
         (actual.transform_point(&tip) - chain.ideal_pose(state).transform_point(&tip)).norm()
     }
 
-    /// Difference of the machine's error, mm, between two corrections: that at which the model was evaluated, and that after a cycle in which the
-    /// machine moved and a limit, slew or acceleration changed it.
+    /// Difference, mm, between the machine's errors at two corrections: the correction at which the model was
+    /// evaluated, and the correction after a cycle in which the machine moved and a limit, slew or acceleration changed
+    /// the correction.
     pub(crate) fn differs(&self, state: &State, [one, other]: [&PerChannel<f64>; 2]) -> f64 {
         let chain = self.machine.chain();
         let tip = chain.tool_tip_mm();
@@ -126,8 +127,8 @@ impl Cell {
         (one - other).norm()
     }
 
-    /// Maximum effect of rounding the output, mm: 0.6 step of each linear axis in the worst direction, and half a rotary step times its
-    /// lever. Beyond a lowered limit, up to one step towards zero.
+    /// Maximum effect of rounding the output, mm: 0.6 step of each linear axis in the worst direction, and half a
+    /// rotary step times its lever. An axis beyond a lowered limit may be rounded by up to one step towards zero.
     pub(crate) fn rounding(&self, state: &State, vector: &Vector, limits: &Limits) -> f64 {
         let chain = self.machine.chain();
         let mut sums = vec![Vector3::zeros()];

@@ -1,6 +1,7 @@
-//! Tests of the rule for coupled axes: however a correction is limited, ramped or rounded, the tool error is at most that without correction or
-//! at the start of the ramp, plus rounding. The exact chain checks it, for every type of machine with oblique axes, random poses and limits.
-//! `COUPLED_POSES` is the number of poses of each type.
+//! Tests of the rule for coupled axes: however a correction is limited, ramped or rounded, the tool error is at most
+//! the error without correction or the error at the start of the ramp, plus rounding. The exact chain checks this for
+//! every type of machine, with oblique axes, random poses and limits. `COUPLED_POSES` is the number of poses of each
+//! type.
 
 mod cell;
 mod ramps;

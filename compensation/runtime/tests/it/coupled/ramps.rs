@@ -8,7 +8,7 @@ use volcomp_vocabulary::{AxisKind, MAX_AXES, PerAxis, PerChannel};
 
 use super::{cell::Cell, over_all_types, scene::Scene};
 
-/// Within 1e-12, for every type of machine and any correcting axes.
+/// The parts and the whole correction agree within 1e-12 (mm, rad), for every type of machine and any correcting axes.
 #[test]
 fn the_parts_add_up_to_the_correction() {
     let mut rng = ChaCha8Rng::seed_from_u64(9);
@@ -118,8 +118,8 @@ fn arrives_at_the_whole_correction() {
         for (i, axis) in scene.limits.axes.iter().enumerate().take(scene.limits.count) {
             let close = 0.6001 * axis.resolution;
             match axis.kind {
-                // Near a singular pose the request depends on the rounding of the axis positions: the word is that for the actual
-                // position, within a step of that for the unrounded one.
+                // Near a singular pose the request depends on the rounding of the axis positions. The word follows from
+                // the actual position, and is within a step of the request at the unrounded position.
                 AxisKind::Rotary => {
                     assert!((words[i] - there.rotary[i]).abs() <= close);
                     assert!((words[i] - full[i]).abs() <= axis.resolution);

@@ -1,4 +1,4 @@
-//! Near a singular pose, and output steps of rotary axes.
+//! Tests near a singular pose, and tests of the output steps of rotary axes.
 
 use std::fmt::Write;
 

@@ -38,7 +38,7 @@ enum Keeps {
     /// The mean of positioning tables, both directions of others.
     CrossDirections,
     OwnAlone,
-    /// Deviations relative to that at 0.
+    /// Deviations relative to the deviation at 0.
     OwnFromZero,
 }
 
