@@ -34,7 +34,7 @@ pub(crate) struct Codes {
     pub(crate) polar: Option<Code>,
     /// Motion in machine coordinates (G53).
     pub(crate) in_machine: bool,
-    /// The program ends here (M2, M30), or continues in another one (M98, M99).
+    /// The program ends here (M2, M30).
     pub(crate) ends: bool,
     pub(crate) calls: Option<Code>,
     /// M70 to M73, which save and restore modal state, and M96, M97 and M198, which jump elsewhere.

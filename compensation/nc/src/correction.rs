@@ -372,7 +372,8 @@ impl Bounds {
             .then(|| BoundViolation::ToolBeyondLimit { found, limit: limit.of(AxisKind::Linear) })
     }
 
-    /// True if an axis is so close to an end of travel that a permitted correction may leave the travel.
+    /// True if a linear axis is so close to an end of travel that a permitted correction may leave the travel; false
+    /// for a rotary axis.
     pub(crate) fn is_near_end(&self, axis: usize, at: f64) -> bool {
         let near = |end: &f64| (at - end).abs() <= NEAR_MM;
         !is_rotary(axis) && self.travels[axis].iter().any(near)

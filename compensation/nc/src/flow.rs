@@ -309,7 +309,8 @@ impl Flow {
         self.partner.get(&line).copied().unwrap_or(line)
     }
 
-    /// Line of the start of a subroutine called in this file: defined in the same file, in the program, or in its own file; `None` if it is in none.
+    /// Line of the start of a subroutine that a file calls. The subroutine is defined in this file, in the program, or
+    /// in its own file; `None` if it is in none of them.
     pub(crate) fn sub(&self, name: &str, file: usize) -> Option<usize> {
         let own = (self.files.iter()).filter(|(_, path, _)| is_file_of(path, name));
         let files = [file, 0].into_iter().chain(own.map(|(file, ..)| *file));
@@ -476,7 +477,7 @@ impl Loops {
         }
     }
 
-    /// Skips the lines after `line`; a `break` of this loop among them still takes effect.
+    /// Skips the lines after `line`; a `break` of this loop among the skipped lines becomes pending.
     fn passes_breaks(&mut self, flow: &Flow, begin: usize, line: usize) {
         if let Some(passed) = flow.break_behind(begin, line) {
             self.breaks = Some(passed);

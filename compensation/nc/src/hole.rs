@@ -194,7 +194,8 @@ impl Rewriter {
         let [of_bottom, of_clearance] = self.carried_by_cycle;
         let (zero, carried_at_zero) =
             if counts_from_r { (initial, at_initial) } else { (0.0, 0.0) };
-        // If the tool is not above R, LinuxCNC first lifts it to the G98 plane, which therefore must not be above the corrected R.
+        // A tool that is not above R is first lifted to the G98 plane by LinuxCNC, so the corrected R must not be below
+        // the tool.
         let stands = before[depth] + carried[depth] - clearance;
         let lifts = self.interpreter.modal.comes_back && clearance >= before[depth];
         let at_clearance = if lifts { at_clearance.max(stands) } else { at_clearance };

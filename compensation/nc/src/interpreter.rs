@@ -471,8 +471,9 @@ impl Interpreter {
         Ok(())
     }
 
-    /// Updates the state if the tool length changes while tool centre point control is active. With rotary axes away from zero, controls differ in
-    /// the new X, Y and Z, so these are unknown until the program names them.
+    /// Updates the state if the tool length changes while tool centre point control is active. If a rotary axis may be
+    /// away from zero, controls differ in the new X, Y and Z, so the positions of X, Y and Z are unknown until the
+    /// program names them.
     fn has_other_centre_point(&mut self) {
         let is_off = |axis: usize| {
             self.machine_has(axis) && !(self.known[axis] && self.position[axis] == 0.0)
@@ -848,7 +849,7 @@ impl Interpreter {
         Ok(())
     }
 
-    /// Marks the positions of the axes as unknown after a motion that the operator may skip.
+    /// Marks the positions of the axes that a motion moves as unknown, because the operator may skip the motion.
     pub(crate) fn forget_skipped_motion(&mut self, motion: &Move) {
         let takes_along = self.frame.tip.is_some();
         for axis in 0..9 {

@@ -751,7 +751,8 @@ impl Interpreter {
         Ok([distance, angle])
     }
 
-    /// Updates which positions are known after a polar motion. They are known if both words are absolute.
+    /// Updates which positions are known after a polar motion: X and Y are known if both words are absolute, or under
+    /// G16.
     fn finish_polar(&mut self, given: &BlockWords<'_>) -> Result<(), NcError> {
         let is_place =
             |of: usize| given.polar_word(of).is_some_and(|word| !self.is_way(Some(word)));

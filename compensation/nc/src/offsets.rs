@@ -204,7 +204,7 @@ impl Interpreter {
 
     fn set_table(&mut self, given: &BlockWords<'_>, outcome: &mut Outcome) -> Result<(), NcError> {
         let (kind, place) = (given.whole(b'L')?, given.whole(b'P')?);
-        // On these controls L20 sets one of the numbered offsets; other L values set tables of the control.
+        // On FANUC-like controls L20 sets one of the numbered offsets, and L1 and L10 to L13 set tables of tools.
         let control = self.control.filter(|control| control.is_fanuc_like());
         let has_own = control.is_some();
         match kind {
@@ -296,7 +296,7 @@ impl Interpreter {
         given: &BlockWords<'_>,
         outcome: &mut Outcome,
     ) -> Result<(), NcError> {
-        // The intermediate point is not corrected, but it must be known.
+        // The intermediate point is not corrected, but its coordinates must be known.
         for axis in 0..9 {
             given.axis(axis)?;
         }

@@ -40,7 +40,7 @@ pub struct Counts {
     pub motions: u64,
     /// Number of lines in which a coordinate or another value changed.
     pub changed: u64,
-    /// Lines added for split motions.
+    /// Number of lines added to the program.
     pub added: u64,
 }
 
@@ -68,7 +68,7 @@ pub(crate) struct Rewriter {
     pub(crate) carried_by_cycle: [f64; 2],
     /// Correction along the depth axis at the start of the first hole of a row, mm.
     pub(crate) carried_at_initial: Option<f64>,
-    /// Corrections contained in the positions of G28 and G30.
+    /// Corrections contained in the positions of G28 and G30, machine coordinates, mm and deg.
     carried_at_home: [Axes; 2],
     pub(crate) contour: Contour,
     /// Cutter radius compensation was switched, and no motion in the plane has followed yet.
@@ -536,8 +536,9 @@ impl Rewriter {
         moves(first) || moves(second)
     }
 
-    /// Axes that keep their current correction. During cutter radius compensation the control treats any motion in the plane, even of a few
-    /// µm, as a contour element, and moves the tool around its corner. So a motion without travel in the plane gets no correction there.
+    /// Axes that keep their current correction. During cutter radius compensation the control treats any motion in the
+    /// plane, even of a few µm, as a contour element, and moves the tool around its corner. So a motion without travel
+    /// in the plane gets no correction in the plane.
     pub(crate) fn keeps_in_plane(&self, motion: &Move) -> Axes<bool> {
         let compensates = self.switches_radius || self.interpreter.modal.radius.is_some();
         if !compensates || self.moves_in_plane(motion) {

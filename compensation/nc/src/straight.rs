@@ -122,7 +122,7 @@ impl AxisWay {
         let half = half_step(self.numerals.decimals);
         let carried_by = |value: f64| base + value * scale - self.to;
         let Some(written) = self.written else {
-            // The axis stays in place with its current correction.
+            // Without a word the axis stays in place with its current correction.
             let needed = (self.to + self.delta) - (self.from + self.carried);
             if !may_be_added || (needed / scale).abs() < half {
                 return (None, self.carried + self.from - self.to);
@@ -931,7 +931,8 @@ fn is_stop(code: f64) -> bool {
     [0.0, 1.0, 2.0, 30.0, 60.0].contains(&code)
 }
 
-/// True if an M code stops the spindle or the coolant: after the motion of its block on FANUC and Haas controls, before it on LinuxCNC.
+/// True if an M code stops or orients the spindle, or stops the coolant: after the motion of its block on FANUC and
+/// Haas controls, before it on LinuxCNC.
 fn is_switched_off(code: f64) -> bool {
     [5.0, 9.0, 19.0].contains(&code)
 }

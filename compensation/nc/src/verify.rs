@@ -673,7 +673,7 @@ pub(crate) fn place_of(made: &ExecutedMotion, share: f64) -> Axes {
     }
 }
 
-/// Positions between two fractions of a motion that include every turning point; the last one is at
+/// Positions between two fractions of a motion, so close together that no axis reversal is missed; the last one is at
 /// the end.
 pub(crate) fn places<'a>(
     truth: &Corrector,

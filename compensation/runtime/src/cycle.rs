@@ -478,8 +478,9 @@ impl Cycle {
         }
     }
 
-    /// Combines the machine position for the path at `index`: for each axis its own position, else that of a read-only controller, else a fresh
-    /// position of another path, else the configured fixed position.
+    /// Combines the machine position for the path at `index`. For each axis it takes the position that the path itself
+    /// reports, else that of a read-only controller, else a fresh position of another path, else the configured fixed
+    /// position.
     fn machine_position(&self, index: usize, now: Duration) -> MachinePosition {
         let path = &self.paths[index];
         let mut place = MachinePosition::default();

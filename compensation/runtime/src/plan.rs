@@ -17,7 +17,8 @@ use crate::{
     settings::{AxisSettings, BarrierSettings, GuardSettings, PathSettings},
 };
 
-/// Minimum test shift, in steps of the position and of the correction; a smaller shift proves nothing.
+/// Minimum test shift, in steps: the larger of the position step and the correction step. A smaller shift proves
+/// nothing.
 pub const SHIFT_STEPS: f64 = 4.0;
 
 /// Rate, per second, at which a remaining correction on a rotary axis that neither corrects nor has limits returns to zero.

@@ -150,8 +150,8 @@ impl Pulse {
 }
 
 impl Handle {
-    /// Sends an order. A request expires after a second; a request to arm is also dropped if disarming is ordered meanwhile. Returns
-    /// `false`, and drops the order, if the queue is full or the thread has ended.
+    /// Sends an order. A request expires after a second; a request to arm is also dropped if disarming is ordered
+    /// meanwhile. Returns `false`, and drops the order, if the queue is full.
     #[must_use = "report a rejected order to its sender"]
     pub fn send(&mut self, order: Order) -> bool {
         let disarms = self.shared.disarms.load(Ordering::Relaxed);
@@ -470,7 +470,7 @@ impl Control {
                 Order::Model(mut replacement) => {
                     match self.cycle.swap_model(&mut replacement) {
                         Ok(()) => input.request = Some(Request::Switched),
-                        // If the queue is full, 63 other refusals are unread.
+                        // If the queue is full, 64 other refusals are unread.
                         Err(refusal) => drop(self.refusals.push(refusal)),
                     }
                     // The loop has checked that there is room.
@@ -547,7 +547,7 @@ static COEFFICIENTS: [f64; DEGREE + 1] = {
     let mut coefficients = [0.0; DEGREE + 1];
     let mut power = 0;
     while power <= DEGREE {
-        // Below 512, so the conversion is exact.
+        // At most 512, so the conversion is exact.
         coefficients[power] = 1.0 / (power + 1) as f64;
         power += 1;
     }

@@ -235,7 +235,8 @@ impl Comparison {
         if differs <= 0.5 * self.size { 1.0 } else { (2.0 * (1.0 - differs / self.size)).max(0.0) }
     }
 
-    /// Whether the distance is at most the share `part` of the correction plus two steps. Above a share of 0.5 the correction is reduced.
+    /// Whether the distance is at most `part` times the sum of the correction and two steps. Above 0.5 times the
+    /// correction, the correction is reduced.
     fn is_within(&self, part: f64) -> bool {
         self.differs <= part * (self.size + 2.0 * self.step)
     }
