@@ -19,7 +19,8 @@ pub type Place = [f64; 3];
 pub struct Limits {
     /// Command resolution, mm; 0: continuous.
     pub step_mm: f64,
-    /// Maximum deviation of the actual motion from the path, mm: refinement stops once it is met.
+    /// Deviation of the actual motion from the path, mm, at which the refinement of continuous commands stops; not used
+    /// if `step_mm` is above 0.
     pub tolerance_mm: f64,
     /// Maximum change of an axis correction between neighbouring stations, mm.
     pub most_change_mm: f64,

@@ -412,7 +412,8 @@ fn command(block: &mut Block, name: &str, column: Column) -> Result<bool, Fault>
     Ok(true)
 }
 
-/// Command name at the start of a text, in upper case: at least two letters or underscores.
+/// Command name at the start of a text, in upper case; its first two characters are letters or underscores. Empty if
+/// the text begins with no such name.
 fn name_at(text: &[u8]) -> String {
     let of_name = |byte: &&u8| byte.is_ascii_alphanumeric() || **byte == b'_';
     let name: String = (text.iter().take_while(of_name))

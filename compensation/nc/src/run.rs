@@ -1,5 +1,5 @@
-//! Executes a program with O-words, line by line in execution order. If the same line needs different corrections at different times, the
-//! calls or loops that contain it are unrolled.
+//! Executes a program with O-words, line by line in execution order. If the same line needs different corrections at
+//! different times, the call, loop or `if` block that contains it is unrolled.
 
 use std::io::Write;
 
@@ -53,7 +53,7 @@ pub(crate) fn run(
         recorded.write(output)?;
         return Ok((after, ends));
     }
-    // Last run: unroll the calls and loops that execute a line with a conflict.
+    // Last run: unroll the calls, loops and `if` blocks that execute a line with a conflict.
     let mut unrolled = Run::new(before, lines, &flow, most);
     unrolled.rewriter.computed = ComputedValues::AllAsNumbers;
     unrolled.loops.some_are_written_out = true;
@@ -405,16 +405,16 @@ impl LineSink for Replacements<'_, '_> {
     }
 }
 
-/// Writes the program. The output of a call or loop of the main program is buffered to its end. It is unrolled if a
-/// line needs different text in different executions, or if a line of another file would change; otherwise it is
-/// copied.
+/// Writes the program. The output of a call, a loop or an `if` block of the main program is buffered to its end. It is
+/// unrolled if a line needs different text in different executions, or if a line of another file would change;
+/// otherwise it is copied.
 struct UnrollingWriter<'a, W> {
     lines: &'a Listing<'a>,
     flow: &'a Flow,
     recorded: &'a Replacements<'a, 'a>,
     output: &'a mut W,
     next: usize,
-    /// First and last line of the call or loop being executed.
+    /// First and last line of the call, loop or `if` block being executed.
     open: Option<[usize; 2]>,
     pending: Vec<u8>,
     conflicts: bool,
@@ -450,7 +450,7 @@ impl<'a, W: Write> UnrollingWriter<'a, W> {
         Ok(())
     }
 
-    /// Ends a call or loop: copies it, or writes it unrolled after its original lines as comments.
+    /// Ends a call, a loop or an `if` block: copies it, or writes it unrolled after its original lines as comments.
     fn close(&mut self) -> Result<(), NcError> {
         let Some([begin, end]) = self.open.take() else {
             return Ok(());

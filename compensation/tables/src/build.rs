@@ -111,7 +111,7 @@ pub enum TablesError {
          the control reports positions within the travel only"
     )]
     RollsOver { axis: AxisName, lower: f64, upper: f64 },
-    /// A step or bound is not a positive number, or not a multiple of one millionth.
+    /// A step, bound, limit or travel is out of its range, or a step is not a multiple of one millionth.
     #[error("{what} is {found}, expected {expected}")]
     Number { what: String, found: f64, expected: &'static str },
     #[error("the correction of {axis} is {found_um:.1} µm {at}, expected at most {limit_um} µm")]
@@ -342,7 +342,8 @@ impl ScaledRequest {
         roundings * steps.sum::<f64>().sqrt() / f64::from(self.scale)
     }
 
-    /// Stores the mean over the work space of half the reversal value of each axis. Returns the sum over all axes of the largest deviation from it, mm.
+    /// Stores half the reversal value of each axis: the middle of its range over the work space. Returns the sum over
+    /// all axes of the largest deviation from this middle, mm.
     fn store_reversals(&mut self, field: &impl Field) -> f64 {
         if !field.is_bidirectional() {
             return 0.0;

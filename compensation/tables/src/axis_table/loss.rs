@@ -195,8 +195,8 @@ struct Comparison<'a> {
 
 /// Compares the correction by tables of this format, as written to files, with the model, for all errors together and
 /// for each category alone. The poses are spread over the travel of all axes; additional ones are, along each axis,
-/// midpoints between table positions and nodes of the machine's curves. Each pose is evaluated with positive and with
-/// negative approach of all axes.
+/// midpoints between table positions and nodes of the machine's curves. All errors together and the reversal are
+/// evaluated with positive and with negative approach of all axes, the other categories with the mean of both.
 ///
 /// # Errors
 /// Same as [`sampled`], [`write`](super::write) and [`read`](super::read).
