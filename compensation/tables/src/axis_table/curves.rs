@@ -32,7 +32,7 @@ pub(crate) fn own_component(axis: AxisName) -> Component {
     }
 }
 
-/// Error motion that a table describes: positioning if input and output are the same axis, otherwise straightness.
+/// Error motion of the input axis that a table describes: its component along or about the output axis.
 fn name_of(table: &AxisTable) -> ErrorName {
     ErrorName::motion(own_component(table.output), table.input)
 }
@@ -40,7 +40,7 @@ fn name_of(table: &AxisTable) -> ErrorName {
 /// Converts tables to curves of a machine file.
 ///
 /// # Errors
-/// Two tables describe the same error.
+/// Two tables describe the same error, or a table is not a valid curve.
 pub fn curves(content: &Content) -> Result<Curves, ExchangeError> {
     let found = match content {
         Content::Axes(tables) => {

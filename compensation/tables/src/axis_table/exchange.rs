@@ -16,8 +16,9 @@ use super::{
 };
 
 impl Format {
-    /// Detects the format of files from their names and first lines; `None` if it is ambiguous, as for LinuxCNC, whose files do not contain
-    /// their type.
+    /// Detects the format from the header that volcomp wrote into the facts files if they agree, otherwise from the
+    /// text of the tables. `None` if the text is ambiguous, as for LinuxCNC, whose table files do not contain their
+    /// type.
     pub fn of_files(files: &[TextFile]) -> Option<Self> {
         let (facts, tables): (Vec<_>, Vec<_>) =
             (files.iter()).partition(|file| is_facts_file(file.base()));

@@ -246,8 +246,8 @@ struct Points {
     last: u32,
     interval: f64,
     turn: f64,
-    /// Number of the first point for negative motion, and the deviation at the reference position after negative motion, in detection units;
-    /// `None`: both directions share their points.
+    /// Number of the first point for negative motion, and the value at the reference position after negative motion:
+    /// forward deviation − backward deviation, in detection units. `None`: both directions share their points.
     negative: Option<(u32, i64)>,
 }
 

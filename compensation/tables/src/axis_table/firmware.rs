@@ -124,7 +124,7 @@ pub struct LinearSettings {
 /// The part may remain rotated as a whole, because such firmware keeps the direction of X and the plane of X and Y.
 ///
 /// # Errors
-/// Same as [`sampled`]; a deviation of more than a tenth of the travel.
+/// Same as [`sampled`]; a step factor that differs from 1 by more than 0.1.
 pub fn linear_settings(
     machine: &Machine,
     temperatures: &Temperatures,
@@ -162,8 +162,9 @@ fn slope(table: &AxisTable) -> f64 {
     over / under
 }
 
-/// Splits the matrix C from commands to corrected commands into C = D·S·Qᵀ: steps D, skew S and a rotation Q of the part. K = D·S is the upper
-/// triangular root of C·Cᵀ, in which Q cancels. `None` if there is no such root.
+/// Splits the matrix C from commands to corrected commands into C = D·S·Qᵀ: steps D, skew S and a rotation Q of the
+/// part. K = D·S is the upper triangular root of C·Cᵀ, in which Q cancels. `None` if there is no such root, or if a
+/// step factor is implausible.
 fn of_matrix(c: &[[f64; 3]; 3]) -> Option<LinearSettings> {
     let dot = |a: usize, b: usize| (0..3).map(|at| c[a][at] * c[b][at]).sum::<f64>();
     let k33 = dot(2, 2).sqrt();

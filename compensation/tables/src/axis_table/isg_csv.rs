@@ -16,7 +16,7 @@ use super::{
 const MM: usize = 7;
 /// Number of decimals of angles, rad.
 const RAD: usize = 10;
-/// Number of decimals of positions.
+/// Number of decimals of positions in mm or deg.
 const POSITION: usize = 9;
 
 fn value(name: ErrorName, value: f64) -> String {

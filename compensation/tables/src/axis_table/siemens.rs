@@ -395,7 +395,8 @@ struct Points {
     modulo: bool,
 }
 
-/// First and last position and their spacing, mm or deg; index of the last point; whether the last position is a whole number of steps away.
+/// Positions of a table from `min` to `max`, mm or deg. `last` is the index of the last point; `is_whole` states
+/// whether `max` is a whole number of steps from `min`.
 struct Extent {
     min: f64,
     max: f64,
@@ -585,8 +586,8 @@ pub(crate) fn write(
     Ok(written)
 }
 
-/// Lines for MD32450 with the backlash of each axis that has a reversal value: mean of backward − forward. It is positive if the encoder leads the
-/// machine part, as in Siemens's description of MD32450.
+/// Lines for MD32450 with the backlash of each axis that has a reversal value: mean of backward − forward. The backlash
+/// is positive if the encoder leads the machine part, as in Siemens's description of MD32450.
 fn backlashes(own: &[&AxisTable], options: &WriteOptions) -> Result<Vec<String>, ExchangeError> {
     let mut lines = Vec::new();
     for table in own {

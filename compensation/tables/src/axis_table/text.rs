@@ -7,12 +7,10 @@ use volcomp_vocabulary::Displacement;
 use super::format::Format;
 use crate::TablesError;
 
-/// A text file with its name.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct TextFile {
     /// File name; without folders if it is to be written.
     pub name: String,
-    /// Text of the file.
     pub text: String,
 }
 
@@ -67,7 +65,6 @@ impl FilePosition<'_> {
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{file}{}: {text}", line.map_or_else(String::new, |line| format!(":{line}")))]
 pub struct Warning {
-    /// File name.
     pub file: String,
     /// Line, counted from 1; `None` for the whole file.
     pub line: Option<usize>,
@@ -119,7 +116,6 @@ pub(crate) fn whole(value: f64) -> Option<i64> {
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{file}{}: found {found}, expected {expected}", line.map_or_else(String::new, |line| format!(":{line}")))]
 pub struct LineError {
-    /// File name.
     pub file: String,
     /// Line, counted from 1; `None` for the whole file.
     pub line: Option<usize>,
@@ -159,7 +155,7 @@ pub enum ExchangeError {
     /// The format cannot represent the data.
     #[error("{format}: {what}: found {found}, expected {expected}")]
     NotRepresentable { format: Format, what: String, found: String, expected: String },
-    /// Tables cannot be converted to curves of a machine file.
+    /// Tables are missing or invalid, or cannot be converted to curves of a machine file.
     #[error("{0}")]
     NoCurves(String),
 }
