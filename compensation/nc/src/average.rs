@@ -74,8 +74,8 @@ const REACHED_MM: f64 = 1e-6;
 /// Minimum eigenvalue, relative to the largest, of a direction that counts as measured.
 const NOT_MEASURED: f64 = 1e-6;
 
-/// Offsets of X, Y and Z that compensate the mean error of the readings (least squares), mm, and the maximum and RMS of the readings without and with
-/// these offsets, µm. `None` for a machine with rotary axes.
+/// Offsets of X, Y and Z that compensate the mean error of the readings (least squares), mm, and the maximum and RMS of
+/// the readings, first with and then without these offsets, µm. `None` for a machine with rotary axes.
 fn mean_of(readings: &[Reading], corrector: &Corrector) -> Option<([f64; 3], [[f64; 2]; 2])> {
     let (mut normal, mut right) = (Matrix3::zeros(), Vector3::zeros());
     for reading in readings {
@@ -132,8 +132,8 @@ fn with_rotary_axes() -> NcError {
     )
 }
 
-/// Writes the program with lines (G10 L2) at its start that set its work offsets to those of the set-up plus the mean correction. Nothing
-/// else changes.
+/// Writes the program with lines (G10 L2, or G10 L20 for G54.1 P) at its start that set its work offsets to those of
+/// the set-up plus the mean correction. Nothing else changes.
 ///
 /// # Errors
 /// The program cannot be executed; the machine has rotary axes; the program sets work offsets itself or uses one that the set-up does not

@@ -158,7 +158,7 @@ impl Reader<'_, '_> {
         Err(column.not_followed("CYCL DEF 247", "expected the number of its preset, Q339"))
     }
 
-    /// True if the line ends with a tilde before its comment.
+    /// True if the line ends with a tilde, before or after its comment.
     fn has_tilde(&self) -> bool {
         let text = self.scanner.bytes();
         let before = text.split(|byte| *byte == b';').next().unwrap_or_default();
@@ -464,7 +464,8 @@ impl Reader<'_, '_> {
         Ok(false)
     }
 
-    /// Rejects arcs of more than a turn, and arcs whose angle contradicts their direction.
+    /// Rejects polar motions without their distance or angle, arcs of more than a turn, and arcs whose angle
+    /// contradicts their direction.
     fn turns(&mut self, kind: Kind, clockwise: Option<bool>) -> Result<(), Fault> {
         let column = self.column();
         let is_polar = |letter: u8| self.block.word(letter).is_some();
@@ -879,7 +880,7 @@ fn q_parameter(scanner: &mut Scanner<'_>) -> Option<Parameter> {
 /// Maximum block number; larger ones are rejected.
 const MOST_NUMBER: u64 = 1_000_000_000;
 
-/// Leading block number and its byte range; `None` above [`MOST_NUMBER`].
+/// Leading block number and its byte range; `None` without a number and above [`MOST_NUMBER`].
 pub(crate) fn block_number(text: &[u8]) -> Option<(Range<usize>, u64)> {
     let from = text.iter().position(|byte| !matches!(byte, b' ' | b'\t'))?;
     let digits = text[from..].iter().take_while(|byte| byte.is_ascii_digit());
@@ -900,7 +901,7 @@ pub(crate) fn write_block_number(before: &[u8], number: u64, out: &mut Vec<u8>) 
 }
 
 /// Numbers the lines from byte `begins` on consecutively, starting with `number`. The number of the program's own line,
-/// at byte `at`, is replaced; the added lines, which have no numbers yet, get one.
+/// which is at byte `at` of that line, is replaced; the added lines, which have no numbers yet, get one.
 pub(crate) fn renumber(out: &mut Vec<u8>, begins: usize, at: usize, number: u64) {
     let lines = out.split_off(begins);
     let lines = lines.split_inclusive(|byte| *byte == b'\n');

@@ -286,7 +286,8 @@ fn read_rest(
     Ok(text)
 }
 
-/// Number of lines up to the second percent sign, where reading ends; `None` without one.
+/// Number of lines up to the second percent sign of the program, where reading ends; `before` percent signs precede
+/// these lines. `None` if there is no second one.
 fn end_by_percent(lines: &[(&[u8], &[u8])], before: usize) -> Option<usize> {
     let is_percent = |(line, _): &(&[u8], &[u8])| line.trim_ascii_start().starts_with(b"%");
     let percents = lines.iter().enumerate().filter(|(_, line)| is_percent(line));
@@ -343,7 +344,7 @@ pub(crate) fn run_in_parallel<T>(
             runs.push(scope.spawn(move || {
                 let mut rewriter = rewriter?;
                 rewriter.motion_sender = Some(to);
-                // Mixed decimal notation was already checked when the program was compensated.
+                // Mixed decimal notation is rejected only when a program is compensated.
                 rewriter.interpreter.points.may_mix = true;
                 execute(&mut program, &mut io::sink(), rewriter, most_blocks, |_| Ok(()))
             }));

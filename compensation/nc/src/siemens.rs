@@ -160,7 +160,8 @@ impl Reader<'_, '_> {
         String::from_utf8_lossy(text.unwrap_or_default().trim_ascii()).into_owned()
     }
 
-    /// Skips a value that does not affect coordinates, after its address. It must be executed with the motion of its block.
+    /// Skips the value after an address that does not affect coordinates. The word is executed with the motion of its
+    /// block.
     fn other(&mut self, at: usize) -> Result<(), Fault> {
         self.skip_value()?;
         let text = self.scanner.at()..self.scanner.at();
@@ -753,7 +754,8 @@ fn identifier(scanner: &mut Scanner<'_>) -> Option<String> {
     Some(name.map(char::from).collect())
 }
 
-/// Skips brackets with their content if they are next, and returns true if they were. Strings in them may contain anything.
+/// Skips a pair of brackets with its content. Returns true if a complete pair was next. Strings in the content may
+/// contain brackets.
 fn passes_brackets(scanner: &mut Scanner<'_>, opens: u8, closes: u8) -> bool {
     if scanner.peek() != Some(opens) {
         return false;
@@ -836,7 +838,7 @@ fn g_code(code: u32) -> (u8, Meaning) {
         71 | 710 => (13, Meaning::Code(21.0)),
         90 | 91 => (14, Meaning::Code(f64::from(code))),
         93..=95 => (15, Meaning::Code(f64::from(code))),
-        // Constant surface speeds end G93. After G962 and G972 F is that of G94 or G95, which are alike here.
+        // G96, G961 and the like end G93. After G962 and G972, F is a feed of G94 or G95, which are treated alike.
         961 | 971 => (15, Meaning::Code(94.0)),
         96 | 97 | 962 | 972 | 973 => (15, Meaning::Code(95.0)),
         // Exact stops, path control, approach and corner behaviour.
@@ -904,7 +906,8 @@ fn meaning_of(name: &str) -> Meaning {
     }
 }
 
-/// True if the named cycle only moves along the tool axis and ends at its first argument; `None` if the name is not that of a cycle.
+/// True if the named cycle moves along the tool axis only and ends at its first argument. `None` if the name is not
+/// that of a cycle.
 pub(crate) fn only_drills(name: &str) -> Option<bool> {
     const DRILLING: &str =
         "CYCLE81 CYCLE82 CYCLE83 CYCLE84 CYCLE85 CYCLE86 CYCLE87 CYCLE88 CYCLE89 CYCLE840";
