@@ -1,4 +1,4 @@
-//! Arguments of Python as arrays of float64, without a copy where they are such arrays, and results as NumPy arrays.
+//! Converts Python arguments to arrays of float64, copied only if necessary, and results to NumPy arrays.
 
 use numpy::{
     IntoPyArray, PyArray, PyArray1, PyArrayDyn, PyArrayMethods, PyReadonlyArray1,

@@ -36,7 +36,7 @@ pub(crate) struct Machine {
     pub(crate) machine: volcomp_model::Machine,
 }
 
-/// Largest number of nodes of a map: their errors take 48 bytes each.
+/// Largest number of nodes of a map. The errors of one node take 48 bytes.
 const MOST_NODES: usize = 100_000_000;
 
 /// A form of the model: exact, htm, twist or compiled.

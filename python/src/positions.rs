@@ -218,12 +218,12 @@ pub(crate) struct Piece {
 }
 
 impl Positions<'_> {
-    /// The first positions of all pieces.
+    /// Index of the first position of each piece.
     pub(crate) fn starts(&self) -> impl Iterator<Item = usize> + use<> {
         (0..self.count).step_by(PIECE)
     }
 
-    /// The piece that begins with this position.
+    /// Piece that begins with the position of this index.
     pub(crate) fn piece(&self, start: usize) -> Result<Piece, Failure> {
         let count = self.count.saturating_sub(start).min(PIECE);
         let mut piece = Piece {
@@ -315,7 +315,7 @@ fn wrong(axis: AxisName, column: &Column<'_>, start: usize) -> Failure {
         "positions: axis {axis}{place}: found {found}, expected a finite number from -1e9 to 1e9 {unit}"
     ))
 }
-/// The direction from which each axis came, from a mapping axis → `"+"` or `"-"`.
+/// Direction of the last motion of each axis, from a mapping axis → `"+"` or `"-"`.
 pub(crate) fn approach(
     machine: &Machine,
     given: Option<&Bound<'_, PyDict>>,

@@ -146,9 +146,9 @@ impl Report {
     }
 }
 
-/// Standard uncertainty of a squareness, µrad: the value stated in the calibration file, otherwise
-/// the uncertainty of the lines and of the reference square. `None` if the angle is the sum of
-/// several location errors, because no single one has that uncertainty.
+/// Standard uncertainty of a squareness, µrad: the one stated for this location error in the calibration file,
+/// otherwise that of the lines and of the reference square. `None` if the file states this location error without an
+/// uncertainty, or if the angle is the sum of several location errors.
 fn of_square(file: &CalibrationFile, calibration: &Calibration, error: ErrorName) -> Option<f64> {
     let mut locations = file.locations.iter();
     if let Some(own) = locations.find(|of| of.error == error) {

@@ -98,7 +98,7 @@ impl Instrument {
         Ok(())
     }
 
-    /// Checks that the runs over `targets` targets do not exceed the maximum number of readings.
+    /// Checks that the runs over `targets` targets do not exceed the maximum number of readings in one direction.
     pub(crate) fn check_count(&self, targets: usize) -> Result<(), InstrumentError> {
         let (runs, most) = (self.runs, MAX_READINGS);
         if targets.saturating_mul(runs as usize) > most {

@@ -11,7 +11,8 @@ pub(crate) const MOST_POSES: usize = 100_000;
 /// Commanded poses, in order.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Plan {
-    /// Axes with coordinates in the plan. Other axes are at the coordinates of `at`; linear axes that the plan does not command move to the sphere.
+    /// Axes with coordinates in the plan. All other axes are at the coordinates of `at`, or at 0; if a plan for spheres
+    /// commands no linear axis, the free linear axes move to the sphere.
     pub axes: Vec<AxisName>,
     /// The poses in the order of the file.
     pub poses: Vec<PlannedPose>,

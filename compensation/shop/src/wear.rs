@@ -7,8 +7,8 @@ use volcomp_model::{
 };
 use volcomp_vocabulary::{AxisKind, AxisName, Component, ErrorName};
 
-/// Number of evenly spaced positions at which a worn curve is tabulated, in addition to the sampling coordinates of the previous curve,
-/// because these positions alone would alias the periodic error of a screw.
+/// Number of equal intervals of the travel at whose ends a worn curve is tabulated. The sampling coordinates of the
+/// previous curve are added, because the equal intervals alone would alias the periodic error of a screw.
 const NODES: u32 = 64;
 /// Maximum deflection of a guide by wear, µm per month at load 1, before a random factor for each error.
 const GUIDE_UM: f64 = 0.06;
