@@ -10,7 +10,7 @@ use crate::{
 
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Word {
-    /// Capital letter, or one of `@`, `^` and `$`.
+    /// Capital letter, one of `@`, `^` and `$`, or a pseudo-letter: `OTHER` or `LAST`.
     pub(crate) letter: u8,
     /// Byte offset of the letter in the line.
     pub(crate) at: usize,
@@ -92,7 +92,7 @@ pub(crate) struct Block {
     pub(crate) last_in_increments: Option<bool>,
     /// Byte range of the block-delete mark.
     pub(crate) skip: Range<usize>,
-    /// Byte offset for added words: after the last one.
+    /// Byte offset for added words: after the last word.
     pub(crate) end: usize,
 }
 

@@ -1,6 +1,7 @@
-//! An interpreter for the subset of Structured Text (IEC 61131-3) used by the shipped programs: DINT, INT and BOOL, zero-based arrays of them,
-//! assignments, IF, FOR, the usual operators and ABS. A value out of range, an index out of bounds, and a division by zero or of a negative number
-//! are errors, so a program that runs here does not depend on how a control handles them.
+//! An interpreter for the subset of Structured Text (IEC 61131-3) used by the shipped programs: DINT, INT and BOOL,
+//! zero-based arrays of them, assignments, IF, FOR, the usual operators and ABS. A value out of range, an index out of
+//! bounds, and a division by zero or with a negative operand are errors, so a program that runs here does not depend on
+//! how a control handles them.
 
 use std::{collections::HashMap, ops::RangeInclusive};
 

@@ -43,7 +43,8 @@ pub fn thinned(points: &[(f64, f64)], most: usize) -> Vec<(f64, f64)> {
     kept
 }
 
-/// Drops finite points of a path that are nearer than `least` to the previous kept point; points that begin a line, and the last point, are kept.
+/// Drops points of a path that are not finite, and points that are nearer than `least` to the previous kept point.
+/// Finite points that begin a line, and a finite last point, are kept.
 pub(super) fn spaced(
     points: &[([f64; 2], bool)],
     least: f64,
