@@ -137,12 +137,12 @@ fn other_motions(line: usize) -> NcError {
 const MAX_STORED_PLACES: usize = 20_000;
 
 /// Number of positions evaluated per `LENGTH_MM` of a line or an arc; its length is rounded up to a multiple of
-/// `LENGTH_MM`. Short lines have fewer ([`DENSEST_MM`]). The last position is at the end.
+/// `LENGTH_MM`. Short lines have fewer (`DENSEST_MM`). The last position is at the end.
 const PLACES: u32 = 8;
 
 const LENGTH_MM: f64 = 100.0;
 
-/// Distance of evaluated positions on a line too short for [`PLACES`] positions, mm. Over this distance errors are
+/// Distance of evaluated positions on a line too short for `PLACES` positions, mm. Over this distance errors are
 /// linear.
 const DENSEST_MM: f64 = 2.0;
 
