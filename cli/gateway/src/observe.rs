@@ -121,6 +121,7 @@ fn limits(guard: &GuardTable, report: &Report) -> CorrectionLimits {
         warn_um: guard.warn_um.filter(|warn| within(warn, Some(limit_um))),
         limit_urad,
         warn_urad: guard.warn_urad.filter(|warn| within(warn, limit_urad)),
+        range_degc: Some(guard.range_degc),
     }
 }
 

@@ -124,7 +124,7 @@ function errorSeries(points, kind, unit) {
 
 /** Lines at a limit and its warning, on both sides; the warning band lies beyond the warning. */
 function limitLines(limit, warn) {
-  const both = (value, tint, isBand) => (isNumber(value) ? [value, -value].map((one) => ({ value: one, colour: tint, isBand })) : []);
+  const both = (value, tint, isBand) => (isNumber(value) ? [{ value, colour: tint, isBand }, { value: -value, colour: tint, isBand, isLower: true }] : []);
   return [...both(warn, WARN, true), ...both(limit, LIMIT, !isNumber(warn))];
 }
 
@@ -185,7 +185,10 @@ function drawAll() {
   }
   const degc = byName(points, "temperatures_degc");
   element("degc-panel").hidden = degc.length === 0;
-  if (degc.length) drawChart("degc-panel", from, to, degc, { gap, events }, 2);
+  const [coldest, hottest] = limits.range_degc || [];
+  const valid = isNumber(hottest) ? [{ value: coldest, colour: LIMIT, isBand: true, isLower: true }, { value: hottest, colour: LIMIT, isBand: true }] : [];
+  const range = valid.length ? [[LIMIT, "valid", `${coldest} to ${hottest}`.replaceAll("-", "−")]] : [];
+  if (degc.length) drawChart("degc-panel", from, to, degc, { gap, events, limits: valid }, 2, range);
   // A ribbon without marks and one with marks have the same height.
   drawRibbon(element("states"), from, to, states, gap, events.length ? events : [{ at: -Infinity, mark: "", colour: "" }]);
 }

@@ -62,8 +62,8 @@ const timeScale = (width, from, to) => (at) => TIME_LEFT + (width - TIME_LEFT - 
 
 /**
  * Lines over time, from `from` to `to` (s since 1970), each {name, colour, points: [[s, value or null, lowest, highest]]}; between lowest
- * and highest, where given, lies a band. A gap of time is a gap. `limits` are {value, colour, isBand}: a line, shown where the values come
- * near it; with `isBand` all beyond it is tinted. `events` are {at, colour}. `low` is the lowest end of the scale.
+ * and highest, where given, lies a band. A gap of time is a gap. `limits` are {value, colour, isBand, isLower}: a line, shown where the values come
+ * near it; with `isBand` all beyond it is tinted, below a lower limit and above any other. `events` are {at, colour}. `low` is the lowest end of the scale.
  */
 function drawHistory(canvas, from, to, series, gap, { limits = [], events = [], low: least = Infinity } = {}) {
   const { context, width, height } = surface(canvas);
@@ -76,9 +76,10 @@ function drawHistory(canvas, from, to, series, gap, { limits = [], events = [], 
     return;
   }
   let [low, high] = [Math.min(least, ...values), Math.max(...values)];
-  for (const { value } of limits) {
-    if (value > 0 && high > 0.5 * value) high = Math.max(high, 1.02 * value);
-    if (value < 0 && low < 0.5 * value) low = Math.min(low, 1.02 * value);
+  for (const { value, isLower } of limits) {
+    const margin = 0.5 * Math.abs(value);
+    if (isLower && low < value + margin) low = Math.min(low, value - 0.04 * margin);
+    if (!isLower && high > value - margin) high = Math.max(high, value + 0.04 * margin);
   }
   const step = roundUp(Math.max(high - low, 0.4) / MOST_STEPS);
   [low, high] = [Math.floor(low / step) * step, Math.ceil(high / step) * step];
@@ -89,11 +90,11 @@ function drawHistory(canvas, from, to, series, gap, { limits = [], events = [], 
   context.beginPath();
   context.rect(TIME_LEFT, top, width - TIME_LEFT, bottom - top);
   context.clip();
-  for (const { value, colour, isBand } of limits) {
+  for (const { value, colour, isBand, isLower } of limits) {
     if (!isBand) continue;
     context.globalAlpha = 0.16;
     context.fillStyle = colour;
-    context.fillRect(TIME_LEFT, value > 0 ? top : y(value), width - TIME_LEFT, value > 0 ? y(value) - top : bottom - y(value));
+    context.fillRect(TIME_LEFT, isLower ? y(value) : top, width - TIME_LEFT, isLower ? bottom - y(value) : y(value) - top);
   }
   context.restore();
   context.strokeStyle = line;

@@ -192,6 +192,8 @@ pub struct CorrectionLimits {
     pub limit_urad: Option<f64>,
     /// Threshold of the warning of a rotary axis, µrad.
     pub warn_urad: Option<f64>,
+    /// Lowest and highest valid temperature, °C.
+    pub range_degc: Option<[f64; 2]>,
 }
 
 /// What a user can do to the built-in simulation.
