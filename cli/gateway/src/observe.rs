@@ -125,7 +125,8 @@ fn limits(guard: &GuardTable, report: &Report) -> CorrectionLimits {
     }
 }
 
-/// The reasons of the state; a rejected position is listed with its axis, a barrier that does not fit with its value.
+/// The reasons of the state; a rejected position is listed with its axis, a missing temperature with its sensor, a barrier that does not
+/// fit with its value.
 fn reasons(facts: &Facts<'_>, report: &Report) -> Vec<String> {
     let model = facts.model;
     let controller = facts.controllers.get(report.active);
@@ -149,12 +150,24 @@ fn reasons(facts: &Facts<'_>, report: &Report) -> Vec<String> {
         .map(|text| match Reasons::with_text(text) {
             Some(Reasons::OUTSIDE_TRAVEL) => with_places(text, report.outside_travel),
             Some(Reasons::JUMPED) => with_places(text, report.jumped),
+            Some(Reasons::DEGRADED) => with_sensors(text, facts, report),
             _ => match active {
                 Some((controller, path)) => reason_of_path(text, controller, path),
                 None => text.to_owned(),
             },
         })
         .collect()
+}
+
+/// The text of a reason with the sensors of the thermal terms that have no valid temperature.
+fn with_sensors(text: &str, facts: &Facts<'_>, report: &Report) -> String {
+    let is_missing = |name: &&str| {
+        let place = facts.sensors.iter().position(|sensor| sensor == name);
+        place.is_none_or(|place| report.sensors[place].degc.is_none())
+    };
+    let sensors = facts.model.sensors().iter().map(String::as_str);
+    let missing: Vec<&str> = sensors.filter(is_missing).collect();
+    if missing.is_empty() { text.to_owned() } else { format!("{text}: {}", missing.join(", ")) }
 }
 
 /// The text of a reason of a path; a barrier that does not fit is listed with the value found and the expected one.

@@ -446,6 +446,7 @@ fn acknowledging_an_alarm_accepts_no_jumped_sensor() {
     gateway.run(Duration::from_secs(5));
     let state = gateway.state();
     assert!(quality(&state).contains("jumped"), "{state}");
+    assert!(says(&state, "degraded: scale_x"), "{state}");
     let jump = |gateway: &Gateway, kelvin| {
         let sensor = 0;
         let jump = Injection::Jump { sensor, kelvin };
