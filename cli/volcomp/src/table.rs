@@ -244,6 +244,15 @@ pub(crate) fn fixed(value: f64, digits: usize) -> String {
     }
 }
 
+/// Formats a coordinate, mm or deg, with at most six decimals: a target in inches is no round number of mm.
+pub(crate) fn coordinate(value: f64) -> String {
+    let text = fixed(value, 6);
+    if text.contains('e') {
+        return text;
+    }
+    text.trim_end_matches('0').trim_end_matches('.').to_owned()
+}
+
 /// Formats a number with `digits` decimals; a dash for `None`.
 pub(crate) fn or_dash(value: Option<f64>, digits: usize) -> String {
     value.map_or_else(|| "-".to_owned(), |value| fixed(value, digits))
@@ -326,6 +335,8 @@ mod tests {
         assert_eq!(fixed(-0.0, 0), "0");
         assert!(fixed(f64::NAN, 2).contains("NaN"));
         assert_eq!(fixed(-1.25e300, 2), "-1.25e300");
+        assert_eq!(coordinate(19.685 * 25.4), "499.999");
+        assert_eq!((coordinate(100.0), coordinate(-0.0)), ("100".to_owned(), "0".to_owned()));
     }
 
     #[test]

@@ -25,6 +25,7 @@ use super::{
 use crate::{
     failure::Failure,
     plot::PlotArguments,
+    table::coordinate,
     unit::{self, Unit},
 };
 
@@ -274,7 +275,7 @@ fn document(
 fn text(document: &StraightnessTest, with_names: bool) -> String {
     let mut rows = table(&["target", "deviation"]);
     for [target, deviation] in &document.profile {
-        rows.add_row([target.to_string(), fixed(*deviation, 2)]);
+        rows.add_row([coordinate(*target), fixed(*deviation, 2)]);
     }
     let method = match document.method {
         "direct" => "",

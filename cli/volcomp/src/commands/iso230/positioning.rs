@@ -24,7 +24,7 @@ use crate::{
         fixed, table, table_text,
     },
     failure::Failure,
-    table::{folded, or_dash},
+    table::{coordinate, folded, or_dash},
     unit,
 };
 
@@ -366,7 +366,7 @@ fn targets_text(result: &Iso230Part2) -> String {
         let mean = |a: &Option<Approach>| number(a.as_ref().map(|a| a.mean));
         let s = |a: &Option<Approach>| number(a.as_ref().and_then(|a| a.s));
         targets.add_row([
-            row.target.to_string(),
+            coordinate(row.target),
             mean(&row.forward),
             mean(&row.backward),
             s(&row.forward),
