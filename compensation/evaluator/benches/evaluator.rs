@@ -1,6 +1,6 @@
-//! The compiled evaluator compared with the exact form on curve objects, 4×4 products with the same
-//! compiled curves, a plain copy and plain stores. Only ratios within one run are meaningful;
-//! `benches/compare` makes the table.
+//! The compiled evaluator compared with the exact form on curve objects, with 4×4 products of the same compiled curves,
+//! with a plain copy and with plain stores. Only ratios within one run are meaningful; `benches/compare` makes the
+//! table.
 
 use std::{hint::black_box, time::Duration};
 
@@ -94,7 +94,7 @@ fn workloads() -> [(&'static str, Machine); 3] {
     [("gantry_mls", gantry(mls)), ("gantry_poly6", gantry(polynomial)), ("five_axis", five_axis())]
 }
 
-/// Independent poses (throughput), and a chain in which each pose depends on the previous result (latency).
+/// Throughput with independent poses, and latency with a chain in which each pose depends on the previous result.
 fn one_pose(c: &mut Criterion) {
     for (name, machine) in workloads() {
         let compiled = machine.compile(Tolerance::default()).expect("compiles");
@@ -212,7 +212,7 @@ fn correction(c: &mut Criterion) {
     group.finish();
 }
 
-/// True under `cargo bench`; otherwise every bench is run once, to see that it runs, and over little data.
+/// True under `cargo bench`. In a test run every bench runs once over little data, to check that it works.
 fn is_measured() -> bool {
     std::env::args().any(|argument| argument == "--bench")
 }

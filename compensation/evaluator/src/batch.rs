@@ -11,8 +11,9 @@ use crate::{error::EvaluatorError, machine::CompiledMachine, table::Wide};
 const CHUNK: usize = 4096;
 
 impl CompiledMachine {
-    /// Evaluates scattered poses on one core: `poses` holds the coordinates (mm, rad) of `axes`, pose after pose; `errors` receives ΔP (mm)
-    /// and ρ (rad) of each. Same results as [`evaluate`](Self::evaluate). Evaluates as many poses as both slices hold.
+    /// Evaluates scattered poses on one core. `poses` holds the coordinates (mm, rad) of `axes`, pose after pose;
+    /// `errors` receives ΔP (mm) and ρ (rad) of each pose. The results equal those of [`evaluate`](Self::evaluate). If
+    /// one slice holds fewer poses than the other, only that number is evaluated.
     ///
     /// # Errors
     /// [`EvaluatorError::AxisOrder`] if `axes` are not those of the machine in chain order.

@@ -19,8 +19,8 @@ use crate::{
     table::{LANES, MAX_PIECES, Piece},
 };
 
-/// Format version that is written. Version 3, in which the error motions of every rotary axis are in the non-rotating frame, and version 2,
-/// which also lacks thermal offsets, can still be read.
+/// Format version that is written. Older versions can still be read: version 3, in which the error motions of every
+/// rotary axis are in the non-rotating frame, and version 2, which also lacks thermal offsets.
 pub const BLOB_VERSION: u32 = 4;
 
 const OLDEST_VERSION: u32 = 2;
@@ -52,7 +52,7 @@ impl CompiledMachine {
         }
         put_count(&mut body, self.may_move.len());
         for name in &self.may_move {
-            // Cannot fail: every axis that may move is one of the chain.
+            // The fallback is never used: every axis that may move is an axis of the chain.
             put_count(&mut body, self.chain.structure().index_of(*name).unwrap_or(0));
         }
         for axis in &self.axes {

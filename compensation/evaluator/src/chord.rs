@@ -1,5 +1,5 @@
-//! Bound of the distance between the errors along a straight move and the straight line between the errors at its ends, from the derivatives of the
-//! curves, not from samples.
+//! Bound of the distance between the errors along a straight move and the straight line between the errors at its ends,
+//! computed from the derivatives of the curves.
 
 use volcomp_kinematics::{State, nalgebra::Vector3};
 use volcomp_vocabulary::{AxisKind, Direction, PerAxis};
@@ -10,24 +10,24 @@ use crate::{
     table::{LANES, Piece},
 };
 
-/// Maximum length of a move per axis in [`CompiledMachine::short_ways`].
+/// Maximum move of one linear axis in [`CompiledMachine::short_ways`].
 const MAX_MOVE_MM: f64 = 100.0;
 const MAX_TURN_RAD: f64 = 0.1;
 
 /// Slopes of the error motions of an axis over an interval of its travel, per mm or deg.
 #[derive(Clone, Copy, Debug, Default)]
 struct Slopes {
-    /// Largest difference of two slopes of displacement (mm) and of tilt (rad) within the interval.
+    /// Largest difference between two slopes within the interval: displacement (mm) and tilt (rad), per mm or deg.
     varies: [f64; 2],
-    /// Maximum slopes of displacement (mm) and tilt (rad).
+    /// Maximum absolute slopes of displacement (mm) and tilt (rad), per mm or deg.
     largest: [f64; 2],
 }
 
 impl CompiledMachine {
-    /// A bound (mm) of the distance between the position error along the straight move of all axes from one state to another and the
-    /// straight line between the errors at its two ends. It holds everywhere on the move, with the directions of travel of `to`. For an
-    /// error that is linear along the move the bound is 0 on machines without rotary axes; otherwise it shrinks with the square of the
-    /// length, or with the length where a slope jumps.
+    /// A bound (mm) of the distance between the position error along the straight move of all axes from one state to
+    /// another and the straight line between the errors at its two ends. It holds everywhere on the move, for the
+    /// approach of `to`. On machines without rotary axes, the bound is 0 for an error that is linear along the move.
+    /// Otherwise it shrinks with the square of the length of the move, or with the length where a slope jumps.
     pub fn chord_bound_mm(&self, from: &State, to: &State) -> f64 {
         let reach_mm = self.reach_mm();
         let (mut way, mut turned) = (Vector3::zeros(), 0.0);
@@ -61,11 +61,13 @@ impl CompiledMachine {
     }
 
     /// Length of move for each axis (mm, rad, in chain order) over which [`chord_bound_mm`](Self::chord_bound_mm) stays
-    /// within `tolerance_mm`, anywhere in the travels. If several axes move, their moves as fractions of these lengths
-    /// must add up to at most 1. Infinite for an axis without effect.
+    /// within `tolerance_mm`, anywhere in the travels. If several axes move, the sum of their moves as fractions of
+    /// these lengths must be at most 1. At most 100 mm or 0.1 rad; infinite for an axis without effect on a machine
+    /// without rotary axes.
     pub fn short_ways(&self, tolerance_mm: f64) -> PerAxis<f64> {
         let reach_mm = self.reach_mm();
-        // The terms of the bound with products of lengths are linearised with the sum of all lengths.
+        // The bound contains products of two moves. It becomes linear in the moves if one factor of each product is
+        // replaced by the maximum move of all axes.
         let turned: f64 = self.of_kind(AxisKind::Rotary).map(|_| MAX_TURN_RAD).sum();
         let way: f64 = self.of_kind(AxisKind::Linear).map(|_| MAX_MOVE_MM).sum();
         let moved = way + turned * reach_mm;
@@ -132,14 +134,14 @@ impl CompiledMachine {
     fn sizes(&self, index: usize, axis: &CompiledAxis) -> [f64; 2] {
         let [linear, angular] = axis.size_bounds();
         let (location, assembly) = (&self.location[index], &self.assembly[index]);
-        // The effect of a location error changes with the rotation of its axis as well.
+        // A location error of a rotary axis counts twice: it acts on both sides of the joint (see `fold`).
         [
             linear + 2.0 * location.linear_mm.norm() + assembly.linear_mm.norm(),
             angular + 2.0 * location.angular_rad.norm() + assembly.angular_rad.norm(),
         ]
     }
 
-    /// The slopes of an axis between two coordinates (mm or deg) at distance `length`.
+    /// The slopes of an axis between two coordinates (mm or deg); `length` is the length of the move between them.
     fn slopes(
         &self,
         axis: &CompiledAxis,
@@ -149,7 +151,8 @@ impl CompiledMachine {
     ) -> Slopes {
         let pieces = self.tables.pieces(&axis.heads[branch_index(approach)]);
         let [low, high] = [ends[0].min(ends[1]), ends[0].max(ends[1])];
-        // An interval that crosses the end of a modulo travel is looked up on both sides.
+        // If the ends, reduced by a modulo, are closer than the length of the move, the move crosses the roll-over, and
+        // the slopes of the whole table count.
         let is_whole = high - low + 1e-9 < length;
         let mut range = [[f64::INFINITY, f64::NEG_INFINITY]; LANES];
         let last = pieces.len().saturating_sub(1);
@@ -181,7 +184,7 @@ impl CompiledMachine {
         let thermal = Vector3::from(axis.thermal.slope_mm).norm();
         slopes.largest[0] += thermal;
         for patch in &axis.patches {
-            // For an error over two coordinates only the maximum slope is available.
+            // For an error over two coordinates only a bound of its slope is available.
             let slope = patch.patch.slope_bound();
             let place = usize::from(patch.patch.component.is_angular());
             slopes.varies[place] += 2.0 * slope;
@@ -198,7 +201,8 @@ fn take(piece: &Piece, [low, high]: [f64; 2], range: &mut [[f64; 2]; LANES]) {
     for lane in 0..LANES {
         let slope = |t: f64| {
             let powers = c1[lane] + t * (2.0 * c2[lane] + t * 3.0 * c3[lane]);
-            // Beyond its end a curve is constant: its powers are 0 there, and 0 times infinity must be treated as 0.
+            // The first and the last piece are constant and extend to infinity: 0 times infinity is NaN and stands for
+            // 0.
             if powers.is_nan() { c1[lane] } else { powers }
         };
         let turning = -c2[lane] / (3.0 * c3[lane]);

@@ -32,9 +32,9 @@ struct Directions {
     tool_axis: Vector3<f64>,
 }
 
-/// A first-order correction as parts of a coupled correction, and the error that it corrects. A share is the displacement of one axis. If the rotary
-/// shares are changed to δ_r (limited, ramped, rounded to controller increments), the matching linear shares are `position` + Σ `follow[r]`·δ_r.
-/// With the rotary shares in `rotary` the result is [`FirstOrder::delta`].
+/// A first-order correction in parts, and the error that it corrects. A share is the displacement of one axis. If the
+/// rotary shares are changed to δ_r (limited, ramped, rounded to controller increments), the matching linear shares are
+/// `position` + Σ `follow[r]`·δ_r. With the rotary shares in `rotary` the result is [`FirstOrder::delta`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CorrectionParts {
     /// The error that is corrected.
@@ -43,22 +43,22 @@ pub struct CorrectionParts {
     pub position: PerAxis<f64>,
     /// Rotary shares that correct the tool direction, rad in chain order, zero for all other axes.
     pub rotary: PerAxis<f64>,
-    /// For each rotary axis, whether it corrects or not, the motion of the linear axes that keeps the tip in place: row r of −L⁻¹·P, mm per
-    /// rad of the rotary axis at index r, in chain order. All other rows are zero.
+    /// For each rotary axis, whether it corrects or not, the motion of the linear axes that keeps the tip in place: row
+    /// r of −L⁻¹·P, mm per rad of the rotary axis at index r, in chain order. The rows of linear axes are zero.
     pub follow: PerAxis<PerAxis<f64>>,
     /// See [`FirstOrder`].
     pub tool_axis_partial: bool,
     /// See [`FirstOrder`].
     pub near_singular: bool,
-    /// True if rotary axes between the linear ones have made two of these nearly parallel: linear shares are more than ten times the position error,
-    /// or one of the linear axes does not correct.
+    /// True if rotary axes have turned the directions of the correcting linear axes nearly parallel: linear shares may
+    /// be more than ten times the position error, or one of the linear axes does not correct.
     pub linear_near_singular: bool,
 }
 
 impl CorrectionParts {
     /// Sum of all parts, mm and rad in chain order: the rotary shares and the matching linear shares.
     pub fn delta(&self) -> PerAxis<f64> {
-        // Rows of linear axes are zero.
+        // The rows of linear axes are zero.
         let turning = self.follow.iter().zip(&self.rotary);
         let turning = turning.filter(|(_, rotary)| **rotary != 0.0);
         let mut following = PerAxis::ZERO;

@@ -30,7 +30,6 @@ pub enum EvaluatorError {
     },
     #[error("found the tolerance {found}, expected a positive finite number")]
     Tolerance { found: f64 },
-    /// An invalid part of an axis.
     #[error("axis {axis}: {what}: expected {expected}")]
     Axis { axis: AxisName, what: &'static str, expected: &'static str },
     #[error(

@@ -10,13 +10,13 @@ use crate::{
     table::{LANES, MAX_PIECES, Piece},
 };
 
-/// Degree of the Chebyshev interpolant against which a piece is checked, plus 1.
+/// Number of nodes of the Chebyshev interpolant against which a piece is checked: its degree plus 1.
 const NODES: usize = 12;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum FitFailure {
     TooManyPieces,
-    /// The function is not finite at or near this coordinate.
+    /// A coordinate at or near which the function is not finite.
     NotFinite(f64),
 }
 
@@ -80,7 +80,8 @@ impl CurveFit<'_> {
         self.pieces(None, self.tolerance).map_err(|failure| self.refused(failure))
     }
 
-    /// The pieces of all components, or of a single one; displacements at the tool tip.
+    /// The pieces of all components, or of the component `alone` with all others set to zero; displacements are those
+    /// of the tool tip.
     fn pieces(&self, alone: Option<usize>, tolerance: Tolerance) -> Result<Vec<Piece>, FitFailure> {
         let function = |x: f64| {
             let mut error = (self.errors)(x);
@@ -102,7 +103,8 @@ impl CurveFit<'_> {
         fit(&function, points.collect(), tolerance)
     }
 
-    /// The error for a failed fit: names the first curve that cannot be compiled alone, else all curves of the axis.
+    /// The error for a failed fit. It names the first curve that cannot be compiled alone; if each of them can, it
+    /// names all curves of the axis.
     fn refused(&self, failure: FitFailure) -> EvaluatorError {
         let alone = (0..LANES).find(|lane| self.pieces(Some(*lane), self.tolerance).is_err());
         let curve = match alone.and_then(|lane| Component::ALL.get(lane)) {
@@ -119,7 +121,8 @@ impl CurveFit<'_> {
     }
 }
 
-/// Chebyshev–Lobatto points, descending from 1 to −1, and for each coefficient of the series the weights of the values at them.
+/// Chebyshev–Lobatto points, descending from 1 to −1, and the weights that convert values at these points to the
+/// coefficients of the Chebyshev series.
 struct Chebyshev {
     points: [f64; NODES],
     weights: [[f64; NODES]; NODES],
@@ -139,7 +142,7 @@ impl Chebyshev {
     }
 }
 
-/// Six functions over one interval: their values at its ends, and their Chebyshev series from values at Chebyshev–Lobatto points.
+/// Six functions over one interval: their values at its ends, and their Chebyshev series.
 struct Sampled {
     from: f64,
     length: f64,
@@ -155,7 +158,7 @@ impl Sampled {
         to: f64,
     ) -> Self {
         let length = to - from;
-        // From both ends inward, so that the end points are exact.
+        // At the ends the function is evaluated at exactly `from` and `to`, without rounding.
         let at = |t: f64| {
             if t <= -1.0 {
                 function(from)
@@ -187,9 +190,10 @@ impl Sampled {
         self.series.iter().flatten().all(|value| value.is_finite())
     }
 
-    /// Whether the cubic is within the tolerance. The cubic through the corners differs from Σ c_k T_k by at most 2 Σ_{k ≥ 4} |c_k|: at the corners
-    /// T_k coincides with a T of an order below 4. The series is exact for a polynomial of an order below [`NODES`]; otherwise its last two
-    /// coefficients, which must have decayed, are counted ten times for the remainder.
+    /// Whether the cubic is within the tolerance. The cubic through the corners differs from Σ c_k T_k by at most 2
+    /// Σ_{k ≥ 4} |c_k|, because at the corners each T_k equals a T of an order below 4. The series is exact for a
+    /// polynomial of an order below [`NODES`]. For other functions the remainder is estimated as ten times the last two
+    /// coefficients.
     fn keeps(&self, tolerance: Tolerance) -> bool {
         (0..LANES).all(|lane| {
             let size = |k: usize| libm::fabs(self.series[k][lane]);

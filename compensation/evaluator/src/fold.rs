@@ -1,10 +1,13 @@
 //! Folds constant errors into the tables of the axes.
 //!
-//! To first order the error of a chain is a sum of twists, each in the gap between two joints. A displaced axis line is a twist on the fixed side of
-//! its joint and the opposite twist on its moving side; an assembly error is a twist in one gap. A constant twist in the gap in which an axis has
-//! its error motions can be added to that axis's table. Across a linear joint, a tilt causes a displacement that is linear in the coordinate, which
-//! the table includes as well. Twists that cannot be added to a table remain in their gaps: at an end of the chain, or between two rotary joints
-//! that both have their errors on their far sides.
+//! To first order the error of a chain is a sum of twists, each in the gap between two joints. A displaced axis line is
+//! a twist on the fixed side of its joint and the opposite twist on its moving side; an assembly error is a twist in
+//! one gap.
+//!
+//! A constant twist in a gap is added to the table of the axis that has its error motions in this gap. If neither
+//! neighbouring axis has, the twist is moved across a linear joint to its other side, where a tilt causes an additional
+//! displacement that is linear in the coordinate; the table includes this slope. At an end of the chain, or between two
+//! rotary joints, the twist remains in its gap.
 
 use volcomp_kinematics::{Chain, ErrorMotion, Joint, Side, nalgebra::Vector3};
 use volcomp_vocabulary::{AxisKind, MAX_AXES, PerAxis};
@@ -12,11 +15,13 @@ use volcomp_vocabulary::{AxisKind, MAX_AXES, PerAxis};
 /// Constant errors after folding. Displacements are those of the tool tip at machine zero.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Folded {
-    /// Constant error between the last joint and the tool.
+    /// Constant error between the last joint and the tool, if that joint is rotary and has its errors on its workpiece
+    /// side.
     pub(crate) tool_end: ErrorMotion,
     /// Constant error on the tool side of each joint except the last, unless a table includes it.
     pub(crate) between: PerAxis<ErrorMotion>,
-    /// Constant error between the workpiece and the first joint, if that joint has its errors on its far side.
+    /// Constant error between the workpiece and the first joint, if that joint is rotary and has its errors on its tool
+    /// side.
     pub(crate) workpiece_end: ErrorMotion,
     pub(crate) constant: PerAxis<ErrorMotion>,
     /// Slope added to the table of a linear axis: displacement, mm, per mm of its coordinate.

@@ -28,14 +28,14 @@ pub struct LinearGrid {
     base: [f64; NODE],
     /// Contributions of the innermost axis, node after node, padded to whole blocks.
     row: Vec<f64>,
-    /// Coordinates, each repeated six times.
+    /// Coordinates of the innermost axis, mm, each repeated six times, once for each number of the node.
     row_mm: Vec<f64>,
 }
 
 impl CompiledMachine {
-    /// A grid over linear axes: the nodes (mm) of each, axes in chain order. The other axes are as in `held`, whose approach applies to
-    /// all. `None` for a grid axis that is rotary, missing, repeated or out of order, for no axis or more than three, for an axis without
-    /// nodes, or for a machine with errors over two coordinates.
+    /// A grid over linear axes, given in chain order with their nodes (mm). The other axes are as in `held`, whose
+    /// approach applies to all axes. `None` for a grid axis that is rotary, missing, repeated or out of order, for no
+    /// axis or more than three axes, for an axis without nodes, or for a machine with errors over two coordinates.
     pub fn linear_grid(&self, grid: &[(AxisName, Vec<f64>)], held: &State) -> Option<LinearGrid> {
         let place = |axis: AxisName| self.chain.structure().index_of(axis);
         let grid: Vec<(usize, &Vec<f64>)> =
@@ -124,7 +124,8 @@ impl LinearGrid {
         self.nodes_mm.last().map_or(0, Vec::len)
     }
 
-    /// Fills `errors` with ΔP (mm) and ρ (rad) of the rows from `first_row` on, as many whole rows as it holds, on one core.
+    /// Fills `errors` with ΔP (mm) and ρ (rad) of the rows from `first_row` on, on one core: as many whole rows as
+    /// `errors` holds.
     pub fn fill_rows(&self, first_row: usize, errors: &mut [f64]) {
         Arch::new().dispatch(Rows { grid: self, first_row, errors });
     }
@@ -132,8 +133,7 @@ impl LinearGrid {
     /// Fills `errors` (six numbers per node) with the whole grid, on all cores.
     pub fn fill_parallel(&self, errors: &mut [f64]) {
         let numbers = self.row_len() * NODE;
-        // About half a megabyte at a time: large enough to be worth a task, small enough to be
-        // shared between cores.
+        // About half a megabyte at a time: large enough to pay for a task, small enough to be shared between cores.
         let rows = (65_536 / numbers.max(1)).max(1);
         errors
             .par_chunks_mut(rows * numbers.max(1))
@@ -175,7 +175,9 @@ struct Rows<'a> {
 impl WithSimd for Rows<'_> {
     type Output = ();
 
-    /// Scalar code, compiled once for each instruction set. Rows are computed in a buffer that stays in the cache, then copied in large blocks: large
+    /// Scalar code, compiled once for each instruction set. Rows are computed in a buffer that stays in the cache, then
+    /// copied in large blocks. A large copy does not read its target first, which halves the memory traffic of single
+    /// stores.
     /// copies do not read the target first, which halves the memory traffic of single stores.
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {

@@ -3,7 +3,8 @@
 use alloc::vec::Vec;
 
 const MAX_CELLS: usize = 1 << 12;
-/// 2⁵²: adding it rounds a number below 2³² to the nearest integer and leaves that in the low bits of the sum.
+/// 2⁵²: adding this constant rounds a number below 2³² to the nearest integer, which is then in the low bits of the
+/// sum.
 const TO_INTEGER: f64 = 4_503_599_627_370_496.0;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -20,14 +21,15 @@ pub(crate) struct Cell {
 pub(crate) struct Uniform {
     low: f64,
     cells_per_unit: f64,
-    /// The last cell, relative to the first of this index.
+    /// Number of the last cell, counted from the first cell of this index.
     last: f64,
-    /// [`TO_INTEGER`] plus the first cell of this index in the shared list.
+    /// [`TO_INTEGER`] plus the position of the first cell of this index in the shared list.
     to_cell: f64,
 }
 
 impl Uniform {
-    /// Appends the cells of one or more ascending breakpoints to the shared list. The interval below the first breakpoint is `first_interval`.
+    /// Appends the cells of one or more ascending breakpoints to the shared list. `first_interval` is the number of the
+    /// interval below the first breakpoint.
     #[expect(clippy::cast_possible_truncation, reason = "breakpoints are counted in thousands")]
     pub(crate) fn add(cells: &mut Vec<Cell>, breakpoints: &[f64], first_interval: usize) -> Self {
         let from = cells.len();
@@ -68,7 +70,7 @@ impl Uniform {
     }
 }
 
-/// Number of cells for at most one breakpoint per cell, but no more than [`MAX_CELLS`].
+/// Number of cells with which each cell has at most one breakpoint, limited to [`MAX_CELLS`].
 #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "capped")]
 fn cells_for(breakpoints: &[f64]) -> usize {
     let widths = breakpoints.windows(2).map(|pair| pair[1] - pair[0]);

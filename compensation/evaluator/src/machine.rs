@@ -56,7 +56,7 @@ pub(crate) struct CompiledAxis {
 
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Thermal {
-    /// Transformed to the tool tip at machine zero: mm, rad.
+    /// Offset transformed to the tool tip at machine zero, mm and rad.
     pub(crate) at_tip: [f64; LANES],
     pub(crate) slope_mm: [f64; 3],
 }
@@ -69,9 +69,9 @@ pub(crate) struct Range {
     pub(crate) domain: [f64; 2],
 }
 
-/// A machine whose curves are piecewise cubics and whose constants are folded: plain data, evaluated to first order without allocation,
-/// lock or panic. Thermal terms are those at the time of compilation, or of the last call of
-/// [`set_thermal_offset`](Self::set_thermal_offset).
+/// A machine whose curves are piecewise cubics and whose constant errors are folded into them: plain data, evaluated to
+/// first order without allocation, lock or panic. Thermal terms are those at the time of compilation, or of the last
+/// call of [`set_thermal_offset`](Self::set_thermal_offset).
 #[derive(Clone, Debug, PartialEq)]
 pub struct CompiledMachine {
     pub(crate) chain: Chain,
@@ -84,7 +84,8 @@ pub struct CompiledMachine {
     pub(crate) folded: Folded,
     /// True if a constant error remains at the workpiece end.
     pub(crate) at_workpiece: bool,
-    /// True if an axis has errors outside its table (over two coordinates, or thermal), or a constant error remains between two axes.
+    /// True if an axis has errors outside its table (over two coordinates, or thermal), or a constant error remains
+    /// between two axes.
     pub(crate) patched: bool,
     /// True for three linear axes without errors outside their tables.
     pub(crate) three_slides: bool,
@@ -104,9 +105,9 @@ impl CompiledMachine {
         self.three_slides = self.axes.len() == 3 && self.axes.iter().all(slides) && !self.patched;
     }
 
-    /// Sets the thermal part of the error motions of the axis at `index` (its chain index): `offset` (mm, rad) at the axis's point, and
-    /// `slope_mm` per mm of a linear axis's coordinate. It replaces the previous thermal part; an index without an axis changes nothing.
-    /// Does not allocate. Included in blobs.
+    /// Sets the thermal part of the error motions of the axis at the chain index `index`: `offset` (mm, rad) at the
+    /// axis's point, and `slope_mm` per mm of a linear axis's coordinate. It replaces the previous thermal part and is
+    /// included in blobs. An index without an axis changes nothing. Does not allocate.
     pub fn set_thermal_offset(&mut self, index: usize, offset: &ErrorMotion, slope_mm: [f64; 3]) {
         let Some(axis) = self.axes.get_mut(index) else {
             return;

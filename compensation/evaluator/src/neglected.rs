@@ -6,7 +6,8 @@ use volcomp_vocabulary::{AxisKind, Component, MAX_AXES, PerAxis};
 
 use crate::machine::CompiledMachine;
 
-/// Precomputed bound of the position error that remains after first-order corrections of any size.
+/// Bound of the position error that remains after first-order corrections. The bound is precomputed once for a machine
+/// and evaluated for each correction.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Neglected {
     axes: ArrayVec<Share, MAX_AXES>,
@@ -69,8 +70,8 @@ impl Neglected {
     }
 
     /// Bound, mm, of the position error that remains after the correction `second`, which was computed with the errors
-    /// at the state corrected by `first` (mm, rad in chain order). The errors change only along the difference of the
-    /// two; `first` contributes to second order only.
+    /// at the state corrected by `first` (mm, rad in chain order). The errors change only along `second` − `first`;
+    /// `first` itself contributes to second order only.
     pub fn there_mm(&self, first: &PerAxis<f64>, second: &PerAxis<f64>) -> f64 {
         let mut between = *second;
         let (mut turned, mut moved_mm) = (0.0, 0.0);

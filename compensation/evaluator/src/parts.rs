@@ -88,9 +88,10 @@ pub struct AxisParts<'a> {
 }
 
 impl<'a> AxisParts<'a> {
-    /// An axis with this travel. `errors` returns its error motions (mm, rad) at a coordinate in mm or deg, the same in both directions. They are
-    /// compiled over the whole travel, where they must be finite, and held at the end values beyond it. Coordinates where a derivative jumps must be
-    /// declared with [`breakpoints`](Self::breakpoints).
+    /// An axis with this travel. `errors` returns its error motions (mm, rad) at a coordinate in mm or deg, independent
+    /// of the direction of travel. They are compiled over the whole travel, where they must be finite; beyond it the
+    /// end values are held. Coordinates where a derivative jumps must be declared with
+    /// [`breakpoints`](Self::breakpoints).
     pub fn new(
         travel: [Displacement; 2],
         errors: impl Fn(f64, Option<Direction>) -> ErrorMotion + 'a,
@@ -112,8 +113,8 @@ impl<'a> AxisParts<'a> {
         Self::new(travel, |_, _| ErrorMotion::ZERO)
     }
 
-    /// States that the errors differ in the two directions of travel. They are then compiled for forward travel, for backward travel, and for an
-    /// unknown direction (`None`), for which the function must return the mean.
+    /// Declares that the errors differ between the two directions of travel. They are then compiled for forward travel,
+    /// for backward travel, and for an unknown direction (`None`), for which `errors` must return the mean.
     #[must_use]
     pub fn bidirectional(mut self) -> Self {
         self.branches = Branches::Three;
@@ -132,7 +133,8 @@ impl<'a> AxisParts<'a> {
         self
     }
 
-    /// An additional slope of the displacements, mm per mm or deg of the coordinate, that continues beyond the breakpoints: thermal expansion.
+    /// An additional slope of the displacements, mm per mm or deg of the coordinate, such as thermal expansion. It
+    /// continues beyond the travel.
     #[must_use]
     pub fn slope_mm(mut self, slope_mm: [f64; 3]) -> Self {
         self.slope_mm = slope_mm;
@@ -220,7 +222,8 @@ pub struct MachineParts<'a> {
 }
 
 impl<'a> MachineParts<'a> {
-    /// A machine without axes yet; the chain with its tool is in mm and rad.
+    /// Starts from a chain with its tool, mm and rad, without errors; every axis must then be added with
+    /// [`axis`](Self::axis).
     pub fn new(chain: &Chain) -> Self {
         Self {
             chain: chain.clone(),

@@ -90,7 +90,8 @@ impl Places {
             segments.push([nodes[0], 0.0]);
         }
         let mut cells = Vec::new();
-        // Breakpoints of the index are the nodes between segments; without any, a dummy that changes nothing.
+        // The breakpoints of the index are the inner nodes. Without inner nodes, a breakpoint at the largest number has
+        // no effect.
         let inner = nodes.get(1..nodes.len() - 1).filter(|inner| !inner.is_empty());
         let index = Uniform::add(&mut cells, inner.unwrap_or(&[f64::MAX]), 0);
         Self { index, cells, segments }
@@ -134,7 +135,7 @@ impl Patch {
         Ok(())
     }
 
-    /// The largest slope along either axis.
+    /// The largest absolute slope along either axis, mm or rad per mm or deg.
     pub(crate) fn slope_bound(&self) -> f64 {
         let [first, second] = &self.nodes;
         let columns = second.len();

@@ -36,8 +36,8 @@ impl CompiledMachine {
         self.first_order_with::<true>(state, correctors, Baseline)
     }
 
-    /// The first-order correction in parts, for a controller interface that limits, ramps or rounds the rotary shares: the linear shares can then be
-    /// matched to the rotary shares actually written.
+    /// The first-order correction in parts, for a controller interface that limits, ramps or rounds the rotary shares.
+    /// The linear shares can then be matched to the rotary shares that are written.
     pub fn parts_of(&self, state: &State, correctors: &Correctors) -> CorrectionParts {
         #[cfg(feature = "std")]
         return one_in_parts(self, state, correctors);

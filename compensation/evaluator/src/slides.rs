@@ -1,4 +1,4 @@
-//! Correction of machines without rotary axes, whose axis directions are constant.
+//! Correction of machines without rotary axes: their axis directions are the same at every pose.
 
 #[cfg(feature = "std")]
 use pulp::{Arch, Simd, WithSimd};
@@ -23,7 +23,7 @@ pub struct Slides {
 }
 
 impl CompiledMachine {
-    /// Slides for the correcting axes of the machine; `None` if the machine has a rotary axis.
+    /// The precomputed correction for the correcting axes of the machine; `None` if the machine has a rotary axis.
     pub fn slides(&self) -> Option<Slides> {
         let mut axes = self.axes.iter();
         if axes.any(|axis| axis.joint.kind == AxisKind::Rotary) {
@@ -38,8 +38,9 @@ impl CompiledMachine {
 }
 
 impl Slides {
-    /// The correction in two steps, mm in chain order: the second step uses the errors at the position corrected by the first. If the second result is
-    /// less than half of the first, the errors are unrealistic, and the first is returned.
+    /// The correction in two steps, mm in chain order: the second step uses the errors at the position corrected by the
+    /// first. If the second result is less than half of the first, the errors are unrealistic, and the first result is
+    /// returned.
     pub fn two_steps(&self, machine: &CompiledMachine, state: &State) -> PerAxis<f64> {
         #[cfg(feature = "std")]
         return two_steps(machine, state, self);

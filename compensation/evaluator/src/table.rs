@@ -22,7 +22,7 @@ pub(crate) struct Piece {
 }
 
 impl Piece {
-    /// A piece from its coefficients of powers of the distance from `start`; `end` is the start of the next one.
+    /// A piece from its coefficients of powers of the distance from `start`; `end` is the start of the next piece.
     pub(crate) fn new(start: f64, end: f64, powers: [[f64; LANES]; 4]) -> Self {
         let mut rows = [[0.0; WIDE]; 4];
         for (row, power) in rows.iter_mut().zip(powers) {
@@ -143,7 +143,7 @@ impl<S: pulp::Simd> Registers for Wide<S> {
 
     #[inline(always)]
     fn mul_add(self, a: f64, b: f64, c: f64) -> f64 {
-        // Every x86 with four lanes has fused products; without them mul_add would be a function call.
+        // Every x86 processor with four lanes has fused multiply-add; on others `mul_add` would be a function call.
         if cfg!(any(target_arch = "x86_64", target_arch = "x86")) && S::F64_LANES >= 4 {
             a.mul_add(b, c)
         } else {
@@ -153,8 +153,8 @@ impl<S: pulp::Simd> Registers for Wide<S> {
 }
 
 impl Tables {
-    /// Adds a table from its pieces, at least two, each beginning where the previous one ends; the first and the last are points from which
-    /// they extend to infinity.
+    /// Adds a table from its pieces, at least two. Each piece begins where the previous one ends. The first and the
+    /// last piece have zero length and extend to infinity.
     #[expect(clippy::cast_possible_truncation, reason = "4096 pieces a table at most")]
     pub(crate) fn add(&mut self, pieces: &[Piece]) -> Head {
         let breakpoints: Vec<f64> = pieces[1..].iter().map(Piece::start).collect();
@@ -241,7 +241,7 @@ impl Bounds {
         }
     }
 
-    /// Raises the size bounds to those of a piece: the sum of its absolute power terms at its end.
+    /// Raises the bounds of displacement and tilt to those of a piece: the sum of its absolute power terms at its end.
     fn take_sizes(&mut self, piece: &Piece) {
         let length = piece.end() - piece.start();
         let sizes: [f64; LANES] = core::array::from_fn(|lane| {

@@ -2,7 +2,7 @@ use volcomp_kinematics::nalgebra::{Matrix3, Vector3};
 
 use crate::table::Registers;
 
-/// The direction of an axis; a rotation about a letter's direction leaves one component unchanged.
+/// The direction of an axis. A rotation about X, Y or Z leaves one component of a vector unchanged.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Along {
     X(f64),
@@ -36,8 +36,8 @@ impl Turn {
         Self { along, sin, cos }
     }
 
-    /// Rotates vectors: about a letter's direction two components rotate in their plane, otherwise Rodrigues' formula. Takes several
-    /// vectors so that the direction is dispatched once.
+    /// Rotates vectors. About X, Y or Z, two components rotate in their plane; other directions use Rodrigues' formula.
+    /// Several vectors are rotated in one call, so that the direction is dispatched once.
     #[inline(always)]
     pub(crate) fn apply<const N: usize>(
         &self,
@@ -95,8 +95,8 @@ const ROUND: f64 = 6_755_399_441_055_744.0;
 const QUARTER: f64 = 1.570_796_326_734_125_6;
 const QUARTER_REST: f64 = 6.077_100_506_506_192e-11;
 
-/// Sine and cosine without calls or branches for the usual angles of an axis, otherwise those of `libm`: reduced by quarter turns, then the
-/// minimax polynomials of Sun's fdlibm (k_sin.c, k_cos.c) over ±π/4.
+/// Sine and cosine without calls or branches for angles below `REDUCED_BELOW_RAD`: reduction by quarter turns, then the
+/// minimax polynomials of Sun's fdlibm (k_sin.c, k_cos.c) over ±π/4. Larger angles use `libm`.
 #[inline(always)]
 pub(crate) fn sin_cos<R: Registers>(registers: R, q_rad: f64) -> (f64, f64) {
     // NaN takes the slow path as well.

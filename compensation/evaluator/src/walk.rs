@@ -10,7 +10,8 @@ use crate::{
     turn::Turn,
 };
 
-/// Receives, for each rotary axis passed, its rotation and the position of the tip relative to the axis's point.
+/// Receives, for each rotary axis that the walk passes, its rotation and the position of the tip relative to the axis's
+/// point.
 pub(crate) trait Turns {
     fn turned(&mut self, index: usize, turn: Turn, lever_mm: Vector3<f64>);
 }
@@ -21,7 +22,8 @@ impl Turns for () {
     fn turned(&mut self, _: usize, _: Turn, _: Vector3<f64>) {}
 }
 
-/// The tip during the walk: its offset from its position at machine zero, the sum of the errors, and the displacement due to tilts.
+/// The tip during the walk: its offset from its position at machine zero, the sum of the errors, and the displacement
+/// due to tilts, mm and rad.
 struct Tip<R> {
     registers: R,
     from_zero: Vector3<f64>,
@@ -40,7 +42,7 @@ impl<R: Registers> Tip<R> {
         }
     }
 
-    /// Adds an error motion whose displacement is that of the tip at machine zero.
+    /// Adds an error motion whose displacement is stated at the tip at machine zero.
     #[inline(always)]
     fn add(&mut self, error: &[f64; WIDE]) {
         self.errors = self.registers.sum(&self.errors, error);
@@ -89,7 +91,7 @@ fn as_lanes(motion: &ErrorMotion) -> [f64; WIDE] {
 }
 
 impl CompiledMachine {
-    /// The error of any chain; three linear axes have their own path.
+    /// The error of any chain; machines of three linear axes use [`three_slides`](Self::three_slides).
     #[inline(always)]
     pub(crate) fn evaluate_with(&self, state: &State, registers: impl Registers) -> Evaluation {
         if let (true, [a, b, c]) = (self.three_slides, &self.axes[..]) {
@@ -99,7 +101,8 @@ impl CompiledMachine {
         self.walk::<true>(state, registers, &mut ())
     }
 
-    /// The error of any chain; `PATCHED` if an axis has errors outside its table, or a constant error is left between two axes.
+    /// The error of any chain. `PATCHED` is true if an axis has errors outside its table, or a constant error remains
+    /// between two axes.
     #[inline(always)]
     pub(crate) fn walk<const PATCHED: bool>(
         &self,
@@ -148,7 +151,7 @@ impl CompiledMachine {
         q_mm: [f64; 3],
         registers: impl Registers,
     ) -> Evaluation {
-        // No closure: if it is not inlined, it is not compiled for wide registers.
+        // Not a closure, because a closure that is not inlined would not be compiled for wide registers.
         let heads = [
             &axes[0].heads[branch_index(approach[0])],
             &axes[1].heads[branch_index(approach[1])],
@@ -160,8 +163,8 @@ impl CompiledMachine {
             registers.value(&self.tables, heads[2], q_mm[2]),
         ];
         let sum = registers.sum(&registers.sum(&errors[0], &errors[1]), &errors[2]);
-        // Linear joints leave no constant error at the tool end. Before the last of them, a tilt
-        // has no lever.
+        // Linear joints leave no constant error at the tool end. Until the first axis has moved the tip from its
+        // position at machine zero, a tilt adds no displacement.
         let mut tip = Tip::new(registers, &ErrorMotion::ZERO);
         let mut levered = false;
         for ((axis, &q), error) in axes.iter().zip(&q_mm).zip(&errors).rev() {

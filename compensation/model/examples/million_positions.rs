@@ -1,5 +1,6 @@
-//! The time of the compiled machine for a million scattered positions on all processors, with the memory for the results:
-//! `cargo run --release -p volcomp-model --example million_positions -- examples/gantry.toml`.
+//! Measures how long the compiled machine takes to evaluate the errors at a million scattered positions on all
+//! processors, including the allocation of the results: `cargo run --release -p volcomp-model --example
+//! million_positions -- examples/gantry.toml`.
 
 use std::{path::Path, time::Instant};
 
@@ -19,7 +20,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let machine = Machine::read(folder.join(path))?;
     let compiled = machine.compile(Tolerance::default())?;
     let names: Vec<_> = machine.axes().iter().map(|axis| axis.name).collect();
-    // Evenly distributed over the travels, without a pattern: multiples of irrational numbers, less the whole part.
+    // Evenly distributed over the travels, without a pattern: the fractional parts of multiples of irrational numbers.
     let share = |number: u32, axis: usize| (f64::from(number) * (axis as f64 + 2.0).sqrt()).fract();
     let mut poses = Vec::new();
     for number in 0..POSITIONS {

@@ -1,8 +1,8 @@
-//! Validates the volumetric error on random five-axis machines of every type: compares it with the largest error after alignment by brute
-//! force, with a separate implementation of kinematics, curves and alignment.
+//! Validates the volumetric error on random five-axis machines of every type. The reference is the largest error after
+//! alignment by brute force, with a separate implementation of kinematics, curves and alignment.
 //!
-//! `cargo run --release -p volcomp-model --example volumetric -- 200 1000000`: 200 machines with a million random poses each. The result
-//! must be at least 99 % of the true value; otherwise a machine could pass wrongly.
+//! `cargo run --release -p volcomp-model --example volumetric -- 200 1000000`: 200 machines with a million random poses
+//! each. The result must be at least 99 % of the true value; otherwise a machine could pass wrongly.
 
 use std::{fmt::Write as _, sync::atomic::AtomicU64, sync::atomic::Ordering, thread};
 
@@ -208,7 +208,7 @@ impl Own {
         let structure =
             Structure::from_type(of_twelve % 4, 1 + of_twelve / 4, &pair).expect("a type");
         let sizes = [random.random_range(1.0..10.0), random.random_range(1.0..20.0)];
-        // All errors, or one in five.
+        // Probability of each error: every error is present, or one in five.
         let share = [1.0, 0.2][random.random_range(0..2_usize)];
         let axes = structure.axes().iter().enumerate().map(|(index, &name)| {
             let travel = if name.is_rotary() {
@@ -232,7 +232,7 @@ impl Own {
             let reversal = [0, 1, 2, 3, 4, 5].map(play).map(Option::unwrap_or_default);
             let mut location = [0.0; 6];
             for (k, value) in location.iter_mut().enumerate() {
-                // A rotation about the axis itself has no effect, nor has an offset of a linear axis.
+                // A rotation about the axis itself has no effect; an offset of a linear axis has none either.
                 if k % 3 == name.mcs_index()
                     || (k < 3 && !name.is_rotary())
                     || !random.random_bool(share)
@@ -303,7 +303,7 @@ impl Own {
                 *real = plus(*real, plus(shift, cross(tilt, lever)));
                 *turn = plus(*turn, tilt);
             };
-            // The error motions of a slide move with it, like those of a rotary axis in the rotating frame.
+            // The error motions of a linear axis move with it, like those of a rotary axis in the turning frame.
             let rides = !axis.name.is_rotary() || axis.turning;
             let before = rides != axis.on_workpiece;
             if before {
@@ -361,7 +361,7 @@ impl Own {
                 for _ in 0..LOOKS {
                     let mut there = best.clone();
                     let (place, sides) = there.split_at_mut(self.axes.len());
-                    // Some axes stay, and a few change their direction of approach.
+                    // Some axes keep their position, and a few change their direction of approach.
                     for ((axis, at), side) in self.axes.iter().zip(place).zip(sides) {
                         let [low, high] = axis.travel;
                         if random.random() {

@@ -6,7 +6,6 @@ use volcomp_vocabulary::{AxisName, brought_into, is_within};
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Axis {
-    /// The letter of the axis.
     pub name: AxisName,
     /// Lower and upper end of travel, mm (linear) or deg (rotary).
     pub travel: [f64; 2],
@@ -23,7 +22,8 @@ pub struct Axis {
 }
 
 impl Axis {
-    /// The coordinate at which curves are evaluated: reduced into the travel by `modulo`.
+    /// The coordinate at which curves are evaluated, mm or deg: `coordinate` moved into the travel by whole periods of
+    /// `modulo`; unchanged without `modulo`.
     pub(crate) fn looked_up(&self, coordinate: f64) -> f64 {
         match self.modulo {
             Some(period) => brought_into(self.travel, period, coordinate),
@@ -31,10 +31,11 @@ impl Axis {
         }
     }
 
-    /// The travel in degrees if the file gives it in radians. `Some` for a rotary axis both of whose ends are, to the usual number of
-    /// digits, common fractions of a turn in radians (3.14, 1.571, 6.2832), and not both 0.
+    /// The travel converted from radians to deg, if it looks as if it had been entered in radians. `Some` only for a
+    /// rotary axis: both ends, read as radians, are common fractions of a turn rounded to a few digits (3.14, 1.571,
+    /// 6.2832), and at least one end is not 0.
     pub fn travel_as_if_in_radians(&self) -> Option<[f64; 2]> {
-        // deg; π rounded to 3.14 is off by 0.05 %.
+        // Common angles, deg. The tolerance below admits π rounded to 3.14, which is 0.05 % too small.
         const USUAL: [f64; 13] =
             [0.0, 30.0, 45.0, 60.0, 90.0, 120.0, 135.0, 150.0, 180.0, 210.0, 240.0, 270.0, 360.0];
         let usual = |end: f64| {
@@ -55,7 +56,7 @@ impl Axis {
         self.name.is_rotary() && self.travel[1] - self.travel[0] >= NEARLY_DEG
     }
 
-    /// Whether the travel has ends: neither `modulo` nor a full turn.
+    /// Whether the travel has ends: the axis has no `modulo`, and its travel is less than a full turn.
     pub fn has_ends(&self) -> bool {
         self.modulo.is_none() && !self.turns_round()
     }
@@ -71,9 +72,9 @@ impl Axis {
         [low, high]
     }
 
-    /// `count` evenly spaced coordinates over the travel for a grid of poses, mm or deg, with both ends; a count of 1 gives the middle. With a
-    /// full turn or more they are over one turn without its end, which is the same pose as its start: nodes over several turns could all be whole turns
-    /// apart.
+    /// `count` evenly spaced coordinates over the travel for a grid of poses, mm or deg, including both ends; a count
+    /// of 1 gives the middle. For a travel of a full turn or more, the coordinates cover one turn. Its end is omitted,
+    /// because that is the same pose as its start.
     pub fn nodes(&self, count: usize) -> Vec<f64> {
         let [low, high] = self.all_poses();
         if count == 1 {
@@ -110,7 +111,7 @@ impl Axis {
     /// Checks that the axis can be at a coordinate, mm or deg.
     ///
     /// # Errors
-    /// A message with the coordinate, its unit and the travel, which continues the word "found".
+    /// A message that starts with "found" and names the coordinate, its unit and the travel.
     pub fn check_coordinate(&self, coordinate: f64) -> Result<(), String> {
         if self.may_stand_at(coordinate) {
             return Ok(());

@@ -105,7 +105,7 @@ impl Machine {
     }
 }
 
-/// The fields of a curve, with their weights for forward, backward and unknown approach.
+/// The fields of a curve, each with its weights for forward, backward and unknown approach.
 fn weighted_fields(curve: &ErrorCurve) -> Vec<(&Field, [f64; 3])> {
     match curve {
         ErrorCurve::Single(field) | ErrorCurve::Reversal { mean: field, .. } => {

@@ -15,7 +15,7 @@ const KINDS: [&str; 7] = ["poly", "chebyshev", "table", "mls", "bspline", "fouri
 
 const SHOWN_POINTS: usize = 4;
 
-/// Context for decoding a curve: the travel of its axis and, for a grid, all axes.
+/// Context for decoding a curve: the travel of its axis, and all axes of the machine, on which a grid may depend.
 pub(crate) struct CurveContext<'a> {
     pub(crate) axes: &'a [Axis],
     pub(crate) travel: [f64; 2],
@@ -49,7 +49,8 @@ pub(crate) fn decode_error_curve(
     Ok(ErrorCurve::Single(decode_field(value, context)?))
 }
 
-/// Rejects an array without a kind, which could be the points of a table or the coefficients of a polynomial.
+/// Rejects an array without a named kind of curve, because it could mean the points of a table or the coefficients of a
+/// polynomial.
 fn refuse_array(value: &Value<'_>) -> Result<(), InputError> {
     let Ok(items) = value.items() else {
         return Ok(());

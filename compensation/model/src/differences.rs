@@ -6,13 +6,16 @@ use volcomp_vocabulary::{Direction, ErrorName, MAX_AXES};
 
 use crate::machine::Machine;
 
-/// Number of positions along each axis at which curves are compared, in addition to the curves' own positions.
+/// Number of equidistant positions along each axis at which curves are compared, in addition to the sampling positions
+/// of the curves ([`Machine::places`]).
 const PLACES: u32 = 41;
 
 impl Machine {
-    /// The largest absolute difference of each error from that of another machine with the same axes, µm or µrad: over the travel of its axis in this
-    /// machine, for approach from both directions, with the other axes, on which a grid may depend, at their ends and in the middle. Equal errors
-    /// are included, with 0; an error that one machine lacks is 0 there. NaN if a value is NaN.
+    /// The largest absolute difference of each error between this machine and another machine with the same axes, µm or
+    /// µrad. Curves are compared over the travel of their axis in this machine, for approach from both directions; all
+    /// other axes, on which a grid may depend, are together at their lower ends, middles or upper ends. Equal errors
+    /// are listed with 0. An error that one machine lacks counts as 0 in that machine. The difference is NaN if a value
+    /// is NaN.
     pub fn differences(&self, other: &Self) -> Vec<(ErrorName, f64)> {
         let names: BTreeSet<ErrorName> = [other, self]
             .into_iter()
@@ -35,7 +38,8 @@ impl Machine {
     }
 }
 
-/// `places` are those of each machine ([`Machine::places`]).
+/// The largest absolute difference of one error motion between two machines, µm or µrad. `places` are the results of
+/// [`Machine::places`] for the two machines.
 fn of_curves(name: ErrorName, machines: [&Machine; 2], places: &[Vec<Vec<f64>>; 2]) -> f64 {
     let [_, machine] = machines;
     let Ok(own) = machine.index_of(name.axis) else {

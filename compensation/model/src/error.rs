@@ -67,17 +67,14 @@ pub enum ModelError {
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum ErrorRefusal {
-    /// A location error is one number, but was given a curve.
     #[error("a location error is one number, never a curve")]
     CurveOfLocation,
-    /// A location error was expected, but the name is that of an error motion.
     #[error("is an error motion, expected a location error E?0N")]
     ErrorMotion,
     /// A number of the curve, its value at an end of the travel, or the location error is NaN, infinite or beyond
     /// [`LARGEST_NUMBER`](volcomp_document::LARGEST_NUMBER).
     #[error("expected finite numbers, also for its values within the travel")]
     NotFinite,
-    /// The location error has no effect.
     #[error(transparent)]
     NoEffect(#[from] NoEffect),
     /// On an axis with `modulo`, the curve does not close.
@@ -102,7 +99,6 @@ pub enum ErrorRefusal {
         /// Maximum allowed jump, µm or µrad.
         largest: f64,
     },
-    /// A grid depends on an axis that the machine does not have.
     #[error("the grid depends on axis number {axis} of the chain, expected a number below {axes}")]
     GridAxis {
         /// Index in the chain that the grid names, from 0.
@@ -156,9 +152,9 @@ pub enum ThermalRefusal {
     SeenTemperatures {
         error: ErrorName,
         sensor: String,
-        /// Lower limit, °C.
+        /// Lower end of the rejected range, °C.
         low: f64,
-        /// Upper limit, °C.
+        /// Upper end of the rejected range, °C.
         high: f64,
     },
     #[error(
@@ -167,9 +163,9 @@ pub enum ThermalRefusal {
     SeenRates {
         error: ErrorName,
         sensor: String,
-        /// Lower limit, K/min.
+        /// Lower end of the rejected range, K/min.
         fall: f64,
-        /// Upper limit, K/min.
+        /// Upper end of the rejected range, K/min.
         rise: f64,
     },
     #[error("the tested range of {sensor} for {error} appears twice, expected it once")]
@@ -178,7 +174,7 @@ pub enum ThermalRefusal {
     SeenUnused { error: ErrorName, sensor: String },
     #[error("found {hold_s} s of holding and {fade_s} s of fading, expected 0 s or more of each")]
     Fading {
-        /// Time for which a term is held without its sensor, s.
+        /// Time for which a term is held while its sensor is missing, s.
         hold_s: f64,
         /// Time over which the term then fades to zero, s.
         fade_s: f64,
@@ -189,13 +185,11 @@ pub enum ThermalRefusal {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum CorrectRefusal {
-    /// The list names no axis.
     #[error("found no axis, expected at least one that corrections may move")]
     Empty,
-    /// An axis is named more than once.
     #[error("axis {axis} appears twice, expected each axis once")]
     Twice {
-        /// The repeated axis.
+        /// The axis that is listed twice.
         axis: AxisName,
     },
 }

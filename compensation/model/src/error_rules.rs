@@ -10,8 +10,8 @@ use crate::{axis::Axis, error::ErrorRefusal};
 /// Maximum difference between the ends of a closed curve, µm or µrad, which allows for rounding.
 const CLOSED_WITHIN: f64 = 1e-9;
 
-/// Maximum jump of a curve at the roll-over of its axis, µm or µrad: one increment of most controls. Curves fitted to readings do not close
-/// exactly.
+/// Maximum jump of a curve at the roll-over of its axis, µm or µrad: one increment of most controls. Greater than 0,
+/// because curves fitted to readings do not close exactly.
 const LARGEST_JUMP: f64 = 1.0;
 /// Distance from an end of travel at which the values on its two sides are compared, deg.
 const END_OFFSET_DEG: f64 = 1e-6;
@@ -82,13 +82,13 @@ fn open_grid(grid: &Grid, goes_round: impl Fn(usize) -> bool) -> Option<ErrorRef
     ends.map(|(&first, &last)| [first, last]).find_map(not_closed)
 }
 
-/// Refusal of a curve with these values (µm or µrad) at its ends, if they differ.
+/// The refusal if the first and the last value of a curve (µm or µrad) differ by more than `CLOSED_WITHIN`.
 fn not_closed([first, last]: [f64; 2]) -> Option<ErrorRefusal> {
     ((first - last).abs() > CLOSED_WITHIN).then_some(ErrorRefusal::NotClosed { first, last })
 }
 
-/// Refusal of a curve that jumps at the roll-over of its axis. If a table is parked there, noise in the last digit of its position would switch the
-/// correction back and forth.
+/// Refusal of a curve that jumps by more than `LARGEST_JUMP` at the roll-over of its axis. The correction of a rotary
+/// table positioned at the roll-over would switch back and forth with the last digit of its position.
 fn jump(curve: &Curve, travel: [f64; 2], period: f64) -> Option<ErrorRefusal> {
     let [low, high] = travel;
     let value = |at: f64| curve.value(brought_into(travel, period, at));

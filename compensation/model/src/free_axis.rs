@@ -8,7 +8,8 @@ use volcomp_vocabulary::{AxisKind, PerAxis};
 
 use crate::machine::Machine;
 
-/// Number of samples over a turn: between two of them the distance beyond the travels has at most one relevant minimum.
+/// Number of samples over a turn: dense enough that the distance beyond the travels has at most one relevant minimum
+/// between two neighbouring samples.
 const STEPS: usize = 720;
 /// Number of bisection or ternary-search steps for the ends of ranges and for minima.
 const SEARCH_STEPS: usize = 60;
@@ -28,7 +29,7 @@ impl Machine {
     /// The ranges of the free axis (index `free`) within one turn, rad, ascending, in which the target is within all travels.
     pub(crate) fn free_ranges(&self, free: usize, target: &Target<'_>) -> Vec<[f64; 2]> {
         let [low, high] = target.travel[free];
-        // One turn about 0, or the part of it within the travel.
+        // One turn, as close to −180° to 180° as the travel allows, or the whole travel if it is shorter.
         let from = (-PI).min(high - TAU).max(low);
         let to = high.min(from + TAU);
         let beyond = |q: f64| self.beyond_travel(q, free, target);
@@ -93,7 +94,8 @@ impl Machine {
         beyond.fold(0.0, f64::max)
     }
 
-    /// The state with the free axis at `q`; `None` if no solution has this free axis, or the linear axes do not reach the tip.
+    /// The state with the free axis at `q`; `None` if the tool direction cannot be reached with this axis free, or the
+    /// linear axes do not reach the tip.
     pub(crate) fn with_free(&self, q: f64, free: usize, target: &Target<'_>) -> Option<State> {
         let mut held = *target.held;
         held.q[free] = q;
@@ -108,7 +110,7 @@ pub(crate) fn nearest_to_zero([low, high]: [f64; 2]) -> f64 {
     0.0_f64.max(low).min(high)
 }
 
-/// Bisects for the end of a range between a point inside and one outside.
+/// Bisects for the end of a range between a coordinate inside the range and one outside.
 fn edge(mut inside: f64, mut outside: f64, beyond: &impl Fn(f64) -> f64) -> f64 {
     for _ in 0..SEARCH_STEPS {
         let middle = 0.5 * (inside + outside);
@@ -121,7 +123,7 @@ fn edge(mut inside: f64, mut outside: f64, beyond: &impl Fn(f64) -> f64) -> f64 
     inside
 }
 
-/// The coordinate and the value of the minimum between two coordinates.
+/// Coordinate and value of the minimum of `beyond` between two coordinates, by ternary search.
 fn lowest(mut low: f64, mut high: f64, beyond: &impl Fn(f64) -> f64) -> (f64, f64) {
     for _ in 0..SEARCH_STEPS {
         let [left, right] = [low + (high - low) / 3.0, high - (high - low) / 3.0];

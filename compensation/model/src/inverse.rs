@@ -9,26 +9,26 @@ use crate::{
     machine::Machine,
 };
 
-/// Maximum number of solutions, since an axis with many turns has one per turn.
+/// Maximum number of solutions; an axis whose travel covers many turns has one solution per turn.
 const MOST_SOLUTIONS: usize = 1000;
 
 /// The solutions of the inverse kinematics for a tip and a tool direction.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Reached {
-    /// All solutions within the travels, mm and rad in chain order, sorted by the sum of rotations.
-    /// With more than two rotary axes, or several linear axes in one direction, only some of the
-    /// solutions are found.
+    /// All solutions within the travels, mm and rad in chain order, sorted by the sum of the absolute rotary
+    /// coordinates. With more than two rotary axes, or several linear axes in one direction, only some of the solutions
+    /// are found.
     pub solutions: Vec<State>,
     /// Whether the pose is singular: a rotary axis does not affect the tool direction, or linear axes are linearly dependent.
     pub singular: bool,
     /// The rotary axes that do not affect the tool direction and the dependent linear axes, in the order of `ranges`.
     pub free: Vec<AxisName>,
-    /// For each free axis, the ranges, mm or deg, in which the other axes are within their travels; for a rotary axis only those in the turn nearest to
-    /// 0. Each range of a rotary axis has a solution, at its point nearest to 0. Empty for linear axes with several dependent moves, whose ranges depend
-    /// on each other.
+    /// For each free axis, the ranges, mm or deg, in which the other axes are within their travels. For a rotary axis,
+    /// only ranges in the turn nearest to 0 are listed, and each range has a solution at its point nearest to 0. Linear
+    /// axes with several dependent moves have no ranges, because their ranges depend on each other.
     pub ranges: Vec<Vec<[f64; 2]>>,
-    /// Combined moves of linear axes that leave the tip in place at a solution, because rotary axes between them make one parallel to
-    /// another. In chain order, largest component 1.
+    /// Moves of several linear axes together that leave the tip in place at a solution. They exist where rotary axes
+    /// turn one linear axis parallel to another. In chain order, scaled to a largest component of 1.
     pub dependent: Vec<State>,
     /// The axes that are outside their travel in a solution without travel limits.
     pub outside: Vec<AxisName>,
@@ -48,7 +48,7 @@ impl Machine {
     /// [`ModelError::Target`] for a tip that is not a number up to 1e9 mm or a direction of zero length; [`ModelError::TooMany`] if the
     /// turns of an axis give more than 1000 solutions.
     pub fn axes_at(&self, tip_mm: [f64; 3], tool_axis: [f64; 3]) -> Result<Reached, ModelError> {
-        // Also rejects NaN.
+        // The comparison is false for NaN, so NaN is rejected too.
         let fits = |found: &[f64; 3]| found.iter().all(|x| x.abs() <= 1e9);
         if !fits(&tip_mm) {
             return Err(ModelError::Target { what: "tool tip", found: tip_mm });
@@ -101,7 +101,8 @@ impl Machine {
                     if !ranges.is_empty() {
                         continue;
                     }
-                    // Axes outside their travel are reported for the free axis nearest to 0.
+                    // No range is within the travels: the free axis is at its coordinate nearest to 0, and the axes
+                    // outside their travel are reported.
                 }
                 match self.chain().reaching(&tip, &pointing.state, &travel) {
                     Ok(state) => {
@@ -161,7 +162,7 @@ impl Machine {
             let [low, high] = axis.travel;
             let within: Vec<f64> = match (kind, axis.modulo) {
                 (AxisKind::Linear, _) => vec![coordinate],
-                // With `modulo`, another turn is the same pose.
+                // With `modulo`, other turns are the same pose.
                 (AxisKind::Rotary, Some(_)) => vec![axis.looked_up(coordinate)],
                 (AxisKind::Rotary, None) => {
                     let (first, last) = (
@@ -216,8 +217,8 @@ impl Machine {
     }
 }
 
-/// The range of an axis along a dependent move from a state, mm, until an axis reaches an end of travel; `None` if an axis is outside its
-/// travel.
+/// The coordinates of an axis along a dependent move from `state`, mm, up to the ends of travel of all moved axes;
+/// `None` if a moved axis is already outside its travel.
 fn range_along(
     moves: &[f64; MAX_AXES],
     place: usize,
@@ -244,7 +245,7 @@ fn note(names: &mut Vec<AxisName>, name: AxisName) {
 fn too_many(found: f64) -> ModelError {
     ModelError::TooMany {
         what: "solutions",
-        // Saturates, which is sufficient for a message.
+        // The cast saturates, which is sufficient for a message.
         #[expect(
             clippy::cast_possible_truncation,
             clippy::cast_sign_loss,

@@ -282,8 +282,8 @@ impl Machine {
         Ok(self.chain.set_tool(tip, axis)?)
     }
 
-    /// The first difference from `expected` in the structure, the direction of an axis, the point of a rotary one, or the frame of its error
-    /// motions; `None` if both machines have the same geometry.
+    /// The first difference from `expected` in geometry: the structure, the direction of an axis, the point of a rotary
+    /// axis, or the frame of the error motions of a rotary axis. `None` if both machines have the same geometry.
     pub fn other_geometry(&self, expected: &Self) -> Option<String> {
         let (found, expected) = (self.chain(), expected.chain());
         let differs = |what: &str, found: &dyn fmt::Display, expected: &dyn fmt::Display| {
@@ -534,7 +534,7 @@ impl Machine {
         let mut state = State::default();
         for (place, &(axis, found)) in coordinates.iter().enumerate() {
             let index = self.index_of(axis)?;
-            // Also rejects NaN.
+            // The range check is false for NaN, so NaN is rejected too.
             if !(-MAX_COORDINATE..=MAX_COORDINATE).contains(&found) {
                 return Err(ModelError::Coordinate { axis, found });
             }
@@ -719,8 +719,8 @@ impl ErrorSource for MachineErrors<'_> {
     }
 }
 
-/// µm and µrad, smaller than any measurement uncertainty of an axis location: if all location errors are below it, they are probably in mm
-/// or deg.
+/// If even the largest location error is below this bound, the location errors are probably stated in mm or deg: 0.1 µm
+/// or 0.1 µrad is less than any measurement uncertainty of an axis location.
 const SMALLEST_MEASURABLE_UM: f64 = 0.1;
 /// Maximum relative deviation of a rounded 2π, such as 6.28.
 const ROUNDED_TAU_WITHIN: f64 = 6e-4;

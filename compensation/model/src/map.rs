@@ -18,11 +18,12 @@ pub struct MapGrid {
 }
 
 impl MapGrid {
-    /// A grid of `counts` nodes over the travels of X, Y and Z, both ends included, without axes that the machine lacks. A count of 1 gives
-    /// the middle. `others` are the coordinates of the other axes, mm or deg.
+    /// A grid of `counts` nodes over the travels of X, Y and Z, both ends included; an axis that the machine lacks is
+    /// omitted. A count of 1 gives the middle of the travel. `others` are the coordinates of the other axes, mm or deg.
     ///
     /// # Errors
-    /// [`ModelError::TooMany`]: more than 1 000 000 nodes along an axis; and the errors of [`Machine::state`] for `others`.
+    /// [`ModelError::TooMany`]: more than 1 000 000 nodes along an axis; and the errors of [`Machine::state`] for
+    /// `others`.
     pub fn over_travels(
         machine: &Machine,
         counts: [usize; 3],
@@ -61,7 +62,8 @@ impl MapGrid {
     /// [`len`](Self::len) on wrap around.
     pub fn node(&self, machine: &Machine, mut index: usize) -> ([f64; 3], State) {
         let mut at_mm = [0.0; 3];
-        // Valid for the machine of the grid; another machine may lack an axis, and is then at 0.
+        // `others` was checked for the machine of the grid. For a machine without one of these axes, all other axes are
+        // at 0.
         let mut state = machine.state(&self.others).unwrap_or_default();
         for ((place, name), nodes) in at_mm.iter_mut().zip(&self.axes).zip(&self.nodes_mm) {
             let count = nodes.len().max(1);

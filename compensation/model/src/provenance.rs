@@ -117,7 +117,8 @@ impl Provenance {
         }
     }
 
-    /// Why this provenance is invalid for a machine with the errors for which `stated` returns true: the first failed check.
+    /// The first reason why this provenance is invalid; `None` if it is valid. `stated` returns whether the machine has
+    /// an error.
     pub(crate) fn refusal(&self, stated: impl Fn(ErrorName) -> bool) -> Option<ProvenanceRefusal> {
         if let Some(found) = self.date.as_ref().filter(|date| !is_date(date)) {
             return Some(ProvenanceRefusal::Date { found: found.clone() });
@@ -186,7 +187,7 @@ pub fn is_date(text: &str) -> bool {
 }
 
 impl Source {
-    /// A file under its reported name, with the SHA-256 of its bytes.
+    /// A source named `name`, with the SHA-256 of the file at `path`.
     ///
     /// # Errors
     /// The file cannot be read.

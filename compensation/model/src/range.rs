@@ -95,9 +95,10 @@ impl Machine {
         self.along_axes(Curve::breakpoints)
     }
 
-    /// The coordinates along each axis, mm or deg, at which the machine's curves must be sampled: their nodes, and points between them as
-    /// required by the kind of curve ([`Curve::places`](volcomp_curve::Curve::places)). Equidistant samples alone could hit a periodic
-    /// screw error only at its zeros. Within the travel, ends included; ascending, without duplicates.
+    /// The coordinates along each axis, mm or deg, at which the machine's curves must be sampled: their nodes, and
+    /// points between the nodes as required by the kind of curve ([`Curve::places`](volcomp_curve::Curve::places)).
+    /// Equidistant samples alone could sample a periodic screw error only at its zeros. Within the travel, ends
+    /// included; ascending, without duplicates.
     pub fn places(&self) -> Vec<Vec<f64>> {
         let mut places = self.along_axes(Curve::places);
         for (places, axis) in places.iter_mut().zip(self.axes()) {
@@ -109,7 +110,7 @@ impl Machine {
         places
     }
 
-    /// Along each axis, the coordinates that `of` returns for its curves, and the nodes of grids.
+    /// Along each axis, the coordinates that `of` returns for the curves of the axis, and the nodes of grids.
     fn along_axes(&self, of: fn(&Curve) -> Vec<f64>) -> Vec<Vec<f64>> {
         let mut along = vec![Vec::new(); self.axes().len()];
         for (name, curve) in self.errors() {
@@ -202,9 +203,10 @@ impl Machine {
         Ok(Some(EachKelvin { reference: at(None)?, warmer: warmer.collect::<Result<_, _>>()? }))
     }
 
-    /// The maximum of a quantity (mm, rad) of each correcting axis, in chain order. The search evaluates an even grid over the travels of all axes,
-    /// ends included, with approach from either side; from the maximum of each axis it then scans every axis at [`Machine::places`]. Axes `fixed` at a
-    /// coordinate (mm, rad) do not move. NaN counts as infinite.
+    /// The maximum absolute value of `of` (mm, rad) for each correcting axis, in chain order. The search evaluates an
+    /// even grid over the travels of all axes, ends included, with approach from either side; from the maximum of each
+    /// axis it then scans every axis at [`Machine::places`]. Axes `fixed` at a coordinate (mm, rad) do not move. NaN
+    /// counts as infinite.
     pub fn largest_within_travels(
         &self,
         correctors: &Correctors,

@@ -57,7 +57,8 @@ impl RigidSums {
     /// The least-squares rigid motion. A rotation that the points do not determine (about a line through all of them, or about a single point) is
     /// zero. Points or errors that are not finite give NaN.
     pub fn motion(&self) -> RigidMotion {
-        // Relative to the means, the translation is the mean error, and the rotation solves Σ (|p|² − p pᵀ) ω = Σ p × e.
+        // With points and errors relative to their means, the translation is the mean error, and the rotation ω solves
+        // Σ (|p|² − p pᵀ) ω = Σ p × e.
         RigidMotion {
             about_mm: self.place_mm,
             shift_mm: self.error_mm,
@@ -85,7 +86,8 @@ impl RigidSums {
         if extent == 0.0 {
             return Vector3::zeros();
         }
-        // Relative to the extent, so that the size of the machine and the unit have no effect.
+        // Both sides are divided by the extent, so that the threshold does not depend on the size of the machine or the
+        // unit.
         let matrix = Matrix3::identity() - self.places / extent;
         let right = turning / extent;
         if !matrix.iter().chain(&right).all(|x| x.is_finite()) {
@@ -107,7 +109,7 @@ impl RigidSums {
 pub struct RigidMotion {
     /// Centre of rotation, mm: the mean of the fitted points.
     pub about_mm: Vector3<f64>,
-    /// Translation of that point, mm.
+    /// Translation of the point `about_mm`, mm.
     pub shift_mm: Vector3<f64>,
     /// Small rotation about `about_mm`, as a vector along its axis, rad.
     pub rotation_rad: Vector3<f64>,

@@ -28,18 +28,16 @@ impl Default for Fading {
     }
 }
 
-/// The thermal terms of a machine over time. State: the lagged temperatures of each term, the time
-/// for which its sensors have been missing, its faded fraction, and the rates of the sensors. Only
-/// [`new`](Self::new) allocates.
+/// The thermal terms of a machine over time. State: the lagged temperatures of each term, the time for which its
+/// sensors have been missing, its active fraction, and the rates of the sensors. Only [`new`](Self::new) allocates.
 ///
-/// A lag advances by [`first_order_lag`], which is exact for a temperature that is constant over
-/// the step, and starts at its first input. A term with a missing sensor is held, and then fades
-/// ([`Fading`]). When the sensor returns, the lag advances over the whole missing time with the new
-/// temperature, and the faded fraction returns as slowly as it faded.
+/// A lag advances by [`first_order_lag`], which is exact for a temperature that is constant over the step, and starts
+/// at its first input. A term with a missing sensor is held, and then fades ([`Fading`]). When the sensor returns, the
+/// lag advances over the whole missing time with the new temperature, and the active fraction rises as slowly as it
+/// fell.
 ///
-/// Beyond their tested ranges ([`Seen`](crate::Seen)) all terms of an error are held and fade
-/// together, so that terms that cancel each other continue to do so; their fraction changes no
-/// faster than [`Fading::fade_s`] allows.
+/// Beyond their tested ranges ([`Seen`](crate::Seen)) all terms of an error are held and fade together, so that terms
+/// that cancel each other continue to do so. Their active fraction changes no faster than [`Fading::fade_s`] allows.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ThermalState {
     sensors: Vec<String>,
@@ -146,8 +144,8 @@ impl ThermalState {
         }
     }
 
-    /// Advances over `stood_s` in which the program was paused and sampled no sensors: the next temperatures advance the lags over that time, which
-    /// does not count as missing time.
+    /// Advances over `stood_s`, a pause of the program in which no sensor was sampled. The next temperatures advance
+    /// the lags over the pause as well. The pause does not count as missing time of a sensor.
     pub fn stand(&mut self, stood_s: f64) {
         for term in &mut self.terms {
             term.unheard_s += stood_s.max(0.0);
@@ -157,9 +155,10 @@ impl ThermalState {
         }
     }
 
-    /// Continues the lags of another state, such as that of the previous machine file, so that a changed lag or weight does not restart them: each
-    /// sensor of a term takes its lagged temperature from that term of the other state with the same sensor and the nearest lag, whatever its error and
-    /// weight. A sensor without such a term starts at its first temperature. Does not allocate.
+    /// Continues the lags of another state, such as that of the previous machine file, so that a changed lag or weight
+    /// does not restart them. Each sensor of a term takes its lagged temperature from the term of the other state with
+    /// the same sensor and the nearest lag; error and weight of that term do not matter. A sensor without such a term
+    /// starts at its first temperature. Does not allocate.
     pub fn carry_over(&mut self, from: &Self) {
         let shift_k = from.reference_degc - self.reference_degc;
         for term in &mut self.terms {
@@ -235,13 +234,13 @@ impl Fading {
         (1.0 - faded_s / self.fade_s.max(f64::MIN_POSITIVE)).max(0.0)
     }
 
-    /// The fraction after it moved towards `target` for `dt_s`.
+    /// The active fraction after `dt_s` of movement towards `target`, at most 1 per `fade_s`.
     pub(crate) fn towards(self, share: f64, target: f64, dt_s: f64) -> f64 {
         let step = dt_s / self.fade_s.max(f64::MIN_POSITIVE);
         share + (target - share).clamp(-step, step)
     }
 
-    /// The fraction after a further `dt_s` in which all sensors delivered temperatures.
+    /// The active fraction after a further `dt_s` in which all sensors delivered temperatures.
     fn returned(&self, share: f64, dt_s: f64) -> f64 {
         (share + dt_s.max(0.0) / self.fade_s.max(f64::MIN_POSITIVE)).min(1.0)
     }
@@ -411,8 +410,8 @@ impl Watch {
         }
     }
 
-    /// Takes over the rates of another watch for the same sensors (compared by `same`) and, if that
-    /// monitors the same error, the active fraction.
+    /// Takes over the rates of the watch `from` for the same sensors (compared by `same`). If `from` monitors the same
+    /// error, the active fraction is taken over as well.
     pub(crate) fn carry_over(&mut self, from: &Self, same: impl Fn(usize, usize) -> bool) {
         for watched in &mut self.sensors {
             let other = from.sensors.iter().find(|o| same(watched.sensor, o.sensor));
@@ -438,14 +437,14 @@ impl Watch {
         beyond.fold(0.0, f64::max)
     }
 
-    /// The active fraction of the terms, 0 to 1. It is 0 until every sensor has delivered a
-    /// temperature, since only then is it known whether they are in the tested range.
+    /// The active fraction of the terms, 0 to 1. It is 0 until every sensor has delivered a temperature, because a
+    /// sensor may be outside its tested range before.
     pub(crate) fn share(&self) -> f64 {
         self.share.unwrap_or(0.0)
     }
 
-    /// Whether a sensor is beyond the tested range, or the terms are still returning after that. A sensor without a temperature does not
-    /// count, because its terms have not started.
+    /// Whether a sensor is beyond its tested range, or the terms have not fully returned since. False until the first
+    /// temperature, because the terms have not started.
     pub(crate) fn is_beyond(&self) -> bool {
         self.beyond_k() > 0.0 || self.share.is_some_and(|share| share < 1.0)
     }

@@ -1,8 +1,9 @@
 //! Volumetric error: the error of the tool over poses of all axes after alignment of the workpiece.
 //!
-//! The workpiece is aligned once, by the rigid motion that best fits the errors of all poses and tools. An error that displaces the workpiece
-//! equally at every pose is removed by it. A location error of a rotary axis displaces it differently at every angle and is not removed. At a single
-//! rotary pose the two could not be distinguished, so the poses cover the travels of all axes.
+//! The workpiece is aligned once, by the rigid motion that best fits the errors of all poses and tools. The alignment
+//! removes an error that displaces the workpiece equally at every pose. It does not remove a location error of a rotary
+//! axis, which displaces the workpiece differently at every angle. At a single rotary pose these two errors could not
+//! be distinguished, so the poses cover the travels of all axes.
 //!
 //! Each axis is approached from one of its two sides, so that backlash is included.
 
@@ -18,8 +19,9 @@ const HALF_POSES: u32 = 2048;
 /// Number of poses from which the search for the largest error starts.
 const STARTS: usize = 32;
 const SAMPLES: u32 = 33;
-/// Number of groups into which the poses are divided for each direction of the error, because rotary axes rotate the contributions of the axes
-/// after them. The search starts from the worst pose of each group.
+/// Number of groups into which the poses are divided; for each direction of the error, the search starts from the worst
+/// pose of each group. Rotary axes rotate the contributions of the axes after them, so the worst pose overall may not
+/// lead to the maximum.
 const STARTS_A_DIRECTION: usize = 2;
 /// Number of equidistant samples along an axis for combinations with samples of other axes.
 const COMBINED_SAMPLES: u32 = 9;
@@ -208,7 +210,7 @@ impl<'a> Search<'a> {
         }
         places.extend(self.combinations(of));
         for (number, start) in places.iter().enumerate() {
-            // Many directions lead to one place.
+            // Several directions may give the same place.
             if !places[..number].contains(start) {
                 maxima.push(self.sampled(start.0, start.1.clone(), &length)?);
             }
@@ -295,8 +297,8 @@ struct LinearSample {
     at: At,
 }
 
-/// Samples of all fields: at few equidistant fractions of the travels and at the places of their
-/// curves, from either side if that matters.
+/// Samples of all fields: at equidistant fractions of the travels and at the places of the curves. Axes with
+/// direction-dependent curves are sampled with approach from both sides.
 fn rotary_samples(grounds: &[SearchGround<'_>]) -> Result<Vec<RotarySample>, ModelError> {
     let mut samples = Vec::new();
     for (number, ground) in grounds.iter().enumerate() {
@@ -335,8 +337,8 @@ fn linear_samples(
     Ok(of_axes)
 }
 
-/// Poses of the rotary axes at their samples, thinned evenly to a bounded number, from either side if that matters; the linear axes are in
-/// the middle of their travels.
+/// Poses of the rotary axes at their samples, thinned evenly to at most `ROTARY_POSES`, with approach from both sides
+/// if a curve depends on the direction. The linear axes are in the middle of their travels.
 fn rotary_poses(ground: &SearchGround<'_>) -> Vec<Place> {
     let axes = ground.field.machine.axes();
     let rotary: Vec<(usize, Vec<f64>)> = (axes.iter().zip(&ground.places).enumerate())
@@ -379,7 +381,7 @@ fn shares(equal: u32, places: &[f64]) -> impl Iterator<Item = f64> {
     (0..equal).map(share).chain(places.iter().copied())
 }
 
-/// Coordinates as fractions of the travel of an axis, without those outside it.
+/// Coordinates as fractions of the travel of an axis; coordinates outside the travel are omitted.
 fn shares_of<'a>(axis: &Axis, at: &'a [f64]) -> impl Iterator<Item = f64> + use<'a> {
     let [low, high] = axis.travel;
     let shares = at.iter().map(move |at| (at - low) / (high - low));
@@ -427,7 +429,7 @@ impl<'a> Ascent<'a> {
         Self { ground, place, value }
     }
 
-    /// Moves to `place` if the quantity is larger there, and returns whether it is.
+    /// Moves to `place` if the quantity is larger there, and returns whether it moved.
     fn try_place(&mut self, place: Place, size: &dyn Fn(&At) -> f64) -> Result<bool, ModelError> {
         let value = size(&self.ground.field.at(&place)?);
         let is_larger = value > self.value;
@@ -464,7 +466,7 @@ impl<'a> Ascent<'a> {
         size: &dyn Fn(&At) -> f64,
     ) -> Result<(), ModelError> {
         let axes = self.place.shares.len();
-        // Number of axes that need no sampling where the others are now.
+        // Number of consecutive axes at their maximum with the other axes at their present positions.
         let mut settled = 0;
         for axis in (0..axes).cycle().take(ROUNDS * axes) {
             let mut is_better = false;
@@ -472,7 +474,7 @@ impl<'a> Ascent<'a> {
             for share in shares(SAMPLES, places.unwrap_or_default()) {
                 let mut place = self.with(axis, share);
                 is_better |= self.try_place(place.clone(), size)?;
-                // A peak may exist in the curve of one direction only.
+                // A peak may exist in the curve of one direction of approach only.
                 if self.ground.has_directions[axis] {
                     place.approach[axis] = -place.approach[axis];
                     is_better |= self.try_place(place, size)?;
@@ -486,7 +488,7 @@ impl<'a> Ascent<'a> {
         Ok(())
     }
 
-    /// Moves each axis by smaller and smaller steps, and also tries the other direction of approach.
+    /// Moves each axis by decreasing steps, and also tries the opposite direction of approach.
     fn refine(&mut self, size: &dyn Fn(&At) -> f64) -> Result<(), ModelError> {
         let mut step = 1.0 / f64::from(SAMPLES - 1);
         while step > MIN_STEP {
@@ -571,8 +573,8 @@ impl Place {
 /// opposite approach.
 fn places(axes: usize) -> impl Iterator<Item = Place> {
     (1..=HALF_POSES).flat_map(move |number| {
-        // Multiples of irrational roots are above and below a half equally often, independent of
-        // the fractions.
+        // The fractional parts of the multiples of an irrational root are above and below one half equally often,
+        // independent of the Halton fractions.
         let side = |axis: usize| {
             let root = f64::from(BASES[axis % BASES.len()]).sqrt();
             Direction::of((f64::from(number) * root).fract() - 0.5)

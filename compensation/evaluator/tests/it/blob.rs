@@ -1,5 +1,5 @@
-//! Binary format: writing and reading keeps a machine, with thermal offsets and motion frames; older versions can be read; invalid bytes
-//! are rejected.
+//! Binary format: a machine that is written and read again is the same, with thermal offsets and motion frames; older
+//! versions can be read; invalid bytes are rejected.
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;

@@ -143,7 +143,8 @@ fn a_function_is_compiled_over_the_travel() {
     assert!(matches!(refused, Err(EvaluatorError::NotFinite { .. })));
 }
 
-/// Positioning of 10 µm/m, squareness, expansion and a constant over two coordinates add up as in closed form.
+/// Positioning deviation of 10 µm/m, squareness, expansion and a constant over two coordinates add up as in closed
+/// form.
 #[test]
 fn all_parts_act_as_in_closed_form() {
     let x = AxisParts::new(travel(AxisName::X), |q, _| {
@@ -174,7 +175,7 @@ fn all_parts_act_as_in_closed_form() {
         )
         .unwrap(),
     );
-    // EXX + expansion − squareness·y, assembly, the constant.
+    // Along X: EXX + expansion − squareness·y; along Y: the assembly error; along Z: the constant.
     let expected = [0.0005 + 0.001 - 20e-6 * 40.0, 0.007, 0.003];
     for (found, expected) in found.position_mm.iter().zip(expected) {
         assert!((found - expected).abs() < 1e-9, "{found} {expected}");

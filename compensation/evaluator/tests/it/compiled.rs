@@ -53,7 +53,7 @@ fn the_slope_bound_holds_and_is_tight() {
         let per_unit = if name.component.is_angular() { 1e6 } else { 1e3 };
         let bound = compiled.slope_bound(name.axis, name.component) * per_unit;
         assert!(bound >= steepest * 0.999 - 1e-6, "{name}: {bound} under {steepest}");
-        // The grid's bound covers the second axis too.
+        // EZY is a grid, and its bound also covers the slope along the second axis.
         assert!(
             bound <= steepest * 1.05 + 1e-3 || name.to_string() == "EZY",
             "{name}: {bound} far over {steepest}"

@@ -1,5 +1,5 @@
-//! Choice and correction of the correcting axes: the exact one, the compiled machine's and a plain singular value decomposition agree for
-//! oblique directions, secondary axes U V W, any choice of axes and any pose.
+//! Choice of the correcting axes, and their correction: the exact correction, that of the compiled machine and a plain
+//! singular value decomposition agree for oblique directions, secondary axes U V W, any choice of axes and any pose.
 
 use nalgebra::{DMatrix, DVector, Vector3};
 use rand::{RngExt, SeedableRng, seq::SliceRandom};
@@ -120,7 +120,7 @@ fn by_decomposition(
         rank = svd.singular_values.iter().filter(|value| **value >= 0.02).count();
         let (u, v_t) = (svd.u.unwrap(), svd.v_t.unwrap());
         for (place, &index) in rotary.iter().enumerate() {
-            // A singular direction below 0.015 is not corrected, one above 0.02 fully.
+            // A direction with a singular value below 0.015 is not corrected; one above 0.02 is corrected fully.
             let directions = svd.singular_values.iter().enumerate();
             let shares = directions.filter(|(_, value)| **value > 0.015);
             let share: f64 = shares
@@ -153,7 +153,7 @@ fn by_decomposition(
     (delta, rank < 2)
 }
 
-/// Whether a decision is so close to its threshold that rounding may change it.
+/// Whether a value is so close to the threshold of a decision that rounding may change the decision.
 fn is_at_an_edge(chain: &Chain, state: &State, correctors: &Correctors) -> bool {
     let before = |last: usize| {
         let joints = chain.joints().iter().zip(&state.q).take(last);
@@ -168,7 +168,7 @@ fn is_at_an_edge(chain: &Chain, state: &State, correctors: &Correctors) -> bool 
     });
     let near = |value: f64, edge: f64| (value - edge).abs() < 1e-6;
     let values = rows.svd(false, false).singular_values;
-    // The reference keeps linear axes that a rotation has made parallel.
+    // The reference also uses linear axes that a rotation has made parallel.
     let linear = correctors.linear();
     let columns = DMatrix::from_fn(3, linear.len().max(1), |row, place| {
         linear.get(place).map_or(0.0, |&index| column(index)[row])
@@ -239,8 +239,8 @@ fn exact_first_order_and_decomposition_agree_over_random_machines() {
     );
 }
 
-/// U, half a degree off X, counts as parallel to X and does not correct: a straightness error of X along Y is corrected by Y alone, not
-/// by large opposite moves of X and U.
+/// U is half a degree off X, so it counts as parallel to X and does not correct. A straightness error of X along Y is
+/// corrected by Y alone, without large opposite moves of X and U.
 #[test]
 fn a_second_axis_half_a_degree_off_takes_no_share() {
     let mut chain = Chain::new("w X' b Y Z U t".parse().unwrap());
@@ -265,8 +265,8 @@ fn a_second_axis_half_a_degree_off_takes_no_share() {
     }
 }
 
-/// X on the bed and Y on a rotary table between them are parallel at C = 90°: both implementations omit the second axis there, which
-/// would need an unbounded correction.
+/// X on the bed and Y on a rotary table between them are parallel at C = 90°. Both implementations omit the second of
+/// them there, because its correction would be unbounded.
 #[test]
 fn axes_that_turn_into_one_direction_do_not_take_shares_without_bounds() {
     let chain = Chain::new("w Y' C' X' b Z t".parse().unwrap());

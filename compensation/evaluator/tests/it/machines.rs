@@ -9,12 +9,13 @@ use volcomp_vocabulary::{AxisKind, Direction, ErrorName, PerAxis};
 
 use crate::EXAMPLE;
 
-/// Random machine with errors up to ±20 µm and ±30 µrad over 800 mm: every kind of error, curves of order 5, axes with points, a tool.
+/// Random machine with every kind of error up to ±20 µm and ±30 µrad over 800 mm, curves of order 5, axes with points,
+/// and a tool.
 pub(crate) fn machine(structure: &Structure, seed: u64) -> Machine {
     use std::fmt::Write;
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let mut number = |size: f64| rng.random_range(-size..=size);
-    // Any mixture of motion frames; constants may be left between two rotary axes.
+    // Any mixture of motion frames; constant errors may remain between two rotary axes.
     let mut frames = ChaCha8Rng::seed_from_u64(seed);
     let mut text = format!("structure = \"{structure}\"\n");
     for axis in structure.axes() {
@@ -170,7 +171,7 @@ fn the_first_order_correction_is_newtons_first_step() {
             let corrected = volcomp_model::corrected(&state, &found.delta);
             let left = left_with(&found.delta);
             assert!(left <= neglected + 1e-4, "{structure}: {left} over {neglected}");
-            // The bound also holds for the correction computed at the first one's target.
+            // The bound also holds for the correction computed at the state that the first correction reaches.
             let second = compiled.first_order(&corrected).delta;
             let left = left_with(&second);
             let neglected = compiled.neglected().there_mm(&found.delta, &second);

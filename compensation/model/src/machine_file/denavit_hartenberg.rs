@@ -78,7 +78,7 @@ fn decode_base(section: &Section<'_>) -> Result<Pose, InputError> {
     };
     let (point, x, z) =
         (vector("point", [0.0; 3])?, vector("x", [1.0, 0.0, 0.0])?, vector("z", [0.0, 0.0, 1.0])?);
-    // Scaled first, so that the squares neither underflow nor overflow.
+    // The vector is scaled first, so that the squares neither underflow nor overflow.
     let unit = |v: Vector3<f64>| (v.amax() > 0.0).then(|| (v / v.amax()).normalize());
     let frame = unit(z).zip(unit(x)).and_then(|(z, x)| {
         let y = z.cross(&x).try_normalize(1e-6)?;

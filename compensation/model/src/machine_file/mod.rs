@@ -349,7 +349,7 @@ fn decode_thermal(section: &Section<'_>, structure: &Structure) -> Result<Therma
     let mut all = Vec::new();
     section.tables("seen", |seen| {
         all.push(decode_seen(seen, structure)?);
-        // Checked against the terms and the preceding ranges.
+        // Each range is checked against the terms and the preceding ranges.
         thermal.seen.clone_from(&all);
         let last = all.last().map_or(Ok(()), |last| last.check(&thermal));
         last.map_err(|refusal| seen.error(refusal.to_string()))

@@ -78,7 +78,7 @@ fn write_tool(tool: &Tool) -> String {
 
 fn write_thermal(thermal: &Thermal) -> String {
     let mut text = format!("\n[thermal]\nreference = {:?}\n", thermal.reference_degc);
-    // Written only if present, so that files without it keep their text and checksum.
+    // Files without tested ranges are written without `margin_k`, so that they keep their text and checksum.
     if !thermal.seen.is_empty() || thermal.margin_k != Thermal::default().margin_k {
         let _ = writeln!(text, "margin_k = {:?}", thermal.margin_k); // writing to a String cannot fail
     }

@@ -196,7 +196,7 @@ fn the_map_visits_every_node_x_fastest() {
     }
 }
 
-/// Even positions every 25 mm miss the peak of EXX, and Y at 0 the part of the grid.
+/// Equidistant samples every 25 mm would miss the peak of EXX, and samples at Y = 0 would miss the grid EZX.
 #[test]
 fn differences_of_two_machines_are_found_wherever_they_are() {
     let one = plain(

@@ -134,7 +134,7 @@ fn a_free_axis_stands_where_the_linear_axes_reach() {
     found.sort_by(f64::total_cmp);
     near(&found, &[edge - 360.0, -edge, edge, 360.0 - edge]);
     assert!(reached.singular && reached.missed.is_none());
-    // A single coordinate: the radius equals the combined reach of Y and X.
+    // The range shrinks to a single coordinate: the radius equals the largest reach of X and Y together.
     let corner = machine("w C' A' b X Y Z t", &axes.replace("[-300, 300]", "[-1, 400]"));
     let [x, y] = [400.0_f64, 250.0];
     let reached = corner.axes_at([0.0, x.hypot(y), -50.0], [0.0, 0.0, 1.0]).unwrap();

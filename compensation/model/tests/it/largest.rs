@@ -28,7 +28,7 @@ fn each_kelvin_changes_the_largest_correction_by_the_sum_over_the_sensors() {
         (DRIFT.to_owned(), 5.0),
         (SCALE.to_owned(), 8.8),
         (format!("{SCALE}{DRIFT}"), 13.8),
-        // One sensor in two terms is one temperature: 3 from the head, 2 + 8.8 from the bed.
+        // The sensor `bed` in two terms counts once: 3 µm/K from the head, 2 + 8.8 µm/K from the bed.
         (format!("{OF_BED}{DRIFT}"), 13.8),
         // The reference may be outside the tested range.
         (format!("{DRIFT}{SEEN}"), 5.0),

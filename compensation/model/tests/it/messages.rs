@@ -5,7 +5,7 @@ use volcomp_test_support::cases;
 
 use crate::EXAMPLE;
 
-/// Replacements in the example: text, and what replaces it. The messages are in the snapshot.
+/// Changes to the example: the old text | the new text. The resulting messages are in the snapshot.
 const CHANGES: &str = r#"
 structure = "w C' X' b Y Z t" | structure = "w C' X' Y Z t"
 structure = "w C' X' b Y Z t" | structure = "w C' X' b Y' Z t"

@@ -166,7 +166,7 @@ fn a_term_that_has_faded_does_not_go_back_to_its_value_of_hours_ago() {
         thermal.step(1.0, &at(Some(20.0)));
         assert!(tilt_y(&machine, &thermal).abs() < 1e-12);
     }
-    // After a short silence the lag advances over it with the next temperature.
+    // After a short time without temperatures, the lag advances over that time with the next temperature.
     let (_, mut thermal) = state_of(THREE_AXES);
     thermal.step(0.0, &at(Some(20.0)));
     thermal.step(200.0, &at(None));
@@ -191,8 +191,8 @@ fn lags_go_on_over_a_time_in_which_the_program_stood() {
     assert!((tilt_y(&machine, &thermal) - expected).abs() < 1e-15);
 }
 
-/// A scale that has expanded by 100 µm over a metre moves the carriage 100 µm too far along the direction of its axis, also if that is
-/// reversed or slanted.
+/// A scale that has expanded by 100 µm over a metre moves the carriage 100 µm too far along the direction of its axis,
+/// also for a reversed or an oblique axis.
 #[test]
 fn a_scale_grows_along_the_direction_of_its_axis() {
     let half = std::f64::consts::FRAC_1_SQRT_2;
@@ -453,7 +453,7 @@ fn a_reload_does_not_jump_beyond_what_was_seen() {
     let (machine, mut new) = state_of(&SEEN.replace("[20.0, 30.0]", "[20.0, 40.0]"));
     new.carry_over(&old);
     new.step(1.0, &warm);
-    // A quarter of 39 µm, plus one second's share of the rest in ten minutes.
+    // A quarter of 39 µm, plus one second of a ramp that takes ten minutes for 39 µm.
     let z_um = x_z_um(&machine, &new)[1];
     assert!((z_um - 39.0 * (0.25 + 1.0 / 600.0)).abs() < 0.01, "{z_um}");
     new.step(600.0, &warm);

@@ -146,7 +146,7 @@ fn an_offset_of_a_rotary_axis_is_an_error_over_its_angles() {
     assert_eq!(found.position.at.len(), 4);
 }
 
-/// No alignment removes backlash: half of it to each side is part of the volumetric error.
+/// No alignment removes backlash: the volumetric error contains half of the backlash on each side.
 #[test]
 fn play_is_part_of_the_volumetric_error() {
     let text = "structure = \"w b X Y Z t\"\n[axes]\nX.travel = [0.0, 500.0]\nY.travel = [0.0, 500.0]\nZ.travel = [0.0, 500.0]\n[errors]\nEXX = { mean = { poly = [0.0] }, reversal = 100.0 }\n";
@@ -282,8 +282,8 @@ fn largest(machine: &Machine, names: &[&str]) -> f64 {
     volumetric(&fields).unwrap().max_mm
 }
 
-/// Heads that reach lower than the longest straight tool, but to other sides, do not replace it in the search: the
-/// largest tilt is about an axis nearly parallel to their tools.
+/// Angled heads that reach lower than the longest straight tool do not replace that tool in the search: its largest
+/// tilt is about an axis nearly parallel to the tools of the heads.
 #[test]
 fn the_longest_straight_tool_counts_beside_angled_heads() {
     let text = "structure = \"w b X Y Z t\"\n[axes]\nX.travel = [0.0, 500.0]\nY.travel = [0.0, 500.0]\nZ.travel = [0.0, 500.0]\n[tool]\ngauge = [0.0, 0.0, 0.0]\nlength = 81.0\n[tools.SHORT]\nlength = 81.0\n[tools.LONG]\nlength = 189.0\n[tools.SIDE]\nlength = 243.0\naxis = [0.0, -1.0, 0.0]\n[tools.HEAD]\nlength = 299.0\naxis = [0.0, 1.0, 1.0]\n[errors]\nEAZ = 4.0\nEBZ = 48.0\nECZ = 19.0\n";
@@ -390,7 +390,8 @@ fn a_spot_of_one_direction_is_found() {
     assert!((found.max_mm - 0.014).abs() < 1e-6, "{found:?}");
 }
 
-/// A peak of a linear axis is found that adds to a peak of the rotary table, and reduces the error at all other angles.
+/// The search finds a peak of a linear axis that adds to a peak of the rotary table but reduces the error at all other
+/// angles.
 #[test]
 fn a_spot_that_adds_at_one_angle_is_found() {
     let text = "structure = \"w C' X' b Y Z t\"\n[axes]\nX.travel = [0, 1000]\nY.travel = [0, 500]\nZ.travel = [0, 500]\nC = { travel = [0, 360], point = [500, 250, 0] }\n[errors]\nEXX = { table = [[0, -10], [613.0, -10], [613.5, 6], [614.0, -10], [1000, -10]], interpolation = \"linear\" }\nEXC = { table = [[0, 0], [195, 0], [197, 14], [223, 14], [225, 0], [360, 0]], interpolation = \"linear\" }\n";
