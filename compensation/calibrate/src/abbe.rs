@@ -40,8 +40,8 @@ impl Lever {
         let mut component = Vector3::zeros();
         component[setup.error.component.mcs_index()] = 1.0;
         Ok(Self {
-            // Unless stated, the point of the axis was measured. If it is on the other side of the
-            // joint, the travel still changes the lever arm.
+            // A set-up that states no point measured the point of the axis. If that point is on the other side of the
+            // joint, the lever arm still changes with the travel.
             point: measured_point(line, machine)?.into(),
             // A rotary axis does not move its own point, so the lever arm is constant.
             rides: match joint.kind {
@@ -93,8 +93,8 @@ impl Lever {
     }
 }
 
-/// Measured point of a line in the frame that carries its axis, mm: MCS at machine zero, moved by
-/// the held axes to their positions in the test. Unless stated, it is the point of the axis.
+/// Measured point of a line in the frame that carries its axis, mm: MCS at machine zero, moved by the held axes to
+/// their positions in the test. A line that states no point has the point of the axis.
 pub(crate) fn measured_point(line: &Line, machine: &Machine) -> Result<Vector3<f64>, ModelError> {
     let index = machine.index_of(line.setup.error.axis)?;
     let own = machine.chain().joints()[index].point_mm;

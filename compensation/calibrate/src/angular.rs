@@ -25,17 +25,17 @@ pub(crate) struct Angular {
     pub(crate) fitted: Vec<Fitted>,
     /// The machine of the file with its fitted tilts, for Abbe's principle and for the tilts of held axes.
     pub(crate) tilted: Machine,
-    /// Standard deviation of each fitted tilt at a target, µrad; missing if its readings do not show it.
+    /// Standard deviation of each fitted tilt at a target, µrad; a tilt whose readings do not show it has no entry.
     pub(crate) noise_urad: BTreeMap<ErrorName, f64>,
     pub(crate) notes: Vec<String>,
     /// Subset of `notes`: contradictory measurement lines.
     pub(crate) contradictions: Vec<(ErrorName, String)>,
 }
 
-/// Fits every angular error; `step` is called after each.
+/// Fits every angular error, and calls `step` after each of them.
 ///
-/// `known` is the machine of the file with the errors known before. The contributions of the location errors and of the
-/// other axes of `whole` are subtracted from the readings of rotary axes.
+/// `known` is the machine of the file with the errors that are already known. The contributions of the location errors
+/// and of the other axes of `whole` are subtracted from the readings of rotary axes.
 pub(crate) fn angular(
     file: &CalibrationFile,
     known: &Machine,
@@ -222,15 +222,15 @@ fn not_separated(
     )
 }
 
-/// Tilt at every place, µrad, by least squares from the differences of the lines. The linear error δ itself is equal in all lines and cancels when
-/// their mean is subtracted.
+/// Tilt at every target and direction, µrad, by least squares from the differences of the lines. The linear error δ
+/// itself is equal in all lines and cancels when their mean is subtracted.
 fn readings_of(beside: &ParallelReadings, inverse: &DMatrix<f64>, column: usize) -> Vec<Reading> {
     let count = beside.lines.len();
     let places = beside.places.iter().enumerate();
     let reading = |(place, (direction, target)): (usize, &(Direction, f64))| {
         let at = DVector::from_iterator(count, beside.lines.iter().map(|line| line[place]));
         let mean = at.mean();
-        // µm per mm: mrad.
+        // µm per mm of lever arm is mrad.
         let tilt_mrad = (inverse.row(column) * at.add_scalar(-mean)).sum();
         Reading { target: *target, run: 1, direction: *direction, deviation: tilt_mrad * 1e3 }
     };

@@ -14,9 +14,9 @@ use crate::{
 pub const LEAVE_OUT: &str = "leave_out";
 /// Answer that keeps the default of a key.
 pub const KEEP_DEFAULT: &str = "default";
-/// Keys of the place of a line, which matters only with tilts.
+/// Keys that state where a line was measured. They matter only on a machine with tilts.
 pub const LEVER_KEYS: [&str; 2] = ["point", "rides"];
-/// Keys with a default, besides the positions in `at`.
+/// Keys that have a default, in addition to the positions in `at`.
 const DEFAULTED: [&str; 4] = ["point", "rides", "sign", "holds_location"];
 
 const UNITS: [&str; 8] = ["mm", "um", "nm", "urad", "mrad", "rad", "arcsec", "deg"];
@@ -33,7 +33,7 @@ pub enum Subject {
 /// An answer as typed by the user.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Answer {
-    /// The measurement or squareness that it refers to.
+    /// The measurement or squareness to which the answer belongs.
     pub of: Subject,
     /// Key of the question: `error`, `file`, `at.Y`, `point`; or `leave_out`, with `true`, which removes the measurement or squareness.
     pub key: String,
@@ -53,7 +53,8 @@ pub enum AnswerError {
     Value { subject: String, key: String, found: String, expected: String },
 }
 
-/// Order in which answers are applied: the error of a measurement determines its other keys, and its unit some of them.
+/// Order in which answers are applied. The error of a measurement determines all its other keys; the unit determines
+/// some.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Turn {
     /// Answers that state the error of a measurement; applied first, because they determine its
@@ -112,7 +113,7 @@ impl Draft {
         let (errors, others) = in_order.split_at(first_other);
         for step in errors.iter().map(Some).chain([None]).chain(others.iter().map(Some)) {
             let Some(answer) = step else {
-                // The errors are known now, and with them whether levers matter.
+                // All errors are applied, so it is known now whether lever arms matter.
                 levers(&mut proposed, self.machine_has_tilts);
                 continue;
             };
@@ -215,7 +216,7 @@ impl Draft {
     }
 }
 
-/// Asks for the positions of lines if their lever arms have an effect with the answered errors.
+/// Opens the questions for positions of lines, if lever arms have an effect with the answered errors.
 fn levers(proposed: &mut [Option<Proposed>], machine_has_tilts: bool) {
     let mut known: Vec<Proposed> = proposed.iter().flatten().cloned().collect();
     ask_for_levers(&mut known, machine_has_tilts);

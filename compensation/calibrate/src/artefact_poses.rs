@@ -23,21 +23,23 @@ const TARGETS: usize = 21;
 /// Maximum component of a unit direction normal to another one at which both are treated as parallel.
 const PARALLEL_BELOW: f64 = 0.02;
 
-/// Poses of the artefacts on the workpiece side and on the tool side, aligned so that the machine has no error with all axes at `reference`.
+/// Poses of the artefacts on the workpiece side and on the tool side, aligned so that the machine has no error with all
+/// axes at `reference`.
 ///
 /// An artefact on the workpiece side is aligned to the reference lines of the reference axes, at the position of the
-/// tool tip at `reference`. The artefact or instrument in the tool is aligned to it in this pose. Readings therefore do
-/// not depend on the constants of error motions and the slopes of straightnesses, which are conventions.
+/// tool tip at `reference`. The artefact or instrument in the tool is aligned to that artefact in this pose. Readings
+/// therefore do not depend on the constants of error motions and the slopes of straightnesses, which are conventions.
 #[derive(Clone, Copy, Debug)]
 pub struct ArtefactPoses {
-    /// Pose of the artefact frame of the workpiece side, in which the workpiece axes are given, mm.
+    /// Pose of the workpiece axes in the frame of the artefact on the workpiece side, mm.
     pub workpiece: Pose,
     /// Pose of the artefact on the tool side in tool axes, mm.
     pub tool: Pose,
 }
 
 impl ArtefactPoses {
-    /// Poses on the machine of a calibration file before its lines are evaluated. Its measured errors are taken as zero: curves, and squareness.
+    /// Poses on the machine of a calibration file before its lines are evaluated: the measured error motions and the
+    /// squarenesses of the file are zero.
     pub(crate) fn before_lines(
         file: &CalibrationFile,
         known: &Machine,
@@ -76,7 +78,7 @@ impl ArtefactPoses {
             let actual_to = actual_pose(chain, &errors, &moved).transform_point(&tip);
             Some([to - ideal.transform_point(&tip), actual_to - actual.transform_point(&tip)])
         });
-        // Without two linear axes, the tool axes replace them.
+        // On a machine with fewer than two linear axes, axes of the tool replace them.
         let of_tool =
             (0..3).map(|k| [&ideal, &actual].map(|pose| pose.rotation.column(k).into_owned()));
         let turned = Pose::about_point(turn(directions.chain(of_tool)), Vector3::zeros());
@@ -86,9 +88,9 @@ impl ArtefactPoses {
     }
 }
 
-/// Location of the line of a rotary axis (mm, rad; relative to the nominal line, in MCS at machine zero) as measured by an instrument that is set
-/// up as by [`ArtefactPoses::of`]: with all axes at `reference`, relative to the tool tip, along the reference lines of the reference axes.
-/// `[[location]]` of a calibration file states this value.
+/// Location of the line of a rotary axis (mm, rad) relative to the nominal line, in MCS at machine zero, as an
+/// instrument measures it: set up as in [`ArtefactPoses::of`] with all axes at `reference`, relative to the tool tip,
+/// along the reference lines of the reference axes. `[[location]]` of a calibration file states this value.
 ///
 /// # Errors
 ///
@@ -117,7 +119,8 @@ pub fn location_seen(
         let pose = |state: &State| actual_pose(chain, &errors, state);
         to_axis * pose(&turned) * pose(&zero).inverse() * to_axis.inverse()
     };
-    // The rotation vector of a quarter turn has the direction of the axis, and half a turn moves a point to the other side of it.
+    // The rotation vector of a quarter turn has the direction of the axis. Half a turn moves a point to the opposite
+    // side of the axis.
     let direction = vector_from_rotation(&turned_by(FRAC_PI_2).rotation) / FRAC_PI_2;
     let point = joint.point_mm;
     Ok(ErrorMotion {
@@ -140,8 +143,8 @@ fn over([low, high]: [f64; 2]) -> Vec<f64> {
     (0..TARGETS).map(|target| low + (high - low) * share(target)).collect()
 }
 
-/// Rotation that takes the actual directions of two axes to the nominal ones, the first exactly. `directions` are the
-/// nominal and actual directions of axes in order of priority.
+/// Rotation from the actual directions of two axes to their nominal directions: exact for the first axis, and in the
+/// plane of both for the second. `directions` are pairs of nominal and actual direction, in order of priority.
 fn turn(directions: impl Iterator<Item = [Vector3<f64>; 2]>) -> Matrix3<f64> {
     let mut frames = [Matrix3::identity(); 2];
     let mut found = 0;
@@ -173,7 +176,8 @@ fn turn(directions: impl Iterator<Item = [Vector3<f64>; 2]>) -> Matrix3<f64> {
     nominal * actual.transpose()
 }
 
-/// The errors of a machine whose axes move along their reference lines, with the errors at coordinate zero unchanged.
+/// The errors of a machine whose axes move along their reference lines: the errors at the reference state `zero`, and
+/// from there only the slopes of the straightnesses.
 struct ReferenceLines {
     zero: State,
     motions: [ErrorMotion; MAX_AXES],

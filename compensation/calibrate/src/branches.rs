@@ -17,18 +17,18 @@ const LINES_AGREE_UM: f64 = 1e-6;
 /// Maximum number of alignment rounds; each at least halves the differences if lines share their targets.
 const ROUNDS: usize = 40;
 
-/// Maximum deviation of a mean reading from the curve in standard deviations; one in 370 exceeds it by chance.
+/// Maximum deviation of a mean reading from the curve in standard deviations; one reading in 370 exceeds it by chance.
 const WITHIN_SIGMAS: f64 = 3.0;
 const STEPS: usize = 120;
 
-/// Scatter of a mean reading about a curve: the largest of the lines, `None` if it is unknown for all. Offsets and slopes of the runs are removed
-/// first: they shift and rotate the curve, but do not affect its residuals.
+/// Scatter of a mean reading about a curve: the largest of all lines; `None` if the scatter of every line is unknown.
+/// Offsets and slopes of the runs are removed first: they shift and rotate the curve, but do not affect its residuals.
 fn noise_about_curve(profiles: &[Profile<'_>]) -> Option<Noise> {
     let noise = profiles.iter().filter_map(|profile| profile.scatter_of_mean(RunAlignment::Line));
     noise.reduce(|a, b| if b.deviation > a.deviation { b } else { a })
 }
 
-/// Fits of an error, forward first; at least one.
+/// Fits of an error: one for both directions, or one for each direction, forward first.
 #[derive(Clone)]
 pub(crate) struct Branches {
     fits: Vec<(Direction, Fit)>,
@@ -40,7 +40,7 @@ pub(crate) struct Branches {
     /// Repeated readings for each fit, from which its band is resampled; empty until the lines are
     /// aligned.
     repeated: Vec<Option<Repeated>>,
-    /// Factor by which the curves were multiplied.
+    /// Product of the factors of all calls of `scaled`.
     factor: f64,
 }
 
@@ -251,8 +251,8 @@ impl Branches {
         differences.max_by(|a, b| a.abs().total_cmp(&b.abs()))
     }
 
-    /// Values of each curve at the targets. At targets with readings they follow from the
-    /// residuals, because moving least squares are slow to evaluate again.
+    /// Values of each curve at the targets. At targets with readings, the values are computed from the residuals,
+    /// because moving least squares are slow to evaluate again.
     fn values_at_targets(&self) -> Vec<Vec<f64>> {
         let of = |((_, fit), points): (&(Direction, Fit), &Points)| {
             let read = points.iter().zip(&fit.residuals);
@@ -303,7 +303,7 @@ fn quality<U>(fit: &Fit, reversal: Option<f64>, unit: fn(f64) -> U) -> FitQualit
     }
 }
 
-/// One branch of a fitted error.
+/// The fitted curve of an error, for one direction of travel or for both.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct FittedCurve {
@@ -391,8 +391,8 @@ pub struct FitQuality<U> {
     pub residual_max: U,
     /// Root mean square of reading minus curve.
     pub residual_rms: U,
-    /// Leave-one-out error: root mean square of each reading minus the curve fitted to the others; `None` if one of
-    /// them cannot be predicted from the others.
+    /// Leave-one-out error: root mean square of each reading minus the curve fitted to all other readings; `None` if a
+    /// reading cannot be predicted from the others.
     pub leave_one_out: Option<U>,
     /// Largest difference forward − backward of the curves over the targets, with its sign; `None` if one curve holds for both directions.
     pub reversal: Option<U>,

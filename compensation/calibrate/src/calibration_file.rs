@@ -128,8 +128,8 @@ impl CalibrationFile {
 pub struct Diagonals {
     /// The squareness errors that the diagonals determine.
     pub errors: Vec<ErrorName>,
-    /// The diagonals as observations. Their unknowns include the offset of each diagonal, and a common scale: of the laser, of its material
-    /// temperature, and of the machine.
+    /// The diagonals as observations. Their unknowns include the offset of each diagonal, and one scale error that
+    /// laser, material temperature and machine have in common.
     pub observations: Observations,
     /// Files of the diagonals, for the provenance.
     pub sources: Vec<Source>,

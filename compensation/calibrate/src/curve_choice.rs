@@ -21,7 +21,7 @@ pub enum CurveChoice {
         /// The order of its last term.
         order: usize,
     },
-    /// Moving least squares: a polynomial at each place, from the readings near it.
+    /// Moving least squares: at each coordinate, a polynomial fitted to the readings near it.
     MovingLeastSquares {
         /// Order of the local polynomials.
         order: usize,

@@ -188,7 +188,7 @@ fn without_file(said: &str, path: &Path) -> String {
     };
     match rest.strip_prefix(": ") {
         Some(what) => what.to_owned(),
-        // The line number follows.
+        // A colon and the line number follow the file name.
         None => {
             rest.strip_prefix(':').map_or_else(|| said.to_owned(), |line| format!("line {line}"))
         }
@@ -240,7 +240,8 @@ fn join_same_places(proposed: &mut Vec<Proposed>, conflicts: &mut Vec<String>) {
     *proposed = kept;
 }
 
-/// Messages on measurements that have the same place because of answers; those with the same place before are already merged.
+/// Messages on measurements that have the same place because of answers. Measurements that had the same place before
+/// are already merged.
 pub(crate) fn conflicts_of(now: &[Proposed]) -> Vec<String> {
     let conflict = |(place, of): (usize, &Proposed)| {
         let mut before = now[..place].iter();
@@ -422,7 +423,7 @@ fn list(
                 list(&path, without, depth + 1, most, paths)?;
             }
         } else if path.is_file() {
-            // A pipe or a socket would block its reader.
+            // Only files are listed: reading a pipe or a socket would block.
             paths.push(path);
         }
     }

@@ -15,8 +15,8 @@ pub struct Ensemble {
 pub struct Scatter {
     /// Degrees of freedom of the estimate: n − 1 for n runs.
     pub degrees: f64,
-    /// One machine for each independent part of the contribution, computed with the readings shifted by that part. The squares of the changes add up to
-    /// the variance.
+    /// One machine for each independent part of the contribution, computed with the readings shifted by that part. The
+    /// sum of the squared changes is the variance.
     pub shifted: Vec<CompiledMachine>,
 }
 

@@ -15,7 +15,7 @@ use crate::{
 
 /// Convergence limit on the change of any parameter, as a fraction of its standard uncertainty.
 const SETTLED: f64 = 0.01;
-/// Lower bound of the standard uncertainty used in this limit, in the unit of the parameter.
+/// Lower bound of the standard uncertainty to which `SETTLED` refers, in the unit of the parameter.
 const LEAST: f64 = 1e-6;
 const ROUNDS: usize = 60;
 /// Ratio of successive changes above which unknowns and lines are solved together instead of alternately.
@@ -64,8 +64,8 @@ pub(crate) fn settled(
         let found = on(&stages.machine, &followers, 0);
         let (found, _) = found?;
         let moved = before.as_ref().map(|before| moved(before, &found.parameters));
-        // Each round changes the next one by a constant fraction of its own change, as long as the
-        // change exceeds rounding errors.
+        // As long as the changes exceed rounding errors, the change of each round is a constant fraction of the
+        // previous one.
         let share = match (last_moved, moved) {
             (Some(before), Some(moved)) if moved > SETTLED => moved / before,
             _ => 0.0,
@@ -120,7 +120,7 @@ pub(crate) fn settled(
             // depend on the unknowns.
             carries: followers.is_empty() && rounds > 1,
         };
-        // Checked first, because a wrong value makes correct rows appear wrong.
+        // Stated values are checked first, because a wrong value makes correct rows appear wrong.
         let contradicted = contradicted_values(&lines)?;
         let errors = contradicted.iter().map(|(error, _)| *error);
         found.machine.leave_undecided(errors);

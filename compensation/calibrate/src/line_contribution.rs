@@ -1,5 +1,5 @@
-//! Contribution of the lines to the uncertainty of the unknowns that depend on them: other readings would give other curves, and other curves would
-//! give other unknowns.
+//! Contribution of the lines to the uncertainty of the unknowns: the uncertainty of the readings propagates to the
+//! curves, and from the curves to the unknowns that depend on them.
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -94,7 +94,7 @@ impl LineContribution<'_> {
 
     /// Covariance due to the instrument uncertainties stated in the file, without the scatter of runs.
     fn stated(&self, base: &DVector<f64>) -> Result<DMatrix<f64>, CalibrateError> {
-        // The contribution of the observations is already included.
+        // The contribution of the observations to the covariance is already included.
         let mut without = self.file.clone();
         without.observations = None;
         let mut sizes = Vec::new();
@@ -114,7 +114,7 @@ impl LineContribution<'_> {
         };
         let alone = |own: usize| shifted(&mut |place| if place == own { 1.0 } else { 0.0 });
         let stated = (0..sizes.len()).filter(|&place| sizes[place] == Part::Stated);
-        // Without a stated uncertainty there is no shift.
+        // A part without a stated uncertainty shifts no reading and is omitted.
         let files: Vec<CalibrationFile> =
             stated.map(alone).filter(|file| !file.reads_as(&without)).take(ALONE + 1).collect();
         let count = base.len();
@@ -156,13 +156,13 @@ impl LineContribution<'_> {
             }
             column += 1;
         }
-        // Converging rounds carry over less than the whole change.
+        // If the rounds converge, the inverse exists.
         Ok(round.try_inverse().unwrap_or(DMatrix::identity(count, count)))
     }
 }
 
-/// Change of an unknown with which the response of the lines is computed, µm or µrad: the size of real errors. The lines respond in proportion, so
-/// that the size does not affect the result.
+/// Change of an unknown with which the response of the lines is computed, µm or µrad: the size of real errors. The
+/// response is linear, so the size does not affect the result.
 pub(crate) const CHANGE: f64 = 10.0;
 
 /// Fits the lines again with one unknown increased by [`CHANGE`]; `None` for a parameter of a
@@ -268,7 +268,7 @@ mod tests {
             let found = widening(&[(3.0, degrees)], 3.0) * 1.959_964;
             assert!((found / t - 1.0).abs() < 1e-6, "{found} {t}");
         }
-        // 2 · 1 and 2 · 3 − 2: √8.
+        // Two scatters with ν = 1: √(2 · 1 · (2 · 3 − 2)) = √8 degrees of freedom.
         let two = widening(&[(1.0, 1.0), (1.0, 1.0)], 2.0);
         assert!((two - student_widening(8.0_f64.sqrt())).abs() < 1e-12);
         // A variance without a part from scatters, and a variance of zero.

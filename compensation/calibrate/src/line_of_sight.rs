@@ -21,7 +21,7 @@ pub struct LineOfSight<'a> {
     machine: &'a Machine,
     chain: &'a Chain,
     setup: &'a Setup,
-    /// State with the held axes in position and the measured axis at 0.
+    /// State with the held axes at their positions in the test and the measured axis at 0.
     held: State,
     axis: usize,
     /// Frame of the measured axis in MCS, as moved by the held axes.
@@ -78,8 +78,8 @@ impl<'a> LineOfSight<'a> {
         state
     }
 
-    /// Reading at a target when `command` is commanded for it, µm or µrad, in the sign of the error. Positioning is
-    /// along the axis (ISO 230-2); other errors are along or about the axes of the frame in which the errors of the
+    /// Reading at `target` with the machine commanded to `command`, µm or µrad, in the sign of the error. Positioning
+    /// is along the axis (ISO 230-2); other errors are along or about the axes of the frame in which the errors of the
     /// axis are stated.
     pub fn reading(&self, errors: &impl ErrorSource, target: &State, command: &State) -> f64 {
         let [workpiece, tool] = self.sides(target);
@@ -146,7 +146,7 @@ impl<'a> LineOfSight<'a> {
         self.carried.rotation.transpose() * workpiece.rotation.transpose()
     }
 
-    /// Position of the measured point, which moves with the carriage if the line is so set up, mm in MCS.
+    /// Position of the measured point, mm in MCS. The point moves with the carriage if the set-up states so.
     fn measured_point_mcs(&self, state: &State) -> Vector3<f64> {
         let joint = &self.chain.joints()[self.axis];
         let moves = match (joint.side, self.setup.rides) {

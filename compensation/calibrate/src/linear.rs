@@ -29,8 +29,8 @@ pub(crate) struct Linear<'a> {
     pub(crate) contradictions: Vec<(ErrorName, String)>,
 }
 
-/// Fits every linear error, with the tilts of the machine in `tilts` and, for rotary axes, without the contributions of
-/// the other axes of `whole`; `step` is called after each.
+/// Fits every linear error, and calls `step` after each of them. The contributions of the tilts of the machine in
+/// `tilts` and, for rotary axes, of the other axes of `whole` are subtracted.
 pub(crate) fn linear<'a>(
     file: &'a CalibrationFile,
     tilts: &Tilts<'_>,

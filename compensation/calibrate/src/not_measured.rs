@@ -117,8 +117,8 @@ fn unknown(observations: &Observations) -> impl Iterator<Item = ErrorName> {
     observations.unknown.iter().map(|unknown| unknown.error)
 }
 
-/// Location errors that have an effect and are not stated. Of the two tilts that form a squareness,
-/// the one that is not zero by definition is listed; the other one also if the machine file has it.
+/// Location errors that have an effect and are not stated. Of the two tilts that form a squareness, the tilt that is
+/// not zero by definition is listed; the other tilt is listed only if the machine file states it.
 fn locations_not_measured(
     machine: &Machine,
     reference_axes: [AxisName; 2],
@@ -165,7 +165,7 @@ fn largest_effects(machine: &Machine, names: &[ErrorName]) -> Vec<Option<f64>> {
             let effects = found.errors.iter();
             effects.map(|e| Some(e.position_max_um)).collect()
         }
-        // No names, or too many poses.
+        // The list of names is empty, or there are too many poses.
         Err(_) => vec![None; names.len()],
     }
 }

@@ -1,5 +1,5 @@
 //! Keys `unknown` and `[[observation]]` of a calibration file: errors to be identified from observations of the whole
-//! machine, in addition to those from lines and instruments.
+//! machine, in addition to the errors that lines and instruments measure directly.
 
 use std::path::Path;
 
@@ -17,8 +17,8 @@ use crate::{
     squareness::square_of,
 };
 
-/// A location error whose effect on an error motion is below this fraction of its effect on other
-/// error motions is treated as not affecting it.
+/// Relative size below which the effect of a location error on an error motion is neglected; the reference is its
+/// effect on other error motions.
 const NOTHING: f64 = 1e-6;
 
 /// Errors that a calibration file states directly: lines, squareness and location errors.
@@ -62,7 +62,8 @@ pub(crate) fn decode_observations(
     Ok(Some(found))
 }
 
-/// Rejects an unknown that is also stated directly. A reversal value may be unknown if the lines ran in one direction.
+/// Rejects an unknown that is also stated directly. A reversal value may be an unknown if the lines ran in one
+/// direction only.
 fn refuse_twice(name: &Value<'_>, unknown: Unknown, direct: &Direct<'_>) -> Result<(), InputError> {
     let error = unknown.error;
     let square = square_of(error);
@@ -87,8 +88,8 @@ fn refuse_twice(name: &Value<'_>, unknown: Unknown, direct: &Direct<'_>) -> Resu
         .error(format!("{error} is unknown here and measured by {stated}: expected one of them")))
 }
 
-/// Rejects a location error of a rotary axis as an unknown if every error motion to which it contributes was measured along a line that contains it:
-/// no observation can separate the two.
+/// Rejects a location error of a rotary axis as an unknown if every error motion to which the location error
+/// contributes was measured along a line that contains its contribution: no observation can separate the two.
 fn refuse_held(
     name: &Value<'_>,
     error: ErrorName,
@@ -150,10 +151,9 @@ fn parts_of(joint: &Joint, component: Component, axis: &Axis) -> Vec<ErrorName> 
         .collect()
 }
 
-/// Displacement of a rotary axis at the angle `q_rad` from the commanded pose, caused by the
-/// location of its line, in the frame that carries it: M·M_ideal⁻¹ on the tool side; M_ideal⁻¹·M on
-/// the workpiece side, where the axis rotates in the opposite sense as seen from the bed. Identity
-/// for a linear axis, and at 0.
+/// Displacement of a rotary axis at the angle `q_rad` from the commanded pose, caused by the location of its line, in
+/// the frame that carries it: M·M_ideal⁻¹ on the tool side; M_ideal⁻¹·M on the workpiece side, where the axis rotates
+/// in the opposite sense as seen from the bed. Identity for a linear axis and for an angle of 0.
 fn displaced(joint: &Joint, location: &ErrorMotion, q_rad: f64) -> Pose {
     if joint.kind == AxisKind::Linear {
         return Pose::identity();

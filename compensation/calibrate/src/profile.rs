@@ -51,8 +51,7 @@ impl<'a> Profile<'a> {
 
     /// The profile with its targets within the travel of a periodic axis, where its curve is evaluated. Targets outside
     /// the travel are moved by whole periods, and targets at the same position are averaged. If the targets cover a
-    /// full turn, an unmeasured end of the travel takes the reading of the other end, provided that both ends are the
-    /// same angle.
+    /// full turn and both ends of the travel are the same angle, an unmeasured end takes the reading of the other end.
     pub(crate) fn within_travel(mut self, axis: &Axis) -> Self {
         let Some(period) = axis.modulo else {
             return self;
@@ -73,7 +72,8 @@ impl<'a> Profile<'a> {
                 (Some((first, _)), Some((last, _))) => (first - low).max(high - last),
                 _ => f64::INFINITY,
             };
-            // The gap across the end of the turn must not be wider than the other gaps; a partial turn stays open.
+            // The gap across the end of the turn must not be wider than the other gaps; a curve over part of a turn
+            // stays open.
             let whole_turn = (high - low - period).abs() <= COORDINATE_ROUNDING
                 && ends <= 1.5 * widest + COORDINATE_ROUNDING;
             match [at(low), at(high)] {
@@ -91,7 +91,8 @@ impl<'a> Profile<'a> {
         branches.filter_map(|points| unevenness(points)).reduce(f64::max)
     }
 
-    /// Scatter of a mean reading; `None` if it is unknown, or if readings are summed.
+    /// Scatter of a mean reading; `None` if the scatter is unknown, or if the readings are tilts of a bridge, which are
+    /// summed.
     pub(crate) fn scatter_of_mean(&self, alignment: RunAlignment) -> Option<Noise> {
         if self.line.setup.method != Method::Direct {
             return None;
@@ -110,8 +111,8 @@ impl<'a> Profile<'a> {
         self.scatter_of_mean(alignment).map(|noise| noise.deviation)
     }
 
-    /// Targets and readings of every run in a direction, adjusted to the mean readings of this profile; `None` if readings are summed or targets were
-    /// moved into the travel.
+    /// Targets and readings of every run in a direction, adjusted to the mean readings of this profile. `None` for
+    /// tilts of a bridge, which are summed, and for targets that were moved into the travel.
     pub(crate) fn repeated_in(&self, direction: Direction) -> Option<Repeated> {
         if self.line.setup.method != Method::Direct {
             return None;

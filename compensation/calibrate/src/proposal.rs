@@ -102,7 +102,8 @@ pub(crate) fn open() -> String {
 
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct FileFacts {
-    /// Every axis of the machine, with its position if the file name or the header (title, location) states it.
+    /// Every axis of the machine, with its position if the file name or the header (title, location) states the
+    /// position.
     pub(crate) places: Vec<(AxisName, Option<f64>)>,
     /// Axis that moved during the test; used if the error is not known.
     pub(crate) axis: Option<AxisName>,
@@ -117,7 +118,8 @@ pub(crate) struct FileFacts {
 }
 
 impl Proposed {
-    /// Adds the positions and keys that the current facts require; keys that are stated or answered keep their values.
+    /// Adds the positions and keys that the current facts require. Keys that are already stated or answered keep their
+    /// values.
     pub(crate) fn follow(&mut self) {
         let own = self.error.map(|error| error.axis).or(self.facts.axis);
         let held = self.facts.places.iter().filter(|(axis, _)| Some(*axis) != own);
@@ -155,13 +157,13 @@ impl Proposed {
 /// Value of a key that keeps its default and is not written.
 pub(crate) const DEFAULT: &str = "";
 
-/// Asks for the position of the lines if their lever arms have an effect: if a tilt is measured or in the machine file, or can be computed from two
-/// lines of one error.
+/// Asks for the positions of the lines if their lever arms have an effect: if a tilt is measured, is in the machine
+/// file, or can be computed from two lines of one error.
 pub(crate) fn ask_for_levers(proposed: &mut [Proposed], machine_has_tilts: bool) {
     let mut errors: Vec<ErrorName> = proposed.iter().filter_map(|of| of.error).collect();
     errors.sort_unstable();
     errors.dedup();
-    // A file whose error is open may measure a tilt, or an error that another file measures as well.
+    // A file whose error is open may measure a tilt, or the same error as another file.
     let have_levers = machine_has_tilts
         || errors.len() < proposed.len()
         || errors.iter().any(|error| error.component.is_angular());
@@ -190,7 +192,7 @@ fn keys(error: Option<ErrorName>, facts: &FileFacts) -> Vec<(&'static str, Strin
     if facts.asks_unit {
         keys.push(("unit", open()));
     }
-    // For positioning, it does not affect the sign whether the table or the tool moved.
+    // For positioning, the sign does not depend on whether the table or the tool moved.
     let is_positioning = match error {
         Some(error) => MotionKind::of(error) == MotionKind::Positioning,
         None => facts.quantity.is_none_or(|q| q == Quantity::Positioning),
@@ -198,7 +200,7 @@ fn keys(error: Option<ErrorName>, facts: &FileFacts) -> Vec<(&'static str, Strin
     if !is_positioning || facts.format == Some(FileFormat::RenishawExport) {
         keys.push(("sign", open()));
     }
-    // A straightness whose readings are angles was measured by a level on a bridge, or by an angular interferometer.
+    // A straightness with readings in angles was measured by a level on a bridge, or by an angular interferometer.
     let is_straightness = error.is_some_and(|error| {
         MotionKind::of(error) == MotionKind::Straightness && !error.axis.is_rotary()
     });
@@ -254,7 +256,7 @@ pub(crate) fn of_measurement(
                 && !hinted.component.is_angular()
                 && !hinted.axis.is_rotary()
                 && hinted.component.mcs_index() != hinted.axis.mcs_index();
-            // A length with the name of a straightness: some programs also write straightness as .rtl.
+            // A length under the name of a straightness is accepted: some programs also write straightness as .rtl.
             let is_length = measurement.quantity == Some(Quantity::Positioning)
                 && !hinted.component.is_angular();
             if fits.contains(&hinted) || is_angular_method || is_length {
@@ -436,7 +438,7 @@ impl FileHints {
             (Some((axis, _)), None) => Some(axis),
             _ => None,
         };
-        // A minus in a file's name may be a dash: only numbers directly after their letter count.
+        // A minus in a file name may be a dash, so only numbers without sign directly after their letter count.
         let in_name = words.iter().filter_map(|word| {
             let (axis, number) = letter(word, machine)?;
             let plain = number.bytes().all(|b| b.is_ascii_digit() || b == b'.');

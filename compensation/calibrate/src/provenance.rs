@@ -112,7 +112,7 @@ fn residual(branches: &[&FittedCurve]) -> f64 {
     rounded(f64::sqrt(squares / f64::max(count, 1.0)))
 }
 
-/// Rounds to 1e-6 µm or µrad, below which values are rounding of the computation.
+/// Rounds to 1e-6 µm or µrad; smaller differences are rounding errors.
 fn rounded(value: f64) -> f64 {
     (value * 1e6).round() / 1e6
 }

@@ -13,12 +13,12 @@ const TABLES: [&str; 2] = ["measurement", "squareness"];
 /// Tables within a `[[measurement]]` whose values may be open individually.
 const INNER: [&str; 3] = ["at", "columns", "channels"];
 
-/// Question for an open value of a key. `key` is a key of a `[[measurement]]` or a
-/// `[[squareness]]`, and `inner` a key of a table in it.
+/// Question for an open value. `key` is a key of a `[[measurement]]` or a `[[squareness]]`; `inner` is a key of a table
+/// that is the value of `key`.
 pub(crate) fn question(key: &str, inner: Option<&str>) -> String {
     match (key, inner) {
         ("at", Some(axis)) => {
-            // The decoder rejects any other unit here.
+            // The decoder rejects a key that is not an axis.
             let unit = axis
                 .parse::<AxisName>()
                 .map_or("mm or deg", |axis| axis.kind().coordinate_unit());
@@ -59,7 +59,7 @@ pub(crate) fn question(key: &str, inner: Option<&str>) -> String {
     .to_owned()
 }
 
-/// Rejects a file with open values; the message has the first question and the number of further ones.
+/// Rejects a file with open values; the message states the first question and the number of further questions.
 pub(crate) fn refuse_open(root: &Section<'_>) -> Result<(), InputError> {
     let mut open = Vec::new();
     for key in TABLES {

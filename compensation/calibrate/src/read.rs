@@ -162,8 +162,8 @@ fn decode_reference_axes(root: &Section<'_>) -> Result<[AxisName; 2], InputError
 /// Key of [`decode_holds_location`].
 pub const HOLDS_LOCATION: &str = "holds_location";
 
-/// Decodes whether a line of a rotary axis was measured relative to the commanded pose, so that its readings contain the contributions of the
-/// location errors of the axis. True if the section does not state it.
+/// Decodes whether a line of a rotary axis was measured relative to the commanded pose, so that its readings contain
+/// the contributions of the location errors of the axis. Default: true.
 ///
 /// # Errors
 /// A value that is not a boolean, or the key on a line of a linear axis.
@@ -227,7 +227,7 @@ fn decode_line(
     refuse_serial(&file_value, &readings, common.serial)?;
     refuse(&file_value, &setup, &readings, machine)?;
     if MotionKind::of(error) == MotionKind::Straightness && setup.method == Method::Direct {
-        // Runs that do not hold all targets are then aligned by their slopes as well.
+        // As straightness, runs that lack targets are aligned by their slopes as well.
         readings.quantity = Some(Quantity::Straightness);
     }
     let at = file_value.error("");

@@ -1,4 +1,4 @@
-//! Fits a curve to the readings of one measurement, of a kind chosen according to its runs.
+//! Fits a curve to the readings of one measurement; the kind of curve is chosen from the runs.
 
 use volcomp_fit::{
     Band, BandOptions, Choice, Fit, FitError, FitOptions, Noise, band, band_of_means, band_places,
@@ -14,7 +14,7 @@ use crate::repeated::mean_scatter;
 pub struct ReadingsFit {
     /// The curve with its residuals at the mean readings.
     pub fit: Fit,
-    /// The chosen kind and the scores of all.
+    /// The chosen kind and the scores of all kinds.
     pub choice: Choice,
     /// Pointwise 95 % confidence band; `None` if unknown.
     pub band: Option<Band>,
@@ -53,7 +53,7 @@ pub fn fit_readings(
     let mut fit = choice.method.fit(&x, &u)?;
     fit.meets_required = required.map(|residual| fit.max_abs() <= residual);
     let runs: Vec<(&[f64], &[f64])> = runs.iter().map(|(x, u)| (&x[..], &u[..])).collect();
-    // No band if the method cannot be fitted to some of the runs.
+    // There is no band if the method cannot be fitted to some of the runs.
     let places = band_places(&x);
     let options = BandOptions::default();
     let scatter = incomplete.and_then(|of| mean_scatter(&of, None, &options));
@@ -74,14 +74,15 @@ fn period(measurement: &Measurement) -> Option<f64> {
     }
     let targets = measurement.targets();
     let range = targets.last()? - targets.first()?;
-    // The gap from the last target to the first of the next turn must equal the other gaps.
+    // For a full turn, the gap from the last target to the first target of the next turn must equal the other gaps.
     let gap = range / targets.len().checked_sub(1).filter(|gaps| *gaps > 0)? as f64;
     (range + gap >= FULL_TURN_DEG * (1.0 - 1e-9)).then_some(FULL_TURN_DEG)
 }
 
 const FULL_TURN_DEG: f64 = 360.0;
 
-/// Averages both directions of each run at the targets that it has in all directions, because differences between directions are not scatter.
+/// Averages both directions of each run at the targets that the run has in all directions, because differences between
+/// directions are not scatter.
 fn whole_runs(measurement: &Measurement) -> Vec<Run> {
     let ways = Direction::BOTH.into_iter().filter(|way| measurement.has(*way)).count();
     let mut readings: Vec<_> = measurement.readings.iter().collect();

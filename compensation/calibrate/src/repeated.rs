@@ -1,4 +1,4 @@
-//! Repeated readings to which a curve was fitted, from which its band is resampled.
+//! Repeated readings to which a curve was fitted; the band of the curve is resampled from them.
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -16,12 +16,12 @@ pub(crate) type Run = (Vec<f64>, Vec<f64>);
 pub(crate) enum Repeated {
     /// Complete runs, each with all targets; or the mean readings of several lines.
     Runs(Vec<Run>),
-    /// Runs of which some lack targets, and the mean readings of one direction.
+    /// Runs of which some lack targets, and the mean readings (`means`) of one direction.
     Incomplete { runs: Box<IncompleteRuns>, direction: Direction, means: Run },
 }
 
 impl Repeated {
-    /// 95 % band of the curve that a method fits to the means.
+    /// 95 % confidence band of the curve that a method fits to the means.
     pub(crate) fn band(&self, method: Method, places: &[f64]) -> Result<Band, FitError> {
         let options = BandOptions::default();
         match self {
@@ -41,8 +41,8 @@ impl Repeated {
     }
 }
 
-/// Scatter of means where not all runs hold all targets, for [`band_of_means`]: of the means of a direction, or of both together. `None` if no
-/// reading was repeated.
+/// Scatter of means for runs that lack targets, for [`band_of_means`]: of the means in `direction`, or, for `None`, of
+/// the averages of both directions. `None` if no reading was repeated.
 pub fn mean_scatter(
     runs: &IncompleteRuns,
     direction: Option<Direction>,

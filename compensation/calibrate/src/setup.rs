@@ -51,7 +51,7 @@ impl Setup {
 }
 
 impl Setup {
-    /// Keys of a `[[measurement]]` that [`Setup::decode`] reads, in addition to the one that names the error.
+    /// Keys of a `[[measurement]]` that [`Setup::decode`] reads, in addition to the key that names the error.
     pub const KEYS: [&str; 7] = ["at", "point", "rides", "sign", "method", "bridge_mm", "reading"];
 
     /// Decodes the set-up of `error` from a `[[measurement]]` of a calibration file or shop file.
@@ -118,8 +118,8 @@ impl Setup {
     }
 }
 
-/// Assigns coordinates by axis letter, mm or deg, to the indices of the axes in the chain. A coordinate that its axis cannot reach is
-/// rejected: it would make a lever arm wrong, or set the zero of a curve outside its readings.
+/// Assigns coordinates by axis letter, mm or deg, to the indices of the axes in the chain. A coordinate outside the
+/// travel of its axis is rejected: it would give a wrong lever arm, or set the zero of a curve outside its readings.
 pub(crate) fn set_coordinates(
     coordinates: &mut [f64],
     section: &Section<'_>,
@@ -138,8 +138,8 @@ pub(crate) fn set_coordinates(
     Ok(())
 }
 
-/// Decodes the errors that a table names by `error` or by `errors`, and passes each with its value to `check`. `missing` returns the error to report
-/// if neither key is present.
+/// Decodes the errors that a table names by `error` or by `errors`, and passes each value and error to `check`.
+/// `missing` returns the message for a table without both keys.
 pub(crate) fn decode_errors(
     section: &Section<'_>,
     machine: &Machine,

@@ -3,8 +3,8 @@
 use volcomp_model::{Machine, ModelError};
 use volcomp_vocabulary::{AxisName, Component, ErrorName, Urad};
 
-/// Sets a squareness as the tilt of one axis of its pair, and the tilt of the other to zero: that of the primary reference axis if it is in the pair,
-/// else that of the secondary one.
+/// Sets a squareness as the tilt of one axis of its pair, and sets the tilt of the other axis to zero. The axis without
+/// tilt is the primary reference axis if it belongs to the pair, else the secondary reference axis.
 pub(crate) fn set_square(
     machine: &mut Machine,
     reference_axes: [AxisName; 2],
@@ -14,7 +14,7 @@ pub(crate) fn set_square(
     let (tilt, sign) = tilt_of(error, reference_axes);
     for name in [error, partner_tilt(error)] {
         let value = if name == tilt { sign * value.0 } else { 0.0 };
-        // A zero only replaces a value of the machine file.
+        // A zero tilt is set only to replace a value of the machine file.
         if value != 0.0 || name == error || machine.locations().contains_key(&name) {
             machine.set_location(name, value)?;
         }
@@ -32,24 +32,26 @@ pub(crate) fn tilt_of(squareness: ErrorName, reference_axes: [AxisName; 2]) -> (
     }
 }
 
-/// Tilt of the other axis of a squareness about the same direction.
+/// Tilt of the partner axis of a squareness about the same direction.
 fn partner_tilt(squareness: ErrorName) -> ErrorName {
     ErrorName::location(squareness.component, partner_of(squareness))
 }
 
-/// The axis of a squareness that has no tilt: the primary reference axis if it is one of the two, else the secondary.
+/// The axis of a squareness that has no tilt: the primary reference axis if it belongs to the pair, else the secondary
+/// reference axis.
 pub(crate) fn reference_of([primary, secondary]: [AxisName; 2], squareness: ErrorName) -> AxisName {
     if [squareness.axis, partner_of(squareness)].contains(&primary) { primary } else { secondary }
 }
 
-/// The other axis of a squareness: neither its own axis nor its axis of rotation.
+/// The other axis of a squareness: the linear axis that is neither the axis in its name nor parallel to its axis of
+/// rotation.
 pub(crate) fn partner_of(squareness: ErrorName) -> AxisName {
     let is_partner = |axis: &AxisName| {
         let index = axis.mcs_index();
         index != squareness.axis.mcs_index() && index != squareness.component.mcs_index()
     };
     let primary = [AxisName::X, AxisName::Y, AxisName::Z];
-    // A name that is not a squareness may leave none; it is rejected where it is used.
+    // A name that is not a squareness may have no partner; the callers reject such names.
     primary.into_iter().find(is_partner).unwrap_or(squareness.axis)
 }
 

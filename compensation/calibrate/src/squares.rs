@@ -30,8 +30,9 @@ const TIMES_NOISE: f64 = 3.0;
 /// Differences of slopes up to this are insignificant for any machine tool, µrad.
 const NEVER_BELOW_URAD: f64 = 0.5;
 
-/// Maximum ratio of the uncertainty of a slope from the slopes of the runs to that from the readings about the line. Above it, the runs scatter more
-/// than the readings explain. Independent scatter of the readings exceeds it for one in twenty lines of two runs, and more rarely with more runs.
+/// Maximum ratio of two uncertainties of a slope: from the slopes of the runs, and from the readings about the line.
+/// Above it, the runs scatter more than the readings explain. Independent scatter of the readings exceeds this ratio
+/// for one in twenty lines of two runs, and more rarely with more runs.
 const TIMES_OF_LINE: f64 = 2.0;
 
 /// Least-squares slope of each measured straightness error, by the coordinate of the machine coordinate system.
@@ -82,7 +83,7 @@ impl<'a> RemovedSlope<'a> {
             line,
             slope: profile.removed,
             noise: noise_of_runs.or(of_line).map(Urad),
-            // The slopes of other lines scatter more.
+            // The uncertainty applies to least-squares lines; slopes of other lines scatter more.
             scatter: (of_runs.or(of_one_run))
                 .filter(|_| line.reference_line == ReferenceKind::LeastSquares),
             gain,
@@ -115,9 +116,10 @@ fn heights(line: &Line) -> Option<Cow<'_, Measurement>> {
     Some(Cow::Owned(Measurement { readings, ..Measurement::default() }))
 }
 
-/// Standard uncertainty of each squareness with known contributions, widened so that twice its value is a 95.45 % interval. Contributions to a
-/// squareness from slopes are its reference angle, the scatter of the slopes with Student's t, and the stated uncertainty of the readings; the
-/// contribution to a stated value is that of its reference angle.
+/// Standard uncertainty of each squareness with known contributions, widened so that twice its value is a 95.45 %
+/// interval. A squareness from slopes has contributions of its reference angle, of the scatter of the slopes with
+/// Student's t, and of the stated uncertainty of the readings. A stated value has the contribution of its reference
+/// angle only.
 pub(crate) fn square_uncertainties(
     file: &CalibrationFile,
     removed: &[RemovedSlope<'_>],
@@ -161,7 +163,8 @@ pub(crate) fn square_uncertainties(
     Ok(found)
 }
 
-/// Straightness lines of a single run whose slopes determine a squareness: the alignment of the reference shows no scatter.
+/// Straightness lines with a single run whose slopes determine a squareness. A single run does not show the scatter
+/// from the alignment of the reference.
 pub fn squareness_lines_of_one_run(file: &CalibrationFile) -> impl Iterator<Item = &Line> {
     let from_slopes = |line: &&Line| {
         let mut squares = file.squareness.iter();
@@ -174,7 +177,8 @@ pub fn squareness_lines_of_one_run(file: &CalibrationFile) -> impl Iterator<Item
     (lines.filter(from_slopes)).filter(|line| line.readings.most_runs() < 2)
 }
 
-/// Mean slope of the lines of each straightness error, from the slopes removed from them; and notes on lines with contradictory slopes.
+/// Mean slope of the lines of each straightness error, from the slopes in `removed`, and notes on lines with
+/// contradictory slopes.
 pub(crate) fn slopes(
     removed: &[RemovedSlope<'_>],
     tilted: &Machine,
@@ -218,14 +222,15 @@ fn contradiction(all: &[(&RemovedSlope<'_>, Urad)]) -> Option<String> {
     })
 }
 
-/// Slope of a line due to all known errors of the machine at the held positions, except those of the measured axis itself: the slope that a perfect
-/// instrument reads along an ideally straight axis of the right direction.
+/// Slope of a line due to all known errors of the machine at the held positions, except the errors of the measured axis
+/// itself: the slope that a perfect instrument reads along an ideally straight axis in its nominal direction.
 fn held_slope(
     line: &Line,
     tilted: &Machine,
     artefacts: &ArtefactPoses,
 ) -> Result<Urad, ModelError> {
-    /// Half the distance over which the slope is read, mm; the reading is a straight line.
+    /// Half the distance over which the slope is evaluated, mm; the readings are a straight line, so its size has no
+    /// effect.
     const REACH_MM: f64 = 500.0;
     let others = OtherErrors::new(line, tilted, artefacts)?;
     let ends = others.readings([-REACH_MM, REACH_MM].into_iter())?;

@@ -19,7 +19,8 @@ use crate::{
     squares::{slopes, square_uncertainties, squares},
 };
 
-/// Maximum number of passes after the first: the contribution of a rotary axis to the lines of another is small.
+/// Maximum number of passes after the first pass. Few are enough, because the contribution of a rotary axis to the
+/// lines of another axis is small.
 const PASSES: usize = 4;
 
 pub(crate) struct Stages {
@@ -34,7 +35,8 @@ pub(crate) struct Stages {
 }
 
 impl Stages {
-    /// Fits every line of a file. `known` is its machine with the errors known from other sources; `step` is called after each error.
+    /// Fits every line of a file. `known` is the machine of the file with the errors known from other sources; `step`
+    /// is called after each error.
     pub(crate) fn of(
         file: &CalibrationFile,
         known: &Machine,
@@ -47,7 +49,7 @@ impl Stages {
         if !file.measurements.iter().any(sees_others) {
             return Ok(stages);
         }
-        // Lines of rotary axes contain the errors of the axes that rotate with them, where these are held.
+        // Lines of rotary axes contain the errors of the held axes that rotate with the measured axis.
         for _ in 0..PASSES {
             let again = Self::once(file, known, (Some(&stages.machine), &artefacts), || ())?;
             let is_same = again.is_as_measured(&stages);

@@ -77,7 +77,6 @@ pub struct Residual {
 }
 
 impl CalibrationSummary {
-    /// The summary of a calibration.
     pub fn new(calibration: &Calibration) -> Self {
         let squareness = calibration.squareness.iter();
         Self {

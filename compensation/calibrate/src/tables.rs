@@ -159,7 +159,7 @@ const SOURCES: [&str; 5] =
 /// Maximum deviation of two reference beams from a right angle, deg.
 const FAR_FROM_SQUARE_DEG: f64 = 1.0;
 
-/// Decodes the squareness errors of a table; its diagonals, if any, are appended to `sets`.
+/// Decodes the squareness errors of a table. Diagonals of the table are appended to `sets`.
 pub(crate) fn decode_squareness(
     section: &Section<'_>,
     machine: &Machine,
@@ -259,7 +259,8 @@ fn check_parts(
     Err(from.error(format!("found {found:?}, expected {parts:?} for {error}")))
 }
 
-/// Whether exactly one of the two beams runs against its axis; the angle between the + directions is then 180° minus the angle between the beams.
+/// Whether exactly one of the two beams runs against its axis. The angle between the + directions is then 180° minus
+/// the angle between the beams.
 fn opposite_beams(section: &Section<'_>, error: ErrorName) -> Result<bool, InputError> {
     let Some(value) = section.get("beams") else {
         return Ok(false);
@@ -288,8 +289,7 @@ fn opposite_beams(section: &Section<'_>, error: ErrorName) -> Result<bool, Input
     )))
 }
 
-/// Maximum distance of targets beyond the ends of a diagonal, as a fraction of its length, for the
-/// overrun.
+/// Maximum distance of targets beyond the ends of a diagonal, as a fraction of its length: the overrun.
 const BEYOND: f64 = 0.02;
 
 pub(crate) fn decode_diagonals(
@@ -399,7 +399,8 @@ fn rows(
     for (target, mean_um) in readings.mean_curve() {
         let mut state = state_at(target / length)?;
         for (approach, (from, to)) in state.approach.iter_mut().zip(from.iter().zip(to)) {
-            // With readings in both directions, their mean has the mean of both branches.
+            // With readings in both directions each row is their mean. Without an approach, the model uses the mean of
+            // both branches.
             if !both && from != to {
                 *approach = Some(if (to > from) == forward {
                     Direction::Positive
@@ -437,7 +438,7 @@ pub(crate) fn read_measurement(
 ) -> Result<(PathBuf, Measurement), CalibrateError> {
     let file = folder.join(value.text()?);
     let readings = read_file_with(&file, mapping).map_err(|error| match error {
-        // The error is in the name of the file, not in its content, so the message refers to the calibration file.
+        // Such a file name is an error of the calibration file, so the message refers to the calibration file.
         MetrologyError::Unreadable { .. }
         | MetrologyError::Directory { .. }
         | MetrologyError::Extension { .. }

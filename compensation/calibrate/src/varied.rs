@@ -39,7 +39,7 @@ impl CalibrationFile {
             match &mut squareness.source {
                 SquarenessSource::Value(Urad(angle))
                 | SquarenessSource::Slopes { reference_angle: Urad(angle) } => *angle += shift,
-                // Its rows vary.
+                // The rows of the diagonals vary instead.
                 SquarenessSource::Diagonals => {}
             }
         }
@@ -51,7 +51,7 @@ impl CalibrationFile {
         }
     }
 
-    /// Whether all direct measurements have the same readings in another file of the same measurements.
+    /// Whether all directly measured values equal those of another file with the same measurements.
     pub(crate) fn reads_as(&self, other: &Self) -> bool {
         let mut lines = self.measurements.iter().zip(&other.measurements);
         let mut diagonals = self.diagonals.iter().zip(&other.diagonals);
@@ -68,15 +68,15 @@ impl CalibrationFile {
             })
     }
 
-    /// Lines whose uncertainty comes from the scatter of a few runs.
+    /// Lines with repeated runs; their uncertainty comes from the scatter of a few runs.
     pub fn scatters(&self) -> impl Iterator<Item = LineScatter> {
         let lines = self.measurements.iter().enumerate();
         lines.filter_map(|(line, of)| LineScatter::of(line, &of.readings))
     }
 
-    /// Returns the same calibration with one line shifted by the contribution of one of its runs to its uncertainty.
-    /// The shifts of the runs are independent, and the squares of the changes that they cause add up to the variance
-    /// from the scatter of the line.
+    /// The same calibration with one line shifted by the contribution of one of its runs to its uncertainty. The shifts
+    /// of the runs are independent; the sum of the squared changes that they cause is the variance from the scatter of
+    /// the line.
     #[must_use]
     pub fn shifted_by_run(&self, line: usize, run: u32) -> Self {
         let mut shifted = self.clone();
@@ -90,7 +90,8 @@ impl CalibrationFile {
         shifted
     }
 
-    /// Files of lines whose scatter is unknown: no repeated runs or targets, and nothing stated in `[uncertainty]` for their readings.
+    /// Files of lines whose scatter is unknown: the line has no repeated runs or targets, and `[uncertainty]` states
+    /// nothing for its readings.
     pub fn files_without_scatter(&self) -> Vec<String> {
         let is_stated = |line: &Line| independent(line, &self.uncertainty) > 0.0;
         let is_repeated = |readings: &Measurement| match readings.incomplete_runs() {
@@ -112,13 +113,13 @@ pub struct LineScatter {
     pub line: usize,
     /// Numbers of the line's runs.
     pub runs: Vec<u32>,
-    /// Degrees of freedom of the scatter: for each mean, the number of its runs minus one. For a straightness of which some runs have one direction
-    /// only, at most those of its slope.
+    /// Degrees of freedom of the scatter: the number of runs of each mean minus one. If some runs of a straightness
+    /// have one direction only, at most the degrees of freedom of its slope.
     pub degrees: usize,
 }
 
 impl LineScatter {
-    /// `None` for a line without repeated runs.
+    /// The scatter of a line; `None` for a line without repeated runs.
     fn of(line: usize, readings: &Measurement) -> Option<Self> {
         let [forward, backward] = Direction::BOTH.map(|direction| readings.runs(direction));
         let one_less = |runs: usize| runs.saturating_sub(1);
@@ -129,7 +130,8 @@ impl LineScatter {
         } else {
             one_less(forward.len()) + one_less(backward.len())
         };
-        // The slope of a straightness is that of the runs in both directions where there are any, so it is no better known than by these.
+        // If some runs of a straightness have both directions, its slope is computed from these runs only, and so are
+        // its degrees of freedom.
         let incomplete = (readings.quantity == Some(Quantity::Straightness))
             .then(|| readings.incomplete_runs())
             .flatten();
@@ -154,9 +156,9 @@ pub(crate) fn normal(rng: &mut ChaCha8Rng) -> f64 {
 }
 
 fn vary_observations(observations: &mut Observations, next: &mut impl FnMut() -> f64) {
-    // The cross-validation of a sample is not used.
+    // The cross-validation of a sample is not used, so it is switched off.
     observations.folds = 0;
-    // Calibrated distances of balls and positions of targets vary like the readings.
+    // Calibrated distances of balls and calibrated positions of targets vary like the readings.
     for number in &mut observations.setup.numbers {
         if let (Some(value), Some(within)) = (&mut number.value, number.known_within) {
             *value += within * next();
@@ -210,8 +212,9 @@ fn independent(line: &Line, uncertainty: &Uncertainty) -> f64 {
     if line.setup.reads_angles() { uncertainty.reading_urad } else { uncertainty.reading_um }
 }
 
-/// Shifts the readings of a target together. One random number per run multiplies its deviations from the means, so that the covariance of the
-/// shifts, also between targets and directions, is that of the runs divided by their number.
+/// Shifts the mean readings of all targets together. One random number per run multiplies the deviations of the run
+/// from the means. The covariance of the shifts, also between targets and directions, is therefore the covariance of
+/// the runs divided by their number.
 fn vary(
     line: &mut Line,
     uncertainty: &Uncertainty,
@@ -240,9 +243,10 @@ fn vary(
     }
 }
 
-/// Adds to the shifts of the targets the deviation of each run from the means of the targets, times its factor, divided by √(n (n − 1)). If some
-/// runs lack targets, the shifts are those of [`volcomp_metrology::IncompleteRuns::sampled`]; only then `next` supplies the random numbers that do
-/// not belong to a run.
+/// Adds the shift of each target to `shifts`: the sum over the runs of the deviation from the mean of the target, times
+/// the factor of the run, divided by √(n (n − 1)). If some runs lack targets, the shifts are those of
+/// [`volcomp_metrology::IncompleteRuns::sampled`]; only in that case `next` supplies random numbers that do not belong
+/// to a run.
 fn add_runs(
     shifts: &mut BTreeMap<(Direction, u64), f64>,
     line: &Line,
@@ -250,7 +254,7 @@ fn add_runs(
     next: &mut impl FnMut() -> f64,
 ) {
     if let Some(runs) = line.readings.incomplete_runs() {
-        // ±1.96 of the pooled scatter are its 95 % band.
+        // ±1.96 times the widened scatter is the 95 % band of the pooled scatter.
         let widening = runs.scatter().map_or(1.0, |of| student_widening(of.freedom));
         let sampled = runs.sampled(factor, &mut || widening * next());
         for (direction, sampled) in Direction::BOTH.into_iter().zip(sampled) {

@@ -194,7 +194,8 @@ impl ParallelReadings {
     }
 }
 
-/// Value of a profile at a target within it, linearly interpolated, and whether the target lies between two of the profile's.
+/// Value of a profile at a target within its range, and whether the value is linearly interpolated between two targets
+/// of the profile.
 fn value_at(points: &[(f64, f64)], target: f64) -> (f64, bool) {
     let after = points.partition_point(|(q, _)| *q < target);
     match (points.get(after.wrapping_sub(1)), points.get(after)) {

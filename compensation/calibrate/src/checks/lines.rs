@@ -1,4 +1,5 @@
-//! Checks of lines and stated values: rejects those that contradict the calibration file, and notes those that could mislead.
+//! Checks of lines and stated values: a value that contradicts the calibration file is rejected; one that could mislead
+//! gives a note.
 
 use volcomp_document::{InputError, Value, quoted};
 use volcomp_kinematics::MotionFrame;
@@ -38,12 +39,15 @@ pub(crate) fn refuse_turning(
     )))
 }
 
-/// Rejects a line whose readings would count twice or belong to another error. `file` is the value that names its file. Rejected are:
+/// Rejects a line whose readings would count twice or belong to another error. `file` is the value that names its file.
+/// Rejected are:
 ///
 /// * A file that another line of the same error already names.
-/// * A second file for the same error and line, with the same targets in the same direction: the operator must select one, because their mean would
-///   be neither. Files that continue where another ends, or contain the other direction, are one test.
-/// * The file of another error, read in the same way. Angles of a bridge may be read twice: as angular error and, summed, as straightness.
+/// * A second file for the same error and line, with the same targets in the same direction. The operator must select one
+///   file, because the mean of two tests is the result of neither. Files that continue where another ends, or contain the
+///   other direction, are one test.
+/// * The file of another error, read in the same way. Angles of a bridge may be read twice: as angular error and, summed,
+///   as straightness.
 pub(crate) fn refuse_twice(
     before: &[Line],
     line: &Line,
@@ -51,7 +55,7 @@ pub(crate) fn refuse_twice(
 ) -> Result<(), InputError> {
     let error = line.setup.error;
     let named = quoted(file.text()?);
-    // Both files were read; a file that no longer exists is compared by name.
+    // Both files existed when they were read. A file that no longer exists is compared by its stated path.
     let path = |line: &Line| line.file.canonicalize().unwrap_or(line.file.clone());
     let name = |line: &Line| {
         let name = line.file.file_name().unwrap_or_default();
@@ -253,7 +257,7 @@ pub(crate) fn same_readings(lines: &[Line]) -> Vec<String> {
     let mut seen = KnownReadings::default();
     let mut notes = Vec::new();
     for line in lines {
-        // One file may be read for two errors.
+        // The same file may be read for two errors.
         let other: Option<&&Line> = seen.before(&line.readings, line);
         if let Some(other) = other.filter(|other| other.file != line.file) {
             notes.push(format!(
@@ -270,8 +274,8 @@ pub(crate) fn same_readings(lines: &[Line]) -> Vec<String> {
 
 /// Minimum fraction of the travel that a line covers without a note.
 const SHORT_BELOW: f64 = 0.5;
-/// Distance of a target beyond the end of the travel, as a fraction of the travel, above which it is noted: targets may be slightly outside for the
-/// overrun.
+/// Maximum distance of a target beyond the end of the travel, as a fraction of the travel, without a note: targets may
+/// be slightly outside because of the overrun.
 const BEYOND_ABOVE: f64 = 0.02;
 
 pub(crate) fn ends(readings: &Measurement) -> Option<[f64; 2]> {

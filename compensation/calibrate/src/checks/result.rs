@@ -16,7 +16,7 @@ use crate::{
 pub(crate) fn not_followed(curves: &[FittedCurve], lines: &[FittedLine]) -> Vec<String> {
     let mut warnings = Vec::new();
     let mut rest = curves;
-    // The branches of an error are adjacent; one of them represents both.
+    // The branches of an error are adjacent and have the same choice of method.
     while let Some(curve) = rest.first() {
         let error = curve.error;
         let (branches, others) =
@@ -63,8 +63,7 @@ pub(crate) fn contradicted_values(
     /// Minimum contradiction as a fraction of the value.
     const SHARE: f64 = 0.4;
     let all = Stated::all(lines.file);
-    // Changes to the opposite value, or farther if the value is much smaller than the change that
-    // may be supported.
+    // The change to the opposite value; for a value below half of `CHANGE`, the change `CHANGE`.
     let step = |of: &Stated| {
         if 2.0 * of.value.abs() > CHANGE { -2.0 * of.value } else { CHANGE }
     };

@@ -5,7 +5,7 @@ use std::path::Path;
 use volcomp_calibrate::{Answer, AnswerError, CalibrationFile, Draft, Subject, calibrate, draft};
 use volcomp_model::Machine;
 
-/// A folder with the machine of the example and the files that `fill` writes; and the draft for it.
+/// A folder with the machine of the example and the files that `fill` writes, and the draft for this folder.
 fn drafted_in(fill: impl FnOnce(&Path, &Path)) -> (tempfile::TempDir, Draft) {
     let dir = tempfile::tempdir().expect("writable");
     let examples = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples/calibration");
@@ -70,7 +70,7 @@ fn an_answered_draft_is_a_calibration_file() {
         answers.push(answer(first.clone(), &question.key, value));
     }
     assert!(!answers.is_empty());
-    // Without one answer the file is rejected with its question.
+    // The file with one open answer is rejected with the question.
     let open = found.answered(&answers[1..]).expect("right");
     assert_eq!(open.questions.len(), 1);
     let file = dir.path().join("calibration.toml");
@@ -137,7 +137,7 @@ fn an_answer_cannot_inject_other_keys() {
     assert!(!text.contains("\n[[squareness]]"), "{text}");
 }
 
-/// A measurement that is left out is listed, and the squareness that depends on it is left out as well.
+/// A measurement that is left out is listed as unused, and the squareness that depends on it is left out as well.
 #[test]
 fn measurements_left_out_are_listed() {
     let (_dir, found) = drafted(&["eyx.csv", "exy.csv"]);
@@ -176,7 +176,8 @@ fn a_unit_of_angle_opens_the_question_for_the_bridge() {
 const ARCH: &str =
     "target_mm,run,direction,deviation_um\n0,1,+,0\n150,1,+,6\n300,1,+,8\n450,1,+,6\n600,1,+,0\n";
 
-/// For every error except positioning it is a question whether table or tool moved, also if the user answers the error.
+/// For every error except positioning, a question asks whether the table or the tool moved, also if the user answers
+/// the error.
 #[test]
 fn an_answered_error_opens_the_question_for_its_sign() {
     let (_dir, named) = drafted_of(&[("ezx.csv", ARCH)]);
@@ -231,7 +232,7 @@ fn two_files_answered_for_the_same_line_are_a_conflict() {
     for name in ["scan-before.csv", "scan-after.csv", "EXX"] {
         assert!(refused.contains(name), "{refused}");
     }
-    // Another line, a single test, and the two directions of one test are no conflict.
+    // Tests on another line, a single test, and the two directions of one test are not conflicts.
     let read = |text: &str| {
         std::fs::write(&file, text).expect("writable");
         CalibrationFile::read(&file).map(|file| file.measurements.len())
@@ -263,10 +264,10 @@ fn follow_up_questions_can_be_answered_with_the_error() {
             format!("scan-1.csv: {key} is no question for {error}: the answer {value} is not used");
         assert!(done.notes.contains(&said), "{:?}", done.notes);
     }
-    // The sign was answered before the error was changed.
+    // An answer for the sign is accepted, although the answered error EXX has no question for it.
     let with = [answer(scan.clone(), "error", "EXX"), answer(scan, "sign", "-1")];
     assert!(found.answered(&with).is_ok());
-    // For an error that the file names, the sign is no question.
+    // For EXX, which the file name states, `holds_location` is not a question: the answer is rejected or gives a note.
     let named = Subject::Measurement(place(&found, "exx.csv"));
     let answered = found.answered(&[answer(named, "holds_location", "true")]);
     assert!(answered.is_err() || answered.is_ok_and(|of| !of.notes.is_empty()));
@@ -282,7 +283,7 @@ fn levers_are_asked_where_there_are_any() {
     assert!(!found.text.contains("rides ="), "{}", found.text);
     let (_dir, tilt) = drafted(&["exx.csv", "ebx.csv"]);
     assert!(asks(&tilt));
-    // An open error may be a tilt, until it is answered as another one.
+    // A file with an open error may measure a tilt until its error is answered.
     let (_dir, open) = drafted_of(&[("scan-1.csv", ARCH), ("exx.csv", ARCH)]);
     assert!(asks(&open));
     let scan = Subject::Measurement(place(&open, "scan-1.csv"));

@@ -1,5 +1,5 @@
-//! Straightness lines on both sides of `b`, on a machine whose file keeps a constant rotation of a rotary axis. The readings are from
-//! homogeneous matrices written out here.
+//! Straightness lines on both sides of `b`, on a machine whose file keeps a constant rotation of a rotary axis. The
+//! readings are computed with homogeneous matrices in this file.
 
 use std::fmt::Write as _;
 
@@ -33,7 +33,8 @@ fn about_z(angle: f64) -> M {
     [[c, -s, 0.0, 0.0], [s, c, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]]
 }
 
-/// Pose of the tool in workpiece axes of `w X' b Y Z C B t`. Y is out of square by `SQUARE` towards −X, and C, at 0, has its constant rotation.
+/// Pose of the tool in workpiece axes of `w X' b Y Z C B t`. Y is out of square by `SQUARE` towards −X. C is at 0 and
+/// has its constant rotation.
 fn tool(x: f64, y: f64) -> M {
     let slide = shift(-SQUARE.sin() * y, SQUARE.cos() * y);
     product(&product(&shift(x, 0.0), &slide), &about_z(TURN))

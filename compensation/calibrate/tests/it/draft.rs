@@ -99,9 +99,9 @@ fn headers_and_file_names_give_proposals_and_questions() {
     let unknown = errors.iter().filter(|error| error.is_none()).count();
     assert_eq!(errors.iter().flatten().count(), 4, "{errors:?}");
     assert!(expected.iter().all(|error| errors.contains(error)), "{errors:?}");
-    // The angle of Y, and the table without any hint of its content.
+    // Unknown are the angular error of Y, and the table that states nothing about its content.
     assert_eq!(unknown, 2);
-    // The first file states the positions of both other axes.
+    // This file states the positions of both other axes.
     assert_eq!(keys(&found, "laser/x-y50.rtl"), ["point", "rides"]);
     assert!(found.text.contains("at = { Y = 50.0, Z = -20.0 }"), "{}", found.text);
     assert_eq!(keys(&found, "eyx.rts"), ["at.Y", "at.Z", "point", "rides", "sign"]);
@@ -112,13 +112,13 @@ fn headers_and_file_names_give_proposals_and_questions() {
     let left: Vec<&str> = found.left_over.iter().map(|of| of.file.as_str()).collect();
     assert_eq!(left, ["c.rtl", "notes.pdf"]);
     assert!(found.left_over[0].reason.contains("axis C"), "{:?}", found.left_over);
-    // The file is named once, before its reason.
+    // The text names the file once, before the reason.
     for of in &found.left_over {
         assert!(!of.reason.contains(&of.file), "{of:?}");
     }
     let unread = "# not used: notes.pdf: found";
     assert!(found.text.contains(unread), "{}", found.text);
-    // The text has every question as a value and as a comment.
+    // Each question is in the text as a value and as a comment.
     assert_eq!(found.text.matches("# QUESTION").count(), found.questions.len());
     assert_eq!(found.text.matches("\"?\"").count(), found.questions.len() + 1);
     let refused = shop.read().unwrap_err();

@@ -85,7 +85,7 @@ fn the_volumetric_error_comes_back() {
     measure("EYX", "", &|_| [0.0; 3]);
     // Y at two heights, for the pitch.
     measure("EYY", "at = { Z = 650 }\npoint = [0, 0, 650]", &|_| [0.0, 0.0, 650.0]);
-    // Z away from its own point, which Y = 500 carries along: the lever is the difference.
+    // Z is measured away from its own point, which moves with Y to Y = 500: the lever is the difference.
     measure("EZZ", "at = { Y = 500 }\npoint = [70, 530, 0]", &|_| [70.0, 30.0, 0.0]);
     calibration += "[[squareness]]\nerror = \"EC0Y\"\nvalue_urad = 25.0\n";
     let file = lab.read(&calibration).expect("read");
@@ -110,7 +110,7 @@ fn the_volumetric_error_comes_back() {
             machine.state(&std::array::from_fn::<_, 3, _>(|i| (axes[i], at[i]))).expect("a state");
         machine.error_at(&state, Form::Exact, &none).position_mm * 1e3
     };
-    // The zero of the curves leaves a constant open.
+    // The zero of the curves is a convention, so a constant difference is subtracted.
     let origin = error(&found.machine, [0.0; 3]) - error(&expected, [0.0; 3]);
     for x in [0.0, 700.0, 2000.0] {
         for y in [0.0, 400.0, 1000.0] {
@@ -182,8 +182,8 @@ reference_angle_urad = -3.0
     assert!((found.squareness[0].1.0 - 3.0).abs() < 1e-6, "{:?}", found.squareness);
 }
 
-/// Without a stated point, the travel is the lever arm if the point is on the other side: for a tool at rest at the MCS origin, the yaw of the table
-/// acts over the distance travelled. The residual is below 1e-4 µm.
+/// If no point is stated and the point is on the other side of the joint, the travel is the lever arm: for a tool at
+/// rest at the MCS origin, the yaw of the table acts over the distance travelled. The residual is below 1e-4 µm.
 #[test]
 fn the_travel_is_a_lever_on_the_other_side_without_a_stated_point() {
     let lab = Lab::new(&axes());

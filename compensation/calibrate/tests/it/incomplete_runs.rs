@@ -1,4 +1,5 @@
-//! Of two runs with separate zeros, the second stops half-way: curve, band and Monte Carlo samples are the same as with complete runs.
+//! The second of two runs with separate zeros stops half-way: curve, band and Monte Carlo samples are the same as with
+//! complete runs.
 
 use std::fmt::Write as _;
 
@@ -19,8 +20,8 @@ fn truth(x: f64, sign: &str) -> f64 {
     0.02 * x + 3.0 * (x / 130.0).sin() + half
 }
 
-/// A calibration file with two runs over targets every 50 mm in both directions. Run 2 reads 40 µm more; if `last` is given, it ends at this target
-/// (mm) of its forward pass.
+/// A calibration file with two runs over targets every 50 mm in both directions. Run 2 reads 40 µm more; if `last` is
+/// given, run 2 ends at this target (mm) of its forward pass.
 fn file(curve: &str, last: Option<f64>) -> CalibrationFile {
     let mut csv = String::from("target,run,direction,deviation_um\n");
     for (run, offset) in [(1, 0.0), (2, 40.0)] {
@@ -62,7 +63,7 @@ fn a_run_that_stops_makes_no_step() {
 fn band_and_samples_contain_the_zeros_of_the_runs() {
     let [complete, stopped] =
         [None, Some(500.0)].map(|last| file("{ poly = { order = 3 } }", last));
-    // Student's t of one degree of freedom.
+    // With Student's t for one degree of freedom.
     let widened = 12.706_205 * 40.0 / 2.0_f64.sqrt();
     for (file, expected) in [(&complete, widened / 2.0_f64.sqrt()), (&stopped, widened)] {
         let found = calibrate(file, |_, _| {}).expect("calibrated");
@@ -96,7 +97,7 @@ const LAST: usize = 20;
 /// Whether a run (from 1) has a reading at a target (0 to [`LAST`]).
 type Holds = fn(u32, usize) -> bool;
 
-/// Layouts: name, number of runs, and the targets that each run has.
+/// Layouts: name, number of runs, and which targets each run has.
 const LAYOUTS: [(&str, u32, Holds); 5] = [
     ("one of three stops", 3, |run, at| run < 3 || at <= 12),
     ("one run holds the end", 3, |run, at| run == 1 || at <= 16),
@@ -138,8 +139,8 @@ fn seeds(few: u64) -> u64 {
     seeds.map_or(few, |text| text.parse().expect("a number"))
 }
 
-/// Bands of curves through runs that lack targets contain the truth at 95 % of the targets, also at those that few runs have. With missing readings
-/// filled in, they contained it at 49 to 64 % of these.
+/// Bands of curves through runs that lack targets contain the truth at 95 % of the targets, also at targets that few
+/// runs have. With missing readings filled in, the bands contained the truth at 49 to 64 % of these targets.
 #[test]
 fn bands_of_incomplete_runs_hold_the_truth() {
     let options = BandOptions { resamples: 60, ..BandOptions::default() };
@@ -181,8 +182,8 @@ fn share([inside, of]: [u32; 2]) -> f64 {
     f64::from(inside) / f64::from(of)
 }
 
-/// Intervals from samples of the readings, widened for the number of runs as `--trials` does, contain the true difference from the first target at 95 %
-/// of the targets.
+/// Intervals from samples of the readings, widened for the number of runs as `--trials` does, contain the true
+/// difference from the first target at 95 % of the targets.
 #[test]
 fn samples_of_incomplete_runs_hold_the_truth() {
     const TRIALS: u64 = 60;
@@ -233,7 +234,7 @@ fn samples_of_incomplete_runs_hold_the_truth() {
 }
 
 /// Half widths of the bands of both directions, at the targets, for runs whose zeros scatter. The last run lacks its
-/// last `lacking` backward readings. `number` gives the number of a run in the file.
+/// last `lacking` backward readings. `number` returns the number of a run in the file for each direction.
 fn half_widths(runs: u32, number: impl Fn(u32, &str) -> u32, lacking: usize) -> Vec<Vec<f64>> {
     let zeros = [3.0, -4.0, 1.0, 6.0, -6.0];
     let mut csv = String::from("target,run,direction,deviation_um\n");
@@ -260,8 +261,8 @@ fn half_widths(runs: u32, number: impl Fn(u32, &str) -> u32, lacking: usize) -> 
     found.curves.iter().map(band).collect()
 }
 
-/// A missing backward reading does not affect the zeros of the runs: the bands of both directions are as wide as with the reading. This also holds
-/// if the two directions of a run have separate numbers.
+/// A missing backward reading does not affect the zeros of the runs: the bands of both directions are as wide as with
+/// the reading, also if the two directions of a run have separate numbers.
 #[test]
 fn a_direction_that_lacks_a_target_leaves_the_zeros_of_the_runs_in_both_bands() {
     let both = |run: u32, _: &str| run;
@@ -285,8 +286,9 @@ fn a_direction_that_lacks_a_target_leaves_the_zeros_of_the_runs_in_both_bands() 
     }
 }
 
-/// Two runs in both directions, and three forward only: the mean curve keeps the mean slope of the two, which has one degree of freedom. With the four
-/// degrees of freedom of all runs, ±U would contain the truth with 78 % (2/π · arctan 2.776) instead of 95 %.
+/// Two runs in both directions, and three runs forward only: the mean curve keeps the mean slope of the two
+/// bidirectional runs, which has one degree of freedom. With the four degrees of freedom of all runs, ±U would contain
+/// the truth with 78 % (2/π · arctan 2.776) instead of 95 %.
 #[test]
 fn the_slope_of_two_runs_has_one_degree_of_freedom_beside_runs_of_one_direction() {
     let mut csv = String::from("target,run,direction,deviation_um\n");
@@ -309,7 +311,8 @@ fn the_slope_of_two_runs_has_one_degree_of_freedom_beside_runs_of_one_direction(
     let file = read("EYX");
     let scatter = file.scatters().next().expect("repeated runs");
     assert_eq!(scatter.degrees, 1);
-    // Only the two runs vary the slope: each by half of their difference, divided by √2 in the mean of both.
+    // Only the two bidirectional runs vary the slope: each by half of their difference, divided by √2 in the mean of
+    // both.
     let slope = |file: &CalibrationFile| -> f64 {
         let curve = file.measurements[0].readings.mean_curve();
         (curve[10].1 - curve[0].1) / 1000.0
@@ -318,6 +321,6 @@ fn the_slope_of_two_runs_has_one_degree_of_freedom_beside_runs_of_one_direction(
         .map(|run| (slope(&file.shifted_by_run(0, *run)) - slope(&file)).powi(2));
     let expected = 0.04 / 2.0;
     assert!((changes.sum::<f64>().sqrt() - expected).abs() < 1e-9);
-    // The zero of a positioning error does not count.
+    // The degrees of freedom of a positioning error are those of all runs.
     assert_eq!(read("EXX").scatters().next().expect("repeated runs").degrees, 4);
 }

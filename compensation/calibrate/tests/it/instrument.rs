@@ -31,7 +31,7 @@ pub(crate) struct Line<'a> {
     pub(crate) at: &'a [(AxisName, f64)],
     /// The measured point, mm in MCS with the measured axis at 0; moves with the component that carries it.
     pub(crate) point: [f64; 3],
-    /// Whether the point is on the other side of the joint than the carriage.
+    /// Whether the point is on the side of the joint that does not move with the carriage.
     pub(crate) other: bool,
     pub(crate) targets: usize,
     pub(crate) runs: usize,
@@ -75,7 +75,8 @@ pub(crate) fn reading(truth: &Machine, line: &Line<'_>, target: f64) -> f64 {
     }
 }
 
-/// Writes the readings of a line with noise (µm or µrad); returns its table for the calibration file.
+/// Writes the readings of a line with noise (µm or µrad); returns the `[[measurement]]` table of the line for the
+/// calibration file.
 pub(crate) fn measure(
     lab: &Lab,
     truth: &Machine,

@@ -21,7 +21,7 @@ impl Lab {
         fs::write(self.folder().join(name), text).expect("written");
     }
 
-    /// Reads a calibration file: the name of the machine file in the first line, then this text.
+    /// Reads a calibration file that consists of a first line with the name of the machine file, and `text`.
     pub(crate) fn read(&self, text: &str) -> Result<CalibrationFile, CalibrateError> {
         let text = format!("machine = \"machine.toml\"\n{text}");
         self.write("calibration.toml", &text);

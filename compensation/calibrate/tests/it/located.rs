@@ -98,7 +98,7 @@ pub(crate) fn lines(lab: &Lab, truth: &Machine, rotary: impl Fn(&str) -> bool) -
         ("X", &[(Y, 200.0), (Z, 150.0)][..], [30.0, 180.0, 90.0], true, "poly = { order = 2 }"),
         ("Y", &[(X, 300.0), (Z, 100.0)], [0.0, 20.0, 60.0], false, "poly = { order = 2 }"),
         ("Z", &[(X, 250.0), (Y, 240.0)], [40.0, 260.0, 10.0], false, "poly = { order = 2 }"),
-        // The table of X has moved to −X by 300 mm: the axes are at −280 and 20.
+        // The table of X has moved by 300 mm to −X, and the rotary axes on it are at X = −280 and 20.
         ("A", &[(X, 300.0)], [-240.0, 290.0, 180.0], false, "poly = { order = 2 }"),
         ("C", &[(X, 300.0)], [70.0, 200.0, 160.0], false, "fourier = { order = 2 }"),
     ] {
@@ -159,7 +159,7 @@ fn every_motion_and_the_locations_make_the_machine() {
     let truth = truth();
     let mut text = lines(&lab, &truth, |_| true);
     let mut noise = Noise::new(9);
-    // One location error per table, and several of one instrument with its sign.
+    // Some location errors have a table each; several are in one table of one instrument, with its sign.
     for (name, value) in LOCATIONS {
         let unit = if name.starts_with("EY") { "um" } else { "urad" };
         let value = value + noise.normal(0.3);
@@ -216,8 +216,8 @@ fn unmeasured_errors_are_listed_with_their_effect() {
     );
 }
 
-/// A `[[location]]` with one tilt of a pair states the whole squareness, as `[[squareness]]` does, whatever value the machine file has for the other
-/// tilt.
+/// A `[[location]]` with one tilt of a pair states the whole squareness, as `[[squareness]]` does. The value of the
+/// other tilt in the machine file has no effect.
 #[test]
 fn a_location_states_the_whole_squareness() {
     let geometry = "structure = \"w X' b Y Z t\"\n[axes]\nX.travel = [0, 300]\nY.travel = [0, 200]\nZ.travel = [0, 400]\n";
@@ -244,8 +244,8 @@ fn a_location_states_the_whole_squareness() {
     assert!(is_noted, "{:?}", found.warnings);
 }
 
-/// An unknown tilt of a rotary axis and the only tilt line, which changes by almost the same amount, are solved together and determined;
-/// alternating between them does not converge.
+/// An unknown tilt of a rotary axis and the only tilt line, which changes by almost the same amount as the unknown, are
+/// solved together and determined; alternating between them does not converge.
 #[test]
 fn unknowns_that_lines_contain_are_found_with_them() {
     let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/tilt");

@@ -90,7 +90,8 @@ fn every_wrong_key_of_a_location_is_reported() {
     }
 }
 
-/// Tilts without a position, arc seconds stated as milliradians, and another machine's serial number are rejected or noted.
+/// Tilts without a position, arc seconds stated as milliradians, and the serial number of another machine are rejected
+/// or noted.
 #[test]
 fn implausible_settings_are_refused_or_noted() {
     let lab = Lab::new(
@@ -166,8 +167,8 @@ fn lines_without_a_point_are_listed_in_one_note() {
     assert!(notes[0].ends_with(&format!("where a line ran elsewhere: {expected}")), "{notes:?}");
 }
 
-/// Contradictions between a measurement file and the calibration file: refused with line and key if certainly wrong, noted with the
-/// file's name if implausible.
+/// Contradictions between a measurement file and the calibration file. A contradiction that is certainly wrong is
+/// rejected with line and key; an implausible one gives a note with the name of the file.
 #[test]
 fn a_file_that_does_not_fit_its_line_is_refused_or_noted() {
     let lab =
@@ -287,7 +288,7 @@ fn a_unit_agrees_with_the_header_of_the_file() {
     }
 }
 
-/// An impossible angle or length is rejected, an implausible one noted.
+/// An impossible angle or length is rejected; an implausible one gives a note.
 #[test]
 fn stated_values_have_the_size_of_a_machine() {
     let lab = two_axes();
@@ -329,8 +330,8 @@ fn a_target_that_lacks_a_direction_is_refused() {
 
 type Truth = fn(f64) -> f64;
 
-/// A wave shorter than two gaps between targets, and a polynomial on clustered targets, give a note with file and axis. Dense targets
-/// give none.
+/// A wave shorter than two gaps between targets, and a polynomial on clustered targets, give a note with file and axis.
+/// Dense targets give no note.
 #[test]
 fn curves_unsupported_between_targets_are_noted() {
     let even: Vec<f64> = (0..=20).map(|k| 5.0 * f64::from(k)).collect();

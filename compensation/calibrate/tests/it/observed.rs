@@ -17,7 +17,8 @@ use crate::{
     located::{GEOMETRY, LOCATIONS, MORE, largest_difference_um, lines, slope, truth},
 };
 
-/// Errors of rotary axes that are measured along a line; the true machine has no others.
+/// Error motions of rotary axes that are measured along a line; the true machine has no other error motions of rotary
+/// axes.
 const MEASURED: [&str; 3] = ["EAA", "EBA", "ECC"];
 const UNKNOWN: &str =
     "unknown = [\"EY0A\", \"EZ0A\", \"EB0A\", \"EC0A\", \"EX0C\", \"EY0C\", \"EA0C\", \"EB0C\"]\n";
@@ -173,7 +174,7 @@ fn uncertainties_are_those_of_repeats(mut file: CalibrationFile) {
     assert_eq!(alone.locations(), found.machine.locations());
     let found = found.identified.expect("unknowns").found;
     let repeat = |trial| calibrated_machine(&file.varied(3, trial)).expect("found");
-    // Half of the repeats on another core.
+    // A second core computes half of the repeats.
     let (half, others) = (0..REPEATS / 2, REPEATS / 2..REPEATS);
     let repeated: Vec<Machine> = std::thread::scope(|scope| {
         let others = scope.spawn(|| others.map(repeat).collect::<Vec<_>>());
@@ -188,7 +189,7 @@ fn uncertainties_are_those_of_repeats(mut file: CalibrationFile) {
         let squares: f64 = values().map(|value| (value - mean).powi(2)).sum();
         let spread = (squares / (REPEATS - 1) as f64).sqrt();
         let uncertainty = parameter.uncertainty.expect("determined");
-        // Four standard deviations of a standard deviation from this number of repeats.
+        // Four standard deviations of a standard deviation that is estimated from this number of repeats.
         let allowed = 4.0 / (2.0 * (REPEATS - 1) as f64).sqrt();
         assert!(
             (uncertainty / spread - 1.0).abs() < allowed,
@@ -260,7 +261,8 @@ fn a_location_with_the_wrong_sign_is_noted() {
     assert_eq!(said.len(), 2, "{said:?}");
     assert!(said[0].contains("EB0C") && said[1].contains("EY0C"), "{said:?}");
     assert_eq!(notes(others, &[("EX0C", 60.0, 1.0)], 1.0).len(), 1);
-    // Correct; small relative to its uncertainty; small relative to that of the observations.
+    // No note for the correct value, for a deviation that is small relative to the stated uncertainty, and for one that
+    // is small relative to the uncertainty of the observations.
     for (value, uncertainty, noise_um) in [(15.0, 1.0, 1.0), (-15.0, 10.0, 1.0), (-15.0, 1.0, 60.0)]
     {
         let said = notes(others, &[("EX0C", value, uncertainty)], noise_um);

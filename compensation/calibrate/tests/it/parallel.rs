@@ -14,7 +14,8 @@ use crate::{
 
 const TRAVEL: [[f64; 2]; 3] = [[0.0, 8000.0], [0.0, 4000.0], [0.0, 2500.0]];
 
-/// The gantry with length and pitch errors of Y by which EYY is 42 µm at Z = 1050 and 68 µm at Z = 650 over 4 m: an almost linear pitch of 65 µrad.
+/// The gantry with a length error of Y and a pitch error of Y: EYY is 42 µm at Z = 1050 and 68 µm at Z = 650 over 4 m,
+/// an almost linear pitch of 65 µrad.
 fn gantry(errors: &str) -> Machine {
     let axes = volcomp_test_support::machines::gantry(TRAVEL);
     Machine::parse(&format!("{axes}[errors]\n{errors}"), "truth").expect("a machine")
@@ -23,7 +24,8 @@ fn gantry(errors: &str) -> Machine {
 const PITCH: &str = "EAY = { poly = [0, 0.0158, 1.125e-7] }\n";
 const LENGTH: &str = "EYY = { poly = [0, 0.0275625] }\n";
 
-/// Writes a line along Y with the reflector away from the beam's point, and returns its table.
+/// Writes a line along Y with the reflector away from the point of the beam, and returns its table for the calibration
+/// file.
 fn line(lab: &Lab, truth: &Machine, error: &str, [x, z]: [f64; 2], sigma: f64) -> String {
     let line = Line {
         error,
@@ -106,7 +108,7 @@ fn a_pitch_that_is_twice_too_large_contradicts_the_lines() {
     let size = note.split('±').nth(1).and_then(|rest| rest.split(' ').next());
     let size: f64 = size.expect("a size").parse().expect("a number");
     assert!((size - 13.1).abs() < 0.8, "{note}");
-    // Two contradictory files of one tilt are noted as well.
+    // Two contradictory files of one tilt give a note as well.
     lines[2] = line(&lab, &truth, "EAY", [0.0, 0.0], 0.3);
     lines.push(line(&lab, &doubled, "EAY", [0.0, 500.0], 0.3));
     let words = [
@@ -146,7 +148,7 @@ fn lines_that_do_not_separate_the_tilts_are_noted() {
     }
 }
 
-/// Calibration from two lines 600 mm apart with little noise, and one run of the pitch with much noise.
+/// Calibration from two lines 600 mm apart with little noise, and from one run of the pitch with much noise.
 fn with_noisy_pitch(lab: &Lab, pitch: &Machine, truth: &Machine, seed: u64) -> Calibration {
     let mut noise = Noise::new(seed);
     let mut tables = String::new();
@@ -200,7 +202,8 @@ fn lines_of_different_slopes_contradict_each_other() {
     }
 }
 
-/// Lines whose slopes differ by no more than the slopes of single runs scatter, because the beam is realigned, do not contradict each other.
+/// Lines do not contradict each other if their slopes differ by no more than the slopes of single runs scatter. The
+/// runs scatter because the beam is realigned.
 #[test]
 fn slopes_within_the_scatter_of_runs_do_not_contradict() {
     let lab = lab();
@@ -225,8 +228,8 @@ fn slopes_within_the_scatter_of_runs_do_not_contradict() {
     }
 }
 
-/// A tilt's noise, times the difference of the levers of two lines, is not reported as a contradiction: 2 µrad over 600
-/// mm are 1.2 µm. A doubled tilt is reported, whatever the noise.
+/// The noise of a tilt, times the difference of the levers of two lines, is not reported as a contradiction: 2 µrad
+/// over 600 mm are 1.2 µm. A doubled tilt is always reported.
 #[test]
 fn a_noisy_tilt_is_no_contradiction_and_a_doubled_one_is() {
     let lab = lab();

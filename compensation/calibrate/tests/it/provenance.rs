@@ -25,8 +25,8 @@ fn files(machine: &str) -> Lab {
     lab
 }
 
-/// Residual and leave-one-out error equal those by hand: a line through five equally spaced targets has leverages 0.6, 0.3, 0.2, 0.3,
-/// 0.6.
+/// Residual and leave-one-out error equal the values computed by hand: a line through five equally spaced targets has
+/// the leverages 0.6, 0.3, 0.2, 0.3, 0.6.
 #[test]
 fn a_curve_has_the_provenance_and_quality_of_its_file() {
     let found = files(MACHINE).calibrated(CALIBRATION);
@@ -96,8 +96,9 @@ fn a_file_is_listed_once_for_an_error() {
     );
 }
 
-/// A wave of 50 µm that a few terms fit, plus a zigzag of 0.3 µm (ten times the scatter of the runs) that only a table follows, gives a note, because
-/// the leave-one-out error of a table exceeds a micrometre. Offsets and slopes of the runs have no effect.
+/// A wave of 50 µm with a zigzag of 0.3 µm, ten times the scatter of the runs, gives a note: only a table follows the
+/// zigzag, but its leave-one-out error exceeds a micrometre, so a curve of few terms is chosen. Offsets and slopes of
+/// the runs have no effect.
 #[test]
 fn a_curve_that_does_not_follow_its_readings_is_noted() {
     let readings = |zigzag: f64, alignment: f64| {
@@ -128,7 +129,8 @@ fn a_curve_that_does_not_follow_its_readings_is_noted() {
     }
 }
 
-/// A straightness that is 1000 times too large is noted, and the correct one is not; both contain the slope of the beam.
+/// A straightness that is 1000 times too large gives a note, and the correct one does not; both contain the slope of
+/// the beam.
 #[test]
 fn a_straightness_in_the_wrong_unit_is_noted() {
     let lab = Lab::new(MACHINE);

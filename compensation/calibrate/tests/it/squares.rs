@@ -28,8 +28,8 @@ fn position_um(machine: &Machine, at: [f64; 3], approach: Option<[Direction; 3]>
     machine.error_at(&state, Form::Exact, &none).position_mm * 1e3
 }
 
-/// Writes the file of a laser along a diagonal with unknown scale and zero. Returns its table for the calibration file, and the excess length of the
-/// diagonal, µm.
+/// Writes the file of a laser along a diagonal with unknown scale and zero. Returns its table for the calibration file,
+/// and the difference of the deviations at its two ends, µm.
 fn diagonal(lab: &Lab, truth: &Machine, name: &str, ends: [[f64; 3]; 2]) -> (String, f64) {
     let [from, to] = ends.map(Vector3::from);
     let way = to - from;
@@ -123,7 +123,7 @@ fn face_diagonals_give_the_squareness_of_their_plane() {
     let (pp, _) = diagonal(&lab, &truth, "pp.csv", [[0.0; 3], [a, b, 0.0]]);
     let (np, _) = diagonal(&lab, &truth, "np.csv", [[a, 0.0, 0.0], [0.0, b, 0.0]]);
     let table = format!("[[squareness]]\nerror = \"EC0Y\"\ndiagonals = [{pp}, {np}]\n");
-    // With Y as primary reference axis the tilt is that of X, whose value in the machine file is not used.
+    // With Y as primary reference axis the squareness is the tilt of X; its value in the machine file is not used.
     let text = format!(
         "reference_axes = [\"Y\", \"X\"]\n{table}[[location]]\nerror = \"EA0Z\"\nvalue_urad = 5.0\n"
     );
@@ -187,8 +187,8 @@ fn straight(lab: &Lab, name: &str, length: f64, profile: impl Fn(f64) -> f64) {
 
 const LINES: &str = "[[measurement]]\nerror = \"EYX\"\nfile = \"eyx.csv\"\ncurve = { table = {} }\nLINE\n[[measurement]]\nerror = \"EXY\"\nfile = \"exy.csv\"\ncurve = { table = {} }\nLINE\n[[squareness]]\nerror = \"EC0Y\"\n";
 
-/// A line removed from the straightness is added to the squareness: each kind of reference line gives the same machine, after alignment
-/// of the workpiece.
+/// Each kind of reference line gives the same machine after alignment of the workpiece, because a line removed from the
+/// straightness is added to the squareness.
 #[test]
 fn reference_lines_split_the_same_machine_differently() {
     let lab = Lab::new(GEOMETRY);
@@ -258,9 +258,9 @@ diagonals = [{ file = "eyx.csv", from = {}, to = {} }, { file = "eyx.csv", from 
     }
 }
 
-/// Computed by hand. EXY: the slopes of three runs are −6, 1 and 5 µrad, s²/n = 62/2/3 with ν = 2. EYX: one run has residuals of −0.6, 1.8, −1.8 and
-/// 0.6 µm with steps of 200 mm, s² = 3.6, Σ(q − q̄)² = 5 · 200²: 18 µrad² with ν = 2. Together √28.33 with ν = 3.727, for which Student's t is
-/// 2.957 at 95.45 %.
+/// Computed by hand. EXY: the slopes of three runs are −6, 1 and 5 µrad, s²/n = 62/2/3 with ν = 2. EYX: one run has
+/// residuals of −0.6, 1.8, −1.8 and 0.6 µm at a spacing of 200 mm, s² = 3.6, Σ(q − q̄)² = 5 · 200², hence 18 µrad² with
+/// ν = 2. Together √28.33 µrad with ν = 3.727, for which Student's t is 2.957 at 95.45 %.
 #[test]
 fn the_uncertainty_of_a_squareness_contains_both_slopes() {
     let lab = Lab::new(GEOMETRY);
@@ -268,7 +268,7 @@ fn the_uncertainty_of_a_squareness_contains_both_slopes() {
     let mut csv = String::from("target,run,direction,deviation\n");
     for (run, slope) in [(1, -6.0), (2, 1.0), (3, 5.0)] {
         for target in [0.0, 200.0, 400.0] {
-            // The zero of a run and the profile do not count.
+            // The zero of a run and the profile do not affect the scatter of the slopes.
             let profile = if target == 200.0 { 8.0 } else { 0.0 };
             let value = 100.0 * f64::from(run) + profile + 1e-3 * slope * target;
             writeln!(csv, "{target},{run},+,{value:.9}").expect("a String");
@@ -284,7 +284,7 @@ fn the_uncertainty_of_a_squareness_contains_both_slopes() {
         |found: f64, expected: f64| assert!((found - expected).abs() < 2e-3, "{found} {expected}");
     near(found("").0, 7.8712);
     near(found("[uncertainty]\nsquare_urad = 3.0\n").0, 7.8712_f64.hypot(3.0));
-    // 0.5 µm of each mean reading, 1/√(5 · 200²) and 1/√(2 · 200²) of them per mm.
+    // 0.5 µm of each mean reading changes the slopes by 0.5 µm/√(5 · 200²) per mm and 0.5 µm/√(2 · 200²) per mm.
     let of_readings = (500.0 / 2e5_f64.sqrt()).hypot(500.0 / 8e4_f64.sqrt());
     near(found("[uncertainty]\nreading_um = 0.5\n").0, 7.8712_f64.hypot(of_readings));
     let file = lab
@@ -295,8 +295,9 @@ fn the_uncertainty_of_a_squareness_contains_both_slopes() {
     assert_eq!(names, ["EYX"]);
 }
 
-/// A bridge is moved over three steps in two runs, whose tilts differ by 4 µrad: the slopes are ±2, s/√n = 2 with ν = 1. With one run, the scatter
-/// is that of its three tilts of 5, 8 and 11 µrad, s = 3; the weights of three tilts in the slope are 0.3, 0.4, 0.3.
+/// A bridge is moved over three steps in two runs, whose tilts differ by 4 µrad: the slopes are ±2 µrad, s/√n = 2 µrad
+/// with ν = 1. With one run, the scatter is that of its three tilts of 5, 8 and 11 µrad, s = 3 µrad; the weights of the
+/// three tilts in the slope are 0.3, 0.4, 0.3.
 #[test]
 fn the_uncertainty_of_a_squareness_contains_the_slopes_of_bridges() {
     let lab = Lab::new(GEOMETRY);

@@ -1,4 +1,4 @@
-//! A rotary axis measured over another turn than its travel: the error is correct at every angle.
+//! A rotary axis measured over a turn that differs from its travel: the error is correct at every angle.
 
 use std::fmt::Write as _;
 
@@ -68,7 +68,7 @@ fn no_half_turn_is_lost() {
     }
 }
 
-/// A full turn is closed without a repeated target: the curve is within 0.2 µrad.
+/// A full turn is closed without a repeated target: the curve is within 0.2 µrad of the truth.
 #[test]
 fn a_full_turn_is_closed() {
     for (travel, first, last) in [("[0, 360]", 0, 345), ("[-180, 180]", -165, 180)] {
@@ -80,7 +80,7 @@ fn a_full_turn_is_closed() {
     }
 }
 
-/// A partial turn is not closed: the end values are held, and if they differ, the machine rejects the jump.
+/// A curve over part of a turn is not closed: the end values are held, and the machine rejects a jump between them.
 #[test]
 fn a_part_of_a_turn_stays_one() {
     // 20·sin has the same value at 60° and 120°.

@@ -17,7 +17,7 @@ const MACHINE: &str =
 const TARGETS: usize = 6;
 const RUNS: usize = 5;
 
-/// Readings of runs with common shift and slope besides their noise, so that targets are correlated.
+/// Readings of runs that each have a shift and a slope in addition to noise, so that targets are correlated.
 fn runs() -> Vec<[f64; TARGETS]> {
     let mut rng = ChaCha8Rng::seed_from_u64(3);
     let mut run = |_| {
@@ -59,7 +59,8 @@ fn uncertainty(ensemble: &Ensemble, machine: &Machine, x: f64, y: f64) -> [f64; 
     ensemble.standard_uncertainty(&state.expect("a state"))
 }
 
-/// The spread at a target is that of the difference from the first target, because the curve is zero there.
+/// The spread at a target is that of the difference of the means from the first target, because the curve is zero
+/// there.
 #[test]
 fn the_spread_is_that_of_the_means_of_the_runs() {
     let file = written("");
@@ -70,7 +71,7 @@ fn the_spread_is_that_of_the_means_of_the_runs() {
         let squares: f64 = differences.iter().map(|d| (d - mean).powi(2)).sum();
         let expected_mm = (squares / (RUNS * (RUNS - 1)) as f64).sqrt() * 1e-3;
         let found = uncertainty(&ensemble, &file.machine, 200.0 * i as f64, 0.0)[0];
-        // Four standard deviations of a standard deviation from this number of trials.
+        // Four standard deviations of a standard deviation that is estimated from this number of trials.
         let allowed = 4.0 / (2.0 * TRIALS as f64).sqrt();
         assert!((found / expected_mm - 1.0).abs() < allowed, "{found} {expected_mm}");
     }
@@ -88,7 +89,7 @@ fn stated_uncertainties_are_carried() {
     }
     let ensemble = ensemble(&file);
     let found = uncertainty(&ensemble, &file.machine, 1000.0, 500.0);
-    // 20 µm/m over 1 m and 5 µrad over 0.5 m, in quadrature along X.
+    // 20 µm/m over 1 m and 5 µrad over 0.5 m add in quadrature along X.
     let expected_mm = f64::hypot(20e-3, 2.5e-3);
     let allowed = 4.0 / (2.0 * TRIALS as f64).sqrt();
     assert!((found[0] / expected_mm - 1.0).abs() < allowed, "{found:?}");

@@ -18,8 +18,8 @@ fn seen(machine: &str, errors: &str) -> Lab {
     lab
 }
 
-/// For any number of turns of C 10 µm of EX0C move the tool by 20 µm over half a turn. EX0C as unknown is rejected if the lines of EXC
-/// and EYC contain it.
+/// For any number of turns of C, 10 µm of EX0C move the tool by 20 µm over half a turn. EX0C as an unknown is rejected
+/// if the lines of EXC and EYC contain its contribution.
 #[test]
 fn axes_of_several_turns_are_evaluated_over_one() {
     for turns in ["-360.0, 360.0", "-1440.0, 1440.0", "-36000.0, 36000.0"] {
@@ -52,8 +52,8 @@ fn axes_of_several_turns_are_evaluated_over_one() {
     }
 }
 
-/// EX0C is 23.8 µm, stated with wrong sign or unit, doubled or halved: the first note names the stated value as contradicted, not the
-/// rows.
+/// EX0C is 23.8 µm, and is stated with wrong sign or unit, doubled or halved: the first note names the stated value as
+/// contradicted, and the rows are not blamed.
 #[test]
 fn a_value_contradicted_by_observations_is_noted() {
     let lab = seen(GEOMETRY, "EX0C = 23.8\nEY0C = -13.0\n");
@@ -87,8 +87,9 @@ fn a_value_contradicted_by_observations_is_noted() {
     }
 }
 
-/// The example of the book: an indicator on the head of Z travels 300 mm up a mandrel on the table, at C 0° and 180°. The reading is the
-/// mandrel relative to the tip along the dial's direction, positive if the plunger is pressed in.
+/// The example of the book: an indicator on the head of Z travels 300 mm up a mandrel on the table, at C 0° and 180°.
+/// The reading is the position of the mandrel relative to the tip along the dial's direction, positive if the plunger
+/// is pressed in.
 #[test]
 fn a_dial_along_a_mandrel_reads_as_the_book_states() {
     let geometry = "structure = \"w C' X' b Y Z t\"\naxes.X.travel = [-300, 300]\naxes.Y.travel = [-300, 300]\naxes.Z.travel = [0, 400]\naxes.C.travel = [-360, 360]\n";
@@ -102,7 +103,7 @@ fn a_dial_along_a_mandrel_reads_as_the_book_states() {
     ] {
         let machine =
             Machine::parse(&format!("{geometry}[errors]\n{errors}\n"), "truth").expect("a machine");
-        // Tip relative to the mandrel in bed axes; C rotates the table.
+        // Displacement of the tip relative to the mandrel in bed axes; C rotates the table.
         let reading = |z: f64, c: f64| {
             let state = machine.state(&[(AxisName::Z, z), (AxisName::C, c)]).expect("a state");
             let error = machine.error_at(&state, Form::Exact, &Temperatures::new());
