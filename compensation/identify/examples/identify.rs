@@ -1,5 +1,5 @@
-//! Identifies a machine from a file of observations (default: that of `examples/identification`), and prints its errors with their
-//! uncertainties.
+//! Identifies a machine from a file of observations (default: the file in `examples/identification`), and prints its
+//! errors with their uncertainties.
 
 use std::{error::Error, path::PathBuf};
 

@@ -109,7 +109,7 @@ fn read_balls(file: &str, table: &CsvTable) -> Result<BallRow, InputError> {
         }
         let uncertainty_um = match uncertainty.map(|column| row.cell(column)) {
             Some(cell) if !cell.text().is_empty() => {
-                // 0: the distance is taken as exact.
+                // An uncertainty of 0 states that the distance is exact.
                 match cell.number()? {
                     0.0 => 0.0,
                     found => standard_uncertainty_um(found)

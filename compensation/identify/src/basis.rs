@@ -1,4 +1,4 @@
-//! Curves as sums of modes: a constant, a line, and modes of rising curvature, which a penalty can shrink.
+//! Curves as sums of modes: a constant, a line, and modes of increasing curvature. A penalty can shrink the modes.
 
 use volcomp_curve::{BSpline, Chebyshev, Curve, CurveError, Fourier};
 use volcomp_kinematics::nalgebra::DMatrix;
@@ -53,7 +53,8 @@ pub(crate) struct Modes {
 }
 
 impl Modes {
-    /// Creates the modes of a basis over the range of the observations, mm or deg. Errors: no spline can be built over this range.
+    /// Creates the modes of a basis over the range of the observations, mm or deg. Fails if no spline can be built over
+    /// it.
     pub(crate) fn new(basis: Basis, domain: [f64; 2]) -> Result<Self, CurveError> {
         let mut modes = Self {
             basis,
@@ -65,7 +66,7 @@ impl Modes {
         };
         match basis {
             Basis::Constant => {}
-            // Between the powers for a penalty on slope (2) and for a penalty on bending (4).
+            // k³ is between the power k² of a penalty on slope and the power k⁴ of a penalty on bending.
             Basis::Legendre { order } => {
                 let weights = (1..=order).map(|k| (k as f64).powi(3));
                 modes.weights.extend(weights);
@@ -80,13 +81,14 @@ impl Modes {
         Ok(modes)
     }
 
-    /// Builds the spline modes: eigenvectors of the second-difference penalty, as constant, line, and the rest by rising penalty.
+    /// Builds the spline modes: a constant, a line, and then the eigenvectors of the second-difference penalty by
+    /// rising penalty.
     fn spline(&mut self, count: usize) -> Result<(), CurveError> {
         let [lower, upper] = self.domain;
         let segments = count - DEGREE;
         let step = (upper - lower) / segments as f64;
         let knot = |i: usize| match i {
-            // Exactly the ends of the observations, without rounding.
+            // The knots at the ends of the range equal the ends exactly, without rounding.
             _ if i == DEGREE => lower,
             _ if i == DEGREE + segments => upper,
             _ => lower + (i as f64 - DEGREE as f64) * step,
@@ -104,7 +106,7 @@ impl Modes {
         self.columns = DMatrix::zeros(count, count);
         for row in 0..count {
             self.columns[(row, 0)] = 1.0;
-            // Coefficients on a line reproduce that line; it is 1 at the upper end of the domain.
+            // Linearly rising coefficients give a line; this line is 1 at the upper end of the domain.
             let place = row as f64 - 0.5 * (count - 1) as f64;
             self.columns[(row, 1)] = 2.0 * place / segments as f64;
         }
@@ -114,7 +116,7 @@ impl Modes {
         for (mode, &source) in order.iter().enumerate().skip(2) {
             let column = eigen.eigenvectors.column(source) * size;
             self.columns.set_column(mode, &column);
-            // Order 2 has weight 8 relative to the slope's weight of 1.
+            // The first bent mode has order 2, hence the weight 2³ = 8 relative to the slope's weight of 1.
             self.weights.push(8.0 * eigen.eigenvalues[source] / least);
         }
         let columns = self.columns.column_iter();
@@ -138,7 +140,7 @@ impl Modes {
         &self.weights
     }
 
-    /// Label of a mode; it follows the name of the error in the name of the coefficient.
+    /// Label of a mode. The name of a coefficient is the name of the error and this label.
     pub(crate) fn label(&self, mode: usize) -> String {
         match (self.basis, mode) {
             (_, 0) => "constant".to_owned(),
@@ -150,7 +152,7 @@ impl Modes {
         }
     }
 
-    /// Order of a mode. Where modes of several curves cannot be distinguished, lower orders are kept first.
+    /// Order of a mode. If modes of several curves cannot be distinguished, modes of lower order are kept first.
     pub(crate) fn order(&self, mode: usize) -> usize {
         match self.basis {
             Basis::Fourier { .. } => mode.div_ceil(2),

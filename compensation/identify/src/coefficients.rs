@@ -10,7 +10,7 @@ use crate::{
     observations::{Observations, SecondAxis},
 };
 
-/// Offset of the rank of products, so that all modes of single-axis curves are kept before them.
+/// Offset of the rank of products. All modes of single-axis curves have lower ranks, so they are kept first.
 const PRODUCTS_FROM: usize = 1000;
 
 /// Coefficient of an error: mm or rad internally, µm or µrad in results.
@@ -22,7 +22,7 @@ pub(crate) struct Coefficient {
     pub(crate) role: Role,
     /// Index of the penalty group, and weight within the group; `None` if the coefficient is not penalised.
     pub(crate) group: Option<(usize, f64)>,
-    /// Rank among indistinguishable coefficients: those with the lower rank are kept.
+    /// Rank among indistinguishable coefficients: the coefficients with the lowest ranks are kept.
     rank: usize,
 }
 
@@ -46,8 +46,8 @@ pub(crate) struct UnknownCurve {
 #[derive(Clone, Debug)]
 pub(crate) struct Unknowns {
     pub(crate) curves: Vec<UnknownCurve>,
-    /// Unknown coefficients. Where some cannot be distinguished, earlier ones are kept: location errors, constants, modes by rising order, then
-    /// products by rising order.
+    /// Unknown coefficients by rising rank: location errors, constants, modes by rising order, then products by rising
+    /// order. If some of them cannot be distinguished, the earlier ones are kept.
     pub(crate) coefficients: Vec<Coefficient>,
     pub(crate) locations: Vec<(usize, usize, usize)>,
     pub(crate) groups: usize,
@@ -94,7 +94,7 @@ impl Unknowns {
                     let rank = 1 + 2 * modes.order(mode);
                     coefficients.push(add(name, Role::Mode(mode), rank, group));
                 }
-                // Replaced by the identified curve; a reversal value that is not an unknown is kept.
+                // The identified curve will replace this curve; a reversal value that is not an unknown is kept.
                 let reversal = match machine.error(error) {
                     Some(ErrorCurve::Reversal { reversal, .. }) if !item.reversal => *reversal,
                     _ => 0.0,
@@ -121,7 +121,7 @@ impl Unknowns {
                 for place in 0..products.pairs().len() {
                     let name = format!("{error} {}", products.label(own, place));
                     let group = item.penalised.then_some((group, products.weight(own, place)));
-                    // Curves of one axis are kept first.
+                    // The offset gives single-axis curves priority over products.
                     let rank = PRODUCTS_FROM + products.order(own, place);
                     coefficients.push(add(name, Role::Product(place), rank, group));
                 }
@@ -141,8 +141,8 @@ impl Unknowns {
 }
 
 impl Unknowns {
-    /// Whether a coefficient is fixed at zero by convention where nothing else determines it: the constant of a curve, or the slope of the
-    /// straightness of a linear axis.
+    /// Whether a coefficient is fixed at zero by convention if the observations do not determine it: the constant of a
+    /// curve, or the slope of the straightness of a linear axis.
     pub(crate) fn is_convention(&self, place: usize) -> bool {
         let coefficient = &self.coefficients[place];
         let error = coefficient.error;
@@ -167,7 +167,8 @@ fn constant(value: f64, reversal: f64) -> ErrorCurve {
     if reversal == 0.0 { ErrorCurve::Single(mean) } else { ErrorCurve::Reversal { mean, reversal } }
 }
 
-/// A curve without its reversal value; an [`ErrorCurve`] of both directions becomes their mean.
+/// A curve without its reversal value. A pair of curves for the two directions is returned unchanged; a missing curve
+/// becomes zero.
 fn without_reversal(curve: Option<&ErrorCurve>) -> ErrorCurve {
     match curve {
         Some(ErrorCurve::Single(field) | ErrorCurve::Reversal { mean: field, .. }) => {
@@ -183,7 +184,7 @@ const MAX_PARTS: usize = 128;
 /// Maximum interpolation error of the grid midway between its nodes, µm or µrad.
 const MISSES: f64 = 0.01;
 
-/// Products of one error: c_k φ_i(q) ψ_j(p), where ψ_j runs along the second axis and is never its constant.
+/// Products of one error: c_k φ_i(q) ψ_j(p). ψ_j is a mode of the second axis, but not its constant.
 #[derive(Clone, Debug)]
 pub(crate) struct Products {
     axis: usize,
@@ -194,8 +195,9 @@ pub(crate) struct Products {
 }
 
 impl Products {
-    /// Products of the modes of an error's own curve, up to the order of the second axis's curve, with the modes of that curve. `axis` is the index
-    /// of the second axis and `range` its range, mm or deg. Errors: no spline can be built over this range.
+    /// The products of each mode of the error's own curve, up to the order of the second axis's curve, with each mode
+    /// of the second axis. `axis` is the index of the second axis and `range` its range, mm or deg. Fails if no spline
+    /// can be built over it.
     pub(crate) fn new(
         own: &Modes,
         axis: usize,
@@ -248,10 +250,10 @@ impl Products {
         self.pairs.iter().map(|&(i, j)| own[i] * second[j])
     }
 
-    /// Grid of the error with these coefficients of its curve's modes and of the products, µm or µrad. It is refined
-    /// until the interpolation error half-way between its nodes is within [`MISSES`], or to [`MAX_PARTS`] along an
-    /// axis. `own_axis` is the index of the error's axis; `go_round` states whether that axis and the second one have a
-    /// modulo.
+    /// Grid of the error with the coefficients of its own modes and of the products, µm or µrad. The grid is refined
+    /// until its interpolation error half-way between nodes is within [`MISSES`], or it has [`MAX_PARTS`] parts along
+    /// an axis. `own_axis` is the index of the error's axis; `go_round` states whether that axis and the second axis
+    /// have a modulo.
     pub(crate) fn grid(
         &self,
         own: &Modes,
@@ -290,7 +292,7 @@ impl Products {
             }
             nodes(both[along], parts)
         });
-        // Only a full turn closes.
+        // Only a range of a full turn closes.
         let is_turn = |along: usize| {
             let [low, high] = both[along].domain();
             go_round[along] && (high - low - 360.0).abs() < 1e-6
@@ -316,11 +318,11 @@ impl Products {
     }
 }
 
-/// Ends of equal parts of the range of the modes.
+/// The ends of equal parts of the range of the modes, mm or deg.
 fn nodes(modes: &Modes, parts: usize) -> Vec<f64> {
     let [low, high] = modes.domain();
     let node = |k: usize| match k {
-        // Exactly, without rounding.
+        // The last node equals the end of the range exactly, without rounding.
         _ if k == parts => high,
         _ => low + (high - low) * k as f64 / parts as f64,
     };

@@ -24,7 +24,8 @@ struct Writer<'e> {
     reversals: Option<&'e [f64]>,
     params: &'e Params,
     unknowns: &'e Unknowns,
-    /// Location errors that follow unknowns: axis, component, coefficient, and change per unit of the coefficient.
+    /// Location errors that depend on unknowns: axis, component, coefficient of the unknown, and change per unit of the
+    /// coefficient.
     following: &'e [(usize, usize, usize, f64)],
     first: usize,
     /// Reciprocal of the uncertainty, 1/mm.
@@ -139,16 +140,15 @@ impl System {
         self.plain_equations(rows, values, false).without_sides()
     }
 
-    /// Residuals and their derivatives; unknown approach directions are not eliminated. With
-    /// `design`, the derivatives are those of the ideal machine with readings that fit it exactly;
-    /// they determine which unknowns are distinguishable. Rows before the first move of an axis are
-    /// treated as the mean of both directions.
+    /// Residuals and their derivatives; unknown approach directions are not eliminated. With `design`, the derivatives
+    /// are those of the ideal machine with readings that fit it exactly. They determine which unknowns are
+    /// distinguishable. Rows before the first move of an axis are treated as the mean of both directions.
     pub(crate) fn plain_equations(&self, rows: &Rows, values: &Values, design: bool) -> Equations {
         self.equations_in(self.params.len(), rows, values, design)
     }
 
-    /// Like [`System::plain_equations`], with the derivatives with respect to the first `columns` parameters only: all,
-    /// those of the set-ups, or none.
+    /// Like [`System::plain_equations`], with the derivatives with respect to the first `columns` parameters only: all
+    /// parameters, those of the set-ups, or none.
     pub(crate) fn equations_in(
         &self,
         columns: usize,
@@ -180,7 +180,7 @@ impl System {
             if columns == 0 {
                 continue;
             }
-            // For distinguishability the value is taken as exact, because its uncertainty leaves no unknown
+            // For distinguishability the value is treated as exact: with its uncertainty, no unknown remains
             // undetermined.
             let least = if design { equations.jacobian.column(column).norm() } else { 0.0 };
             equations.jacobian[(count + row, column)] = least.max(1.0 / uncertainty);
@@ -188,8 +188,8 @@ impl System {
         equations
     }
 
-    /// Quantities that are identified although a calibration or a ruler states them: column, difference from the stated
-    /// value, and the uncertainty of that value.
+    /// Quantities that are identified although their value is also known from a calibration or a ruler: column,
+    /// difference from the stated value, and uncertainty of the stated value.
     fn calibrated(&self, values: &Values) -> Vec<(usize, f64, f64)> {
         let mut found = Vec::new();
         for (number, quantity) in self.setup.numbers.iter().enumerate() {
@@ -216,8 +216,8 @@ impl System {
             .collect()
     }
 
-    /// Residuals of every row, mm: three components, or one or two padded with zeros. Rows before an axis first moved
-    /// get the approach direction that fits them best, or a fraction of it.
+    /// Residuals of every row, mm: three components, or one or two padded with zeros. A row before the first move of an
+    /// axis is evaluated with the approach direction that fits it best, or with a fraction of it.
     pub(crate) fn residuals(&self, rows: &Rows, values: &Values) -> Vec<Vector3<f64>> {
         const ROUNDS: usize = 5;
         /// Margin of an approach direction beyond ±1, in uncertainties of a reading: the reversal
@@ -233,7 +233,7 @@ impl System {
                 let roots = left.map(|residual| weight(residual).sqrt());
                 let mut weighted = equations.sides.clone();
                 weighted.scale(|equation| roots[equation]);
-                // An axis approaches from one of two sides: an outlier must not be fitted as a side.
+                // An axis approaches from one of two sides, so the estimate is limited and cannot absorb an outlier.
                 sides = weighted.estimate(&equations.residuals.component_mul(&roots));
                 for (side, column) in sides.iter_mut().zip(columns.column_iter()) {
                     let most = 1.0 + WITHIN / column.amax().max(f64::MIN_POSITIVE);
@@ -337,7 +337,7 @@ impl System {
             RowReading::Point { frame, at_mm, .. } => {
                 let of = &values.frames[*frame];
                 let undrifted = of.pose.transform_point(at_mm);
-                // Drift rotates the points that it displaces; the ideal machine has no drift.
+                // The drift displaces and rotates the observed points; the ideal machine is observed without drift.
                 let [shift, turn] =
                     if design { [Vector3::zeros(); 2] } else { of.drifted(polynomials) };
                 let seen = if design {
@@ -393,7 +393,7 @@ impl System {
                 let displacement = direction.dot(&(tip.position_mm - row.ideal_mm));
                 let line = values.number_at(*offset, polynomials)
                     + values.number_at(*slope, polynomials) * place;
-                // Every reading contains the line (offset and slope) of the set-up.
+                // Every reading contains the offset and the slope of the set-up.
                 out.residual(0, displacement + line - deviation_mm);
                 out.coefficients(&row.pose, &tip, &[*direction]);
                 out.number(*offset, 1.0);
@@ -432,7 +432,8 @@ pub(crate) fn bar(axes: &Matrix3<f64>, [side1, side2]: [f64; 2]) -> Bar {
     Bar { along, by_tilt }
 }
 
-/// Velocity of a point at a lever arm for a unit displacement (component 0 to 2) or rotation (3 to 5) of its frame.
+/// Velocity of a point at the lever arm `lever_mm` for a unit displacement (`place` 0 to 2) or a unit rotation (3 to 5)
+/// of its frame.
 fn frame_motion(place: usize, lever_mm: &Vector3<f64>) -> Vector3<f64> {
     if place < 3 { Vector3::ith(place, 1.0) } else { Vector3::ith(place - 3, 1.0).cross(lever_mm) }
 }

@@ -54,7 +54,7 @@ pub enum IdentifyError {
         "found no rows to fit, expected at least one observation with rows and without `judge = true`"
     )]
     NothingToFit,
-    /// Rows are further from the nominal machine than real machines deviate.
+    /// Rows are further from the nominal machine than real machines deviate from it.
     #[error("{}", far_files(files))]
     FarRows { files: Vec<FarFile> },
     #[error(

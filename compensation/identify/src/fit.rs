@@ -1,7 +1,7 @@
 //! One fit: selection of the distinguishable unknowns, and the search for them.
 //!
 //! Distinguishability is decided on the ideal experiment: the same poses on a machine without errors, with readings
-//! that fit it exactly. Unknowns that only the errors of the real machine separate are not distinguishable.
+//! that fit it exactly. Unknowns that are separated only by the errors of the real machine are not distinguishable.
 
 use volcomp_kinematics::{
     REACHED_WITHIN_MM, State,
@@ -19,8 +19,8 @@ use crate::{
     triangle::{inverse, triangle},
 };
 
-/// Selects the distinguishable unknowns. Reversal values on which only rows with an unknown approach direction depend are fixed at zero, and so
-/// are the columns `without`.
+/// Selects the distinguishable unknowns. Two kinds of unknowns are fixed at zero: the columns `without`, and reversal
+/// values that affect only rows with an unknown approach direction.
 pub(crate) fn distinguishable(system: &System, design: &Equations, without: &[usize]) -> Rank {
     let rank = independent_without(&design.jacobian, without);
     if !design.sides.has_unknown() {
@@ -54,7 +54,7 @@ pub(crate) fn distinguishable(system: &System, design: &Equations, without: &[us
     if mixed.is_empty() {
         return rank;
     }
-    // Columns fixed at zero remain so.
+    // Columns that are already fixed at zero remain fixed.
     let left: Vec<&Vec<(usize, f64)>> = rank.null.iter().chain(&mixed).collect();
     let mut others = jacobian.clone();
     for null in &left {
@@ -108,7 +108,7 @@ pub(crate) fn fit(
             rank = distinguishable(system, &design, &without);
         }
     }
-    // Unknowns fixed at zero start at zero.
+    // The search starts with zero for unknowns that are fixed at zero.
     for left in rank.left_at_zero() {
         if let Param::Coefficient(coefficient) = system.params.at(left) {
             values.coefficients[coefficient] = 0.0;
@@ -138,8 +138,8 @@ fn ideal_row(system: &System, row: &Row, values: &Values) -> Row {
     let centre = match &row.reading {
         RowReading::Sphere { centre, .. } => values.points[*centre][0],
         RowReading::Ball { origin, tilts, distance, axes, .. } => {
-            // The point is on the nominal bar: for a point beside it, rotating the bar and rotating the machine
-            // would not be equivalent.
+            // The point is on the nominal bar. At a point beside the bar, a rotation of the bar and a rotation of the
+            // machine would be distinguishable.
             let along = bar(axes, tilts.map(|tilt| values.numbers[tilt][0])).along;
             values.points[*origin][0] + along * values.numbers[*distance][0]
         }
@@ -174,10 +174,9 @@ pub(crate) struct Uncertain {
 }
 
 impl Uncertain {
-    /// Selects the next kept unknown to fix at zero; `None` if all are sufficiently certain. `jacobian`
-    /// has the derivatives of all readings, each divided by its uncertainty. Of several similarly
-    /// uncertain unknowns the last one is selected, because the others are then better known than if one of
-    /// them were fixed.
+    /// Selects the next kept unknown to fix at zero; `None` if all are sufficiently certain. `jacobian` has the
+    /// derivatives of all readings, each divided by its uncertainty. Of several similarly uncertain unknowns the last
+    /// one is selected.
     pub(crate) fn among(system: &System, kept: &[usize], jacobian: &DMatrix<f64>) -> Option<Self> {
         let own = jacobian.select_columns(kept);
         let lengths: Vec<f64> = own.column_iter().map(|column| column.norm()).collect();

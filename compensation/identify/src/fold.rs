@@ -1,9 +1,9 @@
 //! Cross-validation residuals of rows left out of a fit, from the factorisation of the fit to all rows.
 //!
-//! Let J = QR be the equations of all rows, and Q₁ and r₁ the parts of Q and of the residuals r that belong to the rows to be left out. The
-//! unknowns of the fit without them differ by Rθ = x = −(I − Q₁ᵀQ₁)⁻¹(Qᵀr − Q₁ᵀr₁), which needs only a small factorisation. This holds for
-//! unpenalised least squares, if the other rows still determine all unknowns, and if the equations are linear within the step; otherwise
-//! the caller fits the other rows.
+//! Let J = QR be the equations of all rows, and Q₁ and r₁ the parts of Q and of the residuals r that belong to the rows
+//! to be left out. Without these rows the unknowns θ change by R⁻¹x with x = −(I − Q₁ᵀQ₁)⁻¹(Qᵀr − Q₁ᵀr₁), which needs
+//! only a small factorisation. The formula holds for unpenalised least squares, if the other rows still determine all
+//! unknowns and the equations are linear within the step. Otherwise the caller fits the other rows.
 
 use volcomp_kinematics::nalgebra::{DMatrix, Vector3};
 
@@ -55,11 +55,12 @@ impl<'a> Folds<'a> {
         let (all, q) = (&self.equations.residuals, self.q.select_rows(&own));
         let residuals = all.select_rows(&own);
         let count = rank.kept.len();
-        // Information matrix of the other rows, in coordinates in which that of all rows is I.
+        // Information matrix of the other rows, in coordinates in which the information matrix of all rows is the
+        // identity.
         let others = DMatrix::identity(count, count) - q.transpose() * &q;
         let others_root = inverse(&others.cholesky()?.unpack().transpose())?;
-        // The smallest eigenvalue is at least this: the others retain this fraction of the
-        // information about every unknown.
+        // Lower bound of the smallest eigenvalue: the other rows retain at least this fraction of the information about
+        // every unknown.
         let share = 1.0 / others_root.norm_squared();
         if !rank.is_independent_with(share) {
             return None;
@@ -169,7 +170,7 @@ axes.C.travel = [-180.0, 180.0]
         let observations = observations("", turned);
         let (system, rows, _, all) = fitted(&observations);
         let folds = Folds::new(&system, &rows, &all).expect("least squares");
-        // Rows count from 0, poses from 1.
+        // Row indices start at 0, numbers of poses at 1.
         assert!(folds.left_out(|row| row % FOLDS == 0).is_none());
         assert!(folds.left_out(|row| row % FOLDS == 1).is_some());
     }

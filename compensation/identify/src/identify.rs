@@ -107,9 +107,9 @@ pub struct Identification {
 const MAX_RESIDUAL_RATIO: f64 = 3.0;
 
 impl Identification {
-    /// Errors whose values the observations do not support: undetermined ones, and those whose value
-    /// holds only if an undetermined one is zero. Returns all errors if the residuals of all observations or of one
-    /// file exceed three times the stated uncertainty, or if predicted rows are far off.
+    /// Errors whose values the observations do not support: undetermined errors, and errors whose value holds only if
+    /// an undetermined error is zero. Returns all errors if the residuals of all observations or of one file exceed
+    /// three times the stated uncertainty, or if predicted rows are far off.
     pub fn undecided(&self) -> BTreeSet<ErrorName> {
         let is_described = self.variance <= MAX_RESIDUAL_RATIO.powi(2) && !self.is_contradicted;
         let is_open = |of: &Parameter| !of.determined && !self.redundant.contains(&of.name);
@@ -156,7 +156,7 @@ pub fn identify(
 }
 
 /// Like [`identify`], for a machine whose known errors depend on the unknowns (`followers`). Residuals and covariance
-/// include this dependence. Also returns how the result depends on the known errors.
+/// include this dependence. Also returns the dependence of the result on the known errors.
 ///
 /// In the identified machine, the known errors remain as in the observations.
 ///
@@ -201,8 +201,7 @@ fn followed(
         |null: &Vec<(usize, f64)>| null.iter().map(|(c, w)| (system.name(*c), *w)).collect();
     let null: Vec<Vec<(String, f64)>> = fitted.rank.null.iter().map(names).collect();
     let warning = |text: &String| Note::warning("", text.as_str());
-    // Warnings of a wrong result come first, then those of an uncertain result, then those that
-    // every run may have.
+    // Warnings of a wrong result come first, then warnings of an uncertain result, then notes that any result may have.
     let mut warnings = inverted(system, observations, &rows, &fitted);
     warnings.extend(contradiction(observations, &rows, &residuals, &fitted));
     warnings.extend(outliers(observations, &rows, &residuals));
@@ -329,8 +328,8 @@ pub struct LeftOut {
     pub folds: usize,
 }
 
-/// Cross-validates the fit: every fold of poses is predicted from an identification of the others, including the penalties. Returns a
-/// note instead of residuals if there are fewer poses than folds.
+/// Cross-validates the fit: the poses of every fold are predicted from an identification of all other folds, including
+/// the choice of penalties. Returns a note instead of residuals if there are fewer poses than folds.
 pub(crate) fn left_out(
     system: &System,
     observations: &Observations,
@@ -385,8 +384,8 @@ pub(crate) struct JudgedNotes {
     pub(crate) rows: Vec<Note>,
 }
 
-/// Residuals of rows that are only predicted. Adds warnings about outlying rows of a file, and about files with larger residuals than the
-/// fitted rows.
+/// Residuals of rows that are predicted but not fitted. Adds warnings about outlying rows of a file, and about files
+/// with larger residuals than the fitted rows.
 pub(crate) fn judged(
     system: &System,
     observations: &Observations,

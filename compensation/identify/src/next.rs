@@ -1,5 +1,5 @@
-//! Proposes the next pose to measure: among random poses that the instruments of the files can measure and have not measured
-//! yet, the one that most reduces the largest uncertainty.
+//! Proposes the next pose to measure. Candidates are random poses that the instruments of the files can measure and
+//! have not yet measured; the pose that most reduces the largest uncertainty is selected.
 
 use std::collections::BTreeMap;
 
@@ -45,9 +45,9 @@ pub struct Next {
     pub improvement: Option<f64>,
 }
 
-/// Selects the most useful pose. If a pose informs about undetermined unknowns, it is the most informative of these; otherwise the
-/// pose that minimises the largest uncertainty of any error coefficient, weighted by its largest effect on the tip in the
-/// workspace.
+/// Selects the most useful pose. If candidates inform about undetermined unknowns, the most informative of these is
+/// selected. Otherwise the pose is selected that minimises the largest uncertainty of any error coefficient, weighted
+/// by its largest effect on the tip in the workspace.
 pub(crate) fn next(
     system: &System,
     observations: &Observations,
@@ -88,7 +88,7 @@ pub(crate) fn next(
         pose: axes
             .map(|(axis, &q)| {
                 let at = Displacement::new(axis.name.kind(), q).mm_or_deg();
-                // Removes the rounding error of the conversion to radians and back.
+                // Rounding removes the error of the conversion to radians and back.
                 (axis.name, (at * 1e6).round() / 1e6)
             })
             .collect(),
@@ -137,7 +137,8 @@ fn most_reducing(
     Some((place, kept[worst], Some(improvement)))
 }
 
-/// Variances of all unknowns after each candidate, with the index of the candidate; `variance` is that of a new reading.
+/// Variances of all unknowns after each candidate, with the index of the candidate; `variance` is the variance of a new
+/// reading.
 fn variances_after<'a>(
     covariance: &'a DMatrix<f64>,
     jacobian: &'a DMatrix<f64>,
@@ -211,9 +212,9 @@ const CANDIDATES: usize = 200;
 /// Maximum number of draws per candidate: many poses are out of reach, especially on a machine with
 /// short travels.
 const TRIES: usize = 10;
-/// Resolution of linear coordinates, mm: they can be typed by hand.
+/// Resolution of linear coordinates, mm, so that they can be typed by hand.
 const STEP_MM: f64 = 1e-3;
-/// Poses whose coordinates differ by less are treated as equal, mm and rad.
+/// Coordinates that differ by less are treated as equal, mm and rad.
 const SAME_BELOW: f64 = 2.0 * STEP_MM;
 
 /// A pose that could be measured, as a row of the same kind as those of a file.
@@ -244,12 +245,12 @@ pub(crate) fn candidates(
     candidates
 }
 
-/// Draws a random row at another pose, of the same kind as those of a file.
+/// Draws a random row at another pose, of the same kind as the rows of a file.
 ///
 /// A target is assumed visible to its tracker anywhere within the travel. Spheres and balls are stationary: the tip is
 /// at the same point of the workpiece, with other rotary coordinates. For a ballbar or tracer, distance and direction
-/// are between those of two rows. A line of sight is stationary as well: the pose is between two of its poses. A step
-/// gauge has faces only where it was read. `None` if the axes cannot reach the pose, or if it was measured already.
+/// are between those of two rows. A line of sight is stationary too: the pose is between two of its poses. A step gauge
+/// has no faces except those already measured. `None` if the axes cannot reach the pose, or if it was measured already.
 fn drawn(
     system: &System,
     observation: &Observation,
@@ -302,7 +303,7 @@ fn drawn(
     let is_new = |known: &Row| {
         let places = known.pose.state.q.iter().zip(&row.pose.state.q);
         let moved = system.machine.axes().iter().zip(places).any(|(axis, (a, b))| {
-            // Whole turns of a periodic axis do not make another pose.
+            // Coordinates that differ by whole turns of a periodic axis are the same pose.
             let turn = axis.modulo.map(f64::to_radians);
             let turns = turn.map_or(0.0, |turn| turn * ((a - b) / turn).round());
             (a - b - turns).abs() > SAME_BELOW
@@ -328,7 +329,8 @@ fn move_axes(
     }
 }
 
-/// Vector with a length and direction between those of two others; `None` if one is zero or they are opposite. `share` is 0 at `from`, 1 at `to`.
+/// Vector with a length and direction between those of `from` (`share` 0) and `to` (`share` 1); `None` if one of the
+/// two vectors is zero or they are opposite.
 fn between(from: Vector3<f64>, to: Vector3<f64>, share: f64) -> Option<Vector3<f64>> {
     let unit = |vector: Vector3<f64>| vector.try_normalize(STEP_MM);
     let direction = unit(from)? * (1.0 - share) + unit(to)? * share;
@@ -372,7 +374,7 @@ pub(crate) fn largest_effects(system: &System, values: &Values) -> DVector<f64> 
         .map(|(state, tip_mm)| Row {
             line: 0,
             pose: MachinePose { state, tip_mm },
-            // The reading is a placeholder.
+            // The reading is a placeholder: only the effects at the pose are used.
             reading: RowReading::Line {
                 direction: Vector3::x(),
                 offset: 0,

@@ -54,10 +54,11 @@ impl Observations {
     /// Keys at the root of a file that [`Observations::of_section`] reads.
     pub const KEYS: [&'static str; 5] = ["unknown", "observation", "penalty", "robust", "folds"];
 
-    /// Decodes unknowns and observations from the root of a file, for a machine that is already known. The file is one
-    /// of observations, or another with the same keys. Row files are named relative to `folder`;
-    /// [`Observations::files`] contains only them.
+    /// Decodes unknowns and observations from the root of a file, for a machine that is already known. The file is a
+    /// file of observations, or another file with the same keys. Row files are named relative to `folder`;
+    /// [`Observations::files`] contains only the row files.
     ///
+    /// # Errors
     /// # Errors
     /// An unreadable file or an invalid entry, with file, line and key.
     pub fn of_section(
@@ -110,7 +111,7 @@ fn observations(
     let items = root.require("observation")?.items()?;
     let sections: Vec<Section<'_>> = items.iter().map(Value::section).collect::<Result<_, _>>()?;
     refuse_same_file(&sections)?;
-    // Fitted observations first: the others refer to their set-ups.
+    // Fitted observations are decoded first, because predicted observations refer to their set-ups.
     let mut order: Vec<(bool, usize)> = Vec::new();
     for (place, section) in sections.iter().enumerate() {
         order.push((section.truth_or("judge", false)?, place));
@@ -298,8 +299,8 @@ impl Unknown {
         Ok(found)
     }
 
-    /// Formats this unknown as an item of the key `unknown`. `by_default`: the file has `penalty = "auto"` at its root;
-    /// otherwise that key is missing.
+    /// Formats this unknown as an item of the key `unknown`. `by_default` is true if the file has `penalty = "auto"` at
+    /// its root, and false if it lacks that key.
     pub fn to_toml(&self, by_default: bool) -> String {
         let mut keys = vec![format!("error = \"{}\"", self.error)];
         match self.basis {

@@ -24,7 +24,6 @@ pub struct Observations {
     /// Error motions of `machine` that the same calibration fitted to measured lines, whose uncertainty `uncertainty_um` does not include. If there
     /// are any, the warning about large residuals states that the reported uncertainties include it.
     pub measured: Vec<ErrorName>,
-    /// Errors to be identified.
     pub unknown: Vec<Unknown>,
     /// Observations in the order of the file.
     pub observations: Vec<Observation>,
@@ -41,7 +40,7 @@ pub struct Observations {
 /// An error to be identified.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Unknown {
-    /// Error motion or location error of which a value is unknown.
+    /// Error motion or location error with an unknown value.
     pub error: ErrorName,
     /// Kind of curve; [`Basis::Constant`] for a location error. `None` if only the reversal value is unknown.
     pub basis: Option<Basis>,
@@ -143,7 +142,7 @@ pub enum NumberKind {
 }
 
 impl NumberKind {
-    /// Unit in keys and results, and its value for one mm or mm/mm.
+    /// Unit in keys and results, and the factor from mm or mm/mm to this unit.
     pub(crate) fn unit(self) -> (&'static str, f64) {
         match self {
             Self::DeadLength | Self::Distance => ("mm", 1.0),
@@ -157,13 +156,12 @@ impl NumberKind {
 /// The rows of one file.
 #[derive(Clone, Debug)]
 pub struct Observation {
-    /// Name of the row file, as stated in the file of observations.
+    /// Path of the row file, as stated in the file of observations.
     pub file: String,
     /// What the instrument measures.
     pub kind: Kind,
     /// Whether the rows are only predicted, not fitted.
     pub judge: bool,
-    /// The rows of the file.
     pub rows: Vec<Row>,
 }
 
@@ -224,9 +222,9 @@ pub struct Row {
     pub pose: MachinePose,
     /// Reading with the parts of the set-up to which it refers.
     pub reading: RowReading,
-    /// Run that the row belongs to. Within a run every axis approaches from its position in the previous row; the
-    /// direction of approach to the first rows is unknown. `None`: an axis without a direction is evaluated with the
-    /// mean of both directions, as in means of bidirectional readings.
+    /// Run to which the row belongs. Within a run every axis approaches from its position in the previous row; the
+    /// direction of approach to the first rows is unknown. `None`: the row belongs to no run, and an axis without a
+    /// stated direction is evaluated with the mean of both directions, as in means of bidirectional readings.
     pub run: Option<usize>,
     /// Time between −1 (first row) and 1 (last row), for the drift.
     pub time: f64,
@@ -257,7 +255,7 @@ pub enum RowReading {
         /// Measured position, mm.
         at_mm: Vector3<f64>,
     },
-    /// The tip is at a sphere's centre, apart from an offset in workpiece axes.
+    /// The tip is at the centre of a sphere, except for an offset in workpiece axes.
     Sphere {
         /// Index of the centre point.
         centre: usize,
@@ -424,9 +422,10 @@ impl Observations {
         gaps.collect()
     }
 
-    /// Range over which the modes of a curve along an axis are defined, mm or deg: that of the fitted rows, extended by [`SPHERE_MARGIN`] if spheres
-    /// or balls were probed. It is the travel for a constant, for an axis that did not move, and for a Fourier series if the axis has a
-    /// `modulo` or if no gap between its positions exceeds [`WIDEST_GAP_DEG`].
+    /// Range over which the modes of a curve along an axis are defined, mm or deg: the range of the fitted rows,
+    /// extended by [`SPHERE_MARGIN`] if spheres or balls were probed. The range is the whole travel for a constant, for
+    /// an axis that did not move, and for a Fourier series if the axis has a `modulo` or no gap between its positions
+    /// exceeds [`WIDEST_GAP_DEG`].
     pub(crate) fn range_of(&self, axis: usize, basis: Basis) -> [f64; 2] {
         let travel = self.machine.axes()[axis].travel;
         if basis == Basis::Constant {
@@ -443,8 +442,8 @@ impl Observations {
             (self.coordinates(axis)).fold(ends, |range, at| [range[0].min(at), range[1].max(at)]);
         // A range below a millionth of the travel is an axis that did not move.
         if range[1] - range[0] > 1e-6 * (travel[1] - travel[0]) {
-            // A probed row has the coordinates at which the real machine located the sphere or ball; those of the ideal machine differ slightly
-            // and may be outside.
+            // A probed row has the coordinates at which the real machine found the sphere or ball. The coordinates of
+            // the ideal machine differ slightly and may be outside the range.
             let is_probed = |row: &Row| {
                 matches!(row.reading, RowReading::Sphere { .. } | RowReading::Ball { .. })
             };
@@ -457,7 +456,7 @@ impl Observations {
     }
 }
 
-/// Reference to a frame, point or number of a set-up, by its index among those of its kind.
+/// Reference to a frame, point or number of a set-up, by its index in the list of that kind.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) enum Part {
     /// Six numbers: small displacements along the axes (mm), then rotations about them (rad).

@@ -104,8 +104,8 @@ pub struct UndeterminedError {
     pub name: String,
     /// Unit, `um` or `urad`.
     pub unit: &'static str,
-    /// Combination of changes of error coefficients, including this one, that has no effect on the readings:
-    /// name of each coefficient and its change, in its unit, per unit of this one.
+    /// Combination of changes of error coefficients, including this one, that has no effect on the readings: name of
+    /// each coefficient, and its change, in its unit, per unit of change of this coefficient.
     pub moves: Vec<(String, f64)>,
 }
 

@@ -59,8 +59,8 @@ fn of_kind<T>(
 }
 
 impl Params {
-    /// Parameters of the set-ups and of this number of error coefficients. If some cannot be
-    /// distinguished, earlier ones are preferred: components, then drifts, then coefficients.
+    /// Parameters of the set-ups and of this number of error coefficients. If some parameters cannot be distinguished,
+    /// the earlier ones are kept: components, then drifts, then coefficients.
     pub(crate) fn new(setup: &SetUp, coefficients: usize) -> Self {
         let kinds = [
             of_kind(&setup.frames, Part::Frame, 6),
@@ -90,7 +90,7 @@ impl Params {
         self.all.len()
     }
 
-    /// Number of set-up parameters; they precede those of the errors.
+    /// Number of set-up parameters; they precede the parameters of the errors.
     pub(crate) fn setup(&self) -> usize {
         self.setup
     }
@@ -125,7 +125,7 @@ pub(crate) fn name_of(setup: &SetUp, part: Part, place: usize, order: usize) -> 
     }
 }
 
-/// Unit of a component of a set-up in results, and its value for one mm or rad.
+/// Unit of a component of a set-up in results, and the factor from mm or rad to this unit.
 pub(crate) fn unit_of(
     setup: &SetUp,
     part: Part,
@@ -154,8 +154,8 @@ pub(crate) struct Frame {
     drift: Vec<[f64; 6]>,
 }
 
-/// Values of all parameters, mm and rad. Points and numbers have one coefficient for each Legendre polynomial over time; that
-/// of order 0 does not drift.
+/// Values of all parameters, mm and rad. Points and numbers have one coefficient for each Legendre polynomial over
+/// time; the coefficient of order 0 is the value without drift.
 #[derive(Clone, Debug)]
 pub(crate) struct Values {
     pub(crate) frames: Vec<Frame>,

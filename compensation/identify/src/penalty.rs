@@ -8,14 +8,13 @@ use crate::{system::System, triangle::inverse};
 /// Convergence limit on the change of the effective number of coefficients of any group.
 const CONVERGED: f64 = 0.01;
 const MAX_STEPS: usize = 100;
-/// Number of coefficients of a group below which one whole coefficient is excluded from the estimate of
-/// their size, because so few coefficients do not show their typical size, and a zero estimate by chance
-/// would shrink all of them to zero. In a larger group this number divided by the number of its
-/// coefficients is excluded.
+/// Number of coefficients of a group below which one whole coefficient is excluded from the estimate of their size: so
+/// few coefficients do not show their typical size, and a zero estimate by chance would shrink all of them to zero. In
+/// a larger group, the fraction `SMALL_GROUP` / (number of coefficients) of one coefficient is excluded.
 const SMALL_GROUP: f64 = 2.0;
-/// For the uncertainties, the size of coefficients is enlarged by this multiple of their sampling variance, that is by twice
-/// their standard uncertainty. If the observations hardly determine a size, the penalty then has no effect, and the
-/// uncertainty is that without a penalty.
+/// For the uncertainties, the squared size of coefficients is enlarged by this multiple of their sampling variance,
+/// that is by twice their standard uncertainty. If the observations hardly determine a size, the penalty then has no
+/// effect, and the uncertainty equals the uncertainty without a penalty.
 const SIZE_WITHIN: f64 = 4.0;
 /// Convergence limit on the change of the logarithm of the weights used for the uncertainties.
 const FOUND: f64 = 0.05;
@@ -34,8 +33,8 @@ pub(crate) struct Penalty {
 
 pub(crate) struct Chosen {
     pub(crate) step: DVector<f64>,
-    /// Covariance, scaled by the residual variance. In the last step it has the weakest weights
-    /// that the observations do not contradict.
+    /// Covariance, scaled by the residual variance. In the last step it is computed with the weakest weights that the
+    /// observations do not contradict.
     pub(crate) covariance: DMatrix<f64>,
     pub(crate) variance: f64,
     pub(crate) degrees: f64,
@@ -53,7 +52,7 @@ impl Penalty {
     }
 }
 
-/// Equations of a step with columns of unit length, and the penalty weight of each coefficient at that scale.
+/// Equations of a step, scaled to columns of unit length, and the penalty weight of each coefficient at that scale.
 struct Penalised<'a> {
     normal: DMatrix<f64>,
     right: DVector<f64>,
@@ -118,7 +117,7 @@ impl Penalised<'_> {
         Some(of)
     }
 
-    /// ln λ of each group at which the penalty and the observations have similar influence.
+    /// ln λ of each group at which the penalty and the observations have a similar influence.
     fn balanced(&self) -> Vec<f64> {
         let mut means = vec![0.0; self.ranks.len()];
         for (member, weight) in self.members.iter().zip(&self.weights) {
@@ -132,9 +131,8 @@ impl Penalised<'_> {
             .collect()
     }
 
-    /// Covariance with weaker penalties, with which the coefficients are as large as the result
-    /// permits. With the chosen, most probable weights the uncertainty of a curve that was shrunk to zero
-    /// would be zero.
+    /// Covariance with weaker penalties, with which the coefficients are as large as the result permits. With the most
+    /// probable weights, a curve that was shrunk to zero would have an uncertainty of zero.
     fn covariance(&self, chosen: &At, log_lambda: &[f64]) -> DMatrix<f64> {
         let starts = self.balanced().into_iter().zip(log_lambda);
         let mut weaker: Vec<f64> = starts.map(|(start, found)| start.min(*found)).collect();
@@ -179,7 +177,7 @@ pub(crate) fn choose(
         normal: jacobian.transpose() * jacobian,
         right: -(jacobian.transpose() * residuals),
         now: now.component_div(scale),
-        // Weight of each coefficient in the units of its scaled column.
+        // Weight of each coefficient for its column of unit length.
         weights: members
             .iter()
             .zip(scale)
@@ -225,7 +223,8 @@ pub(crate) fn choose(
             let now = log_lambda[group].exp();
             let used = of.used[group] - (SMALL_GROUP / rank).min(1.0);
             let target = of.variance * used.max(1e-12) / of.sizes[group].max(1e-300);
-            // The fixed point converges slowly where a curve tends to a straight line, so the step in the logarithm is lengthened.
+            // The fixed point converges slowly if a curve tends to a straight line, so the step in the logarithm is
+            // lengthened.
             let ratio = (1.6 * (target / now).ln()).clamp(-6.0, 6.0);
             log_lambda[group] = (log_lambda[group] + ratio).clamp(-60.0, 60.0);
         }

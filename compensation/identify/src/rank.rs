@@ -4,15 +4,16 @@ use volcomp_kinematics::nalgebra::{DMatrix, DVector, RowDVector};
 
 use crate::triangle::triangle;
 
-/// Minimum length of an independent combination of unit-length columns, with weights of unit
-/// length. Coordinates that a file states to some µm bend straight lines by 1e-6 and more, which
-/// must not count as distinguishing unknowns. An unknown determined by such a short combination would
+/// Minimum length of an independent combination of unit-length columns, with weights of unit length. Coordinates that a
+/// file states to some µm bend straight lines by 1e-6 and more, and such bends must not distinguish unknowns. An
+/// unknown determined by so short a combination would have ten thousand times the uncertainty of an unknown with full
+/// effect.
 /// have ten thousand times the uncertainty of one with full effect.
 const INDEPENDENT_ABOVE: f64 = 1e-4;
 /// A column shorter than this share of the longest is treated as rounding error.
 const ZERO_BELOW: f64 = 1e-12;
-/// Minimum share of a column, relative to the largest share, for it to be fixed at zero for a combination without effect. Fixing a column at
-/// zero changes the others in inverse proportion to its share.
+/// Minimum share of a column, relative to the largest share in a combination without effect, for the column to be fixed
+/// at zero. Fixing a column at zero changes the other columns in inverse proportion to its share.
 pub(crate) const LEAST_SHARE: f64 = 0.05;
 /// Shares in a combination below this value, relative to the largest one, are treated as rounding
 /// errors.
@@ -22,8 +23,8 @@ const ROUNDING: f64 = 1e-7;
 pub(crate) struct Rank {
     /// Indices of the kept columns, ascending.
     pub(crate) kept: Vec<usize>,
-    /// Combination without effect, or with less effect than noise, for each column that is not kept: indices and weights of unit-length columns,
-    /// the weights of unit length, the column itself first.
+    /// For each column that is not kept, a combination without effect, or with less effect than noise: indices and
+    /// weights of unit-length columns. The weights form a vector of unit length; the column itself is first.
     pub(crate) null: Vec<Vec<(usize, f64)>>,
     /// Length of every column; 0 if it is treated as rounding error.
     pub(crate) lengths: Vec<f64>,
@@ -37,13 +38,14 @@ impl Rank {
         self.null.iter().map(|null| null[0].0)
     }
 
-    /// Ratio of the smallest to the largest singular value of the columns, scaled to unit length; 0 if some are left out.
+    /// Ratio of the smallest to the largest singular value of the columns, scaled to unit length; 0 if columns are left
+    /// out.
     pub(crate) fn score(&self) -> f64 {
         if self.null.is_empty() { self.score_of_kept() } else { 0.0 }
     }
 
-    /// Whether the kept columns stay independent if only this share of the squared length of every
-    /// combination of them remains.
+    /// Whether the kept columns stay independent if only this share of the squared length of each of their combinations
+    /// remains.
     pub(crate) fn is_independent_with(&self, share: f64) -> bool {
         self.singular[0] * share.sqrt() > INDEPENDENT_ABOVE
     }
@@ -53,7 +55,8 @@ impl Rank {
     }
 }
 
-/// Finds the combinations of columns without effect. For each of them the last column with a share of at least [`LEAST_SHARE`] is left out.
+/// Finds the combinations of columns without effect. In each combination the last column with a share of at least
+/// [`LEAST_SHARE`] is left out.
 pub(crate) fn independent(matrix: &DMatrix<f64>) -> Rank {
     independent_without(matrix, &[])
 }
@@ -97,8 +100,8 @@ pub(crate) fn independent_without(matrix: &DMatrix<f64>, without: &[usize]) -> R
 
 /// Columns to leave out, ascending.
 fn left_out(triangle: &DMatrix<f64>) -> Vec<usize> {
-    // Eigenvalues are squares of lengths, so the limit is 1e-8, still ten million times the rounding
-    // error of a double.
+    // Eigenvalues are squares of lengths, so the limit is 1e-8, which is ten million times the rounding error of a
+    // double.
     let eigen = (triangle.transpose() * triangle).symmetric_eigen();
     let nothing: Vec<RowDVector<f64>> = eigen
         .eigenvectors
@@ -120,7 +123,7 @@ fn left_out(triangle: &DMatrix<f64>) -> Vec<usize> {
             break;
         };
         left.push(column);
-        // Removes this column from the remaining combinations.
+        // The column is eliminated from the remaining combinations.
         let own = shares.column(column).normalize();
         let along = own.transpose() * &shares;
         shares -= own * along;
@@ -130,8 +133,8 @@ fn left_out(triangle: &DMatrix<f64>) -> Vec<usize> {
     left
 }
 
-/// Combination of a column minus the kept columns with these weights, scaled to unit length and without rounding
-/// errors: the column first, then the others by descending weight.
+/// Combination of a column minus the kept columns with these weights, scaled to unit length, without weights that are
+/// rounding errors: the column first, then the kept columns by descending absolute weight.
 fn combination(column: usize, kept: &[usize], weights: &DVector<f64>) -> Vec<(usize, f64)> {
     let largest = weights.amax().max(1.0);
     let others = kept.iter().copied().zip(weights.iter().map(|weight| -weight));

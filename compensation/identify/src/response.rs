@@ -14,8 +14,8 @@ use crate::{
     system::{Follower, System},
 };
 
-/// First-order dependence of the determined unknowns on the known errors of the machine. It propagates
-/// the uncertainty of these errors to the unknowns.
+/// First-order dependence of the determined unknowns on the known errors of the machine. With it, the uncertainty of
+/// the known errors propagates to the unknowns.
 #[derive(Clone, Debug)]
 pub struct Response {
     observations: Observations,
@@ -74,9 +74,10 @@ impl Response {
         Ok(&self.gain * self.changed(machine)?)
     }
 
-    /// Estimates to which share the observations support hypothetical changes of the known errors, one for each of `machines` (1: the whole
-    /// change), with the standard uncertainty of the share. All shares and the unknowns are estimated together. `None` for a change that
-    /// the unknowns compensate, about which the observations contain no information.
+    /// Estimates to which share the observations support hypothetical changes of the known errors, one change for each
+    /// of `machines` (1: the whole change), with the standard uncertainty of the share. All shares and the unknowns are
+    /// estimated together. `None` for a change that the unknowns compensate: the observations contain no information
+    /// about it.
     ///
     /// # Errors
     /// Same as [`Response::to`].
@@ -84,7 +85,7 @@ impl Response {
         &self,
         machines: &[Machine],
     ) -> Result<Vec<Option<SupportedShare>>, IdentifyError> {
-        /// A change is treated as compensated by the unknowns if at most this share of it remains in the residuals.
+        /// Maximum share of a change in the residuals at which the unknowns are considered to compensate the change.
         const MAX_COMPENSATED_SHARE: f64 = 1e-3;
         /// Prior standard uncertainty of a share; it bounds shares that are determined only in combination.
         const PRIOR_SHARE: f64 = 10.0;
@@ -109,7 +110,7 @@ impl Response {
         let freedom = self.residuals.len().saturating_sub(within.ncols() + count);
         let freedom = freedom.max(1) as f64;
         let square = seen.transpose() * &seen;
-        // Residuals larger than the stated uncertainties reduce the information accordingly.
+        // Residuals above the stated uncertainties reduce the information in the same proportion.
         let mut variance = 1.0;
         let mut estimate = (DVector::zeros(count), DMatrix::zeros(count, count));
         for _ in 0..2 {

@@ -15,7 +15,7 @@ use crate::{
     timeline::Approach,
 };
 
-/// Columns of a table by exact name: `X` is an axis, `x` a coordinate of a target.
+/// Columns of a table by exact name. Case matters: `X` is an axis, `x` a coordinate of a target.
 pub(crate) struct Columns<'t> {
     pub(crate) table: &'t CsvTable,
     pub(crate) used: Vec<String>,
@@ -37,7 +37,7 @@ impl Columns<'_> {
         self.alone_or(&axis.to_string(), |found| axis_of_head(found) == Some(axis))
     }
 
-    /// Name of the column of an axis, alone or with any unit, whether it was requested or not.
+    /// Name of the column of an axis, alone or with any unit, also if the column was not requested.
     pub(crate) fn named_like(&self, axis: AxisName) -> Option<&str> {
         let letter = axis.to_string();
         let is_axis = |found: &str| without_unit(found) == Some(letter.as_str());
@@ -53,7 +53,7 @@ impl Columns<'_> {
         })
     }
 
-    /// Column with this name, or with one that `means_it` accepts as equivalent.
+    /// Column with this name, or with a name that `means_it` accepts as equivalent.
     fn alone_or(
         &mut self,
         name: &str,
@@ -79,8 +79,8 @@ impl Columns<'_> {
         names.filter(|name| !self.used.iter().any(|used| used == name)).collect()
     }
 
-    /// Rejects an unused column whose name resembles a missing one, in other letters or with another unit: `a` for `A`,
-    /// `X [mm]` for `X`, `dx_mm` for `dx_um`. Otherwise the missing value would silently be taken as zero.
+    /// Rejects an unused column whose name resembles that of a missing column, in other letters or with another unit:
+    /// `a` for `A`, `X [mm]` for `X`, `dx_mm` for `dx_um`. Otherwise the missing value would silently be taken as zero.
     pub(crate) fn refuse_lookalikes(&self) -> Result<(), InputError> {
         let is_there = |name: &str| self.table.names().any(|(_, found)| found == name);
         for found in self.unused() {
@@ -101,7 +101,7 @@ impl Columns<'_> {
             };
             let missing = || self.used.iter().filter(|name| !is_there(name));
             let stem_of = |name: &String| split_head(name).0.to_owned();
-            // `z_mm` matches a target's `z` before the axis `Z`.
+            // `z_mm` is taken for the `z` of a target before the axis `Z`.
             let meant = missing()
                 .find(|name| stem_of(name) == stem)
                 .or_else(|| missing().find(|name| stem_of(name).eq_ignore_ascii_case(stem)));
@@ -126,7 +126,7 @@ impl Columns<'_> {
         self.found(name, column)
     }
 
-    /// Returns a column that was searched for under a name, or rejects the file if it is missing.
+    /// Returns `column`, the result of a search for `name`, or rejects the file if the column is missing.
     pub(crate) fn found(&self, name: &str, column: Option<Column>) -> Result<Column, InputError> {
         if column.is_none() {
             self.refuse_lookalikes()?;
@@ -145,7 +145,8 @@ fn without_unit(head: &str) -> Option<&str> {
     (unit.is_empty() || unit_named(unit).is_some()).then_some(name)
 }
 
-/// The axis whose letter begins a head, followed by a unit or by no letter or digit: `X_actual`, `X MCS`, `Xmm`.
+/// The axis whose letter is the first of a head and is followed by a unit or by no letter or digit: `X_actual`, `X
+/// MCS`, `Xmm`.
 fn axis_named_first(head: &str) -> Option<AxisName> {
     let (letter, behind) = head.split_at_checked(1)?;
     let is_word = behind.starts_with(char::is_alphanumeric) && unit_named(behind).is_none();
@@ -210,7 +211,7 @@ pub(crate) fn read_rows(
     let reading_columns = ReadingColumns::new(&mut columns, kind)?;
     columns.refuse_lookalikes()?;
     let mut poses: Vec<(String, MachinePose)> = Vec::new();
-    // The machine moved to the named poses in the order in which they are listed.
+    // The machine moved to the named poses in the order of their rows.
     let mut approach = Approach::default();
     let mut rows = Vec::new();
     let mut orders: Vec<f64> = Vec::new();
@@ -291,8 +292,8 @@ pub(crate) fn read_rows(
     Ok(ReadRows { rows, orders, has_order: order.is_some(), has_tool: tool.is_some() })
 }
 
-/// Rejects a number that no coordinate and no reading can have, with its cell: in an equation it would make all other rows look
-/// like outliers.
+/// Rejects a number that is too large for any coordinate or reading, and names its cell: in the equations it would make
+/// all other rows look like outliers.
 fn refuse_absurd_numbers(columns: &Columns<'_>, row: &CsvRow<'_>) -> Result<(), InputError> {
     /// Maximum magnitude: 1000 km in mm, 1 km in µm.
     const MOST: f64 = 1e9;
@@ -332,7 +333,7 @@ fn shared_pose(rows: &[Row]) -> Option<String> {
     })
 }
 
-/// Note if all readings in µm are below their uncertainty: they may be in mm.
+/// Note if all readings in µm are below their uncertainty, because they may be in mm.
 fn below_uncertainty(rows: &[Row]) -> Option<String> {
     let readings = rows.iter().filter_map(|row| {
         let largest_mm = match &row.reading {
@@ -419,7 +420,7 @@ fn read_pose(
     Ok(MachinePose { state: axes_state, tip_mm })
 }
 
-/// Tip of a tool of the machine file, mm; a tool that only the key `target` names has the tip of `[tool]`.
+/// Tip of a tool of the machine file, mm. A tool that only the key `target` names has the tip of `[tool]`.
 fn tip_of(name: &str, kind: &RowKind, machine: &Machine) -> Result<Vector3<f64>, String> {
     if machine.tools().contains_key(name) {
         return machine.tip_of(name).map_err(|error| error.to_string());
@@ -472,8 +473,8 @@ enum ReadingColumns<'k> {
     },
     Ball {
         ball: Column,
-        /// Columns of the offsets of the tip along the row and to the sides. A file without any of them is that of a touch probe, whose tip was at the
-        /// centre of the ball.
+        /// Columns of the offsets of the tip along the row and to the sides. A file without these columns is from a
+        /// touch probe, whose tip was at the centre of the ball.
         offsets: [Option<Column>; 3],
         balls: usize,
         origin: usize,
@@ -492,8 +493,8 @@ impl<'k> ReadingColumns<'k> {
             RowKind::Sphere { drift } => {
                 let sphere = columns.get("sphere")?;
                 let [x, y, z] = OFFSET.map(|name| columns.get(name));
-                // Without any of these columns, the file is that of a touch probe. A file with some
-                // of them is rejected, so that a missing column does not change the kind.
+                // A file without these columns is from a touch probe. A file with some of them is rejected, so that a
+                // missing column does not change the kind of measurement.
                 let offset = match [x?, y?, z?] {
                     [None, None, None] => None,
                     found => {
@@ -606,7 +607,7 @@ impl<'k> ReadingColumns<'k> {
                     origin,
                     tilts,
                     distance,
-                    // Set when the bar is placed, after all rows are read.
+                    // The directions are set when the bar is placed, after all rows are read.
                     axes: Matrix3::identity(),
                     offset_mm: ball_offset(row, offsets)?,
                 }
@@ -635,14 +636,15 @@ fn pair(
     };
     let [from, to] = columns;
     let pair = [find(from)?, find(to)?];
-    // Approach directions do not make poses different.
+    // Poses that differ only in their approach directions are the same pose.
     if pair[0].state.q == pair[1].state.q && pair[0].tip_mm == pair[1].tip_mm {
         return Err(row.error("found the same pose twice, expected two poses that differ"));
     }
     Ok(pair)
 }
 
-/// Tip minus ball, mm; `None` for components that are not measured, all zero if the file has no column for them.
+/// Tip minus ball, mm; `None` for components that are not measured. All components are zero if the file has no column
+/// for them.
 fn ball_offset(
     row: &CsvRow<'_>,
     columns: &[Option<Column>; 3],

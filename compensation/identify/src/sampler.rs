@@ -43,8 +43,8 @@ impl MachineSampler {
             return Err(IdentifyError::OtherObservations);
         }
         let mut coefficients = vec![0.0; system.unknowns.coefficients.len()];
-        // Columns of the covariance that belong to coefficients. Those of set-ups are left out: their contribution is
-        // already in the variances of the others.
+        // Columns of the covariance that belong to coefficients. Columns of set-ups are left out: their contribution is
+        // already in the variances of the coefficients.
         let (mut places, mut columns) = (Vec::new(), Vec::new());
         let mut column = 0;
         for (param, parameter) in found.parameters.iter().enumerate() {
@@ -67,11 +67,12 @@ impl MachineSampler {
         })
     }
 
-    /// Returns the sample with the number `trial`. It depends only on `seed` and `trial`.
+    /// Returns the sample with the number `trial`, which depends only on `seed` and `trial`.
     ///
     /// # Errors
     ///
-    /// A rejected curve; does not occur for the coefficients of an identification, which has built such curves already.
+    /// A rejected curve; this does not occur for coefficients of an identification, which has already built such
+    /// curves.
     pub fn machine(&self, seed: u64, trial: u64) -> Result<Machine, IdentifyError> {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         rng.set_stream(trial);
@@ -95,7 +96,7 @@ fn root_of(covariance: &DMatrix<f64>) -> DMatrix<f64> {
     let correlation = DMatrix::from_fn(covariance.nrows(), covariance.ncols(), |row, column| {
         let size = sizes[row] * sizes[column];
         if size > 0.0 {
-            // Symmetrised, because the eigenvalues of a symmetric matrix are needed.
+            // The matrix is made exactly symmetric, which the eigenvalue decomposition requires.
             0.5 * (covariance[(row, column)] + covariance[(column, row)]) / size
         } else {
             0.0

@@ -40,7 +40,7 @@ pub(crate) struct BallRow {
 }
 
 impl BallRow {
-    /// Index of a ball's distance among the numbers of the set-up; it is added at first use.
+    /// Index of a ball's distance among the numbers of the set-up; the number is added at the first use of the ball.
     pub(crate) fn distance_of(&mut self, name: &str, setup: &mut SetUp) -> Result<usize, String> {
         let file = self.file.as_str();
         let Some(place) = self.balls.iter().position(|ball| ball.name == name) else {
@@ -74,7 +74,7 @@ pub(crate) struct ObservationHeader<'a> {
     pub(crate) kind: Kind,
     pub(crate) file: &'a str,
     pub(crate) drift: usize,
-    /// Whether the rows are only predicted. A name then refers to the part of a fitted observation.
+    /// Whether the rows are only predicted. A name then refers to a part of a fitted observation's set-up.
     pub(crate) judge: bool,
 }
 
@@ -87,7 +87,8 @@ impl ObservationHeader<'_> {
         own.map(|(.., place)| *place).collect()
     }
 
-    /// Index of the only part of a fitted observation that a judged one refers to by this name.
+    /// Index of the only part of a fitted observation that has this name, for a predicted observation that refers to
+    /// it.
     fn fitted(&self, key: &str, name: &str, state: &ReadState) -> Result<usize, InputError> {
         self.only(key, name, self.places(key, name, state))
     }
@@ -106,13 +107,13 @@ impl ObservationHeader<'_> {
         }
     }
 
-    /// Order of drift; 0 for a judged observation, because only fitted parts drift.
+    /// Order of drift; 0 for a predicted observation, because only parts of fitted observations drift.
     fn fitted_drift(&self, drift: usize) -> usize {
         if self.judge { 0 } else { drift }
     }
 }
 
-/// A key of a set-up: a value, or a name under which it is identified.
+/// Value of a key of a set-up: a known value, or the name of an unknown that is identified.
 #[derive(Clone, Debug, PartialEq)]
 enum KeyValue<T> {
     Known(T),
@@ -223,12 +224,12 @@ fn target(
             "found an unknown target with `target_within_mm`, expected the offset that is known to within this uncertainty",
         ));
     }
-    // A value with an uncertainty is identified as well.
+    // A target with an uncertainty is identified as well.
     let unknown = known.is_none() || within.is_some();
     let key = if tool.is_empty() { format!("{}:", of.file) } else { tool.to_owned() };
     if unknown {
-        // A target named by its tool is the same in all files. A judged file finds a target without a tool in a file of
-        // the same kind, if there is only one.
+        // A target named by its tool is the same in all files. A target without a tool in a predicted file is the
+        // target in a fitted file of the same kind, if there is exactly one.
         let is_same = |(name, place): &&(String, usize)| {
             let is_named = *name == key || (of.judge && tool.is_empty() && name.ends_with(':'));
             is_named && state.setup.points[*place].value == known
@@ -251,7 +252,7 @@ fn target(
         },
         value: known,
         unknown: is_found,
-        // An identified target drifts as the tool expands, like the frame.
+        // An identified target drifts like the frame, because the tool expands.
         drift: if is_found { of.drift } else { 0 },
         known_within: within.filter(|_| !of.judge),
     });

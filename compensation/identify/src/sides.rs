@@ -1,11 +1,12 @@
 //! Unknown approach direction of an axis before its first move, which the file does not state.
 //!
-//! The axis had approached from one side or the other, so its errors were the mean of both directions plus or minus half
-//! the reversal value, the same for all of these rows. That is one number for each run of the machine and each axis, of
-//! mean 0 and standard uncertainty 1, in units of half the reversal value. It is not a result: it is eliminated from
-//! the equations, which leaves the other unknowns unchanged and makes the equations independent again (generalised least squares,
-//! A. C. Aitken, Proceedings of the Royal Society of Edinburgh 55, 1935). If the reversal value is unknown itself, each error has a
-//! separate number, and half the reversal value is as large as identified, or as its uncertainty allows.
+//! The axis had approached from one side or the other, so its errors were the mean of both directions plus or minus
+//! half the reversal value, the same for all of these rows. This sign is described by one number for each run of the
+//! machine and each axis, with mean 0 and standard uncertainty 1, in units of half the reversal value. The numbers are
+//! not results: they are eliminated from the equations, which leaves the other unknowns unchanged and makes the
+//! equations independent again (generalised least squares, A. C. Aitken, Proceedings of the Royal Society of Edinburgh
+//! 55, 1935). If the reversal value is unknown itself, each error has a separate number, and half the reversal value
+//! has its identified size, or the size that its uncertainty allows.
 
 use std::collections::BTreeMap;
 
@@ -41,7 +42,7 @@ impl Sides {
         }
     }
 
-    /// Dense columns of all numbers, or only of those of unknown reversal values, with `equations` rows.
+    /// Dense columns of all numbers, or only of the numbers of unknown reversal values, with `equations` rows.
     pub(crate) fn columns(&self, equations: usize, of_unknown: bool) -> DMatrix<f64> {
         let selected = self.0.iter().filter(|(key, _)| !of_unknown || key.2.is_some());
         let columns: Vec<DVector<f64>> = selected
@@ -88,8 +89,8 @@ impl Sides {
         runs.into_values().map(of_run).collect()
     }
 
-    /// Eliminates the numbers: transforms a matrix, whose columns are derivatives or residuals, so that its rows belong to independent readings of
-    /// variance 1.
+    /// Eliminates the numbers: transforms a matrix, whose columns are derivatives or residuals, so that its rows belong
+    /// to independent readings of variance 1.
     pub(crate) fn eliminate(&self, matrix: &mut DMatrix<f64>) {
         for Run { equations, columns } in self.runs() {
             // (1 + G·Gᵀ)^(-1/2) from the eigenvectors of Gᵀ·G, which are few.
@@ -124,7 +125,7 @@ impl Sides {
             let count = columns.ncols();
             let normal = columns.transpose() * &columns + DMatrix::identity(count, count);
             let right = -(columns.transpose() * own);
-            // Positive definite, unless a value is NaN.
+            // The matrix is positive definite unless a value is NaN.
             let values = normal.cholesky().map(|normal| normal.solve(&right));
             found.extend(values.unwrap_or_else(|| DVector::zeros(count)).iter());
         }

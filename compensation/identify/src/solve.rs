@@ -13,7 +13,7 @@ use crate::{
     triangle::{inverse, triangle},
 };
 
-/// Required accuracy of a search: it defines the convergence limit on the step.
+/// Required accuracy of a search; it selects the convergence limit on the step.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Exactness {
     Rough,
@@ -46,8 +46,8 @@ pub(crate) struct Solution {
     /// Covariance for readings with the stated scatter and penalties as weak as the
     /// observations allow.
     pub(crate) of_unit_variance: DMatrix<f64>,
-    /// Variance of a reading on which `covariance` is based, relative to the stated one; 1 if the
-    /// covariance follows from the stated uncertainties alone.
+    /// Variance of a reading on which `covariance` is based, relative to the stated variance; 1 if the covariance
+    /// follows from the stated uncertainties alone.
     pub(crate) counted: f64,
     /// Whether `covariance` follows from the residuals: with penalties, and with robust weights.
     pub(crate) counts_residuals: bool,
@@ -72,7 +72,7 @@ impl Solution {
         let freedom = (count - step.degrees).max(1.0);
         let counted =
             if search.robust { huber_variance(&left, step.degrees) } else { step.counted };
-        // The weights enlarged the covariance as if all readings had the mean weight; this is reverted.
+        // The robust weights enlarged the covariance as if all readings had the mean weight; the factor removes this.
         let mean_weight = if search.robust {
             left.iter().map(|r| weight(*r)).sum::<f64>() / count.max(1.0)
         } else {
@@ -91,8 +91,9 @@ impl Solution {
         }
     }
 
-    /// Ratio of residuals to stated uncertainties; `None` if chance explains it: the variance of n readings scatters by √(2/n)
-    /// about 1. The uncertainties are too small by at least this ratio (R. T. Birge, Physical Review 40, 1932).
+    /// Ratio of residuals to stated uncertainties; `None` if chance explains the ratio: the variance of n readings
+    /// scatters by √(2/n) about 1. The uncertainties are too small by at least this ratio (R. T. Birge, Physical Review
+    /// 40, 1932).
     pub(crate) fn excess(&self) -> Option<f64> {
         let by_chance = max_squares_by_chance(self.freedom) / self.freedom;
         (self.variance > by_chance).then(|| self.variance.sqrt())
@@ -112,7 +113,7 @@ pub(crate) fn max_squares_by_chance(freedom: f64) -> f64 {
     freedom + CHANCE * (2.0 * freedom).sqrt()
 }
 
-/// Searches for the kept parameters; with groups of penalties, their weights are chosen as well.
+/// Searches for the kept parameters. With groups of penalties, the weights of the penalties are chosen as well.
 pub(crate) fn solve(
     system: &System,
     rows: &Rows,
@@ -162,7 +163,7 @@ pub(crate) fn solve(
             };
             return Ok(Solution::at(values, &equations, &sides, step, search));
         }
-        // Halve the step while the cost increases: far from the solution the equations are not linear.
+        // The step is halved while the cost increases: far from the solution the equations are not linear.
         let before = cost(&equations, &sides, robust);
         let to = |share: f64| {
             let step_by = spread(&step.by, kept, system.params.len(), share);
@@ -174,7 +175,7 @@ pub(crate) fn solve(
         };
         let mut share = 1.0;
         let (mut least, mut reached) = to(share);
-        // A cost that differs only by rounding is neither better nor worse.
+        // Costs that differ only by rounding count as equal.
         while least > before * (1.0 + 1e-9) + 1e-20 && share >= 1e-3 && !penalised {
             share *= 0.5;
             (least, reached) = to(share);
@@ -195,7 +196,7 @@ pub(crate) fn solve(
             sides = equations.sides.estimate(&equations.residuals);
         }
     }
-    // The last steps are below the resolution of the readings; robust weights may still change slightly.
+    // The last steps are below the resolution of the readings. Robust weights may still change slightly.
     let small = if robust { SMALL_ROBUST } else { 1e-5 };
     if last < small || exactness == Exactness::Rough {
         penalty.ends = true;
@@ -225,8 +226,9 @@ pub(crate) fn spread(
     all
 }
 
-/// Variance of a reading with which the covariance of least squares becomes that of Huber's estimate: the mean of ψ² divided by the squared
-/// mean of ψ', with the correction for the number of unknowns (P. J. Huber, Annals of Statistics 1, 1973). It is
+/// Variance of a reading with which the covariance of least squares becomes the covariance of Huber's estimate: the
+/// mean of ψ² divided by the squared mean of ψ', with the correction for the number of unknowns (P. J. Huber, Annals of
+/// Statistics 1, 1973). It is at least the variance for readings that scatter as stated.
 /// at least that of readings that scatter as stated.
 fn huber_variance(residuals: &DVector<f64>, degrees: f64) -> f64 {
     /// Variance for normal readings with the stated uncertainty: 1 divided by the efficiency of 95 %.
@@ -259,7 +261,7 @@ struct Step {
     by: DVector<f64>,
     sides: DVector<f64>,
     covariance: DMatrix<f64>,
-    /// Variance of a reading on which `covariance` is based, relative to the stated one.
+    /// Variance of a reading on which `covariance` is based, relative to the stated variance.
     counted: f64,
     square: f64,
     degrees: f64,
@@ -275,8 +277,8 @@ struct Search<'a> {
 }
 
 impl Search<'_> {
-    /// Assumed size of the reversal value of each coefficient: the identified value combined with its standard
-    /// uncertainty, or the maximum while it is not identified.
+    /// Assumed size of the reversal value of each coefficient: the root of the sum of the squared identified value and
+    /// its variance; `MAX_REVERSAL` while the value is not identified.
     fn reversals(self, values: &Values, covariance: Option<&DMatrix<f64>>) -> Vec<f64> {
         let Self { system, kept, .. } = self;
         let listed = system.unknowns.coefficients.iter().enumerate();

@@ -82,8 +82,9 @@ fn nominal(system: &System, row: &Row) -> (Vector3<f64>, Matrix3<f64>) {
     (row.pose.ideal_tip_mm(chain), rotation)
 }
 
-/// Sets the frames without a start value: from the best-fit rigid transform (Kabsch), or with the targets' offsets from
-/// a linear system in a general matrix (`with_targets`). Returns whether that was possible.
+/// Sets the frames without a start value: from the best-fit rigid transform (Kabsch), or, with `with_targets`, together
+/// with the offsets of the targets from a linear system in a general matrix. Returns whether offsets of targets were
+/// determined.
 fn frames(
     system: &System,
     observations: &Observations,
@@ -242,8 +243,9 @@ fn points_of_spheres_and_bars(
     }
 }
 
-/// Point P and dead length d with |a − P| = L + d for each tip a and length L, from |a|² − L² = 2 a·P + 2 L·d − (|P|² − d²), with a
-/// relative to the mean of all tips; of minimum norm if the tips lie in a plane. `free`: d is unknown; otherwise it is `dead_mm`.
+/// Point P and dead length d with |a − P| = L + d for each tip a and length L, from |a|² − L² = 2 a·P + 2 L·d − (|P|² −
+/// d²), with a relative to the mean of all tips. If the tips lie in a plane, the solution has minimum norm. With `free`
+/// d is unknown; otherwise d is `dead_mm`.
 fn trilateration(reaches: &[(Vector3<f64>, f64)], dead_mm: f64, free: bool) -> (Vector3<f64>, f64) {
     let middle = reaches.iter().map(|(tip, _)| tip).sum::<Vector3<f64>>() / reaches.len() as f64;
     let unknowns = if free { 5 } else { 4 };

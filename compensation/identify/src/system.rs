@@ -1,7 +1,8 @@
-//! The unknowns and their machine, and rows prepared for the search: the part of each row that does not depend on the parameters.
+//! The unknowns and their machine, and rows prepared for the search: the part of each row that does not depend on the
+//! parameters.
 //!
-//! Errors may follow unknowns: other errors of the machine change with an unknown, because they were fitted to readings
-//! that contain it (variable projection: G. H. Golub, V. Pereyra, SIAM Journal on Numerical Analysis 10, 1973).
+//! Followers are errors of the machine that change with an unknown, because they were fitted to readings that contain
+//! the unknown (variable projection: G. H. Golub, V. Pereyra, SIAM Journal on Numerical Analysis 10, 1973).
 
 use std::collections::BTreeMap;
 
@@ -25,15 +26,16 @@ pub(crate) struct System {
     pub(crate) unknowns: Unknowns,
     pub(crate) groups: usize,
     pub(crate) setup: SetUp,
-    /// Errors that follow unknowns: index of the coefficient, and its follower.
+    /// Dependences of known errors on unknowns: index of the coefficient of the unknown, and its follower.
     followers: Vec<(usize, Follower)>,
-    /// Axis, component and coefficient of every location error that follows an unknown, and its change per unit.
+    /// Location errors that follow an unknown: axis, component, index of the coefficient, and change per unit of the
+    /// coefficient.
     pub(crate) following_locations: Vec<(usize, usize, usize, f64)>,
 }
 
 impl System {
-    /// Whether the coefficient of a column is fixed at zero by convention where nothing else determines it; see [`Unknowns::is_convention`].
-    /// `None` for a column of a set-up.
+    /// Whether the coefficient of a column is fixed at zero by convention if the observations do not determine it; see
+    /// [`Unknowns::is_convention`]. `None` for a column of a set-up.
     pub(crate) fn is_convention(&self, column: usize) -> Option<bool> {
         match self.params.at(column) {
             Param::Coefficient(place) => Some(self.unknowns.is_convention(place)),
@@ -99,7 +101,7 @@ impl System {
         }
     }
 
-    /// Unit of a parameter in results, and its value for one mm or rad.
+    /// Unit of a parameter in results, and the factor from mm or rad to this unit.
     pub(crate) fn unit_of(&self, param: usize) -> (&'static str, f64) {
         match self.params.at(param) {
             Param::Coefficient(coefficient) => {
@@ -114,13 +116,13 @@ impl System {
 /// Number of penalty groups of drifts: six components of frames, three of points, one of numbers.
 const DRIFT_GROUPS: usize = 10;
 
-/// Coordinates that differ by less belong to one pose, mm or deg.
+/// Coordinates of one pose differ by less, mm or deg.
 const SAME_POSE: f64 = 1e-6;
 
 #[derive(Clone, Debug)]
 pub(crate) struct PreparedPose {
     pub(crate) pose: MachinePose,
-    /// Coordinates, mm or deg; an axis with a `modulo` has them within one turn, from 0.
+    /// Coordinates, mm or deg; the coordinate of an axis with a `modulo` is within one turn, from 0.
     within_turn: [f64; MAX_AXES],
     /// Known errors, mm and rad; unknown location errors count as zero.
     pub(crate) known: Errors,
@@ -129,8 +131,8 @@ pub(crate) struct PreparedPose {
     pub(crate) sides: Vec<UnknownSide>,
 }
 
-/// An axis whose approach direction is unknown, and the addition to its errors, relative to the mean of both directions, if it came in the
-/// positive direction.
+/// An axis whose approach direction is unknown, and the change of its errors from the mean of both directions if the
+/// axis approached in the positive direction.
 #[derive(Clone, Debug)]
 pub(crate) struct UnknownSide {
     pub(crate) axis: usize,
@@ -139,8 +141,8 @@ pub(crate) struct UnknownSide {
     pub(crate) unknown: Vec<(usize, usize)>,
 }
 
-/// Grid cells that may contain a pose with the same coordinates: one, or more if a coordinate is close to a border.
-/// Poses without a common cell differ.
+/// Grid cells that may contain a pose with the same coordinates: one cell, or more if a coordinate is close to a
+/// border. Poses without a common cell differ.
 #[expect(clippy::cast_possible_truncation, reason = "a number beyond all cells is in the last one")]
 fn cells(at: &[f64; MAX_AXES]) -> Vec<[i64; MAX_AXES]> {
     /// Width of a cell: much larger than the tolerance on a pose, so that few poses are close to a border.
@@ -190,8 +192,8 @@ impl Rows {
         self.0.iter().map(|row| &row.row)
     }
 
-    /// Index of the pose of each row, from 0, and the number of poses. Rows whose axes agree within
-    /// 1e-6 mm or deg share a pose, also if they are a turn of a `modulo` apart.
+    /// Index of the pose of each row, from 0, and the number of poses. Rows whose axes agree within 1e-6 mm or deg
+    /// share a pose; whole turns of an axis with `modulo` do not matter.
     pub(crate) fn poses(&self) -> (Vec<usize>, usize) {
         let mut poses: Vec<&[f64; MAX_AXES]> = Vec::new();
         let mut near: BTreeMap<[i64; MAX_AXES], Vec<usize>> = BTreeMap::new();
@@ -335,9 +337,9 @@ pub struct Follower {
 }
 
 impl Follower {
-    /// Creates a follower of an unknown error, whose current value is that with which the machine of the observations
-    /// was built. `machines` are a machine, and the same machine with the unknown larger by `by`, in the unit of the
-    /// parameter.
+    /// Creates a follower of an unknown error. The present value of the unknown is the value with which the machine of
+    /// the observations was built. `machines` are a machine, and the same machine with the unknown increased by `by`,
+    /// in the unit of the parameter.
     ///
     /// # Errors
     /// [`IdentifyError::NotFollowing`] for a number of a set-up, for a change that is not finite or is 0, and for
@@ -383,7 +385,8 @@ impl Follower {
 }
 
 impl System {
-    /// Adds errors that follow the unknowns. Errors: a follower of a name that is not an unknown, or with machines of another structure.
+    /// Adds errors that follow the unknowns. Fails for a follower of a name that is not an unknown, or with machines of
+    /// another structure.
     pub(crate) fn followed_by(mut self, followers: &[Follower]) -> Result<Self, IdentifyError> {
         let none = Temperatures::default();
         for follower in followers {

@@ -21,7 +21,7 @@ fn frame_of(observation: &Observation) -> Option<usize> {
 }
 
 /// Sets time and approach direction of every row. Files with the column `order` and the same frame form one run; each
-/// other file is a separate run. The rows of a judged file use the time scale of the fitted ones.
+/// other file is a separate run. The rows of a predicted file use the time scale of the fitted rows.
 pub(crate) fn set_times(
     mut timed: Vec<OrderedObservation>,
     machine: &Machine,
@@ -62,7 +62,7 @@ pub(crate) fn set_times(
             ));
         }
     }
-    // Runs: rows by their order, with the place of each.
+    // The rows of each run in their order, with the index of their file and row.
     let mut done = vec![false; timed.len()];
     for first in 0..timed.len() {
         if done[first] {
@@ -86,7 +86,8 @@ pub(crate) fn set_times(
         for (_, index, row) in places {
             let row: &mut Row = &mut timed[index].observation.rows[row];
             row.run = Some(first);
-            // The directions of these poses are set where the rows are read, from the order in which the poses are listed.
+            // The directions of these poses were set when the rows were read, from the order in which the poses are
+            // listed.
             if let RowReading::Pair { .. } = row.reading {
                 continue;
             }
@@ -96,8 +97,8 @@ pub(crate) fn set_times(
     timed.into_iter().map(|timed| timed.observation).collect()
 }
 
-/// Displacement of an axis; for a periodic axis that of the shorter way, which may pass the end of the
-/// period.
+/// Displacement of an axis. For a periodic axis it is the displacement over the shorter way, which may pass the end of
+/// the period.
 fn shortest_travel(travelled: f64, period: Option<f64>) -> f64 {
     match period {
         // A travel of exactly half a period keeps its stated sign.

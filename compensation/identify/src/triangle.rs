@@ -1,16 +1,17 @@
-//! Triangular factor of a matrix and its inverse, in blocks: nearly all of the work is matrix products.
+//! Triangular factor of a matrix and its inverse, computed in blocks so that nearly all of the work is matrix products.
 
 use volcomp_kinematics::nalgebra::DMatrix;
 
-/// Number of columns in a block, which are reflected one by one.
+/// Number of columns in a block. Within a block, the columns are reflected one by one.
 const BLOCK: usize = 16;
 
-/// Upper triangular R with RᵀR = AᵀA, with one row for each column of A; zero rows are added to a matrix with fewer rows.
+/// Upper triangular R with RᵀR = AᵀA, with one row for each column of A; zero rows are added to a matrix with fewer
+/// rows.
 ///
-/// Block Gram–Schmidt, with Householder reflections within a block: every block is removed from the columns after it by an
-/// orthogonal projection, also if it is rank-deficient. R is therefore as accurate as that of Householder
-/// reflections (Å. Björck, C. C. Paige, SIAM Journal on Matrix Analysis and Applications 13, 1992). Q is never formed:
-/// to get Qᵀb, append b to A as another column.
+/// Block Gram–Schmidt, with Householder reflections within a block: every block is removed from the columns after it by
+/// an orthogonal projection, also if the block is rank-deficient. R is therefore as accurate as the factor from
+/// Householder reflections (Å. Björck, C. C. Paige, SIAM Journal on Matrix Analysis and Applications 13, 1992). Q is
+/// never formed; to get Qᵀb, append b to A as another column.
 pub(crate) fn triangle(matrix: DMatrix<f64>) -> DMatrix<f64> {
     let count = matrix.ncols();
     let rows = matrix.nrows().max(count);
@@ -52,7 +53,8 @@ pub(crate) fn inverse(triangle: &DMatrix<f64>) -> Option<DMatrix<f64>> {
 mod tests {
     use super::*;
 
-    /// Columns of very different lengths, with an independent part of relative size `share`; each third one depends on others if it is 0.
+    /// Columns of very different lengths with an independent part of relative size `share`. With a share of 0, each
+    /// third column depends on others.
     fn matrix(rows: usize, columns: usize, share: f64) -> DMatrix<f64> {
         let number = |row: usize, column: usize| {
             let seed = (7919 * row + 104_729 * column) as f64;
@@ -83,7 +85,7 @@ mod tests {
         }
     }
 
-    /// The normal equations of nearly dependent columns would lose all digits.
+    /// R is accurate for nearly dependent columns, with which the normal equations would lose all digits.
     #[test]
     fn the_triangle_is_that_of_householder_reflections() {
         for share in [1.0, 1e-4, 1e-8] {
@@ -91,7 +93,7 @@ mod tests {
             let (found, expected) = (triangle(matrix.clone()), matrix.clone().qr().r());
             let missed = (&found - &expected).norm();
             assert!(missed < 1e-13 / share * expected.norm(), "{share}: {missed}");
-            // Least squares with the right-hand side as the last column: nothing remains along the columns.
+            // Least squares with the right-hand side as the last column: the residual is orthogonal to the columns.
             let right = matrix.column_sum().map(|x| x + x.sin());
             let mut columns = matrix.clone().resize_horizontally(61, 0.0);
             columns.set_column(60, &right);

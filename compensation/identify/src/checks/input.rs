@@ -14,7 +14,7 @@ use crate::{
 
 pub(crate) const MAX_DRIFT_ORDER: usize = 12;
 pub(crate) const MAX_FOLDS: usize = 100;
-/// Maximum number of coefficients of one curve; more do not describe an error of an axis.
+/// Maximum number of coefficients of one curve; the error of an axis does not need more.
 pub(crate) const MAX_COEFFICIENTS: usize = 60;
 /// Maximum order along a second axis, also the maximum number of spline coefficients along it.
 pub(crate) const MAX_SECOND_ORDER: usize = 8;
@@ -28,7 +28,7 @@ pub(crate) const MIN_SPLINE_COEFFICIENTS: usize = 4;
 pub fn standard_uncertainty_um(found: f64) -> Result<f64, String> {
     const LEAST: f64 = 1e-6;
     const MOST: f64 = 1e6;
-    // A value converted to mm and back differs by rounding.
+    // A value that was converted to mm and back differs by rounding.
     const ROUNDING: f64 = 1e-12;
     if (LEAST * (1.0 - ROUNDING)..=MOST * (1.0 + ROUNDING)).contains(&found) {
         return Ok(found);
@@ -47,7 +47,7 @@ fn wrong(place: String, why: impl Into<String>) -> IdentifyError {
     IdentifyError::Unusable { place, why: why.into() }
 }
 
-/// Rejects observations from which no equations can be formed. Observations read from a file always pass.
+/// Rejects observations that give no equations. Observations read from a file always pass.
 pub(crate) fn check(observations: &Observations) -> Result<(), IdentifyError> {
     if observations.folds > MAX_FOLDS {
         let why = format!("found {}, expected 0 to {MAX_FOLDS}", observations.folds);
@@ -118,7 +118,7 @@ fn check_setup(setup: &SetUp) -> Result<(), IdentifyError> {
     for number in &setup.numbers {
         quantity(number, |one| one.is_finite())?;
     }
-    // Without its kind a number has no unit.
+    // A number without a kind has no unit.
     let [kinds, numbers] = [setup.number_kinds.len(), setup.numbers.len()];
     if kinds != numbers {
         let why = format!("found {kinds} kinds for {numbers} numbers, expected one for each");
@@ -190,7 +190,7 @@ pub(crate) fn refuse_units(
     /// Maximum measured length, as a multiple of the diagonal of the travels: no ballbar or tracer is longer.
     const MAX_DIAGONALS: f64 = 20.0;
     let nominal = |pose: &MachinePose| pose.ideal_tip_mm(machine.chain());
-    // A machine with rotary axes only has arms of unknown length.
+    // A machine with rotary axes only has arms of unknown length, so lengths are not limited.
     let diagonal = Some(machine.diagonal_of_travels_mm()).filter(|d| *d > 0.0);
     let diagonal = diagonal.unwrap_or(f64::INFINITY);
     let apart_mm = limit_mm(machine, rows.iter(), MAX_APART_MM);
@@ -260,7 +260,7 @@ pub(crate) fn oblique(rows: &[Row], direction: &Vector3<f64>, machine: &Machine)
     if angle_deg <= ALIGNED_DEG || angle_deg >= 90.0 - ALIGNED_DEG {
         return None;
     }
-    // Rounded first, so that no zero has a sign.
+    // Rounding first avoids a negative zero in the message.
     let [x, y, z] = along.map(|x| format!("{:.3}", (x * 1e3).round() / 1e3 + 0.0)).into();
     Some(format!(
         "the rows run along [{x}, {y}, {z}] in workpiece axes, {angle_deg:.1} deg from this direction: expected a line of sight along them, or across them for a straightness"

@@ -79,7 +79,7 @@ mod tests {
         }
         assert_eq!(scaled(10.0, 50.0), 1.7);
         assert_eq!(scaled(10.0, 20_000.0), 100.0);
-        // A corner of a machine.
+        // Rows in a corner of the machine get the smallest factor.
         assert_eq!(scaled(10.0, 1e-3), 1.0);
     }
 }

@@ -23,9 +23,11 @@ use crate::{
 const MAX_FROM_NOMINAL_MM: f64 = 10.0;
 /// Maximum RMS residual of a file after the fit, mm, scaled by [`limit_mm`].
 const MAX_RESIDUAL_MM: f64 = 0.5;
-/// RMS residuals below this multiple of the stated uncertainty are attributed to the instrument and never rejected.
+/// Files with RMS residuals below this multiple of their stated uncertainty are never rejected: the residuals are
+/// attributed to the instrument.
 const WITHIN_UNCERTAINTY: f64 = 6.0;
-/// A file is reported as inverted if a refit with the opposite sign of its readings reduces the RMS residual of all rows below this share.
+/// A file is reported as inverted if a refit with the opposite sign of its readings reduces the RMS residual of all
+/// rows below this fraction of its present value.
 const INVERTED_LEAVES: f64 = 0.25;
 /// Minimum number of readings per unknown; with fewer, almost no redundancy remains to check the unknowns.
 const MIN_NUMBERS_PER_UNKNOWN: f64 = 1.5;
@@ -43,8 +45,8 @@ pub(crate) fn refuse_rows(system: &System, rows: &Rows) -> Result<(), IdentifyEr
     Ok(())
 }
 
-/// Rejects rows further from the nominal machine than real machines deviate. `values` contains the fitted set-ups,
-/// without any error of the machine.
+/// Rejects rows that are further from the nominal machine than real machines deviate. `values` contains the fitted
+/// set-ups and no error of the machine.
 pub(crate) fn refuse_far(
     system: &System,
     observations: &Observations,
@@ -142,7 +144,8 @@ pub(crate) fn refuse_target(
         matches!(system.params.at(param), Param::SetUp { part: Part::Point(place), order: 0, .. }
             if targets.contains(&place))
     };
-    // If an error is fixed at zero instead, the target is known to within the size of errors.
+    // Only combinations that fix a set-up unknown at zero matter here. If an error is fixed at zero, the target is
+    // known to within the size of errors.
     let of_setup = |null: &&Vec<(usize, f64)>| null[0].0 < system.params.setup();
     for null in rank.null.iter().filter(of_setup) {
         let target = (null.iter()).find(|(param, share)| is_target(*param) && share.abs() > SHARE);
@@ -304,7 +307,7 @@ pub(crate) fn small_travel(machine: &Machine, rows: &Rows) -> Option<Note> {
 pub(crate) fn few(rows: &Rows, fitted: &Fitted) -> Option<Note> {
     let numbers: usize = rows.iter().map(|row| row.reading.count()).sum();
     let found = fitted.rank.kept.len();
-    // Penalties reduce the effective number of unknowns, but fewer readings than unknowns are too few in any case.
+    // Penalties reduce the effective number of unknowns. Fewer readings than unknowns are too few even then.
     let is_few = (numbers as f64) < MIN_NUMBERS_PER_UNKNOWN * fitted.solution.degrees;
     (is_few || numbers < found).then(|| {
         let what = format!(
@@ -320,7 +323,7 @@ pub(crate) fn large(system: &System, fitted: &Fitted) -> Vec<Note> {
     let mut large: Vec<(f64, usize)> = Vec::new();
     for (place, &param) in fitted.rank.kept.iter().enumerate() {
         let value = values.of(system.params.at(param)).abs();
-        // µm and µrad to mm and mrad.
+        // Converts µm to mm and µrad to mrad.
         let size = 1e-3 * system.unit_of(param).1 * value;
         let variance = fitted.solution.covariance[(place, place)].max(0.0);
         let is_error = matches!(system.params.at(param), Param::Coefficient(_));
@@ -368,7 +371,7 @@ pub(crate) fn outliers(
         far.sort_by(|a, b| residuals[*b].norm().total_cmp(&residuals[*a].norm()));
         for place in far.iter().take(MAX_LISTED) {
             let (row, size) = (rows.get(*place), residuals[*place].norm());
-            // If the others fit exactly, there is no meaningful ratio to them.
+            // If the other rows fit exactly, the ratio to their residuals has no meaning.
             let comparison = if sigma > 0.01 * row.uncertainty_mm {
                 format!("{:.0} times what is usual in this file", size / sigma)
             } else {

@@ -23,16 +23,16 @@ fn lab() -> Lab {
     lab
 }
 
-/// A scale 20 µm/m too long and a straightness of 4 µm in the middle are identified within 0.001 µm on a bar tilted by 150 µrad in the
-/// plane and 80 µrad out of it, read by indicators.
+/// A scale that is 20 µm/m too long and a straightness of 4 µm in the middle are identified within 0.001 µm, from
+/// indicators on a bar tilted by 150 µrad in the plane and by 80 µrad out of the plane.
 #[test]
 fn positioning_and_straightness_are_found_on_a_bar_that_lies_askew() {
     let lab = lab();
     let mut text = String::from("X,Y,Z,ball,along_um,side1_um,side2_um\n");
     for (k, ball) in ["A", "B", "C", "D", "E"].into_iter().enumerate() {
         let s = 100.0 * k as f64;
-        // Tip minus ball, µm with s in mm: positioning; straightness and −tilt; −tilt. Tilted by 170 µrad the bar is shorter along X by
-        // its cosine, 0.006 µm at its end.
+        // Tip minus ball, µm with s in mm. Along the row: positioning; to side 1: straightness and −tilt; to side 2:
+        // −tilt. The bar tilted by 170 µrad is shorter along X by its cosine, 0.006 µm at its end.
         let along = 0.02 * s + 0.5e-3 * (0.15_f64.powi(2) + 0.08_f64.powi(2)) * s;
         let side1 = 4.0 * (1.0 - ((s - 200.0) / 200.0).powi(2)) - 0.15 * s;
         let side2 = -0.08 * s;
@@ -41,7 +41,8 @@ fn positioning_and_straightness_are_found_on_a_bar_that_lies_askew() {
     lab.write("read.csv", &text);
     let found = lab.identify(&format!("{UNKNOWN}{OBSERVATION}")).expect("found");
     assert!(found.residual.max_um < 1e-3, "{:?}", found.residual);
-    // Legendre over the range, which is 0.1 % wider at both ends: 20 µm/m, and 4(1 − t²) = const − (8/3) P2.
+    // Legendre coefficients over the range, which is 0.1 % wider at both ends: 20 µm/m, and 4(1 − t²) = const − (8/3)
+    // P2.
     let wider = 1.002;
     assert!((value(&found, "EXX legendre 1").0 - 4.0 * wider).abs() < 1e-3);
     assert!((value(&found, "EYX legendre 2").0 + 8.0 / 3.0 * wider * wider).abs() < 1e-3);
@@ -58,8 +59,8 @@ fn positioning_and_straightness_are_found_on_a_bar_that_lies_askew() {
 /// Squareness error of the test below, µrad.
 const URAD: f64 = 40.0;
 
-/// Two rows across the table at ±45°, read by a touch probe: squareness lengthens one and shortens the other. The ball at distance √2·a
-/// is a·ε off along X, thus a·ε/√2 along the row.
+/// Two rows across the table at ±45°, read by a touch probe: squareness lengthens one row and shortens the other. The
+/// ball at distance √2·a is displaced by a·ε along X, which is a·ε/√2 along the row.
 #[test]
 fn squareness_from_rows_along_both_diagonals() {
     let lab = lab();
@@ -82,13 +83,13 @@ fn squareness_from_rows_along_both_diagonals() {
     let found = lab.identify(&text).expect("found");
     let (squareness, uncertainty) = value(&found, "EC0Y");
     assert!((squareness - URAD).abs() < 1e-2, "{squareness}");
-    // A slope of ε/2 along each row; four balls at 1 µm, two rows.
+    // A slope of ε/2 along each of two rows, each with four balls read at 1 µm.
     let squares: f64 = [-150.0, -50.0, 50.0, 150.0_f64].iter().map(|s| s * s).sum();
     let expected = 1e3 * 2.0 / (2.0 * squares).sqrt();
     assert!((uncertainty / expected - 1.0).abs() < 1e-3, "{uncertainty} {expected}");
 }
 
-/// A distance calibrated within 2 µm and measured 3 µm ± 1 µm off gives the weighted mean.
+/// A distance calibrated within 2 µm and measured 3 µm ± 1 µm off gives the weighted mean of both values.
 #[test]
 fn a_calibrated_distance_is_one_more_observation() {
     let lab = lab();

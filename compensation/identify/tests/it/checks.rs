@@ -1,4 +1,5 @@
-//! Implausible files (another sphere, tool, sign or unit, misspelt columns): what would give wrong results is rejected or noted.
+//! Implausible files (another sphere, tool, sign or unit, misspelt columns): a file that would give wrong results is
+//! rejected or noted.
 
 use std::fmt::Write;
 
@@ -110,7 +111,8 @@ fn implausible_rows_are_refused() {
     ];
     let lab = Lab::new(MACHINE);
     lab.write("good.csv", &rows(HEADER, 200.0, |_, _, name| apart(name, ["three", "four"])));
-    // Rows along diagonals never deviate much. Although they are most of the rows, they must not hide a file that does.
+    // Rows along diagonals never deviate much. Although most rows are of this kind, the file that does deviate is
+    // named.
     let diagonal = (0..200).map(|k| {
         let at = f64::from(k) * 2.0 - 200.0;
         [at, at, at, 0.3 * f64::from(k % 3)]
@@ -140,7 +142,7 @@ fn rows_of_another_sphere_are_refused() {
         assert_eq!(far(found(&text)), [("s.csv".to_owned(), bad, 24)]);
     }
     let lab = Lab::new(MACHINE);
-    // Only every second row, so that each file alone has one ball.
+    // Only every second row is kept, so that each file alone has one ball.
     let only = |odd: bool| -> String {
         let text = rows(HEADER, 200.0, |_, _, name| *name = "S1");
         let lines = text.lines().enumerate();
@@ -225,7 +227,7 @@ const HEADER: &str = "X,Y,Z,C,B,sphere";
 fn rows_of_the_machine_are_accepted() {
     let found = found(&rows(HEADER, 200.0, |_, _, _| ())).expect("found");
     assert!(value(&found, "EX0C").0.abs() < 1.0);
-    // The proposed pose rotates the tool about a ball, instead of moving the tip away from every ball.
+    // The proposed pose rotates the tool about a ball; the tip does not leave the balls.
     let next = found.next.expect("a pose");
     let of = |axis| next.pose.get(&axis).copied();
     let [x, y, z, c, b] = [AxisName::X, AxisName::Y, AxisName::Z, AxisName::C, AxisName::B]
@@ -256,7 +258,8 @@ X,Y,Z,C_actual,B,sphere | found a column `C_actual`, expected `C`
         let error = found(&rows(header, 200.0, |_, _, _| ())).expect_err(header);
         assert!(error.to_string().contains(expected), "{error}");
     }
-    // Without its three columns a file is that of a touch probe; one missing or misspelt column does not make it one.
+    // A file without the three offset columns is from a touch probe. A file with one missing or misspelt offset column
+    // is rejected.
     for [columns, expected] in &cases(
         "
 dx_mm,dy_mm,dz_mm | found a column `dx_mm`, expected `dx_um`
@@ -332,8 +335,8 @@ fn the_proposed_pose_informs_about_undetermined_errors() {
     assert!(["EX0C", "EA0C"].contains(&next.parameter.as_str()), "{next:?}");
 }
 
-/// An R-test and diagonals share the unknown squareness: the contradiction is small but depends on the sign, and the inverted R-test is
-/// named. Instruments that differ in magnitude only are not reported as inverted.
+/// An R-test and diagonals share the unknown squareness. The contradiction is small but depends on the sign, and the
+/// message names the inverted R-test. Instruments that differ in magnitude only are not reported as inverted.
 #[test]
 fn an_inverted_r_test_is_named() {
     use AxisName::C;
@@ -387,7 +390,7 @@ direction = [1, 1, 0]
     let found = lab.identify(observed).expect("found");
     let words = crate::lab::words(&found);
     assert!(words.contains("r.csv: looks inverted"), "{words}");
-    // A contradiction of the same size with the same sign.
+    // A contradiction of the same size, but with the same sign of the readings.
     lab.write("r.csv", &right);
     lab.write("d.csv", &diagonals(3.0));
     let found = lab.identify(observed).expect("found");
@@ -413,7 +416,7 @@ fn rows_over_a_small_part_of_the_travel_are_noted() {
     let words = crate::lab::words(&found);
     assert!(words.contains("% of their travel at most"), "{words}");
     assert!(found.undecided().is_empty());
-    // A single outlying judged row is named as well.
+    // A single outlying predicted row is named as well.
     lab.write("j.csv", "X,Y,x,y,z\n2,2,2,2,0\n9,9,9,9,0\n20,15,70,15,0\n");
     let judged =
         format!("{observed}[[observation]]\nkind = \"points\"\nfile = \"j.csv\"\njudge = true\n");
@@ -421,7 +424,8 @@ fn rows_over_a_small_part_of_the_travel_are_noted() {
     let words = crate::lab::words(&found);
     assert!(words.contains("j.csv:4: this judged row is 50"), "{words}");
     assert!(found.undecided().is_empty());
-    // A judged file that deviates as a whole leaves the errors undecided, and so does a fitted file that contradicts the others.
+    // A predicted file that deviates as a whole leaves the errors undecided. So does a fitted file that contradicts the
+    // others.
     lab.write("j.csv", "X,Y,x,y,z\n2,2,2.3,2,0\n9,9,9.3,9,0\n20,15,20.3,15,0\n");
     let found = lab.identify(&judged).expect("found");
     assert!(found.undecided().contains(&"EC0Y".parse().expect("a name")));
@@ -526,7 +530,8 @@ fn lines_observed() -> String {
     text
 }
 
-/// A diagonal with inverted sign is named; without one, none is. If two are inverted, only the contradiction is reported.
+/// A diagonal with inverted sign is named; without an inverted diagonal, none is named. If two diagonals are inverted,
+/// only the contradiction is reported.
 #[test]
 fn an_inverted_diagonal_is_named() {
     for seed in 0..4 {

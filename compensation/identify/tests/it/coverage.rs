@@ -24,7 +24,8 @@ const RUNS: u32 = 500;
 fn coverage_of_95_percent_bands() {
     let truth = worn(MACHINE, "EC0Y = 20.0\nEXX = { poly = [-5.0, 0.02] }\n");
     let lab = Lab::new(MACHINE);
-    // Columns and rows of poses and their spacing, mm; the slope is 0.02 µm/mm times half of their extent in X.
+    // Numbers of columns and rows of poses, and their spacing, mm; the slope in µm is 0.02 µm/mm times half of the
+    // extent in X.
     for (seed, robust, [columns, rows], [by_x, by_y], slope) in
         [(5, false, [4, 3], [160.0, 190.0], 4.8), (6, true, [6, 4], [100.0, 125.0], 5.0)]
     {
@@ -68,8 +69,9 @@ travel = [-400.0, 0.0]
 ";
 const MOTIONS: [&str; 6] = ["EXX", "EYX", "EZX", "EAX", "EBX", "ECX"];
 
-/// A tracker target away from the tip, without rotary axes: tilts of X act at the target with another lever than at the tip. Only a ruler
-/// gives the difference; the uncertainty at the tip includes the ruler's.
+/// A tracker target away from the tip, on a machine without rotary axes: tilts of X act at the target with another
+/// lever than at the tip. Only a ruler gives the difference of the levers; the uncertainty at the tip includes the
+/// uncertainty of the ruler.
 #[test]
 #[expect(clippy::too_many_lines, reason = "one world, from readings to bands")]
 fn coverage_at_the_tip_with_a_ruler_measured_target() {
@@ -83,7 +85,7 @@ fn coverage_at_the_tip_with_a_ruler_measured_target() {
         .map(|k| [k % 3, k / 3 % 3, k / 9].map(f64::from))
         .map(|[x, y, z]| [60.0 + 240.0 * x, 250.0 * y, 200.0 * z - 400.0])
         .collect();
-    // A rigid motion of the workpiece is no error of the machine.
+    // A rigid motion of the workpiece is not an error of the machine.
     let mut rigid = DMatrix::zeros(81, 6);
     for (row, at) in grid.iter().enumerate() {
         for k in 0..3 {
@@ -162,7 +164,7 @@ fn coverage_at_the_tip_with_a_ruler_measured_target() {
             .collect();
         let by = DMatrix::from_columns(&columns);
         let covariance = &by * &found.covariance * by.transpose();
-        // The first pose, and the middle of the work space.
+        // The three directions at the first pose, and at the middle of the work space.
         for (count, row) in inside.iter_mut().zip([0, 1, 2, 39, 40, 41]) {
             let uncertainty = covariance[(row, row)].sqrt();
             *count += u32::from(off[row].abs() < 1.959_964 * uncertainty);
@@ -171,7 +173,7 @@ fn coverage_at_the_tip_with_a_ruler_measured_target() {
     println!("{inside:?} of {WORLDS}");
     let share = f64::from(inside.iter().sum::<u32>()) / f64::from(6 * WORLDS);
     assert!((0.92..=0.98).contains(&share), "{inside:?} of {WORLDS}");
-    // Without the ruler only the target's position is determined.
+    // Without the ruler, the errors are determined only at the position of the target.
     let message = lab.refused(&format!(
         "folds = 0\nunknown = [{}]\n[[observation]]\nkind = \"points\"\nfile = \"t.csv\"\ntarget = \"unknown\"\n",
         unknown.join(", ")

@@ -1,4 +1,5 @@
-//! Rows before the first motion of an axis, whose approach direction no file states. Expected values are from independent formulas.
+//! Rows before the first motion of an axis: no file states the approach direction. Expected values are from independent
+//! formulas.
 
 use std::fmt::Write as _;
 
@@ -35,7 +36,7 @@ impl First {
     }
 }
 
-/// Correct data must give no note on an inverted sign or outlier.
+/// Correct data must not give a note on an inverted sign or an outlier.
 fn assert_no_cause(found: &Identification) {
     let notes = words(found);
     for said in ["inverted", "outlier"] {
@@ -158,7 +159,7 @@ fn coverage_on_a_diagonal_with_unknown_approach() {
 }
 
 /// In one direction along a diagonal only the first target has another approach. The reversal value is not determined,
-/// and the squareness is as accurate as in a fit that does not include it.
+/// and the squareness is as accurate as in a fit without reversal values.
 #[test]
 fn a_first_row_alone_determines_no_reversal_value() {
     let lab = Lab::new(AXES);
@@ -175,7 +176,7 @@ fn a_first_row_alone_determines_no_reversal_value() {
             let parameter = found.parameters.iter().find(|p| p.name == name);
             assert!(parameter.is_some_and(|p| !p.determined), "{name} {first:?}");
         }
-        // Equals the fit with an arbitrarily large reversal value.
+        // The result equals that of a fit with an arbitrarily large reversal value.
         let expected = straight_line(&rows, 1e5);
         let (value, uncertainty) = value(&found, "EC0Y");
         assert!(
@@ -218,7 +219,7 @@ fn an_axis_at_rest_has_one_approach_direction_per_file() {
         let found = lab
             .identify(&format!("folds = 0\nunknown = [\"EC0Y\"]\n{observations}"))
             .expect("found");
-        // Both files have the same variance of their mean, which EC0Y changes by −y: least squares through the origin.
+        // The mean of each file has the same variance, and EC0Y changes it by −y: least squares through the origin.
         let variance = NOISE_UM.powi(2) / 40.0 + (0.5 * REVERSAL_UM).powi(2);
         let square = 0.05_f64.powi(2) + 0.55_f64.powi(2);
         let expected = -(0.05 * means[0] + 0.55 * means[1]) / square;
@@ -232,7 +233,7 @@ fn an_axis_at_rest_has_one_approach_direction_per_file() {
 
 const TRACKER_WORLDS: u32 = 150;
 
-/// Tracker poses all over the travels, from which reversal values are identified as well.
+/// Tracker poses all over the travels; reversal values are identified as well.
 fn tracker(noise: &mut Noise, first: First, poses: u32, reversal_um: f64, slips: bool) -> String {
     let reversals = [reversal_um, -reversal_um, reversal_um];
     let slopes = [5.0, -8.0, 3.0];

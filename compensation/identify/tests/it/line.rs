@@ -1,4 +1,4 @@
-//! Lines of sight: offset and slope, and what a straight line with rounded coordinates leaves undetermined.
+//! Lines of sight: offset and slope, and unknowns that a straight line with rounded coordinates leaves undetermined.
 
 use crate::lab::{Lab, Noise, csv, tip, value};
 
@@ -10,7 +10,7 @@ tool.gauge = [0.0, 0.0, 0.0]
 tool.length = 120.0
 ";
 
-/// Readings of 10 µm and 20 µm/m from the set-up or from the machine: every reading contains offset and slope.
+/// Readings of 10 µm and 20 µm/m from the set-up or from the machine: every reading contains the offset and the slope.
 #[test]
 fn readings_contain_offset_and_slope() {
     let lab = Lab::new(MACHINE);
@@ -45,7 +45,8 @@ fn readings_contain_offset_and_slope() {
     }
 }
 
-/// Readings along a line of sight do not determine a rotation of the workpiece about it; neither do coordinates rounded to 10 µm.
+/// Readings along a line of sight do not determine a rotation of the workpiece about it, also with coordinates rounded
+/// to 10 µm.
 #[test]
 fn rounded_coordinates_determine_nothing() {
     let truth = "[errors]\nEC0Y = 30.0\nEXX = { poly = [0.0, 0.02] }\nEYX = { poly = [9.0, -0.06, 0.0001] }\nEBZ = { poly = [0.0, 0.05] }\n";
@@ -94,7 +95,7 @@ fn rounded_coordinates_determine_nothing() {
             (found.rank, value(&found, "EC0Y"))
         })
         .collect();
-    // With 21 targets all coordinates are exact, with 20 none is.
+    // With 21 targets all coordinates are exact, with 20 targets all are rounded.
     let [(exact, (ec0y, uncertainty)), (rounded, (same, _))] = ranks[..] else {
         panic!("{ranks:?}")
     };

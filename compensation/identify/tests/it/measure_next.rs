@@ -1,4 +1,4 @@
-//! The proposed next pose is one that the file's instrument can measure and has not measured.
+//! The proposed next pose is a pose that the instrument of the file can measure and has not measured.
 
 use std::fmt::Write;
 
@@ -50,13 +50,13 @@ fn a_ballbar_on_three_axes_gets_a_new_pose() {
     };
     assert!((apart(&[10.0, 20.0, -30.0]) - 150.0).abs() < 0.01, "{at:?}");
     assert!(stood.iter().all(|row| apart(row) > 0.01), "{at:?}");
-    // Within its reachable arc of 0° to 140°.
+    // The pose is within the reachable arc of 0° to 140°.
     let angle = (at[1] - 20.0).atan2(at[0] - 10.0).to_degrees();
     assert!((-0.1..=140.1).contains(&angle) && (at[2] + 30.0).abs() < 0.01, "{at:?}");
 }
 
-/// No pose is proposed where none is new: on three axes a sphere can only be probed where it was, and a step gauge has faces only where
-/// it was read.
+/// No pose is proposed if every possible pose was measured: on three axes a sphere can only be probed at the same pose,
+/// and a step gauge has no other faces.
 #[test]
 fn measured_poses_are_not_proposed_again() {
     let lab = Lab::new(THREE_AXES);
@@ -131,7 +131,7 @@ offset = \"unknown\"
     assert!(found.variance > 4.0, "{}", found.variance);
     let next = found.next.expect("a pose");
     assert_eq!(next.parameter, "EXX legendre 1");
-    // Slope of a line through seven targets and one more: σ² of the slope is 1/Σ(x − x̄)².
+    // Slope of a line through seven targets, and through these and one more: σ² of the slope is 1/Σ(x − x̄)².
     let mut places = vec![0.0, 100.0, 200.0, 300.0, 400.0, 500.0, 1000.0];
     let spread = |places: &[f64]| {
         let mean = places.iter().sum::<f64>() / places.len() as f64;
@@ -144,7 +144,8 @@ offset = \"unknown\"
     assert!((stated - expected).abs() < 1e-3, "{stated} {expected}");
 }
 
-/// A machine with rotary axes only is identified, and the proposed angle is new: the machine cannot move its tip to a sphere.
+/// A machine with rotary axes only is identified, and the proposed angle is new, although the machine cannot move its
+/// tip to a sphere.
 #[test]
 fn a_machine_without_linear_axes_is_identified() {
     let lab = Lab::new(
@@ -184,8 +185,8 @@ point = [0, 0, -50]
     }
 }
 
-/// Parameters in µm and µrad are compared by their largest effect: a squareness observed on a small part of the travel moves the tool
-/// more elsewhere than curves of hundredths of a µm, so the proposed pose improves EC0Y.
+/// Parameters in µm and µrad are compared by their largest effect. A squareness observed on a small part of the travel
+/// moves the tool more elsewhere than curves of hundredths of a µm, so the proposed pose improves EC0Y.
 #[test]
 fn errors_are_compared_by_their_largest_effect() {
     let lab = Lab::new(THREE_AXES);
@@ -209,7 +210,7 @@ frame = [0, 0, 0, 0, 0, 0]
 ",
         )
         .expect("found");
-    // Largest effects in closed form: a squareness over 300 mm of Y; a Legendre polynomial, 1 at its ends.
+    // Largest effects in closed form: a squareness over 300 mm of Y; a Legendre polynomial, which is 1 at its ends.
     let effects: Vec<(f64, &str)> = ["EC0Y", "EXX constant", "EXX legendre 1", "EXX legendre 2"]
         .into_iter()
         .map(|name| {
@@ -224,7 +225,7 @@ frame = [0, 0, 0, 0, 0, 0]
     assert!(y.abs() > 200.0, "{next:?}");
 }
 
-/// The proposed next pose names the tool to use: one of those in the rows, and none if the rows name none.
+/// The proposed next pose names one of the tools in the rows; it names no tool if the rows name none.
 #[test]
 fn the_tool_of_the_next_pose_is_named() {
     let lab = Lab::new(&format!(
@@ -259,7 +260,8 @@ fn the_tool_of_the_next_pose_is_named() {
     }
 }
 
-/// The uncertainties of C's line (effect at 300 mm) for sphere positions on a rotary table equal the values in the book.
+/// For sphere positions on a rotary table, the uncertainties of the line of C (effect at 300 mm) equal the values in
+/// the book.
 #[test]
 fn spheres_far_from_the_axis_and_at_two_heights_are_better_than_poses() {
     let lab = Lab::new(

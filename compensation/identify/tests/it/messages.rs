@@ -1,4 +1,4 @@
-//! Rejections and notes, and their wording.
+//! Wording of rejections and notes.
 
 use std::fmt::Write as _;
 
@@ -61,8 +61,8 @@ X,Y,x,y,z\n1,2,3,4,5\n | offset = 3 | unknown key
     }
 }
 
-/// A row file in two observations is rejected with both positions, since it would count twice or validate its own fit. One bar may have
-/// several positions.
+/// A row file in two observations is rejected with both positions, because its rows would count twice or validate their
+/// own fit. One bar may have several positions.
 #[test]
 fn a_row_file_of_two_observations_is_refused_with_both_places() {
     let lab = Lab::new(MACHINE);

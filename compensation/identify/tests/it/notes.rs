@@ -44,7 +44,8 @@ fn too_few_numbers_are_noted() {
     let few = words(&lab, &square);
     assert!(few.contains("9 numbers in 3 poses for 7 unknowns"), "{few}");
     assert!(few.contains("no cross-validation: 3 poses cannot be split into 10 parts"), "{few}");
-    // A second tracker with one point determines only its own frame, although the total number of readings would suffice.
+    // A second tracker with one point does not determine its own frame, although the total number of readings would
+    // suffice.
     lab.write("t.csv", &points(30, 0.0, 1.0));
     lab.write("u.csv", "X,Y,x,y,z\n0,0,0,0,0\n");
     let thin = lab.identify(&observed("folds = 0\nunknown = [\"EC0Y\"]", &["t.csv", "u.csv"]));
@@ -76,8 +77,8 @@ fn implausibly_large_errors_are_noted() {
     assert!(large.contains("EC0Y was identified as 2.5 mrad"), "{large}");
 }
 
-/// With penalties the covariance follows from the residuals: readings with three times the stated uncertainty make it three times as
-/// large, and no message asks to multiply it again.
+/// With penalties the covariance follows from the residuals: readings that scatter three times as much as stated make
+/// the uncertainties three times as large, and no message asks to multiply them again.
 #[test]
 fn uncertainties_with_penalties_are_not_multiplied_twice() {
     let lab = Lab::new(MACHINE);
@@ -127,7 +128,7 @@ fn a_machine_file_is_validated_with_an_identified_set_up() {
     assert!(found.residual.rms_um < 2.0, "{:?}", found.residual);
 }
 
-/// A judged file that deviates as a whole is noted; its rows are not outliers among themselves.
+/// A predicted file that deviates as a whole gives a note; its rows are not outliers within the file.
 #[test]
 fn a_judged_file_that_is_far_off_is_noted() {
     let lab = Lab::new(MACHINE);
@@ -136,7 +137,7 @@ fn a_judged_file_that_is_far_off_is_noted() {
         "{}[[observation]]\nkind = \"points\"\nfile = \"j.csv\"\njudge = true\n",
         observed("folds = 0\nunknown = [\"EC0Y\"]", &["t.csv"])
     );
-    // The fitted rows deviate by 1.7 µm RMS; 1 µrad moves the judged ones by about 0.2 µm.
+    // The fitted rows deviate by 1.7 µm RMS; 1 µrad moves the predicted rows by about 0.2 µm.
     for (urad, is_far) in [(300.0, true), (50.0, true), (5.0, false)] {
         lab.write("j.csv", &points(12, urad, 1.0));
         let noted = words(&lab, &observed);
@@ -160,7 +161,7 @@ fn a_ballbar_in_another_unit_is_refused_and_a_long_gauge_is_not() {
         message.contains("found a length of 150000 mm") && message.contains("is it another unit?"),
         "{message}"
     );
-    // 6 mm on 10 m is a cold machine, not another unit.
+    // 6 mm on 10 m is within the limit: it can be a cold machine.
     let long = Lab::new("structure = \"w b X t\"\naxes = { X = { travel = [0, 12000] } }\n");
     let mut gauge = String::from("pose,X,from,to,length_mm\n");
     for x in [0, 5000, 10000] {
@@ -207,7 +208,8 @@ fn one_test_under_two_names_is_noted() {
     assert!(!twin.contains("the same content"), "{twin}");
 }
 
-/// An absurd number is rejected at its cell, and not as an outlier of another row. A time may have any value.
+/// An absurd number is rejected at its cell, instead of a message about outliers in other rows. A time may have any
+/// value.
 #[test]
 fn an_absurd_number_is_refused_at_its_cell() {
     let lab = Lab::new(MACHINE);
@@ -241,7 +243,7 @@ fn an_absurd_number_is_refused_at_its_cell() {
     assert_eq!(words(&lab, &observed(head, &["t.csv"])), "");
 }
 
-/// Lengths that share a pose are noted, because they may depend on the same reading there.
+/// Lengths that share a pose give a note, because both may depend on the same reading at that pose.
 #[test]
 fn lengths_that_share_a_pose_are_noted() {
     let lab = Lab::new(MACHINE);

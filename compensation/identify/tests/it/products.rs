@@ -13,8 +13,8 @@ travel = [0.0, 800.0]
 [axes.Z]
 travel = [-400.0, 0.0]
 ";
-/// A cross-beam that sags under the ram, more if the ram is extended: 24 µm in the middle of the beam at the lower end, linear between
-/// nodes 50 mm apart.
+/// A cross-beam that sags under the ram, more if the ram is extended: 24 µm in the middle of the beam with the ram at
+/// its lower end. The sag is linear between nodes 50 mm apart.
 fn truth() -> Machine {
     let ys: Vec<f64> = (0..=16).map(|k| 50.0 * f64::from(k)).collect();
     let row = |y: &f64| {
@@ -69,7 +69,7 @@ fn a_sag_over_a_second_axis_is_found() {
     lab.write("t.csv", &tracker(&truth, 150, 0.5));
     let plain = lab.identify(&text("")).expect("found");
     let found = lab.identify(&text(SECOND)).expect("found");
-    // Noise of 0.5 µm in three directions is 0.87 µm, plus the error that single-axis curves cannot fit.
+    // Noise of 0.5 µm in three directions is 0.87 µm in space; the fit with single-axis curves has an additional error.
     let [before, after] =
         [&plain, &found].map(|found| found.left_out.expect("judged").figures.rms_um);
     assert!(before > 2.0 && after < 1.0, "{before} {after}");

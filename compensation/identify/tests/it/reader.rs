@@ -54,7 +54,7 @@ proptest! {
         lab.write_bytes("t.csv", &table);
         lab.write_bytes("row.csv", &row);
         let _ = lab.identify(&String::from_utf8_lossy(&keys));
-        // Valid keys with arbitrary and with overwritten bytes in their files.
+        // Valid keys with arbitrary row files; below, valid row files with overwritten bytes in the keys.
         let _ = lab.identify(VALID);
         let end = (place + cut).min(VALID.len());
         let damaged = format!("{}{}{}", &VALID[..place], String::from_utf8_lossy(&keys), &VALID[end..]);
@@ -66,8 +66,8 @@ proptest! {
 
 const VALID: &str = "folds = 2\nunknown = [{ error = \"EXX\", legendre = 1 }]\n[[observation]]\nkind = \"ball-row\"\nfile = \"t.csv\"\nrow = \"row.csv\"\nside1 = [0, 1, 0]\nuncertainty_um = 2\ndrift = 1\n";
 
-/// Both tilts of one squareness as unknowns are rejected: together they rotate the whole machine, so only the set-up would determine
-/// them.
+/// Both tilts of one squareness as unknowns are rejected: together they rotate the whole machine, which cannot be
+/// distinguished from a rotation of the set-up.
 #[test]
 fn both_tilts_of_a_squareness_are_refused() {
     let lab = Lab::new(MACHINE);

@@ -1,4 +1,5 @@
-//! Sphere positions on a table that separate the once-per-turn run-out and tilt of its axis from the positions themselves.
+//! Positions of spheres on a table that separate the once-per-turn run-out and tilt of its axis from the sphere
+//! positions themselves.
 
 use std::fmt::Write;
 
@@ -66,9 +67,9 @@ fn sphere_heights_do_not_separate_tilts_from_sphere_positions() {
         let [exc, eyc, ezc, eac, ebc] = left[..] else {
             panic!("{left:?}");
         };
-        // Half of each first harmonic is lost for any sphere positions, because each position is unknown.
+        // Half of each first harmonic is undetermined for any sphere positions, because each position is unknown.
         assert_eq!([exc + eyc, eac + ebc], [2, 2], "{what}");
-        // One sphere at one height does not separate axial motion from tilt; two do.
+        // One sphere at one height does not separate axial motion from tilt; two spheres do.
         assert_eq!(ezc > 0, spheres.len() == 1, "{what}");
     }
 }

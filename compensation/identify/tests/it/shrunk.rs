@@ -1,4 +1,4 @@
-//! Unknowns that a penalty shrinks have the uncertainty that the observations leave.
+//! Unknowns that a penalty shrinks have the uncertainty that follows from the observations.
 
 use volcomp_identify::{MachineSampler, identify};
 use volcomp_kinematics::{State, nalgebra::Vector3};
@@ -132,8 +132,8 @@ fn held(penalty: &str, ebx_urad: f64, worlds: u32) -> Held {
     held
 }
 
-/// 95 % bands of coefficients and positions contain the truth in 93 to 97 % of cases, as without a penalty, whatever the size of the
-/// shrunk errors.
+/// 95 % bands of coefficients and positions contain the truth in 93 to 97 % of cases, as without a penalty, for any
+/// size of the shrunk errors.
 #[test]
 fn bands_cover_errors_that_a_penalty_shrinks() {
     let worlds = 150_u32;
@@ -151,7 +151,8 @@ fn bands_cover_errors_that_a_penalty_shrinks() {
         for (place, count) in held.coefficients.into_iter().enumerate() {
             assert!(count >= 134, "{penalty} {ebx_urad}: {place}: {count}");
         }
-        // The observations hardly determine EBX: its uncertainty is that without a penalty, about 10 µrad.
+        // The observations hardly determine EBX: its uncertainty equals the uncertainty without a penalty, about 10
+        // µrad.
         assert!((8.5..11.0).contains(&held.widths), "{}", held.widths);
     }
 }

@@ -61,11 +61,12 @@ target = \"unknown\"
 ",
         )
         .expect("found");
-    // Fixing unknowns at zero is exact only to first order: products of errors of 30 µrad remain.
+    // Fixing unknowns at zero is exact only to first order: products of errors of 30 µrad remain in the residuals.
     assert!(found.residual.max_um < 1e-3, "{:?}", found.residual);
     let left = found.left_out.expect("judged").figures;
     assert!(left.max_um < 1e-2, "{left:?}");
-    // Single parameters depend on the unknowns fixed at zero; volumetric errors do not, after best-fit rigid-body alignment.
+    // Single parameters depend on which unknowns are fixed at zero; volumetric errors do not, after best-fit rigid-body
+    // alignment.
     let (frame_c, _) = value(&found, "t.csv:frame.c");
     assert!((frame_c - 90.0).abs() < 0.01, "{frame_c}");
     let others = [(X, 100.0), (Y, 50.0), (Z, 200.0), (C, 30.0), (B, 20.0)];
@@ -73,8 +74,8 @@ target = \"unknown\"
     assert!((tip(machine, &others, [0.0; 3]) - tip(&truth, &others, [0.0; 3])).norm() < 0.2);
 }
 
-/// Error motions that rotate with their axis, on the workpiece and on the tool side, are identified within 0.01. The readings come from
-/// the exact kinematics, which apply the frame themselves.
+/// Error motions that rotate with their axis, on the workpiece and on the tool side, are identified within 0.01 µm or
+/// µrad. The readings come from the exact kinematics, which use the motion frame independently.
 #[test]
 fn error_motions_that_turn_with_their_axis_are_found() {
     for (c, b) in [("turning", "fixed"), ("fixed", "turning"), ("turning", "turning")] {
@@ -126,7 +127,7 @@ target = \"unknown\"
         )
         .expect("found");
     assert!(found.left_out.is_none());
-    // C is between the frame and X: a displacement of X rotates with C, and so does one of C's axis.
+    // C is between the frame and X: a displacement of X rotates with C, and so does a displacement of the axis of C.
     let null: Vec<&(String, f64)> = found.null.iter().flatten().collect();
     assert_eq!(found.null.len(), 1, "{null:?}");
     let names: Vec<&str> = null.iter().map(|(name, _)| name.as_str()).collect();
@@ -315,8 +316,8 @@ fn a_series_over_a_part_of_a_turn_stays_within_it() {
     }
 }
 
-/// Reversal values are identified from lengths between poses: the machine moves to the poses in the order of the file, whichever lengths
-/// are between them.
+/// Reversal values are identified from lengths between poses: the machine moves to the poses in the order of the file,
+/// in whatever order the lengths between them are listed.
 #[test]
 fn reversal_values_are_found_from_lengths_between_poses() {
     let lab = Lab::new(MACHINE);
@@ -329,7 +330,8 @@ fn reversal_values_are_found_from_lengths_between_poses() {
         ("F", 50.0, 0.0),
         ("G", 80.0, 70.0),
     ];
-    // X is 20 µm/m too long and lags by 6 µm at reversals, Y 10 µm/m and −8 µm; the file does not state the first approach directions.
+    // X is 20 µm/m too long and lags by 6 µm at reversals; for Y the values are 10 µm/m and −8 µm. The file does not
+    // state the first approach directions.
     let mut text = String::from("pose,X,Y,from,to,length_mm\n");
     let mut before: Option<[f64; 2]> = None;
     let mut sides = [-1.0, 1.0];

@@ -55,7 +55,7 @@ fn machine_text(translational: usize, rotary: usize) -> String {
     text
 }
 
-/// Readings of a machine without errors, since these do not affect which errors are determined.
+/// Readings of a machine without errors: the errors of the machine do not affect which errors are determined.
 struct Readings<'m> {
     machine: &'m Machine,
     noise: Noise,
@@ -74,7 +74,7 @@ impl Readings<'_> {
         [[-300.0, 300.0], [-250.0, 250.0], [-200.0, 200.0]].map(|range| self.between(range))
     }
 
-    /// The tip at a pose, with a tool that is longer by `beyond`, mm.
+    /// The tip at a pose, with a tool that is longer than the tool of the machine by `beyond`, mm.
     fn tip(&self, linear: [f64; 3], angles: [f64; 2], beyond: f64) -> Vector3<f64> {
         let at: Vec<_> =
             LINEAR.into_iter().zip(linear).chain(ROTARY.into_iter().zip(angles)).collect();
@@ -94,7 +94,7 @@ impl Readings<'_> {
         (inverse * (point - zero)).into()
     }
 
-    /// Writes a row file; returns its table for the observation file.
+    /// Writes a row file, and returns its table for the observation file.
     fn of(&mut self, part: Part, lab: &Lab) -> String {
         match part {
             Part::Diagonals => Self::diagonals(lab),

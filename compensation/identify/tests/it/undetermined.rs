@@ -9,7 +9,7 @@ use volcomp_vocabulary::AxisName::{X, Y, Z};
 
 use crate::lab::{Lab, Noise};
 
-/// Targets on two tools whose distances from the Z line differ by `differ_mm`; everything else is known.
+/// Targets on two tools whose distances from the Z line differ by `differ_mm`; all other parts of the set-up are known.
 fn lab(differ_mm: f64, noise_mm: f64) -> Lab {
     let machine = format!(
         "structure = \"w b X Y Z t\"
@@ -57,8 +57,9 @@ frame = [0, 0, 0, 0, 0, 0]
     (lab.read(&text).expect("read"), lab.identify(&text).expect("found"))
 }
 
-/// With a target 50 mm off the Z line a yaw of 1 µrad equals a straightness of −0.05 µm: both are undetermined, and the combination
-/// states its lever. On a tool at 150 mm the yaw acts with the difference of the levers, 100 mm.
+/// With a target 50 mm off the Z line a yaw of 1 µrad equals a straightness of −0.05 µm: both are undetermined, and the
+/// combination states the lever of the target. On a tool at 150 mm the yaw acts with the difference of the levers, 100
+/// mm.
 #[test]
 fn undetermined_combinations_state_their_lever() {
     let lab = lab(0.0, 1e-3);
@@ -103,8 +104,9 @@ fn undetermined_combinations_state_their_lever() {
     }
 }
 
-/// Two targets 0.05 mm apart distinguish yaw from straightness, but with noise of 5 µm only to about 0.1 rad/√n: both are undetermined,
-/// with this figure. With targets 100 mm apart, or without noise, both are determined.
+/// Two targets 0.05 mm apart distinguish yaw from straightness, but with noise of 5 µm only to about 0.1 rad/√n: both
+/// are undetermined, and the message states this uncertainty. With targets 100 mm apart, or without noise, both are
+/// determined.
 #[test]
 fn unknowns_below_the_noise_are_undetermined() {
     let is_determined = |found: &Identification| {
