@@ -1,4 +1,4 @@
-//! One axis under the guard: its correction when positions stop, and when the control is reset.
+//! One axis under the guard: its correction while positions are missing, and after the control was reset.
 //!
 //! `cargo run -p volcomp-guard --example faults`
 

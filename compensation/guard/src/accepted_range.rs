@@ -1,6 +1,6 @@
-//! Corrections that were sent and may still arrive, and the largest correction that is accepted as a read-back. This is
-//! the limit of the axis, or a larger correction that this guard sent or confirmed before the limit was lowered or the
-//! path changed.
+//! Corrections that were sent and may still arrive, and the largest correction that is accepted as a read-back: the
+//! limit of the axis, or a larger correction that this guard sent or confirmed before the limit was lowered or the path
+//! changed.
 
 use core::time::Duration;
 
@@ -23,8 +23,8 @@ struct SentRange {
     slew_per_s: PerChannel<f64>,
 }
 
-/// State of the guard. Per cycle call `narrow` or `accept`, then `pass`, then `send`, so that words
-/// expiring in a cycle are still included in it.
+/// State of the guard. Call `narrow` or `accept` in each cycle, then `pass`, then `send`: words that expire in a cycle
+/// are still included in `narrow` and `accept`.
 ///
 /// Invariants:
 /// - `largest` is at least the limit of each axis.
@@ -34,9 +34,9 @@ pub(crate) struct AcceptedRange {
     largest: PerChannel<f64>,
     /// Range of the words sent recently.
     recent: SentRange,
-    /// Range of the words sent in the interval before that.
+    /// Range of the words sent in the interval before `recent`.
     earlier: SentRange,
-    /// Readings valid at this time or later no longer show the `earlier` words.
+    /// Readings valid at this time or later show no effect of the `earlier` words.
     earlier_until: Duration,
 }
 
@@ -63,8 +63,8 @@ impl AcceptedRange {
         present[axis].max(sent)
     }
 
-    /// Sets the accepted correction of each axis to its limit, or to the part of the previous one that may still be applied, if that is
-    /// larger. `present`: see `may_be_applied`.
+    /// Reduces the largest accepted correction of each axis to the correction that may still be applied, but not below
+    /// the limit of the axis. `present`: see `may_be_applied`.
     pub(crate) fn narrow(&mut self, present: &PerChannel<f64>, limits: &Limits) {
         for (i, axis) in limits.axes.iter().enumerate().take(limits.count) {
             let left = self.largest[i].min(self.may_be_applied(i, present));

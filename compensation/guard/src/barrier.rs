@@ -131,7 +131,7 @@ impl Frame {
         length
     }
 
-    /// Decodes a frame; `None` if it is too short or the checksum does not match.
+    /// Decodes a frame; `None` for too few words or a wrong checksum.
     #[must_use]
     pub fn decode(settings: &Settings, words: &[u16]) -> Option<Self> {
         let length = Self::length(settings);
@@ -235,8 +235,8 @@ impl Report {
         length
     }
 
-    /// Decodes the report of a barrier for this machine and these axes; `None` if it is too short, the checksum does not match, or the settings are
-    /// invalid.
+    /// Decodes the report of a barrier for this machine and these axes; `None` for too few words, a wrong checksum or
+    /// invalid settings.
     #[must_use]
     pub fn decode(machine: u16, axes: Layout, words: &[u16]) -> Option<Self> {
         let words = words.get(..Self::length(axes))?;
@@ -288,8 +288,8 @@ pub struct DigitalLines {
 /// Maximum number of mailboxes of a barrier.
 pub const MAILBOXES: usize = 4;
 
-/// The barrier of one machine. It reads its mailboxes at each scan, and it alone moves the applied correction: never by more than its rate, all
-/// axes on one straight line towards the last accepted values.
+/// The barrier of one machine. It reads its mailboxes at each scan, and only the barrier moves the applied correction:
+/// each axis by at most its rate, and all axes on one straight line towards the last accepted values.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Barrier {
     settings: Settings,
@@ -300,24 +300,24 @@ pub struct Barrier {
 /// checkers.
 ///
 /// Invariants:
-/// - `applied` is on the line from `from` to `goal`, after `done` of `steps` steps; all axes reach `goal` together.
-/// - `goal` is within the limits once a frame, or a word on digital lines, was accepted; `by_lines` is true only while no sender of frames
-///   owns the barrier.
+/// - `applied` is on the straight line from `from` to `goal`, after `done` of `steps` steps; all axes reach `goal` together.
+/// - `goal` is within the limits once a frame, or a word on digital lines, was accepted.
+/// - `by_lines` is true only while no sender of frames owns the barrier.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct Memory {
-    /// The protocol state. A word on lines is treated as a frame for its `silent` counter.
+    /// The protocol state. A word on digital lines resets its `silent` counter like a frame.
     pub link: Link,
     /// Why the last frame or word on digital lines was rejected; [`Refusal::None`] if it was accepted.
     pub refusal: Refusal,
     /// Applied correction, counts.
     pub applied: Counts,
-    /// Start of the present line, counts.
+    /// Start of the present straight line, counts.
     pub from: Counts,
-    /// End of the line, counts.
+    /// End of the straight line, counts.
     pub goal: Counts,
-    /// Number of steps of the line.
+    /// Number of steps from `from` to `goal`.
     pub steps: u32,
-    /// Number of completed steps of the line.
+    /// Number of completed steps.
     pub done: u32,
     /// Scans since the last step.
     pub waited: u16,
@@ -335,9 +335,9 @@ pub struct Memory {
 impl Barrier {
     /// A barrier at its start, after power-up or a reset.
     ///
-    /// `epoch` is the retained one: it is incremented here, so that no earlier frame can be
-    /// accepted. `applied` is the present content of the words of the axes, counts. If no frame
-    /// arrives, the axes ramp to zero from these values.
+    /// `epoch` is the retained epoch. It is incremented here, so that no earlier frame can be accepted. `applied` is
+    /// the present content of the words of the axes, counts. If no frame arrives, the axes ramp to zero from these
+    /// values.
     ///
     /// # Errors
     ///
@@ -361,7 +361,7 @@ impl Barrier {
         Ok(Self { settings, state })
     }
 
-    /// A barrier that resumes from the memory of another one.
+    /// A barrier that continues from the memory of a barrier.
     ///
     /// # Errors
     /// Invalid settings.
@@ -385,10 +385,10 @@ impl Barrier {
         self.scan_with(mailboxes, None, holds)
     }
 
-    /// Runs one scan of a control that also has digital lines. A word on them is accepted only at
-    /// an edge of the latch and while no sender of frames owns the control. The first word requires
-    /// that no correction is applied; a later one may change by no more than the axis could follow
-    /// since the previous edge. A frame takes over at any time.
+    /// Runs one scan of a control that also has digital lines. A word on the lines is accepted only at an edge of the
+    /// latch and while no sender of frames owns the control. The first word requires that no correction is applied; a
+    /// later word may differ from the previous one by no more than the axis could move since the previous edge. A frame
+    /// takes over at any time.
     pub fn scan_with(
         &mut self,
         mailboxes: &[&[u16]],
@@ -446,7 +446,7 @@ impl Barrier {
         }
     }
 
-    /// Checks a frame; `None` if it was checked before or is the last accepted one.
+    /// Checks a frame; `None` if the frame was checked before or is the last accepted frame.
     fn judge(&mut self, mailbox: usize, words: &[u16]) -> Result<Option<Frame>, Refusal> {
         let frame = Frame::decode(&self.settings, words).ok_or(Refusal::Checksum)?;
         let found = &mut self.state.found[mailbox];
@@ -497,8 +497,8 @@ impl Barrier {
         self.settings.limit[axis].unsigned_abs()
     }
 
-    /// Starts a line to other values. A line to the same values continues: an axis with a small
-    /// part of the movement would never move if every frame restarted the line.
+    /// Starts a straight line to other values. A line to the same values continues: if every frame restarted the line,
+    /// an axis with a small part of the movement would never move.
     fn aim(&mut self, goal: &Counts) {
         if *goal == self.state.goal {
             return;
@@ -515,7 +515,8 @@ impl Barrier {
             .fold(0, u32::max);
     }
 
-    /// Moves one step along the line. No axis moves by more than its rate, since the line has at least as many steps as each axis needs.
+    /// Moves one step along the straight line. No axis moves by more than its rate, because the line has at least as
+    /// many steps as each axis needs.
     fn step(&mut self) {
         if self.state.done >= self.state.steps {
             return;

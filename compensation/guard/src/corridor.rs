@@ -8,9 +8,9 @@ use crate::{Limits, step::ROUNDING_STEPS};
 /// Range of the next word of each axis; state of the guard.
 ///
 /// Invariants:
-/// - The range of an axis is not empty, except for rounding. Every value in it differs from each
-///   earlier word by at most the slew since that word plus one step, unless something else has
-///   moved the axis out of the range.
+/// - The range of an axis is not empty, except for rounding.
+/// - Every value in the range differs from each earlier word by at most the slew since that word plus one step, unless a cause
+///   outside the guard has moved the axis out of the range.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Corridor {
     lowest: PerChannel<f64>,
@@ -29,7 +29,8 @@ impl Corridor {
         }
     }
 
-    /// Converts the range to another path, given the index of each of its axes on this one; an axis that was not on this path starts at zero.
+    /// Converts the range to another path. `places` is the index of each axis of the other path on this path; an axis
+    /// that this path lacks starts at zero.
     pub(crate) fn on_path(&self, places: &PerChannel<Option<usize>>, limits: &Limits) -> Self {
         let zero = Self::about(&PerChannel::ZERO, limits);
         let carried = |from: &PerChannel<f64>, zero: &PerChannel<f64>| {
@@ -42,8 +43,8 @@ impl Corridor {
         }
     }
 
-    /// Restarts at applied values (mm, rad). A value within the range left by earlier words keeps that range; otherwise the range restarts
-    /// at the value.
+    /// Restarts at applied values (mm, rad). The range of an axis is kept if it contains the value; otherwise the range
+    /// restarts at the value.
     pub(crate) fn begin(&mut self, values: &PerChannel<f64>, limits: &Limits) {
         let before = *self;
         *self = Self::about(values, limits);
@@ -56,9 +57,8 @@ impl Corridor {
         }
     }
 
-    /// Tightens the range to one step around the last sent words, because nothing else has been
-    /// sent since. Axes whose words are outside `between`, the lowest and highest values that may
-    /// be applied, are unchanged.
+    /// Tightens the range to one step around the last sent words, because no other words were sent since. Axes whose
+    /// words are outside `between`, the lowest and highest values that may be applied, are unchanged.
     pub(crate) fn stay(&mut self, between: &[PerChannel<f64>; 2], limits: &Limits) {
         let [lowest, highest] = between;
         for (i, axis) in limits.axes.iter().enumerate().take(limits.count) {

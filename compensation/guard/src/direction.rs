@@ -11,8 +11,9 @@ use crate::{AxisLimits, step::shortest_way};
 ///
 /// Apparent travel occurs if reported positions contain the correction. The correction is then subtracted as read back,
 /// and `delay` is the maximum time between a change of the position and the change of the read-back. In this time the
-/// correction moves by up to the slew times `delay` plus one step, and an axis at standstill seems to travel by as
-/// much. A reversal derived from it would change the correction, which would reverse the axis again and again.
+/// correction moves by up to the slew times `delay` plus one step, and an axis at standstill seems to travel by the
+/// same amount. A reversal derived from apparent travel would change the correction, which would reverse the axis again
+/// and again.
 #[must_use]
 pub fn reversal_threshold(limits: &AxisLimits, position_step: f64, delay: Duration) -> f64 {
     let least = match limits.kind {
@@ -31,8 +32,8 @@ pub fn reversal_threshold(limits: &AxisLimits, position_step: f64, delay: Durati
 
 /// Number of compared readings.
 const READINGS: usize = 5;
-/// Number of compared readings that must agree. Two wrong ones in any five have no effect, because
-/// at least one of three that agree is correct.
+/// Number of compared readings that must agree. Two wrong readings in any five have no effect, because at least one of
+/// three readings that agree is correct.
 const AGREE: u32 = 3;
 /// Number of whole turns in one direction after which they are subtracted from the positions.
 const MANY_TURNS: f64 = 1000.0;
@@ -133,7 +134,7 @@ impl DirectionMemory {
         }
     }
 
-    /// The farthest position in a direction that enough of the last readings agree on.
+    /// The farthest position in a direction that at least `AGREE` of the last readings have reached.
     fn reached(&self, direction: Direction) -> f64 {
         let mut positions = self.positions;
         let counted = &mut positions[..self.count];
@@ -141,8 +142,8 @@ impl DirectionMemory {
         counted[AGREE as usize - 1]
     }
 
-    /// The position with the smallest sum of distances to the others. The median of wrapping
-    /// positions is undefined without a reference among them.
+    /// The position with the smallest sum of distances to the other positions. A median is not defined for positions
+    /// that wrap.
     fn amid(&self, turn: Option<f64>) -> f64 {
         let away = |from: &f64| -> f64 {
             let ways = self.positions.iter().map(|to| shortest_way(to - from, turn));
@@ -157,7 +158,7 @@ impl DirectionMemory {
         nearest
     }
 
-    /// Subtracts whole turns once there are many, since large floating-point numbers are less precise.
+    /// Subtracts whole turns after many turns in one direction, because large floating-point numbers are less precise.
     fn rebase(&mut self, turn: Option<f64>) {
         let (Some(turn), Some(extreme)) = (turn, self.extreme) else {
             return;
@@ -169,8 +170,8 @@ impl DirectionMemory {
         }
     }
 
-    /// Updates with a `position` and the commanded direction reported by the control, which applies at once, without a threshold. Earlier readings
-    /// no longer count.
+    /// Updates with a `position` and the commanded direction reported by the control. The direction applies at once,
+    /// without a threshold, and earlier readings no longer count.
     pub fn commanded(&mut self, position: f64, direction: Direction) -> Option<Direction> {
         if position.is_finite() {
             *self = Self { taken: self.taken, extreme: Some(position), ..Self::default() };
@@ -180,7 +181,7 @@ impl DirectionMemory {
     }
 }
 
-/// Unwraps a position that wraps after a `turn`: the equivalent position nearest to another one.
+/// Unwraps a position that wraps after a `turn`: the equivalent position nearest to `to`.
 fn unrolled(position: f64, to: f64, turn: Option<f64>) -> f64 {
     to + shortest_way(position - to, turn)
 }

@@ -15,18 +15,18 @@ pub struct PathHealth {
     pub ready: bool,
 }
 
-/// The selected path, and whether another one is blocked.
+/// The selected path, and whether a change to another path is blocked.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Choice {
     /// Index of the active path.
     pub active: usize,
     /// Index of the path that should be active: the first path before the active one that has been usable for
-    /// `hand_back` (see [`Selector::new`]); without one, the active path, or the first usable path if the active one is
-    /// not usable.
+    /// `hand_back` (see [`Selector::new`]). Without such a path it is the active path or, if the active path is not
+    /// usable, the first usable path.
     pub preferred: usize,
     /// Whether the active path changed in this cycle.
     pub switched: bool,
-    /// Set if the path that should be active is not [`ready`](PathHealth::ready): the active path then does not change.
+    /// Whether the active path is kept because the preferred path is not [`ready`](PathHealth::ready).
     pub blocked: bool,
 }
 

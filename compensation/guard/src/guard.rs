@@ -20,7 +20,7 @@ const LONGEST_CYCLE_PERIODS: u32 = 5;
 /// Number of consecutive confirmed corrections of an axis that differ from the sent ones, after which it is a fault.
 const MOST_ADOPTED: u32 = 3;
 
-/// Reasons that forbid changing the applied correction before the first write of this guard.
+/// Reasons that forbid any change of the applied correction before the first write of this guard.
 const FOREIGN: [Reasons; 3] = [Reasons::WATCHING, Reasons::OTHER_GATEWAY, Reasons::LEFT_UNKNOWN];
 
 /// Fractions of a cycle's motion, tried in order until the output is within [`reach`](Guard::reach) of the corrections that may be applied.
@@ -36,9 +36,10 @@ const SHARES: [f64; 5] = [1.0, 0.5, 0.2, 0.1, 0.0];
 ///   slew; each sent word narrows it.
 /// - `accepted` is at least the limit of each axis. It exceeds the limit only by corrections that were sent by this guard, known before, or accepted
 ///   by the operator.
-/// - While `path_changed`, nothing was confirmed on the active path: `confirmed` is that of another path, and nothing is compared with it.
-/// - `held` is set only during an interlock, and so is `stopped_since`.
-/// - `proof` is valid only in the state `Arming(Proving)`; `verdict` is that of the last proof on this path.
+/// - While `path_changed` is set, no correction was confirmed on the active path. `confirmed` then belongs to another path and
+///   is not compared with the output.
+/// - `held` and `stopped_since` are set only during an interlock.
+/// - `proof` is valid only in the state `Arming(Proving)`; `verdict` is the result of the last proof on this path.
 /// - `inputs_valid_at` is never later than the last cycle: no reading is from the future.
 #[derive(Clone, Debug)]
 pub struct Guard {
@@ -55,10 +56,12 @@ pub struct Guard {
     /// The sent corrections, and the corrections accepted when read back.
     accepted: AcceptedRange,
     sent_to_barrier: Option<Duration>,
-    /// Whether the output was held at, or reset to, the confirmed correction (start, interlock, change of path). The next motion then begins
-    /// there: with a new ramp or, on the way to zero, with a new straight line.
+    /// Whether the output was held at, or reset to, the confirmed correction (start, interlock, change of path). The
+    /// next motion then starts at the confirmed correction: with a new ramp or, on the way to zero, with a new straight
+    /// line.
     at_confirmed: bool,
-    /// The correction at which the control holds its axes during an interlock; it is repeated to the barrier.
+    /// The correction at which the control holds its axes during an interlock; it is repeated to the barrier as the
+    /// word.
     held: Option<PerChannel<f64>>,
     stopped_since: Option<Duration>,
     /// Set if the active path has changed: the output starts from the correction known on the new
@@ -111,8 +114,8 @@ impl Guard {
         })
     }
 
-    /// Replaces the limits from the next cycle on. Corrections beyond them are reduced at the old or the new rate, whichever is lower, and by a
-    /// ramp if [`Request::Switched`] follows.
+    /// Replaces the limits from the next cycle on. Corrections beyond the new limits are reduced at the old or the new
+    /// rate, whichever is lower. If [`Request::Switched`] follows, they are reduced by a ramp.
     ///
     /// # Errors
     /// Same as [`Limits::check_in_place_of`]; the old limits then stay active.
@@ -145,7 +148,7 @@ impl Guard {
         let present = self.largest_present().unwrap_or_default();
         let now = self.last_cycle.unwrap_or_default();
         self.accepted.take_path(now, places, &present, &self.limits, &limits);
-        // The last words of the previous path are the output until the correction on this one is known.
+        // The last words of the previous path are the output until the correction on the new path is known.
         let is_same = limits.check_in_place_of(&self.limits).is_ok()
             && limits.places().all(|i| places[i] == Some(i));
         let delay = self.limits.longest_delay().max(limits.longest_delay());
@@ -162,12 +165,12 @@ impl Guard {
         self.adopted = PerChannel::default();
         self.path_changed = true;
         (self.held, self.stopped_since) = (None, None);
-        // The positions of the previous path do not count for this one: sending waits for its own.
+        // Positions of the previous path do not permit sending on the new path, which waits for its own positions.
         let stale = self.limits.hold + self.limits.period;
         let stale = self.last_cycle.unwrap_or_default().saturating_sub(stale);
         self.inputs_valid_at =
             self.inputs_valid_at.map(|inputs_valid_at| inputs_valid_at.min(stale));
-        // The proof was made with the positions of the other path, including which axes moved.
+        // The proof depends on the positions of the previous path, including which axes moved.
         self.verdict = Verdict::default();
         self.proof = Proof::default();
         self.moves = MotionHistory::default();
@@ -175,18 +178,19 @@ impl Guard {
     }
 
     /// Records that the output of the last cycle was not sent, or that sending it failed. The next cycle continues from
-    /// the output before it.
+    /// the previous output.
     pub fn not_sent(&mut self) {
         self.vector = self.before;
         self.vector.stop();
     }
 
-    /// Remaining time from `now` in which the output of this cycle may be sent; `None`: it has expired. It ends when
-    /// positions or correction expire, or when the control may ramp to zero for lack of writes. Call immediately before
-    /// a write.
+    /// Remaining time from `now` in which the output of this cycle may be sent; `None`: the time is over. The time ends
+    /// when positions or correction expire, or when the control may ramp to zero for lack of writes. Call immediately
+    /// before a write.
     #[must_use]
     pub fn time_to_send(&self, now: Duration) -> Option<Duration> {
-        // An output that ramps out or is constant depends on no position, but no decision older than the maximum hold time is sent.
+        // An output that ramps out or is constant depends on no position, but its decision also expires after the
+        // maximum hold time.
         let depends = matches!(self.state, State::Arming(_) | State::Compensating);
         let decided = now.saturating_sub(self.last_cycle.unwrap_or(now));
         let age = if depends { self.age(now) } else { decided };
@@ -246,8 +250,8 @@ impl Guard {
             self.verdict = Verdict::default();
         }
         if self.state.is_armed() && !before.is_armed() {
-            // Deviating confirmed corrections of an earlier arming no longer count: arming starts
-            // at the confirmed correction.
+            // Differing confirmed corrections of an earlier arming do not count: arming starts at the confirmed
+            // correction.
             self.adopted = PerChannel::default();
         }
         self.allow(&inputs, before);
@@ -300,11 +304,14 @@ impl Guard {
             .map_or(Duration::MAX, |inputs_valid_at| now.saturating_sub(inputs_valid_at))
     }
 
-    /// During an interlock the last word is repeated to a barrier so that it does not time out: the axis has reached it, or words in transit move
-    /// it there. The confirmed correction lags the last word; returning to the confirmed one would move the axis back and forth. If the control
-    /// accepted the word but holds its axes elsewhere for long, the word is set to the held value, so that nothing moves when the control is
-    /// released. A control that was stationary before the interlock may have been released since: it is treated as holding only if it is still
-    /// stationary after the time in which a movement would have been seen.
+    /// During an interlock the last word is repeated to a barrier so that it does not time out: the axis has reached
+    /// that word, or words in transit move it there. The confirmed correction lags the last word; a return to the
+    /// confirmed correction would move the axis back and forth.
+    ///
+    /// If the control accepted the word but has held its axes elsewhere for long, the word is set to the held value, so
+    /// that nothing moves when the control is released. A control that was stationary before the interlock may have
+    /// been released since. It is treated as holding only if it is still stationary after the time in which a movement
+    /// would have been reported.
     fn hold(&mut self, inputs: &Inputs, facts: &Facts) {
         let status = &inputs.read_back;
         if !facts.interlocked {
@@ -325,8 +332,8 @@ impl Guard {
         self.held = self.held.filter(present);
     }
 
-    /// Takes the confirmed correction as the output if it differs from the sent one, and returns whether it did. Does nothing while idle, during an
-    /// interlock or after a change of path.
+    /// Takes the confirmed correction as the output if it differs from the sent correction, and returns whether it did.
+    /// Has no effect while idle, during an interlock and after a change of path.
     fn adopt(&mut self, inputs: &Inputs) -> bool {
         let status = &inputs.read_back;
         let Some(Confirmed { values, at }) = status.confirmed else {
@@ -339,7 +346,7 @@ impl Guard {
         let interlocked = !inputs.interlocks.is_empty();
         self.at_confirmed |= interlocked;
         let path_changed = core::mem::take(&mut self.path_changed);
-        // While nothing is sent, the output equals the applied correction.
+        // While nothing is sent, the output is set to the applied correction.
         let idle = self.is_idle(inputs);
         if path_changed && !idle && self.is_in_transit(status.scheme, &values, at) {
             self.at_confirmed = true;
@@ -375,8 +382,8 @@ impl Guard {
         self.at_confirmed = true;
     }
 
-    /// Whether the last word of the previous path is still in transit to the barrier common to both paths. It is if it differs from the `values`
-    /// that the barrier applied at `at` by no more than the slew since then.
+    /// Whether the last word of the previous path may still be in transit to the barrier that both paths share: the
+    /// word differs from the `values` that the barrier applied at `at` by no more than the slew since then.
     fn is_in_transit(&self, scheme: Scheme, values: &PerChannel<f64>, at: Duration) -> bool {
         let (Some(shared_until), output) = (self.shared_until, self.output()) else {
             return false;
@@ -400,7 +407,8 @@ impl Guard {
         }
     }
 
-    /// Resets the fault counter of axes whose confirmed correction reached the sent one and left the start of the ramp: they accept words.
+    /// Resets the fault counter of axes whose confirmed correction has reached the sent correction and left the start
+    /// of the ramp: such axes accept words.
     fn count_landed(&mut self, status: &ReadBackStatus, values: &PerChannel<f64>) {
         if status.unlanded_since.is_some() || !status.writable {
             return;
@@ -412,8 +420,8 @@ impl Guard {
         }
     }
 
-    /// Updates the range of accepted corrections. It exceeds the limit of an axis only while the correction returns to
-    /// the limit, after the limit was lowered or the operator acknowledged the excess.
+    /// Updates the range of accepted corrections. The range exceeds the limit of an axis only while the correction
+    /// returns to the limit, after the limit was lowered or the operator acknowledged the excess.
     fn allow(&mut self, inputs: &Inputs, before: State) {
         let Some(present) = self.largest_present() else {
             return;
@@ -431,7 +439,8 @@ impl Guard {
         }
     }
 
-    /// Absolute value of each axis, the larger of output and confirmed correction; `None` after a change of path until it is known.
+    /// The larger of the absolute output and the absolute confirmed correction of each axis. `None` after a change of
+    /// path until the correction is known.
     fn largest_present(&self) -> Option<PerChannel<f64>> {
         let (output, confirmed) = (self.output(), &self.confirmed);
         let furthest = |i: usize| output[i].abs().max(confirmed[i].abs());
@@ -509,8 +518,8 @@ impl Guard {
         since.is_some_and(|since| inputs.now.saturating_sub(since) > hold)
     }
 
-    /// Time for which the last confirmed correction is valid: `hold`, but on a path with a longer
-    /// hold than others at most the timeout of its barrier.
+    /// Time for which the last confirmed correction is valid: `hold`, but with a barrier at most its timeout or
+    /// [`ceiling::HOLD`], whichever is longer.
     fn hold_unconfirmed(&self, status: &ReadBackStatus) -> Duration {
         let most = status.barrier_time_out.map(|after| after.max(ceiling::HOLD));
         most.map_or(self.limits.hold, |most| most.min(self.limits.hold))
@@ -552,7 +561,8 @@ impl Guard {
         reasons | Reasons::NOT_PROVEN.when(!facts.proves || after && !self.all(shown))
     }
 
-    /// Moves the output for `dt_s`, as far as it stays close to every correction that may be applied. Returns whether to send it.
+    /// Moves the output for `dt_s`, as far as it stays within reach of every correction that may be applied. Returns
+    /// whether to send the output.
     fn advance(&mut self, inputs: &Inputs, dt_s: f64, reasons: &mut Reasons) -> bool {
         let Some(Confirmed { values, .. }) = inputs.read_back.confirmed else {
             return false;
@@ -573,7 +583,7 @@ impl Guard {
                 // A correction beyond a limit is reduced from the largest value that may be applied now.
                 let mut at_confirmed = lowest[i].abs().max(highest[i].abs());
                 if is_barrier {
-                    // The last word is in transit and may be repeated, however far it is from the confirmed correction.
+                    // The last word is in transit and may be repeated at any distance from the confirmed correction.
                     (least, largest) = (least.min(sent[i]), largest.max(sent[i]));
                     at_confirmed = at_confirmed.max(sent[i].abs());
                 }
@@ -594,11 +604,13 @@ impl Guard {
             }
         }
         if is_barrier {
-            // A frame whose sending failed may still have arrived: the rate does not yet allow returning to the word before it.
+            // A frame whose sending failed may still have arrived: the rate does not yet allow a return to the previous
+            // word.
             self.vector = self.before;
             self.vector.stop();
         } else {
-            // The last word is too far from the confirmed correction to be sent again: restart from there.
+            // The last word is too far from the confirmed correction to be sent again: the output restarts at the
+            // confirmed one.
             self.vector = Vector::at(&values);
             self.at_confirmed = true;
         }
@@ -664,8 +676,8 @@ impl Guard {
         }
     }
 
-    /// Moves the vector to the correction that the control holds, even beyond a limit that was lowered meanwhile: nothing moves during the
-    /// interlock, and the correction is reduced after it.
+    /// Moves the vector to the correction that the control holds, even beyond a limit that was lowered in the meantime:
+    /// no axis moves during the interlock, and the correction is reduced after it.
     fn move_to_held(&mut self, held: &PerChannel<f64>, dt_s: f64) {
         let (present, mut limits) = (self.vector.smooth(), self.limits);
         for (i, axis) in limits.axes.iter_mut().enumerate() {
@@ -687,7 +699,7 @@ impl Guard {
     }
 
     fn move_on_line(&mut self, goal: &PerChannel<f64>, limits: &Limits, dt_s: f64) {
-        // Also restarts if a write was not sent and the vector was restored.
+        // A line also restarts after a write that was not sent, which restored the vector.
         if !self.vector.leads_to(goal) {
             self.vector.begin_line(goal);
         }

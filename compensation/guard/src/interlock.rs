@@ -34,7 +34,7 @@ impl Interlock {
         self.unreferenced || self.alarm || self.emergency_stop
     }
 
-    /// The flags at this age: flags older than `hold` are unknown, so each one that the control reports (`shown`) is treated as
+    /// The flags at this age. If they are older than `hold`, each flag that the control can report (`shown`) counts as
     /// set.
     #[must_use]
     pub fn at_age(self, age: Duration, hold: Duration, shown: Self) -> Self {
@@ -53,11 +53,11 @@ impl Interlock {
     }
 }
 
-/// The interlocks of a machine. State: the last flags of each path. An interlock on one path applies to all; it is cleared only by the same path
-/// reporting it clear, or by the operator, not by silence.
+/// The interlocks of a machine. State: the last flags of each path. An interlock on one path applies to all paths. It
+/// is cleared by a report of the same path or by the operator; silence does not clear it.
 ///
 /// Invariants:
-/// - The flags of a path change only by its own report, or by an acknowledgement while it is silent.
+/// - The flags of a path change only by its own report, or by an acknowledgement while the path is silent.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Interlocks {
     flags: [Interlock; MAX_PATHS],
@@ -65,7 +65,7 @@ pub struct Interlocks {
 }
 
 impl Interlocks {
-    /// Records the flags of the path at this index in this cycle; `None`: it reported none.
+    /// Records the flags of the path at this index in this cycle; `None`: the path reported no flags.
     pub fn update(&mut self, path: usize, interlock: Option<Interlock>) {
         if let (Some(flags), Some(silent)) = (self.flags.get_mut(path), self.silent.get_mut(path)) {
             *silent = interlock.is_none();
@@ -73,7 +73,8 @@ impl Interlocks {
         }
     }
 
-    /// Restores flags that the path at this index reported before the program ended; it has reported none since.
+    /// Restores flags that the path at this index reported before the program ended. The path counts as silent until
+    /// its next report.
     pub fn restore(&mut self, path: usize, interlock: Interlock) {
         self.update(path, Some(interlock));
         self.update(path, None);
@@ -88,14 +89,14 @@ impl Interlocks {
         }
     }
 
-    /// Why the correction must be held; empty if it may move.
+    /// Why the correction must be held; empty if the correction may move.
     #[must_use]
     pub fn reasons(&self) -> Reasons {
         (0..MAX_PATHS).fold(Reasons::NONE, |all, path| all | self.path_reasons(path))
     }
 
-    /// Reasons from the last flags of the path at this index, and [`Reasons::INTERLOCK_UNSEEN`] if
-    /// a flag was set and the path has been silent since.
+    /// Reasons from the last flags of the path at this index, with [`Reasons::INTERLOCK_UNSEEN`] if a flag is set and
+    /// the path has been silent since.
     #[must_use]
     pub fn path_reasons(&self, path: usize) -> Reasons {
         let (Some(flags), Some(silent)) = (self.flags.get(path), self.silent.get(path)) else {

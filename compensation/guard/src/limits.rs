@@ -39,7 +39,7 @@ pub struct Limits {
     pub only_thermal: bool,
     /// Age of positions from which the correction ramps to zero.
     pub zero_after: Duration,
-    /// Configured ramp time; the actual one is [`Limits::ramp_taken`].
+    /// Configured ramp time; see [`Limits::ramp_taken`] for the actual ramp time.
     pub ramp: Duration,
     /// Shift of each axis in the test at arming, mm or rad ([`Proof`](crate::Proof)). 0: the axis is not tested;
     /// otherwise at least four steps of the correction and of the reported position.
@@ -104,11 +104,10 @@ impl core::fmt::Display for Quantity {
 pub struct LimitsError {
     /// The rejected limit.
     pub what: Quantity,
-    /// Index and kind of the axis; `None` if the limit is not that of an axis.
+    /// Index and kind of the axis; `None` for a limit that does not belong to an axis.
     pub axis: Option<(usize, AxisKind)>,
     /// The number, in the unit of the [`Quantity`].
     pub found: f64,
-    /// The allowed numbers, in words.
     pub expected: &'static str,
 }
 
@@ -245,7 +244,8 @@ impl Limits {
         Ok(())
     }
 
-    /// Checks every number, and that these limits can replace others of the same controller: they have the same axes in the same steps.
+    /// Checks every number, and that these limits can replace the limits `before` of the same controller: same axes,
+    /// same steps.
     ///
     /// # Errors
     /// The first invalid number.
@@ -289,24 +289,24 @@ impl Limits {
         self.period.saturating_mul(cycles)
     }
 
-    /// Maximum time for which a reading may still show the value before a write: one more cycle on each side of the delay, since a write follows
-    /// the reading of its cycle.
+    /// Maximum time for which a reading may still show the value before a write: the delay plus one cycle on each side,
+    /// because a write follows the reading of its cycle.
     pub(crate) fn longest_delay(&self) -> Duration {
         self.delay().saturating_add(self.period * 2)
     }
 
-    /// Maximum age of a reading from a control without a barrier: anything older than `zero_after` would be rejected as a position as
-    /// well.
+    /// Maximum age of a reading from a control without a barrier. Positions older than `zero_after` are rejected, so a
+    /// reading can be at most one longest delay older.
     pub(crate) fn oldest_reading(&self) -> Duration {
         self.zero_after.saturating_add(self.longest_delay())
     }
 
-    /// A number of each axis by `number`, 0 for unused axes.
+    /// The result of `number` for each used axis; 0 for unused axes.
     pub(crate) fn of_axes(&self, number: impl Fn(&AxisLimits) -> f64) -> PerChannel<f64> {
         PerChannel::from_fn(|i| if i < self.count { number(&self.axes[i]) } else { 0.0 })
     }
 
-    /// Actual ramp time: the configured one, but at least 20 cycles.
+    /// Actual ramp time: the configured time, but at least 20 cycles.
     pub fn ramp_taken(&self) -> Duration {
         let fewest = self.period.saturating_mul(FEWEST_RAMP_CYCLES);
         self.ramp.max(fewest)

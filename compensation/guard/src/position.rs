@@ -36,14 +36,13 @@ struct AcceptedPosition {
     offset_range: [f64; 2],
 }
 
-/// How the rejected positions arose.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Way {
-    /// The axis has moved there, and is outside its range.
+    /// The axis has moved continuously to a position outside its range.
     Moved,
-    /// The axis cannot have moved there, according to a single reading, which may itself be wrong.
+    /// The axis cannot have moved to the position according to a single reading, which may itself be wrong.
     Jumped,
-    /// Later readings continue from the jump by motion: the reports are taken to be of a wrong position.
+    /// Later readings continue from the jump at possible speeds: the reports are assumed to be offset by the jump.
     Elsewhere,
     /// The axis jumped again before it was back: its motion since the accepted position is unknown.
     Lost,
@@ -53,9 +52,9 @@ enum Way {
 struct RejectedPosition {
     /// Time of the first rejection.
     since: Duration,
-    /// First of the rejected positions that follow from each other, mm or rad, and its time.
+    /// First of the rejected positions that can follow from each other by motion, mm or rad, and its time.
     first: (f64, Duration),
-    /// Last of these rejected positions, mm or rad; `taken` is its time.
+    /// Last of the rejected positions that can follow from each other, mm or rad; `taken` is its time.
     position: f64,
     taken: Duration,
     way: Way,
@@ -64,12 +63,12 @@ struct RejectedPosition {
 }
 
 /// The last accepted position of an axis. After a rejection, a position is accepted only within the distance that the
-/// axis could have travelled from the last accepted position by the first rejection; this distance does not grow with
-/// time. Some rejections require more:
-/// - If a second reading follows from a jump by motion, the next accepted position must be a jump back by as much. A wrong
-///   position with a constant error could otherwise move back within this distance.
-/// - If it jumps again, to a second place that two readings confirm or by a third reading that follows from neither, no
-///   position is accepted until [`PositionCheck::forget`]. An error that alternates could otherwise pass for a jump back.
+/// axis could have travelled from the last accepted position until the first rejection; this distance does not grow
+/// with time. Some rejections require more:
+/// - If a second reading follows from a jump by motion, the next accepted position must be a jump back by the same distance.
+///   Otherwise a position with a constant error could move back within the permitted distance.
+/// - If the position jumps again, to a second place that two readings confirm or by a third reading that follows from neither,
+///   no position is accepted until [`PositionCheck::forget`]. Otherwise an alternating error could pass for a jump back.
 /// - An axis that moved out of its range must move back.
 ///
 /// Invariants:
@@ -105,7 +104,7 @@ impl PositionCheck {
         Err(if is_outside { PositionFlaw::OutsideTravel } else { PositionFlaw::Jumped })
     }
 
-    /// Whether the axis was reported where it cannot have moved, and its position was not accepted since.
+    /// Whether a position was reported that the axis cannot have reached, and no position was accepted since.
     #[must_use]
     pub fn has_jumped(&self) -> bool {
         let jumped = |it: RejectedPosition| it.way != Way::Moved || it.stray.is_some();
@@ -128,7 +127,7 @@ impl PositionCheck {
             Some(before) if leads((before.position, before.taken)) => {
                 first = before.first;
                 match before.way {
-                    // A repeated reading is not a second one.
+                    // A repeated reading does not count as a second reading.
                     Way::Jumped if before.taken != taken => Way::Elsewhere,
                     way => way,
                 }
@@ -142,7 +141,7 @@ impl PositionCheck {
                         Way::Lost
                     }
                 }
-                // A single wrong reading does not end the way.
+                // A single stray reading does not end the sequence of rejected positions.
                 _ => {
                     self.rejected =
                         Some(RejectedPosition { stray: Some((position, taken)), ..before });
@@ -160,8 +159,8 @@ impl PositionCheck {
         });
     }
 
-    /// Whether the rejected positions rule out a position that is within reach of the accepted one: the jump continues,
-    /// another one follows, or the axis cannot have returned yet.
+    /// Whether the rejected positions contradict a position that is within reach of the accepted one: the axis is still
+    /// at the offset, has jumped again, or cannot have returned yet.
     fn refutes(&self, limits: &PositionLimits, position: f64, taken: Duration) -> bool {
         self.rejected.is_some_and(|before| {
             let leads = leads_to(limits, (before.position, before.taken), (position, taken));

@@ -20,7 +20,7 @@ const MOST_ATTEMPTS: u8 = 3;
 /// A position that stays within this fraction of a shift has not moved. A flickering count is not a motion, since a shift is at least four counts.
 /// A position that follows by a tenth of the shift therefore is also treated as staying.
 const STAYED_SHARE: f64 = 0.25 + ROUNDING_STEPS;
-/// Movement, as a multiple of the shift, beyond which the machine must have moved the axis.
+/// Movement, as a multiple of the shift, above which the machine itself has moved the axis.
 const MOVED_SHARE: f64 = 2.5;
 /// The machine is treated as moving if a leg lasts `LATEST` times the required standstill, or if an axis is farther away than `FAR_SHIFTS`
 /// times the shift after one such time.
@@ -56,7 +56,7 @@ pub struct Verdict {
 }
 
 impl Verdict {
-    /// `scaled`: axes whose position followed the test shift both ways, but by another amount.
+    /// `scaled`: axes whose position followed the test shift in both directions, but by another amount.
     fn of(axes: PerChannel<AxisProof>, scaled: &PerChannel<bool>, limits: &Limits) -> Self {
         Self {
             axes,
@@ -144,7 +144,7 @@ enum AxisResponse {
     Moved,
 }
 
-/// A span of new readings: their number, and when the one before them was valid.
+/// A span of new readings: their number, and the time of the reading before the span.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 struct Span {
     from: Option<Duration>,
@@ -159,14 +159,15 @@ impl Span {
         }
     }
 
-    /// True if it is at least `times` as long as the required standstill, with as many readings.
+    /// True if the span is at least `times` as long as the required standstill, with as many times the required
+    /// readings.
     fn lasts(&self, times: u32, taken: Duration) -> bool {
         let long = |from| taken.saturating_sub(from) >= STILL_FOR * times;
         self.from.is_some_and(long) && self.readings >= STILL_READINGS * times
     }
 }
 
-/// Findings for axes, and the axes that followed by another amount than the shift.
+/// Findings for axes, and the axes that followed the shift by another amount.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct Findings {
     axes: PerChannel<AxisProof>,
@@ -191,14 +192,14 @@ pub struct Proof {
     positions: PerChannel<f64>,
     /// Duration of the standstill.
     still: Span,
-    /// Duration for which the correction has been at the goal of the leg, with the time at which it
-    /// was first found there.
+    /// Readings since the correction has been at the goal of the leg; `arrived_at` is the time at which it was first
+    /// found there.
     reached: Span,
     arrived_at: Option<Duration>,
     leg: Leg,
-    /// The axes that the machine had moved shortly before the first shift.
+    /// The axes that the machine had moved within 10 s before the first shift.
     alive: PerChannel<bool>,
-    /// Positions before the leg and after the first one, mm or rad.
+    /// Positions before the leg and after the first leg, mm or rad.
     before_leg: [PerChannel<f64>; 2],
     attempts: u8,
     /// How the linear axes follow each rotary axis, mm/rad.
@@ -291,7 +292,7 @@ impl Proof {
         (self.still, self.reached) = (Span::default(), Span::default());
     }
 
-    /// Completes an attempt: returns the verdict, tries again, or continues with the linear axes after the rotary ones.
+    /// Completes an attempt: returns the verdict, tries again, or continues with the linear axes after the rotary axes.
     fn judge(
         &mut self,
         positions: &PerChannel<f64>,
@@ -378,9 +379,8 @@ impl Proof {
         goal
     }
 
-    /// The correction before the shift: that at the start of the proof. If a limit was lowered, it
-    /// is reduced by a common factor, with the rotary axes on whole steps and the linear axes
-    /// following.
+    /// The correction before the shift: the correction at the start of the proof. If a limit was lowered, this
+    /// correction is reduced by a common factor, with the rotary axes on whole steps and the linear axes following.
     fn begin(&self, from: &PerChannel<f64>, limits: &Limits) -> PerChannel<f64> {
         let axes = || limits.axes.iter().enumerate().take(limits.count);
         let part = axes()
@@ -405,11 +405,10 @@ impl Proof {
         begin
     }
 
-    /// Whether the machine itself moves an axis: a response to a shift is neither as slow nor as
-    /// large.
+    /// Whether the machine itself moves an axis: the motion lasts longer or goes farther than any response to a shift.
     fn goes_on(&self, taken: Duration, positions: &PerChannel<f64>, limits: &Limits) -> bool {
         let before = match self.leg {
-            // Nothing is shifted.
+            // Before the first leg, nothing is shifted.
             Leg::Begin => return false,
             Leg::First => &self.before_leg[0],
             Leg::Second => &self.before_leg[1],

@@ -1,9 +1,9 @@
 //! The common part of all frames between a gateway and a control, whether they carry values (the [barrier](crate::barrier)) or a map that the
 //! control evaluates itself (map mode of `volcomp-tables`).
 //!
-//! The wire is a black channel as in IEC 61784-3: frames may be lost, late, duplicated, reordered or torn. Each frame answers the last report of
-//! the control, which accepts it only while that report is recent, and only from one sender at a time: [`Link`] is the control's half, [`Session`]
-//! the sender's.
+//! The wire is a black channel as in IEC 61784-3: frames may be lost, late, duplicated, reordered or torn. Each frame
+//! answers the last report of the control. The control accepts the frame only while that report is recent, and only
+//! from one sender at a time. [`Link`] is the control's half, [`Session`] the sender's half.
 //!
 //! Everything is in 16-bit words, the native type of a controller's own program. Nothing here allocates, waits or reads a clock: time is the number
 //! of scans.
@@ -16,16 +16,18 @@ pub type Counts = volcomp_vocabulary::PerChannel<i16>;
 /// Number of words of a [`Head`].
 pub const HEAD_WORDS: usize = 4;
 
-/// The head of a frame or of a report. In a frame it shows which report the frame answers; the fields are those of that report, except where noted.
+/// The head of a frame or of a report. The head of a frame states which report the frame answers: its fields are those
+/// of the report, except where noted.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct Head {
     /// Epoch of the control.
     pub epoch: u16,
     /// Scan counter of the control. The control rejects a frame whose tick is more than `hold_scans` ago.
     pub tick: u16,
-    /// In a report, the sequence of the last accepted frame; in a frame, that number plus one.
+    /// In a report, the sequence of the last accepted frame; in a frame, the sequence in the answered report plus one.
     pub sequence: u16,
-    /// In a report, the sender that owns the control, 0: none. In a frame, its sender: a random number drawn at the start of the sender, never 0.
+    /// In a report, the sender that owns the control; 0: none. In a frame, its sender: a random number drawn at the
+    /// start of the sender, never 0.
     pub owner: u16,
 }
 
@@ -202,16 +204,15 @@ pub struct Checksum {
 }
 
 impl Checksum {
-    /// The sum, then the sum of the sums.
     #[must_use]
     pub fn words(self) -> [u16; 2] {
         [self.sum, self.of_sums]
     }
 }
 
-/// Fletcher checksum modulo 65535 of the words, seeded with the machine number and the layout number, so that a frame for another machine, for
-/// other axes or for another axis order does not match. The words 0 and 65535 are equivalent: it does not distinguish -1 and 0 counts, a difference
-/// of at most one step of an axis.
+/// Fletcher checksum modulo 65535 of the words, seeded with the machine number and the layout number, so that a frame
+/// for another machine, for other axes or for another axis order does not match. The checksum does not distinguish the
+/// words 0 and 65535, that is 0 and −1 counts, a difference of one step of an axis.
 #[must_use]
 pub fn checksum(machine: u16, layout: Layout, words: &[u16]) -> Checksum {
     let reduced = |sum: u32| u16::try_from(sum % 65535).unwrap_or(0);
@@ -246,8 +247,8 @@ pub struct Link {
 }
 
 impl Link {
-    /// The link of a control after power-up or a reset. `epoch` is the retained one: it is incremented here, so that no earlier frame can be
-    /// accepted.
+    /// The link of a control after power-up or a reset. `epoch` is the retained epoch. It is incremented here, so that
+    /// no earlier frame can be accepted.
     #[must_use]
     pub fn start(epoch: u16, tick: u16) -> Self {
         Self { epoch: epoch.wrapping_add(1), tick, ..Self::default() }
@@ -259,14 +260,14 @@ impl Link {
     }
 
     /// Checks the head of a complete frame. Returns `true` if the control is to accept the frame, provided that its
-    /// content is valid; `false` if the frame was checked before, or is the last accepted one.
+    /// content is valid; `false` if the frame was checked before, or is the last accepted frame.
     ///
-    /// `found` is the tick and sequence of the last complete frame in the same mailbox. A frame that is not overwritten stays in the mailbox;
-    /// without this check it would be accepted again once tick and sequence have wrapped.
+    /// `found` is the tick and sequence of the last complete frame in the same mailbox. A frame that is not overwritten
+    /// stays in the mailbox; without this check it would be accepted again once tick and sequence have wrapped.
     ///
     /// # Errors
     ///
-    /// Why it is rejected.
+    /// Why the frame is rejected.
     pub fn judge(
         &self,
         head: Head,
@@ -296,14 +297,14 @@ impl Link {
         Ok(true)
     }
 
-    /// Accepts a frame: from now on its sender owns the control.
+    /// Accepts a frame: its sender owns the control from now on.
     pub fn take(&mut self, head: Head) {
         self.owner = head.owner;
         self.sequence = head.sequence;
     }
 
-    /// Counts a scan without an accepted frame. Returns true once, at the timeout, when it releases the control and begins a new epoch, so that no
-    /// earlier frame can be accepted any more.
+    /// Counts a scan without an accepted frame. Returns true in the scan of the timeout only: the control is then
+    /// released and begins a new epoch, so that no earlier frame can be accepted any more.
     pub fn is_timed_out(&mut self, time_out_scans: u16) -> bool {
         if self.silent >= time_out_scans {
             return false;
@@ -323,9 +324,9 @@ impl Link {
 pub enum ReportStatus {
     /// The scan counter has not advanced since the last report, or this report is older.
     Old,
-    /// Another sender owns the control, or this sender did before its restart: nothing may be sent
-    /// until the timeout of the control. Also reported if the owner number is that of this sender,
-    /// but this sender has not sent the reported sequence in this epoch.
+    /// Another sender owns the control, or a predecessor of this sender did: nothing may be sent until the timeout of
+    /// the control. Also returned for the owner number of this sender, if this sender has not sent the reported
+    /// sequence in this epoch.
     Held {
         /// Owner number of the other sender.
         owner: u16,
@@ -340,7 +341,7 @@ pub enum ReportStatus {
     },
 }
 
-/// Number of epochs whose frames a sender remembers: a late report belongs to one of these.
+/// Number of epochs whose frames a sender remembers: a late report belongs to one of these epochs.
 const MOST_EPOCHS: usize = 4;
 
 /// A sender's record of the reports that it received from a control, and of the frames that it sent.
@@ -355,7 +356,8 @@ pub struct Session {
     pub last: Option<Head>,
     /// Epoch and sequence of the last sent frame.
     pub sent: Option<(u16, u16)>,
-    /// Latest sequence of this sender's frames, on any path, in each of the last epochs in which it sent any. Each epoch occurs once.
+    /// Latest sequence of this sender's frames, on any path, in each of the last epochs with frames of this sender.
+    /// Each epoch occurs once.
     pub own: [Option<(u16, u16)>; MOST_EPOCHS],
 }
 
@@ -408,8 +410,8 @@ impl Session {
         }
     }
 
-    /// Whether this sender may have sent this sequence in this epoch: lost frames are treated as sent, and so is everything older than the
-    /// remembered epochs.
+    /// Whether this sender may have sent this sequence in this epoch. Lost frames count as sent, and so do all frames
+    /// older than the remembered epochs.
     fn has_sent(&self, epoch: u16, sequence: u16) -> bool {
         let mut own = self.own.iter().flatten();
         match own.clone().find(|own| own.0 == epoch) {
@@ -423,7 +425,8 @@ impl Session {
         self.last = None;
     }
 
-    /// The head of the frame that answers the last report; `None` without a report to answer. Send it at once: its age counts from the report.
+    /// The head of the frame that answers the last report; `None` without a report to answer. Send the frame at once:
+    /// its age counts from the report.
     pub fn answer(&mut self) -> Option<Head> {
         let last = self.last?;
         let head = Head { sequence: last.sequence.wrapping_add(1), owner: self.owner, ..last };

@@ -23,12 +23,11 @@ use echo::Echo;
 use no_read_back::NoReadBack;
 use status::{Arrival, ArrivalMonitor};
 
-/// The read-back of one path. State: the sent corrections, the received values, and the status
-/// derived from them.
+/// The read-back of one path. State: the sent corrections, the received values, and the status derived from both.
 ///
 /// Invariants:
-/// - `status.between` contains the confirmed correction, and without a barrier every correction sent since that may have arrived.
-/// - `status.unlanded_since` is that of `arrivals`.
+/// - `status.between` contains the confirmed correction and, without a barrier, every later correction that may have arrived.
+/// - `status.unlanded_since` equals that of `arrivals`.
 /// - `status.scheme` belongs to `kind` and never changes.
 #[derive(Clone, Debug)]
 pub struct ReadBack {
@@ -59,8 +58,8 @@ impl ReadBack {
         Self::of(Kind::Echo(Echo::new(watch)), Scheme::Plain)
     }
 
-    /// Read-back of a control that does not report its correction. `control` is the time without a write after which it ramps to zero on
-    /// its own; `None`: it keeps its correction.
+    /// Read-back of a control that does not report its correction. `control` is the time without a write after which
+    /// the control ramps to zero automatically; `None`: the control keeps its correction.
     #[must_use]
     pub fn no_read_back(control: Option<ControlTimeOut>) -> Self {
         Self::of(Kind::NoReadBack(NoReadBack::new(control)), Scheme::NoReadBack)
@@ -80,8 +79,8 @@ impl ReadBack {
         &self.status
     }
 
-    /// Processes the control's report in this cycle. `taken` is the time at which it was valid. Reports older than `hold` are ignored, even if a
-    /// device repeats them.
+    /// Processes the control's report in this cycle. `taken` is the time at which the report was valid. Reports older
+    /// than `hold` are ignored, even if a device repeats them.
     pub fn receive(
         &mut self,
         now: Duration,
@@ -119,7 +118,7 @@ impl ReadBack {
             Kind::Barrier(_) | Kind::Echo(_) => true,
             Kind::NoReadBack(lines) => lines.has_reported(),
         };
-        // Lines that have never reported their outputs are assumed to answer.
+        // A device that has never reported its outputs is assumed to answer.
         let answered = !is_observed || *report != CorrectionReport::Missing;
         self.arrivals.receive(now, answered, landed, limits);
         self.update_status();
@@ -152,8 +151,8 @@ impl ReadBack {
         }
     }
 
-    /// Encodes the frame that requests a correction (mm, rad), for a control with a barrier, and returns its number of words; `None` if nothing may
-    /// be sent now. Send it at once.
+    /// Encodes the frame that requests a correction (mm, rad), for a control with a barrier, and returns its number of
+    /// words; `None` if no frame may be sent now. Send the frame at once.
     pub fn frame(
         &mut self,
         values: &PerChannel<f64>,
@@ -183,7 +182,7 @@ impl ReadBack {
     }
 
     /// Records a sent correction (mm, rad). `ok`: the write had no error. A failed write may still have arrived, except
-    /// on digital lines, where it has no effect.
+    /// on digital lines, where a failed write has no effect.
     pub fn sent(&mut self, now: Duration, values: &PerChannel<f64>, ok: bool) {
         match &mut self.kind {
             Kind::Echo(echo) => echo.sent(now, values),
@@ -209,13 +208,13 @@ impl ReadBack {
         self.update_status();
     }
 
-    /// Makes this path the active one in place of another. `released`: the other path led to the barrier of the same
-    /// control, which has removed all corrections.
+    /// Makes this path the active one in place of another path. `released`: the other path led to the barrier of the
+    /// same control, which has removed all corrections.
     /// - With a barrier, nothing changes.
-    /// - With a read-back but no barrier, the applied correction is unknown until it is read again, because earlier
-    ///   readings may be older than the last write of the other path.
-    /// - Without a read-back, call this only after the correction of the other path has been removed. A correction that
-    ///   this path has written is still treated as applied, unless `released` is set or the control has timed out since.
+    /// - With a read-back but no barrier, the applied correction is unknown until it is read again, because earlier readings may be
+    ///   older than the last write of the other path.
+    /// - Without a read-back, call this only after the correction of the other path has been removed. A correction that this path
+    ///   has written is still treated as applied, unless `released` is set or the control has timed out since.
     pub fn take_over(&mut self, now: Duration, released: bool) {
         match &mut self.kind {
             Kind::NoReadBack(lines) => lines.take_over(now, released, &mut self.status),
@@ -235,8 +234,8 @@ impl ReadBack {
         self.update_status();
     }
 
-    /// Time after the last write until the control is at zero on its own, from any correction; `None`: it never goes there on its own, or that is
-    /// unknown.
+    /// Maximum time from the last write until the control has ramped to zero automatically, from any correction; `None`
+    /// if the control never does so, or if its ramp is unknown.
     #[must_use]
     pub fn zero_after_last_write(&self, limits: &Limits) -> Option<Duration> {
         match &self.kind {

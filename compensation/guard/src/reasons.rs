@@ -3,7 +3,7 @@ use core::{
     ops::{BitOr, BitOrAssign},
 };
 
-/// A set of reasons. A bit mask: cheap to pass between threads.
+/// A set of reasons, stored as a bit mask.
 #[derive(Clone, Copy, Default, PartialEq, Eq, Hash)]
 pub struct Reasons(u64);
 
@@ -150,7 +150,8 @@ reasons! {
     CORRECTION_LEFT = informs, "a correction is applied",
         "Disarm: it ramps out.";
     // Conditions that end without intervention.
-    /// Before the first write the gateway observes whether another one writes, and the scan period of the control.
+    /// Before the first write the gateway observes whether another gateway writes, and measures the scan period of the
+    /// control.
     WATCHING = forbids, "watching the control",
         "Wait for 2 s. If it does not end, something else writes these words.";
     /// Arming waits for standstill.
@@ -160,9 +161,9 @@ reasons! {
     /// A temperature used by the model is missing.
     DEGRADED = informs, "degraded",
         "Check the sensor. If its new value is right, acknowledge.";
-    /// A temperature, or its rate of change, is beyond the range for which the thermal terms were identified, or was so
-    /// recently. The terms use the temperature at the end of the range, and are reduced with the distance from it, down
-    /// to zero.
+    /// A temperature, or its rate of change, is or was shortly before beyond the range for which the thermal terms were
+    /// identified. The terms use the temperature at the end of the range, and are reduced to zero with the distance
+    /// from it.
     BEYOND_SEEN = informs, "outside what the thermal terms have seen",
         "Test the machine at this temperature and fit the terms again.";
     /// A position is outside the measured range.
@@ -177,10 +178,12 @@ reasons! {
     /// Slew or acceleration limits the output.
     SLEWING = informs, "rate limited",
         "";
-    /// The pose is within about 1° of one in which the tool axis cannot be corrected in one direction; that direction is not corrected.
+    /// The pose is within about 1° of a singular pose, in which the tool axis cannot be corrected in one direction;
+    /// that direction is not corrected.
     SINGULAR = informs, "singular pose",
         "";
-    /// The pose is within about 6° of a singular one: rotary corrections are more than ten times the error of the tool axis.
+    /// The pose is within about 6° of a singular pose: rotary corrections are more than ten times the error of the tool
+    /// axis.
     NEAR_SINGULAR = informs, "near a singular pose",
         "";
     /// Rotary axes have turned two linear axes nearly parallel: linear corrections are more than ten times the error, or one of the axes is
@@ -372,7 +375,7 @@ mod tests {
         assert_eq!(both.advice(), Some(first));
         assert_eq!(Reasons::SLEWING.advice(), None);
         assert_eq!(Reasons::NONE.advice(), None);
-        // Every reason that forbids arming names an action, except that the gateway is ending.
+        // Every reason that forbids arming names an action. The end of the gateway is the only exception.
         let silent = Reasons::ALL.iter().filter(|(reason, ..)| {
             !Reasons::DOES_NOT_FORBID.contains(*reason) && reason.advice().is_none()
         });

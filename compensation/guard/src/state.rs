@@ -70,14 +70,14 @@ pub enum Request {
     Arm,
     /// Compensate in place of another path during operation, without the test shift.
     TakeOver,
-    /// Ramp to zero and stop writing; also removes a correction left from before.
+    /// Ramp to zero and stop writing; also removes a correction that remains from before.
     Disarm,
     /// The program ends: ramp to zero. A correction that was found and never written by this guard
     /// is not changed.
     End,
     /// The cause of a fault is fixed.
     Acknowledge,
-    /// The model, or its path or limits, have changed: ramp to the new correction.
+    /// The model, the path or the limits have changed: ramp to the new correction.
     Switched,
 }
 
@@ -105,14 +105,14 @@ pub(crate) struct Facts {
     pub(crate) ramped: bool,
     pub(crate) zero: bool,
     pub(crate) proves: bool,
-    /// Result of the proof at arming; `None`: not finished.
+    /// Result of the proof at arming; `None`: the proof is not complete.
     pub(crate) proven: Option<bool>,
     pub(crate) does_not_stick: bool,
     /// The applied correction was not confirmed, or sent corrections did not arrive, for longer than `hold`.
     pub(crate) unconfirmed: bool,
     /// Sent corrections do not arrive for longer than `zero_after` although the control answers.
     pub(crate) does_not_land: bool,
-    /// The applied correction exceeds the limit, and not because the limit was lowered.
+    /// The applied correction exceeds the limit for another reason than a lowered limit.
     pub(crate) beyond: bool,
 }
 
@@ -129,7 +129,7 @@ impl State {
         }
     }
 
-    /// Whether the guard compensates, or will do so without another request.
+    /// Whether the guard compensates now, or will compensate without another request.
     pub fn is_armed(self) -> bool {
         matches!(
             self,
@@ -152,7 +152,8 @@ impl State {
 
     pub(crate) fn next(self, facts: &Facts) -> Self {
         if self.is_armed() {
-            // Takes precedence over a request to disarm: a correction beyond the limit is not removed without the operator.
+            // A fault takes precedence over a request to disarm: only the operator permits removing a correction beyond
+            // the limit.
             if facts.beyond {
                 return Self::Faulted(Cause::BeyondLimit);
             }
@@ -165,7 +166,7 @@ impl State {
             if facts.does_not_stick || facts.does_not_land {
                 return Self::Faulted(Cause::DoesNotStick);
             }
-            // An interrupted proof is not resumed: arming starts over.
+            // An interrupted proof is not resumed: the guard disarms, and arming must be requested again.
             if self == Self::Arming(Phase::Proving) && (facts.interlocked || facts.lost) {
                 return Self::RampingOut(End::Disarmed);
             }
@@ -184,7 +185,7 @@ impl State {
                 Self::Faulted(Cause::DoesNotStick)
             }
             Self::RampingOut(End::Disarmed) if facts.zero => Self::Disarmed,
-            // Any fault: a correction beyond the limit must be acknowledged by the operator before it is removed.
+            // In any fault, a correction beyond the limit must be acknowledged by the operator before it is removed.
             Self::Faulted(cause) if facts.beyond && cause != Cause::BeyondLimit => {
                 Self::Faulted(Cause::BeyondLimit)
             }
@@ -198,12 +199,12 @@ impl State {
 
     fn disarmed(self, facts: &Facts) -> Self {
         match facts.request {
-            // Another gateway may be using the correction, or it is unknown.
+            // Another gateway may be using the correction, or the correction is unknown.
             Some(Request::Disarm) if facts.foreign => self,
             Some(Request::Arm | Request::TakeOver | Request::Disarm) if facts.beyond => {
                 if facts.unconfirmed { self } else { Self::Faulted(Cause::BeyondLimit) }
             }
-            // Removes a remaining correction.
+            // A remaining correction is removed.
             Some(Request::Disarm) if !facts.zero => Self::RampingOut(End::Disarmed),
             _ if facts.may_arm() => facts.arming(),
             _ => self,
@@ -259,7 +260,7 @@ impl Facts {
         is_requested && !is_prevented && !self.unconfirmed && !self.beyond
     }
 
-    /// The first phase of arming: during operation without the proof.
+    /// The first phase of arming. A take-over during operation skips the proof.
     fn arming(&self) -> State {
         let proves = self.proves && self.request == Some(Request::Arm);
         State::Arming(if proves { Phase::Proving } else { Phase::Ramping })

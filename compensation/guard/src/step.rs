@@ -25,7 +25,7 @@ pub(crate) fn is_on_grid(value: f64, step: f64) -> bool {
     (steps - libm::round(steps)).abs() < ROUNDING_STEPS
 }
 
-/// The value if it is a whole number of steps, or the nearest one that is.
+/// The value if it is a whole number of steps, otherwise the nearest whole number of steps.
 pub(crate) fn on_grid(value: f64, step: f64) -> f64 {
     if is_on_grid(value, step) { value } else { libm::round(value / step) * step }
 }

@@ -1,4 +1,4 @@
-//! Plausibility of the temperatures of a machine, which is decided only here. Drivers only report values and times.
+//! Plausibility of the temperatures of a machine. All decisions are made here; drivers only report values and times.
 
 use core::time::Duration;
 
@@ -104,7 +104,7 @@ pub fn judge_temperatures(
     limits: &SensorLimits,
     reports: &mut [SensorReport],
 ) {
-    // The values before this cycle, so that no sensor is compared with one that jumps together with it.
+    // Values before this cycle, so that a sensor is not compared with a sensor that jumps together with it.
     let accepted = accepted_temperatures(checks);
     let sensors = checks.iter_mut().zip(readings).zip(reports.iter_mut());
     let mut count = 0;
@@ -158,9 +158,10 @@ struct AcceptedTemperature {
     taken: Duration,
     /// A temperature that follows the readings no faster than the allowed rate, °C: a reading farther than one step from it has jumped.
     followed: f64,
-    /// Since when the digits are unchanged.
+    /// Time since which the digits are unchanged.
     same_since: Duration,
-    /// The temperatures of all sensors accepted at the same time, °C; `None` until the end of the cycle in which this temperature was read.
+    /// The temperatures of all sensors accepted at the same time, °C; `None` until the end of the cycle in which this
+    /// temperature was accepted.
     neighbours: Option<[f64; MAX_SENSORS]>,
 }
 
@@ -182,7 +183,7 @@ pub struct SensorCheck {
 }
 
 impl SensorCheck {
-    /// The operator confirms the sensor: after a jump its next reading is accepted like the first one.
+    /// The operator confirms the sensor: after a jump its next reading is accepted like a first reading.
     pub fn acknowledge(&mut self) {
         if self.jumped.is_some() {
             *self = Self::default();
@@ -194,8 +195,8 @@ impl SensorCheck {
         self.accepted.filter(|_| self.used).map_or(f64::NAN, |accepted| accepted.degc)
     }
 
-    /// Stores the temperatures of all sensors, °C, at the end of the cycle in which a new reading of this sensor was accepted. After a jump, its
-    /// usual differences from its neighbours then refer to a single time.
+    /// Stores the temperatures of all sensors, °C, at the end of the cycle in which a new reading of this sensor was
+    /// accepted. The usual differences from its neighbours then refer to a single time.
     fn remember(&mut self, all: &[f64; MAX_SENSORS]) {
         if let Some(accepted) = &mut self.accepted
             && self.used
@@ -305,8 +306,8 @@ impl SensorCheck {
         stuck.then_some(SensorFlaw::Stuck)
     }
 
-    /// Largest allowed change of the temperature since it was accepted, K. Time with a fault beyond
-    /// the maximum age of a reading does not increase it.
+    /// Largest allowed change of the temperature since it was accepted, K. Time with a fault counts only up to the
+    /// maximum age of a reading.
     fn allowed_k(&self, since: Duration, limits: &SensorLimits) -> f64 {
         let moved = |rate: f64, time: Duration| rate * time.as_secs_f64() / 60.0;
         let most = limits.max_degc_per_min;
@@ -350,17 +351,18 @@ impl BeforeJump {
     }
 }
 
-/// The readmission of a sensor that jumped, by agreement with predictions. Time alone does not readmit it.
+/// The readmission of a sensor that jumped, by agreement with predictions. The passing of time does not readmit a
+/// sensor.
 #[derive(Clone, Copy, Debug)]
 struct Readmission {
     before: BeforeJump,
-    /// Change of the other sensors since the sensor was accepted, K, as last known; 0 if it was never known.
+    /// Last known change of the other sensors since the sensor was accepted, K; 0 if it was never known.
     change: f64,
     seen: Option<Duration>,
-    /// Time since which its readings agree with its own temperature from before the jump.
+    /// Time since which the readings agree with the sensor's own temperature from before the jump.
     with_own: Option<Duration>,
-    /// Time since which its readings agree with its own temperature from before the jump plus the
-    /// change of the other sensors.
+    /// Time since which the readings agree with the sensor's own temperature from before the jump plus the change of
+    /// the other sensors.
     with_predicted: Option<Duration>,
 }
 
@@ -369,10 +371,9 @@ impl Readmission {
         Self { before: *before, change: 0.0, seen: None, with_own: None, with_predicted: None }
     }
 
-    /// Processes a reading, and returns whether the sensor is accepted again. A gap longer than
-    /// `stale` restarts the ten minutes. The sensor's temperature from before the jump is not used
-    /// as a prediction if it is older than `stale` when the ten minutes begin: the machine has
-    /// changed since, and the other sensors show this change.
+    /// Processes a reading, and returns whether the sensor is accepted again. A gap longer than `stale` restarts the
+    /// ten minutes. If the sensor's temperature from before the jump is older than `stale` when the ten minutes begin,
+    /// it is not used as a prediction: the machine has changed since, and only the other sensors show this change.
     fn process(
         &mut self,
         degc: f64,
@@ -406,8 +407,7 @@ fn lasts(since: &mut Option<Duration>, agrees: bool, taken: Duration) -> bool {
     since.is_some_and(|since| taken.saturating_sub(since) >= AGREES_FOR)
 }
 
-/// Minimum number of other sensors to identify the wrong one: with two sensors, either may be
-/// wrong.
+/// Minimum number of other sensors with which a wrong sensor can be identified: of two sensors, either may be wrong.
 const FEWEST: usize = 2;
 
 /// Median change of the other sensors between two times, K; `None` if fewer than two were accepted at both.
@@ -426,7 +426,7 @@ fn common_change(before: &[f64; MAX_SENSORS], now: &[f64; MAX_SENSORS], own: usi
     (count >= FEWEST).then(|| middle(count, |place| changes[place]))
 }
 
-/// Marks the good temperatures that differ by more than `allowed_k` from the median of the other good ones.
+/// Marks the good temperatures that differ by more than `allowed_k` from the median of the other good temperatures.
 fn mark_disagreeing(reports: &mut [SensorReport], allowed_k: f64) {
     let mut sorted = [0.0; MAX_SENSORS];
     let mut count = 0;

@@ -55,10 +55,11 @@ enum Motion {
 /// error of the tool, even if the machine moves.
 ///
 /// Invariants:
-/// - No axis moves in a cycle by more than its slew and acceleration in that cycle allow from `rate`; `slew` and `accel` are those limits.
+/// - No axis moves in a cycle by more than its slew and acceleration allow, starting from `rate`; `slew` and `accel` are the limits
+///   of that cycle.
 /// - `smooth` never moves further out than its previous value or the limit.
-/// - On a ramp and while following, `goal` of the rotary axes is on whole steps, or where the motion began.
-/// - `output` changes only together with a motion: after [`stop`](Self::stop) it stays.
+/// - On a ramp and while following, `goal` of each rotary axis is a whole step, or the value at which the motion began.
+/// - `output` changes only together with a motion: [`stop`](Self::stop) keeps it.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Vector {
     output: PerChannel<f64>,
@@ -71,21 +72,21 @@ pub struct Vector {
     /// Slew and acceleration limit of each axis in the last cycle, 0 before the first one.
     slew: PerChannel<f64>,
     accel: PerChannel<f64>,
-    /// Goal of the rotary axes: whole steps.
+    /// Goal of each rotary axis, rad: a whole step.
     goal: PerChannel<f64>,
     /// Target of the linear axes in the last cycle.
     target: PerChannel<f64>,
-    /// The remaining offset of the ramp: distance of the position share from the requested one, and of linear axes from a lowered limit.
+    /// The remaining offset of the ramp: distance of the present from the requested position share (`offset`), and
+    /// distance of linear axes beyond a lowered limit (`excess`).
     offset: PerChannel<f64>,
     excess: PerChannel<f64>,
-    /// Fraction of the kept offset of each linear axis that was within reach in the last cycle.
+    /// Fraction of the offset of each linear axis that was within reach in the last cycle.
     reachable: PerChannel<f64>,
     motion: Motion,
 }
 
 impl Vector {
-    /// Creates a correction at confirmed values (mm, rad), from which a ramp leads to the requested
-    /// one.
+    /// Creates a correction at confirmed values (mm, rad). A ramp leads from them to the requested correction.
     pub fn at(applied: &PerChannel<f64>) -> Self {
         Self {
             output: *applied,
@@ -106,14 +107,14 @@ impl Vector {
         self.smooth
     }
 
-    /// Stops at once, since nothing is written.
+    /// Stops at once, because nothing is written.
     pub fn stop(&mut self) {
         self.rate = PerChannel::ZERO;
         self.following = PerChannel::ZERO;
         self.target = self.smooth;
     }
 
-    /// Starts the ramp to the requested correction here, with the present position share.
+    /// Starts the ramp to the requested correction at the present correction, with the present position share.
     pub fn begin_ramp(&mut self) {
         self.motion = Motion::Begins;
     }
@@ -139,8 +140,8 @@ impl Vector {
         matches!(&self.motion, Motion::Line { to, .. } if to == end)
     }
 
-    /// Moves along the line for `dt_s`; its end is scaled into the limits by a common factor. Returns true at the end. The line takes a ramp time,
-    /// or as long as the axis most limited by slew and acceleration.
+    /// Moves along the line for `dt_s`; the end of the line is scaled into the limits by a common factor. Returns true
+    /// at the end. The line takes a ramp time, or as long as the axis that slew and acceleration limit most.
     pub fn advance_line(&mut self, limits: &Limits, dt_s: f64) -> bool {
         let Motion::Line { to, left, at_rest } = self.motion else {
             return true;
@@ -169,7 +170,7 @@ impl Vector {
         let accel = cycle.accel_over_all(&ways);
         let ramp = if left > SMALLEST_PART { limits.ramp_share(dt_s) / left } else { 1.0 };
         let part = cycle.part(&ways, &self.rate, ramp, accel);
-        // The rest would be too small for another cycle.
+        // The remaining distance would be too small for another cycle.
         let ends = |i: usize| ((1.0 - part) * ways[i]).abs() <= ARRIVED_STEPS * cycle.step(i);
         let part = if cycle.places().all(ends) { 1.0 } else { part };
         let mut arrived = true;
@@ -197,7 +198,7 @@ impl Vector {
         arrived
     }
 
-    /// Duration of a line to zero that starts at rest here, with the shortest ramp.
+    /// Duration of a line to zero that starts at rest at the present correction, with the shortest ramp.
     #[must_use]
     pub fn time_to_zero(&self, limits: &Limits) -> Duration {
         let shortest = Limits { ramp: Duration::ZERO, ..*limits };
@@ -248,7 +249,7 @@ impl Vector {
     fn brakes(&mut self, cycle: &Cycle) -> bool {
         let (mut moving, mut alone) = (PerChannel::ZERO, PerChannel::ZERO);
         for i in cycle.of_kind(AxisKind::Linear) {
-            // Each of the two motions may use half of a linear axis's acceleration.
+            // The two motions may each use half of a linear axis's acceleration.
             moving[i] = 2.0 * self.following[i];
             alone[i] = 2.0 * (self.rate[i] - self.following[i]);
         }
@@ -275,7 +276,7 @@ impl Vector {
         true
     }
 
-    /// Moves one axis by `way`, or as far as its range allows.
+    /// Moves one axis by `way`, limited to its range in this cycle.
     fn advance(&mut self, axis: usize, way: f64, cycle: &Cycle) {
         let way = within(cycle.spans[axis], way);
         self.smooth[axis] += way;
@@ -293,8 +294,8 @@ impl Vector {
         }
     }
 
-    /// Moves towards the requested correction for `dt_s`: by a ramp, then following it. Nothing moves if a number is not finite or no time has
-    /// passed.
+    /// Moves towards the requested correction for `dt_s`: first by a ramp, then by following the correction. Nothing
+    /// moves if a number is not finite or no time has passed.
     pub fn follow(
         &mut self,
         requested: &RequestedCorrection,
@@ -318,7 +319,7 @@ impl Vector {
         let (left, rate) = self.ramp(requested, &cycle);
         let offset = self.reach_offset(requested, &cycle);
         let share = self.share(requested, &cycle);
-        // An excess over a lowered limit is reduced by the ramp, and leaves the range of the rotary axes unaffected.
+        // The ramp reduces an excess over a lowered limit; the range of the rotary axes does not depend on it.
         let position =
             if self.excess == PerChannel::ZERO { &share.position } else { &requested.position };
         self.goal = requested.rotary_goal(position, &self.goal, limits);
@@ -336,7 +337,7 @@ impl Vector {
         let mut most = cycle.advance(&ways, turning, eased);
         let mut factor = self.factor(requested, &share, &most, &cycle);
         if factor.is_none() {
-            // No faster than in the previous cycle: that motion can be braked, or continue.
+            // The motion is no faster than in the previous cycle, so that it can be braked or continue.
             let turns = cycle.going(&ways, &self.rate).max(0.0);
             let passes = if left > 0.0 { rate / left * dt_s } else { 0.0 };
             most = cycle.advance(&ways, turning.min(turns), eased.min(passes));
@@ -355,7 +356,7 @@ impl Vector {
             let slew = limits.axes[i].slew_per_s;
             self.following[i] = within([-slew, slew], following[i]);
         }
-        // If the linear axes cannot follow at all the ramp continues, since it must end.
+        // If the linear axes cannot follow at all, the ramp continues, so that it ends.
         let passed = factor.map_or(eased, |factor| factor * most.ramp);
         self.pass_ramp(left, passed, dt_s);
         let (behind, part) = self.slide(requested, &cycle);
@@ -402,8 +403,8 @@ impl Vector {
         Share { part: self.part(1.0, requested, &position, &rotary, cycle), position, rotary }
     }
 
-    /// The fraction of a position share that the limits of the axes allow after the remaining ramp is reduced to this fraction: a lowered limit
-    /// takes effect with the ramp.
+    /// The fraction of a position share that the limits of the axes allow when this fraction of the ramp remains: a
+    /// lowered limit takes effect with the ramp.
     fn part(
         &self,
         left: f64,
@@ -419,9 +420,8 @@ impl Vector {
         requested.position_part(position, rotary, &reach)
     }
 
-    /// Stores the reachable offset of this cycle. Returns the offset to keep: the larger of those
-    /// reachable in this cycle and in the previous one, so that a single cycle with an implausible
-    /// request does not end the ramp.
+    /// Stores the reachable offset of this cycle. Returns the offset to keep: the larger of the offsets reachable in
+    /// this cycle and in the previous one, so that a single cycle with an implausible request does not end the ramp.
     fn reach_offset(&mut self, requested: &RequestedCorrection, cycle: &Cycle) -> PerChannel<f64> {
         let mut offset = self.offset;
         for i in cycle.of_kind(AxisKind::Linear) {
@@ -434,10 +434,10 @@ impl Vector {
         offset
     }
 
-    /// The fraction of the offset of a linear axis with which its position share is within the
-    /// limit of the axis at some possible rotary position. It is 1 unless the request exceeds the
-    /// limit now, or did at the start of the ramp. The rest of the offset is dropped: the ramp of
-    /// the other axes continues, the rest can only shrink, and the error of the tool does not grow.
+    /// The fraction of the offset of a linear axis with which its position share is within the limit of the axis at
+    /// some possible rotary position. The fraction is 1 unless the request exceeds the limit now, or did at the start
+    /// of the ramp. The rest of the offset is dropped, and the ramp of the other axes continues. The rest can only
+    /// shrink, and the error of the tool does not grow.
     fn reachable_offset(&self, axis: usize, requested: &RequestedCorrection, cycle: &Cycle) -> f64 {
         let following = cycle.of_kind(AxisKind::Rotary);
         let following: f64 =
@@ -498,8 +498,8 @@ impl Vector {
         }
     }
 
-    /// The largest factor between the minimum and the maximum of an advance with which every linear axis can reach its position by the end of the
-    /// cycle; `None` if there is none.
+    /// The largest factor between the minimum and the maximum of an advance with which every linear axis can reach its
+    /// position by the end of the cycle; `None` if no factor permits this.
     fn factor(
         &self,
         requested: &RequestedCorrection,
@@ -540,8 +540,8 @@ impl Vector {
         (low <= high).then_some(high)
     }
 
-    /// Moves the linear axes to the positions for the present rotary shares, as far as possible. Returns whether one of them has not reached it,
-    /// and the fraction of the position share that the limits leave.
+    /// Moves the linear axes towards the positions for the present rotary shares. Returns whether an axis has not
+    /// reached its position, and the fraction of the position share that the limits allow.
     fn slide(&mut self, requested: &RequestedCorrection, cycle: &Cycle) -> (bool, f64) {
         let share = self.share(requested, cycle);
         let following = requested.following(&share.rotary);
@@ -551,8 +551,8 @@ impl Vector {
             let limit = axis.reachable().max(self.smooth[i].abs());
             let whole = share.part * share.position[i] + following[i];
             let target = within([-limit, limit], whole);
-            // Moves with the target, and closes the gap at the highest rate from which it can still
-            // stop at the target.
+            // The axis moves with the target, and closes the gap at the highest rate from which it can still stop at
+            // the target.
             let gap = self.target[i] - self.smooth[i];
             let back = stopping_rate(gap.abs(), cycle.accel[i], cycle.dt_s) * cycle.dt_s;
             let way = target - self.target[i] + back.min(gap.abs()).copysign(gap);

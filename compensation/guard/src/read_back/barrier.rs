@@ -1,4 +1,5 @@
-//! A control with a barrier: one complete and new report confirms its correction, and a frame has arrived when its sequence is echoed.
+//! A control with a barrier: one complete, new report confirms its correction. A frame has arrived when a report shows
+//! its sequence.
 
 use core::{ops::RangeInclusive, time::Duration};
 
@@ -14,14 +15,15 @@ use crate::{
 
 /// Interval over which the control's scans are compared with the clock.
 const COUNTED: Duration = Duration::from_secs(1);
-/// Gap between two reports over which scans are not counted, and after which any tick is accepted as new: its 16 bits may have wrapped.
+/// Gap between two reports over which scans are not counted, and after which any tick is accepted as new: the 16-bit
+/// tick may have wrapped.
 const GAP: Duration = Duration::from_secs(5);
 
 /// The path to a barrier. State: the session, and the scan rate of the control.
 ///
 /// Invariants:
 /// - `can_send` and `held_by_other` exclude each other, and both follow from the last new report.
-/// - `stands` is the applied correction in all new reports since its time: the barrier accepted another goal but did not move.
+/// - `stands` is the applied correction in all new reports since its time: the barrier accepted another goal but has not moved.
 /// - `counted` scans passed since `counted_from`, in one epoch and without a gap.
 #[derive(Clone, Debug)]
 pub struct BarrierLink {
@@ -30,7 +32,7 @@ pub struct BarrierLink {
     layout: Layout,
     scan: Duration,
     settings: Option<Settings>,
-    /// Time at which the last report, new or not, was valid.
+    /// Time at which the last report was valid, also if that report was not new.
     last_received: Option<Duration>,
     /// Last new report: the time at which it was valid, its epoch and its tick.
     last: Option<(Duration, u16, u16)>,
@@ -38,7 +40,7 @@ pub struct BarrierLink {
     counted: u32,
     /// Whether the scan period is as configured; `None`: not measured long enough.
     scans_fit: Option<bool>,
-    /// The scan period as last counted; zero before.
+    /// The last measured scan period; zero before the first measurement.
     scan_counted: Duration,
     last_sent: Option<Counts>,
     /// The correction at which the control has stopped although it accepted another one, with the
@@ -85,10 +87,10 @@ impl BarrierLink {
         let report = Report::decode(self.machine, self.layout, words);
         self.is_foreign_report = report.is_none();
         let Some(report) = report.filter(|_| self.layout.count() == limits.count) else {
-            // The report is torn, or of another machine or other axes: it is ignored.
+            // The report is torn, or belongs to another machine or other axes.
             return Arrival::Unknown;
         };
-        // Reports of a stopped program arrive as well, but are not new.
+        // Reports of a stopped program also arrive, but are not new.
         let last_received = self.last_received.replace(taken);
         if last_received.is_some_and(|then| taken.saturating_sub(then) >= GAP) {
             self.session.forget();
@@ -107,7 +109,7 @@ impl BarrierLink {
             status.changed = true;
             return Arrival::Unknown;
         };
-        // The first report after another sender's report also restarts the epoch.
+        // The epoch also counts as new in the first report after a report with another owner.
         status.changed = epoch_began;
         (self.held_by_other, self.can_send) = (false, true);
         self.stands = match self.stands {
@@ -124,7 +126,7 @@ impl BarrierLink {
         limits.longest_delay() + self.time_of(step_scans)
     }
 
-    /// Counts the control's scans. With a new epoch they may restart: the control was switched on.
+    /// Counts the control's scans. A new epoch restarts the count, because the control may have been switched on.
     fn count(&mut self, taken: Duration, epoch: u16, tick: u16) {
         let before = self.last.replace((taken, epoch, tick));
         let goes_on = |(then, of, _): &(Duration, u16, u16)| {
@@ -148,7 +150,7 @@ impl BarrierLink {
         let hold = self.settings.map(|settings| self.time_of(settings.hold_scans));
         let age = status.confirmed.map(|confirmed| now.saturating_sub(confirmed.at));
         status.motion_delay = self.motion_delay(limits);
-        // Time from which the control could have moved; the age is that of the last report.
+        // Time from which the control could have moved, delayed by the age of the last report.
         status.stationary_since = age
             .zip(self.stands)
             .map(|(age, (_, since))| since.saturating_add(status.motion_delay).saturating_add(age));
@@ -192,7 +194,7 @@ impl BarrierLink {
         self.session.sends(epoch, sequence);
     }
 
-    /// Uses the maximum accepted scan period, and the delay of the path for the last frame.
+    /// Time to zero with the maximum accepted scan period, and the delay of the path for the last frame.
     pub(super) fn zero_after_last_write(&self, limits: &Limits) -> Option<Duration> {
         let settings = self.settings?;
         let steps = |i: usize| {
@@ -233,8 +235,8 @@ const SCAN_WITHIN: RangeInclusive<f64> = 0.8..=1.25;
 /// Minimum ratio of the barrier's rate to the guard's slew, so that it can follow.
 pub const RATE_OVER_SLEW: f64 = 2.0;
 
-/// Settings of a barrier, with a scan period of `scan`, that do not fit the limits: the barrier
-/// must pass every correction of the guard, follow it, and time out early enough.
+/// Settings of a barrier, with a scan period of `scan`, that do not fit the limits. A barrier fits if it passes every
+/// correction of the guard, can follow it, and times out early enough.
 pub fn barrier_misfits(
     settings: &Settings,
     scan: Duration,

@@ -1,10 +1,11 @@
 //! A control without a barrier whose values can be read back.
 //!
-//! A single reading is no confirmation: it may be torn, late, or of another axis. Therefore all values that may be applied are stored: the last
-//! confirmed value, and the values sent since. A reading that equals one of these on all axes confirms it, and excludes the values sent before it.
-//! Any other reading may be old; nothing is sent in response. A foreign value is accepted only after a pause in sending that is longer than the age
-//! of any reading, and after three consecutive readings, one path delay apart. A message that a driver repeats with each new position is one
-//! reading.
+//! A single reading does not confirm a value: it may be torn, late, or of another axis. Therefore all values that may
+//! be applied are stored: the last confirmed value, and the values sent since. A reading that equals one of them on all
+//! axes confirms that value, and excludes the values sent before it. Any other reading may be old, and nothing is sent
+//! in response. A foreign value is accepted only after a pause in sending that is longer than the age of any reading,
+//! and after three consecutive readings, one path delay apart. A message that a driver repeats with each new position
+//! is one reading.
 
 use core::time::Duration;
 
@@ -13,7 +14,7 @@ use volcomp_vocabulary::PerChannel;
 use super::status::{Arrival, Confirmed, ReadBackStatus, are_equal};
 use crate::{Limits, Reasons, limits::MOST_READ_BACK_CYCLES};
 
-/// Number of equal readings that confirm a value that was not written.
+/// Number of consecutive equal readings that confirm a foreign value.
 const EQUAL_READINGS: u32 = 3;
 const OTHER_REPORTED_FOR: Duration = Duration::from_secs(5);
 /// Capacity: more than the confirmed value and one write for each cycle of the maximum read-back lag.
@@ -36,24 +37,25 @@ struct Equal {
 /// The values of one path that may be applied.
 ///
 /// Invariants:
-/// - `candidates[..count]` are in the order of sending, and consecutive ones differ. With `count` 0 the applied correction is unknown, and
-///   nothing is sent.
-/// - After a confirmation the first candidate is the confirmed correction; the later ones were sent after it.
-/// - `equal` counts only readings that are later than every write by more than the age of the oldest possible reading.
+/// - `candidates[..count]` are in the order of sending, and consecutive candidates differ. With a `count` of 0 the applied
+///   correction is unknown, and nothing is sent.
+/// - After a confirmation the first candidate is the confirmed correction; the later candidates were sent after it.
+/// - `equal` counts only readings that are later than every write by more than the maximum age of a reading.
 #[derive(Clone, Debug)]
 pub(super) struct Echo {
     /// Time before the first write during which the values must not change.
     watch: Duration,
-    /// Values that may be applied, oldest first: the confirmed one, and those sent since. Consecutive equal ones are merged.
+    /// Values that may be applied, oldest first: the confirmed value, and the values sent since. Consecutive equal
+    /// values are merged.
     candidates: [Candidate; MOST],
     count: usize,
     last_received: Option<Duration>,
-    /// Value of consecutive equal readings that are later than every write, their number, and the
-    /// time at which the last counted one was valid.
+    /// Consecutive equal readings that are later than every write: their value, their number, and the time at which the
+    /// last counted reading was valid.
     equal: Option<Equal>,
     /// Time of the last write on any path.
     sent: Option<Duration>,
-    /// Whether this path has sent a value, since the start or since a value of another origin was last confirmed.
+    /// Whether this path has sent a value since the start, or since a foreign value was last confirmed.
     has_sent: bool,
     /// Time since which only this gateway has changed the values.
     alone_since: Option<Duration>,
@@ -89,7 +91,7 @@ impl Echo {
             return Arrival::Unknown;
         }
         if self.last_received.replace(taken) == Some(taken) {
-            // The driver has repeated the previous message: it is ignored.
+            // The driver has repeated the previous message, which is ignored.
             return Arrival::Unknown;
         }
         let found = self.find(values, taken, limits);
@@ -99,7 +101,7 @@ impl Echo {
             self.alone_since = Some(now);
         }
         if self.equal.is_some_and(|equal| equal.readings >= EQUAL_READINGS) {
-            // Everything sent before is obsolete.
+            // All earlier writes are obsolete.
             status.changed = found.is_none();
             self.has_sent &= found.is_some();
             self.begin(values, now);
@@ -120,7 +122,8 @@ impl Echo {
         landed
     }
 
-    /// Counts equal readings. Returns whether this one equals the previous one; `None` if it may be from before the last write.
+    /// Counts equal readings. Returns whether this reading equals the previous one; `None` if it may be from before the
+    /// last write.
     fn count_equal(
         &mut self,
         values: &PerChannel<f64>,
@@ -157,14 +160,14 @@ impl Echo {
     ) {
         self.alone_since.get_or_insert(now);
         status.confirmed = Some(Confirmed { values: *values, at: taken });
-        // If the memory is full, nothing more may be sent.
+        // If the list of candidates is full, nothing more may be sent.
         status.writable = self.count < MOST;
     }
 
-    /// The oldest and the newest candidate that a reading may be; `None` if it equals no candidate.
+    /// The oldest and the newest candidate that a reading may show; `None` if the reading equals no candidate.
     ///
-    /// A candidate whose successor was sent longer ago than the path's delay is possible only if the successor did not arrive. Therefore it is
-    /// the oldest match only if no later candidate has the same values.
+    /// A candidate whose successor was sent longer ago than the path's delay is possible only if the successor did not
+    /// arrive. Therefore it is the oldest match only if no later candidate has the same values.
     fn find(
         &self,
         values: &PerChannel<f64>,
@@ -190,7 +193,7 @@ impl Echo {
             return;
         }
         if self.count == MOST {
-            // Something was sent although nothing may be sent: the applied correction is unknown.
+            // A value was sent although nothing may be sent: the applied correction is unknown.
             self.count = 0;
             return;
         }
@@ -230,7 +233,8 @@ impl Echo {
             .confirmed
             .is_some_and(|confirmed| now.saturating_sub(confirmed.at) <= limits.delay());
         let still = self.alone_since.is_some_and(|since| now.saturating_sub(since) >= self.watch);
-        // Before the first write nothing else may have changed the values, and no reading may be from the previous run.
+        // Before the first write, only this gateway may have changed the values, and no reading may be from the
+        // previous run.
         let alone = still || self.has_sent;
         status.writable &= fresh && alone;
         let other = self.other.is_some_and(|seen| now.saturating_sub(seen) < OTHER_REPORTED_FOR);

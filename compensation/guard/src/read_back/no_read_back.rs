@@ -1,5 +1,6 @@
-//! A control whose correction cannot be read back, such as one behind digital lines. If the device reports its output levels, the
-//! correction on them is treated as applied, like a read-back; otherwise every write without an error is treated as applied.
+//! A control whose correction cannot be read back, such as a control with digital lines. If the device reports its
+//! output levels, the correction on them is treated as applied, like a read-back. Otherwise every write without an
+//! error is treated as applied.
 
 use core::time::Duration;
 
@@ -30,14 +31,14 @@ impl ControlTimeOut {
 ///
 /// Invariants:
 /// - `reports_now` implies `has_reported`.
-/// - `acts` is in order of time, and is set only if the control ramps to zero on its own.
-/// - While `unknown`, nothing is written. A reading that confirms a correction, the time of zero or an acknowledgement ends it.
+/// - `acts` is in order of time, and is set only if the control ramps to zero automatically.
+/// - While `unknown` is set, nothing is written. It is cleared by a reading that confirms a correction, at the time when the
+///   control must be at zero, or by an acknowledgement.
 #[derive(Clone, Debug)]
 #[expect(clippy::struct_excessive_bools, reason = "five separate facts")]
 pub(super) struct NoReadBack {
     control: Option<ControlTimeOut>,
-    /// Times, counted without another write, at which the control may start its ramp, and at which
-    /// it must be at zero.
+    /// Times at which, without another write, the control may start its ramp and must be at zero.
     acts: Option<[Duration; 2]>,
     last_received: Option<Duration>,
     unknown: bool,
@@ -65,7 +66,6 @@ impl NoReadBack {
         }
     }
 
-    /// Whether the device ever reported its outputs.
     pub(super) fn has_reported(&self) -> bool {
         self.has_reported
     }
@@ -74,7 +74,7 @@ impl NoReadBack {
         self.reports_now
     }
 
-    /// Range of the values that each axis may apply; `None` unless the outputs are reported.
+    /// Range of the values that each axis may apply; `None` while the device does not report its outputs.
     pub(super) fn between(&self) -> Option<[PerChannel<f64>; 2]> {
         self.echo.between().filter(|_| self.reports_now)
     }
@@ -91,7 +91,8 @@ impl NoReadBack {
         if let Some([acts, at_zero]) = self.acts
             && now >= acts
         {
-            // The control is going to zero for lack of writes, or is there: earlier words, which may still be on its lines, no longer count.
+            // The control is ramping to zero for lack of writes, or is at zero: earlier words, which may still be on
+            // its lines, no longer count.
             self.echo = Echo::new(Duration::ZERO);
             let was_zero =
                 status.confirmed.is_some_and(|confirmed| confirmed.values == PerChannel::ZERO);
@@ -112,7 +113,7 @@ impl NoReadBack {
         let landed = report.map_or(Arrival::Unknown, |values| {
             let landed = self.echo.receive(now, taken, values, limits, status);
             self.echo.judge(now, limits, status);
-            // A reading that confirms a value also shows which writes have arrived.
+            // A reading that confirms a value also shows which writes have arrived, so the correction is known.
             self.unknown &= landed == Arrival::Unknown;
             landed
         });
@@ -126,8 +127,8 @@ impl NoReadBack {
         landed
     }
 
-    /// Without output levels the last write counts, since only this gateway writes the lines. A device that reported levels before may have lost
-    /// them: they are known again only after another accepted write.
+    /// Without output levels the last write counts, because only this gateway writes the lines. After a device has lost
+    /// its reported levels, the correction is known again only after another accepted write.
     fn without_levels(&mut self, now: Duration, status: &mut ReadBackStatus) {
         // If nothing was ever written or restored, the correction is taken as zero.
         if !self.unknown {
@@ -155,7 +156,7 @@ impl NoReadBack {
             return;
         }
         self.has_written = true;
-        // The control may have received the write at the beginning of the cycle, or only now.
+        // The device may have received the write at the beginning of the cycle, or only now.
         self.wait([self.last_received.unwrap_or(now), now], Duration::ZERO);
         if self.reports_now {
             return;
@@ -163,7 +164,7 @@ impl NoReadBack {
         status.confirmed = Some(Confirmed { values: *values, at: now });
     }
 
-    /// Starts the control's timeout from a write `age` ago, made between these times.
+    /// Starts the control's timeout from a write `age` ago, which was made between the two times.
     fn wait(&mut self, [earliest, latest]: [Duration; 2], age: Duration) {
         self.acts = self.control.map(|control| {
             let to_zero = control.all();
@@ -199,12 +200,12 @@ impl NoReadBack {
         status.confirmed = found.map(|values| Confirmed { values, at: now });
     }
 
-    /// Takes over from another path, whose correction is removed. If this path has written a
-    /// correction before, it remains, unless the control has dropped it (`released`; a barrier does
-    /// so) or has timed out since the last write.
+    /// Takes over from another path, whose correction is removed. A correction that this path has written before
+    /// remains, unless the control has dropped it (`released`; a barrier does so) or has timed out since the last
+    /// write.
     pub(super) fn take_over(&mut self, now: Duration, released: bool, status: &mut ReadBackStatus) {
         if self.has_reported {
-            // The outputs keep their levels: they are read before the first write.
+            // The outputs keep their levels, which are read before the first write.
             self.acts = None;
             self.echo.take_over(now, status);
         } else if released {
@@ -235,7 +236,7 @@ impl NoReadBack {
     }
 
     pub(super) fn zero_after_last_write(&self, limits: &Limits) -> Option<Duration> {
-        // One more cycle, since the last write may have been in transit.
+        // The last write may have been in transit for one cycle.
         self.control.map(|control| control.all().saturating_add(limits.period))
     }
 }

@@ -61,8 +61,9 @@ impl Cycle<'_> {
         self.accel_over(ways, AxisKind::Linear).min(self.accel_over(ways, AxisKind::Rotary))
     }
 
-    /// Fraction of their remaining distances that axes with a common factor cover in this cycle. It is limited by the ramp and by the need to
-    /// stop at the ends; it is at least the braking distance and at most the range of each axis.
+    /// Fraction of their remaining distances that axes with a common factor cover in this cycle. The fraction is
+    /// limited by the ramp and by the need to stop at the ends. It covers at least the braking distance, and at most
+    /// the range of each axis.
     pub(super) fn part(
         &self,
         ways: &PerChannel<f64>,
@@ -76,7 +77,7 @@ impl Cycle<'_> {
         self.places().map(|i| allowed_part(self.spans[i], ways[i])).fold(part, f64::min)
     }
 
-    /// Fraction of their distances that axes would cover by a common factor at their present rates, or less; 0 without a distance.
+    /// Smallest fraction of its distance that an axis would cover at its present rate; 0 if no axis has a distance.
     pub(super) fn going(&self, ways: &PerChannel<f64>, rates: &PerChannel<f64>) -> f64 {
         let part = self
             .places()
@@ -102,20 +103,20 @@ impl Cycle<'_> {
 /// value is farther away.
 const HYSTERESIS_STEPS: f64 = 0.6;
 
-/// Largest rate from which an axis stops within `distance` at a constant deceleration, regardless of the lengths of later cycles: v²/(2a) +
-/// v·dt ≤ distance.
+/// Largest rate from which an axis stops within `distance` at a constant deceleration, for any lengths of later cycles:
+/// v²/(2a) + v·dt ≤ distance.
 pub(super) fn stopping_rate(distance: f64, accel: f64, dt_s: f64) -> f64 {
     if distance <= 0.0 {
         return 0.0;
     }
-    // This form avoids the difference of nearly equal numbers, and the square of a possibly huge
-    // one.
+    // This form avoids the difference of nearly equal numbers, and the square of a possibly huge number.
     let cycles = 2.0 * distance / (accel * dt_s * dt_s);
     2.0 * distance / dt_s / (libm::sqrt(1.0 + cycles) + 1.0)
 }
 
-/// Deceleration with which an axis stops within `distance`. It exceeds the limit only if a limit or an acceleration was lowered during the motion,
-/// and then it is at most the previous one, or the one that the new limit requires.
+/// Deceleration with which an axis stops within `distance`. It exceeds the configured acceleration only if a limit or
+/// an acceleration was lowered during the motion, and is then at most the previous acceleration, or the deceleration
+/// that the new limit requires.
 fn needed_to_stop(distance: f64, rate: f64, dt_s: f64) -> f64 {
     if rate <= 0.0 || distance <= 0.0 {
         return 0.0;
@@ -129,7 +130,7 @@ fn needed_to_stop(distance: f64, rate: f64, dt_s: f64) -> f64 {
 pub(super) fn span(at: f64, rate: f64, slew: f64, accel: f64, limit: f64, dt_s: f64) -> [f64; 2] {
     let (up, down) = (limit - at, limit + at);
     let accel = accel.max(needed_to_stop(up, rate, dt_s)).max(needed_to_stop(down, -rate, dt_s));
-    // Slew takes precedence over acceleration, the limit over both.
+    // Slew takes precedence over acceleration, and the limit over both.
     let within_slew = |rate: f64| rate.max(-slew).min(slew);
     let (least, most) = (within_slew(rate - accel * dt_s), within_slew(rate + accel * dt_s));
     let inwards = (-stopping_rate(down, accel, dt_s), stopping_rate(up, accel, dt_s));
@@ -160,8 +161,9 @@ pub(super) fn braking_part(rate: f64, accel: f64, dt_s: f64) -> f64 {
     ((rate - accel * dt_s) * dt_s).clamp(0.0, 1.0)
 }
 
-/// The step within the hysteresis that changes the output least. Over any time the output then changes by at most one step more than the smooth
-/// value. An output between two steps is first rounded to the nearest step; the next step is at most one away from it.
+/// The step within the hysteresis that changes the output least. Over any time, the output therefore changes by at most
+/// one step more than the smooth value. An output between two steps is first rounded to the nearest step; the next step
+/// is at most one step away from it.
 pub(super) fn quantised(output: f64, smooth: f64, step: f64) -> f64 {
     let output = on_grid(output, step);
     let away = (smooth - output) / step;
@@ -182,7 +184,7 @@ pub(super) fn linear_word(output: f64, smooth: f64, axis: &AxisLimits) -> f64 {
     inside(quantised(output, smooth, axis.resolution), smooth, axis)
 }
 
-/// The word of a rotary axis: only rounded, since its share is on whole steps.
+/// The word of a rotary axis. It is rounded without hysteresis, because the share of the axis is on whole steps.
 pub(super) fn rotary_word(output: f64, smooth: f64, axis: &AxisLimits) -> f64 {
     let step = axis.resolution;
     let output = on_grid(output, step);

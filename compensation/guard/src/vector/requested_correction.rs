@@ -11,9 +11,8 @@ use crate::{
 /// Number of reduced rotary shares that are tried if no neighbouring whole steps fit the limits.
 const SHARES: u32 = 8;
 
-/// The correction by a model, in channel order. A share is the part of it that one axis makes. For
-/// any rotary shares δ_r during a motion, the matching linear shares are `position` + Σ
-/// `follow[r]`·δ_r.
+/// The correction by a model, in channel order. A share is the displacement of one axis. For any rotary shares δ_r
+/// during a motion, the matching linear shares are `position` + Σ `follow[r]`·δ_r.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct RequestedCorrection {
     /// Linear shares of the position error while no rotary axis moves, mm; zero for rotary axes.
@@ -32,9 +31,9 @@ pub struct FollowResult {
     /// Slew or acceleration limits the correction: the ramp, rotary axes on the way to their goal, or linear axes
     /// (`behind`).
     pub slewing: bool,
-    /// A linear axis has not reached the position for the present rotary shares. Implies `slewing`. If it is not set,
-    /// and the limits of the linear axes permit this position, the error of the tool exceeds neither the error without
-    /// correction nor that at the start of the ramp, apart from the rounding of the output.
+    /// Whether a linear axis has not reached the position for the present rotary shares. Implies `slewing`. If false,
+    /// and if the limits of the linear axes permit this position, the error of the tool exceeds neither the error
+    /// without correction nor the error at the start of the ramp, apart from the rounding of the output.
     pub behind: bool,
     /// A limit allows only a part of the requested correction.
     pub limited: bool,
@@ -54,7 +53,7 @@ impl RequestedCorrection {
         PerChannel::from_fn(|i| self.position[i] + following[i] + self.rotary[i])
     }
 
-    /// Compares the request with the limits, which allow `part` of the position share.
+    /// Compares the request with the limits; `part` is the fraction of the position share that the limits allow.
     pub(super) fn judged(&self, part: f64, limits: &Limits) -> FollowResult {
         let full = self.full();
         let over = |most: fn(&AxisLimits) -> f64| {
@@ -87,7 +86,7 @@ impl RequestedCorrection {
     }
 
     /// Goal of the rotary axes, rad, in whole steps. It is the largest fraction of their shares with which every axis
-    /// stays within its limit while the linear axes also apply `position`; zero if no fraction does. Steps near the
+    /// stays within its limit while the linear axes also apply `position`; zero if no fraction fits. Steps near the
     /// previous goal `before` are preferred (hysteresis).
     pub(super) fn rotary_goal(
         &self,
@@ -110,7 +109,8 @@ impl RequestedCorrection {
         if self.fits(position, &rounded, &reach) {
             return rounded;
         }
-        // Rounding exceeded the limit of a linear axis: use the nearest whole steps that do not, going towards zero.
+        // Rounding exceeded the limit of a linear axis. The nearest whole steps within all limits are used, going
+        // towards zero.
         (0..=SHARES)
             .rev()
             .find_map(|share| {
@@ -129,7 +129,7 @@ impl RequestedCorrection {
         limits: &Limits,
         reach: &PerChannel<f64>,
     ) -> Option<PerChannel<f64>> {
-        // One bit per moving rotary axis: whether it uses the step above.
+        // One bit per moving rotary axis: 1 for the step above its share, 0 for the step below.
         let turning = rotary_of(limits, |i| exact[i]);
         let all = (0..MAX_AXES).filter(|i| turning[*i] != 0.0).fold(0_usize, |all, i| all | 1 << i);
         let mut nearest: Option<(f64, PerChannel<f64>)> = None;
@@ -167,8 +167,8 @@ impl RequestedCorrection {
     }
 
     /// The largest fraction of a position share that keeps every linear axis within its reach with the rotary axes at
-    /// `rotary`. If no fraction does, one between the fractions that the axes would allow separately, so that the
-    /// output does not jump.
+    /// `rotary`. If no fraction fits, the middle between the conflicting bounds of the axes is used, so that the output
+    /// does not jump.
     pub(super) fn position_part(
         &self,
         position: &PerChannel<f64>,
@@ -208,8 +208,8 @@ fn largest_part(
     (least <= most).then_some(most)
 }
 
-/// The smallest and the largest fraction t in [0, 1] with which `base` + t·`along` is within the reach of every axis; the smallest exceeds the
-/// largest if there is none.
+/// The smallest and the largest fraction t in [0, 1] with which `base` + t·`along` is within the reach of every axis.
+/// If no fraction fits, the smallest exceeds the largest.
 fn parts(base: &PerChannel<f64>, along: &PerChannel<f64>, reach: &PerChannel<f64>) -> [f64; 2] {
     let (mut least, mut most) = (0.0_f64, 1.0_f64);
     for ((base, along), reach) in base.iter().zip(along).zip(reach) {

@@ -8,7 +8,7 @@ use volcomp_vocabulary::{AxisKind, Direction};
 
 use crate::world::{PERIOD, STEP, limits};
 
-/// A direction memory that receives one reading per cycle, with the number of readings so far.
+/// A direction memory that receives one reading per cycle; counts the readings.
 #[derive(Default)]
 struct Memory {
     memory: DirectionMemory,
@@ -45,13 +45,13 @@ fn one_wrong_position_causes_no_reversal() {
             for cycle in 0..100 {
                 let reported = if cycle % 3 == 0 { position + wrong } else { position };
                 assert_eq!(memory.at(reported, 0.005, None), Some(direction));
-                // A repeated reading counts once.
+                // A repeated reading counts only once.
                 for _ in 0..5 {
                     let taken = PERIOD * memory.readings;
                     memory.memory.at(taken, reported, 0.005, None);
                 }
             }
-            // The first reading may be the wrong one.
+            // The first reading of the memory may be the wrong one.
             let mut memory = Memory::default();
             memory.at(position + wrong, 0.005, None);
             for _ in 0..10 {
@@ -78,7 +78,8 @@ fn it_reverses_only_beyond_the_threshold_from_the_last_extreme() {
     assert_eq!(at(20.0006), Some(Direction::Positive));
 }
 
-/// Forward motion through the wrap at 360° is no reversal; motion back by more than the threshold is, also across the wrap.
+/// Forward motion through the wrap at 360° is not a reversal; motion back by more than the threshold is a reversal,
+/// also across the wrap.
 #[test]
 fn rolling_over_is_no_reversal() {
     for (step, direction) in [(0.001, Direction::Positive), (-0.7, Direction::Negative)] {
@@ -216,7 +217,8 @@ fn a_creeping_axis_reverses_once_beyond_the_threshold() {
     assert_eq!(turns.len(), expected.len(), "{turns:?}");
     for ((direction, at), (expected, beyond)) in turns.iter().zip(expected) {
         assert_eq!(*direction, expected);
-        // The flicker, plus the readings that must agree: five before the first extreme, three at each reversal.
+        // The detection is later by the flicker and by the readings that must agree: five before the first extreme,
+        // three at each reversal.
         assert!((at - beyond).abs() < 6e-5, "{at} mm, {beyond} mm");
     }
 }
@@ -334,8 +336,8 @@ fn wrong_readings() -> impl Strategy<Value = Vec<Option<f64>>> {
 }
 
 proptest! {
-    /// At most two wrong readings in any five, too many for a median of three: they cause no reversal, and four right readings report a
-    /// real one.
+    /// At most two wrong readings in any five, too many for a median of three, cause no reversal. Four right readings
+    /// report a real reversal.
     #[test]
     fn two_wrong_readings_in_five_cause_no_reversal(
         wrong in wrong_readings(),
@@ -356,7 +358,7 @@ proptest! {
             let found = memory.at(reported(position + wrong.unwrap_or(0.0)), 0.005, turn);
             prop_assert!(found.is_none() || found == direction, "{found:?} at {position}");
         }
-        // The motion is known by now: its reversal must be detected by the fourth right reading.
+        // The direction is known at this point. A reversal must be detected by the fourth right reading.
         for _ in 0..8 {
             position += 0.01 * sign;
             memory.at(reported(position), 0.005, turn);

@@ -89,8 +89,8 @@ fn one_wrong_word_of_a_report_moves_nothing() {
     assert_eq!(world.applied, axes(0.040, -0.020));
 }
 
-/// Readings older than the path permits, even one repeated three times, are not taken for a foreign correction, so no axis steps. A
-/// barrier rejects frames that answer a late report.
+/// Readings older than the path permits, even a reading repeated three times, are not taken for a foreign correction,
+/// so no axis steps. A barrier rejects frames that answer a late report.
 #[test]
 fn a_read_back_older_than_allowed_makes_no_step() {
     for late in [16, 24, 40, 100, 130] {
@@ -110,7 +110,8 @@ fn a_read_back_older_than_allowed_makes_no_step() {
     }
 }
 
-/// The control rejects every write for 10 s: the state becomes `faulted` after `zero_after_ms`, and no correction is shown or applied.
+/// The control rejects every write for 10 s: the state becomes `faulted` after `zero_after_ms`, and the guard shows no
+/// applied correction.
 #[test]
 fn refused_writes_are_a_fault_and_nothing_is_shown_as_applied() {
     for mut world in all(&with_delay(1)) {
@@ -140,7 +141,7 @@ fn one_axis_that_rejects_every_write_is_a_fault() {
         let case = format!("Y {y} mm, X ±{x_um} µm at {hz} Hz");
         let mut world = World::new(&with_delay(1));
         world.request(Request::Arm);
-        // The fault follows once a step of Y was requested three times.
+        // The fault follows after three requests for a step of Y.
         let is_faulted = (0..1250_u32).any(|cycle| {
             let at_s = f64::from(cycle) * 0.004;
             world.target = Some(axes(x_um * 1e-3 * (TAU * hz * at_s).sin(), y));
@@ -153,7 +154,8 @@ fn one_axis_that_rejects_every_write_is_a_fault() {
     }
 }
 
-/// Lines cannot be written and keep 40 µm while the guard ramps to zero: when they accept writes again, the axis makes no step.
+/// Lines reject writes and keep 40 µm while the guard ramps to zero: when they accept writes again, the axis makes no
+/// step.
 #[test]
 fn restored_lines_make_no_step() {
     for arms_again in [false, true] {
@@ -222,8 +224,8 @@ fn a_nan_read_back_is_not_reported_as_compensating() {
     }
 }
 
-/// The control does not report the correction for some cycles. Without a barrier it is cleared meanwhile, and a barrier ramps out at its
-/// timeout: the guard ramps back to 40 µm.
+/// The control does not report the correction for some cycles. Without a barrier the correction is cleared in the
+/// meantime; a barrier ramps out at its timeout. The guard ramps back to 40 µm.
 #[test]
 fn a_correction_that_is_not_reported_comes_back_by_a_ramp() {
     for silent in [1, 3, 12, 100, 500] {
@@ -265,8 +267,8 @@ fn an_expired_decision_is_not_sent() {
     }
 }
 
-/// Two readings repeat a write from 32 ms ago, as a late path may: that value was confirmed as replaced, so the axis does not step back
-/// to it.
+/// Two readings repeat a write from 32 ms ago, as on a late path. A later value was already confirmed, so the axis does
+/// not step back to the repeated one.
 #[test]
 fn readings_that_repeat_an_earlier_write_make_no_step() {
     for (repeated, back) in (1..12).flat_map(|repeated| (1..=8).map(move |back| (repeated, back))) {
@@ -287,7 +289,8 @@ fn readings_that_repeat_an_earlier_write_make_no_step() {
     }
 }
 
-/// With late readings and lost writes any write since the last confirmed one may be applied: the next write must be close to all of them.
+/// With late readings and lost writes, any write since the last confirmed one may be applied: the next write must be
+/// close to all these writes.
 #[test]
 fn a_lost_write_before_a_late_reading_makes_no_step() {
     for pattern in 0..64_u32 {
@@ -303,8 +306,8 @@ fn a_lost_write_before_a_late_reading_makes_no_step() {
     }
 }
 
-/// During another fault, three false readings of 1.5 mm are not written to the axis. A real correction of 1.5 mm remains until the
-/// operator acknowledges it.
+/// During another fault, three false readings of 1.5 mm are not written to the axis. A real correction of 1.5 mm stays
+/// applied until the operator acknowledges the fault.
 #[test]
 fn a_correction_beyond_the_limit_needs_acknowledgement_in_any_fault() {
     let faulted = || {
@@ -360,7 +363,7 @@ fn one_repeated_message_is_one_reading() {
     world.assert_steps(MOST, "armed");
 }
 
-/// The barrier accepts frames but the control holds the axis: this is reported as unconfirmed.
+/// The barrier accepts frames but the control holds the axis: the correction is reported as unconfirmed.
 #[test]
 fn an_axis_that_does_not_follow_is_reported() {
     let mut world = World::guarded(&with_delay(1)).arm();
@@ -399,7 +402,8 @@ fn a_restarted_control_still_fits() {
     }
 }
 
-/// The reason comes with the value found and the expected one: a limit of 150 µm in the barrier, and scans that take twice the configured time.
+/// The reason is reported with the value found and the expected value: a limit of 150 µm in the barrier, and scans that
+/// take twice the configured time.
 #[test]
 fn a_barrier_that_does_not_fit_is_named_with_its_value() {
     let near = |found: f64, expected: f64| (found - expected).abs() < 1e-9;
@@ -427,8 +431,8 @@ fn a_barrier_that_does_not_fit_is_named_with_its_value() {
     );
 }
 
-/// Repeated short outages, in each of which the barrier goes to zero, are a fault. After its acknowledgement the earlier failures do not
-/// count, and arming works.
+/// Repeated short outages, in each of which the barrier ramps to zero, are a fault. After the acknowledgement of the
+/// fault the earlier failures do not count, and arming works.
 #[test]
 fn arming_works_after_an_acknowledged_fault() {
     let mut faults = 0;

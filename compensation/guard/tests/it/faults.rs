@@ -33,7 +33,7 @@ fn stale_positions_hold_then_ramp_out_then_back_in() {
     assert_eq!(world.applied, before);
 }
 
-/// Without a response nothing is written. Then the output starts at the reported correction and ramps.
+/// While the control does not respond, nothing is written. Then the output starts at the reported correction and ramps.
 #[test]
 fn after_a_reboot_it_ramps_from_the_applied_correction() {
     let mut world = World::compensating(&limits());
@@ -43,7 +43,7 @@ fn after_a_reboot_it_ramps_from_the_applied_correction() {
     assert!(silent.reasons.contains(Reasons::NO_CONTROLLER));
     world.applied = PerChannel::ZERO;
     world.answers = true;
-    // One reading is no confirmation; three separate ones are.
+    // One reading does not confirm a correction; three separate readings do.
     let back = world.run(3 * PERIOD);
     assert!(!back.write && back.state.name() != "arming");
     let back = world.run(Duration::ZERO);
@@ -283,7 +283,7 @@ fn lost_writes_are_no_event() {
 fn a_barrier_held_by_its_control_is_reported_and_continues() {
     let mut world = World::guarded(&limits()).arm();
     world.holds = true;
-    // The goal is reached, so the stop is not noticeable yet.
+    // The axis has reached its goal, so the stop is not noticeable yet.
     let output = world.run(Duration::from_secs(1));
     assert_eq!(output.state, State::Compensating);
     world.target = Some(axes(0.140, -0.020));
@@ -314,8 +314,8 @@ fn a_slow_correction_is_not_reported_as_held() {
     assert!(world.applied[0] > 0.01);
 }
 
-/// With 72 ms of delay both ways the word has moved on before its frame is seen to be accepted: this does not count as a held control. A
-/// real hold is reported in time.
+/// With 72 ms of delay both ways, the word has already changed when the acceptance of its frame is reported: this does
+/// not count as a held control. A real hold is reported in time.
 #[test]
 fn a_slow_path_is_not_reported_as_a_held_control() {
     let scan_ms = Duration::from_millis;

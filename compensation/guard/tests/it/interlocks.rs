@@ -13,7 +13,7 @@ fn an_interlock_on_one_path_holds_all_until_the_same_path_clears_it() {
     interlocks.update(0, CLEAR);
     interlocks.update(1, STOP);
     assert_eq!(interlocks.reasons(), Reasons::EMERGENCY_STOP);
-    // Neither silence nor another path that cannot see the stop clears it.
+    // An interlock is not cleared by silence, nor by another path that does not see the stop.
     interlocks.update(0, CLEAR);
     interlocks.update(1, None);
     let reported = interlocks.reasons();
@@ -50,8 +50,8 @@ fn an_acknowledgement_lifts_only_interlocks_of_silent_paths() {
     assert_eq!(interlocks.reasons(), Reasons::NONE);
 }
 
-/// Another path reports an emergency stop while the barrier moves and frames and reports are in transit: the axis comes to rest, no
-/// report becomes its next goal, and the correction continues after the stop.
+/// Another path reports an emergency stop while the barrier moves and frames and reports are in transit. The axis comes
+/// to rest, no late report becomes its next goal, and the correction continues after the stop.
 #[test]
 fn an_axis_holds_in_a_stop_reported_by_another_path() {
     for late in [0, 1, 2, 4] {
@@ -72,7 +72,8 @@ fn an_axis_holds_in_a_stop_reported_by_another_path() {
     }
 }
 
-/// In a stop the barrier holds some cycles beyond the last report: the guard adopts that correction and does not move back.
+/// In a stop the barrier comes to rest some cycles after the last report: the guard adopts that correction and does not
+/// move back.
 #[test]
 fn the_correction_held_by_a_barrier_in_a_stop_is_adopted() {
     let mut world = World::guarded(&Limits { read_back_cycles: 8, ..limits() });
@@ -89,13 +90,14 @@ fn the_correction_held_by_a_barrier_in_a_stop_is_adopted() {
     assert_eq!(world.applied, stands);
 }
 
-/// The confirmed correction lags the sent one, so at the start of a stop it must not replace the word: the axis would move back by 18 µm.
-/// The words keep the slew in every time window, and the axis never reverses.
+/// The confirmed correction lags the sent one. At the start of a stop it must not replace the word, because the axis
+/// would move back by 18 µm. The words keep the slew in every time window, and the axis never reverses.
 #[test]
 fn neither_word_nor_axis_moves_back_when_a_stop_begins() {
     let slew = limits().axes[0].slew_per_s;
     for late in [0, 2, 4, 6] {
-        // Either the control holds or only another path reports the stop, briefly or until the position is known.
+        // Either the control holds, or only another path reports the stop: briefly, or until the position of the axis
+        // is known.
         for (holds, cycles) in [(true, 4), (true, 80), (false, 4), (false, 80)] {
             let mut world = World::ramping(late, 60);
             let mut words = Vec::new();
@@ -233,8 +235,8 @@ fn limits_lowered_as_a_stop_begins_do_not_reverse_an_axis() {
     }
 }
 
-/// A control with a delay of `late` cycles that holds X in the middle of a ramp for a reason that no path reports, long enough to be
-/// known as stationary.
+/// A control with a delay of `late` cycles that holds X in the middle of a ramp for a reason that no path reports, for
+/// long enough to count as stationary.
 fn held_by_itself(late: usize) -> World {
     let mut world = World::ramping(late, 90);
     world.holds = true;
@@ -301,7 +303,7 @@ fn a_control_released_early_in_a_stop_goes_to_the_word() {
             world.interlocks.update(1, STOP);
             world.run(Duration::from_millis(after));
             world.holds = false;
-            // Until the release is known and all words sent before it have arrived.
+            // Runs until the release is reported and all words sent before the release have arrived.
             for _ in 0..4 * late + 20 {
                 world.run(Duration::ZERO);
             }

@@ -1,4 +1,5 @@
-//! Lines whose device reports their levels (levels count as applied instead of the last write), and lines without reports.
+//! Lines whose device reports their levels, which then count as applied instead of the last write; and lines without
+//! reports.
 
 use core::time::Duration;
 
@@ -163,8 +164,8 @@ fn left_levels_are_reported_and_disarming_ramps_them_out() {
     world.assert_steps(MOST, "disarmed");
 }
 
-/// The control goes to zero at its timeout while its lines keep their levels: these levels count only while the lines are written, and
-/// arming makes no step.
+/// The control ramps to zero at its timeout while its lines keep their levels. These levels count only while the lines
+/// are written, and arming makes no step.
 #[test]
 fn levels_of_a_control_that_times_out_count_only_while_it_is_written() {
     let mut world = reporting(0.040);
@@ -192,7 +193,8 @@ fn levels_of_a_control_that_times_out_count_only_while_it_is_written() {
     world.run_to(3 * SECOND, State::Compensating);
 }
 
-/// A stored correction counts until the control starts to ramp to zero, is unknown during the ramp, and is zero afterwards.
+/// A stored correction counts as applied until the control starts to ramp to zero, is unknown during the ramp, and is
+/// zero afterwards.
 #[test]
 fn a_stored_correction_counts_until_the_control_times_out() {
     let stored = Some(0.040);
@@ -223,12 +225,13 @@ fn lines_that_take_over_again_start_at_their_last_write() {
     world.request(Request::TakeOver);
     world.run_to(2 * SECOND, State::Compensating);
     world.assert_steps(MOST, "taken over");
-    // A barrier also drops a correction that came on lines.
+    // A barrier also drops a correction that was written on lines.
     world.read_back.take_over(world.now, true);
     assert_eq!(confirmed(&world), Some(PerChannel::ZERO));
 }
 
-/// The stored correction may have been written by another path: unless it is zero, it is unknown, and the operator must check.
+/// The stored correction may have been written by another path. Unless it is zero, the applied correction is unknown,
+/// and the operator must check it.
 #[test]
 fn lines_that_take_over_do_not_guess_the_correction_of_the_previous_run() {
     for (stored, acknowledged, is_known) in [
@@ -253,8 +256,8 @@ fn lines_that_take_over_do_not_guess_the_correction_of_the_previous_run() {
     }
 }
 
-/// A control with a timeout has the last output until the timeout can have expired, an unknown correction while the ramp may run, then
-/// zero.
+/// The correction of a control with a timeout is the last output until the timeout can have expired, unknown while the
+/// ramp may run, and then zero.
 #[test]
 fn a_control_that_times_out_is_known_by_the_time_since_the_last_write() {
     for waited_ms in [0, 100, 190, 210, 300, 490, 510, 2000] {

@@ -98,7 +98,7 @@ fn a_line_that_ends_beyond_a_lowered_limit_is_scaled_as_a_whole() {
             let output = vector.output();
             most = most.max((output[0] - 500.0 * output[3]).abs());
         }
-        // One step of A at its lever, since words are rounded towards zero during a reduction, and one step of X.
+        // One step of A at its lever, because words are rounded towards zero during a reduction, and one step of X.
         assert!(most <= 1e-7 * 500.0 + 1e-5, "{linear} {rotary}: {most}");
         let within = |i: usize| vector.output()[i].abs() <= after.axes[i].limit * (1.0 + 1e-9);
         assert!(within(0) && within(3), "{vector:?}");
@@ -236,7 +236,8 @@ fn a_correction_sent_long_before_a_limit_was_lowered_is_a_fault() {
 /// without a fault.
 #[test]
 fn a_path_with_lower_limits_reduces_the_previous_correction_by_a_ramp() {
-    // Corrections found at the take-over: the sent ones, larger ones, and on one axis the word sent for the other.
+    // Corrections found at the take-over: the sent ones, larger ones, and, on one axis, the word that was sent for the
+    // other axis.
     for (found, is_expected) in
         [(axes(-0.070, 0.140), true), (axes(-0.070, 0.142), false), (axes(-0.140, 0.140), false)]
     {
@@ -268,7 +269,8 @@ fn a_path_with_lower_limits_reduces_the_previous_correction_by_a_ramp() {
     }
 }
 
-/// Two path changes in a row, before the path between has reported anything: corrections sent on the first path are still accepted.
+/// Two path changes in a row, the second before the path in between has reported a correction: corrections sent on the
+/// first path are still accepted.
 #[test]
 fn sent_corrections_are_carried_over_two_changes_of_path() {
     let mut world = World::compensating(&world::limits());

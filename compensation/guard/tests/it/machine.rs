@@ -1,5 +1,5 @@
-//! A machine with one to three paths to its control, driven like a gateway, with all faults of the paths. Tests check the motion of its
-//! axes after every write and scan.
+//! A machine with one to three paths to its control, driven as by a gateway, with all faults of the paths. The motion
+//! of the axes is checked after every write and scan.
 
 use std::{collections::VecDeque, time::Duration};
 
@@ -20,7 +20,7 @@ const STANDBY_EVERY: Duration = Duration::from_millis(100);
 /// Timeout after which the control of lines ramps to zero, and maximum duration of that ramp.
 const LINES_TIME_OUT: ControlTimeOut =
     ControlTimeOut { after: Duration::from_millis(300), to_zero: Duration::from_millis(300) };
-/// Observation time before the first write, in which nothing else may have moved a control without a barrier.
+/// Observation time before the first write. During it, no other program may have changed a control without a barrier.
 const WATCH: Duration = Duration::from_millis(700);
 /// Maximum age of a reading.
 const OLDEST: Duration = Duration::from_millis(500);
@@ -111,10 +111,10 @@ pub(crate) struct Machine {
 /// Motion of an axis since the last call.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct AxisMotion {
-    /// Largest change by one write or scan, as a fraction of the permitted one.
+    /// Largest change by one write or scan, as a fraction of the permitted change.
     pub(crate) step: f64,
-    /// Largest correction after a write that increased it, as a fraction of its limit, or of the value that was beyond a lowered limit or
-    /// came from a foreign write.
+    /// Largest correction after a write that increased it, as a fraction of its limit. For a correction beyond a
+    /// lowered limit, or from a foreign write, the fraction refers to that correction.
     pub(crate) out: f64,
     pub(crate) not_finite: bool,
     /// A foreign change of the correction occurred.
@@ -272,7 +272,7 @@ impl Machine {
         if self.kind == Kind::LinesWithTimeOut
             && self.scanned.saturating_sub(self.got) > LINES_TIME_OUT.after
         {
-            // 0.15 mm and 150 µrad ramp to zero in less than 300 ms.
+            // 0.15 mm and 150 µrad ramp to zero in less than the 300 ms of the ramp.
             let to_zero = PerChannel::from_fn(|i| {
                 let step = self.limits.axes[i].resolution;
                 let toward = (self.applied[i].abs() - step).max(0.0);

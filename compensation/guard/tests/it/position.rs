@@ -24,7 +24,7 @@ fn ms(ms: f64) -> Duration {
     Duration::from_secs_f64(ms / 1e3)
 }
 
-/// Checks the verdict for each reading: (ms, position, verdict).
+/// Checks the verdict for each reading: time in ms, position, verdict.
 fn reported(
     world: &str,
     limits: &PositionLimits,
@@ -64,8 +64,8 @@ fn accepted_positions_of_a_linear_axis() {
     );
 }
 
-/// A wrong position stays rejected, however long it is reported or the axis is silent, and if it moves to the last good position; a jump back there is
-/// accepted.
+/// A wrong position stays rejected, however long it is reported or the axis is silent, and also if it moves to the last
+/// good position. A jump back by the same distance is accepted.
 #[test]
 fn a_jump_is_never_accepted_after_a_while() {
     let mut check = PositionCheck::default();
@@ -75,7 +75,7 @@ fn a_jump_is_never_accepted_after_a_while() {
         assert_eq!(check.judge(&LINEAR, 600.0, ms(at)), JUMP, "{at} ms");
     }
     assert_eq!(check.judge(&LINEAR, 600.0, ms(2e6)), JUMP);
-    // Within reach of the position 10 ms before the jump are 200 mm and less.
+    // Positions within 200 mm are within reach of the position 10 ms before the jump.
     for (at, position, expected) in [
         (0.0, 400.0, JUMP),
         (10.0, 310.0, JUMP),
@@ -94,15 +94,15 @@ fn a_jump_is_never_accepted_after_a_while() {
     ] {
         assert_eq!(check.judge(&LINEAR, position, ms(3e6 + at)), expected, "{position}");
     }
-    // After re-arming.
+    // `forget` is called when the guard is armed again.
     assert_eq!(check.judge(&LINEAR, 2000.0, ms(3_000_300.0)), JUMP);
     check.forget();
     assert_eq!(check.judge(&LINEAR, 2000.0, ms(3_000_310.0)), OK);
 }
 
-/// X goes from 300 to 0 mm and back at 20 m/min; meanwhile its position is 200 mm too high, as after a preset. The
-/// wrong position is never believed, not even where it passes the last good one, after a silence, or after a single
-/// nonsensical reading. The right one is believed when the error ends.
+/// X moves from 300 to 0 mm and back at 20 m/min; meanwhile its position is 200 mm too high, as after a preset. The
+/// wrong position is never accepted, also where it passes the last good one, after a silence, or after a single
+/// nonsensical reading. The right position is accepted when the error ends.
 #[test]
 fn a_constant_error_is_not_believed_as_the_axis_moves() {
     let mut check = PositionCheck::default();
@@ -119,8 +119,9 @@ fn a_constant_error_is_not_believed_as_the_axis_moves() {
     }
 }
 
-/// X goes from 300 mm at 20 m/min; its position is 200 mm too high, then wrong by another error. The second error, which begins
-/// where it brings the position to the last good one, is beyond the allowance of both jumps: 187 mm for the second reading at a cycle of 4 ms.
+/// X moves from 300 mm at 20 m/min. Its position is 200 mm too high, then wrong by another error, which begins where it
+/// brings the position to the last good one. The second error is beyond the allowance of both jumps: 187 mm for the
+/// second reading at a cycle of 4 ms.
 #[test]
 fn another_error_is_not_believed() {
     for (second, cycles, expected) in [(-300.0, 225, JUMP), (-200.0, 150, JUMP), (0.0, 10, OK)] {
@@ -136,8 +137,8 @@ fn another_error_is_not_believed() {
     }
 }
 
-/// X goes from 600 mm to 0, to 1000 mm and on at 20 m/min, so that each wrong position passes the last good one. Errors that alternate, for one
-/// reading of 4 ms or for several, are never believed.
+/// X moves from 600 mm to 0, to 1000 mm and on at 20 m/min, so that each wrong position passes the last good one.
+/// Errors that alternate, for one reading of 4 ms or for several, are never accepted.
 #[test]
 fn alternating_errors_are_not_believed() {
     for errors in [
@@ -308,7 +309,7 @@ proptest! {
             let passed = f64::from(*cycle) + if index % 10 == 9 { f64::from(silence) } else { 0.0 };
             let goes = (RAPID * speed * passed / 1e3).clamp(-before, 4000.0 - before);
             at += passed;
-            // The position of an earlier or later time on the way, at the same speed.
+            // The position at an earlier or later time during the motion, at the same speed.
             let reported = (before + goes * (1.0 + late / passed)).clamp(
                 (before + goes - RAPID * 0.025).max(0.0),
                 (before + goes + RAPID * 0.025).min(4000.0),

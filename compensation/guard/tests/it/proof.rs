@@ -145,8 +145,7 @@ fn each_axis_has_its_own_result() {
 }
 
 /// If the control's words have another unit, a position that follows in both directions by another factor is a
-/// contradiction: neither motion nor proof. A tenth of the shift is below one count of a flickering position, which
-/// counts as not following.
+/// contradiction. A tenth of the shift is below one count of a flickering position and counts as not following.
 #[test]
 fn a_position_that_follows_by_another_factor_is_a_contradiction() {
     for factor in [2.0, 10.0, 17.45, 0.5, 0.1, -1.0, -3.0] {
@@ -187,7 +186,7 @@ fn a_shift_across_the_roll_over_is_found() {
     }
 }
 
-/// A write that is not sent, even with the axes at rest, does not prevent the proof from completing.
+/// One write that is not sent, also with the axes at rest, does not prevent the proof from completing.
 #[test]
 fn one_unsent_write_does_not_block_the_proof() {
     for missed in 0..300 {
@@ -212,14 +211,14 @@ fn slow_creeping_and_flickering_positions() {
     for contains in [false, true] {
         let axis = Axis { contains, ..PLAIN };
         let truth = if contains { Contained } else { NotContained };
-        // Dates in the future make no standstill longer.
+        // Timestamps of a fast clock do not make the standstill longer.
         for (lag, clock_rate) in [(1, 1), (5, 1), (25, 1), (60, 1), (60, 20)] {
             let mut rig = Rig::new(&limits(), [Axis { lag, ..axis }, PLAIN], PerChannel::ZERO);
             rig.clock_rate = clock_rate;
             let verdict = rig.prove(20 * SECOND).0.expect("a verdict");
             assert_eq!(verdict.axes[0], truth, "lag {lag}, clock {clock_rate}");
         }
-        // Later than the required standstill: no verdict, and no wrong one.
+        // A position that is later than the required standstill gives no verdict or the right verdict.
         for lag in [65, 70, 80, 100, 120] {
             let [shown, _] = proven([Axis { lag, ..axis }, PLAIN]);
             let believed = [truth, NotProven];
@@ -228,7 +227,7 @@ fn slow_creeping_and_flickering_positions() {
         let flicker = Axis { flicker: SHIFT / 4.0, ..axis };
         assert_eq!(proven([flicker, PLAIN])[0], truth);
     }
-    // Creep as fast as the slowest response to the shift in one leg matches one direction but not the other.
+    // Creep as fast as the slowest response to the shift matches the shift in one direction but not in the other.
     for creep_mm_per_s in [0.002, 0.004, 0.01, 0.015, 0.02, -0.015] {
         let creeps = Axis { creep_mm_per_s, ..PLAIN };
         let mut rig = Rig::new(&limits(), [creeps, PLAIN], PerChannel::ZERO);
@@ -250,7 +249,7 @@ fn the_shift_goes_both_ways_and_stays_within_the_limit() {
         (0.147, [0.142, 0.147]),
         (0.145, [0.140, 0.150]),
         (-0.150, [-0.150, -0.145]),
-        // Left from a larger limit: reduced first.
+        // A correction left from a larger limit is reduced first.
         (0.162, [0.145, 0.162]),
     ] {
         let mut rig = Rig::new(&limits(), machine, axes(from, 0.0));
@@ -337,8 +336,8 @@ fn a_frozen_position_is_reported_as_not_proven() {
     assert_eq!(world.guard.verdict().proven[..2], [false, false]);
 }
 
-/// Positions of another path have another zero, and the difference does not count as motion: a frozen position stays unproven after a
-/// change of path.
+/// Positions of another path have another zero. The difference does not count as motion: a frozen position stays
+/// unproven after a change of path.
 #[test]
 fn a_frozen_position_proves_nothing_after_a_change_of_paths() {
     let limits = Limits { test_shift: PerChannel([SHIFT; 9]), ..limits() };
@@ -401,7 +400,7 @@ fn the_tip_stays_while_a_rotary_axis_is_shifted() {
         let mut world = World::new(&with_table(includes_correction));
         world.really_includes = includes_correction;
         let [off, turned] = proves(&mut world, 400.0);
-        // The shift of X, or half a step each of table and X.
+        // The shift of X, or half a step each of the table and of X.
         assert!(off < SHIFT + 1e-9, "{off}");
         assert!((turned - 4.0 * COUNT_RAD).abs() < 1e-9, "{turned}");
         let truth = if includes_correction { Contained } else { NotContained };
@@ -411,7 +410,8 @@ fn the_tip_stays_while_a_rotary_axis_is_shifted() {
     }
 }
 
-/// Readings count towards the proof only while the applied correction is confirmed and a correction is requested: the proof waits.
+/// Readings count towards the proof only while the applied correction is confirmed and a correction is requested.
+/// Otherwise the proof waits.
 #[test]
 fn a_disturbed_proof_waits() {
     let limits = Limits { test_shift: PerChannel([SHIFT; 9]), ..limits() };
@@ -432,7 +432,8 @@ fn a_disturbed_proof_waits() {
     }
     for is_confirmed in [false, true] {
         let mut world = arming();
-        // 120 ms before the end; after 50 ms it is a disturbance, after 500 ms the arming ends.
+        // The disturbance starts 120 ms before the end. After 50 ms it interrupts the proof; after 500 ms the arming
+        // ends.
         world.run((cycles - 30) * PERIOD);
         world.hides_correction = !is_confirmed;
         let target = world.target.take_if(|_| is_confirmed);
@@ -445,7 +446,8 @@ fn a_disturbed_proof_waits() {
     }
 }
 
-/// If the linear axes have no room to follow, the rotary axis is not shifted and reported as not proven.
+/// If the limits of the linear axes do not permit following, the rotary axis is not shifted, and is reported as not
+/// proven.
 #[test]
 fn a_rotary_axis_that_cannot_be_followed_is_not_shifted() {
     let mut world = World::new(&with_table(false));

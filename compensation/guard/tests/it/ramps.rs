@@ -38,18 +38,18 @@ fn a_line_takes_the_ramp_or_as_long_as_its_slowest_axis() {
     let limits = five(0.0);
     let ramp_s = line_s(&limits, &from, &to);
     assert!((ramp_s - 0.5).abs() < 0.005, "{ramp_s}");
-    // 50 µrad at 50 µrad/s.
+    // 50 µrad at 50 µrad/s take 1 s.
     let mut slow = limits;
     slow.axes[4].slew_per_s = 50e-6;
     let slow_s = line_s(&slow, &from, &to);
     assert!((slow_s - 1.0).abs() < 0.01, "{slow_s}");
-    // 0.1 s to reach the slew of 0.1 mm/s.
+    // The axis needs 0.1 s to reach the slew of 0.1 mm/s.
     let mut eased = limits;
     eased.axes[0].slew_per_s = 0.1;
     eased.axes[0].accel_per_s2 = 1.0;
     let eased_s = line_s(&eased, &from, &to);
     assert!((1.09..1.3).contains(&eased_s), "{eased_s}");
-    // At least 20 cycles.
+    // The ramp has at least 20 cycles.
     let mut short = limits;
     short.ramp = Duration::ZERO;
     short.axes.iter_mut().for_each(|axis| axis.slew_per_s *= 10.0);
@@ -250,7 +250,7 @@ fn a_request_beyond_a_limit_does_not_end_the_ramp_of_the_others() {
         let rate = (vector.smooth()[1] - before).abs() / 0.004;
         largest = largest.max(rate);
     }
-    // 120 µm in 5 s, plus a margin because the limit reduces all shares.
+    // 120 µm in 5 s, with a margin because the limit reduces all shares.
     assert!(largest <= 0.05, "{largest} mm/s");
 }
 
@@ -324,8 +324,8 @@ fn the_tip_error_never_exceeds_that_at_the_start_of_the_ramp() {
     }
 }
 
-/// A correction between two output steps ramps out, even if a cycle slews by less than one step and the next step is as far from the
-/// applied correction as a word may be.
+/// A correction between two output steps ramps out, also if the slew per cycle is less than one step and the next step
+/// is at the maximum distance of a word from the applied correction.
 #[test]
 fn a_correction_between_steps_ramps_out() {
     for seed in 0..2000 {
@@ -407,8 +407,8 @@ fn ramp_s(limit: f64, slew: f64, accel: f64, ramp: Duration, requested: [f64; 2]
     f64::INFINITY
 }
 
-/// The ramp to a request beyond the limit takes at most twice the ramp time, or twice the time that slew and acceleration need for the
-/// whole request.
+/// The ramp to a request beyond the limit takes at most twice the ramp time, or twice the time that slew and
+/// acceleration require for the whole request.
 #[test]
 fn the_ramp_to_a_request_beyond_a_limit_ends_in_time() {
     let mut wrong = 0;

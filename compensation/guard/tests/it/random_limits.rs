@@ -44,8 +44,8 @@ fn read_standby(standby: &mut ReadBack, world: &World) {
     standby.receive(world.now, world.now, &reported, world.guard.limits());
 }
 
-/// A barrier some cycles away with a second path to it: random changes of limits are no fault, words keep the slew, and no axis moves in
-/// a stop.
+/// A barrier with a delay of some cycles, and a second path to it: random changes of limits are not a fault, words keep
+/// the slew, and no axis moves in a stop.
 #[test]
 fn random_changes_of_limits_are_no_fault() {
     // Random seeds, and fixed ones: three in which an axis moved during a stop, one in which a sent correction was a fault.
@@ -146,7 +146,8 @@ impl Window {
     }
 }
 
-/// Without a barrier, with late or missing read-back and a path with another axis order: random changes of limits are no fault.
+/// Without a barrier, with a late or missing read-back, and with a path that has another axis order: random changes of
+/// limits are not a fault.
 #[test]
 fn random_changes_of_limits_without_a_barrier_are_no_fault() {
     for seed in 0..400_u64 {

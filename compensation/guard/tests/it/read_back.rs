@@ -25,7 +25,8 @@ fn received(read_back: &mut ReadBack, late: Duration) -> (ReadBackStatus, Durati
     (*read_back.status(), now)
 }
 
-/// A reading confirms the correction as of its own time, however late it is received; a reading older than `hold` confirms nothing.
+/// A reading confirms the correction as of its own time, also if it is received later; a reading older than `hold`
+/// confirms no correction.
 #[test]
 fn a_reading_confirms_as_of_its_own_time() {
     let hold = limits().hold;
@@ -39,7 +40,8 @@ fn a_reading_confirms_as_of_its_own_time() {
     assert_eq!((known.confirmed, known.writable), (None, false));
 }
 
-/// A repeated reading ages and permits no write. The time for which sent corrections are missing counts only while readings arrive.
+/// A repeated reading ages and permits no write. Only time in which readings arrive counts towards the time of missing
+/// corrections.
 #[test]
 fn a_repeated_reading_ages() {
     let limits = limits();

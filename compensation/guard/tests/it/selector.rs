@@ -16,7 +16,7 @@ fn the_next_path_takes_over_and_hands_back_with_hysteresis() {
         (1, [UP, UP], (0, 0, false, false)),
         (2, [DOWN, UP], (1, 1, true, false)),
         (3, [DOWN, UP], (1, 1, false, false)),
-        // Usable for one second, which is too short.
+        // One second of usability is too short.
         (4, [UP, UP], (1, 1, false, false)),
         (5, [UP, UP], (1, 1, false, false)),
         // A dropout restarts the hand-back time.

@@ -37,7 +37,7 @@ impl Watch {
         if seen.out > 1.0 + 1e-6 {
             return Err(format!("{} of the limit at {now} s", seen.out));
         }
-        // With a barrier the axis moves at the barrier's rate, which every scan has checked.
+        // With a barrier the axis moves at the barrier's rate, which was checked at every scan.
         if matches!(machine.kind, Kind::Barrier | Kind::LinesWithTimeOut) {
             return Ok(());
         }
@@ -73,7 +73,7 @@ fn run(seed: u64, kind: Kind, axes: usize, ways: usize, cycles: u32) -> Result<V
     let mut watch = Watch::default();
     let mut states = Vec::new();
     for cycle in 0..cycles {
-        // A control with a barrier is observed for 1 s before arming, one without for 0.7 s.
+        // Before arming, a control with a barrier is observed for 1 s, a control without a barrier for 0.7 s.
         let request = if cycle > 400 && cycle % 8 == 0 {
             machine.random_event()
         } else {
@@ -92,7 +92,8 @@ fn run(seed: u64, kind: Kind, axes: usize, ways: usize, cycles: u32) -> Result<V
     machine.repair();
     for cycle in 0..1600 {
         let request = match cycle {
-            // Three acknowledgements: disarming faults on a correction beyond the limit, and so does one that is confirmed later.
+            // Three acknowledgements, because a fault follows if a correction beyond the limit is found while
+            // disarming, or is confirmed later.
             300 | 700 | 1100 => Some(Request::Acknowledge),
             320 | 720 | 1120 => Some(Request::Disarm),
             _ => None,

@@ -70,7 +70,7 @@ fn a_slew_lowered_in_motion_loses_no_correction() {
                 let case = format!("{late} late, after {after}, slew x {part}: {watch:?}");
                 assert!(watch.back < 1e-9, "{case}");
                 assert_eq!(watch.unsent, 0, "{case}");
-                // From now on no word is faster than the lower rate, except for words in transit.
+                // From now on no word is faster than the lower rate, except for words already in transit.
                 let word = world.guard.output()[0];
                 watch.look(&mut world, 50, None);
                 let most = part * SLEW * 50.0 * PERIOD.as_secs_f64() + STEP;
@@ -80,7 +80,8 @@ fn a_slew_lowered_in_motion_loses_no_correction() {
     }
 }
 
-/// The request reverses at full rate while the confirmed correction still moves the other way: a frame is sent in every cycle.
+/// The request reverses at full rate while the confirmed correction still moves in the old direction: a frame is sent
+/// in every cycle.
 #[test]
 fn a_correction_that_reverses_at_full_rate_is_sent_in_every_cycle() {
     for late in [0, 1, 2, 3, 4, 6] {
@@ -103,7 +104,8 @@ fn a_correction_that_reverses_at_full_rate_is_sent_in_every_cycle() {
     }
 }
 
-/// Another path to the same barrier takes over while words are in transit: the axis does not reverse, and the word continues at its rate.
+/// Another path to the same barrier takes over while words are in transit: the axis does not reverse, and the words
+/// keep their rate.
 #[test]
 fn another_path_to_the_same_barrier_takes_over_in_motion() {
     for late in LATE {
@@ -146,7 +148,8 @@ fn another_path_starts_with_a_ramp_for_every_request() {
     }
 }
 
-/// A path takes over in the cycle in which another path first reports a stop, while the control does not hold: the axis does not reverse.
+/// A path takes over in the cycle in which another path first reports a stop that the control does not make: the axis
+/// does not reverse.
 #[test]
 fn a_path_that_takes_over_in_a_stop_does_not_reverse_an_axis() {
     for late in LATE {
@@ -160,7 +163,8 @@ fn a_path_that_takes_over_in_a_stop_does_not_reverse_an_axis() {
     }
 }
 
-/// Long after the last words, none is in transit: a path that takes over starts at the confirmed correction.
+/// Long after the last words were sent, none of them is in transit: a path that takes over starts at the confirmed
+/// correction.
 #[test]
 fn words_sent_long_before_a_take_over_are_not_carried_over() {
     for late in LATE {
@@ -197,8 +201,8 @@ fn a_barrier_takes_over_at_what_it_applies() {
     assert!(word <= 2.0 * STEP + 1e-9, "{word}");
 }
 
-/// In a late cycle a frame fails, and in the next short cycle its word is farther away than the rate permits: at most five frames are
-/// omitted until the word is reachable.
+/// In a late cycle a frame fails. In the next, short cycle its word is farther away than the rate permits: at most five
+/// frames are omitted until the word is reachable.
 #[test]
 fn the_correction_continues_after_a_failed_frame_of_a_late_cycle() {
     for late in LATE {
@@ -211,7 +215,7 @@ fn the_correction_continues_after_a_failed_frame_of_a_late_cycle() {
         assert_eq!(world.guard.output()[0], word, "{late} late");
         world.cycle_after(Duration::from_micros(250), None);
         watch.look(&mut world, 6, None);
-        // At most the duration of the late cycle.
+        // At most as many cycles as the late cycle lasted.
         assert!(watch.unsent <= 5, "{late} late: {watch:?}");
         assert!(world.guard.output()[0] >= word, "{late} late");
         watch.look(&mut world, 300, None);

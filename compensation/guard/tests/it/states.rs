@@ -33,7 +33,7 @@ fn arming_ramps_in_and_disarming_ramps_out() {
     assert!((0.015..0.022).contains(&x), "{x}");
     let armed = world.run_to(SECOND, State::Compensating);
     world.assert_applied(axes(0.040, -0.020), "armed");
-    // It is applied as intended, not left over.
+    // The correction is applied as intended, so it is not reported as left over.
     assert!(!armed.reasons.contains(Reasons::CORRECTION_LEFT));
     assert_eq!(world.request(Request::Disarm).state.name(), "ramping-out");
     world.run(half);
@@ -62,7 +62,7 @@ fn a_request_beyond_the_limit_is_clamped_and_reported() {
 fn arming_is_refused_with_reasons() {
     type Case = (fn(&mut World), Duration, Reasons, Reasons);
     let (none, stale) = (Reasons::NONE, Reasons::POSITIONS_STALE);
-    // A cause, its duration before the request, and reasons that must and must not be reported.
+    // A cause, its duration before the request, reasons that must be reported, and reasons that must not be reported.
     let cases: [Case; 6] = [
         (|world| world.forbids = Reasons::AUDIT, PERIOD, none, none),
         (|world| world.referenced = false, Duration::ZERO, Reasons::NOT_REFERENCED, none),
@@ -227,7 +227,8 @@ fn setting_the_same_limits_accepts_no_correction() {
     }
 }
 
-/// On disarming, three false readings of 1.5 mm cause no step, and a real correction beyond the limit stays until an acknowledgement.
+/// On disarming, three false readings of 1.5 mm cause no step. A real correction beyond the limit stays until an
+/// acknowledgement.
 #[test]
 fn disarming_does_not_ramp_out_a_correction_beyond_the_limit() {
     for (is_real, is_armed, request) in [
@@ -248,7 +249,7 @@ fn disarming_does_not_ramp_out_a_correction_beyond_the_limit() {
         if is_real {
             world.clear(axes(1.5, 0.0));
         }
-        // When armed, the request comes in the cycle of the third such reading.
+        // With an armed guard, the request comes in the cycle of the third reading of 1.5 mm.
         let is_confirmed = |world: &World| {
             let confirmed = world.status().confirmed;
             confirmed.is_some_and(|confirmed| confirmed.values[0] >= 1.0)
@@ -286,7 +287,7 @@ fn disarming_does_not_ramp_out_another_gateways_correction() {
     world.request(Request::Disarm);
     world.run(SECOND);
     assert_eq!(world.applied, axes(0.020, 0.0));
-    // Without another gateway, stopping leaves the correction, and disarming removes it.
+    // Without another gateway, stopping keeps the correction, and disarming removes it.
     world.run(8 * SECOND);
     world.request(Request::End);
     world.run_to(SECOND, State::Disarmed);
@@ -296,7 +297,8 @@ fn disarming_does_not_ramp_out_another_gateways_correction() {
     assert_eq!(world.applied, PerChannel::ZERO);
 }
 
-/// The barrier accepted another owner, a later sequence, or an epoch without own frames: a fault as long as the other gateway sends.
+/// The barrier accepted another owner, a later sequence, or an epoch without frames of this gateway: a fault as long as
+/// the other gateway sends.
 #[test]
 fn a_frame_of_another_gateway_is_a_fault_until_it_is_gone() {
     let frames = [(5, 0, 0), (99, 2, 0), (99, 30_000, 0), (99, 0, 1)];
@@ -329,7 +331,8 @@ fn a_frame_of_another_gateway_is_a_fault_until_it_is_gone() {
     }
 }
 
-/// An acknowledged correction beyond the limit continues to ramp out after a change of path; a larger one needs another acknowledgement.
+/// An acknowledged correction beyond the limit continues to ramp out after a change of path; a larger correction needs
+/// another acknowledgement.
 #[test]
 fn ramping_out_from_beyond_the_limit_continues_after_a_change_of_paths() {
     for found_there in [None, Some(0.500)] {

@@ -74,7 +74,7 @@ fn every_flaw() {
     assert_eq!(check(&mut one, 3, f64::NAN, 3), out(SensorFlaw::OutOfRange));
     assert_eq!(check(&mut one, 4, 850.0, 4), out(SensorFlaw::OutOfRange));
     assert_eq!(check(&mut one, 40, 21.0, 5), out(SensorFlaw::Stale));
-    // 2.5 K is the permitted change in 30 s, the maximum time credited after a fault.
+    // The permitted change is 2.5 K, for 30 s, the maximum time credited after a fault.
     assert_eq!(check(&mut one, 65, 23.9, 65), (Some(23.9), None));
     assert_eq!(check(&mut one, 66, 23.9, 65), (Some(23.9), None));
     assert_eq!(check(&mut one, 67, 25.0, 67), out(SensorFlaw::Jumped));
@@ -110,7 +110,7 @@ fn a_jump_after_a_gap_is_a_jump() {
     }
 }
 
-/// A repeated reading is judged once; another value at the same time is a new reading.
+/// A repeated reading is checked once; another value at the same time is a new reading.
 #[test]
 fn another_value_at_the_same_time_is_judged_anew() {
     let mut machine = Machine::new(1, SensorLimits::default());
@@ -181,7 +181,7 @@ fn agreement_with_neighbours_readmits_a_sensor() {
         assert_eq!(flaws, [Some(SensorFlaw::Jumped), None, None]);
     }
     assert_eq!(machine.used_after(&[24.5, 16.0, 35.0], 3600.0), Some(601.0));
-    // Of two sensors either may be the right one.
+    // Of two sensors, either may be right.
     let mut two = Machine::new(2, SensorLimits::default());
     two.reads(&[30.0, 22.0]);
     two.reads(&[70.0, 22.0]);
@@ -206,7 +206,8 @@ fn cooled_while_the_first_was_broken() -> Machine {
     machine
 }
 
-/// A repaired sensor is accepted 601 s after it agrees with its neighbours. Their usual difference is that at its last accepted reading.
+/// A repaired sensor is accepted 601 s after it agrees with its neighbours. Their usual differences are those at the
+/// time of its last accepted reading.
 #[test]
 fn a_repaired_sensor_that_agrees_with_its_neighbours_is_readmitted() {
     let mut machine = cooled_while_the_first_was_broken();
@@ -215,7 +216,7 @@ fn a_repaired_sensor_that_agrees_with_its_neighbours_is_readmitted() {
 }
 
 /// A sensor that returns with its temperature of two hours ago, although its neighbours have changed, is rejected: with
-/// or without a jump at its return, and also if the neighbours fall silent.
+/// or without a jump at its return, and also if the neighbours become silent.
 #[test]
 fn an_old_temperature_does_not_outweigh_the_neighbours() {
     for first in [60.0, 40.0] {
@@ -278,7 +279,7 @@ fn a_cold_morning_is_accepted() {
     assert_eq!(machine.reads(&[16.0, 15.0]), [None; 2]);
 }
 
-/// After minutes of silence a sensor that is 22 K off, as one that was replaced or reconfigured, is rejected.
+/// After minutes of silence a sensor that is 22 K off, such as a replaced or reconfigured sensor, is rejected.
 #[test]
 fn a_sensor_far_off_after_minutes_of_silence_is_rejected() {
     let mut machine = Machine::new(1, SensorLimits::default());
@@ -359,8 +360,8 @@ proptest! {
         }
     }
 
-    /// A sensor that jumped and is off by more than the tolerance is never accepted again, whatever the machine does and with any gaps,
-    /// alone or among others.
+    /// A sensor that jumped and is off by more than the tolerance is never accepted again, for any behaviour of the
+    /// machine, with any gaps, alone or among other sensors.
     #[test]
     fn a_constantly_wrong_sensor_stays_out(
         wrong in prop_oneof![-25.0..-6.0_f64, 6.0..60.0_f64],

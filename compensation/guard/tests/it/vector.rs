@@ -1,4 +1,5 @@
-//! The correction of all axes as one vector: limits in any cycle. The runtime's tests cover the effect on the tool.
+//! The correction of all axes as one vector: the limits hold in any cycle. The runtime's tests cover the effect on the
+//! tool.
 
 use proptest::prelude::*;
 use rand::{RngExt, SeedableRng};
@@ -39,15 +40,18 @@ pub(crate) fn of<const N: usize>(values: [f64; N]) -> PerChannel<f64> {
     PerChannel::leading(values)
 }
 
-/// Where rounding exceeds the limit of a linear axis, the nearest steps that do not are taken, each axis measured in its own steps.
+/// If rounding exceeds the limit of a linear axis, the nearest steps within the limit are used; distances are measured
+/// in the steps of each axis.
 #[test]
 fn rounding_at_a_limit_takes_the_nearest_steps() {
     for sign in [1.0, -1.0] {
-        // Step of C, shares of A and C and movement of X per step of each, in steps and mm, and the steps taken.
+        // Columns: step of C; shares of A and C in steps; movement of X per step of A and of C, mm; expected steps of A
+        // and C.
         for (step, shares, by_step, expected) in [
             (5e-6, [10.7, 10.3], [0.1499 / 10.7, 0.0], [10.0, 10.0]),
             (5e-6, [10.7, 10.7], [0.1499 / 10.7, 0.0], [10.0, 11.0]),
-            // 11 and 6 steps are beyond the limit of X; 0.85 steps away are 11 and 5, 1.15 steps 10 and 6.
+            // 11 and 6 steps are beyond the limit of X. The steps 11 and 5 are 0.85 steps away, the steps 10 and 6 are
+            // 1.15 steps away.
             (20e-6, [10.8, 5.65], [0.1499 / 16.45, 0.1499 / 16.45], [11.0, 5.0]),
         ] {
             let mut limits = five(0.0);
@@ -71,7 +75,7 @@ fn rounding_at_a_limit_takes_the_nearest_steps() {
     }
 }
 
-/// The ramp time becomes ten times longer during the ramp: the axes brake together and stay on their line.
+/// The ramp time becomes ten times longer during the ramp: the axes brake together and stay on one straight line.
 #[test]
 fn a_ramp_that_slows_down_stays_on_its_line() {
     let mut limits = three();
@@ -140,7 +144,8 @@ fn any_task() -> impl Strategy<Value = Task> {
     ]
 }
 
-/// Runs tasks. `cycle_seen` receives in every cycle the vector before and after, the cycle time, and whether the rate was reset.
+/// Runs tasks. In every cycle `cycle_seen` receives the vector before and after, the cycle time, and whether the rate
+/// was reset.
 fn run(
     tasks: &[Task],
     dts: &[f64],
@@ -226,8 +231,8 @@ proptest! {
         })?;
     }
 
-    /// Limit, slew and acceleration are lowered in motion: nothing moves farther out than before or than the new limit, and the return
-    /// uses the lower slew.
+    /// Limit, slew and acceleration are lowered in motion: no axis moves farther out than before or than the new limit,
+    /// and the return uses the lower slew.
     #[test]
     fn lowered_limits_are_not_exceeded(
         before in prop::collection::vec(any_task(), 1..5),
@@ -293,8 +298,8 @@ proptest! {
         for cycle in 0..6_000 {
             let followed = vector.follow(&requested, &limits, dts[cycle % dts.len()]);
             prop_assert!(!followed.limited);
-            // In a ramp one factor reduces all position shares: without the motion that follows the rotary axes, the linear shares are
-            // proportional to the position share.
+            // One factor reduces all position shares during a ramp: without the motion that follows the rotary axes,
+            // the linear shares are proportional to the position share.
             let rotary = PerChannel::from_fn(|i| if i >= 3 { vector.smooth()[i] } else { 0.0 });
             let following = RequestedCorrection { position: PerChannel::ZERO, rotary, ..requested }.full();
             let beside = |i: usize| vector.smooth()[i] - following[i];
@@ -349,7 +354,7 @@ proptest! {
     ) {
         let limits = five(0.0);
         let mut vector = Vector::default();
-        // Within the limits, so that no factor changes with the noise.
+        // The request is within the limits, so that no factor changes with the noise.
         let requested = RequestedCorrection {
             position: requested.position.map(|x| 0.1 * x),
             rotary: requested.rotary.map(|x| 0.1 * x),
@@ -409,7 +414,8 @@ fn nan_and_infinity_move_nothing() {
     assert_eq!(Vector::at(&PerChannel::ZERO), Vector::default());
 }
 
-/// 20 cycles after one absurd request the axes are where they would be without it, within one cycle of the ramp, and the ramp continues.
+/// 20 cycles after one absurd request the axes are within one cycle of the ramp of their positions without this
+/// request, and the ramp continues.
 #[test]
 fn one_absurd_request_does_not_end_the_ramp() {
     let requested = RequestedCorrection {
@@ -504,8 +510,8 @@ fn a_limit_scales_every_share_equally() {
     assert!(followed.limited && followed.warned && !followed.slewing);
 }
 
-/// At rest the rotary values before rounding are whole output steps, and the linear words are solved for these. Otherwise the tip would
-/// be off where rounding exceeds the limit of a linear axis.
+/// At rest the rotary values before rounding are whole output steps, and the linear words are solved for these values.
+/// Otherwise the tip would be off if rounding exceeds the limit of a linear axis.
 #[test]
 fn at_rest_rotary_words_are_whole_steps() {
     let mut rng = ChaCha8Rng::seed_from_u64(5);

@@ -1,4 +1,4 @@
-//! A simulated control as the guard sees it, with injected faults; tests check the motion of its axes.
+//! A simulated control as the guard sees it, with injected faults. Tests check the motion of its axes.
 
 use std::{collections::VecDeque, time::Duration};
 
@@ -93,7 +93,8 @@ pub(crate) struct World {
     /// The barrier holds in a stop that no path reports.
     pub(crate) holds: bool,
     pub(crate) answers: bool,
-    /// Correction that the control reports instead of the applied one; `None`: it reports the applied one.
+    /// Correction that the control reports instead of the applied correction; `None`: the control reports the applied
+    /// correction.
     pub(crate) false_reading: Option<PerChannel<f64>>,
     /// Index of a word of the barrier's report, and the bits to flip.
     pub(crate) flipped_word: Option<(usize, u16)>,
@@ -105,7 +106,7 @@ pub(crate) struct World {
     pub(crate) frame_delay: usize,
     in_transit: VecDeque<Vec<u16>>,
     reported: VecDeque<(PerChannel<f64>, [u16; REPORT_WORDS], usize, Duration)>,
-    /// Reported positions do not contain the correction.
+    /// The control does not report its correction.
     pub(crate) hides_correction: bool,
     /// Lines whose device reports the levels of its outputs.
     pub(crate) reports_levels: bool,
@@ -156,7 +157,8 @@ impl World {
         world
     }
 
-    /// A barrier with a delay of `late` cycles each way, `after` cycles into a ramp to 140 µm.
+    /// A compensating world with a delay of `late` cycles each way to its barrier, `after` cycles into a ramp to 140
+    /// µm.
     pub(crate) fn ramping(late: usize, after: u32) -> Self {
         let mut world = Self::guarded(&Limits { read_back_cycles: 2 * late + 2, ..limits() });
         (world.frame_delay, world.report_delay) = (late, late);
@@ -210,7 +212,7 @@ impl World {
         world
     }
 
-    /// Takes over on another path to the same barrier, which was not read yet, with these limits.
+    /// Takes over with these limits on another path to the same barrier. The guard has not read the new path before.
     pub(crate) fn take_other_path(&mut self, limits: &Limits) {
         let link = BarrierLink::new(99, MACHINE, layout(), SCAN);
         let places = same_places();
@@ -376,14 +378,15 @@ impl World {
         output
     }
 
-    /// Changes the correction like a foreign client, if the control has no barrier.
+    /// Changes the correction as a foreign client would, if the control has no barrier.
     pub(crate) fn clear(&mut self, values: PerChannel<f64>) {
         if self.status().scheme == Scheme::Plain {
             self.applied = values;
         }
     }
 
-    /// A cycle in which the program is suspended for `stopped` between read and write; returns whether the output was sent.
+    /// A cycle in which the program is suspended for `stopped` between read and write. Returns whether the output was
+    /// sent.
     pub(crate) fn cycle_with_pause(
         &mut self,
         dt: Duration,

@@ -1,8 +1,9 @@
-//! Exhaustive search within bounds, on the real barrier and senders. Two senders may crash, restart, read and send at any scan (also long
-//! after a read). Frames are lost, late, duplicated and reordered; the control may restart at any scan. Worlds that differ only in
-//! counter offsets are visited once. The control has one or two mailboxes, and any frame may arrive in any of them.
+//! Exhaustive search within bounds, on the real barrier and senders. Two senders may crash, restart, read and send at
+//! any scan, and may send long after a read. Frames are lost, late, duplicated and reordered; the control may restart
+//! at any scan. Worlds that differ only in counter offsets are visited once. The control has one or two mailboxes, and
+//! any frame may arrive in any of them.
 //!
-//! The search must find a violation if the check of a frame's owner, its age or the stored epoch is omitted.
+//! If the check of a frame's owner, its age or the stored epoch is omitted, the search must find a violation.
 
 mod canonical;
 
@@ -40,7 +41,7 @@ struct World {
     first: u16,
     senders: [Option<Sender>; 2],
     in_transit: Vec<Flying>,
-    /// The frame in each mailbox; a single path uses the first only.
+    /// The frame in each mailbox; with a single path, only the first mailbox is used.
     mailboxes: [Option<Flying>; 2],
 }
 
@@ -264,7 +265,7 @@ fn owners(world: &World) -> HashSet<u16> {
     flying.chain(senders).chain([world.barrier.link.owner, world.first]).collect()
 }
 
-/// Delivers at most one frame to the mailbox, and keeps or removes it in the channel, or loses one frame.
+/// Delivers at most one frame to the mailbox, which then stays in the channel or leaves it, or loses one frame.
 fn deliver(world: &World, bounds: &Bounds, tell: &mut impl FnMut(World, Option<Violation>)) {
     scan(world.clone(), bounds, tell);
     for at in 0..world.in_transit.len() {
@@ -307,7 +308,7 @@ fn scan(mut world: World, bounds: &Bounds, tell: &mut impl FnMut(World, Option<V
     let mut barrier = start();
     barrier.scan(&mailboxes[..bounds.ways], false);
     let after = barrier.memory();
-    // Tells which frames were accepted: the second may be accepted in addition to the first.
+    // Shows which frames were accepted: the second frame may be accepted in addition to the first.
     let mut first_alone = start();
     first_alone.scan(&mailboxes[..1], false);
     let first_alone = first_alone.memory();

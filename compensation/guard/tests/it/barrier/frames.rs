@@ -150,7 +150,7 @@ fn a_report_of_an_unsent_frame_belongs_to_another_sender() {
         if !is_own {
             assert_eq!(session.frame(&Counts::default()), None);
         }
-        // Without an owner, or with another one, the numbers do not matter.
+        // Without an owner, or with another owner, the numbers have no effect.
         let free = session.read(report(epoch.wrapping_add(1), 0, sequence).head());
         assert!(matches!(free, ReportStatus::Confirmed { .. }), "{free:?}");
         let other = session.read(report(epoch.wrapping_add(2), 3, sequence).head());
@@ -198,7 +198,7 @@ proptest! {
         for step in steps {
             match step {
                 Step::Scan(frame) => {
-                    // From the last frames, so that some are recent enough to be accepted.
+                    // One of the last frames is delivered, so that some are recent enough to be accepted.
                     let young = &frames[frames.len().saturating_sub(8)..];
                     let frame: &[u16] = match frame {
                         Some(index) if !young.is_empty() => index.get(young).as_slice(),

@@ -91,12 +91,12 @@ fn a_word_that_changes_faster_than_the_axis_is_rejected() {
     assert_eq!(rig.word(0, 4 + 7), Refusal::Lines);
     assert_eq!(rig.applied(), [4, 0]);
     assert_eq!(rig.word(0, 4 + 6), Refusal::None);
-    // After any silence the word may change by at most the motion of the axis within the maximum age of a frame.
+    // After any silence the word may change by at most the motion of the axis during the maximum age of a frame.
     let mut rig = Rig::new();
     assert_eq!(rig.word(0, 13), Refusal::Lines);
     rig.scans(100);
     assert_eq!(rig.word(0, 12), Refusal::None);
-    // A word above the limit, and one for a missing axis.
+    // A word for a missing axis, and a word above the limit.
     let mut rig = Rig::new();
     assert_eq!(rig.word(2, 0), Refusal::Lines);
     for value in [4, 10, 14, 20] {
@@ -143,8 +143,8 @@ fn the_initial_latch_level_is_no_edge() {
     }
 }
 
-/// One gateway alternates between frames and lines; frames are lost, late or torn, bits wrong, edges missing or extra. No axis exceeds
-/// its rate or limit, and lines move an axis only from zero.
+/// One gateway alternates between frames and lines. Frames are lost, late or torn, bits are wrong, edges are missing or
+/// extra. No axis exceeds its rate or limit, and the lines start to move an axis only from zero.
 #[test]
 fn alternating_frames_and_lines_with_faults() {
     let (mut by_lines, mut by_frames) = (0, 0);

@@ -29,7 +29,7 @@ fn axes() -> Vec<Axis> {
 fn physical_units_become_counts_and_scans() {
     let settings = Protection::default().settings(&axes()).expect("valid");
     assert_eq!(settings.axes.number(), 126);
-    // 250 µm; the maximum value of the device of Y; 250 µrad in steps of 10 µrad.
+    // 250 µm for X; the maximum value of the device for Y; 250 µrad in steps of 10 µrad for C.
     assert_eq!(settings.limit, PerChannel::leading([250, 100, 25]));
     // C: 1000 µrad/s is 0.2 counts per scan, thus one step in five scans. X and Y: 2 counts per scan.
     assert_eq!(settings.step_scans, 5);

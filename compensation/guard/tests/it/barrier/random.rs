@@ -193,7 +193,7 @@ impl World {
         self.in_transit.push(late);
     }
 
-    /// Delivers arriving frames to the mailbox. Of a torn frame, the last words arrive after the scan.
+    /// Delivers arriving frames to the mailbox. The last words of a torn frame arrive after the scan.
     fn arrive(&mut self, faults: &Faults) -> Option<Vec<u16>> {
         let now = self.now;
         let (mut arrived, in_transit) = std::mem::take(&mut self.in_transit)
@@ -269,7 +269,7 @@ fn no_channel_fault_makes_an_axis_step_and_a_live_sender_succeeds() {
             world.senders.clear();
             let furthest =
                 world.barrier.report().applied.iter().map(|a| a.abs()).max().unwrap_or(0);
-            // A frame in transit may still be accepted, and first move the axis away from zero.
+            // A frame in transit may still be accepted, and may first move the axis away from zero.
             let way = i32::midpoint(i32::from(furthest), 2 * 20);
             let bound = i32::from(world.settings.hold_scans + world.settings.time_out_scans) + way;
             for _ in 0..bound {

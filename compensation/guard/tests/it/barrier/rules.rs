@@ -18,7 +18,7 @@ fn values(values: &[i16]) -> Counts {
     PerChannel::from_fn(|axis| values.get(axis).copied().unwrap_or(0))
 }
 
-/// A barrier that has accepted one frame of owner 7, with the sender's session and the next report.
+/// A barrier that has accepted one frame of owner 7, the session of its sender, and the next report.
 fn held(settings: Settings) -> (Barrier, Session, Report) {
     let mut barrier = at_zero(settings);
     let mut sender = Session::new(7);
@@ -51,7 +51,7 @@ fn each_wrong_frame_is_refused_with_its_reason() {
         (|frame| add(&mut frame.head.tick, -4), Refusal::None),
         (|frame| add(&mut frame.head.tick, -5), Refusal::Tick),
         (|frame| add(&mut frame.head.tick, 2), Refusal::Tick),
-        // Relative to the next sequence number.
+        // Sequences are relative to the next sequence number.
         (|frame| add(&mut frame.head.sequence, -2), Refusal::Sequence),
         (|frame| add(&mut frame.head.sequence, i16::MAX - 1), Refusal::None),
         (|frame| add(&mut frame.head.sequence, i16::MAX), Refusal::Sequence),
@@ -83,7 +83,7 @@ fn a_frame_for_another_machine_or_other_axes_is_rejected() {
         Settings { machine: 4712, ..three },
         settings(2),
         settings(4),
-        // Frames for Y X Z or X Y A have as many words as one for X Y Z, but would move other axes.
+        // Frames for Y X Z or X Y A have as many words as frames for X Y Z, but would move other axes.
         of([AxisName::Y, AxisName::X, AxisName::Z]),
         of([AxisName::X, AxisName::Y, AxisName::A]),
     ] {
@@ -106,7 +106,7 @@ fn all_axes_move_on_one_line_at_the_rate_of_the_slowest() {
     let frame = sender.frame(&values(&goal)).expect("a report was read");
     let words = words(&settings, &frame);
     for scan in 1..=10_i16 {
-        // The words stay in the mailbox.
+        // The words of the same frame stay in the mailbox.
         let applied = barrier.scan(&[&words], false).applied;
         for (axis, goal) in goal.iter().enumerate() {
             let line = f64::from(*goal) * f64::from(scan) / 10.0;
@@ -131,7 +131,7 @@ fn without_frames_it_goes_to_zero_and_rejects_earlier_frames() {
     }
     let before = barrier.report();
     assert_eq!(before.applied, values(&[20, -8]));
-    // The last frame is late, and no other follows.
+    // The last frame stays in the mailbox, and no other frame follows.
     let begun = barrier.scan(&[&last], false);
     let mut scans = 0;
     while barrier.report().applied != Counts::default() {
@@ -217,7 +217,7 @@ fn a_sender_waits_for_another_and_for_its_own_previous_run() {
         ReportStatus::Confirmed { landed: true, epoch_began: false }
     );
     assert_eq!(first.read(report.head()), ReportStatus::Old);
-    // The first sender has stopped; the second waits for the timeout.
+    // The first sender has stopped, and the second waits for the timeout.
     let mut waited = 0;
     loop {
         let report = barrier.scan(&[], false);
@@ -324,8 +324,8 @@ fn answer(barrier: &Barrier, sender: &mut Session, requested: i16, output: &mut 
     words(&report.settings, &frame.expect("the control is free"))
 }
 
-/// A gateway changes paths, and its last frame stays in the first mailbox: that frame is not accepted again when tick and sequence wrap,
-/// about every minute.
+/// A gateway changes paths, and its last frame stays in the first mailbox. That frame is not accepted again when tick
+/// and sequence wrap, about every minute.
 #[test]
 fn an_old_frame_in_an_unused_mailbox_is_never_accepted_again() {
     // Scans between two frames: tick and sequence wrap at different times.
@@ -353,8 +353,8 @@ fn an_old_frame_in_an_unused_mailbox_is_never_accepted_again() {
     }
 }
 
-/// A gateway changes paths at random, both with lost, late and duplicated frames: the axis never exceeds its rate, and reaches the
-/// requested value.
+/// A gateway changes paths at random; frames on both paths are lost, late or duplicated. The axis never exceeds its
+/// rate, and reaches the requested value.
 #[test]
 fn one_gateway_alternates_between_two_mailboxes() {
     for seed in 0..200 {

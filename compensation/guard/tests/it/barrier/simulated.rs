@@ -98,7 +98,7 @@ fn the_axes_follow_the_barriers_rate_hold_during_stops_and_go_to_zero_without_a_
     let rate = f64::from(settings.rate[0]) * 0.001;
     let changes = controls.axes.largest_change();
     assert!(changes[..2].iter().all(|change| *change <= rate + 1e-12), "{changes:?}");
-    // Another gateway reads the owner in the report.
+    // Another gateway finds the owner in the report.
     let mut second = controller.another().expect("few ways");
     let mut other = Sender { session: Session::new(78), settings };
     clock.advance(period);
@@ -164,7 +164,7 @@ fn no_fault_of_the_wire_makes_an_axis_step() {
                     sender.session = Session::new(rng.random());
                 }
                 if rng.random_bool(0.02) {
-                    // Also beyond the limit, which no guard requests.
+                    // Goals may exceed the limit, which no guard requests.
                     let mut some = || rng.random_range(-300..=300);
                     goals[index] = PerChannel::leading([some(), some()]);
                 }

@@ -10,7 +10,8 @@ use volcomp_guard::{
 
 use crate::world::{PERIOD, SCAN, World, axes, barrier, limits};
 
-/// Scans of 2.45 ms are accepted where 2 ms are configured: the guard assumes zero only after the longer time, when X is at zero.
+/// Scans of 2.45 ms are accepted for a configured period of 2 ms. The guard assumes zero only after the longer time,
+/// when X has reached zero.
 #[test]
 fn a_slow_control_is_at_zero_when_it_is_assumed_to_be() {
     let limits = Limits { zero_after: Duration::from_secs(3), ..limits() };
@@ -40,7 +41,8 @@ fn a_slow_control_is_at_zero_when_it_is_assumed_to_be() {
     }
 }
 
-/// The control's program has stopped but its interface still responds: the repeated report is never new, and the guard sends nothing.
+/// The control's program has stopped but its interface still responds: the repeated report is never new, and the guard
+/// sends no frame.
 #[test]
 fn a_report_with_a_constant_tick_is_never_new() {
     let mut world = World::guarded(&limits());

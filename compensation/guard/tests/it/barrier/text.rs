@@ -279,8 +279,8 @@ fn every_mutation_of_the_structured_text_is_found() {
     }
 }
 
-/// The hardware enable of the book: if no mailbox is read, the correction is held until the timeout and then ramps to zero at the
-/// barrier's rate, although a gateway keeps sending.
+/// The hardware enable of the book: while no mailbox is read, the correction is held until the timeout and then ramps
+/// to zero at the barrier's rate, although a gateway keeps sending.
 #[test]
 fn without_mailboxes_the_correction_ramps_out() {
     let mut limit = Counts::default();

@@ -43,7 +43,7 @@ fn limits(case: &Case) -> Limits {
     limits
 }
 
-/// Largest tip error of the applied correction (mm) in cycles without slew limitation.
+/// Largest tip error of the applied correction (mm) in cycles that the slew does not limit.
 #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "small whole numbers")]
 fn off(case: &Case) -> f64 {
     let limits = limits(case);

@@ -51,7 +51,8 @@ pub(super) fn print_of(turn: Turn, world: &World) -> u128 {
     print.0
 }
 
-/// The same world with counters relative to those of the barrier, saturated where larger values make no difference.
+/// The same world with counters relative to those of the barrier. Counters saturate at values beyond which a difference
+/// has no effect.
 pub(super) fn canonical(mut world: World, settings: &Settings) -> World {
     let Link { epoch, tick, sequence, .. } = world.barrier.link;
     let oldest = settings.hold_scans.cast_signed() + 2;
@@ -72,8 +73,8 @@ pub(super) fn canonical(mut world: World, settings: &Settings) -> World {
         let found = world.barrier.found[way];
         found.is_some() && found == numbers(&world.mailboxes[way])
     });
-    // Epochs do not recur, so frames of other epochs are equivalent: each is replaced by one that differs from an acceptable frame only
-    // in its epoch.
+    // Epochs do not recur, so frames of other epochs are equivalent: each is replaced by a frame that differs from an
+    // acceptable frame only in its epoch.
     let owner = world.barrier.link.owner;
     let dead = Flying {
         frame: Frame {
@@ -100,7 +101,8 @@ pub(super) fn canonical(mut world: World, settings: &Settings) -> World {
     }
     for sender in world.senders.iter_mut().flatten() {
         sender.session.sent = None;
-        // Frames sent in another epoch do not matter, since the first frame of this epoch is accepted before it is reported.
+        // Frames sent in another epoch have no effect, because the first frame of this epoch is accepted before it is
+        // reported.
         for own in &mut sender.session.own {
             *own = own
                 .filter(|(of, _)| *of == epoch)
