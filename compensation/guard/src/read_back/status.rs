@@ -11,7 +11,7 @@ use crate::{Limits, Reasons, step::is_same_step};
 pub struct Confirmed {
     /// The correction of each axis, mm or rad.
     pub values: PerChannel<f64>,
-    /// When the correction was last confirmed, on the clock of the cycle.
+    /// Time of the last confirmation, on the clock of the cycle.
     pub at: Duration,
 }
 
@@ -34,7 +34,7 @@ pub enum Scheme {
     /// Plain values that can be read back.
     #[default]
     Plain,
-    /// Plain values that cannot be read back, such as lines.
+    /// Plain values that cannot be read back, such as digital lines.
     NoReadBack,
 }
 
@@ -52,7 +52,7 @@ pub enum BarrierMisfit {
     ScanPeriod { found: Duration, expected: Duration },
 }
 
-/// The correction that a control applies, as far as it is confirmed, and whether the next one may be sent.
+/// The confirmed correction that a control applies, and whether the next correction may be sent.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ReadBackStatus {
     /// How the correction is confirmed.
@@ -62,23 +62,24 @@ pub struct ReadBackStatus {
     /// Lowest and highest correction of each axis that may be applied: the confirmed correction and, without a barrier, the corrections sent since
     /// that may have arrived.
     pub between: [PerChannel<f64>; 2],
-    /// Whether the next correction may be written: nothing contradicts the confirmed one.
+    /// Whether the next correction may be written: no reading contradicts the confirmed correction.
     pub writable: bool,
-    /// Whether the confirmed correction was not sent by this guard: the control restarted, or something else writes.
+    /// Whether the confirmed correction was not sent by this guard: the control restarted, or another program writes.
     pub changed: bool,
     /// Time from which a sent correction has not arrived; `None`: all have arrived.
     pub unlanded_since: Option<Duration>,
     /// Time from which a control with a barrier has not moved although it accepted another correction, for a reason
-    /// that no path reports. `None`: it moves, or is at its goal.
+    /// that no path reports. `None`: the control moves, or is at its goal.
     pub stationary_since: Option<Duration>,
     /// Maximum time from the release of a control with a barrier until its movement is reported.
     pub motion_delay: Duration,
-    /// Timeout of a barrier after the last frame that it accepted: an older confirmation is no longer valid. `None`: no barrier reports it.
+    /// Timeout of a barrier after the last accepted frame: an older confirmation is no longer valid. `None`: no barrier
+    /// reports a timeout.
     pub barrier_time_out: Option<Duration>,
     /// The first value of a barrier that does not fit the limits ([`Reasons::BARRIER_UNFIT`]).
     pub barrier_misfit: Option<BarrierMisfit>,
-    /// Time, on the clock of the cycle, from which the control may ramp to zero on its own. A correction decided before
-    /// this time is not sent after it. `None`: the control never ramps on its own, or it reports the ramp.
+    /// Time, on the clock of the cycle, from which the control may ramp to zero automatically. A correction decided
+    /// before this time is not sent after it. `None`: the control never ramps automatically, or it reports the ramp.
     pub control_acts_at: Option<Duration>,
     /// Why this path may not be armed, and further reasons to report.
     pub reasons: Reasons,
@@ -95,7 +96,7 @@ impl ReadBackStatus {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Arrival {
-    /// Nothing is known, or there is no new information.
+    /// No new information about the sent words.
     Unknown,
     /// All sent words have arrived or are obsolete.
     All,
@@ -112,9 +113,9 @@ pub(super) enum Arrival {
 pub(super) struct ArrivalMonitor {
     last_received: Option<Duration>,
     sent: Option<Duration>,
-    /// Since when a sent correction has not arrived; `None`: all have.
+    /// Time from which a sent correction has not arrived; `None`: all have arrived.
     since: Option<Duration>,
-    /// Since when every write has failed; `None`: the last one succeeded.
+    /// Time from which every write has failed; `None`: the last write succeeded.
     failing_since: Option<Duration>,
 }
 
@@ -146,13 +147,13 @@ impl ArrivalMonitor {
                 *since += now.saturating_sub(before);
             }
         } else if self.sent.is_none_or(|sent| now.saturating_sub(sent) > limits.longest_delay()) {
-            // Nothing was sent for longer than the longest delay, so missing corrections are no longer expected.
+            // Nothing was sent for longer than the longest delay, so missing words can no longer arrive.
             (self.since, self.failing_since) = (None, None);
         }
     }
 
-    /// Since when a sent correction has not arrived; `None`: all have. A failed write has not arrived, even if the control applies its values
-    /// anyway.
+    /// Time from which a sent correction has not arrived; `None`: all have arrived. A failed write counts as not
+    /// arrived, even if the control applies its values.
     pub(super) fn unlanded_since(&self) -> Option<Duration> {
         match (self.since, self.failing_since) {
             (Some(since), Some(failing)) => Some(since.min(failing)),
