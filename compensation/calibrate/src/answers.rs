@@ -191,9 +191,9 @@ impl Draft {
 }
 
 impl Draft {
-    /// Answers to every open question of a key, each in the form accepted by [`Draft::answered`]:
-    /// for all measurements and squarenesses, or for those whose error or axis is `of` (`EYX`,
-    /// `Y`). Empty if there is no such question.
+    /// Answers to every open question of a key, each in the form accepted by [`Draft::answered`]. With `of`, only the
+    /// questions of measurements and squarenesses whose error or axis is `of` (`EYX`, `Y`) are answered. Empty if there
+    /// is no such question.
     pub fn for_all(&self, of: Option<&str>, key: &str, value: &str) -> Vec<Answer> {
         let is_meant = |error: Option<ErrorName>| {
             of.is_none_or(|of| {

@@ -20,7 +20,7 @@ use crate::{
 
 /// Number of targets of a straightness that was not measured.
 const TARGETS: usize = 21;
-/// Maximum component of a unit direction normal to another one at which both are treated as parallel.
+/// Two unit directions are treated as parallel if the component of one normal to the other is at most this.
 const PARALLEL_BELOW: f64 = 0.02;
 
 /// Poses of the artefacts on the workpiece side and on the tool side, aligned so that the machine has no error with all
@@ -56,8 +56,9 @@ impl ArtefactPoses {
         Ok(Self::of(&machine, &file.reference, file.reference_axes, |_| None))
     }
 
-    /// Poses with the axes at `reference` (mm or deg, in machine order; an axis without a value is at 0) along the reference lines of two axes. The
-    /// reference line of a straightness is fitted at the targets (mm) that `targets` returns, or at 21 targets over the travel if it returns `None`.
+    /// Poses with the axes at `reference` (mm or deg, in machine order; an axis without a value is at 0) along the
+    /// reference lines of two axes. The reference line of a straightness is fitted at the targets (mm) that `targets`
+    /// returns; for `None`, at 21 targets over the travel.
     pub fn of(
         machine: &Machine,
         reference: &[f64],

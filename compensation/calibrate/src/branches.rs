@@ -1,4 +1,4 @@
-//! Fits the lines of one error to one curve, or to one for each direction, and evaluates the fit.
+//! Fits the lines of one error to one curve, or to one curve for each direction, and evaluates the fit.
 
 use volcomp_curve::{ErrorCurve, Field};
 use volcomp_fit::{Band, Between, Choice, Fit, FitError, FitOptions, Method, Noise, band_places};
@@ -12,7 +12,7 @@ use crate::{
     repeated::Repeated,
 };
 
-/// Lines are aligned when none of them moves by more than this in a round, µm or µrad.
+/// Lines are aligned when no line moves by more than this in a round, µm or µrad.
 const LINES_AGREE_UM: f64 = 1e-6;
 /// Maximum number of alignment rounds; each at least halves the differences if lines share their targets.
 const ROUNDS: usize = 40;
@@ -347,9 +347,8 @@ impl FittedCurve {
         !self.between.is_not_followed()
     }
 
-    /// 95 % confidence band at the targets and between them, from the readings alone, in the unit
-    /// of the error; `None` if unknown. It is resampled from the runs at each call, which takes
-    /// longer than the fit.
+    /// 95 % confidence band at the targets and between them, from the readings alone, in the unit of the error; `None`
+    /// if unknown. Each call resamples the band from the runs, which takes longer than the fit.
     pub fn band(&self) -> Option<Band> {
         let of = self.resampled.as_ref()?;
         // A method that cannot be fitted to some of the runs has no band.
@@ -362,7 +361,7 @@ impl FittedCurve {
     }
 }
 
-/// Deviation of readings from their curve: lengths for a linear error, angles for an angular one.
+/// Deviation of readings from their curve: lengths for a linear error, angles for an angular error.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub enum Quality {

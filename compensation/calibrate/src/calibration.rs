@@ -33,10 +33,9 @@ pub struct Calibration {
     pub lines: Vec<FittedLine>,
     /// Each squareness with its name in the calibration file.
     pub squareness: Vec<(ErrorName, Urad)>,
-    /// Standard uncertainty of each squareness with known contributions, from lines or stated. It
-    /// is widened by Student's t so that twice the value is a 95.45 % interval. The uncertainties
-    /// of the tilts subtracted from the lines, and, for a single run, of the alignment of its
-    /// reference, are not included.
+    /// Standard uncertainty of each squareness with known contributions, from lines or stated. It is widened by
+    /// Student's t so that twice the value is a 95.45 % interval. Two contributions are not included: the uncertainties
+    /// of the tilts subtracted from the lines and, for a single run, the alignment of its reference.
     pub square_uncertainties: BTreeMap<ErrorName, Urad>,
     /// Each location error stated in the calibration file, with its uncertainty.
     pub locations: Vec<Location>,

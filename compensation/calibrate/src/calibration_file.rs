@@ -25,8 +25,8 @@ pub struct CalibrationFile {
     /// Coordinates at which the curves are zero, mm or deg, by index of the axis in the chain; 0
     /// for an axis without a value.
     pub reference: Vec<f64>,
-    /// Primary and secondary reference axis. The primary axis has no tilt; the secondary axis has
-    /// none about the primary one.
+    /// Primary and secondary reference axis. The primary axis has no squareness tilt; the secondary axis has no tilt
+    /// about the primary axis.
     pub reference_axes: [AxisName; 2],
     /// Every measured line, in the order of the file.
     pub measurements: Vec<Line>,

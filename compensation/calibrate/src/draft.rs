@@ -92,7 +92,7 @@ pub fn draft(
     Ok(draft_of(paths, machine, machine_file, named))
 }
 
-/// Like [`draft`], for these files instead of a folder.
+/// Like [`draft`], for the files in `paths` instead of a folder.
 pub fn draft_of(
     paths: Vec<PathBuf>,
     machine: &Machine,
@@ -196,8 +196,8 @@ fn without_file(said: &str, path: &Path) -> String {
 }
 
 impl Proposed {
-    /// Whether both have the same error, the same axis positions and, if both state it, the same measured point. Open positions are treated
-    /// as equal.
+    /// Whether both measurements have the same error, the same axis positions and, if both state a measured point, the
+    /// same point. Open positions are treated as equal.
     fn is_at_place_of(&self, other: &Self) -> bool {
         let is_one_point = match (self.point(), other.point()) {
             (Some(one), Some(other)) => one == other,
@@ -217,7 +217,8 @@ impl Proposed {
     }
 }
 
-/// Merges measurements at the same place into one, whose file becomes a question. Measurements with an unknown place are only listed as conflicts.
+/// Merges measurements at the same place into one measurement, whose file becomes a question. Measurements with an
+/// unknown place are only listed as conflicts.
 fn join_same_places(proposed: &mut Vec<Proposed>, conflicts: &mut Vec<String>) {
     let mut kept: Vec<Proposed> = Vec::new();
     for of in proposed.drain(..) {

@@ -140,9 +140,8 @@ impl Ensemble {
             (widened.as_flattened_mut().iter_mut()).zip(variance.as_flattened()).zip(of_scatters)
         {
             if *powers > 0.0 {
-                // By chance, the variance of the samples may be less than that of the scatters
-                // alone. The larger value ensures that the degrees of freedom are not below those
-                // of the scatter with the fewest.
+                // By chance, the variance of the samples may be less than that of the scatters alone. With the larger
+                // of both, the degrees of freedom are at least those of the scatter with the fewest.
                 let whole = variance.max(*of_scatters);
                 *widened *= student_widening(whole * whole / powers);
             }
@@ -168,7 +167,8 @@ mod tests {
         Machine::parse(&text, "m")?.compile(Tolerance::default())
     }
 
-    /// Factor by which scatters with these variances (µm²) and degrees of freedom widen the standard uncertainty from samples with this variance.
+    /// Factor by which scatters with these variances (µm²) and degrees of freedom widen a standard uncertainty.
+    /// `variance` is that of the samples.
     fn widened(variance: f64, scatters: &[(f64, f64)]) -> Result<f64, ModelError> {
         let of_x = |ensemble: &Ensemble| ensemble.standard_uncertainty(&State::default())[0] * 1e3;
         // The variance of two values is half the square of their distance.
@@ -228,7 +228,8 @@ mod tests {
             (4.0, &[(2.0, 5.0)], 20, 2.085_963),
             // ⅔ with four degrees of freedom, ⅓ with one: 1/(4/9/4 + 1/9/1) = 4.5, between four and five.
             (9.0, &[(6.0, 4.0), (3.0, 1.0)], 4, 2.658_9),
-            // The variance of the samples is less than that of the scatter: no fewer degrees of freedom than the scatter's.
+            // The variance of the samples is less than that of the scatter: the degrees of freedom are not below those
+            // of the scatter.
             (1.0, &[(4.0, 2.0)], 2, 4.302_653),
         ] {
             let found = widened(variance, scatters)? * 1.959_964;

@@ -1,4 +1,4 @@
-//! Curves fitted to the lines of one error, and the readings used.
+//! Curves fitted to the lines of one error, and the readings to which they were fitted.
 
 use volcomp_kinematics::{Joint, nalgebra::Vector3};
 use volcomp_metrology::MotionKind;

@@ -27,8 +27,8 @@ pub(crate) struct LineContribution<'a> {
     pub(crate) observations: &'a Observations,
     pub(crate) known: &'a Machine,
     pub(crate) response: &'a Response,
-    /// Whether the lines depend on the unknowns, and were fitted alternately with them: a change of
-    /// an unknown changes the lines, and these change the unknown again.
+    /// Whether the lines depend on the unknowns, and were fitted alternately with them: a change of an unknown changes
+    /// the lines, and the changed lines change the unknown again.
     pub(crate) carries: bool,
 }
 
@@ -206,7 +206,8 @@ pub(crate) fn take(
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct FewRuns {
     variance: f64,
-    /// Sums of the squared contributions over ν and over ν + 2, where ν are the degrees of freedom of each.
+    /// Sums of the squared contributions over ν and over ν + 2, where ν are the degrees of freedom of each
+    /// contribution.
     over_degrees: f64,
     over_two_more: f64,
 }
@@ -234,9 +235,9 @@ impl FewRuns {
         if square <= 0.0 || self.over_degrees <= 0.0 {
             return 1.0;
         }
-        // The square of an estimated variance is on average 1 + 2/ν times the square of the true
-        // one. Without a correction the degrees of freedom are too few; with it they are too many
-        // if there are few scatters. The geometric mean lies between both.
+        // The square of an estimated variance is on average 1 + 2/ν times the square of the true variance. Without a
+        // correction for this the degrees of freedom are too few; with the correction they are too many if there are
+        // few scatters. The geometric mean is between both.
         let few = square / self.over_degrees;
         let many = square / self.over_two_more - 2.0;
         let degrees = (few * many.max(1.0)).sqrt();
@@ -278,8 +279,8 @@ mod tests {
         assert!((1.0..1.001).contains(&little), "{little}");
     }
 
-    /// Coverage of 95 % intervals for many mixtures of scatters and well-known contributions. By the formula of Welch and Satterthwaite alone, intervals
-    /// with one scatter of two runs would cover 87 to 93 %.
+    /// Coverage of 95 % intervals for many mixtures of scatters and well-known contributions. Intervals by the formula
+    /// of Welch and Satterthwaite alone would cover 87 to 93 % with one scatter of two runs.
     #[test]
     fn bands_cover_for_any_share_of_the_scatters() {
         const TRIALS: u32 = 20_000;

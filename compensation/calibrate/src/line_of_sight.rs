@@ -103,9 +103,8 @@ impl<'a> LineOfSight<'a> {
             }
     }
 
-    /// Slope of a straightness due to the rotation of a reference on the tool side, µrad. It is 0
-    /// if the measured point is on the tool side and the reference on the workpiece side, and for
-    /// all other errors.
+    /// Slope of a straightness due to the rotation of a reference on the tool side, µrad. The slope is 0 for all other
+    /// errors, and for a straightness with the measured point on the tool side and the reference on the workpiece side.
     pub fn reference_slope_urad(&self, errors: &impl ErrorSource) -> f64 {
         let name = self.setup.error;
         let joint = &self.chain.joints()[self.axis];
@@ -223,7 +222,7 @@ impl<'a> OtherErrors<'a> {
         })
     }
 
-    /// Readings at targets, µm or µrad; those of a linear axis are a straight line.
+    /// Readings at targets, µm or µrad; the readings of a linear axis are a straight line.
     pub(crate) fn readings(
         &self,
         targets: impl Iterator<Item = f64>,

@@ -22,7 +22,8 @@ const NAMED_ABOVE_UM_BY_MRAD: f64 = 1.0;
 /// Fitted linear errors, and the slopes of the straightness lines that were removed.
 pub(crate) struct Linear<'a> {
     pub(crate) fitted: Vec<Fitted>,
-    /// Each measured straightness line with the total slope removed from it, along its own coordinate.
+    /// Each measured straightness line with the total slope removed from it, as a function of the coordinate of the
+    /// line.
     pub(crate) removed: Vec<RemovedSlope<'a>>,
     pub(crate) notes: Vec<String>,
     /// Subset of `notes`: contradictory measurement lines.

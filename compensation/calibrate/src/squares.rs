@@ -1,5 +1,5 @@
-//! Third stage: squareness errors. They follow from the slopes of the straightness lines, minus the contributions of
-//! the tilts of held axes; from stated values; or from diagonals (ISO 230-6).
+//! Third stage: squareness errors. A squareness is stated, or follows from diagonals (ISO 230-6), or from the slopes of
+//! the straightness lines minus the contributions of the tilts of held axes.
 
 use std::{
     borrow::Cow,

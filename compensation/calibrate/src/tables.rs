@@ -41,7 +41,7 @@ pub(crate) fn decode_location(
     let errors = decode_location_errors(section, machine, reference_axes)?;
     let one = section.get("error").is_some();
     let Some(first) = errors.first().copied() else {
-        // Does not occur: there is at least one error.
+        // This case does not occur: there is at least one error.
         return Ok(Vec::new());
     };
     let kind = first.component.kind();

@@ -13,10 +13,10 @@ const CHUNK: usize = 4096;
 impl CompiledMachine {
     /// Evaluates scattered poses on one core. `poses` holds the coordinates (mm, rad) of `axes`, pose after pose;
     /// `errors` receives ΔP (mm) and ρ (rad) of each pose. The results equal those of [`evaluate`](Self::evaluate). If
-    /// one slice holds fewer poses than the other, only that number is evaluated.
+    /// `poses` and `errors` hold different numbers of poses, the smaller number is evaluated.
     ///
     /// # Errors
-    /// [`EvaluatorError::AxisOrder`] if `axes` are not those of the machine in chain order.
+    /// [`EvaluatorError::AxisOrder`] if `axes` are not the axes of the machine in chain order.
     pub fn evaluate_batch(
         &self,
         axes: &[AxisName],

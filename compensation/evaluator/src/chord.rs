@@ -201,8 +201,8 @@ fn take(piece: &Piece, [low, high]: [f64; 2], range: &mut [[f64; 2]; LANES]) {
     for lane in 0..LANES {
         let slope = |t: f64| {
             let powers = c1[lane] + t * (2.0 * c2[lane] + t * 3.0 * c3[lane]);
-            // The first and the last piece are constant and extend to infinity: 0 times infinity is NaN and stands for
-            // 0.
+            // The first and the last piece are constant and extend to infinity. 0 times infinity gives NaN; the slope
+            // is then `c1`, 0.
             if powers.is_nan() { c1[lane] } else { powers }
         };
         let turning = -c2[lane] / (3.0 * c3[lane]);

@@ -4,10 +4,10 @@
 //! a twist on the fixed side of its joint and the opposite twist on its moving side; an assembly error is a twist in
 //! one gap.
 //!
-//! A constant twist in a gap is added to the table of the axis that has its error motions in this gap. If neither
-//! neighbouring axis has, the twist is moved across a linear joint to its other side, where a tilt causes an additional
-//! displacement that is linear in the coordinate; the table includes this slope. At an end of the chain, or between two
-//! rotary joints, the twist remains in its gap.
+//! A constant twist in a gap is added to the table of the axis that has its error motions in this gap. If there is no
+//! such axis, the twist is moved to the other side of a neighbouring linear joint and added to the table of that axis.
+//! A tilt then also causes a displacement that is linear in the coordinate, and the table includes this slope. At an
+//! end of the chain, or between two rotary joints, the twist remains in its gap.
 
 use volcomp_kinematics::{Chain, ErrorMotion, Joint, Side, nalgebra::Vector3};
 use volcomp_vocabulary::{AxisKind, MAX_AXES, PerAxis};

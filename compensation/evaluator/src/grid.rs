@@ -16,8 +16,8 @@ const COPIED_AT_ONCE: usize = 2048;
 /// Numbers processed together: four nodes fill whole registers of every width.
 const BLOCK: usize = 4 * NODE;
 
-/// The error over a tensor grid of up to three linear axes, with the other axes held. To first order it is a sum of functions of one
-/// coordinate and of products of tilt and travel, so each axis is evaluated at its own nodes only.
+/// The error over a tensor grid of up to three linear axes, with the other axes held. To first order the error is a sum
+/// of functions of one coordinate and of products of tilt and travel, so each axis is evaluated at its own nodes only.
 #[derive(Clone, Debug)]
 pub struct LinearGrid {
     /// For each grid axis in chain order from the workpiece: its nodes, mm.

@@ -89,7 +89,7 @@ pub struct CompiledMachine {
     pub(crate) patched: bool,
     /// True for three linear axes without errors outside their tables.
     pub(crate) three_slides: bool,
-    /// The axes that corrections may move, without duplicates; `correctors` selects the ones that are used.
+    /// The axes that corrections may move, without duplicates; `correctors` is the selection among them that corrects.
     pub(crate) may_move: ArrayVec<AxisName, MAX_AXES>,
     pub(crate) correctors: Correctors,
 }

@@ -1,4 +1,5 @@
-//! Evaluation of one pose: with the widest registers of the processor, or, without the standard library, those of the compilation target.
+//! Evaluation of one pose with the widest registers of the processor; without the standard library, with the registers
+//! of the compilation target.
 
 #[cfg(feature = "std")]
 use pulp::{Arch, Simd, WithSimd};

@@ -57,8 +57,8 @@ pub struct Guard {
     accepted: AcceptedRange,
     sent_to_barrier: Option<Duration>,
     /// Whether the output was held at, or reset to, the confirmed correction (start, interlock, change of path). The
-    /// next motion then starts at the confirmed correction: with a new ramp or, on the way to zero, with a new straight
-    /// line.
+    /// next motion then starts at the confirmed correction: with a new ramp or, while ramping to zero, with a new
+    /// straight line.
     at_confirmed: bool,
     /// The correction at which the control holds its axes during an interlock; it is repeated to the barrier as the
     /// word.

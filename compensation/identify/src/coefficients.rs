@@ -250,10 +250,10 @@ impl Products {
         self.pairs.iter().map(|&(i, j)| own[i] * second[j])
     }
 
-    /// Grid of the error with the coefficients of its own modes and of the products, µm or µrad. The grid is refined
-    /// until its interpolation error half-way between nodes is within [`MISSES`], or it has [`MAX_PARTS`] parts along
-    /// an axis. `own_axis` is the index of the error's axis; `go_round` states whether that axis and the second axis
-    /// have a modulo.
+    /// Grid of the error with the coefficients of the error's own modes and of the products, µm or µrad. The grid is
+    /// refined until its interpolation error half-way between nodes is within [`MISSES`], or it has [`MAX_PARTS`] parts
+    /// along an axis. `own_axis` is the index of the error's axis; `go_round` states whether that axis and the second
+    /// axis have a modulo.
     pub(crate) fn grid(
         &self,
         own: &Modes,

@@ -138,7 +138,7 @@ fn ideal_row(system: &System, row: &Row, values: &Values) -> Row {
     let centre = match &row.reading {
         RowReading::Sphere { centre, .. } => values.points[*centre][0],
         RowReading::Ball { origin, tilts, distance, axes, .. } => {
-            // The point is on the nominal bar. At a point beside the bar, a rotation of the bar and a rotation of the
+            // The point is on the nominal bar. At a point off the bar, a rotation of the bar and a rotation of the
             // machine would be distinguishable.
             let along = bar(axes, tilts.map(|tilt| values.numbers[tilt][0])).along;
             values.points[*origin][0] + along * values.numbers[*distance][0]

@@ -1,5 +1,5 @@
-//! Reads a machine file, and prints the error of the tool tip at a position and its correction, on all axes and on those that a
-//! controller writes.
+//! Reads a machine file. Prints the error of the tool tip at a position and the correction of this error: with all
+//! axes, and with the axes that a controller writes.
 //!
 //! `cargo run -p volcomp-model --example machine_file -- examples/trunnion.toml`
 

@@ -124,7 +124,7 @@ fn compared(seed: u64, poses: u32) -> Compared {
             at.expect("every axis").1
         });
         let place: Vec<f64> = place.collect();
-        // The pose does not include the directions of approach, so the worst of them counts.
+        // The pose does not include the directions of approach, so the largest error of all combinations counts.
         for sides in 0..1_usize << place.len() {
             let side = |axis: usize| if sides >> axis & 1 == 1 { 1.0 } else { -1.0 };
             let sides = (0..place.len()).map(side);
@@ -208,7 +208,7 @@ impl Own {
         let structure =
             Structure::from_type(of_twelve % 4, 1 + of_twelve / 4, &pair).expect("a type");
         let sizes = [random.random_range(1.0..10.0), random.random_range(1.0..20.0)];
-        // Probability of each error: every error is present, or one in five.
+        // Probability with which a machine has each error.
         let share = [1.0, 0.2][random.random_range(0..2_usize)];
         let axes = structure.axes().iter().enumerate().map(|(index, &name)| {
             let travel = if name.is_rotary() {

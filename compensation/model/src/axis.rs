@@ -17,7 +17,8 @@ pub struct Axis {
     /// A point on the axis line (rotary), or the point of the carriage to which its errors apply (linear), mm in the machine coordinate
     /// system at machine zero; `None`: the origin.
     pub point_mm: Option<[f64; 3]>,
-    /// The frame of the error motions of a rotary axis. Those of a linear axis are in the non-rotating frame and move with the carriage.
+    /// The frame of the error motions of a rotary axis. The error motions of a linear axis are in the non-rotating
+    /// frame and move with the carriage.
     pub motion_frame: MotionFrame,
 }
 

@@ -12,10 +12,10 @@ const PLACES: u32 = 41;
 
 impl Machine {
     /// The largest absolute difference of each error between this machine and another machine with the same axes, µm or
-    /// µrad. Curves are compared over the travel of their axis in this machine, for approach from both directions; all
-    /// other axes, on which a grid may depend, are together at their lower ends, middles or upper ends. Equal errors
-    /// are listed with 0. An error that one machine lacks counts as 0 in that machine. The difference is NaN if a value
-    /// is NaN.
+    /// µrad. Curves are compared over the travel of their axis in this machine, for approach from both directions. All
+    /// other axes, on which a grid may depend, are together at their lower ends, middles or upper ends. Errors without
+    /// a difference are listed with 0. An error that one machine lacks counts as 0 there. The difference is NaN if a
+    /// value is NaN.
     pub fn differences(&self, other: &Self) -> Vec<(ErrorName, f64)> {
         let names: BTreeSet<ErrorName> = [other, self]
             .into_iter()

@@ -10,8 +10,8 @@ use crate::{axis::Axis, error::ErrorRefusal};
 /// Maximum difference between the ends of a closed curve, µm or µrad, which allows for rounding.
 const CLOSED_WITHIN: f64 = 1e-9;
 
-/// Maximum jump of a curve at the roll-over of its axis, µm or µrad: one increment of most controls. Greater than 0,
-/// because curves fitted to readings do not close exactly.
+/// Maximum jump of a curve at the roll-over of its axis, µm or µrad: one increment of most controls. Curves fitted to
+/// readings do not close exactly, so a small jump is accepted.
 const LARGEST_JUMP: f64 = 1.0;
 /// Distance from an end of travel at which the values on its two sides are compared, deg.
 const END_OFFSET_DEG: f64 = 1e-6;

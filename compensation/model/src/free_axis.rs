@@ -1,5 +1,5 @@
-//! A rotary axis that does not affect the tool direction: the ranges of its coordinate in which the other axes reach the tip within their
-//! travels.
+//! The free axis: a rotary axis that does not affect the tool direction. Computes the ranges of its coordinate in which
+//! the other axes reach the tip within their travels.
 
 use std::f64::consts::{PI, TAU};
 
@@ -16,7 +16,8 @@ const SEARCH_STEPS: usize = 60;
 /// Tolerance of the travel limits, mm or rad.
 const TRAVEL_TOLERANCE: f64 = 1e-10;
 
-/// The target: tip (mm) and tool direction in workpiece axes, reached by a pair of rotary axes while the others keep their coordinates.
+/// The target: tip (mm) and tool direction in workpiece axes. The axes in `pair` reach the direction; all other rotary
+/// axes keep their coordinates in `held`.
 pub(crate) struct Target<'a> {
     pub(crate) tip_mm: &'a Vector3<f64>,
     pub(crate) direction: &'a Vector3<f64>,

@@ -155,7 +155,8 @@ impl Machine {
         self.errors().any(|(name, curve)| name.axis == axis && curve.has_directions())
     }
 
-    /// The error motions that were measured in one direction only: `[provenance]` lists runs, and one curve applies to both directions.
+    /// The error motions that were measured in one direction only: their provenance lists runs, but they have one curve
+    /// for both directions.
     pub fn read_in_one_direction(&self) -> Vec<ErrorName> {
         let origins = self.provenance.errors.iter();
         let read = origins.filter(|of| of.sources.iter().any(|source| source.runs.is_some()));
@@ -577,8 +578,8 @@ impl Machine {
         }
     }
 
-    /// The correction at a command: the displacement to add to it. If `options` names no axes, those of the machine file's key `correct`
-    /// apply.
+    /// The displacement to add to a command. It corrects with the axes in `options`, or, if `options` names none, with
+    /// the axes of the machine file's key `correct`.
     pub fn correction_at(
         &self,
         state: &State,
@@ -722,7 +723,7 @@ impl ErrorSource for MachineErrors<'_> {
 /// If even the largest location error is below this bound, the location errors are probably stated in mm or deg: 0.1 µm
 /// or 0.1 µrad is less than any measurement uncertainty of an axis location.
 const SMALLEST_MEASURABLE_UM: f64 = 0.1;
-/// Maximum relative deviation of a rounded 2π, such as 6.28.
+/// Maximum relative deviation of a period that is a rounded 2π, such as 6.28.
 const ROUNDED_TAU_WITHIN: f64 = 6e-4;
 
 /// Notes on location errors that are too small to be measured, and on waves with a period of 2π degrees.

@@ -4,7 +4,8 @@ use volcomp_vocabulary::{AxisName, Direction, Displacement, ErrorName, MAX_AXES,
 
 use crate::{CompiledMachine, Machine, ModelError, Temperatures, Thermal, Tolerance};
 
-/// Number of even steps over the travel of an axis at which a curve is evaluated, in addition to its own sampling coordinates.
+/// Number of even steps over the travel of an axis at which a curve is evaluated, in addition to the sampling
+/// coordinates of the curve.
 const STEPS: usize = 1000;
 
 /// The minimum and maximum of an error, in its unit, over the travels of the axes on which it depends and over both directions of approach.
@@ -177,8 +178,8 @@ impl Machine {
         Ok(self.largest_within_travels(correctors, &PerAxis::default(), &change))
     }
 
-    /// The effect of one kelvin at each sensor; `None` without thermal terms. Valid only within the tested ranges ([`Thermal::seen`]),
-    /// which it ignores.
+    /// The effect of one kelvin at each sensor; `None` without thermal terms. The tested ranges ([`Thermal::seen`]) are
+    /// ignored, but the result is valid only within them.
     ///
     /// # Errors
     /// A machine that cannot be compiled.
@@ -190,7 +191,8 @@ impl Machine {
         if sensors.is_empty() {
             return Ok(None);
         }
-        // One sensor is warmer by one kelvin.
+        // The sensor `warmer` is one kelvin above the reference temperature, and all other sensors are at that
+        // temperature.
         let at = |warmer: Option<&str>| {
             let degc = |sensor: &str| {
                 let more = if warmer == Some(sensor) { 1.0 } else { 0.0 };
@@ -275,8 +277,8 @@ pub struct EachKelvin {
 }
 
 impl EachKelvin {
-    /// Maximum change of the correction of each axis (mm, rad) if every sensor changes by one kelvin in either direction: the sum of the magnitudes
-    /// of their effects.
+    /// Maximum change of the correction of each axis (mm, rad) if every sensor changes by one kelvin in either
+    /// direction: the sum of the absolute effects of the sensors.
     pub fn change(&self, state: &State, correctors: &Correctors) -> PerAxis<f64> {
         let correction = |machine: &CompiledMachine| machine.parts_of(state, correctors).delta();
         let before = correction(&self.reference);

@@ -178,8 +178,9 @@ impl<'a> SearchGround<'a> {
 }
 
 impl<'a> Search<'a> {
-    /// The largest length of a vector over all poses. The search starts from the poses with the largest length, from those with the largest component
-    /// in each direction, and from [combinations](Self::combinations) of samples. NaN if a length is NaN.
+    /// The largest length of a vector over all poses. The search starts from the poses with the largest length, from
+    /// the poses with the largest component in each direction, and from [combinations](Self::combinations) of samples.
+    /// NaN if a length is NaN.
     fn worst(&'a self, of: &dyn Fn(&At) -> Vector3<f64>) -> Result<Worst, ModelError> {
         let length = |at: &At| of(at).norm();
         let mut starts: Vec<_> = (self.found.iter()).map(|one| (length(&one.2), one)).collect();
@@ -249,9 +250,10 @@ impl<'a> Search<'a> {
 
     /// Combinations of samples of all axes at which the length is probably large, each with the index of its field.
     ///
-    /// The length is not a sum over the axes: a narrow peak of one axis may lower it at one pose and raise it at another. For fixed rotary
-    /// axes the vector is, except for small levers, a sum of contributions of the linear axes, and its length is the maximum of its
-    /// components over all directions. So the largest contributions are added for each direction.
+    /// The length is not a sum over the axes: a narrow peak of one axis may lower the length at one pose and raise it
+    /// at another. The vector, however, is a sum of contributions of the linear axes for fixed rotary axes, except for
+    /// small levers, and the length is the maximum of the vector's components over all directions. So the largest
+    /// contributions are added for each direction.
     fn combinations(&self, of: &dyn Fn(&At) -> Vector3<f64>) -> Vec<(usize, Place)> {
         let mut found: Vec<(f64, usize, Place)> = Vec::new();
         for sample in &self.samples {
@@ -282,7 +284,8 @@ impl<'a> Search<'a> {
     }
 }
 
-/// The errors at a pose of the rotary axes: with the linear axes in the middle of their travels, and with each of them at its samples.
+/// The errors at a pose of the rotary axes: with all linear axes in the middle of their travels, and with one linear
+/// axis at each of its samples.
 struct RotarySample {
     field: usize,
     place: Place,

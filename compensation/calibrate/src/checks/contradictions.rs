@@ -98,9 +98,8 @@ impl Tilts<'_> {
     }
 }
 
-/// Standard deviation of the mean of the lines of one error at a target: from repeated runs,
-/// otherwise from the unevenness of each line between targets, which is an upper bound. `None` if
-/// it is unknown for one line.
+/// Standard deviation of the mean of the lines of one error at a target: from repeated runs, otherwise from the
+/// unevenness of each line between targets, which is an upper bound. `None` if the noise of one line is unknown.
 pub(crate) fn noise_of_lines(profiles: &[Profile<'_>]) -> Option<f64> {
     let mut variance = 0.0;
     for profile in profiles {
@@ -116,8 +115,8 @@ fn noise(profiles: [&Profile<'_>; 2], beside: &ParallelReadings) -> Option<f64> 
     let mut variance = 0.0;
     for (profile, values) in profiles.iter().zip(&beside.lines) {
         let points = beside.places.iter().zip(values);
-        // Each direction separately: between the end of one direction and the beginning of the
-        // other, a value jumps by the total slope.
+        // Each direction is evaluated separately: between the end of one direction and the beginning of the other
+        // direction, a value jumps by the total slope.
         let uneven = Direction::BOTH.into_iter().filter_map(|direction| {
             let own = points.clone().filter(|((of, _), _)| *of == direction);
             unevenness(&own.map(|((_, at), value)| (*at, *value)).collect::<Vec<_>>())

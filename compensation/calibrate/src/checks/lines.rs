@@ -467,7 +467,8 @@ impl Stated {
     }
 }
 
-/// Merges pairs of file name and sentence: each sentence once, after the names of all files that it concerns, in the order of first occurrence.
+/// Merges pairs of file name and sentence: each sentence occurs once, in the order of first occurrence, after the names
+/// of all files that it concerns.
 pub fn with_files(notes: impl IntoIterator<Item = (String, String)>) -> Vec<String> {
     let mut by_note: Vec<(String, Vec<String>)> = Vec::new();
     for (file, note) in notes {

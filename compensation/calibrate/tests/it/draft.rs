@@ -99,7 +99,7 @@ fn headers_and_file_names_give_proposals_and_questions() {
     let unknown = errors.iter().filter(|error| error.is_none()).count();
     assert_eq!(errors.iter().flatten().count(), 4, "{errors:?}");
     assert!(expected.iter().all(|error| errors.contains(error)), "{errors:?}");
-    // Unknown are the angular error of Y, and the table that states nothing about its content.
+    // The errors of two files are unknown: the angular error of Y, and the table that states nothing about its content.
     assert_eq!(unknown, 2);
     // This file states the positions of both other axes.
     assert_eq!(keys(&found, "laser/x-y50.rtl"), ["point", "rides"]);

@@ -13,7 +13,7 @@ fn axes() -> String {
     volcomp_test_support::machines::gantry([[0.0, 2000.0], [0.0, 1000.0], [0.0, 800.0]])
 }
 
-/// Straightness curves are bent, but have neither slope nor mean over equally spaced targets from end to end.
+/// Straightness curves are bent, but over equally spaced targets from end to end they have a mean and a slope of zero.
 const TRUTH: &str = r"
 EXX = { poly = [0, 0.02, -4e-6] }
 EYX = { chebyshev = [0, 0, 0, 5], domain = [0, 2000] }

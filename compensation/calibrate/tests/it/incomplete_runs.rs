@@ -311,7 +311,7 @@ fn the_slope_of_two_runs_has_one_degree_of_freedom_beside_runs_of_one_direction(
     let file = read("EYX");
     let scatter = file.scatters().next().expect("repeated runs");
     assert_eq!(scatter.degrees, 1);
-    // Only the two bidirectional runs vary the slope: each by half of their difference, divided by √2 in the mean of
+    // Only the two bidirectional runs vary the slope: each by half of their difference, divided by √2 for the mean of
     // both.
     let slope = |file: &CalibrationFile| -> f64 {
         let curve = file.measurements[0].readings.mean_curve();

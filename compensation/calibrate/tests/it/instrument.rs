@@ -29,7 +29,7 @@ pub(crate) struct Line<'a> {
     pub(crate) error: &'a str,
     /// Positions of the other linear axes, mm.
     pub(crate) at: &'a [(AxisName, f64)],
-    /// The measured point, mm in MCS with the measured axis at 0; moves with the component that carries it.
+    /// The measured point, mm in MCS with the measured axis at 0. The point moves with the component that carries it.
     pub(crate) point: [f64; 3],
     /// Whether the point is on the side of the joint that does not move with the carriage.
     pub(crate) other: bool,

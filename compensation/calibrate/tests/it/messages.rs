@@ -314,7 +314,7 @@ fn stated_values_have_the_size_of_a_machine() {
     }
 }
 
-/// A target read in one direction only is rejected: its mean would be wrong by half of the reversal.
+/// A target read in one direction only is rejected: its mean would be wrong by half of the reversal value.
 #[test]
 fn a_target_that_lacks_a_direction_is_refused() {
     let lab = two_axes();

@@ -68,7 +68,7 @@ fn two_heights_give_the_pitch_and_the_published_figures_over_heights() {
     assert!((positioning_um(&truth, 650.0) - 68.0).abs() < 0.1);
     let lines = [1050.0, 650.0].map(|z| line(&lab, &truth, "EYY", [0.0, z], 0.3));
     let found = lab.calibrated(&lines.concat());
-    // Published: 23 to 70 µm between these heights.
+    // The published values are 23 to 70 µm between these heights.
     for (z, expected) in [(1342.3, 23.0), (1050.0, 42.0), (650.0, 68.0), (619.2, 70.0)] {
         let value = positioning_um(&found.machine, z);
         assert!((value - expected).abs() < 1.0, "{value} µm at Z = {z}, expected {expected}");
@@ -95,7 +95,8 @@ fn a_pitch_that_is_twice_too_large_contradicts_the_lines() {
     let doubled = gantry("EAY = { poly = [0, 0.0316, 2.25e-7] }\n");
     lines[2] = line(&lab, &doubled, "EAY", [0.0, 0.0], 0.3);
     let bad = lab.calibrated(&lines.concat());
-    // 65 µrad over 400 mm are 26 µm, half of it about the mean, and slightly more at the end of the curve.
+    // 65 µrad over 400 mm are 26 µm, of which half is above and half below the mean; slightly more at the end of the
+    // curve.
     let words = [
         "EYY: ",
         "EYY-0-1050.csv and ",
@@ -186,7 +187,7 @@ fn lines_of_different_slopes_contradict_each_other() {
                     for place in 0..targets {
                         let share = f64::from(place) / f64::from(targets - 1);
                         let at = 1000.0 * if name == "uneven" { share * share } else { share };
-                        // Each run has its own zero, which is no scatter of the slope.
+                        // Each run has its own zero, which does not count as scatter of the slope.
                         let value = 10.0 * f64::from(run) + slope * at + noise.normal(0.1);
                         let _ = writeln!(text, "{at},{run},{direction},{value}");
                     }

@@ -59,7 +59,8 @@ fn uncertainty(ensemble: &Ensemble, machine: &Machine, x: f64, y: f64) -> [f64; 
     ensemble.standard_uncertainty(&state.expect("a state"))
 }
 
-/// The spread at a target is that of the difference of the means from the first target, because the curve is zero
+/// The spread at a target is the spread of the difference of the means from the first target, because the curve is zero
+/// at the first target.
 /// there.
 #[test]
 fn the_spread_is_that_of_the_means_of_the_runs() {

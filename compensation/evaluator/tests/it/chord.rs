@@ -51,8 +51,8 @@ fn the_bound_holds_on_every_type() {
     }
 }
 
-/// Without curvature the bound is 0. With a curve it is between one and four times the deviation, which grows with the square of the
-/// length.
+/// Without curvature the bound is 0. With a curved error the bound is between one and four times the deviation, which
+/// grows with the square of the length.
 #[test]
 fn the_bound_is_as_tight_as_the_curves_are() {
     let text = |curve: &str| {

@@ -181,7 +181,7 @@ fn the_first_order_correction_is_newtons_first_step() {
 }
 
 /// Compiled thermal terms equal those of the machine, also outside the range of the curves: expansion stays linear in
-/// the coordinate; drift, linear or angular, does not depend on it.
+/// the coordinate; a drift, linear or angular, is constant.
 #[test]
 fn thermal_terms_are_those_of_the_source() {
     let text = format!(

@@ -25,8 +25,8 @@ fn received(read_back: &mut ReadBack, late: Duration) -> (ReadBackStatus, Durati
     (*read_back.status(), now)
 }
 
-/// A reading confirms the correction as of its own time, also if it is received later; a reading older than `hold`
-/// confirms no correction.
+/// A reading confirms the correction at the time of the reading, also if it is received later; a reading older than
+/// `hold` confirms no correction.
 #[test]
 fn a_reading_confirms_as_of_its_own_time() {
     let hold = limits().hold;

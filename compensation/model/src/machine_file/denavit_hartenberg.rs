@@ -46,7 +46,7 @@ pub(super) fn place_by_table(
             )));
         }
         axis.direction = Some(rounded(&joint.direction, DIRECTION_ROUNDING));
-        // A linear axis has no fixed line; `point` is where its errors apply.
+        // A linear axis has no fixed line; `point` is the point to which its errors apply.
         if axis.name.kind() == AxisKind::Linear {
             continue;
         }

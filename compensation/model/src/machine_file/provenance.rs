@@ -80,7 +80,8 @@ fn decode_source(section: &Section<'_>) -> Result<Source, InputError> {
     })
 }
 
-/// The table as text. Empty if nothing is recorded, so that files without provenance keep their text and checksum.
+/// The table as text. It is empty if nothing is recorded, so that files without provenance keep their text and
+/// checksum.
 pub(super) fn write_provenance(provenance: &Provenance) -> String {
     if provenance.is_empty() {
         return String::new();

@@ -58,7 +58,8 @@ fn thermal() -> impl Strategy<Value = Thermal> {
     )
 }
 
-/// A coordinate far beyond any machine is rejected with its axis; an accepted one gives finite errors and corrections.
+/// A coordinate far beyond any machine is rejected with the name of its axis; an accepted coordinate gives finite
+/// errors and corrections.
 #[test]
 fn huge_coordinates_are_refused_or_have_numbers_for_answers() {
     let machine = machine();

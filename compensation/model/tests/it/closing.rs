@@ -39,8 +39,8 @@ fn a_grid_closes_along_the_axis_that_goes_round() {
     }
 }
 
-/// A curve of any kind that jumps where an axis rolls over is rejected with the jump: for a table at 0.000° a flickering last digit would
-/// change the correction by 160 µm.
+/// A curve of any kind that jumps at the roll-over of its axis is rejected with the size of the jump. For a table at
+/// 0.000° a flickering last digit would change the correction by 160 µm.
 #[test]
 fn curves_of_every_kind_close_where_the_axis_rolls_over() {
     for [curve, jump] in &cases(

@@ -88,7 +88,7 @@ fn the_key_is_written_back_and_is_part_of_the_checksum() {
     let again = Machine::parse(&text, "again.toml").unwrap();
     assert_eq!(again.correct(), Some(&[AxisName::Z, AxisName::X][..]));
     assert_eq!(again, machine);
-    // A file without the key is written without it, so that its checksum does not change.
+    // A file is written without the key if it had none, so that its checksum does not change.
     let mut every = machine;
     every.set_correct(None).unwrap();
     assert!(!every.to_toml().contains("correct"));

@@ -15,7 +15,7 @@ travel = [0.0, 250.0]
 EXX = { poly = [0.0, 0.01] }
 "#;
 
-/// The change of the largest correction per kelvin is the sum of the sensors' effects, whatever their signs.
+/// The change of the largest correction per kelvin is the sum of the absolute effects of the sensors.
 #[test]
 fn each_kelvin_changes_the_largest_correction_by_the_sum_over_the_sensors() {
     const DRIFT: &str = "[[thermal.drift]]\nerror = \"EXX\"\nsensors = { bed = 2.0, head = -3.0 }\num_per_k = 1.0\n";

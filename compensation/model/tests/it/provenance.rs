@@ -94,7 +94,7 @@ fn hashes_are_those_of_the_standard() {
     assert!(sha256_of(folder.path()).is_err());
 }
 
-/// `is_date` accepts a date if and only if it is in the calendar.
+/// `is_date` accepts exactly the dates of the calendar.
 #[test]
 fn days_are_those_of_the_calendar() {
     for day in ["2024-02-29", "2000-02-29", "2026-12-31", "0001-01-01"] {

@@ -264,7 +264,7 @@ fn lags_are_carried_over_to_the_same_terms() {
     let heavier = text(3.0, 600.0, 20.0).replace("spindle = 1.0", "spindle = 1.001");
     let (heavier, _) = z_um(&heavier, Some(&before));
     assert!((heavier - 1.001 * warm).abs() < 1e-9, "{heavier}");
-    // Of two terms with the same sensor, the one with the nearest lag counts.
+    // Of two terms with the same sensor, the term with the nearest lag passes on its temperature.
     let two = text(3.0, 600.0, 20.0)
         + "[[thermal.drift]]\nerror = \"EYZ\"\nsensors = { spindle = 1.0 }\num_per_k = 0.0\nlag_s = 5.0\n";
     let (_, before) = z_um(&two, None);
@@ -444,7 +444,7 @@ fn a_rate_beyond_what_was_seen_fades_as_well() {
     assert!(!thermal.is_beyond_seen());
 }
 
-/// A reload with a wider range while the terms have faded: they ramp in without a jump.
+/// A reload with a wider range while the terms have faded: the terms ramp in without a jump.
 #[test]
 fn a_reload_does_not_jump_beyond_what_was_seen() {
     let (_, mut old) = state_of(SEEN);

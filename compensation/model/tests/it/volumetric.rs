@@ -116,7 +116,7 @@ fn of_one_tool(machine: &Machine) -> VolumetricError {
     volumetric(&[field]).unwrap()
 }
 
-/// The largest error is between 0.99 and 1.3 times that of the brute force, since random poses miss the corners.
+/// The result is between 0.99 and 1.3 times that of the brute force: random poses miss the corners.
 #[test]
 fn the_largest_error_over_all_axes_is_that_of_brute_force() {
     let mut random = ChaCha8Rng::seed_from_u64(1);
@@ -167,7 +167,7 @@ fn the_ends_of_the_travels_are_reached_from_both_sides() {
     assert!((found.position.value - 0.07).abs() < 1e-3, "{found:?}");
 }
 
-/// Each axis has a peak one table node wide: the sum of the peaks, at one pose, is found.
+/// Each axis has a peak that is one table node wide. The search finds the pose at which all peaks add up.
 #[test]
 fn narrow_spots_of_curves_are_found() {
     use rand::RngExt as _;
@@ -207,7 +207,7 @@ fn spots_that_add_up_elsewhere_are_found() {
             "EXX = {{ table = [[0, 0], [412.45, 0], [412.5, {um:?}], [412.55, 0], [1000, 0]], interpolation = \"linear\" }}\n"
         )
     };
-    // 80 µm at one end of Y and −60 µm at the other: the peak adds to the smaller one.
+    // EXY is 80 µm at one end of Y and −60 µm at the other: the peak of −60 µm adds to the smaller value.
     let wave = "EXY = { table = [[0, 80], [1000, -60]], interpolation = \"linear\" }\n";
     let found = of_one_tool(&three(&format!("{}{wave}", spot(-60.0))));
     assert!((found.max_mm - 0.12).abs() < 1e-6, "{found:?}");
@@ -250,8 +250,8 @@ fn tools_of_two_lengths_have_one_alignment() {
     assert!(both.position.value > 0.005, "{both:?}");
 }
 
-/// The largest error over all tools is that with the extreme tools. These include a tool to the side, whose lever differs from those of straight
-/// tools.
+/// The largest error over all tools is the largest error over the extreme tools. The extreme tools include a tool to
+/// the side, whose lever differs from the levers of straight tools.
 #[test]
 fn the_error_is_largest_with_an_extreme_tool() {
     let text = "structure = \"w b X Y Z t\"\n[axes]\nX.travel = [0.0, 500.0]\nY.travel = [0.0, 500.0]\nZ.travel = [0.0, 500.0]\n[tool]\ngauge = [0.0, 0.0, 0.0]\nlength = 100.0\n[tools.A]\nlength = 50.0\n[tools.B]\nlength = 120.0\n[tools.LONG]\nlength = 250.0\n[tools.SAME]\nlength = 250.0\n[tools.SIDE]\nlength = 100.0\noffset = [300.0, 0.0, 0.0]\n[tools.SIDE_SHORTER]\nlength = 100.0\noffset = [200.0, 0.0, 0.0]\n[tools.ANGLED]\ntip = [0.0, 0.0, -100.0]\naxis = [1.0, 0.0, 0.0]\n[errors]\nECZ = { poly = [0.0, 0.0, 1e-3] }\nEBZ = { poly = [0.0, 0.05] }\n";
