@@ -178,7 +178,6 @@ impl WithSimd for Rows<'_> {
     /// Scalar code, compiled once for each instruction set. Rows are computed in a buffer that stays in the cache, then
     /// copied in large blocks. A large copy does not read its target first, which halves the memory traffic of single
     /// stores.
-    /// copies do not read the target first, which halves the memory traffic of single stores.
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
         let grid = self.grid;

@@ -12,7 +12,7 @@ pub enum Basis {
     Constant,
     /// Legendre polynomials up to this order over the range of the observations.
     Legendre {
-        /// Highest polynomial order; the curve has one coefficient more.
+        /// Highest polynomial order. The number of coefficients is one more than the order.
         order: usize,
     },
     /// A cubic B-spline on uniform knots over the range of the observations.
@@ -45,7 +45,7 @@ pub(crate) struct Modes {
     domain: [f64; 2],
     /// Knots of a B-spline; empty for other bases.
     knots: Vec<f64>,
-    /// Spline coefficients of each mode of a B-spline, one column each.
+    /// Spline coefficients of each mode of a B-spline, one column for each mode.
     columns: DMatrix<f64>,
     /// The spline of each mode of a B-spline.
     splines: Vec<BSpline>,
@@ -54,7 +54,7 @@ pub(crate) struct Modes {
 
 impl Modes {
     /// Creates the modes of a basis over the range of the observations, mm or deg. Fails if no spline can be built over
-    /// it.
+    /// this range.
     pub(crate) fn new(basis: Basis, domain: [f64; 2]) -> Result<Self, CurveError> {
         let mut modes = Self {
             basis,

@@ -30,7 +30,7 @@ pub(crate) struct Coefficient {
 pub(crate) enum Role {
     Location,
     Mode(usize),
-    /// A mode of the error's own axis times one of the second axis: index in [`Products::pairs`].
+    /// A mode of the error's own axis times a mode of the second axis: index in [`Products::pairs`].
     Product(usize),
     Reversal,
 }

@@ -251,7 +251,8 @@ impl System {
         in_mm(rows, &self.equations_in(0, rows, values, false))
     }
 
-    /// Actual tip in workpiece axes and its derivatives by the errors; with `design`, those of the ideal machine.
+    /// Actual tip in workpiece axes and its derivatives by the errors; with `design`, tip and derivatives of the ideal
+    /// machine.
     fn tip_at(
         &self,
         pose: &PreparedPose,

@@ -145,8 +145,8 @@ fn ideal_row(system: &System, row: &Row, values: &Values) -> Row {
         }
         _ => return ideal,
     };
-    // The linear axes move as close as they can: a machine with fewer than three of them may not
-    // reach the point.
+    // The linear axes move as close to the point as they can: a machine with fewer than three linear axes may not reach
+    // it.
     let _ = bring(system, &mut ideal.pose, centre);
     ideal
 }
@@ -163,7 +163,7 @@ pub(crate) fn bring(system: &System, pose: &mut MachinePose, to: Vector3<f64>) -
 }
 
 /// Maximum size of a machine error, mm and mrad. If noise alone gives an unknown a larger standard uncertainty, the
-/// observations add nothing to prior knowledge: its value would be noise, and harmful if applied.
+/// value of the unknown would be noise, and harmful if applied.
 pub(crate) const LARGEST: f64 = 1.0;
 
 #[derive(Clone, Copy, Debug)]

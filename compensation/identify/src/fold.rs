@@ -15,7 +15,7 @@ use crate::{
     triangle::{inverse, triangle},
 };
 
-/// Maximum change of residuals within the step by which the equations may differ from linear ones, mm.
+/// Maximum difference, within the step, between the residuals of the equations and of the linearised equations, mm.
 const LINEAR_WITHIN_MM: f64 = 1e-7;
 
 pub(crate) struct Folds<'a> {

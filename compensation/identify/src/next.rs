@@ -217,7 +217,7 @@ const STEP_MM: f64 = 1e-3;
 /// Coordinates that differ by less are treated as equal, mm and rad.
 const SAME_BELOW: f64 = 2.0 * STEP_MM;
 
-/// A pose that could be measured, as a row of the same kind as those of a file.
+/// A pose that could be measured, as a row of the same kind as the rows of a file.
 pub(crate) struct Candidate {
     pub(crate) row: Row,
     pub(crate) file: String,

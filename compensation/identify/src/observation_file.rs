@@ -59,7 +59,6 @@ impl Observations {
     /// [`Observations::files`] contains only the row files.
     ///
     /// # Errors
-    /// # Errors
     /// An unreadable file or an invalid entry, with file, line and key.
     pub fn of_section(
         root: &Section<'_>,

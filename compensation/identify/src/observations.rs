@@ -21,8 +21,8 @@ pub struct Observations {
     pub files: Vec<PathBuf>,
     /// The machine: its geometry, its known errors, and start values of its unknown errors.
     pub machine: Machine,
-    /// Error motions of `machine` that the same calibration fitted to measured lines, whose uncertainty `uncertainty_um` does not include. If there
-    /// are any, the warning about large residuals states that the reported uncertainties include it.
+    /// Error motions of `machine` that the same calibration fitted to measured lines. `uncertainty_um` does not include
+    /// the uncertainty of these fits, but the reported uncertainties do; the warning about large residuals states this.
     pub measured: Vec<ErrorName>,
     pub unknown: Vec<Unknown>,
     /// Observations in the order of the file.

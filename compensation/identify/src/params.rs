@@ -162,8 +162,8 @@ pub(crate) struct Values {
     pub(crate) points: Vec<Vec<Vector3<f64>>>,
     pub(crate) numbers: Vec<Vec<f64>>,
     pub(crate) coefficients: Vec<f64>,
-    /// Assumed size of the reversal value of each coefficient if the approach direction of its axis
-    /// is unknown; 0 for other coefficients, and for all of them before sizes are estimated.
+    /// Assumed size of the reversal value of each coefficient whose axis has an unknown approach direction. 0 for other
+    /// coefficients, and for all coefficients before sizes are estimated.
     pub(crate) reversals: Vec<f64>,
 }
 

@@ -8,7 +8,6 @@ use crate::triangle::triangle;
 /// file states to some µm bend straight lines by 1e-6 and more, and such bends must not distinguish unknowns. An
 /// unknown determined by so short a combination would have ten thousand times the uncertainty of an unknown with full
 /// effect.
-/// have ten thousand times the uncertainty of one with full effect.
 const INDEPENDENT_ABOVE: f64 = 1e-4;
 /// A column shorter than this share of the longest is treated as rounding error.
 const ZERO_BELOW: f64 = 1e-12;

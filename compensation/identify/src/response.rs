@@ -87,7 +87,7 @@ impl Response {
     ) -> Result<Vec<Option<SupportedShare>>, IdentifyError> {
         /// Maximum share of a change in the residuals at which the unknowns are considered to compensate the change.
         const MAX_COMPENSATED_SHARE: f64 = 1e-3;
-        /// Prior standard uncertainty of a share; it bounds shares that are determined only in combination.
+        /// Prior standard uncertainty of a share. It bounds shares that the observations determine only in combination.
         const PRIOR_SHARE: f64 = 10.0;
         let within = self.jacobian.clone().qr().q();
         let beyond = |of: &DVector<f64>| of - &within * (within.transpose() * of);

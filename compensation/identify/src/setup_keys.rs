@@ -87,8 +87,8 @@ impl ObservationHeader<'_> {
         own.map(|(.., place)| *place).collect()
     }
 
-    /// Index of the only part of a fitted observation that has this name, for a predicted observation that refers to
-    /// it.
+    /// A part of a set-up by its name, for a predicted observation: index of the part if exactly one fitted observation
+    /// has a part of this name.
     fn fitted(&self, key: &str, name: &str, state: &ReadState) -> Result<usize, InputError> {
         self.only(key, name, self.places(key, name, state))
     }

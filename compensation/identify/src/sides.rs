@@ -1,9 +1,9 @@
 //! Unknown approach direction of an axis before its first move, which the file does not state.
 //!
-//! The axis had approached from one side or the other, so its errors were the mean of both directions plus or minus
-//! half the reversal value, the same for all of these rows. This sign is described by one number for each run of the
-//! machine and each axis, with mean 0 and standard uncertainty 1, in units of half the reversal value. The numbers are
-//! not results: they are eliminated from the equations, which leaves the other unknowns unchanged and makes the
+//! The axis had approached from one of its two sides. In all of these rows its errors were therefore the mean of both
+//! directions, plus or minus half the reversal value. The sign is described by one number for each run of the machine
+//! and each axis, with mean 0 and standard uncertainty 1, in units of half the reversal value. The numbers are not
+//! results: they are eliminated from the equations. The elimination leaves the other unknowns unchanged and makes the
 //! equations independent again (generalised least squares, A. C. Aitken, Proceedings of the Royal Society of Edinburgh
 //! 55, 1935). If the reversal value is unknown itself, each error has a separate number, and half the reversal value
 //! has its identified size, or the size that its uncertainty allows.

@@ -229,7 +229,6 @@ pub(crate) fn spread(
 /// Variance of a reading with which the covariance of least squares becomes the covariance of Huber's estimate: the
 /// mean of ψ² divided by the squared mean of ψ', with the correction for the number of unknowns (P. J. Huber, Annals of
 /// Statistics 1, 1973). It is at least the variance for readings that scatter as stated.
-/// at least that of readings that scatter as stated.
 fn huber_variance(residuals: &DVector<f64>, degrees: f64) -> f64 {
     /// Variance for normal readings with the stated uncertainty: 1 divided by the efficiency of 95 %.
     const NORMAL: f64 = 1.0 / 0.95;

@@ -116,7 +116,7 @@ impl System {
 /// Number of penalty groups of drifts: six components of frames, three of points, one of numbers.
 const DRIFT_GROUPS: usize = 10;
 
-/// Coordinates of one pose differ by less, mm or deg.
+/// Coordinates that differ by less belong to one pose, mm or deg.
 const SAME_POSE: f64 = 1e-6;
 
 #[derive(Clone, Debug)]

@@ -315,8 +315,8 @@ impl Thermal {
     }
 }
 
-/// Monitors the sensors of the terms of one error. State: the smoothed rates, and the active
-/// fraction of the terms.
+/// Monitors whether the sensors of the terms of one error are within their tested ranges. State: the smoothed rates,
+/// and the active fraction of the terms.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Watch {
     pub(crate) error: ErrorName,
@@ -352,7 +352,7 @@ impl Watched {
         }
     }
 
-    /// Advances by `dt_s` with the temperature above the reference, if there is one, K.
+    /// Advances by `dt_s`; `over_k` is the temperature above the reference, K, if the sensor delivered a temperature.
     fn step(&mut self, dt_s: f64, over_k: Option<f64>) {
         self.unheard_s += dt_s;
         let Some(over_k) = over_k else { return };
@@ -437,8 +437,8 @@ impl Watch {
         beyond.fold(0.0, f64::max)
     }
 
-    /// The active fraction of the terms, 0 to 1. It is 0 until every sensor has delivered a temperature, because a
-    /// sensor may be outside its tested range before.
+    /// The active fraction of the terms, 0 to 1. It is 0 until every sensor has delivered a temperature, because until
+    /// then a sensor may be outside its tested range.
     pub(crate) fn share(&self) -> f64 {
         self.share.unwrap_or(0.0)
     }

@@ -61,7 +61,6 @@ fn uncertainty(ensemble: &Ensemble, machine: &Machine, x: f64, y: f64) -> [f64; 
 
 /// The spread at a target is the spread of the difference of the means from the first target, because the curve is zero
 /// at the first target.
-/// there.
 #[test]
 fn the_spread_is_that_of_the_means_of_the_runs() {
     let file = written("");

@@ -14,7 +14,7 @@ use crate::{
 
 pub(crate) const MAX_DRIFT_ORDER: usize = 12;
 pub(crate) const MAX_FOLDS: usize = 100;
-/// Maximum number of coefficients of one curve; the error of an axis does not need more.
+/// Maximum number of coefficients of one curve, which is sufficient for any error of an axis.
 pub(crate) const MAX_COEFFICIENTS: usize = 60;
 /// Maximum order along a second axis, also the maximum number of spline coefficients along it.
 pub(crate) const MAX_SECOND_ORDER: usize = 8;
@@ -180,7 +180,8 @@ pub(crate) fn refuse_units(
     rows: &[Row],
     setup: &SetUp,
 ) -> Result<(), InputError> {
-    /// Ratio between the spread of targets and that of the tool, either way, that indicates another unit: an inch is 25 times a mm.
+    /// Ratio, or its inverse, between the spread of targets and the spread of the tool that indicates another unit: an
+    /// inch is about 25 mm.
     const OTHER_UNIT: f64 = 15.0;
     const MIN_MOTION_MM: f64 = 1.0;
     /// Largest difference between a measured and the nominal length between two poses, mm, scaled by [`limit_mm`].
@@ -234,8 +235,8 @@ pub(crate) fn refuse_units(
     Ok(())
 }
 
-/// Reason to reject a line of sight that runs neither along its rows (positioning) nor across them (straightness); `None` if it is aligned, or if
-/// the rows are not on a line.
+/// Reason to reject a line of sight that runs neither along its rows (positioning) nor across its rows (straightness).
+/// `None` if the line is aligned in one of the two ways, or if the rows are not on a line.
 pub(crate) fn oblique(rows: &[Row], direction: &Vector3<f64>, machine: &Machine) -> Option<String> {
     const ALIGNED_DEG: f64 = 1.0;
     /// Largest spread of the rows across their best-fit line, as a fraction of the spread along it, at which they count as straight.

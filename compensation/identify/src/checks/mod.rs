@@ -8,15 +8,16 @@ use volcomp_vocabulary::{AxisKind, MAX_AXES};
 
 use crate::observations::Row;
 
-/// Minimum and maximum extent of rows to which limits apply without scaling, mm: those of nearly all machine tools.
+/// Minimum and maximum extent of rows to which limits apply without scaling, mm: the extents of nearly all machine
+/// tools.
 const USUAL_EXTENT_MM: [f64; 2] = [300.0, 2000.0];
 
 /// Minimum scale factor of a limit, for rows that cover only a corner of a machine.
 const SMALLEST_FACTOR: f64 = 0.1;
 
-/// Diagonal of the box around all coordinates of the linear axes, or of the box around all nominal
-/// tips in workpiece axes, whichever is larger, mm. Both are needed: with the tip on a sphere only
-/// the linear axes move, and rotary axes move the tip while the linear axes are at rest.
+/// The larger of two extents, mm: the diagonal of the box around all coordinates of the linear axes, and the diagonal
+/// of the box around all nominal tips in workpiece axes. Both are needed: with the tip on a sphere only the linear axes
+/// move, and rotary axes move the tip while the linear axes are at rest.
 fn extent_mm<'r>(machine: &Machine, rows: impl Iterator<Item = &'r Row>) -> f64 {
     let is_linear: Vec<bool> =
         (machine.axes().iter()).map(|axis| axis.name.kind() == AxisKind::Linear).collect();
@@ -36,7 +37,8 @@ fn extent_mm<'r>(machine: &Machine, rows: impl Iterator<Item = &'r Row>) -> f64 
     diagonal(&coordinates).max(diagonal(&tips))
 }
 
-/// Scales a limit for usual machine tools, mm, to the extent of these rows. The result is rounded to two digits, as messages show it.
+/// Scales a limit for usual machine tools, mm, to the extent of these rows. The result is rounded to two digits for
+/// messages.
 pub(crate) fn limit_mm<'r>(
     machine: &Machine,
     rows: impl Iterator<Item = &'r Row>,

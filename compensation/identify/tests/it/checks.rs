@@ -28,8 +28,8 @@ kind = \"sphere\"
 file = \"s.csv\"
 ";
 
-/// Rows of a tool of `length` at a ball at [120, 40, −300] or [−150, 60, −280] on the table, in closed form. C rotates the table, so the
-/// tool moves around it by +C (ISO 841); B rotates the tool.
+/// Rows of a tool of `length` at a ball at [120, 40, −300] or [−150, 60, −280] on the table, in closed form. C rotates
+/// the table, so the tool moves around the table by +C (ISO 841); B rotates the tool.
 fn rows(
     header: &str,
     length: f64,
@@ -554,7 +554,8 @@ fn an_inverted_diagonal_is_named() {
     }
 }
 
-/// Of three ball rows across the table, read along and to the sides, the one whose indicators are inverted is named.
+/// Of three ball rows across the table, read along the row and to both sides, the row with inverted indicators is
+/// named.
 #[test]
 fn inverted_ball_rows_are_named() {
     let (truth, nominal) = (truth(), Machine::parse(HEAD_MACHINE, "nominal").expect("a machine"));

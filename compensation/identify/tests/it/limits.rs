@@ -137,7 +137,8 @@ fn all_uncertainties_have_the_same_bounds() {
     }
 }
 
-/// A direction vector of 1e200 is rejected: its squared length overflows, so it would become zero and the readings have no effect.
+/// A direction vector of 1e200 is rejected: its squared length overflows, so the vector would become zero and the
+/// readings would have no effect.
 #[test]
 fn a_direction_of_infinite_length_is_refused() {
     let lab = lab();

@@ -109,8 +109,8 @@ fn unit(of: [f64; 3]) -> [f64; 3] {
     of.map(|x| x / length)
 }
 
-/// A laser along or across its rows measures positioning or straightness. Along another diagonal than its rows it is a mistake and gives
-/// a note with the angle.
+/// A laser along or across its rows measures positioning or straightness. A laser along another diagonal than its rows
+/// is a mistake and gives a note with the angle.
 #[test]
 fn a_line_of_sight_that_is_oblique_to_its_rows_is_noted() {
     let lab = Lab::new(MACHINE);
@@ -132,7 +132,7 @@ fn a_line_of_sight_that_is_oblique_to_its_rows_is_noted() {
     for fine in ["[3, 2, 0]", "[-3, -2, 0]", "[3, 2.05, 0]", "[-2, 3, 0]", "[0, 0, 1]"] {
         assert!(notes(fine).is_empty(), "{fine}");
     }
-    // Angle between rows and X: atan(2/3) = 33.7°. The angle to the other diagonal is twice that.
+    // The angle between the rows and X is atan(2/3) = 33.7°. The angle to the other diagonal is twice as large.
     for (direction, angle) in [("[1, 0, 0]", "33.7"), ("[3, -2, 0]", "67.4"), ("[1, 1, 0]", "11.3")]
     {
         let found = notes(direction);

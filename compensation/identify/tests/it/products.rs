@@ -73,7 +73,8 @@ fn a_sag_over_a_second_axis_is_found() {
     let [before, after] =
         [&plain, &found].map(|found| found.left_out.expect("judged").figures.rms_um);
     assert!(before > 2.0 && after < 1.0, "{before} {after}");
-    // The identified machine agrees where nothing was observed too, after best-fit rigid-body alignment.
+    // After best-fit rigid-body alignment, the identified machine also agrees with the truth at poses without
+    // observations.
     let error = |machine: &Machine, y: f64, z: f64| {
         let at = [(X, 500.0), (Y, y), (Z, z)];
         1e3 * tip(machine, &at, [0.0; 3]).z - 1e3 * z

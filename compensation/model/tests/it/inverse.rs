@@ -246,7 +246,8 @@ fn a_singular_pose_that_was_there_is_found() {
     }
 }
 
-/// At B = ±90° Z and X are parallel: any division of the motion between them within the travels is a solution, and both are reported as free.
+/// At B = ±90° Z and X are parallel. Any division of the motion between Z and X within the travels is a solution, and
+/// both axes are reported as free.
 #[test]
 fn linear_axes_along_one_another_are_free() {
     let with = |z: &str| {
