@@ -8,9 +8,9 @@ use volcomp_vocabulary::{MAX_AXES, PerChannel};
 
 use crate::{Limits, step::one_step};
 
-/// Maximum time between sending a word and a reading that still shows it. A barrier accepts only
-/// one frame per path delay, because all frames sent while a report is in transit answer the same
-/// report. It may therefore still move towards a frame sent one delay before the last.
+/// Maximum time between sending a word and a reading that still shows the word. A barrier accepts only one frame per
+/// path delay, because all frames sent while a report is in transit answer the same report. The barrier may therefore
+/// still move towards a frame sent one delay before the last frame.
 fn longest_visible(limits: &Limits) -> Duration {
     limits.longest_delay().saturating_mul(2)
 }

@@ -1,10 +1,9 @@
 //! The barrier, the control's half of the protection: a reference implementation against which the program of a control can be tested.
 //!
-//! By the rules of the [protocol](crate::protocol) the control itself decides which [`Frame`] it
-//! accepts, moves the applied correction at its own rate, and ramps it to zero when no more frames
-//! arrive. It publishes the result in a [`Report`]; a gateway considers a correction applied only
-//! when a report confirms it. Values are integer counts: one count is the smallest step of the
-//! axis.
+//! By the rules of the [protocol](crate::protocol) the control decides which [`Frame`] it accepts, moves the applied
+//! correction at its own rate, and ramps the correction to zero when no more frames arrive. It publishes the result in
+//! a [`Report`]; a gateway considers a correction applied only when a report confirms it. Values are integer counts:
+//! one count is the smallest step of the axis.
 
 #[cfg(feature = "simulate")]
 mod program;
@@ -94,7 +93,7 @@ impl Settings {
         Self { limit: self.present(&self.limit), rate: self.present(&self.rate), ..self }
     }
 
-    /// The values of the used axes; zero for the others.
+    /// The values of the used axes; zero for unused axes.
     fn present(&self, values: &Counts) -> Counts {
         let count = self.axes.count();
         PerChannel::from_fn(|axis| if axis < count { values[axis] } else { 0 })
@@ -166,7 +165,7 @@ impl Session {
 /// Maximum number of words of a report: head, three values per axis, checksum.
 pub const REPORT_WORDS: usize = REPORT_HEAD + 3 * MAX_AXES + 2;
 
-/// Number of words before those of the axes: epoch, tick, owner, sequence, refusal, scans per step, hold, timeout.
+/// Number of words before the words of the axes: epoch, tick, owner, sequence, refusal, scans per step, hold, timeout.
 const REPORT_HEAD: usize = 8;
 
 /// The refusals of a barrier; the index is the code in the report.
@@ -277,7 +276,7 @@ impl Report {
 /// [`Barrier::scan_with`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct DigitalLines {
-    /// Level of the latch line, which toggles once the others have settled.
+    /// Level of the latch line, which toggles once the levels of all other lines have settled.
     pub latch: bool,
     /// Index of the axis in channel order.
     pub axis: usize,
@@ -327,8 +326,8 @@ pub struct Memory {
     pub latch: Option<bool>,
     /// Scans since the latch toggled, up to the maximum age of a frame.
     pub latched: u16,
-    /// Whether the applied correction comes from digital lines: no frame was accepted since their
-    /// first word.
+    /// Whether the applied correction comes from digital lines: no frame was accepted since the first word on the
+    /// lines.
     pub by_lines: bool,
 }
 
@@ -377,10 +376,9 @@ impl Barrier {
         self.state
     }
 
-    /// Runs one scan of the control. `mailboxes` are the words of each incoming path, at most
-    /// [`MAILBOXES`], copied before this call, so that they cannot change during the check. All are
-    /// checked by the same rules. With `holds` (emergency stop, alarm or not referenced) the
-    /// applied correction does not change.
+    /// Runs one scan of the control. `mailboxes` are the words of each incoming path, at most [`MAILBOXES`], copied
+    /// before this call, so that they cannot change during the check. All mailboxes are checked by the same rules. With
+    /// `holds` (emergency stop, alarm or not referenced) the applied correction does not change.
     pub fn scan(&mut self, mailboxes: &[&[u16]], holds: bool) -> Report {
         self.scan_with(mailboxes, None, holds)
     }
@@ -528,7 +526,7 @@ impl Barrier {
             // The nearest count; the movement per step is then `way / steps`, rounded down or up.
             let (done, steps) = (i64::from(self.state.done), i64::from(self.state.steps));
             let at = from + way.signum() * ((way.abs() * done + steps / 2) / steps);
-            // The result lies between two 16-bit numbers, so it fits.
+            // The result lies between two 16-bit numbers, so the conversion cannot fail.
             self.state.applied[axis] = i16::try_from(at).unwrap_or(self.state.applied[axis]);
         }
     }

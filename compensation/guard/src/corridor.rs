@@ -1,5 +1,5 @@
-//! Bounds the rate of the sent correction over every time window: a word differs from each earlier
-//! one by at most the slew plus one step, even if the correction was restarted in between.
+//! Bounds the rate of the sent correction over every time window: a word differs from each earlier word by at most the
+//! slew plus one step, even if the correction was restarted in between.
 
 use volcomp_vocabulary::PerChannel;
 

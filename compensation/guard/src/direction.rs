@@ -35,7 +35,7 @@ const READINGS: usize = 5;
 /// Number of compared readings that must agree. Two wrong readings in any five have no effect, because at least one of
 /// three readings that agree is correct.
 const AGREE: u32 = 3;
-/// Number of whole turns in one direction after which they are subtracted from the positions.
+/// Number of whole turns in one direction after which whole turns are subtracted from the positions.
 const MANY_TURNS: f64 = 1000.0;
 const ALL: u8 = (1 << READINGS) - 1;
 
@@ -66,9 +66,10 @@ pub struct DirectionMemory {
 }
 
 impl DirectionMemory {
-    /// Updates with the `position` without correction, mm or rad, of a reading valid at `taken`, and returns the direction; `None` until the axis
-    /// has moved by more than the threshold. A repeated reading with the same time counts once. `turn` is the travel after which the position wraps
-    /// (a rotary axis: 2π); within four readings the axis must move by less than a quarter of it.
+    /// Updates with the `position` without correction, mm or rad, of a reading valid at `taken`, and returns the
+    /// direction; `None` until the axis has moved by more than the threshold. A repeated reading with the same time
+    /// counts once. `turn` is the travel after which the position wraps (a rotary axis: 2π); the axis must move by less
+    /// than a quarter of `turn` within four readings.
     pub fn at(
         &mut self,
         taken: Duration,

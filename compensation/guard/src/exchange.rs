@@ -33,7 +33,7 @@ pub struct Inputs {
     pub fast_ramp_out: bool,
     /// The request of the operator or a program since the last cycle, if any.
     pub request: Option<Request>,
-    /// Reasons that forbid arming; empty if it is allowed.
+    /// Reasons that forbid arming; empty if arming is allowed.
     pub forbids: Reasons,
 }
 

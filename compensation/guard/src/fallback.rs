@@ -10,8 +10,8 @@ pub const MAX_PATHS: usize = 4;
 pub struct PathHealth {
     /// The controller's positions are fresh, and every position that its correction depends on is available.
     pub usable: bool,
-    /// Whether the applied correction will be known after this path has begun to write: the control
-    /// reports it, or no correction of the previous path remains.
+    /// Whether the applied correction will be known once this path writes: the control reports the correction, or no
+    /// correction of the previous path remains.
     pub ready: bool,
 }
 
@@ -43,7 +43,7 @@ pub struct Selector {
 }
 
 impl Selector {
-    /// Starts with the first path. A path of higher preference than the active one takes over once it has been usable
+    /// Starts with the first path. A path of higher preference than the active path takes over once it has been usable
     /// for `hand_back`.
     pub fn new(hand_back: Duration) -> Self {
         Self { active: 0, usable_since: [None; MAX_PATHS], hand_back }

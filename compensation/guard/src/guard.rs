@@ -17,7 +17,8 @@ use crate::{
 /// Maximum duration of a cycle, in periods; longer cycles are clamped to this.
 const LONGEST_CYCLE_PERIODS: u32 = 5;
 
-/// Number of consecutive confirmed corrections of an axis that differ from the sent ones, after which it is a fault.
+/// Number of consecutive confirmed corrections of an axis that differ from the sent corrections, at which the guard
+/// faults.
 const MOST_ADOPTED: u32 = 3;
 
 /// Reasons that forbid any change of the applied correction before the first write of this guard.
@@ -67,9 +68,9 @@ pub struct Guard {
     /// Set if the active path has changed: the output starts from the correction known on the new
     /// path.
     path_changed: bool,
-    /// Set if the new path writes the same axes in the same steps as the previous one. The last
-    /// words of the previous path may then still be in transit to the common barrier; a reading
-    /// valid before this time does not show their effect yet.
+    /// Set if the new path writes the same axes in the same steps as the previous path. The last words of the previous
+    /// path may then still be in transit to the common barrier; a reading valid before this time does not show their
+    /// effect yet.
     shared_until: Option<Duration>,
     proof: Proof,
     moves: MotionHistory,
@@ -127,13 +128,13 @@ impl Guard {
         Ok(())
     }
 
-    /// Switches to another path from the next cycle on. `limits` are those of the new path, in its axis order. `places`
-    /// is the index of each axis of the new path on the previous path; `None`: the previous path did not write the
-    /// axis.
+    /// Switches to another path from the next cycle on. `limits` are the limits of the new path, in its axis order.
+    /// `places` is the index of each axis of the new path on the previous path; `None`: the previous path did not write
+    /// the axis.
     ///
-    /// The output starts at the confirmed correction of the new path. If both paths lead to one barrier, it starts at
-    /// the last words of the previous path while these are in transit. Corrections beyond the new limits that the
-    /// previous path sent or confirmed are reduced by a ramp.
+    /// The output starts at the confirmed correction of the new path. If both paths lead to one barrier, the output
+    /// starts at the last words of the previous path while these words are in transit. Corrections beyond the new
+    /// limits that the previous path sent or confirmed are reduced by a ramp.
     ///
     /// # Errors
     /// Invalid limits: the previous path stays active.
@@ -619,8 +620,9 @@ impl Guard {
         false
     }
 
-    /// Maximum distance of the output of each axis from the corrections that may be applied, mm and rad: with a barrier the slew during the delay
-    /// of the path (the highest slew among the words in transit), otherwise the slew per cycle or one step, whichever is larger.
+    /// Maximum distance of the output of each axis from the corrections that may be applied, mm and rad. With a barrier
+    /// it is the slew during the delay of the path (the highest slew among the words in transit); otherwise the slew
+    /// per cycle or one step, whichever is larger.
     fn reach(&self, scheme: Scheme) -> PerChannel<f64> {
         let period_s = self.limits.period.as_secs_f64();
         let delay_s = self.limits.delay().as_secs_f64();

@@ -80,7 +80,8 @@ impl Interlocks {
         self.update(path, None);
     }
 
-    /// Clears the interlocks of paths that are silent now; the operator has checked that they no longer apply.
+    /// Clears the interlocks of paths that are silent now. The operator has checked that these interlocks no longer
+    /// apply.
     pub fn acknowledge(&mut self) {
         for (flags, silent) in self.flags.iter_mut().zip(self.silent) {
             if silent {

@@ -24,7 +24,7 @@ pub struct AxisLimits {
     pub includes_correction: bool,
 }
 
-/// The limits of a controller: those of its axes, and the common times.
+/// The limits of a controller: the limits of its axes, and the common times.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Limits {
     /// Limits of each axis (mm, rad), in channel order; entries from `count` on are unused.
@@ -35,7 +35,7 @@ pub struct Limits {
     pub period: Duration,
     /// Age of positions from which the correction is held; at most [`ceiling::HOLD`], or [`ceiling::HOLD_THERMAL`] with `only_thermal`.
     pub hold: Duration,
-    /// Whether the correction is that of thermal terms alone.
+    /// Whether the correction consists of thermal terms alone.
     pub only_thermal: bool,
     /// Age of positions from which the correction ramps to zero.
     pub zero_after: Duration,
@@ -50,7 +50,7 @@ pub struct Limits {
 
 /// Maximum allowed lag of a read-back, in writes.
 pub const MOST_READ_BACK_CYCLES: usize = 32;
-/// Minimum number of cycles of a ramp: a shorter one would be a step.
+/// Minimum number of cycles of a ramp; a shorter ramp would act as a step.
 pub const FEWEST_RAMP_CYCLES: u32 = 20;
 
 /// The limit that a [`LimitsError`] reports.

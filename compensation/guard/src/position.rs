@@ -12,7 +12,7 @@ const TIMESTAMP_UNCERTAINTY_S: f64 = 0.025;
 pub struct PositionLimits {
     /// Lowest and highest position; `None`: a rotary axis without end stops.
     pub range: Option<[f64; 2]>,
-    /// Modulo of reported positions; `None`: they do not wrap.
+    /// Modulo of reported positions; `None`: positions do not wrap.
     pub turn: Option<f64>,
     /// The maximum speed, mm/s or rad/s.
     pub speed: f64,
@@ -23,7 +23,7 @@ pub struct PositionLimits {
 pub enum PositionFlaw {
     /// The position is outside the range of the axis.
     OutsideTravel,
-    /// The axis cannot have reached the position since the last accepted one.
+    /// The axis cannot have reached the position since the last accepted position.
     Jumped,
 }
 
@@ -32,7 +32,8 @@ struct AcceptedPosition {
     /// Position, mm or rad.
     position: f64,
     taken: Duration,
-    /// Range of the offset of the true position from the reported one, mm or rad, by all readings accepted so far.
+    /// Range of the offset of the true position from the reported position, mm or rad, according to all readings
+    /// accepted so far.
     offset_range: [f64; 2],
 }
 
@@ -173,8 +174,8 @@ impl PositionCheck {
         })
     }
 
-    /// Whether the step from the last rejected position to this one undoes the jump from the accepted position to the first rejected one,
-    /// apart from the motion of the axis in between.
+    /// Whether the step from the last rejected position to this position reverses the jump from the accepted position
+    /// to the first rejected one, apart from the motion of the axis in between.
     fn is_undone(
         &self,
         limits: &PositionLimits,
@@ -190,8 +191,9 @@ impl PositionCheck {
         })
     }
 
-    /// Range of the offset of the true position from a reported one; `None`: the position is out of reach. It considers all readings since the
-    /// first accepted one, so that a jump spread over many of them is detected.
+    /// Range of the offset of the true position from a reported position; `None`: the position is out of reach. The
+    /// range depends on all readings since the first accepted one, so that a jump spread over many readings is
+    /// detected.
     fn offset_range(
         &self,
         limits: &PositionLimits,
@@ -202,7 +204,7 @@ impl PositionCheck {
         let Some(before) = self.accepted else {
             return Some([-unsure, unsure]);
         };
-        // With two sources, one may report an older position.
+        // With two sources, one source may report an older position.
         let until = self.rejected.map_or(taken, |rejected| rejected.since);
         let passed = until.abs_diff(before.taken);
         let goes = limits.speed * passed.as_secs_f64();

@@ -22,8 +22,8 @@ const MOST_ATTEMPTS: u8 = 3;
 const STAYED_SHARE: f64 = 0.25 + ROUNDING_STEPS;
 /// Movement, as a multiple of the shift, above which the machine itself has moved the axis.
 const MOVED_SHARE: f64 = 2.5;
-/// The machine is treated as moving if a leg lasts `LATEST` times the required standstill, or if an axis is farther away than `FAR_SHIFTS`
-/// times the shift after one such time.
+/// The machine is treated as moving if a leg lasts `LATEST` times the required standstill, or if, after one required
+/// standstill, an axis is farther away than `FAR_SHIFTS` times the shift.
 const LATEST: u32 = 3;
 const FAR_SHIFTS: f64 = 20.0;
 /// Maximum age of a motion that shows, when an axis is shifted, that its position is alive.
@@ -32,7 +32,7 @@ const ALIVE_FOR: Duration = Duration::from_secs(10);
 /// Result of the test shift for one axis.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum AxisProof {
-    /// The reported position followed the shift both ways: it contains the correction.
+    /// The reported position followed the shift in both directions: it contains the correction.
     Contained,
     /// The reported position did not follow either shift. It is not frozen, because the machine moved the axis
     /// recently.
@@ -457,7 +457,7 @@ fn response_of(share: f64) -> AxisResponse {
     }
 }
 
-/// The shift of an axis in whole steps, if its limit allows one; 0: it is not shifted.
+/// The shift of an axis in whole steps; 0 if its limit does not permit a shift.
 fn shift(limits: &Limits, axis: usize) -> f64 {
     let of_axis = &limits.axes[axis];
     let step = of_axis.resolution;

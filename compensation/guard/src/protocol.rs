@@ -86,14 +86,14 @@ pub enum Refusal {
     #[error("a value is beyond the limit of the control")]
     Value,
     /// A word on digital lines is rejected: a sender of frames owns the control, another correction is applied, the
-    /// axis is not corrected, the word exceeds its limit, or it changes faster than the configured rate.
+    /// axis is not corrected, the word exceeds its limit, or the word changes faster than the configured rate.
     #[error("a word on the lines came at the wrong time, or changes too fast")]
     Lines,
     /// The words do not continue the map being loaded.
     #[error("its words are not the next ones of the map")]
     Place,
-    /// The map does not fit the control: its axes, steps, size or lines. It must be transferred
-    /// from the start again.
+    /// The map does not fit the control: its axes, steps, size or lines. The map must be transferred from the start
+    /// again.
     #[error("the map does not fit this control")]
     Fit,
     /// The checksum of the whole map does not match, or the map to be kept valid is not the active
@@ -227,7 +227,7 @@ pub fn checksum(machine: u16, layout: Layout, words: &[u16]) -> Checksum {
     check
 }
 
-/// The numbers that a control publishes and by which it accepts frames.
+/// The numbers that a control publishes, and with which it decides which frames to accept.
 ///
 /// Invariants:
 /// - An epoch is never reused within 65,536 starts and timeouts.
@@ -242,7 +242,7 @@ pub struct Link {
     pub owner: u16,
     /// Sequence of the last accepted frame.
     pub sequence: u16,
-    /// Scans since a frame was accepted; it stops at the timeout.
+    /// Scans since a frame was accepted; the count stops at the timeout.
     pub silent: u16,
 }
 
@@ -396,7 +396,7 @@ impl Session {
             }
             return;
         }
-        // The oldest epoch is replaced, unless it is newer than this one.
+        // The oldest epoch is replaced, unless it is newer than `epoch`.
         let mut oldest = 0;
         for place in 1..MOST_EPOCHS {
             oldest = match (self.own[place], self.own[oldest]) {

@@ -66,8 +66,8 @@ reasons! {
     /// A written correction is not found when it is read back, several times in a row.
     DOES_NOT_STICK = forbids, "correction does not stick",
         "Check the address and the control's program, then acknowledge.";
-    /// Positions contain the correction although the configuration states that they do not, or the
-    /// reverse.
+    /// Positions contain the correction although the configuration states that they do not, or positions do not contain
+    /// it although the configuration states that they do.
     CONTRADICTION = forbids, "positions contradict includes_correction",
         "Correct includes_correction, restart the gateway, acknowledge, arm.";
     /// The gateway was faulted when it ended, and the fault was not acknowledged since.
@@ -89,13 +89,14 @@ reasons! {
     /// A position is implausibly far outside the travel of its axis.
     OUTSIDE_TRAVEL = forbids, "position outside the travel",
         "Compare units, axes and travels with the control.";
-    /// A position cannot have been reached since the last accepted one.
+    /// A position cannot have been reached since the last accepted position.
     JUMPED = forbids, "position jumped",
         "Compare units with the control. If the position is real, disarm and arm.";
     /// The control's data is not a report of a barrier for this machine and these axes in this order.
     BARRIER_STRANGE = forbids, "no barrier for this machine and these axes",
         "Check the address of the report and that the control's program runs.";
-    /// The barrier's limits, rates or times do not fit those of the guard, or its scan period is not as configured.
+    /// The barrier's limits, rates or times do not fit the limits of the guard, or its scan period is not as
+    /// configured.
     BARRIER_UNFIT = forbids, "the control's barrier does not fit the limits",
         "Change the barrier or the limits so that they fit.";
     /// Another gateway corrects this controller.
@@ -110,7 +111,7 @@ reasons! {
     /// The limits are not configured.
     NO_LIMITS = forbids, "limits are not configured",
         "Add the table [guard] to the configuration.";
-    /// No other path may take over, since the correction that the silent one still applies is unknown.
+    /// No other path may take over, because the correction that the silent path still applies is unknown.
     OTHER_CHANNEL_UNKNOWN = informs, "another path may still hold a correction",
         "Restore the silent path.";
     /// A standby path reports a correction that it should not have.
@@ -123,10 +124,11 @@ reasons! {
     /// The operator disarmed: no auto-arm, not even after a restart.
     DISARMED_BY_PERSON = informs, "disarmed by the operator: the correction stays off until the operator arms",
         "Arm.";
-    /// The machine file or the limits differ from the last confirmed ones.
+    /// The machine file or the limits differ from the last confirmed machine file and limits.
     MUST_CONFIRM = informs, "machine file or limits must be confirmed",
         "Arm and confirm the change.";
-    /// The configuration or the machine file on disk was rejected or needs a confirmation: the previous one is active.
+    /// The configuration or the machine file on disk was rejected or needs a confirmation: the previous files are
+    /// active.
     NOT_RELOADED = informs, "files on disk not taken over",
         "Fix the files and reload.";
     /// The machine file activated by the centre is unusable: the configured one is active.
@@ -142,8 +144,8 @@ reasons! {
     /// The applied correction has not been confirmed for too long.
     UNCONFIRMED = forbids, "applied correction not confirmed",
         "Check the cable and the control.";
-    /// The controller applies another correction than the written one; the output ramps from the
-    /// applied one.
+    /// The controller applies another correction than the written correction; the output ramps from the applied
+    /// correction.
     READ_BACK = informs, "controller's correction changed",
         "";
     /// A correction is applied while disarmed.
@@ -193,7 +195,7 @@ reasons! {
     /// Positions are so old for the speed of the axes that the correction is reduced or suspended.
     REDUCED_BY_AGE = informs, "correction reduced: positions too old for the speed",
         "Read positions faster, or reduce the feed.";
-    /// It is not proven for every axis whether positions contain the correction.
+    /// The test shift did not prove for every axis whether positions contain the correction.
     NOT_PROVEN = informs, "not proven what positions contain",
         "Move each axis, disarm and arm again.";
     /// A controller path other than the first is active.

@@ -16,7 +16,8 @@ pub struct SensorLimits {
     pub stale: Duration,
     /// A sensor with the same digits for this long is reported as stuck, but still used; `None`: never.
     pub stuck_after: Option<Duration>,
-    /// A sensor farther than this from the median of the others, K, is reported as disagreeing, but still used; `None`: not compared.
+    /// A sensor whose temperature differs by more than this from the median of the other sensors, K, is reported as
+    /// disagreeing, but still used; `None`: not compared.
     pub neighbours_k: Option<f64>,
 }
 
@@ -156,7 +157,8 @@ const UNSEEN_NIGHT_K: f64 = 20.0;
 struct AcceptedTemperature {
     degc: f64,
     taken: Duration,
-    /// A temperature that follows the readings no faster than the allowed rate, °C: a reading farther than one step from it has jumped.
+    /// A temperature that follows the readings no faster than the allowed rate, °C: a reading that differs by more than
+    /// one step from it has jumped.
     followed: f64,
     /// Time since which the digits are unchanged.
     same_since: Duration,

@@ -38,7 +38,8 @@ enum Motion {
         rate: f64,
     },
     Follows,
-    /// On a straight line to a point, with this fraction remaining; before that any other motion comes to rest.
+    /// On a straight line to a point, with this fraction remaining. Before the line starts, any other motion comes to
+    /// rest.
     Line {
         to: PerChannel<f64>,
         left: f64,
@@ -69,7 +70,7 @@ pub struct Vector {
     rate: PerChannel<f64>,
     /// The part of the rate of each linear axis that follows the rotary axes.
     following: PerChannel<f64>,
-    /// Slew and acceleration limit of each axis in the last cycle, 0 before the first one.
+    /// Slew and acceleration limit of each axis in the last cycle, 0 before the first cycle.
     slew: PerChannel<f64>,
     accel: PerChannel<f64>,
     /// Goal of each rotary axis, rad: a whole step.
@@ -119,7 +120,7 @@ impl Vector {
         self.motion = Motion::Begins;
     }
 
-    /// Whether a requested ramp has not started yet. It starts in the next cycle with `follow`, after any present
+    /// Whether a requested ramp has not started yet. The ramp starts in the next cycle with `follow`, after any present
     /// motion has come to rest.
     pub fn is_to_begin(&self) -> bool {
         self.motion == Motion::Begins
@@ -243,9 +244,9 @@ impl Vector {
         Cycle { limits, dt_s, spans, reach, accel: self.accel }
     }
 
-    /// Brakes before another motion starts: rotary axes and the linear axes that follow them stop
-    /// with one common factor, the remaining motion of the linear axes with another. Returns
-    /// whether this cycle was needed to brake; axes without an acceleration limit never need one.
+    /// Brakes before another motion starts. The rotary axes and the linear axes that follow them stop with one common
+    /// factor, the remaining motion of the linear axes with another factor. Returns whether this cycle was used to
+    /// brake; axes without an acceleration limit stop at once and use no cycle.
     fn brakes(&mut self, cycle: &Cycle) -> bool {
         let (mut moving, mut alone) = (PerChannel::ZERO, PerChannel::ZERO);
         for i in cycle.of_kind(AxisKind::Linear) {

@@ -14,8 +14,7 @@ const ZERO_BELOW: f64 = 1e-12;
 /// Minimum share of a column, relative to the largest share in a combination without effect, for the column to be fixed
 /// at zero. Fixing a column at zero changes the other columns in inverse proportion to its share.
 pub(crate) const LEAST_SHARE: f64 = 0.05;
-/// Shares in a combination below this value, relative to the largest one, are treated as rounding
-/// errors.
+/// Shares in a combination below this value, relative to the largest share, are treated as rounding errors.
 const ROUNDING: f64 = 1e-7;
 
 #[derive(Clone, Debug, Default)]

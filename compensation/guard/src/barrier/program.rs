@@ -58,10 +58,11 @@ impl Default for Protection {
 impl Protection {
     /// Converts to whole counts of these axes and whole scans. Limits and rates are rounded down; a rate below one
     /// count per scan yields several scans per step. If the device cannot represent the limit of an axis, the axis gets
-    /// the largest limit that it can represent.
+    /// the largest limit that the device can represent.
     ///
     /// # Errors
-    /// [`SettingsError`] if a limit is below one step of its axis, the times are inconsistent, there is no axis, or one is named twice.
+    /// [`SettingsError`] if a limit is below one step of its axis, the times are inconsistent, there is no axis, or an
+    /// axis is named twice.
     pub fn settings(&self, axes: &[Axis]) -> Result<Settings, SettingsError> {
         let layout = Layout::of(axes.iter().map(|axis| axis.name))?;
         let step_scans =

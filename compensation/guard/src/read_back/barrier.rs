@@ -43,8 +43,8 @@ pub struct BarrierLink {
     /// The last measured scan period; zero before the first measurement.
     scan_counted: Duration,
     last_sent: Option<Counts>,
-    /// The correction at which the control has stopped although it accepted another one, with the
-    /// time since then.
+    /// The correction at which the control has stopped although it accepted another correction, and the time since
+    /// which it has stopped.
     stands: Option<(Counts, Duration)>,
     held_by_other: bool,
     can_send: bool,
@@ -120,7 +120,8 @@ impl BarrierLink {
         if landed || epoch_began { Arrival::All } else { Arrival::Unknown }
     }
 
-    /// Time until a movement of the control is seen: the frame must arrive, be accepted, move it by one step, and be reported.
+    /// Time until a movement of the control is reported: the frame must arrive, be accepted, and move the axis by one
+    /// step, and the report must arrive.
     fn motion_delay(&self, limits: &Limits) -> Duration {
         let step_scans = self.settings.map_or(0, |settings| settings.step_scans);
         limits.longest_delay() + self.time_of(step_scans)
@@ -232,7 +233,7 @@ fn counts_of(values: &PerChannel<f64>, limits: &Limits) -> Option<Counts> {
 
 /// Accepted ratio of the measured scan period to the configured one.
 const SCAN_WITHIN: RangeInclusive<f64> = 0.8..=1.25;
-/// Minimum ratio of the barrier's rate to the guard's slew, so that it can follow.
+/// Minimum ratio of the barrier's rate to the guard's slew, so that the barrier can follow the guard.
 pub const RATE_OVER_SLEW: f64 = 2.0;
 
 /// Settings of a barrier, with a scan period of `scan`, that do not fit the limits. A barrier fits if it passes every

@@ -101,7 +101,7 @@ impl NoReadBack {
             status.confirmed =
                 (!self.unknown).then_some(Confirmed { values: PerChannel::ZERO, at: now });
         }
-        // If a control ramps to zero on its own, the levels of its lines are valid only while it receives writes.
+        // If a control ramps to zero automatically, the levels of its lines are valid only while it receives writes.
         let is_on = self.control.is_none()
             || self.has_written && self.acts.is_some_and(|[acts, _]| now < acts);
         let report = match report {
@@ -175,8 +175,8 @@ impl NoReadBack {
         });
     }
 
-    /// Restores the output of the last run: it is still applied while the control cannot have timed out, zero once it must have, and unknown in
-    /// between.
+    /// Restores the output of the last run. The correction is still applied while the control cannot have timed out,
+    /// zero once the control must have ramped to zero, and unknown in between.
     pub(super) fn restore(
         &mut self,
         now: Duration,
@@ -201,8 +201,7 @@ impl NoReadBack {
     }
 
     /// Takes over from another path, whose correction is removed. A correction that this path has written before
-    /// remains, unless the control has dropped it (`released`; a barrier does so) or has timed out since the last
-    /// write.
+    /// remains, unless the control has dropped it (`released`, as by a barrier) or has timed out since the last write.
     pub(super) fn take_over(&mut self, now: Duration, released: bool, status: &mut ReadBackStatus) {
         if self.has_reported {
             // The outputs keep their levels, which are read before the first write.

@@ -47,7 +47,7 @@ pub enum BarrierMisfit {
     Rate { axis: usize, found: f64, expected: f64 },
     /// The barrier's timeout is longer than the time after which the guard ramps out (`zero_after`).
     TimeOut { found: Duration, expected: Duration },
-    /// The measured scan period differs from the configured one. Not returned by
+    /// The measured scan period differs from the configured scan period. Not returned by
     /// [`barrier_misfits`](crate::barrier_misfits), which checks settings only.
     ScanPeriod { found: Duration, expected: Duration },
 }
@@ -107,6 +107,7 @@ pub(super) enum Arrival {
 /// Tracks since when a sent correction has not arrived.
 ///
 /// Invariants:
+/// - `since` and `failing_since` advance while the control does not answer: only time with readings counts.
 /// - Both times advance while the control does not answer: only time with readings counts against it.
 /// - No word is missing if nothing was sent for longer than the path's delay.
 #[derive(Clone, Debug, Default)]

@@ -18,7 +18,7 @@ pub(super) struct Cycle<'a> {
     /// Maximum absolute value of each axis, mm or rad: its limit, or its present value if that is
     /// outside a lowered limit.
     pub(super) reach: PerChannel<f64>,
-    /// Acceleration of each axis, mm/s² or rad/s²: its limit, or a higher one that was valid when the motion started.
+    /// Acceleration of each axis, mm/s² or rad/s²: its limit, or a higher limit that was valid when the motion started.
     pub(super) accel: PerChannel<f64>,
 }
 
@@ -125,8 +125,8 @@ fn needed_to_stop(distance: f64, rate: f64, dt_s: f64) -> f64 {
     rate * rate / (libm::sqrt(distance * distance + by_rate * by_rate) + distance)
 }
 
-/// Range of an axis at position `at` with `rate` in a cycle, downwards and upwards (mm or rad): within slew and acceleration, and so that it never
-/// passes its `limit`. Outside the limit it can only move inwards.
+/// Range of an axis at position `at` with `rate` in a cycle, downwards and upwards (mm or rad): within slew and
+/// acceleration, and such that the axis never passes its `limit`. Outside the limit the axis can only move inwards.
 pub(super) fn span(at: f64, rate: f64, slew: f64, accel: f64, limit: f64, dt_s: f64) -> [f64; 2] {
     let (up, down) = (limit - at, limit + at);
     let accel = accel.max(needed_to_stop(up, rate, dt_s)).max(needed_to_stop(down, -rate, dt_s));

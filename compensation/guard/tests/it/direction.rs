@@ -152,8 +152,8 @@ fn turns_at_standstill(lag: usize, threshold: f64) -> u32 {
     turns
 }
 
-/// A position that contains the correction with a lag of 20 ms causes no reversal at standstill with the calculated threshold; with 5 µm
-/// it would oscillate.
+/// A position that contains the correction with a lag of 20 ms causes no reversal at standstill with the calculated
+/// threshold. With a threshold of 5 µm the direction would oscillate.
 #[test]
 fn no_reversal_is_fed_back_at_standstill() {
     assert!(turns_at_standstill(5, 0.005) > 50, "the defect is gone from the test");

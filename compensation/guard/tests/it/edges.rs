@@ -23,7 +23,7 @@ fn readable(limits: &Limits) -> Vec<World> {
     vec![World::new(limits), World::guarded(limits)]
 }
 
-/// The controls of [`readable`], and one with lines.
+/// The controls of [`readable`], and a control with lines.
 fn all(limits: &Limits) -> Vec<World> {
     let mut worlds = readable(limits);
     worlds.push(World::lines(limits));
@@ -336,7 +336,8 @@ fn a_correction_beyond_the_limit_needs_acknowledgement_in_any_fault() {
     world.assert_steps(MOST, "acknowledged");
 }
 
-/// A reading dated 10 s ahead does not make its positions fresh: the state becomes `holding` when they are old.
+/// A reading dated 10 s ahead does not make its positions fresh: the state becomes `holding` when the positions are
+/// old.
 #[test]
 fn a_reading_from_the_future_counts_as_present() {
     let mut world = World::compensating(&limits());

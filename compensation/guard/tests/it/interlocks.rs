@@ -211,7 +211,7 @@ fn after_a_stop_in_which_limits_were_lowered_the_axis_moves_by_the_slew() {
         }
         most
     };
-    // One step for rounding, and one because the barrier moves at its own rate within a cycle.
+    // One step for rounding, and one step because the barrier moves at its own rate within a cycle.
     for (late, limit) in [(4, 0.150), (0, 0.030), (2, 0.030), (4, 0.030)] {
         let beyond = goes_beyond(late, limit);
         assert!(beyond <= 0.002 + 1e-9, "{late}, to {limit}: {beyond}");

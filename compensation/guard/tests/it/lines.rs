@@ -139,7 +139,7 @@ fn disarming_does_not_ramp_out_an_unknown_correction() {
     arms(&mut world, "acknowledged");
 }
 
-/// Lines that take over start at the levels left from an earlier outage of the other path.
+/// Lines that take over start at their present levels, which are left from an earlier outage of the other path.
 #[test]
 fn lines_that_take_over_start_at_their_levels() {
     let mut world = reporting(0.020);

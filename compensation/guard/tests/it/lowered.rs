@@ -232,8 +232,8 @@ fn a_correction_sent_long_before_a_limit_was_lowered_is_a_fault() {
     }
 }
 
-/// A path with another axis order and a limit of 30 µm takes over from one that applies 140 and −70 µm: it ramps both down by one factor,
-/// without a fault.
+/// A path with another axis order and a limit of 30 µm takes over from a path that applies 140 and −70 µm. It ramps
+/// both axes down by one factor, without a fault.
 #[test]
 fn a_path_with_lower_limits_reduces_the_previous_correction_by_a_ramp() {
     // Corrections found at the take-over: the sent ones, larger ones, and, on one axis, the word that was sent for the
@@ -300,8 +300,8 @@ fn sent_corrections_are_carried_over_two_changes_of_path() {
     assert_eq!(state, State::Faulted(Cause::BeyondLimit));
 }
 
-/// X follows A with a lever that changes in every cycle: when the limits are lowered, the remaining correction is reduced to them before
-/// the test shift.
+/// X follows A with a lever that changes in every cycle. When the limits are lowered, the remaining correction is
+/// reduced to the new limits before the test shift.
 #[test]
 fn limits_lowered_before_arming_apply_while_the_machine_moves() {
     let mut limits = world::limits();

@@ -458,8 +458,8 @@ fn a_rotary_axis_that_cannot_be_followed_is_not_shifted() {
     assert!(output.reasons.contains(Reasons::NOT_PROVEN));
 }
 
-/// Positions come every 1 ms to 2 s, each one interval old: the verdict is right, and a wrong `includes_correction` is a fault. At 1.5 s
-/// or more, "not proven" is permitted if positions exclude the correction.
+/// Positions arrive every 1 ms to 2 s, each one interval old: the verdict is right, and a wrong `includes_correction`
+/// is a fault. At 1.5 s or more, "not proven" is permitted if positions exclude the correction.
 #[test]
 fn slow_positions_prove_what_they_contain() {
     let ms = Duration::from_millis;

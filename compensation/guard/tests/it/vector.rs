@@ -381,7 +381,7 @@ proptest! {
                 *changes += u32::from(vector.output()[i] != before[i]);
             }
         }
-        // The rotary word may change once; linear words follow it, and may change once more.
+        // A rotary word may change once. A linear word may change with each of the two rotary words, and once more.
         prop_assert!(changes[3] <= 1 && changes[4] <= 1, "{changes:?}");
         prop_assert!(changes[..3].iter().all(|changes| *changes <= 3), "{changes:?}");
     }

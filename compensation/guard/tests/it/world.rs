@@ -113,7 +113,7 @@ pub(crate) struct World {
     /// Writes take effect.
     pub(crate) sticks: bool,
     pub(crate) write_fails: bool,
-    /// Interval of new positions; each is one interval old.
+    /// Interval between new positions; each position is one interval old.
     pub(crate) positions_every: Option<Duration>,
     shown: [Option<Reading>; 2],
     /// Timestamp of frozen positions.

@@ -265,7 +265,7 @@ fn owners(world: &World) -> HashSet<u16> {
     flying.chain(senders).chain([world.barrier.link.owner, world.first]).collect()
 }
 
-/// Delivers at most one frame to the mailbox, which then stays in the channel or leaves it, or loses one frame.
+/// Delivers at most one frame to the mailbox, and keeps the frame in the channel or removes it; or loses one frame.
 fn deliver(world: &World, bounds: &Bounds, tell: &mut impl FnMut(World, Option<Violation>)) {
     scan(world.clone(), bounds, tell);
     for at in 0..world.in_transit.len() {

@@ -59,7 +59,8 @@ proptest! {
         let _ = Report::decode(4711, layout(axes), &some);
     }
 
-    /// A frame whose first words are from one frame and whose last words are from another decodes as one of the two, or is rejected.
+    /// A frame that is composed of the first words of one frame and the last words of another decodes as one of these
+    /// frames, or is rejected.
     #[test]
     fn a_torn_frame_is_one_of_the_two_or_refused(
         one in frames(),

@@ -49,7 +49,7 @@ fn off(case: &Case) -> f64 {
     let limits = limits(case);
     let layout = [AxisName::X, AxisName::Y, AxisName::Z, AxisName::A, AxisName::C];
     let layout = Layout::of(layout).expect("each once");
-    // One scan in 2 ms.
+    // The period of a scan is 2 ms.
     let in_a_scan =
         |i: usize| limits.axes[i].slew_per_s * case.rate * 0.002 / limits.axes[i].resolution;
     let step_scans = (0..5).map(|i| (1.0 / in_a_scan(i) - 1e-9).ceil()).fold(1.0, f64::max);
