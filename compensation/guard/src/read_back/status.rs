@@ -108,7 +108,6 @@ pub(super) enum Arrival {
 ///
 /// Invariants:
 /// - `since` and `failing_since` advance while the control does not answer: only time with readings counts.
-/// - Both times advance while the control does not answer: only time with readings counts against it.
 /// - No word is missing if nothing was sent for longer than the path's delay.
 #[derive(Clone, Debug, Default)]
 pub(super) struct ArrivalMonitor {
