@@ -299,7 +299,8 @@ pub struct Barrier {
 /// checkers.
 ///
 /// Invariants:
-/// - `applied` is on the straight line from `from` to `goal`, after `done` of `steps` steps; all axes reach `goal` together.
+/// - `applied` is on the straight line from `from` to `goal`, after `done` of `steps` steps; all axes reach `goal`
+///   together.
 /// - `goal` is within the limits once a frame, or a word on digital lines, was accepted.
 /// - `by_lines` is true only while no sender of frames owns the barrier.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]

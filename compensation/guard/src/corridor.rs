@@ -9,8 +9,8 @@ use crate::{Limits, step::ROUNDING_STEPS};
 ///
 /// Invariants:
 /// - The range of an axis is not empty, except for rounding.
-/// - Every value in the range differs from each earlier word by at most the slew since that word plus one step, unless a cause
-///   outside the guard has moved the axis out of the range.
+/// - Every value in the range differs from each earlier word by at most the slew since that word plus one step, unless
+///   a cause outside the guard has moved the axis out of the range.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Corridor {
     lowest: PerChannel<f64>,

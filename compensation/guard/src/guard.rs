@@ -35,10 +35,10 @@ const SHARES: [f64; 5] = [1.0, 0.5, 0.2, 0.1, 0.0];
 ///   treated as moved.
 /// - Every word that may be sent next is within `corridor`. Only time widens the corridor, by the
 ///   slew; each sent word narrows it.
-/// - `accepted` is at least the limit of each axis. It exceeds the limit only by corrections that were sent by this guard, known before, or accepted
-///   by the operator.
-/// - While `path_changed` is set, no correction was confirmed on the active path. `confirmed` then belongs to another path and
-///   is not compared with the output.
+/// - `accepted` is at least the limit of each axis. It exceeds the limit only by corrections that were sent by this
+///   guard, known before, or accepted by the operator.
+/// - While `path_changed` is set, no correction was confirmed on the active path. `confirmed` then belongs to another
+///   path and is not compared with the output.
 /// - `held` and `stopped_since` are set only during an interlock.
 /// - `proof` is valid only in the state `Arming(Proving)`; `verdict` is the result of the last proof on this path.
 /// - `inputs_valid_at` is never later than the last cycle: no reading is from the future.

@@ -66,10 +66,11 @@ struct RejectedPosition {
 /// The last accepted position of an axis. After a rejection, a position is accepted only within the distance that the
 /// axis could have travelled from the last accepted position until the first rejection; this distance does not grow
 /// with time. Some rejections require more:
-/// - If a second reading follows from a jump by motion, the next accepted position must be a jump back by the same distance.
-///   Otherwise a position with a constant error could move back within the permitted distance.
-/// - If the position jumps again, to a second place that two readings confirm or by a third reading that follows from neither,
-///   no position is accepted until [`PositionCheck::forget`]. Otherwise an alternating error could pass for a jump back.
+/// - If a second reading follows from a jump by motion, the next accepted position must be a jump back by the same
+///   distance. Otherwise a position with a constant error could move back within the permitted distance.
+/// - If the position jumps again, to a second place that two readings confirm or by a third reading that follows from
+///   neither, no position is accepted until [`PositionCheck::forget`]. Otherwise an alternating error could pass for a
+///   jump back.
 /// - An axis that moved out of its range must move back.
 ///
 /// Invariants:

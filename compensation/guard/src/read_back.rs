@@ -26,7 +26,8 @@ use status::{Arrival, ArrivalMonitor};
 /// The read-back of one path. State: the sent corrections, the received values, and the status derived from both.
 ///
 /// Invariants:
-/// - `status.between` contains the confirmed correction and, without a barrier, every later correction that may have arrived.
+/// - `status.between` contains the confirmed correction and, without a barrier, every later correction that may have
+///   arrived.
 /// - `status.unlanded_since` equals that of `arrivals`.
 /// - `status.scheme` belongs to `kind` and never changes.
 #[derive(Clone, Debug)]
@@ -211,10 +212,11 @@ impl ReadBack {
     /// Makes this path the active one in place of another path. `released`: the other path led to the barrier of the
     /// same control, which has removed all corrections.
     /// - With a barrier, nothing changes.
-    /// - With a read-back but no barrier, the applied correction is unknown until it is read again, because earlier readings may be
-    ///   older than the last write of the other path.
-    /// - Without a read-back, call this only after the correction of the other path has been removed. A correction that this path
-    ///   has written is still treated as applied, unless `released` is set or the control has timed out since.
+    /// - With a read-back but no barrier, the applied correction is unknown until it is read again, because earlier
+    ///   readings may be older than the last write of the other path.
+    /// - Without a read-back, call this only after the correction of the other path has been removed. A correction that
+    ///   this path has written is still treated as applied, unless `released` is set or the control has timed out
+    ///   since.
     pub fn take_over(&mut self, now: Duration, released: bool) {
         match &mut self.kind {
             Kind::NoReadBack(lines) => lines.take_over(now, released, &mut self.status),

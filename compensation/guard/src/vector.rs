@@ -56,8 +56,8 @@ enum Motion {
 /// error of the tool, even if the machine moves.
 ///
 /// Invariants:
-/// - No axis moves in a cycle by more than its slew and acceleration allow, starting from `rate`; `slew` and `accel` are the limits
-///   of that cycle.
+/// - No axis moves in a cycle by more than its slew and acceleration allow, starting from `rate`; `slew` and `accel`
+///   are the limits of that cycle.
 /// - `smooth` never moves further out than its previous value or the limit.
 /// - On a ramp and while following, `goal` of each rotary axis is a whole step, or the value at which the motion began.
 /// - `output` changes only together with a motion: [`stop`](Self::stop) keeps it.

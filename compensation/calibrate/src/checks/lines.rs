@@ -43,11 +43,11 @@ pub(crate) fn refuse_turning(
 /// Rejected are:
 ///
 /// * A file that another line of the same error already names.
-/// * A second file for the same error and line, with the same targets in the same direction. The operator must select one
-///   file, because the mean of two tests is the result of neither. Files that continue where another ends, or contain the
-///   other direction, are one test.
-/// * The file of another error, read in the same way. Angles of a bridge may be read twice: as angular error and, summed,
-///   as straightness.
+/// * A second file for the same error and line, with the same targets in the same direction. The operator must select
+///   one file, because the mean of two tests is the result of neither. Files that continue where another ends, or
+///   contain the other direction, are one test.
+/// * The file of another error, read in the same way. Angles of a bridge may be read twice: as angular error and,
+///   summed, as straightness.
 pub(crate) fn refuse_twice(
     before: &[Line],
     line: &Line,

@@ -23,7 +23,8 @@ const GAP: Duration = Duration::from_secs(5);
 ///
 /// Invariants:
 /// - `can_send` and `held_by_other` exclude each other, and both follow from the last new report.
-/// - `stands` is the applied correction in all new reports since its time: the barrier accepted another goal but has not moved.
+/// - `stands` is the applied correction in all new reports since its time: the barrier accepted another goal but has
+///   not moved.
 /// - `counted` scans passed since `counted_from`, in one epoch and without a gap.
 #[derive(Clone, Debug)]
 pub struct BarrierLink {

@@ -37,8 +37,8 @@ struct Equal {
 /// The values of one path that may be applied.
 ///
 /// Invariants:
-/// - `candidates[..count]` are in the order of sending, and consecutive candidates differ. With a `count` of 0 the applied
-///   correction is unknown, and nothing is sent.
+/// - `candidates[..count]` are in the order of sending, and consecutive candidates differ. With a `count` of 0 the
+///   applied correction is unknown, and nothing is sent.
 /// - After a confirmation the first candidate is the confirmed correction; the later candidates were sent after it.
 /// - `equal` counts only readings that are later than every write by more than the maximum age of a reading.
 #[derive(Clone, Debug)]

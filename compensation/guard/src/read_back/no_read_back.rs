@@ -32,8 +32,8 @@ impl ControlTimeOut {
 /// Invariants:
 /// - `reports_now` implies `has_reported`.
 /// - `acts` is in order of time, and is set only if the control ramps to zero automatically.
-/// - While `unknown` is set, nothing is written. It is cleared by a reading that confirms a correction, at the time when the
-///   control must be at zero, or by an acknowledgement.
+/// - While `unknown` is set, nothing is written. It is cleared by a reading that confirms a correction, at the time
+///   when the control must be at zero, or by an acknowledgement.
 #[derive(Clone, Debug)]
 #[expect(clippy::struct_excessive_bools, reason = "five separate facts")]
 pub(super) struct NoReadBack {
