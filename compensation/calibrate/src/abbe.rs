@@ -28,7 +28,8 @@ pub(crate) struct Lever {
     point: [f64; 3],
     rides: Rides,
     joint: Joint,
-    /// Weights that convert a displacement into a reading: the direction of the axis for positioning, for other errors the direction of their component.
+    /// Weights that convert a displacement into a reading: for positioning the direction of the axis, for other errors
+    /// the direction of the error's component.
     sense: Vector3<f64>,
 }
 

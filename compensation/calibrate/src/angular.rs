@@ -25,7 +25,8 @@ pub(crate) struct Angular {
     pub(crate) fitted: Vec<Fitted>,
     /// The machine of the file with its fitted tilts, for Abbe's principle and for the tilts of held axes.
     pub(crate) tilted: Machine,
-    /// Standard deviation of each fitted tilt at a target, µrad; a tilt whose readings do not show it has no entry.
+    /// Standard deviation of each fitted tilt at a target, µrad; no entry for a tilt whose readings do not show their
+    /// scatter.
     pub(crate) noise_urad: BTreeMap<ErrorName, f64>,
     pub(crate) notes: Vec<String>,
     /// Subset of `notes`: contradictory measurement lines.

@@ -227,7 +227,7 @@ fn decode_line(
     refuse_serial(&file_value, &readings, common.serial)?;
     refuse(&file_value, &setup, &readings, machine)?;
     if MotionKind::of(error) == MotionKind::Straightness && setup.method == Method::Direct {
-        // As straightness, runs that lack targets are aligned by their slopes as well.
+        // For a straightness, runs that lack targets are aligned by their slopes as well as by their offsets.
         readings.quantity = Some(Quantity::Straightness);
     }
     let at = file_value.error("");

@@ -41,8 +41,9 @@ pub(crate) type Slopes = BTreeMap<ErrorName, Urad>;
 pub(crate) struct RemovedSlope<'a> {
     pub(crate) line: &'a Line,
     pub(crate) slope: Urad,
-    /// Standard deviation of the slope: from repeated runs, otherwise from the scatter of the targets about the line; `None`
-    /// if neither is available.
+    /// Standard deviation of the slope, from the scatter of the readings about the line; from the slopes of repeated
+    /// runs if these give more than `TIMES_OF_LINE` times as much, or if the scatter of the readings is unknown. `None`
+    /// if both are unknown.
     pub(crate) noise: Option<Urad>,
     /// Uncertainty of the least-squares slope from the scatter of its readings; `None` if it is unknown.
     scatter: Option<SlopeUncertainty>,

@@ -28,8 +28,8 @@ pub struct Inputs {
     pub interlocks: Reasons,
     /// The correction by the model; `None` if the model returns none.
     pub requested: Option<RequestedCorrection>,
-    /// Set if positions are old while the machine moves. While positions are stale, the correction then ramps out as
-    /// fast as the slew allows, because holding it would cause a larger error than no correction.
+    /// Set if positions are old while the machine moves. From an age of `hold` on, the correction then ramps out as
+    /// fast as the slew allows, because a held correction would cause a larger error than no correction.
     pub fast_ramp_out: bool,
     /// The request of the operator or a program since the last cycle, if any.
     pub request: Option<Request>,

@@ -512,7 +512,7 @@ impl Guard {
         }
     }
 
-    /// True if the control accepts words but has stopped at another correction for longer than `hold`.
+    /// True if the control accepts words but has been stationary at another correction for longer than `hold_unconfirmed`.
     fn is_stationary_elsewhere(&self, inputs: &Inputs) -> bool {
         let since = inputs.read_back.stationary_since;
         let hold = self.hold_unconfirmed(&inputs.read_back);

@@ -232,7 +232,7 @@ impl Own {
             let reversal = [0, 1, 2, 3, 4, 5].map(play).map(Option::unwrap_or_default);
             let mut location = [0.0; 6];
             for (k, value) in location.iter_mut().enumerate() {
-                // A rotation about the axis itself has no effect; an offset of a linear axis has none either.
+                // A rotation about the axis itself and an offset of a linear axis have no effect.
                 if k % 3 == name.mcs_index()
                     || (k < 3 && !name.is_rotary())
                     || !random.random_bool(share)

@@ -42,7 +42,7 @@ pub(crate) const LOCATIONS: [(&str, f64); 7] = [
     ("EC0A", -18.0),
     ("EA0C", -16.0),
 ];
-/// The other location errors of the two rotary axes, µm or µrad.
+/// Location errors of the two rotary axes that are not in `LOCATIONS`, µm or µrad.
 pub(crate) const MORE: [(&str, f64); 4] =
     [("EZ0A", -12.0), ("EX0C", 15.0), ("EY0C", -13.0), ("EB0C", 12.0)];
 

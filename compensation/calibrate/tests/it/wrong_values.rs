@@ -9,7 +9,7 @@ use crate::{lab::Lab, located::GEOMETRY, observed::tracker};
 
 const POINTS: &str = "[[observation]]\nkind = \"points\"\nfile = \"tracker.csv\"\n";
 
-/// Folder with this machine and the observations of a tracker on it with these errors.
+/// Folder with this machine, and with the observations of a tracker on the machine with these errors.
 fn seen(machine: &str, errors: &str) -> Lab {
     let lab = Lab::new(machine);
     let truth = format!("{machine}[errors]\n{errors}");

@@ -141,7 +141,7 @@ impl NoReadBack {
         status.writable = status.confirmed.is_some() && !self.unknown;
     }
 
-    /// Records a write; `ok`: the device accepted it.
+    /// Records a write; `ok`: the device accepted the write.
     pub(super) fn sent(
         &mut self,
         now: Duration,

@@ -120,7 +120,7 @@ pub(super) struct ArrivalMonitor {
 }
 
 impl ArrivalMonitor {
-    /// Records a write; `ok`: without an error. `is_unseen`: a write without an error is treated as applied.
+    /// Records a write; `ok`: the write had no error. `is_unseen`: a write without an error is treated as applied.
     pub(super) fn sent(&mut self, now: Duration, ok: bool, is_unseen: bool) {
         self.sent = Some(now);
         self.failing_since = (!ok).then(|| self.failing_since.unwrap_or(now));

@@ -272,7 +272,8 @@ fn the_first_direction_is_right_half_a_turn_away() {
     }
 }
 
-/// With at most two wrong readings in any five, each reported direction is one in which the axis moved by more than the threshold.
+/// With at most two wrong readings in any five, the axis has moved by more than the threshold in each reported
+/// direction.
 #[test]
 fn with_two_wrong_readings_in_five_every_direction_is_a_real_one() {
     const THRESHOLD: f64 = 5.0;

@@ -1,4 +1,4 @@
-//! The guard against its rules.
+//! Tests of the rules of the guard.
 
 mod barrier;
 mod direction;

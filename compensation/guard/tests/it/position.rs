@@ -101,7 +101,7 @@ fn a_jump_is_never_accepted_after_a_while() {
 }
 
 /// X moves from 300 to 0 mm and back at 20 m/min; meanwhile its position is 200 mm too high, as after a preset. The
-/// wrong position is never accepted, also where it passes the last good one, after a silence, or after a single
+/// wrong position is never accepted, even when it passes the last accepted position, after a silence, or after a single
 /// nonsensical reading. The right position is accepted when the error ends.
 #[test]
 fn a_constant_error_is_not_believed_as_the_axis_moves() {
@@ -119,9 +119,9 @@ fn a_constant_error_is_not_believed_as_the_axis_moves() {
     }
 }
 
-/// X moves from 300 mm at 20 m/min. Its position is 200 mm too high, then wrong by another error, which begins where it
-/// brings the position to the last good one. The second error is beyond the allowance of both jumps: 187 mm for the
-/// second reading at a cycle of 4 ms.
+/// X moves from 300 mm at 20 m/min. Its position is first 200 mm too high. Then the error changes, so that the wrong
+/// position equals the last accepted position. The second error (−200 or −300 mm) exceeds the permitted distance of
+/// both jumps, which is 187 mm for the second reading at a cycle of 4 ms. The true position is accepted.
 #[test]
 fn another_error_is_not_believed() {
     for (second, cycles, expected) in [(-300.0, 225, JUMP), (-200.0, 150, JUMP), (0.0, 10, OK)] {
@@ -137,8 +137,8 @@ fn another_error_is_not_believed() {
     }
 }
 
-/// X moves from 600 mm to 0, to 1000 mm and on at 20 m/min, so that each wrong position passes the last good one.
-/// Errors that alternate, for one reading of 4 ms or for several, are never accepted.
+/// X moves from 600 mm to 0, to 1000 mm and on at 20 m/min, so that each wrong position passes the last accepted
+/// position. Errors that alternate, for one reading of 4 ms or for several, are never accepted.
 #[test]
 fn alternating_errors_are_not_believed() {
     for errors in [

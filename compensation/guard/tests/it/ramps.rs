@@ -277,8 +277,8 @@ fn any_request(random: &mut ChaCha8Rng) -> RequestedCorrection {
     }
 }
 
-/// Limits and models change at random: unless an axis is reported as behind, the tip error is at most that without correction or at the
-/// start of the ramp, plus rounding.
+/// Limits and models change at random: unless an axis is reported as behind, the tip error exceeds neither the error
+/// without correction nor the error at the start of the ramp, plus rounding.
 #[test]
 fn the_tip_error_never_exceeds_that_at_the_start_of_the_ramp() {
     for seed in 0..60_u64 {

@@ -227,7 +227,7 @@ impl World {
         self.read_back.status()
     }
 
-    /// Lowers the limit of every axis to this, mm.
+    /// Lowers the limit of every axis to `limit`, mm.
     pub(crate) fn lower_limits(&mut self, limit: f64) {
         let mut lowered = *self.guard.limits();
         for axis in &mut lowered.axes {

@@ -111,8 +111,8 @@ fn implausible_rows_are_refused() {
     ];
     let lab = Lab::new(MACHINE);
     lab.write("good.csv", &rows(HEADER, 200.0, |_, _, name| apart(name, ["three", "four"])));
-    // Rows along diagonals never deviate much. Although most rows are of this kind, the file that does deviate is
-    // named.
+    // Rows along a diagonal deviate little from the nominal machine, and most rows are of this kind. The file that
+    // deviates much is named nevertheless.
     let diagonal = (0..200).map(|k| {
         let at = f64::from(k) * 2.0 - 200.0;
         [at, at, at, 0.3 * f64::from(k % 3)]

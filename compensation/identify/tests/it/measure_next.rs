@@ -131,7 +131,7 @@ offset = \"unknown\"
     assert!(found.variance > 4.0, "{}", found.variance);
     let next = found.next.expect("a pose");
     assert_eq!(next.parameter, "EXX legendre 1");
-    // Slope of a line through seven targets, and through these and one more: σ² of the slope is 1/Σ(x − x̄)².
+    // Slope of a line through these seven targets, and through these and an eighth: σ² of the slope is 1/Σ(x − x̄)².
     let mut places = vec![0.0, 100.0, 200.0, 300.0, 400.0, 500.0, 1000.0];
     let spread = |places: &[f64]| {
         let mean = places.iter().sum::<f64>() / places.len() as f64;

@@ -1,4 +1,4 @@
-//! The same problem solved by SciPy with an independent model in NumPy.
+//! An identification, compared with a solution of the same problem by SciPy with an independent model in NumPy.
 
 use std::{collections::BTreeMap, process::Command};
 

@@ -81,7 +81,7 @@ impl Readings<'_> {
         tip(self.machine, &at, [0.0, 0.0, beyond])
     }
 
-    /// Linear axis coordinates with the tip at a workpiece point; the tip is linear in them.
+    /// Linear axis coordinates with the tip at a workpiece point; the tip is a linear function of these coordinates.
     fn linear_at(&self, point: Vector3<f64>, angles: [f64; 2], beyond: f64) -> [f64; 3] {
         let zero = self.tip([0.0; 3], angles, beyond);
         let along = |axis: usize| {

@@ -282,7 +282,7 @@ fn linear_axes_along_one_another_are_free() {
             }
         }
     }
-    // With half the motion each, Z is outside its travel; another division is a solution.
+    // If Z and X each took half of the motion, Z would be outside its travel; the solution has a smaller motion of Z.
     let narrow = with("[-1, 1]");
     let reached = narrow.axes_at([0.0, 0.0, 300.0], [1.0, 0.0, 0.0]).unwrap();
     assert_eq!(reached.solutions.len(), 1, "{reached:?}");

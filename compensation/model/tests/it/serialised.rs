@@ -1,4 +1,4 @@
-//! Machines through serde.
+//! Machines that are written and read with serde.
 
 use volcomp_model::{Axis, Fading, Machine, Thermal, Tool};
 

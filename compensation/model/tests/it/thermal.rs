@@ -248,7 +248,7 @@ fn lags_are_carried_over_to_the_same_terms() {
         (z_mm * 1e3, thermal)
     };
     let (warm, before) = z_um(&text(3.0, 600.0, 20.0), None);
-    // The final value is 30 µm, of which e^(-1/2) is still to come.
+    // The final value is 30 µm, of which the fraction e^(-1/2) is still missing.
     assert!((warm - 30.0 * (1.0 - (-0.5_f64).exp())).abs() < 0.01, "{warm}");
     let (same, _) = z_um(&text(3.0, 600.0, 20.0), Some(&before));
     assert!((same - warm).abs() < 1e-9, "{same}");
@@ -381,8 +381,8 @@ fn terms_wait_for_the_first_temperature_of_every_watched_sensor() {
     assert!(!thermal.is_beyond_seen());
 }
 
-/// A temperature leaves the range at 2 K/min: the correction does not jump, the warning is not too early, and the terms return when the
-/// temperature does.
+/// A temperature leaves the range at 2 K/min and returns: the correction does not jump, the warning is not too early,
+/// and the terms return with the temperature.
 #[test]
 fn a_temperature_that_leaves_takes_the_terms_with_it_smoothly() {
     // Without a tested rate only the temperature counts.

@@ -246,7 +246,7 @@ fn tools_of_two_lengths_have_one_alignment() {
     assert!(one.position.value < 1e-5, "{one:?}");
     let both = [field("SHORT", &short, &of_short), field("LONG", &long, &of_long)];
     let both = volumetric(&both).unwrap();
-    // 100 µrad over 200 mm are 20 µm between the tools; a rotation of the workpiece removes a part.
+    // 100 µrad over 200 mm are 20 µm between the tools; the alignment removes a part of them by a rotation.
     assert!(both.position.value > 0.005, "{both:?}");
 }
 
