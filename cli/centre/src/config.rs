@@ -155,7 +155,8 @@ impl Config {
                 .then_some("PostgreSQL is not supported any more, expected `file`, a SQLite file")
         })?;
         config.check(&mut mistakes);
-        // `nats-config` is read by the server in a different working directory, so its paths must be absolute.
+        // The server reads the file written by `nats-config` in a different working directory, so its paths must be
+        // absolute.
         let whole = std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
         let folder = whole.parent().unwrap_or(Path::new("."));
         for path in config.paths() {

@@ -61,7 +61,7 @@ pub struct Demo {
     pub password: String,
     engine: Option<Running>,
     tasks: Vec<JoinHandle<()>>,
-    /// Must end before the folder is removed.
+    /// The server must end before its folder is removed.
     server: Option<Server>,
     folder: TempDir,
 }
@@ -289,11 +289,12 @@ fn confirm_due(
                 &UserRequest::Confirm { machine, hash },
                 CONFIRMED_BY,
             ) {
-                // The roll-out was resumed or stopped since it was read.
+                // The user has resumed or stopped the roll-out since it was read.
                 Ok(()) | Err(Error::NotConfirmed(_)) => {}
                 Err(error) => return Err(error),
             }
-            // The engine applies it within a second; otherwise it is confirmed again after the same delay.
+            // The engine applies the confirmation within a second. If it does not, the change is confirmed again after
+            // [`AUTO_CONFIRM_DELAY`].
             since.insert(one, Instant::now());
         }
     }

@@ -1,6 +1,7 @@
 //! Stores messages of machines: each message once, each batch in one transaction. Maintains the current state of each machine.
 //!
-//! State: the gateways of each machine, and its last state. It equals the store's content: if a transaction fails, this state is unchanged too.
+//! State: the gateways of each machine, and its last state. It equals the store's content: a failed transaction changes
+//! neither.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -31,8 +32,9 @@ const MAX_BURST_BYTES: f64 = 128.0 * 1024.0 * 1024.0;
 /// Overhead of a stored row, bytes.
 const ROW_BYTES: f64 = 256.0;
 
-/// Token bucket for the stored conditions and telemetry of a machine, so that a stolen nkey cannot fill the disk. Audit records and acknowledgements
-/// need none: the server refuses them when their stream is full. The server's time counts, because a backlog is collected in a burst.
+/// Token bucket for the stored conditions and telemetry of a machine, so that a stolen nkey cannot fill the disk. Audit
+/// records and acknowledgements need no bucket: the server rejects them when their stream is full. The bucket uses the
+/// server's time, because a backlog is collected in a burst.
 #[derive(Clone, Debug, Default)]
 struct TokenBucket {
     used_bytes: f64,
@@ -115,10 +117,11 @@ impl Ingest {
         Ok(Self { machines, changed: BTreeSet::new(), start: Instant::now() })
     }
 
-    /// Stores a batch: on return either all of it is on disk or none of it.
+    /// Stores a batch in one transaction: either all of it or none.
     ///
     /// # Errors
-    /// The database rejects the change (full disk, locked by another program); then nothing is changed. The same batch may be passed again.
+    /// The database rejects the change (full disk, locked by another program). The caller may pass the same batch
+    /// again.
     pub fn take(&mut self, store: &Store, batch: &[Received]) -> Result<BatchCounts, Error> {
         let mut changed: BTreeMap<MachineId, Reception> = BTreeMap::new();
         let taken = store.write(|database| {
@@ -157,8 +160,8 @@ impl Ingest {
         Ok(taken)
     }
 
-    /// Stores the last state of each machine that changed since the previous call. Once a second is enough, since every message is stored
-    /// separately.
+    /// Stores the last state of each machine that changed since the previous call. Calling it once a second is enough,
+    /// since every message is stored separately.
     pub fn store_live(&mut self, store: &Store) -> Result<(), Error> {
         if self.changed.is_empty() {
             return Ok(());
@@ -190,8 +193,8 @@ impl Ingest {
         condition_at.unwrap_or(self.start).elapsed().as_secs_f64()
     }
 
-    /// Returns each machine's observation for roll-outs and its events since the last pass, and resets the events. `reachable` is true if the last
-    /// condition is at most `fresh_s` old.
+    /// Returns each machine's observation for roll-outs and its events since the last pass, and resets the events. An
+    /// observation is `reachable` if the last condition is at most `fresh_s` old, s.
     pub fn take_observations(
         &mut self,
         fresh_s: impl Fn(&MachineId) -> f64,
@@ -213,7 +216,7 @@ impl Ingest {
         self.machines.iter_mut().map(look).unzip()
     }
 
-    /// Counts the messages that are lost for good. Call once a minute.
+    /// Counts the messages that are permanently lost. Call it once a minute.
     pub fn count_missing(&mut self) {
         for reception in self.machines.values_mut() {
             let missing = reception.instances.count_missing();
@@ -223,7 +226,8 @@ impl Ingest {
         }
     }
 
-    /// Puts the events that [`take_observations`](Self::take_observations) returned back after a failed pass, so that the next pass processes them.
+    /// Returns the events of [`take_observations`](Self::take_observations) after a failed pass, so that the next pass
+    /// processes them.
     pub fn restore_events(&mut self, looked: BTreeMap<MachineId, NewEvents>) {
         for (machine, before) in looked {
             if let Some(reception) = self.machines.get_mut(&machine) {
@@ -265,8 +269,9 @@ fn store_message(
             let text = String::from_utf8_lossy(&message.bytes);
             let text: String = text.chars().take(1000).collect();
             let document = serde_json::json!({ "unreadable": text, "why": error.to_string() });
-            // The server redelivers messages if the centre was killed before acknowledging them. They are recognized by their sequence number in
-            // the stream, and by their time in case the stream was recreated.
+            // The server redelivers messages if the centre was killed before acknowledging them. A redelivered message
+            // is recognized by its sequence number in the stream and its storage time; the time differs if the stream
+            // was recreated.
             let kind = message.kind.name();
             let key = format!("{kind} {} {}", message.sequence, message.stored_s);
             let text = document.to_string();
@@ -352,8 +357,8 @@ struct Record {
 }
 
 impl Record {
-    /// Key that identifies a redelivered record: each record contains the checksum of its predecessor, so no two records of a machine have the same
-    /// one. `None` if the record has none.
+    /// Key that identifies a redelivered record: its checksum. Each record contains the checksum of its predecessor, so
+    /// the checksums of a machine's records are unique. `None` if the record has no valid checksum.
     fn key(self) -> Option<String> {
         let is_checksum =
             self.checksum.len() == 64 && self.checksum.bytes().all(|byte| byte.is_ascii_hexdigit());

@@ -1,11 +1,13 @@
-//! Gateway instances: which of their messages are stored, when they started, and whether two of them share the identity of one machine.
+//! Gateway instances: which of their messages are stored, when the gateways started, and whether two instances share
+//! the identity of one machine.
 
 use serde::{Deserialize, Serialize};
 
 use crate::records::CreationTime;
 
-/// Maximum number of remembered gateway instances of a machine. More are kept, up to [`MAX_INSTANCES_OF_A_DAY`], if they were active within a day of
-/// the newest one, so that a redelivered batch is recognized regardless of the number of restarts.
+/// Maximum number of remembered gateway instances of a machine. Instances active within a day of the newest one are
+/// kept beyond this limit, up to [`MAX_INSTANCES_OF_A_DAY`], so that a redelivered batch is recognized regardless of
+/// the number of restarts.
 const MAX_INSTANCES: usize = 16;
 const REMEMBERED_S: f64 = 86_400.0;
 /// Maximum number of instances active within a day of the newest one: the number of messages in a batch.
@@ -21,11 +23,11 @@ const MAX_AGE_S: f64 = 32.0 * 86_400.0;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Instance {
     pub instance: String,
-    /// First message, s by the server's clock.
+    /// Storage time of the first message, s by the server's clock.
     pub first_s: f64,
-    /// Last message, s by the server's clock.
+    /// Storage time of the last message, s by the server's clock.
     pub heard_s: f64,
-    /// Start of the gateway, s by the server's clock; late by at most the transit time of its fastest message.
+    /// Start of the gateway, s by the server's clock; too late by at most the transit time of its fastest message.
     pub start_s: f64,
     pub stored: Intervals,
     /// Stream sequence number of the first condition or full telemetry of this instance.
@@ -38,9 +40,9 @@ pub struct Instance {
     pub recent: Option<Recent>,
 }
 
-/// Start time of a gateway, estimated from the messages of two windows of a few minutes. Unlike [`Instance::start_s`]
-/// it follows clock drift. A window ends only with messages created that long after its first one: a backlog sent after
-/// an hour without connection does not shift the estimate.
+/// Start time of a gateway, estimated from the messages of two consecutive windows. Unlike [`Instance::start_s`] the
+/// estimate follows clock drift. A window ends only when both the storage times and the creation times of its messages
+/// span 300 s: a backlog sent after an hour without connection does not shift the estimate.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[expect(clippy::struct_field_names, reason = "each ends with its unit")]
 pub struct Recent {
@@ -84,9 +86,10 @@ pub struct Header<'a> {
     pub number: u64,
     /// Time from the start of the gateway to the creation of the message, s.
     pub uptime_s: f64,
-    /// When the server stored the message, s.
+    /// Time at which the server stored the message, s.
     pub stored_s: f64,
-    /// Sequence number of the message in the stream, if it is a condition or full telemetry: these are sent in the order of their creation.
+    /// Sequence number of the message in the stream if it is a condition or full telemetry, which gateways send in the
+    /// order of creation; otherwise `None`.
     pub passing: Option<u64>,
 }
 
@@ -140,9 +143,9 @@ impl Instances {
         if let Some(sequence) = message.passing {
             let from = one.passing_from.map_or(sequence, |from| from.min(sequence));
             one.passing_from = Some(from);
-            // A gateway sends all messages created before a restart before the messages created after it. A message of an earlier instance that
-            // follows one of a later instance therefore comes from a second gateway. Later by the time, too: a server that lost its disk counts
-            // from 1 again.
+            // A gateway sends all messages created before a restart before those created after it. A message of an
+            // earlier instance that follows a message of a later instance therefore comes from a second gateway. The
+            // start times are compared too, because a server that lost its disk restarts its sequence numbers from 1.
             let first_s = one.first_s;
             let behind = self.each.iter().any(|other| {
                 other.passing_from.is_some_and(|later| from < later && later < sequence)
@@ -158,8 +161,8 @@ impl Instances {
         })
     }
 
-    /// Number of messages that are permanently lost: missing numbers below the highest number at the previous count.
-    /// Call it at intervals longer than any delivery.
+    /// Number of permanently lost messages: missing numbers below the highest number at the previous count. Call it at
+    /// intervals longer than any delivery delay.
     pub fn count_missing(&mut self) -> u64 {
         let mut missing = 0_u64;
         for one in &mut self.each {
@@ -216,7 +219,7 @@ impl Intervals {
         self.0.last().map(|(_, last)| *last)
     }
 
-    /// Count of missing numbers between the lowest remembered one and `below`.
+    /// Number of missing numbers between the lowest remembered number and `below`.
     pub fn missing_below(&self, below: u64) -> u64 {
         let holes = self.0.windows(2).map(|pair| (pair[0].1 + 1, pair[1].0));
         holes.map(|(from, to)| to.min(below).saturating_sub(from)).sum()
@@ -310,7 +313,7 @@ mod tests {
         let mut instances = Instances::default();
         let mut made = |message: &Header<'_>| instances.take(message).map(|made| made.at_s);
         assert_eq!(made(&message("a", 5, 105.0, 1)), Some(105.0));
-        // Cut off for 1000 s, then everything at once.
+        // 1000 s without connection, then all messages at once.
         for number in 6..1005 {
             let made_s = made(&message("a", number, 1105.0, number));
             assert_eq!(made_s, Some(100.0 + number as f64));
@@ -319,7 +322,7 @@ mod tests {
         assert_eq!(instances.cloned_s, None);
     }
 
-    /// A gateway is disconnected for an hour and then sends its queue. Then its clock drifts, and is set.
+    /// A gateway is disconnected for an hour and then sends its queue. Then the server's clock drifts, and is set.
     #[test]
     fn a_delayed_message_is_late_and_clock_errors_are_not() {
         let mut instances = Instances::default();
@@ -340,13 +343,13 @@ mod tests {
             let reported = late(second.into(), stored_s);
             assert_eq!(reported, Some(stored_s - 5000.0 - f64::from(second)));
         }
-        // 100 ppm for ten days, in which the start seems to move by 86 s.
+        // A clock drift of 100 ppm for ten days, in which the start seems to move by 86 s.
         for minute in 1..14_400 {
             let made_s = 4600.0 + 60.0 * f64::from(minute);
             let reported = late(made_s, 9604.0 + 60.006 * f64::from(minute));
             assert!(reported.is_some_and(|late_s| late_s < 4.5), "{reported:?}");
         }
-        // The clock of the server is set by an hour: after two windows of five minutes delays are correct again.
+        // The clock of the server is set by an hour: after two windows of five minutes the delays are correct again.
         for minute in 14_400..14_420 {
             let made_s = 4600.0 + 60.0 * f64::from(minute);
             let reported = late(made_s, 13_204.0 + 60.006 * f64::from(minute));
@@ -378,14 +381,14 @@ mod tests {
         instances.take(&message("a", 10, 111.0, 10));
         instances.take(&message("b", 2, 112.0, 11));
         assert_eq!(instances.cloned_s, None);
-        // A message that the server sends again is already stored.
+        // The server redelivers a message that is already stored.
         instances.take(&message("a", 10, 113.0, 12));
         assert_eq!(instances.cloned_s, None);
         instances.take(&message("a", 11, 114.0, 13));
         assert_eq!(instances.cloned_s, Some(114.0));
     }
 
-    /// The streams of the server were made again: their messages are counted from 1, and the gateway restarts later.
+    /// The streams of the server are recreated: sequence numbers restart from 1. Then the gateway restarts.
     #[test]
     fn a_new_stream_makes_no_clone() {
         let mut instances = Instances::default();

@@ -1,5 +1,5 @@
-//! Issues manifests: a version higher than every earlier one, signed, and stored with its value in one transaction. The engine sends it from the
-//! store to the server when that is reachable.
+//! Issues manifests: each has a version higher than every earlier one, and is signed and stored in one transaction. The
+//! engine sends stored manifests when the server is reachable.
 
 use rusqlite::Connection;
 use volcomp_fleet::{Desired, MachineId, Manifest, ModelRef, Outcome};
@@ -75,8 +75,8 @@ pub(crate) fn issue(
     Ok(SignedValue { machine: name.clone(), version: version.version, model: version.model, value })
 }
 
-/// Issues the active model of a machine again with its settings in this transaction, after it was enabled or disabled, or its intervals were
-/// changed.
+/// Issues the active model of a machine again with the machine's current settings, after the machine was enabled or
+/// disabled, or its intervals were changed.
 fn reissue(
     database: &Connection,
     key: &Key,
@@ -119,7 +119,8 @@ fn issue_again(
     issue(database, key, &order)
 }
 
-/// Withdraws a roll-out's version that is not active on a machine: the previous model is issued again, or its key is cleared if there was none.
+/// Withdraws a roll-out's version that is not active on a machine: issues the previous model again, or clears the
+/// machine's key if there is no previous model.
 pub(crate) fn withdraw(
     database: &Connection,
     key: &Key,
@@ -174,7 +175,7 @@ pub fn settle(
     store.write(|database| {
         let known = machine_named(database, machine)?;
         let known = known.ok_or_else(|| Error::missing("machine", machine))?;
-        // If there is no value under its key, the machine continues with its active version.
+        // A machine whose key holds no value continues with its active version.
         let newest = if let Some(newest) = newest_version(database, machine)? {
             Some(newest)
         } else {
@@ -295,7 +296,7 @@ mod tests {
         let old = fixture.issue(1, 1, Some(Outcome::Activated));
         fixture.issue(2, 2, None);
         fixture.withdraw(2);
-        // The machine has activated the new version meanwhile, and not yet reverted to the old one.
+        // The machine has activated the withdrawn version and has not yet reverted to the old one.
         let live = Live::new(fixture.name().clone(), 1.0, 2);
         fixture.store.put_live(&[live]).expect("stored");
         let again = |database: &Connection| reissue(database, &fixture.key, fixture.name(), "anna");

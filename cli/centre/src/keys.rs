@@ -90,7 +90,7 @@ pub(crate) fn content(file: &Path, expected: &str) -> Error {
     Error::Wrong(format!("{}: expected {expected}", file.display()))
 }
 
-/// Writes a secret and a line end to a new file, mode 0600.
+/// Writes a secret and a line end to a new file with mode 0600. Fails if the file exists.
 pub fn write_secret(file: &Path, text: &str) -> Result<(), Error> {
     let write = || -> io::Result<()> {
         let folder = file.parent().filter(|folder| !folder.as_os_str().is_empty());
@@ -107,7 +107,6 @@ pub fn write_secret(file: &Path, text: &str) -> Result<(), Error> {
     };
     write().map_err(|error| match error.kind() {
         io::ErrorKind::AlreadyExists => {
-            // A secret is never overwritten.
             Error::Wrong(format!("{}: exists and is not replaced", file.display()))
         }
         _ => failed(file)(error),

@@ -9,7 +9,7 @@ use volcomp_model::{
 use volcomp_vocabulary::AxisName;
 
 const SECTION_NODES: usize = 21;
-/// Nodes along each axis of the work space, including its corners, over which the largest error is searched.
+/// Nodes along each axis of the grid, corners included, on which the largest error is searched.
 const SEARCH_NODES: usize = 11;
 /// Resolution of corrections, as in most controls: mm and rad.
 const STEP_MM: f64 = 1e-3;
@@ -25,9 +25,9 @@ pub struct SectionAxis {
 pub struct Section {
     /// The horizontal and the vertical axis.
     pub axes: [SectionAxis; 2],
-    /// Position of the third axis, mm.
+    /// Position of the third axis, mm; `None` if the machine has only two linear axes.
     pub at: Option<(AxisName, f64)>,
-    /// Length of the position error without correction, µm: rows along the vertical axis.
+    /// Length of the position error without correction, µm. Each row holds the nodes along the horizontal axis.
     pub before_um: Vec<Vec<f64>>,
     /// Length of the position error with correction, µm; correction resolution 1 µm and 0.0001 deg.
     pub after_um: Vec<Vec<f64>>,
@@ -35,13 +35,13 @@ pub struct Section {
 
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct ErrorMap {
-    /// Sections over the linear axes: first and second, first and last, second and last.
+    /// Sections over pairs of linear axes: first and second, first and third, second and third.
     pub sections: Vec<Section>,
     /// Largest error of the whole work space before and after correction, µm, with the other axes at `others`.
     pub largest_um: [f64; 2],
     /// Range of the body diagonals (ISO 230-6) before and after correction, µm; empty if X, Y or Z is missing.
     pub diagonals_um: Vec<(&'static str, [f64; 2])>,
-    /// Positions of the other axes, deg or mm.
+    /// Positions of the other axes, deg for rotary and mm for linear axes.
     pub others: Vec<(AxisName, f64)>,
     /// True if temperature terms are omitted: the map applies at the reference temperature.
     pub reference_temperature: bool,
@@ -55,8 +55,8 @@ fn larger(largest_um: &mut [f64; 2], found_um: &[[f64; 2]]) {
     }
 }
 
-/// Samples along each axis at the positions that resolve its curves, with the other axes at their ends and middles or at their held positions. A
-/// periodic error may have its zeros at all nodes of a grid.
+/// States along each axis at the positions that resolve its curves, with the other axes at their ends and middles or at
+/// their held positions. A periodic error may be zero at all nodes of a regular grid.
 fn between_nodes(machine: &Machine, held: &[(AxisName, f64)]) -> Result<Vec<State>, ModelError> {
     let mut states = Vec::new();
     for (axis, places) in machine.axes().iter().zip(machine.places()) {
@@ -115,7 +115,7 @@ pub fn error_map(machine: &Machine) -> Result<ErrorMap, ModelError> {
         others: others.clone(),
         reference_temperature: true,
     };
-    // A section through the middle does not cover the corners.
+    // A section through the middle does not contain the corners.
     let space = MapGrid::over_travels(machine, [SEARCH_NODES; 3], &others)?;
     let whole: Vec<[f64; 2]> =
         (0..space.len()).map(|index| lengths_um(&space.node(machine, index).1)).collect();
@@ -134,7 +134,7 @@ pub fn error_map(machine: &Machine) -> Result<ErrorMap, ModelError> {
             }
         }
         let plane = MapGrid::over_travels(machine, counts, &others)?;
-        // The third axis has one node, so that the first axis of the section varies fastest.
+        // The third axis has one node, so the first axis of the section varies fastest.
         let both: Vec<[f64; 2]> =
             (0..plane.len()).map(|index| lengths_um(&plane.node(machine, index).1)).collect();
         larger(&mut map.largest_um, &both);

@@ -55,8 +55,8 @@ impl NewModel {
         Self::of_text(text, &name, origin, by)
     }
 
-    /// Sets the day of the measurements, and adds a note if the error exceeds the largest
-    /// correction of any guard.
+    /// Sets the day of the measurements, and adds a note if the error exceeds the largest correction that a guard
+    /// permits.
     pub fn with_day_and_note(mut self, measured: &str) -> Result<Self, Error> {
         if !measured.is_empty() && date_s(measured).is_none() {
             return Err(Error::Wrong(format!(
@@ -131,8 +131,8 @@ impl ModelDescription {
     }
 }
 
-/// Note for a machine whose error exceeds the largest correction of any guard, probably because of
-/// a wrong unit or decimal point.
+/// Note for a machine whose error exceeds the largest correction that a guard permits, probably because of a wrong unit
+/// or decimal point.
 pub fn beyond_every_guard(map: &ErrorMap) -> Option<String> {
     let largest_mm = map.largest_um[0] / 1000.0;
     let Mm(most_mm) = volcomp_guard::ceiling::LIMIT;
@@ -196,10 +196,10 @@ pub fn parameters(text: &str) -> Result<BTreeMap<Parameter, f64>, Error> {
     Ok(found)
 }
 
-/// Days since a calibration became due; negative: days until it is due; `None`: never.
+/// Days since the calibration became due; negative before that; `None` if the machine has no calibration interval.
 ///
-/// The age of a calibration is counted from its measurements if their date is known, otherwise from the date of its
-/// model.
+/// The age of a calibration counts from its measurements if their date is known, otherwise from the date on which its
+/// model was added.
 pub fn due_days(machine: &Machine, model: &Model, now_s: f64) -> Option<f64> {
     let interval = f64::from(machine.due_days?);
     let measured_s = date_s(&model.measured).unwrap_or(model.added_s);

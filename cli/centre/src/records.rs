@@ -1,6 +1,6 @@
 //! Data records of the centre: machines, models, versions, roll-outs, alarms and its own audit log.
 //!
-//! Times are seconds since 1970 by the centre's clock and are for display only: no machine makes decisions from them.
+//! Times are seconds since 1970 by the centre's clock. They are for display: no machine makes decisions from them.
 
 use std::{collections::BTreeMap, fmt::Display};
 
@@ -35,7 +35,7 @@ pub struct Machine {
     #[serde(default)]
     pub control: String,
     pub enable: bool,
-    /// True if the machine is among the first of a roll-out.
+    /// True if the machine is a canary, which receives the model of a roll-out first.
     #[serde(default)]
     pub canary: bool,
     /// Days after a calibration until the next one is due; `None`: never.
@@ -71,8 +71,8 @@ impl Machine {
         }
     }
 
-    /// Age of the last condition beyond which a machine is silent, s: five of its intervals, but at least 15 s. Alarms, roll-outs, the web
-    /// interface and the command line all use it.
+    /// Age of the last condition beyond which a machine is silent, s: five condition intervals, but at least 15 s.
+    /// Alarms, roll-outs, the web interface and the command line all use this limit.
     pub fn silent_after_s(&self) -> f64 {
         (5.0 * f64::from(self.condition_s.unwrap_or(1))).max(Self::SILENT_S)
     }
@@ -82,7 +82,7 @@ impl Machine {
         age_s > self.silent_after_s()
     }
 
-    /// Minimum age of the last condition of a silent machine, s.
+    /// Lower bound of [`silent_after_s`](Self::silent_after_s), s.
     pub const SILENT_S: f64 = 15.0;
 
     /// Validates a machine record from any source before it is stored: its axes must be those of its structure in chain order, its texts single
@@ -163,7 +163,7 @@ pub struct Model {
     /// SHA-256 of the model's text, 64 hexadecimal digits.
     pub sha256: String,
     pub bytes: u64,
-    /// Checksum of the model's content, as a gateway reports it for the active model.
+    /// Checksum of the model's content, in the form in which a gateway reports its active model.
     pub checksum: String,
     pub name: String,
     pub structure: String,
@@ -200,8 +200,9 @@ pub struct Version {
     pub by: String,
     pub outcome: Option<Outcome>,
     pub answered_s: Option<f64>,
-    /// True if another version replaced this one under the machine's key because its roll-out stopped before the machine
-    /// reported it as active. A machine that accepted this version anyway uses it until it accepts the replacement.
+    /// True if another version replaced this one under the machine's key, because its roll-out stopped before the
+    /// machine reported this version as active. A machine that accepted this version nevertheless uses it until it
+    /// accepts the replacement.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub withdrawn: bool,
 }
@@ -226,7 +227,7 @@ pub enum AlarmKind {
     Clone,
     /// Messages of the machine are missing.
     Gap,
-    /// The value under the machine's key was not the centre's, and was restored.
+    /// The value under the machine's key was foreign, and the centre restored its own.
     Clobbered,
     Refused,
     NeedsConfirmation,
@@ -298,7 +299,7 @@ pub struct Alarm {
     pub severity: Severity,
     pub text: String,
     pub since_s: f64,
-    /// When the cause ended, s; `None`: it persists.
+    /// Time at which the cause ended, s; `None`: the cause persists.
     pub until_s: Option<f64>,
     pub seen_by: Option<String>,
 }
@@ -339,7 +340,7 @@ pub struct Point {
     pub faults: u64,
 }
 
-/// States of the guard from best to worst; the worst of several conditions counts.
+/// States of the guard from best to worst. A mean has the worst state of its conditions.
 const STATES: [&str; 7] =
     ["compensating", "disarmed", "arming", "holding", "ramping-out", "unknown", "faulted"];
 
@@ -349,12 +350,13 @@ fn badness(state: &str) -> usize {
     place.unwrap_or(STATES.len() - 1)
 }
 
-/// Three decimals exceed the resolution of any instrument.
+/// Rounds to three decimals, which exceeds the resolution of any instrument.
 fn round(value: f64) -> f64 {
     (value * 1e3).round() / 1e3 + 0.0
 }
 
-/// Discards values that are not finite after rounding: JSON cannot represent them, so their row could not be read again.
+/// Rounds a value; `None` if the result is not finite. JSON cannot represent such values, so their row could not be
+/// read again.
 fn finite(value: f64) -> Option<f64> {
     Some(round(value)).filter(|value| value.is_finite())
 }
@@ -379,8 +381,8 @@ impl Point {
         }
     }
 
-    /// Combines points, given in ascending order of time: means weighted by count, over the points in which the value is known. `None` if `points`
-    /// is empty.
+    /// Combines points, given in ascending order of time. Means are weighted by count over the points in which the
+    /// value is known. `None` if `points` is empty.
     pub(crate) fn mean(points: &[Self], at_s: f64) -> Option<Self> {
         let last = points.last()?;
         let worst = points.iter().max_by_key(|point| badness(&point.state))?;
@@ -435,7 +437,7 @@ fn by_name<K: Ord + Clone>(
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Live {
     pub machine: MachineId,
-    /// When the server stored the machine's last message, s.
+    /// Time at which the server stored the machine's last message, s.
     pub heard_s: f64,
     pub instance: String,
     /// Version of the active manifest; 0: none.
@@ -443,9 +445,9 @@ pub struct Live {
     /// Checksum of the active machine file, as reported by the gateway.
     pub model: String,
     pub condition: Option<Condition>,
-    /// Number of messages lost for good.
+    /// Number of permanently lost messages.
     pub lost: u64,
-    /// When the last condition was created; `None` if there is none, or it was stored by an older program.
+    /// Creation time of the last condition; `None` if there is none, or an older program stored it.
     #[serde(default)]
     pub made: Option<CreationTime>,
 }
@@ -472,14 +474,14 @@ impl Live {
         }
     }
 
-    /// When the last condition was created. For data of an older program: when the last message was stored.
+    /// Creation time of the last condition. For data of an older program: storage time of the last message.
     pub fn made(&self) -> Option<CreationTime> {
         let stored = CreationTime { at_s: self.heard_s, late_s: 0.0 };
         self.condition.as_ref().map(|_| self.made.unwrap_or(stored))
     }
 }
 
-/// Record of the centre's own audit log. Its hash covers the previous record.
+/// Record of the centre's own audit log. Its hash also covers the hash of the previous record.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct AuditRecord {
     /// Number of the record, from 1.

@@ -1,29 +1,31 @@
 //! A roll-out as a pure state machine: events go in, actions come out.
 //!
-//! The canaries receive the model first, must activate it, and are observed for the soak time; then the other machines follow in waves. The
-//! roll-out stops automatically if a machine rejects the model, its guard faults, its residual rises, or too many machines drop out; then the user
-//! decides. Time counts only while the centre is running: clock jumps and downtime do not shorten the soak. Every state is plain data, so a
-//! restarted centre continues from the store.
+//! The canaries receive the model first, must activate it, and are observed for the soak time. Then the other machines
+//! follow in waves. The roll-out stops if a machine rejects the model, its guard faults, its residual rises, or too
+//! many machines drop out. After a stop the user decides.
+//!
+//! Time counts only while the centre is running, so clock jumps and downtime do not shorten the soak. Every state is
+//! plain data, so a restarted centre continues from the store.
 
 use std::{collections::BTreeMap, fmt::Display, ops::RangeInclusive};
 
 use serde::{Deserialize, Serialize};
 use volcomp_fleet::{MachineId, Outcome};
 
-/// Maximum time credited per poll, s: the state during a longer gap is unknown.
+/// Maximum time credited per pass, s: the state during a longer gap is unknown.
 const MAX_ELAPSED_S: f64 = 10.0;
-/// Time for which a residual must have been observed before it is judged, s.
+/// Time for which a residual must be known before the stop rules apply to it, s.
 const RESIDUAL_AFTER_S: f64 = 10.0;
 
 /// Rules for advancing and stopping a roll-out.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Rules {
-    /// After the canaries: cumulative percentage of the other machines at the end of each wave, ascending to 100.
+    /// Cumulative percentages of the machines after the canaries at the end of each wave, ascending to 100.
     pub waves: Vec<u32>,
     /// Observation time of a machine after it activated the model, s.
     pub soak_s: f64,
-    /// Timeout for a machine's outcome, s; after it the machine drops out.
+    /// Timeout for a machine's outcome, s. A machine that exceeds it drops out.
     pub answer_s: f64,
     /// Maximum number of machines after the canaries that may drop out before the roll-out stops.
     pub tolerate: u32,
@@ -131,7 +133,7 @@ pub enum Step {
     },
     /// The machine dropped out: it did not respond, or it reported a problem with the model.
     Out {
-        /// Version that was sent and not withdrawn since.
+        /// Version that was sent and not withdrawn since; `None` if there is none.
         version: Option<u64>,
         /// Reason, a sentence without its full stop.
         why: String,
@@ -169,7 +171,7 @@ pub struct Target {
     pub machine: MachineId,
     /// Wave number; 0: the canaries.
     pub wave: u32,
-    /// Residual before the change, µm; `None` if unknown: then a rise is not detected.
+    /// Residual before the change, µm. If it is `None` (unknown), a rise is not detected.
     pub before_um: Option<f64>,
     #[serde(flatten)]
     pub step: Step,
@@ -196,12 +198,13 @@ pub enum Phase {
 }
 
 impl Phase {
-    /// True if the roll-out stopped or was aborted before all machines were done: its model has not been validated.
+    /// True if the roll-out stopped or was aborted before all machines were done, so that its model has not been
+    /// validated.
     pub fn is_broken_off(&self) -> bool {
         matches!(self, Self::Stopped { .. } | Self::Aborted { .. })
     }
 
-    /// True if a change that is confirmed now is still sent.
+    /// True if the roll-out still sends a change that the user confirms now.
     pub fn takes_confirmations(&self) -> bool {
         matches!(self, Self::Running | Self::Paused { .. })
     }
@@ -271,9 +274,9 @@ pub struct Observation {
     /// True if a condition was received recently.
     pub reachable: bool,
     pub version: u64,
-    /// True if the machine is compensating: without a correction the model cannot be judged.
+    /// True if the machine is compensating. Without a correction the model cannot be judged.
     pub corrects: bool,
-    /// Reason, if the guard is faulted or was since the last pass.
+    /// Reason, if the guard is faulted or has been since the last pass.
     pub faulted: Option<String>,
     /// Residual error while the machine compensates, µm.
     pub residual_um: Option<f64>,
@@ -281,10 +284,10 @@ pub struct Observation {
 
 #[derive(Clone, Debug, PartialEq)]
 pub enum Event {
-    /// A pass of the centre, `elapsed_s` after the previous one.
+    /// A pass of the centre.
     Pass {
         elapsed_s: f64,
-        /// Observations; machines not included are treated as silent.
+        /// Machines not included are treated as silent.
         seen: BTreeMap<MachineId, Observation>,
     },
     Issued {
@@ -315,7 +318,7 @@ pub enum UserRequest {
     Pause,
     /// Continue in spite of the reason for the stop.
     Resume,
-    /// Abort: nothing more is sent; machines keep versions that were sent.
+    /// Abort: nothing more is sent; machines keep their active versions.
     Abort,
     /// Confirm the change of one machine; a stopped roll-out does not send it.
     Confirm {
@@ -333,8 +336,8 @@ pub enum Action {
         /// Hash of the change that the operator has confirmed.
         confirm: Option<String>,
     },
-    /// Withdraw the version sent to a machine that has not activated it: the previous value of its key is restored, so that the machine does not
-    /// accept the withdrawn version when it reconnects.
+    /// Withdraw the version sent to a machine that has not activated it, so that the machine does not accept it when it
+    /// reconnects. The key receives its previous value.
     Withdraw { machine: MachineId },
 }
 
@@ -390,7 +393,8 @@ impl Rollout {
             Event::Pass { elapsed_s, seen } => self.observe(elapsed_s, &seen),
             Event::Issued { machine, version, before_um } => {
                 if let Some(target) = self.target(&machine) {
-                    // A second manifest for the same target (after confirmation) is compared with the residual before the first one.
+                    // A second manifest for the same target (after confirmation) keeps the residual before the first
+                    // one for comparison.
                     if target.step == Step::Waiting {
                         target.before_um = before_um;
                     }
@@ -426,7 +430,7 @@ impl Rollout {
     }
 
     fn observe(&mut self, elapsed_s: f64, seen: &BTreeMap<MachineId, Observation>) {
-        // Written so that a NaN is treated as zero.
+        // This form treats a NaN as zero.
         let elapsed_s = if elapsed_s > 0.0 { elapsed_s.min(MAX_ELAPSED_S) } else { 0.0 };
         let rules = &self.rules;
         for target in &mut self.targets {
@@ -443,7 +447,7 @@ impl Rollout {
                         Step::Sent { version, waited_s }
                     }
                 }
-                // The version was activated late; nothing else was sent since.
+                // The machine activated the version after its timeout; no other version was sent since.
                 (Step::Out { version: Some(version), against: false, .. }, Some(seen))
                     if seen.version >= version =>
                 {
@@ -452,7 +456,7 @@ impl Rollout {
                 (step @ Step::Soaking { .. }, Some(seen)) => {
                     advance_soak(step, seen, elapsed_s, rules, target.before_um)
                 }
-                // The soak time of the machine is over, but it keeps the model as long as the roll-out continues.
+                // The soak time of the machine is over, but a fault still counts until the roll-out ends.
                 (
                     Step::Done { version },
                     Some(Observation { version: seen, faulted: Some(why), .. }),
@@ -467,7 +471,7 @@ impl Rollout {
         let Some(target) = self.target(machine) else {
             return;
         };
-        // Duplicate outcomes do not undo a version that is active or was never sent.
+        // Duplicate outcomes do not change a target whose version is active or was never sent.
         let (Step::Sent { version: sent, .. }
         | Step::NeedsConfirmation { version: sent, .. }
         | Step::Out { version: Some(sent), against: false, .. }) = target.step
@@ -501,8 +505,7 @@ impl Rollout {
             UserRequest::Abort => self.phase = Phase::Aborted { by },
             UserRequest::Resume => {
                 for target in &mut self.targets {
-                    // The decision applied to the previous stop; a new stop requires a new
-                    // decision.
+                    // The user's decision applied to the previous stop; a new stop requires a new decision.
                     target.kept_by = None;
                     if let Step::Out { excused, .. } = &mut target.step {
                         *excused = true;
@@ -511,7 +514,7 @@ impl Rollout {
                 self.phase = Phase::Running;
             }
             UserRequest::Confirm { machine, hash } => {
-                // After a stop nothing would withdraw a sent version.
+                // A version sent after a stop would not be withdrawn.
                 if !self.phase.takes_confirmations() {
                     return None;
                 }
@@ -525,8 +528,9 @@ impl Rollout {
         None
     }
 
-    /// Withdraws versions that were sent but are not active, because a machine that was offline must not accept a stopped model on its return.
-    /// Versions that wait for confirmation or were rejected are withdrawn once the roll-out can no longer be resumed.
+    /// Withdraws versions that were sent but are not active, so that a machine that was offline does not accept a
+    /// stopped model when it reconnects. Versions that were rejected or wait for confirmation are withdrawn once the
+    /// roll-out can no longer be resumed.
     fn withdraw(&mut self) -> Vec<Action> {
         let ended = matches!(self.phase, Phase::Aborted { .. });
         let mut actions = Vec::new();
@@ -582,7 +586,7 @@ impl Rollout {
     }
 }
 
-/// Advances the observation of a machine that has the model by one pass.
+/// Advances the observation of a machine with the model by one pass.
 fn advance_soak(
     step: Step,
     seen: &Observation,

@@ -1,4 +1,4 @@
-//! The active version of a machine, and the previous one: the model that was active before the present one.
+//! The active version of a machine, and the previous version whose model the machine can return to.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -21,7 +21,8 @@ pub(crate) fn may_be_active(version: &Version) -> bool {
         )
 }
 
-/// The active version by [`active_version`], for a machine whose `newest` version is known; no other version is read if the machine reports that one.
+/// The active version by [`active_version`], for a machine whose `newest` version is known. Other versions are read
+/// only if the machine does not report `newest`.
 pub(crate) fn load_active_version(
     store: &Store,
     machine: &MachineId,
@@ -36,8 +37,9 @@ pub(crate) fn load_active_version(
     }
 }
 
-/// The active version: the one the machine reports. If the reported version is unknown, or a later outcome says that a newer version is active, the
-/// newest version that was activated and not withdrawn. `versions` begins with the newest.
+/// The active version: the version that the machine reports. If the reported version is unknown, or a later outcome
+/// states that a newer version is active: the newest version that was activated and not withdrawn. `versions` begins
+/// with the newest.
 pub fn active_version<'a>(versions: &'a [Version], live: Option<&Live>) -> Option<&'a Version> {
     let reported = live.and_then(|live| {
         let mut each = versions.iter();
@@ -46,7 +48,7 @@ pub fn active_version<'a>(versions: &'a [Version], live: Option<&Live>) -> Optio
     let told_s = live.and_then(Live::made).map(|made| made.at_s);
     let is_active = |version: &&Version| {
         let is_newer = reported.is_none_or(|reported| {
-            // Conditions may be rarer than outcomes.
+            // An outcome may arrive before the next condition.
             let is_later =
                 version.answered_s.zip(told_s).is_some_and(|(at, reported)| at > reported);
             version.version > reported.version && is_later
@@ -56,8 +58,8 @@ pub fn active_version<'a>(versions: &'a [Version], live: Option<&Live>) -> Optio
     versions.iter().find(is_active).or(reported)
 }
 
-/// Checksum of the active model, if the newest version is known; older versions are read only when needed. If the machine has reported nothing,
-/// the newest version that may be active counts.
+/// Checksum of the active model, for a machine whose `newest` version is known; older versions are read only if needed.
+/// For a machine that has reported nothing: the model of the newest version that may be active.
 fn load_active_model(
     store: &Store,
     newest: &Version,
@@ -96,10 +98,9 @@ pub(crate) fn overdue_days(
     Ok(model.and_then(|model| due_days(machine, &model, now_s)))
 }
 
-/// The newest version whose model was active before the present one; `None` if there was no other.
+/// The newest version whose model was active before the present one; `None` if no other model was.
 ///
-/// `versions` begins with the newest. Withdrawn versions are excluded, and so are those of roll-outs in `broken_off` that no user has decided to
-/// keep.
+/// `versions` begins with the newest. Excluded are withdrawn versions, and versions of the roll-outs in `broken_off`.
 fn before<'a>(
     versions: &'a [Version],
     live: Option<&Live>,
@@ -115,7 +116,7 @@ fn before<'a>(
     })
 }
 
-/// Stopped or aborted roll-outs of these versions of a machine, without those whose model the user decided to keep.
+/// Stopped or aborted roll-outs of these versions of a machine, except those whose model the user decided to keep.
 fn broken_off(
     store: &Store,
     machine: &MachineId,
@@ -132,7 +133,8 @@ fn broken_off(
     Ok(found)
 }
 
-/// The version that a machine can return to; `None` if no other model was active before, or it belonged to a stopped or aborted roll-out.
+/// The version that a machine can return to; `None` if no other model was active before, or only models of stopped or
+/// aborted roll-outs were.
 pub(crate) fn way_back(
     store: &Store,
     machine: &MachineId,
@@ -147,7 +149,7 @@ pub(crate) fn way_back(
 /// ones, and the machine is observed as in any roll-out.
 ///
 /// # Errors
-/// There is no such model, or the machine has a pending target in an open roll-out.
+/// The machine had no earlier model, or is in an open roll-out.
 pub fn start_way_back(
     store: &Store,
     machine: &MachineId,
@@ -203,7 +205,7 @@ mod tests {
             [version(3, "M0", 1, false), version(2, "M1", 2, true), version(1, "M0", 1, false)];
         assert_eq!(found(&versions, Some(&live(3)), &[]), None);
         assert_eq!(found(&versions, None, &[]), None);
-        // The machine still has the reverted version.
+        // The machine still runs the withdrawn version.
         assert_eq!(found(&versions, Some(&live(2)), &[]), Some(1));
     }
 

@@ -126,7 +126,7 @@ pub(super) fn enable(config: &Config, machine: &str, enable: bool, by: &str) -> 
         Ok(None) => print(
             "its newest manifest contains this setting already; the running centre sends it if necessary\n",
         ),
-        // Its first manifest will contain this setting.
+        // The first manifest of the machine will contain this setting.
         Err(Error::NoModelYet { .. }) => {
             let may = if enable { "may" } else { "must not" };
             print(&format!(

@@ -81,9 +81,11 @@ pub(super) fn run(config: &Config, log: LogForm) -> Result<(), Error> {
     store.audit("centre", "centre.end", "", serde_json::json!({}))
 }
 
-/// Locks the database until the file is dropped. With two running centres every time of a roll-out would elapse twice as fast, and each would hear
-/// only some of the machines. Call it before the database is opened, so that the file is dropped after it: closing the file releases the POSIX
-/// locks of the connections that this program has to it.
+/// Locks the database until the file is dropped. Two centres on one database would advance the times of a roll-out
+/// twice as fast, and each would receive the messages of only some machines.
+///
+/// Call this function before the database is opened, so that the lock file is dropped last: closing the file releases
+/// the POSIX locks that the connections of this program hold on it.
 fn lock(database: &Path) -> Result<File, Error> {
     let failed = |why| Error::Database { file: database.display().to_string(), why };
     let file = File::options().append(true).create(true).mode(0o600).open(database);

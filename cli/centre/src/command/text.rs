@@ -16,7 +16,7 @@ pub(super) struct MachineView {
     #[serde(flatten)]
     pub(super) machine: Machine,
     pub(super) live: Option<Live>,
-    /// Age of the machine's last condition by the clocks of this computer and of the server, s.
+    /// Age of the machine's last condition, s, from the clocks of this computer and of the server.
     pub(super) age_s: Option<f64>,
     pub(super) version: Option<Version>,
     pub(super) wanted: Option<MachineModel>,

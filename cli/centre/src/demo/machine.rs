@@ -1,8 +1,8 @@
 //! A simulated machine with its gateway, as visible to the centre. It accepts signed models, requires confirmation of models with large moves,
 //! corrects, and reports its condition. The simulated true machine differs slightly from its model, and it warms up.
 //!
-//! Its gateway reports what a real gateway can measure: the residual is the error that its model predicts to remain. The true error is reported
-//! next to it, as a gateway with a simulated machine does.
+//! Its gateway reports what a real gateway can measure: the residual is the error that its model predicts to remain.
+//! Like every gateway with a simulated machine, it also reports the true error.
 
 use std::{collections::BTreeMap, time::Duration};
 
@@ -164,9 +164,9 @@ impl SimulatedMachine {
         self.since = Instant::now();
     }
 
-    /// Maximum change of the correction when a model replaces the active one: of linear axes in µm,
-    /// of rotary axes in µrad. It is sampled on a grid in the work space, with the rotary axes at
-    /// the ends and near the middle of their travels.
+    /// Maximum change of the correction when a model replaces the active one: of linear axes in µm, of rotary axes in
+    /// µrad. The change is sampled on a grid in the work space, with the rotary axes at both ends of their travels and
+    /// at the position nearest to zero.
     fn largest_move(&self, new: &Model) -> [f64; 2] {
         let old = self.active.as_ref().map(|(model, _)| model);
         let mut worst = [0.0_f64; 2];
@@ -233,8 +233,7 @@ impl SimulatedMachine {
         quantised(&self.truth, &applied, 1e-3, 1e-6)
     }
 
-    /// Tool-tip error by the active model with the applied correction, µm, as a gateway can compute
-    /// it.
+    /// Tool-tip error that the active model predicts with the applied correction, µm.
     fn residual_um(&self, state: &State, applied: &PerAxis<f64>) -> Option<f64> {
         let (model, _) = self.active.as_ref()?;
         Some(length(left_um(model, 1.0, state, applied)))
@@ -319,8 +318,7 @@ fn correction(model: Option<&Model>, state: &State) -> [f64; 9] {
     })
 }
 
-/// Tool-tip error with a correction, µm along X, Y, Z, for a machine whose errors are this model's
-/// errors times `factor`.
+/// Tool-tip error with a correction, µm along X, Y, Z, of a machine whose errors are `factor` times those of the model.
 fn left_um(model: &Model, factor: f64, state: &State, applied: &PerAxis<f64>) -> [f64; 3] {
     let error = model.error_at(state, Form::Exact, &Temperatures::new());
     let chain = model.chain();

@@ -27,7 +27,8 @@ fn questions(at: SocketAddr, at_most: Duration) -> Result<Device, FocasError> {
     // A control that reports its type but not its axes is still a control.
     match client.axis_names() {
         Ok(mut names) => {
-            // Take as many axes as the path reports: some controls have unused slots with arbitrary letters after them.
+            // Use as many names as the path reports axes: some controls return unused slots with arbitrary letters
+            // after them.
             if let Ok(count) = info.axes.trim().parse::<usize>()
                 && count > 0
             {

@@ -1,4 +1,5 @@
-//! A volcomp gateway: its web page identifies it, and its state names the machine that it corrects, if it may be read without a token.
+//! A volcomp gateway: its web page identifies it. Its state, if readable without a token, names the machine that it
+//! corrects.
 
 use std::{io, net::SocketAddr, sync::Arc, time::Duration};
 

@@ -59,16 +59,15 @@ pub struct Device {
     pub port: u16,
     /// The protocol that belongs to the port.
     pub kind: Kind,
-    /// True if the port answered in the protocol of its kind of device; false if another service
-    /// listens there.
+    /// True if the port answered in the protocol of `kind`; false if another service listens there.
     pub answers: bool,
-    /// Make and type as reported; empty if it does not report them.
+    /// Make and type as reported by the device; empty if not reported.
     pub control: String,
-    /// Name or serial number as reported; empty if it does not report one.
+    /// Name or serial number as reported by the device; empty if not reported.
     pub name: String,
-    /// Axis letters in the control's order; empty if it does not report them.
+    /// Axis letters in the control's order; empty if not reported.
     pub axes: Vec<char>,
-    /// Structure code; `None` if the device does not report it. Gateways do.
+    /// Structure code as reported by a gateway; other devices do not report it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub structure: Option<String>,
     pub note: String,
@@ -123,7 +122,7 @@ pub const PER_SECOND: f64 = 50.0;
 pub const MAX_PER_SECOND: f64 = 1000.0;
 
 impl Search {
-    /// A search with the usual ports and times.
+    /// A search of [`PORTS`] at [`PER_SECOND`], with timeouts of 1 s to connect and 4 s to answer.
     pub fn new(subnets: Vec<Subnet>) -> Self {
         Self {
             subnets,
@@ -138,7 +137,8 @@ impl Search {
         self.subnets.iter().map(|one| one.addresses().count()).sum()
     }
 
-    /// Minimum number of connection attempts.
+    /// Minimum number of connection attempts: one for each port. Probes of gateways and FANUC controls open further
+    /// connections.
     pub fn connections(&self) -> usize {
         self.addresses() * self.ports.len()
     }
@@ -189,7 +189,7 @@ impl Search {
                 match kind {
                     Kind::Gateway => gateway::probe(at, stream, pace, self.connect_within).await,
                     Kind::Focas => {
-                        // The client opens its own connection.
+                        // The FOCAS client opens its own connection.
                         drop(stream);
                         pace.wait().await;
                         focas::probe(at, self.answer_within / 2).await

@@ -20,7 +20,7 @@ const MAX_FRAME_BYTES: usize = 254;
 pub enum Identification {
     /// Vendor, product and revision, as far as reported.
     Objects([Option<String>; 3]),
-    /// Exception code: the module does not support this function, or not for this unit. It is still a Modbus module.
+    /// Exception code: the module does not support this function, or not for this unit.
     Refused(u8),
 }
 
@@ -30,7 +30,7 @@ pub fn parse_identification(pdu: &[u8]) -> Option<Identification> {
         [function, code, ..] if *function == FUNCTION[0] | 0x80 => {
             Some(Identification::Refused(*code))
         }
-        // Read code, conformity level, more follows, next object, and the number of objects.
+        // Bytes skipped after the MEI type: read code, conformity level, more follows, next object.
         [0x2b, 0x0e, _, _, _, _, count, rest @ ..] => {
             let mut objects: [Option<String>; 3] = [None, None, None];
             let mut rest = rest;
@@ -69,7 +69,7 @@ pub(super) async fn probe(at: SocketAddr, mut stream: TcpStream) -> Device {
             Err(error) if device.note.is_empty() => {
                 return Device::other(at, Kind::Modbus, error.to_string());
             }
-            // The device has already answered once.
+            // A response to an earlier unit identifier has already identified the device as a Modbus module.
             Err(_) => return device,
         }
     }

@@ -21,12 +21,13 @@ pub struct Proposal {
     pub design: String,
 }
 
-/// Number of linear axes that carry the workpiece, the most common first: for milling machines a table that moves in one or two directions, then a
-/// gantry, then a knee.
+/// Number of linear axes that carry the workpiece, the most common design first: for milling machines a table that
+/// moves in two directions or in one, then a gantry, then a knee.
 const WORKPIECE_AXES_BY_FREQUENCY: [u8; 4] = [2, 1, 0, 3];
 
-/// Possible structures for a control's axis letters; other letters are ignored. Empty unless X, Y and Z are all present with no or two rotary axes:
-/// the type numbers cover no other machine, so its structure must be stated by hand.
+/// Possible structures for a control's axis letters; letters that name no axis are ignored. Empty unless X, Y and Z are
+/// all present with no or two rotary axes: the type numbers cover no other machines, so the user must enter the
+/// structure.
 pub fn proposals(letters: &[char]) -> Vec<Proposal> {
     let mut axes: Vec<AxisName> = Vec::new();
     for axis in letters.iter().filter_map(|letter| axis_of(*letter)) {
@@ -43,7 +44,8 @@ pub fn proposals(letters: &[char]) -> Vec<Proposal> {
     }
     let orders = match rotary[..] {
         [] => vec![(0, Vec::new())],
-        // The last letter turns about the spindle's direction: the rotary table on a tilting table, the carrier of a tilting head.
+        // The last letter names the axis that turns about the spindle direction: the rotary table on a tilting table,
+        // or the carrier of a tilting head.
         [first, last] => vec![
             (1, vec![last, first]),
             (3, vec![last, first]),

@@ -22,7 +22,7 @@ pub enum SubnetError {
         "found {found:?}, expected an address or a subnet of IPv4, such as 192.0.2.17 or 192.0.2.0/24"
     )]
     Unreadable { found: String },
-    /// The address has bits set beyond its prefix, so the meaning is ambiguous.
+    /// The address has bits set beyond its prefix, so it is ambiguous.
     #[error("found {found}, expected {expected}: the address has bits beyond its prefix")]
     Bits {
         found: String,
@@ -103,7 +103,7 @@ impl Subnet {
         if private || mine { Ok(()) } else { Err(SubnetError::Public { found: *self }) }
     }
 
-    /// Host addresses: all of them, except the network and broadcast addresses if there are more than two.
+    /// Host addresses. Subnets of more than two addresses exclude their network and broadcast addresses.
     pub fn addresses(&self) -> impl Iterator<Item = IpAddr> + use<> {
         let (first, last) = (u32::from(self.first), self.last());
         let ends = u32::from(self.prefix < 31);

@@ -31,7 +31,7 @@ type Key = (Option<MachineId>, AlarmKind);
 pub(super) struct State {
     /// Time of the last text change of each open alarm, by alarm number, s.
     changed_s: BTreeMap<u64, f64>,
-    /// Completed roll-outs: they make no machine suspect and do not change.
+    /// Completed roll-outs, which need not be read again: their models were validated, and they do not change.
     done: BTreeSet<u64>,
 }
 
@@ -91,7 +91,8 @@ pub(super) fn update(
     Ok(())
 }
 
-/// A roll-out; `None` if it does not exist or its document cannot be read. The latter is reported as a roll-out that cannot proceed.
+/// Reads a roll-out. Returns `None` if the roll-out does not exist or its document cannot be read; an unreadable
+/// document is reported as a roll-out that cannot proceed.
 fn readable(engine: &Engine, id: u64) -> Result<Option<Rollout>, Error> {
     match engine.store.rollout(id) {
         Err(Error::Document(_)) => Ok(None),
@@ -99,8 +100,7 @@ fn readable(engine: &Engine, id: u64) -> Result<Option<Rollout>, Error> {
     }
 }
 
-/// Machines whose active model belongs to a stopped or aborted roll-out, unless the user has
-/// decided to keep it.
+/// Machines whose active model belongs to a stopped or aborted roll-out, unless the user has decided to keep the model.
 fn suspects(
     engine: &Engine,
     state: &mut State,
@@ -213,7 +213,7 @@ fn add_centre_causes(
         }
     }
     if !stopped.is_empty() {
-        // The alarm may already name machines that wait.
+        // The alarm may already list machines for which a roll-out waits.
         let text = causes.entry((None, AlarmKind::Rollout)).or_default();
         if !text.is_empty() {
             text.push(' ');
@@ -223,8 +223,9 @@ fn add_centre_causes(
     Ok(over)
 }
 
-/// Machines that block a roll-out, with the reason: the operator must confirm a change (even if other settings were sent with the previous model
-/// since), or the correction is inactive, so that the model cannot be judged.
+/// Adds an alarm for each machine that blocks a roll-out, with the reason. Either the operator must confirm a change,
+/// or the correction is inactive, so that the model cannot be judged. A change awaits confirmation even if a later
+/// manifest has sent other settings with the previous model.
 fn waiting(rollout: &Rollout, causes: &mut BTreeMap<Key, String>) {
     for target in &rollout.targets {
         let (kind, text) = match &target.step {
@@ -270,7 +271,7 @@ struct MachineState<'a> {
 struct Suspect {
     rollout: u64,
     what: String,
-    /// True if the roll-out can still be resumed: its machines are in no other roll-out.
+    /// True if the user can still resume the roll-out: its machines are in no other roll-out.
     can_resume: bool,
     has_way_back: bool,
 }

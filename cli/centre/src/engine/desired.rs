@@ -11,12 +11,12 @@ use super::{Engine, blocking, lock};
 use crate::{Error, records::AlarmKind, store::SignedValue};
 
 const MAX_CONCURRENT: usize = 64;
-/// Delay before a foreign value is checked again: it may already have been replaced by the next one.
+/// Delay before a foreign value is checked again: the centre may already be writing its next value.
 const RECHECK_DELAY: Duration = Duration::from_millis(200);
 const RETRY_INTERVAL: Duration = Duration::from_secs(1);
 
-/// Sends every value that was issued but is not yet under its key. Failures are retried at the next
-/// pass; the last one is returned.
+/// Sends every issued value that is not yet under its machine's key. The next pass retries failures; the last failure
+/// is returned.
 pub(super) async fn send(engine: &Arc<Engine>) -> Result<(), String> {
     if !engine.is_connected() {
         return Ok(());
@@ -40,8 +40,8 @@ pub(super) async fn send(engine: &Arc<Engine>) -> Result<(), String> {
     result
 }
 
-/// Issued values that have not been put under their machine's key yet. Other programs, such as the
-/// command line, also issue values.
+/// Issued values that this program has not yet put under their machines' keys. Other programs, such as the command
+/// line, also issue values.
 fn due(engine: &Engine) -> Result<Vec<SignedValue>, Error> {
     let wanted = engine.store.desired_versions()?;
     let put = lock(&engine.put).clone();
@@ -80,7 +80,7 @@ async fn put(engine: &Arc<Engine>, issued: SignedValue) -> Result<(), volcomp_fl
         match blocking(move || engine_clone.store.model_text(&model)).await {
             Ok(text) => text,
             Err(error) => {
-                // The manifest and its model wait for the next pass.
+                // The next pass retries the manifest and its model.
                 engine.set_failure(AlarmKind::Store, Some(error.to_string()));
                 return Ok(());
             }
@@ -97,7 +97,7 @@ async fn put(engine: &Arc<Engine>, issued: SignedValue) -> Result<(), volcomp_fl
             )
             .await?;
     }
-    // After a restart the value may already be there; putting it again would notify the machine needlessly.
+    // After a restart the key may already hold the value; putting it again would notify the machine needlessly.
     let found = engine.hub.desired(&issued.machine).await?;
     if non_empty(found.as_ref()) != non_empty(Some(&value)) {
         if let Some(found) = found
@@ -142,15 +142,15 @@ async fn restore_on_change(engine: &Engine, mut watch: DesiredWatch) {
     }
 }
 
-/// True if a value differs from the one that this centre has written. False if this centre has
-/// written none, because there is nothing to restore.
+/// True if a value differs from the value that this centre last wrote for the machine. False if this centre has written
+/// no value, because there is nothing to restore.
 fn is_other(engine: &Engine, machine: &MachineId, value: Option<&Bytes>) -> bool {
     let put = lock(&engine.put);
     let own: &BTreeMap<MachineId, (u64, Bytes)> = &put;
     own.get(machine).is_some_and(|(_, own)| non_empty(Some(own)) != non_empty(value))
 }
 
-/// Checks the value under a key, and restores the centre's value if another one is there.
+/// Checks the value under a key, and restores the centre's value if the key holds another one.
 async fn restore(engine: &Engine, machine: &MachineId) {
     let result = async {
         let value = engine.hub.desired(machine).await?;
@@ -175,7 +175,8 @@ fn report_foreign_value(engine: &Engine, machine: &MachineId) {
     lock(&engine.clobbered).insert(machine.clone(), Instant::now());
 }
 
-/// True if this centre issued this value, also with a key that it no longer has; also true (and logged) if the store is unreadable.
+/// True if this centre issued this value, even with a key that was revoked since; also true (and logged) if the store
+/// is unreadable.
 async fn was_issued(engine: &Arc<Engine>, machine: &MachineId, value: &[u8]) -> bool {
     let sha256 = ModelRef::of(value).sha256;
     let (engine_clone, machine) = (Arc::clone(engine), machine.clone());
@@ -189,7 +190,8 @@ async fn was_issued(engine: &Arc<Engine>, machine: &MachineId, value: &[u8]) -> 
     }
 }
 
-/// True if one of this centre's keys has signed the value, which is then an older value of this centre still in transit.
+/// True if one of this centre's keys has signed the value. Such a value is an older one of this centre, still in
+/// transit.
 fn is_own(engine: &Engine, value: &[u8]) -> bool {
     let signer = Desired::parse(value).and_then(|desired| desired.signer());
     let Ok(Some(signer)) = signer else {

@@ -46,7 +46,8 @@ pub struct Settings {
 
 struct Failure {
     text: String,
-    /// Set if the failure is over. The entry is kept until its alarm is stored, because a database that rejects writes cannot store an alarm either.
+    /// True once the failure has ended. The entry is kept until its alarm is stored, because a database that rejects
+    /// writes cannot store an alarm either.
     over: bool,
 }
 
@@ -82,7 +83,7 @@ impl Running {
         }
     }
 
-    /// Stops the engine. Unstored messages were not acknowledged and will be redelivered.
+    /// Stops the engine. The server redelivers unstored messages, because they were not acknowledged.
     pub async fn end(self) {
         self.engine.ending.store(true, Ordering::Relaxed);
         // The engine stops within one pass.
@@ -91,7 +92,7 @@ impl Running {
 }
 
 impl Engine {
-    /// Starts the engine on the runtime of the caller. If the server cannot be reached it keeps retrying.
+    /// Starts the engine on the runtime of the caller. The engine keeps retrying if it cannot reach the server.
     pub async fn start(store: Arc<Store>, settings: Settings) -> Result<Running, Error> {
         let hub = Hub::connect(&settings.link).await?;
         let store_clone = Arc::clone(&store);
@@ -110,7 +111,7 @@ impl Engine {
         let writer_engine = Arc::clone(&engine);
         let (alive, writer) = oneshot::channel::<()>();
         std::thread::Builder::new().name("writer".to_owned()).spawn(move || {
-            // Dropped when the thread ends for any reason.
+            // `ended()` detects the drop of this value when the thread ends for any reason.
             let _alive = alive;
             write(&writer_engine, &jobs);
         })?;
@@ -178,7 +179,7 @@ async fn run(engine: Arc<Engine>, jobs: mpsc::SyncSender<WriteJob>) {
             return;
         }
         for site in pass::sites(&engine).await {
-            // Without a server this is reported once, by the alarm.
+            // The alarm reports a missing server once; do not log it for each site.
             let is_new = !sites.contains(&site) && engine.is_connected();
             if is_new && prepared(&engine, &site).await {
                 for collection in engine.hub.collections(&site) {
@@ -230,7 +231,7 @@ async fn collect(
             Ok(batch) => batch,
             Err(error) => {
                 tracing::warn!("{}: {error}", collection.stream());
-                // The server may have lost its disk: make the streams again, and check every value and model.
+                // The server may have lost its disk: create the streams again, and check every value and model.
                 if prepared(&engine, &site).await {
                     lock(&engine.put).clear();
                 }
@@ -254,7 +255,7 @@ async fn collect(
         }
         let stream = collection.stream().to_owned();
         written.spawn(async move {
-            // Otherwise the centre is shutting down: unacknowledged messages will be redelivered.
+            // An error means that the centre is shutting down; the server redelivers the unacknowledged messages.
             if waits.await.is_ok()
                 && let Err(error) = batch.acknowledge().await
             {
@@ -288,14 +289,16 @@ fn write(engine: &Arc<Engine>, jobs: &mpsc::Receiver<WriteJob>) {
         }
         if store(engine, &all) {
             for stored in waiting_tasks {
-                // The waiting task has ended: the messages will be redelivered and recognized as duplicates.
+                // An error means that the waiting task has ended. The server redelivers the messages, and they are
+                // recognized as duplicates.
                 let _ = stored.send(());
             }
         }
     }
 }
 
-/// Returns true when everything is on disk; false if the centre is shutting down first, in which case nothing may be acknowledged.
+/// Returns true when all messages are on disk. Returns false if the centre shuts down first: then no message may be
+/// acknowledged.
 fn store(engine: &Engine, messages: &[Received]) -> bool {
     loop {
         let result = lock(&engine.ingest).take(&engine.store, messages);

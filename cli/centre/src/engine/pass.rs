@@ -19,7 +19,7 @@ use crate::{
 
 /// Interval at which the one-minute means of the history are completed.
 const MINUTE: Duration = Duration::from_secs(60);
-/// Minimum time from the end of a minute until it is closed, s: most delayed messages have arrived by then.
+/// Minimum time from the end of a minute until the minute is closed, s: most delayed messages have arrived by then.
 const CLOSED_AFTER_S: f64 = 30.0;
 /// Interval at which expired data are deleted.
 const HOUR: Duration = Duration::from_secs(3600);
@@ -28,7 +28,7 @@ pub(super) struct State {
     last: Instant,
     minute: Instant,
     hour: Option<Instant>,
-    /// Last known residual of each machine, µm: conditions may be rarer than passes.
+    /// Last known residual of each machine, µm. A pass may lie between two conditions.
     residual_um: BTreeMap<MachineId, f64>,
     /// Machines whose settings cannot be sent, with the reason.
     unsettled: BTreeMap<MachineId, String>,
@@ -94,7 +94,7 @@ fn run_pass(engine: &Engine, state: &mut State) -> Result<(), Error> {
     let blocked = match rollouts::advance_all(engine, elapsed_s, &seen, &state.residual_um) {
         Ok(blocked) => blocked,
         Err(error) => {
-            // Received events are processed in the next pass, before those that arrived since.
+            // The next pass processes these events before later ones.
             lock(&engine.ingest).restore_events(since);
             return Err(error);
         }
@@ -137,7 +137,7 @@ fn settle_all(
         let has_changed = if let Some(newest) = versions.get(name) {
             differs(machine, newest)
         } else {
-            // If there is no value under its key, the machine continues with its active version.
+            // A machine whose key holds no value continues with its active version.
             let live =
                 lock(&engine.ingest).machine(name).and_then(|reception| reception.live.clone());
             match live.filter(|live| live.version > 0) {

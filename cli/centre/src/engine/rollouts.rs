@@ -19,14 +19,15 @@ use crate::{
 pub(super) struct Blocked {
     /// The reasons, one sentence each.
     pub(super) why: Vec<String>,
-    /// Machines of the roll-outs that were advanced; `None` if the machines of all roll-outs are known.
+    /// Machines of the roll-outs that were advanced, if a blocked roll-out could not be read, so that its machines are
+    /// unknown; otherwise `None`.
     moved: Option<BTreeSet<MachineId>>,
-    /// Machines of the active roll-outs; each machine is in at most one.
+    /// Machines of the blocked roll-outs; each machine is in at most one open roll-out.
     machines: BTreeSet<MachineId>,
 }
 
 impl Blocked {
-    /// True if reports of a machine may not have reached its roll-out.
+    /// True if the roll-out of a machine may not have processed the machine's reports.
     pub(super) fn holds(&self, machine: &MachineId) -> bool {
         self.machines.contains(machine)
             || (self.moved.as_ref()).is_some_and(|moved| !moved.contains(machine))
@@ -44,7 +45,8 @@ pub(super) fn advance_all(
     if open.is_empty() {
         return Ok(Blocked::default());
     }
-    // Outcomes are read from the store at each pass, so a centre that was killed between storing and evaluating them does so after its restart.
+    // Each pass reads the outcomes from the store, so a centre that was killed before evaluating them does so after its
+    // restart.
     let versions = engine.store.newest_versions()?;
     // A version that was never issued here belongs to no roll-out, even if a machine reports it.
     let mut seen = seen.clone();
@@ -121,7 +123,7 @@ fn advance(
     Ok(Some(rollout).into_iter().flat_map(machines_of))
 }
 
-/// Outcomes that a roll-out has not processed yet.
+/// Outcomes that the roll-out has not processed yet.
 fn answers(rollout: &Rollout, versions: &BTreeMap<MachineId, Version>) -> Vec<Event> {
     let answered = rollout.targets.iter().filter_map(|target| {
         let version = versions.get(&target.machine)?;
@@ -148,8 +150,8 @@ impl ManifestSource<'_> {
         rollout: &mut Rollout,
         mut actions: Vec<Action>,
     ) -> Result<(), Error> {
-        // Each issue is reported to the roll-out immediately, and the resulting actions are
-        // executed as well.
+        // The roll-out receives the result of each issue immediately, and the resulting actions are executed in the
+        // next iteration.
         while !actions.is_empty() {
             let mut more = Vec::new();
             for action in actions {
@@ -160,7 +162,7 @@ impl ManifestSource<'_> {
                         continue;
                     }
                 };
-                // An earlier action may have stopped it.
+                // An earlier action may have stopped the roll-out.
                 if confirm.is_none() && rollout.phase != Phase::Running {
                     continue;
                 }
@@ -175,7 +177,7 @@ impl ManifestSource<'_> {
                 };
                 more.extend(rollout.step(event));
             }
-            // Each step repeats the pending actions of other machines.
+            // The roll-out repeats the pending actions of other machines at each step.
             more.retain(|action| match action {
                 Action::Issue { machine, .. } => rollout.is_waiting(machine),
                 Action::Withdraw { .. } => true,

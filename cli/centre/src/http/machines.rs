@@ -76,13 +76,13 @@ pub(super) async fn machine(State(page): Shared, Path(name): Path<String>) -> Ap
                 .collect();
             Ok(Some(json!({
                 "machine": machine,
-                // `null`: no message was ever received.
+                // `null` if no message was ever received.
                 "live": live,
-                // Age of its last condition.
+                // Age of the machine's last condition, s.
                 "age_s": age_s,
                 "silent": silent,
                 "versions": versions,
-                // The active model; if none is known, the one sent last.
+                // The active model; if unknown, the model that was sent last.
                 "model": model,
                 "telemetry": telemetry,
                 "alarms": alarms,
@@ -176,7 +176,7 @@ pub(super) async fn acknowledge_alarm(
 
 #[derive(Deserialize)]
 pub(super) struct AuditQuery {
-    /// Return records with smaller numbers.
+    /// Return records with numbers below this one.
     before: Option<u64>,
 }
 

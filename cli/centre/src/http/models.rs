@@ -93,6 +93,6 @@ pub(super) async fn add(
         (made.await?).map_err(|error| ApiError::wrong(error.to_string()))?;
     let answer = model.clone();
     let added = page.query(move |store| store.add_model(&model, &text)).await?;
-    // `added`: false if the model was already stored.
+    // `added` is false if the store already had the model.
     document(&json!({ "model": answer, "added": added }))
 }

@@ -15,7 +15,8 @@ use crate::{
     versions::overdue_days,
 };
 
-/// Maximum age of an overview that is presented as current. Three times its build time is added, but at most [`MAX_BUILD_MARGIN`].
+/// Maximum age of an overview that is presented as current. The limit grows by three times the build time of the
+/// overview, but by at most [`MAX_BUILD_MARGIN`].
 const MAX_AGE: Duration = Duration::from_secs(5);
 const MAX_BUILD_MARGIN: Duration = Duration::from_secs(25);
 
@@ -153,7 +154,8 @@ impl Overview {
         })
     }
 
-    /// Age of the overview if it is too old to be presented as current. It is rebuilt every second, or more slowly with many machines.
+    /// Age of the overview if it is too old to be presented as current. The overview is rebuilt every second, or less
+    /// often with many machines.
     pub(super) fn too_old(&self) -> Option<Duration> {
         let (at, took) = self.made?;
         let age = at.elapsed();
@@ -166,7 +168,7 @@ impl Overview {
     }
 }
 
-/// Alarm for a database that cannot be written; it therefore cannot be stored there.
+/// Alarm for a database that rejects writes; the database therefore cannot store this alarm.
 pub(super) fn store_alarm(store: &Store) -> Option<Alarm> {
     let (for_long, what) = store.trouble()?;
     Some(Alarm {
@@ -187,8 +189,9 @@ fn largest<K>(values: &BTreeMap<K, f64>) -> Option<f64> {
     values.values().map(|value| value.abs()).reduce(f64::max)
 }
 
-/// Age of each machine's last condition by this program's monotonic clock. Two wall clocks are never compared, because their difference could make a
-/// machine appear silent, or hide that it is. The time for which a condition waited at the gateway is included.
+/// Age of each machine's last condition by this program's monotonic clock. Comparing two wall clocks could make a
+/// machine appear silent, or hide its silence, so only the first condition after a start is dated by them. The time for
+/// which a condition waited at the gateway is included.
 ///
 /// State: when the last condition of each machine was first seen.
 #[derive(Default)]

@@ -30,7 +30,8 @@ const MAX_ROLLOUTS: u32 = 20;
 struct RolloutView {
     #[serde(flatten)]
     rollout: Rollout,
-    /// For a stopped or aborted roll-out: machines on which its model is active now. The user must decide about them.
+    /// Machines on which the model of a stopped or aborted roll-out is active now. The user must decide whether they
+    /// keep it.
     in_force_on: Vec<MachineId>,
 }
 
@@ -176,8 +177,8 @@ mod tests {
         rollout::{Phase, Step},
     };
 
-    /// A machine activated the model of a roll-out, and its acknowledgement was lost. The roll-out lists it as waiting, but the version that the
-    /// machine reports is shown, so that the user can decide.
+    /// A machine activated the model of a roll-out, but its acknowledgement was lost, so the roll-out still waits for
+    /// it. The view shows the version that the machine reports, so that the user can decide.
     #[test]
     fn a_machine_that_reports_the_model_is_listed_as_having_it() {
         let fixture = Fixture::new();

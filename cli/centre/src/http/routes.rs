@@ -28,7 +28,7 @@ pub struct Route {
     pub method: &'static str,
     /// The path, with names in braces.
     pub path: &'static str,
-    /// The lowest role that may use the route; `None`: no login required.
+    /// Lowest role that may use the route; `None`: no login is required.
     pub need: Option<Role>,
 }
 

@@ -50,7 +50,7 @@ pub(super) struct NetworkSearch {
     pub(super) running: bool,
     pub(super) by: String,
     pub(super) subnets: Vec<String>,
-    /// Number of addresses searched so far, of the total in `of`.
+    /// Number of addresses searched so far, of `of` in total.
     pub(super) done: usize,
     pub(super) of: usize,
     pub(super) devices: Vec<Device>,
@@ -63,9 +63,9 @@ pub struct PageState {
     pub(super) settings: PageSettings,
     pub(super) throttle: Throttle,
     refusals: Refusals,
-    /// Hashing a password costs memory and time: at most two at a time.
+    /// At most two passwords are hashed at a time, because each costs memory and time.
     passwords: Arc<Semaphore>,
-    /// Models and error maps occupy a processor: at most one at a time.
+    /// At most one model or error map is computed at a time, because each occupies a processor.
     works: Arc<Semaphore>,
     pub(super) overview: RwLock<Arc<Overview>>,
     search: Mutex<NetworkSearch>,

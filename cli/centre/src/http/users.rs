@@ -27,7 +27,7 @@ struct Login {
     password: String,
 }
 
-/// The logged-in user and the notice above the web interface (empty: none).
+/// Returns the logged-in user and the notice above the web interface (empty: none).
 fn who_is(user: &User, page: &PageState) -> ApiResult {
     let notice = &page.settings.notice;
     document(&json!({ "name": user.name, "role": user.role, "notice": notice }))
@@ -40,8 +40,9 @@ async fn wrong_password(page: &Arc<PageState>, from: SocketAddr, tried: &str) ->
     ApiError::new(StatusCode::UNAUTHORIZED, why)
 }
 
-/// Verifies the password of a user who may log in. Returns the user and the compared hash; the caller must check in its transaction that this is still
-/// the user's hash. Attempts after wrong passwords are delayed; rejected ones are written to the audit log.
+/// Verifies the password of a user who may log in. Returns the user and the compared hash; the caller must check in its
+/// transaction that the user still has this hash. Attempts after wrong passwords are delayed; rejected attempts are
+/// written to the audit log.
 async fn verify_password(
     page: &Arc<PageState>,
     from: SocketAddr,
@@ -56,11 +57,12 @@ async fn verify_password(
     };
     let stored = user.as_ref().map(|(_, stored)| stored.clone());
     let mut place = page.password_place().await;
-    // A client that hangs up ends neither the comparison nor its count: it could start any number of them otherwise.
+    // The comparison and its count continue if the client disconnects: otherwise a client could start any number of
+    // comparisons.
     let page = Arc::clone(page);
     let compared = tokio::spawn(async move {
-        // The attempt is registered while holding the place, so that concurrent attempts are counted
-        // one after the other.
+        // The attempt is registered while this task holds its permit, so that concurrent attempts are counted one after
+        // the other.
         let Some(attempt) = page.throttle.attempt(from.ip(), &tried) else {
             drop(place);
             page.refused(Refusal::Throttled, from.ip(), &tried).await;
@@ -69,7 +71,7 @@ async fn verify_password(
             return Err(ApiError::new(StatusCode::TOO_MANY_REQUESTS, why));
         };
         if !attempt.delay().is_zero() {
-            // Release the place so that others can log in meanwhile.
+            // Release the permit so that others can log in meanwhile.
             drop(place);
             tokio::time::sleep(attempt.delay()).await;
             place = page.password_place().await;

@@ -60,7 +60,7 @@ impl Store {
         self.alarms_where("until_s IS NULL ORDER BY id DESC", [])
     }
 
-    /// The last `count` alarms, open or closed, the newest first; of one machine, or of all.
+    /// The last `count` alarms, open or closed, the newest first; `None`: of all machines.
     pub fn alarms(&self, machine: Option<&MachineId>, count: u32) -> Result<Vec<Alarm>, Error> {
         self.alarms_where(
             "?1 IS NULL OR machine = ?1 ORDER BY id DESC LIMIT ?2",

@@ -40,7 +40,7 @@ pub(crate) fn append(
     Ok(())
 }
 
-/// Hash of a record, as its stored text, that follows a record with the hash `before`.
+/// Hash of a record's stored text and of the hash `before` of the previous record.
 fn hash(before: &str, document: &str) -> String {
     let mut digest = Sha256::new();
     digest.update(before);
@@ -59,7 +59,7 @@ impl Store {
         self.write(|database| append(database, by, action, object, details))
     }
 
-    /// At most `count` records with numbers below `before`, the newest first; `None`: from the newest.
+    /// At most `count` records with numbers below `before`, the newest first. `None`: starts at the newest record.
     pub fn audit_records(
         &self,
         before: Option<u64>,

@@ -1,4 +1,5 @@
-//! The SQLite file: its schema, opening it, and helpers for statements with parameters `?1`, `?2`, … whose rows mostly hold JSON documents.
+//! The SQLite file: its schema, its opening, and helpers for statements. Parameters are `?1`, `?2`, …; most rows hold
+//! JSON documents.
 
 use std::{
     fs,
@@ -92,12 +93,13 @@ pub(crate) fn machine(row: &Row<'_>, column: usize) -> Result<MachineId, Error> 
     })
 }
 
-/// Opens the file, creating it if it does not exist. Only its owner may read it: it holds password hashes and models.
+/// Opens the file, creating it if it does not exist. Only its owner may read it, because it holds password hashes and
+/// models.
 pub(super) fn open(path: &Path) -> Result<Connection, Error> {
     let failed = |why: std::io::Error| Error::Database { file: path.display().to_string(), why };
     let mut options = fs::OpenOptions::new();
-    // Create only, without opening an existing file: closing it would release the POSIX locks of connections that this program already has to it,
-    // and another reading program would then delete the write-ahead log in use.
+    // Create the file without opening an existing one. Closing an opened file would release the POSIX locks of this
+    // program's connections to it, and another reading program would then delete the write-ahead log in use.
     match options.create_new(true).write(true).mode(0o600).open(path) {
         Err(why) if why.kind() != ErrorKind::AlreadyExists => return Err(failed(why)),
         _ => {}
@@ -109,7 +111,7 @@ pub(super) fn open(path: &Path) -> Result<Connection, Error> {
     connection.busy_timeout(LOCK_TIMEOUT)?;
     connection.set_prepared_statement_cache_capacity(MAX_PREPARED);
     begin_log(&connection)?;
-    // SQLite has accepted it as a database; permissions of unrelated files stay unchanged.
+    // Restrict the permissions only after SQLite has accepted the file as a database, so that other files keep theirs.
     make_private(path).map_err(failed)?;
     // Acknowledged messages must survive a power failure: every commit is on disk when it returns.
     connection.execute_batch(
@@ -137,8 +139,8 @@ fn make_private(path: &Path) -> std::io::Result<()> {
     Ok(())
 }
 
-/// Switches to write-ahead logging. If several programs open a new file at once, SQLite returns "busy" to all but one without waiting, so this
-/// retries.
+/// Switches to write-ahead logging. If several programs open a new file at once, SQLite immediately returns "busy" to
+/// all but one, so this function retries.
 fn begin_log(connection: &Connection) -> Result<(), Error> {
     let until = Instant::now() + LOCK_TIMEOUT;
     loop {
@@ -154,8 +156,8 @@ fn begin_log(connection: &Connection) -> Result<(), Error> {
     }
 }
 
-/// Steps of the schema, each a list of statements. The database stores the number of applied steps.
-/// Steps may only be added.
+/// Steps of the schema, each a list of statements. The database stores the number of applied steps, so steps may only
+/// be added at the end.
 const STEPS: &[&[&str]] = &[FIRST, CLOSED_BY_MACHINE, WISHES, UNIQUE_RECORDS];
 
 const FIRST: &[&str] = &[
@@ -179,7 +181,7 @@ const FIRST: &[&str] = &[
         document TEXT NOT NULL, PRIMARY KEY (machine, instance))",
     // Last state of each machine.
     "CREATE TABLE live (machine TEXT PRIMARY KEY, document TEXT NOT NULL)",
-    // Conditions as received until their minute is closed; then in `raw`, one row for each machine and minute.
+    // Conditions as received, until their minute is closed; then `raw` holds one row for each machine and minute.
     "CREATE TABLE recent (machine TEXT NOT NULL, at_s DOUBLE PRECISION NOT NULL, document TEXT NOT NULL)",
     "CREATE INDEX recent_at ON recent (at_s)",
     "CREATE TABLE raw (machine TEXT NOT NULL, minute BIGINT NOT NULL, document TEXT NOT NULL,
@@ -188,7 +190,7 @@ const FIRST: &[&str] = &[
         PRIMARY KEY (machine, minute))",
     "CREATE TABLE hours (machine TEXT NOT NULL, hour BIGINT NOT NULL, document TEXT NOT NULL,
         PRIMARY KEY (machine, hour))",
-    // `hourly`: the first of its hour, which is kept longer.
+    // `hourly` marks the first telemetry message of an hour, which is kept longer.
     "CREATE TABLE telemetry (machine TEXT NOT NULL, at_s DOUBLE PRECISION NOT NULL, hourly BIGINT NOT NULL,
         document TEXT NOT NULL)",
     "CREATE INDEX telemetry_of ON telemetry (machine, at_s)",
@@ -207,7 +209,7 @@ const FIRST: &[&str] = &[
 const CLOSED_BY_MACHINE: &[&str] =
     &["DROP INDEX recent_at", "CREATE INDEX recent_of ON recent (machine, at_s)"];
 
-/// Requests for a roll-out are queued, so that none replaces another. The column `wish` is no longer used.
+/// Requests for a roll-out are queued, so that none replaces another. Later programs do not use the column `wish`.
 const WISHES: &[&str] = &[
     "CREATE TABLE wishes (rollout BIGINT NOT NULL, number BIGINT NOT NULL, document TEXT NOT NULL,
         PRIMARY KEY (rollout, number))",

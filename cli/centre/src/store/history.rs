@@ -1,5 +1,5 @@
-//! History of conditions: every condition for a day, one-minute means for a month, one-hour means indefinitely; telemetry; audit records of
-//! machines; and the gateway instances that sent them.
+//! History of conditions: every condition for a day, one-minute means for a month, one-hour means indefinitely. Also
+//! the telemetry, the audit records of machines, and their gateway instances.
 //!
 //! Conditions are collected in `recent` until their minute is closed. Closing it adds one row to `raw` and one to `minutes`, and updates the hour,
 //! in one transaction. Each condition is thus written exactly twice, and the database stays consistent after a crash.
@@ -50,11 +50,12 @@ fn place(at_s: f64, length_s: f64) -> i64 {
 }
 
 impl Store {
-    /// Closes the minutes that ended before `until_s`, oldest first for each machine, and returns the number of their conditions. A transaction
-    /// holds one minute of a few machines, so its memory does not grow with the number of machines.
+    /// Closes the minutes that ended before `until_s` (s since 1970), the oldest first for each machine. Returns the
+    /// number of their conditions. A transaction holds one minute of a few machines, so its memory use does not grow
+    /// with the number of machines.
     pub fn close_minutes(&self, until_s: f64) -> Result<u64, Error> {
         let end = place(until_s, 60.0);
-        // Every machine with conditions has a gateway instance.
+        // Every machine with conditions has a gateway instance, so no machine is missed.
         let sql = "SELECT DISTINCT machine FROM instances ORDER BY machine";
         let machines: Vec<String> =
             self.read(|database| rows(database, sql, [], |row| Ok(row.get(0)?)))?;
@@ -216,7 +217,8 @@ fn close_one(
     };
     let before: Option<Point> = kept(database, "minutes", "minute", machine, minute)?;
     if before.as_ref().is_some_and(|before| before.count > mean.count) {
-        // The raw conditions of this minute have expired, and one arrived late: keep the mean of the others.
+        // The raw conditions of this minute have expired, and a late one has arrived: keep the mean of the earlier
+        // conditions.
         return Ok(());
     }
     put(database, "minutes", "minute", machine, minute, &mean)?;

@@ -22,7 +22,7 @@ pub(crate) fn machine_named(
     document(database, sql, [machine.as_str()])
 }
 
-/// Fails if one of these machines still has a pending target in an open roll-out.
+/// Fails if one of these machines is in an open roll-out.
 pub(super) fn refuse_in_open_rollout<'a>(
     database: &Connection,
     machines: impl IntoIterator<Item = &'a MachineId>,
@@ -42,8 +42,11 @@ pub(super) fn refuse_in_open_rollout<'a>(
     Ok(())
 }
 
-/// Registers a machine or changes its record. Errors: the serial number changes while the name has a pending target in a roll-out: the model was not
-/// measured on the other machine.
+/// Registers a machine or changes its record.
+///
+/// # Errors
+/// The serial number changes while the machine is in an open roll-out: the model was not measured on the machine with
+/// the new number.
 fn put(database: &Connection, machine: &Machine, by: &str) -> Result<(), Error> {
     let id = &machine.identity.machine;
     let before = machine_named(database, id)?;
@@ -105,7 +108,7 @@ impl Store {
         self.read(|database| documents(database, sql, []))
     }
 
-    /// Removes a machine but keeps its versions and history. `false` if it did not exist.
+    /// Removes a machine but keeps its versions and history. Returns `false` if the machine did not exist.
     pub fn remove_machine(&self, machine: &MachineId, by: &str) -> Result<bool, Error> {
         self.write(|database| {
             let name = [machine.as_str()];
@@ -129,8 +132,8 @@ impl Store {
         self.read(|database| live_of(database, machine))
     }
 
-    /// Stores last states of machines, all or none. The running centre stores them together with the messages they came from; this function is for
-    /// other programs.
+    /// Stores last states of machines, all or none. For other programs than the running centre, which stores these
+    /// states itself.
     pub fn put_live(&self, lives: &[Live]) -> Result<(), Error> {
         self.write(|database| lives.iter().try_for_each(|live| put_live(database, live)))
     }

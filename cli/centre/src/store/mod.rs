@@ -1,10 +1,11 @@
 //! The store: persistent data of the centre in a SQLite file.
 //!
-//! State: two connections to the database, one for writing and one for reading. Every function blocks on the disk, so asynchronous programs call
-//! them on a blocking thread. Several programs may have the same database open.
+//! State: two connections to the database, one for writing and one for reading. Every function blocks on the disk, so
+//! asynchronous programs call it on a blocking thread. Several programs may open the same database.
 //!
-//! Every function fails if the file cannot be read, if a row holds data that this program does not write, or if a change is rejected (full disk,
-//! locked by another program); then nothing is changed. Other errors are documented at each function.
+//! Every function fails, without changing anything, if the file cannot be read, a row holds data that this program does
+//! not write, or a change is rejected (full disk, locked by another program). Other errors are documented at each
+//! function.
 
 pub(crate) mod alarms;
 pub(crate) mod audit;
@@ -27,21 +28,21 @@ use crate::Error;
 pub use history::Retention;
 pub use models::SignedValue;
 
-/// Time after which a change is treated as hanging: a commit waits only for the disk.
+/// Time after which a change counts as hanging: a commit waits only for the disk.
 const HANG_TIMEOUT: Duration = Duration::from_secs(5);
 
 pub struct Store {
     writer: Mutex<Connection>,
     reader: Mutex<Connection>,
     writing: Mutex<Option<Instant>>,
-    /// Since when the database has rejected every change, and why.
+    /// When the database began to reject every change, and why.
     failing: Mutex<Option<(Instant, String)>>,
     /// If set, every use panics.
     #[cfg(test)]
     is_faulty: std::sync::atomic::AtomicBool,
 }
 
-/// Guard that clears the start of the current change when dropped.
+/// Guard that clears the start time of the current change when dropped.
 struct Writes<'a>(&'a Mutex<Option<Instant>>);
 
 impl Drop for Writes<'_> {
@@ -103,7 +104,7 @@ impl Store {
             Err(Error::Sqlite(error)) => {
                 lock(&self.failing).get_or_insert_with(|| (Instant::now(), error.to_string()));
             }
-            // Refused by the rules, not by the database.
+            // The program's own rules rejected the change, not the database.
             Err(_) => {}
         }
         done
@@ -116,14 +117,16 @@ impl Store {
         let mut writer = lock(&self.writer);
         *lock(&self.writing) = Some(Instant::now());
         let _writes = Writes(&self.writing);
-        // A deferred transaction that reads before it writes could fail because another program has the lock by then.
+        // A deferred transaction that reads before it writes could fail, because another program may hold the lock by
+        // then.
         let transaction = writer.transaction_with_behavior(TransactionBehavior::Immediate)?;
         let done = work(&transaction)?;
         transaction.commit()?;
         Ok(done)
     }
 
-    /// Why nothing can be written at present, not even an alarm, and for how long: the disk hangs, or the database rejects every change.
+    /// Why the database accepts no change at present, and for how long: the disk hangs, or the database rejects every
+    /// change.
     pub fn trouble(&self) -> Option<(Duration, String)> {
         let since = *lock(&self.writing);
         let hang = since.map(|since| since.elapsed());

@@ -16,7 +16,8 @@ use crate::{
     records::{Model, Version},
 };
 
-/// Newest versions. A row without a value means that there is nothing under the key: the last version was withdrawn, and there was none before it.
+/// Newest versions. A row with an empty value means that the key is empty: the last version was withdrawn, and there
+/// was none before it.
 const NEWEST_VERSIONS: &str = "SELECT versions.document FROM desired JOIN versions
     ON versions.machine = desired.machine AND versions.version = desired.version
     WHERE desired.value <> ''";
@@ -30,7 +31,8 @@ pub struct SignedValue {
 }
 
 impl Store {
-    /// Adds a model with its text. `false` if it was already stored; then only a stated day of measurements is updated.
+    /// Adds a model with its text. Returns `false` if the model was already stored; then only a stated day of
+    /// measurements is updated.
     pub fn add_model(&self, model: &Model, text: &str) -> Result<bool, Error> {
         let document = serde_json::to_string(model)?;
         self.write(|database| {
@@ -112,7 +114,8 @@ impl Store {
         self.read(|database| newest(database, machine))
     }
 
-    /// Desired version of every machine, without the signed values, which are large; `false`: it was withdrawn, and its key must be empty.
+    /// Newest version of every machine, without the large signed values. The flag is `false` if the version was
+    /// withdrawn and the key must be empty.
     pub fn desired_versions(&self) -> Result<HashMap<MachineId, (u64, bool)>, Error> {
         let sql = "SELECT machine, version, value <> '' FROM desired";
         let wanted = self.read(|database| {
@@ -171,8 +174,8 @@ pub(crate) fn clear_desired(database: &Connection, machine: &MachineId) -> Resul
 /// Maximum version accepted from a machine; it leaves room for every version that will ever be issued.
 const MAX_VERSION: u64 = 1 << 52;
 
-/// Next version of a machine: above every version issued here, and above the active version that the machine reports, which another centre may have
-/// issued. Reported versions that no centre can have issued are ignored.
+/// Next version of a machine: above every version issued here, and above the active version that the machine reports,
+/// which another centre may have issued. Reported versions above [`MAX_VERSION`] are ignored.
 pub(crate) fn next_version(database: &Connection, machine: &MachineId) -> Result<u64, Error> {
     let sql = "SELECT coalesce(max(version), 0) FROM versions WHERE machine = ?1";
     let issued = number(database, sql, [machine.as_str()])?;
@@ -209,7 +212,8 @@ pub(crate) fn add_version(
     audit::append(database, &version.by, "version.issue", machine, json!(version))
 }
 
-/// Stores the outcome that a machine reports for a version. Outcomes for values that were never issued here are ignored.
+/// Stores the outcome that a machine reports for a version. An outcome for a value that was never issued here changes
+/// no version.
 pub(crate) fn answer(
     database: &Connection,
     machine: &MachineId,

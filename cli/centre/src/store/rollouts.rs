@@ -1,4 +1,4 @@
-//! Roll-outs in the store. The running centre advances them; any program may store a request, which the running centre processes.
+//! Roll-outs in the store. Any program may store a request; the running centre processes it and advances the roll-outs.
 
 use rusqlite::{Connection, params};
 use serde_json::json;
@@ -32,7 +32,7 @@ impl Store {
     /// Starts a roll-out that `make` creates from its number.
     ///
     /// # Errors
-    /// A machine of the roll-out has a pending target in another open roll-out.
+    /// A machine of the roll-out is in another open roll-out.
     pub fn start_rollout(&self, make: impl FnOnce(u64) -> Rollout) -> Result<Rollout, Error> {
         self.write(|database| {
             let id = number(database, "SELECT coalesce(max(id), 0) + 1 FROM rollouts", [])?;
@@ -79,7 +79,7 @@ impl Store {
         self.write(|database| {
             let rollout = rollout(database, id)?.ok_or_else(|| Error::missing("roll-out", &id))?;
             if let UserRequest::Confirm { machine, hash } = request {
-                // Reject requests without effect now, because the user would not see the running centre discard them.
+                // Reject requests without effect now: the user would not see that the running centre discards them.
                 let waiting = pending_requests(database, id)?;
                 let is_ending = waiting.iter().any(|(request, _)| *request == UserRequest::Abort);
                 let checked = rollout.may_confirm(machine, hash, is_ending);
@@ -98,7 +98,8 @@ impl Store {
     /// Records that a machine keeps the model of a stopped or aborted roll-out.
     ///
     /// # Errors
-    /// The roll-out or its machine does not exist, the roll-out is active or done, or the machine does not have its model.
+    /// The roll-out or its machine does not exist, the roll-out is active or done, or its model is not active on the
+    /// machine.
     pub fn keep_model(&self, id: u64, machine: &MachineId, by: &str) -> Result<(), Error> {
         self.write(|database| {
             let mut rollout = rollout(database, id)?.ok_or_else(|| Error::missing("roll-out", &id))?;
@@ -113,7 +114,7 @@ impl Store {
                 target.ok_or_else(|| Error::missing("machine of that roll-out", machine))?;
             let versions = versions_of(database, machine)?;
             let has = active_version(&versions, live_of(database, machine)?.as_ref());
-            // If the active version is unknown, use the progress of the target.
+            // If the active version is unknown, use the step of the target.
             let seen = matches!(target.step, Step::Done { .. } | Step::Soaking { .. });
             if !has.map_or(seen, |version| version.rollout == Some(id)) {
                 return Err(Error::Conflict(format!(
@@ -141,7 +142,8 @@ fn pending_requests(database: &Connection, id: u64) -> Result<Vec<RequestBy>, Er
     documents(database, sql, [id])
 }
 
-/// Returns a roll-out with its pending requests in order, and removes them from the store. If one of them is an abort, the others are discarded.
+/// Returns a roll-out with its pending requests in order, and removes the requests from the store. An abort discards
+/// all other requests.
 pub(crate) fn take(
     database: &Connection,
     id: u64,

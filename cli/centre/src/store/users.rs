@@ -24,7 +24,7 @@ fn user(row: &Row<'_>) -> Result<User, Error> {
     })
 }
 
-/// Fails if no other admin may log in, because then users could not be managed any more.
+/// Fails if no other admin may log in, because then nobody could manage the users.
 fn check_other_admin(database: &Connection, name: &UserName) -> Result<(), Error> {
     let sql = "SELECT count(*) FROM users WHERE role = 'admin' AND disabled = 0 AND name <> ?1";
     if number(database, sql, [name.as_str()])? > 0 {
@@ -33,8 +33,8 @@ fn check_other_admin(database: &Connection, name: &UserName) -> Result<(), Error
     Err(Error::Conflict(format!("{name} is the last admin who may log in: add another one first")))
 }
 
-/// True if the user may log in and still has the password hash `compared`. Passwords are verified outside of transactions and after a delay, so the user
-/// may have been changed or removed since.
+/// True if the user may log in and still has the password hash `compared`. Passwords are verified outside of
+/// transactions and after a delay, so the user may have been changed or removed since then.
 fn is_current(database: &Connection, name: &UserName, compared: &str) -> Result<bool, Error> {
     let sql = "SELECT count(*) FROM users WHERE name = ?1 AND password = ?2 AND disabled = 0";
     Ok(number(database, sql, [name.as_str(), compared])? > 0)
@@ -138,8 +138,9 @@ impl Store {
         self.write(|database| set_password(database, name, password_hash, by, from))
     }
 
-    /// Replaces the password hash of a user whose password was verified against `compared`, and logs the user out everywhere. Returns false without
-    /// any change if that is no longer the user's hash, or the user may not log in.
+    /// Replaces the password hash of a user whose password was verified against the hash `compared`, and logs the user
+    /// out everywhere. Returns false without any change if the user's hash is no longer `compared`, or the user may not
+    /// log in.
     pub fn replace_password(
         &self,
         name: &UserName,
@@ -181,8 +182,8 @@ impl Store {
         })
     }
 
-    /// Adds a session of a user whose password was verified against `compared`. Returns false without any change if that is no longer the user's
-    /// hash, or the user may not log in.
+    /// Adds a session of a user whose password was verified against the hash `compared`. Returns false without any
+    /// change if the user's hash is no longer `compared`, or the user may not log in.
     pub fn begin_session(
         &self,
         token: &Token,
@@ -221,7 +222,7 @@ impl Store {
         })
     }
 
-    /// The user of a session, while it is valid and the user may log in. Updates the time of its last use.
+    /// The user of a valid session, if the user may log in. Updates the time of the session's last use.
     pub fn session(&self, token: &Token, now: &BootTime) -> Result<Option<User>, Error> {
         let hash = token.hash();
         let sql = "SELECT document FROM sessions WHERE token_sha256 = ?1";
@@ -233,7 +234,7 @@ impl Store {
             session.used = now.clone();
             let document = serde_json::to_string(&session)?;
             let sql = "UPDATE sessions SET document = ?2 WHERE token_sha256 = ?1";
-            // On a full disk the page must still show what is wrong; the session ends earlier than it should at worst.
+            // On a full disk the page must still show the failure; at worst the session ends too early.
             if let Err(error) = self.write(|database| execute(database, sql, [&hash, &document])) {
                 tracing::warn!("the last use of a session is not stored: {error}");
             }

@@ -1,7 +1,7 @@
 //! Users: roles, passwords (Argon2id) and sessions, as plain data and rules. `store::users` stores them.
 //!
-//! A session is a random token in the browser and its hash in the store. Its times count from the boot of the computer and are valid only until the
-//! next boot, so setting back the wall clock does not extend a session.
+//! A session is a random token in the browser and its hash in the store. Its times count from the boot of the computer
+//! and are valid until the next boot, so setting back the wall clock does not extend a session.
 
 mod throttle;
 
@@ -179,7 +179,7 @@ pub struct BootTime {
 impl BootTime {
     pub fn now() -> Self {
         let time = rustix::time::clock_gettime(rustix::time::ClockId::Boottime);
-        // Without a boot id only the time counts; it restarts with each boot.
+        // Without a boot identifier only the time since boot is compared; it restarts with each boot.
         let boot = std::fs::read_to_string("/proc/sys/kernel/random/boot_id").unwrap_or_default();
         Self {
             boot: boot.trim().to_owned(),
@@ -192,7 +192,7 @@ impl BootTime {
         Self { boot: self.boot.clone(), since_boot_s: self.since_boot_s + by.as_secs_f64() }
     }
 
-    /// Seconds since an earlier time; `None` if that was in another boot, or is not earlier.
+    /// Seconds since an earlier time; `None` if `earlier` is from another boot or is later.
     pub fn since(&self, earlier: &Self) -> Option<f64> {
         let seconds = self.since_boot_s - earlier.since_boot_s;
         (self.boot == earlier.boot && seconds >= 0.0).then_some(seconds)
@@ -203,7 +203,7 @@ impl BootTime {
 pub struct Session {
     pub user: UserName,
     pub since: BootTime,
-    /// Last use, to the minute.
+    /// Time of last use, updated at most once a minute.
     pub used: BootTime,
     pub from: String,
 }
@@ -214,7 +214,7 @@ impl Session {
     pub const MAX_DURATION: Duration = Duration::from_secs(12 * 3600);
     pub const LAST_USE_INTERVAL: Duration = Duration::from_secs(60);
 
-    /// True until a timeout has passed.
+    /// True until the maximum duration or the idle timeout has passed.
     pub fn is_alive(&self, now: &BootTime) -> bool {
         let within = |earlier: &BootTime, limit: Duration| {
             now.since(earlier).is_some_and(|seconds| seconds <= limit.as_secs_f64())
@@ -249,8 +249,8 @@ impl Token {
         &self.0
     }
 
-    /// Hash of the token, under which the session is stored. A timing attack on the look-up by hash may reveal part of a hash, but nothing of the
-    /// token.
+    /// Hash of the token, under which the session is stored. A timing attack on the look-up may reveal part of the
+    /// hash, but nothing of the token.
     pub fn hash(&self) -> String {
         volcomp_model::hexadecimal(&Sha256::digest(self.0.as_bytes()))
     }
@@ -270,7 +270,7 @@ mod tests {
         assert!(!is_right(&of(""), Some(&stored)));
         assert!(!is_right(&of("of no user"), None));
         assert!(!is_right(&of("x"), Some("no hash")));
-        // Another salt each time.
+        // Each hash has another salt.
         assert_ne!(stored, hash(&of("correct horse battery")).unwrap());
         assert_eq!(format!("{:?}", of("secret")), "Password(..)");
     }
@@ -307,7 +307,7 @@ mod tests {
         assert!(!session.is_alive(&after(43_201)));
         let other = BootTime { boot: "b".to_owned(), ..after(10) };
         assert!(!session.is_alive(&other));
-        // A time before the session's start is not of this boot.
+        // A time before the session's start is from another boot.
         let before = BootTime { since_boot_s: 999.0, ..start.clone() };
         assert!(!session.is_alive(&before));
         let (session, _) = self::session();

@@ -1,5 +1,5 @@
-//! Wrong passwords delay further attempts: for one account from one address, for one account, and from one address. A correct password is accepted
-//! after the delay, so no attacker can lock a user out.
+//! Wrong passwords delay further attempts: for one account from one address, for one account, and from one address. A
+//! correct password is accepted after the delay, so an attacker cannot lock a user out.
 //!
 //! State: the counts and the waiting attempts, in memory. Each pair of address and account has at most [`MAX_WAITING`] attempts waiting, which
 //! bounds guesses to `MAX_WAITING / DELAY` a second.
@@ -90,8 +90,8 @@ impl Throttle {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Registers a login attempt; hold it until the password has been compared. `None` if the maximum number of attempts for this account from this
-    /// address is already waiting.
+    /// Registers a login attempt; hold the attempt until the password has been compared. `None` if the maximum number
+    /// of attempts for this account from this address is already waiting.
     pub fn attempt(&self, from: IpAddr, account: &str) -> Option<Attempt<'_>> {
         let mut counts = self.counts();
         let delayed = Key::all(from, account).iter().any(|key| {
@@ -134,7 +134,8 @@ impl Throttle {
     }
 }
 
-/// IPv6 addresses are counted by network, because one computer can have many of them.
+/// Network of an IPv6 address, because one computer can have many addresses of its network. IPv4 addresses are returned
+/// unchanged.
 fn network(address: IpAddr) -> IpAddr {
     match address {
         IpAddr::V4(_) => address,
@@ -173,8 +174,8 @@ impl Refusal {
     }
 }
 
-/// Rejections not yet in the audit log. The first of a kind from an address is recorded immediately, further ones within a minute as one record
-/// with their number.
+/// Rejections not yet in the audit log. The first rejection of a kind from an address is recorded immediately; further
+/// ones within a minute are recorded together with their number.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub(crate) struct SuppressedRefusals {
     pub(crate) count: u64,
@@ -188,8 +189,8 @@ type RefusalKey = (Refusal, Option<IpAddr>);
 pub(crate) struct Refusals(Mutex<HashMap<RefusalKey, SuppressedRefusals>>);
 
 impl Refusals {
-    /// Counts a rejection. Returns a key if it is the first of its minute: then it must be recorded immediately, and further ones by [`Self::take`]
-    /// at the end of the window.
+    /// Counts a rejection. Returns a key for the first rejection of its window, which must be recorded immediately. At
+    /// the end of the window, [`Self::take`] returns the further ones.
     pub(crate) fn count(&self, refusal: Refusal, from: IpAddr, object: &str) -> Option<RefusalKey> {
         let mut counts = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         let mut key = (refusal, Some(network(from)));
@@ -208,7 +209,7 @@ impl Refusals {
         }
     }
 
-    /// Ends a window: the rejections after the first one, if any.
+    /// Ends a window. Returns the rejections after the first one, if any.
     pub(crate) fn take(&self, key: RefusalKey) -> Option<SuppressedRefusals> {
         let mut counts = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         counts.remove(&key).filter(|suppressed| suppressed.count > 0)
@@ -234,13 +235,13 @@ mod tests {
         assert_eq!(delay(&throttle, bad, "anna"), Some(DELAY));
         assert_eq!(delay(&throttle, bad, "otto"), Some(Duration::ZERO));
         assert_eq!(delay(&throttle, good, "anna"), Some(Duration::ZERO));
-        // Two may wait; a third is refused until one of them has ended.
+        // Two attempts may wait; a third is rejected until one of them has ended.
         let first = throttle.attempt(bad, "anna");
         let _second = throttle.attempt(bad, "anna");
         assert_eq!(delay(&throttle, bad, "anna"), None);
         drop(first);
         assert_eq!(delay(&throttle, bad, "anna"), Some(DELAY));
-        // The addresses of one network of IPv6 are one.
+        // The addresses of one IPv6 network count together.
         let [one, other] = ["2001:db8::1", "2001:db8::2"].map(|text| text.parse().unwrap());
         for _ in 0..5 {
             throttle.wrong(one, "otto");
