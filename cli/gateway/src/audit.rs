@@ -1,7 +1,7 @@
 //! The audit log: every change of state with the client that requested it. Records form a hash chain.
 //!
-//! A line is `CHECKSUM JSON`: the checksum is SHA-256 over the checksum of the line before, a line feed, and
-//! the JSON. A record is on disk when [`AuditLog::append`] returns.
+//! A line is `CHECKSUM JSON`. The checksum is SHA-256 over the checksum of the previous line, a line feed, and the
+//! JSON. A record is on disk when [`AuditLog::append`] returns.
 
 use std::{
     fs::{self, File, OpenOptions},
@@ -24,7 +24,7 @@ const MAX_BYTES: u64 = 4 << 20;
 /// Number of closed files that are kept in addition to the current one.
 const KEPT: usize = 8;
 const CURRENT: &str = "audit.log";
-/// The next file, until it takes the place of the current one.
+/// File created by a rotation, until it is renamed to the current file.
 const NEXT: &str = "audit.log.new";
 
 /// Path of the current file in the log folder.
@@ -32,18 +32,19 @@ pub fn log_file(dir: &Path) -> PathBuf {
     dir.join(CURRENT)
 }
 
-/// The existing files of the log, oldest first; the last is the current file.
+/// The existing files of the log, oldest first, the current file last.
 pub fn log_files(dir: &Path) -> Vec<PathBuf> {
     let old = (1..=KEPT).rev().map(|n| dir.join(format!("audit.{n}.log")));
     let all = old.chain([log_file(dir)]);
     all.filter(|path| path.is_file()).collect()
 }
 
-/// Maximum number of records and of bytes that [`last_records`] reads.
+/// Maximum number of records that [`last_records`] returns.
 pub const MAX_LAST: usize = 500;
 const MAX_LAST_BYTES: u64 = 1 << 20;
 
-/// The last records of the log, newest first, at most [`MAX_LAST`]. Lines that are no records are left out; the chain is not verified.
+/// The last records of the log, newest first: at most `count` and at most [`MAX_LAST`]. Invalid lines are skipped; the
+/// hash chain is not verified.
 ///
 /// # Errors
 /// A file cannot be read.
@@ -75,11 +76,11 @@ pub fn last_records(dir: &Path, count: usize) -> io::Result<Vec<Record>> {
 /// The state of the log when it was opened.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct LogState {
-    /// Complete records in the current file.
+    /// Number of complete records in the current file.
     pub records: u64,
     /// Length of an incomplete last record that was cut off, bytes.
     pub cut_bytes: u64,
-    /// Set if the hash chain was broken: the damaged file was moved aside.
+    /// Damaged file that was moved aside because its hash chain was broken.
     pub broken: Option<Broken>,
 }
 
@@ -139,7 +140,7 @@ impl AuditLog {
         file.read_to_end(&mut bytes)?;
         let mut scanned = verify(&bytes);
         if bytes.is_empty() {
-            // A rotation was cut off before the first record: the chain continues from the file before.
+            // A rotation was interrupted before the first record: the chain continues from the previous file.
             let before = verify(&fs::read(dir.join("audit.1.log")).unwrap_or_default());
             (scanned.last_checksum, scanned.sequence) = (before.last_checksum, before.sequence);
         }
@@ -198,7 +199,8 @@ impl AuditLog {
         self.write(&Entry::new(who, what, details), 0)
     }
 
-    /// Appends a record that reports `lost` records before it that could not be written, and syncs it to disk.
+    /// Appends a record that states the number `lost` of earlier records that could not be written, and syncs it to
+    /// disk.
     ///
     /// # Errors
     /// The disk is full or does not respond; no part of the record remains in the file.
@@ -226,7 +228,7 @@ impl AuditLog {
         let line = format!("{checksum} {record}\n");
         let written = self.file.write_all(line.as_bytes()).and_then(|()| (self.sync)(&self.file));
         if let Err(e) = written {
-            // Half a record would remain as a torn tail: cut it off now if possible.
+            // Cut off a partial record now if possible, because it would remain as a torn tail.
             let _ = self.file.set_len(self.bytes);
             return Err(e);
         }
@@ -235,8 +237,9 @@ impl AuditLog {
         Ok(())
     }
 
-    /// Renames the current file to the first old one; the chain continues in the next file, which is created first: on a disk without room for it
-    /// nothing is renamed. Repeated after a failure, this overwrites no file but the oldest.
+    /// Renames the current file to `audit.1.log` and older files accordingly; the chain continues in a new file. The
+    /// new file is created first, so that nothing is renamed on a full disk. A repetition after a failure overwrites no
+    /// file but the oldest.
     fn rotate(&mut self) -> io::Result<()> {
         let next = self.dir.join(NEXT);
         let file = OpenOptions::new().append(true).create(true).open(&next)?;
@@ -256,7 +259,7 @@ impl AuditLog {
     }
 }
 
-/// Whether an open file is still the one at this path.
+/// True if an open file is still the file at this path.
 fn is_at(file: &File, path: &Path) -> bool {
     let [Ok(ours), Ok(there)] = [file.metadata(), fs::metadata(path)] else {
         return false;
@@ -316,7 +319,7 @@ pub fn verify(bytes: &[u8]) -> Verified {
             .ok()
             .and_then(|line| verified(line, previous.as_deref()));
         let Some((checksum, sequence)) = record else {
-            // Only a torn last line is an interrupted write; an invalid line before it was modified.
+            // Only an invalid last line can be an interrupted write; an earlier invalid line was modified.
             scanned.broken = (!is_last).then_some(scanned.records + 1);
             return scanned;
         };
@@ -329,7 +332,7 @@ pub fn verify(bytes: &[u8]) -> Verified {
     scanned
 }
 
-/// Checksum and sequence number of a line; `None` if the line does not continue the chain.
+/// Checksum and sequence number of a line; `None` if the line does not continue the hash chain.
 fn verified(line: &str, previous: Option<&str>) -> Option<(String, u64)> {
     let (found, record) = line.split_once(' ')?;
     let link: Link = serde_json::from_str(record).ok()?;
@@ -338,7 +341,7 @@ fn verified(line: &str, previous: Option<&str>) -> Option<(String, u64)> {
     (follows && checksum(&stated, record) == found).then(|| (found.to_owned(), link.seq))
 }
 
-/// The fields of a record that form the chain. Details are not among them, because they differ between versions.
+/// The fields of a record that form the hash chain. `details` is not parsed, because it differs between versions.
 #[derive(serde::Deserialize)]
 struct Link {
     #[serde(default)]

@@ -45,7 +45,7 @@ impl RunningArguments {
         Ok(dashboard)
     }
 
-    /// The token; the file holds a single one, or lines in the format of the gateway's token file.
+    /// The token. The file holds a single token, or lines in the format of the gateway's token file.
     ///
     /// # Errors
     /// The file cannot be read.
@@ -65,18 +65,17 @@ impl RunningArguments {
 /// Response of a gateway.
 #[derive(Clone, Debug)]
 pub struct Response {
-    /// Address of the gateway, for messages.
+    /// Address of the gateway, used in messages.
     pub address: SocketAddr,
     /// HTTP status; 0 if the response is not HTTP.
     pub status: u16,
-    /// The document.
     pub body: String,
 }
 
 /// Sends a request, such as `GET /api/state`, to the gateway of a dashboard configuration.
 ///
 /// # Errors
-/// No response within this time.
+/// The gateway cannot be reached, or does not respond within `within`.
 pub fn exchange(
     dashboard: &DashboardConfig,
     token: Option<&str>,

@@ -20,7 +20,7 @@ use crate::{
     documents::{AxisPlan, OnlineBarrier, OnlineBarrierAxis, OnlinePlan, round},
 };
 
-/// Settings of a controller's path beyond those of its driver, for cycles of length `period`.
+/// Settings of a controller's path that the driver does not determine, for cycles of length `period`.
 pub(crate) fn settings(
     device: &dyn ControllerDevice,
     config: &ControllerConfig,
@@ -57,7 +57,7 @@ fn longest_read_back(period: Duration) -> Duration {
     period.saturating_mul(cycles)
 }
 
-/// Limits that a control must report for arming, by the rule of the guard.
+/// Limits that a control must report so that the guard arms.
 pub(crate) fn needs(limits: &Limits) -> GuardRequirements {
     let axes = || limits.axes.iter().take(limits.count);
     let largest = |value: fn(&AxisLimits) -> f64| {
@@ -74,8 +74,11 @@ pub(crate) fn needs(limits: &Limits) -> GuardRequirements {
     }
 }
 
-/// Reads the settings that a control reports and compares them with the configuration and the guard's limits (`None`: the control is only read).
-/// Returns `None` if its bus reports no settings. Nothing is written. Errors: the control cannot be reached, or contradicts the configuration.
+/// Reads the settings that a control reports, and compares them with the configuration and the guard's limits (`None`:
+/// the control is only read). Returns `None` if the control's bus reports no settings. Writes nothing.
+///
+/// # Errors
+/// The control cannot be reached, or contradicts the configuration.
 pub(crate) fn online(
     device: &dyn ControllerDevice,
     own: &ControllerConfig,
@@ -101,8 +104,10 @@ pub(crate) fn online(
     }))
 }
 
-/// Reads the barrier reports of a control and checks them against the configuration of the controller. Errors: no report for this machine and these
-/// axes, or settings with which the guard would not arm.
+/// Reads the barrier reports of a control and checks them against the configuration of the controller.
+///
+/// # Errors
+/// There is no report for this machine and these axes, or the guard would not arm with the reported settings.
 fn barrier(
     device: &str,
     config: &BarrierConfig,
@@ -110,7 +115,7 @@ fn barrier(
     limits: &Limits,
     reports: &[(Instant, Words)],
 ) -> Result<OnlineBarrier, DeviceError> {
-    // Invalid axes have already been rejected with the configuration.
+    // Validation of the configuration has already rejected invalid axes.
     let layout = Layout::of(axes.iter().copied()).ok();
     let decoded = layout.map(|layout| {
         let decode = |(at, words): &(Instant, Words)| {

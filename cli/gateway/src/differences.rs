@@ -3,17 +3,18 @@
 use volcomp_model::{Axis, Machine};
 use volcomp_vocabulary::AxisName;
 
-/// Signs that a model belongs to another machine, one sentence each. The error curves are compared elsewhere.
+/// Signs that a model belongs to another machine, one sentence each. Error curves are not compared here.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Differences {
-    /// Why the new model cannot be activated on this machine; `None` if it can.
+    /// Why the new model cannot be activated on this machine; `None` if there is no such reason.
     pub refusal: Option<String>,
     /// Differences that an operator must confirm, however small the change of the correction.
     pub to_confirm: Vec<String>,
 }
 
-/// Compares a model with the one that it replaces, which the sentences name `before`, such as "the active model". A different structure must be confirmed but is not refused: the earlier model
-/// may have been wrong (GUARD rule 13 covers structures as well).
+/// Compares a model with the model that it replaces, which the sentences name `before`, such as "the active model". A
+/// different structure needs confirmation but is not refused, because the earlier model may have been wrong (GUARD rule
+/// 13 covers structures as well).
 pub(crate) fn differences(new: &Machine, in_force: &Machine, before: &str) -> Differences {
     let letters = |machine: &Machine| {
         let mut letters: Vec<AxisName> = machine.axes().iter().map(|axis| axis.name).collect();

@@ -44,13 +44,10 @@ pub enum GatewayError {
     /// A file with a secret is unreadable, or readable by other users.
     #[error(transparent)]
     Private(#[from] PrivateError),
-    /// A file cannot be read.
     #[error("{file}: cannot be read: {source}")]
     Read { file: String, source: io::Error },
-    /// A device cannot be opened.
     #[error(transparent)]
     Device(DeviceError),
-    /// The control thread cannot be started.
     #[error(transparent)]
     Start(#[from] StartError),
     #[error("{device}: a barrier cannot be set to these limits: {source}")]
@@ -117,8 +114,8 @@ impl GatewayError {
         Self::Failed(Failure { what, status: 1 })
     }
 
-    /// Error for a configuration that does not give the address of a running gateway. It names the
-    /// option that replaces the file.
+    /// Error for a configuration that does not give the address of a running gateway. The message names the option
+    /// `--listen`, which replaces the file.
     pub fn running_without(source: &Self) -> Self {
         Self::invalid(format!(
             "{source}; a running gateway is also reached without this file: --listen ADDRESS, its address and port"

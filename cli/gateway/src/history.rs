@@ -1,7 +1,7 @@
 //! The history of a month: one point a minute, in memory and in two files of the audit folder.
 //!
-//! A thread owns the files: the service hands it each complete minute and never waits. A line of a file is a JSON list: the names of the
-//! columns (at each start), or the time, the state and the values of one minute.
+//! A thread owns the files. The service passes each complete minute to the thread and never waits. A line of a file is
+//! a JSON list: the names of the columns (at each start), or the time, the state and the values of one minute.
 
 use std::{
     collections::VecDeque,
@@ -26,18 +26,18 @@ use crate::{
 /// Maximum length of the history, s.
 pub(crate) const MAX_SPAN_S: u32 = 30 * 86_400;
 const MINUTE_S: i64 = 60;
-/// Number of minutes in [`MAX_SPAN_S`]. A file with as many lines is closed and the next one started.
+/// Number of minutes in [`MAX_SPAN_S`]. A file with this many lines is closed, and the next one is started.
 const MAX_POINTS: usize = 30 * 24 * 60;
-/// Maximum number of points in a response; one more where the ends of the span cut a point.
+/// Maximum number of points in a response. A span that starts inside a point has one more.
 const MAX_BUCKETS: u32 = 600;
-/// Larger files are ignored as not being a history: 64 sensors and 9 axes need less than 1 kB for each point.
+/// Larger files are ignored. 64 sensors and 9 axes need less than 1 kB for each point, so a larger file is no history.
 const MAX_FILE_BYTES: u64 = 64 << 20;
 /// Maximum number of minutes queued while the disk hangs; further ones are dropped.
 const MAX_QUEUED: usize = 64;
 const CURRENT: &str = "history.jsonl";
 const OLD: &str = "history.1.jsonl";
 
-/// How the values of a column are combined over time.
+/// How values of a column are combined over time.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Rule {
     Mean,
@@ -72,7 +72,7 @@ fn whole(s: f64) -> i64 {
     i64::try_from(since.as_secs()).unwrap_or_default()
 }
 
-/// The quantities of a point, in the order of its values: errors, corrections of each axis, temperatures.
+/// The quantities of a point, in the order of its values: errors, then corrections of each axis, then temperatures.
 #[derive(Debug)]
 pub(crate) struct Columns {
     axes: Vec<AxisName>,
@@ -102,7 +102,7 @@ impl Columns {
         errors.chain(corrections).chain(sensors).collect()
     }
 
-    /// The values of a point of the fine history; NaN: unknown.
+    /// The values of a single state; NaN: unknown.
     fn values(&self, point: &HistoryPoint) -> Vec<f32> {
         let value = |value: Option<f64>| value.map_or(f32::NAN, single);
         let errors =
@@ -117,7 +117,7 @@ impl Columns {
         errors.chain(corrections).chain(sensors).map(value).collect()
     }
 
-    /// The point of a document; `at_s` is its time since the start of the control thread.
+    /// Converts a minute to a point of a response; `at_s` is its time since the start of the control thread, s.
     fn point(&self, minute: &Minute, at_s: f64) -> HistoryPoint {
         let known = |index: usize| {
             let value = minute.values.get(index).copied().map(f64::from);
@@ -159,7 +159,7 @@ impl Columns {
     }
 }
 
-/// Converts a state to a point of the fine history.
+/// Converts a state to a point.
 pub(crate) fn point_of(status: &Status) -> HistoryPoint {
     let length =
         |v: Option<[f64; 3]>| v.map(|v| round(v.iter().map(|x| x * x).sum::<f64>().sqrt()));
@@ -182,7 +182,7 @@ pub(crate) fn point_of(status: &Status) -> HistoryPoint {
     point
 }
 
-/// Removes the residual from a point without applied correction, where it equals the error.
+/// Removes the residual from a point without applied correction, where the residual equals the error.
 pub(crate) fn without_idle_residual(mut point: HistoryPoint) -> HistoryPoint {
     let mut corrections = (point.correction_um.values()).chain(point.correction_urad.values());
     if corrections.all(|correction| *correction == 0.0) {
@@ -191,7 +191,7 @@ pub(crate) fn without_idle_residual(mut point: HistoryPoint) -> HistoryPoint {
     point
 }
 
-/// The combined values of one minute, or of several.
+/// The combined values of one minute or of several.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Minute {
     /// Start, s since 1970.
@@ -251,7 +251,8 @@ impl Bucket {
         Minute { at_s, state: self.state(), values: (0..self.rules.len()).map(value).collect() }
     }
 
-    /// The most frequent state. `Faulted` and `Unknown` take precedence however short they were, so that a long span still shows them.
+    /// The most frequent state. However short, `Faulted` and `Unknown` take precedence, so that a long span still shows
+    /// them.
     fn state(&self) -> StateName {
         let states = StateName::ALL.into_iter().zip(self.states);
         let weight = |(state, count): &(StateName, u32)| {
@@ -268,8 +269,9 @@ impl Bucket {
 pub(crate) struct Minutes(VecDeque<Minute>);
 
 impl Minutes {
-    /// Inserts a minute in the order of time; it replaces a known one of the same time. Beyond [`MAX_POINTS`] the first or the last minute is
-    /// dropped, whichever is further from the inserted one, so that a wrong clock or a damaged line costs no more than its own minutes.
+    /// Inserts a minute in the order of time, replacing a minute of the same time. Beyond [`MAX_POINTS`] the first or
+    /// the last minute is dropped, whichever is further from the inserted one. A wrong clock or a damaged line thus
+    /// displaces only its own minutes.
     fn push(&mut self, minute: Minute) {
         let at_s = minute.at_s;
         let place = self.0.partition_point(|known| known.at_s < at_s);
@@ -288,7 +290,7 @@ impl Minutes {
     }
 }
 
-/// Collects the states of the current minute, and passes complete minutes to the thread of the files.
+/// Collects the states of the current minute, and passes complete minutes to the thread that writes the files.
 pub(crate) struct Recorder {
     columns: Arc<Columns>,
     minutes: Arc<Mutex<Minutes>>,
@@ -318,13 +320,13 @@ impl Recorder {
         Ok(Self { columns, minutes, current: None, files })
     }
 
-    /// Adds a state at a time (s since 1970).
+    /// Adds a state at the time `now_s`, s since 1970.
     pub(crate) fn add(&mut self, now_s: f64, point: &HistoryPoint) {
         let at_s = whole(now_s).div_euclid(MINUTE_S) * MINUTE_S;
         if let Some((begun_s, bucket)) = &self.current
             && *begun_s != at_s
         {
-            // A disk that hangs shortens the history; nothing waits for it.
+            // The minute is dropped if the queue is full: a disk that hangs shortens the history and delays nothing.
             let _ = self.files.try_send(bucket.minute(*begun_s));
             self.current = None;
         }
@@ -334,8 +336,8 @@ impl Recorder {
         bucket.add(state, &self.columns.values(point));
     }
 
-    /// The columns, the stored minutes and the current minute, as [`over`] needs them. The caller can release the recorder before it combines the
-    /// minutes.
+    /// The columns, the stored minutes and the current minute: the arguments of [`over`]. The caller can release the
+    /// recorder before it combines the minutes.
     pub(crate) fn parts(&self) -> (Arc<Columns>, Arc<Mutex<Minutes>>, Option<Minute>) {
         let current = self.current.as_ref();
         let current = current.map(|(at_s, bucket)| bucket.minute(*at_s));
@@ -343,8 +345,9 @@ impl Recorder {
     }
 }
 
-/// The points of the last `span_s`, one for each step, and the step, s. There are at most [`MAX_BUCKETS`] points, or one more where the ends of
-/// the span cut a point. Times are s since 1970; `start_s` is that of the start of the control thread.
+/// The points of the last `span_s` seconds, one for each step, and the step, s. There are at most [`MAX_BUCKETS`]
+/// points, or one more if the span starts inside a point. `now_s` and `start_s`, the start of the control thread, are s
+/// since 1970.
 pub(crate) fn over(
     columns: &Columns,
     minutes: &Mutex<Minutes>,
@@ -363,7 +366,7 @@ pub(crate) fn over(
     };
     let minutes = locked(minutes);
     let shown = minutes.0.iter().chain(current);
-    // Buckets begin at multiples of their length, so that a point keeps its value while time goes on.
+    // Buckets begin at multiples of their length, so that a point keeps its value as time passes.
     let shown = shown.filter(|minute| minute.at_s > from - step && minute.at_s as f64 <= now_s);
     for minute in shown {
         let at_s = minute.at_s.div_euclid(step) * step;
@@ -389,7 +392,7 @@ struct FilesThread {
     minutes: Arc<Mutex<Minutes>>,
 }
 
-/// Lines of a file: all, those that are damaged, and whether the last one is incomplete.
+/// Number of lines of a file, number of damaged lines, and whether the last line is incomplete.
 #[derive(Debug, Default, PartialEq)]
 struct FileState {
     rows: usize,
@@ -451,7 +454,7 @@ impl FilesThread {
 
     fn parse(&self, bytes: &[u8], into: &mut Minutes) -> FileState {
         let names = self.columns.names();
-        // Index among the present columns of each column of the file; `None`: the column no longer exists.
+        // For each column of the file, its index among the present columns; `None`: the column no longer exists.
         let mut places: Vec<Option<usize>> = Vec::new();
         let mut found = FileState {
             ends_torn: bytes.last().is_some_and(|last| *last != b'\n'),
@@ -552,7 +555,7 @@ mod tests {
         }
     }
 
-    /// Records these minutes, each with two states, and returns once they are in the ring.
+    /// Records `minutes` minutes, each with two states, and returns once they are in the ring.
     fn record(dir: &Path, from_s: i64, minutes: i64, before: usize) -> Recorder {
         let mut recorder = Recorder::start(dir, columns()).expect("a thread");
         wait_for(&recorder.minutes, before);
@@ -642,7 +645,7 @@ mod tests {
         let recorder = record(dir.path(), NOON_S + 600, 3, 4);
         assert_eq!(locked(&recorder.minutes).0.len(), 6);
         drop(recorder);
-        // Garbage in the middle costs its lines only.
+        // Garbage in the middle of a file costs only its own lines.
         let text = fs::read_to_string(&file).expect("written");
         let line = text.lines().nth(2).expect("a line").to_owned();
         fs::write(&file, text.replacen(&line, "[1,\u{0}", 1)).expect("writable");

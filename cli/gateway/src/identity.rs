@@ -18,8 +18,8 @@ use crate::{
     documents::{ConfirmedLimits, LimitChanges, Question},
 };
 
-/// Keys of `[guard]` that need confirmation: limits, rates, accelerations, hold and ramp times, and the thresholds
-/// below which no confirmation is needed.
+/// Keys of `[guard]` whose changes need confirmation: limits, rates, accelerations, hold and ramp times, and the
+/// thresholds of confirmation.
 const CONFIRMED_KEYS: [&str; 17] = [
     "limit_um",
     "slew_um_per_s",
@@ -40,21 +40,20 @@ const CONFIRMED_KEYS: [&str; 17] = [
     "stop_s",
 ];
 
-/// Key of the maximum step of the tool tip with which a rotary axis is corrected. It determines which axes correct.
+/// Key of the tool-tip step above which a rotary axis is not corrected. It determines which axes are corrected.
 const ROTARY_STEP: &str = "rotary_step_um";
 
-/// Offset of all temperatures, K, below and above the current ones, at which two models are
-/// compared in addition.
+/// Two models are also compared at temperatures shifted by this amount below and above the current ones, K.
 const SHIFT_K: f64 = 10.0;
 
-/// End of the key of a controller that is corrected by thermal terms only; other controllers have no such entry.
+/// End of the key of a controller to which only thermal terms are applied; other controllers have no such entry.
 const ONLY_THERMAL: &str = ".terms = [\"thermal\"]";
 
 /// Tables that decide which axes of which control are read and written, and which sensors are read.
 const CONFIRMED_TABLES: [&str; 2] = ["controller", "thermometer"];
 
-/// The limits of a configuration and its controllers and thermometers by key; empty without `[guard]`. An unlimited acceleration has no
-/// entry.
+/// The limits of a configuration, and its controllers and thermometers, by key; empty without `[guard]`. An unlimited
+/// acceleration has no entry.
 pub(crate) fn limits(config: &Config) -> ConfirmedLimits {
     let Some(guard) = &config.guard else {
         return ConfirmedLimits::new();
@@ -76,7 +75,7 @@ pub(crate) fn limits(config: &Config) -> ConfirmedLimits {
     limits
 }
 
-/// Adds an entry for each value below a key. One that is not a number is part of its key, and the entry is 1.
+/// Adds an entry for each value below a key. A value that is not a number becomes part of the key, with the entry 1.
 fn add_values(entries: &mut ConfirmedLimits, key: String, value: &Value) {
     if let Value::Object(table) = value {
         for (name, value) in table {
@@ -89,7 +88,7 @@ fn add_values(entries: &mut ConfirmedLimits, key: String, value: &Value) {
     }
 }
 
-/// The limits that differ: old and new value; `None` if one has no entry.
+/// The limits that differ, as old and new value; `None`: that configuration has no such entry.
 pub(crate) fn changes(old: &ConfirmedLimits, new: &ConfirmedLimits) -> LimitChanges {
     let keys: BTreeSet<&String> = old.keys().chain(new.keys()).collect();
     keys.into_iter()
@@ -105,7 +104,7 @@ pub(crate) struct Judge {
     pub running: Model,
     /// The controllers: the axes that each one writes, and the steps of their corrections.
     pub controllers: Vec<Description>,
-    /// A rotary axis whose step moves the tool tip by more than this is not corrected.
+    /// Tool-tip step above which a rotary axis is not corrected.
     pub rotary_step: Um,
     /// Largest change of a linear axis that needs no confirmation, µm.
     pub confirm_um: f64,
@@ -113,20 +112,22 @@ pub(crate) struct Judge {
     pub confirm_urad: Option<f64>,
     /// Hash that the operator has confirmed for the new model; `None`: nothing was confirmed.
     pub confirmed: Option<String>,
-    /// While armed: the model from which unconfirmed changes of a reload are measured, so that small ones cannot add up.
+    /// While armed: the model that an operator confirmed last. Unconfirmed changes of a reload are measured from it, so
+    /// that small changes cannot add up.
     pub confirmed_model: Option<Arc<Model>>,
     /// Name of the replaced model in the texts of differences, such as "the active model".
     pub before: &'static str,
 }
 
 impl Judge {
-    /// Returns the largest change of the correction if `new` replaces `old`, and the question that must be confirmed,
-    /// if any. Takes the maximum over:
-    /// - the reference temperature;
+    /// Returns the largest change of the correction if `new` replaces `old`, and the question to confirm, if any. The
+    /// change is the maximum over:
+    /// - the reference temperature, which is used for a sensor without a reading;
     /// - the steady state at the current temperatures and at ±[`SHIFT_K`] from them, because a changed thermal term has
-    ///   no effect at the reference temperature, which stands for a sensor without a reading;
+    /// no effect at the reference temperature;
     /// - the present state, with the lags of the running model;
-    /// - if [`ONLY_THERMAL`] changes for a controller, the models without errors on the side where it is listed.
+    /// - if [`ONLY_THERMAL`] changes for a controller, the models as this controller applies them, without errors where
+    /// it applies thermal terms only.
     pub(crate) fn judged(
         &self,
         [old, new]: [&Model; 2],
@@ -167,9 +168,9 @@ impl Judge {
         let differences = self.differences([old, new]);
         let is_small = !moves && limits.is_empty() && differences.is_empty();
         let is_confirmed = self.confirmed.as_ref() == Some(&hash);
-        // A machine with other axes has an infinite change, which JSON cannot represent.
+        // If the new model has other axes, the change is infinite, which JSON cannot represent.
         let finite = |x: f64| x.is_finite().then_some(x);
-        // Without limits for rotary axes none is corrected, so none can move.
+        // Without limits for rotary axes no rotary axis is corrected, so none can move.
         let worst = [finite(worst_um), self.confirm_urad.and(finite(worst_urad))];
         if is_small || is_confirmed {
             return Judgement { worst, question: None, is_confirmed };
@@ -186,11 +187,13 @@ impl Judge {
         Judgement { worst, question: Some(question), is_confirmed }
     }
 
-    /// Signs that `new` belongs to another machine, one sentence each. They must be confirmed, however small the change.
+    /// Signs that `new` belongs to another machine, one sentence each. They need confirmation, however small the
+    /// change.
     fn differences(&self, [old, new]: [&Model; 2]) -> Vec<String> {
         match [old, new].map(|model| Machine::parse(&model.text, &model.name)) {
             [Ok(old), Ok(new)] => differences(&new, &old, self.before).to_confirm,
-            // Models write their texts from parsed machines, so this is a bug; a change of the correction is still judged.
+            // The texts of models are written from parsed machines, so this does not occur. The change of the
+            // correction is judged anyway.
             _ => Vec::new(),
         }
     }
@@ -198,15 +201,15 @@ impl Judge {
 
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Judgement {
-    /// Largest change of the correction, µm and µrad; `None`: infinite or, for rotary axes, not corrected.
+    /// Largest change of the correction, µm and µrad; `None`: infinite, or the rotary axes are not corrected.
     pub(crate) worst: [Option<f64>; 2],
     pub(crate) question: Option<Question>,
-    /// Set if an operator confirmed this change by its hash.
+    /// True if an operator confirmed this change by its hash.
     pub(crate) is_confirmed: bool,
 }
 
-/// The old and new model as applied by a controller whose `terms` change: the errors are removed from each model under
-/// which the controller applies thermal terms only. `None` if the `terms` of no controller change.
+/// The old and the new model as applied by a controller whose `terms` change. A model under which the controller
+/// applies thermal terms only has no errors. `None` if no controller's `terms` change.
 fn with_terms(models: [&Model; 2], changes: &LimitChanges) -> Option<[Model; 2]> {
     let mut changes = changes.iter();
     let (_, only_thermal) = changes.find(|(key, _)| key.ends_with(ONLY_THERMAL))?;
@@ -221,7 +224,7 @@ fn with_terms(models: [&Model; 2], changes: &LimitChanges) -> Option<[Model; 2]>
     Some([old?, new?])
 }
 
-/// Hash that confirms a change: of the machine file, and of the new limits if limits change.
+/// Hash that confirms a change: of the machine file, and also of the new limits if limits change.
 fn hash(model: &Model, changes: &LimitChanges, limits: &ConfirmedLimits) -> String {
     if changes.is_empty() {
         return model.hash.clone();
@@ -300,9 +303,8 @@ mod tests {
         }
     }
 
-    /// Closed form: at the reference temperature a changed expansion coefficient has no effect yet; 10 K from it the
-    /// correction at 800 mm of X changes by 8 µm. The
-    /// same applies while the sensor is silent.
+    /// Closed form: at the reference temperature a changed expansion coefficient has no effect; at 10 K from it the
+    /// correction at X = 800 mm changes by 8 µm. While the sensor is silent the change is the same.
     #[test]
     fn another_expansion_is_a_question_at_the_reference_temperature() {
         let [old, new] = [11.5, 12.5].map(|k| {

@@ -82,7 +82,8 @@ pub fn init(mut arguments: InitArguments) -> Result<String, GatewayError> {
             file.write_all(first.text.as_bytes()).map_err(failed)
         });
     if let Err(error) = checked {
-        // The key was made for this configuration alone. The error matters more than a key that stays.
+        // The key was made for this configuration only. A failed removal of the key is ignored: the caller needs the
+        // first error.
         let _ = key_file.map(fs::remove_file);
         return Err(error);
     }
@@ -95,7 +96,7 @@ struct FirstText {
 }
 
 impl InitArguments {
-    /// Asks for the settings that no option gives. An empty answer takes the default.
+    /// Asks for the settings without an option. An empty answer selects the default.
     ///
     /// # Errors
     /// The machine file cannot be read, or the input ends before a question is answered.
@@ -195,7 +196,8 @@ impl InitArguments {
         Ok(FirstText { text, key_file: first.key_file })
     }
 
-    /// Path of the machine file, relative to the folder of the configuration if it is below it.
+    /// Path of the machine file: relative to the folder of the configuration if the file is below it, otherwise
+    /// absolute.
     fn machine_in_file(&self) -> String {
         let machine = self.machine.as_deref().unwrap_or(Path::new(""));
         let folder = self.config.parent().unwrap_or(Path::new(""));
@@ -219,7 +221,7 @@ fn add(text: &mut String, header: &str, settings: &[Setting]) {
     }
 }
 
-/// Asks a question. An empty answer takes the default; without a default the question is repeated.
+/// Asks a question. An empty answer selects the default; without a default the question is repeated.
 fn ask(
     input: &mut impl BufRead,
     output: &mut impl Write,

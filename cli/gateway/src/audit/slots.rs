@@ -18,7 +18,7 @@ use super::{is_at, replace_file};
 const SLOT: usize = 16 * 1024;
 const SLOTS: u64 = 2;
 
-/// A file with two slots. Nothing is created before the first [`keep`](Self::keep).
+/// A file with two slots. The file is created by the first [`keep`](Self::keep).
 pub(crate) struct Slots {
     path: PathBuf,
     open: Option<Open>,
@@ -34,8 +34,8 @@ impl Slots {
         Self { path, open: None }
     }
 
-    /// Writes a text and syncs it to disk. The first call allocates the file. Errors: the text is too long, the disk fails, or the disk is full
-    /// before the file is allocated.
+    /// Writes a text and syncs it to disk. The first call allocates the file. Errors: the text is too long, the disk
+    /// fails, or the disk is full before the file is allocated.
     pub(crate) fn keep(&mut self, text: &str) -> io::Result<()> {
         let mut open = match self.open.take() {
             // The file may have been removed or replaced.
@@ -47,7 +47,8 @@ impl Slots {
         let written = (open.file)
             .write_all_at(slot.as_bytes(), (count % SLOTS) * SLOT as u64)
             .and_then(|()| open.file.sync_data());
-        // After a failed write the same slot is written again: the other one holds the last intact text.
+        // After a failed write the next call writes the same slot again, because the other slot holds the last intact
+        // text.
         if written.is_ok() {
             open.count = count;
         }
@@ -60,8 +61,8 @@ impl Slots {
         is_at(file, &self.path) && length.is_ok_and(|length| length == SLOTS * SLOT as u64)
     }
 
-    /// Opens the file. A missing file or one of another size is created completely under a temporary name and then
-    /// renamed.
+    /// Opens the file. If the file is missing or has another size, it is created completely under a temporary name and
+    /// then renamed.
     fn take_room(&self, text: &str) -> io::Result<Open> {
         let kept = fs::read(&self.path).unwrap_or_default();
         let whole = kept.len() as u64 == SLOTS * SLOT as u64;
@@ -91,7 +92,7 @@ fn checksum(content: &str) -> String {
     volcomp_model::hexadecimal(&Sha256::digest(content.as_bytes()))
 }
 
-/// The intact text with the largest counter, and that counter; `None` if no slot is intact.
+/// The intact text with the largest counter, and its counter; `None` if no slot is intact.
 pub(crate) fn latest(file: &str) -> Option<(u64, &str)> {
     let whole = file.lines().filter_map(|line| {
         let (sum, content) = line.trim_end().split_once(' ')?;

@@ -18,7 +18,7 @@ use volcomp_port::Clock;
 use super::{AuditLog, Entry, replace_file, slots::Slots};
 
 const MAX_QUEUED: usize = 256;
-/// The disk is treated as not responding when one record or file takes longer than this.
+/// Time after which the disk counts as not responding, for one record or one file.
 const WRITE_TIMEOUT: Duration = Duration::from_secs(1);
 
 pub(crate) const RETRY_INTERVAL: Duration = Duration::from_millis(100);
@@ -47,11 +47,11 @@ struct Health {
     begun_ns: AtomicU64,
 }
 
-/// Receives whether a record or file was written.
+/// Receives the result of writing a record or file.
 pub struct Receipt(Option<Receiver<bool>>);
 
 impl Receipt {
-    /// Whether the record was written; `None` while the write is pending.
+    /// True if the record or file was written; `None` while the write is pending.
     pub fn written(&self) -> Option<bool> {
         let Some(receiver) = &self.0 else {
             return Some(false);
@@ -91,7 +91,7 @@ impl AuditWriter {
         Ok(Self { tasks, health, retried: Duration::ZERO })
     }
 
-    /// Queues a record. If the queue is full, the record is counted as lost in the next one.
+    /// Queues a record. If the queue is full, the record is lost, and the next written record counts it.
     pub fn record(&self, entry: Entry) -> Receipt {
         let (tell, receipt) = sync_channel(1);
         let is_queued = self.queue_task(Task::Record(Box::new(entry), tell));
@@ -101,8 +101,8 @@ impl AuditWriter {
         Receipt(is_queued.then_some(receipt))
     }
 
-    /// If records were lost and no task is pending, queues a record at most every `RETRY_INTERVAL` to test whether the log is
-    /// writable again. That record states the number of lost records.
+    /// Queues a record that tests whether the log is writable again, if records were lost and no task is pending; at
+    /// most once per `RETRY_INTERVAL`. The record states the number of lost records.
     pub fn retry(&mut self, entry: impl FnOnce() -> Entry) {
         let health = &self.health;
         let missing =
@@ -122,7 +122,8 @@ impl AuditWriter {
         Receipt(is_queued.then_some(receipt))
     }
 
-    /// Queues the text of `standing.slots`. After the first write its file is allocated, so that later writes succeed on a full disk.
+    /// Queues the text of `standing.slots`. The first write allocates the file, so that later writes succeed on a full
+    /// disk.
     pub fn keep_standing(&self, text: String) -> Receipt {
         let (tell, receipt) = sync_channel(1);
         let is_queued = self.queue_task(Task::KeepStanding(text, tell));
@@ -138,7 +139,7 @@ impl AuditWriter {
         is_queued
     }
 
-    /// Why records may be missing; `None` while the writer keeps up.
+    /// Why records may be missing; `None` if the writer works and no record is lost.
     pub fn trouble(&self) -> Option<&'static str> {
         let health = &self.health;
         if health.fails.load(Ordering::Relaxed) {
@@ -152,7 +153,7 @@ impl AuditWriter {
         }
     }
 
-    /// Waits at most `patience` until all tasks are complete. Returns false if some are not.
+    /// Waits at most `patience` until all tasks are complete. Returns false if a task is still pending.
     pub fn settle(&self, patience: Duration) -> bool {
         let end = Instant::now() + patience;
         while self.health.open.load(Ordering::Relaxed) > 0 {
@@ -187,7 +188,7 @@ impl WriterThread {
             Task::Record(entry, tell) => {
                 let _ = tell.try_send(self.write(&entry, 1));
             }
-            // The retry record itself is not counted as lost if it fails.
+            // A retry record that fails is not counted as lost.
             Task::Again(entry) => {
                 self.write(&entry, 0);
             }
@@ -208,7 +209,7 @@ impl WriterThread {
         }
     }
 
-    /// Writes an entry and returns whether it was written. If not, `loss` is added to the number of lost records.
+    /// Writes an entry and returns whether it was written. A failure adds `loss` to the number of lost records.
     fn write(&mut self, entry: &Entry, loss: u64) -> bool {
         let lost = self.health.lost.swap(0, Ordering::Relaxed);
         let written = self.log.write(entry, lost);

@@ -84,8 +84,8 @@ impl Default for GuardTable {
     }
 }
 
-/// The settings of the axes of one kind. A missing key takes its default; the default test shift is
-/// at most `limit`.
+/// The settings of the axes of one kind. The default of `accel` is unlimited; `warn` and `confirm` default to `limit`;
+/// `test_shift` defaults to `default_shift`, but at most `limit`.
 fn axes(
     limit: f64,
     slew_per_s: f64,
@@ -220,7 +220,7 @@ impl GuardTable {
         for key in ["limit_um", "slew_um_per_s", "hold_ms", "zero_after_ms"] {
             found.require("guard", key);
         }
-        // A missing or invalid limit must not restrict the valid range of the other keys.
+        // A missing or invalid limit must not restrict the valid ranges of the other keys.
         let above = |limit: f64| if limit > 0.0 { limit } else { f64::INFINITY };
         let most_um = ceiling::LIMIT.0 * 1e3;
         let most_urad = ceiling::LIMIT_ROTARY.0 * 1e6;
@@ -260,7 +260,7 @@ impl GuardTable {
             ("temperature_stuck_s", 0.0..=1e7),
             ("temperature_neighbours_k", 0.1..=1000.0),
         ] {
-            // JSON cannot represent non-finite numbers: the document has null.
+            // JSON represents a non-finite number as null.
             let number = keys.get(key).and_then(serde_json::Value::as_f64);
             found.range(&format!("guard.{key}"), number.unwrap_or(f64::NAN), range);
         }

@@ -10,7 +10,7 @@ use volcomp_tables::{
 
 use crate::error::GatewayError;
 
-/// Maximum timeout after which a control without a sender ramps to zero, s.
+/// Maximum time after the last frame until a control ramps to zero, s.
 const LONGEST_SILENCE_S: f64 = 60.0;
 
 /// The configuration of a map sender.

@@ -43,7 +43,7 @@ const ROOT_KEYS: [&str; 12] = [
     "opc_ua",
 ];
 
-/// Message about a key of earlier versions: what to write instead. `None` for other keys.
+/// Message about a key of earlier versions, with its replacement. `None` for other keys.
 fn replaced(key: &str) -> Option<&'static str> {
     match key {
         "several" => Some(
@@ -59,7 +59,7 @@ fn replaced(key: &str) -> Option<&'static str> {
     }
 }
 
-/// The configuration of a gateway. Paths are resolved against the folder of the file; the fields are the keys of the
+/// The configuration of a gateway. Paths are resolved against the folder of the file. The fields are the keys of the
 /// file.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -78,9 +78,9 @@ pub struct Config {
     pub configured_machine: PathBuf,
     /// Cycle time, ms.
     pub cycle_ms: f64,
-    /// Whether the gateway arms automatically once no condition prevents it.
+    /// True if the gateway arms automatically as soon as no condition prevents it.
     pub auto_arm: bool,
-    /// Limits of the axes; without them the gateway does not arm.
+    /// Limits of the axes; `None`: the gateway does not arm.
     pub guard: Option<GuardTable>,
     /// Controllers in order of preference; empty: the built-in simulation.
     #[serde(rename = "controller")]
@@ -125,8 +125,8 @@ impl Default for Config {
     }
 }
 
-/// The text of a configuration and the position of each key. All values compare equal, so that comments and order do
-/// not affect the comparison of configurations.
+/// The text of a configuration and the position of each key. All values compare equal, so that comments and the order
+/// of keys do not affect the comparison of configurations.
 #[derive(Clone, Debug, Default)]
 pub struct Source {
     document: Option<Document>,
@@ -140,16 +140,16 @@ impl PartialEq for Source {
 }
 
 impl Source {
-    /// Whether the file states a key, such as `controller[0].url`.
+    /// True if the file states a key, such as `controller[0].url`.
     pub fn states(&self, key: &str) -> bool {
         self.places.contains_key(key)
     }
 
-    /// An error at a key; if the file does not state the key, at the table that contains it.
+    /// Creates an error at a key, or at the table that contains the key if the file does not state it.
     pub fn error(&self, file: &str, key: &str, message: String) -> InputError {
         match &self.document {
             Some(document) => document.error_at(&self.places, key, message),
-            // The configuration was built in code, without a file.
+            // The configuration was created in code, without a file.
             None => InputError {
                 file: file.to_owned(),
                 line: 1,
@@ -161,7 +161,7 @@ impl Source {
         }
     }
 
-    /// Line of a key; `None` if the file does not state it.
+    /// Line of a key, from 1; `None` if the file does not state the key.
     pub fn line(&self, key: &str) -> Option<usize> {
         let stated = self.states(key).then_some(self.document.as_ref()?);
         stated.map(|document| document.error_at(&self.places, key, "").line)
@@ -200,11 +200,11 @@ pub(crate) fn is_blank(name: &str) -> bool {
 }
 
 impl Config {
-    /// Reads a configuration file. A model activated by the operator or the centre replaces the configured machine
+    /// Reads a configuration file. A model activated by the centre or the operator replaces the configured machine
     /// file.
     ///
     /// # Errors
-    /// The file cannot be read, or it is invalid: every error with file, line and key.
+    /// The file cannot be read, or is invalid: every error with file, line and key.
     pub fn read(path: &Path) -> Result<Self, GatewayError> {
         let folder = path.parent().unwrap_or(Path::new(""));
         let document = Document::read(path)?;
@@ -251,7 +251,7 @@ impl Config {
         self.dashboard.join(folder);
     }
 
-    /// Fills in the defaults that follow from other keys and the defaults of the drivers.
+    /// Completes the defaults that follow from other keys, and the defaults of the drivers.
     fn complete(&mut self, folder: &Path) {
         if let Some(guard) = &mut self.guard {
             guard.complete();
@@ -284,13 +284,12 @@ impl Config {
         GatewayError::Plan { file, source }
     }
 
-    /// Folder of the audit log.
     pub fn audit_dir(&self) -> &Path {
         &self.audit.dir
     }
 
-    /// Sets the active machine file: that of the centre, else the one activated by an operator, else the configured
-    /// one. A damaged file is skipped and logged.
+    /// Sets the active machine file: the one activated by the centre, else by an operator, else the configured one. A
+    /// damaged file is logged and skipped.
     pub(crate) fn with_machine_in_force(mut self) -> Self {
         self.machine.clone_from(&self.configured_machine);
         // The built-in simulation has its own machine file.
@@ -416,7 +415,7 @@ impl Default for OpcUaConfig {
 }
 
 impl DashboardConfig {
-    /// Whether reading requires a token; on the loopback interface it does not.
+    /// True if reading requires a token: on every interface but loopback.
     pub(crate) fn reading_needs_token(&self) -> bool {
         !self.listen.ip().is_loopback()
     }
@@ -426,7 +425,7 @@ impl FleetConfig {
     /// Site and machine name in the fleet.
     ///
     /// # Errors
-    /// A name is not valid in a message subject; this cannot occur in a configuration that was read from a file.
+    /// A name is invalid in a message subject. This cannot occur in a configuration that was read from a file.
     pub fn identity(&self) -> Result<Identity, IdError> {
         Ok(Identity { site: self.site.parse()?, machine: self.machine.parse()? })
     }

@@ -1,4 +1,4 @@
-//! Validation rules of a configuration. Each checks the whole file, so that all errors are reported at once.
+//! Validation rules of a configuration. Every rule is checked, so that all errors are reported at once.
 
 use std::net::SocketAddr;
 

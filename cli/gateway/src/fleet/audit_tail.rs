@@ -1,5 +1,5 @@
-//! The audit-log records that have not been sent to the centre, read from the log files: only records on disk are sent,
-//! in log order.
+//! The audit-log records that have not been sent to the centre. They are read from the log files, so only records on
+//! disk are sent, in log order.
 
 use std::{
     collections::VecDeque,
@@ -29,14 +29,13 @@ struct LogPosition {
     offset: u64,
 }
 
-/// Follows the log while another thread writes it, and remembers how far it has been read and sent.
+/// Follows the log while another thread writes it, and stores the position up to which it was sent.
 pub(super) struct AuditTail {
     folder: PathBuf,
     cursor_file: PathBuf,
     sent: Cursor,
     written: Cursor,
-    /// Next read position; `None` before the first read, which searches for the record of the cursor and continues
-    /// after it.
+    /// Next read position; `None` before the first read, which continues after the record of the cursor.
     place: Option<LogPosition>,
     lines: VecDeque<AuditLine>,
 }
@@ -55,7 +54,7 @@ impl AuditTail {
         }
     }
 
-    /// The next record to send; unchanged until [`done`](Self::done).
+    /// The next record to send. It stays the same until [`done`](Self::done).
     pub(super) fn first(&mut self) -> Option<&AuditLine> {
         if self.lines.is_empty() {
             self.read();
@@ -63,14 +62,14 @@ impl AuditTail {
         self.lines.front()
     }
 
-    /// Marks the record returned by [`first`](Self::first) as stored at the server.
+    /// Marks the record returned by [`first`](Self::first) as stored at the server, and removes it.
     pub(super) fn done(&mut self) {
         if let Some(line) = self.lines.pop_front() {
             self.sent.checksum = line.checksum;
         }
     }
 
-    /// Saves the cursor. A record sent twice after a crash has the same checksum.
+    /// Saves the cursor. After a crash the last records may be sent again; their checksums identify them.
     pub(super) fn keep(&mut self) {
         if self.sent == self.written {
             return;
@@ -90,8 +89,8 @@ impl AuditTail {
         let Some(mut place) = self.place.or_else(|| self.find_position(&files)) else {
             return;
         };
-        // The file was rotated away and its unread records are lost; the centre detects the gap by their sequence
-        // numbers.
+        // The file is no longer among the kept files, so its unread records are lost. The centre detects the gap by
+        // their sequence numbers.
         let mut index =
             (files.iter()).position(|(_, inode)| *inode == place.inode).unwrap_or_else(|| {
                 place.offset = 0;
@@ -116,8 +115,8 @@ impl AuditTail {
         self.place = Some(place);
     }
 
-    /// The position after the last record sent. If that record is not found, the start of the oldest file; if nothing
-    /// was ever sent, the start of the current file.
+    /// The position after the last record sent. If that record is not found: the start of the oldest file. If no record
+    /// was ever sent: the start of the current file.
     fn find_position(&self, files: &[(PathBuf, u64)]) -> Option<LogPosition> {
         let (_, current) = files.last()?;
         if self.sent.checksum.is_empty() {
@@ -129,7 +128,7 @@ impl AuditTail {
                 let (lines, read) = lines_at(path, &mut at);
                 let mut end = at;
                 for line in &lines {
-                    // A checksum, a space, the record and a line feed.
+                    // Length of a line: the checksum, a space, the record and a line feed.
                     end += (line.checksum.len() + line.record.len() + 2) as u64;
                     if line.checksum == self.sent.checksum {
                         return Some(LogPosition { inode: *inode, offset: end });
@@ -147,7 +146,7 @@ impl AuditTail {
 }
 
 /// The complete lines of a file from an offset, up to [`PIECE`] bytes, and their length in bytes. An offset beyond the
-/// end, left by a record that was cut off, is set to the end.
+/// end, which remains after a torn record was cut off, is set to the end.
 fn lines_at(path: &Path, offset: &mut u64) -> (Vec<AuditLine>, u64) {
     let mut piece = || -> std::io::Result<Vec<u8>> {
         let mut file = File::open(path)?;
@@ -161,7 +160,7 @@ fn lines_at(path: &Path, offset: &mut u64) -> (Vec<AuditLine>, u64) {
     let is_full = bytes.len() as u64 == PIECE;
     let end = match bytes.iter().rposition(|byte| *byte == b'\n') {
         Some(last) => last + 1,
-        // Longer than any record: skip these bytes.
+        // No record is this long: skip these bytes.
         None if is_full => bytes.len(),
         None => 0,
     };
@@ -201,7 +200,8 @@ mod tests {
         whats
     }
 
-    /// Across rotations and restarts each record is returned once and in order, so the receiver can verify the chain.
+    /// Across rotations and restarts each record is returned once and in order, so that the receiver can verify the
+    /// hash chain.
     #[test]
     fn every_record_once_over_rotations_and_restarts() {
         let dir = tempfile::tempdir().expect("writable");

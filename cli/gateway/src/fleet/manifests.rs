@@ -1,8 +1,8 @@
-//! Applies the manifests of the centre. A value of the machine's key is judged by signature, addressee and version,
-//! never by time. Manifests are activated one at a time: manifest to disk, machine file to disk, request to the
-//! service, then the activation to disk.
+//! Applies the manifests of the centre. A value of the machine's key is judged by its signature, addressee and version,
+//! never by time. Manifests are activated one at a time, in four steps: store the manifest, store the machine file,
+//! request the activation from the service, store the activation.
 //!
-//! An order that forbids correcting takes effect before anything is written or fetched. Failures of the disk, the
+//! A manifest that forbids correcting takes effect before anything is written or fetched. Failures of the disk, the
 //! server or the cycle are retried; refusals are not.
 
 use std::{
@@ -35,9 +35,9 @@ use crate::{
 };
 
 const RETRY_INTERVAL: Duration = Duration::from_secs(2);
-/// Maximum number of queued values that change nothing; further ones are not answered.
+/// Maximum number of queued values that change nothing; further values are not answered.
 const MAX_OTHER_VALUES: usize = 4;
-/// Pause after a value that changes nothing, to limit the load if many arrive.
+/// Pause after a value that changes nothing. It limits the load if many values arrive.
 const PAUSE: Duration = Duration::from_millis(100);
 
 #[derive(Clone)]
@@ -63,7 +63,7 @@ enum JudgedValue {
     /// A manifest identical to the last accepted one.
     Again(Box<AcceptedManifest>),
     Refused {
-        /// Version of the manifest, as far as it can be parsed.
+        /// Version of the manifest; 0 if it cannot be parsed.
         version: u64,
         value_sha256: String,
         /// Signer, as recorded in the audit log.
@@ -159,7 +159,7 @@ impl ManifestReceiver {
                         .is_none_or(|newest| newest.desired.manifest == desired.manifest);
                 let version = manifest.as_ref().map_or(0, |manifest| manifest.version);
                 match manifest {
-                    // The signature was checked before the version.
+                    // Checking the version requires a valid signature, so the signature is valid here.
                     Some(manifest) if is_newest => {
                         let model = (desired.model.take())
                             .filter(|text| manifest.model.is(text.as_bytes()));
@@ -177,10 +177,10 @@ impl ManifestReceiver {
         }
     }
 
-    /// Ramps the correction to zero and forbids arming before the manifest has any other effect.
+    /// Ramps the correction to zero and forbids arming, before the manifest has any other effect.
     async fn disable(&self, judged: &AcceptedManifest) {
-        // Note it first: the activator runs on the same thread and may be activating an older version, which must not lift
-        // this order.
+        // Register the order first: the activator runs on the same thread and may be activating an older version, which
+        // must not lift this order.
         self.shared.forbid(judged.held.manifest.version);
         let key = &judged.held.desired.key;
         let mut sent = self.service.request(CentreOperation::Disable, who(key), None);
@@ -207,7 +207,7 @@ pub(super) fn in_words(outcome: &Outcome) -> String {
 
 struct RetryReason(String);
 
-/// Activates manifests, one at a time. `standing` and `active` are also in the folder.
+/// Activates manifests, one at a time. `standing` and `active` are also stored in the folder.
 pub(super) struct ManifestActivator {
     store: Store,
     service: Service,
@@ -222,7 +222,7 @@ pub(super) struct ManifestActivator {
     again: Instant,
     /// Damage found at start-up, until it is reported.
     damage: Option<String>,
-    /// The last refusal recorded in the audit log, so that a flood of equal refusals is recorded once.
+    /// The last refusal recorded in the audit log. A flood of equal refusals is thus recorded once.
     refusal: String,
 }
 
@@ -238,7 +238,7 @@ impl ManifestActivator {
             let manifest = &newest.manifest;
             shared.set_pace(manifest.condition_s, manifest.telemetry_s);
         }
-        // A gateway that stopped between acceptance and activation continues here.
+        // A manifest that was accepted but not activated before a stop continues here.
         let is_open = kept.standing.outcome.is_none();
         let current = kept.newest.filter(|_| is_open).map(|held| AcceptedManifest {
             held,
@@ -297,7 +297,7 @@ impl ManifestActivator {
         self.show(None);
     }
 
-    /// Answers a value that changes nothing: a repeated or a refused one.
+    /// Answers a value that changes nothing: a repeated or a refused manifest.
     fn answer(&mut self, other: JudgedValue) {
         match other {
             JudgedValue::New(new) => self.begin(*new),
@@ -306,7 +306,8 @@ impl ManifestActivator {
                     let outcome = outcome.clone();
                     self.acknowledge(self.standing.highest, again.value_sha256, outcome);
                 }
-                // The manifest dates from before the start, or its machine file was missing; this value may contain it.
+                // The manifest was accepted before a restart, or its machine file was missing; this value may contain
+                // the file.
                 (None, Some(current)) => {
                     current.value_sha256 = again.value_sha256;
                     current.model = again.model.or(current.model.take());
@@ -396,7 +397,7 @@ impl ManifestActivator {
         held.manifest.enable && !self.shared.is_forbidden_after(held.manifest.version)
     }
 
-    /// Ensures that the machine file is complete on disk. `Some`: the reason why it is unobtainable.
+    /// Ensures that the machine file is complete on disk. Returns the reason if the file is unobtainable.
     async fn store_machine(
         &self,
         held: &StoredManifest,
@@ -457,7 +458,7 @@ impl ManifestActivator {
         answered.await.map_err(|_| RetryReason("the gateway is stopping".to_owned()))
     }
 
-    /// Sends a request to record an event in the audit log, without waiting for the response.
+    /// Requests that the service records an event in the audit log, without waiting for the response.
     fn tell(&self, operation: CentreOperation, who: String) {
         if self.service.request(operation, who, None).is_err() {
             tracing::warn!("fleet: too many requests wait");
@@ -484,12 +485,12 @@ impl ManifestActivator {
     }
 
     fn acknowledge(&self, version: u64, value_sha256: String, outcome: Outcome) {
-        // After a restart the acknowledgement is sent when the value is received again.
+        // A manifest read from disk after a restart is acknowledged when its value is received again.
         if value_sha256.is_empty() {
             return;
         }
         let acknowledgement = Acknowledgement { version, value_sha256, outcome };
-        // The receiver ends only when the gateway ends.
+        // The receiver of acknowledgements ends only with the gateway.
         let _ = self.acknowledge.send(acknowledgement);
     }
 
@@ -501,7 +502,7 @@ impl ManifestActivator {
             state.enabled = !standing.disabled;
             state.outcome = standing.outcome.as_ref().map(in_words);
             state.trouble = trouble;
-            // A new manifest was accepted or activated: an earlier refusal is obsolete.
+            // A new manifest was accepted or activated, so an earlier refusal is obsolete.
             state.refused = None;
         });
     }
@@ -524,8 +525,8 @@ pub(super) async fn receive(
     activator: ManifestActivator,
 ) {
     let sender: MachineSender = link.sender();
-    // Unbounded: accepted manifests are signed by a trusted key with increasing versions, so they are few, and none may
-    // be lost.
+    // The channel is unbounded, because no accepted manifest may be lost. They are few: a trusted key has signed each,
+    // with increasing versions.
     let (accept, accepted) = mpsc::unbounded_channel();
     let (tell, others) = mpsc::channel(MAX_OTHER_VALUES);
     let receiving = async {

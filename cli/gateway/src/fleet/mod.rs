@@ -1,10 +1,11 @@
 //! The machine as a member of a fleet: it applies manifests from its centre, signed by trusted keys, and reports to the
 //! centre.
 //!
-//! One thread receives and activates manifests, the other sends reports. Neither touches the cycle:
-//! like the dashboard, they send requests to the service and read its published state. A disk that
-//! hangs delays neither the order to disarm nor the service. State: the folder of `store` and the
-//! queue of messages to the server.
+//! One thread receives and activates manifests, the other sends reports. Neither affects the cycle: like the dashboard,
+//! they send requests to the service and read its published state. A disk that hangs delays neither the order to disarm
+//! nor the service.
+//!
+//! State: the folder of `store` and the queue of messages to the server.
 
 use std::{
     io,
@@ -56,14 +57,14 @@ pub(crate) fn forbids(config: &Config) -> Reasons {
     Reasons::DISABLED_BY_CENTRE.when(config.fleet.as_ref().is_some_and(disabled))
 }
 
-/// The threads that receive manifests and send messages. Dropping it ends them.
+/// The threads that receive manifests and send messages. Dropping this value ends them.
 pub struct Fleet {
     stop: watch::Sender<bool>,
     threads: Vec<JoinHandle<()>>,
     _lock: std::os::unix::net::UnixListener,
 }
 
-/// Joins the fleet.
+/// Joins the fleet. Returns `None` if the configuration has no `[fleet]`.
 ///
 /// # Errors
 /// The folder cannot be created or is used by another gateway, or the operating system cannot create a thread.

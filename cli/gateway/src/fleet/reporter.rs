@@ -1,6 +1,6 @@
-//! Sends conditions, complete states, audit-log records and acknowledgements to the centre, each until the server has
-//! stored it. While the server is unreachable, messages are queued in memory and on disk, within limits. A disk that is
-//! full or hangs delays only this thread.
+//! Sends conditions, complete states, audit-log records and acknowledgements to the centre, and retries each until the
+//! server has stored it. While the server is unreachable, a limited number of messages is queued in memory and on disk.
+//! A disk that is full or hangs delays only this thread.
 
 use std::{
     path::PathBuf,
@@ -24,7 +24,7 @@ use crate::{documents::Status, interop::quantities::length};
 
 const POLL_INTERVAL: Duration = Duration::from_millis(200);
 const PAUSE: Duration = Duration::from_secs(1);
-/// Interval at which the cursor of the log is saved and a folder that could not be opened is retried.
+/// Interval at which the cursor of the log is saved, and at which opening the folder is retried after a failure.
 const SAVE_INTERVAL: Duration = Duration::from_secs(5);
 const MAX_WITHOUT_FOLDER: usize = 64;
 const END_TIMEOUT: Duration = Duration::from_secs(1);
@@ -44,8 +44,8 @@ impl Source {
     }
 }
 
-/// Pause and error after the last message of a lane. They are separate for each lane, because the server may refuse audit
-/// records and acknowledgements (their stream is full) while it accepts states.
+/// Pause and error after the last message of a lane. Each lane has its own, because the server may refuse audit records
+/// and acknowledgements (their stream is full) while it accepts states.
 struct Attempts {
     pause_until: Instant,
     trouble: Option<String>,
@@ -53,21 +53,20 @@ struct Attempts {
 
 type Sending = Pin<Box<dyn Future<Output = (Source, Result<(), LinkError>)> + Send>>;
 
-/// Sends messages to the centre: acknowledgements, records of the log, and states.
 pub(super) struct Reporter {
     store: Store,
     shared: Arc<Shared>,
     link: watch::Receiver<Option<MachineSender>>,
     log: AuditTail,
     spool: Option<Spool>,
-    /// Queued messages while the folder cannot be opened.
+    /// Messages queued while the folder cannot be opened.
     without_folder: Vec<Waiting>,
     dropped: u64,
-    /// The record being sent, in its envelope, so that a retry sends the same message.
+    /// The record being sent, in its envelope. A retry sends the same message.
     record: Option<Waiting>,
     instance: String,
-    /// Prefix of the message ids, secret: the server drops a message with an id that it has received in this site, and
-    /// pages show the instance.
+    /// Secret prefix of the message ids. The server drops a message whose id it has already received in this site, so
+    /// others must not be able to predict ids. The instance is no secret, because pages show it.
     ids: String,
     number: u64,
     begun: Instant,
@@ -247,10 +246,10 @@ impl Reporter {
         }
         for ((next, pace), is_due) in self.next.iter_mut().zip(pace).zip(is_due) {
             if is_due {
-                // Missed reports are not made up for.
+                // Missed reports are skipped.
                 *next = (*next + pace).max(now);
             }
-            // The interval may have been shortened.
+            // The manifest may have shortened the interval.
             *next = (*next).min(now + pace);
         }
     }
@@ -269,7 +268,7 @@ impl Reporter {
         }))
     }
 
-    /// The next message of the lanes that are not paused: acknowledgements first, then the log, then states.
+    /// The next message of the lanes that are not paused: acknowledgements first, then audit records, then states.
     fn next_message(&mut self) -> Option<(Source, Waiting)> {
         let now = Instant::now();
         for lane in [Lane::Kept, Lane::Passing] {
@@ -292,8 +291,8 @@ impl Reporter {
         None
     }
 
-    /// The next log record. A record sent again after a crash has a new number and therefore a new id: the server
-    /// stores it again, so that no number is missing, and the centre recognises it by its checksum.
+    /// The next audit record. A record sent again after a crash has a new number and therefore a new id: the server
+    /// stores it again, so that no number is missing, and the centre recognizes it by its checksum.
     fn next_record(&mut self) -> Option<Waiting> {
         if self.record.is_none() {
             let line = self.log.first()?.clone();
@@ -352,7 +351,7 @@ impl Reporter {
     }
 }
 
-/// Waits for the message being sent; without one it never returns.
+/// Waits for the message being sent; never returns if there is none.
 async fn pending_send(sending: &mut Option<Sending>) -> (Source, Result<(), LinkError>) {
     match sending {
         Some(sending) => sending.await,

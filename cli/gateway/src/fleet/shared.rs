@@ -1,6 +1,7 @@
-//! State shared by the two threads of a fleet, including which of them is waiting for the disk.
+//! State shared by the two threads of a fleet, including which thread waits for the disk.
 //!
-//! A disk that hangs reports no error. A thread therefore registers its wait first, and a separate task reports it.
+//! A disk that hangs reports no error. Each thread therefore registers its wait first, and a separate task reports long
+//! waits.
 
 use std::{
     sync::{
@@ -99,8 +100,8 @@ impl Drop for DiskWait {
     }
 }
 
-/// Reports a disk that hangs; never returns. When the disk responds, this task clears its own
-/// message, regardless of what the waiting thread has reported.
+/// Reports a disk that hangs; never returns. When the disk responds, this task clears its own message, regardless of
+/// what the waiting thread has reported.
 pub(super) async fn watch(shared: &Shared, folder: &str) {
     let hangs = format!("{folder}: the disk does not answer");
     let activating = format!("{hangs}: the accepted manifest is activated once it does");
@@ -116,7 +117,7 @@ pub(super) async fn watch(shared: &Shared, folder: &str) {
     }
 }
 
-/// Sets the message while the disk hangs; afterwards clears only that message.
+/// Sets the message while the disk hangs. Afterwards clears the message only if it is this one.
 fn tell(message: &mut Option<String>, hangs: bool, what: &str) {
     if hangs {
         *message = Some(what.to_owned());

@@ -1,8 +1,8 @@
 //! The folder of accepted manifests: the newest one, the active one, and their machine files.
 //!
-//! `standing.json` records which is which and is replaced atomically. Manifests are stored as signed, so that only
-//! content signed by a trusted key is used; a machine file is identified by its checksum. A manifest is on disk before
-//! its version counts, and the version is on disk before it has any effect.
+//! `standing.json` records the versions of the newest and the active manifest, and is replaced atomically. Manifests
+//! are stored as signed, so that only content signed by a trusted key is used; a machine file is identified by its
+//! checksum. A manifest is on disk before its version counts, and the version is on disk before it has any effect.
 
 use std::{
     collections::BTreeSet,
@@ -18,7 +18,7 @@ use crate::{audit::replace_file, config::FleetConfig};
 
 const STANDING: &str = "standing.json";
 
-/// State that survives a restart, in addition to the manifests.
+/// State that survives a restart, beyond the manifests.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub(crate) struct Standing {
     /// Highest accepted version of a manifest; 0: none.
@@ -26,7 +26,7 @@ pub(crate) struct Standing {
     /// Version of the active manifest; `None`: the configured machine file is active.
     pub(crate) active: Option<u64>,
     pub(crate) disabled: bool,
-    /// Outcome of the highest manifest; `None`: not known yet.
+    /// Outcome of the manifest with the version `highest`; `None`: not known yet.
     pub(crate) outcome: Option<Outcome>,
 }
 
@@ -57,8 +57,8 @@ impl Store {
         Self { dir: config.dir.clone(), identity }
     }
 
-    /// The folder of messages that wait for the server. Each identity has its own: the messages do not name the machine, and a computer may be moved
-    /// to another one.
+    /// The folder of messages that wait for the server. Each identity has its own folder: the messages do not name
+    /// their machine, and the computer may later serve another machine.
     pub(crate) fn spool(&self) -> PathBuf {
         self.dir.join("waiting").join(&self.identity)
     }
@@ -89,7 +89,7 @@ impl Store {
             Ok(standing) => kept.standing = standing.unwrap_or_default(),
             Err(error) => {
                 damage.push(error);
-                // It is unknown whether the centre permits correcting, so it is forbidden.
+                // It is unknown whether the centre permits correcting, so correcting is forbidden.
                 kept.standing.disabled = true;
             }
         }
@@ -98,7 +98,7 @@ impl Store {
         if let Some(newest) = newest
             && (newest.manifest.version > kept.standing.highest || !damage.is_empty())
         {
-            // The version was not saved before a stop, or `standing.json` is damaged.
+            // The gateway stopped before it saved the version, or `standing.json` is damaged.
             kept.standing.highest = newest.manifest.version;
             kept.standing.disabled =
                 !newest.manifest.enable || (kept.standing.disabled && damage.is_empty());
@@ -123,7 +123,7 @@ impl Store {
             }
             if kept.active.is_none() {
                 kept.standing.active = None;
-                // If it was the newest manifest, it is fetched again.
+                // The newest manifest is received again, so its outcome is open.
                 if version == kept.standing.highest {
                     kept.standing.outcome = None;
                 }
@@ -179,7 +179,7 @@ impl Store {
             let is_ours = name
                 .is_some_and(|name| name.starts_with("manifest-") || name.starts_with("machine-"));
             if is_ours && !needed.contains(&path) {
-                // A file that remains only uses space.
+                // A file that cannot be removed only uses space.
                 let _ = fs::remove_file(path);
             }
         }
@@ -197,7 +197,7 @@ fn read_standing(path: &Path) -> Result<Option<Standing>, String> {
 }
 
 /// Reads a manifest that a trusted key signed for this machine. Its axes are compared with the machine at activation,
-/// its machine file with the checksum.
+/// and its machine file with the checksum.
 fn verified(path: &Path, config: &FleetConfig) -> Option<StoredManifest> {
     let desired = Desired::parse(&fs::read(path).ok()?).ok()?;
     let manifest: Manifest = serde_json::from_str(&desired.manifest).ok()?;

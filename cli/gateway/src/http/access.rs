@@ -26,7 +26,7 @@ use crate::{
     request::Reply,
 };
 
-/// Timeout of a request, including the time in which the service responds.
+/// Timeout of a request, including the response time of the service.
 const REQUEST_TIMEOUT: Duration = Duration::from_secs(10);
 /// Path for uploads of machine files, which may be slow.
 pub(super) const UPLOAD_PATH: &str = "/api/model/upload";
@@ -36,15 +36,16 @@ const UPLOAD_TIMEOUT: Duration = Duration::from_secs(300);
 pub struct AccessControl {
     /// Tokens and their roles.
     pub tokens: Tokens,
-    /// Host names, in addition to addresses, under which browsers may access the dashboard.
+    /// Host names, in addition to addresses, under which browsers may reach the dashboard.
     pub hosts: Vec<String>,
-    /// Whether reading needs a token because other computers can reach the dashboard.
+    /// True if reading requires a token, because other computers can reach the dashboard.
     pub reading_needs_token: bool,
-    /// Whether the machine is the built-in simulation: without configured tokens, the token `demo` may operate it from this computer.
+    /// True if the machine is the built-in simulation. If no tokens are configured, the token `demo` may then operate
+    /// it from this computer.
     pub is_demo: bool,
 }
 
-/// The token of the built-in simulation. It is no secret: without a configuration there is no machine that could move.
+/// The token of the built-in simulation. It is no secret, because a simulation moves no machine.
 const DEMO_TOKEN: &str = "demo";
 
 impl AccessControl {
@@ -58,7 +59,7 @@ impl AccessControl {
         }
     }
 
-    /// Checks whether a token allows `needed`.
+    /// Checks whether a token has at least the role `needed`.
     ///
     /// # Errors
     /// Why access is denied.
@@ -87,7 +88,7 @@ impl AccessControl {
         self.operates_as_demo().then_some(DEMO_TOKEN)
     }
 
-    /// Whether any token allows operating.
+    /// True if a token exists that permits operating.
     pub(super) fn is_operable(&self) -> bool {
         let mut holders = self.tokens.holders();
         self.operates_as_demo() || holders.any(|holder| holder.role >= Role::Operate)
@@ -126,7 +127,7 @@ pub(super) async fn check_request(
     response
 }
 
-/// Middleware: requires a token where reading needs one.
+/// Middleware: requires a token if reading requires one.
 pub(super) async fn require_view(
     State(access): State<Arc<AccessControl>>,
     Extension(from): Extension<SocketAddr>,
@@ -141,8 +142,7 @@ pub(super) async fn require_view(
     next.run(request).await
 }
 
-/// Returns name and role of the token. Clients call it to detect a wrong token before its first
-/// use.
+/// Returns the name and role of the token. Clients call it to detect a wrong token before its first use.
 pub(super) async fn token(
     State(access): State<Arc<AccessControl>>,
     Extension(from): Extension<SocketAddr>,
@@ -191,7 +191,7 @@ impl IntoResponse for Denied {
     }
 }
 
-/// Number of wrong tokens from one address within [`WRONG_IN`] after which further wrong ones are blocked.
+/// Number of wrong tokens from one address within [`WRONG_IN`] after which further wrong tokens are blocked.
 const WRONG: u32 = 5;
 /// Period over which wrong tokens are counted and an address stays blocked.
 const WRONG_IN: Duration = Duration::from_secs(60);
@@ -219,7 +219,6 @@ impl Role {
     }
 }
 
-/// The holder of a token.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Holder {
     /// Name recorded in the audit log.
@@ -337,12 +336,11 @@ impl Tokens {
         self.holders().map(plan).collect()
     }
 
-    /// Whether there are no tokens.
     pub fn is_empty(&self) -> bool {
         self.holders.is_empty()
     }
 
-    /// Checks whether a token allows `needed`. All tokens are compared, in constant time.
+    /// Checks whether a token has at least the role `needed`. All tokens are compared, in constant time.
     ///
     /// # Errors
     /// Why access is denied.
@@ -431,7 +429,7 @@ mod tests {
         assert_eq!(check(&demo, here, None, Role::Operate), none);
         assert_eq!(check(&demo, here, Some("other"), Role::Operate), none);
         assert_eq!(check(&demo, here, given, Role::Engineer), none);
-        // Never on a configured machine, nor beside tokens.
+        // The demo token is not valid on a configured machine, nor if tokens are configured.
         let configured = access(false, "");
         assert!(!configured.is_operable() && configured.demo_token().is_none());
         assert_eq!(check(&configured, here, given, Role::Operate), none);

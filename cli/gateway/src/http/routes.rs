@@ -82,7 +82,6 @@ pub struct Dashboard {
     pub models: Models,
     /// State, history and model published by the service.
     pub published: Published,
-    /// Quantities that `/metrics` reports.
     pub quantities: Vec<Quantity>,
     /// Queue of requests to the service.
     pub requests: RequestSender,
@@ -92,11 +91,10 @@ pub struct Dashboard {
     pub access: Arc<AccessControl>,
     /// Number of open event streams.
     pub streams: AtomicUsize,
-    /// The disturbances of the built-in simulation.
+    /// Disturbances of the built-in simulation; `None` on a configured machine.
     pub demo: Option<Arc<Demo>>,
-    /// The folder of the audit log.
     pub audit_dir: PathBuf,
-    /// Permit for reading the audit log: one request at a time.
+    /// Permit for reading the audit log, held by one request at a time.
     pub log_reader: Arc<Semaphore>,
 }
 
@@ -118,10 +116,10 @@ impl Drop for StreamSlot {
     }
 }
 
-/// Extracts the name of a token with the role of an operator; other requests are refused.
+/// Name of a token with at least the role of an operator; other requests are refused.
 struct Operator(String);
 
-/// Extracts the name of a token with the role of an engineer, who may upload and activate models; other requests are refused.
+/// Name of a token with the role of an engineer, who may upload and activate models; other requests are refused.
 struct Engineer(String);
 
 impl FromRequestParts<Shared> for Operator {
@@ -217,7 +215,7 @@ async fn history(
 
 /// Default number of events in a response.
 const LOG_EVENTS: usize = 50;
-/// Timeout for a request that waits until another one has read the log.
+/// Timeout for waiting until another request has read the log, and for reading it, each.
 const LOG_TIMEOUT: Duration = Duration::from_secs(2);
 
 #[derive(Deserialize)]
@@ -225,7 +223,7 @@ struct LogQuery {
     count: Option<usize>,
 }
 
-/// Reads the log on a thread that may wait for the disk, one request at a time.
+/// Reads the log on a blocking thread, for one request at a time.
 async fn log(
     State(dashboard): State<Shared>,
     query: Result<Query<LogQuery>, QueryRejection>,
@@ -241,7 +239,7 @@ async fn log(
     };
     let dir = dashboard.audit_dir.clone();
     let reading = tokio::task::spawn_blocking(move || {
-        // Held until the disk has answered, whether or not the client still waits.
+        // The permit is held until the disk has responded, even if the client has disconnected.
         let _permit = permit;
         last_records(&dir, count.unwrap_or(LOG_EVENTS))
     });
@@ -293,7 +291,7 @@ async fn events(State(dashboard): State<Shared>) -> Response {
     let mut ticks = tokio::time::interval(EVENT_EVERY);
     ticks.set_missed_tick_behavior(MissedTickBehavior::Delay);
     let stream = IntervalStream::new(ticks).filter_map(move |_| {
-        // Keeps the slot for the lifetime of the stream.
+        // The closure keeps the slot for the lifetime of the stream.
         let _ = &slot;
         let state = latest(&dashboard);
         let event = Event::default().event("state").json_data(state).ok()?;
@@ -346,7 +344,7 @@ async fn operate(
 
 async fn request(dashboard: &Dashboard, who: String, operation: Operation) -> Response {
     let (reply_to, wait) = oneshot::channel();
-    // Creating the request already orders the disarm, even if the queue is full.
+    // Creating a disarm request already disarms, even if the queue is full.
     let message = ServiceRequest::new(operation, who, Some(reply_to), &dashboard.switch);
     match dashboard.requests.try_send(message) {
         Ok(()) => {}
@@ -365,7 +363,7 @@ async fn request(dashboard: &Dashboard, who: String, operation: Operation) -> Re
 
 /// Maximum size of a request body without a file, bytes.
 const MAX_MODEL_BODY: usize = 16 * 1024;
-/// Timeout between two parts of a file.
+/// Timeout between two received parts of a file.
 const PART_TIMEOUT: Duration = Duration::from_secs(30);
 
 fn model_routes() -> Router<Shared> {
@@ -430,7 +428,7 @@ async fn upload(
         _ => return refuse(StatusCode::BAD_REQUEST, "expected kind=machine"),
     }
     let models = &dashboard.models;
-    // Released when the file is received or the upload fails.
+    // The slot is released when the file is received or the upload fails.
     let _place: UploadSlot = match models.place() {
         Ok(place) => place,
         Err(reply) => return answer(reply),
@@ -460,7 +458,7 @@ async fn received(headers: &HeaderMap, body: Body) -> Result<Vec<u8>, Box<Respon
             Ok(Some(Ok(part))) if bytes.len() + part.len() > MAX_FILE_BYTES => return large(),
             Ok(Some(Ok(part))) => bytes.extend_from_slice(&part),
             Ok(None) => return Ok(bytes),
-            // Disconnected or timed out: discard the received part.
+            // The client disconnected or timed out: discard the received part.
             Ok(Some(Err(_))) | Err(_) => {
                 let count = bytes.len();
                 let why = format!("the file is incomplete: {count} bytes received, none kept");
@@ -505,8 +503,8 @@ async fn answer_of(query: Result<PendingReply, Reply>) -> Response {
 
 const NODES: usize = 25;
 
-/// Magnitude of the error over the travels of the first two linear axes, with the other axes at their current
-/// positions. Empty with fewer than two linear axes, or if the position of an axis is unknown.
+/// Length of the position error, µm, over the travels of the first two linear axes, with the other axes at their
+/// current positions. Empty if there are fewer than two linear axes or the position of an axis is unknown.
 fn error_map_of(model: &Model, status: &Status) -> ErrorMap {
     let mut linear: Vec<(AxisName, usize)> = model
         .axes
