@@ -14,10 +14,10 @@ const UNIT: &str = include_str!("../debian/volcomp-gateway.service");
 const TEMPLATE: &str = include_str!("../debian/volcomp-gateway@.service");
 const RULES: &str = include_str!("../debian/90-volcomp-gpio.rules");
 const TOKENS: &str = include_str!("../debian/tokens");
-/// Groups of the unit; its user is allocated by systemd (`DynamicUser`).
+/// Groups of the service; systemd allocates its user (`DynamicUser`).
 const GROUPS: &str = "g dialout -\ng gpio -\n";
 
-/// Program in the packaged units.
+/// Path of the program in the packaged units.
 const PACKAGED: &str = "/usr/bin/volcomp-gateway";
 const PROGRAM: &str = "/usr/local/bin/volcomp-gateway";
 
@@ -60,10 +60,10 @@ enum Step {
     Run(&'static str, &'static [&'static str]),
 }
 
-/// Installs the service, or returns what it would do.
+/// Installs the service with `--yes`; otherwise only returns the steps.
 ///
 /// # Errors
-/// An invalid name, a user who is not root, or a step that fails.
+/// The name is invalid, the user is not root, or a step fails.
 pub fn install(arguments: &InstallArguments) -> Result<String, GatewayError> {
     let steps = arguments.steps()?;
     let is_system = arguments.root == Path::new("/");
@@ -104,7 +104,7 @@ impl InstallArguments {
     }
 
     fn steps(&self) -> Result<Vec<Step>, GatewayError> {
-        // systemd escapes other characters in the name of an instance.
+        // systemd escapes other characters in an instance name.
         let is_plain = |c: char| c.is_ascii_alphanumeric() || c == '-' || c == '_';
         if let Some(name) = &self.name
             && (name.is_empty() || name.starts_with('-') || !name.chars().all(is_plain))
@@ -175,7 +175,7 @@ impl Step {
     }
 }
 
-/// Replaces a file by renaming, since a running program cannot be overwritten.
+/// Replaces a file by renaming a new one, because a running program cannot be overwritten.
 fn write(path: &Path, content: &[u8], mode: u32) -> io::Result<()> {
     if let Some(folder) = path.parent() {
         fs::create_dir_all(folder)?;
@@ -190,7 +190,7 @@ fn write(path: &Path, content: &[u8], mode: u32) -> io::Result<()> {
         .open(&temporary)
         .and_then(|mut file| {
             file.write_all(content)?;
-            // The mask of the process does not apply to this mode.
+            // Unlike `mode`, this call ignores the umask of the process.
             file.set_permissions(fs::Permissions::from_mode(mode))?;
             file.sync_all()?;
             fs::rename(&temporary, path)

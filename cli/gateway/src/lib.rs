@@ -58,7 +58,7 @@ pub fn print(text: &str) -> Result<(), GatewayError> {
     }
 }
 
-/// Locks a mutex and ignores poisoning: no holder leaves the data in an inconsistent state.
+/// Locks a mutex and ignores poisoning: no thread leaves the data in an inconsistent state.
 fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }

@@ -1,4 +1,4 @@
-//! Allows one gateway per controller on a computer. The lock is an abstract socket address named after the device: it
+//! Allows one gateway per controller on a computer. The lock is an abstract socket address named after the device. It
 //! is exclusive, visible to all users, and released by the kernel after a crash.
 
 use std::{
@@ -17,8 +17,11 @@ use volcomp_devices::Address;
 
 use crate::{config::Config, error::GatewayError};
 
-/// Locks the folder of the audit log and every exclusive device of a configuration until the returned value is dropped. Errors: another gateway on
-/// this computer holds one of the locks.
+/// Locks the folder of the audit log and every exclusive device of a configuration, until the returned value is
+/// dropped.
+///
+/// # Errors
+/// Another gateway on this computer holds one of the locks.
 pub(crate) fn lock(config: &Config) -> Result<Vec<UnixListener>, GatewayError> {
     let mut locked = BTreeSet::new();
     let mut locks = vec![lock_folder(config.audit_dir())?];
@@ -40,8 +43,10 @@ pub(crate) fn lock(config: &Config) -> Result<Vec<UnixListener>, GatewayError> {
     Ok(locks)
 }
 
-/// Locks the control and the audit-log folder of a map sender until the returned value is dropped. Errors: a gateway or another sender on this
-/// computer holds one of the locks.
+/// Locks the control and the audit-log folder of a map sender, until the returned value is dropped.
+///
+/// # Errors
+/// A gateway or another sender on this computer holds one of the locks.
 pub(crate) fn lock_sender(url: &str, audit_dir: &Path) -> Result<Vec<UnixListener>, GatewayError> {
     let mut locks = vec![lock_folder(audit_dir)?];
     let address = Address::parse(url).map_err(GatewayError::Device)?;
@@ -57,7 +62,10 @@ fn lock_folder(folder: &Path) -> Result<UnixListener, GatewayError> {
     try_folder(folder)?.ok_or_else(|| in_use("[audit] dir", folder))
 }
 
-/// Locks the folder of manifests received from the centre. Errors: another gateway on this computer uses it.
+/// Locks the folder of manifests received from the centre.
+///
+/// # Errors
+/// Another gateway on this computer uses the folder.
 #[cfg(feature = "fleet")]
 pub(crate) fn lock_fleet(folder: &Path) -> Result<UnixListener, GatewayError> {
     try_folder(folder)?.ok_or_else(|| in_use("[fleet] dir", folder))
@@ -70,18 +78,21 @@ fn in_use(key: &str, folder: &Path) -> GatewayError {
     ))
 }
 
-/// Whether a gateway or a map sender on this computer uses a folder. Errors: the folder cannot be created or accessed.
+/// True if a gateway or a map sender on this computer uses a folder.
+///
+/// # Errors
+/// The folder cannot be created or accessed.
 pub(crate) fn is_folder_locked(folder: &Path) -> Result<bool, GatewayError> {
     Ok(try_folder(folder)?.is_none())
 }
 
-/// Locks a folder, which is created if it is missing; `None`: another program holds the lock.
+/// Locks a folder, creating it if it is missing. `None`: another program holds the lock.
 fn try_folder(folder: &Path) -> Result<Option<UnixListener>, GatewayError> {
     let shown = folder.display().to_string();
     let wrong = |source| GatewayError::system(shown.clone(), source);
     std::fs::create_dir_all(folder).map_err(wrong)?;
     let found = std::fs::metadata(folder).map_err(wrong)?;
-    // Use the inode: one folder can have several paths.
+    // The inode identifies the folder, which may have several paths.
     try_lock(&format!("folder {} {}", found.dev(), found.ino())).map_err(wrong)
 }
 
@@ -92,7 +103,7 @@ fn lock_device(url: &str, device: &str) -> Result<UnixListener, GatewayError> {
     })
 }
 
-/// Takes the lock of this name; `None`: another program holds it.
+/// Takes the lock of this name; `None`: another program holds the lock.
 fn try_lock(name: &str) -> std::io::Result<Option<UnixListener>> {
     let digest = volcomp_model::hexadecimal(&Sha256::digest(name.as_bytes())[..8]);
     let address = SocketAddr::from_abstract_name(format!("volcomp-gateway-{digest}"))?;

@@ -1,4 +1,4 @@
-//! Runs the machine on a separate thread: start, supervision and final ramp. A panic in it is caught here.
+//! Runs the machine on a separate thread: start, supervision and final ramp. A panic on this thread is caught here.
 
 use std::{
     io::Write,
@@ -44,9 +44,8 @@ use crate::{
 /// The machine controlled by this process.
 #[derive(Clone, Debug)]
 pub struct Machine {
-    /// Command-line options.
     pub options: Options,
-    /// Watchdog timeout of the service manager.
+    /// Watchdog timeout of the service manager, within which the gateway must report that it runs.
     pub proven_within: Duration,
 }
 
@@ -57,13 +56,13 @@ impl Machine {
     /// Plans the machine from the current files.
     ///
     /// # Errors
-    /// The errors in these files.
+    /// An error in one of these files.
     pub fn plan(&self) -> Result<Plan, GatewayError> {
         Plan::new(self.options.configuration()?)
     }
 
-    /// Runs the gateway of this machine until it is stopped or fails. The outcome, including a panic, is set as the
-    /// phase of `slot`.
+    /// Runs the gateway of this machine until it is stopped or fails. The outcome, including a panic, becomes the phase
+    /// of `slot`.
     pub fn run(&self, plan: Plan, slot: &Slot, turn: ServiceStep<'_>) {
         let whole = AssertUnwindSafe(|| self.run_to_its_end(plan, slot, turn));
         let ended = catch_unwind(whole).unwrap_or_else(|_| Err(panicked()));
@@ -78,7 +77,7 @@ impl Machine {
     ) -> Result<(), Failure> {
         let started = match start(self, plan, slot) {
             Ok(Some(started)) => started,
-            // Stopped before anything could be written.
+            // The machine was stopped before the gateway could write anything.
             Ok(None) => return Ok(()),
             Err(error) => return Err(error.failure()),
         };
@@ -120,11 +119,10 @@ impl Machine {
             catch_unwind(AssertUnwindSafe(|| service.abandon(&mut hurry))).unwrap_or(false)
         });
         if !has_ended {
-            // The control thread hangs and may still write: keep the device locks until the process
-            // ends.
+            // The control thread hangs and may still write, so keep the device locks until the process ends.
             std::mem::forget(locks);
         }
-        // Pending fleet messages are sent or saved.
+        // Dropping the fleet sends or saves its pending messages.
         #[cfg(feature = "fleet")]
         drop(fleet);
         drop(interop);
@@ -139,8 +137,7 @@ impl Machine {
     }
 }
 
-/// The failure reported when the control thread has ended. The applied correction remains until the
-/// control removes it.
+/// The failure reported if the control thread has ended.
 fn without_control() -> Failure {
     Failure {
         what: "the control thread has ended unexpectedly, the reason is on standard error: the applied correction remains until the control removes it".to_owned(),
@@ -159,7 +156,7 @@ struct StartedMachine {
     interop: RunningInterfaces,
 }
 
-/// Starts a machine; `None`: it was stopped before anything could be written.
+/// Starts a machine. `None`: it was stopped before the gateway could write anything.
 fn start(
     machine: &Machine,
     plan: Plan,
@@ -246,8 +243,8 @@ impl MachineParts {
     }
 }
 
-/// Initializes the cycle with the last stored output. An output that is not stored is unknown, not zero: the device
-/// must report it, or an operator must check.
+/// Initializes the cycle with the last stored output. Without a stored output the output is unknown, not zero: the
+/// device must report it, or an operator must check the machine.
 pub fn restore_output(opened: &mut OpenedPlan) {
     let unknown = || (PerAxis::from_fn(|_| f64::NAN), Duration::ZERO);
     let file = opened.config.audit_dir().join("output.json");
@@ -256,8 +253,8 @@ pub fn restore_output(opened: &mut OpenedPlan) {
     opened.cycle.restore(&output, age);
 }
 
-/// Builds the service of a machine around its cycle, which `launch` starts. [`Service::started`] writes its first
-/// record.
+/// Builds the service of a machine around its cycle, which `launch` starts. [`Service::started`] writes the first
+/// record of the service.
 ///
 /// # Errors
 /// `launch` fails, or the operating system cannot create a thread.
@@ -357,9 +354,9 @@ pub fn open_audit(config: &Config) -> Result<(AuditLog, LogState), GatewayError>
     Ok((audit, found))
 }
 
-/// The last stored output (mm, rad) and its age. `None` if none is stored, it is unreadable, or it belongs to another
-/// boot, other axes or other controllers. If the program was not shut down properly, it may have sent a later output:
-/// the values are then NaN.
+/// The last stored output (mm, rad) and its age. `None` if no readable output is stored, or it belongs to another boot,
+/// other axes or other controllers. The values are NaN if the program was not shut down properly, because it may have
+/// sent a later output.
 fn last_output(
     path: &Path,
     model: &Model,

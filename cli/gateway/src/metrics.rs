@@ -100,7 +100,7 @@ fn value(quantity: &Quantity, status: &Status) -> Option<f64> {
         (Some(Value::Number(number)), _) => Some(*number),
         (Some(Value::Whole(number)), _) => Some(*number as f64),
         (Some(Value::Truth(yes)), _) => Some(f64::from(u8::from(*yes))),
-        // Infinity for "never", so that an alarm on a maximum age is raised.
+        // Infinity means "never", so that an alarm on a maximum age is raised.
         (None, Kind::Number(Unit::Ms)) => Some(f64::INFINITY),
         (None, Kind::Truth | Kind::Whole) => Some(f64::NAN),
         (None | Some(Value::Text(_)), _) => None,
@@ -150,12 +150,12 @@ fn states(status: &Status) -> Vec<(String, f64)> {
 }
 
 fn reasons(status: &Status) -> Vec<(String, f64)> {
-    // Without the duration of a silence, which would create a new series for every value.
+    // These reasons omit the duration of a silence, which would create a new series for every value.
     let reasons = quantities::reasons(status).into_iter();
     reasons.map(|reason| (labels("reason", reason), 1.0)).collect()
 }
 
-/// The label is in braces and escaped for the text format.
+/// A label in braces, escaped for the Prometheus text format.
 fn labels(name: &str, value: &str) -> String {
     let value = value.replace('\\', "\\\\").replace('"', "\\\"").replace('\n', "\\n");
     format!("{{{name}=\"{value}\"}}")

@@ -23,7 +23,6 @@ pub(crate) struct Facts<'a> {
     pub model: &'a Model,
     /// The configured controllers, in order of preference.
     pub controllers: &'a [Description],
-    /// Names of the temperatures.
     pub sensors: &'a [String],
     /// True errors of the machine if it is simulated.
     pub truth: Option<&'a Truth>,
@@ -49,7 +48,7 @@ pub(crate) fn status(facts: &Facts<'_>, report: &Report, times: &Times) -> Statu
             structure: model.structure(),
             axes,
         },
-        // Set by the dashboard, which knows the tokens.
+        // The dashboard sets this field, because it has the tokens.
         operable: false,
         controller: facts.controllers.get(report.active).map(|controller| ControllerState {
             device: controller.device.clone(),
@@ -76,14 +75,14 @@ pub(crate) fn status(facts: &Facts<'_>, report: &Report, times: &Times) -> Statu
         true_residual_um: None,
         temperatures: temperatures(facts, report),
         limits: facts.guard.map(|guard| limits(guard, report)),
-        // Set by the dashboard, which has the simulation.
+        // The dashboard sets this field, because it has the simulation.
         demo: None,
         held_back: report.held_back,
         faults: report.faults,
         uptime_s: round(report.now.as_secs_f64()),
         age_ms: 0.0,
         cycle: cycle(facts, report, times),
-        // Set by the publisher, which knows the fleet.
+        // The publisher sets this field, because it has the state of the fleet.
         fleet: None,
     };
     let known = |index: usize| report.known >> index & 1 == 1;
@@ -98,14 +97,14 @@ pub(crate) fn status(facts: &Facts<'_>, report: &Report, times: &Times) -> Statu
         by_kind(model, &report.correction, confirmed, micro);
     let last = report.sent.unwrap_or(PerAxis::ZERO);
     [status.sent_um, status.sent_urad] = by_kind(model, &last, sent, micro);
-    // Without a model error the correction by the model is unknown, not zero.
+    // Without a known model error the correction by the model is unknown, not zero.
     let wanted = |index: usize| known(index) && report.error.is_some();
     [status.wanted_um, status.wanted_urad] = by_kind(model, &report.wanted, wanted, micro);
     errors(&mut status, facts, report);
     status
 }
 
-/// The configured limits, lowered where the active path has no barrier.
+/// The configured limits, reduced if the active path has no barrier.
 fn limits(guard: &GuardTable, report: &Report) -> CorrectionLimits {
     let path = report.paths.get(report.active);
     let is_guarded = path.is_some_and(|path| path.scheme == Scheme::Barrier);
@@ -125,8 +124,8 @@ fn limits(guard: &GuardTable, report: &Report) -> CorrectionLimits {
     }
 }
 
-/// The reasons of the state; a rejected position is listed with its axis, a missing temperature with its sensor, a barrier that does not
-/// fit with its value.
+/// The reasons of the state. A rejected position is listed with its axis, a missing temperature with its sensor, and a
+/// barrier misfit with its value.
 fn reasons(facts: &Facts<'_>, report: &Report) -> Vec<String> {
     let model = facts.model;
     let controller = facts.controllers.get(report.active);
@@ -170,7 +169,7 @@ fn with_sensors(text: &str, facts: &Facts<'_>, report: &Report) -> String {
     if missing.is_empty() { text.to_owned() } else { format!("{text}: {}", missing.join(", ")) }
 }
 
-/// The text of a reason of a path; a barrier that does not fit is listed with the value found and the expected one.
+/// The text of a reason of a path. A barrier misfit is listed with the value found and the expected one.
 fn reason_of_path(text: &str, controller: &Description, path: &PathReport) -> String {
     let unfit = Reasons::with_text(text) == Some(Reasons::BARRIER_UNFIT);
     match path.barrier_misfit.filter(|_| unfit) {
@@ -182,7 +181,7 @@ fn reason_of_path(text: &str, controller: &Description, path: &PathReport) -> St
     }
 }
 
-/// Marks the present values as unknown after `silence` without a cycle: position and applied correction are not known.
+/// Marks the state as unknown after `silence` without a cycle, including positions and applied correction.
 pub(crate) fn silence(status: &mut Status, silence: Duration) {
     status.state = StateName::Unknown;
     status.reasons = vec![format!("no cycle for {:.0} ms", silence.as_secs_f64() * 1e3)];
@@ -233,8 +232,8 @@ pub(crate) fn age(status: &mut Status, age: Duration) {
     }
 }
 
-/// Age after which a confirmed output is treated as unknown, because the control may have released it. The outputs of a
-/// control without read-back remain known until the guard withdraws them.
+/// Age after which a confirmed output is unknown, because the control may have released it. For a control without
+/// read-back the outputs remain known until the guard withdraws them.
 const KNOWN_FOR: Duration = Duration::from_secs(2);
 
 fn paths(facts: &Facts<'_>, report: &Report) -> Vec<PathState> {
@@ -264,7 +263,7 @@ fn proven(model: &Model, report: &Report) -> BTreeMap<AxisName, ProvenName> {
     axes.filter_map(|(name, proven)| Some((*name, (*proven)?.into()))).collect()
 }
 
-/// Whether the active path writes an axis; the output of other axes is unknown.
+/// True if the active path writes an axis. The output of other axes is unknown.
 fn is_written(report: &Report, index: usize) -> bool {
     report.written >> index & 1 == 1
 }
@@ -296,14 +295,15 @@ fn errors(status: &mut Status, facts: &Facts<'_>, report: &Report) {
     status.error_um = report.error.map(|error| um(error.position_mm));
     status.error_urad = report.error.map(|error| urad(error.rotation_rad));
     status.error_axis_urad = report.error.and_then(axis);
-    // The residual is known only if the correction is.
+    // The residual is known only if the correction is known.
     let residual = report.residual.filter(|_| report.correction_known);
     status.residual_um = residual.map(|error| um(error.position_mm));
     status.residual_axis_urad = residual.and_then(axis);
     if let Some(truth) = facts.truth.filter(|_| report.error.is_some()) {
         let sensors = report.sensors.iter().take(facts.sensors.len());
         let degc: Vec<f64> = sensors.map(|sensor| sensor.degc.unwrap_or(20.0)).collect();
-        // A frozen position or a heated sensor deceives the gateway, not the machine.
+        // A frozen position or a heated sensor makes the gateway's values wrong, so take the errors from the simulated
+        // machine.
         let mut sensors = report.sensors.iter().take(facts.sensors.len());
         let is_rejected = sensors.any(|sensor| sensor.degc.is_none());
         let deceives = |demo: &&Demo| is_rejected || !demo.active().is_empty();
@@ -361,7 +361,7 @@ fn cycle(facts: &Facts<'_>, report: &Report, times: &Times) -> CycleTimes {
     }
 }
 
-/// Number of cycles in an interval. The last complete interval and the current one are kept.
+/// Number of cycles in an interval. Histograms of the last complete and of the current interval are kept.
 const CYCLES_PER_INTERVAL: u64 = 4096;
 
 pub(crate) struct IntervalHistogram {
@@ -387,7 +387,7 @@ impl IntervalHistogram {
         self.current.reset();
     }
 
-    /// Histogram of the last complete interval; until the first interval is complete, of the current one.
+    /// Histogram of the last complete interval, or of the current one if none is complete.
     fn latest(&self) -> &Histogram<u64> {
         if self.before.is_empty() { &self.current } else { &self.before }
     }
@@ -400,7 +400,7 @@ impl IntervalHistogram {
         self.latest().value_at_quantile(quantile) as f64 * 1e-3
     }
 
-    /// Counts in bins that double in width: upper edge (µs) and count.
+    /// Counts in bins that double in width: upper edge of each bin (µs) and count.
     pub(crate) fn bins_us(&self) -> Vec<(f64, u64)> {
         let edges = (0..20).map(|power| 500_u64 << power);
         edges
@@ -413,16 +413,15 @@ impl IntervalHistogram {
 pub(crate) struct Times {
     /// The complete cycle, from wake-up to completion.
     pub whole: IntervalHistogram,
-    /// Compute time of the gateway, by the CPU clock.
+    /// Compute time of the gateway by the CPU clock.
     pub own: IntervalHistogram,
-    /// Time of the reference computation, by the same clock; empty if it is not made.
+    /// Time of the reference computation by the CPU clock; empty if there is none.
     pub reference: IntervalHistogram,
     /// Wake-up latency after the deadline.
     pub wake: IntervalHistogram,
     /// Time of the exchanges with controllers.
     pub exchange: IntervalHistogram,
     pub count: u64,
-    /// Number of cycle starts that were missed.
     pub overruns: u64,
 }
 

@@ -25,7 +25,7 @@ pub struct ArmArguments {
 /// Arms a running gateway, and returns its state.
 ///
 /// # Errors
-/// It does not answer, refuses, or asks for a confirmation.
+/// The gateway does not answer, refuses, or asks for a confirmation.
 pub fn arm(arguments: &ArmArguments) -> Result<String, GatewayError> {
     let (dashboard, token) = (arguments.running.dashboard()?, arguments.running.token()?);
     let body = arguments.confirm.clone().map(|confirm| {
@@ -38,7 +38,7 @@ pub fn arm(arguments: &ArmArguments) -> Result<String, GatewayError> {
 /// Acknowledges the faults of a running gateway, and returns its state.
 ///
 /// # Errors
-/// It does not answer, or refuses.
+/// The gateway does not answer, or refuses.
 pub fn acknowledge(running: &RunningArguments) -> Result<String, GatewayError> {
     let (dashboard, token) = (running.dashboard()?, running.token()?);
     send(&dashboard, token.as_deref(), "acknowledge", "")
@@ -47,7 +47,7 @@ pub fn acknowledge(running: &RunningArguments) -> Result<String, GatewayError> {
 /// Disarms a running gateway, and returns its state.
 ///
 /// # Errors
-/// It does not answer, or refuses.
+/// The gateway does not answer, or refuses.
 pub fn disarm(running: &RunningArguments) -> Result<String, GatewayError> {
     let (dashboard, token) = (running.dashboard()?, running.token());
     let refused = match &token {
@@ -57,7 +57,8 @@ pub fn disarm(running: &RunningArguments) -> Result<String, GatewayError> {
         },
         _ => None,
     };
-    // On the gateway's own computer disarming needs no token, also where the stated one is unreadable or does not allow it.
+    // On the gateway's own computer disarming needs no token, so retry without one if the given token is unreadable or
+    // does not permit disarming.
     match (send(&dashboard, None, "disarm", ""), refused, token) {
         (Err(_), Some(refused), _) => Err(refused),
         (Err(error), None, Err(unread)) => Err(GatewayError::failed(format!("{error}; {unread}"))),

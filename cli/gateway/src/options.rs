@@ -1,4 +1,4 @@
-//! Command-line options, and the configuration they result in.
+//! Command-line options, and the configuration that results from them.
 
 use std::{net::SocketAddr, path::PathBuf, time::Duration};
 
@@ -53,7 +53,7 @@ impl Options {
         }
         if let Some(dir) = &self.audit_dir {
             config.audit.dir.clone_from(dir);
-            // Activated models are stored in the folder of the log, so this follows the override of its folder.
+            // Activated models are stored in the folder of the audit log, so read them from the new folder.
             config = config.with_machine_in_force();
         }
         if let (None, Some(cycle)) = (&self.config, self.simulated_cycle) {

@@ -15,12 +15,12 @@ use crate::{
     locked, observe,
 };
 
-/// Maximum interval between two publications. A state older than this plus [`Pulse::patience`] is
-/// stale, whichever of the two threads is late.
+/// Maximum interval between two publications. A state older than this plus [`Pulse::patience`] is stale, whether the
+/// control thread or the service is late.
 const PUBLISHED_EVERY: Duration = Duration::from_millis(150);
-/// Length of the history with single states, s.
+/// Length of the history of single states, s.
 const SPAN_S: u32 = 120;
-/// Minimum interval between two points of this history, s.
+/// Minimum interval between two points of the history of single states, s.
 const STEP_S: f64 = 0.25;
 
 /// The published state for its readers, such as the dashboard.
@@ -45,7 +45,8 @@ struct Shared {
     fleet: Mutex<Option<FleetState>>,
 }
 
-/// Creates the publisher and the published state, with an initial state. `pulse` shows whether the control thread is alive.
+/// Creates the publisher and the published state from an initial state. `pulse` shows whether the control thread is
+/// alive.
 pub(crate) fn published(
     first: Status,
     model: Arc<Model>,
@@ -65,7 +66,7 @@ pub(crate) fn published(
 impl Publisher {
     /// Publishes the state of a cycle and adds it to the history.
     pub fn publish(&self, status: Status, cycle_at: Instant) {
-        // A control thread that hangs leaves its last report, which is no longer true.
+        // The last report of a control thread that hangs is not the current state.
         let point = if self.pulse.silence().is_some() {
             HistoryPoint {
                 at_s: status.uptime_s,
@@ -91,8 +92,8 @@ impl Published {
         self.pulse.clock()
     }
 
-    /// The current state with its age: that of the last cycle, or `unknown` if there has been no cycle for three
-    /// periods ([`Pulse::patience`]).
+    /// The current state with its age: the state of the last cycle, or `unknown` if no cycle has run for three periods
+    /// ([`Pulse::patience`]).
     pub fn latest(&self) -> Status {
         let (status, cycle_at) = {
             let latest = locked(&self.shared.latest);
@@ -141,8 +142,8 @@ impl Published {
         History { span_s: SPAN_S.into(), points: errors.collect(), ..History::default() }
     }
 
-    /// The history of the last `span_s` seconds. Each point is one published state if that is at most two minutes, otherwise the means and maxima
-    /// over a period.
+    /// The history of the last `span_s` seconds. Up to two minutes each point is one published state; beyond that, it
+    /// holds the means and maxima of a period.
     pub fn history_over(&self, span_s: u32) -> History {
         let uptime_s = self.pulse.clock().elapsed().as_secs_f64();
         let now_s = unix_s();
@@ -166,7 +167,7 @@ impl Published {
     }
 }
 
-/// The time, s since 1970; 0 before that.
+/// The current time, s since 1970; 0 before 1970.
 fn unix_s() -> f64 {
     let since = SystemTime::now().duration_since(UNIX_EPOCH);
     since.unwrap_or_default().as_secs_f64()
@@ -178,14 +179,15 @@ struct Trend {
 }
 
 impl Trend {
-    /// Adds a point to the current minute, and to the last two minutes unless the last one there is too recent.
+    /// Adds a point to the current minute. Also adds it to the last two minutes, unless their newest point is too
+    /// recent.
     fn add(&mut self, point: HistoryPoint) {
         let now = point.at_s;
         let idle = without_idle_residual(point.clone());
         self.recorder.add(unix_s(), &idle);
         if let Some(last) = self.points.back() {
             if now < last.at_s {
-                // The uptime has restarted.
+                // The uptime started again at zero.
                 self.points.clear();
             } else if now - last.at_s < STEP_S {
                 return;

@@ -18,7 +18,7 @@ use crate::{
     documents::{Answer, ModelSource, Refusal},
 };
 
-/// Maximum number of queued requests; disarm requests have the same number of separate slots.
+/// Maximum number of queued requests. Requests to disarm have further slots of the same number.
 const MAX_QUEUED: usize = 64;
 
 /// The requested action.
@@ -28,7 +28,7 @@ pub enum Operation {
     Arm(Option<String>),
     /// Ramp the correction to zero and stop correcting.
     Disarm,
-    /// The cause of a fault has been fixed.
+    /// Acknowledge a fault whose cause is fixed.
     Acknowledge,
     /// Reload configuration and machine file; `Some` holds the hash of the model that the operator
     /// confirmed.
@@ -39,20 +39,19 @@ pub enum Operation {
     Model(Box<ModelActivation>),
 }
 
-/// A model selected on the page *Model*.
+/// A model selected in the web interface.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ModelActivation {
-    /// Path of the machine file.
     pub machine: PathBuf,
     /// Hash that the machine file must have.
     pub hash: String,
     /// How the model reached the gateway.
     pub from: ModelSource,
-    /// File path of the model, or the upload.
+    /// Path of the machine file, or the file name of the upload.
     pub file: String,
-    /// Hash that the user confirmed, if any.
+    /// Hash that the user confirmed; `None`: nothing was confirmed.
     pub confirm: Option<String>,
-    /// Indications that the file belongs to another machine.
+    /// Signs that the machine file belongs to another machine.
     pub differences: Differences,
 }
 
@@ -70,21 +69,21 @@ pub enum CentreOperation {
     Disable,
     /// Permit arming again.
     Enable,
-    /// Record that a manifest was refused, and why.
+    /// Record that a manifest was refused, with the reason.
     Refused(String),
-    /// Record and show that an accepted manifest is unusable, and why.
+    /// Record and show that an accepted manifest is unusable, with the reason.
     Damaged(String),
 }
 
 impl Operation {
-    /// Whether the request disarms; disarming takes effect when the request is created.
+    /// True if the request disarms. Disarming takes effect when the request is created.
     pub fn disarms(&self) -> bool {
         matches!(self, Self::Disarm | Self::Centre(CentreOperation::Disable))
     }
 }
 
-/// A request and the channel for its response. Creating a request to disarm already orders it; the service only records
-/// it and responds.
+/// A request and the channel for its response. Creating a request to disarm already passes the order to the control
+/// thread; the service only records the request and responds.
 pub struct ServiceRequest {
     pub(crate) operation: Operation,
     pub(crate) who: String,
@@ -108,12 +107,12 @@ impl ServiceRequest {
     }
 }
 
-/// Sending side of the request queue. Slots are reserved for disarm requests, so that other requests never prevent them
-/// from being recorded.
+/// Sending side of the request queue. Slots are reserved for requests to disarm, so that other requests never prevent
+/// the service from recording them.
 #[derive(Clone)]
 pub struct RequestSender {
     queue: SyncSender<ServiceRequest>,
-    /// Number of queued requests other than those to disarm.
+    /// Number of queued requests that do not disarm.
     others: Arc<AtomicUsize>,
 }
 
@@ -171,10 +170,9 @@ impl RequestQueue {
 /// An HTTP status with its document.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Reply {
-    /// 200: the request took effect; 409: it did not; 422: the configuration is invalid; 503: the control thread or the
-    /// disk does not respond.
+    /// 200: the request took effect; 409: it had no effect; 422: the configuration is invalid; 503: the control thread
+    /// or the disk does not respond.
     pub status: u16,
-    /// Body of the response.
     pub answer: Answer,
 }
 

@@ -1,5 +1,5 @@
-//! The main loop of the daemon: signals, reloads and notifications of the service manager. Nothing here waits for the
-//! machine.
+//! The main loop of the gateway: signals, reloads and notifications of the service manager. The loop never waits for
+//! the machine.
 
 use std::{
     fs::File,
@@ -33,7 +33,7 @@ const DEFAULT_WATCHDOG: Duration = Duration::from_secs(4);
 /// Runs the gateway of one machine until a signal stops it.
 ///
 /// # Errors
-/// The configuration is invalid, signals or the thread cannot be set up, or the service has failed.
+/// The configuration is invalid, signals or the thread cannot be set up, or the service fails.
 pub fn run(options: &Options) -> Result<(), GatewayError> {
     let machine = Machine { options: options.clone(), proven_within: proven_within() };
     let plan = machine.plan()?;
@@ -57,7 +57,7 @@ fn supervise(slot: &Slot, signals: &SignalReceiver) -> Result<(), GatewayError> 
     let mut is_stopping = false;
     loop {
         match signals.next(POLL_INTERVAL) {
-            // The signal thread has already ordered the stop.
+            // The signal thread has already passed the stop order to the machine.
             Some(Signal::Stop) => {
                 is_stopping = true;
                 manager.stopping();
@@ -81,7 +81,7 @@ fn supervise(slot: &Slot, signals: &SignalReceiver) -> Result<(), GatewayError> 
 
 struct Process {
     _awake: Option<File>,
-    /// The settings that the operating system refused, as text.
+    /// Settings that the operating system refused, one sentence each.
     lacking: Vec<String>,
 }
 
@@ -115,8 +115,7 @@ fn proven_within() -> Duration {
     sd_notify::watchdog_enabled().unwrap_or(DEFAULT_WATCHDOG)
 }
 
-/// Stores the last notification to the service manager. Without a service manager, notifications
-/// are dropped.
+/// The last notifications to the service manager. Without a service manager, notifications are dropped.
 struct Manager {
     begun: Instant,
     is_ready: bool,
@@ -129,7 +128,7 @@ impl Manager {
         Self { begun: Instant::now(), is_ready: false, is_stopping: false, proofs: None }
     }
 
-    /// Reports readiness, once: when the start is complete or has taken longer than `patience`.
+    /// Reports readiness once: when the start is complete or has taken longer than `patience`.
     fn ready(&mut self, is_settled: bool, patience: Duration) {
         if !self.is_ready && (is_settled || self.begun.elapsed() > patience) {
             self.is_ready = true;

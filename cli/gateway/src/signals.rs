@@ -1,5 +1,5 @@
-//! Process signals, received by a separate thread: a stop takes effect immediately, even if the
-//! service is busy.
+//! Process signals. A separate thread receives them, so that a stop takes effect immediately, even if the service is
+//! busy.
 
 use std::{
     sync::mpsc::{Receiver, RecvTimeoutError, channel},
@@ -59,12 +59,12 @@ impl SignalReceiver {
         Ok(Self { receiver, handle })
     }
 
-    /// Waits at most `wait` for the next signal; `None` if there was none.
+    /// Waits at most `wait` for the next signal; `None` if none arrived.
     pub fn next(&self, wait: Duration) -> Option<Signal> {
         match self.receiver.recv_timeout(wait) {
             Ok(signal) => Some(signal),
             Err(RecvTimeoutError::Timeout) => None,
-            // The receiving thread has ended: there will be no more signals.
+            // The receiving thread has ended, so no more signals arrive.
             Err(RecvTimeoutError::Disconnected) => {
                 thread::sleep(wait);
                 None
@@ -85,7 +85,7 @@ mod tests {
 
     use super::*;
 
-    /// A signal takes effect without waiting for the next iteration of the service, up to 50 ms.
+    /// A stop signal takes effect immediately, not at the next iteration of the service, which may be 50 ms later.
     #[test]
     fn a_stop_acts_without_a_reader() {
         let patience = Duration::from_secs(10);

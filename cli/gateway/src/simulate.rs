@@ -1,5 +1,5 @@
 //! The built-in simulation: a gantry that moves and warms up, its true errors, and the model that `volcomp demo`
-//! identified for it.
+//! identified for this gantry.
 
 use std::{
     sync::{Arc, Mutex, atomic::Ordering},
@@ -37,15 +37,13 @@ pub struct Truth {
     /// Best-fit rigid motion between truth and model at the reference temperature.
     datum: RigidMotion,
     sensors: Arc<[String]>,
-    /// The running simulation with its disturbances; `None` until it is set by [`of`](Self::of).
+    /// The running simulation with its disturbances; `None` until [`of`](Self::of) sets it.
     demo: Option<Arc<Demo>>,
 }
 
 /// The simulated machine and its parts.
 pub struct Simulation {
-    /// The controller of the machine.
     pub controller: SimulatedController,
-    /// The thermometer of the machine.
     pub thermometer: SimulatedThermometer,
     /// Switches with which tests set signals and failures of the running machine.
     pub controls: Arc<Controls>,
@@ -56,8 +54,8 @@ pub struct Simulation {
 }
 
 impl Truth {
-    /// The truth relative to a model. The position of the workpiece is not an error of the machine, so the best-fit
-    /// rigid motion at the reference temperature is removed.
+    /// The truth relative to a model. The best-fit rigid motion at the reference temperature is removed, because the
+    /// position of the workpiece is no error of the machine.
     fn against(machine: Machine, model: &Machine, sensors: &[String]) -> Self {
         let none = Temperatures::new();
         let mut sums = RigidSums::default();
@@ -78,7 +76,7 @@ impl Truth {
         Self { demo: Some(demo), ..self }
     }
 
-    /// The running simulation with its disturbances; `None` if this truth belongs to none.
+    /// The running simulation with its disturbances; `None` if this truth belongs to no simulation.
     pub(crate) fn demo(&self) -> Option<&Demo> {
         self.demo.as_deref()
     }
@@ -105,7 +103,7 @@ impl Truth {
     }
 }
 
-/// The disturbances of the built-in machine, which a user begins and ends.
+/// The disturbances of the built-in machine, which a user starts and ends.
 pub struct Demo {
     controls: Arc<Controls>,
     thermometer: Remote,
@@ -113,7 +111,7 @@ pub struct Demo {
     active: Mutex<Vec<Disturbance>>,
 }
 
-/// Index of the sensor whose heating a user can simulate, and its temperature rise.
+/// Index of the sensor whose heating a user can simulate.
 const HEATED: usize = 2;
 const HEATED_BY_K: f64 = 15.0;
 
@@ -135,7 +133,7 @@ impl Demo {
                 let kelvin = if on { HEATED_BY_K } else { 0.0 };
                 let jump = Injection::Jump { sensor: HEATED, kelvin };
                 if !self.thermometer.inject(jump) {
-                    // The thermometer has not been read for 64 requests.
+                    // The queue of injections is full: the thermometer has not been read for 64 requests.
                     return;
                 }
             }
@@ -146,7 +144,8 @@ impl Demo {
         }
     }
 
-    /// True position errors with and without the applied correction, mm: those of the actual machine, whatever the gateway reads.
+    /// True position errors of the simulated machine with and without the applied correction, mm, whatever the gateway
+    /// reads.
     pub(crate) fn residual_and_error(&self) -> [[f64; 3]; 2] {
         let both = self.plant.residual_and_error();
         both.map(|values| [values[0], values[1], values[2]])
@@ -173,25 +172,24 @@ fn grid(machine: &Machine) -> impl Iterator<Item = State> + '_ {
 
 type Started = (SimulatedController, SimulatedThermometer, Arc<Controls>);
 
-/// Settings of the barrier in the built-in machine's control: a scan takes 2 ms; rates and limits match those of
-/// [`guard`].
+/// Settings of the barrier in the built-in machine's control. A scan takes 2 ms; rates and limits match [`guard`].
 pub fn protection() -> Protection {
     Protection::default()
 }
 
 impl Simulation {
-    /// A machine on the clock `clock`, whose control has no barrier: it applies corrections as plain values.
+    /// A machine on the clock `clock`. Its control has no barrier and applies corrections as plain values.
     ///
     /// # Errors
-    /// None: the files are built in.
+    /// Never in practice: the files are built in.
     pub fn new(clock: Clock) -> Result<Self, GatewayError> {
         Self::started(clock, |machine| Ok(machine.start()))
     }
 
-    /// A machine on the clock `clock`, whose control runs the reference barrier with the settings of [`protection`].
+    /// A machine on the clock `clock`. Its control runs the reference barrier with the settings of [`protection`].
     ///
     /// # Errors
-    /// None: files and settings are built in.
+    /// Never in practice: files and settings are built in.
     pub fn with_barrier(clock: Clock) -> Result<Self, GatewayError> {
         let protection = protection();
         Self::started(clock, |machine| {
@@ -222,7 +220,7 @@ impl Simulation {
             acceleration_per_s2: 1000.0,
             sensors,
             truth: Arc::new(move |q: &PerChannel<f64>, degc: &[f64]| {
-                // Channels and chain both begin with X, Y, Z.
+                // The channels and the chain both begin with X, Y, Z.
                 let missed = function.error(&PerAxis(q.0), degc);
                 let mut values = PerChannel::ZERO;
                 values[..3].copy_from_slice(missed.as_slice());
@@ -273,7 +271,7 @@ fn program() -> Vec<Move> {
         Move {
             to,
             feed_per_s: 1000.0,
-            // The first stop lasts as long as arming with the test shift.
+            // Arming with the test shift fits into the first stop.
             dwell: Duration::from_millis(if index == 0 { 4500 } else { 1500 }),
         }
     };
@@ -295,7 +293,7 @@ pub fn config() -> Config {
     }
 }
 
-/// The built-in limits. A configuration without limits uses them as well, but cannot arm.
+/// The built-in limits. A gateway without configured limits uses them as well, but cannot arm.
 pub fn guard() -> GuardSettings {
     limits().settings()
 }

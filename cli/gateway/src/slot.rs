@@ -18,13 +18,12 @@ use crate::{error::Failure, locked, published::Published, service::Life};
 pub struct Slot {
     stops: AtomicU32,
     reloads: AtomicU32,
-    /// Set once there is a control thread.
+    /// `None` until the control thread is started.
     switch: Mutex<Option<DisarmSwitch>>,
     phase: Mutex<Phase>,
     life: Life,
 }
 
-/// Whether the machine is starting, runs, has failed or was stopped.
 #[derive(Clone, Default)]
 pub enum Phase {
     /// Files are being read and devices opened; nothing can be written yet.
@@ -34,7 +33,7 @@ pub enum Phase {
     Launching,
     /// The control thread runs.
     Running(Live),
-    /// The machine has ended with this failure.
+    /// The machine ended with this failure.
     Failed(Failure),
     /// The machine was stopped.
     Ended,
@@ -47,7 +46,7 @@ pub struct Live {
     pub published: Published,
     /// Listening address of the dashboard.
     pub address: SocketAddr,
-    /// Whether the dashboard uses TLS.
+    /// True if the dashboard uses TLS.
     pub tls: bool,
 }
 
@@ -63,7 +62,7 @@ impl Slot {
     /// Orders a stop: the correction ramps out from the next cycle on. A second order ends the machine immediately.
     pub fn stop(&self) {
         self.stops.fetch_add(1, Ordering::SeqCst);
-        // The lock is only held while the switch is being set, and the order is checked afterwards.
+        // The lock is held only while the switch is being set. `launched` checks the orders afterwards.
         if let Ok(switch) = self.switch.try_lock()
             && let Some(switch) = &*switch
         {
@@ -71,7 +70,6 @@ impl Slot {
         }
     }
 
-    /// Number of stop orders.
     pub fn stops(&self) -> u32 {
         self.stops.load(Ordering::SeqCst)
     }
@@ -81,12 +79,10 @@ impl Slot {
         self.reloads.fetch_add(1, Ordering::Relaxed);
     }
 
-    /// Number of reload orders.
     pub fn reloads(&self) -> u32 {
         self.reloads.load(Ordering::Relaxed)
     }
 
-    /// Current phase of the machine.
     pub fn phase(&self) -> Phase {
         locked(&self.phase).clone()
     }
@@ -100,7 +96,7 @@ impl Slot {
         *locked(&self.phase) = phase;
     }
 
-    /// Marks the start of the control thread; `false` if the machine was stopped meanwhile and must not start.
+    /// Marks the start of the control thread. `false` if the machine was stopped meanwhile and must not start.
     pub(crate) fn launch(&self) -> bool {
         let mut phase = locked(&self.phase);
         let may = matches!(*phase, Phase::Starting) && self.stops() == 0;

@@ -12,10 +12,10 @@ use crate::{
 /// Timeout for the request as a whole.
 const REQUEST_TIMEOUT: Duration = Duration::from_secs(3);
 
-/// Requests the state from the gateway of a dashboard configuration. `token` is required where reading needs one.
+/// Requests the state from the gateway of a dashboard configuration. `token` is necessary if reading requires a token.
 ///
 /// # Errors
-/// No response, or the response is not the state of a gateway.
+/// The gateway does not respond, or its response is not a state.
 pub fn request(dashboard: &DashboardConfig, token: Option<&str>) -> Result<Status, GatewayError> {
     let response = exchange(dashboard, token, "GET /api/state", "", REQUEST_TIMEOUT)?;
     let address = response.address;
@@ -94,7 +94,7 @@ pub fn text(status: &Status) -> String {
 /// What to check if the active control no longer responds.
 const GONE: &str = "the cable and the control, which ramps to zero if it has a barrier";
 
-/// Whether the correction is unknown because the active controller does not respond.
+/// True if the correction is unknown because the active controller does not respond.
 fn is_gone(status: &Status) -> bool {
     let mut active = status.controllers.iter().filter(|path| path.active);
     active.any(|path| path.holds_correction.is_none() && path.answered_ms.is_some())

@@ -37,7 +37,7 @@ pub struct AddArguments {
     token_file: PathBuf,
 }
 
-/// Adds a token, and returns it.
+/// Adds a token to the file, and returns the token.
 ///
 /// # Errors
 /// The name is invalid or in use, or the file is invalid or cannot be written.
@@ -64,7 +64,7 @@ pub fn add(arguments: &AddArguments) -> Result<String, GatewayError> {
                 separator = "\n";
             }
         }
-        // The file does not exist yet; any other error is reported.
+        // The file does not exist yet. Any other error is reported.
         Err(error) if token_file.symlink_metadata().is_ok() => return Err(error),
         Err(_) => drop(private_file(token_file).map_err(failed)?),
     }
@@ -83,7 +83,7 @@ pub(crate) fn secret() -> Result<String, GatewayError> {
     Ok(volcomp_model::hexadecimal(&bytes))
 }
 
-/// Creates a file that only its owner may read; it must not exist.
+/// Creates a file that only its owner may read. Fails if the file exists.
 pub(crate) fn private_file(path: &Path) -> io::Result<File> {
     let mut options = OpenOptions::new();
     options.write(true).create_new(true).mode(0o600).open(path)

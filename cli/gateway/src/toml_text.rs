@@ -7,7 +7,7 @@ const MARK_COLUMN: usize = 48;
 /// Maximum number of keys of a table that is written inline.
 const MAX_INLINE: usize = 5;
 
-/// Formats a document without these root keys.
+/// Formats a document, except the root keys in `without`.
 pub(crate) fn of(document: &impl Serialize, without: &[&str]) -> String {
     let Ok(Value::Object(mut table)) = serde_json::to_value(document) else {
         return String::new();
@@ -17,14 +17,14 @@ pub(crate) fn of(document: &impl Serialize, without: &[&str]) -> String {
     marked(&table, &|_| false)
 }
 
-/// Formats a table and marks the values for whose full key, such as `controller[0].url`, `is_default` returns true.
+/// Formats a table. Marks the values for whose full key, such as `controller[0].url`, `is_default` returns true.
 pub(crate) fn marked(table: &Map<String, Value>, is_default: &dyn Fn(&str) -> bool) -> String {
     let mut text = String::new();
     write(&mut text, table, ["", ""], is_default);
     text
 }
 
-/// Removes keys without a value, and empty lists and tables.
+/// Removes keys with the value null, and empty lists and tables.
 pub(crate) fn without_empty(table: &mut Map<String, Value>) {
     table.retain(|key, value| match value {
         Value::Null => false,
@@ -36,14 +36,14 @@ pub(crate) fn without_empty(table: &mut Map<String, Value>) {
             for inner in items.iter_mut().filter_map(Value::as_object_mut) {
                 without_empty(inner);
             }
-            // Empty lists are meaningful here: a read-only controller has no axes, and a thermometer may have no names.
+            // Keep empty lists of these keys: a read-only controller has no axes, and a thermometer may have no names.
             !items.is_empty() || ["axes", "names"].contains(&key.as_str())
         }
         _ => true,
     });
 }
 
-/// Writes the values of a table, then its subtables. `header` is its name in headers, `key` its full key.
+/// Writes the values of a table, then its subtables. `header` is the name of the table in headers, `key` its full key.
 fn write(
     text: &mut String,
     table: &Map<String, Value>,
@@ -85,7 +85,7 @@ fn write(
     }
 }
 
-/// Whether a value is written under a header: every table of the root, and large tables below it.
+/// True if a value is written under a header: every table of the root, and large tables below it.
 fn has_header(value: &Value, is_root: bool) -> bool {
     let is_large = |value: &Value| match value {
         Value::Object(table) => {

@@ -5,18 +5,15 @@ use volcomp_guard::Reasons;
 use super::quantities::{Shape, key_of, reasons};
 use crate::documents::{StateName, Status};
 
-/// The source of an alarm. Numbers are indices into the configuration, from 0.
+/// The source of an alarm. Numbers are indices into the tables of the configuration, from 0.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Place {
     /// The guard, which limits the correction of the axes.
     Guard,
-    /// A temperature sensor, by its index.
     Sensor(usize),
-    /// A controller, by its index.
     Controller(usize),
 }
 
-/// Severity of an alarm.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Level {
     /// For information only.
@@ -25,17 +22,16 @@ pub enum Level {
     Fault,
 }
 
-/// Time without an answer after which a controller counts as silent, ms: the same as on the dashboard.
+/// Time without a response after which a controller counts as silent, ms. The dashboard uses the same time.
 const SILENT_MS: f64 = 2000.0;
 
 /// An alarm that is active now.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Alarm {
-    /// Severity.
     pub level: Level,
-    /// Stable identifier of the condition: lower-case letters, digits and `_`.
+    /// Stable identifier of the alarm's cause: lower-case letters, digits and `_`.
     pub code: String,
-    /// Description of the condition.
+    /// Text of the reason, in English.
     pub text: String,
 }
 
@@ -47,7 +43,7 @@ pub fn places(shape: &Shape) -> Vec<Place> {
 }
 
 impl Place {
-    /// Active alarms of this place; `None` if they are unknown.
+    /// Active alarms of this place; `None` if the state of the gateway is unknown.
     pub fn alarms(self, status: &Status) -> Option<Vec<Alarm>> {
         if status.state == StateName::Unknown {
             return None;

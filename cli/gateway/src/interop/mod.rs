@@ -1,4 +1,4 @@
-//! Read-only interfaces for other systems, each on a separate thread. Nothing received over them is a command.
+//! Read-only interfaces for other systems, each on a separate thread. They accept no commands.
 #![cfg_attr(
     not(any(feature = "shdr", feature = "opc-ua-server")),
     allow(unused_variables, reason = "without any way there is nothing to do")
@@ -21,7 +21,7 @@ pub mod shdr;
 
 use quantities::Shape;
 
-/// The configured interfaces with their sockets and files; they do not serve clients yet.
+/// The configured interfaces with open sockets. [`serve`](Self::serve) accepts clients.
 pub struct Interop {
     #[cfg(feature = "shdr")]
     shdr: Option<shdr::Bound>,
@@ -30,10 +30,10 @@ pub struct Interop {
 }
 
 impl Interop {
-    /// Opens sockets and reads files.
+    /// Opens the sockets.
     ///
     /// # Errors
-    /// An address cannot be bound, or a file is unusable.
+    /// An address cannot be bound.
     pub fn open(config: &Config) -> Result<Self, GatewayError> {
         Ok(Self {
             #[cfg(feature = "shdr")]
@@ -61,7 +61,7 @@ impl Interop {
     }
 }
 
-/// The threads of the interfaces. They end, and their sockets close, when this is dropped.
+/// The threads of the interfaces. Dropping this value ends them and closes their sockets.
 pub struct RunningInterfaces {
     #[cfg(feature = "shdr")]
     _shdr: Option<InterfaceThread>,
@@ -81,17 +81,18 @@ impl Drop for InterfaceThread {
     fn drop(&mut self) {
         drop(self.stop.take());
         if let Some(thread) = self.thread.take() {
-            // A task never blocks, so this waits only for its next poll; a panic needs no handling here.
+            // A task never blocks, so this waits only for its next poll. A panic of the thread needs no handling here.
             let _ = thread.join();
         }
     }
 }
 
-/// Maximum size of an OPC UA message, in one chunk.
+/// Maximum size of an OPC UA message, bytes. A message has one chunk.
 #[cfg(any(feature = "shdr", feature = "opc-ua-server"))]
 const MAX_MESSAGE_BYTES: usize = 32 * 1024;
-/// Stack of a thread. The OPC UA library (0.19) does not limit how deep values of a client are nested, and takes up to 5.4 kB of stack for each
-/// byte of a message: nested ones must be errors, not the end of the process. Unused stack takes no memory.
+/// Stack size of a thread, bytes. The OPC UA library (0.19) does not limit the nesting depth of received values and
+/// uses up to 5.4 kB of stack for each byte of a message. With this stack a deeply nested value is an error instead of
+/// the end of the process. Unused stack takes no memory.
 #[cfg(any(feature = "shdr", feature = "opc-ua-server"))]
 const STACK_BYTES: usize = MAX_MESSAGE_BYTES * 8 * 1024;
 
@@ -119,7 +120,7 @@ fn start<F: Future<Output = ()>>(
                     _ = stopped => {}
                 }
             });
-            // A pending name resolution would block the shutdown.
+            // Do not wait for a pending name resolution.
             runtime.shutdown_background();
         })
         .map_err(failed)?;

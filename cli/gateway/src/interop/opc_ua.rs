@@ -1,7 +1,7 @@
 //! An OPC UA server: clients browse and read the state of the gateway. No node can be written or called.
 //!
-//! The library's server accepts an unlimited number of connections. It therefore listens on an internal address, and
-//! clients connect through a proxy that limits their number.
+//! The library's server accepts an unlimited number of connections. The server therefore listens on an internal
+//! address, and clients connect through a proxy that limits their number.
 
 use std::{
     collections::BTreeSet,
@@ -65,7 +65,7 @@ impl Bound {
             Ok(listener)
         };
         let outer = bound(config.listen).map_err(failed)?;
-        // A random loopback address, which other computers cannot reach and local programs do not find by trying.
+        // A random loopback address: other computers cannot reach it, and local programs cannot find it by trial.
         let [a, b, c]: [u8; 3] = rand::random();
         let inner = SocketAddr::from((Ipv4Addr::new(127, a, b, c.clamp(2, 254)), 0));
         Ok(Self {
@@ -83,7 +83,7 @@ impl Bound {
         let (shape, published) = (shape.clone(), published.clone());
         let own = tracing::dispatcher::get_default(Clone::clone);
         start("volcomp-opcua", move || async move {
-            // The library would log every connection.
+            // Without this subscriber the library would log every connection.
             let silent = set_default(NoSubscriber::default());
             let ended = self.run(&shape, &published).await;
             drop(silent);
@@ -95,14 +95,14 @@ impl Bound {
 
     /// Serves until this future is dropped or an error occurs.
     async fn run(self, shape: &Shape, published: &Published) -> Result<(), String> {
-        // The server spawns tasks, so it is created on the runtime that executes them.
+        // The server spawns tasks on the current runtime, so it is created here.
         let (server, handle) = server(self.listen, shape)?;
         fill(&handle, shape, published)?;
         let inner = self.inner.local_addr().map_err(|e| e.to_string())?;
         let [outer, listener] = [self.outer, self.inner].map(TcpListener::from_std);
         let outer = outer.map_err(|e| e.to_string())?;
         let proxy = async {
-            // Clients must be given the address of the proxy, but the server sets its own when it starts.
+            // The server sets its own port when it starts, but clients must receive the port of the proxy.
             let port = &handle.info().port;
             while port.load(Ordering::Relaxed) == 0 {
                 tokio::time::sleep(POLL_INTERVAL).await;
@@ -123,7 +123,7 @@ fn failed(listen: SocketAddr, source: io::Error) -> GatewayError {
 
 /// Builds the server: anonymous clients, no encryption, low limits.
 fn server(listen: SocketAddr, shape: &Shape) -> Result<(Server, ServerHandle), String> {
-    // The library relies on the working directory: report a missing one here.
+    // The library needs a working directory, so report a missing one here.
     std::env::current_dir().map_err(|e| format!("the working directory: {e}"))?;
     let metadata = NamespaceMetadata { namespace_uri: NAMESPACE.to_owned(), ..Default::default() };
     let endpoint = ServerEndpoint::new_none("/", &[ANONYMOUS_USER_TOKEN_ID.to_owned()]);
@@ -142,7 +142,7 @@ fn server(listen: SocketAddr, shape: &Shape) -> Result<(Server, ServerHandle), S
         .add_endpoint("none", endpoint)
         .discovery_urls(vec!["/".to_owned()])
         .hello_timeout(HELLO_TIMEOUT_S)
-        // No certificates are used; this path prevents the library from creating a folder.
+        // No certificates are used. This path prevents the library from creating a folder.
         .pki_dir(PathBuf::from("/dev/null/none"))
         .with_node_manager(simple_node_manager(metadata, "volcomp"));
     let limits = builder.limits_mut();
@@ -168,7 +168,7 @@ fn host(listen: SocketAddr) -> String {
     }
 }
 
-/// Maximum number of clients; further ones are disconnected, so that existing connections remain.
+/// Maximum number of clients. A further client is disconnected, so that existing connections remain.
 const MAX_CLIENTS: usize = 16;
 /// Clients that do not read for this long are disconnected.
 const WRITE_TIMEOUT: Duration = Duration::from_secs(5);
@@ -178,8 +178,8 @@ const READ_INTERVAL: Duration = Duration::from_millis(5);
 /// Retry interval when `accept` fails because no file descriptors are left.
 const RETRY_INTERVAL: Duration = Duration::from_millis(100);
 
-/// Proxy in front of the server at `inner`: limits the number of clients and their input rate, and disconnects clients
-/// that do not read.
+/// Proxy in front of the server at `inner`. It limits the number of clients and their input rate, and disconnects
+/// clients that do not read.
 async fn serve(listener: TcpListener, inner: SocketAddr) -> Infallible {
     let places = Arc::new(Semaphore::new(MAX_CLIENTS));
     loop {
@@ -187,10 +187,10 @@ async fn serve(listener: TcpListener, inner: SocketAddr) -> Infallible {
             sleep(RETRY_INTERVAL).await;
             continue;
         };
-        // Without a free slot the connection is closed.
+        // Without a permit the client is dropped, which closes its connection.
         if let Ok(place) = Arc::clone(&places).try_acquire_owned() {
             tokio::spawn(async move {
-                // The error only says that one side has closed the connection.
+                // The error only reports which side closed the connection.
                 let _ = pass(client, inner).await;
                 drop(place);
             });
@@ -198,8 +198,8 @@ async fn serve(listener: TcpListener, inner: SocketAddr) -> Infallible {
     }
 }
 
-/// Forwards both directions until one side closes. Nothing is read from a client that does not read, so that responses
-/// do not pile up.
+/// Forwards both directions until one side closes. While a client does not read its responses, nothing more is read
+/// from it, so that responses do not pile up.
 async fn pass(mut client: TcpStream, inner: SocketAddr) -> io::Result<()> {
     let mut server = TcpStream::connect(inner).await?;
     client.set_nodelay(true)?;
@@ -228,8 +228,10 @@ async fn pass(mut client: TcpStream, inner: SocketAddr) -> io::Result<()> {
 /// The root folder and prefix of folder identifiers.
 const ROOT: &str = "volcomp";
 
-/// Creates the nodes. Each reads the latest state on access. Errors: the server was built without a
-/// manager for these nodes.
+/// Creates the nodes. Each node reads the latest state on access.
+///
+/// # Errors
+/// The server was built without a manager for these nodes.
 fn fill(handle: &ServerHandle, shape: &Shape, published: &Published) -> Result<(), String> {
     let managers = handle.node_managers();
     let manager = managers.get_of_type::<SimpleNodeManager>();

@@ -1,5 +1,5 @@
-//! The quantities of a gateway in one table, which Prometheus, MTConnect and OPC UA are generated from. Adding a
-//! quantity takes one row.
+//! The table of the gateway's quantities. Prometheus, MTConnect and OPC UA are generated from it, so a new quantity
+//! needs one row.
 
 use std::collections::BTreeSet;
 
@@ -13,46 +13,33 @@ use crate::documents::{
 /// The parts of a gateway that determine its quantities; constant while it runs.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Shape {
-    /// Machine name.
     pub machine: String,
     /// Axis letters in the order X Y Z A B C U V W.
     pub axes: Vec<AxisName>,
-    /// Temperature names in the order of the configuration.
+    /// Sensor names in the order of the configuration.
     pub sensors: Vec<String>,
-    /// Number of controllers.
     pub controllers: usize,
 }
 
-/// The part of the gateway to which a quantity belongs. Numbers are indices into the configuration,
-/// from 0.
+/// The part of the gateway to which a quantity belongs. Numbers are indices into the tables of the configuration, from
+/// 0.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Part {
     /// The gateway itself.
     Gateway,
-    /// An axis of the machine.
     Axis(AxisName),
-    /// The tool tip.
     Tool,
-    /// A temperature sensor, by its index.
     Sensor(usize),
-    /// A controller, by its index.
     Controller(usize),
 }
 
-/// Unit of a numeric quantity.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Unit {
-    /// Millimetres.
     Mm,
-    /// Degrees.
     Deg,
-    /// Micrometres.
     Um,
-    /// Microradians.
     Urad,
-    /// Degrees Celsius.
     Degc,
-    /// Milliseconds.
     Ms,
 }
 
@@ -69,7 +56,7 @@ impl Unit {
         }
     }
 
-    /// Converts the unit of a linear axis, as in the table, to that of an axis of this kind.
+    /// Returns the unit for an axis of this kind; `self` is the unit for linear axes, as in the table.
     fn on(self, kind: AxisKind) -> Self {
         match (kind, self) {
             (AxisKind::Rotary, Self::Mm) => Self::Deg,
@@ -79,7 +66,6 @@ impl Unit {
     }
 }
 
-/// Data type of a quantity.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
     /// A number in a unit.
@@ -94,10 +80,9 @@ pub enum Kind {
     Text,
 }
 
-/// The value of a quantity.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Value {
-    /// A finite number, in the unit of the quantity.
+    /// A finite number in the unit of the quantity.
     Number(f64),
     /// An unsigned integer or a count.
     Whole(u64),
@@ -110,11 +95,11 @@ pub enum Value {
 /// Reliability of a value.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Quality {
-    /// Valid now.
+    /// The value is current.
     Good,
-    /// The value is used, but with a warning.
+    /// The value is current and in use, but with a warning.
     Doubtful,
-    /// An earlier value; the current one is unknown.
+    /// The value is an earlier one; the current value is unknown.
     Stale,
     /// No value is known.
     Unknown,
@@ -123,41 +108,37 @@ pub enum Quality {
 /// The value of a quantity at one time.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Reading {
-    /// The value; `None` exactly if the quality is [`Quality::Unknown`].
+    /// The value; `None` exactly if `quality` is [`Quality::Unknown`].
     pub value: Option<Value>,
-    /// Reliability of the value.
     pub quality: Quality,
     /// Age of the value, ms.
     pub age_ms: f64,
 }
 
-/// A quantity: its names, its description and how it is read from a state.
+/// A quantity: its names, its description, and the function that reads it from a state.
 pub struct Quantity {
-    /// The part of the gateway to which the quantity belongs.
     pub part: Part,
     /// Name of the quantity within its part: lower-case letters and `_`.
     pub row: &'static str,
-    /// Unique name within the gateway: lower-case letters, digits and `_`, starting with a letter.
+    /// Name of the quantity, unique in the gateway: lower-case letters, digits and `_`, starting with a letter.
     pub key: String,
     /// Name of the axis, sensor or controller; empty for other parts.
     pub of: String,
-    /// Data type of the values.
     pub kind: Kind,
-    /// Description of the quantity, in English.
+    /// Description in English.
     pub help: &'static str,
     read: Box<dyn Fn(&Status) -> Reading + Send + Sync>,
 }
 
-/// A row of the table for one kind of part: name within the part, type (for linear axes), help text and read function.
-/// `P` identifies the part within its kind.
+/// A row of the table for one kind of part: name within the part, data type (for linear axes), help text and read
+/// function. `P` identifies the part among those of its kind.
 pub struct Row<P>(pub &'static str, pub Kind, pub &'static str, pub fn(&Status, P) -> Reading);
 
 const UM: Kind = Kind::Number(Unit::Um);
 const URAD: Kind = Kind::Number(Unit::Urad);
 const MS: Kind = Kind::Number(Unit::Ms);
 
-// Quantities that are constant while the gateway runs are always known; the others only while
-// cycles run.
+// Values that are constant while the gateway runs are always known. Other values are known only while cycles run.
 #[rustfmt::skip]
 const OF_GATEWAY: &[Row<()>] = &[
     Row("state", Kind::Text, "State of the gateway in one word",
@@ -197,7 +178,7 @@ const OF_AXIS: &[Row<AxisName>] = &[
         |s, axis| good(s, s.proven.get(&axis).map(|proven| Value::Truth(*proven != ProvenName::NotProven)))),
 ];
 
-/// The quantities in µrad exist only for machines with rotary axes.
+/// Quantities in µrad exist only for machines with rotary axes.
 #[rustfmt::skip]
 const OF_TOOL: &[Row<()>] = &[
     Row("error", UM, "Length of the model's position error of the tool tip without correction",
@@ -322,13 +303,13 @@ pub(super) fn key_of(name: &str) -> String {
     name.chars().map(key).collect()
 }
 
-/// Key of the alarms of a quantity.
+/// Key of the alarms that belong to the quantity with the key `key`.
 pub(super) fn condition_key(key: &str) -> String {
     format!("{key}_condition")
 }
 
-/// Appends a number to sensor keys that equal an earlier one, or the key of its alarms: two names may differ only in
-/// characters that a key replaces by `_`.
+/// Makes the keys unique by appending a number to a key that equals an earlier key or the alarm key of one. Equal keys
+/// occur because a key replaces all special characters of a name by `_`.
 fn number_twins(list: &mut [Quantity]) {
     let mut taken = BTreeSet::new();
     for quantity in list {
@@ -353,7 +334,7 @@ impl Reading {
         Self { value, quality, age_ms }
     }
 
-    /// The value if it is valid now.
+    /// The value if it is [`Good`](Quality::Good) or [`Doubtful`](Quality::Doubtful).
     pub fn current(&self) -> Option<&Value> {
         let is_current = self.quality <= Quality::Doubtful;
         self.value.as_ref().filter(|_| is_current)
@@ -372,7 +353,7 @@ fn while_cycling(status: &Status, value: Option<Value>) -> Reading {
     good(status, value.filter(|_| status.state != StateName::Unknown))
 }
 
-/// Non-finite numbers are unknown.
+/// Number as a value; `None` if it is not finite.
 fn number(value: Option<f64>) -> Option<Value> {
     value.filter(|value| value.is_finite()).map(Value::Number)
 }
@@ -393,7 +374,7 @@ fn active(status: &Status) -> Option<&PathState> {
     status.controllers.iter().find(|path| path.active)
 }
 
-/// The reading of a value that depends on the positions: it has their quality and age.
+/// Reading of a value that depends on the positions, and therefore has their quality and age.
 fn by_position(status: &Status, value: Option<f64>) -> Reading {
     let old = Reasons::POSITIONS_STALE | Reasons::POSITIONS_LOST;
     let is_old = (old.texts()).any(|old| status.reasons.iter().any(|reason| reason == old));
@@ -436,10 +417,10 @@ pub(crate) fn length(error: [f64; 3]) -> f64 {
     error.iter().map(|x| x * x).sum::<f64>().sqrt()
 }
 
-/// The reasons of a state without variable numbers, so that each reason keeps one text.
+/// The reasons of a state without their variable numbers, so that the text of each reason is constant.
 pub(crate) fn reasons(status: &Status) -> Vec<&str> {
     let reasons = status.reasons.iter();
-    // Numbers occur in the duration of a silence and in a rejected position.
+    // Two reasons contain numbers: the duration of a silence, and a rejected position.
     reasons
         .map(|reason| {
             let known = Reasons::with_text(reason).and_then(|reason| reason.texts().next());

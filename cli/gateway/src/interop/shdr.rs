@@ -29,7 +29,7 @@ use crate::{
     published::Published,
 };
 
-/// The bound socket. Clients are accepted once the service runs.
+/// The bound socket. [`serve`](Self::serve) accepts clients.
 pub(super) struct Bound(std::net::TcpListener);
 
 impl Bound {
@@ -67,19 +67,18 @@ const AVAILABILITY: &str = "avail";
 pub struct Items {
     /// Data items that report a value.
     pub quantities: Vec<Quantity>,
-    /// Data items that report conditions: key, and the part of the gateway whose alarms they show.
+    /// Data items that report conditions: key of the item, and the place whose alarms it reports.
     pub conditions: Vec<(String, Place)>,
 }
 
 impl Items {
-    /// The data items of a gateway.
     pub fn of(shape: &Shape) -> Self {
         let mut quantities = quantities(shape);
-        // Reasons are reported as conditions.
+        // Conditions report the reasons.
         quantities.retain(|quantity| quantity.row != "reasons");
         let key = |place| match place {
             Place::Guard => "guard".to_owned(),
-            // Sensors whose keys would be equal are numbered in the list of quantities: use the same key here.
+            // The list of quantities has numbered sensors with equal keys, so take the keys from there.
             Place::Sensor(sensor) => {
                 let own = quantities.iter().find(|quantity| quantity.part == Part::Sensor(sensor));
                 condition_key(own.map_or("", |own| own.key.as_str()))
@@ -108,7 +107,7 @@ enum Condition {
 }
 
 impl SentState {
-    /// The initial state: nothing has been sent.
+    /// The initial state, in which nothing has been sent.
     pub fn nothing(items: &Items) -> Self {
         Self {
             available: None,
@@ -117,7 +116,7 @@ impl SentState {
         }
     }
 
-    /// The lines for all changes in a state, each with a line feed. They are recorded as sent.
+    /// The lines for all changes since the last call, each with a line feed. The changes are recorded as sent.
     pub fn changes(&mut self, items: &Items, status: &Status, now: SystemTime) -> String {
         let mut text = String::new();
         let available = status.state != StateName::Unknown;
@@ -149,7 +148,8 @@ impl SentState {
     }
 }
 
-/// The lines that report a changed condition. Ended alarms become normal by their code; new ones, and those with a changed level, are sent.
+/// Appends the lines for a changed condition: a normal line by code for each ended alarm, and a line for each alarm
+/// that is new or has changed its level.
 fn condition(
     text: &mut String,
     now: SystemTime,
@@ -195,8 +195,8 @@ fn shown(quantity: &Quantity, value: &Value) -> String {
     }
 }
 
-/// A number in MILLIMETER, DEGREE, CELSIUS or SECOND. Times are rounded to whole seconds, so that an age does not
-/// change with every update.
+/// Formats a number in MILLIMETER, DEGREE, CELSIUS or SECOND. Times are rounded to whole seconds, so that an age does
+/// not change with every update.
 fn in_unit(value: f64, unit: Unit) -> String {
     let text = match unit {
         Unit::Mm | Unit::Deg | Unit::Degc => format!("{value:.3}"),
@@ -222,7 +222,7 @@ fn line(text: &mut String, now: SystemTime, age_ms: f64, fields: &[&str]) {
     text.push('\n');
 }
 
-/// Escapes a field. Only `|`, `"` and `\` have an escaped form; control characters, such as line ends, become spaces,
+/// Escapes a field. Only `|`, `"` and `\` have an escaped form. Control characters, such as line ends, become spaces,
 /// and surrounding spaces are removed.
 pub fn escaped(text: &str) -> String {
     let plain: String = text.chars().map(|c| if c.is_control() { ' ' } else { c }).collect();
@@ -247,20 +247,20 @@ const SEND_INTERVAL: Duration = Duration::from_millis(100);
 const WRITE_TIMEOUT: Duration = Duration::from_secs(5);
 /// Maximum number of clients; a further one replaces the oldest.
 const MAX_CLIENTS: usize = 16;
-/// Requested interval between two `* PING`. After twice this time without one the connection is closed.
+/// Requested interval between two `* PING`. A client without a ping for twice this time is disconnected.
 const HEARTBEAT: Duration = Duration::from_secs(10);
 /// Maximum length of a line from a client, bytes.
 const MAX_LINE: usize = 1024;
 
-/// Serves until the runtime ends. Each client has a separate task with the state last sent to it, so that clients do
-/// not delay each other.
+/// Serves until the runtime ends. Each client has its own task and its own state of sent values, so that clients do not
+/// delay each other.
 async fn serve(listener: TcpListener, items: Arc<Items>, published: Published) {
     let mut open: VecDeque<AbortHandle> = VecDeque::new();
     loop {
         let (stream, from) = match listener.accept().await {
             Ok(accepted) => accepted,
             Err(e) => {
-                // No file descriptors are left: retry later.
+                // No file descriptor is free: retry later.
                 tracing::warn!("SHDR: {e}");
                 tokio::time::sleep(SEND_INTERVAL).await;
                 continue;
@@ -323,7 +323,7 @@ async fn exchange(stream: TcpStream, items: &Items, published: &Published) -> St
 }
 
 /// Removes complete lines from the received bytes and returns the responses; `None` if a line is too long. Only `*
-/// PING` has a response: no input from a client changes anything.
+/// PING` has a response; all other lines are ignored.
 fn answers(received: &mut Vec<u8>) -> Option<String> {
     let mut text = String::new();
     let pong = format!("* PONG {}\n", HEARTBEAT.as_millis());
@@ -336,8 +336,7 @@ fn answers(received: &mut Vec<u8>) -> Option<String> {
     (received.len() < MAX_LINE).then_some(text)
 }
 
-/// The MTConnect name of a quantity: category, type, sub-type and unit. Types with the prefix `x:` are extensions of
-/// the standard.
+/// The MTConnect name of a quantity. Types with the prefix `x:` are extensions of the standard.
 struct Item {
     category: &'static str,
     kind: String,
@@ -345,7 +344,7 @@ struct Item {
     units: Option<&'static str>,
 }
 
-/// The `Devices.xml` for an agent that reads this gateway. `name` is the device name shown by the agent.
+/// The `Devices.xml` for an agent that reads this gateway. `name` is the device name that the agent shows.
 pub fn device(shape: &Shape, name: &str) -> String {
     let items = Items::of(shape);
     let of = |parts: &[Part]| -> Vec<String> {
@@ -471,8 +470,8 @@ fn item(quantity: &Quantity) -> Item {
     Item { category: "SAMPLE", kind, sub, units: Some(units) }
 }
 
-/// An extension type, for quantities without a type in the standard. `COMPENSATION_` distinguishes it from states and
-/// errors of other devices.
+/// Extension type for a quantity without a type in the standard. The prefix `COMPENSATION_` distinguishes it from
+/// states and errors of other devices.
 fn own_type(quantity: &Quantity) -> String {
     format!("x:COMPENSATION_{}", quantity.row.to_ascii_uppercase())
 }

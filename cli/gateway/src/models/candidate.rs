@@ -1,8 +1,8 @@
-//! The uploaded machine file. It is received in memory, then parsed and compared with the active model on a
-//! low-priority thread. There is one candidate at a time; requests refer to it by id, so that an engineer does not
-//! activate another engineer's file unseen.
+//! The uploaded machine file. The file is received in memory, then parsed and compared with the active model on a
+//! low-priority thread. Only one candidate exists at a time. Requests refer to it by its id, so that an engineer does
+//! not activate another engineer's file unseen.
 //!
-//! Invariant: the candidate is written to disk only when it is activated; it does not survive a restart.
+//! Invariant: the candidate is written to disk only when it is activated. A candidate does not survive a restart.
 
 use std::{
     io,
@@ -31,7 +31,8 @@ use crate::{
     request::{Reply, refused},
 };
 
-/// Maximum size of a machine file, bytes. Parsing needs about fifty times as much memory, in the process that corrects.
+/// Maximum size of a machine file, bytes. Parsing needs about fifty times this memory, in the process that corrects the
+/// machine.
 pub(crate) const MAX_FILE_BYTES: usize = 4 * 1024 * 1024;
 const MAX_UPLOADS: usize = 4;
 
@@ -85,8 +86,8 @@ pub(super) fn take(
         if let Some(held) = &*candidate {
             return Err(held.occupied());
         }
-        // A comparison cannot be stopped: without this check, comparisons of discarded candidates
-        // would run concurrently with the next.
+        // A comparison cannot be stopped. Without this check, comparisons of discarded candidates would run
+        // concurrently with the next one.
         if shared.is_comparing.swap(true, Ordering::AcqRel) {
             let why = "the machine file that was discarded is still being compared: try again";
             return Err(refused(503, why));
@@ -97,7 +98,7 @@ pub(super) fn take(
     let running = shared.published.model();
     let (of, begun) = (id.clone(), Arc::clone(shared));
     let spawned = spawn("volcomp-models", shared.cycle_cpu, move || {
-        // A panic in a comparison must not leave a candidate that cannot be discarded.
+        // A panic in a comparison must not leave a candidate that can never be discarded.
         let work = || compared(bytes, &name, &running.text);
         let done = catch_unwind(AssertUnwindSafe(work));
         let fault = "a fault of the program, written on standard error";
@@ -106,7 +107,7 @@ pub(super) fn take(
     });
     if let Err(e) = spawned {
         shared.is_comparing.store(false, Ordering::Release);
-        // No other request has seen it, or it is already discarded.
+        // No other request has seen this candidate, or it is already discarded.
         let _ = shared.discard(&id);
         return Err(refused(503, format!("no thread for it: {e}")));
     }
@@ -137,7 +138,7 @@ impl Shared {
         taken.map(drop).ok_or_else(candidate_gone)
     }
 
-    /// The candidate, ready for activation. `seen` is the hash of the result shown to the engineer.
+    /// The candidate, ready for activation. `seen` is the hash of the result that the engineer saw.
     pub(crate) fn ready(&self, id: &str, seen: &str) -> Result<Activate, Reply> {
         let candidate = locked(&self.candidate);
         let held = candidate.as_ref().filter(|held| held.is(id));
@@ -178,8 +179,8 @@ impl HeldCandidate {
     }
 }
 
-/// Parses a machine file and compares it with the active model. Returns the text to be stored and the result for the
-/// page.
+/// Parses a machine file and compares it with the active model. Returns the text to store and the result for the web
+/// interface.
 fn compared(
     bytes: Vec<u8>,
     name: &str,
@@ -216,9 +217,9 @@ fn compared(
 
 const STEPS: usize = 40;
 
-/// The errors along the diagonals of the linear axes: four diagonals of three axes, two of two. Rotary axes are at zero
-/// or the nearest end of travel. The error is that of the displacement from the start of the diagonal (ISO 230-6),
-/// without correction and at the reference temperature.
+/// The errors along the diagonals of the linear axes: four body diagonals of three axes, or two face diagonals of two
+/// axes. Rotary axes are at zero or at the end of travel nearest to it. The error is that of the displacement from the
+/// start of the diagonal (ISO 230-6), without correction and at the reference temperature.
 fn diagonals(before: &Machine, after: &Machine) -> Result<Vec<ModelDiagonal>, ModelError> {
     let same = |a: &Machine| -> Vec<AxisName> { a.axes().iter().map(|axis| axis.name).collect() };
     if same(before) != same(after) {
@@ -232,7 +233,7 @@ fn diagonals(before: &Machine, after: &Machine) -> Result<Vec<ModelDiagonal>, Mo
     if linear.len() < 2 {
         return Ok(Vec::new());
     }
-    // As in ISO 230-6: at most one axis moves backward, and of two axes the first.
+    // As in ISO 230-6, at most one axis moves backward. Of two axes only the first one may.
     let backward = (0..linear.len()).take(if linear.len() == 2 { 1 } else { 3 });
     core::iter::once(None)
         .chain(backward.map(Some))
@@ -240,8 +241,8 @@ fn diagonals(before: &Machine, after: &Machine) -> Result<Vec<ModelDiagonal>, Mo
         .collect()
 }
 
-/// The name of a diagonal: `NPP` for X backward, Y and Z forward; `NP0` if Z does not move; signs such as `−U +V` for
-/// other axis letters.
+/// The name of a diagonal: `NPP` for X backward, Y and Z forward. `0` stands for a missing axis, as in `NP0`. Axes
+/// other than X, Y and Z give signs, such as `−U +V`.
 fn name(linear: &[AxisName], backward: Option<usize>) -> String {
     let of_cube = [AxisName::X, AxisName::Y, AxisName::Z];
     let goes_back = |place: usize| backward == Some(place);
@@ -319,8 +320,8 @@ pub(super) fn spawn(
     Ok(())
 }
 
-/// Moves this thread off the processor of the cycle and lowers its priority. Failures are ignored: the cycle also has
-/// real-time priority.
+/// Moves this thread off the processor of the cycle and lowers its priority. Failures are ignored, because the cycle
+/// also has real-time priority.
 fn step_back(cycle_cpu: Option<usize>) {
     if let (Some(cpu), Ok(set)) = (cycle_cpu, sched_getaffinity(None))
         && let Some(others) = without(set, cpu)
@@ -359,8 +360,8 @@ mod tests {
         assert_eq!(name(&[U, V], Some(0)), "−U +V");
     }
 
-    /// A scale that is 50 µm/m long on X of a machine of 300 × 400 mm: along the diagonal of 500 mm the displacement errs by
-    /// 50e-6 · 300 · 300/500 mm = 9 µm at its end.
+    /// X of a machine of 300 × 400 mm has a scale error of 50 µm/m. Along the diagonal of 500 mm the displacement error
+    /// at the end is 50e-6 · 300 · 300/500 mm = 9 µm.
     #[test]
     fn the_end_of_a_diagonal_errs_as_by_hand() {
         let text = |scale: f64| {
@@ -379,7 +380,7 @@ mod tests {
         }
     }
 
-    /// The worker thread has a lower priority; the priority of the calling thread is unchanged.
+    /// The background thread has a lower priority; the priority of the calling thread is unchanged.
     #[test]
     fn only_the_background_thread_has_low_priority() {
         let before = getpriority_process(None).expect("shown");

@@ -1,9 +1,10 @@
 //! New models: uploaded machine files, their comparison with the active model, and their activation, which works like a
 //! reload.
 //!
-//! Nothing here touches the cycle. Requests come from the dashboard; machine files are compared on low-priority
-//! threads; one thread, the worker, stores models on disk and requests their activation. State: the folder of `store`,
-//! and the candidate, which does not survive a restart.
+//! The code of this module does not run in the cycle. Requests come from the dashboard, machine files are compared on
+//! low-priority threads, and one worker thread stores models on disk and requests their activation.
+//!
+//! State: the folder of `store`, and the candidate, which does not survive a restart.
 
 use std::{
     path::PathBuf,
@@ -43,7 +44,7 @@ pub struct Models {
     jobs: Sender<Job>,
 }
 
-/// Channel on which the service reports the outcomes of models; without a worker, reports are dropped.
+/// Channel on which the service reports the outcomes of models. Without a worker the reports are dropped.
 #[derive(Clone, Default)]
 pub struct ModelReports(Option<Sender<Job>>);
 
@@ -51,7 +52,7 @@ impl ModelReports {
     /// Reports the outcome of a model; `text` is its machine file if it was activated.
     pub(crate) fn report(&self, entry: ModelEntry, text: Option<String>) {
         if let Some(jobs) = &self.0 {
-            // The worker ends only when the gateway ends.
+            // The worker ends only with the gateway.
             let _ = jobs.send(Job::Record(Box::new(entry), text));
         }
     }
@@ -64,8 +65,8 @@ impl ModelReports {
 }
 
 impl Models {
-    /// Starts managing the models of a machine. `is_built_in`: the built-in simulation runs, whose machine file cannot
-    /// change.
+    /// Starts managing the models of a machine. `is_built_in` is true for the built-in simulation, whose machine file
+    /// cannot change.
     ///
     /// # Errors
     /// The operating system cannot create a thread.
@@ -108,7 +109,7 @@ impl Models {
         let candidate = locked(&shared.candidate);
         let shown = locked(&shared.shown);
         let mut configured = shown.configured.clone();
-        // The built-in simulation has no file that could differ.
+        // The built-in simulation has no configured file.
         configured.differs = !shared.is_built_in && configured.hash.as_ref() != Some(&model.hash);
         ModelState {
             hash: model.hash.clone(),
@@ -179,7 +180,7 @@ impl Models {
     ) -> PendingReply {
         let (answer, answered) = oneshot::channel();
         let deadline = RequestDeadline::start();
-        // If the worker has ended, the receiver returns an error.
+        // If the worker has ended, the receiver of the response returns an error.
         let _ = self.jobs.send(Job::Activate {
             who: who.to_owned(),
             what,
@@ -197,7 +198,7 @@ pub(crate) struct PendingReply {
 }
 
 impl PendingReply {
-    /// Waits for the response. If the disk hangs, the request times out and is withdrawn.
+    /// Waits for the response. If the disk hangs, the request is withdrawn after a timeout.
     pub(crate) async fn answer(self) -> Reply {
         let Self { mut answered, deadline } = self;
         let ended = match tokio::time::timeout(deadline.left(), &mut answered).await {

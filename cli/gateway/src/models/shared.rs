@@ -17,7 +17,7 @@ use crate::{
     request::{Reply, RequestSender, refused},
 };
 
-/// State shared by the threads. No holder of its locks waits for a disk.
+/// State shared by the threads. A thread that holds one of its locks never waits for a disk.
 pub(super) struct Shared {
     pub(super) store: Store,
     /// True for the built-in simulation, whose machine file cannot be replaced.
@@ -29,7 +29,7 @@ pub(super) struct Shared {
     pub(super) shown: Mutex<ShownModels>,
     pub(super) candidate: Mutex<Option<HeldCandidate>>,
     pub(super) uploading: AtomicUsize,
-    /// Whether a comparison is running, even if its candidate was discarded.
+    /// True while a comparison is running, even if its candidate was discarded.
     pub(super) is_comparing: AtomicBool,
 }
 
@@ -62,15 +62,15 @@ pub(super) enum Job {
 
 pub(super) struct HeldCandidate {
     pub(super) document: Candidate,
-    /// The text to be stored; `None` until the file has been parsed.
+    /// The text to store; `None` until the file has been parsed.
     pub(super) text: Option<String>,
 }
 
-/// Timeout until the request is passed to the service. A request delayed by a disk that hangs must not take effect
-/// later, unexpectedly: the client receives the timeout before the request becomes too old for a response.
+/// Timeout until a request is passed to the service. A request that a hanging disk delays must not take effect
+/// unexpectedly after its client has received the timeout.
 const ACTIVATION_TIMEOUT: Duration = Duration::from_secs(5);
 
-/// The deadline of one request. Invariant: the request is either passed to the service or given up, never both.
+/// The deadline of one request. Invariant: the request is either passed to the service or withdrawn, never both.
 #[derive(Clone, Debug)]
 pub(super) struct RequestDeadline {
     until: Instant,
@@ -119,7 +119,7 @@ mod tests {
         let of_desk = deadline.clone();
         assert!(deadline.withdraw());
         assert!(!of_desk.claim());
-        // Not withdrawn, but past its deadline.
+        // The request was not withdrawn, but its deadline has passed.
         let late = RequestDeadline { until: Instant::now(), is_decided: Arc::default() };
         assert!(!late.claim());
     }

@@ -1,7 +1,8 @@
 //! The folder of stored models: `models` in the folder of the audit log.
 //!
-//! `standing.json` records the model activated by an operator and the history; it is replaced atomically. Machine files
-//! are named by their hash, which is verified on reading. A machine file is on disk before it has any effect.
+//! `standing.json` records the model activated by an operator and the history, and is replaced atomically. Machine
+//! files are named by their hash, which is verified on reading. A machine file is on disk before its model is
+//! activated.
 
 use std::{
     collections::BTreeSet,
@@ -19,10 +20,10 @@ use crate::{
 };
 
 const STANDING: &str = "standing.json";
-/// Maximum number of history entries; only the models of these entries are kept.
+/// Maximum number of history entries. Only the models of these entries are kept.
 pub(crate) const MAX_HISTORY: usize = 100;
 
-/// Disk space that must remain free, bytes: the audit log needs it, and without the log nothing is armed.
+/// Disk space reserved for the audit log, bytes. The gateway does not arm if it cannot write the log.
 const RESERVE: u64 = 64 * 1024 * 1024;
 
 #[derive(Clone, Debug)]
@@ -46,7 +47,7 @@ impl Store {
         machine.parent() == Some(&self.dir)
     }
 
-    /// The stored state, and a description of any damage. A missing folder is treated as empty.
+    /// The stored state, and a description of any damage. A missing folder counts as empty.
     pub(crate) fn read(&self) -> (ModelsKept, Option<String>) {
         let path = self.dir.join(STANDING);
         let damaged = |error: String| {
@@ -66,7 +67,8 @@ impl Store {
         }
     }
 
-    /// Path of the machine file activated by an operator, if it is present and intact; `Err` describes the damage.
+    /// Path of the machine file activated by an operator; `None` if the operator activated none. `Err` describes a
+    /// missing or damaged file.
     pub(crate) fn in_force(&self) -> Result<Option<PathBuf>, String> {
         let (kept, damage) = self.read();
         if let Some(damage) = damage {
@@ -79,7 +81,7 @@ impl Store {
         Ok(Some(self.machine(&in_force.hash)))
     }
 
-    /// Text of a stored model, verified against its hash.
+    /// Text of a stored model. The text is verified against the hash.
     pub(crate) fn text(&self, hash: &str) -> Result<String, String> {
         let path = self.machine(hash);
         let wrong = |what: String| format!("{}: {what}", path.display());
@@ -99,7 +101,7 @@ impl Store {
         builder.recursive(true).mode(0o700).create(&self.dir)
     }
 
-    /// Stores a machine file if [`RESERVE`] remains free.
+    /// Stores a machine file if [`RESERVE`] bytes remain free afterwards.
     pub(crate) fn keep(&self, hash: &str, text: &str) -> io::Result<()> {
         self.make()?;
         if self.text(hash).is_ok() {
@@ -109,7 +111,7 @@ impl Store {
         replace_file(&self.machine(hash), text)
     }
 
-    /// Saves the state, and removes machine files that are no longer referenced.
+    /// Saves the state, and removes machine files that it no longer references.
     pub(crate) fn keep_standing(&self, kept: &ModelsKept) -> io::Result<()> {
         self.make()?;
         replace_file(&self.dir.join(STANDING), &serde_json::to_string(kept)?)?;
@@ -126,13 +128,13 @@ impl Store {
             let name = path.file_name().and_then(|name| name.to_str());
             let is_ours = name.is_some_and(|name| name.starts_with("machine-"));
             if is_ours && !needed.contains(&path) {
-                // A file that remains only uses space.
+                // A file that cannot be removed only uses space.
                 let _ = fs::remove_file(path);
             }
         }
     }
 
-    /// Hashes of the kept models whose file exists, newest first, without duplicates.
+    /// Hashes of the models in `kept` whose files exist, newest first, without duplicates.
     pub(crate) fn stored_hashes(&self, kept: &ModelsKept) -> Vec<String> {
         let mut seen = BTreeSet::new();
         let all = hashes(kept).filter(|hash| seen.insert(hash.to_owned()));
@@ -143,7 +145,7 @@ impl Store {
     }
 }
 
-/// Hashes of all models that were active, and of the active one; with duplicates.
+/// Hashes of all models that were active and of the active model, with duplicates.
 fn hashes(kept: &ModelsKept) -> impl Iterator<Item = &str> {
     let was = |entry: &&ModelEntry| entry.outcome == ModelOutcome::InForce;
     let history = kept.history.iter().filter(was);
@@ -151,7 +153,7 @@ fn hashes(kept: &ModelsKept) -> impl Iterator<Item = &str> {
     history.chain(kept.in_force.iter().map(|model| model.hash.as_str()))
 }
 
-/// Whether the file does not exist. Other errors of the folder are reported when the log is opened.
+/// True if the file does not exist. Opening the audit log reports other errors of the folder.
 fn is_missing(error: &io::Error) -> bool {
     matches!(
         error.kind(),
@@ -162,7 +164,7 @@ fn is_missing(error: &io::Error) -> bool {
     )
 }
 
-/// Appends a history entry; the oldest ones beyond [`MAX_HISTORY`] are dropped.
+/// Appends a history entry, and drops the oldest entries beyond [`MAX_HISTORY`].
 pub(crate) fn add(kept: &mut ModelsKept, entry: ModelEntry) {
     kept.history.push(entry);
     let more = kept.history.len().saturating_sub(MAX_HISTORY);
@@ -171,7 +173,7 @@ pub(crate) fn add(kept: &mut ModelsKept, entry: ModelEntry) {
 
 /// Rejects a file that would use the space reserved for the audit log.
 fn check_room(folder: &Path, bytes: u64) -> io::Result<()> {
-    // If the file system does not report its free space, try to write.
+    // If the file system does not report its free space, allow the write.
     let Ok(disk) = statvfs(folder) else {
         return Ok(());
     };
@@ -225,8 +227,8 @@ mod tests {
         }
     }
 
-    /// Every state that a kill between two steps of an activation can leave on disk: the loaded model is complete, and
-    /// is the new one only after its activation was stored.
+    /// Covers every state that a kill between two steps of an activation can leave on disk. The loaded model is
+    /// complete, and is the new one only after its activation was stored.
     #[test]
     fn a_kill_between_two_steps_leaves_a_model_that_is_whole() {
         let dir = tempfile::tempdir().expect("writable");
@@ -248,7 +250,7 @@ mod tests {
         // The activation is stored.
         store.keep_standing(&standing(&hash)).expect("writable");
         assert_eq!(store.in_force(), Ok(Some(machine.clone())));
-        // The file is damaged afterwards: it is not loaded, and the damage is reported.
+        // A file damaged later is not loaded, and the damage is reported.
         fs::write(&machine, text.replace("20.0", "90.0")).expect("writable");
         assert!(store.in_force().is_err());
         fs::write(&machine, "").expect("writable");

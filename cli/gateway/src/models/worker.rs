@@ -1,8 +1,8 @@
 //! The thread that stores models on disk and requests their activation.
 //!
-//! Order of an activation: machine file to disk under its hash; request to the service, which compares, asks for
-//! confirmation, writes its record and ramps as for a reload; then the activation to disk. Failed writes are retried
-//! and reported. After a restart in between, the previous model is active.
+//! An activation has three steps. The worker stores the machine file under its hash. The service compares it, asks for
+//! confirmation, writes an audit record and ramps, as for a reload. Then the worker stores the activation. Failed
+//! writes are retried and reported. After a restart between two steps the previous model is active.
 
 use std::{
     path::PathBuf,
@@ -33,7 +33,7 @@ use crate::{
 /// Interval at which the configured machine file is checked and failed writes are retried.
 const POLL_INTERVAL: Duration = Duration::from_secs(2);
 
-/// An active machine file that could not be stored, so that it cannot be reactivated later.
+/// An active machine file that could not be stored. It cannot be activated again later.
 struct UnsavedModel {
     hash: String,
     text: String,
@@ -134,7 +134,7 @@ impl ModelWorker {
         }
         let mut newest = self.kept.history.iter().rev();
         let is_again = match entry.outcome {
-            // After a restart the same model is reported again.
+            // After a restart the gateway reports the same model again.
             ModelOutcome::InForce if entry.who == GATEWAY => {
                 let last = newest.find(|known| known.outcome == ModelOutcome::InForce);
                 last.is_some_and(|last| (&last.hash, last.from) == (&entry.hash, entry.from))
@@ -184,7 +184,7 @@ impl ModelWorker {
         deadline: &RequestDeadline,
         work: &Receiver<Job>,
     ) -> Reply {
-        // The request timed out while it was queued: do not start it.
+        // The request timed out in the queue: do not start it.
         if deadline.left().is_zero() {
             tracing::warn!("models: {who}: {GIVEN_UP}");
             return refused(503, GIVEN_UP);
@@ -224,7 +224,7 @@ impl ModelWorker {
         let Ok(mut reply) = receiver.blocking_recv() else {
             return refused(503, "the gateway is stopping");
         };
-        // The service sent its note before the response. Activations requested meanwhile are refused.
+        // The service sent its report before the response. Refuse activations requested meanwhile.
         while let Ok(job) = work.try_recv() {
             match job {
                 Job::Record(entry, text) => self.note(*entry, text),
@@ -250,13 +250,13 @@ impl ModelWorker {
             reloaded.note = Some(why.clone());
         }
         if let Some(id) = candidate {
-            // The candidate may have been discarded meanwhile.
+            // The engineer may have discarded the candidate meanwhile.
             let _ = self.shared.discard(&id);
         }
         reply
     }
 
-    /// Differences from the active model; none if the file is not a valid machine, because the service reports that
+    /// Differences from the active model. Empty if the file is not a valid machine, because the service reports that
     /// error.
     fn compare(&self, new: Option<&Machine>) -> Differences {
         let running = self.shared.published.model();
@@ -267,8 +267,8 @@ impl ModelWorker {
         }
     }
 
-    /// Puts the machine file on disk and builds the request to the service; also returns the id of the candidate it
-    /// came from.
+    /// Stores the machine file and builds the request to the service. Also returns the id of the candidate if the file
+    /// comes from one.
     fn prepare(
         &self,
         what: Activate,
@@ -318,5 +318,5 @@ impl ModelWorker {
     }
 }
 
-/// `who` of the entries recorded at start-up.
+/// `who` of the history entries recorded at start-up.
 const GATEWAY: &str = "gateway";

@@ -19,8 +19,8 @@ use crate::{
 /// File-system type of `/sys`, as returned by `statfs`.
 const SYSFS_MAGIC: FsWord = 0x6265_6572;
 
-/// Rejects an audit-log folder that this user cannot create or write: it is a file or below one, its name is invalid,
-/// or its parent is not writable. Nothing is written.
+/// Rejects an audit-log folder that this user cannot create or write: the path is a file or below one, its name is
+/// invalid, or its parent is not writable. Writes nothing.
 pub(super) fn audit_folder(dir: &Path) -> Result<(), GatewayError> {
     let wrong = |found: &Path| {
         let what = if found.starts_with(dir) && found != dir {
@@ -66,8 +66,8 @@ fn is_missing(error: &io::Error) -> bool {
     matches!(error.kind(), io::ErrorKind::NotFound | io::ErrorKind::NotADirectory)
 }
 
-/// Whether files and folders can be created in a folder. The kernel's own file systems reject them even for root, for
-/// whom `access` permits everything.
+/// Checks that files and folders can be created in a folder. `access` permits everything for root, but the kernel's own
+/// file systems reject new files even for root.
 fn can_write_in(folder: &Path) -> io::Result<()> {
     access(folder, Access::WRITE_OK | Access::EXEC_OK)?;
     if [PROC_SUPER_MAGIC, SYSFS_MAGIC].contains(&statfs(folder)?.f_type) {
@@ -83,7 +83,7 @@ pub(super) fn device_twice(config: &Config, table: &str, url: &str) -> GatewayEr
     )
 }
 
-/// Rejects a sensor name that is blank or already used by an earlier thermometer.
+/// Rejects a sensor name that is blank or belongs to an earlier thermometer.
 pub(super) fn sensor_names(
     config: &Config,
     before: &[ThermometerDevice],
@@ -106,8 +106,8 @@ pub(super) fn sensor_names(
     Ok(())
 }
 
-/// Checks that the memory blocks of a controller, which follows the controllers in `before`,
-/// overlap neither each other nor blocks of earlier controllers.
+/// Checks that the memory blocks of a controller overlap neither each other nor those of the controllers in `before`,
+/// which precede it in the configuration.
 pub(super) fn overlap(
     config: &Config,
     before: &[Box<dyn ControllerDevice>],
@@ -125,8 +125,8 @@ pub(super) fn overlap(
     Ok(())
 }
 
-/// The error for two overlapping blocks. It is located at the key of `one`, or at the key of
-/// `other` if the file states only this one.
+/// The error for two overlapping blocks. Its position is the key of `one`, or the key of `other` if the file states
+/// only that key.
 fn overlapping(config: &Config, one: (usize, Block), other: (usize, Block)) -> GatewayError {
     let source = &config.source;
     let key = |(index, block): &(usize, Block)| format!("controller[{index}].{}", block.key);
@@ -150,8 +150,8 @@ fn overlapping(config: &Config, one: (usize, Block), other: (usize, Block)) -> G
     GatewayError::Place(source.error(&config.file, &place, message))
 }
 
-/// Rejects a read-only controller that precedes a writing one, or is the only one: read-only controllers have no rank
-/// in the order of preference.
+/// Rejects a read-only controller that precedes a writing one, or is the only controller. Read-only controllers have no
+/// rank in the order of preference.
 pub(super) fn readers_last(config: &Config) -> Result<(), GatewayError> {
     let controllers = &config.controllers;
     let misplaced = controllers.iter().enumerate().find(|(index, own)| {
@@ -170,8 +170,8 @@ pub(super) fn readers_last(config: &Config) -> Result<(), GatewayError> {
     ))
 }
 
-/// Rejects a controller whose correction depends on an unknown position. Every writing controller needs the position of
-/// every axis of the machine: from itself, from another controller, or from `fixed`.
+/// Rejects a controller whose correction depends on an unknown position. A writing controller needs the position of
+/// every axis of the machine: from its own readings, from another controller, or from `fixed`.
 pub(super) fn positions_known(
     config: &Config,
     model: &Model,
@@ -198,7 +198,7 @@ pub(super) fn positions_known(
     Ok(())
 }
 
-/// The message about axes with unknown positions: the keys to set for each kind.
+/// The message about axes with unknown positions, with the keys to set for each kind of axis.
 fn unknown_positions(axes: &[AxisName], machine: &Path) -> String {
     let list = |with: &str| {
         let words = axes.iter().map(|axis| format!("{with}{axis}{with}"));
@@ -300,7 +300,7 @@ pub(super) fn fleet(config: &Config) -> Result<Option<Fleet>, GatewayError> {
     }
     let kept = crate::fleet::stored(fleet);
     let document = crate::documents::FleetPlan {
-        // A seed without a public key was rejected with the settings.
+        // Reading the settings has already rejected a seed without a public key.
         nkey: settings.public_key().unwrap_or_default(),
         version: kept.standing.active.unwrap_or(0),
         accepted: kept.standing.highest,

@@ -121,7 +121,7 @@ fn barrier(path: &PathPlan) -> Option<BarrierPlan> {
     })
 }
 
-/// The sensors used by thermal terms, and those that only a thermometer provides.
+/// The sensors that thermal terms use, and further sensors of thermometers.
 fn sensors(plan: &Plan) -> Vec<SensorPlan> {
     let measured_by = |name: &String| {
         if plan.devices.simulation.is_some() {
@@ -154,9 +154,9 @@ fn feeds(plan: &Plan, sensor: &str) -> Vec<String> {
     expansion.chain(drift).collect()
 }
 
-/// Correction that the machine file requires of a path within the travels, µm and µrad.
+/// Correction within the travels that the machine file requires of a path, µm or µrad by axis.
 struct Needs {
-    /// Largest correction of each correcting axis, without thermal effects.
+    /// Largest correction of each corrected axis, without thermal effects.
     up_to: ByAxis,
     /// Additional correction per kelvin of sensor temperature; empty without thermal terms.
     per_k: ByAxis,
@@ -281,7 +281,7 @@ fn of_uncorrected(path: &PathPlan, UncorrectedAxis { axis, why }: UncorrectedAxi
     }
 }
 
-/// Note about linear axes that rotary axes turn into nearly the same direction at some pose.
+/// Note about linear axes that the rotary axes turn into nearly the same direction at a pose.
 fn linear_near_singular(plan: &Plan, path: &PathPlan) -> Option<String> {
     let pose = plan.model.linear_near_singular(&path.correctors)?;
     let axes = plan.model.axes.iter().zip(&pose);
@@ -330,10 +330,10 @@ fn by_axes(
     })
 }
 
-/// Note about a limit that is reduced because there is no barrier, or that is not a whole number of steps.
+/// Note about a limit that is reduced because the control has no barrier, or that is not a whole number of steps.
 fn limit(plan: &Plan, axis: &AxisPlan) -> Option<String> {
     let configured = round(plan.guard.of(axis.name)?.limit.um_or_urad());
-    // An axis limited to 0 does not correct; another note covers it.
+    // An axis with the limit 0 is not corrected; another note covers this case.
     if configured == axis.limit || axis.limit == 0.0 {
         return None;
     }

@@ -1,4 +1,4 @@
-//! A checked configuration: everything that can be determined without opening a device. The daemon opens a plan,
+//! A checked configuration: everything that can be determined without opening a device. The gateway opens a plan,
 //! `check` prints it, and a reload compares it with the running one.
 
 use std::{sync::Arc, time::Duration};
@@ -31,15 +31,12 @@ mod describe;
 
 /// A checked configuration with everything it refers to. No device has been opened.
 pub struct Plan {
-    /// The configuration from which the plan was made.
     pub config: Config,
-    /// The machine with its thermal terms.
     pub model: Model,
-    /// Tokens of the dashboard.
     pub tokens: Tokens,
     /// TLS certificate of the dashboard; `None`: without TLS.
     pub tls: Option<Tls>,
-    /// Names of the temperatures, in the order of the configuration.
+    /// Sensor names, in the order of the configuration.
     pub sensors: Vec<String>,
     fleet: Option<Fleet>,
     machine: Machine,
@@ -63,21 +60,19 @@ struct Devices {
 
 /// A plan with open devices.
 pub struct OpenedPlan {
-    /// The configuration from which the plan was made.
     pub config: Config,
-    /// The cycle before its first run.
+    /// The cycle, before its first run.
     pub cycle: Cycle,
     /// A copy of the cycle's model.
     pub model: Arc<Model>,
     /// Descriptions of the controllers from their drivers, in the order of the configuration.
     pub controllers: Vec<Description>,
-    /// Names of the temperatures, in the order of the configuration.
+    /// Sensor names, in the order of the configuration.
     pub sensors: Vec<String>,
-    /// True errors of the machine if it is simulated.
+    /// True errors of the machine; `None` if the machine is not simulated.
     pub truth: Option<Truth>,
-    /// The disturbances of the built-in simulation.
+    /// Disturbances of the built-in simulation; `None` on a configured machine.
     pub demo: Option<Arc<Demo>>,
-    /// Tokens of the dashboard.
     pub tokens: Tokens,
     /// TLS certificate of the dashboard; `None`: without TLS.
     pub tls: Option<Tls>,
@@ -142,7 +137,7 @@ impl Plan {
         self.paths.iter().map(|path| path.limits).collect()
     }
 
-    /// The planned writing controllers, in order of preference.
+    /// Plans of the writing controllers, in order of preference.
     pub(crate) fn paths(&self) -> &[PathPlan] {
         &self.paths
     }
@@ -158,7 +153,7 @@ impl Plan {
         &self.guard
     }
 
-    /// The parts that determine the quantities for other systems.
+    /// The parts that determine the quantities reported to other systems.
     pub fn shape(&self) -> Shape {
         let mut axes = self.model.axes.clone();
         axes.sort_unstable();
@@ -186,7 +181,7 @@ impl Plan {
         let plan = |source| self.config.plan_error(source);
         let (controllers, thermometers, simulated) =
             devices.open().map_err(GatewayError::Device)?;
-        // Each start of each machine has a unique owner number.
+        // Every start of a machine gets a unique owner number.
         let owner = next_owner();
         let mut controllers = controllers.into_iter();
         let paths = controllers
@@ -237,7 +232,7 @@ impl Plan {
         Ok(describe::document(self)?)
     }
 
-    /// The plan with the settings reported by the controls. Nothing is written to them.
+    /// The plan with the settings that the controls report. Nothing is written to the controls.
     ///
     /// # Errors
     /// A control cannot be reached, or contradicts the configuration.
@@ -325,7 +320,7 @@ fn configured(config: &Config) -> Result<Devices, GatewayError> {
     Ok(Devices { controllers, thermometers, simulation: None })
 }
 
-/// Time a control needs to ramp from the largest correction to zero at the maximum slew rate of the guard.
+/// Time that a control needs to ramp from the largest correction to zero at the maximum slew rate of the guard.
 fn time_to_zero(guard: &GuardSettings) -> Duration {
     let linear = guard.linear.limit.0 / guard.linear.slew_per_s.0;
     let rotary = guard.rotary.map_or(0.0, |rotary| rotary.limit.0 / rotary.slew_per_s.0);
@@ -344,7 +339,7 @@ fn paths(
         planned.map_err(|source| config.plan_error(source))
     };
     if let Some(simulation) = &devices.simulation {
-        // The simulated control is internal to this process: no other sender can reach it.
+        // The simulated control is internal to this process, so no other sender can reach it.
         let settings = PathSettings {
             watch: Duration::ZERO,
             barrier: Some(BarrierSettings {
@@ -373,7 +368,7 @@ fn paths(
         .collect()
 }
 
-/// The read-only controllers, which come last.
+/// Plans of the read-only controllers, which follow the writing ones.
 fn readers(
     config: &Config,
     devices: &Devices,

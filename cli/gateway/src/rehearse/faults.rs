@@ -12,10 +12,10 @@ pub struct Fault {
     /// Description of the fault.
     pub meaning: &'static str,
     pub(super) act: FaultAction,
-    /// Set if the fault causes a step that cannot be detected without a barrier; only the limit bounds it.
+    /// True if the fault causes a step that cannot be detected without a barrier; only the limit bounds the step.
     pub(super) is_unseen_without_barrier: bool,
-    /// Set if the fault makes the gateway read that the machine may be moved although it may not;
-    /// only a barrier can hold the correction then.
+    /// True if the gateway reads that the machine may be moved although it may not; only a barrier can hold the
+    /// correction then.
     pub(super) hides_interlock: bool,
 }
 
@@ -37,7 +37,7 @@ pub(super) enum FaultAction {
     Unreferenced,
     /// The emergency stop is pressed, but readings do not show it.
     HiddenStop,
-    /// Like `HiddenStop`, but at random times.
+    /// As `HiddenStop`, but at random times.
     HiddenStopByChance,
     /// The control restarts; its words keep their values.
     Reset,
@@ -47,7 +47,7 @@ pub(super) enum FaultAction {
     Garbage,
     /// The gateway is killed without ramping out, then restarted.
     Restart,
-    /// The connection is lost for longer than positions may be missing.
+    /// The connection is lost for longer than the guard accepts missing positions.
     PositionsLost,
     /// A temperature jumps by 15 K.
     SensorJump,
@@ -78,7 +78,7 @@ const NONE: Faults = Faults {
     lag: 0,
 };
 
-/// Probability of a random fault, per call.
+/// Probability of a random fault per call.
 const CHANCE: f64 = 0.1;
 /// Probability per call of a random fault that lasts or stops the control.
 const SELDOM: f64 = 0.02;

@@ -16,7 +16,7 @@ use super::{
 };
 use crate::documents::{Excursion, RehearsedAxis, RehearsedFault, round};
 
-/// Tolerance for the rounding of summed steps, in steps.
+/// Tolerance for rounding errors of summed steps, in steps.
 const ROUNDING: f64 = 1e-6;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -44,9 +44,9 @@ pub(super) struct Findings {
     pub(super) rejected_position: bool,
 }
 
-/// Whether only the limit bounds the effect of a fault, because it causes an undetectable step.
+/// True if only the limit bounds the effect of a fault, because the fault causes an undetectable step.
 fn is_bounded_by_limit(fault: &Fault, path: &PathPlan) -> bool {
-    // Without read-back the gateway cannot detect that the words in the control have changed.
+    // Without read-back the gateway cannot detect that the control's words have changed.
     let is_unknown = path.no_read_back
         && matches!(
             fault.act,
@@ -55,7 +55,7 @@ fn is_bounded_by_limit(fault: &Fault, path: &PathPlan) -> bool {
     path.barrier.is_none() && (fault.is_unseen_without_barrier || is_unknown)
 }
 
-/// Whether the correction can be held during this fault: by the barrier, or by the gateway if its device shows the
+/// True if the correction can be held during this fault: by the barrier, or by the gateway if its device reports the
 /// condition that forbids motion.
 fn can_hold(fault: &Fault, path: &PathPlan) -> bool {
     let shown = path.description.shown;
@@ -83,7 +83,7 @@ pub(super) fn judge(
     for (place, axis) in path.description.axes.iter().enumerate() {
         let limits = &path.limits.axes[place];
         let overwritten = matches!(fault.act, FaultAction::Garbage) && rig.barrier.is_none();
-        // The values of the other sender were already applied; the correction ramps in from there.
+        // The control applied the other sender's values, and the correction ramps from them.
         let most = if overwritten { limits.limit * GARBAGE } else { limits.reachable() };
         let allowed = match &rig.barrier {
             Some(barrier) => f64::from(barrier.rate[place]) * limits.resolution,

@@ -60,7 +60,7 @@ struct SharedController {
     wire: SharedWire,
 }
 
-/// A control program that can be stopped: while stopped, its report and its outputs do not change.
+/// A control program that can be stopped. While it is stopped, its report and its outputs do not change.
 struct Stoppable {
     program: Program,
     stopped: Arc<AtomicBool>,
@@ -94,7 +94,7 @@ impl Controller for Wire {
         if !self.description.tells_applied {
             snapshot.applied = None;
         }
-        // States that the configured device does not report get the driver's default values.
+        // A state that the configured device does not report has the default value of its driver.
         let shown = self.description.shown;
         snapshot.state.referenced |= !shown.referenced;
         snapshot.state.alarm &= shown.alarm;
@@ -108,7 +108,7 @@ impl Controller for Wire {
 
     fn apply(&mut self, corrections: &PerChannel<f64>, deadline: Instant) -> Result<(), Fault> {
         if self.stopped.load(Ordering::Relaxed) {
-            // The control receives the words, but its stopped program does not apply them.
+            // The control receives the words, but the stopped program does not apply them.
             return Ok(());
         }
         self.control.apply(corrections, deadline)
@@ -150,8 +150,11 @@ impl Rig {
         Self::new(plan, path, 1, 1)
     }
 
-    /// Creates a machine in its initial state, with its thermometer. The barrier in its control moves `rate` times as fast as its settings say;
-    /// `rate` is 1, except in tests of the rehearsal itself. Errors: the limits do not give valid settings of a barrier.
+    /// Creates a machine in its initial state, with its thermometer. The barrier in its control moves at `rate` times
+    /// the rate of its settings; `rate` is 1, except in tests of the rehearsal.
+    ///
+    /// # Errors
+    /// The limits do not give valid settings of a barrier.
     pub(super) fn new(
         plan: &Plan,
         path: &PathPlan,
@@ -159,7 +162,7 @@ impl Rig {
         rate: i16,
     ) -> Result<Self, GatewayError> {
         let (model, mut path) = (&plan.model, path.clone());
-        // Axes whose position only another controller reports are fixed at mid-travel.
+        // An axis whose position only another controller reports is fixed at mid-travel.
         for (index, ends) in model.travel.iter().enumerate() {
             let shown = path.description.shows(model.axes[index]);
             if !shown && path.fixed[index].is_none() {
@@ -212,7 +215,10 @@ impl Rig {
         })
     }
 
-    /// Builds the cycle of a gateway for this machine, with its owner number. Errors: plan and machine do not match.
+    /// Builds the cycle of a gateway for this machine; `owner` is the owner number of the gateway.
+    ///
+    /// # Errors
+    /// The plan and the machine do not match.
     pub(super) fn cycle(&self, plan: &Plan, owner: u16) -> Result<Cycle, GatewayError> {
         let wrong = |source| plan.config.plan_error(source);
         let held = SharedController::new(&self.wire);
@@ -231,17 +237,17 @@ impl Rig {
         Ok(cycle.with_rapid(guard.rapid).with_clock(self.clock.clone()))
     }
 
-    /// Opens a plan whose first controller and thermometers are replaced by this machine, for tests of a complete
-    /// gateway in one process.
+    /// Opens a plan in which this machine replaces the first controller and the thermometers. Tests use it to run a
+    /// complete gateway in one process.
     ///
     /// # Errors
-    /// Plan and machine do not match.
+    /// The plan and the machine do not match.
     pub fn open(&self, plan: Plan) -> Result<OpenedPlan, GatewayError> {
         let cycle = self.cycle(&plan, next_owner())?;
         Ok(plan.opened(cycle))
     }
 
-    /// Clock of the machine, which moves only when the caller advances it.
+    /// Clock of the machine. It moves only when the caller advances it.
     pub fn clock(&self) -> &Clock {
         &self.clock
     }
@@ -253,7 +259,7 @@ impl Rig {
 
     /// Simulates another sender that writes these values (mm, rad) to the axes.
     pub fn overwrite(&self, values: &PerChannel<f64>) {
-        // An unreachable machine is unreachable for other senders as well.
+        // A machine that is unreachable for the gateway is also unreachable for this sender, so ignore the error.
         let _ = locked(&self.wire).device.control.apply(values, self.clock.now());
     }
 
@@ -265,7 +271,7 @@ impl Rig {
     }
 }
 
-/// The thermometer with its faults, shared by the runs of a gateway and the rehearsal; it survives a restart.
+/// The thermometer with its faults, shared by the gateway and the rehearsal. It survives a restart of the gateway.
 type ThermometerLink = Arc<Mutex<Faulty<SimulatedThermometer>>>;
 
 struct SharedThermometer {
@@ -306,7 +312,7 @@ impl Thermometer for SharedThermometer {
     }
 }
 
-/// The written axes come first, then those that are only read.
+/// The axes of a control: the written axes first, then those that are only read.
 fn axes(description: &Description) -> Vec<Axis> {
     let only_read = |&name: &AxisName| Axis {
         name,
@@ -322,8 +328,9 @@ fn warming(name: &str) -> Warming {
     Warming { name: name.to_owned(), start_degc: 20.0, rise_k: 3.0, time_constant_s: 1800.0 }
 }
 
-/// Moves all axes simultaneously through the working volume, from the corner where the correction is largest relative
-/// to its limit to the opposite corner and back. Also returns the acceleration.
+/// Moves all axes simultaneously through the working volume: from the corner where the correction is largest relative
+/// to its limit, to the opposite corner, and back. Also returns the acceleration along the path, mm/s² (rad/s² for
+/// rotary axes).
 fn moves(model: &Model, plan: &PathPlan) -> (Vec<Move>, f64) {
     let (axes, written) = (plan.description.shown_axes().count(), plan.description.axes.len());
     let at = |corner: usize, place: usize| {
@@ -354,7 +361,10 @@ fn moves(model: &Model, plan: &PathPlan) -> (Vec<Move>, f64) {
     (program.to_vec(), feed_per_s / ACCELERATING_S)
 }
 
-/// Settings of the barrier in the control of a path; `None`: it has none. Errors: the limits do not give valid settings of a barrier.
+/// Settings of the barrier in the control of a path; `None`: the control has no barrier.
+///
+/// # Errors
+/// The limits do not give valid settings of a barrier.
 pub(super) fn barrier(plan: &PathPlan) -> Result<Option<Settings>, GatewayError> {
     let wrong = |source| GatewayError::Barrier { device: plan.description.device.clone(), source };
     (plan.barrier)
@@ -363,7 +373,7 @@ pub(super) fn barrier(plan: &PathPlan) -> Result<Option<Settings>, GatewayError>
         .map_err(wrong)
 }
 
-/// Settings as a machine builder would choose them for these limits: equal limits, twice the slew rate, and times that
+/// Settings that a machine builder would choose for these limits: the same limits, twice the slew rate, and times that
 /// the guard accepts.
 fn settings(plan: &PathPlan, machine: u16, scan: Duration) -> Result<Settings, SettingsError> {
     let limits = &plan.limits;

@@ -1,10 +1,9 @@
-//! A commissioning test: runs the configured machine, limits, cycle and controllers on a simulated machine, under every
-//! fault of a catalogue. No device is opened, and nothing is sent. Time is simulated, so that minutes of machine time
-//! take seconds.
+//! A commissioning test: runs the configured machine, limits, cycle and controllers on a simulated machine under every
+//! fault of a catalogue. Opens no device and sends nothing. Time is simulated, so minutes of machine time take seconds.
 //!
-//! Each controller is rehearsed alone on a separate machine: with the reference barrier, set to the configured limits,
-//! if the configuration has one, else with plain values, with or without read-back. Each fault starts on a new machine,
-//! so that it can be repeated alone.
+//! Each controller is rehearsed alone on its own simulated machine. A controller with a barrier runs with the reference
+//! barrier, set to the configured limits; other controllers receive plain values, with or without read-back. Each fault
+//! starts on a new machine, so that it can be repeated alone.
 
 use std::{env, fs, time::Duration};
 
@@ -38,7 +37,7 @@ pub use faults::{CATALOGUE, Fault};
 pub use machine::Rig;
 pub use text::{COLUMNS, text};
 
-/// Timeout for reaching compensation after the start, and again after a fault.
+/// Timeout for reaching the compensating state after the start, and again after a fault.
 const PATIENCE: Duration = Duration::from_secs(30);
 const CALM: Duration = Duration::from_millis(400);
 
@@ -49,7 +48,7 @@ pub struct Rehearsal {
     pub seed: u64,
     /// The faults to rehearse; empty: all of them.
     pub faults: Vec<&'static Fault>,
-    /// Speed factor of the simulated control's barrier: 1, except in tests that need a failing rehearsal.
+    /// Factor of the rate of the simulated control's barrier: 1, except in tests that need a failing rehearsal.
     pub barrier_rate: i16,
 }
 
@@ -82,11 +81,11 @@ impl Rehearsal {
         })
     }
 
-    /// Rehearses the plan. No device is opened.
+    /// Rehearses a plan. No device is opened.
     ///
     /// # Errors
-    /// The configuration has no limits, or no barrier can be set to them. A broken rule is not an error: the document
-    /// reports it.
+    /// The configuration has no limits, or the limits give no valid settings of a barrier. A broken rule is no error:
+    /// the document reports it.
     pub fn run(&self, plan: &Plan) -> Result<RehearsalDocument, GatewayError> {
         if plan.config.guard.is_none() {
             return Err(GatewayError::invalid_in(
@@ -131,7 +130,7 @@ impl Rehearsal {
         let all = CATALOGUE.iter().filter(|_| self.faults.is_empty());
         let (mut found, mut left_out) = (Vec::new(), Vec::new());
         for fault in requested.chain(all) {
-            // Faults of a sensor are skipped without one.
+            // Without sensors the faults of sensors are left out.
             let needs_sensor =
                 matches!(fault.act, FaultAction::SensorJump | FaultAction::SensorCorrupt);
             if needs_sensor && plan.sensors.is_empty() {
@@ -170,7 +169,7 @@ impl Rehearsal {
         simulated: &mut Duration,
     ) -> Result<RehearsedFault, GatewayError> {
         let mut run = Run::new(plan, path, self.seed, self.barrier_rate)?;
-        // Move the axes before arming: otherwise the test shift proves nothing.
+        // Move the axes before arming: at standstill the test shift proves nothing.
         run.run(Duration::from_secs(1));
         let is_start = matches!(fault.act, FaultAction::Nothing);
         if is_start {
@@ -252,7 +251,7 @@ impl RehearsalDocument {
     /// Fails if a rule was broken.
     ///
     /// # Errors
-    /// The number of faults that broke a rule; each phase counts.
+    /// The number of faults that broke a rule. A fault counts once for each phase.
     pub fn verdict(&self) -> Result<(), GatewayError> {
         let faults = || self.controllers.iter().flat_map(|path| &path.faults);
         let broken = faults().filter(|fault| !fault.passed).count();
@@ -272,7 +271,10 @@ struct Head {
 }
 
 impl Head {
-    /// Collects the data of a rehearsal that starts now. Errors: the configuration cannot be read any more.
+    /// Collects the data of a rehearsal that starts now.
+    ///
+    /// # Errors
+    /// The configuration file cannot be read.
     fn of(config: &str) -> Result<Self, GatewayError> {
         let text = fs::read(config)
             .map_err(|source| GatewayError::Read { file: config.to_owned(), source })?;

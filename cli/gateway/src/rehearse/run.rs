@@ -22,7 +22,7 @@ use super::{faults::FaultAction, machine::Rig};
 use crate::{error::GatewayError, locked, plan::Plan};
 
 const CYCLES_BETWEEN: u64 = 100;
-/// Maximum time for which the machine is stopped for the test shift; then it moves to show that it is alive.
+/// Maximum standstill for the test shift; then the machine moves to show that its positions change.
 const STANDING: Duration = Duration::from_secs(8);
 /// Correction written by another sender, as a multiple of the limit.
 pub(super) const GARBAGE: f64 = 1.5;
@@ -42,7 +42,7 @@ pub(super) struct Run<'a> {
     rejected_position: bool,
 }
 
-/// Severity, to find the worst state.
+/// Severity of a state, from which the worst state of a run is found.
 fn rank(state: State) -> u8 {
     match state {
         State::Compensating => 0,
@@ -124,7 +124,7 @@ impl<'a> Run<'a> {
         }
     }
 
-    /// Repeats a request until the state changes or the timeout has passed.
+    /// Repeats a request until the state changes or `most` has passed.
     fn ask(&mut self, request: Request, most: Duration) {
         let (before, end) = (self.state(), self.elapsed() + most);
         while self.state() == before && self.elapsed() < end {
@@ -137,7 +137,8 @@ impl<'a> Run<'a> {
         }
     }
 
-    /// Arms, with the test shift if `proves`, and waits for compensation. Returns whether it was reached.
+    /// Arms, with the test shift if `proves`, and waits for the compensating state. Returns true if the state was
+    /// reached.
     pub(super) fn arm(&mut self, most: Duration, proves: bool) -> bool {
         let end = self.elapsed() + most;
         let request = if proves { Request::Arm } else { Request::TakeOver };
@@ -158,7 +159,7 @@ impl<'a> Run<'a> {
         self.state() == State::Compensating
     }
 
-    /// Arms and stops in the middle of the ramp. Returns whether that point was reached.
+    /// Arms and returns in the middle of the ramp. Returns false if that point was not reached.
     pub(super) fn arm_half(&mut self, most: Duration) -> bool {
         let end = self.elapsed() + most;
         let ramping = State::Arming(Phase::Ramping);
@@ -171,8 +172,8 @@ impl<'a> Run<'a> {
         self.state() == ramping
     }
 
-    /// Waits for compensation and performs the necessary operator actions until there are more than [`MAX_ACTIONS`].
-    /// Returns the time taken and the actions.
+    /// Waits for the compensating state and performs the necessary operator actions, up to [`MAX_ACTIONS`]. Returns the
+    /// time taken (`None` if the state was not reached) and the actions.
     pub(super) fn recover(&mut self, most: Duration) -> (Option<Duration>, Vec<&'static str>) {
         let (begun, mut needed) = (self.elapsed(), Vec::new());
         let unseen = Reasons::INTERLOCK_UNSEEN;
@@ -199,7 +200,7 @@ impl<'a> Run<'a> {
                     note(&mut needed, "acknowledge");
                     self.ask(Request::Acknowledge, Duration::from_secs(1));
                 }
-                // Arming accepts positions as they are.
+                // Disarming and arming accepts the present positions.
                 State::Holding(_)
                     if self.reasons().contains(Reasons::JUMPED)
                         && self.elapsed() > begun + patience =>
@@ -285,7 +286,7 @@ impl<'a> Run<'a> {
         self.restore(act)
     }
 
-    /// The next `readings` readings show the position of the first axis mirrored between the ends of its travel.
+    /// In the next `readings` readings the position of the first axis is mirrored between the ends of its travel.
     fn inject_other_end(&self, readings: u32) {
         let model = &self.plan.model;
         let axes = self.rig.path.description.axes.first();
@@ -327,7 +328,7 @@ impl<'a> Run<'a> {
         Ok(())
     }
 
-    /// Simulates a gateway that is down for a time without having ramped out, then starts with its stored output.
+    /// Simulates a gateway that stops without ramping out and starts again after `gone` with its stored output.
     fn restart(&mut self, gone: Duration) -> Result<(), GatewayError> {
         let applied: PerAxis<f64> = self.cycle.report().correction;
         self.owner = self.owner.wrapping_add(1).max(1);
@@ -347,12 +348,12 @@ impl<'a> Run<'a> {
             self.foreign = locked(&self.rig.wire).device.control.another();
         }
         if let (Some(foreign), Some(words)) = (&mut self.foreign, Words::new(&words[..length])) {
-            // An unreachable machine is unreachable for other senders as well.
+            // A machine that is unreachable for the gateway is also unreachable for this sender, so ignore the error.
             let _ = foreign.post(&words, self.rig.clock.now());
         }
     }
 
-    /// Simulates another sender that overwrites the words of the axes. That step is not the gateway's, so the
+    /// Simulates another sender that overwrites the words of the axes. The gateway does not cause that step, so the
     /// observation restarts after it.
     fn overwrite(&mut self) {
         let limits = &self.rig.path.limits;

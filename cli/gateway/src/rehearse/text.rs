@@ -81,7 +81,7 @@ impl Page {
 
     fn head(&mut self, document: &RehearsalDocument) {
         let start = |hash: &str| hash.chars().take(23).collect::<String>() + "…";
-        // Cut off the fraction of a second.
+        // Omit the fraction of a second.
         let time = document.time.get(..19).unwrap_or(&document.time);
         let faults = match document.selection.len() {
             0 => format!("all {}", document.catalogue),
@@ -234,7 +234,7 @@ impl Page {
         let _ = writeln!(self.text, "{line}");
     }
 
-    /// Appends words after a head, wrapped; continuation lines are aligned with the first word.
+    /// Appends wrapped words after a head. Continuation lines are aligned with the first word.
     fn wrapped(&mut self, head: &str, words: &str) {
         let indent = head.trim_start_matches('\n').chars().count();
         let mut column = indent;

@@ -1,4 +1,5 @@
-//! `volcomp-gateway send-map`: loads a correction map into a control that does the look-up itself, and keeps it valid.
+//! `volcomp-gateway send-map`: loads a correction map into a control that interpolates it itself, and keeps the map
+//! valid.
 
 use std::{
     fmt::Write as _,
@@ -15,16 +16,14 @@ mod sending;
 
 pub use sending::{request_replacement, run};
 
-/// A checked map and its hash.
 #[derive(Clone, Debug)]
 pub struct Checked {
-    /// Settings of the sender: control, limits, and places in its memory.
+    /// Settings of the sender: the control, the limits, and the addresses in the control's memory.
     pub config: MapSender,
     /// The map, within the limits of `config`.
     pub map: Map,
-    /// Path of the sender's configuration file.
     pub path: PathBuf,
-    /// First 16 digits of the SHA-256 of the map file, with which the map is confirmed.
+    /// First 16 hexadecimal digits of the SHA-256 of the map file, which confirm the map.
     pub hash: String,
 }
 
@@ -34,7 +33,7 @@ pub struct Checked {
 /// A file is unreadable or invalid, or the map is damaged, for another machine, or beyond the limits.
 pub fn check(path: &Path) -> Result<Checked, GatewayError> {
     let config = MapSender::read(path)?;
-    // Reject an unreadable password before anything is prepared.
+    // Reject an unreadable password before anything else is prepared.
     map_device(&config.keys).map_err(GatewayError::Device)?;
     let shown = config.keys.map.display().to_string();
     let bytes = std::fs::read(&config.keys.map)
@@ -48,10 +47,10 @@ pub fn check(path: &Path) -> Result<Checked, GatewayError> {
 }
 
 impl Checked {
-    /// Checks that the map was confirmed.
+    /// Checks that `hash`, which the user confirmed, is the hash of the map.
     ///
     /// # Errors
-    /// The hash is not that of the map.
+    /// `hash` is another hash.
     pub fn confirmed(&self, hash: &str) -> Result<(), GatewayError> {
         if hash == self.hash {
             return Ok(());

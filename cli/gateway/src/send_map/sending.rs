@@ -1,7 +1,7 @@
-//! Sends a map and keeps it valid until a signal.
+//! Sends a map and keeps it valid until a signal arrives.
 //!
-//! Nothing here waits for a disk while a map is in use, because its validity would expire. Records go to the [`Log`]; a
-//! disk that does not respond only prevents the map from being replaced.
+//! While a map is in use, no function here waits for a disk, because the validity of the map would expire. Records go
+//! to the [`Log`]. A disk that does not respond only prevents the map from being replaced.
 
 use std::{
     collections::BTreeMap,
@@ -35,11 +35,11 @@ use crate::{
     signals::{Signal, SignalReceiver},
 };
 
-/// Retry interval while a control is unreachable.
+/// Retry interval for an unreachable control.
 const RETRY_INTERVAL: Duration = Duration::from_secs(1);
-/// Polling interval while the control has not scanned yet.
+/// Polling interval until the control has scanned.
 const SCAN_POLL_INTERVAL: Duration = Duration::from_millis(5);
-/// Time added to the control's timeout when waiting for its effect, s.
+/// Time added to the control's timeout when waiting for the effect of the timeout, s.
 const PATIENCE_S: f64 = 2.0;
 
 struct Words(Box<dyn MapWords>);
@@ -65,7 +65,7 @@ struct OtherSender {
     since: Instant,
 }
 
-/// A replacement map whose audit record is being written. No part of the map is sent before the record is on disk.
+/// A replacement map whose audit record is being written. The map is sent only after the record is on disk.
 struct Recording {
     checked: Checked,
     receipt: Receipt,
@@ -73,7 +73,7 @@ struct Recording {
 }
 
 struct Sending {
-    /// Used for the timeouts of records, other senders and a stopped control.
+    /// Clock for the timeouts of records, other senders and a stopped control.
     clock: Clock,
     checked: Checked,
     place: MapDevice,
@@ -83,18 +83,18 @@ struct Sending {
     before: Option<Checked>,
     words: Option<Words>,
     log: Log,
-    /// Number of the map in use, which is the previous map while a replacement is loaded.
+    /// Number of the map in use. While a replacement is loaded, it is that of the previous map.
     in_use: Option<u16>,
     other: Option<OtherSender>,
     last_warning: String,
 }
 
-/// Sends the map and keeps it valid until a signal. Then waits until the control, after its timeout, has ramped to
-/// zero; a second signal ends the wait.
+/// Sends the map and keeps it valid until a signal arrives. Then waits until the control, after its timeout, has ramped
+/// to zero. A second signal ends the wait.
 ///
 /// # Errors
 /// Another gateway or sender uses the control, the control permits more than the sender or refuses the map, the first
-/// record cannot be written, or it is unknown whether the corrections reached zero.
+/// record cannot be written, or the final corrections are not known to be zero.
 pub fn run(checked: &Checked) -> Result<(), GatewayError> {
     let config = &checked.config;
     let place = map_device(&config.keys).map_err(GatewayError::Device)?;
@@ -132,7 +132,7 @@ pub fn run(checked: &Checked) -> Result<(), GatewayError> {
     let silent = sending.end_sending(&signals);
     sending.log.end();
     match (outcome, silent) {
-        // Return the first error, which ended the program; log the second.
+        // Return the first error, which ended the program, and log the second.
         (Err(cause), Err(error)) => {
             tracing::error!("{error}");
             Err(cause)
@@ -196,7 +196,7 @@ impl Sending {
     }
 
     /// Starts loading the replacement map once its record is written. The map in use stays active until the control has
-    /// the complete replacement; then the control moves from value to value at its rate.
+    /// the complete replacement. Then the control moves from the old to the new corrections at its rate.
     fn switch_map(&mut self) {
         let Some(recording) = self.recording.take() else {
             return;
@@ -211,7 +211,7 @@ impl Sending {
             },
             Some(false) => self.refuse("the audit log cannot be written"),
             None if self.clock.now() < recording.until => self.recording = Some(recording),
-            // The record may still be written later: the refusal recorded after it states the outcome.
+            // The record may still be written later. The refusal recorded after it states the outcome.
             None => self.refuse(&format!(
                 "the disk of the audit log has not answered for {} s: confirm it again once it does",
                 RECORD_TIMEOUT.as_secs()
@@ -219,7 +219,7 @@ impl Sending {
         }
     }
 
-    /// Keeps the previous map if the control refuses its replacement. Returns `false` if there is no previous map.
+    /// Returns to the previous map if the control refuses its replacement. Returns `false` if there is no previous map.
     fn revert_map(&mut self, why: &str) -> bool {
         let Some(checked) = self.before.take() else {
             return false;
@@ -282,7 +282,7 @@ impl Sending {
         }
     }
 
-    /// Detects that the control has lost the map in use, also while a replacement is loaded.
+    /// Detects that the control has lost the map in use, even while a replacement is loaded.
     fn check_use(&mut self) {
         if is_lost(self.in_use, self.checked.map.header().counter, self.sender.in_use()) {
             self.in_use = None;
@@ -304,8 +304,8 @@ impl Sending {
         }
     }
 
-    /// Whether to wait for another sender. An inactive sender loses the control after its timeout;
-    /// an active one is not disturbed.
+    /// True while another sender must be waited for. An inactive sender loses the control after its timeout; the
+    /// corrections of an active sender are not disturbed.
     fn is_awaited(&mut self, sequence: u16) -> bool {
         let now = self.clock.now();
         let other = (self.other).get_or_insert(OtherSender { sequence, since: now });
@@ -360,27 +360,30 @@ impl Sending {
     }
 }
 
-/// Whether the control has lost the map in use: it uses none, or another one that is not the map being sent.
+/// True if the control has lost the map in use: it uses no map, or neither that map nor the map being sent.
 fn is_lost(was: Option<u16>, sent: u16, is: Option<u16>) -> bool {
     was.is_some() && is != was && is != Some(sent)
 }
 
-/// Timeout for the record of a new map, which is then not sent.
+/// Timeout for the record of a new map. Without its record the map is not sent.
 const RECORD_TIMEOUT: Duration = Duration::from_secs(5);
 const POLL_INTERVAL: Duration = Duration::from_millis(10);
-/// Timeout for the last records at shutdown; then they are lost.
+/// Timeout for the last records at shutdown. Records not written by then are lost.
 const END_TIMEOUT: Duration = Duration::from_secs(1);
 
-/// The log. Only calls before the first map is sent and after the last one wait for the disk.
+/// The audit log of the sender. Only calls before the first map is sent and after the last exchange wait for the disk.
 struct Log {
     writer: AuditWriter,
     clock: Clock,
-    /// The last reported reason for possibly missing records.
+    /// The last logged reason why records may be missing.
     trouble: Option<&'static str>,
 }
 
 impl Log {
-    /// Opens the log in a folder. Errors: the folder cannot be written, or the operating system cannot create a thread.
+    /// Opens the log in a folder.
+    ///
+    /// # Errors
+    /// The folder cannot be written, or the operating system cannot create a thread.
     fn begin(folder: &Path, clock: Clock) -> io::Result<Self> {
         let (audit, _) = AuditLog::open(folder)?;
         Ok(Self { writer: AuditWriter::start(audit, clock.clone())?, clock, trouble: None })
@@ -390,8 +393,10 @@ impl Log {
         self.writer.record(entry(checked, what))
     }
 
-    /// Waits until the first record is written; nothing is sent before. Returns `false` if a signal ends the wait. Errors: the record cannot be
-    /// written, or the disk does not respond.
+    /// Waits until the first record is written; until then nothing is sent. Returns `false` if a signal ends the wait.
+    ///
+    /// # Errors
+    /// The record cannot be written, or the disk does not respond.
     fn wait_for_first(&self, checked: &Checked, signals: &SignalReceiver) -> io::Result<bool> {
         let receipt = self.record(checked, "a map is going to be sent");
         let until = self.clock.now() + RECORD_TIMEOUT;
@@ -420,7 +425,7 @@ impl Log {
         }
     }
 
-    /// Reports changes of the log's health and retries a failed log. `checked` is the map being sent.
+    /// Logs changes of the log's health, and retries a failed log. `checked` is the map being sent.
     fn check_log(&mut self, checked: &Checked) {
         let trouble = self.writer.trouble();
         if trouble != self.trouble {
@@ -467,7 +472,7 @@ fn confirmation(audit_dir: &Path) -> PathBuf {
 /// No sender is running with this configuration, or its folder cannot be written.
 pub fn request_replacement(checked: &Checked) -> Result<(), GatewayError> {
     let config = &checked.config;
-    // A running sender locks its folder; a gateway on the same control uses another folder.
+    // A running sender locks its folder. A gateway on the same control uses another folder.
     if !lock::is_folder_locked(&config.keys.audit.dir)? {
         return Err(GatewayError::failed(format!(
             "{}: --replace: found no sender that runs, expected one of {}",
@@ -483,9 +488,9 @@ pub fn request_replacement(checked: &Checked) -> Result<(), GatewayError> {
 /// A replacement map, or the reason why it is refused.
 type NewMap = Result<Box<Checked>, String>;
 
-/// Polls for confirmations of a replacement map until the receiver is dropped. A confirmation is a
-/// file in the folder of the audit log. This thread does the disk work, because the map in use must
-/// be kept valid meanwhile; the replacement is activated without ramping the corrections to zero.
+/// Polls for confirmations of a replacement map until the receiver is dropped. A confirmation is a file in the folder
+/// of the audit log. This thread reads the files, because the map in use must be kept valid meanwhile. The replacement
+/// is activated without ramping the corrections to zero.
 ///
 /// # Errors
 /// The operating system cannot create a thread.
@@ -493,7 +498,7 @@ fn watch(running: &Checked) -> std::io::Result<Receiver<NewMap>> {
     let (sender, receiver) = channel();
     let (path, config) = (running.path.clone(), running.config.clone());
     let file = confirmation(&config.keys.audit.dir);
-    // A confirmation left by an earlier sender is invalid.
+    // A confirmation that an earlier sender left is invalid.
     let _ = fs::remove_file(&file);
     thread::Builder::new().name("volcomp-files".to_owned()).spawn(move || {
         let mut trouble = String::new();
@@ -507,7 +512,7 @@ fn watch(running: &Checked) -> std::io::Result<Receiver<NewMap>> {
                 Ok(Some(hash)) => read_replacement(&path, &config, hash.trim()),
                 Err(e) => {
                     let what = format!("{}: {e}", file.display());
-                    // The error persists: report it once.
+                    // The error persists, so report it only once.
                     if what == trouble {
                         continue;
                     }
@@ -523,8 +528,8 @@ fn watch(running: &Checked) -> std::io::Result<Receiver<NewMap>> {
     Ok(receiver)
 }
 
-/// Takes the pending confirmation. The file is renamed before it is read, so that a confirmation written meanwhile is
-/// kept for the next poll.
+/// Takes the pending confirmation; `None` if there is none. The file is renamed before it is read, so that a
+/// confirmation written meanwhile remains for the next poll.
 fn take_confirmation(file: &Path) -> io::Result<Option<String>> {
     let mine = file.with_extension("taken");
     match fs::rename(file, &mine) {
@@ -534,7 +539,7 @@ fn take_confirmation(file: &Path) -> io::Result<Option<String>> {
     }
 }
 
-/// Reads the confirmed map and checks that nothing else in the sender's configuration has changed.
+/// Reads the confirmed map, and checks that no other key of the sender's configuration has changed.
 fn read_replacement(path: &Path, running: &MapSender, hash: &str) -> NewMap {
     let checked = check(path).map_err(|e| e.to_string())?;
     checked.confirmed(hash).map_err(|e| e.to_string())?;
@@ -549,8 +554,8 @@ fn read_replacement(path: &Path, running: &MapSender, hash: &str) -> NewMap {
     Ok(Box::new(checked))
 }
 
-/// Rejects a map that cannot replace the one in use: its number must differ, because the control identifies maps by
-/// number, and its axes and steps must match.
+/// Rejects a map that cannot replace the map in use. The numbers must differ, because the control identifies maps by
+/// number. The axes and steps must be the same.
 fn check_compatible(running: &Checked, another: &Checked) -> Result<(), String> {
     let (is, was) = (another.map.header(), running.map.header());
     let file = another.config.keys.map.display();
@@ -577,7 +582,7 @@ mod tests {
 
     #[test]
     fn a_lost_map_is_detected_during_a_replacement() {
-        // Map 7 is kept valid; then map 8 is transferred and replaces it.
+        // Map 7 is kept valid. Then map 8 is transferred and replaces it.
         assert!(!is_lost(None, 7, None));
         assert!(!is_lost(Some(7), 7, Some(7)));
         assert!(!is_lost(Some(7), 8, Some(7)));

@@ -1,5 +1,4 @@
-//! Arming: the model and limits are compared with those armed last, then the record is written, then the order is
-//! given.
+//! Arming in three steps: compare the model and limits with those armed last, write the record, give the order.
 
 use std::{
     collections::BTreeMap,
@@ -34,13 +33,13 @@ use crate::{
 
 const RECORD_TIMEOUT: Duration = Duration::from_secs(2);
 impl Service {
-    /// Paths of the stored machine file and limits of the last arming.
+    /// Paths of the machine file and the limits of the last arming.
     pub(super) fn confirmed_paths(&self) -> [PathBuf; 2] {
         let dir = self.parts.config.audit_dir();
         ["confirmed-machine.toml", "confirmed-limits.json"].map(|name| dir.join(name))
     }
 
-    /// The facts for judging a change; `None` if no limits are configured.
+    /// Facts from which a change is judged; `None` if no limits are configured.
     pub(super) fn judge(&mut self, confirmed: Option<String>) -> Option<Judge> {
         let report = *self.parts.handle.report();
         let guard = self.parts.config.guard_settings()?;
@@ -63,7 +62,7 @@ impl Service {
         identity::limits(&self.parts.config)
     }
 
-    /// Starts the comparison with the model and limits armed last; `None` if the worker is still busy.
+    /// Starts the comparison with the model and limits armed last. `None` if the worker is busy.
     fn comparison(&mut self, confirm: Option<String>) -> Option<Receiver<ComparisonResult>> {
         let judge = self.judge(confirm);
         let judge = judge.map(|judge| Judge { before: "the model armed last", ..judge });
@@ -74,7 +73,7 @@ impl Service {
         self.worker.begin(move || against_last(&paths, &model, &limits, fading, judge.as_ref()))
     }
 
-    /// Starts the check, after a start or a change, whether the model or limits need confirmation.
+    /// Starts to check whether the model or the limits need confirmation, after a start or a change.
     pub(super) fn begin_confirmation_check(&mut self) {
         let result = self.comparison(None);
         let until = self.clock.now() + FILES_TIMEOUT;
@@ -113,7 +112,7 @@ impl Service {
         Ok(Step::Comparison(Comparison { result, until: self.clock.now() + FILES_TIMEOUT }))
     }
 
-    /// Checks whether the comparison is complete; if it permits arming, starts writing the record.
+    /// Checks whether the comparison is complete. If it permits arming, starts writing the record.
     pub(super) fn check_comparison(&mut self, step: Comparison, who: &str) -> Progress {
         let compared = match step.result.try_recv() {
             Ok(compared) => compared,
@@ -132,8 +131,8 @@ impl Service {
                 Progress::Done(Reply { status: 409, answer: Answer::Question(Box::new(question)) })
             }
             Ok(Compared { last, .. }) => {
-                // An automatic arming keeps the model last armed or confirmed by a person as the
-                // reference, so that small changes do not add up over restarts.
+                // Automatic arming keeps the model that an operator armed or confirmed last as the reference, so that
+                // small changes do not add up over restarts.
                 let origin = last.filter(|_| who == AUTO_ARM).map(Arc::new);
                 let origin = origin.unwrap_or_else(|| Arc::clone(&self.parts.model));
                 let state = self.parts.handle.report().state.into();
@@ -161,13 +160,13 @@ impl Service {
         receipts
     }
 
-    /// Saves a model as confirmed, but not the limits, which were not part of the question.
+    /// Saves a model as confirmed. The limits were not part of the question and stay as stored.
     pub(super) fn save_confirmed_machine(&self, model: &Model) -> Receipt {
         let [machine, _] = self.confirmed_paths();
         self.writer.keep(machine, model.text.clone())
     }
 
-    /// Checks whether the record is written; then gives the order, unless a disarm was ordered meanwhile.
+    /// Checks whether the record is written. If it is, gives the order to arm, unless a disarm was ordered meanwhile.
     pub(super) fn check_arming_record(
         &mut self,
         mut step: ArmingRecord,
@@ -189,7 +188,7 @@ impl Service {
             if self.clock.now() < step.until {
                 return Progress::Waits(Step::ArmingRecord(step));
             }
-            // The record may still be written later: this one after it states the outcome.
+            // The record may still be written later. The refusal recorded after it states the outcome.
             let what = "not armed: its record was not written in time".to_owned();
             let _ = self.log(who, "arm refused", Event::Refused(what));
             return Progress::Done(log_unavailable(state, self.writer.trouble()));
@@ -208,8 +207,7 @@ impl Service {
     }
 }
 
-/// Compares the current model and limits with those armed last. If none were armed, no confirmation
-/// is needed.
+/// Compares the current model and limits with those armed last. If no model was armed, no confirmation is needed.
 fn against_last(
     [machine, limits_file]: &[PathBuf; 2],
     model: &Model,
@@ -225,7 +223,7 @@ fn against_last(
     };
     let last = match Machine::read(machine).and_then(|machine| Model::new(&machine, fading)) {
         Ok(last) => Some(last),
-        // No model was armed before: nothing to compare with.
+        // No model was armed before, so there is no comparison.
         Err(ModelError::Read(ReadError::System { ref source, .. }))
             if source.kind() == ErrorKind::NotFound =>
         {

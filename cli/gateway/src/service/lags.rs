@@ -1,17 +1,17 @@
-//! Tracks the thermal lags of the running model, which determine the effect of changing the model now. State: a copy of
-//! the model, stepped with the temperatures reported by the cycle.
+//! Tracks the thermal lags of the running model, which determine the effect of replacing the model now. State: a copy
+//! of the model, stepped with the temperatures that the cycle reports.
 
 use std::time::Duration;
 
 use volcomp_runtime::{Model, Report};
 
-/// Maximum time between two reports for which the reported temperatures are used; the rest is
-/// treated as time without temperatures.
+/// Maximum time between two reports for which the reported temperatures are used. Beyond it, the lags are stepped
+/// without temperatures.
 const MAX_REPORT_GAP: Duration = Duration::from_secs(1);
 
 pub(super) struct Lags {
     model: Model,
-    /// Index of each sensor of the model among the temperatures; `None` if it is not measured.
+    /// Index of each sensor of the model among the temperatures; `None` if no thermometer measures it.
     indices: Vec<Option<usize>>,
     at: Duration,
 }

@@ -1,6 +1,6 @@
-//! The work around the control thread that has no deadline: requests, the audit log, reloads, and publishing the state.
+//! The work around the control thread that has no deadline: requests, audit log, reloads, publication of the state.
 //!
-//! Nothing here waits for a disk: writes go to the [`AuditWriter`], reads to the worker.
+//! The service never waits for a disk: the [`AuditWriter`] writes and the worker reads.
 
 use std::{
     collections::VecDeque,
@@ -49,54 +49,50 @@ mod worker;
 
 pub use watchdog::Life;
 
-/// Interval at which states are published and changes recorded.
+/// Interval at which the state is published and changes are recorded.
 const TICK: Duration = Duration::from_millis(50);
 const STEP: Duration = Duration::from_millis(2);
 const OUTPUT_EVERY: Duration = Duration::from_secs(10);
-/// Timeout at shutdown for a control thread that hangs, and again for the disk.
+/// Timeout at shutdown for a control thread that hangs, and the same timeout again for the disk.
 const END_TIMEOUT: Duration = Duration::from_secs(1);
 
 /// The parts from which a service is built.
 pub struct ServiceParts {
-    /// The running control thread.
     pub handle: Handle,
-    /// Command-line options.
     pub options: Options,
-    /// The active configuration.
     pub config: Config,
-    /// The controllers, in the order of the configuration.
     pub controllers: Vec<Description>,
-    /// Names of the temperatures.
+    /// Sensor names, in the order of the configuration.
     pub sensors: Vec<String>,
     /// A copy of the cycle's model.
     pub model: Arc<Model>,
-    /// True errors of the machine if it is simulated.
+    /// True errors of the machine; `None` if the machine is not simulated.
     pub truth: Option<Truth>,
     /// State that survived the restart.
     pub standing: Standing,
     /// Reasons that forbid arming from the start.
     pub forbids: Reasons,
-    /// Counter of the proofs that cycles are on time; incremented several times within `proven_within`.
+    /// Counter of the proofs that cycles are on time. It is incremented several times within `proven_within`.
     pub life: Life,
     /// Watchdog timeout of the service manager.
     pub proven_within: Duration,
-    /// Channel on which the outcomes of models are reported.
+    /// Channel to which the outcomes of models are sent.
     pub notes: ModelReports,
 }
 
-/// The service. State: the active parts, the pending requests, and the health of its log.
+/// The service. State: the active parts, the pending requests, and the health of the audit log.
 pub struct Service {
     clock: Clock,
     parts: ServiceParts,
     writer: AuditWriter,
     worker: Worker,
-    /// The running check, after a start or a change, whether the model or limits need confirmation.
+    /// Running check of the need for confirmation, after a start or a change of the model or limits.
     unconfirmed: Option<Comparison>,
     confirmed_model: Option<Arc<Model>>,
     switch: DisarmSwitch,
     publisher: Publisher,
     requests: RequestQueue,
-    /// Queued requests to arm and to reload, which are executed one at a time.
+    /// Queued requests to arm and to reload. They are executed one at a time.
     waiting: VecDeque<ServiceRequest>,
     pending: Vec<PendingRequest>,
     times: Times,
@@ -105,21 +101,21 @@ pub struct Service {
     standing: Standing,
     /// Receipt of the last write of the standing state.
     standing_receipt: Option<Receipt>,
-    /// Whether the standing state could not be written.
+    /// True if the standing state could not be written.
     standing_lost: bool,
-    /// When a failed write of the standing state was last retried.
+    /// Time of the last retry of a failed write of the standing state.
     standing_tried: Instant,
     trouble: Option<&'static str>,
-    /// Reasons of the service itself, shown with those of the guards: the last reload was refused, or the service is
-    /// stopping.
+    /// Reasons of the service itself, shown with those of the guards, such as a required confirmation, a refused
+    /// reload, or an unusable file of the centre.
     shown_reasons: Reasons,
-    /// Set once the gateway has armed, or an operator has taken over.
+    /// True once the gateway has armed, or an operator has taken over. Auto-arm is then off.
     auto_arm_done: bool,
-    /// Set once an operator has armed, disarmed or acknowledged; auto-arm is off from then on.
+    /// True once an operator has armed, disarmed or acknowledged. Auto-arm is off from then on.
     person_decides: bool,
     auto_arm_after: Instant,
-    /// Number of disarm orders whose requests were received. It is less than the switch's count while a request is queued or
-    /// being created; auto-arm waits for it.
+    /// Number of disarm orders whose requests the service has received. The count of the switch is larger while such a
+    /// request is queued or being created, and auto-arm then waits.
     received_disarms: u64,
     output: LatestOutput,
     lags: Lags,
@@ -195,9 +191,9 @@ impl Service {
             version: env!("CARGO_PKG_VERSION").to_owned(),
         };
         let _ = self.log("gateway", "started", Event::Start(start));
-        // Allocates the file for all later updates, which arming requires.
+        // This write allocates the file for all later updates, which arming requires.
         self.write_standing();
-        // Nothing is armed yet, so there is time to wait; a disk that hangs delays the start by this timeout.
+        // The gateway is not armed yet, so it can wait. A disk that hangs delays the start by this timeout.
         self.writer.settle(END_TIMEOUT);
         self.begin_confirmation_check();
         let entry = ModelEntry {
@@ -214,20 +210,20 @@ impl Service {
         };
         let text = self.parts.model.text.clone();
         self.parts.notes.report(entry, Some(text));
-        // From now on the output stored by the previous run may be outdated.
+        // The output of the previous run may be outdated from now on.
         let report = *self.parts.handle.report();
         self.write_output(&report, false);
         self.publish();
     }
 
-    /// One iteration: receives a request, advances the pending ones, records events and publishes the state. Waits at
+    /// One iteration: receives a request, advances pending requests, records events and publishes the state. Waits at
     /// most 50 ms for a request.
     pub fn poll(&mut self) {
         let rest = TICK.saturating_sub(self.since(self.published_at));
         self.poll_within(if self.pending.is_empty() { rest } else { rest.min(STEP) });
     }
 
-    /// One iteration that waits at most `rest` for a request; tests with simulated time use zero.
+    /// One iteration that waits at most `rest` for a request. Tests with simulated time use zero.
     pub fn poll_within(&mut self, rest: Duration) {
         match self.requests.recv_timeout(rest) {
             Ok(request) => self.receive(request),
@@ -242,8 +238,8 @@ impl Service {
         }
     }
 
-    /// Waits, at most `timeout` of system time, until disk writes and file reads are complete. Returns whether they
-    /// are.
+    /// Waits, at most `timeout` of system time, until disk writes and file reads are complete. Returns false after the
+    /// timeout.
     pub fn settle(&self, timeout: Duration) -> bool {
         self.writer.settle(timeout) && self.worker.settle(timeout)
     }
@@ -255,7 +251,7 @@ impl Service {
     /// Ramps to zero within the configured time, then ends the control thread. Returns `false` if that thread hangs. If
     /// `hurry` returns true, the ramp is cut short.
     pub fn stop(&mut self, hurry: &mut dyn FnMut() -> bool) -> bool {
-        // The stop order comes first; nothing may delay it.
+        // The stop order comes first, so that nothing delays it.
         self.switch.end();
         self.shown_reasons |= Reasons::STOPPING;
         self.update_reasons();
@@ -270,8 +266,8 @@ impl Service {
         has_ended
     }
 
-    /// Stops after a panic in the service: ramps to zero, ends the control thread and records it. Of the service, only
-    /// the control thread and the log are still used. Returns `false` if the control thread hangs.
+    /// Stops after a panic in the service: ramps to zero, ends the control thread and records the failure. Uses only
+    /// the control thread and the log of the service. Returns `false` if the control thread hangs.
     pub fn abandon(&mut self, hurry: &mut dyn FnMut() -> bool) -> bool {
         self.switch.end();
         let has_ended = self.ramp_out(hurry, |_| {});
@@ -279,7 +275,7 @@ impl Service {
         has_ended
     }
 
-    /// Whether the control thread has ended, so that nothing is corrected any more.
+    /// True if the control thread has ended, so that nothing is corrected any more.
     pub fn is_without_control(&self) -> bool {
         self.parts.handle.has_ended()
     }
@@ -295,9 +291,9 @@ impl Service {
         while self.clock.now() < end && !hurry() && !self.is_without_control() {
             meanwhile(self);
             let report = self.parts.handle.report();
-            // Two cycles, because the order may have arrived in the middle of one.
+            // Wait two cycles, because the order may have arrived in the middle of the first one.
             let seen = report.cycle > before + 2;
-            // A correction beyond the limit does not ramp out: an operator must act.
+            // A correction beyond the limit does not ramp out; an operator must act.
             let at_rest = match report.state {
                 State::Disarmed | State::Faulted(Cause::BeyondLimit) => true,
                 State::Faulted(_) => report.correction == PerAxis::ZERO,
@@ -334,7 +330,7 @@ impl Service {
         self.writer.record(entry)
     }
 
-    /// The applied correction, µm and µrad; empty if it is unknown.
+    /// The applied correction of linear axes in µm and of rotary axes in µrad; empty if it is unknown.
     fn applied(&self, report: &Report) -> [ByAxis; 2] {
         if report.cycle > 0 && report.correction_known {
             observe::correction(&self.parts.model, report)
@@ -378,13 +374,13 @@ impl Service {
         self.writer.retry(|| again);
     }
 
-    /// Records changes since the last call, adds cycle times to the histograms, and publishes the state.
+    /// Records changes since the last call, adds the cycle times to the histograms, and publishes the state.
     fn publish(&mut self) {
         let now = self.clock.now();
         self.published_at = now;
         self.parts.handle.free_retired();
         for refusal in self.parts.handle.refusals() {
-            // Planning the reload has checked the orders, so a refusal is a bug.
+            // Planning a reload checks its orders, so a refusal is a bug.
             tracing::error!("{refusal}");
         }
         for change in self.parts.handle.changes() {
@@ -454,14 +450,14 @@ impl Service {
                     status.reasons.push(reason.clone());
                 }
             }
-            // Reasons stored by an older version may have unknown texts; these come last.
+            // An older version may have stored reasons with unknown texts; they come last.
             (status.reasons)
                 .sort_by_key(|text| Reasons::with_text(text).map_or(u64::MAX, Reasons::bits));
         }
         status
     }
 
-    /// Saves the last output, for controllers without read-back after a restart. At most one write is pending.
+    /// Saves the last output, which a restart needs for controllers without read-back. At most one write is pending.
     fn write_output(&mut self, report: &Report, ended: bool) {
         let waits = |receipt: &Receipt| receipt.written().is_none();
         if self.output.receipt.as_ref().is_some_and(waits) {

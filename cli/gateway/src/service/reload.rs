@@ -1,6 +1,6 @@
-//! Reloads configuration and machine file while the gateway runs: read and compare, record, apply. Decisions of the
-//! fleet's centre and models selected by an operator take the same path, with the same confirmation and ramp; they do
-//! not override what an operator has decided.
+//! Reloads the configuration and the machine file while the gateway runs, in three steps: read and compare, record,
+//! apply. Models of the fleet's centre and models selected by an operator take the same steps, with the same
+//! confirmation and ramp. They do not override an operator's decision to disarm.
 
 use std::{
     path::PathBuf,
@@ -118,7 +118,7 @@ impl Service {
         let origin = step.origin.clone();
         while let Some(receipt) = step.receipts.last() {
             match receipt.written() {
-                // A receipt returns its result only once.
+                // A receipt returns its result only once, so drop it.
                 Some(true) => drop(step.receipts.pop()),
                 None if self.clock.now() < step.until => {
                     return Progress::Waits(Step::ReloadRecord(Box::new(step)));
@@ -129,7 +129,7 @@ impl Service {
                 }
             }
         }
-        // Limits and model must be applied together or not at all, and a thread that hangs would apply neither.
+        // Limits and model must be applied together or not at all. A thread that hangs would apply neither.
         let handle = &self.parts.handle;
         let is_silent = handle.pulse().silence().is_some();
         if is_silent || handle.room() <= step.plan.limits().len() {
@@ -180,7 +180,7 @@ impl Service {
         })
     }
 
-    /// The response if an operator must confirm a machine file first.
+    /// The response if an operator must first confirm a machine file.
     fn must_be_confirmed(&mut self, origin: &ModelOrigin, who: &str, question: Question) -> Reply {
         let (model, answer) = (question.model.clone(), Answer::Question(Box::new(question)));
         match origin {
@@ -189,7 +189,7 @@ impl Service {
                 tracing::warn!("{who}: {words}");
                 let _ = self.log(who, "manifest must be confirmed", Event::Refused(words));
             }
-            // The files on disk do not differ from the active ones, so no reason is shown.
+            // The files on disk equal the active ones, so no reason is shown.
             ModelOrigin::Operator(_) => {
                 let what = Event::Refused(format!("{model} must be confirmed"));
                 let _ = self.log(who, "model must be confirmed", what);
@@ -243,9 +243,9 @@ impl Service {
         self.reject(origin, refused(422, what))
     }
 
-    /// The response if nothing was applied; for a reload, this is also shown as a reason.
+    /// The response if nothing was applied. For a reload the state then shows a reason.
     fn reject(&mut self, origin: &ModelOrigin, reply: Reply) -> Reply {
-        // The built-in configuration has no files that could differ from it.
+        // The built-in configuration has no files.
         if *origin == ModelOrigin::Configured && self.parts.options.config.is_some() {
             self.shown_reasons |= Reasons::NOT_RELOADED;
             self.update_reasons();
@@ -259,7 +259,7 @@ impl Service {
             Operation::Centre(CentreOperation::Disable) => {
                 self.parts.forbids |= Reasons::DISABLED_BY_CENTRE;
                 self.update_reasons();
-                // Disarm again: an operator may have armed between the order and this reason.
+                // Disarm again, because an operator may have armed between the order and this reason.
                 self.switch.disarm();
                 self.received_disarms += 1;
                 let effect = self.ordered(Request::Disarm);
@@ -279,7 +279,7 @@ impl Service {
                 self.shown_reasons |= Reasons::CENTRE_FILE;
                 self.update_reasons();
             }
-            // Other requests are handled elsewhere.
+            // Other functions handle the other requests.
             _ => {}
         }
         let report = *self.parts.handle.report();
@@ -287,7 +287,7 @@ impl Service {
         finish(&request.who, request.answer, reply);
     }
 
-    /// Permits arming again. If only the centre prevented it, auto-arm resumes as after the start.
+    /// Permits arming again. If only the centre prevented arming, auto-arm resumes as after the start.
     fn enable(&mut self, who: &str) {
         if !self.parts.forbids.contains(Reasons::DISABLED_BY_CENTRE) {
             return;
@@ -306,8 +306,8 @@ impl Service {
         self.begin_model(machine, confirm.clone(), ModelOrigin::Centre(confirm))
     }
 
-    /// Starts reading a machine file selected by an operator. Refused while a model of the centre is active: the
-    /// machine must not use another model than the centre assumes.
+    /// Starts reading a machine file selected by an operator. Refused while a model of the centre is active, because
+    /// the centre assumes that the machine uses that model.
     pub(super) fn begin_operator_model(
         &mut self,
         activation: Box<ModelActivation>,
@@ -322,8 +322,8 @@ impl Service {
         self.begin_model(machine, confirm, ModelOrigin::Operator(activation))
     }
 
-    /// Starts reading a machine file. The rest of the configuration stays unchanged, even if its
-    /// file on disk has changed.
+    /// Starts reading a machine file. All other keys of the configuration keep their values, even if the file has
+    /// changed.
     fn begin_model(
         &mut self,
         machine: PathBuf,
@@ -347,18 +347,18 @@ impl Service {
         if self.last_state.is_armed() {
             self.must_confirm(false);
         } else {
-            // The model armed last may be another one: check again. Arming then requires a confirmation; one sent with
-            // this model is used.
+            // The model armed last may be another one, so check again. Arming then requires a confirmation, unless one
+            // was sent with this model.
             self.begin_confirmation_check();
             self.auto_arm_done &= self.person_decides;
             self.update_reasons();
         }
     }
 
-    /// Applies limits and model of a plan. A model that is not confirmed does not become the reference of the next comparison.
+    /// Applies the limits and the model of a plan. Only a confirmed model becomes the reference of the next comparison.
     fn apply(&mut self, plan: Plan, is_confirmed: bool) {
         for (index, limits) in plan.limits().into_iter().enumerate() {
-            // The queue has room for all of them: this is the only sending thread.
+            // The queue has room for all orders, because only this thread sends and it has checked the room.
             let _ = self.parts.handle.send(Order::Limits(index, Box::new(limits)));
         }
         let Plan { config, model, .. } = plan;
@@ -380,7 +380,7 @@ impl Service {
     }
 }
 
-/// Plans from the reread files. Changes that need a restart are rejected with the key.
+/// Plans from the files on disk. A change that needs a restart is rejected with its key.
 fn plan_again(
     options: &Options,
     old: &Config,
@@ -397,7 +397,7 @@ fn plan_again(
     if config.guard.is_some() {
         can_change(old, &config)?;
     }
-    // A model activated by the centre or an operator stays active; only the centre or an operator can change it.
+    // A model activated by the centre or an operator stays active: only they can change it.
     let holds = old.machine_from() != ModelSource::File;
     let machine = if holds { &old.machine } else { &config.configured_machine };
     config.machine.clone_from(machine);
@@ -436,7 +436,7 @@ fn plan_with(
             "other axes than before: restart the gateway for that",
         ));
     }
-    // Without earlier limits nothing was armed.
+    // Without earlier limits the gateway was never armed.
     let changes = if limits.is_empty() {
         LimitChanges::new()
     } else {
@@ -460,7 +460,7 @@ fn plan_with(
 /// Rejects changes of keys that are fixed while the gateway runs.
 fn can_change(old: &Config, config: &Config) -> Result<(), GatewayError> {
     let fixed = |config: &Config| {
-        // Without limits the cycle runs with the limits of the simulation.
+        // Without configured limits the cycle runs with the limits of the simulation.
         let guard = config.guard_settings().unwrap_or_else(simulate::guard);
         (guard.hand_back, guard.temperatures, guard.fading, guard.rotary_step, guard.rapid)
     };
@@ -496,7 +496,7 @@ mod tests {
     use super::*;
 
     /// A step changed in a DBC file needs a restart. The limits would use the new step, 0.1 µm instead of 1 µm, while
-    /// the open controller and the control keep the old one, so that each correction would be ten times too large.
+    /// the open controller and the control keep the old one. Each correction would then be ten times too large.
     #[test]
     fn another_step_in_a_dbc_file_needs_a_restart() {
         let dir = tempfile::tempdir().expect("writable");
@@ -529,8 +529,8 @@ mod tests {
         );
     }
 
-    /// A gateway started without limits does not accept new speeds together with its first limits: the cycle continues with the old speeds
-    /// until a restart.
+    /// A gateway started without limits does not accept new speeds together with its first limits, because the cycle
+    /// keeps the old speeds until a restart.
     #[test]
     fn speeds_that_come_with_the_first_limits_need_a_restart() {
         let config = |guard: &str| {

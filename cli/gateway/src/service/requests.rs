@@ -1,4 +1,4 @@
-//! Pending requests, which advance independently. Arming and reloading, which wait for the disk, are executed one at a
+//! Pending requests, which advance independently. Arming and reloading wait for the disk; they are executed one at a
 //! time in separate modules.
 
 use std::time::Duration;
@@ -21,7 +21,7 @@ use crate::{
 const EFFECT_TIMEOUT: Duration = Duration::from_millis(300);
 
 impl Service {
-    /// Receives a request. A request to disarm has already been passed to the control when it was created.
+    /// Receives a request. The control thread received an order to disarm when the request was created.
     pub(super) fn receive(&mut self, request: ServiceRequest) {
         // An operator's request ends auto-arm.
         let decides = !matches!(
@@ -48,16 +48,16 @@ impl Service {
         }
     }
 
-    /// Records who disarmed; this survives a restart.
+    /// Records who disarmed. The record survives a restart.
     fn record_disarm(&mut self, request: &ServiceRequest) {
-        // Before the record: the response does not wait for the disk, and a program that is killed soon after it must not
-        // forget the disarm because the disk was still busy with the log.
+        // The standing state is written before the record. The response does not wait for the disk, and a program
+        // killed soon after it must not lose the disarm because the disk was still writing the log.
         let who = request.who.clone();
         self.change_standing(|standing| standing.disarmed_by = Some(who));
         self.record_request(&request.who, "disarm");
     }
 
-    /// Handles requests that arrive while the gateway stops: disarming is recorded, all others are refused.
+    /// Handles requests that arrive while the gateway stops: a disarm is recorded, all other requests are refused.
     pub(super) fn answer_remaining(&mut self) {
         while let Ok(request) = self.requests.recv_timeout(Duration::ZERO) {
             let reply = if request.operation == Operation::Disarm {
@@ -71,7 +71,7 @@ impl Service {
         }
     }
 
-    /// Acknowledges a fault. If there is nothing to acknowledge, the request is refused.
+    /// Acknowledges a fault. Refused if there is nothing to acknowledge.
     fn acknowledge(&mut self, request: ServiceRequest) {
         let report = *self.parts.handle.report();
         let from_before = self.is_faulted_from_before();
@@ -94,8 +94,8 @@ impl Service {
         let effect = self.ordered(Request::Acknowledge);
         if self.send(Request::Acknowledge, effect.until, request.disarms) {
             if !report.state.is_armed() {
-                // The operator has decided: auto-arm stays off, also after a restart. This is written before the end of the
-                // fault.
+                // The operator has decided, so auto-arm stays off, even after a restart. This decision is written
+                // before the end of the fault.
                 let who = request.who.clone();
                 self.change_standing(|standing| standing.disarmed_by = Some(who));
             }
@@ -106,7 +106,7 @@ impl Service {
         }
     }
 
-    /// Writes a request to the log, with the state at that time, without waiting.
+    /// Queues an audit record of a request, with the present state.
     pub(super) fn record_request(&mut self, who: &str, what: &str) {
         let state = self.parts.handle.report().state.into();
         let _ = self.log(who, what, Event::Request { state });
@@ -181,7 +181,7 @@ impl Service {
                     self.begin_centre_model(std::mem::take(machine), confirm.take())
                 }
                 Operation::Model(activation) => self.begin_operator_model(activation.clone()),
-                // These operations are never queued.
+                // Operations of this kind are never queued.
                 Operation::Disarm | Operation::Acknowledge | Operation::Centre(_) => return,
             };
             match step {
@@ -191,28 +191,28 @@ impl Service {
         }
     }
 
-    /// Logs a refusal of automatic arming, and stops it if the operator must confirm.
+    /// Logs a refusal of automatic arming, and stops automatic arming if the operator must confirm.
     fn handle_reply(&mut self, who: &str, reply: &Reply) {
         if who == AUTO_ARM && reply.status != 200 {
             tracing::warn!("auto_arm: {}", describe(&reply.answer));
-            // Auto-arm must not repeat a request that requires the operator's confirmation. The operator may also have
-            // decided while the request was pending.
+            // Auto-arm must not repeat a request that requires the operator's confirmation. Keep the flag if it is
+            // already set: the operator may have decided while the request was pending.
             self.auto_arm_done |= matches!(reply.answer, Answer::Question(_));
         }
     }
 
     fn check_effect(&mut self, effect: Effect, who: &str, disarms: u64) -> Progress {
         let report = *self.parts.handle.report();
-        // Two cycles, because the order may have arrived in the middle of one.
+        // Wait two cycles, because the order may have arrived in the middle of the first one.
         let seen = report.cycle > effect.cycle + 2;
         if seen && is_reached(effect.request, report.state) {
-            // The report may predate a disarm ordered meanwhile.
+            // The report may be older than a disarm ordered meanwhile.
             let since = self.switch.count() != disarms;
             if effect.request == Request::Arm && who != AUTO_ARM && !since {
                 self.change_standing(|standing| standing.disarmed_by = None);
             }
             if effect.request == Request::Acknowledge {
-                // The guards do not know a fault from before the start: it is cleared here.
+                // A fault from before the start is unknown to the guards, so it is cleared here.
                 self.change_standing(|standing| standing.faulted = None);
             }
             let reasons = self.all_reasons(&report);
@@ -264,14 +264,15 @@ impl Service {
                 operation: Operation::Arm(None),
                 who: AUTO_ARM.to_owned(),
                 answer: None,
-                // Not the switch's count: a disarm that is ordered but not yet received is later than this request.
+                // The count of received disarms, not of the switch: a disarm that is ordered but not yet received must
+                // cancel this request.
                 disarms: self.received_disarms,
             });
         }
     }
 }
 
-/// An interlock that a controller shows now needs no acknowledgement.
+/// True if the state can be acknowledged. An interlock that a controller shows now cannot.
 fn needs_acknowledgement(report: &Report) -> bool {
     let jumped = |flaw: Option<SensorFlaw>| flaw == Some(SensorFlaw::Jumped);
     let has = |reason| report.reasons.contains(reason);
@@ -289,9 +290,9 @@ fn shows_interlock(report: &Report) -> bool {
     })
 }
 
-/// Whether a fault from before the start must persist: a responding controller shows an interlock, or the output of a
-/// control with read-back is unknown. Facts that only an operator can know do not count: that the interlock of a silent
-/// controller has ended, and the state of outputs without read-back.
+/// True if a fault from before the start must persist: a responding controller shows an interlock, or the output of a
+/// control with read-back is unknown. Facts that only an operator can know do not count: the end of a silent
+/// controller's interlock, and the state of outputs without read-back.
 fn may_not_end(report: &Report) -> bool {
     let is_left = report.reasons.contains(Reasons::LEFT_UNKNOWN);
     shows_interlock(report) || !(report.correction_known || is_left)
@@ -301,8 +302,8 @@ fn may_not_end(report: &Report) -> bool {
 mod tests {
     use super::*;
 
-    /// The operator may override the alarm of a controller that does not respond, but not an emergency stop that another
-    /// one reports now.
+    /// The operator may override the alarm of a controller that does not respond, but not an emergency stop that
+    /// another controller reports now.
     #[test]
     fn a_fault_stays_while_any_controller_shows_an_interlock() {
         let mut report = Report { correction_known: true, ..Report::default() };

@@ -1,5 +1,5 @@
-//! State that survives a restart: an unacknowledged fault, a disarm by an operator, jumped temperatures and positions, and interlocks that
-//! were not seen to clear.
+//! State that survives a restart: an unacknowledged fault, a disarm by an operator, jumped temperatures and positions,
+//! and interlocks that were not seen to clear.
 
 use std::{
     collections::BTreeMap,
@@ -22,8 +22,8 @@ use crate::{
 /// Value of `disarmed_by` if the file is unreadable.
 const UNKNOWN_REQUESTER: &str = "unknown";
 
-/// Reads the state from before the start. If the file is unreadable, or missing beside a log with records, auto-arm stays off, as after a
-/// disarm by an operator.
+/// Reads the state from before the start. Auto-arm stays off, as after a disarm by an operator, if the file is
+/// unreadable, or missing although the log has records.
 pub(crate) fn read(dir: &Path) -> Standing {
     let path = standing_file(dir);
     let unread = |error: String| {
@@ -45,14 +45,14 @@ pub(crate) fn read(dir: &Path) -> Standing {
     with_jumps(standing)
 }
 
-/// Whether a gateway has run with this folder.
+/// True if a gateway has run with this folder.
 fn has_records(dir: &Path) -> bool {
     let is_empty = |file: &PathBuf| file.metadata().is_ok_and(|file| file.len() == 0);
     !log_files(dir).iter().all(is_empty)
 }
 
-/// After a start, the temperature before a jump is unknown and the first reading would be accepted. The operator must therefore confirm the sensor
-/// first.
+/// Converts sensors that jumped before a restart to a fault. After the start the temperature before the jump is
+/// unknown, and the first reading would be accepted, so the operator must check the sensor first.
 fn with_jumps(mut standing: Standing) -> Standing {
     let jumped = std::mem::take(&mut standing.jumped);
     if !jumped.is_empty() {
@@ -62,8 +62,9 @@ fn with_jumps(mut standing: Standing) -> Standing {
     standing
 }
 
-/// The interlocks from before the start, by the index of the controller that showed them. One of a controller that is not configured any
-/// more cannot be seen to clear: the operator must acknowledge it as a fault.
+/// The interlocks from before the start, with the index of the controller that showed them. The interlock of a
+/// controller that is no longer configured cannot be seen to clear, so it becomes a fault that the operator must
+/// acknowledge.
 pub(crate) fn interlocks(
     standing: &mut Standing,
     controllers: &[Description],
@@ -123,7 +124,7 @@ impl Service {
         self.standing_lost
     }
 
-    /// Saves a fault until it has ended. `before` is the previous state.
+    /// Saves a fault until the fault has ended. `before` is the previous state.
     pub(super) fn save_fault(&mut self, before: State, reasons: &[String]) {
         if matches!(self.last_state, State::Faulted(_)) {
             let reasons = reasons.to_vec();
@@ -133,10 +134,12 @@ impl Service {
         }
     }
 
-    /// Saves the sensors that have jumped, which stay excluded after a restart, also if they are silent or faulty by then, and the axes whose
-    /// position has jumped. While disarmed the guards accept any position, so these axes are kept until the gateway is armed.
-    /// Called after each tick of the service: what happened in the last 50 ms before the program was killed is not saved, since the cycle itself
-    /// must not wait for a disk.
+    /// Saves the sensors and the axes whose readings have jumped. These sensors stay excluded after a restart, even if
+    /// they are silent or faulty by then. While disarmed the guards accept any position, so jumped axes are kept until
+    /// the gateway is armed.
+    ///
+    /// Called after each tick of the service. A jump in the last 50 ms before the program is killed is lost, because
+    /// the cycle itself must not wait for a disk.
     pub(super) fn save_jumped(&mut self, report: &Report) {
         let sensors = self.parts.sensors.iter().zip(&report.sensors);
         let jumped = sensors.filter(|(_, result)| result.jumped);
@@ -150,9 +153,9 @@ impl Service {
         });
     }
 
-    /// Saves the interlocks that controllers show, or showed before they fell silent.
+    /// Saves the interlocks that controllers show, or showed before they stopped responding.
     pub(super) fn save_interlocks(&mut self, report: &Report) {
-        // Before the first cycle nothing has been reported.
+        // Before the first cycle the report is empty.
         if report.cycle == 0 {
             return;
         }
@@ -170,8 +173,8 @@ impl Service {
         self.change_standing(|standing| standing.interlocks = interlocks);
     }
 
-    /// Bit mask of the axes whose position had jumped when the gateway was last armed. Automatic arming would accept it; an operator who has
-    /// disarmed since arms anyway.
+    /// Bit mask of the axes whose position had jumped when the gateway was last armed. Automatic arming would accept
+    /// such a position. Zero if an operator has disarmed since: arming is then a decision of an operator.
     pub(super) fn jumped_axes(&self) -> u16 {
         if self.last_state.is_armed() || self.standing.disarmed_by.is_some() {
             return 0;
@@ -181,7 +184,7 @@ impl Service {
         jumped.fold(0, |bits, (index, _)| bits | 1 << index)
     }
 
-    /// Whether there is an unacknowledged fault from before the start, which the guards do not know.
+    /// True if there is an unacknowledged fault from before the start, which is unknown to the guards.
     pub(super) fn is_faulted_from_before(&self) -> bool {
         self.standing.faulted.is_some() && !matches!(self.last_state, State::Faulted(_))
     }
@@ -215,7 +218,8 @@ mod tests {
         }
     }
 
-    /// Each interlock returns to its controller wherever that is listed now; that of a controller which was removed becomes a fault.
+    /// An interlock belongs to its controller even if the index of the controller has changed. The interlock of a
+    /// removed controller becomes a fault.
     #[test]
     fn interlocks_belong_to_their_controllers() {
         let shown = |device: &str, text: &str| (device.to_owned(), vec![text.to_owned()]);

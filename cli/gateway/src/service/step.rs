@@ -31,7 +31,7 @@ pub(super) struct PendingRequest {
 }
 
 pub(super) enum Step {
-    /// Arming: the model armed last is read and compared.
+    /// Arming: the model armed last is read and compared with the present one.
     Comparison(Comparison),
     ArmingRecord(ArmingRecord),
     FileReading(FileReading),
@@ -42,9 +42,9 @@ pub(super) enum Step {
 #[derive(Clone, Copy)]
 pub(super) struct Effect {
     pub(super) request: Request,
-    /// Last cycle before the order.
+    /// Number of the last cycle before the order.
     pub(super) cycle: u64,
-    /// Deadline for the effect; requests other than disarming are not executed later.
+    /// Deadline for the effect. Only disarming is executed after it.
     pub(super) until: Instant,
 }
 
@@ -59,7 +59,7 @@ pub(super) struct Compared {
     pub(super) last: Option<Model>,
 }
 
-/// `Err` states why the comparison failed.
+/// `Err` holds the reason why the comparison failed.
 pub(super) type ComparisonResult = Result<Compared, String>;
 
 pub(super) struct Comparison {
@@ -78,16 +78,16 @@ pub(super) type PlanResult = Result<(Box<Plan>, Judgement), GatewayError>;
 
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum ModelOrigin {
-    /// The configuration, which is reread as well.
+    /// The configuration, which is read again as well.
     Configured,
     /// The fleet's centre, with the hash confirmed there. Only the machine file changes.
     Centre(Option<String>),
-    /// Selected by an operator; nothing else changes.
+    /// Selected by an operator. Only the machine file changes.
     Operator(Box<ModelActivation>),
 }
 
 impl ModelOrigin {
-    /// Origin of a model and its description. `config` is the configuration to be applied.
+    /// Origin of a model, and the name of its file. `config` is the configuration to be applied.
     pub(super) fn describe_origin(&self, config: &Config) -> (ModelSource, String) {
         match self {
             Self::Operator(activation) => (activation.from, activation.file.clone()),
@@ -107,7 +107,7 @@ pub(super) struct ReloadRecord {
     pub(super) who: String,
     pub(super) origin: ModelOrigin,
     pub(super) plan: Box<Plan>,
-    /// The change of the correction; no question is open.
+    /// The judged change of the correction, without an open question.
     pub(super) judged: Judgement,
     pub(super) receipts: Vec<Receipt>,
     pub(super) until: Instant,
@@ -121,7 +121,7 @@ pub(super) fn is_reached(request: Request, state: State) -> bool {
     }
 }
 
-/// Why a request has not taken effect; the reasons of the state give the cause.
+/// Why a request has not taken effect. The reasons of the state give the cause.
 pub(super) fn refusal(request: Request, state: State) -> &'static str {
     match (request, state) {
         (Request::Acknowledge, _) => {
@@ -177,7 +177,7 @@ pub(super) fn describe(answer: &Answer) -> String {
             } else {
                 format!("; {} changed", limits.join(", "))
             };
-            // Without limits for rotary axes none is corrected.
+            // Without limits for rotary axes no rotary axis is corrected.
             let rotary = question.confirm_urad.map_or(String::new(), |_| {
                 format!(" and {} µrad", size(question.worst_corner_urad))
             });
@@ -227,7 +227,7 @@ mod tests {
     #[test]
     fn every_state_and_every_request() {
         let [arm, disarm, acknowledge] = [Request::Arm, Request::Disarm, Request::Acknowledge];
-        // State, then the expected results for: armed, disarmed, without a fault.
+        // State, then the expected results of arming, disarming and acknowledging.
         let table = [
             (State::Disarmed, [false, true, true]),
             (State::Arming(Phase::Proving), [true, false, true]),

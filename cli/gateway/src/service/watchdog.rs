@@ -1,4 +1,4 @@
-//! Proof of life of a machine for the service manager's watchdog, given only while cycles are on time.
+//! Proof of life of a machine for the service manager's watchdog. A proof is given only while cycles are on time.
 
 use std::{
     sync::{
@@ -25,8 +25,8 @@ impl Life {
     }
 }
 
-/// Checks that cycles are on time: no gap longer than `timeout`, and at least a third of the number that the period
-/// requires.
+/// Checks that cycles are on time: no gap is longer than `timeout`, and at least a third of the expected cycles have
+/// run.
 pub(super) struct Watchdog {
     interval: Duration,
     period: Duration,
@@ -36,11 +36,10 @@ pub(super) struct Watchdog {
 }
 
 impl Watchdog {
-    /// `time` is the watchdog timeout of the service manager; `timeout` the longest gap between cycles.
+    /// `time` is the watchdog timeout of the service manager; `timeout` is the longest permitted gap between cycles.
     pub(super) fn new(time: Duration, period: Duration, timeout: Duration, now: Instant) -> Self {
         Self {
-            // The interval after a late one may be just as long, and the proof at its end must
-            // still be in time.
+            // A missed proof delays the next one by a further interval, and that proof must still be in time.
             interval: (time / 4).min(Duration::from_secs(1)),
             period,
             timeout,
@@ -56,7 +55,7 @@ impl Watchdog {
         }
     }
 
-    /// Whether a proof is due now. `is_silent`: the control thread has run no cycle for too long.
+    /// True if a proof is due now. `is_silent`: the control thread has run no cycle for too long.
     pub(super) fn is_due(&mut self, is_silent: bool, now: Instant) -> bool {
         if is_silent {
             self.begin(now);
@@ -84,8 +83,8 @@ mod tests {
 
     const MS: Duration = Duration::from_millis(1);
 
-    /// Number of proofs within ten seconds. The timeout of the watchdog is 400 ms; a cycle of 4 ms
-    /// runs only every `every` ms, and there is a gap of `gap_ms` at 5 s.
+    /// Number of proofs within ten seconds. The watchdog timeout is 400 ms. A cycle of 4 ms runs only every `every` ms,
+    /// and no cycle runs for `gap_ms` after 5 s.
     fn fed(every: u32, gap_ms: u32) -> u32 {
         let begun = Instant::now();
         let mut dog = Watchdog::new(400 * MS, 4 * MS, 100 * MS, begun);
@@ -106,7 +105,7 @@ mod tests {
         fed
     }
 
-    /// At least every second cycle must come.
+    /// At least every third cycle must run.
     #[test]
     fn cycles_must_come_on_time() {
         assert!(fed(4, 0) >= 95, "each cycle");

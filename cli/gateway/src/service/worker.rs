@@ -1,4 +1,4 @@
-//! Slow work and work that may wait for a disk, executed one task at a time on a separate thread.
+//! Slow work, and work that may wait for a disk. A separate thread executes one task at a time.
 
 use std::{
     sync::{
@@ -12,15 +12,14 @@ use std::{
 
 #[derive(Default)]
 pub(super) struct Worker {
-    /// Cleared before the result is sent, so that the receiver of the result can begin the next
-    /// task.
+    /// Cleared before the result is sent, so that the receiver of the result can begin the next task.
     busy: Arc<AtomicBool>,
-    /// Number of results that are not sent yet.
+    /// Number of tasks whose result has not been sent.
     open: Arc<AtomicUsize>,
 }
 
 impl Worker {
-    /// Waits at most `timeout` until the result of the task can be received. Returns whether it can.
+    /// Waits at most `timeout` until the results of all tasks can be received. Returns false after the timeout.
     pub(super) fn settle(&self, timeout: Duration) -> bool {
         let end = Instant::now() + timeout;
         while self.open.load(Ordering::Acquire) > 0 {
@@ -32,8 +31,8 @@ impl Worker {
         true
     }
 
-    /// Starts a task; the receiver yields its result. `None`: the last task is still running, or no thread can be
-    /// created.
+    /// Starts a task and returns the receiver of its result. `None`: the last task is still running, or no thread can
+    /// be created.
     pub(super) fn begin<T: Send + 'static>(
         &mut self,
         work: impl FnOnce() -> T + Send + 'static,
