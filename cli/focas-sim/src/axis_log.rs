@@ -17,7 +17,7 @@ use crate::{error::SimError, quantities::count};
 
 const FLUSH: Duration = Duration::from_millis(50);
 
-/// One line: monotonic time, ns; whether the control was power-cycled; and the shifts, counts.
+/// One line of the log: monotonic time, ns; whether the control was power-cycled; the shift of each axis, counts.
 struct Line {
     time_ns: i128,
     switched_on: bool,
@@ -30,7 +30,7 @@ pub(crate) struct AxisLog {
 }
 
 impl AxisLog {
-    /// Creates the file and the scan callback; the log ends when the callback is dropped.
+    /// Creates the file and the scan callback. Dropping the callback ends the log.
     pub(crate) fn create(path: &Path, axes: &[AxisName]) -> Result<(ScanLog, Self), SimError> {
         let file = path.display().to_string();
         let mut output = BufWriter::new(File::create(path).map_err(SimError::write(&file))?);
@@ -50,7 +50,7 @@ impl AxisLog {
     }
 
     pub(crate) fn end(self) -> Result<(), SimError> {
-        // The panic message was already printed.
+        // The panic of the thread has already printed its message.
         let written = self.writer.join().unwrap_or(Ok(()));
         written.map_err(SimError::write(&self.file))
     }
@@ -64,7 +64,7 @@ fn scan_log(line_sender: Sender<Line>) -> ScanLog {
             return;
         }
         let now = clock_gettime(ClockId::Monotonic);
-        // The receiver is dropped only after a write error, which is reported at the end.
+        // The writer drops the receiver only after a write error, which `end` returns.
         let _ = line_sender.send(Line {
             time_ns: i128::from(now.tv_sec) * 1_000_000_000 + i128::from(now.tv_nsec),
             switched_on: scan.switched_on,

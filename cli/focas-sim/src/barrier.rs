@@ -77,7 +77,7 @@ impl BarrierArguments {
         if self.barrier_axes.is_empty() { axes } else { &self.barrier_axes }
     }
 
-    /// Machine number and axes in the barrier's report; `None` with `--no-barrier`.
+    /// Machine number and axes in the barrier's report; `None` without a barrier.
     pub(crate) fn reports(&self, axes: &[AxisName]) -> Result<Option<(u16, Layout)>, SimError> {
         if self.no_barrier || self.map_words.is_some() {
             return Ok(None);
@@ -87,7 +87,7 @@ impl BarrierArguments {
         Ok(Some((self.machine_number, layout)))
     }
 
-    /// The ladder with the barrier for a control with these axes; `None` with `--no-barrier`.
+    /// The program with the barrier or the map, for a control with these axes; `None` with `--no-barrier`.
     pub(crate) fn ladder(&self, axes: &[AxisName]) -> Result<Option<Ladder>, SimError> {
         if self.no_barrier {
             return Ok(None);
@@ -145,7 +145,7 @@ impl BarrierArguments {
         }
         let scan_ms = self.scan()?.as_secs_f64() * 1e3;
         let whole = |option, found: f64, times: f64, most: u16| {
-            // A step is 1 µm, a time a whole number of scans.
+            // A correction is a whole number of steps of 1 µm, and a time a whole number of scans.
             let number = (found * times).round();
             if (1.0..=f64::from(most)).contains(&number) {
                 #[expect(

@@ -75,11 +75,12 @@ fn run(arguments: &Arguments) -> Result<(), SimError> {
     }
     let options = arguments.options()?;
     let (period, pauses) = (arguments.report_period()?, arguments.pauses()?);
-    // Before printing that it is ready: a program that reads this line may end the simulator immediately.
+    // Set the handler before printing that the simulator is ready: a program that reads this line may end the simulator
+    // immediately.
     let (end, ended) = channel();
     let interrupted = end.clone();
     ctrlc::set_handler(move || {
-        // The receiver no longer exists if the program is already ending.
+        // The receiver is already dropped if the program is ending.
         let _ = interrupted.send(Ok(()));
     })
     .map_err(|e| SimError::System { what: "signals", source: std::io::Error::other(e) })?;
@@ -92,7 +93,7 @@ fn run(arguments: &Arguments) -> Result<(), SimError> {
     let (run, run_requests) = channel();
     if let Some(measurement) = measurement {
         if !arguments.wait {
-            // The receiver exists.
+            // The receiver exists, so this cannot fail.
             let _ = run.send(());
         }
         measure(measurement, &simulator, run_requests, end.clone())?;
@@ -123,9 +124,9 @@ fn run(arguments: &Arguments) -> Result<(), SimError> {
             }
         })?;
     }
-    // Keep the senders after the end of standard input: the report ends when no sender is left.
+    // Keep the senders after the end of standard input, because the report ends when all senders are dropped.
     let _asks = (now, run);
-    // An error means that every sender was dropped, so the program ends as well.
+    // An error means that every sender was dropped. The program then ends as well.
     let ended = ended.recv().unwrap_or(Ok(()));
     print_steps(&axes, &simulator, arguments.json);
     simulator.world().scan_log = None;
@@ -150,7 +151,7 @@ fn measurement(
     }))
 }
 
-/// Measures on every request; an error ends the program.
+/// Starts a thread that measures on every request. An error ends the program.
 fn measure(
     measurement: Measurement,
     simulator: &Arc<Simulator>,
@@ -160,7 +161,7 @@ fn measure(
     let simulator = Arc::clone(simulator);
     start("focas-sim measure", move || {
         if let Err(error) = measurement.run(&simulator, &run_requests) {
-            // The receiver no longer exists if the program is already ending.
+            // The receiver is already dropped if the program is ending.
             let _ = end.send(Err(error));
         }
     })
@@ -177,7 +178,7 @@ fn print_steps(axes: &[AxisName], simulator: &Simulator, json: bool) {
     print(&if json { report::json(&steps) } else { steps.text() });
 }
 
-/// Prints a line; a closed reader is not a failure.
+/// Prints a line to standard output. A closed reader is no failure.
 fn print(line: &str) {
     let mut output = std::io::stdout();
     let _ = writeln!(output, "{line}").and_then(|()| output.flush());
@@ -203,14 +204,14 @@ fn start(name: &str, work: impl FnOnce() + Send + 'static) -> Result<(), SimErro
     started.map(drop).map_err(SimError::thread)
 }
 
-/// Executes typed commands; `steps` prints the largest steps.
+/// Executes typed commands. `steps` prints the largest steps.
 fn typed(simulator: &Simulator, receivers: &CommandReceivers, steps: impl Fn()) {
     standard_input::lines(|line| {
         match line.parse::<Command>() {
             Err(message) => eprintln!("error: {message}"),
             Ok(Command::Help) => eprintln!("{}", Arguments::typed_commands()),
             Ok(Command::Report) => {
-                // The receiver exists until the end.
+                // The receiver exists until the program ends.
                 let _ = receivers.now.send(());
             }
             Ok(Command::Run) => {
@@ -229,7 +230,7 @@ fn typed(simulator: &Simulator, receivers: &CommandReceivers, steps: impl Fn()) 
     });
 }
 
-/// Prints a line every `period` and on request, until no sender is left.
+/// Prints a report line every `period` and on every request, until all senders are dropped.
 fn report(
     simulator: &Simulator,
     mut reporter: Reporter,

@@ -1,4 +1,4 @@
-//! Map look-up in the simulated control: the reference implementation of `volcomp-tables` as its PMC program.
+//! Map interpolation in the simulated control. Its PMC program is the reference implementation in `volcomp-tables`.
 
 use volcomp_focas::{
     PmcAddress, PmcArea,
@@ -13,21 +13,21 @@ use volcomp_tables::{
     control::{FRAME_WORDS, Lookup, REPORT_WORDS, Settings, SettingsError},
 };
 
-/// Addresses in data table D of the mailbox, the report and the first of the two buffers, bytes.
+/// Byte addresses in data table D: mailbox, report, and the first of the two buffers.
 const MAILBOX: u16 = 0;
 const REPORT: u16 = 144;
 const BUFFERS: u16 = 200;
-/// Maximum number of words in a buffer; two buffers fit into the 10 000 bytes of the data table.
+/// Maximum number of 16-bit words in a buffer. Two buffers fit into the 10 000 bytes of the data table.
 pub(crate) const MOST_WORDS: u16 = (10_000 - BUFFERS) / 4;
 /// Step of positions and corrections, nm.
 const STEP_NM: u32 = 1000;
-/// Minimum travel of a reversal, steps: 5 µm.
+/// Minimum travel that counts as a reversal, steps: 5 µm.
 const TURNED: i32 = 5;
 
 pub(crate) struct MapLadder {
     lookup: Lookup,
     settings: Settings,
-    /// Index in the control of each corrected axis.
+    /// Index of each corrected axis among the axes of the control.
     slots: Vec<usize>,
 }
 
@@ -70,7 +70,7 @@ impl MapLadder {
         Ok(Self { lookup: Lookup::start(settings, 0, 0, [0; OUTPUTS])?, settings, slots })
     }
 
-    /// Positions of the axes without the correction, in steps.
+    /// Positions of the corrected axes without the correction, in steps.
     #[expect(clippy::cast_possible_truncation, reason = "a float is cut to the range of i32")]
     fn steps(&self, world: &World) -> [i32; GRID_AXES] {
         let at_mm = world.commanded();
@@ -85,7 +85,7 @@ impl MapLadder {
 
 impl LadderProgram for MapLadder {
     fn scan(&mut self, world: &mut World) {
-        // Copied first, then validated.
+        // Copy the mailbox first; the look-up validates the copy.
         let mut mailbox = [0; FRAME_WORDS];
         let found = world.words(address(MAILBOX), FRAME_WORDS);
         mailbox[..found.len()].copy_from_slice(&found);

@@ -19,14 +19,14 @@ use crate::{
 };
 
 const POLL_INTERVAL: Duration = Duration::from_millis(5);
-/// Number of frames that must be accepted without a change before a correction is treated as settled. The first ones may have been computed or
-/// queued before the machine stopped, and on a busy computer all of them are late.
+/// Number of frames that must be accepted without a change before a correction counts as settled. The first frames may
+/// have been computed or queued before the machine stopped, and on a busy computer all frames are late.
 const FRAMES: u16 = 10;
 
 #[derive(Clone, Copy)]
 pub(crate) struct Settling {
     pub(crate) stands: Duration,
-    /// Timeout, after which the target is recorded as not settled.
+    /// Timeout after which the target is recorded as not settled.
     pub(crate) at_most: Duration,
     pub(crate) barrier: Option<(u16, Layout)>,
 }
@@ -85,7 +85,7 @@ impl Measurement {
         })
     }
 
-    /// Moves to the end of a move, and records the direction of each axis.
+    /// Moves to the end of the move `index`, and records the direction of each axis.
     fn go_to(&mut self, index: usize, simulator: &Simulator) {
         self.walk.go_to(index, simulator.world().moved_for());
         while !self.walk.has_arrived(simulator.world().moved_for()) {
@@ -95,7 +95,7 @@ impl Measurement {
         self.reporter.watch(simulator);
     }
 
-    /// Returns whether the correction has settled, and the time until then.
+    /// Returns whether the correction has settled, and the time waited.
     fn settle(&self, dwell: Duration, simulator: &Simulator) -> (bool, Duration) {
         let arrived = Instant::now();
         let mut stability = Stability::since(arrived, self.sample(simulator));
@@ -119,7 +119,8 @@ impl Measurement {
     }
 }
 
-/// The sender (owner) whose frames the barrier accepts, and the sequence number of its last accepted frame; `None` without a sender.
+/// Owner number of the sender whose frames the barrier accepts, and the sequence number of its last accepted frame;
+/// `None` without a sender.
 fn sender(world: &mut World, (machine, axes): (u16, Layout)) -> Option<(u16, u16)> {
     let Some(Ladder::Barrier(ladder)) = &world.ladder else {
         return None;
@@ -136,7 +137,7 @@ struct Sample {
     sender: Option<(u16, u16)>,
 }
 
-/// Tracks for how long the corrections have not changed.
+/// Tracks how long the corrections have not changed.
 struct Stability {
     since: Instant,
     sample: Sample,
@@ -173,7 +174,8 @@ mod tests {
         Sample { shifts: vec![shift], sender }
     }
 
-    /// An unchanged correction without new frames is not settled. A change restarts the wait. Without a sender at a barrier, only the time is considered.
+    /// An unchanged correction without new frames is not settled. A change restarts the wait. Without a sender at a
+    /// barrier only the time counts.
     #[test]
     fn a_settled_correction_was_confirmed_while_unchanged() {
         let none = Duration::ZERO;

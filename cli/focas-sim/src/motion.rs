@@ -14,7 +14,7 @@ use crate::{
     walk::Walk,
 };
 
-/// The requested motion. If targets are measured, also the walk through the program that this motion follows.
+/// The requested motion. For a measurement also the walk through the program, which the motion follows.
 pub(crate) fn motion(
     arguments: &Arguments,
     axes: &[AxisName],
@@ -74,7 +74,7 @@ fn to_and_fro(stroke: f64, period_s: f64, axes: usize) -> Result<Motion, SimErro
     Ok(Arc::new(move |elapsed: Duration| {
         let turn = std::f64::consts::TAU * elapsed.as_secs_f64() / period_s;
         let place = |axis: usize| {
-            // A whole number of periods for each axis, so that all are at 0 together.
+            // Each axis makes a whole number of periods, so that all axes return to 0 at the same time.
             let speed = f64::from(u8::try_from(axis + 1).unwrap_or(u8::MAX));
             0.5 * stroke * (1.0 - (turn * speed).cos())
         };

@@ -17,7 +17,7 @@ pub(crate) enum Command {
     Clear,
     Power,
     Reset,
-    /// Bytes to write into R memory from an offset.
+    /// Bytes to write into R memory from an offset on.
     Write(usize, Vec<u8>),
     Freeze(bool),
     Steps,
@@ -101,7 +101,7 @@ fn write(place: &str, bytes: &[&str]) -> Result<Command, String> {
 }
 
 impl Command {
-    /// Executes commands on the simulated control; other commands have no effect here.
+    /// Executes commands that change the simulated control. Other commands have no effect here.
     pub(crate) fn act(self, simulator: &Simulator) {
         match self {
             Self::Disconnect => simulator.disconnect_all(),

@@ -1,4 +1,4 @@
-//! Program of the simulated machine: the moves of a CSV file, and the lines along which it is measured.
+//! Program of the simulated machine: the moves of a CSV file, and the lines along which the machine is measured.
 
 use std::{path::Path as FilePath, time::Duration};
 
@@ -18,14 +18,14 @@ pub(crate) struct Program {
 
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum Stop {
-    /// A target that is measured, with the name of its measurement line; `None` if the program has no column for lines.
+    /// A target that is measured, with the name of its measurement line; `None` if the program has no column `line`.
     Target(Option<String>),
-    /// An intermediate point, which is not measured: its row has an empty cell in the column for lines.
+    /// An intermediate point, which is not measured: its cell in the column `line` is empty.
     OnTheWay,
 }
 
 impl Program {
-    /// Reads a program: moves in mm and rad. Axes without a column are at `stands` (mm, deg).
+    /// Reads a program into moves in mm and rad. An axis without a column stays at its position in `stands` (mm, deg).
     pub(crate) fn read(
         file: &FilePath,
         axes: &[AxisName],
@@ -77,7 +77,7 @@ impl Program {
             });
             program.moves.push(Move {
                 to: inside(axes, &to),
-                // Converted once the start of the move is known.
+                // Feed in mm/min or deg/min; converted once the start of the move is known.
                 feed_per_s: feed_per_min,
                 dwell,
             });
@@ -104,7 +104,7 @@ fn inside(axes: &[AxisName], coordinates: &[f64]) -> PerChannel<f64> {
     values
 }
 
-/// The feed of a move in mm/s, or in rad/s where only rotary axes move.
+/// The feed of a move in mm/s, or in rad/s if only rotary axes move.
 fn feed_per_s(axes: &[AxisName], from: &[f64], to: &[f64], feed_per_min: f64) -> f64 {
     let mut moved = axes.iter().zip(from.iter().zip(to));
     let slides = moved.any(|(axis, (from, to))| !axis.is_rotary() && from != to);

@@ -9,10 +9,10 @@ use crate::{
     truth::{Miss, Place, Truth},
 };
 
-/// Rounding difference between the end of one move and the start of the next, mm or deg, that is not treated as travel.
+/// Rounding difference between the end of one move and the start of the next that does not count as travel, mm or deg.
 const NO_TRAVEL: f64 = 1e-9;
 
-/// Values by axis letter, in the unit at the end of the field name: one map for the linear axes, another for the rotary axes.
+/// Values by axis letter, in the unit at the end of the field name. Linear and rotary axes have separate maps.
 pub(crate) type ByLetter = BTreeMap<AxisName, f64>;
 
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
@@ -68,7 +68,7 @@ impl Steps {
     }
 }
 
-/// Generates report lines. `watch` must be called often enough to see each reversal of an axis.
+/// Generates report lines. Call `watch` often enough to sample the axes between any two reversals.
 pub(crate) struct Reporter {
     axes: Vec<AxisName>,
     truth: Option<Arc<Truth>>,
@@ -81,7 +81,8 @@ impl Reporter {
         Self { last: Vec::new(), approach: vec![None; axes.len()], axes, truth }
     }
 
-    /// Commanded positions and applied shifts, mm and deg. Also notes the direction in which each axis has moved since the previous call.
+    /// Commanded positions and applied shifts, mm and deg. Also records the direction in which each axis has moved
+    /// since the previous call.
     fn look(&mut self, simulator: &Simulator) -> [Vec<f64>; 2] {
         let (commanded, shifts) = {
             let mut world = simulator.world();
@@ -141,8 +142,8 @@ impl Reporter {
 }
 
 impl Report {
-    /// Formats positions and the tool error without and with the correction; if the error is
-    /// unknown, positions and corrections. Lines have at most 80 columns.
+    /// Formats the positions, and the tool error without and with the correction. If the error is unknown, formats the
+    /// positions and the corrections. Lines have at most 80 columns.
     pub(crate) fn text(&self) -> String {
         let mut items = Vec::new();
         let kinds = [
@@ -171,8 +172,7 @@ impl Report {
     }
 }
 
-/// Serializes a line as JSON. Keys are letters and names, and numbers are finite, so this cannot
-/// fail.
+/// Serializes a line as JSON. This cannot fail, because keys are letters and names, and numbers are finite.
 pub(crate) fn json(line: &impl Serialize) -> String {
     serde_json::to_string(line).unwrap_or_default()
 }

@@ -1,4 +1,5 @@
-//! Reads lines from standard input without stopping a program in the background.
+//! Reads lines from standard input. The kernel stops a background program that reads from its terminal; this module
+//! avoids that.
 
 use std::{
     io::{BufRead, BufReader, IsTerminal, Read},
@@ -7,14 +8,15 @@ use std::{
 
 use rustix::{process::getpgrp, termios::tcgetpgrp};
 
-/// Interval at which a background program checks whether it is in the foreground again.
+/// Interval at which a background program checks whether it is in the foreground.
 const POLL_INTERVAL: Duration = Duration::from_millis(300);
 /// Maximum length of a line, bytes; longer lines are split.
 const LONGEST: u64 = 1 << 16;
 
-/// Calls `line` with every line until the input ends or it returns `false`.
+/// Calls `line` with every line until the input ends or `line` returns `false`.
 ///
-/// The kernel stops a background program that reads from its terminal, so this waits until the program is in the foreground.
+/// The kernel stops a background program that reads from its terminal, so this function waits until the program is in
+/// the foreground.
 pub(crate) fn lines(mut line: impl FnMut(&str) -> bool) {
     let stdin = std::io::stdin();
     let is_terminal = stdin.is_terminal();
@@ -44,7 +46,7 @@ fn in_foreground() -> bool {
     tcgetpgrp(rustix::stdio::stdin()).is_ok_and(|group| group == getpgrp())
 }
 
-/// Waits briefly for input, so that the state of the terminal is checked again.
+/// Waits at most 300 ms for input, so that the caller checks regularly whether the program is in the foreground.
 fn readable() -> bool {
     use rustix::event::{PollFd, PollFlags, Timespec, poll};
     let stdin = rustix::stdio::stdin();

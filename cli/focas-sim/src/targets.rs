@@ -50,7 +50,7 @@ pub(crate) struct Pass {
 }
 
 impl Line {
-    /// The lines of these targets, in order of their first targets.
+    /// The lines of these targets, in the order of their first targets.
     pub(crate) fn of(targets: &[Target]) -> Vec<Self> {
         let mut lines: Vec<(&str, Vec<&Report>)> = Vec::new();
         for target in targets {
@@ -83,7 +83,7 @@ impl Line {
     }
 }
 
-/// Unit vector from the first to the last target of a line; zero if they coincide.
+/// Unit vector from the first to the last target of a line; zero if the two coincide.
 fn direction(reports: &[&Report]) -> [f64; 3] {
     let ends = reports.first().zip(reports.last());
     let way = ends.map_or([0.0; 3], |(from, to)| {
@@ -120,7 +120,7 @@ impl Pass {
 pub(crate) struct Sheet {
     output: BufWriter<File>,
     file: String,
-    /// Axes with columns in the table; `None`: JSON documents, one per line.
+    /// Axes with columns in the table; `None`: the file holds JSON documents, one per line.
     table: Option<Vec<AxisName>>,
 }
 

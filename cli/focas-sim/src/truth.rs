@@ -27,7 +27,7 @@ impl Miss {
     }
 }
 
-/// Pose of the machine, in the order and units of the control: mm and deg.
+/// Pose of the machine in the axis order and the units of the control: mm and deg.
 pub(crate) struct Place<'a> {
     pub(crate) axes: &'a [AxisName],
     /// Commanded positions, without shifts.

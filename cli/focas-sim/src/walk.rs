@@ -1,4 +1,4 @@
-//! A program that is run move by move, each on request.
+//! A program that is run move by move, each move on request.
 
 use std::{
     sync::{Arc, Mutex, MutexGuard, PoisonError},
@@ -17,24 +17,24 @@ use crate::{
 /// Progress through a program. Times are motion times, without emergency stops.
 pub(crate) struct Walk {
     pub(crate) stops: Vec<Stop>,
-    /// Minimum time at rest at each end point.
+    /// Minimum time at rest at the end of each move.
     pub(crate) dwells: Vec<Duration>,
     /// The moves without their dwell times.
     path: Path,
     leg: Mutex<Leg>,
 }
 
-/// A section from the end of one move to the end of the next.
+/// A section of the path from the end of one move to the end of the next.
 #[derive(Clone, Copy)]
 struct Leg {
     left: Duration,
-    /// Path times of this end point and the next one.
+    /// Path times at the two ends of the section.
     from: Duration,
     to: Duration,
 }
 
 impl Walk {
-    /// A machine at rest at the end of the first move.
+    /// Creates a machine at rest at the end of the first move.
     pub(crate) fn new(program: Program, acceleration: f64) -> Self {
         let dwells = program.moves.iter().map(|step| step.dwell).collect();
         let passing = |step: Move| Move { dwell: Duration::ZERO, ..step };

@@ -253,7 +253,7 @@ fn act(arguments: Arguments) -> Result<(), GatewayError> {
     match arguments.command {
         None => {
             log(arguments.run.log);
-            // Without a configuration it runs the built-in simulation.
+            // Without a configuration the gateway runs the built-in simulation.
             run::run(&arguments.run.options)
         }
         Some(Command::Check { config, json, online }) => {

@@ -1,4 +1,4 @@
-//! Drift of a machine: its earlier models in comparison with the newest.
+//! Drift of a machine: earlier models in comparison with the newest one.
 
 use serde::Serialize;
 use volcomp_model::Machine;
@@ -10,19 +10,19 @@ use crate::{
     folder::{FITTED, Folder},
 };
 
-/// A model of the folder in comparison with the newest.
+/// A model of the folder in comparison with the newest one.
 #[derive(Clone, Debug, Serialize)]
 pub struct ModelDrift {
     /// Largest volumetric error after best-fit rigid-body alignment, µm, as in the verdict on V.
     pub position_um: Option<f64>,
-    /// The errors that differ from the newest model. The largest effect comes first, for angles on the diagonal of the travels.
+    /// The errors that differ from the newest model, the largest effect first. The effect of an angle is its
+    /// displacement over the diagonal of the travels.
     pub changes: Vec<ErrorChange>,
 }
 
 /// Difference of an error between two models.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct ErrorChange {
-    /// Name of the error.
     pub error: String,
     /// Largest difference over the travel, µm or µrad.
     pub largest: f64,
@@ -31,10 +31,11 @@ pub struct ErrorChange {
 }
 
 impl Folder {
-    /// Compares a model with `result/machine.toml`: that file itself, or one of [`State::models`](crate::State::models).
+    /// Compares a model with `result/machine.toml`. The model is that file itself or one of
+    /// [`State::models`](crate::State::models).
     ///
     /// # Errors
-    /// There is no result; an unknown model, or one of another geometry.
+    /// There is no result, the model is unknown, or it has another geometry.
     pub fn drift(&self, name: &str) -> Result<ModelDrift, StudioError> {
         if !self.at(FITTED).exists() {
             return Err(StudioError::NoResult);

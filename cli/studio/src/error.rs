@@ -13,17 +13,17 @@ pub enum StudioError {
     /// A file or folder cannot be read or written.
     #[error("{place}: {source}")]
     Disk {
-        /// The file or folder, for the message.
+        /// Path of the file or folder.
         place: String,
-        /// Why the operating system cannot read or write the file or folder.
+        /// Error of the operating system.
         source: io::Error,
     },
-    /// The folder holds more files than measurements of one machine.
+    /// The folder holds more files than measurements of one machine can have.
     #[error(
         "{folder}: found more than {most} files, expected a folder that holds the measurement files of one machine"
     )]
     TooManyFiles {
-        /// The folder, for the message.
+        /// Path of the folder.
         folder: String,
         /// Maximum number of files.
         most: usize,
@@ -46,13 +46,13 @@ pub enum StudioError {
     Open {
         /// Number of unanswered questions.
         count: usize,
-        /// The file and the key of the first one.
+        /// File and key of the first open question.
         first: String,
     },
     /// No file of the folder is usable.
     #[error("found no measurement of this machine in the folder{reasons}")]
     NoMeasurement {
-        /// The reason for each file; empty without files.
+        /// The reason for each file; empty if the folder has no files.
         reasons: String,
     },
     /// The folder has no machine file yet.
@@ -101,7 +101,7 @@ pub enum StudioError {
     Send {
         /// URL of the gateway or the centre.
         address: String,
-        /// Response, or the reason why it is missing.
+        /// Response of the gateway or the centre, or the reason why there is none.
         why: String,
     },
     /// The user cancelled the request.
@@ -110,9 +110,9 @@ pub enum StudioError {
     /// The operating system provides no socket, thread or random numbers.
     #[error("{what}: {source}")]
     System {
-        /// The failed operation, for the message.
+        /// Name of the missing socket, thread or random numbers.
         what: &'static str,
-        /// Why the operation failed.
+        /// Error of the operating system.
         source: io::Error,
     },
 }

@@ -14,7 +14,7 @@ use crate::{
     questions::{name_of, with_answers},
 };
 
-/// Result of a fit. Curves with their bands, map and figures are in the report.
+/// Result of a fit. The report holds the curves with their bands, the map and the figures.
 #[derive(Clone, Debug, Serialize)]
 pub struct FitResult {
     /// The checksum of the machine file.
@@ -23,9 +23,10 @@ pub struct FitResult {
     pub verdict: Verdict,
     /// Each figure with its tolerance, in words.
     pub checks: Vec<String>,
-    /// Largest volumetric error over poses of all axes after best-fit rigid-body alignment, µm; `None` for a machine without two linear axes.
+    /// Largest volumetric error over poses of all axes after best-fit rigid-body alignment, µm; `None` if the machine
+    /// has fewer than two linear axes.
     pub position_um: Option<f64>,
-    /// `position_um` of the earlier model that was compared; `None` without one.
+    /// `position_um` of the compared earlier model; `None` if no model was compared.
     pub before_um: Option<f64>,
     /// The pose of the largest volumetric error.
     pub worst_at: Option<String>,
@@ -69,12 +70,16 @@ struct MachineWithReport {
 }
 
 impl Folder {
-    /// Fits the measurements: writes `result/machine.toml` and `result/report.html`. Without measurement files the result is the machine file with
-    /// the errors that it states. `allowed` holds tolerances as in `volcomp report --tolerance`, `A=10,EC0Y=20`; it may be empty. With `earlier`,
-    /// one of [`State::models`](crate::State::models), the report compares the errors with those of that file.
+    /// Fits the measurements, and writes `result/machine.toml` and `result/report.html`. Without measurement files the
+    /// result is the machine file with its stated errors.
+    ///
+    /// `allowed` holds tolerances in the form of `volcomp report --tolerance`, such as `A=10,EC0Y=20`; it may be empty.
+    /// `earlier` names one of [`State::models`](crate::State::models), with whose errors the report compares the fitted
+    /// ones.
     ///
     /// # Errors
-    /// Open questions, readings that do not determine any error, invalid tolerances, an earlier model of another geometry.
+    /// Questions are open, the readings do not determine any error, a tolerance is invalid, or the earlier model has
+    /// another geometry.
     pub fn fit(&self, allowed: &str, earlier: Option<&str>) -> Result<FitResult, StudioError> {
         let limits = match allowed.trim() {
             "" => Vec::new(),
@@ -113,7 +118,7 @@ impl Folder {
         })
     }
 
-    /// An earlier model, with the tool of the present one.
+    /// An earlier model with the tool of the present one.
     pub(crate) fn earlier(&self, name: &str, machine: &Machine) -> Result<Machine, StudioError> {
         if !self.models()?.iter().any(|known| known.name == name) {
             return Err(StudioError::Request {
@@ -151,7 +156,7 @@ impl Folder {
             self.calibration_file()?
         };
         let file = CalibrationFile::read(&self.at(CALIBRATION))?;
-        // Before the fit, because a file may change while it runs.
+        // Hash the inputs before the fit, because a file may change during the fit.
         let inputs = self.inputs(&file.files)?;
         let calibration = calibrate(&file, |_, _| {})?;
         self.interrupt.check()?;
@@ -193,8 +198,8 @@ impl Folder {
     }
 }
 
-/// Errors that were not measured because their file was not used. Otherwise the two messages would be far apart in the list of
-/// warnings.
+/// One warning for each error that was not measured because its file was not used. Two separate messages would be far
+/// apart in the list of warnings.
 fn missed<'a>(
     left_over: &'a [LeftOver],
     calibration: &'a Calibration,

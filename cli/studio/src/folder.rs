@@ -1,8 +1,11 @@
 //! The folder chosen by the user, which holds the whole state of the studio.
 //!
-//! Inputs: the measurement files, `machine.toml` (the machine as built), `answers.json` and `calibration.toml`, which is written from the draft and
-//! the answers; a `setup.toml` for NC programs. Computed files are below `result/`, which can be removed at any time. Invariant: a
-//! `calibration.toml` whose hash is not in `answers.json` was written or changed by the user; it is used unchanged and never replaced.
+//! Inputs are the measurement files, `machine.toml` (the machine as built), `answers.json`, `calibration.toml`, and a
+//! `setup.toml` for NC programs. The studio writes `calibration.toml` from the draft and the answers. Computed files
+//! are below `result/`, which can be removed at any time.
+//!
+//! Invariant: a `calibration.toml` whose hash is not in `answers.json` was written or changed by the user. The studio
+//! uses it unchanged and never replaces it.
 
 use std::{
     collections::BTreeMap,
@@ -43,7 +46,7 @@ pub(crate) const REPORT: &str = "result/report.html";
 pub(crate) const TABLES: &str = "result/tables";
 /// Folder of compensated NC programs.
 pub(crate) const PROGRAMS: &str = "result/nc";
-/// Prefix of the folders of earlier tables and programs; a number follows.
+/// Prefix of the folders of earlier tables and programs. A number follows the prefix.
 const EARLIER_PREFIX: &str = "result/before-";
 pub(crate) const INPUTS: &str = "result/.inputs.sha256";
 
@@ -55,29 +58,27 @@ struct Answers {
     answers: Vec<TypedAnswer>,
 }
 
-/// A folder with the measurements of one machine.
 #[derive(Clone, Debug)]
 pub struct Folder {
     path: PathBuf,
     pub(crate) interrupt: Interrupt,
 }
 
-/// State of the folder, as shown in the web page.
+/// State of the folder for the web page.
 #[derive(Clone, Debug, Serialize)]
 pub struct State {
-    /// The path of the folder.
     pub folder: String,
     /// Measurement files, used or not.
     pub files: Vec<FileState>,
     /// The machine; `None` without a valid machine file.
     pub machine: Option<MachineState>,
-    /// The text of `machine.toml`; empty without one.
+    /// The text of `machine.toml`; empty if the file is missing.
     pub machine_text: String,
-    /// Why the machine file is not valid; `None` if it is valid or missing.
+    /// Why the machine file is invalid; `None` if the file is valid or missing.
     pub machine_error: Option<String>,
-    /// True if `calibration.toml` was written by the user: it is used unchanged.
+    /// True if `calibration.toml` was written by the user and is therefore used unchanged.
     pub by_hand: bool,
-    /// The drafted calibration; `None` without a machine, or if `calibration.toml` was written by the user.
+    /// The drafted calibration; `None` without a machine, or if the user wrote `calibration.toml`.
     pub draft: Option<DraftState>,
     /// The files below `result/`.
     pub results: Vec<String>,
@@ -92,7 +93,7 @@ pub struct State {
 pub struct EarlierModel {
     /// File name, relative to the folder.
     pub name: String,
-    /// When it was written, seconds since 1970 (UTC).
+    /// Time at which the file was written, seconds since 1970 (UTC).
     pub written_s: u64,
 }
 
@@ -101,9 +102,9 @@ pub struct EarlierModel {
 pub struct FileState {
     /// File name, relative to the folder.
     pub name: String,
-    /// The measured error, if the file or an answer states it.
+    /// Name of the measured error; `None` if neither the file nor an answer states it.
     pub error: Option<String>,
-    /// Description of the file's content.
+    /// Description of the content of the file.
     pub said: Vec<String>,
     /// Why the file is not used; `None` if it is used.
     pub not_used: Option<String>,
@@ -114,7 +115,6 @@ pub struct FileState {
 pub struct MachineState {
     /// The name that the file states.
     pub name: String,
-    /// The structure code.
     pub structure: String,
     /// Each axis with its travel, mm or deg.
     pub axes: Vec<(AxisName, [f64; 2])>,
@@ -195,7 +195,7 @@ impl Folder {
         state.machine_text = self.text_of(MACHINE);
         let draft = self.draft(paths, &machine);
         let given = self.answers()?;
-        // A rejected answer was written by another program: the questions are shown without the answers.
+        // Another program wrote an answer that is invalid. Show the questions without the answers.
         let answered = with_answers(&draft, &given).or_else(|_| with_answers(&draft, &[]))?;
         state.files = self.files(&draft, &answered);
         if !state.by_hand {
@@ -231,7 +231,7 @@ impl Folder {
 
     /// Files that may be measurements.
     pub(crate) fn measurement_files(&self) -> Result<Vec<PathBuf>, StudioError> {
-        // One file more than the maximum, because the answers are also in the folder.
+        // The limit is one file more than the maximum, because the file of the answers is also in the folder.
         let found = files_below(&self.path, &[self.at(RESULT)], MAX_FILES + 1);
         let mut paths = found.map_err(StudioError::disk(self.path.display()))?;
         let answers = self.at(ANSWERS);
@@ -294,7 +294,7 @@ impl Folder {
     /// Replaces the answers, and writes the calibration file with them.
     ///
     /// # Errors
-    /// An answer that is invalid for its question; a calibration file written by the user.
+    /// An answer is invalid for its question, or the user wrote the calibration file.
     pub fn answer(&self, given: &[TypedAnswer]) -> Result<(), StudioError> {
         let machine = self.machine()?;
         let draft = self.draft(self.measurement_files()?, &machine);
@@ -318,11 +318,12 @@ impl Folder {
         self.write(ANSWERS, text.as_bytes())
     }
 
-    /// Stores an uploaded file: a machine file as `machine.toml`, a set-up file for NC programs as `setup.toml`, any other file as a measurement
-    /// file under its own name. A measurement file with different content is never replaced.
+    /// Stores an uploaded file. A machine file becomes `machine.toml`, a set-up file for NC programs `setup.toml`; any
+    /// other file is a measurement file and keeps its name. A measurement file with different content is never
+    /// replaced.
     ///
     /// # Errors
-    /// An invalid name, a TOML file of another kind, a file that is too large, or too many files.
+    /// The name is invalid, the file is a TOML file of another kind or too large, or the folder has too many files.
     pub fn receive(&self, name: &str, bytes: &[u8]) -> Result<(), StudioError> {
         self.interrupt.check()?;
         let name = name_of_upload(name)?;
@@ -356,15 +357,15 @@ impl Folder {
         self.write(&name, bytes)
     }
 
-    /// Writes the machine file if it is valid; the previous one is kept as `.machine.toml.bak`.
+    /// Writes a valid machine file. The previous one is kept as `.machine.toml.bak`.
     ///
     /// # Errors
-    /// Key and line of the error, with the name of the text's source.
+    /// Key and line of the error in the text, under the name `name`.
     pub fn set_machine(&self, name: &str, text: &str) -> Result<(), StudioError> {
         Machine::parse(text, name)?;
         self.interrupt.check()?;
         let path = self.at(MACHINE);
-        // The same again would replace the kept one by itself.
+        // Writing an unchanged file would replace the backup with a copy of the file.
         if fs::read(&path).is_ok_and(|present| present == text.as_bytes()) {
             return Ok(());
         }
@@ -392,8 +393,9 @@ impl Folder {
         folders.find(|path| !path.exists()).unwrap_or_default()
     }
 
-    /// Moves the tables and programs of the previous result to another folder: next to a new machine file they would be mistaken for its own.
-    /// Its machine file and report go with them if the new machine file, with the content `fitted`, is another one.
+    /// Moves the tables and programs of the previous result to a separate folder, because they would be mistaken for
+    /// tables of the new machine file. Also moves the previous machine file and report if `fitted`, the content of the
+    /// new machine file, differs.
     pub(crate) fn set_outputs_aside(&self, fitted: &str) -> Result<(), StudioError> {
         let before = fs::read_to_string(self.at(FITTED));
         let is_other = before.is_ok_and(|before| before != fitted);
@@ -450,7 +452,7 @@ impl Folder {
         let found = found.map_err(StudioError::disk(RESULT))?;
         let names = found.iter().map(|path| self.relative(&path.display()));
         let mut names: Vec<String> = names.collect();
-        // The machine file ends in .toml, which `files_below` omits.
+        // `files_below` omits files that end in `.toml`.
         names.extend(self.at(FITTED).exists().then(|| FITTED.to_owned()));
         names.sort();
         Ok(names)
@@ -459,7 +461,7 @@ impl Folder {
     /// Reads a file below `result/`.
     ///
     /// # Errors
-    /// The state lists no such file.
+    /// The state does not list the file, or it cannot be read.
     pub fn result(&self, name: &str) -> Result<Vec<u8>, StudioError> {
         if !self.results()?.iter().any(|known| known == name) {
             return Err(StudioError::Request {
@@ -498,8 +500,8 @@ impl Folder {
         !before.iter().all(is_same) || !now.all(is_known)
     }
 
-    /// Hash and name of every input in the format of `sha256sum`: the measurement files, the machine file, the calibration file and the files in
-    /// `named`.
+    /// Hash and name of every input in the format of `sha256sum`: measurement files, machine file, calibration file,
+    /// and the files in `named`.
     pub(crate) fn inputs(&self, named: &[PathBuf]) -> Result<String, StudioError> {
         let mut paths = self.measurement_files()?;
         let own = [MACHINE, CALIBRATION].map(|name| self.at(name));

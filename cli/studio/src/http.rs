@@ -1,7 +1,8 @@
 //! The web page and its HTTP API, on this computer only.
 //!
-//! Every path begins with a random token that only the opened address contains, so pages of other sites cannot know it. A foreign Host or Origin is
-//! rejected as well. Requests run one after the other, so that two windows cannot write at the same time.
+//! Every path begins with a random token that only the printed address contains, so pages of other sites cannot know
+//! it. Requests with a foreign Host or Origin are rejected as well. Requests run one after the other, so that two
+//! windows cannot write at the same time.
 
 use std::{
     net::{SocketAddr, TcpListener},
@@ -33,7 +34,8 @@ use crate::{
 
 const MAX_PROGRAM_BYTES: usize = 64 * 1024 * 1024;
 
-/// The report contains its styles and its script. As a sandboxed document it cannot send requests to the studio.
+/// Policy for the report, which contains its styles and its script. As a sandboxed document it cannot send requests to
+/// the studio.
 const REPORT_POLICY: &str = "default-src 'none'; style-src 'unsafe-inline'; script-src 'unsafe-inline'; img-src data:; frame-ancestors 'self'; sandbox allow-scripts allow-modals";
 
 /// The studio for a folder, ready to serve.
@@ -45,7 +47,7 @@ pub struct Studio {
 }
 
 impl Studio {
-    /// Listens at a loopback address; port 0: any free one.
+    /// Listens at a loopback address. Port 0 selects a free port.
     ///
     /// # Errors
     /// The address is not a loopback address, or is in use.
@@ -76,7 +78,7 @@ impl Studio {
         self.address
     }
 
-    /// Address of the web page, with the token.
+    /// URL of the web page, with the token.
     pub fn url(&self) -> String {
         format!("http://{}/{}/", self.address, self.token)
     }
@@ -101,7 +103,8 @@ impl Studio {
     }
 }
 
-/// The session, and the interrupt of its requests, which is outside of the lock that they hold.
+/// The session, and the interrupt of its requests. The interrupt is outside of the lock, which requests hold while they
+/// run.
 struct Served {
     session: Mutex<Session>,
     interrupt: Interrupt,
@@ -113,7 +116,7 @@ struct Session {
 }
 
 impl Session {
-    /// Changes the folder; a change that failed half-way can be reverted as well.
+    /// Changes the folder, and records the change, so that it can be reverted even if it failed half-way.
     fn change<T>(
         &mut self,
         what: String,
@@ -185,7 +188,8 @@ fn router(token: &str, folder: Folder) -> Router {
         .route(&at("api/cancel"), post(cancel))
         .route(&at("api/undo"), post(undo))
         .route(&at("api/drift"), post(drift))
-        // One byte more, so that the handler can reject a file that is too large by its name.
+        // The limit is one byte more than the maximum, so that the handler can reject a file that is too large by its
+        // name.
         .layer(DefaultBodyLimit::max(MAX_FILE_BYTES + 1))
         .route(&at("api/nc"), post(nc).layer(DefaultBodyLimit::max(MAX_PROGRAM_BYTES)))
         .fallback(|| async {
@@ -227,12 +231,12 @@ fn refuse(status: StatusCode, why: &str) -> Response {
     (status, Json(json!({ "error": why }))).into_response()
 }
 
-/// Runs work on the folder on a blocking thread: a fit takes seconds.
+/// Runs work on the folder on a blocking thread, because a fit takes seconds.
 async fn work<T: Send + 'static>(
     page: Page,
     work: impl FnOnce(&mut Session) -> Result<T, StudioError> + Send + 'static,
 ) -> Result<T, Response> {
-    // Before the wait for the lock, so that a request that waits is cancelled as well.
+    // Take the interrupt before waiting for the lock, so that a waiting request can be cancelled as well.
     let interrupt = page.interrupt.of_request();
     let done = tokio::task::spawn_blocking(move || {
         let mut session = page.session.lock().unwrap_or_else(PoisonError::into_inner);
@@ -272,7 +276,7 @@ async fn respond_to<R: DeserializeOwned + Send + 'static, T: Serialize + Send + 
     }
 }
 
-/// Cancels what runs; its own request responds when it has stopped, or is finished.
+/// Cancels the running requests. A cancelled request responds when it has stopped or is finished.
 async fn cancel(Shared(page): Shared<Page>) -> Response {
     page.interrupt.cancel();
     Json(json!({})).into_response()
@@ -292,7 +296,7 @@ async fn report(Shared(page): Shared<Page>) -> Response {
 #[derive(Deserialize)]
 struct FileName {
     name: String,
-    /// Number of the drop, common to its files.
+    /// Number of the drop to which the file belongs; files dropped together have the same number.
     batch: Option<u64>,
 }
 

@@ -1,4 +1,4 @@
-//! Cancels the requests that run or wait.
+//! Cancels requests that run or wait.
 
 use std::sync::{
     Arc,
@@ -7,7 +7,8 @@ use std::sync::{
 
 use crate::error::StudioError;
 
-/// Counts the cancellations. Work is cancelled if there was one since it began; so none can hit a later request.
+/// Counts the cancellations. A request is cancelled if the count has changed since it began, so a cancellation never
+/// affects a later request.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Interrupt {
     cancellations: Arc<AtomicU64>,
@@ -30,7 +31,7 @@ impl Interrupt {
         self.cancellations.load(Ordering::SeqCst) != self.at_begin
     }
 
-    /// Called before the first file is written: a set of files is written whole or not at all.
+    /// Called before the first file of a set is written, so that a set is written completely or not at all.
     pub(crate) fn check(&self) -> Result<(), StudioError> {
         if self.is_cancelled() { Err(StudioError::Cancelled) } else { Ok(()) }
     }

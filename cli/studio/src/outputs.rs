@@ -20,15 +20,15 @@ use crate::{
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TableRequest {
-    /// The format, as in `volcomp export --format`.
+    /// Name of the format, as in `volcomp export --format`.
     pub format: String,
     /// Spacing of positions along a linear axis, mm.
     pub step_mm: f64,
     /// Spacing of positions along a rotary axis, deg.
     pub step_deg: f64,
-    /// Positions of the axes that a table does not cover, mm or deg.
+    /// Positions of the axes that a table does not cover, mm or deg by axis.
     pub at: BTreeMap<AxisName, f64>,
-    /// Maximum correction of an axis, µm or µrad: if the machine needs more, nothing is written.
+    /// Maximum correction of an axis, µm or µrad. If the machine needs more, nothing is written.
     pub limit_um: f64,
 }
 
@@ -50,13 +50,12 @@ pub struct TableFiles {
 /// Residual error of an axis over the positions that the tables correct.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct AxisResidual {
-    /// Letter of the axis.
     pub axis: AxisName,
     /// `um` or `urad`.
     pub unit: &'static str,
-    /// Largest error without the tables.
+    /// Largest error without the tables, in `unit`.
     pub without: f64,
-    /// Largest error with the tables.
+    /// Largest error with the tables, in `unit`.
     pub largest: f64,
 }
 
@@ -90,7 +89,7 @@ impl Folder {
     /// Writes compensation tables to `result/tables/FORMAT/`.
     ///
     /// # Errors
-    /// An unknown format, values out of range, a machine whose errors the format cannot represent.
+    /// The format is unknown, a value is out of range, or the format cannot represent the errors of the machine.
     pub fn tables(&self, request: &TableRequest) -> Result<TableFiles, StudioError> {
         let wrong = |key, why: String| StudioError::Request { key, why };
         let format: Format =
@@ -139,11 +138,11 @@ impl Folder {
         })
     }
 
-    /// Compensates an NC program and writes it to `result/nc/`. If the folder has a `setup.toml`, it states work offsets, tool lengths and the
-    /// start position.
+    /// Compensates an NC program and writes it to `result/nc/`. Work offsets, tool lengths and the start position come
+    /// from `setup.toml`, if the folder has that file.
     ///
     /// # Errors
-    /// The line that cannot be parsed or compensated.
+    /// The first line that cannot be parsed or compensated.
     pub fn nc(
         &self,
         name: &str,

@@ -5,7 +5,7 @@ use volcomp_calibrate::{Answer, AnswerError, Draft, LEAVE_OUT, Proposed, Questio
 use volcomp_model::Machine;
 use volcomp_vocabulary::ErrorName;
 
-/// An answer of the user, not yet checked.
+/// An answer of the user, as typed.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TypedAnswer {
@@ -24,7 +24,6 @@ pub struct DraftQuestion {
     pub of: String,
     /// The key of the calibration file: `point`, `at.Y`.
     pub key: String,
-    /// The question in words.
     pub question: String,
     /// Possible answers; empty: any number or text.
     pub choices: Vec<String>,
@@ -35,9 +34,8 @@ pub struct DraftQuestion {
 /// A drafted calibration.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct DraftState {
-    /// Every question, the answered ones included.
+    /// Every question, including the answered ones.
     pub questions: Vec<DraftQuestion>,
-    /// Answers that the user has given so far.
     pub answers: Vec<TypedAnswer>,
     /// Number of questions without an answer.
     pub open: usize,
@@ -50,13 +48,13 @@ pub struct DraftState {
 }
 
 pub(crate) struct AnsweredDraft {
-    /// The draft with the answers that determine a measurement's keys: errors and units.
+    /// The draft with only the answers that determine further questions: errors and units.
     pub(crate) decided: Draft,
     pub(crate) whole: Draft,
 }
 
-/// Applies answers in three passes, errors, units and all others, because each pass determines which questions the next one has. Answers to questions
-/// that no longer exist, because their file or its error has changed, are ignored.
+/// Applies answers in three passes: errors, units, and all others. Each pass determines the questions of the next one.
+/// Ignores answers to questions that no longer exist because their file or its error has changed.
 pub(crate) fn with_answers(
     draft: &Draft,
     given: &[TypedAnswer],
@@ -85,12 +83,12 @@ pub(crate) fn with_answers(
     Ok(AnsweredDraft { decided, whole })
 }
 
-/// File names of a measurement, comma-separated: its identifier in questions and answers.
+/// File names of a measurement, comma-separated. They identify the measurement in questions and answers.
 pub(crate) fn name_of(proposed: &Proposed) -> String {
     proposed.files.join(", ")
 }
 
-/// Converts a typed answer; `None` if the measurement of the answer is no longer in the folder.
+/// Converts a typed answer; `None` if the folder no longer has the measurement of the answer.
 fn answer(draft: &Draft, given: &TypedAnswer) -> Option<Answer> {
     let mut proposed = draft.proposed.iter();
     let of = match proposed.position(|of| name_of(of) == given.of) {
@@ -107,7 +105,7 @@ pub(crate) fn questions(draft: &Draft, decided: &Draft, machine: &Machine) -> Ve
     for (first, now) in draft.proposed.iter().zip(&decided.proposed) {
         let open = now.questions();
         of_measurements += open.len();
-        // A deciding question with an answer is no longer open.
+        // An answered question about an error or a unit is no longer open.
         let mut all = first.questions();
         all.retain(|of| {
             Turn::of(&of.key) != Turn::Other && open.iter().all(|open| open.key != of.key)

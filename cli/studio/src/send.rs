@@ -1,5 +1,5 @@
-//! Sends the fitted machine file to a gateway or to the centre over their HTTP APIs. The gateway compares it with the active model, the centre
-//! stores it; it is not used for correction until an engineer confirms it there.
+//! Sends the fitted machine file to a gateway or to the centre over their HTTP APIs. The gateway compares the file with
+//! the active model; the centre stores it. Neither corrects with it until an engineer confirms it there.
 
 use std::{
     net::ToSocketAddrs,
@@ -25,12 +25,12 @@ use crate::{
     interrupt::Interrupt,
 };
 
-/// Timeout of one request with its answer.
+/// Timeout of one request including its response.
 const TIMEOUT: Duration = Duration::from_secs(15);
 const COMPARE_TIMEOUT: Duration = Duration::from_secs(60);
 const POLL_INTERVAL: Duration = Duration::from_millis(300);
 
-/// Destination of the machine file, with credentials. They are not stored.
+/// Destination of the machine file, with credentials. Credentials are not stored.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields, tag = "to", rename_all = "lowercase")]
 pub enum Target {
@@ -73,9 +73,9 @@ impl Folder {
     /// Sends `result/machine.toml`.
     ///
     /// # Errors
-    /// There is no result yet; the request timed out or was rejected.
+    /// The folder has no result, the request timed out, or it was rejected.
     pub fn send(&self, target: &Target) -> Result<Delivery, StudioError> {
-        // Parse it as a machine first, so that a damaged file is reported here and not by the peer.
+        // Parse the file as a machine first, so that a damaged file is reported here and not by the peer.
         self.fitted_machine()?;
         self.interrupt.check()?;
         let text = String::from_utf8_lossy(&self.result(FITTED)?).into_owned();
@@ -143,7 +143,7 @@ fn to_centre(
     let headers = [ours, ("Cookie", cookie)];
     let body = json!({ "text": text, "file": MACHINE }).to_string();
     let answer = server.request("POST", "/api/models", &headers, &body);
-    // Log out whether or not the model was accepted; without a response the session times out.
+    // Log out whether or not the centre accepted the model. Without a response the session times out.
     let _ = server.request("POST", "/api/logout", &headers, "{}");
     let answer = answer?.accepted(server)?;
     let model = &answer["model"];

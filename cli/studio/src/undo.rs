@@ -1,4 +1,4 @@
-//! Reverts the last change that the page made to the folder. The earlier contents are kept in memory only.
+//! Reverts the last change of the folder that came from the web page. The earlier contents are kept in memory only.
 
 use std::{
     fs,
@@ -17,14 +17,14 @@ use crate::{
     },
 };
 
-/// Every file that a change may write, except an uploaded one.
+/// Every file that a change may write, except an uploaded file.
 const WRITTEN: [&str; 8] =
     [MACHINE, MACHINE_BACKUP, SETUP, ANSWERS, CALIBRATION, FITTED, REPORT, INPUTS];
 
-/// The contents before a change.
+/// The contents of the files before a change.
 pub(crate) struct Snapshot {
     files: Vec<(String, Option<Vec<u8>>)>,
-    /// Where the change would move the previous result.
+    /// Folder to which the change would move the previous result.
     aside: PathBuf,
 }
 
@@ -32,19 +32,19 @@ pub(crate) struct Snapshot {
 #[derive(Debug)]
 pub(crate) struct Change {
     pub(crate) name: ChangeName,
-    /// Files of one drop are reverted together.
+    /// Number of the drop to which the change belongs; files of one drop are reverted together.
     batch: Option<u64>,
     files: Vec<ChangedFile>,
-    /// The folder to which the change moved the previous result.
+    /// Folder to which the change moved the previous result; `None` if it moved nothing.
     aside: Option<PathBuf>,
 }
 
-/// A change as the page names it.
+/// A change as the web page names it.
 #[derive(Clone, Debug, Serialize)]
 pub(crate) struct ChangeName {
-    /// What was changed: `answers`, `file exx.csv`.
+    /// What was changed, such as `answers` or `file exx.csv`.
     what: String,
-    /// When, seconds since 1970 (UTC).
+    /// Time of the change, seconds since 1970 (UTC).
     at_s: u64,
 }
 
@@ -57,13 +57,13 @@ struct ChangedFile {
 }
 
 impl Change {
-    /// True for a fit, to which tables and programs belong.
+    /// True if the change is a fit, from which tables and programs are written.
     pub(crate) fn is_fit(&self) -> bool {
         let is_result = |file: &ChangedFile| file.name == FITTED || file.name == REPORT;
         self.aside.is_some() || self.files.iter().any(is_result)
     }
 
-    /// Joins the change with the previous one, if both are of one drop of files.
+    /// Joins the change with the previous one if both belong to one drop of files.
     pub(crate) fn after(mut self, previous: Option<Self>) -> Self {
         let Some(previous) = previous.filter(|of| of.batch.is_some() && of.batch == self.batch)
         else {
@@ -82,7 +82,7 @@ impl Change {
 }
 
 impl Folder {
-    /// The files that a change may write, with an uploaded one.
+    /// Reads the files that a change may write, including an uploaded file.
     pub(crate) fn snapshot(&self, uploaded: Option<&str>) -> Snapshot {
         let mut names: Vec<&str> = WRITTEN.to_vec();
         names.extend(uploaded.filter(|name| !WRITTEN.contains(name)));
@@ -90,7 +90,7 @@ impl Folder {
         Snapshot { files: names.into_iter().map(read).collect(), aside: self.next_aside() }
     }
 
-    /// What has changed since `before`; `None` if nothing has.
+    /// Returns what has changed since `before`; `None` if nothing has changed.
     pub(crate) fn change_since(
         &self,
         before: Snapshot,
@@ -111,7 +111,7 @@ impl Folder {
         Some(Change { name: ChangeName { what, at_s: since.as_secs() }, batch, files, aside })
     }
 
-    /// The tables or programs written from a fit, which is therefore not reverted.
+    /// The tables or programs that were written from this fit. A fit with such outputs is not reverted.
     pub(crate) fn output_of(&self, change: &Change) -> Option<&'static str> {
         [TABLES, PROGRAMS].into_iter().find(|name| change.is_fit() && self.at(name).exists())
     }
@@ -119,7 +119,7 @@ impl Folder {
     /// Restores the contents before a change.
     ///
     /// # Errors
-    /// A file was changed since by another program: then nothing is reverted.
+    /// Another program has changed a file since, or outputs of the fit exist. Then nothing is reverted.
     pub(crate) fn revert(&self, change: &Change) -> Result<(), StudioError> {
         for file in &change.files {
             if sha256_of(&self.at(&file.name)).ok() != file.after {
@@ -133,7 +133,7 @@ impl Folder {
         }
         self.interrupt.check()?;
         if let Some(aside) = &change.aside {
-            // The previous machine file returns with its date.
+            // Moving the previous machine file keeps its date.
             let moved = || {
                 for entry in fs::read_dir(aside)? {
                     let entry = entry?;

@@ -154,7 +154,7 @@ fn advice_on(change: &StateChange) -> Vec<String> {
     let mut advice: Vec<String> = Vec::new();
     let reasons = change.reasons.iter();
     let reasons = reasons.filter_map(|reason| Reasons::with_text(reason));
-    // The operator who disarmed knows what to do.
+    // The operator's own disarm needs no advice.
     let is_wanted = |reason: Reasons| reason == Reasons::DISARMED_BY_PERSON;
     if !explains(change) || reasons.clone().any(is_wanted) {
         return advice;
