@@ -9,7 +9,7 @@ use volcomp_vocabulary::Direction;
 use super::{Answer, fixed, table, table_text};
 use crate::{failure::Failure, output::OutputFile, table::folded};
 
-/// Number of even positions over the travel at which the change of an error is evaluated.
+/// Number of equally spaced positions over the travel at which the change of an error is evaluated.
 const PLACES: u32 = 200;
 
 /// Simulate the wear of a machine: guides, screws, gears and squareness

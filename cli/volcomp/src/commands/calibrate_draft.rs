@@ -10,7 +10,7 @@ use super::{Answer, refuse_overwriting, table, table_text};
 use crate::{failure::Failure, output::OutputFile, table::folded};
 
 pub(super) struct Wanted<'a> {
-    /// Answers to groups of questions: `[OF:]KEY=VALUE`.
+    /// Answers to groups of questions, each `[OF:]KEY=VALUE`.
     pub(super) answers: &'a [String],
     pub(super) replace: bool,
 }
@@ -59,14 +59,14 @@ pub(crate) struct Drafted {
     found: Draft,
 }
 
-/// Applies answers to a draft. Also returns notes on answers that match no question. The most specific answer wins (error, then axis, then all); of
-/// equals, the first.
+/// Applies answers to a draft. The most specific answer wins (error, then axis, then all); of equals, the first. Also
+/// returns notes on answers that match no question.
 fn answered(draft: &Draft, answers: &[String]) -> Result<(Draft, Vec<String>), Failure> {
     let (mut all, mut notes) = (Vec::new(), Vec::new());
     let mut decided = draft.clone();
     let mut answers: Vec<&String> = answers.iter().collect();
     answers.sort_by_key(|given| std::cmp::Reverse(narrowness(given)));
-    // The remaining questions depend on the error, and then on the unit.
+    // The error determines the further questions, and then the unit determines the rest.
     for turn in Turn::ALL {
         let now = answers.iter().filter(|given| turn_of(given) == turn);
         take(now.copied(), &[draft, &decided], &mut all, &mut notes)?;
@@ -76,7 +76,7 @@ fn answered(draft: &Draft, answers: &[String]) -> Result<(Draft, Vec<String>), F
     Ok((decided, notes))
 }
 
-/// Splits `[OF:]KEY=VALUE` into the error or axis it applies to, its key, and its value.
+/// Splits `[OF:]KEY=VALUE` into the error or axis to which the answer applies, its key, and its value.
 fn parts(given: &str) -> (Option<&str>, &str, Option<&str>) {
     let (asked, value) = match given.split_once('=') {
         Some((asked, value)) => (asked, Some(value.trim())),
@@ -88,8 +88,8 @@ fn parts(given: &str) -> (Option<&str>, &str, Option<&str>) {
     }
 }
 
-/// Specificity of an answer, as the length of its subject: error names are longer than axis names, which are longer
-/// than no name.
+/// Specificity of an answer: the length of its subject. Error names are longer than axis names, and both are longer
+/// than a missing subject.
 fn narrowness(given: &str) -> usize {
     parts(given).0.map_or(0, str::len)
 }
@@ -98,7 +98,8 @@ fn turn_of(given: &str) -> Turn {
     Turn::of(parts(given).1)
 }
 
-/// Collects answers to all questions of the drafts that no earlier answer has settled, and notes on answers that match none.
+/// Collects answers to all questions of the drafts that no earlier answer has settled, and notes on answers that match
+/// no question.
 fn take<'a>(
     answers: impl Iterator<Item = &'a String>,
     drafts: &[&Draft],
@@ -146,7 +147,7 @@ fn take<'a>(
     Ok(())
 }
 
-/// Refuses to overwrite a file with different text: its questions may have been answered.
+/// Refuses to overwrite a file with another text, because the user may have answered its questions.
 fn refuse_another(output: &Path, text: &str) -> Result<(), Failure> {
     if !output.exists() || std::fs::read(output).is_ok_and(|there| there == text.as_bytes()) {
         return Ok(());
@@ -157,7 +158,7 @@ fn refuse_another(output: &Path, text: &str) -> Result<(), Failure> {
     )))
 }
 
-/// The folder of the draft; file names in it are relative to this folder.
+/// The folder of the draft. The file names of the draft are relative to it.
 fn base_of(output: &Path) -> PathBuf {
     let folder = match output.parent() {
         Some(folder) if !folder.as_os_str().is_empty() => folder,
@@ -166,7 +167,7 @@ fn base_of(output: &Path) -> PathBuf {
     folder.canonicalize().unwrap_or_else(|_| folder.to_owned())
 }
 
-/// The path of a file relative to a folder if it is inside, otherwise absolute.
+/// The path of a file: relative to `base` if the file is inside, otherwise absolute.
 fn relative(path: &Path, base: &Path) -> String {
     let whole = path.canonicalize().unwrap_or_else(|_| path.to_owned());
     whole.strip_prefix(base).unwrap_or(&whole).display().to_string()
@@ -199,7 +200,7 @@ fn text(file: &str, draft: &Draft) -> String {
     text + &kinds_of_questions(draft)
 }
 
-/// The open keys with their counts and questions; equal questions are listed once.
+/// The keys of the open questions with their counts. Equal questions are listed once.
 fn kinds_of_questions(draft: &Draft) -> String {
     let mut kinds: Vec<(&str, &str, usize)> = Vec::new();
     for asked in &draft.questions {

@@ -221,12 +221,12 @@ fn document(arguments: &CheckArguments, machine: &Machine, temperatures: &Temper
     }
 }
 
-/// Notes on the largest correction of each axis: a warning if `nc` or `export` reject it at these temperatures, and at
-/// how many kelvin from the reference temperature they may reject it.
+/// Notes on the largest correction of each axis. They warn if `nc` or `export` reject the correction at these
+/// temperatures, and state at how many kelvin from the reference temperature they may reject it.
 fn limit_notes(machine: &Machine, temperatures: &Temperatures) -> Result<Vec<String>, Failure> {
     let usual = CorrectionLimit::default();
     let largest = machine.largest_corrections(temperatures)?;
-    // With correcting rotary axes, nc limits the combined effect of all axes at the tool.
+    // If rotary axes correct, `nc` limits the effect of all axes on the tool.
     let (who, but) = if largest.iter().any(|(axis, _)| axis.is_rotary()) {
         ("export allows", " (nc bounds by it what the corrections of all axes move the tool by)")
     } else {
@@ -257,7 +257,7 @@ fn limit_notes(machine: &Machine, temperatures: &Temperatures) -> Result<Vec<Str
     for ((axis, per_k), (_, most)) in per_k.into_iter().zip(at_reference) {
         let limit = usual.of(axis.kind());
         let left_k = (limit.um_or_urad() - most.um_or_urad()) / per_k.um_or_urad();
-        // Values that would be printed as zero are left out.
+        // A value that would be printed as zero is omitted.
         if per_k.um_or_urad() >= 0.05 && left_k >= 0.0 {
             notes.push(format!(
                 "the correction of {axis} changes by up to {per_k:.1} with each kelvin of the sensors: {:.1} K from {reference_degc} °C it may reach the {limit} that {who} without --limit-um{but}",
@@ -276,7 +276,7 @@ fn folder(arguments: &CheckArguments) -> PathBuf {
     }
 }
 
-/// Notes the rotary axes without a stated centre line, which is assumed to run through the origin.
+/// Note on the rotary axes without a stated centre line, which is assumed to run through the origin.
 fn no_point_note(machine: &Machine) -> Option<String> {
     let axes = machine.axes().iter();
     let without = axes.filter(|axis| axis.name.is_rotary() && axis.point_mm.is_none());
@@ -343,7 +343,7 @@ fn thermal(machine: &Machine) -> Option<Thermal> {
     })
 }
 
-/// All corners of the travels of the machine's linear axes among X, Y, Z, with X fastest; other axes are at 0.
+/// All corners of the travels of the machine's linear axes among X, Y, Z, with X varying fastest. Other axes are at 0.
 fn corners(machine: &Machine) -> Vec<State> {
     let linear = [AxisName::X, AxisName::Y, AxisName::Z];
     let linear = linear.into_iter().filter_map(|name| machine.axis(name));
@@ -361,7 +361,7 @@ fn corners(machine: &Machine) -> Vec<State> {
             })
             .collect();
     }
-    // Cannot fail: ends of travel are finite, and the axes exist.
+    // This cannot fail, because ends of travel are finite and the axes exist.
     let states = corners.iter().filter_map(|corner| machine.state(corner).ok());
     states.collect()
 }
@@ -432,7 +432,7 @@ impl Sizes {
     }
 }
 
-/// True if a missing location error is listed as not stated: squareness between X, Y and Z; offsets and tilts of a
+/// True if a missing location error is listed as not stated: a squareness between X, Y and Z, or an offset or tilt of a
 /// rotary axis.
 fn is_expected(name: ErrorName, axes: &[AxisName]) -> bool {
     match name.axis.kind() {
@@ -491,7 +491,8 @@ impl FileState {
 }
 
 impl Provenance {
-    /// The provenance stated in the machine file, with the state of each file below `folder`; `None` if nothing is stated.
+    /// The provenance stated in the machine file, with the state of each file below `folder`; `None` if the machine
+    /// file states no provenance.
     fn of(machine: &Machine, folder: &Path) -> Option<Self> {
         let stated = machine.provenance();
         let mut files: Vec<FileState> = Vec::new();
@@ -731,7 +732,7 @@ fn vector([x, y, z]: &[f64; 3]) -> String {
 
 const LETTERS: [&str; 3] = ["X", "Y", "Z"];
 
-/// A direction in MCS: `+X`, or its three components if it is along none of X, Y, Z.
+/// A direction in MCS, such as `+X`; its three components if it is along none of X, Y, Z.
 fn direction(u: &Vector3<f64>) -> String {
     match along_machine_axis(u) {
         Some((place, is_positive)) => {
@@ -764,8 +765,8 @@ fn motion(joint: &Joint) -> String {
     }
 }
 
-/// Warning for an axis that is not parallel to the MCS axis of its letter, or points the other way: errors are along
-/// and about the axes of MCS, regardless of the direction of the axis. `None` if both directions agree.
+/// Warning for an axis that is not parallel to the MCS axis of its letter, or points the other way: errors refer to the
+/// axes of MCS, whatever the direction of the axis. `None` if the axis points along the MCS axis.
 fn signs(joint: &Joint) -> Option<String> {
     let (name, along) = (joint.name, joint.name.mcs_index());
     let found = along_machine_axis(&joint.direction);
@@ -794,8 +795,8 @@ fn signs(joint: &Joint) -> Option<String> {
     })
 }
 
-/// The standard term for an error, such as `straightness deviation of X in Y` or `pitch of X`. Pitch and yaw are defined for a horizontal axis; the
-/// rotations of a vertical one are called tilts.
+/// The standard term for an error, such as `straightness deviation of X in Y` or `pitch of X`. Pitch and yaw are
+/// defined for a horizontal axis; the rotations of a vertical axis are called tilts.
 fn meaning(error: ErrorName) -> String {
     let axis = error.axis;
     let along = LETTERS[error.component.mcs_index()];
@@ -826,7 +827,7 @@ fn meaning(error: ErrorName) -> String {
     }
 }
 
-/// Two lines from the workpiece to the tool: the letters, and the type of motion below each.
+/// Two lines from the workpiece to the tool: the letters, and below each letter its type of motion.
 ///
 /// ```text
 ///   w-----C'----X'----b-----Y-----Z-----B-----t

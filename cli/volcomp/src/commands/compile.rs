@@ -63,7 +63,7 @@ pub(crate) fn run(arguments: &CompileArguments) -> Result<Answer, Failure> {
         file: arguments.output.display().to_string(),
         bytes: blob.len(),
         version: BLOB_VERSION,
-        // The checksum follows VOLCOMPM and the version.
+        // In the file the checksum follows VOLCOMPM and the version.
         sha256: hexadecimal(blob.get(12..44).unwrap_or_default()),
         tolerance_nm: nm,
         pieces: compiled.pieces(),

@@ -181,7 +181,7 @@ fn options(machine: &Machine, letters: &[String]) -> Result<CorrectionOptions, F
         machine.index_of(name)?;
         names.push(name);
     }
-    // Cannot overflow: each axis occurs once.
+    // This cannot overflow, because each axis occurs once.
     options.correct = Some(names.into_iter().collect());
     Ok(options)
 }
@@ -214,7 +214,8 @@ fn evaluate(
     }
 }
 
-/// The standard uncertainty of the correction of each axis, µm or µrad: the spread over the Monte Carlo samples, each corrected exactly.
+/// The standard uncertainty (k = 1) of the correction of each axis, µm or µrad: the spread over the Monte Carlo
+/// samples, each corrected exactly.
 fn uncertainty(
     ensemble: &Ensemble,
     machine: &Machine,
@@ -229,14 +230,14 @@ fn uncertainty(
     joints.map(|(joint, spread)| (joint.name, micro(joint.kind, spread))).collect()
 }
 
-/// Note that a single rotary axis cannot fully correct the tool axis; `None` if none or several may move.
+/// Note that a single rotary axis cannot fully correct the tool axis; `None` unless exactly one rotary axis may move.
 fn one_rotary_note(machine: &Machine, options: &CorrectionOptions) -> Option<String> {
     (movable_rotary(machine, options) == 1).then(|| {
         "one rotary axis may move: the tool axis is corrected in one direction only".to_owned()
     })
 }
 
-/// Note with the number `open` of positions at which the solver did not converge; `None` if that is 0.
+/// Note with the number `open` of positions at which the solver did not converge; `None` if the number is 0.
 fn not_converged_note(open: usize, count: usize) -> Option<String> {
     (open > 0).then(|| {
         format!(
@@ -303,7 +304,7 @@ fn one(row: &CorrectionAt, rotary: usize) -> String {
     text
 }
 
-/// Column headers of the table of several corrections.
+/// Column headers of a table of corrections.
 fn header(machine: &Machine, is_uncertain: bool) -> Vec<String> {
     let mut names: Vec<AxisName> = machine.axes().iter().map(|axis| axis.name).collect();
     names.sort_unstable();
@@ -329,7 +330,7 @@ impl Row for CorrectionAt {
     }
 }
 
-/// The remark on a row of the table of many corrections.
+/// The remark on a row of a table of corrections.
 fn remark(row: &CorrectionAt, rotary: usize) -> String {
     let singular = if is_singular(row, rotary) {
         "singular, the tool axis is not fully correctable"
@@ -343,7 +344,8 @@ fn remark(row: &CorrectionAt, rotary: usize) -> String {
     parts.join("; ")
 }
 
-/// Keeps the errors not included in the uncertainties, each at the position of its largest effect on the tool.
+/// Appends the errors that the uncertainties of `rows` do not include. Of each error only the position of its largest
+/// effect on the tool is kept.
 fn keep_worst(worst: &mut Vec<NotCounted>, rows: &[CorrectionAt]) {
     worst.extend(rows.iter().filter_map(|row| row.not_counted.clone()).flatten());
     worst.sort_by(|a, b| b.moves_um.total_cmp(&a.moves_um));
@@ -351,7 +353,7 @@ fn keep_worst(worst: &mut Vec<NotCounted>, rows: &[CorrectionAt]) {
     worst.retain(|of| seen.insert(of.unknown.clone()));
 }
 
-/// True if the tool axis cannot be corrected at this pose but can at others.
+/// True if the tool axis cannot be fully corrected at this pose, but can at others.
 fn is_singular(row: &CorrectionAt, rotary: usize) -> bool {
     row.singular && rotary >= 2
 }
@@ -381,7 +383,8 @@ impl<'t> Columns<'t> {
         }
     }
 
-    /// Note with the columns of the table that are not copied because computed ones have the same names; `None` without any.
+    /// Note with the columns of the table that are not copied, because computed columns have the same names; `None` if
+    /// all are copied.
     fn replaced_note(&self) -> Option<String> {
         (!self.replaced.is_empty()).then(|| {
             let names = self.replaced.join(", ");
@@ -391,7 +394,7 @@ impl<'t> Columns<'t> {
 
     /// Rows of the output file as text.
     fn csv(&self, rows: impl IntoIterator<Item = Vec<String>>) -> Result<Vec<u8>, Failure> {
-        // `,`, `;` and the tab are one byte each.
+        // The separators `,`, `;` and tab are one byte each.
         let separator = self.table.map_or(',', CsvTable::separator);
         let mut writer = WriterBuilder::new()
             .delimiter(u8::try_from(separator).unwrap_or(b','))
@@ -404,7 +407,7 @@ impl<'t> Columns<'t> {
         written.map_err(|e| Failure::Work(format!("the CSV file: {}", e.error())))
     }
 
-    /// One row per correction, with the cells that are copied from its row of the table.
+    /// One row per correction, preceded by the cells that are copied from its row of the table.
     fn records(
         &self,
         table: Option<&CsvTable>,
@@ -454,7 +457,7 @@ impl<'t> Columns<'t> {
         values.map(|value| self.number(*value)).collect()
     }
 
-    /// Text about the effect on the tool of an error that the uncertainty does not include.
+    /// States the effect on the tool of an error that the uncertainty does not include.
     fn told(&self, of: &NotCounted) -> String {
         format!(
             "{} {} um per {} {}",

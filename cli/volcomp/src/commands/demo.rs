@@ -1,5 +1,5 @@
-//! `volcomp demo`: from laser files to a corrected machine, on a simulated gantry of published size, compared with the results of the paper
-//! on such a gantry (10.1177/0954405416645985).
+//! `volcomp demo`: from laser files to a corrected machine, on a simulated gantry of published size. The results are
+//! compared with those of the paper on such a gantry (10.1177/0954405416645985).
 
 use std::path::{Path, PathBuf};
 
@@ -305,7 +305,7 @@ fn compare(shop: &Shop, machine: &Machine, folder: &Path) -> Result<Demo, Failur
     })
 }
 
-/// The curves of a machine, with the settings of the moving-least-squares ones.
+/// The curves of a machine, with the settings of moving least squares.
 fn curves(machine: &Machine) -> Vec<FittedCurve> {
     let of = |(error, curve): (ErrorName, &ErrorCurve)| {
         let directions: &[Option<&'static str>] = match curve {
@@ -412,7 +412,7 @@ fn text(shop: &Shop, found: &Demo, kept: Option<&Path>) -> String {
     )
 }
 
-/// Order and support of each curve if all are moving least squares; otherwise empty.
+/// Order and support of each curve if all curves are moving least squares; otherwise empty.
 fn settings_text(curves: &[FittedCurve]) -> String {
     let settings: Option<Vec<(usize, f64)>> =
         curves.iter().map(|c| c.order.zip(c.support)).collect();
@@ -446,7 +446,8 @@ const POINTS: usize = 61;
 const TRIALS: u64 = 100;
 const MAX_STEPS: usize = 100_000;
 
-/// Compares every linear line of the shop on the truth machine, without correction and with `command` applied to the targets.
+/// Compares every line of a linear error on the truth machine, without correction and with `command` applied to the
+/// targets.
 fn compare_lines(
     shop: &Shop,
     command: &impl Fn(&State) -> State,
@@ -460,7 +461,7 @@ fn compare_lines(
         if line.setup.error.component.is_angular() {
             continue;
         }
-        // A line measured with a bridge is evaluated by the straightness itself.
+        // A straightness measured with a bridge is evaluated as if read directly.
         let setup = Setup { method: Method::Direct, ..line.setup.clone() };
         let sight = LineOfSight::new(&shop.truth, &setup)?;
         let targets = points(shop, line);
@@ -510,7 +511,7 @@ fn description(shop: &Shop, line: &ShopLine) -> String {
     format!("at {}", held.join(" "))
 }
 
-/// Maximum minus minimum; for straightness after removal of the least-squares line.
+/// Maximum minus minimum of the values; for straightness after removal of the least-squares line.
 fn peak_to_peak(profile: &[(f64, f64)], is_straightness: bool) -> f64 {
     let removed = if is_straightness {
         ReferenceLine::least_squares(profile).map(|line| line.removed_from(profile))
@@ -520,12 +521,12 @@ fn peak_to_peak(profile: &[(f64, f64)], is_straightness: bool) -> f64 {
     range(removed.unwrap_or_default().into_iter().map(|(_, value)| value))
 }
 
-/// The residual (peak to peak, µm) that would remain with a perfect curve between the targets: the noise of the mean of the runs at the
-/// targets, interpolated linearly, and the rounding of the output.
+/// The residual deviation (peak to peak, µm) of a curve that is perfect between the targets. It comes from the noise of
+/// the mean of the runs at the targets, interpolated linearly, and from the rounding of the output.
 fn floor(seed: u64, line: &ShopLine, truth: &[(f64, f64)], is_straightness: bool) -> f64 {
     let instrument = &line.instrument;
     let runs = f64::from(instrument.runs).sqrt();
-    // The tilts of a bridge accumulate from target to target.
+    // The errors of the bridge's tilts accumulate from target to target.
     let (noise, targets, adds_up) = match line.setup.method {
         Method::Direct => (instrument.length.noise.0, instrument.targets, false),
         Method::Angular { bridge_mm, .. } => {
@@ -569,7 +570,7 @@ fn floor(seed: u64, line: &ShopLine, truth: &[(f64, f64)], is_straightness: bool
     sum / TRIALS as f64
 }
 
-/// Interpolates linearly between equally spaced values; `share` is 0 at the first and 1 at the last value.
+/// Interpolates linearly between equally spaced values. `share` is 0 at the first value and 1 at the last.
 fn between(values: &[f64], share: f64) -> f64 {
     let place = share * (values.len() - 1) as f64;
     let pairs = values.windows(2).enumerate();
@@ -621,7 +622,8 @@ fn irregular_curve(shop: &Shop, file: &Path) -> Result<IrregularCurve, Failure> 
     })
 }
 
-/// Results of the paper: the error, the position of our line (`""` for a single line), µm before and, if printed, after.
+/// Results of the paper: the error, the position of our line (`""` if there is only one), the peak-to-peak deviation
+/// before correction and, if printed, after correction, µm.
 const PAPER_LINES: [(&str, &str, f64, Option<f64>); 9] = [
     ("EXX", "", 58.6, Some(3.5)),
     ("EYY", "Z=650", 68.0, Some(4.8)),
@@ -636,7 +638,8 @@ const PAPER_LINES: [(&str, &str, f64, Option<f64>); 9] = [
 
 const FILES: [(&str, &str); 3] = [("EXX", "exx.rtl"), ("EYY", "eyy.rtl"), ("EZZ", "ezz.rtl")];
 
-/// Smallest and largest residual at the targets that the paper prints for an error and a method, µm; `None` if it prints none.
+/// Smallest and largest residual at the targets that the paper prints for an error and a method, µm; `None` if it
+/// prints no residuals.
 fn printed(error: &str, method: &str) -> Option<[f64; 2]> {
     match (error, method) {
         ("EXX", "polynomial of order 6") => Some([-5.2, 5.0]),

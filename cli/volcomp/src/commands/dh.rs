@@ -139,7 +139,7 @@ fn text(document: &Dh) -> String {
         });
     }
     let vector = |v: &[f64; 3]| {
-        // Six decimals without trailing zeros, and no negative zero.
+        // Six decimals without trailing zeros and without a negative zero.
         let rounded = |x: &f64| (x * 1e6).round() / 1e6 + 0.0;
         let numbers: Vec<String> = v.iter().map(|x| rounded(x).to_string()).collect();
         format!("[{}]", numbers.join(", "))

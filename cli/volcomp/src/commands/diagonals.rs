@@ -108,7 +108,7 @@ fn picture(
     let plotted = found.iter().map(|diagonal| {
         let poses = diagonal.at.iter().map(|at| {
             let at: Vec<(AxisName, f64)> = at.iter().map(|(axis, at)| (*axis, *at)).collect();
-            // The targets are poses of this machine.
+            // The targets are poses of this machine, so this cannot fail.
             machine.state(&at).unwrap_or_default()
         });
         let tips: Vec<_> = poses.map(|pose| machine.chain().ideal_tip_mm(&pose)).collect();
@@ -146,7 +146,7 @@ fn of_machine(file: &Path, machine: &Machine, error: ModelError) -> Failure {
     }
 }
 
-/// The targets as a program for a simulated control: one row each, mm and deg.
+/// The targets as a program for a simulated control: one row per target, mm and deg.
 fn program(
     machine: &Machine,
     points: usize,
@@ -169,7 +169,8 @@ fn program(
         }
         let _ = writeln!(text, ",{feed}");
     };
-    // Starts from the middle to define the direction from which each axis approaches the first target.
+    // The program starts in the middle, so that the first move defines the direction from which each axis approaches
+    // the first target.
     if let [(_, middle), ..] = diagonal_targets(machine, 3, others)?
         && let Some(middle) = middle.get(1)
     {

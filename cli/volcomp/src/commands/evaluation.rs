@@ -1,5 +1,5 @@
-//! Evaluation of measurement files: quantities against tolerances, a CSV file with one row per file, and several files per call, where a
-//! rejected file does not stop the others.
+//! Evaluation of measurement files: quantities against tolerances, and a CSV file with one row per file. If a call
+//! names several files, a rejected file does not stop the others.
 
 use std::path::{Path, PathBuf};
 
@@ -42,7 +42,7 @@ impl Judgement {
     }
 }
 
-/// Parses the tolerances of the command line; only symbols in `known` are allowed.
+/// Parses the tolerances of the command line. Only the symbols in `known` are allowed.
 pub(crate) fn tolerances(text: Option<&str>, known: &[&str]) -> Result<Vec<Tolerance>, Failure> {
     let Some(text) = text else {
         return Ok(Vec::new());
@@ -50,8 +50,8 @@ pub(crate) fn tolerances(text: Option<&str>, known: &[&str]) -> Result<Vec<Toler
     parse_tolerances(text, known).map_err(|error| Failure::Input(format!("--{error}")))
 }
 
-/// Table of several files, one row each: the quantities that have a limit (if none has, the quantities with a plain symbol) and the
-/// verdict. The names of all symbols follow.
+/// Table of several files, one row per file: the quantities with a limit, and the verdict. If no quantity has a limit,
+/// the quantities with a plain symbol are shown. The names of all symbols follow the table.
 pub(crate) fn verdicts_text(rows: &[Row]) -> String {
     let all = || (rows.iter()).flat_map(|row| row.found.iter().flat_map(|found| &found.quantities));
     let is_judged = all().any(|quantity| quantity.limit.is_some());
@@ -100,7 +100,8 @@ pub(crate) fn verdicts_text(rows: &[Row]) -> String {
     table_text(&shown) + &names
 }
 
-/// The quantities as a table, with columns for uncertainty and limit if there are any, and for their names if requested.
+/// The quantities as a table. Columns for uncertainty and limit appear if a quantity has them, and a column of names if
+/// requested.
 pub(crate) fn quantities_text(quantities: &[JudgedQuantity], with_names: bool) -> String {
     let uncertain = quantities.iter().any(|q| q.uncertainty.is_some());
     let limited = quantities.iter().any(|q| q.limit.is_some());
@@ -142,7 +143,7 @@ pub(crate) fn decision_text(judgement: &Judgement) -> String {
     let of = |verdict: Verdict| {
         let named = (judgement.quantities.iter()).filter(|q| q.verdict == Some(verdict));
         let mut symbols: Vec<&str> = named.map(|q| q.symbol).collect();
-        // Two standards may use the same symbol.
+        // Two standards may use the same symbol, so list each symbol once.
         let mut seen = std::collections::HashSet::new();
         symbols.retain(|symbol| seen.insert(*symbol));
         symbols.join(", ")
@@ -162,11 +163,11 @@ pub(crate) fn decision_text(judgement: &Judgement) -> String {
 
 pub(crate) struct Row {
     pub(crate) file: String,
-    /// `Err` states why the file was rejected.
+    /// The quantities and their verdicts; `Err` holds the reason why the file was rejected.
     pub(crate) found: Result<Judgement, String>,
 }
 
-/// The files that a picture must not replace: the readings, and the table of `--csv`.
+/// The files that a picture must not overwrite: the readings, and the table of `--csv`.
 pub(crate) fn with_csv<'a>(
     files: &'a [PathBuf],
     csv: Option<&'a Path>,
@@ -179,7 +180,7 @@ pub(crate) fn open_rows(path: &Path, files: &[PathBuf]) -> Result<OutputFile, Fa
     OutputFile::open_beside(path, &with_csv(files, None))
 }
 
-/// Writes the table: file, unit, one column per quantity, verdict, error.
+/// Writes the table with the columns file, unit, quantities, verdict and error.
 pub(crate) fn write_rows(output: OutputFile, rows: &[Row]) -> Result<(), Failure> {
     let mut heads: Vec<String> = Vec::new();
     for quantity in rows.iter().flat_map(|row| row.found.iter().flat_map(|found| &found.quantities))
@@ -221,7 +222,8 @@ pub(crate) fn write_rows(output: OutputFile, rows: &[Row]) -> Result<(), Failure
     output.write_whole(&bytes.map_err(|error| Failure::Work(format!("the table: {error}")))?)
 }
 
-/// The column header; ASME symbols are prefixed with the standard, since they repeat those of ISO 230-2.
+/// The column header of a quantity. ASME symbols are prefixed with the standard, because they repeat those of ISO
+/// 230-2.
 fn head(quantity: &JudgedQuantity) -> String {
     if quantity.standard.starts_with("ASME") {
         format!("ASME_{}", quantity.symbol)
@@ -261,8 +263,9 @@ pub(crate) struct RefusedFile {
     pub(crate) error: String,
 }
 
-/// Evaluates the files and writes the CSV file with one row per file. If the only file is refused, its error is returned; of several files the
-/// refused ones are listed and the others evaluated. An invalid call or a failed operation is always returned as the error.
+/// Evaluates the files and writes the CSV file with one row per file. If the only file is refused, its error is
+/// returned. Of several files the refused ones are listed, and the others are evaluated. An invalid call or a failed
+/// operation is always returned as an error.
 pub(crate) fn evaluated<D: Serialize>(
     files: &[PathBuf],
     csv: Option<&Path>,
@@ -316,7 +319,7 @@ pub(crate) fn evaluated<D: Serialize>(
     Ok(Answer { failed: some_refused(&refused, files.len()), ..answer })
 }
 
-/// The failure reported after all files were read if some were rejected.
+/// The failure returned after all files were read, if some files were refused.
 pub(crate) fn some_refused(refused: &[RefusedFile], count: usize) -> Option<Failure> {
     let first = &refused.first()?.error;
     let files: Vec<&str> = refused.iter().map(|of| of.file.as_str()).collect();

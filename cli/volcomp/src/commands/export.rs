@@ -233,7 +233,7 @@ struct Exported {
     written: Written,
     loss: Loss,
     tables: Vec<Made>,
-    /// Whether the tables correct axes, and so hold along lines through the reference position alone.
+    /// True if the tables correct axes: the tables then hold only on the lines through the reference position.
     holds_along_lines: bool,
     settings: Option<LinearSettings>,
     sign: &'static str,
@@ -273,7 +273,8 @@ fn tables(
     })
 }
 
-/// Note that tables without `--at` hold on the lines through these positions; `None` for a machine with one axis, which has no such lines.
+/// Note that tables without `--at` hold on the lines through these positions; `None` for a machine with one axis, whose
+/// only line is the axis itself.
 fn not_at(reference: &[(AxisName, f64)]) -> Option<String> {
     let places = reference.iter();
     let places: Vec<String> = places.map(|(name, at)| format!("{name}={}", rounded(*at))).collect();
@@ -309,7 +310,7 @@ enum Place {
 }
 
 impl Place {
-    /// A path with an extension is a file, unless it is an existing folder.
+    /// A path with an extension is a file, unless an existing folder has this path.
     fn of(arguments: &ExportArguments) -> Result<Self, Failure> {
         let path = &arguments.output;
         if path.is_file() || (path.extension().is_some() && !path.is_dir()) {
@@ -330,7 +331,7 @@ impl Place {
         Ok(Self::Folder(path.clone()))
     }
 
-    /// Returns the written files, and the ones among them that replaced files with different text.
+    /// Returns the paths of the written files, and the paths among them whose files had another text before.
     fn write(
         self,
         files: &[TextFile],
@@ -372,13 +373,13 @@ impl Place {
     }
 }
 
-/// Opens an output that must not be the machine file.
+/// Opens an output file, which must not be the machine file.
 fn beside_machine(path: &Path, arguments: &ExportArguments) -> Result<OutputFile, Failure> {
     OutputFile::open_beside(path, &[(arguments.machine.machine.as_path(), "the machine")])
 }
 
-/// Notes on tables of earlier exports in the output folder, which a control may still load: tables of another format, or of an axis that no longer
-/// has an error.
+/// Notes on tables of earlier exports in the output folder, which a control may still load: tables of another format,
+/// or of an axis that no longer has an error.
 fn other_tables(arguments: &ExportArguments, written: &[String]) -> Vec<String> {
     /// Maximum size of a control's table, bytes.
     const MOST_BYTES: u64 = 64 << 20;
@@ -399,7 +400,7 @@ fn other_tables(arguments: &ExportArguments, written: &[String]) -> Vec<String> 
             {
                 return Some((format, name));
             }
-            // A file that cannot be read as text is not a table.
+            // A file that is no readable text is not a table.
             let text = std::fs::read_to_string(&path).ok()?;
             let format = Format::stated_in(&TextFile { name: name.clone(), text })?;
             Some((format, name))
@@ -428,7 +429,7 @@ fn other_tables(arguments: &ExportArguments, written: &[String]) -> Vec<String> 
     notes
 }
 
-/// True if a file has the name of a table of this format; only for formats whose content does not identify a table.
+/// True if a file has the name of a table of this format. Only for formats whose content does not identify a table.
 fn is_named_by(format: Format, name: &str) -> bool {
     let axis = match format {
         Format::Linuxcnc | Format::LinuxcncType1 => name.strip_suffix(".comp"),
@@ -464,7 +465,7 @@ fn made(content: &Content, left_out: &[(AxisName, AxisName)]) -> Vec<Made> {
     made
 }
 
-/// Position and direction of approach at which the difference between tables and model is largest, such as `X=100 Y=0 +`.
+/// Position and direction of approach of the largest difference between tables and model, such as `X=100 Y=0 +`.
 fn place_of(axis: &AxisLoss) -> String {
     let at = axis.at.iter();
     let mut words: Vec<String> = at.map(|(name, at)| format!("{name}={}", fixed(*at, 0))).collect();

@@ -77,7 +77,7 @@ pub(crate) fn run(arguments: &ExpressionArguments) -> Result<Answer, Failure> {
         tool_mm: symbols.map(|(name, mm)| (name.to_owned(), mm)).collect::<BTreeMap<_, _>>(),
     };
     let shown = if arguments.latex {
-        // LaTeX treats a line break like a blank.
+        // LaTeX treats a line break as a blank.
         let whole = latex.join(" \\\\\n");
         let lines: String = whole.lines().map(|line| folded(line, "")).collect();
         format!("\\begin{{align}}\n{lines}\\end{{align}}\n")
@@ -95,7 +95,7 @@ pub(crate) fn run(arguments: &ExpressionArguments) -> Result<Answer, Failure> {
     Answer::new(&document, shown, Vec::new())
 }
 
-/// A formula in lines valid in Python: in parentheses if there are several.
+/// A formula in lines that are valid in Python. Several lines are in parentheses.
 fn in_lines(formula: &str) -> String {
     let lines = folded(formula, "");
     match formula.split_once(" = ") {

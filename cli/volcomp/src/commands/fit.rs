@@ -288,10 +288,11 @@ fn picture(
     curve_picture(&title, &[file, residual], &curve)
 }
 
-/// Shown in the table for a target that cannot be predicted from the others.
+/// Cell of the table for a target that cannot be predicted from the others.
 const NOT_PREDICTED: &str = "x";
 
-/// Two tables, of the largest residual and of the leave-one-out error, with one row per support and one column per order.
+/// Formats two tables: the largest residual, and the leave-one-out error. Each has one row per support and one column
+/// per order.
 fn scan_text(trials: &[MlsTrial], curve: &Curve, unit: DeviationUnit) -> String {
     let mut supports: Vec<f64> = trials.iter().map(|trial| trial.support).collect();
     supports.sort_by(f64::total_cmp);
@@ -344,7 +345,7 @@ fn scan_text(trials: &[MlsTrial], curve: &Curve, unit: DeviationUnit) -> String 
     text
 }
 
-/// A note if the curve is printed outside its range.
+/// Note on coordinates in `at` outside the range of the curve; `None` if all are inside.
 fn outside_note(curve: &Curve, at: &[f64]) -> Option<String> {
     let [low, high] = curve.domain()?;
     let outside = at.iter().filter(|at| !curve.contains(**at));
@@ -359,13 +360,13 @@ fn outside_note(curve: &Curve, at: &[f64]) -> Option<String> {
 
 type Chosen = (Choice, Option<Band>);
 
-/// The curve through the means `u` at `x`. If the method was chosen automatically, also the choice.
+/// Fits a curve to the means `u` at `x`. Also returns the choice if the method was chosen automatically.
 fn fit(
     arguments: &FitArguments,
     measurement: &Measurement,
     (x, u): (&[f64], &[f64]),
 ) -> Result<(Fit, Option<Chosen>), FitError> {
-    // Targets are sorted; the reader rejects an empty measurement.
+    // Targets are sorted and not empty, because the reader rejects an empty measurement.
     let domain = [x.first().copied().unwrap_or(0.0), x.last().copied().unwrap_or(0.0)];
     let (order, shape) = (arguments.order.unwrap_or(4), arguments.shape());
     let fit = match arguments.method {
@@ -468,7 +469,8 @@ fn choice_text(choice: &Choice, band: Option<&Band>, unit: DeviationUnit) -> Str
     to_the_left(&mut rows, &[4]);
     let mut best = choice.best_of_kinds();
     if let Some(chosen) = choice.chosen() {
-        // The chosen candidate represents its kind, even if a more complex one of the kind is slightly better.
+        // The chosen candidate represents its kind, even if a more complex candidate of the kind has a slightly smaller
+        // error.
         for score in &mut best {
             if score.method.kind() == chosen.method.kind() {
                 *score = *chosen;

@@ -161,7 +161,7 @@ struct Zone {
 }
 
 impl EvaluatedForm {
-    /// `lines` are the line numbers of the points in the file.
+    /// `lines` holds the line numbers of the points in the file.
     fn new(form: &Form, lines: &[usize], coaxiality_mm: Option<f64>, notes: Vec<String>) -> Self {
         const UM_PER_MM: f64 = 1e3;
         let zone = form.minimum_zone.as_ref();
@@ -214,13 +214,13 @@ pub(crate) fn run(arguments: &FormArguments) -> Result<Answer, Failure> {
     Answer::new(&document, text, notes)
 }
 
-/// Form deviation, as a fraction of the size of the feature, that is implausible for a machined
-/// part if it also exceeds `DOUBTFUL_MM`.
+/// Form deviation, as a fraction of the size of the feature, above which points are doubtful for a machined part. The
+/// deviation must also exceed `DOUBTFUL_MM`.
 const DOUBTFUL_PART: f64 = 0.01;
 const DOUBTFUL_MM: f64 = 0.1;
 const LARGEST_MM: f64 = 50e3;
 
-/// Notes on points that are probably not of this kind of feature, or not in mm.
+/// Notes on points that are probably points of another feature, or not in mm.
 fn doubtful(points_mm: &[[f64; 3]], deviation_mm: f64) -> Vec<String> {
     let extent = |axis: usize| range(points_mm.iter().map(|point| point[axis]));
     let size_mm = [0, 1, 2].map(extent).iter().map(|x| x * x).sum::<f64>();
@@ -300,11 +300,11 @@ fn text(document: &EvaluatedForm, feature: FeatureKind) -> String {
     text
 }
 
-/// The name of the form deviation about the least-squares feature.
+/// The name of the form deviation from the least-squares feature.
 fn deviation(document: &EvaluatedForm, feature: FeatureKind) -> &'static str {
     match feature {
         FeatureKind::Circle => "roundness",
-        // A line in space has no out-of-plane deviation.
+        // Without an out-of-plane deviation the line is a line in space.
         FeatureKind::Line if document.out_of_plane_um.is_none() => {
             "straightness, as diameter of the cylinder about the line,"
         }

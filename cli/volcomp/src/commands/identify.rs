@@ -77,7 +77,7 @@ be if all others were known: below 0.01 some can hardly be told apart. Rank: how
 many unknowns are determined, of how many that are counted.
 ";
 
-/// Minimum factor by which a pose must reduce the uncertainty of the least certain unknown to be worth recommending.
+/// Minimum factor by which a recommended pose must reduce the uncertainty of the least certain unknown.
 const LITTLE: f64 = 1.05;
 
 fn next_text(next: &Next) -> String {
@@ -171,7 +171,7 @@ pub(super) fn found_text(document: &Identification) -> String {
     text
 }
 
-/// With spheres, another sphere may help more than a pose.
+/// Advice to observe another sphere, which may help more than a pose; empty without spheres.
 fn sphere_helps(next: &Next) -> &'static str {
     if next.kind == Kind::Sphere {
         "; another sphere, far from the rotary axes and at another height, may help more"
@@ -180,7 +180,7 @@ fn sphere_helps(next: &Next) -> &'static str {
     }
 }
 
-/// Angles in degrees and lengths in mm get more decimals than µm and µrad.
+/// Formats a value. Angles in deg and lengths in mm get more decimals than values in µrad and µm.
 fn shown(parameter: &Parameter, number: f64) -> String {
     let digits = match parameter.unit {
         "mm" => 4,

@@ -140,13 +140,13 @@ pub(crate) fn run(arguments: &ImportArguments) -> Result<Answer, Failure> {
     Answer::new(&document, shown, warnings)
 }
 
-/// True if a file describes the tables and is not one itself.
+/// True if a file describes the tables and is no table itself.
 fn is_facts(path: &Path) -> bool {
     let name = path.file_name().and_then(|name| name.to_str());
     name.is_some_and(is_facts_file)
 }
 
-/// The paths of `given`, with each folder replaced by its files, sorted by name.
+/// The paths in `given`. Each folder is replaced by its files, sorted by name.
 fn paths(given: &[PathBuf]) -> Result<Vec<PathBuf>, Failure> {
     let mut paths = Vec::new();
     for path in given {

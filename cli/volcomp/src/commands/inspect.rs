@@ -190,7 +190,7 @@ impl MeasurementSummary {
             Direction::BOTH.map(|direction| measurement.runs(direction).len());
         let environment = &measurement.environment;
         let format = measurement.format;
-        // Only positioning readings depend on the expansion of the material.
+        // The expansion of the material affects only positioning readings.
         let is_laser = measurement.quantity == Some(Quantity::Positioning)
             && format != Some(FileFormat::ApiPos);
         Self {
@@ -237,7 +237,7 @@ pub(crate) fn run(arguments: &InspectArguments) -> Result<Answer, Failure> {
                 files.push(Files::One(Box::new(document)));
                 texts.push(text);
             }
-            // A folder may also contain notes and pictures.
+            // A folder may also contain notes and pictures, so unreadable files of a folder are only listed.
             Err(MetrologyError::Extension { .. }) if !is_named => not_read.push(file),
             Err(error) => {
                 texts.push(refused_text(&file, &error));
@@ -261,8 +261,7 @@ pub(crate) fn run(arguments: &InspectArguments) -> Result<Answer, Failure> {
     Ok(Answer { failed: some_refused(&refused, count), ..answer })
 }
 
-/// The files to read, and whether each was named explicitly. A folder is replaced by all files
-/// below it.
+/// The files to read, and whether the command line names each. A folder is replaced by all files below it.
 fn paths(named: &[PathBuf]) -> Result<Vec<(PathBuf, bool)>, Failure> {
     let mut all = Vec::new();
     for path in named {
@@ -341,7 +340,8 @@ fn file_name(path: &Path) -> String {
     path.file_name().unwrap_or_default().display().to_string()
 }
 
-/// The error named in the file name and title (several are joined, with a question mark); without any, the axis stated in the file.
+/// The error named in the file name and title. Several names are joined, with a question mark. Without a name: the axis
+/// stated in the file.
 fn error_of(path: &Path, measurement: &Measurement) -> String {
     let stem = path.file_stem().unwrap_or_default().to_string_lossy();
     let title = measurement.metadata.title.as_deref().unwrap_or_default();
@@ -407,7 +407,7 @@ fn one(file: String, content: &Content) -> Result<(Contents, String), Failure> {
     Ok((document, text(&entries, measurement)))
 }
 
-/// The document with one line per key, warnings first.
+/// The document with one line per key, and the warnings first.
 fn text(document: &Map<String, Value>, measurement: Option<&Measurement>) -> String {
     let mut text = String::new();
     let warnings = document.get("warnings").and_then(Value::as_array);
@@ -420,7 +420,7 @@ fn text(document: &Map<String, Value>, measurement: Option<&Measurement>) -> Str
     };
     for (key, value) in document {
         match (key.as_str(), value) {
-            // Warnings are printed above; keys that this kind of file cannot state are left out.
+            // Warnings are printed above. Keys that this kind of file cannot state are omitted.
             ("warnings", _) | ("material_compensation", Value::Null) => {}
             ("channels", Value::Array(channels)) => {
                 for channel in channels {
@@ -468,7 +468,7 @@ fn text(document: &Map<String, Value>, measurement: Option<&Measurement>) -> Str
     text
 }
 
-/// The unit of the targets: mm or deg if the file determines the kind of the axis, otherwise both.
+/// The unit of the targets: mm or deg if the file determines the kind of axis, otherwise both.
 fn target_unit(measurement: &Measurement) -> &'static str {
     match axis_kind(measurement) {
         Some(AxisKind::Rotary) => " deg",
@@ -477,7 +477,7 @@ fn target_unit(measurement: &Measurement) -> &'static str {
     }
 }
 
-/// The unit for a table cell: empty if the file does not determine it.
+/// The unit of the targets for a table cell; empty if the file does not determine the kind of axis.
 fn short_unit(measurement: &Measurement) -> &'static str {
     axis_kind(measurement).map_or("", |_| target_unit(measurement))
 }

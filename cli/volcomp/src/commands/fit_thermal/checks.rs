@@ -1,4 +1,4 @@
-//! Checks against wrong thermal terms: disconnected sensors, files of the opposite sign, rows too far apart.
+//! Checks for wrong thermal terms: disconnected sensors, files of opposite sign, rows too far apart.
 
 use std::path::{Path, PathBuf};
 
@@ -7,10 +7,10 @@ use volcomp_fit::{ThermalGap, ThermalRecord, ThermalRun, ThermalSearch, search_t
 use super::columns::{Channel, Columns, is_angular};
 use crate::commands::{fixed, range};
 
-/// Minimum temperature change, K, for the checks of units. Such a change takes longer than
-/// [`SHORTEST_S`] and moves a machine by at least [`LEAST_MOTION`].
+/// Minimum temperature change for the checks of units, K. Such a change takes longer than [`SHORTEST_S`] and moves a
+/// machine by at least [`LEAST_MOTION`].
 const CHANGE_K: f64 = 5.0;
-/// Motion below which a displacement is probably in another unit, µm or µrad.
+/// Displacement below which the unit is probably wrong, µm or µrad.
 const LEAST_MOTION: f64 = 0.5;
 const SHORTEST_S: f64 = 1800.0;
 
@@ -87,11 +87,10 @@ fn is_still<'a>(values: impl IntoIterator<Item = &'a f64>) -> bool {
 
 /// A file is checked only if the prediction error exceeds this fraction of its displacement (RMS).
 const NOT_PREDICTED: f64 = 0.5;
-/// A file looks inverted if the opposite sign leaves no more than this fraction of the prediction
-/// error.
+/// A file looks inverted if the prediction with the opposite sign leaves at most this fraction of the prediction error.
 const EXPLAINED: f64 = 0.3;
 
-/// A note for each file that is predicted by terms from the others only with the opposite sign.
+/// Notes on files that the terms of the other files predict only with the opposite sign.
 pub(super) fn inverted(
     channel: &Channel,
     runs: &[ThermalRun],
@@ -135,7 +134,7 @@ pub(super) fn inverted(
     notes
 }
 
-/// A note on gaps in a file, for terms with these time constants, s.
+/// Note on gaps in a file, for terms with the time constants `lags_s`, s; `None` without gaps.
 pub(super) fn gaps(path: &Path, columns: &Columns, lags_s: &[f64]) -> Option<String> {
     let record = ThermalRecord { time_s: columns.time_s.clone(), ..ThermalRecord::default() };
     let gaps = record.gaps(lags_s);
@@ -159,7 +158,8 @@ pub(super) fn gaps(path: &Path, columns: &Columns, lags_s: &[f64]) -> Option<Str
     ))
 }
 
-/// A note if the rows are so far apart that temperature changes between them could affect the prediction error.
+/// Note if the rows are so far apart that temperature changes between rows could affect the prediction error; otherwise
+/// `None`.
 pub(super) fn too_coarse(
     channel: &Channel,
     runs: &[ThermalRun],

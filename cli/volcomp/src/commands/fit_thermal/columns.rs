@@ -10,22 +10,22 @@ use volcomp_vocabulary::{AxisKind, AxisName, ErrorName};
 use super::temperatures::{implausible, never_cold};
 use crate::failure::Failure;
 
-/// The columns of a thermal test; all have one entry per row.
+/// The columns of a thermal test. All columns have one entry per row.
 pub(super) struct Columns {
     pub(super) time_s: Vec<f64>,
     /// Names of the temperature columns, without `_degc`.
     pub(super) sensors: Vec<String>,
     pub(super) degc: Vec<Vec<f64>>,
-    /// Name of the column with its unit, and its values.
+    /// Name of each displacement column with its unit, and its values.
     pub(super) displacements: Vec<(String, Vec<f64>)>,
-    /// Position of the moved axis in each row, mm, with its name if the column states one.
+    /// Position of the moved axis in each row, mm, and the name of the axis if the column states it.
     pub(super) position: Option<(Option<AxisName>, Vec<f64>)>,
     pub(super) notes: Vec<String>,
 }
 
 pub(super) struct Channel {
     pub(super) name: String,
-    /// The error that the displacement measures; `None` if the call does not state it.
+    /// The error that the displacement measures; `None` if the command line does not state it.
     pub(super) error: Option<ErrorName>,
     pub(super) judged: JudgedThermal,
 }
@@ -73,7 +73,8 @@ pub(super) fn displacement(head: &str) -> String {
     split_unit(head).map_or_else(|| head.to_owned(), |(name, unit)| format!("{name}_{unit}"))
 }
 
-/// Reads the column `time_s`, the columns in °C, those in µm or µrad, and the axis position.
+/// Reads the column `time_s`, the temperature columns (°C), the displacement columns (µm or µrad), and the axis
+/// position.
 pub(super) fn read(path: &Path) -> Result<Columns, Failure> {
     let table = CsvTable::parse(&path.display().to_string(), &read_text(path)?)?;
     let numbers = |column: Column| {
@@ -159,7 +160,7 @@ pub(super) fn read(path: &Path) -> Result<Columns, Failure> {
 }
 
 impl Columns {
-    /// Puts sensors and displacements into the order of another file; further ones are dropped.
+    /// Puts sensors and displacements into the order of the file `first`, and drops columns that `first` does not have.
     pub(super) fn in_order_of(mut self, first: &Self, path: &Path) -> Result<Self, Failure> {
         let missing = |name: &str| {
             let message = format!("found no column {name}, which the first file has");
@@ -182,8 +183,8 @@ impl Columns {
     }
 }
 
-/// Spreads rows with equal times evenly up to the next time, because some loggers write too few digits. Returns the number of such rows. `Err`: the
-/// row at which the time decreases.
+/// Spreads rows with equal times evenly up to the next time, because some loggers write too few digits. Returns the
+/// number of these rows. `Err` holds the index of the row at which the time decreases.
 fn spread_repeated(time_s: &mut [f64]) -> Result<usize, usize> {
     if let Some(row) = (1..time_s.len()).find(|&row| time_s[row] < time_s[row - 1]) {
         return Err(row);
@@ -203,10 +204,10 @@ fn spread_repeated(time_s: &mut [f64]) -> Result<usize, usize> {
     Ok(repeated)
 }
 
-/// Default error of a single displacement: most thermal tests are of a spindle along Z.
+/// Default error of a single displacement: most thermal tests measure a spindle along Z.
 const OF_ONE: &str = "EZZ";
 
-/// Parsed `--error`: `EZZ` for every displacement, or `dz_um=EZZ` for one.
+/// Parsed `--error`: `EZZ` for every displacement, or `dz_um=EZZ` for the displacement `dz_um`.
 pub(super) struct Errors {
     of_all: Option<ErrorName>,
     of_one: Vec<(String, ErrorName)>,
@@ -245,7 +246,7 @@ impl Errors {
         Ok(errors)
     }
 
-    /// The error of each fitted displacement; `None` if the call does not state it.
+    /// The error of each fitted displacement; `None` if the command line does not state it.
     pub(super) fn of(&self, names: &[&str]) -> Result<Vec<Option<ErrorName>>, Failure> {
         let unknown = |(column, _): &&(String, ErrorName)| !names.contains(&column.as_str());
         if let Some((column, error)) = self.of_one.iter().find(unknown) {
@@ -280,7 +281,7 @@ impl Errors {
         Ok(of_one.filter(|_| names.len() == 1))
     }
 
-    /// A note if one error is stated for several displacements.
+    /// Note if one error is stated for several displacements; otherwise `None`.
     pub(super) fn note(&self, of: &[Option<ErrorName>], names: &[&str]) -> Option<String> {
         let error = self.of_all?;
         let alike = of.iter().filter(|found| **found == Some(error)).count();
@@ -293,7 +294,7 @@ impl Errors {
     }
 }
 
-/// The error if it can depend on the position of its axis, so that an expansion may be fitted.
+/// Returns the error if an expansion can be fitted to it: a linear error of a linear axis.
 pub(super) fn may_expand(error: Option<ErrorName>) -> Option<ErrorName> {
     error.filter(|e| e.axis.kind() == AxisKind::Linear && !e.component.is_angular())
 }

@@ -68,7 +68,7 @@ pub(crate) struct FitThermalArguments {
     most_lags: usize,
 }
 
-/// Rejects duplicate files: a test must not be predicted from itself.
+/// Rejects duplicate files, because a test must not be predicted from itself.
 fn refuse_twice(files: &[PathBuf]) -> Result<(), Failure> {
     let twice = files.iter().enumerate().find(|(place, file)| {
         let before = &files[..*place];
@@ -80,7 +80,7 @@ fn refuse_twice(files: &[PathBuf]) -> Result<(), Failure> {
             file.display()
         )));
     }
-    // Unreadable files are reported when they are read later.
+    // Unreadable files are skipped here; reading them later reports the error.
     let texts: Vec<_> = files.iter().map(|file| std::fs::read(file).ok()).collect();
     for (place, (file, text)) in files.iter().zip(&texts).enumerate() {
         let mut before = files.iter().zip(&texts[..place]);
@@ -187,7 +187,7 @@ impl FitThermalArguments {
         }
     }
 
-    /// Checks all options; returns the errors that `--error` names.
+    /// Checks all options. Returns the errors that `--error` names.
     fn checked_errors(&self) -> Result<Errors, Failure> {
         if !(0.05..=0.95).contains(&self.train) {
             let message = format!("--train: found {}, expected 0.05 to 0.95", self.train);
@@ -253,7 +253,7 @@ fn channel(
     let runs: Vec<ThermalRun> = files.iter().map(|file| run_of(file, name)).collect();
     let sensors = &files[0].sensors;
     let failed = |e: FitError| {
-        // The first file that cannot be fitted alone.
+        // Index of the first file that cannot be fitted alone.
         let alone = |place: &usize| search_thermal(&runs[*place..=*place], search).is_err();
         let wrong = (0..runs.len()).find(alone).unwrap_or_default();
         let still = checks::still_sensors(files);
@@ -291,7 +291,7 @@ fn channel(
     Ok(Channel { name: name.to_owned(), error, judged })
 }
 
-/// Placeholder for an error that the call does not name.
+/// Placeholder for an error that the command line does not name.
 const GAP: &str = "???";
 
 /// Thermal terms fitted to measured displacements.
@@ -491,7 +491,8 @@ fn displacement<'a>(
     }
 }
 
-/// Drift terms by time constant, and expansions; the drift of the same sensor without a lag determines the fixed point of an expansion.
+/// Drift terms by time constant, and expansions. The fixed point of an expansion follows from the drift of the same
+/// sensor without a lag.
 fn terms(found: &ThermalTerms, sensors: &[String]) -> (Vec<DriftTerm>, Vec<Expansion>) {
     let expansion_of = |sensor: usize| {
         let mut numbers = found.numbers.iter();
@@ -528,8 +529,8 @@ fn terms(found: &ThermalTerms, sensors: &[String]) -> (Vec<DriftTerm>, Vec<Expan
     (drift, expansions)
 }
 
-/// The terms as `[[thermal.drift]]`, `[[thermal.expansion]]` and `[[thermal.seen]]`, with their constant. An unnamed error is written as a
-/// placeholder, which a machine file rejects.
+/// The terms as `[[thermal.drift]]`, `[[thermal.expansion]]` and `[[thermal.seen]]`, with their constant. An unnamed
+/// error becomes a placeholder, which a machine file rejects.
 fn toml(channel: &Channel, sensors: &[String], reference_degc: f64) -> String {
     let found = &channel.judged.terms;
     let (unit, symbol) = if channel.is_angular() { ("urad", "µrad") } else { ("um", "µm") };
@@ -568,7 +569,7 @@ fn toml(channel: &Channel, sensors: &[String], reference_degc: f64) -> String {
         let Some(sensor) = sensors.get(seen.sensor) else {
             continue;
         };
-        // Rounded outwards so that the tested values stay within the range.
+        // Round outwards, so that the tested values stay within the range.
         let [low, high] = outwards(seen.degc, 1e2);
         let [fall, rise] = outwards(seen.k_per_min, 1e4);
         let _ = write!(
@@ -580,7 +581,7 @@ fn toml(channel: &Channel, sensors: &[String], reference_degc: f64) -> String {
     text
 }
 
-/// Rounds a range outwards to multiples of 1/`parts`, to a non-empty range.
+/// Rounds a range outwards to multiples of 1/`parts`. The result is not empty.
 fn outwards([low, high]: [f64; 2], parts: f64) -> [f64; 2] {
     let (low, high) = ((low * parts).floor(), (high * parts).ceil());
     [low / parts, high.max(low + 1.0) / parts]

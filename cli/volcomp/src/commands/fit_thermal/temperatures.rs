@@ -2,14 +2,15 @@
 
 use std::ops::RangeInclusive;
 
-/// Plausible temperatures of a machine, °C. Kelvin values and the fault codes of loggers are outside.
+/// Plausible temperatures of a machine, °C. Values in kelvin and the fault codes of loggers are outside this range.
 const PLAUSIBLE: RangeInclusive<f64> = -60.0..=200.0;
 const WARMEST_SHOP: f64 = 60.0;
-/// Minimum step between rows that is treated as an outlier, K.
+/// Minimum step between rows of an outlier, K.
 const LEAST_JUMP_K: f64 = 5.0;
-/// Factor over the 95 % quantile of the steps between rows that makes an outlier.
+/// Factor over the 95 % quantile of the steps between rows, by which a step must additionally exceed [`LEAST_JUMP_K`]
+/// to be an outlier.
 const TIMES_USUAL: f64 = 8.0;
-/// Outliers span at most one in this many rows: anything longer is a real change.
+/// An outlier spans at most one in this many rows; a longer excursion is a real change.
 const ROWS_PER_OUTLIER: usize = 10;
 
 /// The index of the first implausible row, and the reason.
@@ -56,7 +57,7 @@ fn usual_step(degc: &[f64]) -> f64 {
     steps.get(steps.len() * 95 / 100).copied().unwrap_or(0.0)
 }
 
-/// The rows from a jump to the jump back; at an end of the record a single jump suffices.
+/// The rows from a jump to the jump back, as a half-open range. At an end of the record a single jump suffices.
 fn excursion(degc: &[f64], jump_k: f64) -> Option<(usize, usize)> {
     let most = (degc.len() / ROWS_PER_OUTLIER).max(1);
     let is_jump = |row: usize| (degc[row] - degc[row - 1]).abs() > jump_k;
@@ -88,7 +89,7 @@ fn excursion(degc: &[f64], jump_k: f64) -> Option<(usize, usize)> {
 mod tests {
     use super::*;
 
-    /// Three hours of a spindle that warms up, a reading each minute with some noise.
+    /// Three hours of a spindle that warms up, with one noisy reading per minute.
     fn warming() -> Vec<f64> {
         let degc = |row: i32| {
             let hours = f64::from(row) / 60.0;
@@ -105,10 +106,10 @@ mod tests {
         let mut step = warming();
         step[90..].iter_mut().for_each(|t| *t -= 12.0);
         assert_eq!(implausible(&step), None);
-        // A sensor in moving air: its temperature goes up and down all the time.
+        // A sensor in moving air: its temperature goes up and down continuously.
         let windy: Vec<f64> = (0..180).map(|row| 22.0 + 6.0 * f64::from(row % 2)).collect();
         assert_eq!(implausible(&windy), None);
-        // Constant temperatures, also below zero.
+        // Constant temperatures, including a temperature below zero.
         assert_eq!(implausible(&[-3.0; 100]), None);
         assert_eq!(implausible(&[20.0]), None);
         assert_eq!(implausible(&[]), None);
@@ -125,13 +126,13 @@ mod tests {
     #[test]
     fn faults_of_sensors_are_refused() {
         for (value, rows, says) in [
-            // Before its first measurement, at the end, without a sensor, a single outlier.
+            // A reading before the first measurement, at the end, without a sensor, and a single outlier.
             (85.0, 0..1, "there and back"),
             (85.0, 60..61, "there and back"),
             (-10.0, 179..180, "there and back"),
             (0.0, 17..18, "in this row alone"),
             (0.0, 40..45, "in 5 rows from here on"),
-            // Without contact, kelvin, a broken wire.
+            // A sensor without contact, values in kelvin, and a broken wire.
             (-127.0, 40..45, "expected -60 to 200 °C"),
             (295.0, 0..180, "expected -60 to 200 °C"),
             (850.0, 3..4, "expected -60 to 200 °C"),

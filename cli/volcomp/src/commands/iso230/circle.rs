@@ -212,7 +212,7 @@ fn named(signatures: &Signatures, plane: CircularPlane, feed: Option<f64>) -> Ve
     use SignatureKind as Kind;
     let [first, second] = plane.axes();
     let error = plane.squareness();
-    // Every plane has a squareness error, which increases or decreases its angle.
+    // A squareness error increases or decreases the angle of its plane.
     let sense = opening(error).unwrap_or(1.0);
     let one = |signature: &Signature| {
         let (of, sign) = match signature.kind {
@@ -222,7 +222,7 @@ fn named(signatures: &Signatures, plane: CircularPlane, feed: Option<f64>) -> Ve
             Kind::BacklashFirst | Kind::SpikesFirst => (first.to_string(), 1.0),
             Kind::BacklashSecond | Kind::SpikesSecond => (second.to_string(), 1.0),
         };
-        // c = v Δt/2, with µm and mm/min.
+        // Size of a servo mismatch: c = v Δt/2, with c in µm, v in mm/min and the result in ms.
         let delay = |feed: f64| 2.0 * signature.size * 1e-3 / (feed / 60.0) * 1e3;
         NamedSignature {
             of,

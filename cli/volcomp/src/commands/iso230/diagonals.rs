@@ -48,7 +48,7 @@ impl DiagonalOptions {
         }
     }
 
-    /// The diagonals named on the command line; empty if they are taken from the files.
+    /// The diagonals named on the command line. Empty if the files name them.
     fn named(&self, count: usize) -> Result<Vec<Diagonal>, Failure> {
         let Some(text) = &self.diagonals else {
             return Ok(Vec::new());

@@ -111,7 +111,7 @@ impl Iso230Arguments {
     }
 
     fn edition(&self) -> Edition {
-        // clap rejects other years.
+        // clap has already rejected other years.
         self.edition.and_then(Edition::of_year).unwrap_or_default()
     }
 }
@@ -119,7 +119,7 @@ impl Iso230Arguments {
 pub(crate) fn run(arguments: &Iso230Arguments) -> Result<Answer, Failure> {
     let part = arguments.part;
     let uncertain = arguments.uncertainty.stated();
-    // Each option belongs to one part.
+    // Each of these options belongs to one part.
     for (option, of) in [
         (arguments.circle.given(), 4),
         (arguments.diagonals.given(), 6),
@@ -211,8 +211,7 @@ impl UncertaintyOptions {
             device_um: self.device_um,
             misalignment_mm: self.misalignment_mm,
             temperature_range_k: self.temperature_range_k,
-            // A coefficient of 0 in a file means no compensation; it is not the coefficient of the
-            // material.
+            // A file states the coefficient 0 for "no compensation", so 0 is not the coefficient of the material.
             expansion_um_per_m_k: self.expansion.or(of_file.filter(|c| *c > 0.0)),
             expansion_range_um_per_m_k: self.expansion_range,
             from_20_degc_k: self.machine_degc.map(|t| t - REFERENCE_DEGC).or(farthest),

@@ -56,7 +56,7 @@ pub(crate) struct PositioningTest {
     judgement: Judgement,
 }
 
-/// The values of ISO 230-2 by symbol. Keys end in the unit, so that angles and lengths have different keys.
+/// The values of ISO 230-2 by symbol. Each key ends in the unit, so that angles and lengths have different keys.
 #[derive(Debug)]
 struct Symbols(DeviationUnit, Vec<StandardQuantity>);
 
@@ -88,7 +88,7 @@ pub(super) fn run(arguments: &Iso230Arguments) -> Result<Answer, Failure> {
         Standard::Vdi => Vdi3441::symbols().to_vec(),
         Standard::All => [&iso[..], &Vdi3441::symbols()].concat(),
         Standard::Iso => iso.to_vec(),
-        // ASME has no mean deviation.
+        // ASME B5.54 has no mean deviation.
         Standard::Asme => (iso.into_iter()).filter(|symbol| *symbol != "M").collect(),
     };
     let tolerances = tolerances(arguments.tolerance.as_deref(), &known)?;
@@ -139,7 +139,7 @@ fn one(
     let mut notes = measurement.notes.clone();
     let sizes = measurement.readings.iter().map(|r| r.deviation.abs());
     let largest = sizes.fold(0.0, f64::max);
-    // Without a stated unit, small values already have a note on how to state it.
+    // Small values without a stated unit already have a note on how to state the unit.
     if is_unit_stated || largest > LARGEST_PLAUSIBLE {
         notes.extend(implausible_size(largest, Some(unit)));
     }
@@ -163,7 +163,7 @@ fn one(
         notes.push(note.to_owned());
     }
     let judgement = Judgement::new(quantities, notes);
-    // Angles do not depend on thermal expansion.
+    // Angles do not depend on the thermal expansion.
     let is_laser = measurement.quantity == Some(Quantity::Positioning);
     let compensation = is_laser.then(|| material_compensation(&measurement.environment));
     let text =
@@ -209,7 +209,7 @@ fn drawn_test(
     )
 }
 
-/// The name of the measured error, from the call, the title or the axis of the file; empty if unknown.
+/// The name of the measured error from the command line, the title or the axis of the file; empty if unknown.
 fn error_of(arguments: &Iso230Arguments, measurement: &Measurement) -> String {
     let of_axis = || {
         let stated = measurement.metadata.axis.as_deref().and_then(axis_named);
@@ -221,7 +221,7 @@ fn error_of(arguments: &Iso230Arguments, measurement: &Measurement) -> String {
     error.map_or_else(String::new, |error| error.to_string())
 }
 
-/// The error that the title names, if it names only one.
+/// The error that the title names; `None` unless it names exactly one.
 fn named_in_title(measurement: &Measurement) -> Option<ErrorName> {
     let mut named = errors_named(measurement.metadata.title.as_deref().unwrap_or_default());
     named.dedup();
@@ -231,8 +231,8 @@ fn named_in_title(measurement: &Measurement) -> Option<ErrorName> {
     }
 }
 
-/// Rejects a file whose title names an error other than positioning, such as a straightness. Angles
-/// of a linear axis are evaluated with a note.
+/// Rejects a file whose title names an error other than positioning, such as a straightness. Angles of a linear axis
+/// are evaluated with a note.
 fn refuse_title(
     path: &Path,
     measurement: &Measurement,
@@ -245,7 +245,7 @@ fn refuse_title(
     let (what, how) = match MotionKind::of(error) {
         MotionKind::Positioning if !error.location => return Ok(()),
         _ if with_note => return Ok(()),
-        // The straightness command rejects files marked as positioning.
+        // `volcomp straightness` rejects files that are marked as positioning, so do not recommend it.
         MotionKind::Straightness if measurement.quantity == Some(Quantity::Positioning) => {
             ("a straightness", "")
         }

@@ -1,4 +1,4 @@
-//! Writes the field of a map to its file in chunks of nodes: a map may be larger than memory.
+//! Writes the field of a map to its file in chunks of nodes, because a map may be larger than memory.
 
 use std::{fmt::Write, path::Path};
 
@@ -7,11 +7,11 @@ use volcomp_model::MapGrid;
 
 use crate::{failure::Failure, output::OutputFile};
 
-/// Names of the arrays stored per node besides its position: errors (µm, µrad), then their standard uncertainties. Each group has two vectors of
-/// three columns.
+/// Names of the arrays stored per node besides its position: the errors (µm, µrad), then their standard uncertainties.
+/// Each group has two vectors of three components.
 const VECTORS: [[&str; 2]; 2] =
     [["position_um", "rotation_urad"], ["u_position_um", "u_rotation_urad"]];
-/// Column names differ from those of positions (`X_mm`) by more than case: databases ignore case.
+/// Column names. They differ from those of positions (`X_mm`) by more than case, because databases ignore case.
 const COLUMNS: [[&str; 6]; 2] = [
     ["error_x_um", "error_y_um", "error_z_um", "error_a_urad", "error_b_urad", "error_c_urad"],
     [
@@ -24,16 +24,16 @@ const COLUMNS: [[&str; 6]; 2] = [
     ],
 ];
 
-/// One node of the map: its position, and the tool error in workpiece axes, mm and rad.
+/// One node of the map: its position, and the tool error in workpiece axes (mm, rad).
 #[derive(Clone, Copy)]
 pub(super) struct Node {
     /// Coordinates along the axes of the grid, mm.
     pub(super) at_mm: [f64; 3],
-    /// The ideal tip in workpiece axes, mm.
+    /// The ideal tool tip in workpiece axes, mm.
     pub(super) tip_mm: Vector3<f64>,
-    /// Position (mm) and rotation (rad) error.
+    /// Position error (mm) and rotation error (rad).
     pub(super) error: [f64; 6],
-    /// Standard uncertainty of the six values; `None` if not requested.
+    /// Standard uncertainties of the six components of `error`; `None` if not requested.
     pub(super) uncertainty: Option<[f64; 6]>,
 }
 
@@ -49,7 +49,7 @@ impl Node {
     }
 }
 
-/// Three lengths in mm and three angles in rad, as µm and µrad.
+/// Converts three lengths in mm and three angles in rad to µm and µrad.
 fn in_file_units(six: &[f64; 6]) -> [f64; 6] {
     let [x, y, z, a, b, c] = six;
     [x * 1e3, y * 1e3, z * 1e3, a * 1e6, b * 1e6, c * 1e6]
@@ -69,11 +69,11 @@ pub(super) struct TextField {
     groups: usize,
 }
 
-/// Formats nodes as text; chunks of nodes are formatted in parallel.
+/// Text formats. Chunks of nodes are formatted in parallel.
 #[derive(Clone, Copy)]
 pub(super) enum TextFormat {
     Csv,
-    /// One array after another, which needs several passes over the nodes.
+    /// Stores one array after another, which needs several passes over the nodes.
     Vtk(&'static str),
 }
 
@@ -137,7 +137,7 @@ impl Field {
         Ok(())
     }
 
-    /// The text format, if the field is text, and the number of column groups.
+    /// The text format and the number of column groups; `None` if the field is not text.
     pub(super) fn text_format(&self) -> Option<(TextFormat, usize)> {
         if let Self::Text(text) = self { Some((text.format, text.groups)) } else { None }
     }
@@ -206,7 +206,7 @@ fn csv_line(text: &mut String, axes: usize, node: &Node) -> std::fmt::Result {
     writeln!(text)
 }
 
-/// The nodes along X, Y or Z, by its index 0 to 2: a single one at 0 for a missing axis.
+/// The nodes along X, Y or Z (`place` 0, 1, 2), mm; a single node at 0 if the grid lacks the axis.
 fn nodes_along(grid: &MapGrid, place: usize) -> &[f64] {
     let mut along = grid.axes.iter().zip(&grid.nodes_mm);
     let own = along.find(|(axis, _)| axis.mcs_index() == place);
@@ -230,7 +230,7 @@ fn vti_head(grid: &MapGrid) -> String {
     )
 }
 
-/// The lines with the coordinates of the nodes, before the data.
+/// The lines before the data, which contain the coordinates of the nodes.
 fn vtr_head(grid: &MapGrid) -> String {
     let (mut extent, mut coordinates) = (String::new(), String::new());
     for place in 0..3 {

@@ -135,7 +135,7 @@ struct Uncertainty {
 }
 
 impl MapArguments {
-    /// The form of the model. A correction is available only in the exact form.
+    /// The form of the model. A correction is only applied in the exact form.
     fn model(&self) -> Result<Model, Failure> {
         let exact = Model::Form(Form::Exact);
         match self.model.or(self.exact.then_some(exact)) {
@@ -204,8 +204,7 @@ pub(crate) fn run(arguments: &MapArguments) -> Result<Answer, Failure> {
         work.go_through(pass, &mut field, &mut found)?;
     }
     let beside = work.beside(&found);
-    // To all orders even for a compiled map, so that the figure equals the figure of the report to
-    // the last digit.
+    // Evaluate exactly even for a compiled map, so that the value equals that of the report to the last digit.
     let exact = (model == Model::Compiled).then(|| errors(&machine, &temperatures));
     let errors = exact.as_ref().unwrap_or(&work.errors);
     let curves = vec![&machine, compensation.actual()];
@@ -259,7 +258,7 @@ fn picture(
     Ok(map_picture(title, &lines, &found))
 }
 
-/// The axes that do not move on the planes; empty if all move.
+/// The positions of the axes that do not move on the planes; empty if all axes move.
 fn standing(found: &Volume) -> String {
     let at = found.standing.iter().map(|of| {
         let rotary = of.axis.parse().is_ok_and(AxisName::is_rotary);
