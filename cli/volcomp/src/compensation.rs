@@ -1,5 +1,5 @@
-//! Correction applied to a command before the error is computed: on the model itself, or on another machine file used as the truth;
-//! optionally rounded to the resolution of a control.
+//! Correction of a command before the error is computed. The error is that of the model itself, or of another machine
+//! file used as the truth. The correction may be rounded to the resolution of a control.
 
 use std::{path::PathBuf, sync::OnceLock};
 
@@ -14,15 +14,15 @@ use volcomp_model::{CompiledMachine, Machine, Temperatures, Tolerance, corrected
 
 use crate::{commands::thermal_note, failure::Failure, table::folded};
 
-/// Maximum deviation of a compiled curve from its source, nm and nrad: far below the last printed
-/// digit. Compiled curves are used because many residuals are computed.
+/// Maximum deviation of a compiled curve from its source, nm and nrad: far below the last printed digit. Curves are
+/// compiled because many residuals are computed.
 const CURVES_NM: f64 = 0.01;
 
 /// Position (mm) and rotation (rad) of the error at a state, in workpiece axes.
 pub(crate) type ErrorAt<'a> = Box<dyn Fn(&State) -> [f64; 6] + Sync + 'a>;
 
-/// The error to all orders at many states. Curves are compiled within [`CURVES_NM`]; if they cannot
-/// be compiled, the curves of the machine file are used.
+/// The exact error at many states. Curves are compiled within [`CURVES_NM`]; if this fails, the curves of the machine
+/// file are used.
 pub(crate) fn errors<'a>(machine: &'a Machine, temperatures: &Temperatures) -> ErrorAt<'a> {
     match machine.compile_at(Tolerance::from_nm(CURVES_NM), temperatures) {
         Ok(compiled) => errors_by(machine, compiled, Form::Exact),
@@ -30,7 +30,7 @@ pub(crate) fn errors<'a>(machine: &'a Machine, temperatures: &Temperatures) -> E
     }
 }
 
-/// The error of a form of the model, with the curves of `source`.
+/// The error by a form of the model, with the curves of `source`.
 pub(crate) fn errors_by<'a>(
     machine: &'a Machine,
     source: impl ErrorSource + Sync + 'a,
@@ -76,15 +76,15 @@ pub(crate) struct Compensated {
     pub(crate) resolution_urad: Option<f64>,
 }
 
-/// The machine whose correction is applied (the model), and the machine to which it is applied (the truth, if given).
+/// The machine whose correction is applied (the model), and the machine to which the correction is applied (the truth
+/// if given, otherwise the model).
 pub(crate) struct Compensation<'a> {
     machine: &'a Machine,
     temperatures: &'a Temperatures,
     options: CorrectionOptions,
     truth: Option<Machine>,
     document: Option<Compensated>,
-    /// Compiled curves of the model and of the truth, created on first use; `None` if they cannot
-    /// be compiled.
+    /// Compiled curves of the model and of the truth, created on first use; `None` if the curves cannot be compiled.
     compiled: OnceLock<Option<[CompiledMachine; 2]>>,
 }
 
@@ -120,7 +120,7 @@ impl<'a> Compensation<'a> {
         })
     }
 
-    /// Notes thermal terms of the other machine without a given temperature.
+    /// Note on thermal terms of the truth without a given temperature; otherwise `None`.
     pub(crate) fn note(&self) -> Option<String> {
         let truth = self.truth.as_ref()?;
         let note = thermal_note(truth, self.temperatures)?;
@@ -132,7 +132,7 @@ impl<'a> Compensation<'a> {
         self.truth.as_ref().unwrap_or(self.machine)
     }
 
-    /// The command for a target: the target itself, or with the correction added.
+    /// The command for a target: the target itself, or the target plus the correction.
     pub(crate) fn command(&self, target: &State) -> State {
         self.command_by(&self.machine.source(self.temperatures), target)
     }
@@ -149,8 +149,8 @@ impl<'a> Compensation<'a> {
         corrected(target, &delta)
     }
 
-    /// Position (mm) and rotation (rad) of the tool at the corrected command relative to the ideal machine at the target, in workpiece axes: to all
-    /// orders, with curves within [`CURVES_NM`].
+    /// Position (mm) and rotation (rad) of the tool at the corrected command relative to the ideal machine at the
+    /// target, in workpiece axes. Exact, with curves within [`CURVES_NM`].
     pub(crate) fn residual(&self, target: &State) -> [f64; 6] {
         let compiled = self.compiled.get_or_init(|| {
             let tolerance = Tolerance::from_nm(CURVES_NM);
@@ -163,7 +163,7 @@ impl<'a> Compensation<'a> {
         }
     }
 
-    /// The residual by the curves of the machine files instead of the compiled ones.
+    /// The residual with the curves of the machine files instead of the compiled curves.
     pub(crate) fn exact_residual(&self, target: &State) -> [f64; 6] {
         let [model, actual] = [self.machine, self.actual()].map(|of| of.source(self.temperatures));
         self.residual_by(&model, &actual, target)
@@ -185,7 +185,8 @@ impl<'a> Compensation<'a> {
         self.document.clone()
     }
 
-    /// A paragraph to print below the figures: the correction, its rounding and the machine to which they apply; empty without a correction.
+    /// A paragraph to print below the figures: the correction, its rounding and its machine; empty without a
+    /// correction.
     pub(crate) fn words(&self) -> String {
         let Some(asked) = &self.document else {
             return String::new();
@@ -212,7 +213,8 @@ fn read_truth(path: &std::path::Path, machine: &Machine) -> Result<Machine, Fail
     Ok(truth)
 }
 
-/// Rejects a file whose machine differs in geometry from the expected one. `of` names the option or file with the expected machine.
+/// Rejects a file whose machine differs in geometry from the expected machine. `of` names the option or file of the
+/// expected machine.
 pub(crate) fn refuse_other_geometry(
     path: &std::path::Path,
     found: &Machine,

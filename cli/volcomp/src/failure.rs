@@ -84,7 +84,7 @@ impl Failure {
         Self::Input(message.to_string())
     }
 
-    /// A file is invalid as a whole; `what` follows its name in the message.
+    /// Creates a failure of a file as a whole. `what` follows the file name in the message.
     pub(crate) fn in_file(path: &Path, what: impl Display) -> Self {
         let file = path.display().to_string();
         Self::File(Box::new(FileFailure {
@@ -95,7 +95,7 @@ impl Failure {
         }))
     }
 
-    /// A line of a file is invalid; `key` names the column, empty for the whole line.
+    /// Creates a failure of a line of a file. `key` names the column; an empty key stands for the whole line.
     pub(crate) fn in_line(path: &Path, line: u64, key: &str, what: impl Display) -> Self {
         let file = path.display().to_string();
         let column = if key.is_empty() { String::new() } else { format!("{key}: ") };
@@ -151,10 +151,11 @@ impl Failure {
         }
     }
 
-    /// Writes the failure to standard error: as JSON, as one unwrapped line, or, on a terminal, with the position in the file.
+    /// Writes the failure to standard error: as JSON, as one unwrapped line, or, on a terminal, with the position in
+    /// the file.
     pub(crate) fn report(&self, json: bool) {
         if json {
-            // Serialisation cannot fail; if it did, the message would still be printed.
+            // Serialization cannot fail. If it did, the message would be printed instead.
             let document = serde_json::to_string(&self.document());
             eprintln!("{}", document.unwrap_or_else(|_| self.message()));
             return;
@@ -222,7 +223,7 @@ impl From<IdentifyError> for Failure {
 }
 
 impl From<MetrologyError> for Failure {
-    /// An unreadable file is reported like a file with invalid content, because the user named it on the command line.
+    /// Reports an unreadable file as invalid input, because the user named the file on the command line.
     fn from(error: MetrologyError) -> Self {
         let message = error.to_string();
         let (file, line, key) = match error {

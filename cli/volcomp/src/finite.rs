@@ -1,17 +1,17 @@
-//! Finds values that are not finite in a result: JSON would write them as null.
+//! Finds numbers that are not finite in a result, because JSON would represent them as null.
 
 use ciborium::Value;
 use serde::Serialize;
 
 use crate::failure::Failure;
 
-/// The key of the first number that is NaN or infinite; `None` if all are finite.
+/// The key of the first number that is NaN or infinite; `None` if all numbers are finite.
 pub(crate) fn first_not_finite(document: &impl Serialize) -> Option<String> {
-    // Unlike JSON, CBOR represents these numbers. Values that CBOR cannot write are rejected by JSON later.
+    // Unlike JSON, CBOR represents such numbers. A value that CBOR cannot represent is rejected later by JSON.
     below(&Value::serialized(document).ok()?)
 }
 
-/// The failure of a result that contains a number that is not finite, under this key.
+/// The failure of a result with a number under `key` that is not finite.
 pub(crate) fn not_finite(key: &str) -> Failure {
     Failure::Input(format!(
         "the result `{key}` is not a finite number: check the numbers in the input files, which are too large or do not determine it"

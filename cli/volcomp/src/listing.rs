@@ -1,5 +1,6 @@
-//! Answers for any number of positions: each row is formatted once, as the document or the table needs it, into a temporary file, which is printed at
-//! the end. So nothing is printed if a later row fails, and memory does not grow with the number of rows.
+//! Answers for any number of positions. Each row is formatted once, for the document or the table, into a temporary
+//! file, which is printed at the end. Nothing is printed if a later row fails, and memory use does not grow with the
+//! number of rows.
 
 use std::io::{self, Seek, Write};
 
@@ -15,7 +16,7 @@ use crate::{
     table::RowTable,
 };
 
-/// Size from which rows are kept in a temporary file, bytes.
+/// Size above which the rows move from memory to a temporary file, bytes.
 const IN_MEMORY: usize = 4 << 20;
 /// Number of rows that a thread formats at a time.
 const CHUNK: usize = 256;
@@ -24,7 +25,7 @@ pub(crate) trait Row: Serialize + Sync {
     /// Cells of the table after the row number.
     fn cells(&self) -> Vec<String>;
 
-    /// Errors and axes whose range the row exceeds.
+    /// Errors and axes whose range the position of the row exceeds.
     fn outside(&self) -> &Outside;
 }
 
@@ -39,7 +40,6 @@ pub(crate) enum Print {
     Table,
 }
 
-/// The rows of an answer.
 pub(crate) struct Listing {
     print: Print,
     table: RowTable,
@@ -49,7 +49,7 @@ pub(crate) struct Listing {
     remarks: Remarks,
 }
 
-/// Formatted text of consecutive rows, with the column widths that they need.
+/// Formatted text of consecutive rows, and the column widths that the rows need.
 struct Formatted {
     written: Vec<u8>,
     widths: Vec<usize>,
@@ -57,7 +57,7 @@ struct Formatted {
 }
 
 impl Listing {
-    /// Creates an empty listing; `header` has the column headers after the row number.
+    /// Creates an empty listing. `header` holds the column headers after the row number.
     pub(crate) fn new(json: bool, is_list: bool, header: Vec<String>) -> Self {
         Self {
             print: match (json, is_list) {
@@ -73,7 +73,6 @@ impl Listing {
         }
     }
 
-    /// Number of rows so far.
     pub(crate) fn rows(&self) -> usize {
         self.rows
     }
@@ -83,7 +82,7 @@ impl Listing {
         self.outside
     }
 
-    /// Appends rows; an empty remark is not printed.
+    /// Appends rows with their remarks. An empty remark is not printed.
     ///
     /// # Errors
     ///
@@ -134,7 +133,7 @@ impl Listing {
 }
 
 impl Formatted {
-    /// Formats rows; `before` is the number of rows before them.
+    /// Formats rows. `before` is the number of earlier rows.
     fn of<R: Row>(
         rows: &[R],
         before: usize,
@@ -147,7 +146,7 @@ impl Formatted {
             document.clear();
             let serialized = serde_json::to_writer(&mut document, row);
             serialized.map_err(|e| Failure::Work(format!("the JSON document: {e}")))?;
-            // JSON has null for numbers that are not finite.
+            // JSON represents a number that is not finite as null.
             if document.windows(4).any(|word| word == b"null")
                 && let Some(key) = first_not_finite(row)
             {

@@ -1,6 +1,6 @@
 //! The `volcomp` command: measure, model and remove the volumetric error of machine tools.
 //!
-//! Results of `write!` to a `String` are ignored everywhere: it cannot fail.
+//! Results of `write!` to a `String` are ignored, because they are always `Ok`.
 
 mod commands;
 mod compensation;
@@ -34,7 +34,8 @@ const STYLES: Styles = Styles::styled()
 
 const NOTE: Style = AnsiColor::Yellow.on_default().bold();
 
-/// Version with commit and date in released programs, see `.github/release`. A packaged crate has no repository to read them from.
+/// Version with commit and date in released programs (see `.github/release`). A packaged crate has no repository from
+/// which to read commit and date.
 const VERSION: &str = match option_env!("VOLCOMP_VERSION") {
     Some(version) => version,
     None => env!("CARGO_PKG_VERSION"),
@@ -179,7 +180,7 @@ fn without_hidden(mut error: clap::Error) -> clap::Error {
     error
 }
 
-/// Prints help and version on standard output; an invalid call on standard error, as JSON if requested.
+/// Prints help and version on standard output, and an invalid call on standard error, as JSON if requested.
 fn not_parsed(error: &clap::Error) -> ExitCode {
     let json = std::env::args_os().any(|argument| argument == OsStr::new("--json"));
     if !(json && error.use_stderr()) {

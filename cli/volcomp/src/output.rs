@@ -16,7 +16,7 @@ pub(crate) fn print(text: &str) -> Result<(), Failure> {
     print_by(|out| out.write_all(text.as_bytes()))
 }
 
-/// Writes text to standard output. Bold headers are used on a terminal only, unless `NO_COLOR` is set.
+/// Writes text to standard output. Headers are bold only on a terminal, unless `NO_COLOR` is set.
 pub(crate) fn print_by(
     write: impl FnOnce(&mut dyn Write) -> io::Result<()>,
 ) -> Result<(), Failure> {
@@ -31,7 +31,7 @@ pub(crate) fn print_plain(
     written(io::stdout().lock(), write)
 }
 
-/// Writes to standard output; a closed pipe is not an error.
+/// Writes to standard output. A closed pipe is no error.
 fn written(
     mut out: impl Write,
     write: impl FnOnce(&mut dyn Write) -> io::Result<()>,
@@ -51,11 +51,11 @@ fn unfinished() -> MutexGuard<'static, BTreeSet<PathBuf>> {
     UNFINISHED.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// On Ctrl-C and termination, removes unfinished files and exits with status 130, like a shell.
+/// On Ctrl-C or termination, removes unfinished files and exits with status 130, as a shell does.
 pub(crate) fn clean_up_when_interrupted() {
     let clean_up = || {
         for path in unfinished().iter() {
-            // The file may already have been removed; errors cannot be reported here.
+            // The file may already have been removed. Errors cannot be reported here.
             let _ = if path.is_dir() {
                 std::fs::remove_dir_all(path)
             } else {
@@ -91,7 +91,7 @@ impl Drop for TemporaryFolder {
     }
 }
 
-/// A file that appears by rename once everything is written.
+/// A file that becomes visible by rename once its content is complete.
 pub(crate) struct OutputFile {
     path: PathBuf,
     temporary: PathBuf,
@@ -105,7 +105,7 @@ impl Drop for OutputFile {
 }
 
 impl OutputFile {
-    /// Opens the output before work starts, so that an unwritable path fails early.
+    /// Opens an output before the work starts, so that an unwritable path fails early.
     pub(crate) fn open(path: &Path) -> Result<Self, Failure> {
         let refused = |why: &dyn std::fmt::Display| {
             Failure::Input(format!("{}: cannot be written: {why}", path.display()))
@@ -117,7 +117,7 @@ impl OutputFile {
             Some(parent) if !parent.as_os_str().is_empty() => parent,
             _ => Path::new("."),
         };
-        // A device or pipe must not be replaced by rename.
+        // A rename must not replace a device or a pipe.
         if path.exists() && !path.is_file() {
             return Err(refused(&"it is no ordinary file"));
         }
@@ -126,7 +126,7 @@ impl OutputFile {
         }
         let file = tempfile::Builder::new().permissions_as_new_file().tempfile_in(folder).map_err(
             |e| {
-                // The name of the temporary file would not help the user.
+                // Remove the name of the temporary file, which would not help the user.
                 let message = e.to_string();
                 refused(&message.split(" at path ").next().unwrap_or_default())
             },
@@ -136,7 +136,7 @@ impl OutputFile {
         Ok(Self { path: path.to_owned(), temporary, writer: Some(BufWriter::new(file)) })
     }
 
-    /// Opens an output that must not be one of the `inputs`, each of which is named by its option in the message.
+    /// Opens an output that must not be one of the `inputs`. Each input comes with its option, which the message names.
     pub(crate) fn open_beside(path: &Path, inputs: &[(&Path, &str)]) -> Result<Self, Failure> {
         for (input, option) in inputs {
             if let (Ok(output), Ok(input)) = (path.canonicalize(), input.canonicalize())
@@ -151,7 +151,7 @@ impl OutputFile {
         Self::open(path)
     }
 
-    /// True if a file with different text exists and will be replaced.
+    /// True if a file with another text exists, which the output will replace.
     pub(crate) fn replaces(&self, text: &str) -> bool {
         std::fs::read(&self.path).is_ok_and(|there| there != text.as_bytes())
     }
@@ -186,7 +186,7 @@ impl OutputFile {
     }
 }
 
-/// Lets libraries write to the file through `io::Write`.
+/// Libraries write to the file through `io::Write`.
 impl Write for OutputFile {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
         self.writer.as_mut().map_or(Ok(0), |writer| writer.write(bytes))
@@ -202,7 +202,7 @@ trait PermissionsAsNewFile {
 }
 
 impl PermissionsAsNewFile for tempfile::Builder<'_, '_> {
-    /// Sets the permissions of a new file under the umask: temporary files are private by default.
+    /// Sets the permissions of a new file under the umask, because temporary files are private by default.
     fn permissions_as_new_file(&mut self) -> &mut Self {
         #[cfg(unix)]
         {

@@ -17,7 +17,7 @@ pub(crate) struct PlotArguments {
     plot: Option<PathBuf>,
 }
 
-/// The file of a picture, opened before the work starts.
+/// The file of a picture, which is opened before the work starts.
 pub(crate) struct PlotFile {
     output: OutputFile,
     path: PathBuf,
@@ -25,7 +25,8 @@ pub(crate) struct PlotFile {
 }
 
 impl PlotArguments {
-    /// Opens the file of `--plot`, which must be none of the `others` (inputs and other outputs, each with its name for the message).
+    /// Opens the file of `--plot`. It must be none of the `others`: inputs and other outputs, each with its name for
+    /// the message.
     pub(crate) fn open(&self, others: &[(&Path, &str)]) -> Result<Option<PlotFile>, Failure> {
         let Some(path) = &self.plot else {
             return Ok(None);
@@ -38,7 +39,7 @@ impl PlotArguments {
                 path.display()
             )));
         }
-        // An output that does not exist yet has no canonical path.
+        // An output that does not exist yet has no canonical path, so compare absolute paths.
         let absolute = |path: &Path| std::path::absolute(path).ok();
         let same = (others.iter()).find(|(other, _)| absolute(other) == absolute(path));
         if let Some((_, option)) = same {
@@ -56,7 +57,7 @@ impl PlotArguments {
 }
 
 impl PlotFile {
-    /// Writes the picture, given as an SVG document, in the format of the file: SVG or PNG.
+    /// Writes the picture `svg`, an SVG document, in the format of the file: SVG or PNG.
     pub(crate) fn write(self, svg: &str) -> Result<(), Failure> {
         if self.is_png {
             let mut fonts = Database::new();
@@ -70,17 +71,17 @@ impl PlotFile {
     }
 }
 
-/// Pixels per unit of a picture: sharp on screens of high density and in print.
+/// Pixels per unit of a picture. With this number a picture is sharp on screens of high density and in print.
 const SCALE: f32 = 2.0;
-/// Maximum height, px: viewers refuse larger pictures.
+/// Maximum height of a picture, px. Viewers refuse larger pictures.
 const MAX_HEIGHT: f32 = 30_000.0;
 
-/// Fonts for the text of a picture, first choice first; each has the signs µ, °, −, ± and arrows.
+/// Fonts for the text of a picture, first choice first. Each has the signs µ, °, −, ± and arrows.
 const FONTS: [&str; 7] =
     ["DejaVu Sans", "Noto Sans", "Liberation Sans", "Arial", "Helvetica", "Segoe UI", "Roboto"];
 
-/// Renders a picture on white. No font is embedded: every desktop system has one, and without any the call fails, since `usvg` drops text
-/// that has no font.
+/// Renders a picture on white as PNG. No font is embedded, because every desktop system has fonts. Without fonts the
+/// function fails, because `usvg` omits text without a font.
 fn png(svg: &str, mut fonts: Database) -> Result<Vec<u8>, String> {
     let has = |name: &&str| {
         let mut families = fonts.faces().flat_map(|face| &face.families);

@@ -59,7 +59,7 @@ pub(crate) struct OthersArguments {
 }
 
 impl OthersArguments {
-    /// The coordinates of the named axes, mm or deg, and a note on those outside their travel.
+    /// The coordinates of the named axes, mm or deg. Adds a note on coordinates outside the travel.
     pub(crate) fn read(
         &self,
         machine: &Machine,
@@ -126,33 +126,32 @@ pub(crate) enum OneOrMany<T> {
     },
 }
 
-/// Largest number of positions in a [`Batch`].
+/// Maximum number of positions in a [`Batch`].
 pub(crate) const BATCH: usize = 4096;
 
 /// The requested positions: a single one, or the positions of a file in the order of its rows.
 pub(crate) struct Positions {
     source: Source,
     approach: Vec<(usize, Option<Direction>)>,
-    /// The axes of the machine that are at 0 because they are not named, in the order of [`AxisName::ALL`].
+    /// The axes of the machine that are at 0 because the user does not name them, in the order of [`AxisName::ALL`].
     unnamed: Vec<AxisName>,
 }
 
 enum Source {
-    /// The position of the command line, until it is taken.
+    /// The position of the command line; `None` once it was returned.
     One(Option<State>),
     File(Box<PointFile>),
 }
 
-/// Positions in the order of the rows.
 #[derive(Default)]
 pub(crate) struct Batch {
     pub(crate) states: Vec<State>,
-    /// Rows of the positions; `None` for a position from the command line.
+    /// Rows of the positions; `None` for a position of the command line.
     pub(crate) table: Option<CsvTable>,
 }
 
 impl Positions {
-    /// The next positions; empty at the end.
+    /// The next positions; empty after the last one.
     pub(crate) fn next_batch(&mut self, machine: &Machine) -> Result<Batch, Failure> {
         let mut batch = match &mut self.source {
             Source::One(state) => Batch { states: state.take().into_iter().collect(), table: None },
@@ -166,8 +165,7 @@ impl Positions {
         Ok(batch)
     }
 
-    /// The table of the positions without its rows, for its header; `None` for a single position
-    /// from the command line.
+    /// The table of the positions without its rows, for its header; `None` for a position of the command line.
     pub(crate) fn head(&self) -> Option<&CsvTable> {
         match &self.source {
             Source::One(_) => None,
@@ -175,8 +173,7 @@ impl Positions {
         }
     }
 
-    /// Notes the axes at 0 because they are not named, or that the file has no position if `count`
-    /// is 0.
+    /// Note on the axes at 0 because they are not named. If `count` is 0: note that the file has no position.
     pub(crate) fn note(&self, count: usize) -> Option<String> {
         if count == 0 {
             return Some("--points has no row under its header".to_owned());
@@ -249,7 +246,7 @@ impl SpindleArguments {
     }
 }
 
-/// The positions in the rows of a CSV file, with the note on them; the approach is unknown.
+/// The positions in the rows of a CSV file, and the note on them. The direction of approach is unknown.
 pub(crate) fn states_of(
     machine: &Machine,
     path: &Path,
@@ -354,7 +351,7 @@ impl ApproachArguments {
     }
 }
 
-/// Replaces the message about invalid UTF-8 if the file is a compiled machine.
+/// Returns another failure instead of invalid UTF-8 if the file is a compiled machine.
 fn not_compiled(path: &Path, error: ModelError) -> Failure {
     let starts_with_magic = || {
         let mut start = [0; 8];
@@ -370,7 +367,7 @@ fn not_compiled(path: &Path, error: ModelError) -> Failure {
     }
 }
 
-/// Parses the coordinates of `--at`, mm or deg; at least one axis.
+/// Parses the coordinates of `--at`, mm or deg. At least one axis is required.
 pub(crate) fn parse_at(text: &str) -> Result<Vec<(AxisName, f64)>, Failure> {
     let at = by_axis("--at", text)?;
     if at.is_empty() {
@@ -380,7 +377,7 @@ pub(crate) fn parse_at(text: &str) -> Result<Vec<(AxisName, f64)>, Failure> {
     Ok(at)
 }
 
-/// Numbers by axis, each axis once: X=100,Y=200.
+/// Parses numbers by axis, such as `X=100,Y=200`. An axis may appear once.
 pub(crate) fn by_axis(option: &str, text: &str) -> Result<Vec<(AxisName, f64)>, Failure> {
     let mut found: Vec<(AxisName, f64)> = Vec::new();
     for (letter, value) in assignments(option, text, AXES, "X=100")? {
@@ -396,11 +393,11 @@ pub(crate) fn by_axis(option: &str, text: &str) -> Result<Vec<(AxisName, f64)>, 
 
 const AXES: &[char] = &[',', ';', ' ', '\t', '\n'];
 
-/// Separators of assignments to sensors, whose names may contain blanks.
+/// Separators of sensor assignments. A blank is none, because sensor names may contain blanks.
 const SENSORS: &[char] = &[',', ';'];
 
-/// The assignments of a list as names and values, separated by any of the `separators`. Blanks around names and values are ignored.
-/// `example` is a single assignment for messages.
+/// Parses a list of assignments into names and values. Any of the `separators` separates assignments; blanks around
+/// names and values are ignored. `example` is a valid assignment for messages.
 fn assignments<'a>(
     option: &str,
     text: &'a str,
@@ -432,7 +429,7 @@ fn assignments<'a>(
     Ok(found)
 }
 
-/// Message about a word without `=`. Digits after a number are assumed to follow a decimal comma.
+/// Message about a word without `=`. Digits after a number are probably the decimals after a decimal comma.
 fn no_assignment(option: &str, word: &str, before: &[(&str, &str)], example: &str) -> String {
     if let Some((name, value)) = before.last()
         && word.bytes().all(|byte| byte.is_ascii_digit())
@@ -460,10 +457,10 @@ fn number(option: &str, name: &str, text: &str, unit: &str) -> Result<f64, Failu
     })
 }
 
-/// A table of positions, one state per row, read in batches: a file may have any number of rows.
+/// A table of positions, one state per row. The table is read in batches, because a file may have any number of rows.
 struct PointFile {
     path: PathBuf,
-    /// The same file, reread to find the line of an error.
+    /// The same file, which is read again to find the line of an error.
     text: File,
     batches: CsvBatches<BufReader<File>>,
     /// The axes with a column of coordinates.
@@ -478,15 +475,15 @@ const OF_A_CORRECTION: [&str; 4] =
 enum Head<'a> {
     /// Coordinates of an axis, mm or deg.
     Coordinates(AxisName),
-    /// An axis letter with a unit in which coordinates are not read.
+    /// An axis letter with a known unit that is no unit of coordinates.
     OtherUnit(AxisName, &'a str),
-    /// An axis letter followed by something other than a known unit: positions in an unknown unit, or another quantity.
+    /// An axis letter followed by no known unit: positions in an unknown unit, or another quantity.
     Unclear(AxisName),
     Other,
 }
 
 impl PointFile {
-    /// Opens a file whose header has axis letters, with one position per row.
+    /// Opens a file with axis letters in its header and one position per row.
     fn open(machine: &Machine, path: &Path) -> Result<Self, Failure> {
         let name = path.display().to_string();
         let text = rewindable(path)?;
@@ -510,7 +507,7 @@ impl PointFile {
     }
 }
 
-/// Opens a file that can be read several times. The content of a pipe is copied.
+/// Opens a file that can be read several times. A pipe is copied to a temporary file.
 fn rewindable(path: &Path) -> Result<File, Failure> {
     if fs::metadata(path).is_ok_and(|of| of.is_file())
         && let Ok(file) = File::open(path)
@@ -526,8 +523,7 @@ fn rewindable(path: &Path) -> Result<File, Failure> {
     copied.map_err(|error| Failure::Work(format!("temporary file: {error}")))
 }
 
-/// Parses the whole file again, to find the line of a failure. Returns `failure` itself if the file
-/// has no fault.
+/// Parses the whole file again to find the line of a failure. Returns `failure` itself if the file has no error.
 fn refused(machine: &Machine, path: &Path, mut text: &File, failure: Failure) -> Failure {
     let mut bytes = Vec::new();
     let read = text.rewind().and_then(|()| text.read_to_end(&mut bytes));
@@ -535,7 +531,7 @@ fn refused(machine: &Machine, path: &Path, mut text: &File, failure: Failure) ->
         read.map_err(|error| Failure::work_on(path, &error))?;
         let text = match String::from_utf8(bytes) {
             Ok(text) => text,
-            // A pipe has been read as text before.
+            // The file was a pipe, which has been read as text before.
             Err(_) => read_text(path)?,
         };
         let table = CsvTable::parse(&path.display().to_string(), &text)?;
@@ -545,7 +541,7 @@ fn refused(machine: &Machine, path: &Path, mut text: &File, failure: Failure) ->
     whole().err().unwrap_or(failure)
 }
 
-/// The columns of coordinates; each axis is one of the machine.
+/// The columns of coordinates. Each column belongs to an axis of the machine.
 fn columns(table: &CsvTable, machine: &Machine) -> Result<Vec<(AxisName, Column)>, InputError> {
     let columns = coordinates(table, machine)?;
     for &(name, _) in &columns {
@@ -569,8 +565,9 @@ fn states(
     table.rows().map(state).collect()
 }
 
-/// The column of each axis that the header names. If there is a column `X`, a column `x` is another quantity, as in files of targets. A letter of an
-/// axis in another or an unknown unit, without a column of positions for this axis, is an error: the axis must not silently be at 0.
+/// The column of each axis that the header names. If there is a column `X`, a column `x` is another quantity, as in
+/// files of targets. An axis letter in another or an unknown unit is an error if the axis has no column of positions,
+/// because the axis must not silently be at 0.
 fn coordinates(table: &CsvTable, machine: &Machine) -> Result<Vec<(AxisName, Column)>, InputError> {
     let is_small = |text: &str| text.starts_with(|letter: char| letter.is_ascii_lowercase());
     let mut found: Vec<(AxisName, Column, &str)> = Vec::new();
@@ -615,7 +612,8 @@ fn coordinates(table: &CsvTable, machine: &Machine) -> Result<Vec<(AxisName, Col
     Ok(columns)
 }
 
-/// Parses a column header: a letter in upper or lower case, alone or with a unit after a blank or a mark: `X`, `X mm`, `x_mm`, `X [mm]`, `C (deg)`.
+/// Parses a column header: an axis letter in upper or lower case, alone or with a unit: `X`, `X mm`, `x_mm`, `X [mm]`,
+/// `C (deg)`.
 fn head(text: &str) -> Head<'_> {
     let mut letters = text.chars();
     let first = letters.next().map(|letter| letter.to_ascii_uppercase());
@@ -623,7 +621,7 @@ fn head(text: &str) -> Head<'_> {
         return Head::Other;
     };
     let unit = split_head(text).1;
-    // A letter that continues as a word is not an axis: `Zone`, `amount`.
+    // A letter that continues as a word, such as `Zone` or `amount`, is no axis.
     let is_word = rest.starts_with(char::is_alphabetic);
     if is_word || OF_A_CORRECTION.contains(&rest) {
         Head::Other

@@ -10,7 +10,7 @@ pub(crate) fn bar(count: usize, what: &str) -> ProgressBar {
     styled(bar, &template)
 }
 
-/// Runs an operation that reports finished and total steps, with a progress bar.
+/// Runs an operation with a progress bar. The operation reports the number of finished steps and of all steps.
 pub(crate) fn with_bar<T, E>(
     what: &str,
     work: impl FnOnce(&mut dyn FnMut(usize, usize)) -> Result<T, E>,
@@ -38,7 +38,7 @@ fn styled(bar: ProgressBar, template: &str) -> ProgressBar {
     }))
 }
 
-/// The remaining time, unknown before the first step is finished.
+/// The remaining time as text; empty before the first step is finished.
 fn left(done: u64, eta: Duration) -> String {
     match done {
         0 => String::new(),

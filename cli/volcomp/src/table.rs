@@ -1,4 +1,5 @@
-//! Text tables: numbers right-aligned, headers bold on a terminal, at most 80 columns or the width of a narrower terminal.
+//! Text tables. Numbers are right-aligned, and headers bold on a terminal. Tables have at most 80 columns, or the width
+//! of a narrower terminal.
 
 use std::{
     fmt::Write,
@@ -12,10 +13,10 @@ use comfy_table::{CellAlignment, ColumnConstraint, ContentArrangement, Table, pr
 
 /// Maximum width of a table, columns.
 const WIDTH: usize = 80;
-/// Minimum terminal width for layout; narrower terminals wrap lines themselves.
+/// Minimum terminal width to which tables are fitted, columns. Narrower terminals wrap lines themselves.
 const NARROWEST: usize = 30;
 
-/// Maximum line width: the width of the terminal, at most [`WIDTH`]; fixed for files and pipes.
+/// Maximum line width, columns: the width of the terminal, at most [`WIDTH`]. For files and pipes [`WIDTH`].
 fn most() -> usize {
     static MOST: OnceLock<usize> = OnceLock::new();
     *MOST.get_or_init(|| {
@@ -28,7 +29,7 @@ fn most() -> usize {
     })
 }
 
-/// `COLUMNS`, if it is a number, overrides the width reported by the terminal.
+/// Width of the terminal, clamped. `COLUMNS`, if it is a number, overrides the width that the terminal reports.
 fn width_of_terminal(stated: Option<&str>, seen: Option<usize>) -> usize {
     let stated = stated.and_then(|columns| columns.trim().parse().ok());
     let columns = stated.filter(|columns| *columns > 0).or(seen);
@@ -37,7 +38,7 @@ fn width_of_terminal(stated: Option<&str>, seen: Option<usize>) -> usize {
 
 pub(crate) const HEAD: Style = Style::new().bold();
 
-/// A table of numbers: first column left-aligned, the others right-aligned.
+/// A table of numbers. The first column is left-aligned, all others are right-aligned.
 pub(crate) fn table(header: &[&str]) -> Table {
     let mut table = Table::new();
     table.load_style(presets::NOTHING);
@@ -48,7 +49,7 @@ pub(crate) fn table(header: &[&str]) -> Table {
     table
 }
 
-/// Left-aligns text columns, by their indices from 0.
+/// Left-aligns text columns. `columns` holds their indices, from 0.
 pub(crate) fn to_the_left(table: &mut Table, columns: &[usize]) {
     for &place in columns {
         if let Some(column) = table.column_mut(place) {
@@ -57,7 +58,8 @@ pub(crate) fn to_the_left(table: &mut Table, columns: &[usize]) {
     }
 }
 
-/// A table as text, without trailing blanks. A table that is too wide is split into several below one another, each starting with the first column.
+/// A table as text, without trailing blanks. A table that is too wide is split into several tables below one another,
+/// each of which starts with the first column.
 pub(crate) fn table_text(table: &Table) -> String {
     table_within(table, most())
 }
@@ -67,13 +69,13 @@ fn table_within(table: &Table, most: usize) -> String {
     let mut parts = Vec::new();
     let mut from = 1;
     loop {
-        // At least one column each time, however wide it is.
+        // Each part has at least one column, however wide the column is.
         let mut to = (from + 1).min(columns);
         while to < columns && width(&showing(table, from..to + 1)) <= most {
             to += 1;
         }
         let mut part = showing(table, from..to);
-        // On a narrow terminal a single column that is too wide is wrapped; files and pipes get it unwrapped.
+        // On a narrow terminal a column that is too wide is wrapped. Files and pipes get it unwrapped.
         if most < WIDTH && width(&part) > most {
             part.set_content_arrangement(ContentArrangement::Dynamic)
                 .set_width(u16::try_from(most).unwrap_or(u16::MAX));
@@ -86,27 +88,27 @@ fn table_within(table: &Table, most: usize) -> String {
     }
 }
 
-/// A table of numbered rows in the layout of [`table_text`] with its cells in a file, because
-/// [`Table`] needs several hundred bytes per cell.
+/// A table of numbered rows in the layout of [`table_text`]. Its cells are in a file, because [`Table`] needs several
+/// hundred bytes per cell.
 pub(crate) struct RowTable {
     header: Vec<String>,
-    /// Width of the widest cell of each column so far, characters.
+    /// Width of the widest cell of each column so far, characters. Index 0 is the row number.
     widths: Vec<usize>,
 }
 
 impl RowTable {
-    /// Creates a table without rows; `header` has the column headers after the row number.
+    /// Creates a table without rows. `header` holds the column headers after the row number.
     pub(crate) fn new(header: Vec<String>) -> Self {
         let first = std::iter::once(String::new());
         let header: Vec<String> = first.chain(header).collect();
         Self {
-            // `Table` gives an empty column a blank.
+            // `Table` gives an empty column the width of a blank.
             widths: header.iter().map(|head| head.chars().count().max(1)).collect(),
             header,
         }
     }
 
-    /// Writes a row to the file of rows and widens the columns for it.
+    /// Writes a row to the file of rows, and widens `widths` to its cells.
     pub(crate) fn write_row(
         number: usize,
         cells: &[String],
@@ -177,13 +179,14 @@ impl RowTable {
         }
     }
 
-    /// Width of a line with the first column and a range of the others: a blank on both sides of each cell, none at the end.
+    /// Width of a line with the first column and a range of the others. Each cell has a blank on both sides; the line
+    /// has none at its end.
     fn width(&self, shown: Range<usize>) -> usize {
         let widths = self.widths.get(shown).unwrap_or_default();
         1 + self.widths[0] + widths.iter().map(|width| width + 2).sum::<usize>()
     }
 
-    /// Lays out a line with the first column and a range of the others.
+    /// Formats a line with the first column and a range of the others.
     fn lay_out<'c>(
         &self,
         line: &mut String,
@@ -231,8 +234,8 @@ fn text_of(table: &Table) -> String {
     text
 }
 
-/// Formats a number with `digits` decimals; a value rounded to zero has no sign, and one with more than twelve digits before the point is
-/// in scientific notation.
+/// Formats a number with `digits` decimals. A value rounded to zero has no sign. A value of 1e12 or more in magnitude
+/// is in scientific notation.
 pub(crate) fn fixed(value: f64, digits: usize) -> String {
     if value.is_finite() && value.abs() >= 1e12 {
         return format!("{value:.digits$e}");
@@ -258,7 +261,7 @@ pub(crate) fn or_dash(value: Option<f64>, digits: usize) -> String {
     value.map_or_else(|| "-".to_owned(), |value| fixed(value, digits))
 }
 
-/// Wraps a sentence at blanks; `indent` precedes the first line, and two further blanks the others.
+/// Wraps a sentence at blanks. `indent` precedes the first line; further lines have two more blanks.
 pub(crate) fn folded(sentence: &str, indent: &str) -> String {
     folded_within(sentence, indent, most())
 }
@@ -281,7 +284,8 @@ fn folded_within(sentence: &str, indent: &str, most: usize) -> String {
     text + "\n"
 }
 
-/// Appends a text to a key and wraps it, with continuation lines aligned to the start of the text. Blanks within the text stay unchanged.
+/// Appends a text to a key and wraps it. Continuation lines are aligned with the start of the text. A text that fits on
+/// one line is unchanged.
 pub(crate) fn folded_behind(key: &str, text: &str) -> String {
     let indent = key.chars().count();
     let room = most().saturating_sub(indent).max(1);

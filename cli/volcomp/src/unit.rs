@@ -1,4 +1,4 @@
-//! Unit of the deviations in a measurement file that does not state it.
+//! Unit of the deviations in a measurement file that does not state its unit.
 
 use std::path::Path;
 
@@ -39,9 +39,9 @@ impl Unit {
     }
 }
 
-/// The note that the unit of a file is not stated, with a hint if the values look like mm.
+/// The note that a file does not state its unit, with a hint if the values look like mm.
 fn not_stated(measurement: &Measurement) -> String {
-    /// Maximum deviation, in µm, that is implausibly small for a machine tool.
+    /// Maximum deviation that is implausibly small for a machine tool, µm.
     const TOO_SMALL: f64 = 0.1;
     let sizes = measurement.readings.iter().map(|r| r.deviation.abs());
     let largest = sizes.fold(0.0, f64::max);
@@ -55,8 +55,8 @@ fn not_stated(measurement: &Measurement) -> String {
     )
 }
 
-/// Converts the deviations of a file to µm or µrad, from the requested unit if the file states none. If neither states a unit, µm are assumed. The
-/// option may repeat the unit stated in the file, but cannot change it.
+/// Converts the deviations of a file to µm or µrad. `asked` is the unit if the file states none; it may repeat the unit
+/// of the file, but not change it. If neither states a unit, µm is assumed.
 pub(crate) fn apply(
     file: &Path,
     measurement: &mut Measurement,

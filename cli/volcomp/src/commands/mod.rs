@@ -64,11 +64,11 @@ pub(crate) type ByAxis = BTreeMap<AxisName, f64>;
 pub(crate) struct Answer {
     pub(crate) json: Value,
     pub(crate) text: String,
-    /// The rows of a result for many positions, printed instead of the document, or before the text.
+    /// The rows of a result for many positions. They are printed instead of the document, or before the text.
     pub(crate) listing: Option<Listing>,
     pub(crate) notes: Vec<String>,
     pub(crate) failed: Option<Failure>,
-    /// Set if all tolerances are met; otherwise the exit status is 3.
+    /// True if all tolerances are met; otherwise the exit status is 3.
     pub(crate) tolerances_met: bool,
 }
 
@@ -104,7 +104,7 @@ impl Answer {
     }
 }
 
-/// Writes a whole file, atomically by rename.
+/// Writes a whole file atomically, by rename.
 fn write_file(path: &Path, text: &str) -> Result<(), Failure> {
     let file = OutputFile::open(path)?;
     file.write_whole(text)
@@ -114,7 +114,7 @@ fn one_line(text: &str) -> String {
     text.split_whitespace().collect::<Vec<_>>().join(" ")
 }
 
-/// Rejects an output that would replace an input, because a second run would start from its own result.
+/// Rejects an output that would overwrite an input, because a second run would start from the result of the first.
 fn refuse_overwriting(files: &[PathBuf], output: &Path, what: &str) -> Result<(), Failure> {
     match same_file(files, output) {
         Some(path) => Err(Failure::Input(format!(
@@ -126,14 +126,15 @@ fn refuse_overwriting(files: &[PathBuf], output: &Path, what: &str) -> Result<()
     }
 }
 
-/// The entry of `files` that is the same file as `output`, under any name; `None` if `output` does not exist.
+/// The entry of `files` that is the same file as `output`, under whatever path; `None` if there is none, or `output`
+/// does not exist.
 fn same_file<'a>(files: &'a [PathBuf], output: &Path) -> Option<&'a PathBuf> {
     let there = output.canonicalize().ok()?;
     let same = |path: &&PathBuf| path.canonicalize().is_ok_and(|path| path == there);
     files.iter().find(same)
 }
 
-/// Maximum minus minimum; −∞ for no values.
+/// Maximum minus minimum; −∞ if there are no values.
 fn range(values: impl IntoIterator<Item = f64>) -> f64 {
     let ends = [f64::INFINITY, f64::NEG_INFINITY];
     let [low, high] =
@@ -149,12 +150,12 @@ fn microradians(v: &Vector3<f64>) -> [f64; 3] {
     (v * 1e6).into()
 }
 
-/// Converts mm or rad of an axis to µm or µrad.
+/// Converts a coordinate in mm or rad to µm or µrad.
 fn micro(kind: AxisKind, value: f64) -> f64 {
     Displacement::new(kind, value).um_or_urad()
 }
 
-/// Converts mm or rad of an axis to mm or deg.
+/// Converts a coordinate in mm or rad to mm or deg.
 fn in_degrees(kind: AxisKind, value: f64) -> f64 {
     Displacement::new(kind, value).mm_or_deg()
 }
@@ -166,7 +167,7 @@ fn machine_notes(machine: &Machine, temperatures: &Temperatures) -> Vec<String> 
     notes
 }
 
-/// Note on the errors that a figure over X, Y and Z with fixed rotary axes does not cover.
+/// Note on the errors that a value over X, Y and Z with fixed rotary axes does not cover; `None` without rotary axes.
 fn rotary_note(machine: &Machine) -> Option<String> {
     let rotary = machine.axes().iter().filter(|axis| axis.name.is_rotary());
     let names: Vec<String> = rotary.map(|axis| axis.name.to_string()).collect();

@@ -177,7 +177,7 @@ struct NcFeature {
 }
 
 impl NcArguments {
-    /// The input files, which no output may replace, with the option of each.
+    /// The input files, which no output may overwrite, each with the name of its option.
     fn inputs(&self) -> Vec<(&Path, &'static str)> {
         let mut inputs = vec![
             (self.program.as_path(), "PROGRAM"),
@@ -195,7 +195,7 @@ impl NcArguments {
         inputs
     }
 
-    /// The language of the program: from the call, the control, or the file name.
+    /// The language of the program: from `--dialect`, else the control in the set-up file, else the file name.
     fn dialect(&self, setup: &SetUp) -> Dialect {
         match self.dialect {
             Some(Language::Rs274) => Dialect::Rs274,
@@ -217,10 +217,10 @@ enum Rounding {
     Floyd,
 }
 
-/// Maximum size of a program whose mean correction is requested, bytes. Such a program is read twice, from memory.
+/// Maximum size of a program for `--average`, bytes. Such a program is read twice, from memory.
 const MOST_IN_MEMORY: u64 = 256 << 20;
 
-/// Parses `3,4,3`.
+/// Parses the decimals of mm, inch and deg, such as `3,4,3`.
 fn decimals(text: &str) -> Result<Decimals, String> {
     let numbers: Option<Vec<u8>> = text
         .split(',')
@@ -326,7 +326,7 @@ pub(crate) fn run(arguments: &NcArguments) -> Result<Answer, Failure> {
     }
 }
 
-/// Refuses an output that would replace a file that the program may call.
+/// Refuses an output in a folder of subroutines, because it would overwrite a file that the program may call.
 fn refuse_subroutine(arguments: &NcArguments) -> Result<(), Failure> {
     let Ok(output) = arguments.output.canonicalize() else {
         return Ok(());
@@ -347,7 +347,7 @@ fn refuse_subroutine(arguments: &NcArguments) -> Result<(), Failure> {
     }
 }
 
-/// Rejects a pipe as the program: the verification reads it a second time.
+/// Rejects a pipe as the program with `--verify`, because the verification reads the program a second time.
 fn refuse_read_once(arguments: &NcArguments, program: &File) -> Result<(), Failure> {
     let is_file = program.metadata().is_ok_and(|about| about.is_file());
     if is_file || !arguments.verify {
@@ -359,7 +359,7 @@ fn refuse_read_once(arguments: &NcArguments, program: &File) -> Result<(), Failu
     ))
 }
 
-/// Creates the file of the picture before the work starts. It becomes visible when the result is stored.
+/// Creates the file of the picture before the work starts. The file becomes visible when the result is stored.
 fn plot_file(arguments: &NcArguments) -> Result<Option<PlotFile>, Failure> {
     let mut others = arguments.inputs();
     others.push((arguments.output.as_path(), "--output"));
@@ -447,7 +447,7 @@ fn answer(
     Answer::new(&document, text, notes)
 }
 
-/// The answer for mean corrections that were written into the work offsets.
+/// The answer for mean corrections that were written to the work offsets.
 fn averaged(
     output: &Path,
     found: Vec<Average>,
@@ -503,7 +503,7 @@ struct OnTruth<'a> {
 }
 
 impl OnTruth<'_> {
-    /// Compares the program and its result on the virtual machine; a result worse than the program is rejected.
+    /// Compares the program and its result on the virtual machine. Rejects a result that is worse than the program.
     fn verified(
         &self,
         made: &Written,
@@ -565,12 +565,12 @@ impl OnTruth<'_> {
     }
 }
 
-/// Rejects a result that is worse than the program; returns a note if only the whole part is
-/// shifted. The form is worse if, after alignment of the part, the RMS deviation of the tool is
-/// larger, or its maximum is more than twice as large. A model with another zero shifts the whole
-/// part, which is not an error of the part; so a larger deviation before alignment is accepted if
-/// the form is better. Differences below the tolerance plus two increments of the words do not
-/// count.
+/// Rejects a result that is worse than the program. Returns a note if only the whole part is shifted.
+///
+/// The form is worse if, after alignment of the part, the RMS deviation of the tool is larger, or its maximum is more
+/// than twice as large. A model with another zero shifts the whole part, which is no error of the part. A larger
+/// deviation before alignment is therefore accepted if the form is better. Differences below the tolerance plus two
+/// increments of the written numbers are ignored.
 fn is_better(
     found: &Verification,
     arguments: &NcArguments,
@@ -611,8 +611,8 @@ fn is_better(
     )))
 }
 
-/// Suffix of the error message that names the axes not corrected because their position was unknown; empty if there are
-/// none.
+/// Suffix of the error message with the axes that were not corrected because their position was unknown; empty if all
+/// were corrected.
 fn left_out(made: &Written) -> String {
     let Written::Compensated(summary) = made else {
         return String::new();
@@ -633,11 +633,12 @@ fn left_out(made: &Written) -> String {
     )
 }
 
-/// Maximum ratio of the RMS form deviations, after to before, with which a shift of the whole part
-/// is accepted. It is below 1 because one or two points have no form deviation.
+/// Maximum ratio of the RMS form deviations, after to before, at which a shift of the whole part is accepted. The ratio
+/// is below 1 because one or two points have no form deviation.
 const MUCH_BETTER: f64 = 0.9;
 
-/// Growth of the RMS form deviation above which the summary says that the form is worse, µm: rounded words change less.
+/// Increase of the RMS form deviation above which the summary says that the form is worse, µm. The rounding of numbers
+/// changes the form less.
 const WORSE_FORM_UM: f64 = 0.1;
 
 /// The deviation of the tool from the programmed path, and the features of the part.
@@ -689,7 +690,7 @@ fn verified_text(verified: &Verified) -> String {
     text
 }
 
-/// The inspected features; for a feature that cannot be evaluated, the reason names the key of the part file.
+/// The inspected features. For a feature that cannot be evaluated, the reason names the key of the part file.
 fn inspected(features: &[Inspected], part: &Path) -> Vec<NcFeature> {
     let reason = |place: usize, error: &InspectError| {
         let key = match error {
@@ -747,7 +748,11 @@ fn part_text(features: &[NcFeature], best_fit: bool) -> String {
     format!("\nThe part as a measuring machine would find it{aligned}:\n{part}{reasons}")
 }
 
-/// The readings of all ball rows of a file: the distance of the tip from each ball, along each measured direction. Errors: the file cannot be read;
+/// The readings of all ball rows of a file: the distance of the tip from each ball, along each measured direction.
+///
+/// # Errors
+/// The file cannot be read or has no ball rows, or a row states no position, so that its readings do not determine
+/// where the machine is.
 /// it has no ball rows; a row without a stated position, since its readings do not determine where the machine is.
 fn readings(path: &Path) -> Result<Vec<Reading>, Failure> {
     let observations = Observations::read(path)?;

@@ -1,4 +1,5 @@
-//! Errors that an uncertainty does not include because the observations leave them open, and their effect on the tool.
+//! Errors that an uncertainty does not include because the observations do not determine them, and their effect on the
+//! tool.
 
 use schemars::JsonSchema;
 use serde::Serialize;
@@ -25,13 +26,13 @@ pub(crate) struct NotCounted {
     pub(crate) turns_urad: f64,
 }
 
-/// Size of an undetermined error for which the effect is reported, µm or µrad.
+/// Size of an undetermined error for which its effect is reported, µm or µrad.
 const EXAMPLE: f64 = 10.0;
-/// Minimum effect on the tool that is reported in text, µm.
+/// Effects on the tool below this are not printed, µm.
 const NOTHING_UM: f64 = 5e-4;
 
-/// The errors that observations do not determine. For each one there is a machine in which it is
-/// [`EXAMPLE`] larger and the others are adjusted so that the observations stay the same.
+/// The errors that the observations do not determine. For each of them there is a machine in which it is [`EXAMPLE`]
+/// larger, and the other errors are adjusted so that the observations stay the same.
 pub(crate) struct Open {
     found: Machine,
     others: Vec<(UndeterminedError, Machine)>,
@@ -68,7 +69,7 @@ impl Open {
         })
     }
 
-    /// The largest effect of each error on the tool at these states, largest first.
+    /// The largest effect of each error on the tool over these states, largest first.
     pub(crate) fn at(&self, states: &[State]) -> Vec<NotCounted> {
         let place = |machine: &Machine, state: &State| {
             let error = machine.error_at(state, Form::Exact, &Temperatures::default());
@@ -96,7 +97,7 @@ impl Open {
     }
 }
 
-/// States on a grid over all axes: at most five nodes per axis, including the ends.
+/// States on a grid over all axes, with at most five nodes per axis, ends included.
 pub(crate) fn all_over(machine: &Machine, grid: &MapGrid) -> Result<Vec<State>, Failure> {
     const MOST: usize = 5;
     let mut places = vec![grid.others.clone()];
@@ -114,7 +115,7 @@ pub(crate) fn all_over(machine: &Machine, grid: &MapGrid) -> Result<Vec<State>, 
     states.collect()
 }
 
-/// Describes the errors that are not included; empty if all are.
+/// Describes the errors that an uncertainty does not include; empty if none of them moves the tool.
 pub(crate) fn words(not_counted: &[NotCounted], place: &str) -> String {
     const SHOWN: usize = 6;
     let moving: Vec<&NotCounted> =

@@ -1,4 +1,4 @@
-//! Positions outside the range of the model, and remarks on rows as text.
+//! Positions outside the range of the model, and remarks on the rows of a table.
 
 use schemars::JsonSchema;
 use serde::Serialize;
@@ -24,12 +24,12 @@ pub(super) fn outside(machine: &Machine, state: &State) -> Outside {
 }
 
 impl Outside {
-    /// True if everything is within range.
+    /// True if the position is within all ranges and travels.
     pub(crate) fn is_empty(&self) -> bool {
         self.outside_range.is_empty() && self.outside_travel.is_empty()
     }
 
-    /// `outside travel Z, range EZY EZZ`; empty if everything is within range.
+    /// Text such as `outside travel Z, range EZY EZZ`; empty if the position is within all ranges and travels.
     pub(crate) fn words(&self) -> String {
         let parts =
             [("travel", joined(&self.outside_travel)), ("range", joined(&self.outside_range))];
@@ -42,7 +42,7 @@ impl Outside {
     }
 }
 
-/// Notes that this number of positions is outside the range of the model.
+/// Note that `count` positions are outside the range of the model; `None` if `count` is 0.
 pub(super) fn outside_note(count: usize) -> Option<String> {
     let positions = match count {
         0 => return None,
@@ -59,12 +59,13 @@ pub(crate) fn joined<T: ToString>(names: &[T]) -> String {
     names.join(" ")
 }
 
-/// The remarks on the rows of a table, printed below it: rows with the same remark are grouped, in the order of first occurrence.
+/// The remarks on the rows of a table, printed below the table. Rows with the same remark are grouped, in the order of
+/// first occurrence.
 #[derive(Default)]
 pub(crate) struct Remarks(Vec<(String, Vec<[usize; 2]>)>);
 
 impl Remarks {
-    /// Adds the remark on the next row; empty: no remark.
+    /// Adds the remark on a row. An empty text is no remark.
     pub(crate) fn add(&mut self, row: usize, remark: String) {
         if remark.is_empty() {
             return;
@@ -78,7 +79,7 @@ impl Remarks {
         }
     }
 
-    /// The lines below the table; empty without remarks.
+    /// The lines below the table; empty if there are no remarks.
     pub(crate) fn text(&self) -> String {
         let lines = self.0.iter().map(|(remark, runs)| {
             let plural =
@@ -93,7 +94,7 @@ impl Remarks {
     }
 }
 
-/// Runs of consecutive numbers by their first and last: `1, 3-7`.
+/// Formats runs of consecutive numbers, each given by its first and last number: `1, 3-7`.
 fn ranges(runs: &[[usize; 2]]) -> String {
     let runs = runs.iter().map(|[first, last]| match last - first {
         0 => first.to_string(),

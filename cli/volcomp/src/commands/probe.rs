@@ -114,7 +114,7 @@ fn text(found: &Probe) -> String {
     }
     if !rows.is_empty() {
         let body = table_text(&rows);
-        // The table header is empty.
+        // The table header is empty, so remove its line.
         text += body.trim_start_matches('\n');
     }
     if !found.inputs.is_empty() {
@@ -162,7 +162,7 @@ fn told(facts: &Facts) -> String {
     }
 }
 
-/// The parameter words from which the control reads its axis shifts, one per line.
+/// The parameters with the words from which the control reads its axis shifts, one per line.
 fn shift_parameters(facts: &ControlFacts) -> String {
     match (facts.shift_in_use, facts.shift_words, &facts.shift_untold) {
         (Some(in_use), Some(first), _) => format!(

@@ -233,7 +233,7 @@ pub(crate) fn run(arguments: &ReportArguments) -> Result<Answer, Failure> {
     answer(arguments, &report, &limits, notes)
 }
 
-/// Parses one temperature, or the lowest and the highest, °C.
+/// Parses one temperature, or the lowest and the highest, °C, separated by a comma or semicolon.
 fn temperatures(option: &str, text: Option<&str>) -> Result<Option<[f64; 2]>, Failure> {
     let Some(text) = text else {
         return Ok(None);
@@ -253,7 +253,7 @@ fn temperatures(option: &str, text: Option<&str>) -> Result<Option<[f64; 2]>, Fa
     })
 }
 
-/// Rejects file extensions other than those of HTML: a program that opens the report would fail.
+/// Rejects file extensions other than those of HTML, because a browser would not display the report.
 fn refuse_other_endings(output: &Path) -> Result<(), Failure> {
     let ending = output.extension().unwrap_or_default();
     if ["html", "htm"].iter().any(|html| ending.eq_ignore_ascii_case(html)) {
@@ -266,7 +266,7 @@ fn refuse_other_endings(output: &Path) -> Result<(), Failure> {
 }
 
 impl Source {
-    /// Reads a file; its keys determine its kind.
+    /// Reads a file. Its keys determine its kind.
     fn read(path: &Path) -> Result<Self, Failure> {
         let is_machine =
             Toml::read(path)?.decode(|root| Ok::<_, Failure>(root.get("structure").is_some()))?;
@@ -287,7 +287,7 @@ impl Source {
         }
     }
 
-    /// The files that must not be overwritten.
+    /// The input files, which the report must not overwrite.
     fn files(&self, path: &Path) -> Vec<PathBuf> {
         match self {
             Self::Calibration(file) => file.files.clone(),
@@ -307,7 +307,7 @@ impl Source {
             certificate: arguments.certificate.clone(),
             air_degc: temperatures("--air-degc", arguments.air_degc.as_deref())?,
             material_degc: temperatures("--material-degc", arguments.material_degc.as_deref())?,
-            // clap rejects other years.
+            // clap has already rejected other years.
             edition: (arguments.edition.and_then(Edition::of_year)).unwrap_or_default(),
         };
         let name = arguments.source.display().to_string();
@@ -336,7 +336,7 @@ fn name_of(machine: &Machine) -> Option<String> {
     (!name.is_empty()).then(|| name.clone())
 }
 
-/// Diagonals and map, before and after if two states are known.
+/// Adds diagonals and map, before and after a compensation if two states are known.
 fn working_space(
     report: &mut Report,
     arguments: &ReportArguments,
@@ -354,7 +354,8 @@ fn working_space(
         None => None,
     };
     if let Some(path) = &arguments.truth {
-        // Checked before it is used as the truth, so that the message names the file of this call.
+        // Check the geometry before the file is used as the truth, so that the message names the source file of this
+        // report.
         refuse_other_geometry(path, &Machine::read(path)?, machine, &arguments.source.display())?;
     }
     let corrects = CompensationArguments {
@@ -363,7 +364,8 @@ fn working_space(
         resolution: None,
     };
     let truth = Compensation::new(&corrects, machine, &none)?;
-    // The machine with the errors, and whether the correction of FILE is active.
+    // Each state with the machine whose errors it has. In the state `TruthCorrected` the correction of the source file
+    // is active.
     let found = (State::Found, machine);
     let corrected = (State::TruthCorrected, truth.actual());
     let (first, second) = match (&before, &arguments.truth) {
@@ -415,8 +417,8 @@ fn working_space(
     Ok(report.leave_out_temperatures(reference_degc, machines.into_iter().flatten()))
 }
 
-/// Name of a tool; the machine with this tool; the correction of that machine on the truth; the
-/// machine before calibration.
+/// The name of a tool, the machine with this tool, the correction of that machine on the truth, and the machine before
+/// calibration.
 type Case<'a> = (&'a str, &'a Machine, Compensation<'a>, Option<Machine>);
 
 /// Error of the machine of a case in this state, as a function of the pose.
@@ -445,7 +447,7 @@ fn fields<'a>(cases: &'a [Case<'a>], errors: &'a [ErrorAt<'a>]) -> Vec<ErrorFiel
     .collect()
 }
 
-/// Adds the uncertainty of the position error from Monte Carlo samples.
+/// Adds the uncertainty of the position error, from Monte Carlo samples.
 fn drawn(
     report: &mut Report,
     arguments: &ReportArguments,

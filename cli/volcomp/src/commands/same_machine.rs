@@ -1,11 +1,13 @@
-//! Checks that measurements belong to a machine file: the same name, and the same errors by value.
+//! Checks that measurements belong to a machine file: the machine has the same name, and its errors have the same
+//! values.
 
 use std::path::Path;
 
 use volcomp_model::Machine;
 use volcomp_vocabulary::Component;
 
-/// Differences below this are ignored, µm and µrad: below measurement resolution, and caused by rounding in other program versions.
+/// Differences below this are ignored, µm and µrad. They are below measurement resolution, and rounding in other
+/// program versions causes them.
 const NO_MATTER: f64 = 0.05;
 const MOST_NAMED: usize = 6;
 
@@ -23,7 +25,7 @@ pub(super) fn notes(file: &Path, found: &Machine, machine: &Machine) -> Vec<Stri
     notes.extend(other_assembly(file, found, machine));
     notes.extend(other_thermal(file, found, machine));
     let mut differences = machine.differences(found);
-    // NaN is treated as a difference.
+    // NaN counts as a difference.
     differences.retain(|(_, by)| by.is_nan() || *by > NO_MATTER);
     if differences.is_empty() {
         return notes;
@@ -42,8 +44,8 @@ pub(super) fn notes(file: &Path, found: &Machine, machine: &Machine) -> Vec<Stri
     notes
 }
 
-/// A note if errors of an axis refer to another point, which changes the lever of tilts, or if a
-/// travel differs.
+/// Note if errors of an axis refer to another point, which changes the lever of tilts, or if a travel differs;
+/// otherwise `None`.
 fn other_places(file: &Path, found: &Machine, machine: &Machine) -> Option<String> {
     let joints = found.chain().joints().iter().zip(machine.chain().joints());
     let points = joints.filter(|(a, b)| a.point_mm != b.point_mm);
@@ -77,7 +79,7 @@ fn other_assembly(file: &Path, found: &Machine, machine: &Machine) -> Option<Str
     ))
 }
 
-/// A note if the thermal terms differ: the measurements then contain another thermal effect.
+/// Note if the thermal terms differ, because the measurements then contain another thermal effect; otherwise `None`.
 fn other_thermal(file: &Path, found: &Machine, machine: &Machine) -> Option<String> {
     let terms = |of: &Machine| {
         let thermal = of.thermal();

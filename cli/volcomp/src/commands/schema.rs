@@ -59,12 +59,12 @@ pub(crate) fn run(arguments: &SchemaArguments) -> Result<Answer, Failure> {
     Answer::new(&document, text, Vec::new())
 }
 
-/// Name of a command, and the schema of its document.
+/// Name of a command, and the function that builds the schema of its document.
 type Named = (&'static str, fn() -> Schema);
 
-/// The documents by command name; the file of a schema is `volcomp-NAME.json`. Variants of a command have separate names: `probe-list`
-/// for `probe --list`, `nc-average` for `nc --average`, `calibrate-draft` for `calibrate --draft`, `iso230-circle` and `iso230-diagonals`
-/// for parts 4 and 6, `squareness-lengths` for `squareness --lengths`.
+/// The documents by command name. The file of a schema is `volcomp-NAME.json`. Variants of a command have separate
+/// names: `probe-list` for `probe --list`, `nc-average` for `nc --average`, `calibrate-draft` for `calibrate --draft`,
+/// `iso230-circle` and `iso230-diagonals` for parts 4 and 6, `squareness-lengths` for `squareness --lengths`.
 const ALL: &[Named] = &[
     ("check", schema::<check::Check>),
     ("compile", schema::<compile::Compile>),

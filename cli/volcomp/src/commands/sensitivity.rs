@@ -63,7 +63,8 @@ pub(crate) struct Effects {
     tolerance: f64,
 }
 
-/// The errors of a machine selected by `--assembly` or its absence.
+/// The error terms of a machine. With `assembly` they include six assembly errors per axis, and only the location
+/// errors that the machine file states.
 pub(super) fn errors_of(machine: &Machine, assembly: bool) -> Vec<ErrorTerm> {
     let stated: Vec<_> = machine.locations().keys().copied().collect();
     terms(machine.chain(), assembly, &stated)
@@ -138,7 +139,7 @@ fn picture(file: &Path, found: &Sensitivity, values: bool) -> String {
     )
 }
 
-/// The effects of the machine's error values, sorted from the largest displacement.
+/// The effects of the error values of the machine file, sorted by displacement, largest first.
 fn by_values(
     machine: &Machine,
     errors: &[ErrorTerm],
@@ -160,19 +161,20 @@ fn is_zero(effect: &Effect) -> bool {
     effect.position_max_um == 0.0 && effect.orientation_max_urad == 0.0
 }
 
-/// Evenly spaced nodes over all poses of each axis, as in `Axis::nodes`: both ends of a turn are the same pose.
+/// Evenly spaced nodes over all poses of each axis, as in `Axis::nodes`. Both ends of a full turn are the same pose, so
+/// only one is a node.
 fn grid(machine: &Machine, count: usize) -> Result<Poses, ChainError> {
     let inside = |axis: &Axis| {
         let end = |end: f64| Displacement::from_coordinate(axis.name.kind(), end).mm_or_rad();
         let [low, high] = axis.all_poses().map(end);
-        // A single node is the middle.
+        // A single node is in the middle.
         let step = if axis.turns_round() && count > 1 { (high - low) / count as f64 } else { 0.0 };
         (axis.name, [low, high - step])
     };
     Poses::over(machine.chain(), machine.axes().iter().map(inside), count)
 }
 
-/// A note if an axis with a full turn has too few nodes to resolve a run-out of one wave per turn.
+/// Note if an axis with a full turn has too few nodes to resolve a run-out of one wave per turn; otherwise `None`.
 fn too_few(machine: &Machine, count: usize) -> Option<String> {
     const LEAST: usize = 3;
     let mut turning = machine.axes().iter().filter(|axis| axis.turns_round());
@@ -183,11 +185,11 @@ fn too_few(machine: &Machine, count: usize) -> Option<String> {
     ))
 }
 
-/// The errors of a machine that are zero by definition with X as the first and Y as the second reference axis: of the six tilts of X, Y and
-/// Z only three differences matter.
+/// The errors of a machine that are zero by definition, with X as the primary and Y as the secondary reference axis. Of
+/// the six tilts of X, Y and Z only three differences have an effect.
 fn zero_by_definition(machine: &Machine, found: &Sensitivity) -> Vec<String> {
     let pairs = [("EB0X", AxisName::Z), ("EC0X", AxisName::Y), ("EA0Y", AxisName::Z)];
-    // Errors that the machine file states nevertheless are not zero.
+    // Stated errors of the machine file are nevertheless not zero.
     let stated: Vec<String> = machine
         .locations()
         .iter()

@@ -79,8 +79,8 @@ pub(crate) fn run(arguments: &SimulateArguments) -> Result<Answer, Failure> {
     Answer::new(&document, text, Vec::new())
 }
 
-/// The commands that produce a machine file from the files in a folder, in order. With lines and observations, `observations.toml` starts
-/// from the machine calibrated from the lines.
+/// The commands that produce a machine file from the files in a folder, in order. If there are lines and observations,
+/// `observations.toml` starts from the machine calibrated from the lines.
 fn next(folder: &Path, lines: bool, observations: bool) -> Vec<String> {
     let file = |name: &str| for_shell(&folder.join(name).display().to_string());
     let call = |command: &str, read: &str, output: &str| {
@@ -97,7 +97,7 @@ fn next(folder: &Path, lines: bool, observations: bool) -> Vec<String> {
     }
 }
 
-/// Quotes a path as one shell word that is not parsed as an option.
+/// Quotes a path as one shell word that no program parses as an option.
 fn for_shell(path: &str) -> String {
     if path.starts_with('-') {
         return for_shell(&format!("./{path}"));
@@ -106,13 +106,13 @@ fn for_shell(path: &str) -> String {
         let separates = cfg!(windows) && c == '\\';
         c.is_alphanumeric() || "/._-:~+,@".contains(c) || separates
     };
-    // A shell expands a leading `~` to the home folder, but not in double quotes.
+    // A shell expands a leading `~` to the home folder, except in quotes.
     if path.chars().all(is_plain) && !path.starts_with('~') {
         path.to_owned()
     } else if path.chars().all(|c| is_plain(c) || c == ' ') {
         format!("\"{path}\"")
     } else {
-        // In double quotes a shell would still expand `$` and backticks.
+        // In double quotes a shell would expand `$` and backticks.
         format!("'{}'", path.replace('\'', r"'\''"))
     }
 }
@@ -137,7 +137,7 @@ pub(crate) fn write(shop: &Shop, folder: &Path) -> Result<Written, Failure> {
     refuse_inputs(shop, folder)?;
     make(folder)?;
     let mut list = WrittenFiles::read(folder)?;
-    // Checks that the folder is writable before work starts.
+    // Opening the first file checks that the folder is writable before the work starts.
     let first = OutputFile::open(&folder.join("machine.toml"))?;
     let bar = progress::bar(shop.count(), "lines and observations measured");
     let files = shop.files(|done, _| bar.set_position(done as u64))?;
@@ -173,7 +173,7 @@ fn refuse_inputs(shop: &Shop, folder: &Path) -> Result<(), Failure> {
     let mut names = shop.file_names();
     let writes = |wanted: &str| names.iter().any(|name| name == wanted);
     if writes("calibration.toml") && writes("observations.toml") {
-        // Written by the next command.
+        // The next command writes this file.
         names.push(CALIBRATED.to_owned());
     }
     for name in names {
@@ -188,12 +188,13 @@ fn refuse_inputs(shop: &Shop, folder: &Path) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Name of the file list; measurements and observations have other extensions, so no file of a shop has this name.
+/// Name of the list of written files. Measurements and observations have other extensions, so no file of a shop has
+/// this name.
 const LIST: &str = "simulated-files.sha256";
-/// The first line, which identifies a list written by this program.
+/// The first line of the list. It identifies a list written by this program.
 const FIRST_LINE: &str = "# Written by volcomp simulate, which writes over these files while they are as listed here: SHA-256 and name";
 
-/// The files of earlier runs with the SHA-256 of their written content, in the format of `sha256sum`.
+/// The files of earlier runs, each with the SHA-256 of its written content, in the format of `sha256sum`.
 struct WrittenFiles(BTreeMap<String, String>);
 
 impl WrittenFiles {
@@ -214,7 +215,8 @@ impl WrittenFiles {
         Ok(Self(lines.filter_map(entry).collect()))
     }
 
-    /// Refuses to overwrite an existing file, unless it is unchanged since an earlier run or its text is the same.
+    /// Refuses to overwrite an existing file, unless the file is unchanged since an earlier run or already has this
+    /// text.
     fn refuse_others(&self, folder: &Path, name: &str, text: &str) -> Result<(), Failure> {
         let path = folder.join(name);
         let Some(found) = content(&path)? else {
@@ -259,7 +261,7 @@ fn not_mine(path: &Path) -> Failure {
     )
 }
 
-/// The bytes of a file; `None` if it does not exist.
+/// The bytes of a file; `None` if the file does not exist.
 fn content(path: &Path) -> Result<Option<Vec<u8>>, Failure> {
     if !path.exists() {
         return Ok(None);

@@ -104,7 +104,7 @@ struct SquarenessPart {
 }
 
 const SYMBOL: &str = "squareness";
-/// Text used if both files do not state the position of their lines.
+/// Note if neither file states the position of its line.
 const PLACES: &str = "the squareness holds where the lines were measured: tilts of the other axes there, and those of the measured axis over its Abbe offset, are not removed and not in U; `volcomp calibrate` removes them";
 
 /// The squareness by the lengths of a square, with its tolerance.
@@ -257,7 +257,8 @@ fn picture(
     }
 }
 
-/// A note that the uncertainty omits a contribution, because a line has only one run.
+/// Note that the uncertainty omits a contribution, because a line has only one run; `None` if both lines have several
+/// runs.
 fn one_run(lines: [&Line; 2]) -> Option<String> {
     let names = lines.iter().filter(|line| line.has_one_run);
     let names: Vec<&str> = names.map(|line| line.part.error.as_str()).collect();
@@ -341,8 +342,8 @@ impl SquarenessArguments {
     }
 }
 
-/// The uncertainty, if the uncertainties of both slopes are known: for least-squares lines with at
-/// least three targets or several runs.
+/// The uncertainty of the squareness; `None` unless the uncertainties of both slopes are known. They are known for
+/// least-squares lines with at least three targets or several runs.
 fn uncertainty(
     arguments: &SquarenessArguments,
     kind: ReferenceKind,

@@ -143,7 +143,7 @@ pub(crate) fn run(arguments: &StraightnessArguments) -> Result<Answer, Failure> 
     Ok(answer)
 }
 
-/// Reads a straightness file with its deviations in µm; rejects other kinds of files.
+/// Reads a straightness file and converts its deviations to µm. Rejects other kinds of files.
 pub(crate) fn read(path: &Path, asked: Option<Unit>) -> Result<Measurement, Failure> {
     let mut measurement = read_file(path)?;
     if unit::apply(path, &mut measurement, asked)? == DeviationUnit::Urad {
@@ -155,14 +155,14 @@ pub(crate) fn read(path: &Path, asked: Option<Unit>) -> Result<Measurement, Fail
     Ok(measurement)
 }
 
-/// Rejects a rotary axis: straightness is of a linear axis, with targets in mm.
+/// Rejects a rotary axis: straightness is an error of a linear axis, with targets in mm.
 fn linear_axis(path: &Path, measurement: &Measurement) -> Result<(), Failure> {
     let stated = measurement.metadata.axis.as_deref().and_then(axis_named);
     if let Some(axis) = stated.filter(|axis| axis.kind() == AxisKind::Rotary) {
         let what = format!("found rotary axis {axis}, expected the straightness of a linear axis");
         return Err(Failure::in_file(path, what));
     }
-    // A stated axis is checked; the same is expected of any linear axis.
+    // Targets of an unstated axis are checked as those of X, a linear axis.
     measurement.check_targets(stated.unwrap_or(AxisName::X))?;
     Ok(())
 }
@@ -221,10 +221,10 @@ fn one(
     Ok(document(path, arguments, tolerances, &found, method, notes))
 }
 
-/// A note if a straightness is implausible for a machine tool. The slope is ignored, because it depends on the alignment of the optics and may be
-/// steep.
+/// Note if a straightness is implausible for a machine tool. The slope is ignored, because it depends on the alignment
+/// of the optics and may be steep.
 pub(crate) fn odd(found: &Straightness) -> Option<String> {
-    // Two targets leave no residual.
+    // Two targets leave no residual about a line.
     let error_um = found.of(ReferenceKind::LeastSquares).error_um;
     (found.profile.len() > 2)
         .then(|| implausible_size(error_um, Some(DeviationUnit::Um)))
@@ -232,7 +232,7 @@ pub(crate) fn odd(found: &Straightness) -> Option<String> {
         .map(|text| format!("about the line of least squares {text}"))
 }
 
-/// Any straightness error for which slopes keep their sign: the choice does not affect the result.
+/// A straightness error for which slopes keep their sign. Any such error gives the same result.
 fn rising() -> ErrorName {
     use volcomp_vocabulary::Component;
     ErrorName::motion(Component::EZ, AxisName::X)

@@ -47,7 +47,7 @@ pub(crate) fn run(arguments: &StudioArguments) -> Result<Answer, Failure> {
     Answer::new(&(), String::new(), Vec::new())
 }
 
-/// Opens the browser; on failure the user opens the address on standard output.
+/// Opens the browser. If this fails, the user can open the address on standard output.
 fn open(url: &str) {
     let program = if cfg!(target_os = "macos") {
         "open"

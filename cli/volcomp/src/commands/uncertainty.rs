@@ -13,7 +13,7 @@ use volcomp_model::{CompiledMachine, Machine, Tolerance};
 use super::{not_counted::Open, same_machine};
 use crate::{compensation::refuse_other_geometry, failure::Failure, progress};
 
-/// Maximum deviation of a compiled curve of a sample from its source, nm and nrad.
+/// Maximum deviation of a compiled curve of a Monte Carlo sample from its source, nm and nrad.
 const TOLERANCE_NM: f64 = 10.0;
 
 /// Where an uncertainty comes from.
@@ -67,8 +67,7 @@ impl UncertaintyArguments {
         Ok(Some(measured))
     }
 
-    /// The Monte Carlo samples with the tool of this machine, and the errors that the measurements
-    /// do not determine.
+    /// The Monte Carlo samples with the tool of this machine, and the errors that the measurements do not determine.
     pub(crate) fn ensemble(
         &self,
         measured: &Measured,
@@ -76,7 +75,7 @@ impl UncertaintyArguments {
         notes: &mut Vec<String>,
     ) -> Result<(Ensemble, Open), Failure> {
         let shifted: usize = match measured {
-            // One step for each sample, and one for the identified machine.
+            // One step for each run of these lines, and one for the identified machine.
             Measured::Calibration(file) => {
                 file.scatters().map(|of| of.runs.len()).sum::<usize>() + 1
             }
@@ -108,7 +107,7 @@ impl UncertaintyArguments {
             }
             Measured::Observations(observations) => {
                 let mut observations = Observations::clone(observations);
-                // The cross-validation is not used here.
+                // Skip the cross-validation, whose result is not used here.
                 observations.folds = 0;
                 let found = identify(&observations, |_, _| {})?;
                 self.is_of(&found.machine, machine, notes);
@@ -120,7 +119,7 @@ impl UncertaintyArguments {
             }
         };
         bar.finish_and_clear();
-        // Cannot fail: clap ensures at least two trials, and `read` checks the structure.
+        // This cannot fail: clap ensures at least two samples, and `read` checks the structure.
         let differ = || Failure::Work("the drawn machines differ in structure".to_owned());
         Ok((ensemble.ok_or_else(differ)?, open))
     }
@@ -163,7 +162,7 @@ impl UncertaintyArguments {
 }
 
 impl Measured {
-    /// Reads a file. Files with observations only are read like those of `volcomp identify`.
+    /// Reads a file. Files with observations only are read as by `volcomp identify`.
     pub(super) fn read(path: &Path) -> Result<Self, Failure> {
         let document = Document::read(path)?;
         let is_calibration = document.decode(|root| {
@@ -187,14 +186,15 @@ impl Measured {
     }
 }
 
-/// The notes on unmeasured errors, after a sentence on their effect on an uncertainty.
+/// The notes on unmeasured errors, preceded by a sentence on their effect on an uncertainty.
 fn as_if_known(not_measured: Vec<String>) -> Vec<String> {
     let what = "errors that were not measured are in the uncertainty as if they were known";
     let heading = (!not_measured.is_empty()).then(|| what.to_owned());
     heading.into_iter().chain(not_measured).collect()
 }
 
-/// A note on the errors that are the same in every sample.
+/// Note on the errors that are the same in every sample, because the observations do not determine them; otherwise
+/// `None`.
 fn not_determined(found: &Identification) -> Option<String> {
     let names: Vec<&str> = found
         .parameters

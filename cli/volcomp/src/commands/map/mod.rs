@@ -454,7 +454,7 @@ impl Model {
         (self == Self::Compiled).then(|| Tolerance::default().linear_mm * 1e6)
     }
 
-    /// The function that computes the error at a state: position (mm) and rotation (rad) in workpiece axes.
+    /// The error at a state as a function: position (mm) and rotation (rad) in workpiece axes.
     fn errors<'a>(
         self,
         machine: &'a Machine,
@@ -470,7 +470,7 @@ impl Model {
     }
 }
 
-/// Number of nodes per unit of parallel work.
+/// Number of nodes in a unit of parallel work.
 const CHUNK: usize = 4096;
 
 /// The inputs of the computation of a node.
@@ -482,12 +482,12 @@ struct Work<'a> {
 }
 
 impl Work<'_> {
-    /// One pass over all nodes: in chunks on all cores, written in order.
+    /// One pass over all nodes: computed in chunks on all cores, and written in order.
     fn go_through(&self, pass: usize, field: &mut Field, found: &mut Found) -> Result<(), Failure> {
         let bar = progress::bar(self.grid.len(), "nodes");
         let format = field.text_format().map(|(format, _)| format);
         let count = self.grid.len();
-        // With an uncertainty a node takes as long as hundreds without, so chunks are smaller.
+        // A node with an uncertainty takes as long as hundreds without, so its chunks are smaller.
         let size = if self.ensemble.is_some() { CHUNK / 64 } else { CHUNK };
         let at_once = size * 4 * rayon::current_num_threads();
         for from in (0..count).step_by(at_once) {
@@ -510,7 +510,7 @@ impl Work<'_> {
         Ok(())
     }
 
-    /// Statistics after a common alignment of all nodes; one further pass over the nodes.
+    /// Statistics after a common alignment of all nodes. Needs one further pass over the nodes.
     fn beside(&self, found: &Found) -> Beside {
         let motion = found.sums.motion();
         let count = self.grid.len();
@@ -582,7 +582,8 @@ struct Found {
     lengths: Lengths,
 }
 
-/// The node with the largest position error, and the node with the largest uncertainty of this error; of equals, the first.
+/// The node with the largest position error, and the node with the largest uncertainty of the position error; of
+/// equals, the first node.
 #[derive(Clone, Copy, Default)]
 struct Largest {
     error: Option<(f64, Node)>,
@@ -677,7 +678,8 @@ struct Beside {
     left: Lengths,
 }
 
-/// Lengths of rotations: total, across the tool axis (tilt), and about the tool axis. The last has no effect on a rotating tool.
+/// Lengths of rotations: total, across the tool axis (tilt), and about the tool axis. A rotation about the tool axis
+/// has no effect on a rotating tool.
 #[derive(Clone, Copy, Default)]
 struct Turns {
     whole: Lengths,
@@ -698,7 +700,7 @@ fn position([x, y, z, ..]: &[f64; 6]) -> Vector3<f64> {
     Vector3::new(*x, *y, *z)
 }
 
-/// The errors of the machine's curves over poses of all axes, and their uncertainty if there is an ensemble.
+/// The errors of the machine over poses of all axes, and their uncertainty if there is an ensemble.
 fn all_axes(
     machine: &Machine,
     curves: Vec<&Machine>,
