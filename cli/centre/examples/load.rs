@@ -199,7 +199,7 @@ fn message(instance: &str, number: u64) -> (Kind, Vec<u8>) {
     }
 }
 
-/// Publishes messages of all machines of a site with a bounded number in flight; the stream acknowledges each.
+/// Publishes messages of all machines of a site with a bounded number in flight. The stream acknowledges each message.
 async fn publish(hub: &Hub, site: &str, machines: usize, messages: u64, run: u32) -> u64 {
     const MAX_IN_FLIGHT: usize = 500;
     let bytes = AtomicU64::new(0);
@@ -228,7 +228,7 @@ async fn publish(hub: &Hub, site: &str, machines: usize, messages: u64, run: u32
     bytes.load(Ordering::Relaxed)
 }
 
-/// Waits until the centre has acknowledged the whole stream: every message is on disk.
+/// Waits until the centre has acknowledged the whole stream, so that every message is on disk.
 async fn acknowledged(hub: &Hub, stream: &str) {
     loop {
         let stream = hub.context().get_stream(stream).await.unwrap();
@@ -300,7 +300,7 @@ fn processor_s(process: u32) -> f64 {
     let text = std::fs::read_to_string(format!("/proc/{process}/stat")).unwrap_or_default();
     let after = text.rsplit(')').next().unwrap_or_default();
     let fields: Vec<f64> = after.split_whitespace().filter_map(|one| one.parse().ok()).collect();
-    // Without the process state, which is no number, utime and stime are fields 11 and 12.
+    // The process state, which is no number, was skipped, so utime and stime are fields 11 and 12.
     fields.get(10).zip(fields.get(11)).map_or(0.0, |(user, system)| (user + system) / 100.0)
 }
 

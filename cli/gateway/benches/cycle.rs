@@ -1,5 +1,5 @@
-//! A full cycle on the simulated machine: reads, temperatures, model, guard and writes. The same with nothing to correct measures the
-//! cost of the simulation alone.
+//! A full cycle on the simulated machine: reads, temperatures, model, guard and writes. The same cycle without errors
+//! to correct measures the cost of the simulation alone.
 
 use std::{hint::black_box, time::Duration};
 

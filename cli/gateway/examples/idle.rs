@@ -1,4 +1,5 @@
-//! A thread that does nothing, with the priority of a control thread: the wake-up latency of the computer itself.
+//! A thread with the priority of a control thread that does nothing. It shows the wake-up latency of the computer
+//! itself.
 //!
 //! `idle PERIOD_MS PRIORITY CPU SECONDS` prints for each second the second of the monotonic clock, the longest
 //! wake-up (us) and the periods that were missed. `benches/soak` runs it together with the gateway.
@@ -30,7 +31,7 @@ fn main() {
             if now.as_secs() != second.0 {
                 if second.0 > 0 {
                     println!("{} {} {}", second.0, second.1 / 1000, second.2);
-                    // The reader may be gone.
+                    // The program that reads the output may have ended.
                     let _ = std::io::stdout().flush();
                 }
                 second = (now.as_secs(), 0, 0);

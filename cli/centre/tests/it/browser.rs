@@ -87,7 +87,7 @@ fn reported(page: &Page, number: usize, silent: bool) -> (Machine, Live) {
     (machine, live)
 }
 
-/// A page with `count` machines: the last one is silent, the others send until the flag is set.
+/// A page with `count` machines. The last one is silent; all others send until the flag is set.
 fn shop(count: usize) -> (Page, Arc<AtomicBool>, std::thread::JoinHandle<()>) {
     let page = Page::start();
     let new =

@@ -106,7 +106,7 @@ fn models_and_roll_outs(folder: &Path, gantry: &str) {
     assert!(done("audit").contains("model.measured"));
     wrong("rollout start --model 00 --machine mill-1", "expected the beginning of one checksum");
     wrong(&format!("rollout start --model {short} --machine mill-9"), "found no machine");
-    // A model is measured on one machine, so `--all` needs an explicit confirmation.
+    // A model is measured on one machine, so rolling it out to several needs an explicit confirmation.
     wrong(
         &format!("rollout start --model {short} --all"),
         "found 2 machines with the structure and the axes",
@@ -133,7 +133,7 @@ fn models_and_roll_outs(folder: &Path, gantry: &str) {
     wrong("check", "expected 600");
 }
 
-/// `rollout confirm` is rejected for a stopped or finished roll-out: no change would be sent.
+/// `rollout confirm` is rejected for a stopped or finished roll-out, because it would send no change.
 #[test]
 fn a_confirmation_without_effect_is_rejected() {
     let folder = tempfile::tempdir().unwrap();
@@ -203,8 +203,8 @@ fn empty_lists_and_existing_files_are_reported() {
     assert_eq!(records[0]["action"], "rollout.start", "{records}");
 }
 
-/// docs/src/fleet.md, "A stolen nkey": `machine add … --new-nkey` issues a new nkey. The machine stays disabled, and fields that are not
-/// stated keep their values.
+/// docs/src/fleet.md, "A stolen nkey": `machine add … --new-nkey` issues a new nkey. The machine stays disabled, and
+/// fields without an option keep their values.
 #[test]
 fn adding_a_machine_again_keeps_unstated_fields() {
     let folder = tempfile::tempdir().unwrap();
@@ -234,7 +234,8 @@ fn adding_a_machine_again_keeps_unstated_fields() {
     }
 }
 
-/// The command line rejects the same records as the web interface. A seed given instead of a public nkey is not printed.
+/// The command line rejects the same records as the web interface. A seed given instead of a public nkey is not
+/// printed.
 #[test]
 fn invalid_machines_are_rejected_without_showing_a_seed() {
     let folder = tempfile::tempdir().unwrap();
@@ -284,7 +285,7 @@ fn an_unreachable_server_and_a_used_port_are_reported_once() {
     let reported = format!("the NATS server cannot be reached: found none at nats://{server}");
     let first = lines.find(|line| line.as_ref().unwrap().contains(&reported));
     std::thread::sleep(Duration::from_secs(3));
-    // Two of them would let the soak time of a roll-out elapse twice as fast.
+    // With two centres the soak time of a roll-out would elapse twice as fast.
     wrong(folder, "run", "centre.db: another centre runs with this database");
     running.kill().unwrap();
     running.wait().unwrap();

@@ -59,7 +59,7 @@ fn the_demonstration_corrects_three_machines_and_removes_its_folder() {
         let (_, body) = answer.split_once("\r\n\r\n").unwrap_or_default();
         serde_json::from_str::<serde_json::Value>(body).unwrap_or_default()
     };
-    // A first model moves the axes far, so it needs a confirmation, as on real machines.
+    // A first model moves the axes far, so it needs a confirmation, as on a real machine.
     until("three models wait", Duration::from_secs(180), || {
         let rollouts = get("/api/rollouts");
         let rollouts = rollouts.as_array().cloned().unwrap_or_default();

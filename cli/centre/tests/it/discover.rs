@@ -42,7 +42,7 @@ impl Peer {
         Self { address, ends }
     }
 
-    /// A service that always sends these bytes.
+    /// A service that sends these bytes to every client.
     fn says(bytes: &'static [u8]) -> Self {
         Self::start(move |mut stream| {
             let mut some = [0; 64];
@@ -128,7 +128,7 @@ fn a_modbus_module_is_identified_by_reads_only() {
     assert_eq!(found[0].control, "Vendor PT-8");
     assert_eq!(found[0].note, "revision 1.2");
     assert_eq!(*functions.lock().expect("ours"), [0x2b]);
-    // A module without that function is still listed.
+    // A module that does not support the function is still listed.
     let plain = Peer::start(|mut stream| {
         let mut request = [0; 11];
         while stream.read_exact(&mut request).is_ok() {
@@ -154,7 +154,7 @@ fn hanging_and_garbage_services_are_reported_as_other_services() {
     let web = Peer::says(b"HTTP/1.1 200 OK\r\nContent-Length: 5\r\n\r\nhello");
     let terminal = Peer::says(b"\x1b[2J\x1b]0;title\x07 SSH-2.0-x\r\n");
     for peer in [&silent, &closes, &garbage, &web, &terminal] {
-        // Without OPC UA, for which an open port suffices.
+        // OPC UA is left out, because an open port suffices for it.
         let asked = [Kind::Gateway, Kind::Focas, Kind::Modbus];
         let ports = asked.map(|kind| (kind, peer.port()));
         let begun = Instant::now();

@@ -138,7 +138,7 @@ fn a_foreign_value_is_replaced() {
     });
 }
 
-/// The server loses its disk while the centre runs: the streams and the values under the keys are made again.
+/// The server loses its disk while the centre runs: the centre creates the streams and the values under the keys again.
 #[test]
 fn a_server_without_its_disk_is_filled_again() {
     Shop::run(1, 1, async |shop| {
@@ -174,8 +174,8 @@ fn a_cloned_gateway_raises_an_alarm() {
     });
 }
 
-/// The centre loses the server for longer than every timeout while the machines send: after the reconnect every acknowledged message is
-/// stored once.
+/// The centre loses its connection to the server for longer than every timeout while the machines send. After the
+/// reconnect every acknowledged message is stored once.
 #[test]
 fn no_message_is_lost_while_the_centre_is_disconnected() {
     Shop::run(1, 3, async |shop| {
@@ -217,7 +217,7 @@ fn a_killed_cluster_server_loses_no_message() {
     });
 }
 
-/// While the centre's disk is full nothing is acknowledged; afterwards every message is stored.
+/// While the centre's disk is full, no message is acknowledged. Afterwards every message is stored.
 #[test]
 fn a_full_disk_loses_no_message() {
     Shop::run(1, 2, async |shop| {
@@ -233,7 +233,8 @@ fn a_full_disk_loses_no_message() {
     });
 }
 
-/// A machine, or a thief of its nkey, reports a huge active version: versions are still issued to this and every other machine.
+/// A machine, or a thief of its nkey, reports a huge active version. Versions are still issued to this machine and all
+/// others.
 #[test]
 fn a_huge_version_of_one_machine_does_not_block_others() {
     for reported in [u64::MAX >> 1, u64::MAX] {
@@ -257,7 +258,7 @@ fn a_huge_version_of_one_machine_does_not_block_others() {
     }
 }
 
-/// A roll-out without version numbers left raises an alarm; other roll-outs continue.
+/// A roll-out that has no version numbers left raises an alarm; other roll-outs continue.
 #[test]
 fn a_broken_rollout_does_not_block_others() {
     Shop::run(1, 2, async |shop| {
@@ -281,8 +282,8 @@ fn a_broken_rollout_does_not_block_others() {
     });
 }
 
-/// With one condition in five seconds, four of five passes of the centre receive no residual. The last reported
-/// residual then counts as that before the change, so an increase still stops the roll-out.
+/// With one condition every five seconds, four of five passes of the centre receive no residual. The last reported
+/// residual then counts as the residual before the change, so that an increase still stops the roll-out.
 #[test]
 fn a_risen_residual_is_detected_with_rare_conditions() {
     Shop::run(1, 1, async |shop| {
@@ -293,7 +294,7 @@ fn a_risen_residual_is_detected_with_rare_conditions() {
         let reported = GatewayState::default();
         let task = tokio::spawn(gateway::run(plan, reported.clone()));
         until("three conditions were sent", || reported.conditions() == 3).await;
-        // 4 µm reported three times. The roll-out starts between two conditions.
+        // The gateway has reported 4 µm three times. The roll-out starts between two conditions.
         tokio::time::sleep(Duration::from_millis(2200)).await;
         let rules = soak(40.0);
         let id = shop.roll_out(7, rules);
@@ -312,7 +313,7 @@ fn a_risen_residual_is_detected_with_rare_conditions() {
     });
 }
 
-/// The HTTP tests cover which models renew the due date; the alarm has the same rule.
+/// The HTTP tests cover which models renew the due date; the alarm follows the same rule.
 #[test]
 fn an_overdue_calibration_raises_an_alarm() {
     Shop::run(1, 1, async |shop| {
@@ -329,8 +330,8 @@ fn an_overdue_calibration_raises_an_alarm() {
     });
 }
 
-/// A machine rejects the model, its outcome is stored and acknowledged, and the centre is killed before its next pass: after the restart
-/// the roll-out stops.
+/// A machine rejects the model, its outcome is stored and acknowledged, and the centre is killed before its next pass.
+/// After the restart the roll-out stops.
 #[test]
 fn an_acknowledged_rejection_survives_a_kill() {
     Shop::run(1, 3, async |shop| {

@@ -20,7 +20,8 @@ use crate::{
     support::{condition, envelope, model, received, tell},
 };
 
-/// A user disables a machine during a pass that has read the old record: the roll-out does not enable it again.
+/// A user disables a machine during a pass that has already read the old record. The roll-out does not enable the
+/// machine again.
 #[test]
 fn a_rollout_does_not_enable_a_machine_that_was_just_disabled() {
     Shop::run(1, 1, async |shop| {
@@ -33,7 +34,7 @@ fn a_rollout_does_not_enable_a_machine_that_was_just_disabled() {
         gateway.1.abort();
         let new = model(8);
         shop.store.add_model(&new.model, &new.text).unwrap();
-        // Another program writes for two seconds, so that the centre has read the machines and waits to issue.
+        // Another program writes for two seconds, so that the centre has read the machines and waits before it issues.
         let path = shop.folder.path().join("centre.db");
         let (machine, key) = (shop.machines[0].0.clone(), shop.key.clone());
         let sha256 = new.model.sha256.clone();
@@ -72,7 +73,7 @@ fn a_rollout_does_not_enable_a_machine_that_was_just_disabled() {
     });
 }
 
-/// `machine enable` sends the settings again while the centre issues another model: the old model is not restored.
+/// `machine enable` sends the settings again while the centre issues another model. The old model is not restored.
 #[test]
 fn reissued_settings_do_not_restore_the_old_model() {
     Shop::run(1, 1, async |shop| {
@@ -114,8 +115,8 @@ fn reissued_settings_do_not_restore_the_old_model() {
     });
 }
 
-/// A user aborts a roll-out. Another user resumes it or confirms a machine within the same second, or while the centre is down: it stays
-/// aborted.
+/// A user aborts a roll-out. Another user resumes it or confirms a machine within the same second, or while the centre
+/// is down. The roll-out stays aborted.
 #[test]
 fn an_abort_is_not_replaced_by_another_request() {
     Shop::run(1, 1, async |shop| {
@@ -275,8 +276,9 @@ fn is_suspect(shop: &Shop) -> bool {
     })
 }
 
-/// Two machines are offline when a roll-out stops. One gets its previous model again under a higher version, never the stopped one; the
-/// key of the other, without a previous model, is empty. A machine with the stopped model is suspect until its previous model is active.
+/// Two machines are offline when a roll-out stops. One machine gets its previous model again under a higher version,
+/// never the stopped model. The key of the other, which has no previous model, is emptied. A machine with the stopped
+/// model is suspect until its previous model is active.
 #[test]
 fn an_offline_machine_does_not_accept_a_stopped_rollout() {
     Shop::run(1, 3, async |shop| {
@@ -357,7 +359,7 @@ fn the_user_may_keep_a_suspect_model() {
         let text = alarms.iter().find(|alarm| alarm.kind == AlarmKind::Suspect);
         let text = &text.unwrap().text;
         assert!(text.contains("was ended by anna before it was done"), "{text}");
-        // Without a previous model none is proposed.
+        // Without a previous model the text proposes no return to one.
         assert!(!text.contains("model back"), "{text}");
         assert!(text.contains("`rollout keep 1 mill-0`"), "{text}");
         assert!(start_way_back(&shop.store, &name, Rules::default(), "bert").is_err());
@@ -378,8 +380,8 @@ fn the_user_may_keep_a_suspect_model() {
     });
 }
 
-/// A machine activated a model, but the acknowledgement arrives after the roll-out has stopped: its key is empty while it corrects. It is
-/// suspect, changed settings reach it, and the user may keep the model.
+/// A machine activated a model, but the acknowledgement arrives after the roll-out has stopped, so its key is empty
+/// while it corrects. The machine is suspect, changed settings reach it, and the user may keep the model.
 #[test]
 fn a_machine_with_a_withdrawn_version_is_suspect_and_can_be_disabled() {
     Shop::run(1, 1, async |shop| {

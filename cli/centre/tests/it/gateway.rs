@@ -1,4 +1,5 @@
-//! A simulated gateway without a machine: it accepts signed values, acknowledges, and sends conditions. The load example uses it too.
+//! A simulated gateway without a machine. It accepts signed values, acknowledges them, and sends conditions. The load
+//! example uses it too.
 
 use std::{
     collections::BTreeMap,
@@ -24,7 +25,7 @@ pub(crate) struct Plan {
     pub(crate) instance: String,
     pub(crate) condition_every: Duration,
     pub(crate) telemetry_every: Duration,
-    /// Body of the telemetry; nothing is sent if empty.
+    /// Body of the telemetry; if it is empty, no telemetry is sent.
     pub(crate) telemetry: Arc<serde_json::value::RawValue>,
     pub(crate) residual_um: Arc<Mutex<f64>>,
 }
@@ -32,11 +33,11 @@ pub(crate) struct Plan {
 #[derive(Clone, Default)]
 pub(crate) struct GatewayState {
     pub(crate) version: Arc<AtomicU64>,
-    /// Conditions that the server has acknowledged.
+    /// Number of conditions that the server has acknowledged.
     pub(crate) conditions: Arc<AtomicU64>,
-    /// Messages that the server has acknowledged.
+    /// Number of messages that the server has acknowledged.
     pub(crate) all: Arc<AtomicU64>,
-    /// Rejected values, without old versions.
+    /// Number of rejected values, not counting old versions.
     pub(crate) refused: Arc<AtomicU64>,
 }
 
@@ -84,7 +85,8 @@ pub(crate) async fn run(plan: Plan, reported: GatewayState) {
 }
 
 impl Gateway {
-    /// Retries until the server has stored the message; no other message is created meanwhile, as with a full spool.
+    /// Retries until the server has stored the message. The gateway creates no other message meanwhile, as with a full
+    /// spool.
     async fn send<T: serde::Serialize>(&mut self, link: &MachineLink, kind: Kind, body: T) {
         self.number += 1;
         let envelope = Envelope {

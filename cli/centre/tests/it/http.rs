@@ -20,7 +20,7 @@ use crate::{
     support::{condition, envelope, machine, model, received, tell},
 };
 
-/// Every route with every role and without a user: a forbidden request is rejected before any other check.
+/// Every route with every role and without a user. A forbidden request is rejected before any other check.
 #[test]
 fn every_role_on_every_route() {
     let page = Page::start();
@@ -95,7 +95,7 @@ fn login_creates_a_session_that_ends() {
         assert_eq!(answer.status, 401);
         assert_eq!(answer.json()["error"], "the name or the password is wrong");
     }
-    // The right password is accepted after wrong ones from the same address.
+    // The correct password is accepted after wrong ones from the same address.
     assert_eq!(login(PASSWORD).status, 200);
     // The attempts are in the audit log with their origin.
     let admin = page.session(Role::Admin);
@@ -104,8 +104,8 @@ fn login_creates_a_session_that_ends() {
     assert!(!audit.contains(PASSWORD) && !audit.contains(&token));
 }
 
-/// Sends a request three times after wrong passwords, which delay it, and runs `change` while two wait: these have read the password hash before.
-/// Returns the responses.
+/// Sends a request three times after wrong passwords, which delay it. Runs `change` while two of the requests wait;
+/// both have already read the password hash. Returns the responses.
 fn during_delay(
     page: &Page,
     request: impl Fn() -> Answer + Sync,
@@ -122,7 +122,7 @@ fn during_delay(
             scope.spawn(move || sender.send(request()).expect("it is received"));
         }
         drop(sender);
-        // At most two requests may wait, so the third is refused at once.
+        // At most two requests may wait, so the third is rejected immediately.
         let first = answers.recv().expect("three are sent");
         change();
         [first].into_iter().chain(answers).collect()
@@ -171,7 +171,7 @@ fn a_change_of_password_begun_before_that_of_an_admin_does_not_replace_it() {
     assert_eq!(stored, new, "{answers:?}");
 }
 
-/// Requests that the role forbids, and cross-site changes, are in the audit log once each.
+/// Requests that the role forbids and cross-site changes are recorded once each in the audit log.
 #[test]
 fn forbidden_requests_are_recorded() {
     let page = Page::start();
@@ -215,7 +215,8 @@ fn expired_sessions_are_rejected() {
     assert_eq!(page.get("/api/me", &cookie).status, 401);
 }
 
-/// A database that rejects every change cannot hold the alarm about it: the page shows the alarm from memory, until a change succeeds.
+/// A database that rejects every change cannot store the alarm about this. The page shows the alarm from memory, until
+/// a change succeeds.
 #[test]
 fn a_full_disk_is_an_alarm_that_needs_no_disk() {
     let page = Page::start();
@@ -234,7 +235,7 @@ fn a_full_disk_is_an_alarm_that_needs_no_disk() {
     assert!(!shown("/api/alarms"));
 }
 
-/// A page of another origin makes the browser send the cookie (without SameSite): the change gets status 403.
+/// A page of another origin makes the browser send the cookie (without SameSite). The change gets status 403.
 #[test]
 fn cross_site_changes_are_rejected() {
     let page = Page::start();
@@ -461,7 +462,7 @@ fn a_model_is_downloaded_as_signed_and_as_tables() {
     );
     let name = reported["files"][0].as_str().expect("a file").to_owned();
     let table = page.get(&format!("{path}/{name}?format=csv&step_mm=100"), &viewer);
-    // 0.03 µm/mm of X are 15 µm at 500 mm.
+    // 0.03 µm/mm along X are 15 µm at 500 mm.
     let row = (table.body.lines()).find_map(|line| line.strip_prefix("X,X,500,"));
     let reported = row.and_then(|row| row.split(',').next()?.parse::<f64>().ok());
     assert!(reported.is_some_and(|um| (um - 15.0).abs() < 0.01), "{}", table.body);
@@ -478,8 +479,8 @@ fn a_model_is_downloaded_as_signed_and_as_tables() {
     assert_eq!(page.get(&format!("{path}/other.csv?format=csv"), &viewer).status, 404);
 }
 
-/// A rejected or unconfirmed model does not renew the due date. Reverting to an earlier model, and keeping a model, are rejected where
-/// they do not apply.
+/// A rejected or unconfirmed model does not renew the due date. Returning to an earlier model and keeping a model are
+/// rejected if there is no such model.
 #[test]
 fn a_rejected_model_does_not_renew_the_due_date() {
     let page = Page::start();
@@ -537,8 +538,8 @@ fn a_rejected_model_does_not_renew_the_due_date() {
     page.posts("/api/rollouts/1/keep", &engineer, &keep, 409);
 }
 
-/// A history with more conditions than points in a response: the points cover the whole time span, each condition counts once, and the
-/// newest is included.
+/// A history has more conditions than a response has points. The points cover the whole time span, each condition
+/// counts once, and the newest is included.
 #[test]
 fn a_long_history_is_averaged_over_its_whole_span() {
     const COUNT: u32 = 7000;
@@ -568,7 +569,7 @@ fn a_long_history_is_averaged_over_its_whole_span() {
     assert!(last > from_s + f64::from(COUNT) - together, "{last}");
 }
 
-/// A roll-out without rules uses the configured ones, which the page shows; with invalid rules none starts.
+/// A roll-out without rules uses the configured rules, which the page shows. Invalid rules start no roll-out.
 #[test]
 fn a_rollout_from_the_page_uses_the_configured_rules() {
     let rules = Rules { soak_s: 42.0, waves: vec![10, 100], ..Rules::default() };
@@ -598,7 +599,7 @@ fn a_rollout_from_the_page_uses_the_configured_rules() {
     assert_eq!(page.store.rollouts(1).expect("a store")[0].rules, rules);
 }
 
-/// Clients that hang up before the answer: their wrong passwords are counted.
+/// Clients that disconnect before the response: their wrong passwords are counted.
 #[test]
 fn wrong_passwords_of_clients_that_hang_up_are_counted() {
     let page = Page::start();
@@ -610,7 +611,7 @@ fn wrong_passwords_of_clients_that_hang_up_are_counted() {
     for _ in 0..5 {
         let mut stream = TcpStream::connect(address).expect("it listens");
         stream.write_all(request.as_bytes()).expect("sent");
-        // The comparison has begun, and takes longer.
+        // The comparison of the password has begun and takes longer than this.
         std::thread::sleep(Duration::from_millis(10));
     }
     let admin = page.session(Role::Admin);
@@ -631,13 +632,13 @@ fn concurrent_wrong_passwords_are_counted() {
     });
     let looked_at = statuses.iter().filter(|status| **status == 401).count();
     let turned_away = statuses.iter().filter(|status| **status == 429).count();
-    // Five concurrent attempts, one concurrent with the fifth, and two that may wait for their delay.
+    // Five concurrent attempts, one attempt concurrent with the fifth, and two attempts that may wait for their delay.
     assert!((7..=8).contains(&looked_at), "{statuses:?}");
     assert_eq!(looked_at + turned_away, statuses.len(), "{statuses:?}");
 }
 
-/// A machine reconnects after an hour and sends its queue, audit records first. A condition of an hour ago is not current, and a newer
-/// audit record does not make it so.
+/// A machine reconnects after an hour and sends its queue, audit records first. A condition of an hour ago is not
+/// current, even if a newer audit record has arrived.
 #[test]
 fn a_condition_of_an_hour_ago_is_not_current() {
     let page = Page::start();
@@ -650,7 +651,7 @@ fn a_condition_of_an_hour_ago_is_not_current() {
     let record = envelope("a", 3, json!({ "checksum": "ab", "record": "{}" }));
     let batch = [
         received("mill-a", Kind::Condition, 1, now - 3600.0, &first),
-        // Created one second after the first, then queued for an hour.
+        // The condition was created one second after the first, then queued for an hour.
         received("mill-a", Kind::Condition, 2, now, &second),
         received("mill-a", Kind::Audit, 1, now, &record),
     ];
@@ -667,7 +668,7 @@ fn a_condition_of_an_hour_ago_is_not_current() {
     );
 }
 
-/// The database becomes unreadable: the page responds with 503 and does not serve the last overview as current.
+/// The database becomes unreadable. The page responds with 503 instead of serving the last overview as current.
 #[test]
 fn an_outdated_overview_is_not_served() {
     let page = Page::start();
@@ -693,7 +694,7 @@ fn an_outdated_overview_is_not_served() {
     assert!((now_s() - made_s).abs() < 5.0, "{made_s}");
 }
 
-/// A stored document with a number that cannot be parsed does not make the machine's page fail.
+/// The page of a machine is served even if a stored document contains a number that cannot be parsed.
 #[test]
 fn an_unreadable_document_does_not_close_the_machine_page() {
     for (kind, body) in

@@ -21,7 +21,8 @@ fn store(folder: &Path) -> Store {
     Store::open(&folder.join("centre.db")).unwrap()
 }
 
-/// A number that becomes infinite when rounded to three digits, and a row that is not JSON, do not stop the history.
+/// The history continues after a number that becomes infinite when rounded to three digits, and after a row that is not
+/// JSON.
 #[test]
 fn large_numbers_and_broken_rows_do_not_stop_the_history() {
     let folder = tempfile::tempdir().unwrap();
@@ -48,8 +49,8 @@ fn large_numbers_and_broken_rows_do_not_stop_the_history() {
     }
 }
 
-/// A gateway was restarted 17 times offline and sends its queue. The centre is killed between commit and acknowledgement: the redelivered
-/// batch is stored once.
+/// A gateway was restarted 17 times offline and sends its queue. The centre is killed between commit and
+/// acknowledgement. The redelivered batch is stored once.
 #[test]
 fn a_redelivered_batch_of_many_instances_is_stored_once() {
     let folder = tempfile::tempdir().unwrap();
@@ -67,8 +68,8 @@ fn a_redelivered_batch_of_many_instances_is_stored_once() {
     assert_eq!((taken.stored, taken.duplicates), (0, 17));
 }
 
-/// A gateway is killed after the server has stored an audit record and before the gateway has saved its cursor. It sends the record again
-/// under a new instance, after the server has forgotten the ID: it is stored once.
+/// A gateway is killed after the server has stored an audit record and before the gateway has saved its cursor. It
+/// sends the record again under a new instance, after the server has forgotten the ID. The record is stored once.
 #[test]
 fn an_audit_record_resent_after_a_restart_is_stored_once() {
     let folder = tempfile::tempdir().unwrap();
@@ -138,8 +139,8 @@ fn message_numbers_up_to_the_maximum_are_counted() {
     assert!(instances.count_missing() > 0);
 }
 
-/// A gateway is killed after the server has stored an audit record, and sends it again under the same ID: it is stored once, and no
-/// message counts as missing.
+/// A gateway is killed after the server has stored an audit record, and sends the record again under the same ID. The
+/// record is stored once, and no message counts as missing.
 #[test]
 fn a_record_resent_after_a_kill_is_no_gap() {
     Shop::run(1, 1, async |shop| {
@@ -186,8 +187,8 @@ fn a_record_resent_after_a_kill_is_no_gap() {
     });
 }
 
-/// docs/src/fleet.md: "no condition for five of its intervals, at least 15 s". Only the creation times of conditions count: with an
-/// interval of 60 s, a condition from 20 s ago is current.
+/// docs/src/fleet.md: "no condition for five of its intervals, at least 15 s". Only the creation times of conditions
+/// count. With an interval of 60 s, a condition from 20 s ago is current.
 #[test]
 fn a_machine_is_silent_by_its_conditions_and_interval() {
     let folder = tempfile::tempdir().unwrap();
@@ -224,7 +225,7 @@ fn a_machine_is_silent_by_its_conditions_and_interval() {
     ingest.take(&store, &[reported(2, at_s + 2.0)]).unwrap();
     assert!(heard(&mut ingest, None));
     let mut ingest = Ingest::of(&store).unwrap();
-    // Created at 3 s, queued for 20 s.
+    // The condition was created at 3 s and queued for 20 s.
     ingest.take(&store, &[reported(3, at_s + 23.0)]).unwrap();
     assert!(!heard(&mut ingest, None));
     assert!(heard(&mut ingest, Some(60)));
@@ -232,8 +233,8 @@ fn a_machine_is_silent_by_its_conditions_and_interval() {
     assert!((20.0..60.0).contains(&silence_s), "{silence_s}");
 }
 
-/// docs/src/fleet.md: of the conditions and states of one machine the centre stores at most 128 MiB at once and then 16 KiB a second. What a week
-/// without the centre leaves at the server is stored.
+/// docs/src/fleet.md: the centre stores at most 128 MiB of the conditions and states of one machine at once, and then
+/// 16 KiB a second. A week's backlog of messages at the server is stored.
 #[test]
 fn a_flood_of_one_machine_is_not_stored() {
     let folder = tempfile::tempdir().unwrap();
@@ -251,7 +252,8 @@ fn a_flood_of_one_machine_is_not_stored() {
             raw.query_row(&sql, [], |row| row.get::<_, u64>(0)).unwrap()
         })
     };
-    // Two minutes in which each second brings a megabyte. A condition without its fields is unreadable, which is stored for ever.
+    // For two minutes a megabyte arrives every second. A condition without its fields is unreadable and is stored
+    // indefinitely.
     for number in 0..240 {
         let kind = [Kind::Telemetry, Kind::Condition][usize::from(number % 2 == 1)];
         let one = flood(kind, number, "mill-a", FROM_S + number as f64 / 2.0);
@@ -263,7 +265,7 @@ fn a_flood_of_one_machine_is_not_stored() {
     let reception = ingest.machine(&identity("mill-a").machine).unwrap();
     let (_, why) = reception.unreadable.as_ref().unwrap();
     assert!(why.contains("16 KiB a second"), "{why}");
-    // Its state is still known, and its audit records are stored.
+    // The state of the machine is still known, and its audit records are stored.
     let shown = received(
         "mill-a",
         Kind::Condition,
@@ -281,14 +283,15 @@ fn a_flood_of_one_machine_is_not_stored() {
     let other = flood(Kind::Telemetry, 1, "mill-b", FROM_S + 121.0);
     ingest.take(&store, &[other]).unwrap();
     assert!(store.telemetry(&identity("mill-b").machine).unwrap().is_some());
-    // Messages of four hours, 10 KiB a second, that waited at the server while the centre was away are stored.
+    // A backlog of four hours at 10 KiB a second, which waited at the server while the centre was down, is stored.
     let waited: Vec<Received> = (1..=150)
         .map(|number| flood(Kind::Telemetry, number, "mill-c", FROM_S + 100.0 * number as f64))
         .collect();
     ingest.take(&store, &waited).unwrap();
     let reception = ingest.machine(&identity("mill-c").machine).unwrap();
     assert_eq!(reception.unreadable, None);
-    // The first machine's messages are stored again two hours later, also after the server's clock was set back and forth.
+    // Two hours later messages of the first machine are stored again, even after the server's clock was set forward and
+    // back.
     for (number, at_s) in [(400, 0.0), (401, 7200.0), (402, 0.0), (403, 7200.0)] {
         ingest.take(&store, &[flood(Kind::Telemetry, number, "mill-a", FROM_S + at_s)]).unwrap();
     }

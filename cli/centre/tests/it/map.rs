@@ -32,7 +32,7 @@ fn a_squareness_error_appears_in_the_diagonals_before_correction_only() {
     assert_eq!(described.structure, "w b X Y Z t");
     assert_eq!(described.type_numbers, Some([0, 0]));
     assert!(described.formula[0].starts_with("dX = "));
-    // 20 µrad over 400 mm of Y; half a step of 1 µm in one axis remains.
+    // 20 µrad over 400 mm of Y are 8 µm. After correction half a step of 1 µm in one axis remains.
     assert!(
         (map.largest_um[0] - 8.0).abs() < 0.01 && map.largest_um[1] <= 0.51,
         "{:?}",
@@ -50,17 +50,17 @@ fn a_squareness_error_appears_in_the_diagonals_before_correction_only() {
         let rows = &section.before_um;
         assert_eq!((rows.len(), rows[0].len()), (21, 21));
     }
-    // The first section has X across and Y up: the error grows only upwards.
+    // The first section has X across and Y up. The error grows only upwards.
     let rows = &map.sections[0].before_um;
     assert!((rows[20][0] - 8.0).abs() < 0.01 && rows[0][20] < 0.01, "{rows:?}");
 }
 
-/// The page's largest error is that of the work space corner, where a scale error of three axes is largest.
+/// The largest error is that at a corner of the work space, where the scale errors of three axes add up.
 #[test]
 fn the_largest_error_covers_the_whole_work_space() {
     let scale = "{ poly = [0.0, 0.1] }";
     let map = map(&format!("EXX = {scale}\nEYY = {scale}\nEZZ = {scale}"));
-    // 100 µm/m along 500, 400 and 300 mm.
+    // 100 µm/m along 500, 400 and 300 mm give 50, 40 and 30 µm.
     let largest_um = (50.0_f64.powi(2) + 40.0_f64.powi(2) + 30.0_f64.powi(2)).sqrt();
     let [found_um, _] = map.largest_um;
     assert!(
@@ -72,7 +72,7 @@ fn the_largest_error_covers_the_whole_work_space() {
 /// An error above every guard's limit, as from a misplaced decimal separator, adds a note to the model.
 #[test]
 fn an_error_beyond_guard_limits_gets_a_note() {
-    // 1.9 and 2.1 mm at the end of 500 mm of X.
+    // The error is 1.9 or 2.1 mm at the end of 500 mm of X.
     for (slope, is_beyond) in [(3.8, false), (4.2, true)] {
         let map = map(&format!("EXX = {{ poly = [0.0, {slope}] }}"));
         let note = beyond_every_guard(&map);

@@ -74,7 +74,7 @@ impl Page {
         Self { store, address, folder, _runtime: runtime }
     }
 
-    /// The cookie of a session created in the store; logging in would hash a password.
+    /// The cookie of a session created directly in the store, because logging in would hash a password.
     pub(crate) fn cookie_of(&self, role: Role, now: &BootTime) -> String {
         let token = Token::generate().expect("random numbers");
         let session = Session {
@@ -96,7 +96,7 @@ impl Page {
     pub(crate) fn raw(&self, bytes: &[u8]) -> Answer {
         let mut stream = TcpStream::connect(self.address).expect("it listens");
         stream.set_read_timeout(Some(Duration::from_secs(120))).expect("a socket");
-        // The server does not read all of a rejected request.
+        // The server does not read the rest of a rejected request, so the write may fail.
         let _ = stream.write_all(bytes);
         let mut all = Vec::new();
         let _ = stream.read_to_end(&mut all);
@@ -120,7 +120,7 @@ impl Page {
         self.request("GET", path, &[format!("Cookie: {cookie}")], "")
     }
 
-    /// The second overview built from now on, since the first may have been started before the latest change.
+    /// The second overview built from now on, because the first may have been started before the latest change.
     pub(crate) fn overview(&self, cookie: &str) -> serde_json::Value {
         let (mut reported, mut made_s) = (serde_json::Value::Null, now_s());
         for _ in 0..2 {

@@ -45,7 +45,7 @@ fn withdrawn(actions: &[Action]) -> Vec<MachineId> {
     machines.collect()
 }
 
-/// A pass with these machines: index, version, residual in µm.
+/// A pass with these machines: index, version, and residual in µm.
 fn looked(elapsed_s: f64, seen: &[(usize, u64, f64)]) -> Event {
     let seen = seen.iter().map(|(place, version, residual)| {
         let seen = Observation {
@@ -60,7 +60,7 @@ fn looked(elapsed_s: f64, seen: &[(usize, u64, f64)]) -> Event {
     Event::Pass { elapsed_s, seen: seen.collect() }
 }
 
-/// A machine that does not compensate shows nothing about its model: its soak time stops.
+/// A machine that does not compensate reveals nothing about its model, so its soak time stops.
 #[test]
 fn a_disarmed_machine_does_not_soak() {
     let mut rollout = rollout(2, &[0], rules());
@@ -127,7 +127,7 @@ fn answered(place: usize, version: u64, outcome: Outcome) -> Event {
     Event::Answered { machine: name(place), version, outcome }
 }
 
-/// Executes the issue actions, each with version 1 and a residual of 4 µm before.
+/// Executes the issue actions, each with version 1 and a residual of 4 µm before the change.
 fn issue(rollout: &mut Rollout, actions: &[Action]) -> Vec<MachineId> {
     let machines = issued(actions);
     for machine in &machines {
@@ -152,7 +152,7 @@ fn canaries_then_waves_then_done() {
     let actions = rollout.step(looked(1.0, &[]));
     assert_eq!(issue(&mut rollout, &actions), [name(3)]);
     assert!(rollout.step(answered(3, 1, Outcome::Activated)).is_empty());
-    // Soak time: two passes of ten seconds.
+    // The soak time is two passes of ten seconds.
     assert!(rollout.step(looked(10.0, &[(3, 1, 4.0)])).is_empty());
     let actions = rollout.step(looked(10.0, &[(3, 1, 4.0)]));
     assert_eq!(issue(&mut rollout, &actions), [name(0), name(1)]);
@@ -218,7 +218,7 @@ fn rejection_timeout_fault_and_residual_stop_the_rollout() {
     risen.step(answered(0, 1, Outcome::Activated));
     assert!(risen.step(looked(10.0, &[(0, 1, 6.5)])).is_empty());
     stopped(&risen, "from 4.0 µm to 6.5 µm");
-    // An increase of only 50 % or only 2 µm is not enough.
+    // The roll-out continues if the residual rises by 50 % only, or by 2 µm only.
     for fine_um in [6.0, 5.9] {
         let mut fine = start();
         fine.step(answered(0, 1, Outcome::Activated));
@@ -233,7 +233,7 @@ fn confirm_pause_and_resume() {
     let actions = rollout.step(looked(1.0, &[]));
     issue(&mut rollout, &actions);
     assert!(rollout.step(answered(0, 1, needs())).is_empty());
-    // It waits for the user without a timeout.
+    // The roll-out waits for the user without a timeout.
     for _ in 0..100 {
         assert!(rollout.step(looked(10.0, &[])).is_empty());
     }
@@ -393,7 +393,7 @@ proptest! {
                 if confirm.is_none() {
                     prop_assert_eq!(&rollout.phase, &Phase::Running);
                     prop_assert!(sent.insert(machine.clone()), "{} twice", machine);
-                    // Not before all machines of earlier waves are done or have dropped out.
+                    // A version is sent only after all machines of earlier waves are done or have dropped out.
                     for other in rollout.targets.iter().filter(|other| other.wave < target.wave) {
                         let over = matches!(other.step, Step::Done { .. } | Step::Out { .. });
                         prop_assert!(over, "{:?} before {:?}", target, other);
@@ -402,7 +402,7 @@ proptest! {
                             prop_assert!(excused || other.wave > 0);
                         }
                     }
-                    // No machine on which the model failed is ignored, and no more machines dropped out than permitted.
+                    // No machine on which the model failed is ignored, and the number of dropouts is within the limit.
                     let out: Vec<bool> = rollout.targets.iter().filter_map(|target| match target.step {
                         Step::Out { against, excused: false, .. } => Some(against),
                         _ => None,
@@ -448,14 +448,15 @@ fn a_canary_fault_after_its_soak_stops_the_rollout() {
     }
     assert!(matches!(step_of(&rollout, 0), Step::Done { .. }));
     assert_eq!(issue(&mut rollout, &actions), [name(1)]);
-    // A fault with another active version is not caused by the model.
+    // A fault under another active version is not caused by the model.
     rollout.step(faulted(0, "thermal runaway"));
     assert_eq!(rollout.phase, Phase::Running);
     rollout.step(faulted(1, "thermal runaway"));
     stopped(&rollout, "m0: its guard has faulted: thermal runaway");
 }
 
-/// A machine that reports an older active version (restored folder, replaced gateway) does not soak, and drops out at the answer timeout.
+/// A machine that reports an older active version (restored folder, replaced gateway) does not soak. It drops out at
+/// the answer timeout.
 #[test]
 fn a_machine_with_another_version_does_not_soak() {
     let mut rollout = with_a_canary_that_has_it();
@@ -484,7 +485,7 @@ fn inactive_versions_are_withdrawn_when_the_rollout_stops() {
     assert_eq!(issue(&mut rollout, &actions).len(), 3);
     rollout.step(answered(0, 1, Outcome::Activated));
     rollout.step(answered(1, 1, needs()));
-    // The first machine has activated it, the second waits for confirmation, the third was offline.
+    // The first machine has activated the version, the second waits for confirmation, and the third was offline.
     let actions = rollout.step(looked(10.0, &[(0, 1, 40.0)]));
     assert!(matches!(rollout.phase, Phase::Stopped { .. }));
     assert_eq!(withdrawn(&actions), [name(2)]);
@@ -492,7 +493,7 @@ fn inactive_versions_are_withdrawn_when_the_rollout_stops() {
     assert!(rollout.step(looked(10.0, &[])).is_empty(), "once");
     let mut ended = rollout.clone();
     let actions = ended.step(requested(UserRequest::Abort));
-    // The first machine dropped out for its residual: its outcome shows whether the version is active.
+    // The first machine dropped out because of its residual. Its outcome shows whether the version is active.
     assert_eq!(withdrawn(&actions), [name(0), name(1)]);
     let actions = rollout.step(requested(UserRequest::Resume));
     assert_eq!(issue(&mut rollout, &actions), [name(2)]);
@@ -508,8 +509,8 @@ fn inactive_versions_are_withdrawn_when_the_rollout_stops() {
     assert!(matches!(step_of(&rollout, 2), Step::Out { version: None, .. }));
 }
 
-/// A stopped roll-out ignores confirmations; a paused or resumed one sends the confirmed changes. A resume resets decisions to keep the
-/// model.
+/// A stopped roll-out ignores confirmations. A paused or resumed roll-out sends the confirmed changes. A resume resets
+/// decisions to keep the model.
 #[test]
 fn a_stopped_rollout_ignores_confirmations() {
     let mut rollout = rollout(2, &[0, 1], rules());

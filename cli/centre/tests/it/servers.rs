@@ -43,7 +43,7 @@ fn centre() -> tempfile::TempDir {
     folder
 }
 
-/// Writes the configuration of one server; `cluster` is its index and the addresses of all.
+/// Writes the configuration of one server. `cluster` is the index of the server and the addresses of all servers.
 fn configure(folder: &Path, name: &str, listen: &str, cluster: Option<(usize, &[String])>) {
     let cluster = cluster.map_or_else(String::new, |(place, addresses)| {
         let routes: Vec<String> = addresses.iter().map(|one| format!("nats://{one}")).collect();
@@ -124,7 +124,7 @@ async fn greeted(address: &str, trusted: &Path) -> std::io::Result<usize> {
     stream.read(&mut [0; 64]).await
 }
 
-/// The cluster password is not printed to a file that others can read; a replaced file stays private.
+/// The cluster password is not printed to a file that others can read. A replaced file stays private.
 #[test]
 fn the_password_of_a_cluster_stays_private() {
     let folder = centre();

@@ -53,8 +53,8 @@ pub(crate) struct Shop {
 }
 
 impl Shop {
-    /// Runs a test with `servers` clustered servers and `machines` machines. Skipped if no server is installed; under CI that is a
-    /// failure.
+    /// Runs a test with `servers` clustered servers and `machines` machines. Skipped if no server is installed, which
+    /// is a failure under CI.
     pub(crate) fn run(servers: usize, machines: usize, test: impl AsyncFnOnce(&mut Self)) {
         if let Some(mut shop) = Self::new(servers, machines) {
             runtime().block_on(test(&mut shop));
@@ -200,7 +200,7 @@ impl Shop {
         link.unwrap()
     }
 
-    /// Sends a message of a machine; returns when the server has acknowledged it.
+    /// Sends a message of a machine. Returns when the server has acknowledged the message.
     pub(crate) async fn tell(&self, place: usize, kind: Kind, body: &impl serde::Serialize) {
         let link = self.link(place).await;
         let bytes = serde_json::to_vec(body).unwrap();
@@ -209,7 +209,7 @@ impl Shop {
         }
     }
 
-    /// With the first machine's credentials, stores a server response under the second machine's key.
+    /// Uses the credentials of the first machine to store a server response under the key of the second machine.
     pub(crate) async fn forge(&self) {
         let (thief, key) = &self.machines[0];
         let client = async_nats::ConnectOptions::with_nkey(key.seed().unwrap())
@@ -257,7 +257,7 @@ impl Shop {
         .await;
     }
 
-    /// Starts a roll-out to all machines; each number is a different model.
+    /// Starts a roll-out of the model `number` to all machines. Each number is a different model.
     pub(crate) fn roll_out(&self, number: u32, rules: Rules) -> u64 {
         let all: Vec<usize> = (0..self.machines.len()).collect();
         self.roll_out_to(number, &all, rules)
@@ -296,7 +296,7 @@ pub(crate) async fn until(what: &str, mut is_so: impl FnMut() -> bool) {
     }
 }
 
-/// A connection between client and server that can be cut: packets are lost without an error.
+/// A connection between client and server that can be cut: packets are then lost without an error.
 pub(crate) struct Wire {
     pub(crate) url: String,
     cut: Arc<AtomicBool>,
@@ -326,7 +326,8 @@ impl Wire {
     }
 }
 
-/// Forwards bytes. A cut connection holds them, as retransmissions arrive after a network that lost every packet.
+/// Forwards bytes. A cut connection holds the bytes back, as TCP retransmits them after a network has lost every
+/// packet.
 async fn pass(
     from: tokio::net::tcp::OwnedReadHalf,
     mut to: tokio::net::tcp::OwnedWriteHalf,

@@ -42,7 +42,7 @@ fn mill() -> MachineId {
     identity("mill-a").machine
 }
 
-/// One condition per second from `from_s`; the residual of each, µm, is its number.
+/// One condition per second from `from_s` on. The residual of each condition, µm, is its number.
 fn conditions(numbers: std::ops::Range<u64>, from_s: f64) -> Vec<Received> {
     let one = |number: u64| {
         let envelope = envelope("run-1", number, condition(number as f64));
@@ -118,8 +118,8 @@ fn a_file_that_is_no_database_keeps_its_permissions() {
     assert!(device.contains("no regular file"), "{device}");
 }
 
-/// The serial number of a machine cannot change during a roll-out, so that no other machine gets a model measured on this one by taking
-/// its name.
+/// The serial number of a machine cannot change during a roll-out. Otherwise another machine could take its name and
+/// get a model that was measured on this machine.
 #[test]
 fn the_serial_number_is_fixed_during_a_rollout() {
     let (_place, store) = opened();
@@ -129,7 +129,7 @@ fn the_serial_number_is_fixed_during_a_rollout() {
     store.put_machine(&mill, "anna").unwrap();
     let machines = [(mill.identity.machine.clone(), true)];
     store.begin_rollout("ab", &machines, Rules::default(), "anna").unwrap();
-    // Other fields may change; the serial number may not, also not by removing the machine first.
+    // Other fields may change. The serial number may not, even if the machine is removed first.
     store.put_machine(&mill, "anna").unwrap();
     let refused = |found: Result<(), Error>| {
         let said = found.unwrap_err().to_string();
@@ -168,7 +168,7 @@ fn messages_are_stored_once_and_averaged() {
     let batch = conditions(0..90, from_s);
     let taken = ingest.take(&store, &batch[..50]).unwrap();
     assert_eq!((taken.stored, taken.duplicates), (50, 0));
-    // Redelivery of a part, after a lost acknowledgement and after a restart of the centre.
+    // A part of the batch is redelivered after a lost acknowledgement and after a restart of the centre.
     let taken = ingest.take(&store, &batch[40..60]).unwrap();
     assert_eq!((taken.stored, taken.duplicates), (10, 10));
     let store = {
@@ -187,13 +187,13 @@ fn messages_are_stored_once_and_averaged() {
     let minutes = history(Resolution::Minute);
     let means: Vec<(u64, f64)> =
         (minutes.iter()).map(|point| (point.count, point.residual_um.unwrap())).collect();
-    // Means of 0 … 59 and 60 … 89.
+    // The means of the residuals 0 to 59 and 60 to 89.
     assert_eq!(means, [(60, 29.5), (30, 74.5)]);
     assert_eq!(minutes[1].residual_max_um, Some(89.0));
     let hours = history(Resolution::Hour);
     assert_eq!((hours[0].count, hours[0].residual_um), (90, Some(44.5)));
     assert_eq!(hours[0].temperatures_degc["scale X"], 21.5);
-    // 30 late conditions for a closed minute: the means of minute and hour include them.
+    // The means of a closed minute and its hour include 30 late conditions.
     ingest.take(&store, &conditions(90..120, from_s)).unwrap();
     assert_eq!(store.close_minutes(from_s + 180.0).unwrap(), 30);
     let minutes = history(Resolution::Minute);
@@ -229,7 +229,7 @@ fn expired_rows_are_deleted_and_hours_kept() {
     store.delete_expired(keep, from_s + 2.0 * 86_400.0).unwrap();
     assert_eq!(points(Resolution::Raw), 0);
     assert_eq!(points(Resolution::Minute), 1);
-    // The hour's first telemetry is kept longer.
+    // The first telemetry message of the hour is kept longer.
     assert_eq!(store.telemetry(&mill()).unwrap().unwrap().1["number"], 60);
     store.delete_expired(keep, from_s + 40.0 * 86_400.0).unwrap();
     assert_eq!(points(Resolution::Minute), 0);
@@ -275,7 +275,7 @@ fn unreadable_messages_are_kept() {
                 stored_s: 1.0,
                 bytes: bytes.to_vec().into(),
             };
-            // Stored once, however often it is delivered.
+            // The message is stored once, however often it is delivered.
             for _ in 0..2 {
                 let taken = ingest.take(&store, std::slice::from_ref(&message)).unwrap();
                 assert_eq!(taken.stored, 0);
@@ -311,7 +311,7 @@ fn a_machine_is_in_one_open_rollout() {
 fn a_failed_transaction_is_rolled_back() {
     let (place, store) = opened();
     store.put_machine(&machine("mill-a"), "anna").unwrap();
-    // The audit record is the second of two statements.
+    // The audit record is the second of the two statements of the transaction.
     place.execute("ALTER TABLE audit RENAME TO gone");
     store.put_machine(&machine("mill-b"), "anna").unwrap_err();
     place.execute("ALTER TABLE gone RENAME TO audit");
@@ -329,7 +329,7 @@ fn a_database_of_a_newer_program_is_rejected() {
     assert!(matches!(place.open(), Err(Error::Newer { found: 99, .. })));
 }
 
-/// Minutes of many machines, some late or out of order: each machine has its own means.
+/// Minutes of many machines, of which some are late or out of order. Each machine has its own means.
 #[test]
 fn minutes_are_closed_machine_by_machine() {
     const MACHINES: u64 = 70;
@@ -337,7 +337,8 @@ fn minutes_are_closed_machine_by_machine() {
     let mut ingest = Ingest::of(&store).unwrap();
     let from_s = 1_800_000_000.0;
     let name = |machine: u64| format!("mill-{machine}");
-    // Machine m reports a residual of 1000 m + n in second n for three minutes; every third machine is silent in the second minute.
+    // Machine m reports a residual of 1000 m + n µm in second n for three minutes. Every third machine is silent in the
+    // second minute.
     let tells =
         |machine: u64, second: u64| !(machine.is_multiple_of(3) && (60..120).contains(&second));
     let batch: Vec<Received> = (0..180)
@@ -423,7 +424,7 @@ fn an_older_database_is_migrated() {
     }
     let store = place.open().unwrap();
     assert_eq!(store.close_minutes(from_s + 60.0).unwrap(), 60);
-    // The request is still pending: another count violates the constraint.
+    // The request is still pending: any other count violates the constraint.
     place.execute("CREATE TABLE counted (count BIGINT CHECK (count = 1))");
     place.execute("INSERT INTO counted SELECT count(*) FROM wishes WHERE rollout = 1");
     drop(place.open().unwrap());
@@ -434,7 +435,7 @@ fn an_older_database_is_migrated() {
 fn unstorable_instance_names_do_not_block_a_batch() {
     let (_place, store) = opened();
     let mut ingest = Ingest::of(&store).unwrap();
-    // Incompressible: multiples of an odd number.
+    // Multiples of an odd number, which a database cannot compress.
     let digits = (0..10_000_u64).map(|place| place.wrapping_mul(0x9e37_79b9_7f4a_7c15));
     let digits: Vec<String> = digits.map(|digits| format!("{digits:x}")).collect();
     let long = digits.concat();
@@ -501,7 +502,7 @@ fn two_programs_write_concurrently() {
     for name in ["ab", "a-c"] {
         store.put_machine(&machine(name), "anna").unwrap();
     }
-    // Sorted by bytes, independent of the locale.
+    // The machines are sorted by bytes, independent of the locale.
     let mut expected: Vec<String> = (0..4)
         .flat_map(|program| (0..25).map(move |number| format!("mill-{program}-{number}")))
         .collect();
@@ -513,7 +514,8 @@ fn two_programs_write_concurrently() {
     assert_eq!(names, expected);
 }
 
-/// The database has password hashes and models: only its owner can read it, even if it was created with other permissions.
+/// The database holds password hashes and models. Only its owner can read it, even if the file was created with other
+/// permissions.
 #[test]
 fn the_sqlite_file_is_private() {
     use std::os::unix::fs::PermissionsExt;
@@ -533,7 +535,7 @@ fn the_sqlite_file_is_private() {
     assert_eq!(modes(), [0o600; 3]);
 }
 
-/// A login compares the password with a hash, and the user is changed before its session begins.
+/// A login compares the password with a hash, and the user is changed before the session begins.
 #[test]
 fn a_session_begins_only_with_the_current_password_of_a_user_who_may_log_in() {
     let (_place, store) = opened();
@@ -569,7 +571,8 @@ fn a_session_begins_only_with_the_current_password_of_a_user_who_may_log_in() {
     assert!(!begins("new") && !replaces("new", "thief's"));
 }
 
-/// The disk is full when the last use of a session is due: the user stays logged in, until the stored last use is too old.
+/// The disk is full when the last use of a session is to be stored. The user stays logged in until the stored last use
+/// is too old.
 #[test]
 fn a_session_is_valid_while_its_last_use_cannot_be_stored() {
     let (place, store) = opened();

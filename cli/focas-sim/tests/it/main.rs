@@ -137,10 +137,10 @@ fn states_are_set_by_options_and_commands() {
     assert_eq!(simulator.end(), Some(0));
 }
 
-/// The axes stop during an emergency stop, and continue from there without a jump.
+/// The axes stop during an emergency stop. Afterwards they continue from there without a jump.
 #[test]
 fn the_axes_stop_during_an_emergency_stop() {
-    // 100 mm back and forth within 60 s: at most 5.3 mm/s.
+    // 100 mm back and forth within 60 s is at most 5.3 mm/s.
     let mut simulator = Simulator::start(&["--stroke-mm", "100", "--period-s", "60"]);
     let mut client = simulator.client();
     let mut at = || client.positions(PositionKind::Machine, 3).unwrap()[0];
@@ -223,7 +223,7 @@ fn the_tool_error_is_reported() {
         let [x, y, _] = miss(&report, "residual");
         (x - 1.0).abs() < 0.01 && y.abs() < 0.01
     });
-    // As text, and only on request.
+    // The same as text, and only on request.
     let mut simulator = Simulator::start(&[truth[0], truth[1], "--report-s", "0"]);
     simulator.type_line("report");
     let line = simulator.line();
@@ -238,7 +238,7 @@ fn the_tool_error_is_reported() {
     assert!(line.contains("X 0.0 (+0.0 µm) Y 7.2 (+3.0 µm)"), "{line}");
 }
 
-/// By default a barrier moves the axes at its rate, and its next scan overwrites words written by other clients.
+/// By default a barrier moves the axes at its rate. Its next scan overwrites words written by other clients.
 #[test]
 fn a_barrier_protects_the_axes_by_default() {
     let mut simulator = Simulator::start(&[
@@ -259,11 +259,11 @@ fn a_barrier_protects_the_axes_by_default() {
     };
     until("the words are overwritten", || words(100, 3) == [0; 3]);
     simulator.type_line("steps");
-    // In each scan the axes take their words after the program.
+    // In each scan the axes read their words after the program.
     let steps = simulator.json();
     assert_eq!(steps["largest_step_um"], serde_json::json!({"X": 0.0, "Y": 0.0}));
     simulator.type_line("steps reset");
-    // 30 µm and -10 counts of 0.001°, until they are applied.
+    // A correction of 30 µm and of -10 counts of 0.001° is sent until the axes have applied it.
     let mut session = Session::new(7);
     let mut client = simulator.client();
     let mut settings = None;
@@ -303,7 +303,7 @@ fn the_machine_file_defines_five_axes() {
     let mut simulator = Simulator::start(&["--truth", file.to_str().unwrap(), "--report-s", "0.1"]);
     let names = simulator.client().axis_names().unwrap();
     assert_eq!(names, ['X', 'Y', 'Z', 'A', 'C']);
-    // Two lines of at most 80 columns.
+    // The report has two lines of at most 80 columns.
     let [places, misses] = [simulator.line(), simulator.line()];
     assert!(places.contains(" A 0.0 C 0.0"), "{places}");
     assert!(misses.starts_with("            tool error, unaligned "), "{misses}");
@@ -387,7 +387,7 @@ fn invalid_arguments_are_rejected() {
         assert_eq!(output.status.code(), Some(2), "{arguments:?}: {message}");
         assert!(message.contains(expected), "{arguments:?}: {message}");
     }
-    // An occupied port is a failure, not a usage error.
+    // A port in use is a failure, not an invalid argument.
     let taken = Simulator::start(&[]);
     let output = Command::new(env!("CARGO_BIN_EXE_focas-sim"))
         .args(["--listen", &format!("127.0.0.1:{}", taken.port)])

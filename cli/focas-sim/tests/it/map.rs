@@ -14,7 +14,7 @@ use super::{PATIENCE, Simulator};
 
 const AXES: [AxisName; 3] = [AxisName::X, AxisName::Y, AxisName::Z];
 const CAPACITY: u16 = 700;
-/// The map is valid for 1 s after the last frame; then the correction ramps to zero by 2 µm per scan of 8 ms.
+/// The map is valid for 1 s after the last frame. Then the correction ramps to zero by 2 µm per scan of 8 ms.
 const CONTROL: [&str; 14] = [
     "--map-words",
     "700",
@@ -95,7 +95,7 @@ fn shifts(simulator: &Simulator) -> [f64; 3] {
     [word(0), word(2), word(4)]
 }
 
-/// Steps until the axes have these corrections within 1 µm.
+/// Steps until the axes have the corrections `um` within 1 µm.
 fn steps_until(simulator: &Simulator, sender: &mut Sender, words: &mut Words, um: [f64; 3]) {
     let end = Instant::now() + 6 * PATIENCE;
     loop {
@@ -117,7 +117,7 @@ fn the_axes_follow_the_map_and_silence_ramps_to_zero() {
     let mut first = sender(5, 21);
     let um = field(&[700.0, 200.0, 50.0, 0.0, 0.0]).map(|mm| mm * 1e3);
     steps_until(&simulator, &mut first, &mut words, um);
-    // Another sender finds the control owned, and changes nothing.
+    // Another sender finds the control in use, and changes nothing.
     let held = sender(7, 22).step(&mut open(&simulator));
     assert!(matches!(held, Err(SendError::Held { by: 21, .. })), "{held:?}");
     let end = Instant::now() + PATIENCE;

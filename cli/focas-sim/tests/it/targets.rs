@@ -11,7 +11,7 @@ use super::{PATIENCE, Simulator};
 /// X has a positioning error of 50 µm/m, and moves Y by 10 µm everywhere.
 const ERRORS: &str = "[errors]\nEXX = { poly = [0.0, 0.05] }\nEYX = 10.0\n";
 
-/// A folder with machine and program, and the call that runs it.
+/// A folder with a machine and a program, and the command line that runs the program.
 struct Shop {
     folder: tempfile::TempDir,
 }
@@ -67,9 +67,9 @@ fn number(row: &[(String, String)], name: &str) -> f64 {
     cell.1.parse().unwrap_or_else(|_| panic!("{name}: {cell:?}"))
 }
 
-/// Two lines and an intermediate point, the second pass with a correction of -4 µm on X and +3 µm on Y: the ranges equal those by hand
-/// within 0.002 µm. Along the diagonal of the plane 200 × 150 mm the error of X has the weight 0.8, 8 µm at its end; a constant error has
-/// none.
+/// Two lines and an intermediate point. The second pass has a correction of -4 µm on X and +3 µm on Y. The ranges equal
+/// those calculated by hand within 0.002 µm. Along the diagonal of the plane of 200 × 150 mm the error of X has the
+/// weight 0.8, which gives 8 µm at its end; a constant error has no effect.
 #[test]
 fn the_range_along_a_line_matches_the_hand_calculation() {
     let program = "line,X,Y,Z,feed\nalong,0,0,0,60000\nalong,100,0,0,60000\nalong,200,0,0,60000\n\
@@ -91,7 +91,7 @@ fn the_range_along_a_line_matches_the_hand_calculation() {
     assert_eq!(second["pass"], 2);
     for (found, range) in second["lines"].as_array().unwrap().iter().zip([10.0, 8.0]) {
         let of = |name: &str| found[name].as_f64().unwrap();
-        // The error is that of the true position, which 4 µm of X change by 0.0002 µm.
+        // The error is that of the true position. A correction of 4 µm on X changes it by 0.0002 µm.
         assert!((of("range_um") - range).abs() < 0.002, "{found}");
         assert_eq!(of("range_without_um"), range);
     }
@@ -116,8 +116,8 @@ fn the_range_along_a_line_matches_the_hand_calculation() {
     }
 }
 
-/// Without a line column every row is a target; without `--wait` the program starts automatically; `.json` selects one JSON document per
-/// line.
+/// Without a column `line` every row is a target. Without `--wait` the program starts automatically. The extension
+/// `.json` selects one JSON document per line.
 #[test]
 fn json_documents_are_one_per_line() {
     let shop = Shop::new("X,feed,dwell_s\n0,60000,0\n200,60000,0.4\n");
@@ -136,7 +136,7 @@ fn json_documents_are_one_per_line() {
 
 #[test]
 fn nothing_is_measured_during_an_emergency_stop() {
-    // 200 mm at 10 mm/s.
+    // A move of 200 mm at 10 mm/s.
     let shop = Shop::new("line,X,feed\na,0,60000\na,200,600\n");
     let mut simulator = shop.start("targets.csv", &["--wait", "--no-barrier"]);
     let file = shop.folder.path().join("targets.csv");

@@ -169,7 +169,7 @@ impl Rehearsal {
         simulated: &mut Duration,
     ) -> Result<RehearsedFault, GatewayError> {
         let mut run = Run::new(plan, path, self.seed, self.barrier_rate)?;
-        // Move the axes before arming: at standstill the test shift proves nothing.
+        // Move the axes before arming: the test shift proves nothing for a position that has not moved in the last 10 s.
         run.run(Duration::from_secs(1));
         let is_start = matches!(fault.act, FaultAction::Nothing);
         if is_start {

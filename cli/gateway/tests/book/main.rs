@@ -1,5 +1,5 @@
-//! The book and the README files agree with the gateway: configurations are valid, console blocks run, and the tables of keys are those of
-//! the decoder.
+//! The book and the README files agree with the gateway: configurations are valid, console blocks run, and tables of
+//! keys list the keys of the decoder.
 
 use std::{
     collections::{BTreeMap, BTreeSet},

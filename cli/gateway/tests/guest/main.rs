@@ -1,4 +1,4 @@
-//! The gateway over the guest's vcan0, and over its simulated lines. Run by `./test` in the guest, or by
+//! The gateway over the vcan0 of the guest, and over its simulated digital lines. Run by `./test` in the guest, or by
 //! `tests/guest/run`.
 
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
@@ -125,7 +125,7 @@ fn over_vcan() {
     program.wait_for("compensating");
     program.wait(|state| state["correction_um"]["Y"] == -20.0).unwrap();
     std::thread::sleep(Duration::from_millis(200));
-    // 0.05 um/mm at 200 mm, and 20 um.
+    // 0.05 µm/mm at 200 mm, and 20 µm.
     assert_eq!(*control.applied.lock().unwrap(), [-10.0, -20.0, 0.0]);
     control.silent.store(true, Ordering::Relaxed);
     program.wait(|state| state["state"] == "holding" || state["state"] == "ramping-out").unwrap();
@@ -168,7 +168,7 @@ fn over_digital_lines() {
             fs::write(outputs.join(format!("sim_gpio{line}/pull")), pull).unwrap();
         }
     };
-    // Two's complement, um.
+    // Two's complement, µm.
     let sees = || {
         let level = |line: u32| {
             let text = fs::read_to_string(inputs.join(format!("sim_gpio{line}/value"))).unwrap();

@@ -1,4 +1,4 @@
-//! For an invalid configuration `check` and the daemon report the same message and exit with status 2.
+//! For an invalid configuration `check` and the gateway report the same message and exit with status 2.
 
 use std::process::Command;
 
@@ -10,7 +10,7 @@ use crate::{
     wrong_configurations::{FOCAS, RIGHT, cases},
 };
 
-/// A DBC file without counter signals, and one whose X is an angle.
+/// A DBC file without counter signals. A variant of it has an angle for X.
 const BARE: &str = "VERSION \"\"\nNS_ :\nBS_:\nBU_: CNC\nBO_ 256 POSITION: 8 CNC\n SG_ X_POS : 0|32@1- (0.0001,0) [0|0] \"mm\" CNC\nBO_ 257 CORRECTION: 8 CNC\n SG_ X_CORR : 0|16@1- (1,0) [0|0] \"um\" CNC\n";
 
 fn folder() -> tempfile::TempDir {
@@ -52,7 +52,8 @@ fn check_and_the_daemon_refuse_alike() {
     }
 }
 
-/// The programs `check` and daemon report the same message as the library, and `--json` prints the message as one object.
+/// `check` and the gateway as programs report the same message as the library. `--json` prints the message as one
+/// object.
 #[test]
 fn a_wrong_configuration_ends_the_programs() {
     let dir = folder();
@@ -84,7 +85,7 @@ fn a_plan_describes_what_is_opened() {
     let dir = folder();
     let lines = "url = \"modbus://127.0.0.1:1?profile=ADAM-6050\"\naxes = [\"X\"]\nfixed = { Y = 0.0, Z = 0.0 }\nunwatched = true\nunseen = [\"referenced\", \"alarm\", \"emergency_stop\"]\n[controller.digital]\nposition_bits = 8\nposition_mm_per_count = 10.0\ncorrection_bits = 6";
     let slow = RIGHT.replace("cycle_ms = 4.0", "cycle_ms = 20.0");
-    // Six correction bits with a sign hold at most 31 µm.
+    // Six correction bits including the sign hold at most 31 µm.
     let lines = slow.replace(FOCAS, lines).replace("limit_um = 150.0", "limit_um = 31.0");
     for text in [slow, lines] {
         std::fs::write(dir.path().join("machine.toml"), MACHINE).expect("writable");

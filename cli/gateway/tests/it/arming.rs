@@ -17,7 +17,7 @@ use crate::{
     standing::standing_text,
 };
 
-/// An operator disarms while the test shift waits for moving axes: the gateway stays disarmed in spite of auto-arm.
+/// An operator disarms while moving axes delay the test shift. The gateway stays disarmed in spite of auto-arm.
 #[test]
 fn auto_arm_does_not_overrule_a_person() {
     let dir = tempfile::tempdir().expect("writable");
@@ -33,9 +33,9 @@ fn auto_arm_does_not_overrule_a_person() {
     assert_eq!(gateway.shifts(), PerChannel::ZERO);
 }
 
-/// An operator disarms at each stage of an automatic arming: before its request, while it waits, is compared and recorded, and while
-/// its order is carried out. The request to disarm arrives at once, or after a pause, as if its thread stopped between the order and
-/// the queue. No automatic arming follows.
+/// An operator disarms at each stage of an automatic arming: before its request, while the request waits, is compared
+/// and recorded, and while its order is executed. The request to disarm arrives immediately, or after a pause, as if
+/// its thread stopped between the order and the queue. No automatic arming follows.
 #[test]
 fn auto_arm_follows_no_disarm_at_any_stage() {
     const RECORDED: &str = "\"who\":\"auto_arm\",\"what\":\"arm\"";
@@ -77,7 +77,8 @@ fn auto_arm_follows_no_disarm_at_any_stage() {
     assert!((1..20).contains(&recorded_before), "{recorded_before} {cases}");
 }
 
-/// Without `[guard]` the gateway runs and reports its state, but an arm request gets status 409: limits are not configured.
+/// Without `[guard]` the gateway runs and reports its state, but a request to arm gets status 409, because no limits
+/// are configured.
 #[test]
 fn without_limits_it_does_not_arm() {
     let dir = tempfile::tempdir().expect("writable");
@@ -96,8 +97,8 @@ fn without_limits_it_does_not_arm() {
     assert_eq!(gateway.state()["state"], "disarmed");
 }
 
-/// While the control thread hangs the state becomes `unknown`. A request made meanwhile expires and is not executed when the controller
-/// responds again.
+/// While the control thread hangs, the state becomes `unknown`. A request to arm made meanwhile expires, and is not
+/// executed when the controller responds again.
 #[test]
 fn a_hanging_control_thread_is_reported_and_requests_expire() {
     let (_dir, config, mut gateway) = started("");
@@ -122,7 +123,7 @@ fn a_hanging_control_thread_is_reported_and_requests_expire() {
     for line in ["volcomp_state{state=\"unknown\"} 1", "volcomp_reason{reason=\"no cycle\"} 1"] {
         assert!(text.contains(line), "{text}");
     }
-    // This request expires while the thread hangs and must not be executed later.
+    // This request expires while the thread hangs, so it must not be executed later.
     let mut arms = gateway.begin(Operation::Arm(None));
     gateway.hang(Duration::from_secs(1));
     let armed = arms.try_recv().expect("answered");

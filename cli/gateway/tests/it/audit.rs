@@ -50,7 +50,7 @@ fn the_chain_goes_on_from_file_to_file_and_the_oldest_goes() {
     files.sort();
     assert_eq!(files.len(), 9, "{files:?}");
     let read = |name: &str| std::fs::read_to_string(dir.path().join(name)).expect("readable");
-    // The rotated files, oldest first, are one chain of hashes.
+    // The rotated files, oldest first, form one hash chain.
     let names: Vec<String> =
         (1..=8).rev().map(|n| format!("audit.{n}.log")).chain(["audit.log".to_owned()]).collect();
     let all: String = names.iter().map(|name| read(name)).collect();
@@ -63,7 +63,7 @@ fn the_chain_goes_on_from_file_to_file_and_the_oldest_goes() {
     assert_eq!((found.cut_bytes, found.broken), (0, None));
     log.append("anna", "again", details("")).expect("room");
     assert!(read("audit.log").contains("\"seq\":61"));
-    // The last records come newest first, across files; a line that is no record is left out.
+    // The last records are returned newest first, across files. An invalid line is omitted.
     let mut file = std::fs::OpenOptions::new();
     let file = file.append(true).open(log_file(dir.path()));
     file.and_then(|mut file| file.write_all(b"no record\n")).expect("writable");
@@ -85,8 +85,8 @@ fn whole_log(dir: &Path) -> String {
     log_files(dir).into_iter().map(read).collect()
 }
 
-/// While the next file cannot be created, no record is lost, however often rotation is tried; the log continues once
-/// there is space.
+/// While the next file cannot be created, no record is lost, however often a rotation is attempted. The log continues
+/// once there is space.
 #[test]
 fn a_log_that_cannot_be_rotated_loses_nothing() {
     let dir = tempfile::tempdir().expect("writable");
@@ -122,13 +122,13 @@ fn a_log_that_cannot_be_rotated_loses_nothing() {
     let after = whole_log(&folder);
     let found = verify(after.as_bytes());
     assert_eq!((found.end, found.broken), (after.len(), None));
-    // Only the oldest file has gone.
+    // Only the oldest file was removed.
     let [before, after] = [before, after].map(|log| log.lines().count());
     assert!(after > before * 3 / 4, "{before} {after}");
 }
 
-/// After a rotation that ended before the current file was renamed, or before the next one was created, the next
-/// rotation fills the gap.
+/// A rotation was interrupted before the current file was renamed, or before the next one was created. The next
+/// rotation completes it.
 #[test]
 fn a_rotation_that_was_broken_off_is_completed() {
     for is_current_renamed in [false, true] {
@@ -154,7 +154,7 @@ fn a_rotation_that_was_broken_off_is_completed() {
     }
 }
 
-/// The current file is moved away while the gateway runs: the next record starts a new file, and the chain continues.
+/// The current file is moved away while the gateway runs. The next record starts a new file, and the chain continues.
 #[test]
 fn a_log_that_is_moved_away_is_continued() {
     let dir = tempfile::tempdir().expect("writable");
@@ -186,7 +186,8 @@ fn an_empty_file_continues_the_one_before() {
     assert!(whole.contains("\"seq\":2"), "{whole}");
 }
 
-/// The log is truncated at every byte of its last record: complete records are kept, the partial one is removed, and the log continues.
+/// The log is truncated at every byte of its last record. Complete records are kept, the partial one is removed, and
+/// the log continues.
 #[test]
 fn a_tail_torn_anywhere_is_cut() {
     let dir = tempfile::tempdir().expect("writable");
@@ -218,7 +219,7 @@ fn a_tail_torn_anywhere_is_cut() {
     }
 }
 
-/// A simulated disk that hangs while the first flag is set. The second flag is set while a record waits for the disk.
+/// A simulated disk. It hangs while `hangs` is set. `waits` is set while a record waits for the disk.
 #[derive(Clone, Default)]
 struct Disk {
     hangs: Arc<AtomicBool>,
@@ -262,7 +263,8 @@ fn soon(done: impl Fn() -> bool) {
     }
 }
 
-/// While the disk hangs, queuing a record does not block. The number of records that do not fit into the queue is in the next record.
+/// While the disk hangs, queuing a record does not block. Records that do not fit into the queue are lost; the next
+/// record states their number.
 #[test]
 fn a_hanging_disk_blocks_no_caller_and_lost_records_are_counted() {
     let dir = tempfile::tempdir().expect("writable");
@@ -274,7 +276,7 @@ fn a_hanging_disk_blocks_no_caller_and_lost_records_are_counted() {
     let at_hand = writer.record(entry("at hand"));
     soon(|| disk.has_a_record());
     let receipts: Vec<Receipt> = (0..400).map(|n| writer.record(entry(&n.to_string()))).collect();
-    // 256 records are queued behind the one that the disk holds.
+    // 256 records are queued behind the record that waits for the disk.
     let lost = receipts.iter().filter(|r| r.written() == Some(false)).count();
     assert_eq!(lost, 400 - 256);
     assert_eq!(at_hand.written(), None);

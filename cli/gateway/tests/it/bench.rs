@@ -43,10 +43,10 @@ impl<C: Controller> Watched<C> {
 pub(crate) struct Seen {
     pub(crate) applied: PerChannel<f64>,
     pub(crate) writes: u64,
-    /// Added to the positions that the controller reports.
+    /// Offset that is added to the positions that the controller reports.
     pub(crate) offset: PerChannel<f64>,
     pub(crate) fault: Option<Fault>,
-    /// Writes are lost.
+    /// True if writes are lost.
     pub(crate) deaf: bool,
 }
 
@@ -87,7 +87,6 @@ impl<C: Controller> Controller for Watched<C> {
     }
 }
 
-/// A cycle with its simulated machine and clock.
 pub(crate) struct Bench {
     pub(crate) cycle: Cycle,
     pub(crate) clock: Clock,
@@ -186,13 +185,14 @@ impl Bench {
         let mut bench = Self::new();
         bench.run(Duration::from_millis(100));
         bench.request(Request::Arm);
-        // The program starts with a dwell of 1.5 s at the first corner, longer than the test shift takes; then the correction ramps in.
+        // The program starts with a dwell of 1.5 s at the first corner, which is longer than the test shift takes. Then
+        // the correction ramps in.
         let report = bench.run(Duration::from_secs(2));
         assert_eq!(report.state.name(), "compensating");
         bench
     }
 
-    /// Runs one cycle, and fails if the cycle allocates.
+    /// Runs one cycle. Fails if the cycle allocates memory.
     pub(crate) fn step(&mut self, dt: Duration, request: Option<Request>) -> Report {
         self.clock.advance(dt);
         let asked = CycleInput { request, forbids: self.forbids, notes: Reasons::NONE };
@@ -220,7 +220,7 @@ impl Bench {
         self.seen.lock().expect("no test holds it in a panic").applied
     }
 
-    /// Runs for this time, and returns the largest change of a correction between two cycles, mm.
+    /// Runs for `time`, and returns the largest change of a correction between two cycles, mm.
     pub(crate) fn largest_step(&mut self, time: Duration) -> f64 {
         let end = self.clock.elapsed() + time;
         let (mut before, mut largest) = (self.applied(), 0.0_f64);

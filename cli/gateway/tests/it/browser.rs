@@ -20,7 +20,7 @@ use crate::{
     program::{OPERATE, Program, change, path, token_file},
 };
 
-/// Runs a script of this folder in the browser; calls `then` when the script reports that it is ready.
+/// Runs a script of this folder in the browser. Calls `then` when the script reports that it is ready.
 fn run(script: &str, arguments: &[&str], screenshot: &str, then: impl FnOnce()) {
     if !Path::new("/usr/bin/chromium").exists() {
         peers::not_run("Chromium");
@@ -50,8 +50,7 @@ fn run(script: &str, arguments: &[&str], screenshot: &str, then: impl FnOnce()) 
     assert!(output.status.success(), "{message}");
 }
 
-/// Operates the built-in simulation, which accepts no model, and checks the page while the program
-/// ends.
+/// Operates the built-in simulation, which accepts no model, and checks the page while the program ends.
 #[test]
 fn a_person_sees_and_operates_it() {
     let dir = tempfile::tempdir().expect("writable");
@@ -83,8 +82,8 @@ fn a_person_sees_what_is_missing_and_what_is_not_known() {
     });
 }
 
-/// The studio creates a machine file from a folder of laser files. An engineer activates it in the gateway, which then corrects with that
-/// file.
+/// The studio creates a machine file from a folder of laser files. An engineer activates the file in the gateway, which
+/// then corrects with it.
 #[test]
 fn an_engineer_brings_measurements_from_the_studio_into_force() {
     let dir = tempfile::tempdir().expect("writable");
@@ -92,7 +91,7 @@ fn an_engineer_brings_measurements_from_the_studio_into_force() {
     let machine = std::fs::read_to_string(examples().join("machine.toml")).expect("there");
     std::fs::write(dir.path().join("machine.toml"), machine).expect("writable");
     engineers(dir.path());
-    // Small enough that the model of the example is to be confirmed.
+    // The threshold is so small that the model of the example needs a confirmation.
     change(&config, "confirm_um = 10.0", "confirm_um = 1.0");
     let program = Served::start(&config);
     program.wait_for("compensating");
@@ -118,8 +117,8 @@ fn an_engineer_brings_measurements_from_the_studio_into_force() {
         .unwrap_or_else(|state| panic!("another correction: {state}"));
 }
 
-/// Whether the published correction (about 10 µm) equals that of `machine` at the published position within 1.5 µm: one output step plus
-/// half a step of motion between two cycles.
+/// True if the published correction (about 10 µm) equals that of `machine` at the published position within 1.5 µm: one
+/// output step plus half a step of motion between two cycles.
 fn corrects_as(machine: &Machine, state: &Value) -> bool {
     let at = |list: &str, axis: AxisName| state[list][axis.to_string()].as_f64();
     let axes = [AxisName::X, AxisName::Y, AxisName::Z];

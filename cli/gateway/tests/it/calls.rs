@@ -101,7 +101,7 @@ fn elsewhere_only_with_tls_and_a_token() {
     assert!(without.contains("answers 401"), "{without}\n{log}");
     let viewer = viewer(dir.path());
     let with_token = ["status", "--config", path(&config), "--token-file", path(&viewer)];
-    // The page answers before the first cycle.
+    // The page may respond before the first cycle.
     let end = Instant::now() + Duration::from_secs(60);
     loop {
         let with = call(&with_token);
@@ -119,11 +119,11 @@ fn elsewhere_only_with_tls_and_a_token() {
     assert_eq!(state["state"], "disarmed");
     let nobody = call(&["status", "--listen", "127.0.0.1:1"]);
     assert_eq!(nobody.status.code(), Some(1));
-    // `status` finds the address although another key is invalid, because the file may be being edited.
+    // `status` finds the address although another key is invalid: the file may be edited at this time.
     change(&config, "slew_um_per_s = 500.0", "slew_um_per_s = \"fast\"");
     let changed = call(&with_token);
     assert_eq!(changed.status.code(), Some(0), "{changed:?}");
-    // A file that is not TOML has no address: the message states how to reach the gateway without the file.
+    // A file that is not TOML gives no address. The message states how to reach the gateway without the file.
     change(&config, "slew_um_per_s = \"fast\"", "slew_um_per_s");
     let broken = call(&["status", "--config", path(&config)]);
     assert_eq!(broken.status.code(), Some(2), "{broken:?}");

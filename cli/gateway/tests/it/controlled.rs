@@ -13,7 +13,8 @@ pub(crate) fn control() -> Simulator {
     Simulator::start("127.0.0.1:0", Options::default(), world).expect("loopback")
 }
 
-/// A configuration with machine file and tokens for this control: no test shift and a short ramp, so that the gateway arms quickly.
+/// A configuration with machine file and tokens for this control, without a test shift and with a short ramp, so that
+/// the gateway arms quickly.
 pub(crate) fn configuration(dir: &Path, control: &Simulator, more: &str) -> std::path::PathBuf {
     token_file(dir);
     let address = control.address().to_string();

@@ -40,7 +40,7 @@ struct Two {
     second: Arc<Mutex<Seen>>,
 }
 
-/// Compensates over the first controller; the second has the correction `left`, mm.
+/// Compensates over the first controller. The second controller holds the correction `left`, mm.
 fn two(left: &PerChannel<f64>) -> Two {
     let clock = Clock::manual();
     let guard = simulate::guard();
@@ -95,7 +95,7 @@ fn a_correction_left_on_a_standby_path_is_reported() {
     assert!(reasons.contains(Reasons::STANDBY_HOLDS), "{reasons:?}");
 }
 
-/// Two paths with channels whose corrections would add up are rejected, because only one path writes at a time.
+/// Two paths to channels whose corrections would add up are rejected, because only one path writes at a time.
 #[test]
 fn channels_that_would_add_are_refused() {
     let guard = simulate::guard();
@@ -113,8 +113,8 @@ fn channels_that_would_add_are_refused() {
     assert!(matches!(refused.err(), Some(PlanError::Channels { .. })));
 }
 
-/// The second path writes one axis on digital lines, as in the published scheme. It takes over only if the positions of the other axes
-/// are known, fixed or from another controller; it then corrects its axis within 2 µm.
+/// The second path writes one axis over digital lines, as in the published scheme. It takes over only if the positions
+/// of the other axes are known: fixed, or from another controller. It then corrects its axis within 2 µm.
 #[test]
 fn a_path_with_fewer_axes_stands_in_only_where_the_others_are_known() {
     for (fixed, stands_in) in [(Some(1000.0), true), (None, false)] {
@@ -125,7 +125,7 @@ fn a_path_with_fewer_axes_stands_in_only_where_the_others_are_known() {
             named.map(|(name, at)| (name, Displacement::Length(Mm(at)))).into()
         });
         let settings = PathSettings { fixed: others, ..unproven() };
-        // Only a barrier removes the correction of the other axes when the first path falls silent.
+        // Only a barrier removes the correction of the other axes when the first path stops responding.
         let protection = simulate::protection();
         let barrier = PathSettings {
             barrier: Some(BarrierSettings { machine: protection.machine, scan: protection.scan }),
@@ -166,8 +166,8 @@ fn a_path_with_fewer_axes_stands_in_only_where_the_others_are_known() {
     }
 }
 
-/// The same machine file is reloaded while the machine warms up: the thermal lags continue, and the correction of Z changes by less than
-/// 1.5 µm.
+/// The same machine file is reloaded while the machine warms up. The thermal lags continue, and the correction of Z
+/// changes by less than 1.5 µm.
 #[test]
 fn a_reload_keeps_the_lags() {
     let mut bench = Bench::compensating();
@@ -181,17 +181,17 @@ fn a_reload_keeps_the_lags() {
     assert_eq!(taken, Ok(()));
     let after = bench.step(PERIOD, None).wanted;
     for (before, after) in before.iter().zip(&after) {
-        // The limit includes the motion of 4 mm in between.
+        // The limit includes the effect of the motion of 4 mm in between.
         assert!((after - before).abs() < 0.0015, "{before} to {after} mm");
     }
 }
 
-/// RMS of the true error over the volume, while the machine moves and warms up: the correction removes more than 95 %. The residual
-/// includes one cycle of delay, because the machine moves before each exchange.
+/// RMS of the true error over the volume while the machine moves and warms up. The correction removes more than 95 % of
+/// it. The residual includes one cycle of delay, because the machine moves before each exchange.
 #[test]
 fn the_error_goes_over_the_whole_volume_moving_and_warming_up() {
     let mut bench = Bench::compensating();
-    // Well into the warm-up, then through the whole program.
+    // Run well into the warm-up, then through the whole program.
     bench.run(Duration::from_secs(5));
     let (mut before, mut after) = (Vec::new(), Vec::new());
     let mut above_floor = 0.0_f64;
@@ -209,7 +209,7 @@ fn the_error_goes_over_the_whole_volume_moving_and_warming_up() {
         // The correction applied when the machine arrived at this position.
         let b = bench.truth.error(&positions, &degc).norm() * 1e3;
         let a = bench.truth.residual(&positions, &applied, &degc).norm() * 1e3;
-        // Floor of the residual: the same model at this position, rounded to output steps of 1 µm.
+        // The lower bound of the residual: the same model at this position, rounded to output steps of 1 µm.
         let rounded = report.wanted.map(|mm| (mm * 1e3).round() * 1e-3);
         let floor = bench.truth.residual(&positions, &rounded, &degc).norm() * 1e3;
         above_floor = above_floor.max(a - floor);

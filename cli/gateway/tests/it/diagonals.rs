@@ -1,4 +1,4 @@
-//! Body diagonals over the wire: the simulated control measures the residuals of its true errors at its targets.
+//! Body diagonals over the network: the simulated control measures the residuals of its true errors at its targets.
 
 use std::{
     fs,
@@ -14,7 +14,7 @@ use crate::{
     shipped::simulator,
 };
 
-/// A machine of 400 × 300 × 200 mm whose scales are wrong by 200 µm a metre and more: up to 90 µm at the ends.
+/// A machine of 400 × 300 × 200 mm with scale errors of 150 to 250 µm/m and a squareness error of 80 µrad.
 const MACHINE: &str = r#"name = "small"
 structure = "w X' b Y Z t"
 axes = { X.travel = [0, 400], Y.travel = [0, 300], Z.travel = [0, 200] }
@@ -55,8 +55,7 @@ fn diagonals() -> String {
     rows.join("\n")
 }
 
-/// With the right model each range falls by 90 %, and the remaining tip error is the rounding of
-/// the words.
+/// With the correct model each range falls by 90 %. The remaining tip error is the rounding of the correction words.
 #[test]
 fn ranges_fall_by_nine_tenths() {
     let dir = tempfile::tempdir().expect("writable");
@@ -65,7 +64,7 @@ fn ranges_fall_by_nine_tenths() {
     };
     file("machine.toml", MACHINE);
     file("diagonals.csv", &diagonals());
-    // Long enough for a busy computer.
+    // The settling time is long enough for a busy computer.
     let arguments = "--listen 127.0.0.1:0 --truth machine.toml --program diagonals.csv --acceleration-mm-s2 5000 \
         --report targets.csv --wait --report-s 0 --settle-s 0.4 --scan-ms 8 --json";
     let (mut control, line, mut output) = Running::start_and_hear(
@@ -102,6 +101,6 @@ fn ranges_fall_by_nine_tenths() {
         .map(|(_, cell)| cell.parse().expect("a number"))
         .collect();
     assert_eq!(residuals.len(), 20 * 3, "{text}");
-    // Half a count and a tenth of one of hysteresis, and 0.02 µm because the error is that of the corrected place.
+    // Half a count, a tenth of a count of hysteresis, and 0.02 µm because the error is that of the corrected position.
     assert!(residuals.iter().all(|um| um.abs() <= 0.62), "{text}");
 }

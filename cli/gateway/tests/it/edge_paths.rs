@@ -1,5 +1,6 @@
-//! Two paths to one machine, and the state stored by the previous run. An axis must not step when a path falls silent, reports less than
-//! the other, or was changed in between. Checked at the axis, with and without a barrier.
+//! Two paths to one machine, and the state stored by the previous run. An axis must not step when a path stops
+//! responding, reports less than the other, or was changed in between. The test checks the axis itself, with and
+//! without a barrier.
 
 use std::{
     sync::{Arc, Mutex},
@@ -21,7 +22,7 @@ const SECOND: Duration = Duration::from_secs(1);
 /// Maximum change per cycle, mm: the guard's slew, or the barrier's rate per scan, with rounding.
 const MOST: f64 = 0.002 + 1e-9;
 
-/// Two paths to one machine. If `blind`, the second path never reports an interlock.
+/// Two paths to one machine. If `blind` is set, the second path never reports an interlock.
 fn two_ways(barrier: bool, blind: bool) -> Bench {
     let clock = Clock::manual();
     let guard = simulate::guard();
@@ -56,7 +57,7 @@ fn two_ways(barrier: bool, blind: bool) -> Bench {
         seen,
         forbids: Reasons::NONE,
     };
-    // Counting a barrier's scans takes a second; plain values need three readings.
+    // A barrier needs a second for counting its scans; plain values need three readings.
     bench.run(2 * SECOND);
     bench
 }
@@ -77,7 +78,8 @@ fn silence_first(bench: &Bench, fault: Option<Fault>) {
     bench.seen.lock().expect("no panic").fault = fault;
 }
 
-/// The stored correction is 40 µm but the control reports 0: the gateway shows 0 as applied, and its first write makes no step.
+/// The stored correction is 40 µm, but the control reports 0. The gateway shows 0 as applied, and its first write makes
+/// no step.
 #[test]
 fn the_reported_correction_replaces_the_remembered_one() {
     for barrier in [false, true] {
@@ -91,8 +93,8 @@ fn the_reported_correction_replaces_the_remembered_one() {
     }
 }
 
-/// The first path reports an emergency stop and then falls silent. The second path cannot read the stop and must not take over; no axis
-/// moves.
+/// The first path reports an emergency stop and then stops responding. The second path cannot read the stop, so it must
+/// not take over. No axis moves.
 #[test]
 fn an_emergency_stop_causes_no_change_of_path() {
     use std::sync::atomic::Ordering;

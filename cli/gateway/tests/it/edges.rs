@@ -1,6 +1,6 @@
-//! The program and a control with a barrier, from end to end: whatever happens to the program, an axis never moves by more than the
-//! barrier's rate in one scan. Without a barrier these were full steps. What happens to the wire and to the control is rehearsed
-//! (`with_a_barrier_no_fault_is_excepted`).
+//! The gateway program and a control with a barrier, end to end. Whatever happens to the program, an axis never moves
+//! by more than the barrier's rate in one scan; without a barrier these would be full steps. The rehearsal covers
+//! faults of the connection and of the control (`with_a_barrier_no_fault_is_excepted`).
 //!
 //! Each test repeats a few times, or `VOLCOMP_REPEATS` times.
 
@@ -30,7 +30,7 @@ fn repeats() -> u64 {
     asked.ok().and_then(|asked| asked.parse().ok()).unwrap_or(3)
 }
 
-/// A pseudo-random duration below `most_ms` for this number.
+/// A pseudo-random duration below `most_ms`, determined by `number`.
 fn some(number: u64, most_ms: u64) -> Duration {
     let mixed = number
         .wrapping_add(1)
@@ -40,7 +40,7 @@ fn some(number: u64, most_ms: u64) -> Duration {
     Duration::from_millis((mixed >> 33) % most_ms)
 }
 
-/// A control whose X moves back and forth, not started yet: limit 150 counts, rate 2 counts per scan of 2 ms.
+/// A control whose X moves back and forth, not started yet. Limit 150 counts, rate 2 counts per scan of 2 ms.
 pub(crate) fn world() -> World {
     let axes = [AxisName::X, AxisName::Y, AxisName::Z];
     let settings = volcomp_test_support::barrier::settings(&axes).expect("sensible");
@@ -67,7 +67,7 @@ pub(crate) fn guarded(dir: &Path, control: &Simulator) -> std::path::PathBuf {
     config
 }
 
-/// Waits until the gateway compensates and the axes have the correction: −20 µm for Y.
+/// Waits until the gateway compensates and the axes have their correction, −20 µm on Y.
 fn corrects(program: &Program, control: &Simulator) {
     program.wait_for("compensating");
     for _ in 0..2000 {
@@ -85,8 +85,8 @@ fn no_step(control: &Simulator, of: &str) {
     assert!(steps.iter().all(|step| *step <= RATE), "{of}: {steps:?}");
 }
 
-/// No axis steps when the gateway is stopped for two seconds at any moment, also between reading and writing, or killed
-/// at any moment and started again. The control meanwhile still has the correction, ramps it out, or is at zero.
+/// The gateway is stopped for two seconds at any moment, even between reading and writing, or killed at any moment and
+/// started again. No axis steps, whether the control meanwhile holds the correction, ramps it out, or is at zero.
 #[test]
 fn stopped_or_killed_at_any_moment_no_axis_steps() {
     let dir = tempfile::tempdir().expect("writable");
@@ -117,8 +117,8 @@ fn stopped_or_killed_at_any_moment_no_axis_steps() {
     no_step(&control, "ended");
 }
 
-/// The barrier has the axes X, Y, Z and the configuration another order: the gateway stays disarmed, because X would get the correction
-/// of Y, and `check --online` fails.
+/// The barrier has the axes in the order X, Y, Z and the configuration in another order. The gateway stays disarmed,
+/// because X would get the correction of Y, and `check --online` fails.
 #[test]
 fn axes_in_another_order_than_the_barriers_are_refused() {
     let dir = tempfile::tempdir().expect("writable");

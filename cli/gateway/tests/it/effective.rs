@@ -33,7 +33,7 @@ fn the_plan_shows_effective_and_configured_values() {
     let document = plan.document().expect("a plan");
     let axis = &document.controllers[0].axes[0];
     assert_eq!(axis.limit, 100.0);
-    // Four steps of 2 µm are above the default of 5 µm.
+    // Four steps of 2 µm exceed the default of 5 µm.
     assert_eq!(axis.test_shift, 8.0);
     // The guard gets the same limits.
     let limits = plan.limits()[0];
@@ -57,7 +57,7 @@ fn the_plan_shows_effective_and_configured_values() {
     assert!(notes.count() > 4, "{text}");
 }
 
-/// The printed configuration, with all defaults stated, is equivalent to the original.
+/// The printed configuration states all defaults and is equivalent to the original.
 #[test]
 fn what_check_prints_is_a_configuration() {
     let barrier = "barrier = { machine = 7, scan_ms = 8.0, frame = { pmc = \"R\", at = 300 }, report = { pmc = \"R\", at = 400 } }";
@@ -76,8 +76,8 @@ fn what_check_prints_is_a_configuration() {
         let parse = |text: &str| Config::parse(text, "shop/G.toml", Path::new("shop"));
         let config = parse(&text).unwrap_or_else(|e| panic!("{e}\n{text}"));
         let printed = config.effective_toml();
-        // Paths are relative to the folder of the file, wherever `check` is called; a name that equals the folder's name is not taken for
-        // a path.
+        // Paths are relative to the folder of the file, wherever `check` is called. A machine name that equals the
+        // folder's name is not changed as if it were a path.
         assert!(!printed.contains("shop/"), "{printed}");
         let again = parse(&printed);
         let again = again.unwrap_or_else(|e| panic!("{e}\n{printed}"));
@@ -107,7 +107,7 @@ fn a_note_for_several_axes_appears_once() {
     assert!(of_limit[0].contains("axes X, Y, Z: "), "{of_limit:?}");
 }
 
-/// Rotary axes of the control that the machine file does not correct need no limit; `check` lists them as held.
+/// Rotary axes of the control that the machine file does not correct need no limit. `check` lists them as held.
 #[test]
 fn uncorrected_axes_are_listed_as_held() {
     let dir = tempfile::tempdir().expect("writable");

@@ -12,7 +12,7 @@ use volcomp_port::{
 use crate::bench::{Bench, PERIOD, Watched, path, unproven};
 
 const SECOND: Duration = Duration::from_secs(1);
-/// Slew of 500 µm/s in a cycle of 4 ms, plus one output step.
+/// Maximum change in one cycle, mm: a slew rate of 500 µm/s for 4 ms, plus one output step.
 const ONE_CYCLE_MM: f64 = 0.003 + 1e-9;
 
 #[test]
@@ -57,7 +57,7 @@ fn a_frozen_position_keeps_its_correction() {
     bench.run(2 * SECOND);
     let held = bench.applied();
     bench.run(3 * SECOND);
-    // The machine continues to warm up: one step is allowed.
+    // The machine continues to warm up, so one step is allowed.
     let now = bench.applied();
     let moved = now.iter().zip(&held).map(|(a, b)| (a - b).abs());
     assert!(moved.fold(0.0, f64::max) <= 0.001 + 1e-9, "{now:?} {held:?}");
@@ -104,7 +104,7 @@ fn a_starved_processor_makes_no_step() {
         let before = bench.applied();
         bench.step(Duration::from_millis(gap_ms), None);
         let after = bench.applied();
-        // Slew of 0.5 mm/s in five cycles of 4 ms, plus one output step.
+        // A slew rate of 0.5 mm/s in five cycles of 4 ms, plus one output step.
         let allowed = 0.5 * 0.020 + 0.001 + 1e-9;
         assert!(before.iter().zip(&after).all(|(a, b)| (a - b).abs() <= allowed), "{gap_ms} ms");
         assert!(bench.largest_step(2 * SECOND) <= ONE_CYCLE_MM);
@@ -112,8 +112,8 @@ fn a_starved_processor_makes_no_step() {
     }
 }
 
-/// For ten minutes responses are lost, numbers invalid, positions frozen and connections lost at random: every change and value stays
-/// within its limit, and the correction resumes after each fault.
+/// For ten minutes, random faults: lost responses, invalid numbers, frozen positions, broken connections. Every change
+/// and value stays within its limit, and the correction resumes after each fault.
 #[test]
 fn random_faults_of_the_wire_never_make_a_step() {
     for seed in 0..4 {
@@ -157,7 +157,7 @@ fn random_faults_of_the_wire_never_make_a_step() {
 
 type Spoil = fn(&Temperature) -> Temperature;
 
-/// Temperature readings, of one sensor or of all, that become faulty after one minute.
+/// Temperature readings of one sensor or of all sensors that become faulty after one minute.
 struct Spoiled {
     inner: Box<dyn Thermometer>,
     sensor: Option<usize>,
@@ -208,8 +208,8 @@ fn with(t: &Temperature, degc: f64) -> Temperature {
     Temperature { degc: Some(degc), ..*t }
 }
 
-/// The correction changes by at most one slew step per cycle, the state stays `compensating` with the reason `degraded`, and the other
-/// sensors still count.
+/// The correction changes by at most one slew step per cycle. The state stays `compensating` with the reason
+/// `degraded`, and the other sensors still count.
 #[test]
 fn bad_temperatures_are_excluded_and_reported() {
     let spindle = Some(2);
@@ -229,12 +229,13 @@ fn bad_temperatures_are_excluded_and_reported() {
         assert!(report.reasons.contains(Reasons::DEGRADED), "{name}");
         assert!(report.sensors[2].degc.is_none() && report.sensors[2].flaw.is_some(), "{name}");
         assert_eq!(report.sensors[0].degc.is_none(), sensor.is_none(), "{name}");
-        // The values are held for five minutes and fade in ten more.
+        // The last values are held for five minutes and fade within ten more.
         assert!(bench.largest_step(900 * SECOND) <= ONE_CYCLE_MM, "{name}");
     }
 }
 
-/// A sensor whose temperature jumped stays excluded until an operator acknowledges it; then its correction ramps in.
+/// A sensor whose temperature jumped stays excluded until an operator acknowledges the jump. Then its correction ramps
+/// in.
 #[test]
 fn an_acknowledged_jump_is_accepted() {
     let mut bench = spoiled(Some(2), |t| with(t, 60.0));

@@ -1,4 +1,5 @@
-//! `init`, `token`, `arm`, `disarm`, `acknowledge`, `service` and `completions`: from nothing to a correcting gateway.
+//! `init`, `token`, `arm`, `disarm`, `acknowledge`, `service` and `completions`: from no configuration to a gateway
+//! that corrects.
 
 use std::{
     fs,
@@ -19,7 +20,7 @@ use crate::{
     shipped::{copied_examples, simulator},
 };
 
-/// Status, output and messages of a call in a folder.
+/// Exit status, standard output and standard error of a call in a folder.
 fn call(dir: &Path, arguments: &[&str]) -> (Option<i32>, String, String) {
     let output = Command::new(env!("CARGO_BIN_EXE_volcomp-gateway"))
         .args(arguments)
@@ -32,7 +33,7 @@ fn call(dir: &Path, arguments: &[&str]) -> (Option<i32>, String, String) {
     (output.status.code(), out, error)
 }
 
-/// The output of a call that succeeds.
+/// Standard output of a call that succeeds.
 fn done(dir: &Path, arguments: &[&str]) -> String {
     let (status, out, error) = call(dir, arguments);
     assert_eq!(status, Some(0), "{arguments:?}: {error}");
@@ -53,7 +54,7 @@ fn commands(section: &str) -> Vec<Vec<String>> {
     words.collect()
 }
 
-/// Repeats a call until it succeeds: just after the start the gateway still watches the control.
+/// Repeats a call until it succeeds, because just after the start the gateway still watches the control.
 fn until_done(dir: &Path, arguments: &[&str]) -> String {
     let end = Instant::now() + PATIENCE;
     loop {
@@ -67,7 +68,7 @@ fn until_done(dir: &Path, arguments: &[&str]) -> String {
     }
 }
 
-/// The commands of the chapter, in order, on free ports. Only the two that build the programs are omitted.
+/// Runs the commands of the chapter in order, on free ports. Only the two commands that build the programs are omitted.
 #[test]
 fn the_commands_of_the_page_lead_to_a_correction() {
     let commands = commands("## From nothing to a correction");
@@ -122,13 +123,14 @@ fn the_commands_of_the_page_lead_to_a_correction() {
     assert!(!gateway.log().contains(secret), "the log has the token");
 }
 
-/// A machine with a thermal term, for controls that carry only these.
+/// A machine with a thermal term, for controls to which only thermal terms are applied.
 fn thermal_machine(dir: &Path) {
     let thermal = "[thermal]\nreference = 20.0\n[[thermal.expansion]]\nerror = \"EXX\"\nsensor = \"bed\"\num_per_m_k = 2.5\n";
     fs::write(dir.join("m.toml"), format!("{MACHINE}{thermal}")).expect("writable");
 }
 
-/// Every bus of the build, by the example of its driver: the file passes `check`, and a comment precedes every key.
+/// Every bus of the build, with the example URL of its driver. The file passes `check`, and a comment precedes every
+/// key.
 #[test]
 fn every_bus_gets_a_configuration_that_passes() {
     let dir = tempfile::tempdir().expect("writable");
@@ -182,7 +184,7 @@ fn five_axes_get_rotary_limits_and_what_is_not_corrected_is_read() {
     done(dir, &[&["init", "b.toml"], &init[..], &["--axes", "X,Y,Z"]].concat());
     let text = done(dir, &["check", "b.toml"]);
     assert!(text.contains("reads = "), "{text}");
-    // A file of another folder names the machine file by its whole path.
+    // A configuration in another folder names the machine file by its absolute path.
     fs::create_dir(dir.join("other")).expect("writable");
     done(dir, &[&["init", "other/c.toml"], &init[..]].concat());
     done(dir, &["check", "other/c.toml"]);
@@ -233,7 +235,7 @@ fn tokens_are_added_to_a_private_file() {
     let (status, first, message) = add("anna", "operate");
     assert_eq!(status, Some(0), "{message}");
     assert_eq!(mode(&file), 0o600);
-    // A comment, and a last line without an end.
+    // The file has a comment, and its last line has no line end.
     let text = fs::read_to_string(&file).expect("readable");
     fs::write(&file, format!("# who may\n{}", text.trim_end())).expect("ours");
     let (status, second, message) = add("bert", "engineer");
@@ -283,7 +285,7 @@ fn arm_asks_before_a_changed_model() {
     let (status, _, message) = call(dir, &[&with_token("acknowledge")[..], &[&to]].concat());
     assert_eq!(status, Some(1), "nothing to acknowledge: {message}");
     assert!(message.contains("acknowledge is refused: "), "{message}");
-    // An unreadable token does not keep it from disarming.
+    // Disarming works although the token file is unreadable.
     done(dir, &["disarm", "--token-file", "none", "--listen", &to]);
     program.wait_for("disarmed");
     program.signal("TERM");

@@ -10,7 +10,7 @@ use crate::{
 
 const MACHINE: &str = include_str!("../../../../examples/five-axis.toml");
 
-/// A configuration without a barrier, with these lines added to `[guard]` and `[[controller]]`.
+/// A configuration without a barrier. The given lines are added to `[guard]` and `[[controller]]`.
 fn configuration(
     dir: &Path,
     machine: &str,
@@ -51,8 +51,8 @@ fn length(value: &Value) -> f64 {
     squares.sum::<f64>().sqrt()
 }
 
-/// Before arming, residual and error are equal; the correction reduces the residual. If a stop leaves a correction, its record names
-/// every axis.
+/// Before arming, residual and error are equal. The correction reduces the residual. If a stop leaves a correction, its
+/// record names every axis.
 #[test]
 fn errors_and_remaining_corrections_name_every_axis() {
     let dir = tempfile::tempdir().expect("writable");

@@ -1,4 +1,5 @@
-//! A machine of a fleet with a real `nats-server` and a simulated control: manifests are accepted or rejected, and no axis steps.
+//! A machine of a fleet with a real `nats-server` and a simulated control. Manifests are accepted or rejected, and no
+//! axis steps.
 
 use base64::{Engine, engine::general_purpose::STANDARD};
 use volcomp_vocabulary::PerChannel;
@@ -8,7 +9,8 @@ use crate::{
     manual::{Served, no_step, says},
 };
 
-/// The centre forbids correcting while an older version is being activated: correcting stays forbidden, whenever the order arrives.
+/// The centre forbids correcting while an older version is being activated. Correcting stays forbidden, whenever the
+/// order arrives.
 #[test]
 fn an_order_to_disable_outlives_the_activation_of_an_older_version() {
     let Some(centre) = Centre::start() else {
@@ -54,7 +56,7 @@ fn a_roll_out_is_confirmed_ramped_in_and_outlives_the_centre() {
     centre.acknowledged(1, "activated");
     corrects_y(&program, -25.0);
     assert_eq!(program.state()["fleet"]["version"], 1);
-    // 75 µm more, not confirmed.
+    // A model with 75 µm more, which is not confirmed.
     let large = machine_with(100.0);
     centre.roll_out(2, &large);
     let asked = centre.acknowledged(2, "needs-confirmation");
@@ -72,7 +74,7 @@ fn a_roll_out_is_confirmed_ramped_in_and_outlives_the_centre() {
     let key = STANDARD.encode(centre.key.verifying_key().to_bytes());
     let who = format!("\"who\":\"centre {}\",\"what\":\"reload\"", &key[..8]);
     assert_eq!(audit.matches(&who).count(), 2, "{who} in {audit}");
-    // The centre is gone for good; the machine needs neither it nor the configured machine file.
+    // The centre has ended for good. The machine needs neither the centre nor the configured machine file.
     centre.stop();
     let rig = program.stop();
     std::fs::remove_file(dir.path().join("machine.toml")).expect("there");
@@ -84,8 +86,8 @@ fn a_roll_out_is_confirmed_ramped_in_and_outlives_the_centre() {
     no_step(&program.stop());
 }
 
-/// An order of the centre to disable ramps the correction out. The machine cannot be armed, also not after a restart, until the centre
-/// enables it.
+/// An order of the centre to disable ramps the correction out. The machine cannot be armed, even after a restart, until
+/// the centre enables it.
 #[test]
 fn what_the_centre_disables_stays_disarmed_until_it_enables() {
     let Some(centre) = Centre::start() else {
@@ -113,13 +115,14 @@ fn what_the_centre_disables_stays_disarmed_until_it_enables() {
     assert_eq!(state["state"], "disarmed");
     assert_eq!(program.gateway().shifts(), PerChannel::ZERO);
     centre.roll_out(2, &model);
-    // Auto-arm resumes, since only the order prevented arming.
+    // Auto-arm resumes, because only the order prevented arming.
     program.wait_for("compensating");
     corrects_y(&program, -25.0);
     assert_eq!(program.state()["fleet"]["enabled"], true);
 }
 
-/// A value that is not signed for this machine, is older, or is damaged changes nothing, and its reason is reported.
+/// A value that is not signed for this machine, is older, or is damaged changes nothing. The gateway reports the
+/// reason.
 #[test]
 fn rogue_values_change_nothing() {
     let Some(centre) = Centre::start() else {
@@ -136,7 +139,7 @@ fn rogue_values_change_nothing() {
     let refused = |version: u64, words: &str| {
         let why = centre.refused(version, words);
         assert!(why.len() < 400, "{why}");
-        // The outcome is that of the accepted manifest, which could not be activated.
+        // The outcome shown is that of the accepted manifest, which could not be activated.
         let fleet = program.state()["fleet"].clone();
         let shown =
             [&fleet["refused"], &fleet["outcome"]].map(|text| text.as_str().unwrap_or_default());
@@ -184,7 +187,7 @@ fn rogue_values_change_nothing() {
     assert_eq!(state["state"], "compensating");
     assert_eq!(state["correction_um"]["Y"], -25.0);
     assert_eq!(state["fleet"]["version"], 6);
-    // A valid manifest is accepted, also from the object store.
+    // A valid manifest is accepted, even with its model in the object store.
     let manifest = centre.manifest(13, &large);
     centre.store(&manifest.model.sha256, &large);
     centre.send(&manifest, &large);
@@ -192,8 +195,8 @@ fn rogue_values_change_nothing() {
     corrects_y(&program, -28.0);
 }
 
-/// The gateway is killed between acceptance and activation: after its restart it activates the manifest once. The same manifest again
-/// changes nothing.
+/// The gateway is killed between acceptance and activation. After its restart it activates the manifest once. The same
+/// manifest again changes nothing.
 #[test]
 fn a_restart_between_acceptance_and_activation_continues() {
     let Some(mut centre) = Centre::start() else {
@@ -205,7 +208,7 @@ fn a_restart_between_acceptance_and_activation_continues() {
     let large = format!("{model}#{}\n", "-".repeat(volcomp_fleet::INLINE_LIMIT));
     let manifest = centre.manifest(1, &large);
     let program = compensating(&config);
-    // The machine file is not at the server yet: the manifest is accepted, and its activation waits.
+    // The server does not have the machine file yet: the manifest is accepted, and its activation waits.
     centre.send(&manifest, &large);
     wait(&program, "it is accepted", |state| {
         state["fleet"]["accepted"] == 1 && state["fleet"]["trouble"].is_string()
@@ -216,7 +219,7 @@ fn a_restart_between_acceptance_and_activation_continues() {
     let program = Served::again(rig, &config);
     centre.acknowledged(1, "activated");
     corrects_y(&program, -25.0);
-    // The server is killed and restarted: the same value again changes nothing.
+    // The server is killed and restarted. The same value again changes nothing.
     let ramps = || {
         let audit = program.gateway().audit();
         audit.matches("\"state\":\"arming\"").count()

@@ -31,13 +31,13 @@ pub(crate) struct Centre {
     runtime: tokio::runtime::Runtime,
 }
 
-/// The machine file with this straightness of X in Y, µm.
+/// The machine file with a straightness EYX of `eyx_um`, µm.
 pub(crate) fn machine_with(eyx_um: f64) -> String {
     MACHINE.replace("EYX = 20.0", &format!("EYX = {eyx_um:.1}"))
 }
 
 impl Centre {
-    /// A running server. `None` if it is not installed; under CI that is a failure.
+    /// A running server. `None` if no server is installed, which is a failure under CI.
     pub(crate) fn start() -> Option<Self> {
         if program().is_none() {
             volcomp_test_support::peers::not_run("nats-server");
@@ -104,7 +104,7 @@ impl Centre {
         self.runtime.block_on(made).expect("streams");
     }
 
-    /// Sets the largest message, bytes, that the server stores in the stream of audit records and acknowledgements; -1: any.
+    /// Sets the maximum size of messages in the stream of audit records and acknowledgements, bytes; -1: unlimited.
     pub(crate) fn limit_audit_messages(&self, bytes: i32) {
         let context = self.context();
         self.runtime.block_on(async move {
@@ -149,7 +149,7 @@ impl Centre {
         }
     }
 
-    /// Signs a manifest, and stores it under the machine's key; returns the stored value.
+    /// Signs a manifest, and stores it under the machine's key. Returns the stored value.
     pub(crate) fn send(&self, manifest: &Manifest, model: &str) -> Vec<u8> {
         let desired = Desired::sign(manifest, model, &self.key).expect("plain data");
         let value = desired.bytes().expect("plain data");
@@ -162,7 +162,7 @@ impl Centre {
         self.send(&self.manifest(version, model), model)
     }
 
-    /// All messages of a stream: last part of the subject, and document.
+    /// All messages of a stream: the last part of the subject, and the document.
     pub(crate) fn reported(&self, stream: &str) -> Vec<(String, Value)> {
         let context = self.context();
         let name = format!("{stream}-berlin");
@@ -203,7 +203,7 @@ impl Centre {
         }
     }
 
-    /// Waits until a version is rejected with a reason that contains these words; returns the reason.
+    /// Waits until a version is rejected with a reason that contains `words`. Returns the reason.
     pub(crate) fn refused(&self, version: u64, words: &str) -> String {
         let end = Instant::now() + PATIENCE;
         loop {
@@ -279,13 +279,13 @@ pub(crate) fn compensating(config: &Path) -> Served {
     gateway
 }
 
-/// Waits until `done` holds for the state; panics with `what` on timeout.
+/// Waits until `done` holds for the state. Panics with `what` on timeout.
 pub(crate) fn wait(gateway: &Client, what: &str, done: impl Fn(&Value) -> bool) -> Value {
     let state = gateway.wait(done);
     state.unwrap_or_else(|state| panic!("{what}: {state}\n{}", gateway.log()))
 }
 
-/// Waits until the correction of Y that the control applies is this, µm.
+/// Waits until the control applies the correction `um` to Y, µm.
 pub(crate) fn corrects_y(gateway: &Client, um: f64) {
     wait(gateway, &format!("Y is corrected by {um} µm"), |state| {
         state["correction_um"]["Y"] == um

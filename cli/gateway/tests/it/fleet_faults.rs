@@ -36,8 +36,8 @@ fn is_whole(numbers: &BTreeSet<u64>) -> bool {
     numbers.last() == Some(&(numbers.len() as u64))
 }
 
-/// A gateway that starts without a server corrects. Its queued messages arrive later, each once, and the audit records in order with
-/// their chain.
+/// A gateway that starts without a server corrects. Its queued messages arrive later, each once, and the audit records
+/// in order with their hash chain.
 #[test]
 fn messages_queued_while_the_centre_is_away_arrive_later() {
     let Some(mut centre) = Centre::start() else {
@@ -57,13 +57,13 @@ fn messages_queued_while_the_centre_is_away_arrive_later() {
     centre.restart();
     centre.roll_out(1, &machine_with(25.0));
     centre.acknowledged(1, "activated");
-    // A second outage, during the transfer.
+    // A second outage during the transfer of the queue.
     centre.stop();
     wait(&program, "it notices", |state| state["fleet"]["connected"] == false);
     corrects_y(&program, -25.0);
     assert_eq!(program.post("/api/disarm", "").status, 200);
     centre.restart();
-    // The oldest messages come first, so that there is no gap before the last one.
+    // The oldest messages are sent first, so that there is no gap before the last one.
     volcomp_test_support::until("all of it comes", Duration::from_secs(60), || {
         let lines = centre.bodies("audit", "audit");
         let is_there = |line: &serde_json::Value| line.to_string().contains("disarm\\\"");
@@ -83,7 +83,7 @@ fn messages_queued_while_the_centre_is_away_arrive_later() {
     let sent = sent.concat();
     let verified = verify(sent.as_bytes());
     assert_eq!(verified.broken, None, "{sent}");
-    // The last records may arrive after the server has closed, but there is no gap.
+    // The last records may be written after the server was closed, but there is no gap before them.
     assert!(audit.starts_with(&sent), "{audit}\nsent:\n{sent}");
     assert!(sent.contains("\"what\":\"disarm\""), "{sent}");
     assert_eq!(numbers(&centre).len(), 1, "one start");
@@ -99,7 +99,8 @@ fn messages_queued_while_the_centre_is_away_arrive_later() {
     crate::documents::validate("gateway-state.json", last);
 }
 
-/// The server refuses audit records and acknowledgements, as when their stream is full: the states arrive, and the others later.
+/// The server rejects audit records and acknowledgements, as when their stream is full. The states arrive immediately,
+/// the rejected messages later.
 #[test]
 fn refused_audit_records_delay_no_state() {
     let Some(centre) = Centre::start() else {
@@ -158,7 +159,7 @@ fn with_control(centre: &Centre, dir: &Path, control: &Simulator) -> PathBuf {
 const FAKETIME: &str = "/usr/lib/x86_64-linux-gnu/faketime/libfaketimeMT.so.1";
 
 /// If the wall clock jumps by ten years and back, the correction continues and the same manifests are accepted. The
-/// dates in the log jump, its order does not.
+/// dates in the log jump, but its order does not change.
 #[test]
 fn a_wall_clock_that_jumps_changes_nothing_but_the_dates() {
     if !Path::new(FAKETIME).exists() {
@@ -186,7 +187,7 @@ fn a_wall_clock_that_jumps_changes_nothing_but_the_dates() {
     for (version, jump) in [(2_u8, "-3650d"), (3, "+3650d"), (4, "+0")] {
         let before = program.state()["cycle"]["count"].as_u64().expect("a count");
         std::fs::write(&stamp, jump).expect("writable");
-        // On a busy computer a cycle may come late, and it holds for a moment, whatever the clock does.
+        // On a busy computer a late cycle makes the gateway hold for a moment, whatever the clock does.
         wait(&program, jump, |state| {
             state["cycle"]["count"].as_u64() > Some(before + 100)
                 && state["state"] == "compensating"
@@ -216,8 +217,8 @@ fn a_wall_clock_that_jumps_changes_nothing_but_the_dates() {
     assert!(records.windows(2).all(steadily));
 }
 
-/// On a full disk no manifest is activated, since it could not be stored, while the correction continues and a disarm is executed at
-/// once. With space again the activation resumes.
+/// On a full disk no manifest is activated, because it could not be stored. The correction continues, and a disarm is
+/// executed immediately. When there is space again, the activation resumes.
 #[test]
 fn a_full_disk_accepts_nothing_new_and_delays_no_disarm() {
     let Some(centre) = Centre::start() else {
@@ -242,7 +243,7 @@ fn a_full_disk_accepts_nothing_new_and_delays_no_disarm() {
     assert_eq!(state["armed"], true, "{state}");
     assert_eq!(state["correction_um"]["Y"], -22.0, "{state}");
     assert_eq!(state["fleet"]["version"], 1, "{state}");
-    // A restart on the full disk: everything stored is complete.
+    // After a restart on the full disk, everything stored is complete.
     let program = program.killed_and_started(&config);
     corrects_y(&program, -22.0);
     let model = machine_with(26.0);
@@ -259,7 +260,8 @@ fn a_full_disk_accepts_nothing_new_and_delays_no_disarm() {
     drop(program);
 }
 
-/// A stored machine file is modified: it is reported and not used, the configured file is active, and the centre's file is fetched again.
+/// A stored machine file is modified. The gateway reports it and does not use it, the configured file is active, and
+/// the file of the centre is fetched again.
 #[test]
 fn a_damaged_machine_file_is_reported_and_fetched_again() {
     let Some(mut centre) = Centre::start() else {
@@ -280,7 +282,7 @@ fn a_damaged_machine_file_is_reported_and_fetched_again() {
     let machine = machine.expect("kept");
     let text = std::fs::read_to_string(&machine).expect("readable");
     std::fs::write(&machine, text.replace("25.0", "125.0")).expect("writable");
-    // 20 and not 25 µm moves the axes by less than would have to be confirmed.
+    // The change from 25 to 20 µm is too small to need a confirmation.
     let program = Served::again(rig, &config);
     let state =
         wait(&program, "it says so", |state| says(state, "machine file of the centre damaged"));
@@ -293,7 +295,8 @@ fn a_damaged_machine_file_is_reported_and_fetched_again() {
     wait(&program, "all is well again", |state| {
         !says(state, "machine file of the centre damaged") && state["fleet"]["version"] == 4
     });
-    // Everything of the folder is garbage: as after a loss, but nothing corrects before the centre allows it.
+    // All files of the folder are garbage, as after a loss of data. The gateway does not correct before the centre
+    // permits it.
     for path in files().filter(|path| path.is_file()).collect::<Vec<_>>() {
         std::fs::write(path, "garbage").expect("writable");
     }
@@ -308,8 +311,8 @@ fn a_damaged_machine_file_is_reported_and_fetched_again() {
     no_step(&program.stop());
 }
 
-/// The disk hangs during an order: the active model continues to correct and the page reports the disk. An order to disable is executed
-/// before the disk responds, and everything resumes afterwards.
+/// The disk hangs during an order. The active model continues to correct, and the page reports the disk. An order to
+/// disable is executed before the disk responds. Everything resumes afterwards.
 #[test]
 fn a_hanging_disk_delays_no_cycle_and_no_disarm() {
     let Some(centre) = Centre::start() else {

@@ -1,8 +1,8 @@
-//! The network between a machine and its centre is cut: each is in a separate network namespace, connected by a pair of virtual cards, and
-//! the frames of one or both directions are silently lost, as with a failing switch.
+//! The network between a machine and its centre is cut. Each side is in a separate network namespace, connected by a
+//! pair of virtual cards. The frames of one or both directions are lost without an error, as with a failing switch.
 //!
-//! Each test starts itself again in a namespace that is the site; the centre, its server and its page are started in another.
-//! Namespaces and cards end with the programs in them.
+//! Each test starts itself again in the namespace of the site. The centre, its server and its page are started in the
+//! other namespace. Namespaces and cards end with the programs in them.
 
 use std::{
     collections::BTreeSet,
@@ -27,7 +27,8 @@ const SITE: &str = "10.77.0.2";
 const CENTRE: &str = "10.77.0.1";
 /// A MAC address of no interface, so that frames to it are lost.
 const ABSENT_MAC: &str = "02:00:00:00:00:99";
-/// Server settings: a gateway that is silent for three seconds is disconnected. The gateway drops a dead connection within 30 s.
+/// Server settings. The server disconnects a gateway that is silent for three seconds; the gateway drops a dead
+/// connection within 30 s.
 const SHORT: &str = "ping_interval: \"1s\"\nping_max: 2\nwrite_deadline: \"2s\"\n";
 
 /// The direction in which frames are lost.
@@ -38,7 +39,7 @@ enum Lost {
     ToTheSite,
 }
 
-/// The namespaces of centre and site; this program runs in that of the site.
+/// The namespaces of centre and site. This program runs in the namespace of the site.
 struct Network {
     /// A process that keeps the centre's namespace alive.
     holder: Running,
@@ -111,7 +112,7 @@ fn into_namespace() -> Option<&'static [&'static str]> {
         &["unshare", "--user", "--map-root-user", "--net"],
         &["sudo", "-n", "-E", "unshare", "--net"],
     ];
-    // The command must permit creating cards and entering another namespace.
+    // The command must permit creating virtual cards and entering another namespace.
     let probe =
         "ip link add site type veth peer name centre && nsenter --net=/proc/self/ns/net true";
     WAYS.into_iter().find(|way| {
@@ -151,7 +152,7 @@ fn everything_is_lost() {
     at_site("everything_is_lost", || partition(Lost::Everything));
 }
 
-/// Frames to the centre are lost: the site receives, but nothing it sends arrives.
+/// Frames to the centre are lost. The site receives, but its messages do not arrive.
 #[test]
 fn what_goes_to_the_centre_is_lost() {
     at_site("what_goes_to_the_centre_is_lost", || {
@@ -159,7 +160,7 @@ fn what_goes_to_the_centre_is_lost() {
     });
 }
 
-/// Frames to the site are lost: its messages arrive, but no acknowledgement returns.
+/// Frames to the site are lost. Its messages arrive, but no acknowledgement returns.
 #[test]
 fn what_goes_to_the_site_is_lost() {
     at_site("what_goes_to_the_site_is_lost", || {
@@ -167,8 +168,8 @@ fn what_goes_to_the_site_is_lost() {
     });
 }
 
-/// During the partition the gateway corrects without a step. Afterwards its messages arrive, each once, and an order given in between is
-/// executed.
+/// During the partition the gateway corrects without a step. Afterwards its messages arrive, each once, and an order
+/// given in between is executed.
 fn partition(lost: Lost) {
     let network = Network::new();
     let whole = Whole::start_at(network.place(), &[("mill-1", "4711", MACHINE)]);
@@ -191,7 +192,7 @@ fn partition(lost: Lost) {
     comes_later(&whole, &program, dir.path(), cut.elapsed());
 
     whole.done("machine enable mill-1");
-    // It was disarmed by an operator, so an operator must arm it.
+    // An operator disarmed the machine, so an operator must arm it.
     wait(&program, "it may be armed", |state| !says(state, "disabled by the centre"));
     program.must_arm();
     program.wait_for("compensating");
@@ -209,7 +210,7 @@ fn alone(whole: &Whole, program: &Client) {
         let mut alarms = alarms.as_array().expect("a list").iter();
         alarms.any(|alarm| alarm["kind"] == "silent" && alarm["machine"] == "mill-1")
     });
-    // One audit record and one order during the partition.
+    // One audit record and one order arise during the partition.
     assert_eq!(program.post("/api/disarm", "").status, 200);
     program.wait_for("disarmed");
     program.must_arm();
@@ -227,7 +228,7 @@ fn alone(whole: &Whole, program: &Client) {
     assert_eq!(page["silent"], true, "{page}");
 }
 
-/// Checks that everything sent during the partition arrives afterwards, once.
+/// Checks that every message of the partition arrives afterwards, once.
 fn comes_later(whole: &Whole, program: &Client, dir: &std::path::Path, cut: Duration) {
     whole.machine_is("its state is reported", "mill-1", |one| {
         one["enable"] == false && one["live"]["condition"]["state"] == "disarmed"
@@ -249,7 +250,7 @@ fn comes_later(whole: &Whole, program: &Client, dir: &std::path::Path, cut: Dura
             stored.iter().any(|one| one == checksum)
         })
     });
-    // Conditions are sent once per second, also during the partition.
+    // Conditions are sent once per second, even during the partition.
     until("its conditions are there", LONG, || {
         let history = "/api/machines/mill-1/history?resolution=raw&hours=1";
         let history = whole.page(&cookie, history);

@@ -1,4 +1,4 @@
-//! The fleet as it is used: the centre's own program and command line, a real server, gateways on simulated machines.
+//! The whole fleet: the centre's own program and command line, a real server, and gateways on simulated machines.
 
 use std::time::Duration;
 
@@ -13,7 +13,7 @@ use crate::{
     program::{Client, MACHINE},
 };
 
-/// A model is rolled out by the centre's command line and reaches the axes on a ramp. A large change waits for
+/// The command line of the centre rolls a model out, which reaches the axes on a ramp. A large change waits for
 /// confirmation by the operator. The machine is disabled and enabled, and the page shows the reported state.
 #[test]
 fn a_model_goes_from_the_centre_to_the_axes() {
@@ -81,7 +81,7 @@ fn a_model_goes_from_the_centre_to_the_axes() {
     assert!(log.contains("rollout.start") && log.contains("anna"), "{log}");
 }
 
-/// The page shows the reports of a gateway: its condition, its whole state, its audit records, its versions.
+/// The page shows the reports of a gateway: its condition, its full state, its audit records, and its versions.
 fn page_shows(whole: &Whole, program: &Client) {
     let cookie = whole.log_in();
     whole.machine_is("it runs what it shall", "mill-1", |one| {
@@ -112,7 +112,7 @@ fn page_shows(whole: &Whole, program: &Client) {
     assert!(corrected(-25.0) && corrected(-100.0), "{history}");
 }
 
-/// A fault of the guard raises an alarm with its reason. The silence of a gateway that has ended raises another.
+/// A fault of the guard raises an alarm with its reason. A gateway that has ended raises an alarm for its silence.
 #[test]
 fn faults_and_silence_raise_alarms() {
     let Some(whole) = Whole::start(&[("mill-1", "4711", MACHINE)]) else {
@@ -182,7 +182,7 @@ fn the_wrong_machine_is_refused_with_the_reason() {
         let stopped = whole.is_in(rollout, "stopped");
         let why = stopped["phase"]["why"].as_str().expect("a text");
         assert!(why.contains(name) && why.contains(words), "{why}");
-        // The reason is in the status, in the alarms, and in the machine's audit log.
+        // The status, the alarms and the machine's audit log state the reason.
         let status = whole.done(&format!("rollout status {rollout}"));
         assert!(status.contains(words), "{status}");
         whole.wait("an alarm reports it", "alarms --json", |alarms| {
@@ -199,7 +199,7 @@ fn the_wrong_machine_is_refused_with_the_reason() {
         corrects_y(&program, -20.0);
         assert_eq!(program.gateway().shifts()[1], -0.020);
     }
-    // A model that does not match the registered machine is not sent at all.
+    // A model that does not match the registered machine is not sent.
     let short = whole.add_model(&machine_text("small", 30.0));
     for (name, words) in [("order", "the structure"), ("names", "the structure")] {
         let refused = whole.call(&format!("rollout start --model {short} --machine {name}"));
@@ -208,8 +208,8 @@ fn the_wrong_machine_is_refused_with_the_reason() {
     }
 }
 
-/// The disk of the centre's database hangs during a roll-out: machines continue to correct, and the page reports the disk. Afterwards the
-/// roll-out resumes without a lost message.
+/// The disk of the centre's database hangs during a roll-out. Machines continue to correct, and the page reports the
+/// disk. Afterwards the roll-out resumes, and no message is lost.
 #[test]
 fn a_hanging_disk_of_the_centre_delays_no_machine() {
     let at = tempfile::tempdir().expect("writable");
@@ -259,7 +259,8 @@ fn a_hanging_disk_of_the_centre_delays_no_machine() {
     no_step(&program.stop());
 }
 
-/// The centre is killed between the first and the second machine of a roll-out: after its restart each machine gets its version once.
+/// The centre is killed between the first and the second machine of a roll-out. After its restart each machine gets its
+/// version once.
 #[test]
 fn a_killed_centre_resumes_its_roll_out() {
     let names = ["mill-1", "mill-2"];
@@ -278,7 +279,7 @@ fn a_killed_centre_resumes_its_roll_out() {
         });
     }
     let short = whole.add_model(&machine_text("small", 25.0));
-    // Steps long enough for a kill in between, also on a slow computer.
+    // The soak time is long enough for a kill in between, even on a slow computer.
     whole.done(&format!(
         "rollout start --model {short} --machine mill-1 --machine mill-2 --soak-s 15"
     ));

@@ -1,4 +1,5 @@
-//! The centre as used (command line, running program, page) with a real `nats-server` on the configuration that `nats-config` prints.
+//! The whole centre (command line, running program, page), with a real `nats-server` on the configuration that
+//! `nats-config` prints.
 
 use std::{
     io::Write,
@@ -20,7 +21,7 @@ use crate::{
     program::{Answer, MACHINE, answer, exchange},
 };
 
-/// Timeout of all waits, sized for a slow computer.
+/// Timeout of all waits; long enough for a slow computer.
 pub(crate) const LONG: Duration = Duration::from_secs(90);
 /// Environment variable with the centre's arguments; if set, this test program acts as the centre.
 const CALL: &str = "VOLCOMP_TEST_CENTRE_CALL";
@@ -28,7 +29,8 @@ const CALL: &str = "VOLCOMP_TEST_CENTRE_CALL";
 const MARK: &str = "-- the centre --";
 const PASSWORD: &str = "an unknown horse";
 
-/// Acts as `volcomp-centre`: cargo builds only the programs of this package, so the test program takes the place of that program.
+/// Acts as `volcomp-centre`. Cargo builds only the programs of this package, so the test program takes the place of
+/// that program.
 #[test]
 #[ignore = "the other tests start this one as the program of the centre"]
 fn the_centre() {
@@ -52,7 +54,7 @@ fn the_centre() {
 pub(crate) struct Place {
     /// Command prefix for starting programs; may be empty.
     through: Vec<String>,
-    /// Addresses of server and page; `None` selects free ones on this computer.
+    /// Addresses of server and page; `None`: free addresses of this computer.
     addresses: Option<[String; 2]>,
     /// Lines appended to the server's configuration.
     server: &'static str,
@@ -84,12 +86,12 @@ impl Place {
         command
     }
 
-    /// Sends bytes to an address at this place; returns the response until the peer closes.
+    /// Sends bytes to an address at this place. Returns all bytes received until the peer closes the connection.
     fn exchange(&self, address: SocketAddr, bytes: &[u8]) -> String {
         if self.through.is_empty() {
             return exchange(address, bytes);
         }
-        // A shell connects from inside the namespace, since this program cannot.
+        // A shell connects from inside the namespace, because this program cannot.
         let (ip, port) = (address.ip(), address.port());
         let script = format!("exec 3<>/dev/tcp/{ip}/{port} && cat >&3 && cat <&3");
         let mut child = (self.command(Path::new("bash")).args(["-c", &script]))
@@ -148,7 +150,7 @@ pub(crate) struct Whole {
 }
 
 impl Whole {
-    /// A running server and centre with these machines. `None` if the server is not installed; under CI that is a failure.
+    /// A running server and centre with these machines. `None` if no server is installed, which is a failure under CI.
     pub(crate) fn start(machines: &[Registered<'_>]) -> Option<Self> {
         Self::start_at(Place::default(), machines)
     }
@@ -164,7 +166,8 @@ impl Whole {
         let free = || [(); 2].map(|()| volcomp_test_support::free_address());
         let [listen, page] = place.addresses.clone().unwrap_or_else(free);
         let url = format!("nats://{listen}");
-        // The allowed residual is raised: on a busy computer a late cycle leaves a residual that must not stop a roll-out here.
+        // The permitted residual is raised: on a busy computer a late cycle leaves a residual that must not stop a
+        // roll-out here.
         let text = format!(
             "[nats]\nurl = \"{url}\"\n[server]\nlisten = \"{listen}\"\n[page]\nlisten = \"{page}\"\n[rollout]\nsoak_s = 2\nresidual_um = 1000\n"
         );
@@ -249,7 +252,7 @@ impl Whole {
         }
     }
 
-    /// Adds a model, and starts its roll-out; returns the number of the roll-out.
+    /// Adds a model, and starts its roll-out. Returns the number of the roll-out.
     pub(crate) fn roll_out(&self, model: &str, machines: &[&str]) -> u64 {
         let short = self.add_model(model);
         let mut call = format!("rollout start --model {short}");
@@ -262,7 +265,7 @@ impl Whole {
         number.unwrap_or_else(|| panic!("it says {said}"))
     }
 
-    /// Adds a model; returns the start of its checksum.
+    /// Adds a model. Returns the first digits of its checksum.
     pub(crate) fn add_model(&self, model: &str) -> String {
         std::fs::write(self.folder.path().join("model.toml"), model).expect("writable");
         let said = self.done("model add model.toml");
@@ -321,7 +324,7 @@ impl Whole {
         let body = json!({ "name": "anna", "password": PASSWORD }).to_string();
         let answer = self.ask("POST", "/api/login", "X-Volcomp: 1\r\n", &body);
         assert_eq!(answer.status, 200, "{}", answer.body);
-        // Here header names are in lower case but the cookie is not, so the cookie comes from the raw response.
+        // `Answer` has header names in lower case, and the cookie too, so take the cookie from the raw response.
         let text = self.place.exchange(
             self.page,
             format!(
@@ -380,7 +383,7 @@ impl Called {
     }
 }
 
-/// The machine file of the gateways with this straightness of X in Y, µm.
+/// The machine file of the gateways with a straightness EYX of `eyx_um`, µm.
 pub(crate) fn machine_text(name: &str, eyx_um: f64) -> String {
     MACHINE
         .replace("EYX = 20.0", &format!("EYX = {eyx_um:.1}"))

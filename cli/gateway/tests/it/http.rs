@@ -77,7 +77,7 @@ fn tokens_decide() {
     let audit = std::fs::read_to_string(dir.path().join("audit/audit.log")).expect("a log");
     assert!(audit.contains("\"who\":\"anna\",\"what\":\"disarm\""));
     assert!(!audit.contains(OPERATE));
-    // The page checks a token when it is entered, not only when the operator needs it.
+    // The page checks a token when the operator enters it, not only when it is needed.
     for (token, status, role) in
         [(Some(OPERATE), 200, Some("operate")), (Some(VIEW), 200, Some("view")), (None, 401, None)]
     {
@@ -91,7 +91,7 @@ fn tokens_decide() {
         assert_eq!(post("/api/disarm", Some("wrong")), 401);
     }
     assert_eq!(post("/api/disarm", Some("wrong")), 429);
-    // The right token is accepted even from a blocked address.
+    // The correct token is accepted even from a blocked address.
     assert_eq!(post("/api/disarm", Some(OPERATE)), 200);
     assert_eq!(post("/api/disarm", Some("wrong")), 429);
     assert_eq!(program.get("/api/state").status, 200);
@@ -99,7 +99,8 @@ fn tokens_decide() {
     assert_eq!(post("/api/disarm", Some("wrong")), 401, "a minute later");
 }
 
-/// Clients that never read a page or send half a request do not occupy every connection: a disarm is answered within 4 s.
+/// Clients that never read a page or send half a request do not occupy every connection. A disarm is answered within 4
+/// s.
 #[test]
 fn hanging_clients_do_not_prevent_disarming() {
     let (_dir, program) = simulated();
@@ -120,7 +121,7 @@ fn hanging_clients_do_not_prevent_disarming() {
     program.wait_for("disarmed");
 }
 
-/// At the gateway's own computer disarming needs no token, but a page of another origin in a browser there cannot disarm.
+/// At the gateway's own computer disarming needs no token. A page of another origin in a browser there cannot disarm.
 #[test]
 fn at_its_own_computer_disarming_needs_no_token() {
     for has_tokens in [true, false] {
@@ -210,7 +211,7 @@ fn foreign_hosts_and_broken_requests_are_refused() {
 fn slow_and_many_connections_are_bounded() {
     let (_dir, program) = simulated();
     let begun = Instant::now();
-    // 70 clients with endless headers, more than are served at a time.
+    // 70 clients with endless headers, more than the server serves at a time.
     let mut slow: Vec<_> = (0..70)
         .map(|_| {
             let mut stream = program.connect();
@@ -218,7 +219,7 @@ fn slow_and_many_connections_are_bounded() {
             stream
         })
         .collect();
-    // At the header timeout the slow clients are disconnected and others are served.
+    // At the header timeout the slow clients are disconnected, and other clients are served.
     assert_eq!(program.get("/api/state").status, 200);
     assert!(begun.elapsed() < Duration::from_secs(15));
     let mut rest = Vec::new();
@@ -239,7 +240,7 @@ fn slow_and_many_connections_are_bounded() {
     assert!(streams.iter().any(|(start, _)| start.ends_with("503")));
 }
 
-/// 10 000 requests over persistent connections as fast as possible: the correction continues.
+/// 10 000 requests over persistent connections as fast as possible. The correction continues.
 fn a_flood_does_not_touch_the_correction(program: &Program) {
     let before = program.state()["cycle"].clone();
     std::thread::scope(|scope| {
@@ -266,7 +267,7 @@ fn a_flood_does_not_touch_the_correction(program: &Program) {
         }
     });
     assert_eq!(program.state()["armed"], true);
-    // Tolerates one late cycle on a busy computer.
+    // One late cycle on a busy computer is tolerated.
     let state = program.wait_for("compensating");
     assert!(state["cycle"]["count"].as_u64() > before["count"].as_u64());
 }

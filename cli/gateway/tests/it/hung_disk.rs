@@ -33,7 +33,7 @@ impl Rig {
         let control = Simulator::start("127.0.0.1:0", Options::default(), world).expect("loopback");
         let config = configuration(dir.path(), &control, "auto_arm = true");
         engineers(dir.path());
-        // 20 µm in 20 cycles: every cycle of the ramp writes a new value.
+        // A ramp of 20 µm in 20 cycles, so that every cycle of the ramp writes a new value.
         change(&config, "ramp_s = 0.1", "ramp_s = 0.08\nstop_s = 2");
         let hangs = dir.path().join("hangs");
         let mut command = Command::new(env!("CARGO_BIN_EXE_volcomp-gateway"));
@@ -59,7 +59,7 @@ impl Rig {
     }
 }
 
-/// The preloaded library that makes the disk hang; `None` without a C compiler.
+/// The preloaded library that makes the disk hang; `None` if there is no C compiler.
 pub(crate) fn preloaded(dir: &Path) -> Option<PathBuf> {
     let library = dir.join("hung_disk.so");
     let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/it/hung_disk.c");
@@ -75,8 +75,8 @@ pub(crate) fn preloaded(dir: &Path) -> Option<PathBuf> {
     Some(library)
 }
 
-/// While the disk hangs, a request for a model times out and the model is not activated later; disarming and stopping
-/// act and are answered without waiting for the disk.
+/// While the disk hangs, a request for a model times out, and the model is not activated later. Disarming and stopping
+/// take effect and are answered without waiting for the disk.
 #[test]
 fn on_a_hanging_disk_models_time_out_and_disarming_and_stopping_act() {
     let Some(mut rig) = Rig::start() else {
@@ -144,7 +144,7 @@ fn disarming_acts_first(rig: &Rig) {
     assert_eq!(answer.status, 200, "{}", answer.body);
     program.wait_for("disarmed");
     assert_eq!(control.world().shifts(), [0.0; 3]);
-    // The disk still hangs: arming is rejected with that reason.
+    // The disk still hangs, so arming is rejected with that reason.
     assert!(rig.hangs.exists());
     program
         .wait(|state| state["reasons"].to_string().contains("audit log"))

@@ -10,7 +10,7 @@ use volcomp_gateway::{
 };
 use volcomp_vocabulary::AxisName;
 
-/// A state with all values known, and with these changes.
+/// A state in which all values are known, except for the changes in `changes`.
 pub(crate) fn status(changes: &Value) -> Status {
     let times = json!({ "p50_us": 0.0, "p99_us": 0.0, "max_us": 0.0 });
     let mut state = json!({
@@ -93,7 +93,7 @@ fn x_position(status: &Status) -> Reading {
     position.expect("of every axis").read(status)
 }
 
-/// A position that is missing, not a number, or old has no good quality.
+/// A position that is missing, not a number, or old does not have the quality `Good`.
 #[test]
 fn only_current_values_are_good() {
     for (changes, value, quality) in [

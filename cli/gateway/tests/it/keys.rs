@@ -1,4 +1,4 @@
-//! A key that has no effect for a kind of controller is rejected, and the message names it.
+//! A key without effect for a kind of controller is rejected. The message names the key.
 
 use std::path::Path;
 
@@ -7,7 +7,7 @@ use volcomp_gateway::config::Config;
 use volcomp_port::{Description, DeviceError};
 use volcomp_vocabulary::{AxisKind, AxisName, Displacement, Urad};
 
-/// A URL of each scheme with the name of its controller kind.
+/// A URL of each scheme, and the name of its kind of controller.
 const URLS: [(&str, &str); 7] = [
     ("focas://192.0.2.10:8193", "a FANUC control"),
     ("can://can0", "a bridge on CAN"),
@@ -46,7 +46,7 @@ fn driver(url: &str) -> &'static Driver {
     address.driver().expect("built in")
 }
 
-/// A valid value for a key, with an axis for which it is valid.
+/// A valid value for a key, and an axis for which the value is valid.
 fn value(key: &str, kind: &str) -> (&'static str, &'static str) {
     match key {
         "barrier" if kind == "a FANUC control" => (
@@ -75,7 +75,7 @@ fn value(key: &str, kind: &str) -> (&'static str, &'static str) {
     }
 }
 
-/// Other keys that this key needs for a controller of this kind.
+/// Further keys that `key` needs for a controller of this kind.
 fn needed(key: &str, kind: &str) -> String {
     if kind != "a SINUMERIK control" {
         return String::new();
@@ -112,7 +112,7 @@ fn every_key_with_every_kind_of_controller() {
             }
         }
     }
-    // 19 keys and 7 URLs.
+    // 19 keys times 7 URLs.
     assert_eq!([taken, refused], [91, 42]);
 }
 
@@ -149,7 +149,8 @@ fn a_controller_that_is_only_read_has_no_keys_about_corrections() {
     assert!(refused.to_string().contains("axis X is also in axes"), "{refused}");
 }
 
-/// A linear axis with a key for rotary axes next to its own is rejected: both keys of a pair are checked.
+/// A linear axis with the rotary key of a pair beside the linear one is rejected, because both keys of a pair are
+/// checked.
 #[test]
 fn a_key_of_the_other_kind_is_refused_next_to_the_right_one() {
     let text = "machine = \"m.toml\"\n[[controller]]\nurl = \"gpio://?position=a:0-14&correction=b:0-7\"\naxes = [\"X\"]\n[controller.digital]\nposition_mm_per_count = 0.1\nposition_deg_per_count = 0.1\n";
@@ -238,7 +239,7 @@ fn described(config: &Config) -> Result<Description, DeviceError> {
     volcomp_devices::controller(&config.controllers[0])?.describe()
 }
 
-/// A configured step of 5 µrad on digital lines is written as 5 µrad, not as the default of 1000 µrad.
+/// A configured step of 5 µrad on digital lines is written as 5 µrad, instead of the default of 1000 µrad.
 #[test]
 fn a_rotary_axis_on_lines_has_its_own_steps() {
     let keys = "resolution_urad = 5.0\n[controller.digital]\nposition_bits = 8\nposition_deg_per_count = 1.5\nposition_zero_deg = -180.0";
@@ -247,7 +248,7 @@ fn a_rotary_axis_on_lines_has_its_own_steps() {
     assert_eq!(axis.name, AxisName::C);
     assert_eq!(axis.resolution, Displacement::Angle(Urad(5.0).to_rad()));
     let words = config.controllers[0].digital_axis(AxisName::C).expect("good");
-    // 1.5° is π/120.
+    // A step of 1.5° is π/120 rad.
     let quarter = words.position.decode(60).position;
     assert!((quarter + std::f64::consts::FRAC_PI_2).abs() < 1e-12, "{quarter}");
     assert!(

@@ -1,5 +1,6 @@
-//! A complete gateway in this process on a simulated machine and clock: cycle, service, audit log, models and files are those of the
-//! program, and nothing waits for real time. [`Served`] adds the dashboard, for clients over HTTP and other protocols.
+//! A complete gateway in this process, on a simulated machine and clock. Cycle, service, audit log, models and files
+//! are those of the program, and nothing waits for real time. [`Served`] adds the dashboard, for clients over HTTP and
+//! other protocols.
 
 use std::{
     ops::Deref,
@@ -46,12 +47,13 @@ pub(crate) struct Gateway {
     period: Duration,
 }
 
-/// A configuration and machine file for a controller whose device does not respond: short ramp, and 20 µm on Y.
+/// A configuration and machine file for a controller whose device does not respond, with a short ramp and an error of
+/// 20 µm on Y.
 pub(crate) fn configuration(dir: &Path, more: &str) -> PathBuf {
     configuration_of("127.0.0.1:1", dir, more, "")
 }
 
-/// Like [`configuration`], with a controller at this address and these additional tables.
+/// As [`configuration`], with a controller at this address and these additional tables.
 pub(crate) fn configuration_of(address: &str, dir: &Path, more: &str, tables: &str) -> PathBuf {
     std::fs::write(dir.join("machine.toml"), crate::program::MACHINE).expect("writable");
     let text = format!(
@@ -84,7 +86,7 @@ pub(crate) fn says(state: &Value, words: &str) -> bool {
     state["reasons"].to_string().contains(words)
 }
 
-/// Checks that no axis has moved since the start by more than the slew in a cycle of 4 ms and one step.
+/// Checks that since the start no axis has moved in a cycle of 4 ms by more than the slew and one step.
 pub(crate) fn no_step(rig: &Rig) {
     let changes = rig.controls.axes.largest_change();
     let is_small = |mm: &f64| *mm <= 0.003 + 1e-9;
@@ -123,7 +125,7 @@ impl Gateway {
         rig
     }
 
-    /// Kills the gateway as in a power failure, and starts another on the same machine.
+    /// Kills the gateway as a power failure does, and starts another one on the same machine.
     pub(crate) fn killed_and_started(self, config: &Path) -> Self {
         Self::again(self.killed(), config)
     }
@@ -153,7 +155,7 @@ impl Gateway {
         Self { rig, parts, shape, cycles: cycles.expect("launched"), period }
     }
 
-    /// One cycle and one iteration of the service, with its file work.
+    /// Runs one cycle and one iteration of the service, with its file work.
     pub(crate) fn step(&mut self) {
         self.rig.clock().advance(self.period);
         self.cycles.cycle();
@@ -196,7 +198,7 @@ impl Gateway {
         self.wait(words, |state| !says(state, words))
     }
 
-    /// Sends a request by `anna` and runs until it is answered; returns status and document.
+    /// Sends a request of `anna`, and runs until it is answered. Returns status and document.
     pub(crate) fn ask(&mut self, ask: Operation) -> (u16, Value) {
         let mut wait = self.begin(ask);
         let end = self.rig.clock().elapsed() + PATIENCE;
@@ -213,7 +215,7 @@ impl Gateway {
         }
     }
 
-    /// Sends a request by `anna` without running a cycle.
+    /// Sends a request of `anna` without running a cycle.
     pub(crate) fn begin(&self, ask: Operation) -> oneshot::Receiver<Reply> {
         begin(&self.parts.requests, &self.parts.switch, ask)
     }
@@ -231,7 +233,7 @@ impl Gateway {
         answer
     }
 
-    /// Another sender writes 30 mm to the word of Y: a fault.
+    /// Another sender writes 30 mm to the word of Y, which causes a fault.
     pub(crate) fn fault(&mut self) -> Value {
         let mut far = PerChannel::ZERO;
         far[1] = 30.0;
@@ -264,12 +266,12 @@ impl Gateway {
         }
     }
 
-    /// Stops the gateway as by a signal, and runs its last cycles.
+    /// Stops the gateway as a signal does, and runs its last cycles.
     pub(crate) fn stop(self) -> Rig {
         self.stop_while(|_| {})
     }
 
-    /// Like [`stop`](Self::stop), with an action between the last cycles.
+    /// As [`stop`](Self::stop), with an action between the last cycles.
     pub(crate) fn stop_while(
         mut self,
         mut act: impl FnMut(&dyn Fn(Operation) -> oneshot::Receiver<Reply>),
@@ -312,8 +314,8 @@ fn begin(
     wait
 }
 
-/// A gateway in this process with its dashboard and its other configured interfaces. Its clock runs about three times as fast as that of
-/// its clients.
+/// A gateway in this process with its dashboard and its other configured interfaces. Its clock runs about three times
+/// as fast as the clock of its clients.
 pub(crate) struct Served {
     client: Client,
     gateway: Arc<Mutex<Gateway>>,
@@ -355,7 +357,7 @@ impl Served {
         Self::of(Gateway::start(config))
     }
 
-    /// Starts a gateway on a machine that another one has left.
+    /// Starts a gateway on a machine that another gateway has left.
     pub(crate) fn again(rig: Rig, config: &Path) -> Self {
         Self::of(Gateway::again(rig, config))
     }
@@ -365,7 +367,7 @@ impl Served {
         self.taken().killed()
     }
 
-    /// Kills the gateway as in a power failure, and starts another on the same machine.
+    /// Kills the gateway as a power failure does, and starts another one on the same machine.
     pub(crate) fn killed_and_started(self, config: &Path) -> Self {
         Self::again(self.killed(), config)
     }
@@ -406,7 +408,7 @@ impl Served {
                     *largest = largest.max((now - before).abs());
                     before = now;
                     drop(largest);
-                    // Leaves processor and lock to the requests of clients.
+                    // Leaves processor time and the lock to the requests of clients.
                     thread::sleep(Duration::from_millis(1));
                 }
             }
@@ -434,7 +436,7 @@ impl Served {
         lock(&self.gateway)
     }
 
-    /// The largest change of Y between two cycles since the last call, µm.
+    /// Largest change of Y between two cycles since the last call, µm.
     pub(crate) fn largest_step_um(&self) -> f64 {
         1e3 * std::mem::take(&mut *lock(&self.largest_step))
     }

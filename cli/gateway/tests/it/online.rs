@@ -1,4 +1,4 @@
-//! `check --online` reads the control and compares its settings; without the option no device is opened.
+//! `check --online` reads the control and compares its settings. Without the option no device is opened.
 
 use std::path::Path;
 
@@ -31,7 +31,7 @@ fn the_shift_words_of_the_control_are_compared() {
     let document: Value = serde_json::from_str(&json).expect("JSON");
     crate::documents::validate("gateway-check.json", &document);
     assert_eq!(document["online"][0]["shift_words"], 100, "{json}");
-    // The control takes its shifts from other words: rejected with the parameter's number.
+    // The control reads its shifts from other words. The configuration is rejected with the number of the parameter.
     control.world().parameters.insert((1280, 0), 300.0);
     let (_, errors, status) = check(&config, &["--online"]);
     assert_eq!(status, 1, "{errors}");
@@ -40,13 +40,13 @@ fn the_shift_words_of_the_control_are_compared() {
             && errors.contains("found 300, expected 100"),
         "{errors}"
     );
-    // A control that does not report the parameter gives a note.
+    // If a control does not report the parameter, a note says so.
     control.world().parameters.clear();
     control.world().reports_shift_source = false;
     let (text, errors, status) = check(&config, &["--online"]);
     assert_eq!(status, 0, "{errors}");
     assert!(text.contains("the control does not report parameters 1203"), "{text}");
-    // Offline, no request is sent, so a missing control does not matter.
+    // Offline no request is sent, so the control may be missing.
     let asked = control.requests();
     let (json, _, status) = check(&config, &["--json"]);
     assert_eq!(status, 0);
@@ -57,8 +57,8 @@ fn the_shift_words_of_the_control_are_compared() {
     assert_eq!(check(&config, &["--online"]).2, 1);
 }
 
-/// The guard's rule for a barrier's settings is applied by `check --online`. The barrier here has limits of 150 µm, 1 mm/s, 450 ms and a
-/// scan of 2 ms.
+/// `check --online` applies the guard's rule for the settings of a barrier. The barrier here has limits of 150 µm, 1
+/// mm/s and 450 ms, and a scan of 2 ms.
 #[test]
 fn a_barrier_that_would_not_arm_is_found_before_the_start() {
     let dir = tempfile::tempdir().expect("writable");

@@ -20,7 +20,7 @@ use crate::{
 };
 
 const PATIENCE: Duration = Duration::from_secs(90);
-/// Maximum number of clients at a time.
+/// Maximum number of simultaneous clients.
 const MOST: usize = 16;
 
 /// A configuration in a folder, and the address of its server.
@@ -82,7 +82,7 @@ fn a_client_reads_what_the_dashboard_shows() {
     let corrects = |found: &BTreeMap<String, Value>| {
         let reported = |key: &str| (found[key]["value"].clone(), found[key]["status"].clone());
         let good = |value: Value| (value, json!("Good"));
-        // The machine file has -20 µm on Y.
+        // The machine file gives -20 µm on Y.
         reported("state") == good(json!("compensating"))
             && reported("y_correction") == good(json!(-20.0))
             && reported("x_position").1 == "Good"
@@ -93,7 +93,7 @@ fn a_client_reads_what_the_dashboard_shows() {
         found = variables(&mut client);
         corrects(&found)
     });
-    // The nodes are the quantities of the list with their names, and no others.
+    // The nodes are exactly the quantities of the list, with their names.
     let plan = Plan::new(Config::read(&config).expect("right")).expect("right");
     let list = quantities(&plan.shape());
     let mut keys: Vec<&str> = list.iter().map(|own| own.key.as_str()).collect();
@@ -186,14 +186,14 @@ fn nothing_can_be_written_called_added_or_deleted() {
     client.end();
 }
 
-/// Encodes an OPC UA string; the empty text as null.
+/// Encodes an OPC UA string. The empty text is encoded as null.
 fn text(text: &str) -> Vec<u8> {
     let length = i32::try_from(text.len()).expect("short");
     let length = if text.is_empty() { -1 } else { length };
     [&length.to_le_bytes(), text.as_bytes()].concat()
 }
 
-/// Sends a message and returns the body of the answer.
+/// Sends a message, and returns the body of the response.
 fn exchange(stream: &mut TcpStream, kind: [u8; 4], body: &[u8]) -> std::io::Result<Vec<u8>> {
     let size = u32::try_from(8 + body.len()).expect("short");
     stream.write_all(&[&kind[..], &size.to_le_bytes(), body].concat())?;
@@ -205,7 +205,8 @@ fn exchange(stream: &mut TcpStream, kind: [u8; 4], body: &[u8]) -> std::io::Resu
     Ok(answer)
 }
 
-/// An anonymous message without a session, with values nested as deep as the largest message permits, at most closes its own connection.
+/// An anonymous message without a session, with values nested as deeply as the maximum message size permits, at most
+/// closes its own connection.
 #[test]
 fn nested_values_do_not_end_the_gateway() {
     let dir = tempfile::tempdir().expect("writable");
@@ -215,7 +216,7 @@ fn nested_values_do_not_end_the_gateway() {
     let numbers = |numbers: &[u32]| -> Vec<u8> {
         numbers.iter().flat_map(|number| number.to_le_bytes()).collect()
     };
-    // Type of the request, and its header.
+    // The type of the request, and its header.
     let request = |of: u16| {
         let identifier = [&[1, 0][..], &of.to_le_bytes()].concat();
         let header =
@@ -240,21 +241,21 @@ fn nested_values_do_not_end_the_gateway() {
         let nested = level.repeat((32 * 1024 - 200) / level.len());
         let token = [channel, &numbers(&[1, 2, 2])].concat();
         let body = [&token[..], &write, kind, &nested, &[0]].concat();
-        // Whether it answers or closes is the library's choice.
+        // The library may respond or close the connection.
         let _ = exchange(&mut stream, *b"MSGF", &body);
     }
     program.wait_for("compensating");
 }
 
-/// Whether the peer still keeps open a connection on which it sends nothing.
+/// True if the peer keeps a connection open on which it sends nothing.
 fn is_open(stream: &mut TcpStream) -> bool {
     stream.set_nonblocking(true).expect("a socket");
     let nothing_yet = |e: std::io::Error| e.kind() == std::io::ErrorKind::WouldBlock;
     stream.read(&mut [0]).is_err_and(nothing_yet)
 }
 
-/// Hundreds of further clients: those without a slot are disconnected, silent ones time out, and the existing client still reads. The
-/// number of open files is bounded by the slots, and the correction continues.
+/// Hundreds of further clients connect. Clients without a slot are disconnected, silent ones time out, and the existing
+/// client still reads. The slots bound the number of open files, and the correction continues.
 #[test]
 fn a_flood_of_connections_is_bounded() {
     let dir = tempfile::tempdir().expect("writable");
@@ -268,7 +269,7 @@ fn a_flood_of_connections_is_bounded() {
     let connect = |_| TcpStream::connect(target).expect("it listens");
     let mut open: Vec<TcpStream> = (0..500).map(connect).collect();
     assert_eq!(client.order("wait machine Good")["value"], "small");
-    // Those without a place end at once, those that do not say hello soon.
+    // Clients without a slot are disconnected immediately, and clients that do not say hello soon after.
     for most in [MOST, 0] {
         until("the others end", PATIENCE, || {
             open.retain_mut(is_open);

@@ -38,7 +38,7 @@ pub(crate) fn closed_address() -> String {
     format!("127.0.0.1:{}", free_port())
 }
 
-/// Metrics of a standby path that has never answered, and of one that holds a correction.
+/// Metrics of a standby path that has never answered, and of a path that holds a correction.
 #[test]
 fn the_metrics_show_what_is_not_known_of_a_standby_path() {
     let path = |number: u8, known: bool| {
@@ -64,7 +64,7 @@ fn the_metrics_show_what_is_not_known_of_a_standby_path() {
     }
 }
 
-/// When the control no longer answers, the applied correction is shown as unknown everywhere.
+/// When the control stops responding, the applied correction is shown as unknown everywhere.
 #[test]
 fn an_unknown_correction_is_shown_as_unknown() {
     let dir = tempfile::tempdir().expect("writable");

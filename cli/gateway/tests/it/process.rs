@@ -1,4 +1,4 @@
-//! From start to end: signals, restarts, slow controls, a second gateway, and failures.
+//! The whole process: signals, restarts, slow controls, a second gateway, and failures.
 
 use std::{
     net::SocketAddr,
@@ -25,7 +25,7 @@ use crate::{
     program::{PATIENCE, Program, change, path},
 };
 
-/// If the gateway is killed at several moments of the ramp and of compensating, and started again, no output changes by
+/// The gateway is killed at several moments of the ramp and of compensating, and started again. No output changes by
 /// more than the slew in a cycle and one step.
 #[test]
 fn killed_in_the_middle_and_started_again_there_is_no_step() {
@@ -47,8 +47,8 @@ fn killed_in_the_middle_and_started_again_there_is_no_step() {
     no_step(&rig);
 }
 
-/// The built-in simulation notifies its service manager that it is ready, that cycles continue, and that it stops. It
-/// raises the limit of file descriptors, whose usual soft value is 1024, as far as permitted.
+/// The built-in simulation notifies its service manager that it is ready, that cycles run, and that it stops. It raises
+/// the limit of file descriptors, whose usual soft value is 1024, as far as permitted.
 #[test]
 fn the_simulation_lives_and_the_service_manager_is_notified() {
     let dir = tempfile::tempdir().expect("writable");
@@ -80,7 +80,7 @@ fn the_simulation_lives_and_the_service_manager_is_notified() {
     assert_eq!(program.end(), Some(0));
 }
 
-/// The reason why a gateway does not start, with its dashboard at this address.
+/// The reason why a gateway with its dashboard at `listen` does not start.
 fn does_not_start(config: PathBuf, listen: &str) -> String {
     let listen = listen.parse().expect("an address");
     let turn = &mut |_: &mut Service| panic!("it has started");
@@ -89,7 +89,7 @@ fn does_not_start(config: PathBuf, listen: &str) -> String {
     failure.what
 }
 
-/// Another program uses the dashboard's port: the gateway exits with status 1, and the message names the address.
+/// Another program uses the port of the dashboard. The gateway exits with status 1, and its message names the address.
 #[test]
 fn a_port_that_is_taken_ends_it_with_status_1() {
     let taken = std::net::TcpListener::bind("127.0.0.1:0").expect("loopback");
@@ -100,8 +100,9 @@ fn a_port_that_is_taken_ends_it_with_status_1() {
     assert!(why.contains(&format!("dashboard {address}")), "{why}");
 }
 
-/// On one computer the second gateway is refused by the lock of the control, for any spelling of its address, and by the lock of the
-/// folder. On another computer it detects the changing heartbeat, and arming gets status 409.
+/// On one computer the lock of the control refuses a second gateway, for any spelling of the control's address, and so
+/// does the lock of the folder. A gateway on another computer detects the changing heartbeat, and arming gets status
+/// 409.
 #[test]
 fn two_gateways_on_one_controller() {
     let dir = tempfile::tempdir().expect("writable");
@@ -135,8 +136,8 @@ fn two_gateways_on_one_controller() {
     first.wait_for("compensating");
 }
 
-/// A gateway that never corrected leaves a correction that it has found in place when it ends: it may be that of
-/// another gateway.
+/// When a gateway that never corrected ends, it leaves a correction that it found in place, because the correction may
+/// be that of another gateway.
 #[test]
 fn stopping_leaves_a_found_correction_alone() {
     let (_dir, config, mut gateway) = manual::started("");
@@ -156,8 +157,8 @@ fn stopping_leaves_a_found_correction_alone() {
 }
 
 /// A control whose answers take longer than a cycle is corrected, and missed cycles are reported. SIGHUP reloads the
-/// files; what has to be confirmed waits for the hash, over HTTP too. The first termination signal ramps out; a second
-/// one ends the program at once.
+/// files; a change that needs a confirmation waits for the hash, over HTTP too. The first termination signal ramps out,
+/// and a second one ends the program immediately.
 #[test]
 fn signals_reload_ramp_out_and_leave_at_once() {
     let dir = tempfile::tempdir().expect("writable");
@@ -255,7 +256,7 @@ fn a_machine_without_its_control_thread_has_failed() {
     assert!(failure.what.contains(reported), "{}", failure.what);
 }
 
-/// A panic injected into the service ramps the correction out and ends the program with status 1.
+/// A panic injected into the service ramps the correction out, and ends the program with status 1.
 #[test]
 fn a_fault_of_the_program_ramps_the_correction_out() {
     let dir = tempfile::tempdir().expect("writable");

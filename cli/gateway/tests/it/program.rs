@@ -29,7 +29,7 @@ EXX = { poly = [0.0, 0.05] }
 EYX = 20.0
 "#;
 
-/// Timeout of all waits, sized for a busy computer.
+/// Timeout of all waits; long enough for a busy computer.
 pub(crate) const PATIENCE: Duration = Duration::from_secs(90);
 
 #[derive(Clone)]
@@ -38,7 +38,7 @@ pub(crate) struct Client {
     log: PathBuf,
 }
 
-/// A running gateway; ended when it is dropped.
+/// A running gateway. Dropping this value ends it.
 pub(crate) struct Program {
     pub(crate) running: Running,
     client: Client,
@@ -79,7 +79,7 @@ impl Program {
         Self::spawn(Command::new(env!("CARGO_BIN_EXE_volcomp-gateway")), dir, arguments)
     }
 
-    /// Starts the program through another command, such as a shell that sets limits.
+    /// Starts the program through `command`, such as a shell that sets limits.
     pub(crate) fn spawn(mut command: Command, dir: &Path, arguments: &[&str]) -> Self {
         let log = dir.join("gateway.log");
         let file = std::fs::File::options().create(true).append(true).open(&log).expect("writable");
@@ -93,8 +93,7 @@ impl Program {
         Self { running, client }
     }
 
-    /// Starts the built-in simulation with tokens through another command, such as a shell that
-    /// sets limits.
+    /// Starts the built-in simulation with tokens through `command`, such as a shell that sets limits.
     pub(crate) fn simulated(command: Command, dir: &Path) -> Self {
         let (tokens, audit) = (token_file(dir), dir.join("audit"));
         let arguments = ["--simulate", "--token-file", path(&tokens), "--audit-dir"];
@@ -112,7 +111,7 @@ impl Program {
 }
 
 impl Client {
-    /// A client of a dashboard in this process; it has no log file.
+    /// A client of a dashboard in this process. The client has no log file.
     pub(crate) fn of(address: SocketAddr) -> Self {
         Self { address, log: PathBuf::new() }
     }
@@ -121,7 +120,7 @@ impl Client {
         std::fs::read_to_string(&self.log).unwrap_or_default()
     }
 
-    /// Sends raw bytes; returns the response until the peer closes.
+    /// Sends raw bytes. Returns all bytes received until the peer closes the connection.
     pub(crate) fn raw(&self, bytes: &[u8]) -> String {
         exchange(self.address, bytes)
     }
@@ -164,7 +163,7 @@ impl Client {
         self.post("/api/arm", "")
     }
 
-    /// Arms, and retries while a late cycle of a busy computer forbids arming.
+    /// Arms. Retries while a late cycle on a busy computer forbids arming.
     pub(crate) fn must_arm(&self) -> Answer {
         let end = Instant::now() + PATIENCE;
         loop {
@@ -218,7 +217,7 @@ fn connect(address: SocketAddr) -> TcpStream {
     stream
 }
 
-/// Sends bytes to an address; returns the response until the peer closes.
+/// Sends bytes to an address. Returns all bytes received until the peer closes the connection.
 pub(crate) fn exchange(address: SocketAddr, bytes: &[u8]) -> String {
     let mut stream = connect(address);
     // The peer may close during the write.
@@ -243,7 +242,7 @@ pub(crate) fn append(file: &Path, table: &str) {
     std::fs::write(file, text).expect("writable");
 }
 
-/// Replaces a text in a file, which must occur there.
+/// Replaces a text in a file. Panics if the file does not contain the text.
 pub(crate) fn change(file: &Path, from: &str, to: &str) {
     let text = std::fs::read_to_string(file).expect("readable");
     assert!(text.contains(from), "{from}");

@@ -21,7 +21,7 @@ fn examples() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples")
 }
 
-/// A folder with the shipped machine file and a changed shipped configuration.
+/// A folder with the shipped machine files, and the shipped configuration changed by `change`.
 fn changed(change: impl FnOnce(String) -> String) -> (tempfile::TempDir, PathBuf) {
     let dir = tempfile::tempdir().expect("writable");
     for file in ["mill.toml", "table-tilting.toml", "gateway-five-axis.toml"] {
@@ -61,7 +61,8 @@ fn rehearse(dir: &Path, arguments: &[&str]) -> Output {
         .expect("built")
 }
 
-/// Every fault on the shipped configurations: no rule is broken, the table has at most 60 columns, and the document matches its schema.
+/// Every fault on the shipped configurations. No rule is broken, the table has at most 60 columns, and the document
+/// matches its schema.
 #[test]
 fn shipped_configurations_pass() {
     let (dir, _) = changed(|text| text);
@@ -112,7 +113,7 @@ fn with_a_barrier_no_fault_is_excepted() {
         let found = found.expect("limits fit a barrier");
         assert!(found.verdict().is_ok(), "{}", text(&found, COLUMNS));
         let faults = &found.controllers[0].faults;
-        // Each fault while compensating and while ramping, including those of sensors.
+        // Each fault occurs while compensating and while ramping; faults of sensors are included.
         assert_eq!(faults.len(), 2 * CATALOGUE.len());
         assert!(faults.iter().all(|f| !f.bounded_by_limit && !f.interlock_hidden));
         assert!(faults.iter().all(|f| f.moved_while_held == 0));
@@ -122,8 +123,8 @@ fn with_a_barrier_no_fault_is_excepted() {
     }
 }
 
-/// For any `hold_ms`, reports that stay constant for 0.4 s again and again break no rule, and at most four operator actions resume the
-/// correction.
+/// For any `hold_ms`, reports that repeatedly stay constant for 0.4 s break no rule, and at most four operator actions
+/// resume the correction.
 #[test]
 fn every_hold_passes() {
     for hold_ms in [8, 20, 40, 50, 100, 150, 190, 200] {
@@ -132,7 +133,7 @@ fn every_hold_passes() {
             slower.replace("hold_ms = 200", &format!("hold_ms = {hold_ms}"))
         });
         let plan = Plan::new(Config::read(&file).expect("valid")).expect("valid");
-        // Each fault takes long, so only these are run.
+        // Each fault takes long, so only these faults are run.
         let faults = ["constant_100", "constant", "disconnect_50", "all"];
         let names: Vec<String> = match hold_ms {
             40 | 100 => Vec::new(),
@@ -147,7 +148,7 @@ fn every_hold_passes() {
     }
 }
 
-/// A barrier faster than its configuration states is detected: exit status 1.
+/// A barrier that is faster than its configuration states is detected, with exit status 1.
 #[test]
 fn a_barrier_that_is_faster_than_stated_fails() {
     let (_dir, file) = changed(|text| with_thermometer(&text));
@@ -193,7 +194,7 @@ fn the_table_is_for_people() {
     insta::assert_snapshot!(rest);
 }
 
-/// No line is longer than a terminal of 40 columns.
+/// No line is longer than 40 columns, on a terminal of that width.
 #[test]
 fn the_table_fits_a_narrow_terminal() {
     let (_dir, file) = changed(|text| without_barrier(&text));

@@ -1,4 +1,4 @@
-//! Configuration and machine file are reloaded during correction.
+//! The configuration and the machine file are reloaded during correction.
 
 use std::time::Duration;
 
@@ -41,7 +41,7 @@ fn wait_for_y(gateway: &mut Gateway, um: f64) {
     gateway.wait("applied", |state| state["correction_um"]["Y"] == um);
 }
 
-/// Waits until arming needs a confirmation, and returns its question; auto-arm leaves the gateway disarmed.
+/// Waits until arming needs a confirmation, and returns its question. Auto-arm leaves the gateway disarmed.
 fn arming_asks(gateway: &mut Gateway) -> Value {
     gateway.wait_until_says("must be confirmed");
     gateway.watch();
@@ -60,14 +60,14 @@ fn a_model_changes_through_the_ramp_and_a_large_change_is_confirmed() {
     let mut gateway = Gateway::start(&config);
     gateway.wait_for("compensating");
     wait_for_y(&mut gateway, -20.0);
-    // 5 µm at every corner needs no confirmation.
+    // A change of 5 µm at every corner needs no confirmation.
     let before = ramps(&gateway);
     change(&machine, "EYX = 20.0", "EYX = 25.0");
     assert_eq!(reload(&mut gateway).0, 200);
     wait_for_y(&mut gateway, -25.0);
     gateway.wait_for("compensating");
     assert!(ramps(&gateway) > before, "through the ramp");
-    // The same files again: no ramp, and the response says so.
+    // The same files again cause no ramp, and the response says so.
     let before = ramps(&gateway);
     let (status, same) = reload(&mut gateway);
     assert_eq!((status, &same["unchanged"]), (200, &json!(true)), "{same}");
@@ -83,12 +83,13 @@ fn a_model_changes_through_the_ramp_and_a_large_change_is_confirmed() {
     assert_eq!(other.0, 409);
     confirm(&mut gateway, &question);
     wait_for_y(&mut gateway, -100.0);
-    // A lower limit needs its own confirmation, since the machine file's hash does not cover it. Then the correction ramps to the limit.
+    // A lower limit needs its own confirmation, because the hash of the machine file does not cover it. Then the
+    // correction ramps to the limit.
     change(&config, "limit_um = 150.0", "limit_um = 50.0");
     let question = asked(&mut gateway);
     assert_eq!(question["limits"]["limit_um"], json!([150.0, 50.0]));
     assert_eq!(question["worst_corner_um"], 0.0);
-    // No rotary axis is corrected, so none is mentioned.
+    // No rotary axis is corrected, so the question mentions none.
     assert!(question["worst_corner_urad"].is_null(), "{question}");
     gateway.wait_until_says("must be confirmed");
     let hash = gateway.state()["machine"]["hash"].as_str().map(str::to_owned);
@@ -104,14 +105,14 @@ fn a_model_changes_through_the_ramp_and_a_large_change_is_confirmed() {
         assert!(audit.contains(words), "{words}: {audit}");
     }
     wait_for_y(&mut gateway, -50.0);
-    // A key that cannot change at runtime is reported, an invalid one rejected; the correction continues.
+    // A change of a key that is fixed at runtime is reported, and an invalid key is rejected. The correction continues.
     change(&config, "cycle_ms = 4.0", "cycle_ms = 8.0");
     refused(&mut gateway, "cycle_ms");
     change(&machine, "travel = [0.0, 250.0]", "travel = [250.0, 0.0]");
     change(&config, "cycle_ms = 8.0", "cycle_ms = 4.0");
     refused(&mut gateway, "machine.toml");
     gateway.wait_for("compensating");
-    // Files on disk that differ from the active ones are reported, also when arming.
+    // Files on disk that differ from the active ones are reported, also in the response to arming.
     let reported = "files on disk not taken over";
     assert_eq!(gateway.ask(Operation::Disarm).0, 200);
     gateway.wait_for("disarmed");
@@ -128,7 +129,8 @@ fn a_model_changes_through_the_ramp_and_a_large_change_is_confirmed() {
     refused(&mut gateway, "[guard] is missing");
 }
 
-/// Two small changes need no confirmation each, but their sum does: changes are measured from the last confirmed model.
+/// Two small changes need no confirmation each, but their sum does, because changes are measured from the last
+/// confirmed model.
 #[test]
 fn small_changes_do_not_add_up_without_a_confirmation() {
     let dir = tempfile::tempdir().expect("writable");
@@ -137,7 +139,7 @@ fn small_changes_do_not_add_up_without_a_confirmation() {
     let mut gateway = Gateway::start(&config);
     gateway.wait_for("compensating");
     let worst_um = |question: &Value| question["worst_corner_um"].as_f64().expect("a number");
-    // Armed with 20 µm; `confirm_um` is 10.
+    // Arming confirmed a model with 20 µm; `confirm_um` is 10.
     change(&machine, "EYX = 20.0", "EYX = 28.0");
     assert_eq!(reload(&mut gateway).0, 200);
     wait_for_y(&mut gateway, -28.0);
@@ -156,7 +158,7 @@ fn small_changes_do_not_add_up_without_a_confirmation() {
     change(&machine, "EYX = 44.0", "EYX = 32.0");
     let question = asked(&mut gateway);
     assert!((worst_um(&question) - 12.0).abs() < 0.1, "{question}");
-    // The reference persists over a restart, also with auto-arm.
+    // The reference persists over a restart, even with auto-arm.
     change(&machine, "EYX = 32.0", "EYX = 44.0");
     let mut gateway = gateway.killed_and_started(&config);
     wait_for_y(&mut gateway, -44.0);
@@ -165,7 +167,7 @@ fn small_changes_do_not_add_up_without_a_confirmation() {
     gateway.wait_until_says("must be confirmed");
 }
 
-/// The machine file is replaced by another machine's between two runs: arming gets status 409 and needs the hash.
+/// The machine file is replaced by that of another machine between two runs. Arming gets status 409 and needs the hash.
 #[test]
 fn another_machine_file_needs_confirmation_before_arming() {
     let dir = tempfile::tempdir().expect("writable");
@@ -191,8 +193,8 @@ fn another_machine_file_needs_confirmation_before_arming() {
     assert!(refused.to_string().contains("axis C"), "{refused}");
 }
 
-/// Changed times and thresholds need a confirmation: they determine how long a stale correction remains, and how far a model may change
-/// unconfirmed.
+/// Changed times and thresholds need a confirmation: they determine how long a stale correction remains, and by how
+/// much a model may change without a confirmation.
 #[test]
 fn changed_times_and_thresholds_need_confirmation() {
     let (_dir, config, mut gateway) = started("auto_arm = true");
@@ -233,18 +235,18 @@ fn signs_of_another_machine_need_confirmation() {
         let question = asked(&mut gateway);
         signs(&question, "the active model");
         assert_eq!(gateway.state()["machine"]["hash"], before);
-        // Auto-arm asks after a restart.
+        // After a restart auto-arm asks for confirmation.
         let mut gateway = gateway.killed_and_started(&config);
         let question = arming_asks(&mut gateway);
         signs(&question, "the model armed last");
         let hash = question["model"].as_str().map(str::to_owned);
         assert_eq!(gateway.ask(Operation::Arm(hash)).0, 200);
-        // It is the reference from now on, for a reload and for a restart.
+        // The confirmed file is the reference from now on, for a reload and for a restart.
         gateway.wait_for("compensating");
         assert_eq!(reload(&mut gateway).0, 200);
         let mut gateway = gateway.killed_and_started(&config);
         gateway.wait_for("compensating");
-        // Back again by a reload.
+        // A reload returns to the first file.
         change(&file, to, from);
         let question = asked(&mut gateway);
         confirm(&mut gateway, &question);
@@ -254,7 +256,8 @@ fn signs_of_another_machine_need_confirmation() {
     }
 }
 
-/// A restart changes which axes a controller writes, their held positions, its address or its time: auto-arm waits for the operator.
+/// A restart changes the axes that a controller writes, their held positions, its address or its time. Auto-arm waits
+/// for the operator.
 #[test]
 fn a_changed_controller_needs_confirmation() {
     let axes = |letters: &str| format!("controller[0].axes = [{letters}]");
@@ -296,7 +299,7 @@ fn a_changed_controller_needs_confirmation() {
     }
 }
 
-/// A restart changes a controller from thermal terms only to all terms, and back: arming asks for confirmation and
+/// A restart changes a controller from thermal terms only to all terms, and back. Arming asks for confirmation and
 /// states the size of the change.
 #[test]
 fn changed_terms_need_confirmation() {
@@ -311,18 +314,18 @@ fn changed_terms_need_confirmation() {
         [(thermal, all, json!([1.0, null]), -20.0), (all, thermal, json!([null, 1.0]), 0.0)]
     {
         change(&config, from, to);
-        // A rig keeps the terms of its first start.
+        // A rig keeps the terms of its first start, so start a new one.
         drop(gateway);
         gateway = Gateway::start(&config);
         let question = arming_asks(&mut gateway);
         assert_eq!(question["limits"], json!({ "controller[0].terms = [\"thermal\"]": terms }));
         let worst_um = question["worst_corner_um"].as_f64().expect("a number");
-        // `EXX` at the end of X.
+        // The change is `EXX` at the end of X.
         assert!((worst_um - 40.0).abs() < 0.1, "{question}");
         let hash = question["model"].as_str().map(str::to_owned);
         assert_eq!(gateway.ask(Operation::Arm(hash)).0, 200);
         wait_for_y(&mut gateway, um);
-        // Confirmed: no question after the next restart.
+        // The terms are confirmed, so the next restart asks no question.
         gateway = gateway.killed_and_started(&config);
         gateway.wait_for("compensating");
         wait_for_y(&mut gateway, um);

@@ -1,5 +1,5 @@
-//! `send-map` as a program, with a map in a simulated SINUMERIK or FANUC control whose PLC does the look-up. The sender is stopped,
-//! killed, started twice, or given another map.
+//! `send-map` as a program, with a map in a simulated SINUMERIK or FANUC control whose PLC interpolates the map. The
+//! sender is stopped, killed, started twice, or given another map.
 
 use std::{
     io::{BufRead as _, BufReader, Read as _, Write as _},
@@ -20,10 +20,11 @@ use crate::{
     program::{change, path},
 };
 
-/// Timeout sized for a busy computer.
+/// Timeout of all waits; long enough for a busy computer.
 const PATIENCE: Duration = Duration::from_secs(90);
 const MACHINE: u16 = 1002;
-/// The map expires 2 s after its sender's last frame; then the correction ramps to zero at 0.2 mm/s in steps of one scan.
+/// The map expires 2 s after its sender's last frame. Then the correction ramps to zero at 0.2 mm/s in steps of one
+/// scan.
 const PLC: &str = "machine=1002,capacity=700,limit=100,rate=2,scan_ms=10,hold=100,time_out=200";
 const SENDER: &str = r#"
 map = "machine.map"
@@ -38,7 +39,7 @@ zero_after_ms = 2000.0
 time_out_ms = 2000.0
 "#;
 
-/// The control, with its reply to the command `report` on its input.
+/// The control. The command `report` on its standard input makes it print its state.
 struct Control {
     running: Running,
     output: BufReader<ChildStdout>,
@@ -78,7 +79,8 @@ impl Control {
     }
 }
 
-/// A map over 1000 mm that corrects X by `largest_um` at its upper end, in a folder with the configuration of its sender.
+/// Writes a map over 1000 mm that corrects X by `largest_um` at its upper end, and the configuration of its sender, to
+/// a folder.
 fn write(dir: &Path, url: &str, largest_um: f64) -> PathBuf {
     write_map(dir, largest_um, 7);
     let file = dir.join("map-sender.toml");
@@ -113,7 +115,7 @@ fn said(output: &Output) -> String {
     text(&output.stdout) + &text(&output.stderr)
 }
 
-/// The hash that confirms the map, from a call without confirmation.
+/// The hash that confirms the map, as printed by a call without confirmation.
 fn hash(file: &Path) -> String {
     let output = command(file, &[]).output().expect("it starts");
     let text = said(&output);
@@ -122,8 +124,8 @@ fn hash(file: &Path) -> String {
     hash.to_owned()
 }
 
-/// A simulated control and the files of a sender, which is not started yet, on a disk that hangs while a certain file
-/// exists.
+/// A simulated control, and the files of a sender, which is not started yet. The disk of the sender hangs while a
+/// certain file exists.
 struct Rig {
     dir: tempfile::TempDir,
     control: Control,
@@ -139,7 +141,7 @@ struct Disk {
 }
 
 impl Disk {
-    /// `None` without a compiler.
+    /// `None` if there is no C compiler.
     fn new(dir: &Path) -> Option<Self> {
         let hangs = dir.join("hangs");
         preloaded(dir).map(|library| Self { library, hangs })
@@ -166,14 +168,14 @@ impl Rig {
         Some(Self { dir, control, url, file, disk })
     }
 
-    /// Starts a sender of map `number`, and waits until the control applies its correction.
+    /// Starts a sender of the map `number`, and waits until the control applies its correction.
     fn sender(&mut self, number: u16) -> Sender {
         let sender = Sender::start(&self.file, self.dir.path(), number, &self.disk);
         self.control.reaches(40.0);
         sender
     }
 
-    /// Confirms a new map for the running sender; returns exit status and output.
+    /// Confirms a new map for the running sender. Returns exit status and output.
     fn replace(&self) -> (Option<i32>, String) {
         let call = ["--confirm", &hash(&self.file), "--replace"];
         result(&self.file, &call)
@@ -234,7 +236,7 @@ fn result(file: &Path, more: &[&str]) -> (Option<i32>, String) {
     (output.status.code(), said(&output))
 }
 
-/// Checks that a call fails with this status and these words.
+/// Checks that a call fails with the status `expected` and the message `words`.
 fn refused(file: &Path, more: &[&str], expected: i32, words: &str) {
     let (status, text) = result(file, more);
     assert_eq!(status, Some(expected), "{text}");
@@ -255,8 +257,8 @@ fn a_control_keeps_the_map_of_its_sender_until_its_end() {
     a_confirmation_during_a_refusal_is_separate(&mut rig, &mut sender);
     a_disk_that_hangs_keeps_the_map_in_use(&mut rig, &mut sender);
 
-    // After a kill the control ramps to zero alone. Then another sender takes over, and a control that lost everything is sent the map
-    // again.
+    // After a kill the control ramps to zero without a sender. Then another sender takes over. It sends the map again
+    // to a control that lost everything.
     sender.running.kill();
     rig.control.reaches(0.0);
     write_map(rig.dir.path(), 80.0, 11);
@@ -279,8 +281,8 @@ fn a_control_keeps_the_map_of_its_sender_until_its_end() {
     }
 }
 
-/// When a map is replaced, the correction changes from the old value to the new one at the control's rate, never
-/// through zero. A map that cannot replace the active one changes nothing.
+/// When a map is replaced, the correction changes from the old to the new value at the control's rate, never through
+/// zero. A map that cannot replace the active one changes nothing.
 fn another_map_takes_the_place_of_the_one_in_use(rig: &mut Rig, sender: &mut Sender) {
     // The same number again, other limits, and limits of the control that are narrower than those of the file.
     write_map(rig.dir.path(), 60.0, 7);
@@ -313,7 +315,7 @@ fn another_map_takes_the_place_of_the_one_in_use(rig: &mut Rig, sender: &mut Sen
 
 /// A confirmation that arrives while another one is being rejected is processed separately.
 fn a_confirmation_during_a_refusal_is_separate(rig: &mut Rig, sender: &mut Sender) {
-    // A reader of this map waits until it is written.
+    // A reader of this map waits until the map is written.
     let pipe = rig.dir.path().join("pipe.map");
     let made = Command::new("mkfifo").arg(&pipe).status();
     assert!(made.expect("of the system").success());
@@ -321,7 +323,7 @@ fn a_confirmation_during_a_refusal_is_separate(rig: &mut Rig, sender: &mut Sende
     let confirmation = rig.dir.path().join("audit/confirmed-map");
     std::fs::write(&confirmation, "0123456789abcdef").expect("writable");
     until("it is taken", PATIENCE, || !confirmation.exists());
-    // Both ends are open: the rejection is in progress.
+    // The sender has opened the pipe for reading, so the rejection is in progress.
     let mut bytes = std::fs::File::options().write(true).open(&pipe).expect("it is read");
     change(&rig.file, "pipe.map", "machine.map");
     write_map(rig.dir.path(), 80.0, 9);
@@ -335,8 +337,8 @@ fn a_confirmation_during_a_refusal_is_separate(rig: &mut Rig, sender: &mut Sende
     rig.control.reaches(40.0);
 }
 
-/// While the disk hangs, the record of another map does not block the frames that keep the first one valid. The other
-/// map is given up after a timeout, and is not activated later.
+/// While the disk hangs, the record of another map does not block the frames that keep the first map valid. The other
+/// map is rejected after a timeout, and is not activated later.
 fn a_disk_that_hangs_keeps_the_map_in_use(rig: &mut Rig, sender: &mut Sender) {
     rig.disk.hang();
     write_map(rig.dir.path(), 60.0, 10);
@@ -353,7 +355,7 @@ fn a_disk_that_hangs_keeps_the_map_in_use(rig: &mut Rig, sender: &mut Sender) {
         rig.keeps(40.0);
         sender.log().contains("the audit log is written again")
     });
-    // Confirmed again it is activated.
+    // A second confirmation activates the map.
     rig.must_replace();
     rig.control.reaches(30.0);
     sender.uses(10);
@@ -362,7 +364,7 @@ fn a_disk_that_hangs_keeps_the_map_in_use(rig: &mut Rig, sender: &mut Sender) {
 fn others_are_refused(rig: &mut Rig) {
     let confirmed = hash(&rig.file);
     refused(&rig.file, &["--confirm", &confirmed], 1, "another gateway");
-    // Another folder, and another name for the same control.
+    // The second sender uses another folder, and another name for the same control.
     let other = tempfile::tempdir().expect("writable");
     let elsewhere = write(other.path(), &rig.url.replace("127.0.0.1", "localhost"), -80.0);
     let why = "another gateway on this computer uses it";
@@ -373,7 +375,7 @@ fn others_are_refused(rig: &mut Rig) {
     refused(&file, &["--confirm", &confirmed], 2, "expected");
 }
 
-/// The same with the PMC of a FANUC control, simulated by `focas-sim`, a program of another package that was built
+/// The same test with the PMC of a FANUC control, simulated by `focas-sim`, a program of another package that was built
 /// before. On a hanging disk the sender also ends properly, and reports the missing records.
 #[test]
 fn a_fanuc_control_looks_up_as_well() {
@@ -429,7 +431,7 @@ focas://127.0.0.1 | [sinumerik]\ntime_out_ms = 2000.0 | [pmc]\nmailbox = { pmc =
     }
 }
 
-/// Checks that a configuration is rejected with `words` before any device is opened.
+/// Checks that a configuration is rejected with the message `words` before any device is opened.
 fn refuses(file: &Path, words: &str) {
     let error = send_map::check(file).expect_err(words);
     assert_eq!(error.status(), 2, "{error}");

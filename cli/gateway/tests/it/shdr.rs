@@ -44,7 +44,8 @@ fn every_item_is_sent_once_then_its_changes() {
     let mut reported = SentState::nothing(&items);
     let first = reported.changes(&items, &status(&json!({})), noon());
     for line in [
-        // The timestamp accounts for the age: positions 8 ms, confirmed correction 12 ms, the rest 20 ms.
+        // The timestamp accounts for the age of a value: positions 8 ms, confirmed correction 12 ms, other values 20
+        // ms.
         "2026-11-21T11:59:59.980Z|avail|AVAILABLE",
         "2026-11-21T11:59:59.980Z|state|COMPENSATING",
         "2026-11-21T11:59:59.992Z|x_position|400.25",
@@ -62,7 +63,7 @@ fn every_item_is_sent_once_then_its_changes() {
     ] {
         assert!(first.lines().any(|reported| reported == line), "{line} in {first}");
     }
-    // One item is the availability; reasons are conditions.
+    // Availability is one more item, and the reasons are reported as conditions.
     let count = 1 + quantities(&shape()).len() - 1 + items.conditions.len();
     assert_eq!(first.lines().count(), count, "{first}");
     let mut next = |changes: Value| reported.changes(&items, &status(&changes), noon());
@@ -79,7 +80,7 @@ fn every_item_is_sent_once_then_its_changes() {
     );
 }
 
-/// A sensor may be named like the alarms of another one.
+/// Every item has its own key, even if a sensor is named like the alarms of another sensor.
 #[test]
 fn every_item_has_its_own_key() {
     for sensors in [["bed", "bed_condition"], ["bed condition", "bed"], ["bed", "bed"]] {
@@ -123,7 +124,7 @@ fn what_is_not_known_is_not_available() {
     let mut reported = SentState::nothing(&items);
     let mut next = |changes: Value| reported.changes(&items, &status(&changes), noon());
     next(json!({}));
-    // Old positions keep their last value, and the state reports the age.
+    // Stale positions are unavailable as values, and the guard reports a warning.
     let stale = next(json!({ "state": "holding", "reasons": ["positions stale"] }));
     for key in ["x_position", "c_position", "x_wanted", "tool_error", "tool_residual"] {
         assert!(stale.contains(&format!("|{key}|UNAVAILABLE\n")), "{key} in {stale}");
@@ -170,7 +171,7 @@ fn conditions_end_by_their_codes() {
         next("holding", &["emergency stop", "no barrier"]),
         ["WARNING|emergency_stop|||emergency stop", "WARNING|no_barrier|||no barrier"]
     );
-    // In the state `faulted` a reason that forbids arming is a fault; other reasons do not change.
+    // In the state `faulted` a reason that forbids arming is a fault. Other reasons do not change.
     assert_eq!(
         next("faulted", &["emergency stop", "correction does not stick", "no barrier"]),
         [
@@ -192,8 +193,8 @@ fn conditions_end_by_their_codes() {
     assert!(next("holding", &[&jumped("4000.013")]).is_empty());
 }
 
-/// The fields of a line by the rules of the reference agent: split at `|`; a field that begins with `"` extends to the next `"` before
-/// `|` or the end, and `\` escapes the next character in it.
+/// The fields of a line by the rules of the reference agent. Fields are split at `|`. A field that begins with `"`
+/// extends to the next `"` before `|` or the end, and in it `\` escapes the next character.
 fn taken(line: &str) -> Vec<String> {
     let signs: Vec<char> = line.chars().collect();
     let (mut fields, mut at) = (Vec::new(), 0);
@@ -242,7 +243,7 @@ proptest! {
     }
 }
 
-/// The independent client, started with the items to wait for.
+/// The independent client. It is started with the items that it waits for.
 struct Agent {
     running: Running,
     wishes: Option<ChildStdin>,
@@ -319,7 +320,7 @@ fn an_agent_reads_what_the_dashboard_shows() {
     agent.hears("guard", &json!(["WARNING", "controller_does_not_answer"]));
     let keys = agent.keys();
 
-    // The description has exactly the items that are sent.
+    // The device description contains exactly the items that are sent.
     let plan = machine(&config).plan().expect("right");
     let device = shdr::device(&plan.shape(), plan.shdr_device());
     let python = peers::python().expect("the agent ran by it");
@@ -339,7 +340,7 @@ fn an_agent_reads_what_the_dashboard_shows() {
     assert_eq!(read["ids"], json!(keys));
 }
 
-/// Prints the device name and the sorted identifiers of its data items; rejects duplicates.
+/// A script that prints the device name and the sorted identifiers of its data items. It rejects duplicates.
 const READ_DEVICE: &str = r#"
 import json, sys, xml.etree.ElementTree as tree
 root = tree.parse(sys.stdin.buffer).getroot()
@@ -353,8 +354,8 @@ device = root.find(f".//{space}Device")
 print(json.dumps({"name": device.get("name"), "ids": sorted(item.get("id") for item in items)}))
 "#;
 
-/// Data from clients has no effect. An endless line closes its connection, and a client that never reads is disconnected while the other
-/// one still receives.
+/// Data from clients has no effect. A client that sends an endless line is disconnected, and so is a client that never
+/// reads. Another client still receives meanwhile.
 #[test]
 fn received_data_neither_commands_nor_delays() {
     let dir = tempfile::tempdir().expect("writable");
@@ -371,7 +372,7 @@ fn received_data_neither_commands_nor_delays() {
         assert!(read > 0, "it was closed");
     }
     assert_eq!(gateway.state()["armed"], false);
-    // The gateway may close during the write.
+    // The gateway may close the connection during the write.
     let _ = stream.write_all(&[b'x'; 5000]);
     loop {
         match stream.read(&mut buffer) {
@@ -385,7 +386,7 @@ fn received_data_neither_commands_nor_delays() {
     }
     let deaf = client(&address);
     let mut asks = deaf.try_clone().expect("a handle");
-    // Sends requests until the gateway accepts no more, then until it closes the connection.
+    // Sends requests until the gateway accepts no more, and then until it closes the connection.
     let asking = std::thread::spawn(move || {
         let pings = b"* PING\n".repeat(1000);
         let end = Instant::now() + PATIENCE;

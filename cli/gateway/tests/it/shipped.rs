@@ -58,7 +58,7 @@ impl Control {
     }
 }
 
-/// The simulator next to the tested gateway; built if missing.
+/// Path of the simulator beside the tested gateway. The simulator is built if it is missing.
 pub(crate) fn simulator() -> PathBuf {
     let gateway = Path::new(env!("CARGO_BIN_EXE_volcomp-gateway"));
     let folder = gateway.parent().expect("a folder");
@@ -82,8 +82,7 @@ fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../..")
 }
 
-/// Arguments of the first command `cargo run --bin PROGRAM -- …` in the comments of a
-/// configuration.
+/// Arguments of the first command `cargo run --bin PROGRAM -- …` in the comments of a configuration.
 fn arguments<'a>(text: &'a str, program: &str) -> Vec<&'a str> {
     let begins = format!("#     cargo run --bin {program} -- ");
     let command = text.lines().find_map(|line| line.strip_prefix(&begins));
@@ -105,7 +104,8 @@ pub(crate) fn copied_examples() -> (tempfile::TempDir, PathBuf) {
     (dir, examples)
 }
 
-/// Runs both programs by the commands in the configuration's comments, on free ports: the residual must be below a fifth of the error.
+/// Runs both programs by the commands in the comments of the configuration, on free ports. The residual must be below a
+/// fifth of the error.
 fn rehearse(configuration: &str) {
     let (dir, examples) = copied_examples();
     let file = examples.join(configuration);
@@ -122,7 +122,7 @@ fn rehearse(configuration: &str) {
             return false;
         };
         seen.lock().expect("no panic").push(misses);
-        // At a position with a large error.
+        // The comparison needs a position with a large error.
         misses[0] > 20.0 && misses[1] < 0.2 * misses[0]
     });
     assert!(reached.is_ok(), "µm without and with correction: {seen:?}\n{}", gateway.log());

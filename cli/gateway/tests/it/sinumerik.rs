@@ -1,5 +1,5 @@
-//! The gateway on a simulated SINUMERIK control, an OPC UA server on another library: thermal drift is corrected, and faults of the
-//! control are detected.
+//! The gateway on a simulated SINUMERIK control, an OPC UA server based on another library. Thermal drift is corrected,
+//! and faults of the control are detected.
 
 use std::{
     io::{BufRead as _, BufReader, Write as _},
@@ -17,7 +17,8 @@ use crate::{
     program::{Program, change, path, token_file},
 };
 
-/// Timeout sized for a busy computer: a cycle takes 100 ms and the drift correction some seconds.
+/// Timeout of all waits; long enough for a busy computer. A cycle takes 100 ms, and the correction of the drift some
+/// seconds.
 const PATIENCE: Duration = Duration::from_secs(90);
 
 /// X and Y expand with the bed. The model also has a geometric error, which this path must not correct.
@@ -208,7 +209,7 @@ fn thirty_micrometres_of_drift_are_removed_and_geometry_is_left_alone() {
     crate::documents::validate("gateway-check.json", &serde_json::from_str(&json).expect("JSON"));
 
     let program = armed(dir.path(), &config);
-    // At the reference temperature there is no correction, in spite of the geometric errors of the machine file.
+    // At the reference temperature there is no correction, although the machine file has geometric errors.
     assert!(is_zero(&control.report()));
     control.type_in("temperature bed=24");
     control.wait(&program, "the drift is removed", |report| {

@@ -24,7 +24,7 @@ use crate::{
     program::{MACHINE, append, change, path, token_file},
 };
 
-/// The valid text of the file: the slot with the higher count.
+/// The valid text of the file, which is in the slot with the higher count.
 pub(crate) fn standing_text(file: &Path) -> String {
     let text = std::fs::read_to_string(file).expect("written");
     let slots = text.lines().filter_map(|line| {
@@ -35,7 +35,7 @@ pub(crate) fn standing_text(file: &Path) -> String {
     latest.expect("a slot").1
 }
 
-/// A tmpfs of 512 KiB; `None` if the user may not mount.
+/// A tmpfs of 512 KiB; `None` if the user may not mount one.
 pub(crate) struct SmallDisk(pub(crate) PathBuf);
 
 impl SmallDisk {
@@ -82,7 +82,7 @@ fn compensating(dir: &Path) -> (PathBuf, Gateway) {
     (config, gateway)
 }
 
-/// Kills and restarts a disarmed gateway: auto-arm stays off until an operator arms, and works after the next restart.
+/// Kills and restarts a disarmed gateway. Auto-arm stays off until an operator arms, and works after the next restart.
 fn stays_disarmed_until_armed(gateway: Gateway, config: &Path) {
     let mut gateway = gateway.killed_and_started(config);
     gateway.wait_until_says(DISARMED);
@@ -105,7 +105,8 @@ fn an_operators_disarm_survives_a_restart() {
     stays_disarmed_until_armed(gateway, &config);
 }
 
-/// The file that records an operator's disarm was removed, but the log has records: auto-arm stays off until an operator arms.
+/// The file that records an operator's disarm was removed, but the log has records. Auto-arm stays off until an
+/// operator arms.
 #[test]
 fn auto_arm_is_off_without_the_standing_state_of_a_log() {
     let dir = tempfile::tempdir().expect("writable");
@@ -117,7 +118,8 @@ fn auto_arm_is_off_without_the_standing_state_of_a_log() {
     stays_disarmed_until_armed(Gateway::again(rig, &config), &config);
 }
 
-/// The disk is still busy with the audit log when the disarm is answered, and the program is killed: the disarm is on the disk.
+/// The disk is still busy with the audit log when the disarm is answered, and the program is killed. The disarm is on
+/// the disk.
 #[test]
 fn an_operators_disarm_does_not_wait_for_its_record() {
     let dir = tempfile::tempdir().expect("writable");
@@ -152,8 +154,8 @@ fn an_operators_disarm_does_not_wait_for_its_record() {
     assert!(is_kept, "the record of the log comes first");
 }
 
-/// An operator's disarm that a full disk refuses is written as soon as there is space; after a kill and restart the gateway does not arm
-/// automatically.
+/// A full disk refuses the record of an operator's disarm. It is written as soon as there is space. After a kill and
+/// restart the gateway does not arm automatically.
 #[test]
 fn an_operators_disarm_is_written_as_soon_as_possible() {
     let dir = tempfile::tempdir().expect("writable");
@@ -174,7 +176,7 @@ fn an_operators_disarm_is_written_as_soon_as_possible() {
     assert_eq!(gateway.state()["state"], "disarmed");
 }
 
-/// On a full disk an operator's disarm (status 200) and a fault persist over a power failure.
+/// On a full disk an operator's disarm (status 200) and a fault survive a power failure.
 #[test]
 fn an_operators_disarm_is_kept_on_a_full_disk() {
     for (is_fault, written, reported, state) in [
@@ -206,14 +208,14 @@ fn an_operators_disarm_is_kept_on_a_full_disk() {
     }
 }
 
-/// Without disk space for the state file arming gets status 409; with space the gateway arms.
+/// Without disk space for the standing state, arming gets status 409. With space the gateway arms.
 #[test]
 fn without_room_for_the_standing_state_it_does_not_arm() {
     let dir = tempfile::tempdir().expect("writable");
     let Some(disk) = SmallDisk::at(dir.path().join("audit")) else {
         return;
     };
-    // Enough for some records.
+    // The space left is enough for some records.
     disk.fill(24 * 1024);
     let config = configuration(dir.path(), "auto_arm = true");
     let mut gateway = Gateway::start(&config);
@@ -228,7 +230,7 @@ fn without_room_for_the_standing_state_it_does_not_arm() {
     gateway.wait_for("compensating");
 }
 
-/// An operator's disarm during the ramp-out of a stop is answered with 200 and persists.
+/// An operator's disarm during the ramp-out of a stop is answered with 200, and survives a restart.
 #[test]
 fn a_disarm_while_stopping_survives_a_restart() {
     let dir = tempfile::tempdir().expect("writable");
@@ -251,7 +253,7 @@ fn a_disarm_while_stopping_survives_a_restart() {
     assert!(says(&state, DISARMED), "{state}");
 }
 
-/// After a kill and restart a fault is still present, and auto-arm waits for its acknowledgement.
+/// After a kill and restart a fault persists, and auto-arm waits until it is acknowledged.
 #[test]
 fn a_fault_survives_a_restart_until_it_is_acknowledged() {
     let dir = tempfile::tempdir().expect("writable");
@@ -290,7 +292,8 @@ fn a_fault_survives_a_restart_until_it_is_acknowledged() {
     gateway.wait_for("compensating");
 }
 
-/// A fault that the operator has acknowledged leaves the gateway disarmed, also after a restart, until the operator arms.
+/// A fault that the operator has acknowledged leaves the gateway disarmed, even after a restart, until the operator
+/// arms.
 #[test]
 fn an_acknowledged_fault_stays_disarmed_after_a_restart() {
     for is_from_before in [false, true] {
@@ -309,7 +312,8 @@ fn an_acknowledged_fault_stays_disarmed_after_a_restart() {
     }
 }
 
-/// An operator who accepts a jumped temperature while the gateway corrects has not disarmed it: it arms again after a restart.
+/// An operator who accepts a jumped temperature while the gateway corrects does not disarm it. The gateway arms again
+/// after a restart.
 #[test]
 fn an_acknowledgement_while_armed_leaves_auto_arm_on() {
     let dir = tempfile::tempdir().expect("writable");
@@ -323,8 +327,8 @@ fn an_acknowledgement_while_armed_leaves_auto_arm_on() {
     gateway.wait_for("compensating");
 }
 
-/// Digital lines that become unreachable have an unknown correction: an orderly stop must not record zero, which the next run would
-/// trust.
+/// The correction of digital lines that become unreachable is unknown. An orderly stop must not record zero, because
+/// the next run would trust it.
 #[test]
 fn an_unknown_correction_stays_unknown_after_an_orderly_end() {
     let dir = tempfile::tempdir().expect("writable");
@@ -395,8 +399,8 @@ fn let_sensor_jump(gateway: &mut Gateway) {
     gateway.wait("jumped", |state| quality(state).contains("jumped"));
 }
 
-/// A sensor was excluded after a jump and the gateway restarted, also after a full disk: the first reading is not accepted, and auto-arm
-/// waits.
+/// A sensor was excluded after a jump, and the gateway was restarted, also after a full disk. The first reading is not
+/// accepted, and auto-arm waits.
 #[test]
 fn a_sensor_that_jumped_keeps_a_restart_from_arming() {
     for is_full in [false, true] {
@@ -413,7 +417,7 @@ fn a_sensor_that_jumped_keeps_a_restart_from_arming() {
             disk.fill(0);
         }
         let_sensor_jump(&mut gateway);
-        // The jump is kept while the sensor has another flaw.
+        // The jump is kept while the sensor has another error.
         let (sensor, kelvin) = (0, 500.0);
         gateway.rig.inject_sensor(Injection::Jump { sensor, kelvin });
         gateway.wait("out", |state| quality(state).contains("out of range"));
@@ -464,8 +468,8 @@ fn acknowledging_an_alarm_accepts_no_jumped_sensor() {
     gateway.wait("believed", |state| quality(state).contains("good"));
 }
 
-/// The control falls silent in an emergency stop, and the gateway is killed: the stop holds until the control reports it clear, without the
-/// operator, or the operator acknowledges it.
+/// The control stops responding during an emergency stop, and the gateway is killed. The stop persists until the
+/// control reports its end or the operator acknowledges it.
 #[test]
 fn an_interlock_not_seen_to_clear_survives_a_restart() {
     let unseen = "interlock not seen to clear";
@@ -500,7 +504,7 @@ fn an_interlock_not_seen_to_clear_survives_a_restart() {
     }
 }
 
-/// Adds this error to all later positions of X, mm.
+/// Adds `add` to all later positions of X, mm.
 fn displace(gateway: &Gateway, add: f64) {
     gateway.rig.inject(Injection::WrongPosition { axis: 0, factor: 1.0, add, readings: u32::MAX });
 }
@@ -516,7 +520,7 @@ fn let_position_jump(gateway: &mut Gateway) {
     assert_eq!(state["wanted_um"], json!({}), "unknown is not zero: {state}");
 }
 
-/// Auto-arm does not accept the position that was rejected; the operator does.
+/// Auto-arm does not accept the rejected position; the operator may.
 fn accepts_no_jumped_position(gateway: &mut Gateway) {
     gateway.wait("restarted", |state| state["error_um"].is_array() && !says(state, "watching"));
     gateway.run(Duration::from_secs(10));
@@ -545,7 +549,8 @@ fn a_position_that_jumped_keeps_a_restart_from_arming() {
     }
 }
 
-/// The centre disables and enables a machine: auto-arm resumes if the position is believed again, but not while it is rejected.
+/// The centre disables and enables a machine. Auto-arm resumes if the position is accepted again, but not while it is
+/// rejected.
 #[test]
 fn the_centre_enables_no_jumped_position() {
     let dir = tempfile::tempdir().expect("writable");
@@ -571,7 +576,8 @@ fn the_centre_enables_no_jumped_position() {
     accepts_no_jumped_position(&mut gateway);
 }
 
-/// An operator disarms after the cycle has armed and before the service has the new state: the operator's name is recorded.
+/// An operator disarms after the cycle has armed, but before the service has received the new state. The name of the
+/// operator is recorded.
 #[test]
 fn a_disarm_right_after_arming_survives_a_restart() {
     let dir = tempfile::tempdir().expect("writable");

@@ -1,4 +1,5 @@
-//! Two mailboxes of one barrier, frames on one path and plain lines on the other, in turn and with faults. Checked at the axis.
+//! Two mailboxes of one barrier: one path sends frames and the other uses plain digital lines, in turn and with faults.
+//! The test checks the axis itself.
 
 use std::{
     sync::{Arc, Mutex},
@@ -191,13 +192,13 @@ fn frames_and_lines_correct_in_turn() {
     let report = rig.run(2 * SECOND, Some(Request::Arm));
     rig.corrects(&report, 0);
     for _ in 0..3 {
-        // The frames end: the lines wait until the barrier is free, start at zero, and apply the correction.
+        // The frames end. The lines wait until the barrier is free, start at zero, and apply the correction.
         rig.cut(true);
         let report = rig.run(SECOND / 5, None);
         assert_eq!(report.active, 0, "the barrier may still apply it");
         let report = rig.run(3 * SECOND, None);
         rig.corrects(&report, 1);
-        // The frames return, and take over from the correction that the lines left.
+        // The frames return, and take over from the correction that the lines have applied.
         rig.cut(false);
         let report = rig.run(2 * SECOND, None);
         rig.corrects(&report, 0);

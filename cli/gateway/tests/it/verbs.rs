@@ -1,4 +1,5 @@
-//! Every request in every state gets 200 if it took effect, and 409 with the reason if not. Disarming and stopping work in every state.
+//! Every request in every state gets status 200 if it took effect, otherwise 409 with the reason. Disarming and
+//! stopping work in every state.
 
 use std::{path::Path, sync::atomic::Ordering, time::Duration};
 
@@ -25,12 +26,13 @@ use Setting::{
     Arming, Compensating, Disarmed, Faulted, HoldingInAnAlarm, RampingOut, RampingOutInAnAlarm,
 };
 
-/// Each setting with the statuses of arm, disarm and acknowledge: 409 if there is nothing to acknowledge.
+/// Each setting with the statuses of arm, disarm and acknowledge. Acknowledge gets 409 if there is nothing to
+/// acknowledge.
 const TABLE: [(Setting, [u16; 3]); 7] = [
     (Disarmed, [200, 200, 409]),
     (Arming, [200, 200, 409]),
     (Compensating, [200, 200, 409]),
-    // The gateway is armed and resumes automatically; the control itself clears an alarm.
+    // The gateway stays armed and resumes automatically; an alarm is cleared at the control.
     (HoldingInAnAlarm, [200, 200, 409]),
     (RampingOut, [200, 200, 409]),
     (RampingOutInAnAlarm, [409, 200, 409]),
@@ -41,7 +43,7 @@ fn gateway(setting: Setting, dir: &Path) -> Gateway {
     let config = configuration(dir, "");
     change(&config, "[guard]", "[guard]\nstop_s = 1");
     match setting {
-        // Moving axes delay the test shift.
+        // The test shift waits while axes move.
         Arming => change(&config, "test_shift_um = 0", "test_shift_um = 5"),
         RampingOut | RampingOutInAnAlarm => change(&config, "ramp_s = 0.1", "ramp_s = 20"),
         Disarmed | Compensating | HoldingInAnAlarm | Faulted => {}
@@ -105,7 +107,7 @@ fn judge(setting: Setting, ask: &Operation, expected: u16) {
     }
 }
 
-/// Checks that the gateway ends properly and leaves no correction, if the control accepts writes.
+/// Checks that the gateway ends properly, and leaves no correction if the control accepts writes.
 fn ends(setting: Setting) {
     let dir = tempfile::tempdir().expect("writable");
     let rig = gateway(setting, dir.path()).stop();

@@ -29,11 +29,11 @@ token_file = "tokens"
 const HEARTBEAT: &str = "heartbeat = { pmc = \"R\", at = 120 }";
 pub(crate) const FOCAS: &str = "url = \"focas://127.0.0.1:1\"\naxes = [\"X\", \"Y\", \"Z\"]\nheartbeat = { pmc = \"R\", at = 120 }";
 
-/// The published scheme on a chip's lines, instead of [`FOCAS`]; valid with limits below 127 µm.
+/// The published scheme on the lines of a chip, used instead of [`FOCAS`]. Valid with limits below 127 µm.
 const LINES: &str = "url = \"gpio://?position=a:0-14&correction=b:0-7\"\naxes = [\"X\"]\nfixed = { Y = 0.0, Z = 0.0 }\nunwatched = true\nunseen = [\"referenced\", \"alarm\", \"emergency_stop\"]\n[controller.digital]\ncorrection_bits = 8";
 
-/// Changes of [`RIGHT`], each with a part of its message. Instead of a text to replace: `FOCAS`, `HEARTBEAT`; `key` inserts a key into the
-/// controller's table, `table` appends a table.
+/// Changes of [`RIGHT`], each with a part of its message. The first column is the text to replace, or `FOCAS`,
+/// `HEARTBEAT`, `key` (inserts a key into the controller's table) or `table` (appends a table).
 const CHANGES: &str = r#"
 "machine.toml" | "nothing.toml" | .toml: machine:
 // A heartbeat, or the byte of referenced axes, within the correction words.

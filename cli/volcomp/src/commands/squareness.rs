@@ -104,7 +104,7 @@ struct SquarenessPart {
 }
 
 const SYMBOL: &str = "squareness";
-/// Note if neither file states the position of its line.
+/// Note of every result from files: the tilts at the positions of the lines are not removed.
 const PLACES: &str = "the squareness holds where the lines were measured: tilts of the other axes there, and those of the measured axis over its Abbe offset, are not removed and not in U; `volcomp calibrate` removes them";
 
 /// The squareness by the lengths of a square, with its tolerance.

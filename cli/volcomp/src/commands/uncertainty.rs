@@ -75,7 +75,7 @@ impl UncertaintyArguments {
         notes: &mut Vec<String>,
     ) -> Result<(Ensemble, Open), Failure> {
         let shifted: usize = match measured {
-            // One step for each run of these lines, and one for the identified machine.
+            // One step for each machine shifted by one run of these lines, and one for the identified machine.
             Measured::Calibration(file) => {
                 file.scatters().map(|of| of.runs.len()).sum::<usize>() + 1
             }

@@ -11,8 +11,8 @@ use crate::online::check;
 
 alone!(adrift: settings_that_do_not_fit_start_nothing, in_joint_mode_nothing_is_requested, an_offset_that_does_not_come_is_an_alarm);
 
-/// LinuxCNC moves offsets with its own planner, but not in joint mode, where a requested offset would later take effect as a jump.
-/// Therefore the bridge requests none.
+/// LinuxCNC moves offsets with its own planner, but not in joint mode. An offset requested in joint mode would later
+/// take effect as a jump, so the bridge requests none.
 fn in_joint_mode_nothing_is_requested() {
     let dir = tempfile::tempdir().expect("writable");
     let (mut control, mut program) = corrected_at("X300 Y40 Z-20", dir.path(), |ini| ini);
@@ -48,7 +48,7 @@ fn in_joint_mode_nothing_is_requested() {
     assert_eq!(offsets(&mut control), held);
     assert_eq!(control.pin(pin), counts);
     assert_eq!(control.pin("volcomp.holds"), 1.0);
-    // When offsets move again, the barrier removes the correction at its rate.
+    // When LinuxCNC moves offsets again, the barrier removes the correction at its rate.
     let cycles = control.record(|control| {
         control.mdi("G0 X300");
         wait_zero(control);
@@ -56,7 +56,7 @@ fn in_joint_mode_nothing_is_requested() {
     no_jump(&cycles, MOST);
 }
 
-/// Without its share of the velocity the planner does not move an offset: the missing correction raises an alarm.
+/// Without its share of the velocity the planner does not move an offset. The missing correction raises an alarm.
 fn an_offset_that_does_not_come_is_an_alarm() {
     let dir = tempfile::tempdir().expect("writable");
     let mut control = LinuxCnc::start(dir.path(), |ini| {
@@ -69,7 +69,7 @@ fn an_offset_that_does_not_come_is_an_alarm() {
     control.mdi("G21 G90 G0 X300 Y40 Z-20");
     let seen = program.wait(|state| state["reasons"].to_string().contains("alarm"));
     seen.unwrap_or_else(|state| panic!("the missing offset is not reported: {state}"));
-    // A requested offset that does not come is reported continuously.
+    // A requested offset that does not take effect is reported continuously.
     control.wait("axis.x.eoffset-request", |asked| asked.abs() > 2e-3);
     std::thread::sleep(Duration::from_secs(2));
     let state = program.state();
@@ -78,7 +78,7 @@ fn an_offset_that_does_not_come_is_an_alarm() {
     assert_eq!(offsets(&mut control), [0.0; 3]);
 }
 
-/// Each wrong setting is named in the log of LinuxCNC, which does not start.
+/// LinuxCNC does not start with a wrong setting, and its log names the setting.
 fn settings_that_do_not_fit_start_nothing() {
     for [from, to, says] in rows(
         r"

@@ -1,4 +1,4 @@
-//! Checks whether a LinuxCNC test can run here, and isolates its LinuxCNC.
+//! Checks whether a LinuxCNC test can run on this computer, and isolates its LinuxCNC.
 
 use std::{
     os::unix::fs::PermissionsExt as _,
@@ -17,10 +17,10 @@ const MODULES: &str = "/usr/lib/linuxcnc/modules";
 
 /// The start script of LinuxCNC.
 const LINUXCNC: &str = "/usr/bin/linuxcnc";
-/// Line of the start script with the lock file of a running LinuxCNC.
+/// Line of the start script that names the lock file of a running LinuxCNC.
 const RUNS: &str = "LOCKFILE=/tmp/linuxcnc.lock\n";
 
-/// Environment variable: a folder with LinuxCNC's components, the bridge and the start script.
+/// Environment variable that names a folder with LinuxCNC's components, the bridge and the start script.
 const WITH_BRIDGE: &str = "VOLCOMP_MODULES";
 
 /// Declares tests that run with an isolated LinuxCNC.
@@ -58,7 +58,7 @@ fn can_start() -> bool {
 /// The folder for [`WITH_BRIDGE`], built once per run.
 static WITH_BRIDGE_BUILT: OnceLock<TempDir> = OnceLock::new();
 
-/// Each slot runs one LinuxCNC at a time, because its servo thread needs processor time.
+/// Slots for running LinuxCNC. Each slot runs one at a time, because its servo thread needs processor time.
 static PLACES: [Mutex<()>; 2] = [const { Mutex::new(()) }; 2];
 
 fn run(command: &mut Command) {
@@ -84,9 +84,12 @@ fn build() -> TempDir {
     dir
 }
 
-/// Whether this process runs the test itself. Two LinuxCNC on one computer share memory and lock file, and the first to end kills the
-/// programs of the other by name. Therefore this function starts each test again in separate namespaces, where it returns true. In the outer process
-/// it returns false after the test has passed there or where LinuxCNC cannot be started, and panics if the test has failed.
+/// True if this process runs the test itself.
+///
+/// Two LinuxCNC on one computer share memory and lock file, and the first to end kills the programs of the other by
+/// name. This function therefore starts each test again in separate namespaces, in which it returns true. In the outer
+/// process it returns false after the test has passed there, or if LinuxCNC cannot be started, and panics if the test
+/// has failed.
 pub(crate) fn goes_on(name: &str) -> bool {
     if let Some(folder) = std::env::var_os(WITH_BRIDGE) {
         for (own, of_all) in [("modules", MODULES), ("linuxcnc", LINUXCNC)] {
@@ -99,7 +102,7 @@ pub(crate) fn goes_on(name: &str) -> bool {
         return false;
     }
     let free = PLACES.iter().find_map(|place| place.try_lock().ok());
-    // A failed test has released its slot as well.
+    // A failed test has also released its slot, so ignore poisoning.
     let _place = free.unwrap_or_else(|| PLACES[0].lock().unwrap_or_else(PoisonError::into_inner));
     let folder = WITH_BRIDGE_BUILT.get_or_init(build).path();
     for tried in 1.. {
@@ -114,13 +117,14 @@ pub(crate) fn goes_on(name: &str) -> bool {
     false
 }
 
-/// Maximum attempts of a test in which LinuxCNC itself stalls. Any other failure ends the test at the first attempt.
+/// Maximum number of attempts of a test in which LinuxCNC itself stalls. Any other failure ends the test at its first
+/// attempt.
 const TRIES: usize = 3;
 
 /// Message of the user interface if LinuxCNC ignores a command and nothing moves, as on a busy computer without a real-time kernel.
 const STANDS: &str = "LinuxCNC stands:";
 
-/// Runs the test in separate namespaces; returns success and output.
+/// Runs the test in separate namespaces. Returns its success and its output.
 fn inside(name: &str, folder: &Path) -> (bool, String) {
     let inside = std::env::current_exe().expect("this program");
     let output = Command::new("unshare")

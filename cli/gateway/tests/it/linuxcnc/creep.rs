@@ -19,10 +19,11 @@ EXX = { mean = { poly = [0.0] }, reversal = 3.0 }
 
 /// Half of the reversal error, mm.
 const SIDE: f64 = 1.5e-3;
-/// Minimum offset, mm, that identifies a side.
+/// Minimum offset that identifies a side, mm.
 const NEARLY: f64 = 1.4e-3;
 
-/// Nominal positions of X at which the side changes, and the sides: 1 after motion to larger positions, -1 otherwise.
+/// Nominal positions of X at which the side of the reversal error changes, each with the new side: 1 after motion to
+/// larger positions, otherwise -1.
 fn sides(cycles: &[super::Cycle]) -> Vec<(i32, f64)> {
     let mut found: Vec<(i32, f64)> = Vec::new();
     for cycle in cycles {
@@ -46,7 +47,8 @@ fn the_side_of_a_reversal_changes_once_and_only_after_its_way() {
     control.mdi("X50");
     control.wait("axis.x.eoffset", |has| (has + SIDE).abs() < 3e-6);
 
-    // 0.2 mm/min is 3.3 nm per cycle. A reversal is detected 5 µm from the extreme, here at 50.003 and then at 49.996.
+    // 0.2 mm/min is 3.3 nm per cycle. A reversal is detected 5 µm from the extreme position: here at 50.003 and then at
+    // 49.996.
     let cycles = control.record(|control| {
         for line in [
             "G1 F0.2 X50.003",

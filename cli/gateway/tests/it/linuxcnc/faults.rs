@@ -28,12 +28,12 @@ fn a_gateway_that_dies_leaves_nothing() {
         ini.replace("AXES = XYZ\n", "")
     });
     let epoch = control.pin("volcomp.epoch");
-    // The disk hangs: only the writer of the epoch file waits for it.
+    // The disk hangs. Only the writer of the epoch file waits for it.
     let hangs = dir.path().join("volcomp.epoch.new");
     let made = Command::new("mkfifo").arg(&hangs).status();
     assert!(made.expect("a program of the system").success());
 
-    // After a kill of the gateway the barrier times out and ramps to zero, and the epoch is incremented.
+    // After a kill of the gateway the barrier times out, ramps to zero, and increments the epoch.
     let cycles = control.record(|control| {
         program.running.kill();
         wait_zero(control);
@@ -54,9 +54,10 @@ fn a_gateway_that_dies_leaves_nothing() {
     let kept = || std::fs::read_to_string(dir.path().join("volcomp.epoch")).unwrap_or_default();
     control.wait("volcomp.epoch", |now| now == epoch && kept().trim() == epoch.to_string());
 
-    // A second gateway with separate folders moves no axis.
+    // A second gateway with its own folders moves no axis.
     let other = tempfile::tempdir().expect("writable");
-    // The second gateway needs another address: a second gateway on this computer is refused at the same address.
+    // The second gateway needs another address, because a second gateway on this computer is refused at the same
+    // address.
     let mut relay = Relay::start(47_101, PORT);
     let config = super::configuration(other.path(), 47_101);
     let second = Program::start(other.path(), &["--config", path(&config)]);
@@ -111,7 +112,8 @@ impl Relay {
                     }
                     let copies = if is_bad && random.random_bool(0.1) { 2 } else { 1 };
                     for _ in 0..copies {
-                        // One frame in ten is late enough to be overtaken, one in a hundred by very many.
+                        // One frame in ten is so late that others overtake it, and one in a hundred so late that very
+                        // many do.
                         let ms = match random.random_range(0..100) {
                             0 if is_bad => random.random_range(100..2000),
                             1..10 if is_bad => random.random_range(1..12),
@@ -141,7 +143,7 @@ impl Relay {
         Self { stop, bad, thread: Some(thread) }
     }
 
-    /// Number of datagrams received, and of those duplicated or delayed.
+    /// Returns the number of received datagrams, and the number of duplicated or delayed ones.
     fn end(&mut self) -> [u64; 2] {
         self.stop.store(true, Ordering::Relaxed);
         let thread = self.thread.take().expect("ended once");
@@ -160,7 +162,7 @@ fn a_network_that_loses_doubles_and_delays_moves_nothing_wrongly() {
     relay.bad.store(true, Ordering::Relaxed);
     let cycles = control.record(|control| control.mdi("G1 F600 X50 Y30 Z-20"));
     no_jump(&cycles, MOST);
-    // Late frames prevent nanometre accuracy: the error is bounded by the motion of some cycles.
+    // Late frames prevent nanometre accuracy. The error is bounded by the motion in a few cycles.
     let found = super::residuals(&cycles);
     let [median, most] = [50, 99].map(|of| super::part(&found, of));
     println!("a bad network: residual {median:.2} nm median, {most:.1} nm p99");
@@ -170,6 +172,6 @@ fn a_network_that_loses_doubles_and_delays_moves_nothing_wrongly() {
     wait_corrected(&mut control, &program);
     let counts = relay.end();
     assert!(counts[0] > 5000 && counts[1] > 300, "{counts:?}");
-    // Without frames the barrier goes to zero at its timeout.
+    // Without frames the barrier ramps to zero after its timeout.
     wait_zero(&mut control);
 }

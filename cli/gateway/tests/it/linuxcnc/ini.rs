@@ -6,7 +6,7 @@ use volcomp_test_support::{root, rows};
 
 use crate::{manual::machine, online};
 
-/// The shipped example with this change in its INI file: the status of `check` and what is wrong.
+/// Runs `check` on the shipped example with a change in its INI file. Returns the status and the errors.
 fn check(from: &str, to: &str) -> (u8, String) {
     let dir = tempfile::tempdir().expect("writable");
     for file in ["gateway.toml", "machine.toml", "mill.ini"] {
@@ -46,7 +46,7 @@ LIMIT_UM = 30 | LIMIT_UM = 30\nKEY_FILE = other.key | [VOLCOMP]KEY_FILE:
     }
 }
 
-/// A gateway without a key file does not start, and `check` names the error in the file.
+/// A gateway without a key file does not start. `check` names the error in a key file.
 #[test]
 fn a_gateway_without_a_key_is_refused() {
     let dir = tempfile::tempdir().expect("writable");

@@ -1,5 +1,5 @@
-//! Other programs on the control's computer: without the key they move no axis and lock out no gateway. A program with the key is treated
-//! as another gateway.
+//! Other programs on the control's computer. Without the key they move no axis and lock out no gateway. A program with
+//! the key counts as another gateway.
 
 use std::{
     net::UdpSocket,
@@ -49,7 +49,7 @@ fn encoded(answers: [u32; 2], content: Content, key: &Key) -> Vec<u8> {
     bytes[..length].to_vec()
 }
 
-/// An attacker that knows everything about the bridge except possibly the key, and sends frames signed with a key.
+/// An attacker that knows everything about the bridge except possibly the key. It sends frames signed with a given key.
 struct Beside {
     socket: UdpSocket,
     key: Key,
@@ -81,8 +81,8 @@ impl Beside {
         report
     }
 
-    /// Sends a frame that requests the bridge's full limit, with the owner's number and a sequence `ahead` of the last
-    /// accepted one.
+    /// Sends a frame that requests the bridge's full limit, with the number of the owner, and a sequence number `ahead`
+    /// of the last accepted one.
     fn send(&self, report: &Report, ahead: u16, key: &Key) {
         let up = report.tick % 1000 < 500;
         let frame = Frame {
@@ -100,7 +100,7 @@ impl Beside {
     }
 }
 
-/// All attacks in a thread, until it is stopped.
+/// A thread that runs all attacks until it is stopped.
 struct Attack {
     stop: Arc<AtomicBool>,
     thread: Option<JoinHandle<()>>,
@@ -114,7 +114,7 @@ impl Attack {
         let thread = std::thread::spawn(move || {
             let other = Key::new([9; 16]);
             let listeners: Vec<UdpSocket> = (0..LISTENERS).map(|_| socket()).collect();
-            // Replayed valid frames must be rejected as too old.
+            // Replayed valid frames must be rejected, because they are too old.
             beside.report();
             let recorded = encoded(beside.answers(), Content::Listen, &beside.key);
             let mut round = 0_usize;
@@ -143,7 +143,7 @@ impl Attack {
     }
 }
 
-/// The bridge's state is available with its key only, not with another key or none.
+/// The bridge reports its state only to a program with its key, not to one with another key or none.
 fn a_probe_needs_the_key(dir: &Path) {
     let other = dir.join("other.key");
     std::fs::write(&other, "09".repeat(16)).expect("writable");
@@ -165,8 +165,8 @@ fn a_probe_needs_the_key(dir: &Path) {
     assert!(none.contains("found no key_file"), "{none}");
 }
 
-/// Attacks before a gateway connects and while it corrects: frames with the owner's number, right epoch, tick and sequence; a hundred
-/// listeners; replayed requests. No axis moves, and the gateway keeps its correction.
+/// Attacks before a gateway connects and while it corrects: frames with the owner's number and the right epoch, tick
+/// and sequence; a hundred listeners; replayed requests. No axis moves, and the gateway keeps its correction.
 fn without_the_key_nothing_moves_and_no_gateway_is_locked_out() {
     let dir = tempfile::tempdir().expect("writable");
     let mut control = LinuxCnc::start(dir.path(), |ini| ini);
@@ -175,7 +175,7 @@ fn without_the_key_nothing_moves_and_no_gateway_is_locked_out() {
     control.do_it("up");
     control.mdi("G21 G90 G0 X20 Y10 Z-5");
     control.wait("volcomp.forged", |forged| forged > 3000.0);
-    // Before a gateway connects.
+    // The attack runs before a gateway connects.
     let cycles = control.record(|_| std::thread::sleep(Duration::from_secs(1)));
     assert!(cycles.len() > 100, "{} cycles", cycles.len());
     assert!(cycles.iter().all(|cycle| cycle.offset == [0.0; 3]));
@@ -190,7 +190,7 @@ fn without_the_key_nothing_moves_and_no_gateway_is_locked_out() {
     wait_corrected(&mut control, &program);
     let cycles = control.record(|control| control.mdi("G1 F600 X60 Y45 Z-25"));
     no_jump(&cycles, MOST);
-    // The gateway's frames may queue behind the others for some cycles.
+    // The gateway's frames may queue behind those of the attack for some cycles.
     let found = residuals(&cycles);
     let [median, most] = [50, 99].map(|of| part(&found, of));
     println!("beside an attack: residual {median:.2} nm median, {most:.1} nm p99");
@@ -200,7 +200,7 @@ fn without_the_key_nothing_moves_and_no_gateway_is_locked_out() {
     attack.end();
 }
 
-/// A frame with the gateway's number that the gateway did not send is detected and is a fault.
+/// A frame with the gateway's number that the gateway did not send is detected and causes a fault.
 fn a_program_with_the_key_is_another_gateway() {
     let dir = tempfile::tempdir().expect("writable");
     let (mut control, program) = corrected_at("X50 Y40 Z-20", dir.path(), |ini| ini);

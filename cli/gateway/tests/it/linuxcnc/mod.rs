@@ -1,4 +1,4 @@
-//! The gateway on a real headless LinuxCNC: motion of the motors compared with the corrections of the known errors.
+//! The gateway on a real headless LinuxCNC. The motion of the motors is compared with the corrections of known errors.
 
 mod adrift;
 mod alone;
@@ -44,7 +44,7 @@ EZZ = { poly = [0.0, 0.02] }
 EZX = { poly = [-3.0, 0.01] }
 "#;
 
-/// Corrections of the same errors, computed by hand, mm: added motion of each motor.
+/// Corrections of the errors of [`MACHINE`], computed by hand: added motion of each motor, mm.
 fn oracle([x, y, z]: [f64; 3]) -> [f64; 3] {
     [
         -(2.0 + 0.03 * x) * 1e-3,
@@ -114,7 +114,7 @@ fn start(dir: &Path, config: &Path) -> Program {
     program
 }
 
-/// The mill with an edited INI file and its gateway: on, homed and corrected at this point.
+/// The mill with an edited INI file, and its gateway: switched on, homed, and corrected at this point.
 fn corrected_at(point: &str, dir: &Path, edit: impl Fn(String) -> String) -> (LinuxCnc, Program) {
     let mut control = LinuxCnc::start(dir, edit);
     let program = gateway(dir, PORT);
@@ -124,8 +124,8 @@ fn corrected_at(point: &str, dir: &Path, edit: impl Fn(String) -> String) -> (Li
     (control, program)
 }
 
-/// Sorted distances of the motors from the expected motion, nm. Expected is the nominal position plus its correction, both of the earlier
-/// cycle whose command the motor executes now (see [`distances`]).
+/// Sorted distances of the motors from the expected motion, nm. The expected motion is the nominal position plus its
+/// correction, both from the earlier cycle whose command the motor executes now (see [`distances`]).
 fn residuals(cycles: &[Cycle]) -> Vec<f64> {
     residuals_of(cycles, |at| oracle(at.nominal))
 }
@@ -137,8 +137,8 @@ fn residuals_of(cycles: &[Cycle], oracle: impl Fn(&Cycle) -> [f64; 3]) -> Vec<f6
     })
 }
 
-/// Sorted distances of the offsets from those expected at the motor positions, nm. Unlike [`residuals`] these exclude LinuxCNC's
-/// smoothing of the motion: 300 nm during acceleration, with or without a correction.
+/// Sorted distances of the offsets from those expected at the motor positions, nm. Unlike [`residuals`] they exclude
+/// LinuxCNC's smoothing of the motion, which is 300 nm during acceleration, with or without a correction.
 fn offset_residuals(cycles: &[Cycle]) -> Vec<f64> {
     distances(cycles, |now, then| {
         let wanted = oracle([0, 1, 2].map(|axis| now.motor[axis] - then.offset[axis]));
@@ -146,8 +146,8 @@ fn offset_residuals(cycles: &[Cycle]) -> Vec<f64> {
     })
 }
 
-/// Sorted lengths of the difference between a motor's cycle and the cycle of its command, nm. The delay between them is a whole number of
-/// cycles, constant over the record, and determined here.
+/// Sorted lengths of the difference between a motor's cycle and the cycle of its command, nm. The delay between the two
+/// is a constant number of cycles, which this function determines.
 fn distances(cycles: &[Cycle], off_mm: impl Fn(&Cycle, &Cycle) -> [f64; 3]) -> Vec<f64> {
     let of = |shift: usize| {
         let pairs = cycles.iter().skip(shift).zip(cycles);
@@ -165,7 +165,7 @@ fn part(sorted: &[f64], per_cent: usize) -> f64 {
     sorted[sorted.len() * per_cent / 100]
 }
 
-/// Checks median and 99th percentile of the residuals.
+/// Checks the median and the 99th percentile of the residuals.
 fn corrected(what: &str, cycles: &[Cycle]) {
     corrected_by(what, cycles, |at| oracle(at.nominal));
 }
@@ -208,7 +208,7 @@ fn wait_zero(control: &mut LinuxCnc) {
     }
 }
 
-/// Checks that no motor moves in a cycle by more than `most`, mm: the programmed motion plus the maximum rate of an offset.
+/// Checks that no motor moves by more than `most`, mm, in a cycle beyond its programmed motion.
 fn no_jump(cycles: &[Cycle], most: f64) {
     for pair in cycles.windows(2) {
         for axis in 0..3 {

@@ -14,7 +14,7 @@ use std::{
 use serde_json::{Value, json};
 use volcomp_test_support::root;
 
-/// Start-up timeout, sized for a busy computer.
+/// Timeout of the start; long enough for a busy computer.
 const STARTS_WITHIN: Duration = Duration::from_secs(120);
 
 /// User ID of the real-time part.
@@ -33,7 +33,8 @@ pub(crate) struct LinuxCnc {
     hears: BufReader<UnixStream>,
 }
 
-/// A recorded servo cycle: nominal and motor positions, offsets, and on five axes the nominal positions of A and C, deg.
+/// A recorded servo cycle: nominal positions, motor positions and offsets, mm; on five axes also the nominal positions
+/// of A and C, deg.
 pub(crate) struct Cycle {
     pub(crate) nominal: [f64; 3],
     pub(crate) motor: [f64; 3],
@@ -62,8 +63,8 @@ impl LinuxCnc {
             "../../drivers/linuxcnc/bridge/volcomp.tcl",
             &format!("{}\nHALFILE = record.hal", bridge.display()),
         );
-        // LinuxCNC silently drops a command that its servo thread does not process within this time. Without real time the thread may
-        // stall longer than the default of one second.
+        // LinuxCNC silently drops a command that its servo thread does not process within this time. Without real-time
+        // priority the thread may stall for longer than the default of one second.
         let patient = "[EMCMOT]\nCOMM_TIMEOUT = 20\n";
         assert!(ini.contains("[EMCMOT]\n"), "{ini}");
         let ini = edit(ini.replace("[EMCMOT]\n", patient));
@@ -76,11 +77,12 @@ impl LinuxCnc {
         let listener = UnixListener::bind(&socket).expect("writable");
         listener.set_nonblocking(true).expect("a socket");
         super::key_file(dir);
-        // The real-time part refuses to run as root, so it runs under an unused ID. Root can still read the key.
+        // The real-time part refuses to run as root, so it runs under an unused user ID, which must be able to read the
+        // key. Root can still read the key.
         std::os::unix::fs::chown(dir.join("volcomp.key"), Some(UID), Some(UID)).expect("ours");
         let log = std::fs::File::create(dir.join("linuxcnc.log")).expect("writable");
-        // On a busy computer LinuxCNC loses commands to its own servo thread during the start, so the start gets high priority. Without
-        // the permission the priority is normal.
+        // On a busy computer LinuxCNC loses commands to its own servo thread during the start, so the start gets a high
+        // priority. Without permission for it the priority is normal.
         let mut command = Command::new("nice");
         command
             .args(["-n", "-15", "linuxcnc", "-r"])
@@ -201,7 +203,7 @@ impl LinuxCnc {
         std::fs::read_to_string(self.dir.join("linuxcnc.log")).unwrap_or_default()
     }
 
-    /// IDs of this LinuxCNC's processes whose command line contains this word.
+    /// Process IDs of this LinuxCNC whose command line contains `word`.
     pub(crate) fn processes(&self, word: &str) -> Vec<i32> {
         let mine = format!("{HERE}={}", self.dir.display());
         let has = |file: PathBuf, word: &str| {
@@ -228,7 +230,7 @@ impl Drop for LinuxCnc {
         while Instant::now() < end && matches!(self.child.try_wait(), Ok(None)) {
             std::thread::sleep(Duration::from_millis(50));
         }
-        // Some programs outlive the start script and would receive the requests for the next instance.
+        // Some programs outlive the start script, and would receive the requests for the next instance.
         let end = Instant::now() + Duration::from_secs(30);
         loop {
             let left = self.processes("");
@@ -246,7 +248,7 @@ impl Drop for LinuxCnc {
     }
 }
 
-/// HAL commands that record every servo cycle. With the bridge, the pins are connected to signals already.
+/// HAL commands that record every servo cycle. With the bridge, its signals are already connected to the pins.
 fn record(has_bridge: bool, rotary: bool) -> String {
     let more = if rotary { "ff" } else { "" };
     let mut text = format!(

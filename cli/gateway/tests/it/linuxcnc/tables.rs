@@ -1,5 +1,5 @@
-//! LinuxCNC's own compensation tables on the running control. One part runs uncorrected, with tables, and with live correction; each
-//! residual is computed from a virtual truth with squareness, straightness, pitch (Abbe) and reversal.
+//! LinuxCNC's own compensation tables on the running control. A part runs uncorrected, with tables, and with live
+//! correction. Each residual is computed from a virtual truth with squareness, straightness, pitch (Abbe) and reversal.
 
 use std::{fmt::Write as _, path::Path};
 
@@ -18,7 +18,7 @@ use super::{
 
 alone!(tables: the_same_part_uncorrected_with_tables_and_live);
 
-/// The truth as a machine file; [`truth`] computes the same by hand.
+/// The truth as a machine file. [`truth`] computes the same errors by hand.
 const MACHINE: &str = r#"
 name = "truth"
 structure = "w b X Y Z t"
@@ -39,7 +39,8 @@ EC0Y = 25.0
 EA0Z = -15.0
 "#;
 
-/// Tool error by hand, mm: a chain of small motions from bed to tool with ideal levers. `forward` is the direction of X.
+/// Tool error by hand, mm: a chain of small motions from bed to tool with ideal levers. `forward` is the direction of
+/// X, 1 or -1.
 fn truth([x, y, z]: [f64; 3], forward: f64) -> [f64; 3] {
     let um = 1e-3;
     let urad = 1e-6;
@@ -71,8 +72,8 @@ fn run(control: &mut LinuxCnc) -> Vec<Cycle> {
     })
 }
 
-/// RMS and maximum of the residual at the tool, µm. Cycles at a reversal of X are omitted, because table and model may detect a reversal
-/// at different times.
+/// RMS and maximum of the residual at the tool, µm. Cycles at a reversal of X are omitted, because the table and the
+/// model may detect a reversal at different times.
 fn left(cycles: &[Cycle]) -> [f64; 2] {
     let (mut squares, mut largest, mut count) = (0.0, 0.0_f64, 0.0);
     let mut since_turn = 0;
@@ -101,7 +102,8 @@ fn left(cycles: &[Cycle]) -> [f64; 2] {
     [(squares / count).sqrt() * 1e3, largest.sqrt() * 1e3]
 }
 
-/// Writes the tables as `volcomp export` does, with LinuxCNC's maximum number of lines; returns the lines for the INI file.
+/// Writes the tables as `volcomp export` does, with LinuxCNC's maximum number of lines. Returns the lines for the INI
+/// file.
 fn tables(dir: &Path, format: Format) -> Vec<String> {
     let machine = Machine::parse(MACHINE, "truth").expect("valid");
     let options = TableOptions {
@@ -136,7 +138,7 @@ fn tables(dir: &Path, format: Format) -> Vec<String> {
     lines
 }
 
-/// The INI file without the bridge, with these lines in the joint sections.
+/// The INI file without the bridge, with `lines` in the joint sections.
 fn with_tables(ini: &str, lines: &[String]) -> String {
     let mut text: String = ini
         .lines()
@@ -149,14 +151,16 @@ fn with_tables(ini: &str, lines: &[String]) -> String {
     text
 }
 
-/// Largest deviation of the motor offset from the truth, µm, at rest on the line for which the tables were made, in both directions of X.
+/// Largest deviation of the motor offset from the truth at rest, µm, on the line for which the tables were made, in
+/// both directions of X.
 fn on_the_line(control: &mut LinuxCnc) -> f64 {
     control.mdi("G21 G90 G0 X0 Y90 Z-90");
     let mut worst = 0.0_f64;
     for (x, forward) in [(50.0, 1.0), (333.0, 1.0), (480.0, 1.0), (333.0, -1.0), (51.0, -1.0)] {
         control.mdi(&format!("G0 X{x}"));
         std::thread::sleep(std::time::Duration::from_millis(500));
-        // The pin holds what is added to the joint position. halcmd prints seven digits, too few for the positions themselves.
+        // The pin holds the offset added to the joint position. halcmd prints seven digits, too few for the positions
+        // themselves.
         let found = control.pin("joint.0.backlash-filt");
         let wanted = -truth([x, 90.0, -90.0], forward)[0];
         worst = worst.max((found - wanted).abs() * 1e3);
@@ -185,7 +189,7 @@ fn the_same_part_uncorrected_with_tables_and_live() {
         control.do_it("up");
         let worst = on_the_line(&mut control);
         println!("{name}: on its own line within {worst:.4} um");
-        // The file has six decimals of a mm, and the errors are linear between its lines.
+        // The file has six decimals of a millimetre, and the errors are linear between its lines.
         assert!(worst < 0.002, "{name}: {worst} um");
         rows.push((name, left(&run(&mut control))));
     }
@@ -196,7 +200,7 @@ fn the_same_part_uncorrected_with_tables_and_live() {
             100.0 * rms / rows[0].1[0]
         );
     }
-    // A table over one axis cannot represent errors that depend on another axis; the gateway can.
+    // A table over one axis cannot represent errors that depend on another axis, but the gateway can correct them.
     assert!(rows[1].1[0] > 0.3 * rows[0].1[0] && rows[2].1[0] > 0.3 * rows[0].1[0], "{rows:?}");
     assert!(live[0] < 0.05 * uncorrected[0], "{rows:?}");
 }

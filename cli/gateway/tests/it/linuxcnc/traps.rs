@@ -11,8 +11,8 @@ use super::{
 
 alone!(traps: a_second_bridge_for_one_port_is_refused_by_name, off_and_on_and_an_emergency_stop, an_offset_that_is_frozen_cleared_or_cut, nothing_is_written_before_the_axes_are_homed);
 
-/// LinuxCNC loses counts that change while the machine is off, and at power-on absorbs the offset into the nominal position: the absorbed
-/// part is reported, and motion stays within its rate.
+/// LinuxCNC loses counts that change while the machine is off, and at power-on absorbs the offset into the nominal
+/// position. The bridge reports the absorbed part, and motion stays within its rate.
 fn off_and_on_and_an_emergency_stop() {
     let dir = tempfile::tempdir().expect("writable");
     let (mut control, program) = corrected_at("X50 Y40 Z-20", dir.path(), |ini| ini);
@@ -22,7 +22,7 @@ fn off_and_on_and_an_emergency_stop() {
         let counts = "volcomp.counts-0";
         let counted = control.pin(counts);
         let motor = control.pin("joint.0.motor-pos-cmd");
-        // Nothing is written while the machine is off, for longer than every timeout.
+        // The gateway writes nothing while the machine is off, for longer than every timeout.
         let cycles = control.record(|control| {
             control.do_it(stop);
             std::thread::sleep(Duration::from_secs(2));
@@ -31,7 +31,7 @@ fn off_and_on_and_an_emergency_stop() {
         assert_eq!(control.pin(counts), counted);
         let state = program.state();
         assert_ne!(state["state"], "compensating", "{state}");
-        // The motor is at rest: its offset is now part of the position.
+        // The motor is at rest, so its offset is now part of the position.
         let shown = "volcomp.absorbed-0";
         let lost = control.pin(shown);
         control.do_it("on");
@@ -40,7 +40,7 @@ fn off_and_on_and_an_emergency_stop() {
         let cycles = control.record(|control| {
             wait_corrected(control, &program);
         });
-        // Motion that cannot be prevented is limited to the rate, and reported.
+        // A motion that cannot be prevented is limited to the rate, and reported.
         no_jump(&cycles, MOST);
         assert!(control.log().contains("has lost an offset"), "{}", control.log());
         let now = control.pin("joint.0.motor-pos-cmd");
@@ -56,12 +56,13 @@ fn off_and_on_and_an_emergency_stop() {
     }
 }
 
-/// Another program freezes or clears an offset, or a soft limit cuts it: each is reported, and the correction returns.
+/// Another program freezes or clears an offset, or a soft limit cuts an offset. Each case is reported, and the
+/// correction returns.
 fn an_offset_that_is_frozen_cleared_or_cut() {
     let dir = tempfile::tempdir().expect("writable");
     let (mut control, program) = corrected_at("X50 Y40 Z-20", dir.path(), |ini| ini);
 
-    // Cleared: the bridge reports it, and the correction ramps in again.
+    // The offset is cleared: the bridge reports it, and the correction ramps in again.
     let shown = "volcomp.absorbed-0";
     let lost = control.pin(shown);
     control.hal(&["setp", "axis.x.eoffset-clear", "1"]);
@@ -69,7 +70,7 @@ fn an_offset_that_is_frozen_cleared_or_cut() {
     control.hal(&["setp", "axis.x.eoffset-clear", "0"]);
     wait_corrected(&mut control, &program);
 
-    // Frozen: first the pin is disconnected from the bridge, which drives it.
+    // The offset is frozen, after its pin was disconnected from the bridge, which drives the pin.
     control.hal(&["unlinkp", "axis.x.eoffset-enable"]);
     control.hal(&["setp", "axis.x.eoffset-enable", "0"]);
     let frozen = offsets(&mut control)[0];
@@ -80,15 +81,15 @@ fn an_offset_that_is_frozen_cleared_or_cut() {
     control.hal(&["net", "volcomp-enable", "axis.x.eoffset-enable"]);
     wait_corrected(&mut control, &program);
 
-    // A soft limit cuts the offset: an alarm, which ends when the axis leaves the limit.
+    // A soft limit cuts the offset. This raises an alarm, which ends when the axis leaves the limit.
     control.mdi("G0 X-9.9995 Y40 Z-20");
     let state = program.wait(|state| state["reasons"].to_string().contains("alarm"));
     state.unwrap_or_else(|state| panic!("it is not reported: {state}"));
     control.mdi("G0 X50 Y40");
     wait_corrected(&mut control, &program);
 
-    // An arc that exceeds the limits by 0.2 mm between its ends: LinuxCNC accepts it and absorbs the excess into the offset. That is
-    // reported meanwhile, and nothing remains.
+    // An arc exceeds the limits by 0.2 mm between its ends. LinuxCNC accepts the arc and absorbs the excess into the
+    // offset. The gateway reports this meanwhile, and no deviation remains.
     control.mdi("G0 X-9.9");
     wait_corrected(&mut control, &program);
     let shown = "volcomp.absorbed-0";
@@ -120,7 +121,7 @@ fn a_second_bridge_for_one_port_is_refused_by_name() {
     assert!(log.contains("UDP port 127.0.0.1:47001: Address already in use"), "{log}");
 }
 
-/// A machine that is on but not homed gets no correction; after homing it gets the full one.
+/// A machine that is on but not homed gets no correction. After homing it gets the full correction.
 fn nothing_is_written_before_the_axes_are_homed() {
     let dir = tempfile::tempdir().expect("writable");
     let mut control = LinuxCnc::start(dir.path(), |ini| ini);
@@ -137,7 +138,7 @@ fn nothing_is_written_before_the_axes_are_homed() {
     assert_eq!(control.pin("volcomp.holds"), 1.0);
     control.do_it("up");
     wait_corrected(&mut control, &program);
-    // Nothing was requested as long as LinuxCNC would have absorbed it.
+    // Nothing was requested while LinuxCNC would have absorbed it.
     let shown = "volcomp.absorbed-0";
     assert_eq!(control.pin(shown), 0.0);
     let said = control.ask("said", &json!({}));

@@ -9,7 +9,7 @@ use crate::program::Program;
 
 alone!(trunnion: what_the_linear_axes_do_is_the_correction_for_the_table);
 
-/// Intersection of the axes of rotation, mm; the tool tip is 100 mm below the spindle.
+/// Intersection of the axes of rotation, mm. The tool tip is 100 mm below the spindle.
 const CROSSING: [f64; 3] = [200.0, 150.0, -300.0];
 const LENGTH: f64 = 100.0;
 
@@ -38,7 +38,8 @@ ECC = { poly = [0.0, 0.2] }
 EXX = { poly = [1.0, 0.02] }
 "#;
 
-/// Corrections by hand, mm. The table carries the workpiece, so each table error is rotated back by the table's angle.
+/// Corrections by hand, mm. The table carries the workpiece, so each error of the table is rotated back by the angle of
+/// the table.
 fn oracle([x, y, z]: [f64; 3], [a, c]: [f64; 2]) -> [f64; 3] {
     let um = 1e-3;
     // Rotation of the workpiece about the C line in the frame of the bed, and the lever arm of the tip.
@@ -82,7 +83,7 @@ fn wait_corrected(control: &mut LinuxCnc, program: &Program) {
 
 fn what_the_linear_axes_do_is_the_correction_for_the_table() {
     let dir = tempfile::tempdir().expect("writable");
-    // Output steps of 1 nm, because nanometres are measured.
+    // The output steps are 1 nm, because the test measures nanometres.
     let mut control = LinuxCnc::start_example("trunnion", dir.path(), |ini| {
         let changed = ini.replace("STEP_NM = 10\nLIMIT_UM = 300", "STEP_NM = 1\nLIMIT_UM = 30");
         assert_ne!(changed, ini);
@@ -94,7 +95,7 @@ fn what_the_linear_axes_do_is_the_correction_for_the_table() {
     control.mdi("G21 G90 G0 X180 Y120 Z-150 A0 C0");
     wait_corrected(&mut control, &program);
 
-    // The correction changes on each axis by far more than the asserted limits.
+    // On each axis the correction changes by far more than the asserted limits.
     let way = [[180.0, 120.0, -150.0, 0.0, 0.0], [200.0, 135.0, -165.0, -30.0, 40.0]];
     let [from, to] = way.map(|at| oracle([at[0], at[1], at[2]], [at[3], at[4]]));
     for axis in 0..3 {
@@ -108,7 +109,7 @@ fn what_the_linear_axes_do_is_the_correction_for_the_table() {
     no_jump(&cycles, MOST);
     wait_corrected(&mut control, &program);
 
-    // Only the table moves, both axes through zero: all motion of the linear axes is correction.
+    // Only the table moves, with both axes through zero, so all motion of the linear axes is correction.
     let cycles = control.record(|control| control.mdi("G1 F300 A5 C-5"));
     corrected_by("the table alone", &cycles, wanted);
     no_jump(&cycles, MOST);

@@ -23,7 +23,7 @@ fn what_the_motors_do_is_the_program_and_the_correction() {
     let dir = tempfile::tempdir().expect("writable");
     let mut control = LinuxCnc::start(dir.path(), |ini| ini);
     let program = gateway(dir.path(), PORT);
-    // Before homing nothing is corrected.
+    // The gateway corrects nothing before homing.
     program.watch();
     let state = program.state();
     assert!(state["reasons"].to_string().contains("not referenced"), "{state}");
@@ -49,7 +49,7 @@ fn what_the_motors_do_is_the_program_and_the_correction() {
     });
     corrected("a program with arcs and a pause", &cycles);
 
-    // At ten times the speed the delay is the same number of cycles, with ten times the motion in each.
+    // At ten times the speed the delay is the same number of cycles, with ten times the motion in each cycle.
     control.mdi("G0 X20 Y20 Z-5");
     wait_corrected(&mut control, &program);
     let cycles = control.record(|control| control.mdi("G1 F6000 X300 Y200 Z-100"));
@@ -75,7 +75,7 @@ fn what_the_motors_do_is_the_program_and_the_correction() {
     // At 5 mm/s the bridge samples the contact at intervals.
     assert!((offset - wanted).abs() < 2e-5, "{offset} mm, {wanted} mm");
 
-    // Probing away from a contact: the position at which it opens counts.
+    // In a probing move away from a contact, the position at which the contact opens counts.
     control.touch(true);
     control.ask("begin_mdi", &json!({ "text": "G38.5 X10 F300" }));
     control.wait("axis.x.pos-cmd", |x| x < 45.0);

@@ -1,4 +1,4 @@
-//! Uploaded machine files are complete, bounded in size, and in memory only until activation.
+//! Uploaded machine files are complete, limited in size, and only in memory until activation.
 
 use std::{
     io::{Read, Write},
@@ -37,7 +37,8 @@ fn a_file_is_taken_whole_under_a_plain_name() {
     assert!(!everything.contains(path(rig.dir.path())), "no path of this computer: {everything}");
 }
 
-/// On a full disk (a small file system) an activation fails with status 507, and the space reserved for the audit log stays reserved.
+/// On a full disk (a small file system) an activation fails with status 507. The space reserved for the audit log stays
+/// reserved.
 #[test]
 fn a_full_disk_refuses_a_model_and_keeps_the_log() {
     let rig = Rig::new("");
@@ -51,20 +52,21 @@ fn a_full_disk_refuses_a_model_and_keeps_the_log() {
     }
     let program = rig.start();
     let before = model(&program)["hash"].clone();
-    // From the start the free space is less than the audit log needs.
+    // The free space is less than the audit log needs from the start.
     let made = machine_file(&program, &with_y(21.0));
     let refused = activate(&program, &made, None);
     let after = model(&program)["hash"].clone();
     program.must_arm();
     drop(program);
-    // A failure cannot be handled here.
+    // An error of `umount` cannot be handled here.
     let _ = Command::new("umount").arg("-l").arg(&folder).status();
     assert_eq!(refused.status, 507, "{}", refused.body);
     assert!(refused.body.contains("full"), "{}", refused.body);
     assert_eq!(before, after);
 }
 
-/// Four silent clients occupy the upload slots; when they time out a fifth client is served. Disarming is never delayed.
+/// Four silent clients occupy the upload slots. When they time out, a fifth client is served. Disarming is never
+/// delayed.
 #[test]
 fn silent_clients_do_not_prevent_disarming() {
     let rig = Rig::new("");
@@ -85,7 +87,7 @@ fn silent_clients_do_not_prevent_disarming() {
         upload(&program, &query, text.as_bytes()).status
     };
     let end = Instant::now() + PATIENCE;
-    // An upload without a file name starts no candidate, which would disconnect the four.
+    // An upload without a valid file name creates no candidate, which would disconnect the four clients.
     while send("..") != 503 {
         assert!(Instant::now() < end, "the places are not held");
         std::thread::sleep(Duration::from_millis(20));

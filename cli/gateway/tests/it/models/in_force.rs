@@ -26,8 +26,8 @@ fn goes_back(program: &Client, before: &Value) {
     }
 }
 
-/// A model uploaded during correction is confirmed and ramps in without a step. It persists over a kill and a reload; the configured file
-/// becomes active only at an engineer's request.
+/// A model uploaded during correction is confirmed and ramps in without a step. It persists over a kill and a reload.
+/// The configured file becomes active only at an engineer's request.
 #[test]
 fn a_model_is_confirmed_ramped_in_and_survives_a_kill() {
     let rig = Rig::new("auto_arm = true");
@@ -37,7 +37,7 @@ fn a_model_is_confirmed_ramped_in_and_survives_a_kill() {
     validate("gateway-model-candidate.json", &made);
     assert_eq!(made["step"], "ready", "{made}");
     assert_eq!(program.state()["correction_um"]["Y"], -20.0, "nothing happened");
-    // A change of 80 µm: without a hash or with another one, confirmation is requested.
+    // A change of 80 µm needs a confirmation: without a hash or with another hash it is requested.
     program.largest_step_um();
     let asked = activate(&program, &made, None);
     assert_eq!(asked.status, 409, "{}", asked.body);
@@ -73,7 +73,7 @@ fn a_model_is_confirmed_ramped_in_and_survives_a_kill() {
     assert_eq!(state["history"][1]["outcome"], "must-be-confirmed");
     let audit = std::fs::read_to_string(rig.dir.path().join("audit/audit.log")).expect("a log");
     assert!(audit.contains("\"who\":\"erna\",\"what\":\"model\""), "{audit}");
-    // The activation was on disk before the response.
+    // The activation was on disk before the response, so it survives a kill.
     let program = program.killed_and_started(&rig.config);
     assert_eq!(rig.standing()["in_force"]["hash"], made["result"]["hash"]);
     let state = model(&program);
@@ -87,7 +87,7 @@ fn a_model_is_confirmed_ramped_in_and_survives_a_kill() {
     assert!(reloaded.body.contains("was not read"), "{}", reloaded.body);
     let state = wait_model(&program, |now| now["configured"]["differs"] == true);
     assert_eq!(state["hash"], made["result"]["hash"]);
-    // An engineer reverts to the configured file: 75 µm, with the same confirmation and ramp.
+    // An engineer reverts to the configured file. The change of 75 µm has the same confirmation and ramp.
     program.largest_step_um();
     let asked = post(&program, "back", &json!({ "hash": null }));
     assert_eq!(asked.status, 409, "{}", asked.body);
@@ -106,8 +106,8 @@ fn a_model_is_confirmed_ramped_in_and_survives_a_kill() {
 }
 
 /// If the gateway is killed at any moment of an activation, the old or the new model is active and complete after the
-/// restart; the new one, if the activation had been answered. An upload of the maximum size stays within 512 MiB of
-/// memory.
+/// restart. It is the new model if the activation had been answered. An upload of the maximum size stays within 512 MiB
+/// of memory.
 #[test]
 fn a_kill_at_any_moment_leaves_one_of_the_two_models() {
     let dir = tempfile::tempdir().expect("writable");
@@ -125,7 +125,7 @@ fn a_kill_at_any_moment_leaves_one_of_the_two_models() {
         assert_eq!(made["step"], "ready", "{made}");
         let after = made["result"]["hash"].clone();
         let client = program.clone();
-        // The kill may come first. A small change needs no confirmation.
+        // The kill may come before the activation. A small change needs no confirmation.
         let asked = std::thread::spawn(move || activate(&client, &made, None).status);
         std::thread::sleep(Duration::from_millis(delay_ms));
         program.signal("KILL");
@@ -147,7 +147,7 @@ fn a_kill_at_any_moment_leaves_one_of_the_two_models() {
     no_upload_is_too_large(&program);
 }
 
-/// Parsing a broken machine file takes fifty times its size in memory: without the bound one upload could end the
+/// Parsing a broken machine file needs fifty times its size in memory. Without the limit one upload could end the
 /// process that corrects.
 fn no_upload_is_too_large(program: &Program) {
     let most = 4 * 1024 * 1024;
@@ -169,7 +169,7 @@ fn no_upload_is_too_large(program: &Program) {
 #[test]
 fn a_fault_on_the_ramp_makes_no_step() {
     let rig = Rig::new("auto_arm = true");
-    // Long enough for an alarm during the ramp.
+    // The ramp is long enough for an alarm in the middle of it.
     change(&rig.config, "ramp_s = 0.1", "ramp_s = 5");
     let program = rig.start();
     y(&program, -20.0);
@@ -193,8 +193,8 @@ fn a_fault_on_the_ramp_makes_no_step() {
     assert!(largest > 0.0 && largest < 20.0, "a step of {largest} µm");
 }
 
-/// The stored file of the active model is damaged: the configured file is used and the damage reported. Arming compares with the model
-/// that was armed last.
+/// The stored file of the active model is damaged. The gateway uses the configured file and reports the damage. Arming
+/// compares with the model that was armed last.
 #[test]
 fn a_damaged_model_is_not_loaded() {
     let rig = Rig::new("");
@@ -225,7 +225,7 @@ fn a_damaged_model_is_not_loaded() {
     assert_eq!(now["from"], "file", "{now}");
 }
 
-/// An activation needs the hash of the displayed result; with another hash or none it is rejected.
+/// An activation needs the hash of the displayed result. With another hash or none it is rejected.
 #[test]
 fn only_the_displayed_result_is_activated() {
     let rig = Rig::new("");
@@ -246,7 +246,8 @@ fn only_the_displayed_result_is_activated() {
     assert_eq!(model(&program)["hash"], hash);
 }
 
-/// An active model whose file cannot be stored is reported until it is stored; other history entries do not clear the message.
+/// An active model whose file cannot be stored is reported until it is stored. Other history entries do not clear the
+/// message.
 #[test]
 fn a_model_that_cannot_be_kept_is_reported_until_it_is() {
     let rig = Rig::new("");

@@ -52,7 +52,7 @@ fn invalid_and_foreign_models_are_refused() {
         assert_eq!(activate(&program, &made, None).status, 409);
         assert_eq!(post(&program, "discard", &json!({ "candidate": made["id"] })).status, 200);
     }
-    // The axes of another machine.
+    // A model with the axes of another machine.
     let axes = MACHINE
         .replace("w X' b Y Z t", "w X' b Y t")
         .replace("[axes.Z]\ntravel = [0.0, 250.0]\n", "");
@@ -66,7 +66,7 @@ fn invalid_and_foreign_models_are_refused() {
     assert!(newest["history"][0]["why"].as_str().expect("a reason").len() > 10);
     assert_eq!(newest["from"], "file");
     post(&program, "discard", &json!({ "candidate": made["id"] }));
-    // Another structure is reported, and needs a confirmation if it moves an axis.
+    // Another structure is reported. It needs a confirmation if an axis moves.
     let made = machine_file(&program, &with_y(90.0).replace("w X' b Y Z t", "w X' Y' b Z t"));
     let warnings = made["result"]["warnings"].to_string();
     assert!(warnings.contains("The structure is"), "{warnings}");
@@ -94,7 +94,7 @@ fn a_model_of_another_machine_needs_confirmation() {
     assert_eq!(asked["differences"].as_array().expect("a list").len(), 2);
     let taken = activate(&program, &made, Some(&asked["model"]));
     assert_eq!(taken.status, 200, "{}", taken.body);
-    // Reverting needs the same confirmation; arming needs no second one.
+    // Reverting needs the same confirmation. Arming needs no second one.
     let back = post(&program, "back", &json!({ "hash": null }));
     assert_eq!(back.status, 409, "{}", back.body);
     assert!(back.body.contains("gantry-8000"), "{}", back.body);
@@ -106,8 +106,8 @@ fn without_name(machine: &str) -> String {
     lines.collect::<Vec<_>>().join("\n")
 }
 
-/// While one engineer has a candidate the upload of a second gets status 409 with the first one's name, and requests for a discarded
-/// candidate fail.
+/// While one engineer has a candidate, the upload of a second engineer gets status 409 with the name of the first.
+/// Requests for a discarded candidate fail.
 #[test]
 fn two_engineers_do_not_mix_their_files() {
     let rig = Rig::new("");
@@ -141,7 +141,8 @@ fn two_engineers_do_not_mix_their_files() {
     assert_eq!(activate(&program, &json!({ "id": id }), None).status, 409);
 }
 
-/// A comparison cannot be aborted: with discarded candidates too, only one runs at a time, and the next upload gets status 503.
+/// A comparison cannot be aborted. Even with discarded candidates only one comparison runs at a time, and the next
+/// upload gets status 503.
 #[test]
 fn one_comparison_at_a_time_also_of_discarded_files() {
     let rig = Rig::new("");
