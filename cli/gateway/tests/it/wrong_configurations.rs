@@ -154,7 +154,7 @@ machine = "machine.toml"\n | [[machine]]\nname = "mill-1"\n | several machines i
 machine.toml | missing.toml | missing.toml
 "#;
 
-/// Changes of the published scheme on a chip's lines.
+/// Changes of `RIGHT` with `LINES` in place of `FOCAS`.
 const CHANGES_ON_LINES: &str = r#"
 // `unseen`: a duplicate, a missing state, and a state that the device reports.
 "emergency_stop"] | "referenced"] | duplicate referenced
@@ -211,7 +211,7 @@ pub(crate) fn cases() -> Vec<Wrong> {
     let five = "[\"X\", \"Y\", \"Z\", \"B\", \"C\"]";
     let others: [(_, &[(&str, &str)], _); 10] = [
         (FIVE, &[("[\"X\", \"Y\", \"Z\"]", five)], "limit_urad"),
-        // The root error is reported with its line, before its consequences for other keys.
+        // The error in the URL is reported with its line, before the errors in other keys that follow from it.
         (
             MACHINE,
             &[("HEARTBEAT", barrier), (focas, "192.0.2.10")],
@@ -229,7 +229,7 @@ pub(crate) fn cases() -> Vec<Wrong> {
         (MACHINE, &[("\"column\"]", "\"nowhere\"]"), (thermometer, "can://can9")], "nowhere"),
         (MACHINE, &[("token_file = \"tokens\"", ""), (listen, tls)], "reading needs a token"),
         (FIVE, &[], "in reads = [\"C\", \"B\"] where they are not"),
-        // The position of a rotating axis cannot be fixed by a number.
+        // `fixed` cannot state the position of a rotary axis that turns.
         (FIVE, &[("key", "fixed = { B = 0.0, C = 0.0 }")], "name it in reads = [\"B\"]"),
         (FIVE, &[("key", "reads = [\"C\"]\nnot_driven = [\"B\"]")], "not_driven: axis B"),
         ("structure = \"w X' b Y Z t\"", &[], "machine.toml"),

@@ -48,13 +48,13 @@ fn one_file_with_defaults_yields_a_machine_file() {
     let report = fs::read_to_string(dir.path().join("result/report.html")).expect("written");
     let path = dir.path().canonicalize().expect("there");
     assert!(report.contains("exx.csv") && !report.contains(&path.display().to_string()));
-    // The folder holds all state, so a restart restores it.
+    // All state is in the folder, so opening the folder again restores it.
     let again = Folder::open(dir.path()).expect("there");
     let state = again.state().expect("readable");
     assert_eq!(state.draft.expect("drafted").open, 0);
     assert_eq!(state.results, ["result/machine.toml", "result/report.html"]);
     assert!(!state.is_stale);
-    // A result is neither sent nor exported once an input has changed or is missing, whatever the dates of the files.
+    // Once an input has changed or is missing, the result is neither sent nor exported. File dates have no influence.
     let exx = dir.path().join("exx.csv");
     let text = fs::read_to_string(&exx).expect("there");
     let date = fs::metadata(&exx).and_then(|of| of.modified()).expect("a date");
@@ -86,7 +86,8 @@ fn a_hand_edited_calibration_file_is_not_overwritten() {
     assert_eq!(fs::read_to_string(&path).expect("there"), changed);
 }
 
-/// Readings of twice the slope and a squareness that the machine file states: 8 µm of EXX at the end of the travel, 5 µrad of EC0Y.
+/// The second readings have twice the slope: EXX changes by 8 µm at the end of the travel. The second machine file
+/// states a squareness: EC0Y changes by 5 µrad.
 #[test]
 fn earlier_models_are_compared_with_the_newest() {
     let (dir, folder) = small();
@@ -119,7 +120,7 @@ fn earlier_models_are_compared_with_the_newest() {
     assert!(refused.contains("earlier models"), "{refused}");
 }
 
-/// A pipe in place of a file is rejected, since reading would block.
+/// A pipe in place of a file is rejected, since reading a pipe would block.
 #[test]
 fn a_pipe_in_place_of_a_studio_file_is_rejected() {
     let dir = tempfile::tempdir().expect("writable");
@@ -131,8 +132,9 @@ fn a_pipe_in_place_of_a_studio_file_is_rejected() {
     assert!(refused.contains("expected a file"), "{refused}");
 }
 
-/// The gantry of the examples is fitted from laser files that were simulated from `truth.toml`, which the studio does not read. On each body
-/// diagonal the deviations of the fitted and the true machine differ by less than 10 % of the true range.
+/// The gantry of the examples is fitted from laser files that were simulated from `truth.toml`. The studio does not
+/// read `truth.toml`. On each body diagonal the deviations of the fitted and the true machine differ by less than 10 %
+/// of the true range.
 #[test]
 fn the_gantry_files_reproduce_their_machine() {
     let example = root().join("examples/from-files/gantry");
@@ -140,7 +142,7 @@ fn the_gantry_files_reproduce_their_machine() {
     copy(&example.join("lasers"), &dir.path().join("lasers"));
     fs::copy(example.join("machine.toml"), dir.path().join("machine.toml")).expect("writable");
     let folder = Folder::open(dir.path()).expect("there");
-    // The set-up is in the example's calibration file; a missing key has its default.
+    // The set-up is in the example's calibration file. A key that is missing there has its default.
     let text = fs::read_to_string(example.join("calibration.toml")).expect("there");
     let stated: toml::Table = text.parse().expect("TOML");
     let rows = |key: &str| stated[key].as_array().expect("a list").clone();
@@ -173,7 +175,7 @@ fn the_gantry_files_reproduce_their_machine() {
             })
             .collect::<Vec<_>>()
     };
-    // The answer to an error or a unit may open further questions.
+    // The answer for an error or a unit may open further questions.
     for _ in 0..2 {
         folder.answer(&answers()).expect("answers");
     }
@@ -245,7 +247,8 @@ fn the_error_answer_determines_the_open_questions() {
     answers = [answers, defaults(&folder)].concat();
     folder.answer(&answers).expect("taken");
     folder.fit("", None).expect("fitted");
-    // With another error, answers without a question are ignored, and new questions are open.
+    // With another error, the answers to questions of the previous error are ignored, and the questions of the new
+    // error are open.
     answers[0] = given("scan.csv", "error", "EYX");
     folder.answer(&answers).expect("taken");
     assert!(asks("sign"));
@@ -336,21 +339,21 @@ fn tables_and_programs_contain_the_correction() {
     let done = folder.nc("part.ngc", program.as_bytes(), 1.0).expect("written");
     assert_eq!((done.file.as_str(), done.motions), ("result/nc/part.ngc", 1));
     let text = fs::read_to_string(dir.path().join(&done.file)).expect("written");
-    // The table moves 8 µm too far, so the command is 399.992.
+    // At X = 400 mm the table moves 8 µm too far, so the corrected command is 399.992 mm.
     assert!(text.contains("X399.992"), "{text}");
     let wrong = folder.nc("part.ngc", b"G1 X1 F1000\nG1 X1.2.3\n", 1.0);
     let wrong = wrong.expect_err("no number").to_string();
     assert!(wrong.starts_with("part.ngc: ") && wrong.contains('2'), "{wrong}");
     // Written programs are not listed as measurements.
     assert_eq!(folder.state().expect("readable").files.len(), 1);
-    // Tables and programs belong to the current result only.
+    // A new fit moves the tables and programs of the previous result aside.
     folder.fit("", None).expect("fitted");
     let left = folder.state().expect("readable").results;
     assert_eq!(left, ["result/machine.toml", "result/report.html"]);
-    // They are kept, since the user may have edited them.
+    // The programs of the previous result are kept, since the user may have edited them.
     let aside = dir.path().join("result/before-1/nc/part.ngc");
     assert_eq!(fs::read_to_string(aside).expect("kept"), text);
-    // The same readings give the same model, which replaces no other.
+    // The same readings give the same model, so no earlier model is listed.
     assert!(folder.state().expect("readable").models.is_empty());
     let readings = fs::read_to_string(dir.path().join("exx.csv")).expect("there");
     let doubled = [("8", "16"), ("4", "8"), ("2", "4"), ("6", "12")];
@@ -368,7 +371,7 @@ fn tables_and_programs_contain_the_correction() {
     assert!(compared.before_um < compared.position_um, "{compared:?}");
     let refused = folder.fit("", Some("machine.toml")).expect_err("no earlier model");
     assert!(refused.to_string().contains("earlier models"), "{refused}");
-    // Earlier programs, however many, leave room for the measurements.
+    // The 450 programs of an earlier result do not count as measurement files, of which a folder may hold 200.
     let earlier = dir.path().join("result/before-7/nc");
     fs::create_dir_all(&earlier).expect("writable");
     for number in 0..450 {

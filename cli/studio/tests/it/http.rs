@@ -44,7 +44,7 @@ fn raw(address: SocketAddr, request: &str, headers: &str, body: &str) -> Answer 
     let text = format!(
         "{request} HTTP/1.1\r\n{headers}Content-Length: {length}\r\nConnection: close\r\n\r\n{body}"
     );
-    // A body that is too large is rejected before its end.
+    // The studio rejects a body that is too large before the end of the body, so that writing may fail.
     let _ = stream.write_all(text.as_bytes());
     let mut answer = String::new();
     let _ = stream.read_to_string(&mut answer);
@@ -113,7 +113,7 @@ fn the_http_api_turns_a_folder_into_a_machine_file() {
     assert_eq!(answered["draft"]["open"], 0, "{answered}");
     let fitted = page.post("api/fit", &json!({ "tolerance": "EXX=1" })).json();
     assert_eq!((&fitted["verdict"], &fitted["curves"]), (&json!("fail"), &json!(1)));
-    // The page may frame the report, which cannot send requests to the studio.
+    // The page may show the report in a frame, but the report cannot send requests to the studio.
     let report = page.get("report.html");
     assert_eq!(report.status, 200);
     assert!(report.has("x-frame-options: SAMEORIGIN") && report.has("sandbox allow-scripts"));
@@ -154,7 +154,7 @@ fn a_cancelled_fit_changes_nothing() {
     let page = page();
     page.post("api/answers", &defaults(&page.get("api/state").json()));
     let before = contents(page.dir.path());
-    // The second one waits for the first.
+    // The second fit waits for the first.
     thread::scope(|scope| {
         let fit = || scope.spawn(|| page.post("api/fit", &json!({ "tolerance": "" })));
         let fits = [fit(), fit()];
@@ -180,7 +180,7 @@ fn the_last_change_is_reverted_whole() {
     let undoable = || page.get("api/state").json()["undo"]["what"].clone();
     let now = || contents(page.dir.path());
     assert_eq!(undo().status, 422, "nothing was changed yet");
-    // Answers: the second ones replace the first.
+    // The second answers replace the first, and undo restores the first.
     page.post("api/answers", &json!([]));
     let before = now();
     page.post("api/answers", &defaults(&page.get("api/state").json()));
@@ -192,7 +192,7 @@ fn the_last_change_is_reverted_whole() {
     assert_eq!((undo().status, undoable()), (422, Value::Null), "one level only");
     page.post("api/answers", &defaults(&page.get("api/state").json()));
     assert_eq!(now(), answered);
-    // A first fit, and one of other readings that moves it aside.
+    // The first fit, and a fit of other readings that moves the first result aside.
     let fit = || assert_eq!(page.post("api/fit", &json!({ "tolerance": "" })).status, 200);
     fit();
     let fitted = now();
@@ -210,18 +210,18 @@ fn the_last_change_is_reverted_whole() {
     assert_eq!(undo().status, 200);
     assert_eq!(now(), before);
     assert_eq!(page.get("api/state").json()["is_stale"], true);
-    // A program that was written from a fit belongs to it.
+    // A program was written from the fit, so the fit can no longer be undone.
     fit();
     page.send("POST", "api/nc?name=part.ngc&tolerance_um=1", "", "G21 G90\nG1 X400 F100\nM2\n");
     assert_eq!(undoable(), Value::Null);
-    // A machine file, with the backup of the one before.
+    // Undo of a machine file also removes the backup of the previous machine file.
     let before = now();
     let text = fs::read_to_string(page.dir.path().join("machine.toml")).expect("there");
     let machine = |text: &str| page.post("api/machine", &json!({ "text": text })).status;
     assert_eq!(machine(&text.replace("small", "other")), 200);
     assert_eq!((undoable(), undo().status), (json!("machine file"), 200));
     assert_eq!(now(), before);
-    // Files of one drop, but not those of the drop before.
+    // Undo reverts the files of the last drop (`batch`) and keeps the files of the drop before.
     let upload = |name: &str, batch: u32, body: &str| {
         let path = format!("api/upload?name={name}&batch={batch}");
         assert_eq!(page.send("POST", &path, "", body).status, 200);
@@ -235,7 +235,7 @@ fn the_last_change_is_reverted_whole() {
     upload("three.csv", 2, "3");
     assert_eq!((undoable(), undo().status), (json!("3 files"), 200));
     assert_eq!(now(), before);
-    // What another program has changed since stays.
+    // A file that another program has changed since the upload is kept, and undo is refused.
     upload("four.csv", 3, "4");
     fs::write(page.dir.path().join("four.csv"), "5").expect("writable");
     let refused = undo();
@@ -285,7 +285,8 @@ fn other_origins_and_hosts_are_rejected() {
     assert!(everywhere.is_err());
 }
 
-/// A server that answers each request with the next of these documents; returns what it received.
+/// Starts a server that answers each request with the next element of `answers`. Returns its address, and a thread that
+/// ends with the received requests.
 fn server(answers: Vec<(&'static str, String)>) -> (SocketAddr, thread::JoinHandle<Vec<String>>) {
     let listener = TcpListener::bind("127.0.0.1:0").expect("a free port");
     let address = listener.local_addr().expect("bound");

@@ -18,7 +18,7 @@ pub(crate) fn small() -> (TempDir, Folder) {
     (dir, folder)
 }
 
-/// 20 µm/m: the correction at 400 mm is 8 µm.
+/// A deviation of 20 µm/m, thus 8 µm at 400 mm.
 pub(crate) const SLOPE: &str = "target_mm,run,direction,deviation_um\n0,1,+,0\n100,1,+,2\n200,1,+,4\n300,1,+,6\n400,1,+,8\n0,2,+,0.1\n100,2,+,2.1\n200,2,+,4.1\n300,2,+,6.1\n400,2,+,8.1\n";
 
 pub(crate) fn defaults(folder: &Folder) -> Vec<TypedAnswer> {

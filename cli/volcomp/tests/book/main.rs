@@ -70,7 +70,7 @@ fn beside_the_examples<T, E: ToString>(
 
 type Decode = fn(&str) -> Result<(), String>;
 
-/// The completed text of a block and its decoder; `None` if another test parses it.
+/// Completes the text of a block and selects its decoder. `None` for a block that another test parses.
 fn decoder(block: &Block) -> Option<(String, Decode)> {
     let calibration = |text: &str| beside_the_examples("calibration", text, CalibrationFile::read);
     let shop = |text: &str| beside_the_examples("calibration", text, Shop::read);
@@ -134,7 +134,7 @@ fn every_toml_block_is_read_by_the_program() {
     assert!(count > 2, "only {count} blocks were read");
 }
 
-/// Checks that a chapter documents exactly the keys of the decoders, and shows each in a block.
+/// Checks that a chapter documents exactly the keys of the decoders, and that its blocks show each key.
 fn keys_of(name: &str, free: &[&str]) {
     let page = chapter(name);
     let (mut decoded, mut used) = (BTreeSet::new(), BTreeSet::new());
@@ -193,7 +193,7 @@ fn every_crate_is_in_the_chapters_on_crates() {
             // Programs and the Python package have chapters of their own.
             if group != "cli" && name != "volcomp-python" {
                 assert!(integrators.contains(&format!("\n## {name}\n")), "integrators.md: {name}");
-                // The chapter includes this example.
+                // The chapter includes the example that is marked in the README.
                 let readme = fs::read_to_string(folder.join("README.md")).expect("a README");
                 assert!(
                     readme.contains("<!-- ANCHOR: example -->\n```rust"),

@@ -72,7 +72,8 @@ fn correction_has_every_axis_and_leaves_nothing() {
     );
 }
 
-/// The program goes to the middle, then along each diagonal from end to end, with the other axes at `--at`.
+/// The list of targets begins in the middle of the travel, then follows each diagonal from end to end. The other axes
+/// are at `--at`.
 #[test]
 fn diagonals_are_written_as_a_program() {
     let folder = Folder::new();
@@ -229,7 +230,7 @@ fn calibrate_writes_a_machine_file_that_error_reads() {
 fn form_of_points_in_a_file() {
     let folder = Folder::new();
     let path = folder.file("points.csv");
-    // Corners and side middles of a square; two of the middles are 20 µm nearer to the centre.
+    // Corners and side middles of a square. Two of the four side middles are 20 µm nearer to the centre.
     let points = "name;x mm;y mm;z mm\na;10;0;5\nb;0;9,98;5\nc;-10;0;5\n\nd;0;-9,98;5\n";
     std::fs::write(&path, points).expect("written");
     let call = ["form", &path, "--feature", "circle", "--plane", "xy"];
@@ -247,7 +248,7 @@ fn form_of_points_in_a_file() {
     assert_eq!(answer["notes"][0], "columns that are not read: name");
 }
 
-/// Points that alternate between two circles, or with coordinates in µm instead of mm: `form` succeeds with a note.
+/// Points that alternate between two circles, and points in µm instead of mm, are evaluated with a note.
 #[test]
 fn points_that_are_no_feature_are_noted() {
     let folder = Folder::new();

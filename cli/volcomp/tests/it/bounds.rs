@@ -4,7 +4,7 @@ use std::{fs, path::Path};
 
 use crate::{Folder, contains, one_line, refused, root, volcomp, words};
 
-/// `examples/mill.toml` with this line for EXX or EC0Y.
+/// Writes `examples/mill.toml` with `line` in place of the line of the same key (EXX or EC0Y). Returns the path.
 fn mill(folder: &Path, name: &str, line: &str) -> String {
     let text = fs::read_to_string(root().join("examples/mill.toml")).expect("the example");
     let key = line.split(' ').next().expect("a key");
@@ -42,7 +42,7 @@ fn a_slip_of_units_writes_no_program_and_no_table() {
     let checked = said(&volcomp(&["check", &machine]));
     contains(&checked, "WARNING: the correction of X reaches");
     contains(&checked, "more than the 2000 µm that no command and no gateway applies");
-    // Between the default limit and the maximum of `--limit-um`.
+    // The correction of X is between the default limit of 250 µm and the maximum of `--limit-um`, 2000 µm.
     let machine = mill(folder.path(), "large.toml", "EXX = { poly = [0.0, 1] }");
     let checked = said(&volcomp(&["check", &machine]));
     contains(&checked, "more than the 250 µm that nc and export allow");
@@ -57,7 +57,7 @@ fn a_slip_of_units_writes_no_program_and_no_table() {
         &checked,
         "the correction of X changes by up to 92.0 µm with each kelvin of the sensors: 2.1 K from 20 °C it may reach the 250 µm that nc and export allow",
     );
-    // With rotary axes that correct, `nc` limits the effect at the tool.
+    // On a machine whose rotary axes correct, `nc` limits the effect of the correction at the tool.
     let text = "structure = \"w C' A' b X Y Z t\"\n[axes]\nX.travel = [-300.0, 300.0]\nY.travel = [-200.0, 200.0]\nZ.travel = [-150.0, 150.0]\nA.travel = [-110.0, -30.0]\nC.travel = [-180.0, 180.0]\n[errors]\nEXX = { poly = [0.0, 1] }\n";
     let machine = folder.path().join("rotary.toml");
     std::fs::write(&machine, text).expect("written");
@@ -76,7 +76,7 @@ fn limits_above_the_ceiling_are_refused() {
     }
 }
 
-/// A number that overflows is rejected by every command with its position, whatever its key.
+/// A number that overflows is rejected by every command with its position, in any key.
 #[test]
 fn numbers_that_overflow_are_refused_by_every_command() {
     let folder = Folder::new();

@@ -31,9 +31,9 @@ fn sizes_and_corners_are_those_of_the_file() {
     let expected = 0.0073 * 8000.0 - 2.1e-7 * 8000.0 * 8000.0;
     close(&exx["largest"], expected, 1e-9);
     assert_eq!(exx["at"], json!({ "X": 8000.0 }));
-    // Forward and backward curve: 0 and 2.5 µm at Z = 0, 30 and 32.5 µm at the top.
+    // EZZ: the forward and backward curves are 0 and 2.5 µm at Z = 0, and 30 and 32.5 µm at the top.
     assert_eq!(size("EZZ")["largest"], json!(32.5));
-    // The maximum of a grid over Y and Z is at a node.
+    // EZY is a grid over Y and Z, whose maximum is at a node.
     let ezy = size("EZY");
     assert_eq!(ezy["smallest"], json!(-24.0));
     assert_eq!(ezy["at"], json!({ "Y": 2000.0, "Z": 2500.0 }));
@@ -66,8 +66,8 @@ fn positive_motions_are_told_for_table_and_spindle() {
     assert!(motion("five-axis", "B").ends_with("the tool turns right-handed about +Y"));
 }
 
-/// On an axis opposite to its letter a positive deviation is a negative error, and `check` says so: a tool that turns 10 µrad too far
-/// about −Z has an error of −10 µrad about Z.
+/// On an axis that points opposite to its letter, a positive deviation is a negative error, and `check` states this.
+/// Example: a tool that turns 10 µrad too far about −Z has an error of −10 µrad about Z.
 #[test]
 fn signs_of_errors_on_reversed_and_slanted_axes_are_told() {
     let folder = Folder::new();
@@ -116,7 +116,7 @@ fn an_error_stated_as_zero_is_told_apart_from_one_not_stated() {
     }
 }
 
-/// The evaluator reads the compiled bytes, and computes the same error as the exact model to first order.
+/// The evaluator reads the compiled bytes. Its error equals that of the exact model to first order.
 #[test]
 fn a_compiled_machine_is_read_back() {
     let folder = Folder::new();

@@ -25,7 +25,8 @@ fn a_point_beyond_travel_or_range_is_told() {
     }
 }
 
-/// With three linear axes the text does not mention `singular`, since they cannot correct the tool axis; the JSON contains it.
+/// With three linear axes the text does not mention `singular`, since linear axes cannot correct the tool axis. The
+/// JSON contains the key.
 #[test]
 fn singular_is_spoken_of_only_where_rotary_axes_could_correct() {
     let points = "X,Y\n0,0\n100,0\n";
@@ -46,7 +47,7 @@ fn chosen_axes_alone_move() {
     let answer = json("correct -m examples/gantry.toml --at X=1000,Y=500 --axes X,Y");
     assert_eq!(answer["correction"]["Z"], json!(0.0));
     assert_ne!(answer["correction"]["X"], json!(0.0));
-    // The former name of this option.
+    // `--correct` is the former name of `--axes`.
     let before = json("correct -m examples/gantry.toml --at X=1000,Y=500 --correct X,Y");
     assert_eq!(before, answer);
     let small = json(&["correct", "-m", GANTRY, "--at", "x=1000 y=500", "--axes", "x,y"]);
@@ -78,7 +79,7 @@ fn other_columns_and_decimal_commas_pass_through_to_the_file() {
         lines[2].split(';').nth(5).expect("a cell").replace(',', ".").parse().expect("a number");
     let expected = float(&answer["points"][1]["corrected"]["Y"]);
     assert!((corrected - expected).abs() < 1e-9, "{corrected} {expected}");
-    // Decimal points and commas, and a single position.
+    // A file with decimal points and commas between its columns, and a single position from the command line.
     fs::write(&points, "remark,X\na,1\n").expect("written");
     json(&["correct", "-m", GANTRY, "--points", &points, "-o", &out]);
     assert!(fs::read_to_string(&out).expect("written").starts_with("remark,X,X_corrected_mm"));
@@ -105,8 +106,8 @@ fn nothing_is_written_as_minus_zero() {
     assert!(row.starts_with("0,0,7,0,0,7,0,0,0,0,"), "{written}");
 }
 
-/// A model compared with itself leaves zero, and the output says that this proves nothing. Compared with another machine it leaves their
-/// difference, here 10 µm over the travel of X.
+/// A model compared with itself leaves zero, and the output states that this proves nothing. A model compared with
+/// another machine leaves the difference of the two, here 10 µm over the travel of X.
 #[test]
 fn a_model_against_itself_is_called_so_and_another_truth_shows() {
     let shown = text(&["diagonals", "-m", GANTRY, "--compensated"]);
@@ -119,7 +120,7 @@ fn a_model_against_itself_is_called_so_and_another_truth_shows() {
     assert_ne!(other, machine);
     fs::write(&truth, other).expect("written");
     let answer = json(&["diagonals", "-m", GANTRY, "--truth", &truth]);
-    // Share of the 8000 mm of X in the diagonal of √(8000² + 4000² + 2500²) mm.
+    // Direction cosine of X in the diagonal: 8000 mm of √(8000² + 4000² + 2500²) mm.
     let share = 8000.0 / (8000.0_f64.powi(2) + 4000.0_f64.powi(2) + 2500.0_f64.powi(2)).sqrt();
     for name in ["PPP", "NPP", "PNP", "PPN"] {
         let range = float(&answer[name]["range_um"]);
@@ -136,7 +137,7 @@ fn a_model_against_itself_is_called_so_and_another_truth_shows() {
     contains(&itself, "the model against itself");
     let rounded = json(&["map", "-m", GANTRY, "--grid", "9x9x9", "--resolution", "2"]);
     let largest = float(&rounded["largest_um"]);
-    // At most half an output step on each of three axes.
+    // Rounding to the output step leaves at most half a step on each of three axes.
     assert!((0.9..=3.0_f64.sqrt() + 0.01).contains(&largest), "{largest}");
     for (arguments, expected) in [
         (["--resolution", "0"], "above 0"),

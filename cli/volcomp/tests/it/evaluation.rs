@@ -28,7 +28,7 @@ fn standards_and_editions_beside_one_another() {
         assert!(standards.contains(&standard), "{standard}");
     }
     assert_eq!(quantity(&all, "B")["name"], "reversal value");
-    // Published as B and M.
+    // U_max and Pa of VDI/DGQ 3441 equal the published B and M.
     close(&quantity(&all, "U_max")["value"], 43.46, 0.011);
     close(&quantity(&all, "Pa")["value"], 48.09, 0.011);
     let newest = json(&["iso230", POSITIONING]);
@@ -81,7 +81,8 @@ fn a_test_far_from_twenty_degrees_says_so_and_how_it_was_compensated() {
     assert!(warm["notes"].to_string().contains("farther than 1 K from 20 °C"), "{}", warm["notes"]);
     let said = warm["material_compensation"].as_str().expect("a text");
     contains(said, "11 µm/(m·K)");
-    // At 8 m: α L R/√3, and ΔT L R(α)/√3 with the file's temperatures.
+    // Over L = 8 m: α L R/√3 for the range R = 1 K of the temperature, and ΔT L R(α)/√3 for the range R(α) = 2 µm/(m·K)
+    // of the expansion coefficient, with the temperatures of the file.
     let contribution = |k: usize| warm["uncertainty"]["contributions"][k]["u_um"].clone();
     close(&contribution(2), 11.0 * 8.0 / 3.0_f64.sqrt(), 1e-9);
     close(&contribution(3), 6.2 * 8.0 * 2.0 / 3.0_f64.sqrt(), 1e-9);
@@ -115,7 +116,8 @@ fn one_bad_file_does_not_hide_the_others() {
     refuses(&["iso230", POSITIONING, "-o", POSITIONING], "expected another one to write");
 }
 
-/// In a cube of 300 mm with a squareness error of 20 µrad each diagonal changes by ∓ a b EC0Y / D; the evaluation finds EC0Y.
+/// In a cube with sides a = b = 300 mm and a squareness error of 20 µrad, each diagonal D changes by ∓ a b EC0Y / D.
+/// The evaluation finds EC0Y.
 #[test]
 fn diagonals_are_named_by_file_or_option_and_hint_at_squareness() {
     let folder = Folder::new();
@@ -162,12 +164,13 @@ fn straightness_and_squareness_of_the_examples() {
     close(&found["slopes_urad"][0], -9.0, 0.4);
     close(&found["reversal_um"], 0.4, 0.4);
     let square = json(&format!("squareness {exy} {eyx} --error EC0Y --reference-angle-urad 1.5"));
-    // Reference angle 1.5, slopes 9 and 6 µrad.
+    // Sum of the reference angle, 1.5 µrad, and the slopes, 9 and 6 µrad.
     close(&square["squareness_urad"], 16.5, 0.6);
     let other = json(&format!("squareness {exy} {eyx} --error EC0Y --reference minimum-zone"));
     assert_eq!(other["uncertainty_urad"], Value::Null);
     assert_eq!(other["uncertainty"], Value::Null);
-    // Stated contributions: a square of 1 µrad, a straight edge of 0.5 µm for lines of 600 and 800 mm, a temperature range of 3 µrad.
+    // Stated contributions: a square with 1 µrad, a straight edge with 0.5 µm on lines of 600 and 800 mm, a temperature
+    // range of 3 µrad.
     let stated = json(&format!(
         "squareness {exy} {eyx} --error EC0Y --square-urad 1 --straight-edge-um 0.5 --temperature-urad 3"
     ));
@@ -185,7 +188,7 @@ fn straightness_and_squareness_of_the_examples() {
         "left out of the measurement uncertainty, not stated: square, straight edge, temperature",
     );
     contains(&open, "the squareness holds where the lines were measured");
-    // One run, here the first of each direction, does not show the alignment of the reference.
+    // A single run, here the first in each direction, does not show the alignment of the reference.
     let folder = Folder::new();
     let of_one_run = [exy, eyx].map(|file| {
         let text = fs::read_to_string(root().join(file)).expect("an example");
@@ -194,7 +197,7 @@ fn straightness_and_squareness_of_the_examples() {
         folder.write(name, rows.collect::<Vec<_>>().join("\n") + "\n")
     });
     assert!(!open.contains("one run of"), "{open}");
-    // The second run still shows the alignment without its reading at 180 mm.
+    // Without its reading at 180 mm the second run still shows the alignment.
     let text = fs::read_to_string(root().join(exy)).expect("an example");
     let rows = text.lines().filter(|row| !row.starts_with("180,2,+,"));
     let gap = folder.write("gap.csv", rows.collect::<Vec<_>>().join("\n") + "\n");
@@ -205,7 +208,7 @@ fn straightness_and_squareness_of_the_examples() {
     let [exy, eyx] = &of_one_run;
     let square = json(&["squareness", exy, eyx, "--error", "EC0Y"]);
     contains(&square["notes"].to_string(), "one run of EXY and EYX: U has");
-    // Bridge of 250 mm; the straightness has waves of 12 and 5 µm.
+    // The bridge is 250 mm long. The straightness has waves of 12 and 5 µm.
     let tilts = json(&["straightness", "examples/tilts.csv", "--bridge-mm", "250"]);
     assert_eq!(tilts["method"], "angular-method");
     let wave = |q: f64| {
@@ -218,7 +221,8 @@ fn straightness_and_squareness_of_the_examples() {
     close(&quantity(&tilts, "least-squares")["value"], truth.about[0].error_um, 1.5);
 }
 
-/// A file whose header has the wrong unit is 1000 times too large or too small: a note asks for the unit. An angle is no length.
+/// With the wrong unit in its header, a file is 1000 times too large or too small, and a note asks for the unit.
+/// Deviations in µrad get a note as an angular error motion.
 #[test]
 fn a_wrong_unit_and_an_angle_are_told() {
     let folder = Folder::new();
@@ -255,7 +259,8 @@ fn a_wrong_unit_and_an_angle_are_told() {
     refuses(&["straightness", &turned], "found `target deg`, expected `target` or `target mm`");
 }
 
-/// `--axis` other than the axis X of the file is rejected. A material temperature far from 20 °C gets a note for lengths only.
+/// A value of `--axis` other than the file's axis, X, is rejected. A material temperature far from 20 °C gets a note
+/// for lengths only.
 #[test]
 fn the_axis_of_a_file_is_not_another_one() {
     let folder = Folder::new();
@@ -326,7 +331,8 @@ iso230 $circle --part 4 --feed 0 => expected mm/min above zero
     );
 }
 
-/// A title that names a straightness is not evaluated as positioning, by the rule with which a draft infers errors from titles.
+/// A file whose title names a straightness is not evaluated as positioning. The rule is that of a draft, which infers
+/// errors from titles.
 #[test]
 fn a_title_that_names_no_positioning_is_not_judged_as_one() {
     let folder = Folder::new();

@@ -24,7 +24,8 @@ fn from_a_machine_to_tables_and_back_to_curves() {
             "export -m {MILL} --format {format} --step 25 --at X=0,Y=0,Z=0 -o {tables}"
         ));
         assert_eq!(answer["format"], format);
-        // Except for the second coordinate, on which the mill depends by its pitch, the loss is small compared with the correction.
+        // A table of X cannot contain the effect of the mill's pitch, which grows with Z. This loss is smaller than the
+        // correction.
         let x = &answer["loss"]["axes"][0];
         assert_eq!((x["axis"].as_str(), x["unit"].as_str()), (Some("X"), Some("um")));
         assert!(x["largest"].as_f64() < x["correction"].as_f64(), "{x}");
@@ -36,7 +37,7 @@ fn from_a_machine_to_tables_and_back_to_curves() {
             "structure = \"w X' Y' b Z t\"\n[axes]\nX.travel = [0.0, 600.0]\nY.travel = [0.0, 400.0]\nZ.travel = [-500.0, 0.0]\n{part}"
         );
         let read = Machine::parse(&whole, "m.toml").expect("a part of a machine file");
-        // 20 µm/m and 30 µrad at the end, 530 mm above the table surface.
+        // At X = 600 mm, 530 mm above the table surface: 20 µm/m of EXX, and 30 µrad of pitch.
         let exx = read.error("EXX".parse().expect("a name")).expect("a curve");
         let found = exx.value(0, &[600.0, 0.0, 0.0], None);
         assert!((found - (12.0 + 0.03 * 530.0)).abs() < 0.01, "{format}: {found}");
@@ -80,13 +81,14 @@ fn facts_of_each_format_and_back_without_numbers() {
         all
     };
     assert_eq!(outputs(&back), outputs(&answer));
-    // Only the facts file states the type of a LinuxCNC file.
+    // The type of a LinuxCNC file is stated in the facts file only.
     let linuxcnc = format!("{all}/linuxcnc");
     json(&format!("export -m {GANTRY} --format linuxcnc-type1 --step 250 -o {linuxcnc}"));
     assert_eq!(json(&["import", &linuxcnc])["format"], "linuxcnc-type1");
 }
 
-/// A tilting head travels from −110°, outside a table of 0° to 360°: it is omitted with a note, and the other axes are written.
+/// The travel of the tilting head begins at −110°, outside a table of 0° to 360°. The table of the head is omitted with
+/// a note, and the tables of the other axes are written.
 #[test]
 fn a_tilting_axis_is_left_out_and_the_others_are_written() {
     let (_folder, tables) = folder();
@@ -206,7 +208,8 @@ fn what_cannot_be_is_refused() {
     assert!(fs::metadata(&curves).is_err());
 }
 
-/// With a pitch error of X, a table without the lever of Z makes positions far above the reference worse: a warning.
+/// The pitch of X acts with the lever of Z, which a table of X does not contain. Far from the table's reference in Z,
+/// the table makes positions worse, and `export` warns.
 #[test]
 fn a_table_that_does_harm_is_told() {
     let (folder, tables) = folder();
@@ -226,7 +229,7 @@ fn a_table_that_does_harm_is_told() {
         (told, String::from_utf8_lossy(&output.stdout).into_owned())
     };
     fs::write(&machine, of_travel(0.0, 400.0)).expect("written");
-    // At Z = −500 the lever has the opposite sign, so that the table doubles the error.
+    // The tables are made at Z = 500. At Z = −500 the lever has the opposite sign, so that the table doubles the error.
     let (told, said) = run(&["--at", "X=0,Z=500"]);
     contains(&told, "WARNING: with these tables axis X is further off than without");
     assert!(!told.contains("--at is not given"), "{told}");
@@ -242,7 +245,8 @@ fn a_table_that_does_harm_is_told() {
     let facts = fs::read_to_string(format!("{tables}/volcomp-tables-linuxcnc.txt")).expect("read");
     contains(&facts, "Deviations at the reference position: X ");
     contains(&facts, "does not begin at zero there");
-    // The middle in whole steps of 50 mm from the lower end: a node of tables that begin there.
+    // The reference is the middle of the travel in whole steps of 50 mm from the lower end, so that it is a node of the
+    // table.
     fs::write(&machine, of_travel(30.0, 410.0)).expect("written");
     contains(&run(&[]).0, "X=230,Z=0");
 }

@@ -4,7 +4,8 @@ use std::{f64::consts::TAU, fmt::Write as _, fs};
 
 use crate::{Draw, Folder, contains, float, json, list, text, volcomp};
 
-/// Three bidirectional runs over 21 targets: `f`, a reversal of 2 µm, and noise of standard deviation `scatter`, µm.
+/// Writes three bidirectional runs over 21 targets: `f` in µm, a reversal of 2 µm, and noise of standard deviation
+/// `scatter`, µm.
 fn file(scatter: f64, f: impl Fn(f64) -> f64) -> (Folder, String) {
     headed("target,run,direction,deviation_um", 50.0, scatter, f)
 }
@@ -55,7 +56,7 @@ fn a_parabola_is_chosen_with_its_reason_and_its_band() {
     assert_eq!(answer["band"]["from"], "runs");
     let halves = list(&answer["band"]["half_widths"]);
     let values = list(&answer["values"]);
-    // Seven positions between neighbouring targets.
+    // The band is computed at seven positions between neighbouring targets as well.
     assert_eq!((halves.len(), values.len()), (161, 21));
     let number = |of: &serde_json::Value| of.as_f64().expect("a number");
     let mut held = 0;
@@ -68,7 +69,7 @@ fn a_parabola_is_chosen_with_its_reason_and_its_band() {
     }
     // The confidence level of 95 % applies to each target separately.
     assert!(held >= 19, "{held} of 21");
-    // The same polynomial by explicit options gives the same curve.
+    // The same polynomial, requested by options, gives the same curve.
     let stated = json(&["fit", &path, "--method", "polynomial", "--order", "2"]);
     assert_eq!(stated["curve"], answer["curve"]);
     assert!(stated.get("choice").is_none() && stated.get("band").is_none());
@@ -77,8 +78,8 @@ fn a_parabola_is_chosen_with_its_reason_and_its_band() {
     contains(&shown, "95 % band: ±");
 }
 
-/// A wave that a table mispredicts between its targets, plus a zigzag (15 times the scatter of the runs) that only a table follows: no
-/// kind of curve does both, and a note says so.
+/// The deviation is a wave, which a table interpolates badly between its targets, and a zigzag (15 times the scatter of
+/// the runs), which only a table follows. No kind of curve follows both, and a note states this.
 #[test]
 fn a_curve_that_does_not_follow_is_warned_of() {
     let (_folder, path) = file(0.02, |x| {
@@ -92,8 +93,8 @@ fn a_curve_that_does_not_follow_is_warned_of() {
     assert_eq!(chosen(&answer["choice"])["follows"], false);
 }
 
-/// Two harmonics over a turn, with or without a target at 360°, are found with their coefficients, and the curve is periodic. The same
-/// readings over mm or over half a turn have no harmonics as candidates.
+/// Two harmonics over a turn are found with their coefficients, with or without a target at 360°, and the curve is
+/// periodic. The same readings in mm, or over less than a turn, have no harmonics as candidates.
 #[test]
 fn a_turn_is_a_fourier_series_and_nothing_else_is() {
     const DEG: &str = "target_deg,run,direction,deviation_urad";
@@ -125,7 +126,7 @@ fn a_turn_is_a_fourier_series_and_nothing_else_is() {
             assert!((found - wanted).abs() < 0.3, "{found} {wanted}");
         }
         assert_eq!(answer["curve"]["period"], 360.0);
-        // The only other candidate is the constant, since no other kind of curve is periodic.
+        // The only candidate besides the harmonics is the constant, since no other kind of curve is periodic.
         for score in list(&choice["scores"]) {
             let coefficients = float(&score["coefficients"]);
             assert!(kind(score) == "fourier" || coefficients < 1.5, "{score}");
@@ -144,7 +145,8 @@ fn a_turn_is_a_fourier_series_and_nothing_else_is() {
     }
 }
 
-/// Of three runs with very different zeros the second stops half-way: the curve has no step there, and its band is that of complete runs.
+/// Three runs have very different zeros, and the second run stops half-way. The curve has no step there, and its band
+/// is that of complete runs.
 #[test]
 fn a_run_that_stops_changes_neither_curve_nor_band() {
     let fitted = |stops: bool| {
@@ -178,7 +180,8 @@ fn a_run_that_stops_changes_neither_curve_nor_band() {
         a.len() == b.len() && a.iter().zip(&b).all(|(a, b)| (a - b).abs() < 1e-6),
         "{a:?} {b:?}"
     );
-    // Student's t of two degrees of freedom times s/√3 of the zeros; the resampling of complete runs adds its own random deviation.
+    // Student's t of two degrees of freedom times s/√3 of the zeros. The resampling of complete runs adds its own
+    // random deviation.
     let expected = 4.302_653 * (1_322.667_f64 / 2.0 / 3.0).sqrt();
     for (answer, within) in [(&complete, 0.02), (&stopped, 1e-5)] {
         let halves = rows(&answer["band"]["half_widths"], "half_width");

@@ -37,8 +37,9 @@ fn section<'t>(printed: &'t str, name: &str, next: &str) -> &'t str {
     from.split_once(&format!("\n\n{next}\n")).map_or(from, |(own, _)| own)
 }
 
-/// Each displacement has the error named in the call, or a placeholder that a machine file rejects. All fits are good: the third has an
-/// RMS error of 9.4 µm, with 9.0 µm without time constants and 35.5 µm without terms.
+/// Each displacement has the error named in the call, or a placeholder that a machine file rejects. All fits are
+/// recommended. Example: the RMS error of the third displacement is 9.4 µm, against 9.0 µm by regression without time
+/// constants and 35.5 µm without terms.
 #[test]
 fn displacements_are_the_errors_that_the_call_names() {
     let named = format!("fit-thermal {SPINDLE} --error ch1_um=EZZ,ch3_um=EXZ --error ch4_um=EYZ");
@@ -107,7 +108,7 @@ fn half_way(channel: &Value, reference: f64) -> (String, f64) {
     (given.join(","), numbers.iter().map(part).sum())
 }
 
-/// The printed terms are valid in a machine file, and predict the same there.
+/// The printed terms are valid in a machine file and predict the same values there.
 #[test]
 fn the_terms_go_into_a_machine_file() {
     let answer =
@@ -145,8 +146,8 @@ fn the_terms_go_into_a_machine_file() {
     assert!(left.abs() < 1e-3, "{left}");
 }
 
-/// Three tests of an axis at three positions: 2 µm/K of the spindle with a time constant of 900 s, and a scale that expands by 11
-/// µm/(m·K) from 200 mm.
+/// Three tests of an axis at three positions. The displacement is 2 µm/K of the spindle with a time constant of 900 s,
+/// plus the expansion of a scale, 11 µm/(m·K) from X = 200 mm.
 fn tests_of_an_axis(folder: &std::path::Path) -> Vec<String> {
     let write = |test: u32| {
         let (mut spindle, mut lagged) = (20.0_f64, 20.0_f64);
@@ -165,7 +166,7 @@ fn tests_of_an_axis(folder: &std::path::Path) -> Vec<String> {
             }
             let scale = 20.0 + 3.0 * (0.7 * hours + f64::from(test)).sin();
             let x = 300.0 * f64::from(row % 3);
-            // Each test has its own zero; the room temperature has no effect; small noise repeats after 17 rows.
+            // Each test has its own zero. The room temperature has no effect. Small noise repeats after 17 rows.
             let noise = 0.1 * f64::from(row * 7 % 17) / 17.0;
             let moved = 5.0 * f64::from(test)
                 + 2.0 * (lagged - 20.0)
@@ -239,7 +240,7 @@ fn shipped_runs_and_the_machine_file_with_their_terms() {
         std::iter::once("fit-thermal").chain(runs.iter().map(String::as_str)).collect();
     let answer = json(&call);
     let channel = &answer["displacements"][0];
-    // Noise of the displacement: 0.2 µm at the start of the run and in each row.
+    // The noise of the displacement is 0.2 µm, both at the start of the run, which is its zero, and in each row.
     for left in list(&channel["left_out"]) {
         let rms = float(&left["rms"]);
         assert!((0.15..0.4).contains(&rms), "{left}");
@@ -297,7 +298,8 @@ fn wrong_files_and_calls_end_with_status_2() {
     }
 }
 
-/// Four tests of three hours: the temperature oscillates by ±10 K, and the displacement is `um_per_k` times the temperature plus noise.
+/// Four tests of three hours. The spindle temperature oscillates by ±10 K. The displacement is `um_per_k` times this
+/// temperature, plus noise.
 fn tests_of(folder: &std::path::Path, seed: u64, um_per_k: f64) -> Vec<String> {
     let mut draw = Draw(seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) ^ 5);
     let test = |number: usize| {
@@ -391,8 +393,8 @@ fn changed(file: &str, column: usize, change: impl Fn(f64) -> f64) {
     std::fs::write(file, written).expect("written");
 }
 
-/// One of several good tests is inverted, has a dead sensor or another unit: a note names the file and the defect. Good tests get no
-/// note.
+/// One of four good tests is inverted, has a dead sensor or has another unit: a note names the file and the defect.
+/// Good tests get no note.
 #[test]
 fn inverted_files_dead_sensors_and_other_units_are_named() {
     let folder = Folder::new();
@@ -441,7 +443,7 @@ fn two_files_of_opposite_sign_are_both_named() {
     contains(&printed, "(mean squares differ by ");
 }
 
-/// Headers have units in any usual notation; a note lists ignored columns.
+/// Headers may state units in any usual notation. A note lists ignored columns.
 #[test]
 fn heads_have_their_units_in_any_usual_way() {
     let folder = Folder::new();
@@ -469,8 +471,9 @@ fn heads_have_their_units_in_any_usual_way() {
     refuses(&["fit-thermal", files[0]], "found two columns `scale_degc`");
 }
 
-/// Three tests of 8 h, recorded every `every_s`, simulated in steps of 5 s. The spindle follows its heat with a time constant of 200 s;
-/// the displacement is 3 µm/K of the spindle with 300 s. The second test has a gap of `gap_s` after 3 h.
+/// Three tests of 8 h, recorded every `every_s` seconds and simulated in steps of 5 s. The spindle follows its heat
+/// with a time constant of 200 s. The displacement is 3 µm/K of the spindle with a time constant of 300 s. The second
+/// test has a gap of `gap_s` seconds after 3 h.
 fn logged_every(folder: &std::path::Path, every_s: u32, gap_s: u32) -> Vec<String> {
     let write = |test: u32| {
         let (mut spindle, mut lagged) = (20.0_f64, 20.0_f64);

@@ -70,7 +70,7 @@ fn every_command_has_two_examples_that_run() {
         assert_eq!(examples.len(), 2, "volcomp {command} --help: {examples:?}");
         for example in examples {
             assert!(example.split_whitespace().any(|word| word == command), "{example}");
-            // The studio runs until stopped and opens a browser; `studio.rs` tests it.
+            // The studio runs until it is stopped, and opens a browser. `studio.rs` tests it.
             if command == "studio" {
                 continue;
             }
@@ -81,7 +81,7 @@ fn every_command_has_two_examples_that_run() {
                 .output()
                 .expect("a shell");
             let said = String::from_utf8_lossy(&output.stderr);
-            // An example need not meet its tolerance.
+            // The result of an example may exceed its tolerance, which gives exit status 3.
             let is_done = output.status.success()
                 || example.contains("--tolerance") && output.status.code() == Some(3);
             assert!(is_done, "{example}\n{said}");
@@ -103,7 +103,7 @@ fn help_fits_eighty_columns_and_speaks_of_micrometres() {
         let mut among_values = false;
         for line in help.lines() {
             assert!(line.chars().count() <= 80, "{command}: {line}");
-            // Option values are printed as the user types them.
+            // Possible values are printed as the user types them, so `um` may be among them.
             among_values |= line.contains("[possible") || line.contains("Possible values");
             if among_values {
                 among_values = !line.ends_with(']');

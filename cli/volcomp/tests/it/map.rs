@@ -8,7 +8,7 @@ use crate::{Folder, contains, float, json, notes, refuses, root, text};
 
 const SHOP: &str = "cli/volcomp/demo/shop.toml";
 
-/// Runs a map with uncertainty on this number of threads; returns document and file.
+/// Runs a map with uncertainty on `threads` threads. Returns the document and the written file.
 fn uncertain(folder: &Path, threads: &str, file: &str, seed: &str) -> (Value, String) {
     let calibration = folder.join("calibration.toml");
     let map = folder.join(file);
@@ -38,7 +38,8 @@ fn the_uncertainty_is_the_same_on_any_number_of_cores() {
     assert_eq!((&answer, &csv), (&again, &same));
     assert_ne!(uncertain(path, "2", "map.csv", "4").1, csv);
     assert_eq!(answer["uncertainty"]["trials"], 12);
-    // Noise of 1 µm and five runs in each direction, on lines from which slopes and squareness are computed as well.
+    // The readings have noise of 1 µm and five runs in each direction. Slopes and squareness are computed from the same
+    // lines.
     let largest = float(&answer["uncertainty"]["largest_um"]);
     assert!((0.3..5.0).contains(&largest), "{largest}");
     let mut lines = csv.lines();
@@ -73,7 +74,7 @@ fn an_uncertainty_of_another_machine_is_refused() {
     refuses(&[&map[..], &["--trials", "5"]].concat(), "--uncertainty");
 }
 
-/// A map of a machine without linear axes is rejected with the reason: its grid would be one node.
+/// A map of a machine without linear axes is rejected with the reason that its grid would be one node.
 #[test]
 fn a_machine_without_linear_axes_has_no_map() {
     let folder = Folder::new();
@@ -135,8 +136,8 @@ fn rotary_axes_stand_where_at_says() {
     refuses(&["diagonals", "-m", MACHINE, "--at", "B=5"], "has no axis B");
 }
 
-/// Constants and a common rotation of all axes only move the workpiece: 22.9 µm and 40 µrad in machine coordinates are no errors of form,
-/// also for a model compared with a truth of another zero.
+/// Constants and a common rotation of all axes only move the workpiece. In machine coordinates these 22.9 µm and 40
+/// µrad are no errors of form, even for a model compared with a truth of another zero.
 #[test]
 fn a_rigid_motion_of_the_workpiece_is_no_error_of_form() {
     let folder = Folder::new();
@@ -175,8 +176,9 @@ fn a_rigid_motion_of_the_workpiece_is_no_error_of_form() {
     );
 }
 
-/// A table's location error has no effect on the grid, where the table is at 0. Over poses of all axes it has, and one alignment cannot
-/// remove it. A model that contains the error leaves less than 0.05 µm.
+/// A table's location errors have no effect on the grid, where the table is at 0. Over poses of all axes the location
+/// errors have an effect, which one alignment cannot remove. A model that contains the location errors leaves less than
+/// 0.05 µm.
 #[test]
 fn over_all_axes_a_model_without_rotary_errors_is_told_apart() {
     const TRUTH: &str = "examples/table-tilting.toml";
@@ -202,7 +204,7 @@ fn over_all_axes_a_model_without_rotary_errors_is_told_apart() {
     let [known, unknown] = [&known["all_axes"], &unknown["all_axes"]];
     assert_eq!(known["poses"], 4096);
     assert!(number(known, "form_rms_um") < 0.05, "{known}");
-    // The rotation about the tool axis that a perfect correction leaves is no tilt.
+    // A perfect correction leaves a rotation about the tool axis, which is no tilt.
     assert!(number(known, "form_tilt_rms_urad") < 10.0, "{known}");
     assert!(number(known, "form_about_tool_rms_urad") > 100.0, "{known}");
     assert!(number(unknown, "form_rms_um") > 10.0, "{unknown}");
@@ -241,8 +243,8 @@ fn arrow_reads_the_parquet_map() {
     assert!(output.status.success(), "{output:?}");
 }
 
-/// A table whose axis has an uncertainty of 5 µm along X: the tip's standard uncertainty at C is 2·5·|sin(C/2)| µm, thus RMS √2·5 µm and
-/// maximum 2·5 µm over a turn. On the grid, with C at 0, it is zero.
+/// The centre of a table has an uncertainty of 5 µm along X. The tip's standard uncertainty at C is 2·5·|sin(C/2)| µm,
+/// thus RMS √2·5 µm and maximum 2·5 µm over a turn. On the grid, with C at 0, it is zero.
 #[test]
 fn poses_of_all_axes_have_their_uncertainty() {
     let folder = Folder::new();
@@ -259,11 +261,11 @@ fn poses_of_all_axes_have_their_uncertainty() {
     let number = |value: &serde_json::Value| value.as_f64().expect("a number");
     assert!(number(&found["uncertainty"]["largest_um"]) < 1e-6, "{found}");
     let own = &found["all_axes"]["uncertainty"];
-    // 2000 samples determine a standard deviation within 1.6 %; the tolerance is three times that.
+    // 2000 samples give a standard deviation to 1.6 % (one sigma). The tolerance is three times as wide.
     let near = |found: f64, expected: f64| (found / expected - 1.0).abs() < 0.048;
     assert!(near(number(&own["rms_um"]), 5.0 * 2.0_f64.sqrt()), "{own}");
     assert!(near(number(&own["largest_um"]), 10.0), "{own}");
-    // Both values are from the same samples, so their ratio is more accurate.
+    // RMS and maximum are from the same samples, so their ratio is more accurate.
     let ratio = number(&own["largest_um"]) / number(&own["rms_um"]);
     assert!((ratio / 2.0_f64.sqrt() - 1.0).abs() < 0.03, "{ratio}");
     assert!(number(&own["at"]["C"]).abs() > 175.0 && number(&own["rms_urad"]) < 1e-6, "{own}");
@@ -286,7 +288,7 @@ fn attribute<'v>(vtk: &'v str, name: &str) -> Vec<&'v str> {
     value.split(' ').collect()
 }
 
-/// A VTK file has one node at 0 for a missing axis, and X varies fastest.
+/// A VTK file has one node, at 0, for a missing axis. X varies fastest.
 #[test]
 fn vtk_files_hold_each_axis_at_its_own_place() {
     let folder = Folder::new();
@@ -324,8 +326,8 @@ fn vtk_files_hold_each_axis_at_its_own_place() {
     assert_eq!(array(&alone, "Z_mm"), [-40.0, 60.0]);
 }
 
-/// A table error of 50 µrad tilts the tool relative to the table; one of 200 µrad about the tool axis is no tilt. The tool is parallel to
-/// Z in all poses.
+/// An error of the table of 50 µrad tilts the tool relative to the table. An error of 200 µrad about the tool axis is
+/// no tilt. The tool is parallel to Z in all poses.
 #[test]
 fn the_tilt_of_the_tool_is_told_apart_from_the_rotation_about_it() {
     let folder = Folder::new();
@@ -349,7 +351,8 @@ fn the_tilt_of_the_tool_is_told_apart_from_the_rotation_about_it() {
     contains(&shown, "  rotation about it 200.000 µrad, after alignment ");
 }
 
-/// A correction is computed with compiled curves, far below the last digit that is printed; --exact evaluates those of the file.
+/// A correction is computed with compiled curves, which differ from the curves of the file by far less than the last
+/// printed digit. `--exact` evaluates the curves of the file.
 #[test]
 fn a_corrected_map_is_that_of_the_curves_of_the_file() {
     let folder = Folder::new();

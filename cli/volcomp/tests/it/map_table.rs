@@ -24,7 +24,7 @@ fn the_file_is_the_map_that_is_told_of() {
     assert_eq!(answer["words"], json!(map.words().len()));
     assert!(float(&answer["error_max_um"]) <= 3.0);
     assert_eq!(answer["grid"][0]["lines"], json!(map.header().lines[0].count));
-    // 11.5 µm/(m·K) over 8 m.
+    // Expansion of 11.5 µm/(m·K) over 8 m.
     let um_per_k = float(&answer["um_per_k"]["scale_x"]);
     assert!((um_per_k - 92.0).abs() < 0.5, "{um_per_k}");
     let refresh_s = float(&answer["refresh_s"]);

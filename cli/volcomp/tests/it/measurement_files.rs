@@ -33,7 +33,8 @@ fn inspect_takes_several_files_and_tells_the_odd_ones() {
     assert!(refused(&["inspect", &cut]).contains("ezz.rtl:"));
 }
 
-/// In the files of the virtual shop, names and headers state the error but not the position of the line: the draft asks for the point.
+/// Names and headers of the virtual shop's files state the error, but not the position of the line. The draft asks for
+/// this position.
 #[test]
 fn a_folder_becomes_a_draft_that_asks_before_it_is_calibrated() {
     let folder = Folder::new();
@@ -52,7 +53,7 @@ fn a_folder_becomes_a_draft_that_asks_before_it_is_calibrated() {
     let message = refused(&["calibrate", &drafted, "-o", &result]);
     contains(&message, "open question");
     contains(&message, "drafted.toml:");
-    // An unchanged draft is overwritten, an edited one only with `--replace`.
+    // An unchanged draft is overwritten. An edited draft is overwritten only with `--replace`.
     json(&call);
     let draft = fs::read_to_string(&drafted).expect("the draft");
     let answered = draft.replacen("\"?\"", "0.0", 1);
@@ -77,7 +78,8 @@ fn a_folder_becomes_a_draft_that_asks_before_it_is_calibrated() {
     assert!(refused(&call).contains("it holds no files"));
 }
 
-/// One call answers the error and the questions that follow from it. An answer that does not apply to that error gets a note.
+/// One call answers the error and the questions that follow from the error. An answer that does not apply to the error
+/// gets a note.
 #[test]
 fn an_error_is_answered_in_one_call_with_what_follows() {
     let folder = Folder::new();
@@ -113,8 +115,8 @@ fn straightnesses() -> (Folder, Vec<String>) {
     (folder, call)
 }
 
-/// The draft of two straightness files asks which side the measured point moves with: the answer for one error overrides that for an
-/// axis, in either order.
+/// The draft of two straightness files asks which side the measured point moves with. The answer for one error
+/// overrides the answer for an axis, whatever their order.
 #[test]
 fn the_narrower_answer_counts_whatever_the_order() {
     let (_folder, call) = straightnesses();
@@ -140,7 +142,7 @@ fn the_narrower_answer_counts_whatever_the_order() {
     assert_eq!(rides(&["rides=other", "rides=carriage"]), ("other other".to_owned(), true));
 }
 
-/// Where levers are asked for, an answer about the lever of an error without a file is refused: it may be misspelt.
+/// An answer about the lever of an error without a file is refused, since the error may be misspelt.
 #[test]
 fn a_lever_of_an_error_without_a_file_is_refused() {
     let (_folder, call) = straightnesses();
@@ -187,7 +189,7 @@ fn several_files_end_in_a_table() {
     let told = String::from_utf8_lossy(&output.stderr).into_owned();
     contains(&told, "not read");
     contains(&told, "notes.pdf");
-    // Verdicts are at the end, each name once, with a note on different serial numbers.
+    // The output ends with the verdicts, each under its name once, and a note on different serial numbers.
     let output = volcomp(&["iso230", &one, &other, "--tolerance", "B=1.4,E=1"]);
     let (said, told) = (
         String::from_utf8_lossy(&output.stdout).into_owned(),

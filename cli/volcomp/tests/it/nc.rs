@@ -18,7 +18,8 @@ fn answered(output: &Path, more: &[&str]) -> serde_json::Value {
     serde_json::from_slice(&ran.stdout).expect("JSON")
 }
 
-/// The file extension selects the language, and the compensated example is better: from above 10 to below 1.5 µm.
+/// The file extension selects the language. The largest deviation of the compensated example falls from above 10 µm to
+/// below 1.5 µm.
 #[test]
 fn the_examples_of_other_languages_are_better_afterwards() {
     let folder = Folder::new();
@@ -58,7 +59,7 @@ fn the_example_is_better_afterwards() {
     assert!(fs::read_to_string(picture).is_ok_and(|svg| svg.starts_with("<svg")));
 }
 
-/// The real errors have the opposite sign, so that the result doubles the deviation: it is not written.
+/// The real errors have the opposite sign, so that the compensation doubles the deviation. The result is not written.
 #[test]
 fn a_worse_result_is_not_kept() {
     let folder = Folder::new();
@@ -83,8 +84,8 @@ fn a_worse_result_is_not_kept() {
     assert_eq!(fs::read_dir(folder.path()).expect("a folder").count(), 4);
 }
 
-/// The model has the wrong sign, but the increase is within the rounding: the result is written, and the summary says that its form is
-/// worse.
+/// The model has the wrong sign, but the increase is within the rounding. The result is written, and the summary states
+/// that its form is worse.
 #[test]
 fn a_slightly_worse_form_is_stated() {
     let folder = Folder::new();
@@ -107,8 +108,8 @@ fn a_slightly_worse_form_is_stated() {
     assert!(!verified(&truth).contains(worse));
 }
 
-/// A model with another zero shifts the part by 400 µm, but the form is correct: the result is written with a note. It is rejected if the
-/// part has no form, as with one hole, or if the form is worse.
+/// A model with another zero shifts the part by 400 µm, but the form is correct: the result is written with a note. The
+/// result is rejected if the part has no form, as with one hole, or if the form is worse.
 #[test]
 fn a_part_that_lies_elsewhere_is_judged_by_its_form() {
     const TRUTH: &str = "examples/parts/old-mill.toml";
@@ -144,7 +145,7 @@ fn a_part_that_lies_elsewhere_is_judged_by_its_form() {
     let ran = compensated(&hole, &shifted, TRUTH);
     assert_eq!(ran.status.code(), Some(1), "{ran:?}");
 
-    // The whole part is 400 µm nearer, but its squareness error is 400 µrad larger.
+    // Position: the whole part is 400 µm nearer. Form: the squareness error is 400 µrad larger.
     let far = write("far.toml", scale, "EZZ = { poly = [400.0, 0.03] }");
     let text = fs::read_to_string(&shifted).expect("a file");
     let bent = path("bent.toml");
@@ -244,8 +245,8 @@ fn a_feature_that_nothing_cuts_is_told_with_its_key() {
     }
 }
 
-/// A pipe can be read only once, but the verification reads the program twice: it is rejected. Without verification a pipe works like a
-/// file.
+/// A pipe can be read only once. The verification reads the program twice, so a piped program is rejected with
+/// `--verify`. Without verification a pipe works like a file.
 #[cfg(target_os = "linux")]
 #[test]
 fn a_piped_program_is_compensated_but_not_verified() {
@@ -342,7 +343,8 @@ fn the_mean_correction_is_in_the_work_offset() {
     assert_eq!(added.len(), 2, "{text}");
 }
 
-/// The mean of a ball row along X with a stated position goes into the work offset; without a position it is rejected.
+/// The mean of a ball row along X with a stated position goes into the work offset. A ball row without a position is
+/// rejected.
 #[test]
 fn the_mean_of_a_ball_row_is_in_the_work_offset() {
     let folder = Folder::new();
@@ -381,7 +383,7 @@ fn the_mean_of_a_ball_row_is_in_the_work_offset() {
     ended(&output, 2, "bar.csv has an unknown `origin`");
 }
 
-/// Rejected: a truth with another structure, and an output that would replace a file that the program may call.
+/// A truth with another structure is rejected, and so is an output that would replace a file that the program may call.
 #[test]
 fn other_machines_and_files_of_subroutines_are_refused() {
     let folder = Folder::new();

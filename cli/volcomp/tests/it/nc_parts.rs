@@ -31,7 +31,7 @@ fn inspected_with(
     json(&call)["verified"]["features"].clone()
 }
 
-/// A value of a feature before and after, printed for the book.
+/// A value of a feature before and after compensation, printed for the book.
 fn number(features: &Value, name: &str, key: &str) -> [f64; 2] {
     let all = features.as_array().expect("features");
     let feature = all.iter().find(|f| f["name"] == name).expect("the feature");
@@ -40,8 +40,8 @@ fn number(features: &Value, name: &str, key: &str) -> [f64; 2] {
     both
 }
 
-/// A bed of 4800 mm and a worktable of 4000 mm, with guideways measured by a bridge: straightness errors fall by at least 85 %
-/// (published: 19 to 3.5, 33 to 5.2, 34 to 4.6 and 50 to 6.8 µm).
+/// A bed of 4800 mm and a worktable of 4000 mm are cut on guideways that were measured by a bridge. Straightness errors
+/// fall by at least 85 % (published: 19 to 3.5, 33 to 5.2, 34 to 4.6 and 50 to 6.8 µm).
 #[test]
 fn a_bed_and_a_worktable_become_straight() {
     let folder = Folder::new();
@@ -66,9 +66,9 @@ const OLD_MILL: &str = "examples/parts/old-mill.toml";
 const OLD_MILL_SHOP: &str = "examples/parts/old-mill-shop.toml";
 const OLD_MILL_SETUP: Option<&str> = Some("examples/parts/old-mill-setup.toml");
 
-/// A rear hub on an old machining centre, corrected by the mean in the work offset, and point by point with words of 1 and 0.1 µm.
-/// Compared is the mean position error of six holes and the contour's centre, relative to a probed zero: point by point at least 90 %
-/// less.
+/// A rear hub on an old machining centre is corrected by the mean in the work offset, and point by point with words of
+/// 1 and 0.1 µm. The figure is the mean position error of six holes and of the contour's centre, relative to a probed
+/// zero. Point by point it falls by at least 90 %.
 #[test]
 fn a_rear_hub_is_better_point_by_point_than_by_the_mean() {
     let folder = Folder::new();
@@ -88,13 +88,14 @@ fn a_rear_hub_is_better_point_by_point_than_by_the_mean() {
     let [position, roundness] = figures(&["--decimals", "4,5,3", "--tolerance", "0.2"]);
     assert!(position[0] > 5.0 && position[1] <= 0.1 * position[0], "{position:?}");
     assert!(coarse_position[1] <= 0.1 * coarse_position[0], "{coarse_position:?}");
-    // The mean corrects the position of the part, but neither the relative positions of the holes nor the form.
+    // The mean corrects the position of the part. The relative positions of the holes and the form stay.
     assert!(mean_position[1] > 2.0 * position[1], "{mean_position:?}");
     assert!((mean_roundness[1] - mean_roundness[0]).abs() < 0.5, "{mean_roundness:?}");
     assert!(roundness[1] < 0.1 * roundness[0], "{roundness:?}");
 }
 
-/// The contours of the ISO 10791-7 test piece on the same machine, aligned by points of the part: form errors fall by at least 90 %.
+/// The contours of the ISO 10791-7 test piece on the old machining centre, aligned by points of the part: form errors
+/// fall by at least 90 %.
 #[test]
 fn a_test_piece_has_its_outlines() {
     let folder = Folder::new();
@@ -111,7 +112,7 @@ fn a_test_piece_has_its_outlines() {
     }
     let form = |of: &Value, name: &str| number(of, name, "minimum_zone_um");
     let direction = |of: &Value, name: &str| number(of, name, "direction_urad");
-    // What remains of the circle is the backlash of 0.6 µm at reversals.
+    // The error that remains on the circle is the backlash of 0.6 µm at reversals.
     let [before, after] = form(&found, "circle");
     assert!(before > 10.0 && after < 0.1 * before, "{before} {after}");
     for side in ["front", "right", "back", "left"] {
@@ -127,7 +128,8 @@ fn a_test_piece_has_its_outlines() {
     assert!(before > 10.0 && after < 0.2 * before, "cone: {before} {after}");
 }
 
-/// The ISO 10791-7 cone frustum, tilted and off the table's centre: all five axes move; roundness and coaxiality improve by 90 %.
+/// The ISO 10791-7 cone frustum, tilted and off the table's centre, moves all five axes. Roundness and coaxiality
+/// improve by 90 %.
 #[test]
 fn a_tilted_frustum_is_round_and_coaxial() {
     let folder = Folder::new();
@@ -165,7 +167,8 @@ fn table_model(folder: &Folder, shop: &str) -> String {
     model
 }
 
-/// A conical table on a machine with a tilting table: the errors of form and coaxiality to its bore fall by at least 70 %.
+/// A conical table is cut on a machine with a tilting table. Its form error and its coaxiality error to the bore fall
+/// by at least 70 %.
 #[test]
 fn a_conical_table_is_coaxial_to_its_bore() {
     let folder = Folder::new();

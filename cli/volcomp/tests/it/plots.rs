@@ -57,7 +57,7 @@ fn drawn(words: &str) -> (Value, String) {
     (json(&all), fs::read_to_string(svg).expect("the picture"))
 }
 
-/// The numbers of an attribute of the first element after `from`.
+/// The numbers in the first attribute of this name in the text.
 fn numbers(svg: &str, attribute: &str) -> Vec<f64> {
     let (_, rest) = svg.split_once(&format!("{attribute}=\"")).expect(attribute);
     let inside = rest.split_once('"').expect("an end").0;
@@ -65,7 +65,8 @@ fn numbers(svg: &str, attribute: &str) -> Vec<f64> {
     parts.map(|part| part.parse().expect("a number")).collect()
 }
 
-/// The points of a series by the scales of its plot, which begins at the last `data-x` before it.
+/// The points of the series `name` in the units of its plot, whose scales are the last `data-x` and `data-y` before the
+/// series.
 fn series(svg: &str, name: &str) -> Vec<[f64; 2]> {
     let start =
         svg.find(&format!("data-n=\"{name}\"")).unwrap_or_else(|| panic!("no {name} in {svg}"));
@@ -78,7 +79,7 @@ fn series(svg: &str, name: &str) -> Vec<[f64; 2]> {
     places.chunks(2).map(|at| [value(&x, at[0]), value(&y, at[1])]).collect()
 }
 
-/// Positions are rounded to hundredths of a unit: with at least 60 units, 1/6000 of the range.
+/// Positions in a picture are rounded to 0.01 units. On an axis of at least 60 units this is 1/6000 of the range.
 #[track_caller]
 fn same(found: &[[f64; 2]], expected: &[[f64; 2]]) {
     assert_eq!(found.len(), expected.len(), "{found:?} {expected:?}");
@@ -92,7 +93,8 @@ fn same(found: &[[f64; 2]], expected: &[[f64; 2]]) {
     }
 }
 
-/// Every command writes both files; no picture has a number that is not finite, a variable or an unescaped text.
+/// Every command writes SVG and PNG. No SVG contains a number that is not finite, an unexpanded variable or unescaped
+/// text.
 #[test]
 fn every_command_draws_its_result_as_svg_and_png() {
     for (words, title) in CALLS {
@@ -107,7 +109,7 @@ fn every_command_draws_its_result_as_svg_and_png() {
             let bytes = fs::read(&path).expect("the picture");
             if ending == "PNG" {
                 assert!(bytes.starts_with(b"\x89PNG\r\n"), "{words}");
-                // Width and height of the header; twice the 720 units.
+                // Width in the PNG header: twice the 720 units of the SVG.
                 assert_eq!(bytes[16..20], 1440_u32.to_be_bytes(), "{words}");
                 continue;
             }
@@ -217,10 +219,10 @@ fn a_map_is_drawn_where_its_numbers_are() {
     let cells = svg.split("data-v=\"").skip(1).map(|rest| rest.split_once('"').expect("an end").0);
     let values: Vec<f64> = cells.map(|value| value.parse().expect("a number")).collect();
     assert_eq!(values.len(), 3 * 625);
-    // Both ends of X, in the first plane: 25 µm from the middle.
+    // Both ends of X in the first plane are 25 µm from the middle.
     assert!((values[0] - 25.0).abs() < 1.0 && (values[24] - 25.0).abs() < 1.0, "{values:?}");
     assert!(values[12] < 1.0, "{}", values[12]);
-    // Two of the planes have the X axis: 25 arrows each; the third has arrows of no length.
+    // Two of the planes contain the X axis and have 25 arrows each. The third plane has 25 arrows of length 0.
     assert_eq!(svg.matches("class=\"arrow\"").count(), 75);
 }
 
@@ -266,7 +268,7 @@ fn residuals_of_an_identification_are_those_of_its_figures() {
     );
 }
 
-/// One target, one run, all zeros, and very many readings.
+/// One target with one run, deviations that are all zero, and 20,000 readings.
 #[test]
 fn few_and_many_readings_are_drawn() {
     let folder = Folder::new();

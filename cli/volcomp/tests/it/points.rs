@@ -22,7 +22,7 @@ fn a_head_may_name_its_unit() {
         let points = folder.write("p.csv", format!("{header}\n700,0,30\n"));
         assert_eq!(first(FIVE_AXES, &points), expected, "{header}");
     }
-    // A column in another unit is an error.
+    // A column with another unit is an error.
     let wrong = "
 X in,Y,C => found column `X in` with the unit `in`, expected positions of X in mm: X or X_mm
 X,Y,C [rad] => found column `C [rad]` with the unit `rad`, expected positions of C in deg: C or C_deg
@@ -80,7 +80,7 @@ fn every_column_passes_through_and_an_answer_is_read_again() {
     assert!(lines[1].starts_with("1,1000,lost,500,\"a \"\"b\"\", c\",end,999.99"), "{file}");
     assert!(lines[2].starts_with("2,0,,0,,,"), "{file}");
 
-    // The output is a table of positions, with the same numbers and no column twice.
+    // The output is itself a table of positions, with the same numbers and without repeated columns.
     assert_eq!(correct(&once, &twice), answer);
     assert_eq!(fs::read_to_string(&twice).expect("written"), file);
     let said = notes(&["correct", "-m", GANTRY, "--points", &once, "-o", &twice]);
@@ -88,7 +88,7 @@ fn every_column_passes_through_and_an_answer_is_read_again() {
     let errors = json(&["error", "-m", GANTRY, "--points", &once]);
     assert_eq!(errors, json(&["error", "-m", GANTRY, "--points", &points]));
 
-    // The output for a single position and a map are tables of positions as well.
+    // The output for a single position and the file of a map are tables of positions as well.
     json(&format!("correct -m {FIVE_AXES} --at X=700,B=10,C=30 -o {once}"));
     let one = json(&["correct", "-m", FIVE_AXES, "--at", "X=700,B=10,C=30"]);
     let again = json(&["correct", "-m", FIVE_AXES, "--points", &once]);
@@ -129,8 +129,8 @@ fn slips_of_the_hand_are_told_with_what_was_meant() {
     );
 }
 
-/// More rows than are computed at a time are numbered consecutively and evaluated independently; an error in a late row
-/// is found before anything is printed.
+/// 9000 rows exceed the number of rows that are computed at a time. The rows are numbered consecutively and evaluated
+/// independently. An error in a late row is found before any output is printed.
 #[test]
 fn any_number_of_rows_is_one_list() {
     let folder = Folder::new();
@@ -158,7 +158,7 @@ fn any_number_of_rows_is_one_list() {
         assert_eq!(corrections["points"][row - 1], alone, "{row}");
         assert!(lines[row].starts_with(&format!("{x};{y},5;n{x};")), "{}", lines[row]);
     }
-    // X beyond its travel of 8 m.
+    // X is beyond its travel of 8 m.
     let said = notes(&["error", "-m", GANTRY, "--points", &points]);
     let beyond = (1..=9000).filter(|row| place(*row).0 > 8000).count();
     contains(&said, &format!("note: {beyond} positions lie beyond"));

@@ -31,8 +31,8 @@ fn length(a: [f64; 3], b: [f64; 3]) -> f64 {
     squares.sum::<f64>().sqrt()
 }
 
-/// A machine with known squareness draws a rectangle in each plane; its lengths give the squareness back. The machine's axes may carry the bed or
-/// the tool.
+/// A machine with a known squareness error draws a rectangle in each plane. The lengths of the rectangle give the
+/// squareness error back, whether the machine's axes carry the bed or the tool.
 #[test]
 fn the_lengths_of_a_drawn_square_are_its_squareness() {
     let folder = Folder::new();
@@ -52,7 +52,7 @@ fn the_lengths_of_a_drawn_square_are_its_squareness() {
             let [a, b, c, d] = tips(&machine, &folder, &corners)[..] else {
                 panic!("four corners")
             };
-            // The side AD is along the first axis or along the second; A is the same corner.
+            // The side AD may lie along the first axis or along the second. The corner A is the same.
             for side in [length(a, d), length(a, b)] {
                 let lengths = format!("{},{},{side}", length(a, c), length(b, d));
                 let found = json(&["squareness", "--lengths", &lengths, "--error", error]);
@@ -93,7 +93,7 @@ fn lengths_with_a_limit_and_wrong_lengths() {
     contains(&neither, "required arguments");
 }
 
-/// The arguments of an export of the printer's settings to the folder `out`, followed by others.
+/// The arguments of an export of the printer's settings to the folder `out`, followed by the arguments `more`.
 fn exporting_to<'a>(out: &'a str) -> impl Fn(&[&'a str]) -> Vec<&'a str> {
     move |more| [&["export", "-m", "examples/printer.toml", "-o", out][..], more].concat()
 }
@@ -106,7 +106,7 @@ fn settings_of_firmware() {
     let answer = json(&export(&["--format", "marlin", "--steps", "X=80,Y=80,Z=400"]));
     let text = fs::read_to_string(format!("{out}/volcomp-marlin.gcode")).expect("written");
     contains(&text, "\nM852 I0.000495 J0.00015 K0\n");
-    // 80 / 1.0002, by a factor of seven decimals.
+    // 80 steps/mm divided by 1.0002. The factor has seven decimals.
     contains(&text, "\nM92 X79.984008 ; instead of 80\n");
     let steps = answer["settings"]["steps"][0].as_f64().expect("a number");
     assert!((steps - 1.0 / 1.0002).abs() < 1e-7, "{steps}");
@@ -120,7 +120,7 @@ fn settings_of_firmware() {
     contains(&refused(&export(&["--format", "mach3"])), "fanuc, klipper, marlin, grbl");
 }
 
-/// The bed is 0.1 mm high in the middle of X: the tool has to go up by as much there.
+/// The bed is 0.1 mm high in the middle of X, so the tool goes up by 0.1 mm there.
 #[test]
 fn a_mesh_lifts_the_tool_where_the_bed_is_high() {
     let folder = Folder::new();
@@ -144,7 +144,7 @@ fn a_mesh_lifts_the_tool_where_the_bed_is_high() {
     contains(&refused(&["import", &mesh, "--format", "bed"]), "isg-csv, fanuc, mesh");
 }
 
-/// Lengths have no lines to draw, so a file for a picture is refused, not silently left unwritten.
+/// Lengths have no lines to draw, so `--plot` is refused.
 #[test]
 fn lengths_are_not_drawn() {
     let folder = Folder::new();

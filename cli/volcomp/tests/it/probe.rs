@@ -46,7 +46,7 @@ fn a_device_that_is_not_there_is_a_failed_work() {
     assert!(refused(&["probe", "can://can77", "--within=-1"]).contains("--within"));
 }
 
-/// The devices depend on the computer, but the document always has the three lists. `--list` excludes probing a device.
+/// The document has three lists on every computer, whatever its devices. `--list` excludes probing a device.
 #[test]
 fn devices_are_listed() {
     let answer = json(&["probe", "--list"]);
@@ -58,7 +58,7 @@ fn devices_are_listed() {
     refused(&["probe"]);
 }
 
-/// A profile given by a path is read from that file; an error in it is an invalid call.
+/// A profile given by a path is read from that file. An error in the file is an invalid call.
 #[test]
 fn a_profile_may_be_a_file() {
     let url = "modbus://127.0.0.1:1?profile=examples/temperature-module.toml";

@@ -81,13 +81,13 @@ fn a_truth_shows_what_a_compensation_leaves() {
     let of = |state: &str| float(&document[state]["form_max_um"]);
     assert!(of("after") < of("before"), "{document}");
     assert!(page.contains("what the compensation by this model leaves of the stated truth"));
-    // V belongs to another state than the test quantities, and names that state.
+    // V is what the correction leaves, and the test quantities are those of the files. The check of V names its state.
     let truth = ["--truth", "examples/calibration/truth.toml"];
     let judged = [&[CALIBRATION][..], &truth, &["--tolerance", "V=99,E=99"]].concat();
     for check in list(&report(&judged).0["checks"]) {
         assert_eq!(check["symbol"] == "V", check["of"] == "what the correction leaves", "{check}");
     }
-    // Compared with itself, a model leaves only what the correction neglects.
+    // A model compared with itself leaves only the terms that the correction neglects.
     let (document, _) = report(&["examples/gantry.toml", "--truth", "examples/gantry.toml"]);
     let after = float(&document["after"]["max_um"]);
     assert!(after < 0.01, "{document}");
@@ -139,8 +139,8 @@ fn people_read_the_verdict() {
     contains(&said, "wrote ");
 }
 
-/// A model with wrong rotary axes fails. At one rotary pose their errors are a rigid motion, which the alignment removes; over all axes
-/// they are not.
+/// A model with wrong rotary axes fails. At one rotary pose the errors of the rotary axes are a rigid motion, which the
+/// alignment removes. Over all axes no alignment removes these errors.
 #[test]
 fn wrong_rotary_axes_do_not_pass() {
     let folder = Folder::new();
@@ -155,7 +155,7 @@ fn wrong_rotary_axes_do_not_pass() {
     for axis in ["X", "Y", "Z", "A", "C"] {
         assert!(of["worst_at"][axis].is_number(), "{document}");
     }
-    // The same value as `map` with any grid, to the last digit.
+    // Equals the value of `map` with any grid to the last digit.
     let map = json(&["map", "-m", &machine, "--grid", "3x3x3"]);
     assert_eq!(map["all_axes"]["form_max_um"], of["position_um"]);
     assert_eq!(map["all_axes"]["tilt_max_urad"], of["tilt_urad"]);
@@ -211,7 +211,8 @@ fn the_exit_status_is_that_of_the_verdict() {
     }
 }
 
-/// A machine without known errors gets the verdict `undecided`; with some known errors the verdict covers only those.
+/// A machine without known errors gets the verdict `undecided`. With some known errors the verdict covers only these
+/// errors.
 #[test]
 fn what_was_not_measured_is_not_met() {
     let folder = Folder::new();
@@ -232,8 +233,8 @@ fn what_was_not_measured_is_not_met() {
     assert!(page.contains("of the measured errors alone"));
 }
 
-/// An error that the observations do not determine is not zero, so no tolerance is met: the axis of a rotary table that never turned may
-/// be anywhere.
+/// An error that the observations do not determine may have any value, so no tolerance is met. Here a rotary table
+/// never turned, so its axis may be anywhere.
 #[test]
 fn what_observations_leave_open_is_not_met() {
     let folder = Folder::new();
@@ -283,8 +284,8 @@ fn what_observations_leave_open_is_not_met() {
     assert!(page.contains("not determined by the observations, taken as 0: EX0C, EB0C"));
 }
 
-/// A limit for lengths does not apply to angles. A symbol alone is rejected if both are tested, and applies where no more specific limit
-/// does.
+/// A limit for lengths does not apply to angles. A symbol without an error or axis is rejected if lengths and angles
+/// are tested. It applies to tests without a more specific limit.
 #[test]
 fn a_limit_is_of_one_unit() {
     const BOTH: &str = "examples/from-files/five-axis/calibration.toml";
@@ -308,7 +309,7 @@ fn a_limit_is_of_one_unit() {
         })
         .collect();
     found.sort_by(|a, b| a.0.cmp(&b.0));
-    // ezz.pos has means over the runs, thus no A.
+    // The file `ezz.pos` holds means over the runs, so A cannot be evaluated.
     let row = |error: &str, limit, unit: &str, outcome: &str| {
         (error.to_owned(), limit, unit.to_owned(), outcome.to_owned())
     };
@@ -350,8 +351,8 @@ fn thermal_terms_leave_the_volumetric_error_undecided() {
     }
 }
 
-/// The verdict covers a part of the machine: thermal terms of the truth are omitted like those of the model, and curves may cover a part
-/// of the travel only.
+/// The verdict covers a part of the machine if thermal terms, of the truth or of the model, are omitted, or if curves
+/// cover only a part of the travel.
 #[test]
 fn a_volumetric_error_of_a_part_of_the_machine_is_told() {
     const AXES: &str = "structure = \"w b X Y Z t\"\n[axes]\nX.travel = [0.0, 600.0]\nY.travel = [0.0, 400.0]\nZ.travel = [-500.0, 0.0]\n[errors]\n";

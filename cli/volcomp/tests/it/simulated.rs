@@ -9,7 +9,7 @@ use std::{
 
 use serde_json::Value;
 
-/// Scale and squareness errors, which lines and observations determine completely.
+/// Scale and squareness errors, which are completely determined by lines and observations.
 const TRUTH: &str = "structure = \"w X' b Y Z t\"
 [axes]
 X.travel = [0, 500]
@@ -57,7 +57,7 @@ fn what_the_shop_reads_is_not_written_over() {
         ("machine.toml", "shop.toml", "", "machine.toml"),
         ("truth.toml", "calibration.toml", "", "calibration.toml"),
         ("truth.toml", "observations.toml", "", "observations.toml"),
-        // The next command writes this file.
+        // `calibrated.toml` is written by the next command.
         ("calibrated.toml", "shop.toml", "", "calibrated.toml"),
         ("truth.toml", "shop.toml", "points.csv", "points.csv"),
     ] {
@@ -126,7 +126,7 @@ fn files_of_an_earlier_run_are_counted() {
     assert_eq!(document["replaced"], document["files"]);
 }
 
-/// A foreign or edited file is not overwritten, and the run writes nothing.
+/// A foreign or edited file is not overwritten, and the run writes no file.
 #[test]
 fn files_of_others_are_refused() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -159,13 +159,14 @@ fn files_of_others_are_refused() {
     for seed in [1, 2, 2] {
         assert_eq!(shop(seed).status.code(), Some(0));
     }
-    // The user's readings instead of simulated ones.
+    // The user has replaced simulated readings.
     let own = written(&out)["points.csv"].clone() + "\n";
     fs::write(out.join("points.csv"), own).expect("written");
     refused(3, "points.csv");
     fs::remove_file(out.join("points.csv")).expect("removed");
     assert_eq!(shop(3).status.code(), Some(0));
-    // Without the list of checksums, files identical to this run's may be overwritten, those of another run may not.
+    // Without the list of checksums, files identical to this run's files may be overwritten. Files of another run may
+    // not.
     fs::remove_file(out.join("simulated-files.sha256")).expect("removed");
     assert_eq!(shop(3).status.code(), Some(0));
     fs::remove_file(out.join("simulated-files.sha256")).expect("removed");
@@ -256,7 +257,7 @@ fn the_printed_commands_lead_to_a_good_machine() {
     let alone = format!("{unknown}{OBSERVED}");
     let left = largest(ranges_after_the_printed_commands(&alone, "out"));
     assert!(left < 0.05, "{left}");
-    // Lines alone leave the squareness errors.
+    // Without observations the squareness errors remain.
     let left = largest(ranges_after_the_printed_commands(LINES, "out"));
     assert!(left > 10.0, "{left}");
 }

@@ -48,7 +48,8 @@ fn positions_of_a_file_are_judged() {
     let points = folder.write("p.csv", "X,Y\n0,0\n100,0\n");
     let found = json(&format!("sensitivity -m examples/first.toml --points {points}"));
     assert_eq!(found["positions"], 2);
-    // ECX of w X' b Y Z t with the tip at the origin: the table rotates under a tool that is 0 and 100 mm away.
+    // ECX of w X' b Y Z t with the tip at the origin: the table rotates under a tool that is 0 and 100 mm away from the
+    // table's axis.
     let errors = list(&found["errors"]);
     let ecx = errors.iter().find(|e| e["name"] == "ECX").expect("ECX");
     close(&ecx["position_max_um"], 0.1, 1e-12);
@@ -88,7 +89,7 @@ fn axes_are_found_and_a_singular_pose_is_named() {
     for (solution, c) in solutions.iter().zip([0.0, -360.0, 360.0]) {
         let number = |axis: &str| float(&solution[axis]);
         assert!((number("A") - tilt).abs() < 1e-9 && (number("C") - c).abs() < 1e-9);
-        // The tip is at the intersection of both centre lines, where only linear axes move it.
+        // The tip is at the intersection of the centre lines of A and C, where only linear axes move it.
         for (axis, mm) in [("X", 300.0), ("Y", 250.0), ("Z", -300.0)] {
             assert!((number(axis) - mm).abs() < 1e-9, "{solution}");
         }
@@ -99,7 +100,7 @@ fn axes_are_found_and_a_singular_pose_is_named() {
     contains(&shown, "Singular pose: C does not turn");
     let shown = text(&["axes", "-m", trunnion, "--tip", "10,20,5000"]);
     contains(&shown, "beyond the travel of Z");
-    // A rotary axis between Z and X can make them parallel.
+    // A rotary axis between Z and X can make Z and X parallel.
     let folder = Folder::new();
     let path = folder.path().join("machine.toml");
     let machine = "structure = \"w Z' B' b X Y t\"\n[axes]\nZ.travel = [-500, 500]\nB.travel = [-180, 180]\nX.travel = [-500, 500]\nY.travel = [-500, 500]\n";
@@ -180,7 +181,7 @@ fn a_turning_frame_is_told() {
     assert_eq!(found["axes"][0]["motion_frame"], Value::Null);
 }
 
-/// The effects of a machine file's values, largest first, equal those computed from its curves at the nodes.
+/// The effects of a machine file's values, largest first, equal the effects computed from its curves at the nodes.
 #[test]
 fn effects_of_the_values_of_the_machine_file() {
     let call = ["sensitivity", "-m", "examples/gantry.toml", "--values"];
@@ -206,7 +207,8 @@ fn effects_of_the_values_of_the_machine_file() {
     );
 }
 
-/// ECC = 12 µrad · sin C on an axis of ±360°: over evenly spaced positions of a turn the mean square is 144/2 for any number of nodes.
+/// ECC = 12 µrad · sin C on an axis of ±360°. Over evenly spaced positions of a turn the mean square is 144/2 µrad² for
+/// any number of nodes.
 #[test]
 fn a_run_out_shows_whatever_the_number_of_nodes() {
     let call = |grid: &str| {
@@ -220,7 +222,7 @@ fn a_run_out_shows_whatever_the_number_of_nodes() {
         let rms = float(&of["orientation_rms_urad"]);
         assert!((rms - 12.0 / 2.0_f64.sqrt()).abs() < 1e-6, "{grid}: {rms}");
     }
-    // Some controls state a full turn like this.
+    // Some controls state a full turn as 0° to 359.999°.
     let folder = Folder::new();
     let nearly = folder.file("nearly.toml");
     let text = std::fs::read_to_string(root().join("examples/trunnion.toml")).expect("read");
@@ -254,7 +256,8 @@ fn one_node_of_a_turn_is_the_middle() {
     assert!((of("EXX", "position_rms_um") - 20.0).abs() < 1e-6);
 }
 
-/// An axis 0.02 mm off the origin gives a weight of 0.00001: the text omits it with a note, the JSON contains it.
+/// An axis 0.02 mm off the origin gives a weight of 0.00001. The text omits the weight with a note, and the JSON
+/// contains it.
 #[test]
 fn weights_that_would_print_as_zero_are_left_out_and_said() {
     let folder = Folder::new();

@@ -25,7 +25,8 @@ fn mapped(machine: &str, from: &str, csv: &std::path::Path) -> Vec<[f64; 3]> {
     text.lines().skip(1).map(row).collect()
 }
 
-/// Samples from the covariance agree with repeated identifications from resampled readings, which a calibration key in the file selects.
+/// Samples from the covariance agree with repeated identifications from resampled readings. A calibration key in the
+/// file selects the repeated identifications.
 #[test]
 fn bands_of_the_covariance_are_those_of_repeated_identifications() {
     let folder = Folder::new();
@@ -68,7 +69,7 @@ fn a_correction_of_linear_axes_is_as_uncertain_as_the_error() {
         let found = float(&uncertainty[axis]);
         assert!((found / expected - 1.0).abs() < 1e-2, "{axis}: {found} {expected}");
     }
-    // Axes that `--axes` excludes are not corrected.
+    // Axes that `--axes` excludes are not corrected, so their uncertainty is zero.
     assert_eq!(float(&uncertainty["B"]), 0.0);
     let csv = fs::read_to_string(&output).expect("written");
     let mut lines = csv.lines().map(|line| line.split(','));
@@ -100,7 +101,7 @@ fn notes(call: &str) -> Vec<String> {
     notes
 }
 
-/// With observations as with `calibrate`, the uncertainty names the unmeasured errors.
+/// The uncertainty of a map names the unmeasured errors, from a calibration and from observations.
 #[test]
 fn what_nothing_measured_is_named() {
     let folder = Folder::new();
@@ -149,7 +150,7 @@ fn said(machine: &str, from: &str) -> String {
     crate::notes(&format!("map -m {machine} --grid 2x2x2 --trials 4 --uncertainty {from}"))
 }
 
-/// A machine file with one change and without the checksums, which would no longer match.
+/// The text of a machine file with one change, and without the checksums, which would no longer match.
 fn with_change(text: &str, from: &str, to: &str) -> String {
     assert!(text.contains(from), "{from}\n{text}");
     let changed = text.replacen(from, to, 1);
@@ -157,8 +158,8 @@ fn with_change(text: &str, from: &str, to: &str) -> String {
     lines.collect::<Vec<_>>().join("\n")
 }
 
-/// A machine that does not result from the observations gets a note, by its name, by the values of its errors, or by the point of an
-/// axis.
+/// A machine that does not result from the observations gets a note that names the difference: its name, the values of
+/// its errors, or the point of an axis.
 #[test]
 fn a_file_that_did_not_make_the_machine_is_noted() {
     let folder = Folder::new();
@@ -174,7 +175,7 @@ fn a_file_that_did_not_make_the_machine_is_noted() {
     changed("fork-head", "another");
     let words = said(&other, OBSERVATIONS);
     contains(&words, "is of the machine \"fork-head\", --machine is \"another\"");
-    // Two location errors, one at a time; the others agree.
+    // Two location errors are changed, one at a time. The other errors agree.
     let value = |name: &str| -> f64 {
         let line = text.lines().find(|line| line.starts_with(&format!("{name} = ")));
         let line = line.expect("the error");
@@ -199,7 +200,7 @@ fn a_file_that_did_not_make_the_machine_is_noted() {
         .expect("UTF-8");
         contains(&words, "was not made");
     }
-    // Another point of an axis makes it another machine.
+    // A machine with another point of an axis is another machine.
     let output = {
         changed("400.0]", "410.0]");
         refused(&format!("map -m {other} --grid 2x2x2 --uncertainty {OBSERVATIONS}"))
@@ -207,7 +208,8 @@ fn a_file_that_did_not_make_the_machine_is_noted() {
     contains(&output, "point of axis");
 }
 
-/// A machine that does not result from the calibration gets a note: a changed curve, or an error that the file does not measure.
+/// A machine that does not result from the calibration gets a note that names a changed curve, or an error that the
+/// file does not measure.
 #[test]
 fn a_calibration_that_did_not_make_the_machine_is_noted() {
     let folder = Folder::new();
@@ -233,7 +235,7 @@ fn a_calibration_that_did_not_make_the_machine_is_noted() {
     let words = said(&other, &calibration);
     contains(&words, "was not made from");
     contains(&words, "at most EYY by");
-    // Errors stated at another point of a linear axis, and another travel.
+    // Errors stated at another point of a linear axis, and a machine with another travel.
     for (from, to, expected) in [
         ("point = [0.0, 0.0, -650.0]", "point = [0.0, 0.0, -600.0]", "(point of X)"),
         ("travel = [0.0, 400.0]", "travel = [0.0, 390.0]", "(travel of Y)"),

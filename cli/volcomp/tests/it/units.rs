@@ -37,7 +37,7 @@ fn angles_stand_under_keys_of_angles() {
     let lengths = json(&["iso230", &file("exx.rtl")]);
     assert_eq!(lengths["unit"], "um");
     assert_eq!(ending_in(&lengths, "_urad"), Vec::<String>::new());
-    // Both units have the same symbols, down to the readings of a target.
+    // Lengths and angles have the same symbols, down to the readings of a target.
     let symbols = |document: &Value, unit: &str| -> Vec<String> {
         let keys = ending_in(document, unit).into_iter();
         let mut symbols: Vec<String> = keys.map(|key| key.replace(unit, "")).collect();
@@ -55,7 +55,7 @@ fn angles_stand_under_keys_of_angles() {
         assert_eq!(is_angular, curve["unit"] == "urad", "{curve}");
     }
 
-    // The option states the unit of a file without one; it never turns angles into lengths.
+    // `--unit` states the unit of a file without a unit. It never turns angles into lengths.
     for (name, unit, found, expected) in
         [("eay.rta", "um", "µrad", "µm"), ("exx.rtl", "urad", "µm", "µrad")]
     {
@@ -66,7 +66,7 @@ fn angles_stand_under_keys_of_angles() {
     assert_eq!(json(&["iso230", &file("eay.rta"), "--unit", "urad"]), angles);
 }
 
-/// A file without a unit is read in the requested unit: equal deviations in different units give the same evaluation.
+/// A file without a unit is read in the requested unit. Equal deviations in different units give the same evaluation.
 #[test]
 fn a_file_without_a_unit_is_read_in_the_one_that_is_asked_for() {
     let folder = Folder::new();
@@ -99,7 +99,7 @@ fn a_file_without_a_unit_is_read_in_the_one_that_is_asked_for() {
         assert!(!fit[format!("residual_{answered}")].is_null(), "{unit}: {fit}");
     }
     assert!(text(&["iso230", "--unit", "arcsec", &write(1.0)]).contains("all values in µrad"));
-    // The option may repeat the unit of the header, which is then applied once.
+    // `--unit` may repeat the unit of the header. The unit is then applied once.
     let path = folder.path().join("stated.csv");
     fs::write(&path, "target,deviation mm\n0,0.001\n10,0.003\n20,0.006\n").expect("written");
     let stated = path.display().to_string();

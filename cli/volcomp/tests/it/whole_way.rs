@@ -13,12 +13,12 @@ fn the_demo_reaches_its_goals() {
     let answer = json(&["demo"]);
     let lines = list(&answer["lines"]);
     for line in lines {
-        // The floor does not include the noise of accumulated tilts.
+        // The floor does not include the noise of accumulated tilts, so lines measured by tilts have a larger limit.
         let from_tilts =
             ["EYX", "EZX", "EXY", "EZY"].contains(&line["error"].as_str().expect("a name"));
         let most = if from_tilts { 2.2 } else { 1.5 };
         assert!(float(&line["times_floor"]) <= most, "{line}");
-        // Noise of the mean and output step of 1 µm are a lower bound.
+        // The floor includes the noise of the mean and the output step of 1 µm.
         assert!(float(&line["floor_um"]) > 0.9, "{line}");
     }
     let mean = &answer["mean_percent"];
@@ -71,7 +71,7 @@ fn the_published_gantry_is_passed_in_every_row() {
             assert!(of(error, "moving least squares") < polynomial, "{error} {order}");
         }
     }
-    // The pitch at two heights of Y is almost linear: the tilts are compared with their own best-fit line.
+    // The pitch at two heights of Y is almost linear, so the tilts are compared with their own best-fit line.
     let pitch = json(&format!("fit {kept}/eay.rta --method poly --order 1"));
     let left = &pitch["residual_urad"];
     let span = json(&["iso230", &format!("{kept}/eay.rta")]);
@@ -82,8 +82,8 @@ fn the_published_gantry_is_passed_in_every_row() {
     insta::assert_snapshot!(text);
 }
 
-/// Moving least squares with a separate setting for each line reduce positioning by 95 % and straightness by 91 % or more. A common
-/// setting (order 4, one third of the range) left 5.6, 10.0 and 4.8 %.
+/// Moving least squares with a separate setting for each line reduce positioning errors by 95 % and straightness errors
+/// by 91 % or more. A common setting (order 4, one third of the range) left 5.6, 10.0 and 4.8 %.
 #[test]
 fn the_demo_with_moving_least_squares_alone() {
     let folder = Folder::new();
@@ -99,7 +99,7 @@ fn the_demo_with_moving_least_squares_alone() {
     assert!(float(&mean["positioning"]) <= -95.0, "{mean}");
     assert!(float(&mean["straightness"]) <= -91.0, "{mean}");
     assert!(float(&mean["diagonals"]) <= -96.0, "{mean}");
-    // The settings are those of the kept machine, and they differ.
+    // The settings in the answer are those of the kept machine file, and they differ between the curves.
     let settings = list(&answer["curves"]);
     assert_eq!(settings.len(), 36, "18 errors, two directions");
     let of =
@@ -115,15 +115,15 @@ fn the_demo_with_moving_least_squares_alone() {
     let printed = text(&["demo", "--curve", "mls"]);
     assert!(printed.lines().all(|line| line.len() <= 80), "{printed}");
     contains(&printed, "moving least squares  direction  order  support");
-    // The kept calibration file has the settings, so that calibrating again gives the same machine.
+    // The kept calibration file contains the settings, so that calibrating again gives the same machine.
     let again = folder.file("again.toml");
     let calibration = folder.file("calibration.toml");
     json(&["calibrate", &calibration, "-o", &again]);
     assert_eq!(fs::read_to_string(again).expect("written"), calibrated);
 }
 
-/// In automatic mode every linear axis of the demo has a residual of at most 2 µm, and a leave-one-out error no larger than with the
-/// default setting.
+/// In automatic mode every linear axis of the demo has a residual of at most 2 µm, and a leave-one-out error no larger
+/// than that of the default setting.
 #[test]
 fn the_automatic_mode_meets_2_um_on_the_demo() {
     let folder = Folder::new();
@@ -148,7 +148,7 @@ fn the_automatic_mode_meets_2_um_on_the_demo() {
         };
         let taken: Vec<&Value> = scan.iter().filter(is_taken).collect();
         assert_eq!(taken.len(), 1, "{file}");
-        // The scan factorises all orders of a target at once, the curve its own order alone.
+        // The scan factorises all orders of a target at once. The curve factorises its own order alone.
         let scanned = float(&taken[0]["leave_one_out_rms"]);
         assert!((scanned - leave_one_out).abs() < 1e-9 * scanned, "{file}");
         let meeting = scan.iter().filter(|trial| float(&trial["max_residual"]) <= 2.0);
@@ -174,7 +174,7 @@ fn laser_files_make_a_machine_file() {
     let told = told.replace(&folder.path().display().to_string(), "[folder]");
     insta::assert_snapshot!(told);
     let answer = json(&["calibrate", &calibration, "-o", &machine]);
-    // One warning covers the straightness files; there are no others.
+    // The only warning covers the straightness files.
     let [told] = &list(&answer["warnings"])[..] else {
         panic!("{}", answer["warnings"]);
     };
@@ -300,13 +300,13 @@ fn an_interrupt_leaves_nothing_half_written() {
     assert_eq!(fs::read_dir(folder.path()).expect("a folder").count(), 0);
 }
 
-/// Where the other targets in the support have almost no weight, there is no leave-one-out error, and the table shows `x`.
+/// If the other targets in the support have almost no weight, there is no leave-one-out error, and the table shows `x`.
 #[test]
 fn settings_without_a_leave_one_out_error_are_told() {
     let folder = Folder::new();
     let path = folder.path().join("uneven.csv");
     let mut table = "target,deviation\n".to_owned();
-    // Clusters of targets: from the last target, others are just inside the edge of some supports.
+    // Targets in clusters: for the last target, other targets are just inside the edge of some supports.
     for x in [0, 12, 24, 150, 186, 198, 312, 324, 336, 450, 498, 612] {
         let reading = (0.02 * f64::from(x)).sin() + 0.3 * f64::from(x * 7 % 5);
         let _ = writeln!(table, "{x},{reading}");

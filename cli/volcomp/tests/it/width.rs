@@ -23,7 +23,7 @@ fn fits(arguments: &str) {
     assert_eq!(output.status.code(), Some(0), "{arguments:?}: {said}");
     let shown = String::from_utf8(output.stdout).expect("UTF-8");
     for line in shown.lines().chain(said.lines()) {
-        // Long paths and pieces of a machine file are not wrapped.
+        // Long paths and pieces of a machine file may be wider, since they are not wrapped.
         let is_path = line.split_whitespace().any(|word| word.contains('/'));
         let is_toml = line.contains(" = {");
         let wide = line.chars().count();
@@ -80,7 +80,7 @@ fn every_measurement_in_every_command() {
     }
     for file in ["exx.rtl", "eay.rta"] {
         for method in ["poly", "chebyshev", "mls", "bspline"] {
-            // The curve is one line of a machine file of any length.
+            // The curve is one line of a machine file, of any length.
             let shown = text(&format!("fit {place}demo/{file} --method {method} --at 0,4000"));
             for line in shown.lines().skip(1) {
                 assert!(line.chars().count() <= 80, "{line}");
@@ -89,7 +89,7 @@ fn every_measurement_in_every_command() {
     }
 }
 
-/// A reader that closes the pipe is no failure. A narrow terminal and missing colours change nothing.
+/// A reader that closes the pipe causes no failure. A narrow terminal and missing colours do not change the output.
 #[cfg(unix)]
 #[test]
 fn closed_pipes_and_narrow_terminals() {

@@ -58,7 +58,7 @@ fn a_file_that_is_read_is_not_written_over() {
     assert_eq!(fs::read_to_string(&points).expect("read"), "X\n1\n");
 }
 
-/// Bytes that are not UTF-8 give the same message in every command, with file and position.
+/// Bytes that are not UTF-8 give the same message in every command, with file and position of the byte.
 #[test]
 fn bytes_that_are_not_utf_8_are_told_with_their_place() {
     let folder = Folder::new();

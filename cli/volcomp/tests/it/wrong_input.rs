@@ -126,7 +126,7 @@ fn a_disk_that_fills_up_leaves_nothing_behind() {
 
 #[test]
 fn an_output_is_opened_before_the_work_starts() {
-    // 10^9 nodes would take minutes, so the call must fail first.
+    // 10^9 nodes would take minutes, so the call must fail before the computation.
     refuses(
         "map -m examples/gantry.toml --grid 1000x1000x1000 -o nowhere/m.csv",
         "nowhere/m.csv: cannot be written",
