@@ -245,7 +245,7 @@ async fn throughput(bench: &Bench, arguments: &Arguments) {
     let bare: [volcomp_fleet::SiteId; 1] = ["bare".parse().unwrap()];
     hub.prepare(&bare, StreamRetention::default()).await.unwrap();
     let mut ratios = Vec::new();
-    // One pull subscription for all rounds, because the server would still send messages to an abandoned one.
+    // One pull subscription for all rounds, because the server would still send messages to an abandoned subscription.
     let [mut collection, _] = hub.collections(&bare[0]);
     let count = arguments.machines;
     for round in 0..arguments.rounds {

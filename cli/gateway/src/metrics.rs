@@ -150,7 +150,7 @@ fn states(status: &Status) -> Vec<(String, f64)> {
 }
 
 fn reasons(status: &Status) -> Vec<(String, f64)> {
-    // These reasons omit the duration of a silence, which would create a new series for every value.
+    // `quantities::reasons` omits the duration of a silence, which would create a new series for every value.
     let reasons = quantities::reasons(status).into_iter();
     reasons.map(|reason| (labels("reason", reason), 1.0)).collect()
 }

@@ -134,7 +134,8 @@ impl SimulatedMachine {
         })
     }
 
-    /// Outcome for an authenticated manifest (rule 13 of the guard).
+    /// Applies an authenticated manifest. Returns whether its model was activated or needs a confirmation (rule 13 of
+    /// the guard).
     fn largest_change(&mut self, manifest: &Manifest, model: Model) -> Outcome {
         // Disabling takes effect immediately, whatever the outcome for the model.
         if !manifest.enable {

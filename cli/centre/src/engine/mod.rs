@@ -173,7 +173,8 @@ async fn run(engine: Arc<Engine>, jobs: mpsc::SyncSender<WriteJob>) {
     let mut state = pass::State::new();
     while !engine.is_ending() {
         passes.tick().await;
-        // None of these tasks should end: without one, a site or the keys would be unattended, so the engine restarts.
+        // These tasks never end by design. If a task has ended, a site or the keys are unattended, so the engine
+        // restarts.
         if tasks.try_join_next().is_some() {
             tracing::error!("a part of the engine has ended");
             return;

@@ -65,7 +65,7 @@ impl Store {
         })
     }
 
-    /// Makes every later use panic.
+    /// Makes every later use of the store panic.
     #[cfg(test)]
     pub(crate) fn inject_fault(&self) {
         self.is_faulty.store(true, std::sync::atomic::Ordering::Relaxed);

@@ -215,8 +215,8 @@ fn expired_sessions_are_rejected() {
     assert_eq!(page.get("/api/me", &cookie).status, 401);
 }
 
-/// A database that rejects every change cannot store the alarm about this. The page shows the alarm from memory, until
-/// a change succeeds.
+/// A database that rejects every change cannot store the alarm about the rejection either. The page shows the alarm
+/// from memory until a change succeeds.
 #[test]
 fn a_full_disk_is_an_alarm_that_needs_no_disk() {
     let page = Page::start();

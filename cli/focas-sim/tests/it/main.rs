@@ -223,7 +223,7 @@ fn the_tool_error_is_reported() {
         let [x, y, _] = miss(&report, "residual");
         (x - 1.0).abs() < 0.01 && y.abs() < 0.01
     });
-    // The same as text, and only on request.
+    // The same report as text. With `--report-s 0` the simulator reports only on request.
     let mut simulator = Simulator::start(&[truth[0], truth[1], "--report-s", "0"]);
     simulator.type_line("report");
     let line = simulator.line();

@@ -117,7 +117,7 @@ pub(super) async fn watch(shared: &Shared, folder: &str) {
     }
 }
 
-/// Sets the message while the disk hangs. Afterwards clears the message only if it is this one.
+/// Sets the message to `what` while the disk hangs. Afterwards clears the message if it is still `what`.
 fn tell(message: &mut Option<String>, hangs: bool, what: &str) {
     if hangs {
         *message = Some(what.to_owned());

@@ -360,7 +360,7 @@ impl Sending {
     }
 }
 
-/// True if the control has lost the map in use: it uses no map, or neither that map nor the map being sent.
+/// True if the control has lost the map that was in use: the control now uses neither that map nor the map being sent.
 fn is_lost(was: Option<u16>, sent: u16, is: Option<u16>) -> bool {
     was.is_some() && is != was && is != Some(sent)
 }

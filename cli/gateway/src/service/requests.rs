@@ -272,7 +272,7 @@ impl Service {
     }
 }
 
-/// True if the state can be acknowledged. An interlock that a controller shows now cannot.
+/// True if the state can be acknowledged. An interlock that a controller currently reports cannot be acknowledged.
 fn needs_acknowledgement(report: &Report) -> bool {
     let jumped = |flaw: Option<SensorFlaw>| flaw == Some(SensorFlaw::Jumped);
     let has = |reason| report.reasons.contains(reason);

@@ -154,8 +154,8 @@ fn an_operators_disarm_does_not_wait_for_its_record() {
     assert!(is_kept, "the record of the log comes first");
 }
 
-/// A full disk refuses the record of an operator's disarm. It is written as soon as there is space. After a kill and
-/// restart the gateway does not arm automatically.
+/// A full disk refuses the record of an operator's disarm. The record is written as soon as there is space. After a
+/// kill and restart the gateway does not arm automatically.
 #[test]
 fn an_operators_disarm_is_written_as_soon_as_possible() {
     let dir = tempfile::tempdir().expect("writable");

@@ -1,5 +1,5 @@
-//! Two mailboxes of one barrier: one path sends frames and the other uses plain digital lines, in turn and with faults.
-//! The test checks the axis itself.
+//! Two mailboxes of one barrier, used in turn and with faults: one path sends frames, the other path uses plain digital
+//! lines. The test checks the axis itself.
 
 use std::{
     sync::{Arc, Mutex},

@@ -162,7 +162,7 @@ fn linear_axis(path: &Path, measurement: &Measurement) -> Result<(), Failure> {
         let what = format!("found rotary axis {axis}, expected the straightness of a linear axis");
         return Err(Failure::in_file(path, what));
     }
-    // Targets of an unstated axis are checked as those of X, a linear axis.
+    // Targets of an unstated axis are checked as targets of X, a linear axis.
     measurement.check_targets(stated.unwrap_or(AxisName::X))?;
     Ok(())
 }

@@ -37,7 +37,7 @@ fn the_same_input_gives_the_same_bytes_and_a_changed_file_is_named() {
     let call = ["check", &machine];
     let found = states(&call);
     assert!(found.len() >= 5 && found.iter().all(|(_, state)| state == "same"), "{found:?}");
-    // One file gets another byte, and another file is removed.
+    // One file gets an additional byte, and another file is removed.
     let changed = one.path().join("exx.csv");
     let mut more = fs::read(&changed).expect("read");
     more.push(b'\n');

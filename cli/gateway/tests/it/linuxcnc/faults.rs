@@ -28,7 +28,7 @@ fn a_gateway_that_dies_leaves_nothing() {
         ini.replace("AXES = XYZ\n", "")
     });
     let epoch = control.pin("volcomp.epoch");
-    // The disk hangs. Only the writer of the epoch file waits for it.
+    // The disk hangs. Only the writer of the epoch file waits for the disk.
     let hangs = dir.path().join("volcomp.epoch.new");
     let made = Command::new("mkfifo").arg(&hangs).status();
     assert!(made.expect("a program of the system").success());
@@ -112,8 +112,8 @@ impl Relay {
                     }
                     let copies = if is_bad && random.random_bool(0.1) { 2 } else { 1 };
                     for _ in 0..copies {
-                        // One frame in ten is so late that others overtake it, and one in a hundred so late that very
-                        // many do.
+                        // One frame in ten is so late that other frames overtake it. One frame in a hundred is so late
+                        // that very many frames overtake it.
                         let ms = match random.random_range(0..100) {
                             0 if is_bad => random.random_range(100..2000),
                             1..10 if is_bad => random.random_range(1..12),

@@ -138,7 +138,7 @@ fn nothing_is_written_before_the_axes_are_homed() {
     assert_eq!(control.pin("volcomp.holds"), 1.0);
     control.do_it("up");
     wait_corrected(&mut control, &program);
-    // Nothing was requested while LinuxCNC would have absorbed it.
+    // No correction was requested while LinuxCNC would have absorbed the correction into the position.
     let shown = "volcomp.absorbed-0";
     assert_eq!(control.pin(shown), 0.0);
     let said = control.ask("said", &json!({}));
