@@ -447,7 +447,7 @@ pub struct Live {
     pub condition: Option<Condition>,
     /// Number of permanently lost messages.
     pub lost: u64,
-    /// Creation time of the last condition; `None` if there is none, or an older program stored it.
+    /// Creation time of the last condition; `None` without a condition, or if an older program stored the condition.
     #[serde(default)]
     pub made: Option<CreationTime>,
 }

@@ -133,7 +133,7 @@ pub enum Step {
     },
     /// The machine dropped out: it did not respond, or it reported a problem with the model.
     Out {
-        /// Version that was sent and not withdrawn since; `None` if there is none.
+        /// Version that was sent; `None` if no version was sent, or the version was withdrawn.
         version: Option<u64>,
         /// Reason, a sentence without its full stop.
         why: String,

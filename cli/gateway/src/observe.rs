@@ -415,7 +415,7 @@ pub(crate) struct Times {
     pub whole: IntervalHistogram,
     /// Compute time of the gateway by the CPU clock.
     pub own: IntervalHistogram,
-    /// Time of the reference computation by the CPU clock; empty if there is none.
+    /// Time of the reference computation by the CPU clock; empty without a reference computation.
     pub reference: IntervalHistogram,
     /// Wake-up latency after the deadline.
     pub wake: IntervalHistogram,

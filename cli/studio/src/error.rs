@@ -101,7 +101,7 @@ pub enum StudioError {
     Send {
         /// URL of the gateway or the centre.
         address: String,
-        /// Response of the gateway or the centre, or the reason why there is none.
+        /// Response of the gateway or the centre, or the reason why the response is missing.
         why: String,
     },
     /// The user cancelled the request.

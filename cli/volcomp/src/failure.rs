@@ -95,7 +95,7 @@ impl Failure {
         }))
     }
 
-    /// Creates a failure of a line of a file. `key` names the column; an empty key stands for the whole line.
+    /// Creates a failure of a line of a file. `key` names the column; an empty key means the whole line.
     pub(crate) fn in_line(path: &Path, line: u64, key: &str, what: impl Display) -> Self {
         let file = path.display().to_string();
         let column = if key.is_empty() { String::new() } else { format!("{key}: ") };

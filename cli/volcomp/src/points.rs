@@ -393,7 +393,7 @@ pub(crate) fn by_axis(option: &str, text: &str) -> Result<Vec<(AxisName, f64)>, 
 
 const AXES: &[char] = &[',', ';', ' ', '\t', '\n'];
 
-/// Separators of sensor assignments. A blank is none, because sensor names may contain blanks.
+/// Separators of sensor assignments. A blank does not separate, because sensor names may contain blanks.
 const SENSORS: &[char] = &[',', ';'];
 
 /// Parses a list of assignments into names and values. Any of the `separators` separates assignments; blanks around

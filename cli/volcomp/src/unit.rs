@@ -55,8 +55,8 @@ fn not_stated(measurement: &Measurement) -> String {
     )
 }
 
-/// Converts the deviations of a file to µm or µrad. `asked` is the unit if the file states none; it may repeat the unit
-/// of the file, but not change it. If neither states a unit, µm is assumed.
+/// Converts the deviations of a file to µm or µrad. `asked` is the unit of a file without a unit; it may repeat the
+/// unit of the file, but not change it. If neither states a unit, µm is assumed.
 pub(crate) fn apply(
     file: &Path,
     measurement: &mut Measurement,

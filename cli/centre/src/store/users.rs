@@ -24,7 +24,7 @@ fn user(row: &Row<'_>) -> Result<User, Error> {
     })
 }
 
-/// Fails if no other admin may log in, because then nobody could manage the users.
+/// Fails if no other admin may log in, because the users could then no longer be managed.
 fn check_other_admin(database: &Connection, name: &UserName) -> Result<(), Error> {
     let sql = "SELECT count(*) FROM users WHERE role = 'admin' AND disabled = 0 AND name <> ?1";
     if number(database, sql, [name.as_str()])? > 0 {

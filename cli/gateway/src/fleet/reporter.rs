@@ -351,7 +351,7 @@ impl Reporter {
     }
 }
 
-/// Waits for the message being sent; never returns if there is none.
+/// Waits for the message being sent; never returns if no message is being sent.
 async fn pending_send(sending: &mut Option<Sending>) -> (Source, Result<(), LinkError>) {
     match sending {
         Some(sending) => sending.await,

@@ -241,8 +241,8 @@ fn diagonals(before: &Machine, after: &Machine) -> Result<Vec<ModelDiagonal>, Mo
         .collect()
 }
 
-/// The name of a diagonal: `NPP` for X backward, Y and Z forward. `0` stands for a missing axis, as in `NP0`. Axes
-/// other than X, Y and Z give signs, such as `−U +V`.
+/// The name of a diagonal: `NPP` for X backward, Y and Z forward. `0` is a missing axis, as in `NP0`. Axes other than
+/// X, Y and Z give signs, such as `−U +V`.
 fn name(linear: &[AxisName], backward: Option<usize>) -> String {
     let of_cube = [AxisName::X, AxisName::Y, AxisName::Z];
     let goes_back = |place: usize| backward == Some(place);

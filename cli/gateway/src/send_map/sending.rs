@@ -528,8 +528,8 @@ fn watch(running: &Checked) -> std::io::Result<Receiver<NewMap>> {
     Ok(receiver)
 }
 
-/// Takes the pending confirmation; `None` if there is none. The file is renamed before it is read, so that a
-/// confirmation written meanwhile remains for the next poll.
+/// Takes the pending confirmation; `None` without a file. The file is renamed before it is read, so that a confirmation
+/// written meanwhile remains for the next poll.
 fn take_confirmation(file: &Path) -> io::Result<Option<String>> {
     let mine = file.with_extension("taken");
     match fs::rename(file, &mine) {

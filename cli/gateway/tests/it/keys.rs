@@ -149,8 +149,8 @@ fn a_controller_that_is_only_read_has_no_keys_about_corrections() {
     assert!(refused.to_string().contains("axis X is also in axes"), "{refused}");
 }
 
-/// A linear axis with the rotary key of a pair beside the linear one is rejected, because both keys of a pair are
-/// checked.
+/// A linear axis is rejected if it has the rotary key of a pair in addition to the linear key, because both keys of a
+/// pair are checked.
 #[test]
 fn a_key_of_the_other_kind_is_refused_next_to_the_right_one() {
     let text = "machine = \"m.toml\"\n[[controller]]\nurl = \"gpio://?position=a:0-14&correction=b:0-7\"\naxes = [\"X\"]\n[controller.digital]\nposition_mm_per_count = 0.1\nposition_deg_per_count = 0.1\n";

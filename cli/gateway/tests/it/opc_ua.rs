@@ -269,7 +269,8 @@ fn a_flood_of_connections_is_bounded() {
     let connect = |_| TcpStream::connect(target).expect("it listens");
     let mut open: Vec<TcpStream> = (0..500).map(connect).collect();
     assert_eq!(client.order("wait machine Good")["value"], "small");
-    // Clients without a slot are disconnected immediately, and clients that do not say hello soon after.
+    // Clients without a slot are disconnected immediately. Clients that send no HEL message are disconnected soon
+    // after.
     for most in [MOST, 0] {
         until("the others end", PATIENCE, || {
             open.retain_mut(is_open);

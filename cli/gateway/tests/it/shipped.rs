@@ -58,7 +58,7 @@ impl Control {
     }
 }
 
-/// Path of the simulator beside the tested gateway. The simulator is built if it is missing.
+/// Path of the simulator in the folder of the tested gateway. The simulator is built if it is missing.
 pub(crate) fn simulator() -> PathBuf {
     let gateway = Path::new(env!("CARGO_BIN_EXE_volcomp-gateway"));
     let folder = gateway.parent().expect("a folder");

@@ -126,8 +126,8 @@ fn refuse_overwriting(files: &[PathBuf], output: &Path, what: &str) -> Result<()
     }
 }
 
-/// The entry of `files` that is the same file as `output`, under whatever path; `None` if there is none, or `output`
-/// does not exist.
+/// The entry of `files` that is the same file as `output`, under whatever path; `None` if all entries are other files,
+/// or `output` does not exist.
 fn same_file<'a>(files: &'a [PathBuf], output: &Path) -> Option<&'a PathBuf> {
     let there = output.canonicalize().ok()?;
     let same = |path: &&PathBuf| path.canonicalize().is_ok_and(|path| path == there);
