@@ -124,10 +124,10 @@ impl Judge {
     /// change is the maximum over:
     /// - the reference temperature, which is used for a sensor without a reading;
     /// - the steady state at the current temperatures and at ±[`SHIFT_K`] from them, because a changed thermal term has
-    /// no effect at the reference temperature;
+    ///   no effect at the reference temperature;
     /// - the present state, with the lags of the running model;
     /// - if [`ONLY_THERMAL`] changes for a controller, the models as this controller applies them, without errors where
-    /// it applies thermal terms only.
+    ///   it applies thermal terms only.
     pub(crate) fn judged(
         &self,
         [old, new]: [&Model; 2],
