@@ -175,7 +175,7 @@ pub(crate) fn clear_desired(database: &Connection, machine: &MachineId) -> Resul
 const MAX_VERSION: u64 = 1 << 52;
 
 /// Next version of a machine: above every version issued here, and above the active version that the machine reports,
-/// which another centre may have issued. Reported versions above [`MAX_VERSION`] are ignored.
+/// which another centre may have issued. Reported versions above `MAX_VERSION` are ignored.
 pub(crate) fn next_version(database: &Connection, machine: &MachineId) -> Result<u64, Error> {
     let sql = "SELECT coalesce(max(version), 0) FROM versions WHERE machine = ?1";
     let issued = number(database, sql, [machine.as_str()])?;

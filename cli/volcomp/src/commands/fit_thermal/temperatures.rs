@@ -7,7 +7,7 @@ const PLAUSIBLE: RangeInclusive<f64> = -60.0..=200.0;
 const WARMEST_SHOP: f64 = 60.0;
 /// Minimum step between rows of an outlier, K.
 const LEAST_JUMP_K: f64 = 5.0;
-/// Factor over the 95 % quantile of the steps between rows, by which a step must additionally exceed [`LEAST_JUMP_K`]
+/// Factor over the 95 % quantile of the steps between rows, by which a step must additionally exceed `LEAST_JUMP_K`
 /// to be an outlier.
 const TIMES_USUAL: f64 = 8.0;
 /// An outlier spans at most one in this many rows; a longer excursion is a real change.
