@@ -16,7 +16,7 @@ use volcomp_can::{
 use volcomp_port::{Controller, Fault};
 use volcomp_vocabulary::{AxisName, PerChannel};
 
-/// A bus in memory: a queue of frames to the gateway, and one of frames to the control.
+/// A bus in memory: a queue of frames to the gateway and a queue of frames to the control.
 #[derive(Clone, Default)]
 struct Bus(Arc<Mutex<[VecDeque<Frame>; 2]>>);
 
@@ -51,7 +51,7 @@ impl CanPort for Bus {
     }
 }
 
-/// Frame of the message with these signals, with counter and checksum.
+/// Frame of the message that contains these signals, with counter and checksum.
 fn message(table: &SignalTable, values: &[(&str, f64)], counter: u64) -> Option<Frame> {
     let (place, _) = table.find(values.first()?.0)?;
     let message = &table.messages[place];
@@ -82,7 +82,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     }
     let mut counter = 0_u64;
     for x_mm in [0.0, 100.0, 250.0] {
-        // The control sends its positions, and that it is referenced.
+        // The control sends its positions and its reference state.
         counter += 1;
         let position = [("X_POS", x_mm), ("Y_POS", 50.0)];
         let state = [("X_APPLIED", 0.0), ("REFERENCED", 1.0)];

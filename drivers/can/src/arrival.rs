@@ -2,14 +2,14 @@
 
 use std::time::{Duration, Instant, SystemTime};
 
-/// Maximum divergence of the wall clock (used by kernel timestamps) and the monotonic clock while a queue is emptied. A larger one means
-/// that the wall clock was set, and the timestamps are ignored.
+/// Maximum divergence, while a queue is emptied, between the wall clock (used by kernel timestamps) and the monotonic
+/// clock. A larger divergence means that the wall clock was set, and the timestamps are ignored.
 const MAX_CLOCK_DRIFT: Duration = Duration::from_millis(1);
 
-/// Maximum time between the readings of both clocks, and thus the maximum error between them.
+/// The two clocks count as read together if both readings take at most this time.
 const MAX_CLOCK_READ_TIME: Duration = Duration::from_micros(100);
 
-/// Reads both clocks. If the thread is interrupted between the two, they are read again, at most twice.
+/// Reads both clocks together. If the thread is interrupted between the two readings, both are repeated, at most twice.
 pub(crate) fn both_clocks() -> (Instant, SystemTime) {
     let read = || (Instant::now(), SystemTime::now());
     let mut both = read();
@@ -22,7 +22,7 @@ pub(crate) fn both_clocks() -> (Instant, SystemTime) {
     both
 }
 
-/// The last time at which no frame was waiting, by both clocks; frames found later arrived after it.
+/// The last time at which no frame was waiting, by both clocks. Every frame read later arrived after this time.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Arrivals {
     empty: Instant,
@@ -35,8 +35,9 @@ impl Arrivals {
         Self { empty, wall }
     }
 
-    /// Arrival time of a frame that is read at `now`, never later than the true one: the kernel timestamp, if there is one and the clock was
-    /// not set meanwhile, else the last time at which no frame was waiting. A frame without a valid timestamp thus gets its maximum age.
+    /// Arrival time of a frame that is read at `now`, never later than the true arrival. It is the kernel timestamp if
+    /// the kernel gave one and the wall clock was not set since `empty`. Otherwise it is `empty`, so that the frame
+    /// gets its maximum age.
     pub(crate) fn of(&self, stamp: Option<SystemTime>, now: Instant, wall: SystemTime) -> Instant {
         let passed = now.saturating_duration_since(self.empty);
         let by_wall = wall.duration_since(self.wall).unwrap_or_default();
@@ -68,9 +69,9 @@ mod tests {
         let at = 300 * MS;
         assert_eq!(read(Some(20 * MS), at, at), 20 * MS);
         assert_eq!(read(Some(at), at, at), at);
-        // Without a timestamp it may have arrived just after the queue was empty.
+        // A frame without a timestamp may have arrived just after the queue was empty.
         assert_eq!(read(None, at, at), Duration::ZERO);
-        // The clock was set meanwhile: the timestamp is ignored.
+        // The wall clock was set meanwhile, so the timestamp is ignored.
         assert_eq!(read(Some(20 * MS), at, 100 * MS), Duration::ZERO);
         assert_eq!(read(Some(20 * MS), at, 5000 * MS), Duration::ZERO);
         // A timestamp after now, or before the queue was empty, is clamped.

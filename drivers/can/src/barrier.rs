@@ -1,6 +1,6 @@
-//! Transport of the barrier's words in the signals `FRAME_0`, `FRAME_1`, … and `REPORT_0`, `REPORT_1`, … The words are not interpreted
-//! here; only the size of a count is taken from unit and factor of the value words. Words in several messages belong together if
-//! the messages have the same counter.
+//! Transport of the barrier's words in the signals `FRAME_0`, `FRAME_1`, … and `REPORT_0`, `REPORT_1`, … This module
+//! does not interpret the words. It only takes the size of a count from unit and factor of the value words. Words in
+//! several messages belong together if the messages have the same counter.
 
 use std::time::Instant;
 
@@ -16,8 +16,7 @@ use crate::{
 
 /// Number of words of a frame before its values: epoch, tick, sequence, owner.
 const FRAME_HEADER_WORDS: usize = 4;
-/// Number of words of a report before its axes: epoch, tick, owner, sequence, refusal, scans from
-/// step to step, hold, timeout.
+/// Number of words of a report before its axes: epoch, tick, owner, sequence, refusal, scans per step, hold, timeout.
 const REPORT_HEADER_WORDS: usize = 8;
 /// Number of words per axis of a report: applied correction, limit, rate.
 const REPORT_WORDS_PER_AXIS: usize = 3;
@@ -53,8 +52,10 @@ pub(crate) struct Count {
 }
 
 impl Barrier {
-    /// Finds the signals for these axes in a table; `None` if the table has no barrier words. Errors: words that are missing, too few or
-    /// too many for the axes, not of 16 bits, or whose units do not match their axes.
+    /// Finds the signals for these axes in a table. Returns `None` if the table has no barrier words.
+    ///
+    /// Errors: missing words, too few or too many words for the axes, a word that has not 16 bits, a unit that does not
+    /// match its axis.
     pub(crate) fn of(
         table: &SignalTable,
         axes: &[AxisName],
@@ -96,7 +97,8 @@ impl Barrier {
         check_shared_counter(table, &report)?;
         let mut sent: Vec<OutgoingMessage> = Vec::new();
         let mut parts = Vec::new();
-        // The message with the last word is sent last, because the control takes the frame as complete when it arrives.
+        // The message with the last word is sent last, because the control takes the frame as complete when that
+        // message arrives.
         let mut order: Vec<usize> = Vec::new();
         for (message, _) in frame.iter().rev() {
             if !order.contains(message) {
@@ -129,7 +131,8 @@ impl Barrier {
         Ok(Some((barrier, counts)))
     }
 
-    /// Writes the words of a frame into their messages and sends these, the message with the last word last.
+    /// Writes the words of a frame into their messages and sends the messages. The message with the last word is sent
+    /// last.
     pub(crate) fn post(
         &mut self,
         port: &mut impl CanPort,
@@ -152,7 +155,7 @@ impl Barrier {
         Ok(())
     }
 
-    /// Processes a new valid message: stores the report if all of its messages now have the same counter.
+    /// Processes a new valid message: if all messages of the report now have the same counter, stores the report.
     pub(crate) fn process(&mut self, messages: &[ReceivedMessage], index: usize) {
         if !self.report.iter().any(|signal| signal.message == index) {
             return;
@@ -226,8 +229,8 @@ fn check_word_count(
     ))
 }
 
-/// Checks that each of several messages has a counter, by which words of different times are distinguished. The checksum of the words alone does
-/// not detect all mixtures of three or more frames.
+/// Checks that, if the words come in several messages, each message has a counter. The counter tells words of different
+/// times apart; the checksum of the words alone does not detect all mixtures of three or more frames.
 fn check_shared_counter(table: &SignalTable, words: &[(usize, usize)]) -> Result<(), String> {
     let messages = || words.iter().map(|(message, _)| *message);
     let is_one = messages().all(|message| Some(message) == messages().next());
@@ -242,7 +245,7 @@ fn check_shared_counter(table: &SignalTable, words: &[(usize, usize)]) -> Result
     Ok(())
 }
 
-/// Size of a count of an axis, from unit and factor of its value word.
+/// Size of one count of an axis in mm or rad, from unit and factor of its value word.
 fn axis_count(signal: &Signal, name: AxisName) -> Result<Count, String> {
     let unit = Quantity::Of(name).factor(&signal.unit);
     let unit = unit.map_err(|unit| {
@@ -272,7 +275,8 @@ fn check_same_count(found: &Signal, expected: &Signal) -> Result<(), String> {
     ))
 }
 
-/// Checks that a signal transports a word unchanged: 16 bits, no offset, and no unit or factor unless it is `counted`.
+/// Checks that a signal transports a word unchanged: 16 bits and no offset. Only a `counted` signal may have a unit and
+/// a factor.
 fn check(signal: &Signal, counted: bool) -> Result<(), String> {
     let word = &signal.name;
     if signal.bits != 16 {

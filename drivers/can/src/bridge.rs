@@ -1,5 +1,6 @@
-//! A control whose PLC applies the corrections: it sends positions and state in plain frames, and receives corrections as plain values or
-//! as words for a barrier. Signals are found by name; ids, bit positions and scaling are free.
+//! A control whose PLC applies the corrections. The control sends positions and state in plain frames, and receives
+//! corrections as plain values or as words for a barrier. Signals are found by name; ids, bit positions and scaling are
+//! free.
 
 use std::{
     collections::BTreeMap,
@@ -25,13 +26,13 @@ use crate::{
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct BridgeConfig {
-    /// Messages and signals of the bus.
     pub table: SignalTable,
     /// Name of the channel through which corrections reach the axes.
     pub channel: String,
-    /// Written axes in channel order. Signals: `X_POS` and, without a barrier, `X_CORR` and optionally `X_APPLIED`.
+    /// Corrected axes in channel order. Signals of each: `X_POS` and, without a barrier, `X_CORR` and optionally
+    /// `X_APPLIED`.
     pub axes: Vec<AxisName>,
-    /// Axes whose positions are only read (signal `X_POS`). Without `axes` nothing is sent.
+    /// Axes whose positions are only read (signal `X_POS`). If `axes` is empty, nothing is sent.
     pub reads: Vec<AxisName>,
     /// Whether reported positions contain the correction.
     pub includes_correction: bool,
@@ -67,7 +68,7 @@ enum Transport {
     ReadOnly,
 }
 
-/// Reads and corrects a control with cyclic CAN frames, which a signal table describes.
+/// Reads and corrects a control by cyclic CAN frames. A signal table describes the frames.
 pub struct CanController<P> {
     receiver: Receiver<P>,
     description: Description,
@@ -180,7 +181,8 @@ impl<P: CanPort> CanController<P> {
         place.signal.value(message.data()) * place.to_internal
     }
 
-    /// Whether a state of the control is on. Returns `forbids`, the value that forbids correction, if its message was never received.
+    /// Whether a state of the control is on. Returns `forbids`, the value that forbids correction, if the message of
+    /// the state was never received.
     fn state(&self, place: &ReceivedSignal, forbids: bool) -> bool {
         if self.receiver.message(place).taken.is_some() {
             self.value(place) != 0.0
@@ -189,7 +191,7 @@ impl<P: CanPort> CanController<P> {
         }
     }
 
-    /// Oldest and newest arrival time of these signals; `None` if one was never received.
+    /// Arrival times of the oldest and of the newest of these signals; `None` if one of the signals was never received.
     fn arrivals(&self, places: &[ReceivedSignal]) -> Option<[Instant; 2]> {
         let mut places = places.iter();
         let first = self.receiver.message(places.next()?).taken?;
@@ -205,8 +207,9 @@ impl<P: CanPort> Controller for CanController<P> {
         &self.description
     }
 
-    /// Returns the positions, states and applied correction or report received last, regardless of their age. Waits only until every position was
-    /// received once. `taken` is the arrival of the oldest position, `uncertainty` the time from it to the newest one.
+    /// Returns the last received positions, states and applied correction or report, regardless of their age. Waits
+    /// only until every position was received once. `taken` is the arrival of the oldest position, and `uncertainty`
+    /// the time from the oldest to the newest position.
     fn read(&mut self, deadline: Instant) -> Result<Snapshot, Fault> {
         self.listen(deadline, false)?;
         let [taken, newest] = loop {
@@ -250,7 +253,8 @@ impl<P: CanPort> Controller for CanController<P> {
             positions,
             taken,
             uncertainty: newest.duration_since(taken),
-            // States without a signal are reported as good, which the configuration has accepted; the description names them.
+            // A state without a signal is reported as good. The description names such states, and the configuration
+            // has accepted them.
             state: ControllerState {
                 referenced: state(referenced, true, false),
                 alarm: state(alarm, false, true),

@@ -15,7 +15,7 @@ pub enum DbcError {
     Syntax {
         /// Name of the file, for messages.
         file: String,
-        /// The message of the parser, with the position of the error.
+        /// Message of the parser, with the position of the error.
         message: String,
     },
     /// A message or signal is invalid.
@@ -25,11 +25,9 @@ pub enum DbcError {
         file: String,
         /// Line of the message or signal, from 1.
         line: usize,
-        /// Name of the message; for a signal, followed by a dot and its name.
+        /// Name of the message. For a signal: name of the message, a dot, and name of the signal.
         place: String,
-        /// Entry or value in the file.
         found: String,
-        /// Entry or value that was expected in its place.
         expected: String,
     },
 }
@@ -42,7 +40,7 @@ struct Defect {
 }
 
 impl SignalTable {
-    /// Parses the text of a DBC file; messages name it `DBC`.
+    /// Parses the text of a DBC file. Error messages name the file `DBC`.
     ///
     /// # Errors
     /// See [`SignalTable::parse_file`].
@@ -50,12 +48,12 @@ impl SignalTable {
         Self::parse_file("DBC", text)
     }
 
-    /// Parses the text of a DBC file; `file` is its name in messages.
+    /// Parses the text of a DBC file. `file` is its name in error messages.
     ///
     /// # Errors
-    /// Not a DBC file, signals outside their message, invalid frame lengths, and a unit that is missing or does not match the quantity of the
-    /// signal: positions and corrections of linear axes are in mm or um, of rotary axes in deg, rad or urad, temperatures in degC, and the states
-    /// of the control have no unit or `bool`.
+    /// Text that is not a DBC file, a signal outside its message, an invalid frame length, or a unit that is missing or
+    /// does not match the quantity of the signal. Valid units: mm or um for positions and corrections of linear axes;
+    /// deg, rad or urad for rotary axes; degC for temperatures; none or `bool` for the states of the control.
     pub fn parse_file(file: &str, text: &str) -> Result<Self, DbcError> {
         let dbc = Dbc::try_from(text)
             .map_err(|e| DbcError::Syntax { file: file.to_owned(), message: e.to_string() })?;
@@ -88,7 +86,8 @@ impl SignalTable {
     }
 }
 
-/// Checks the used signals of a message: each is an integer that shares no bits with others, and all bits 0 mean that a state is off.
+/// Checks the used signals of a message. Each must be an integer and share no bits with another signal. A state must be
+/// off if all its bits are 0.
 fn check_signals(dbc: &Dbc, id: MessageId, message: &Message) -> Result<(), Defect> {
     for (index, signal) in message.signals.iter().enumerate() {
         let is_word = ["FRAME_", "REPORT_"].map(|prefix| signal.name.starts_with(prefix));
@@ -122,7 +121,8 @@ fn defect(place: &str, found: &str, expected: &str) -> Defect {
     Defect { place: place.to_owned(), found: found.to_owned(), expected: expected.to_owned() }
 }
 
-/// Line of a message, or of a signal within its message, from 1; 1 if it is not found.
+/// Line of a message, or of a signal within its message, counted from 1. Returns 1 if the message or signal is not
+/// found.
 fn line_of(text: &str, place: &str) -> usize {
     let (message, signal) = match place.split_once('.') {
         Some((message, signal)) => (message, Some(signal)),
@@ -186,7 +186,7 @@ fn signal(message: &str, length: usize, found: &can_dbc::Signal) -> Result<Signa
     let bits = u32::try_from(found.size).unwrap_or(u32::MAX);
     let start = u32::try_from(found.start_bit).unwrap_or(u32::MAX);
     let big_endian = found.byte_order == ByteOrder::BigEndian;
-    // The start bit of a big-endian signal is its highest bit; bits within a byte are numbered from the right.
+    // The start bit of a big-endian signal is its highest bit. Bits within a byte are numbered from the right.
     let shift = if big_endian {
         let from_left = (start / 8).saturating_mul(8).saturating_add(7 - start % 8);
         all.checked_sub(from_left.saturating_add(bits))

@@ -1,24 +1,22 @@
-//! CAN frames, and the interface of a bus.
 
 use std::time::Instant;
 
 use volcomp_port::Fault;
 
-/// One frame, classic or FD.
+/// One classic or FD frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Frame {
     /// Identifier of the frame: 11 bits, or 29 bits if `extended` is set.
     pub id: u32,
-    /// Whether the identifier has 29 bits.
     pub extended: bool,
-    /// Whether the frame is a CAN FD frame.
     pub fd: bool,
     length: u8,
     bytes: [u8; 64],
 }
 
 impl Frame {
-    /// Creates a frame; `None` for an invalid length: above 8, or for an FD frame other than 0 to 8, 12, 16, 20, 24, 32, 48, 64.
+    /// Creates a frame; `None` for an invalid length or identifier. Valid lengths are 0 to 8, and for FD frames also
+    /// 12, 16, 20, 24, 32, 48, 64.
     pub fn new(id: u32, extended: bool, fd: bool, data: &[u8]) -> Option<Self> {
         let length = u8::try_from(data.len()).ok()?;
         let known = match length {
@@ -35,12 +33,10 @@ impl Frame {
         Some(Self { id, extended, fd, length, bytes })
     }
 
-    /// Data bytes of the frame.
     pub fn data(&self) -> &[u8] {
         self.bytes.get(..usize::from(self.length)).unwrap_or_default()
     }
 
-    /// Data bytes of the frame, mutable.
     pub fn data_mut(&mut self) -> &mut [u8] {
         self.bytes.get_mut(..usize::from(self.length)).unwrap_or_default()
     }
@@ -49,7 +45,8 @@ impl Frame {
 /// A received frame or error report.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Received {
-    /// A frame with its arrival time, which is never later than the true one, so that the time it waited unread counts towards its age.
+    /// A frame with its arrival time. The arrival time is never later than the true arrival, so the time that the frame
+    /// waited unread counts towards its age.
     Frame(Frame, Instant),
     /// The bus controller reports errors.
     Error,
@@ -57,15 +54,15 @@ pub enum Received {
     BusOff,
 }
 
-/// Maximum number of frames processed per read, so that a flooded bus does not delay a cycle.
+/// Maximum number of frames processed per read, so that a flooded bus cannot delay a cycle.
 pub(crate) const MAX_FRAMES_PER_READ: usize = 256;
 
-/// A CAN bus. Its methods are for real-time cycles: they do not allocate, and their duration is bounded by their deadline.
+/// A CAN bus. Its methods are for real-time cycles: they do not allocate, and each ends at its deadline.
 pub trait CanPort: Send {
-    /// Name of the device in the configuration.
     fn device(&self) -> &str;
 
-    /// Receives the next frame; `None` if none arrived before the deadline. A frame that already waits is returned even after the deadline.
+    /// Receives the next frame or error report; `None` if none arrived before the deadline. A frame that is already
+    /// waiting is returned even after the deadline.
     ///
     /// # Errors
     /// [`Fault::Disconnected`] if the interface is down or was removed.
@@ -78,7 +75,7 @@ pub trait CanPort: Send {
     fn send(&mut self, frame: &Frame, deadline: Instant) -> Result<(), Fault>;
 }
 
-/// A bus without an interface, for checks before opening. It receives no frames.
+/// A bus that is not opened, for checking a configuration. It receives no frames.
 pub(crate) struct UnopenedBus(pub(crate) String);
 
 impl CanPort for UnopenedBus {

@@ -24,8 +24,8 @@ pub use signals::{Message, Signal, SignalTable, checksum};
 pub use socket::CanSocket;
 pub use thermometer::{CanThermometer, temperature_names};
 
-/// Text of the shipped DBC file of the plain frames.
+/// Text of the shipped DBC file for plain frames.
 pub const SHIPPED_DBC: &str = include_str!("../volcomp.dbc");
 
-/// Text of the shipped DBC file of the frames of a control with a barrier, for a machine with the axes X, Y and Z.
+/// Text of the shipped DBC file for a control with a barrier and the axes X, Y and Z.
 pub const BARRIER_DBC: &str = include_str!("../barrier.dbc");

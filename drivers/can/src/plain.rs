@@ -13,7 +13,7 @@ use crate::{
 };
 
 struct AxisSignal {
-    /// Index of the signal's message among the sent ones.
+    /// Index of the signal's message in `sent`.
     sent: usize,
     signal: Signal,
     to_internal: f64,
@@ -27,8 +27,9 @@ pub(crate) struct PlainCorrections {
 }
 
 impl PlainCorrections {
-    /// Finds the correction signals for these axes. Returns also the size of a count of each. Errors: an axis without its signal, a unit that
-    /// does not match it.
+    /// Finds the correction signals for these axes. Also returns the size of a count of each axis.
+    ///
+    /// Errors: an axis without a correction signal, a unit that does not match its axis.
     pub(crate) fn of(
         table: &SignalTable,
         names: &[AxisName],
@@ -56,7 +57,8 @@ impl PlainCorrections {
         Ok((plain, counts))
     }
 
-    /// [`Heartbeat::Watched`] if every message has a counter, by which the control can detect that sending has stopped.
+    /// [`Heartbeat::Watched`] if every message has a counter, because by the counter the control can detect that
+    /// sending has stopped.
     pub(crate) fn heartbeat(&self) -> Heartbeat {
         let counted = |(message, frame): &(Message, Frame)| message.counter(frame.data()).is_some();
         if self.sent.iter().all(counted) { Heartbeat::Watched } else { Heartbeat::Unwatched }
@@ -86,7 +88,8 @@ impl PlainCorrections {
     }
 }
 
-/// Index of a message among those to send; adds it if necessary. `None` if the message cannot represent corrections of 0.
+/// Index of a message in `sent`; adds the message if necessary. `None` if the message cannot represent a correction of
+/// 0.
 fn outgoing_index(sent: &mut Vec<(Message, Frame)>, message: &Message) -> Option<usize> {
     let known = sent.iter().position(|(other, _)| other.name == message.name);
     if known.is_some() {
@@ -94,7 +97,7 @@ fn outgoing_index(sent: &mut Vec<(Message, Frame)>, message: &Message) -> Option
     }
     let mut frame = message.frame()?;
     for signal in &message.signals {
-        // Corrections of axes that are not written are 0, whose raw value may differ from 0.
+        // Corrections of uncorrected axes in this message are 0, whose raw value may differ from 0.
         if signal.name.ends_with("_CORR") && !signal.put(frame.data_mut(), 0.0) {
             return None;
         }
@@ -103,7 +106,7 @@ fn outgoing_index(sent: &mut Vec<(Message, Frame)>, message: &Message) -> Option
     Some(sent.len() - 1)
 }
 
-/// Message and signal index of the signal of an axis with this suffix. Errors: the table lacks it.
+/// Indexes of the message and of the signal with this suffix of an axis. Errors: the table lacks the signal.
 pub(crate) fn required_signal(
     table: &SignalTable,
     name: AxisName,

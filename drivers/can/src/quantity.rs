@@ -1,15 +1,17 @@
-//! Quantity of a signal, by its name, and its accepted units. Only this module converts units of a DBC file to mm, rad and °C.
+//! Quantity of a signal, derived from its name, and the accepted units. Only this module converts units of a DBC file
+//! to mm, rad and °C.
 
 use volcomp_vocabulary::{AxisKind, AxisName};
 
-/// Names of the state signals of a control: whether every axis is referenced, an alarm is active, the emergency stop is pressed.
+/// Names of the state signals of a control: every axis is referenced, an alarm is active, the emergency stop is
+/// pressed.
 pub(crate) const STATES: [&str; 3] = ["REFERENCED", "ALARM", "EMERGENCY_STOP"];
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Quantity {
     Of(AxisName),
     Temperature,
-    /// A state of the control: on unless the value is 0.
+    /// A state of the control: off if the value is 0, else on.
     State,
 }
 
@@ -34,7 +36,7 @@ impl Quantity {
         letter.parse().ok().map(Self::Of)
     }
 
-    /// Accepted units, each with the factor to mm, rad or °C.
+    /// Accepted units, each with its factor to mm, rad or °C.
     fn units(self) -> &'static [(&'static str, f64)] {
         const DEG: f64 = std::f64::consts::PI / 180.0;
         match self {
@@ -54,7 +56,7 @@ impl Quantity {
         }
     }
 
-    /// Factor from a unit to mm, rad or °C. Errors: the unit does not match this quantity.
+    /// Factor from a unit to mm, rad or °C. Errors: a unit that does not match this quantity.
     pub(crate) fn factor(self, unit: &str) -> Result<f64, WrongUnit> {
         let known = self.units().iter().find(|(name, _)| *name == unit);
         known.map(|(_, factor)| *factor).ok_or_else(|| WrongUnit {

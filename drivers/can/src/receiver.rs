@@ -1,4 +1,4 @@
-//! Receives messages from one port: stores the last valid data of each message, and counts bus errors.
+//! Receives messages from one port, stores the last valid data of each message, and counts bus errors.
 
 use std::time::{Duration, Instant};
 
@@ -16,22 +16,22 @@ use crate::{
 pub struct Health {
     /// Number of frames with a wrong length or checksum.
     pub broken: u64,
-    /// Number of frames with the counter of the previous frame or of an earlier one: repeated because the sender has stopped, or out of
-    /// order.
+    /// Number of frames whose counter equals that of the previous frame or is older: the sender has stopped, or the
+    /// frame arrived out of order.
     pub repeated: u64,
-    /// Number of lost frames, from gaps of the counter.
+    /// Number of lost frames, from gaps in the counter.
     pub lost: u64,
     /// Number of error frames of the bus controller.
     pub errors: u64,
-    /// Whether the bus controller is bus-off, and no frame has arrived since.
+    /// Whether the bus controller is bus-off and no frame has arrived since.
     pub bus_off: bool,
 }
 
-/// A frame whose 16-step counter is at least this many steps ahead counts as late: it arrived
-/// out of order or twice.
+/// The counter of a message has 16 steps. A counter that is at least this many steps ahead counts as behind: the frame
+/// arrived out of order or twice.
 const MIN_STEPS_BEHIND: u64 = 8;
-/// Maximum delay of a frame that arrives out of order. A frame after a longer silence is always new, because the counter may have
-/// wrapped meanwhile. The delay does not limit the age of data.
+/// Maximum delay of a frame that arrives out of order. A frame after a longer silence always counts as new, because the
+/// counter may have wrapped meanwhile. This constant does not limit the age of data.
 const MAX_OVERTAKE_DELAY: Duration = Duration::from_millis(100);
 
 pub(crate) struct ReceivedMessage {
@@ -105,8 +105,9 @@ impl<P: CanPort> Receiver<P> {
         &self.messages[signal.message]
     }
 
-    /// Processes the waiting frames; with `wait`, waits for a frame until the deadline. Returns whether a subscribed frame arrived. Calls
-    /// `whole` for each message that was valid and new, with all messages and its index.
+    /// Processes the waiting frames. If `wait` is set, waits for a frame until the deadline. Calls `whole` for each
+    /// valid and new message, with all messages and the index of the new one. Returns whether a subscribed frame
+    /// arrived.
     pub(crate) fn listen(
         &mut self,
         deadline: Instant,
@@ -152,7 +153,7 @@ pub(crate) struct ReceivedSignal {
 }
 
 /// Subscribes to the message of a signal. Errors: a unit that does not match the quantity of the signal.
-/// [`SignalTable::parse`] checks this too, but a table may be built otherwise.
+/// [`SignalTable::parse`] checks the unit too, but its fields are public, so a table may be built without it.
 pub(crate) fn subscribe(
     table: &SignalTable,
     messages: &mut Vec<ReceivedMessage>,

@@ -10,9 +10,8 @@ use crate::{frame::Frame, quantity::Quantity};
 pub struct Signal {
     /// Name of the signal, without the name of its message.
     pub name: String,
-    /// Unit, as written in the file.
+    /// Unit, as written in the DBC file.
     pub unit: String,
-    /// Whether the number is signed.
     pub signed: bool,
     /// Number of bits, 1 to 64.
     pub bits: u32,
@@ -21,8 +20,8 @@ pub struct Signal {
     /// Value at raw 0, in the unit of the signal.
     pub offset: f64,
     pub(crate) big_endian: bool,
-    /// Position of the lowest bit. Little-endian: counted from bit 0 of the first byte. Big-endian: the same after reversing the
-    /// byte order of the message.
+    /// Position of the lowest bit. Little-endian: counted from bit 0 of the first byte. Big-endian: counted likewise
+    /// after the byte order of the message is reversed.
     pub(crate) shift: u32,
 }
 
@@ -32,17 +31,15 @@ pub struct Signal {
 pub struct Message {
     /// Name of the message in the file.
     pub name: String,
-    /// Identifier of the message's frames.
     pub id: u32,
     /// Whether `id` has 29 bits.
     pub extended: bool,
-    /// Number of data bytes: up to 8 classic, more for FD.
+    /// Number of data bytes: up to 8 in classic frames, more in FD frames.
     pub length: usize,
-    /// Signals in the data of the message.
     pub signals: Vec<Signal>,
-    /// Index of the signal that counts the frames; `None` without one.
+    /// Index of the signal that counts the frames; `None` if the message has no counter.
     pub(crate) counter: Option<usize>,
-    /// Index of the signal with the checksum; `None` without one.
+    /// Index of the signal with the checksum; `None` if the message has no checksum.
     pub(crate) checksum: Option<usize>,
 }
 
@@ -50,7 +47,6 @@ pub struct Message {
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct SignalTable {
-    /// All messages of the file, each with its signals.
     pub messages: Vec<Message>,
 }
 
@@ -60,7 +56,7 @@ impl SignalTable {
         self.messages.iter().position(|m| (m.id, m.extended) == (frame.id, frame.extended))
     }
 
-    /// Index of the message that contains a signal, and index of the signal in it.
+    /// Index of the message that contains a signal, and index of the signal within that message.
     pub fn find(&self, signal: &str) -> Option<(usize, usize)> {
         self.messages.iter().enumerate().find_map(|(index, message)| {
             let place = message.signals.iter().position(|s| s.name == signal)?;
@@ -70,13 +66,14 @@ impl SignalTable {
 }
 
 impl Signal {
-    /// Index in the data of byte `k`, counted from the byte with the lowest bits; past the end if the data are too short.
+    /// Index in the data of byte `k` of the message, counted from the byte with the lowest bits. The index is past the
+    /// end if the data are too short.
     #[inline]
     fn byte(&self, length: usize, k: usize) -> usize {
         if self.big_endian { length.wrapping_sub(k + 1) } else { k }
     }
 
-    /// Raw bits of the signal in the data; bits beyond the end of the data are 0.
+    /// Raw bits of the signal in the data. Bits beyond the end of the data are 0.
     #[inline]
     pub fn raw(&self, data: &[u8]) -> u64 {
         let (first, within) = ((self.shift / 8) as usize, self.shift % 8);
@@ -91,7 +88,7 @@ impl Signal {
         raw & (u64::MAX >> (64 - self.bits))
     }
 
-    /// Value in the data, in the unit of the signal.
+    /// Value of the signal in the data, in the unit of the signal.
     #[inline]
     #[expect(clippy::cast_precision_loss, reason = "as precise as a number can be")]
     pub fn value(&self, data: &[u8]) -> f64 {
@@ -122,7 +119,7 @@ impl Signal {
         }
     }
 
-    /// Writes the nearest representable value; NaN becomes raw 0. Returns whether the value was in range.
+    /// Writes the nearest representable value. NaN becomes raw 0. Returns whether the value was in range.
     #[inline]
     #[expect(
         clippy::cast_possible_truncation,
@@ -149,19 +146,21 @@ impl Signal {
         both.into_iter().any(|(one, two)| one & two != 0)
     }
 
-    /// Factor from the value to mm, rad or °C; `None` for a signal that is not a position, correction, temperature or state.
+    /// Factor from the unit of the signal to mm, rad or °C; `None` for a signal that is not a position, correction,
+    /// temperature or state.
     pub(crate) fn to_internal(&self) -> Option<f64> {
         Quantity::of_signal(&self.name)?.factor(&self.unit).ok()
     }
 
-    /// Axis and position in the data, if this is a position signal (`X_POS`).
+    /// Axis and position in the data; `None` if this is not a position signal (`X_POS`).
     pub fn position(&self, data: &[u8]) -> Option<(AxisName, Displacement)> {
         let name: AxisName = self.name.strip_suffix("_POS")?.parse().ok()?;
         let mm_or_rad = self.value(data) * self.to_internal()?;
         Some((name, Displacement::new(name.kind(), mm_or_rad)))
     }
 
-    /// Name of the sensor in lower case and its temperature in the data, °C, if this is a temperature signal (`BED_TEMP`).
+    /// Name of the sensor in lower case, and its temperature in the data, °C; `None` if this is not a temperature
+    /// signal (`BED_TEMP`).
     pub fn temperature(&self, data: &[u8]) -> Option<(String, f64)> {
         let name = self.name.strip_suffix("_TEMP")?.to_lowercase();
         Some((name, self.value(data) * self.to_internal()?))
@@ -178,7 +177,8 @@ impl Signal {
         }
     }
 
-    /// Largest magnitude that the signal can represent with either sign, in its unit; 0 if it can represent only one sign.
+    /// Largest magnitude that the signal can represent with either sign, in the unit of the signal; 0 if the signal can
+    /// represent only one sign.
     pub fn largest(&self) -> f64 {
         let [a, b] = self.raw_range().map(|raw| raw * self.factor + self.offset);
         a.max(b).min(-a.min(b)).max(0.0)
@@ -191,17 +191,17 @@ impl Signal {
 }
 
 impl Message {
-    /// Creates a frame of this message with all bits 0; `None` for an invalid length.
+    /// Creates a frame of this message with all bits 0; `None` if the length of the message is invalid.
     pub fn frame(&self) -> Option<Frame> {
         Frame::new(self.id, self.extended, self.length > 8, &[0; 64][..self.length])
     }
 
-    /// Counter in a frame's data; `None` if the message has none.
+    /// Counter in the data of a frame; `None` if the message has no counter.
     pub fn counter(&self, data: &[u8]) -> Option<u64> {
         Some(self.signals[self.counter?].raw(data))
     }
 
-    /// Whether the length and, if the message has one, the checksum of the data are correct.
+    /// Whether the length of the data is correct and, if the message has a checksum, the checksum too.
     pub fn is_whole(&self, data: &[u8]) -> bool {
         data.len() == self.length
             && self.checksum.is_none_or(|place| {
@@ -210,7 +210,7 @@ impl Message {
             })
     }
 
-    /// Sets counter and checksum; call it after all other signals are set.
+    /// Sets counter and checksum. Call this after all other signals are set.
     pub fn seal(&self, data: &mut [u8], counter: u64) {
         if let Some(place) = self.counter {
             self.signals[place].put_raw(data, counter);
@@ -223,8 +223,8 @@ impl Message {
     }
 }
 
-/// CRC-8 SAE J1850 (polynomial 1d, initial value ff, result inverted) over the identifier (four bytes, high byte first) and the data, with
-/// the bits of the checksum signal `own` set to 0.
+/// CRC-8 SAE J1850 (polynomial 1d, initial value ff, result inverted) over the identifier (four bytes, high byte first)
+/// and the data. The bits of the checksum signal `own` count as 0.
 pub fn checksum(id: u32, data: &[u8], own: &Signal) -> u8 {
     let mut plain = [0; 64];
     let length = data.len().min(64);

@@ -30,7 +30,7 @@ pub struct CanSocket {
 }
 
 impl CanSocket {
-    /// Name of an interface in messages, such as `can://can0`.
+    /// Name of the device in messages, such as `can://can0` for the interface `can0`.
     pub fn device_of(interface: &str) -> String {
         format!("can://{interface}")
     }
@@ -50,7 +50,7 @@ impl CanSocket {
         let socket = CanFdSocket::open(interface).map_err(failed)?;
         socket.set_nonblocking(true).map_err(failed)?;
         socket.set_error_filter_accept_all().map_err(failed)?;
-        // If the kernel provides no timestamps, frames get their maximum age.
+        // If the kernel provides no timestamps, every frame gets its maximum age.
         let _ = socket.set_recv_timestamp(true);
         Ok(Self { device, socket, arrivals })
     }

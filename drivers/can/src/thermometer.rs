@@ -17,9 +17,10 @@ pub fn temperature_names(table: &SignalTable, device: &str) -> Result<Vec<String
     Ok(CanThermometer::new(bus, table, &[])?.names)
 }
 
-/// Temperatures in plain frames: signals that end in `_TEMP`, named in lower case without this suffix. Raw 0 encodes a shorted sensor, the
-/// highest raw value a broken one. Reading processes the received frames and does not block. A temperature that is no longer received keeps
-/// its value and time; while the interface is down, all are bad.
+/// Temperatures in plain frames. A signal whose name ends in `_TEMP` is a sensor, named in lower case without this
+/// suffix. Raw 0 encodes a shorted sensor, the highest raw value a broken one. Reading processes the received frames
+/// and does not block. A temperature that is no longer received keeps its value and time. While the interface is down,
+/// all temperatures are bad.
 pub struct CanThermometer<P> {
     receiver: Receiver<P>,
     names: Vec<String>,
@@ -28,7 +29,8 @@ pub struct CanThermometer<P> {
 }
 
 impl<P: CanPort> CanThermometer<P> {
-    /// Creates a thermometer with the temperatures of these names in a table, in this order; without names, with all of them.
+    /// Creates a thermometer for the temperature signals with these names, in this order. If `names` is empty, all
+    /// temperatures of the table are used.
     ///
     /// # Errors
     /// A table without temperatures, an unknown name, or a duplicate.
@@ -70,7 +72,6 @@ impl<P: CanPort> CanThermometer<P> {
         })
     }
 
-    /// Bus errors since the start.
     pub fn health(&self) -> Health {
         self.receiver.health
     }

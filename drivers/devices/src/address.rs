@@ -1,4 +1,4 @@
-//! Device URLs, and canonical names of the devices to which they lead.
+//! Device URLs, and canonical names of the devices that they address.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -11,9 +11,9 @@ use volcomp_port::DeviceError;
 #[derive(Clone, Copy)]
 pub(crate) struct Scheme {
     pub(crate) name: &'static str,
-    /// Form of the scheme's URLs, for messages.
+    /// Form of the scheme's URLs, for error messages.
     pub(crate) form: &'static str,
-    /// Feature of this crate that enables the driver.
+    /// Cargo feature of this crate that enables the driver.
     pub(crate) feature: &'static str,
     pub(crate) keys: &'static str,
 }
@@ -52,7 +52,7 @@ impl Scheme {
 /// A parsed device URL: scheme, host, port, path and query keys.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Address {
-    /// The URL as written, for messages.
+    /// The URL as written, for error messages.
     pub text: String,
     /// Name of the scheme, which determines the bus.
     pub scheme: &'static str,
@@ -69,7 +69,7 @@ impl Address {
     /// Parses a URL.
     ///
     /// # Errors
-    /// Not a URL, an unknown scheme or key, a missing host or path.
+    /// Text that is not a URL, an unknown scheme or key, a missing host or path.
     pub fn parse(text: &str) -> Result<Self, DeviceError> {
         let wrong = |what: String, remedy: &str| DeviceError::address(text, what, remedy);
         let [forms @ .., last] = SCHEMES.map(|scheme| scheme.form);
@@ -102,7 +102,7 @@ impl Address {
             path: url.path().to_owned(),
             keys,
         };
-        // The form has a host if capital letters follow the scheme, as in `://HOST` or `://INTERFACE`.
+        // A scheme has a host if capital letters follow `://` in its form, as in `://HOST` or `://INTERFACE`.
         let behind = scheme.form.split("://").nth(1);
         let has_host = behind.is_some_and(|behind| behind.starts_with(char::is_uppercase));
         if has_host && address.host.is_empty() {
@@ -115,12 +115,11 @@ impl Address {
         Ok(address)
     }
 
-    /// Creates the error for an invalid value in the URL or the configuration of this device.
     pub fn wrong(&self, found: impl Into<String>, expected: impl Into<String>) -> DeviceError {
         DeviceError::option(&*self.text, found, expected)
     }
 
-    /// Creates the error for a request that the device or this build does not support.
+    /// Creates the error for a request that this device or this build does not support.
     pub fn unsupported(
         &self,
         found: impl Into<String>,
@@ -147,12 +146,12 @@ impl Address {
         DeviceError::of_fault(&*self.text, fault, expected)
     }
 
-    /// The value of a query key; `None` if the URL does not have it.
+    /// Value of a query key; `None` if the URL lacks the key.
     pub fn get(&self, key: &str) -> Option<&str> {
         self.keys.get(key).map(String::as_str)
     }
 
-    /// Value of a numeric query key, or `default` if the URL lacks it.
+    /// Value of a numeric query key, or `default` if the URL lacks the key.
     ///
     /// # Errors
     /// Not a number in the range of the key.
@@ -172,15 +171,15 @@ impl Address {
         })
     }
 
-    /// Comma-separated values of a query key; empty if the URL lacks it.
+    /// Comma-separated values of a query key; empty if the URL lacks the key.
     pub fn list(&self, key: &str) -> Vec<String> {
         let words = self.get(key).unwrap_or_default().split(',');
         words.filter(|word| !word.is_empty()).map(str::to_owned).collect()
     }
 }
 
-/// Names of the device at the host and port of a URL, by resolved addresses: `localhost`, `127.0.0.1` and
-/// a DNS alias are one device. `usual` is the default port.
+/// Canonical names of the device at the host and port of a URL, from the resolved addresses: `localhost`, `127.0.0.1`
+/// and a DNS alias are one device. `usual` is the default port.
 pub(crate) fn hosts(address: &Address, usual: u16) -> BTreeSet<String> {
     let (host, port) = (&*address.host, address.port.unwrap_or(usual));
     // URLs have IPv6 addresses in brackets.
@@ -199,11 +198,11 @@ pub(crate) fn hosts(address: &Address, usual: u16) -> BTreeSet<String> {
     found.into_iter().map(of).collect()
 }
 
-/// Maps all addresses of this computer to one of them, and IPv4-mapped IPv6 addresses to IPv4.
+/// Maps every address of this computer to 127.0.0.1, and IPv4-mapped IPv6 addresses to IPv4.
 fn canonical(ip: IpAddr) -> IpAddr {
     let ip = ip.to_canonical();
     let is_this_computer = match ip {
-        // Other addresses of 127.0.0.0/8 stay distinct, because tests use them.
+        // Other addresses of 127.0.0.0/8 stay distinct, because tests use them as separate devices.
         IpAddr::V4(v4) if v4.is_loopback() => v4 == Ipv4Addr::LOCALHOST,
         // Connections to the unspecified address reach this computer.
         ip => ip.is_loopback() || ip.is_unspecified() || is_own(ip),
@@ -211,7 +210,8 @@ fn canonical(ip: IpAddr) -> IpAddr {
     if is_this_computer { Ipv4Addr::LOCALHOST.into() } else { ip }
 }
 
-/// Whether an address belongs to this computer, in which case the kernel uses it as the source of packets to it. Nothing is sent.
+/// Whether an address belongs to this computer. In that case the kernel uses it as the source address of packets to it.
+/// Sends nothing.
 fn is_own(ip: IpAddr) -> bool {
     let any: IpAddr = match ip {
         IpAddr::V4(_) => Ipv4Addr::UNSPECIFIED.into(),

@@ -18,7 +18,7 @@ const KEYS: [&str; 4] = ["url", "axes", "reads", "unseen"];
 const WRITER_KEYS: [&str; 6] = ["channel", "fixed", "not_driven", "terms", "hold_ms", "test_shift"];
 
 impl Scheme {
-    /// Driver of the scheme; `None` if it is not in this build.
+    /// Driver of the scheme; `None` if the driver is not in this build.
     pub(crate) fn driver(self) -> Option<&'static Driver> {
         match self.feature {
             #[cfg(feature = "focas")]
@@ -77,8 +77,8 @@ impl ThermometerConfig {
 }
 
 impl ThermometerDevice {
-    /// Whether both tables describe the same module, however their URLs are spelled: the same unit at the same host or serial device, or
-    /// the same signals of the same CAN interface.
+    /// Whether both tables describe the same module, regardless of the spelling of their URLs: the same unit at the
+    /// same host or serial device, or the same signals of the same CAN interface.
     pub fn is_same(&self, other: &Self) -> bool {
         let module = |Self { address, .. }: &Self| {
             let port = address.driver().map_or(0, |driver| driver.port);
@@ -96,7 +96,8 @@ impl ThermometerDevice {
 }
 
 impl MapKeys {
-    /// Checks the URL of the control and the tables of its bus. `sizes` are the numbers of words in a frame and in a report.
+    /// Checks the URL of the control and the tables of its bus. `sizes` is the number of words in a frame and in a
+    /// report.
     pub fn validate_control(&self, sizes: [usize; 2], found: &mut Mistakes<'_>) {
         let address = Address::parse(&self.url);
         let driver = address.as_ref().ok().map(Address::driver);
@@ -154,7 +155,8 @@ pub fn map_device(keys: &MapKeys) -> Result<MapDevice, DeviceError> {
     (address.driver()?.map)(&address, keys)
 }
 
-/// Reads a device once, within the time `at_most`. Nothing is written beyond what opening requires; GPIO outputs keep their levels.
+/// Reads a device once, within the time `at_most`. Writes nothing beyond what opening requires. GPIO outputs keep their
+/// levels.
 ///
 /// # Errors
 /// A device that does not exist or does not answer, a bus that is not in this build.
@@ -162,14 +164,14 @@ pub fn probe(address: &Address, at_most: Duration) -> Result<Probe, DeviceError>
     (address.driver()?.probe)(address, at_most)
 }
 
-/// Whether a controller of this driver uses a key of its table. `is_reader`: no axes are written.
+/// Whether a controller of this driver uses a key of its table. `is_reader` means that no axes are corrected.
 pub fn uses(driver: &Driver, is_reader: bool, key: &str) -> bool {
     let is_writer_key = WRITER_KEYS.contains(&key) || driver.writer_keys.contains(&key);
     KEYS.contains(&key) || driver.keys.contains(&key) || (!is_reader && is_writer_key)
 }
 
-/// Checks the URL of a controller, and rejects keys that its driver would silently ignore. `at` is the key of its
-/// table. Returns the address; `None` if the URL is invalid.
+/// Checks the URL of a controller, and rejects keys that its driver would silently ignore. `at` is the key of the
+/// controller's table. Returns the driver, or `None` if the URL is invalid or its bus is not in this build.
 pub fn check_keys(
     own: &ControllerConfig,
     at: &str,

@@ -126,7 +126,8 @@ impl ControllerDevice for Bridge {
     }
 }
 
-/// Name of a network interface by its kernel index, because an interface may have several names.
+/// Name of a network interface by its kernel index, because one interface may have several names. An unknown interface
+/// keeps its name.
 fn interface(name: &str) -> String {
     let number = socket(AddressFamily::INET, SocketType::DGRAM, None)
         .and_then(|socket| name_to_index(socket, name));
@@ -134,8 +135,8 @@ fn interface(name: &str) -> String {
         .map_or_else(|_| format!("interface {name}"), |number| format!("interface number {number}"))
 }
 
-/// Signal table of the DBC file that a URL names, by default of the shipped file. Errors: the file cannot be
-/// read or is not a DBC file.
+/// Signal table of the DBC file that a URL names. Without the key `dbc`, the shipped file is used. Errors: the file
+/// cannot be read or is not a DBC file.
 fn signal_table(address: &Address) -> Result<SignalTable, DeviceError> {
     let text = match address.get("dbc") {
         None => SHIPPED_DBC.to_owned(),

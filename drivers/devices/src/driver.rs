@@ -1,4 +1,5 @@
-//! Interface of bus drivers: the function table of a driver, and the traits of the devices that it creates from a configuration.
+//! Interface of bus drivers: the function table of a driver, and the traits of the devices that a driver creates from a
+//! configuration.
 
 use std::{
     any::Any,
@@ -21,18 +22,19 @@ use crate::{
 
 /// Driver of a bus: its URLs and configuration keys, and the functions that create its devices.
 pub struct Driver {
-    /// Kind of controller, with the schemes of its URLs, for messages.
+    /// Kind of controller and schemes of its URLs, for messages.
     pub name: &'static str,
-    /// Keys of `[[controller]]` that the driver uses in addition to the common ones, also for read-only controllers.
+    /// Keys of `[[controller]]` that the driver uses for corrected and for read-only controllers, in addition to the
+    /// common keys.
     pub keys: &'static [&'static str],
-    /// Additional keys that the driver uses only if axes are written.
+    /// Additional keys that the driver uses only if axes are corrected.
     pub writer_keys: &'static [&'static str],
-    /// Tables of a map sender's file that the driver uses; empty if its controls accept no map.
+    /// Tables of a map sender's file that the driver uses; empty if the driver's controls accept no map.
     pub map_tables: &'static [&'static str],
     /// Default network port.
     pub port: u16,
-    /// Names of the devices to which an address leads, independent of its spelling. A device that cannot be resolved, such as a host
-    /// without a DNS entry, has the name in the URL.
+    /// Canonical names of the devices at an address, so that two spellings of one address give the same names. A device
+    /// that cannot be resolved, such as a host without a DNS entry, keeps the name in the URL.
     pub devices: fn(&Address) -> BTreeSet<String>,
     /// Whether only one program at a time can read from an address.
     pub is_exclusive: fn(&Address) -> bool,
@@ -52,16 +54,17 @@ pub struct Driver {
     pub example: &'static str,
     /// Usual values of the keys of `[[controller]]`, for a first configuration.
     pub first: fn(&Address, &FirstMachine<'_>) -> FirstConfig,
-    /// Usual values of the keys of `[[thermometer]]` with this number of sensors, for a first configuration.
+    /// Usual values of the keys of `[[thermometer]]` for this number of sensors, for a first configuration.
     pub first_thermometer: fn(usize) -> Vec<Setting>,
-    /// Reads a device once, within a maximum time. Nothing is written beyond what opening requires; GPIO outputs keep their levels.
+    /// Reads a device once, within a maximum time. Writes nothing beyond what opening requires. GPIO outputs keep their
+    /// levels.
     pub probe: fn(&Address, Duration) -> Result<Probe, DeviceError>,
 }
 
 /// A configured controller, or the reason why its configuration is invalid.
 pub type Configured = Result<Box<dyn ControllerDevice>, DeviceError>;
 
-/// Defaults for the fields of a driver: devices at hosts, no keys, no temperatures, no maps.
+/// Defaults for the fields of a driver: devices at hosts, and no keys, temperatures or maps.
 pub(crate) const USUAL: Driver = Driver {
     name: "",
     keys: &[],
@@ -90,9 +93,9 @@ pub(crate) const USUAL: Driver = Driver {
 /// Context in which the keys of a driver are checked.
 #[derive(Clone, Copy, Debug)]
 pub struct Rules<'a> {
-    /// Name of the controller's table, for messages.
+    /// Key of the controller's table, for messages.
     pub at: &'a str,
-    /// Maximum hold time of a path that carries thermal terms alone.
+    /// Maximum hold time of a path that carries only thermal terms.
     pub longest_hold: Duration,
     /// Whether any controller of the configuration has a barrier.
     pub has_barrier: bool,
@@ -101,21 +104,21 @@ pub struct Rules<'a> {
 /// Function that returns the travel of a machine axis, lower end first; `None` if the machine lacks the axis.
 pub type Travels<'a> = dyn Fn(AxisName) -> Option<[Displacement; 2]> + 'a;
 
-/// A configured controller that is not opened. Methods that need no device fail if the configuration is invalid; the others fail if the device
-/// cannot be reached or does not match the configuration.
+/// A configured controller that is not opened. Methods that need no device fail if the configuration is invalid. The
+/// other methods fail if the device cannot be reached or does not match the configuration.
 #[expect(clippy::missing_errors_doc, reason = "the trait says it once")]
 pub trait ControllerDevice: Any + Send + Sync {
     /// Describes the controller without opening it.
     fn describe(&self) -> Result<Description, DeviceError>;
 
-    /// Opens the controller. Connections are made in the background; a CAN interface and GPIO lines must exist.
+    /// Opens the controller. Connections are made in the background, but a CAN interface and GPIO lines must exist.
     fn open(&self) -> Result<Box<dyn Controller>, DeviceError>;
 
-    /// Properties of the controller's readings, for the guard.
     fn settings(&self) -> Settings;
 
-    /// Reads the properties of a control, and compares them with the configuration and with the guard's requirements (`None` for a read-only
-    /// controller). Returns `None` if the bus provides nothing to compare. Nothing is written.
+    /// Reads the properties of a control, and compares them with the configuration and with the guard's requirements
+    /// (`None` for a read-only controller). Returns `None` if the bus provides nothing to compare. Writes nothing to
+    /// the control.
     fn inspect(
         &self,
         _needs: Option<&GuardRequirements>,
@@ -123,7 +126,8 @@ pub trait ControllerDevice: Any + Send + Sync {
         Ok(None)
     }
 
-    /// Checks the control's own file, if the configuration names one, against the guard's requirements (`None` for a read-only controller).
+    /// Checks the control's own file against the guard's requirements (`None` for a read-only controller). Does nothing
+    /// if the configuration names no such file.
     fn check_file(&self, _needs: Option<&GuardRequirements>) -> Result<(), DeviceError> {
         Ok(())
     }
@@ -133,37 +137,38 @@ pub trait ControllerDevice: Any + Send + Sync {
         Ok(())
     }
 
-    /// Two memory blocks of this controller that share a byte in the control; `None` if there are none.
+    /// Two memory blocks of this controller that share a byte in the control; `None` if no blocks overlap.
     fn overlap(&self) -> Option<[Block; 2]> {
         None
     }
 
-    /// Two memory blocks that share a byte, one of this and one of another controller of the same control, at least one of them written; `None` if there
-    /// are none.
+    /// Two memory blocks that share a byte: one of this controller, and one of another controller of the same control.
+    /// At least one of the blocks is written. `None` if no such blocks overlap.
     fn overlap_with(&self, _other: &dyn Any) -> Option<[Block; 2]> {
         None
     }
 
-    /// Memory of the control that this configuration uses.
     fn memory(&self) -> ControlMemory {
         ControlMemory::default()
     }
 }
 
-/// Maximum delay until a correction appears in the messages of a bridge, which sends them at its own interval. The guard checks their age.
+/// Maximum delay until a correction appears in the messages of a bridge, which sends them at its own interval. The
+/// guard checks the age of the messages.
 #[cfg(any(feature = "can", feature = "linuxcnc"))]
 pub(crate) const REPORTED_WITHIN: Duration = Duration::from_millis(100);
 
 /// Properties of a controller's readings that the guard needs.
 #[derive(Clone, Debug, Default)]
 pub struct Settings {
-    /// Maximum time until a correction appears in readings; `None`: it does so in the next cycle.
+    /// Maximum time until a correction appears in readings; `None`: it appears in the next cycle.
     pub shown_within: Option<Duration>,
-    /// Resolution of the positions, by axis, where the control reports them coarsely.
+    /// Resolution of the positions, for the axes whose positions the control reports in steps.
     pub position_steps: BTreeMap<AxisName, Displacement>,
     /// Whether positions are too coarse for the test shift at arming.
     pub is_coarse: bool,
-    /// Time without a latch edge after which the control ramps the correction to zero; `None`: never.
+    /// Time without an edge of the latch after which the control ramps the correction to zero; `None`: the control
+    /// never does so.
     pub time_out: Option<Duration>,
 }
 
@@ -251,7 +256,7 @@ pub struct Block {
     pub is_byte: bool,
 }
 
-/// Function that opens a thermometer. Connections are made in the background; a CAN interface must exist.
+/// Function that opens a thermometer. Connections are made in the background, but a CAN interface must exist.
 pub(crate) type OpenThermometer =
     Box<dyn Fn() -> Result<Box<dyn Thermometer>, DeviceError> + Send + Sync>;
 
@@ -264,7 +269,7 @@ pub struct ThermometerDevice {
 }
 
 impl ThermometerDevice {
-    /// Opens the thermometer. Connections are made in the background; a CAN interface must exist.
+    /// Opens the thermometer. Connections are made in the background, but a CAN interface must exist.
     ///
     /// # Errors
     /// A device that cannot be opened.
@@ -275,28 +280,26 @@ impl ThermometerDevice {
 
 pub(crate) type OpenMap = Box<dyn Fn() -> Result<Box<dyn MapWords>, MapError>>;
 
-/// A control that accepts a map; not connected.
+/// A control that accepts a map. It is not connected yet.
 pub struct MapDevice {
-    /// Interval of the frames that keep a map active.
+    /// Interval at which frames must be sent to keep a map active.
     pub period: Duration,
-    /// Function that connects to the control.
     pub open: OpenMap,
 }
 
-/// Access to the words of a map in a control, over an open session. Every exchange ends within its timeout. It fails if words cannot be
-/// read, are rejected, or may not have arrived.
+/// Access to the words of a map in a control, over an open session. Every call ends within the timeout of the session.
+/// A call fails if words cannot be read, are rejected, or may not have arrived.
 #[expect(clippy::missing_errors_doc, reason = "the trait says it once")]
 pub trait MapWords {
-    /// Reads the first `count` words of the report, or more.
+    /// Reads at least the first `count` words of the report.
     fn report(&mut self, count: usize) -> Result<Vec<u16>, MapError>;
 
     /// Writes the words of the mailbox in one request.
     fn write(&mut self, frame: &[u16]) -> Result<(), MapError>;
 
-    /// Reads the first `count` words of a buffer, 0 or 1.
+    /// Reads the first `count` words of buffer 0 or 1.
     fn buffer(&mut self, buffer: u16, count: usize) -> Result<Vec<u16>, MapError>;
 
-    /// Closes the session properly.
     fn close(self: Box<Self>) {}
 }
 

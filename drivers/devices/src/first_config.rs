@@ -1,5 +1,5 @@
 //! First configuration of a device, as `volcomp-gateway init` writes it: each key with a usual value, its unit and its
-//! meaning. Every driver states its own keys next to the code that reads them.
+//! meaning. Every driver defines its own keys next to the code that reads them.
 
 use std::fmt::Display;
 
@@ -9,37 +9,34 @@ use volcomp_vocabulary::{AxisKind, AxisName, Displacement};
 
 use crate::address::{Address, SCHEMES, Scheme};
 
-/// A key with its value in a first configuration.
+/// One key of a first configuration, with its value.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Setting {
-    /// Name of the key in its table; a key of an inner table follows a dot.
+    /// Name of the key in its table. A key of an inner table has the name of that table and a dot in front.
     pub key: &'static str,
-    /// Value as TOML.
+    /// Value in TOML syntax.
     pub value: String,
-    /// Meaning and unit, written as a comment.
+    /// Meaning and unit of the value. They are written as a comment.
     pub meaning: &'static str,
-    /// Whether the line is an example, which is commented out.
+    /// Whether the line is only an example and is commented out.
     pub is_example: bool,
 }
 
 impl Setting {
-    /// Creates a key with a value as TOML.
+    /// Creates a key with a value in TOML syntax.
     pub fn new(key: &'static str, value: impl Display, meaning: &'static str) -> Self {
         Self { key, value: value.to_string(), meaning, is_example: false }
     }
 
-    /// Creates a key with a number.
     pub fn number(key: &'static str, value: f64, meaning: &'static str) -> Self {
         // The debug format keeps the decimal point, which TOML needs in a fraction.
         Self::new(key, format_args!("{value:?}"), meaning)
     }
 
-    /// Creates a key with a text.
     pub fn text(key: &'static str, value: &str, meaning: &'static str) -> Self {
         Self::new(key, toml_string(value), meaning)
     }
 
-    /// Creates a key with a list of texts.
     pub fn list(
         key: &'static str,
         values: impl IntoIterator<Item = impl Display>,
@@ -66,9 +63,10 @@ pub struct FirstConfig {
     pub limit_um: f64,
     /// Keys of `[[controller]]`.
     pub settings: Vec<Setting>,
-    /// Name of the file in the settings that must contain a random key of 128 bits; `None`: no file is needed.
+    /// Name of the file that must contain a random key of 128 bits, as written in `settings`; `None`: no file is
+    /// needed.
     pub key_file: Option<&'static str>,
-    /// Whether the device reports a single axis, so that positions of the others must be configured.
+    /// Whether the device reports a single axis, so that positions of the other axes must be configured.
     pub(crate) shows_one_axis: bool,
 }
 
@@ -137,11 +135,11 @@ pub(crate) fn unseen() -> Setting {
     )
 }
 
-/// Controllers of this build: an example of the URL, and the name of the control.
+/// Controllers of this build, as pairs: an example of the URL, and the name of the control.
 pub fn controllers() -> Vec<(&'static str, &'static str)> {
     let drivers = SCHEMES.into_iter().filter_map(Scheme::driver);
     let mut found: Vec<_> = drivers.map(|own| (own.example, own.name)).collect();
-    // One driver may have several schemes, which are listed once.
+    // A driver with several schemes would be listed several times.
     found.dedup();
     found
 }
@@ -177,7 +175,7 @@ pub fn first_controller(url: &str, machine: &FirstMachine<'_>) -> Result<FirstCo
     Ok(first)
 }
 
-/// Key `fixed` with each axis at zero, or at the end of its travel nearest to zero.
+/// Key `fixed`, which sets each axis to zero, or to the end of its travel nearest to zero.
 fn fixed_positions(axes: &[&(AxisName, [Displacement; 2])]) -> Setting {
     let positions = axes.iter().map(|(name, travel)| {
         let [low, high] = travel.map(Displacement::mm_or_deg);

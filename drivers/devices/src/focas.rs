@@ -24,10 +24,10 @@ use crate::{
     probe::{ControlFacts, Facts, Probe},
 };
 
-/// Number of exchanges in a probe over which round-trip times are measured.
+/// Number of exchanges in a probe whose round-trip times are measured.
 const TIMED: usize = 100;
 
-/// Interval of frames to a PMC, well within every timeout and a small load for the ladder.
+/// Interval of frames to a PMC. It is well within every timeout and a small load for the ladder.
 const MAP_PERIOD: Duration = Duration::from_millis(50);
 
 impl From<PmcByte> for PmcAddress {
@@ -177,7 +177,7 @@ impl ControllerDevice for FocasConfig {
     fn settings(&self) -> Settings {
         let axes = self.axes.iter().chain(&self.reads);
         Settings {
-            // Positions are reported with three decimals, or with the step of the corrections.
+            // The resolution of positions is three decimals or, if larger, the step of the corrections.
             position_steps: axes.map(|name| (*name, self.position_step(*name))).collect(),
             ..Settings::default()
         }
@@ -241,8 +241,8 @@ impl MapWords for volcomp_focas::MapWords {
     }
 }
 
-/// Message about two of the three areas that share bytes; `None` if there are none. Both buffers end within the addresses of the PMC: see
-/// [`MapPlaces::fits`].
+/// Error message about two of the three areas that share bytes; `None` if no areas overlap. [`MapPlaces::fits`] ensures
+/// that both buffers end within the addresses of the PMC.
 fn overlap(places: &MapPlaces, sizes: [usize; 2]) -> Option<String> {
     let block = |what, first: PmcAddress, words: usize| {
         let end = usize::from(first.at) + 2 * words - 1;
@@ -322,7 +322,7 @@ fn probe(address: &Address, at_most: Duration) -> Result<Probe, DeviceError> {
     let microseconds = |time: Duration| (time.as_secs_f64() * 1e6).round();
     let mut probe = Probe::of(&address.text);
     for (name, value) in names.iter().zip(positions) {
-        // The control does not report which axes are rotary, so their letters decide.
+        // The control does not report which axes are rotary, so the letter of the axis decides.
         let known = AxisName::from_letter(*name);
         let kind = known.map_or(AxisKind::Linear, AxisName::kind);
         probe.add_position(name.to_string(), Displacement::from_coordinate(kind, value));

@@ -20,7 +20,7 @@ pub(crate) const DRIVER: Driver = Driver {
     ..lines::LINES
 };
 
-/// Device file of the chip in `CHIP:LINES`, because a chip also has a label and a name.
+/// Canonical name of the chip in `CHIP:LINES`: its device file, because a chip also has a label and a name.
 fn chip(lines: &str) -> String {
     let file = LineSet::parse(lines).and_then(|set| set.chip_file());
     let named = || lines.rsplit_once(':').map_or(lines, |(chip, _)| chip);
@@ -28,14 +28,14 @@ fn chip(lines: &str) -> String {
     format!("gpio {chip}")
 }
 
-/// Opens the lines of a URL. The keys are named from the control's side: `position` are its outputs, `correction` its inputs. Errors: missing keys, or
-/// lines that cannot be requested.
+/// Opens the lines of a URL. The keys are named from the control's side: `position` names outputs of the control,
+/// `correction` its inputs. Errors: missing keys, or lines that cannot be requested.
 fn gpio_port(address: &Address) -> Result<GpioPort, DeviceError> {
     let [position, correction] = line_sets(address)?;
     GpioPort::open(&position, &correction)
 }
 
-/// Describes the port of [`gpio_port`] without opening it.
+/// Describes the port of `gpio_port` without opening it.
 fn unopened(address: &Address) -> Result<UnopenedLines, DeviceError> {
     let [position, correction] = line_sets(address)?;
     Ok(GpioPort::describe(&position, &correction))
@@ -52,7 +52,7 @@ fn line_sets(address: &Address) -> Result<[LineSet; 2], DeviceError> {
     Ok([lines("position")?, lines("correction")?])
 }
 
-/// Reads the inputs. The outputs are requested with their present levels, and released again.
+/// Reads the inputs. The outputs are requested with their present levels and then released.
 fn probe(address: &Address, at_most: Duration) -> Result<Probe, DeviceError> {
     let mut port = gpio_port(address)?;
     let read = port.read(Instant::now() + at_most);
@@ -60,7 +60,7 @@ fn probe(address: &Address, at_most: Duration) -> Result<Probe, DeviceError> {
     let mut probe = Probe::of(&address.text);
     probe.inputs = (0..port.inputs()).map(|line| levels >> line & 1 == 1).collect();
     if port.inputs() == 15 {
-        // The levels are decoded by the published scheme.
+        // The levels are decoded as published words.
         let word = Wiring::published().position_word(levels);
         if let Some(word) = word {
             let position = PositionWord::PUBLISHED.decode(word).position;

@@ -1,5 +1,5 @@
-//! Configuration keys: the tables `[[controller]]` and `[[thermometer]]` of a gateway, and the file of a map sender. Field names are keys;
-//! the keys of a bus need its feature.
+//! Configuration keys: the tables `[[controller]]` and `[[thermometer]]` of a gateway, and the file of a map sender.
+//! Field names are keys. The keys of a bus exist only if its feature is enabled.
 
 #[cfg(feature = "focas")]
 use std::fmt;
@@ -25,7 +25,7 @@ use volcomp_vocabulary::{AxisKind, AxisName, Displacement};
 
 use crate::address::Address;
 
-/// Table `[[controller]]`: a path to the machine.
+/// Table `[[controller]]`: a control that reports positions and may receive corrections.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct ControllerConfig {
@@ -37,9 +37,10 @@ pub struct ControllerConfig {
     pub fixed: BTreeMap<AxisName, f64>,
     pub not_driven: Vec<AxisName>,
     pub includes_correction: bool,
-    /// Terms of the correction that this path carries: `["thermal"]`; `None`: all.
+    /// Terms of the correction that are sent to this controller: `["thermal"]`; `None`: all terms.
     pub terms: Option<Vec<String>>,
-    /// Maximum age of positions on this path, from which the correction is held; `None`: `hold_ms` of `[guard]`.
+    /// Maximum age of this controller's positions, ms; the correction is held when they are older. `None`: `hold_ms` of
+    /// `[guard]`.
     pub hold_ms: Option<f64>,
     /// Whether a test shift is made at arming; `None`: only if the positions are fine enough.
     pub test_shift: Option<bool>,
@@ -59,17 +60,16 @@ pub struct ControllerConfig {
     pub referenced: Option<Referenced>,
     /// Barrier in the control; `None`: corrections are written as plain values.
     pub barrier: Option<BarrierConfig>,
-    /// Words on digital lines; `None` for other devices.
+    /// Settings of the words on digital lines; `None` for other devices.
     #[cfg(any(feature = "gpio", feature = "modbus"))]
     pub digital: Option<DigitalConfig>,
-    /// Connection settings of the server, and its nodes; `None` for other devices.
+    /// Connection settings of the OPC UA server, and its nodes; `None` for other devices.
     #[cfg(feature = "sinumerik")]
     pub sinumerik: Option<SinumerikTable>,
     #[cfg(feature = "linuxcnc")]
     pub linuxcnc: Option<LinuxCncTable>,
 }
 
-/// Table `[[thermometer]]`: a device with temperatures.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct ThermometerConfig {
@@ -77,12 +77,11 @@ pub struct ThermometerConfig {
     pub names: Vec<String>,
     #[cfg(feature = "sinumerik")]
     pub nodes: Vec<String>,
-    /// Connection settings of the server; `None` for other devices.
+    /// Connection settings of the OPC UA server; `None` for other devices.
     #[cfg(feature = "sinumerik")]
     pub sinumerik: Option<SinumerikTable>,
 }
 
-/// A state of the control, by its configuration key.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum StateKey {
@@ -91,7 +90,6 @@ pub enum StateKey {
     EmergencyStop,
 }
 
-/// Table `[controller.barrier]`: the settings of the barrier in the control.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct BarrierConfig {
@@ -103,16 +101,17 @@ pub struct BarrierConfig {
     pub report: Option<PmcByte>,
 }
 
-/// Keys that are valid only for controllers whose corrections are written as plain values.
+/// Keys that are valid only if corrections are written as plain values, without a barrier.
 pub(crate) const PLAIN_KEYS: &[&str] =
     &["includes_correction", "unwatched", "resolution_um", "resolution_urad"];
 
-/// Keys of a table in `[[controller]]` that are invalid in the table of the same name in `[[thermometer]]` and in a map sender's file.
+/// Keys that are valid in a table of `[[controller]]`, but not in the table of the same name in `[[thermometer]]` or in
+/// a map sender's file.
 pub const CONTROLLER_ONLY: [&str; 3] = ["numbers", "sign", "nodes"];
 
-/// Reports a key that applies to one kind of axis if `axes` has no such axis.
+/// Reports an error if `key` applies to a kind of axis that `axes` lacks.
 pub fn has_axis(key: &str, kind: AxisKind, axes: &[AxisName], found: &mut Mistakes<'_>) {
-    // Missing axes are reported elsewhere.
+    // Another check reports missing axes.
     if !axes.is_empty() && !axes.iter().any(|name| name.kind() == kind) {
         let names: Vec<String> = axes.iter().map(ToString::to_string).collect();
         found.add(
@@ -125,7 +124,8 @@ pub fn has_axis(key: &str, kind: AxisKind, axes: &[AxisName], found: &mut Mistak
     }
 }
 
-/// Reports a file that has only one of two keys; `why` is appended to the message.
+/// Reports an error if exactly one of two keys is present. `stated` says which are present, and `why` is appended to
+/// the message.
 pub fn both(found: &mut Mistakes<'_>, at: &str, keys: [&str; 2], stated: [bool; 2], why: &str) {
     let [one, other] = keys;
     if let [true, false] | [false, true] = stated {
@@ -137,14 +137,14 @@ pub fn both(found: &mut Mistakes<'_>, at: &str, keys: [&str; 2], stated: [bool; 
     }
 }
 
-/// Reports an empty path.
+/// Reports an error if a path is empty.
 pub fn path(key: &str, path: &Path, found: &mut Mistakes<'_>) {
     if path.as_os_str().is_empty() {
         found.add(key, "found an empty text, expected a path");
     }
 }
 
-/// Makes paths relative to a folder.
+/// Makes relative paths start from this folder.
 pub fn join<'a>(folder: &Path, paths: impl IntoIterator<Item = &'a mut PathBuf>) {
     for path in paths {
         *path = folder.join(&*path);
@@ -169,7 +169,7 @@ impl BarrierConfig {
 }
 
 impl ThermometerConfig {
-    /// Makes every path relative to the folder of the file.
+    /// Makes relative paths start from the folder of the file.
     pub fn join(&mut self, folder: &Path) {
         #[cfg(feature = "sinumerik")]
         if let Some(table) = &mut self.sinumerik {
@@ -181,7 +181,7 @@ impl ThermometerConfig {
 }
 
 impl ControllerConfig {
-    /// States whose absence the configuration accepts (`unseen`).
+    /// States that the control need not report, because the configuration accepts their absence (`unseen`).
     pub fn unseen(&self) -> ShownStates {
         let has = |state| self.unseen.contains(&state);
         ShownStates {
@@ -204,7 +204,7 @@ impl ControllerConfig {
         self.axes.iter().chain(&self.reads).copied()
     }
 
-    /// Rejects a channel other than `only`, which is the only channel of the control.
+    /// Returns an error if another channel than `only`, the only channel of the control, is configured.
     pub(crate) fn only_channel(
         &self,
         address: &Address,
@@ -226,7 +226,7 @@ impl ControllerConfig {
     }
 }
 
-/// Keys of a map sender's file; the tables of a bus need its feature.
+/// Keys of a map sender's file. The tables of a bus exist only if its feature is enabled.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct MapKeys {
@@ -247,7 +247,6 @@ pub struct MapKeys {
     pub audit: AuditConfig,
 }
 
-/// Table `[audit]`.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct AuditConfig {
@@ -261,7 +260,7 @@ impl Default for AuditConfig {
 }
 
 impl MapKeys {
-    /// Makes every path relative to the folder of the file.
+    /// Makes relative paths start from the folder of the file.
     pub fn join(&mut self, folder: &Path) {
         #[cfg(feature = "sinumerik")]
         self.sinumerik.join(folder);
@@ -307,7 +306,7 @@ fn word() -> u16 {
     2
 }
 
-/// `false`: not read; or the PMC byte with the reference bits of the axes.
+/// `false` if the reference bits are not read; or the PMC byte with the reference bits of the axes.
 #[cfg(feature = "focas")]
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(untagged)]
@@ -318,7 +317,7 @@ pub enum Referenced {
 
 #[cfg(feature = "focas")]
 impl<'de> Deserialize<'de> for Referenced {
-    // The derived `untagged` implementation would lose the location of an error in the byte.
+    // The derived implementation of `untagged` would lose the location of an error in the byte.
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
         struct Either;
         impl<'de> Visitor<'de> for Either {
@@ -372,9 +371,10 @@ pub struct DigitalConfig {
     pub position_code: PositionCode,
     pub correction_bits: u32,
     pub correction_code: CorrectionCode,
-    /// Line, from 0, that toggles once the correction word has settled; `None` without a latch.
+    /// Line that toggles when the correction word has settled, counted from 0; `None` without a latch.
     pub latch: Option<u32>,
-    /// Time without a latch edge after which the control ramps the correction to zero, ms; `None`: never.
+    /// Time without an edge of the latch after which the control ramps the correction to zero, ms; `None`: the control
+    /// never does so.
     pub time_out_ms: Option<f64>,
     #[serde(with = "CoherenceKey")]
     pub coherence: Coherence,
@@ -392,7 +392,7 @@ enum CoherenceKey {
 
 #[cfg(any(feature = "gpio", feature = "modbus"))]
 impl Default for DigitalConfig {
-    /// The published scheme: 15 lines of 1/32 mm, 8 lines of correction.
+    /// The published words: a position of 15 bits of 1/32 mm, a correction of 8 bits.
     fn default() -> Self {
         Self {
             position_bits: 15,
@@ -460,7 +460,7 @@ impl Default for SinumerikTable {
 
 #[cfg(feature = "sinumerik")]
 impl SinumerikTable {
-    /// Makes every path relative to the folder of the file.
+    /// Makes relative paths start from the folder of the file.
     pub(crate) fn join(&mut self, folder: &Path) {
         let paths = [&mut self.password_file, &mut self.certificates];
         join(folder, paths.into_iter().flatten());

@@ -16,7 +16,7 @@ use crate::{
     keys::{ControllerConfig, DigitalConfig, PLAIN_KEYS, has_axis, of_ms},
 };
 
-/// Fields of the driver that all ports with digital lines share.
+/// Driver fields that all ports with digital lines share.
 pub(crate) const LINES: Driver = Driver {
     name: "digital lines (gpio://, modbus://, modbus-rtu://)",
     keys: &["digital"],
@@ -26,14 +26,14 @@ pub(crate) const LINES: Driver = Driver {
     ..USUAL
 };
 
-/// First configuration for one axis on these lines. The counts are those of the published scheme, doubled until the word
-/// covers the travel of the axis.
+/// First configuration for one axis on these lines. The size of a count is that of the published words, doubled until
+/// the word covers the travel of the axis.
 pub(crate) fn first(
     lines: Option<UnopenedLines>,
     code: &str,
     machine: &FirstMachine<'_>,
 ) -> FirstConfig {
-    // Two readings and a write in each cycle.
+    // Each cycle has two readings and one write.
     const EXCHANGES: u32 = 3;
     const MM_PER_COUNT: f64 = 1.0 / 32.0;
     const DEG_PER_COUNT: f64 = 1.0 / 128.0;
@@ -145,7 +145,8 @@ fn validate(own: &ControllerConfig, rules: &Rules<'_>, found: &mut Mistakes<'_>)
     }
 }
 
-/// Reports lines without a latch if another controller has a barrier, which accepts words from lines only at an edge.
+/// Reports an error if these lines have no latch and another controller has a barrier, which accepts words from lines
+/// only at an edge of the latch.
 fn latch(own: &ControllerConfig, rules: &Rules<'_>, found: &mut Mistakes<'_>) {
     let latch = own.digital.and_then(|digital| digital.latch);
     if rules.has_barrier && own.barrier.is_none() && !own.axes.is_empty() && latch.is_none() {
@@ -160,7 +161,8 @@ fn latch(own: &ControllerConfig, rules: &Rules<'_>, found: &mut Mistakes<'_>) {
 }
 
 impl ControllerConfig {
-    /// Words of one axis on digital lines. For a rotary axis the step must be configured, because the published scheme has none.
+    /// Position and correction words of one axis on digital lines. For a rotary axis the step must be configured,
+    /// because the published words have none.
     ///
     /// # Errors
     /// A missing key.

@@ -23,10 +23,9 @@ use crate::{
 
 const ANSWERS_WITHIN: Duration = Duration::from_secs(2);
 
-/// Time between two reports in which the scans of a bridge are counted.
+/// Time between the two reports from which the scan period of a bridge is determined.
 const COUNTED_FOR: Duration = Duration::from_millis(500);
 
-/// Usual name of the key file.
 const KEY_FILE: &str = "volcomp.key";
 
 pub(crate) const DRIVER: Driver = Driver {
@@ -64,7 +63,7 @@ fn first() -> FirstConfig {
     ]);
     FirstConfig {
         cycle_ms: 1.0,
-        // The words of the bridge are limited to 32.767 µm unless its step is set.
+        // The words of the bridge are limited to 32.767 µm unless its step is configured.
         limit_um: 30.0,
         settings,
         key_file: Some(KEY_FILE),
@@ -96,7 +95,7 @@ impl ControllerDevice for Control {
         }
     }
 
-    /// Reads the present state of the bridge. To check its barrier, two reports some scans apart are read.
+    /// Reads the present state of the bridge. To check its barrier, reads two reports some scans apart.
     fn inspect(&self, needs: Option<&GuardRequirements>) -> Result<Option<Inspected>, DeviceError> {
         let config = &self.config;
         let state =
@@ -116,7 +115,7 @@ impl ControllerDevice for Control {
         }
         Ok(Some(Inspected {
             axes: state.axes().map(|axis| axis.name.to_string()).collect(),
-            // A state of any other version cannot be decoded.
+            // States of other versions cannot be decoded, so a decoded state has this version.
             protocol: Some(VERSION),
             state: Some(state.flags.to_string()),
             reports,
@@ -158,7 +157,8 @@ fn least(needs: &GuardRequirements) -> GuardMinimum {
     }
 }
 
-/// Settings of the control in a `[[controller]]`. Errors: a missing table of the barrier, steps that are not whole numbers, no key.
+/// Settings of the control in a `[[controller]]`. Errors: no table `barrier` although axes are corrected, steps that
+/// are not whole numbers, no key.
 fn control(address: &Address, config: &ControllerConfig) -> Result<Control, DeviceError> {
     let machine = match &config.barrier {
         Some(barrier) => barrier.machine,
@@ -206,7 +206,7 @@ fn key(address: &Address, config: &ControllerConfig) -> Result<Key, DeviceError>
     })
 }
 
-/// Whether the URL allows the bridge to run on another computer. Errors: a value other than `true` or `false`.
+/// Whether the URL allows a bridge on another computer. Errors: a value other than `true` or `false`.
 fn allows_remote_bridge(address: &Address) -> Result<bool, DeviceError> {
     match address.get("remote") {
         None | Some("false") => Ok(false),

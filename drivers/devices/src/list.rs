@@ -168,7 +168,7 @@ fn gpio_chip(path: &Path) -> GpioChip {
 mod tests {
     use super::*;
 
-    /// A folder as in the kernel's sysfs, with two CAN interfaces, one of them up, and other interfaces.
+    /// The folder imitates the kernel's sysfs. It has two CAN interfaces, one of which is up, and other interfaces.
     #[test]
     fn can_interfaces_are_recognised_by_their_hardware() {
         let folder = tempfile::tempdir().expect("writable");

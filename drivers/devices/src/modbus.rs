@@ -43,7 +43,8 @@ pub(crate) const DRIVER: Driver = Driver {
     controller: |address, own| lines::controller(address, own, digital_modules, unopened),
     thermometer,
     example: "modbus://192.0.2.40:502?profile=WAGO-750-8DI/8DO",
-    // On Modbus two equal readings may be the same image, so they prove nothing; Gray code limits an error to one step.
+    // On Modbus two equal readings may be the same process image, so their agreement proves nothing. Gray code limits
+    // an error to one step.
     first: |address, machine| lines::first(unopened(address).ok(), "gray", machine),
     probe,
     ..lines::LINES
@@ -58,7 +59,7 @@ fn thermometer(address: Address, own: &ThermometerTable) -> Result<ThermometerDe
     })
 }
 
-/// Profile that a URL names: a file if it ends in `.toml`, otherwise a shipped one.
+/// Profile that a URL names: a file if the name ends in `.toml`, otherwise a shipped profile.
 fn profile(address: &Address) -> Result<Profile, DeviceError> {
     let name = address.get("profile").ok_or_else(|| {
         let known: Vec<String> = Profile::shipped().into_iter().map(|p| p.name).collect();

@@ -55,7 +55,7 @@ impl Probe {
         Self { device: device.to_owned(), ..Self::default() }
     }
 
-    /// Adds a position, mm or rad; if a device names an axis twice, the last position counts.
+    /// Adds a position, mm or rad. If a device has two axes of one name, the last position is kept.
     pub(crate) fn add_position(&mut self, name: String, at: Displacement) {
         let positions = match at.kind() {
             AxisKind::Linear => &mut self.positions_mm,
@@ -152,7 +152,7 @@ pub struct SeenFrames {
 }
 
 impl core::fmt::Display for SeenFrames {
-    /// Writes the identifier in hexadecimal digits (3, extended 8), and the number of frames.
+    /// Writes the identifier in hexadecimal (3 digits, or 8 if extended) and the number of frames in parentheses.
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         let digits = if self.extended { 8 } else { 3 };
         write!(f, "{:0digits$X} ({})", self.id, self.count)

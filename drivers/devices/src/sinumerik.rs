@@ -24,7 +24,7 @@ use crate::{
     probe::Probe,
 };
 
-/// Speed at which messages state the lag of a correction, mm/s: 10 m/min.
+/// Example speed in messages about the lag of a correction, mm/s: 10 m/min.
 const LAG_SPEED_MM_PER_S: f64 = 10_000.0 / 60.0;
 
 pub(crate) const DRIVER: Driver = Driver {
@@ -174,7 +174,7 @@ impl ControllerDevice for SinumerikConfig {
         let axes = self.axes.iter().chain(&self.reads);
         Settings {
             shown_within: Some(self.server.read_back()),
-            // Positions are reported with three decimals, or with the step of the corrections.
+            // The resolution of positions is three decimals or, if larger, the step of the corrections.
             position_steps: axes.map(|name| (*name, self.position_step(*name))).collect(),
             ..Settings::default()
         }
@@ -190,7 +190,7 @@ impl ControllerDevice for SinumerikConfig {
             };
             fastest.insert(axis.axis.to_string(), per_min);
             let slew = needs.and_then(|needs| needs.slew_per_min.get(place));
-            // Rotary axes, in rev/min, are not compared, because their slews are tiny.
+            // The rate of rotary axes, in rev/min, is not compared, because their slews are tiny.
             if let Some(slew) =
                 slew.filter(|slew| axis.axis.kind() == AxisKind::Linear && **slew > per_min)
             {
@@ -302,7 +302,8 @@ pub(crate) fn validate_server(table: &SinumerikTable, at: &str, found: &mut Mist
     }
 }
 
-/// Reports a path through SD43900 that carries more than thermal terms, or whose hold time is missing or too short.
+/// Reports an error if a path through SD43900 carries more than thermal terms, or if its hold time is missing or too
+/// short.
 fn thermal_path(own: &ControllerConfig, rules: &Rules<'_>, found: &mut Mistakes<'_>) {
     let at = rules.at;
     let period_ms = own.sinumerik.clone().unwrap_or_default().period_ms;

@@ -1,5 +1,5 @@
-//! Corrects a control without a bus by the published scheme: its 15 outputs report the position of X, its 8 inputs receive the
-//! correction. Here the lines are in memory; on a machine they are a `GpioPort` or a Modbus module.
+//! Corrects a control without a bus by the published wiring: its 15 outputs report the position of X, its 8 inputs
+//! receive the correction. Here the lines are in memory; on a machine they are a `GpioPort` or a Modbus module.
 //!
 //!     cargo run -p volcomp-digital-io --example panel
 
@@ -19,7 +19,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         panel.clone(),
         "lines",
         Wiring::published(),
-        // The lines do not switch at the same instant, so two readings must agree.
+        // The lines do not switch at the same instant, so two consecutive readings must agree.
         Coherence::TwoAgree,
         vec![axis],
     )?;

@@ -6,35 +6,33 @@ use volcomp_vocabulary::{AxisKind, AxisName, Displacement};
 
 use crate::words::{CorrectionWord, PositionWord};
 
-/// One axis and its words.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct DigitalAxis {
     /// Letter of the axis, which also determines whether it is linear or rotary.
     pub name: AxisName,
-    /// The word with which the control reports the position.
     pub position: PositionWord,
-    /// Tracking parameters if only the low bits of the position are reported; `None`: the word encodes the whole position.
+    /// Tracking parameters if the word encodes only the low bits of the position; `None` if it encodes the whole
+    /// position.
     pub low_bits: Option<LowBits>,
-    /// The word with which the control receives the correction.
     pub correction: CorrectionWord,
     /// Whether reported positions contain the correction.
     pub includes_correction: bool,
 }
 
-/// Tracking of a position of which only the low bits are reported. The position stays known if the axis moves less than half the range of
-/// the word between two readings.
+/// Tracking of a position whose word has only the low bits. The position stays known if the axis moves less than half
+/// the range of the word between two readings.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct LowBits {
     /// Position of the axis at the first reading, such as its reference position.
     pub from: Displacement,
-    /// Maximum travel of the axis in one second: a length for a linear axis, an angle for a rotary one.
+    /// Maximum speed of the axis, as the travel in one second: a length for a linear axis, an angle for a rotary axis.
     pub most_per_s: Displacement,
 }
 
 impl LowBits {
-    /// Maximum time between two words after which the position is still known.
+    /// Maximum time between two readings of the word. After a longer time the position is unknown.
     pub(crate) fn within(&self, word: &PositionWord) -> Duration {
         let seconds = 0.5 * word.range() / self.most_per_s.mm_or_rad();
         Duration::try_from_secs_f64(seconds).unwrap_or(Duration::ZERO)
@@ -42,8 +40,9 @@ impl LowBits {
 }
 
 impl DigitalAxis {
-    /// Creates an axis by the published scheme: 15 bits of 1/32 mm from 0 to 1024 mm, 8 bits of 1 µm. Its steps are lengths: for a rotary axis, set steps
-    /// that are angles, or [`DigitalController::new`](crate::DigitalController::new) rejects the axis.
+    /// Creates an axis with the published words: a position of 15 bits of 1/32 mm from 0 to 1024 mm, and a correction
+    /// of 8 bits of 1 µm. These steps are lengths. For a rotary axis, set angular steps, or
+    /// [`DigitalController::new`](crate::DigitalController::new) rejects the axis.
     pub fn published(name: AxisName) -> Self {
         Self {
             name,
@@ -54,7 +53,8 @@ impl DigitalAxis {
         }
     }
 
-    /// Checks that all position settings have the quantity of the axis (length or angle). The step of the correction is checked with the description.
+    /// Checks that all position settings have the quantity of the axis (length or angle). The check of the description
+    /// covers the correction step.
     pub(crate) fn check(&self) -> Result<(), String> {
         let (kind, position) = (self.name.kind(), self.position);
         let known = self.low_bits.map_or(position.zero, |low| low.from);

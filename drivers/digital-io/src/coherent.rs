@@ -4,20 +4,22 @@ use volcomp_port::{DigitalIo, Fault, InputLevels};
 
 use crate::wiring::Wiring;
 
-/// Condition under which a word counts as coherent.
+/// Condition on which a position word counts as coherent, that is, with all bits from one instant.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Coherence {
-    /// Two consecutive readings agree. They can both be wrong if the lines are skewed for longer than one reading, or if a port returns the
-    /// same image until its next exchange (Modbus). In these cases use Gray code, a parity or a strobe.
+    /// Two consecutive readings agree. Both can be wrong if the lines are skewed for longer than one reading, or if a
+    /// port returns the same image until its next exchange (Modbus). In these cases use Gray code, a parity or a
+    /// strobe.
     TwoAgree,
-    /// The strobe is 1 in both of two readings, and they agree.
+    /// Two consecutive readings agree, and the strobe is 1 in both.
     Strobe,
     /// A single reading suffices, because the port latches its inputs together.
     Latched,
 }
 
-/// Reads input levels with a coherent word. Returns them with unused lines set to 0, and their time.
+/// Reads the inputs until the word is coherent. Returns the levels, with unused lines set to 0, and the time of the
+/// reading.
 ///
 /// # Errors
 /// [`Fault::TimedOut`] if no word was stable before the deadline, or a fault of the port.

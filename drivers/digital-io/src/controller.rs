@@ -15,14 +15,16 @@ use crate::{
     words::Unwrapper,
 };
 
-/// A control that reports positions on digital lines and receives corrections on others. Axes that share the lines are read and corrected
-/// while the control selects them; writing fails with [`Fault::Unfinished`] until all of them have the requested correction.
+/// A control that reports positions on digital lines and receives corrections on other lines. Axes that share lines are
+/// read and corrected while the control selects them. Writing returns [`Fault::Unfinished`] until all axes have the
+/// requested correction.
 ///
-/// If only the low bits of a position are transmitted and it was not read for too long, it becomes unknown, and reading fails: move the
-/// axis to its reference and create a new controller.
+/// If only the low bits of a position are transmitted and the word is not read for too long, the position becomes
+/// unknown and reading fails. Then move the axis to its reference and create a new controller.
 ///
-/// The lines carry no state of the control: the description reports none, which the configuration must accept, and snapshots report
-/// referenced and no alarm. A second gateway on the same lines is not detected, and only the control can monitor the lines.
+/// The lines carry no state of the control. The description says so, and the configuration must accept it. Snapshots
+/// report that the axes are referenced and that no alarm is active. A second gateway on the same lines is not detected,
+/// and only the control can monitor the lines.
 pub struct DigitalController<D> {
     io: D,
     wiring: Wiring,
@@ -85,7 +87,7 @@ impl<D: DigitalIo> DigitalController<D> {
             tells_applied: false,
             shown: ShownStates::NONE,
             sees_other_gateways: false,
-            // Readings and one write, for each axis.
+            // For each axis: the readings and one write.
             shortest_cycle: io.shortest_cycle() * (readings + 1),
             device: device.clone(),
         };
@@ -107,8 +109,8 @@ impl<D: DigitalIo> DigitalController<D> {
         })
     }
 
-    /// Corrections of the last confirmed writes, by axis, mm or rad; `None` for an axis not written yet. With a latch: those on the lines when it
-    /// was toggled. A failed write does not change them.
+    /// Corrections of the last confirmed writes, by axis, mm or rad; `None` for an axis that was not written yet. With
+    /// a latch, these are the corrections on the lines when the latch toggled. A failed write does not change them.
     pub fn sent(&self) -> &PerChannel<Option<f64>> {
         self.outputs.taken()
     }
@@ -141,7 +143,7 @@ impl<D: DigitalIo> DigitalController<D> {
         };
         let mut unwrapper = None;
         if let Some(low) = &axis.low_bits {
-            // Reading keeps failing, because the last known position only gets older.
+            // Reading keeps failing from now on, because the age of the last known position only grows.
             let is_lost = |reading: &AxisReading| {
                 taken.saturating_duration_since(reading.taken) >= low.within(&axis.position)
             };
@@ -192,16 +194,17 @@ impl<D: DigitalIo> Controller for DigitalController<D> {
             state_taken: oldest,
             correction_taken: oldest,
             uncertainty: begun.elapsed().max(Duration::from_nanos(1)),
-            // The lines report no state, which the configuration has accepted; see the description.
+            // The lines carry no state. The description says so, and the configuration has accepted it.
             state: ControllerState { referenced: true, ..ControllerState::default() },
-            // The correction on the lines; whether the control applies it is unknown.
+            // The correction on the lines. The lines do not show whether the control applies it.
             applied: self.outputs.carried(),
             report: None,
         })
     }
 
-    /// Writes the correction of the selected axis. The other axes follow when the control selects them; until all are written, the
-    /// call returns [`Fault::Unfinished`]. With a latch each correction takes two calls: the word, then the latch.
+    /// Writes the correction of the selected axis. The other axes follow when the control selects them. Until all axes
+    /// are written, the call returns [`Fault::Unfinished`]. With a latch each correction takes two calls: the first
+    /// writes the word, the second toggles the latch.
     fn apply(&mut self, corrections: &PerChannel<f64>, deadline: Instant) -> Result<(), Fault> {
         if Instant::now() >= deadline {
             return Err(Fault::TimedOut);

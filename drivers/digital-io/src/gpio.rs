@@ -12,13 +12,13 @@ use gpiocdev::{
 };
 use volcomp_port::{DeviceError, DigitalIo, Fault, InputLevels, UnopenedLines};
 
-/// Lines of one chip, lowest bit first.
+/// Lines of one chip. The first line is the lowest bit.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct LineSet {
     /// Label, name or path of the chip: `panel-out`, `gpiochip0`, `/dev/gpiochip0`.
     pub chip: String,
-    /// Numbers of the lines on the chip, that of the lowest bit first.
+    /// Numbers of the lines on the chip. The first line is the lowest bit.
     pub lines: Vec<Offset>,
 }
 
@@ -26,7 +26,7 @@ impl LineSet {
     /// Parses a text such as `panel-out:0-14` or `gpiochip0:3,5,9-11`.
     ///
     /// # Errors
-    /// Any other text.
+    /// A text of another form.
     pub fn parse(text: &str) -> Result<Self, DeviceError> {
         let wrong = || {
             let what = format!("found `{text}` as lines");
@@ -52,13 +52,13 @@ impl LineSet {
     /// Device file of the chip, found by label, name or path.
     ///
     /// # Errors
-    /// No such chip, or none that this user may open.
+    /// The chip does not exist, or this user may not open it.
     pub fn chip_file(&self) -> Result<PathBuf, DeviceError> {
         find(self)
     }
 }
 
-/// A port with inputs of one chip and outputs of the same or another one.
+/// A digital port whose inputs are lines of one chip, and whose outputs are lines of the same or another chip.
 pub struct GpioPort {
     device: String,
     inputs: Request,
@@ -71,7 +71,7 @@ pub struct GpioPort {
     confirmed: u64,
 }
 
-/// Shortest time of an exchange, which consists of system calls.
+/// Shortest duration of an exchange, which consists of system calls.
 const SHORTEST_CYCLE: Duration = Duration::from_micros(50);
 
 impl GpioPort {
@@ -86,12 +86,12 @@ impl GpioPort {
         }
     }
 
-    /// Requests the outputs of a control as our inputs, and its inputs as our outputs. The present levels of the outputs are read first and
-    /// then driven, so that nothing changes at the control.
+    /// Requests the outputs of a control as inputs of this port, and the inputs of the control as outputs of this port.
+    /// The present levels of the port's outputs are read first and then driven, so that the control sees no change.
     ///
     /// # Errors
-    /// A chip or line does not exist or is in use, or the chip cannot read the present levels of output lines, so that driving them could step
-    /// a correction.
+    /// A chip or line that does not exist or is in use, or a chip that cannot read the present levels of output lines.
+    /// Without these levels, driving the lines could cause a step of the correction.
     pub fn open(control_outputs: &LineSet, control_inputs: &LineSet) -> Result<Self, DeviceError> {
         let inputs = Request::builder()
             .on_chip(find(control_outputs)?)
@@ -132,7 +132,7 @@ impl GpioPort {
     }
 }
 
-/// Levels of lines as bits, in the order of `lines`.
+/// Levels of these lines as bits. The first line is the lowest bit.
 fn levels_of(values: &Values, lines: &[Offset]) -> u64 {
     let mut levels = 0;
     for (bit, line) in lines.iter().enumerate() {
@@ -141,7 +141,7 @@ fn levels_of(values: &Values, lines: &[Offset]) -> u64 {
     levels
 }
 
-/// Sets levels in `values`, which must already contain all of these lines, so that nothing is allocated.
+/// Sets the levels of these lines in `values`. To avoid an allocation, `values` must already contain all of the lines.
 fn put_levels(values: &mut Values, lines: &[Offset], levels: u64) {
     for (bit, line) in lines.iter().enumerate() {
         values.set(*line, Value::from(levels >> bit & 1 == 1));
@@ -196,7 +196,7 @@ impl DigitalIo for GpioPort {
         SHORTEST_CYCLE
     }
 
-    /// Reads all lines with one system call; whether they are sampled together depends on the chip.
+    /// Reads all lines with one system call. Whether the chip samples them at the same instant depends on the chip.
     fn read(&mut self, _deadline: Instant) -> Result<InputLevels, Fault> {
         let taken = Instant::now();
         let read = self.inputs.values(&mut self.input_values);
@@ -229,7 +229,7 @@ mod tests {
 
     #[test]
     fn levels_are_put_without_allocating() {
-        // The bits follow the order of the set, not the line numbers.
+        // The bits follow the order of `lines`, whatever the line numbers.
         let lines = [9, 3, 4, 31];
         let mut values = Values::from_offsets(&lines);
         assert_no_alloc(|| {

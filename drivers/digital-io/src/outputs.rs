@@ -1,4 +1,5 @@
-//! Outputs with the correction: the levels to write next, and the correction that the control has received.
+//! Outputs with the correction: computes the levels to write next, and tracks the correction that the control has
+//! received.
 
 use std::time::Instant;
 
@@ -7,32 +8,32 @@ use volcomp_vocabulary::PerChannel;
 
 use crate::{axis::DigitalAxis, wiring::Wiring};
 
-/// Time within which the latch is toggled for a word, as a multiple of the time within which the word must be written: that time, after which
-/// the write has failed, and a cycle, which is shorter than twice that time.
+/// Factor from the time limit of one write to the time limit for toggling the latch. After one limit the write has
+/// failed; the rest is one cycle, which is shorter than two limits.
 const LATCHED_WITHIN: u32 = 3;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Latching {
-    /// The control has received the last correction, and the latch has not changed since.
+    /// The control has received the last correction, and the latch has not changed since then.
     Taken,
-    /// These levels were written; the latch is toggled once they are confirmed.
+    /// The word was written with these levels. The latch toggles once the device has confirmed them.
     Settling(u64),
-    /// The latch was toggled; the other lines keep these levels.
+    /// The latch was toggled, giving these levels. No other line changes until the device has confirmed them.
     Turned(u64),
 }
 
 pub(crate) struct Outputs {
     latching: Latching,
-    /// Until when the latch may be toggled for the word that was written last.
+    /// Time until which the latch may be toggled for the last written word.
     latched_by: Instant,
-    /// The last written level of the latch, as a bit.
+    /// Last written level of the latch, as a bit at the position of its line.
     latch: u64,
-    /// The last confirmed level of the latch, as a bit.
+    /// Last confirmed level of the latch, as a bit at the position of its line.
     seen_latch: Option<u64>,
-    /// Whether the device reports its output levels now.
+    /// Whether the device currently reports its output levels.
     is_reported: bool,
     taken: PerChannel<Option<f64>>,
-    /// The correction that the control last received for the only axis.
+    /// Correction that the control last received, if there is only one axis.
     carried: Option<PerChannel<f64>>,
 }
 
@@ -49,20 +50,23 @@ impl Outputs {
         }
     }
 
-    /// Corrections on the lines at the last confirmed write, by axis, mm or rad; `None` for an axis not written yet.
+    /// Corrections on the lines at the last confirmed write, by axis, mm or rad; `None` for an axis that was not
+    /// written yet.
     pub(crate) fn taken(&self) -> &PerChannel<Option<f64>> {
         &self.taken
     }
 
-    /// Correction on the lines now, also before the first write; `None` if the device does not report its output levels, or if there are several
-    /// axes.
+    /// Correction that the control last received, known even before the first write. `None` if the device does not
+    /// report its output levels, or if there are several axes.
     pub(crate) fn carried(&self) -> Option<PerChannel<f64>> {
         self.carried.filter(|_| self.is_reported)
     }
 
-    /// Writes the word of an axis. With a latch, a correction takes two writes: the word, then, once that is confirmed, the latch alone. Errors: see
-    /// [`DigitalIo::write`]; the sequence does not advance then. While the levels of unused outputs are unknown nothing is written, unless the device
-    /// cannot report them.
+    /// Writes the word of an axis. With a latch a correction takes two writes: the word and, once the word is
+    /// confirmed, the latch alone. While the levels of unused outputs are unknown, nothing is written, unless the
+    /// device cannot report levels.
+    ///
+    /// Errors: see [`DigitalIo::write`]. After an error the sequence does not advance.
     pub(crate) fn write(
         &mut self,
         io: &mut impl DigitalIo,
@@ -88,8 +92,9 @@ impl Outputs {
         Ok(())
     }
 
-    /// The levels to write next, and the state after that write. Unused lines keep the levels that the device has confirmed. After a pause the word is
-    /// written anew: the control may be at zero by now, and the earlier word would be a step.
+    /// The levels to write next, and the state after that write. Unused lines keep the levels that the device has
+    /// confirmed. If the time limit of the latch has passed, the word is written again without an edge, because the
+    /// control may be at zero and the earlier word would be a step.
     fn next(
         &self,
         wiring: &Wiring,
@@ -105,7 +110,7 @@ impl Outputs {
         let turned = match (self.latching, confirmed) {
             _ if now > self.latched_by => None,
             (Latching::Settling(levels), Some(found)) if found == levels => Some(levels ^ bit),
-            // Whether the latch has toggled is unknown, so no other line may change with it.
+            // It is unknown whether the latch has toggled, so no other line may change together with the latch.
             (Latching::Turned(levels), None) => Some(levels),
             (Latching::Turned(levels), Some(found)) if found ^ levels == bit => Some(levels),
             _ => None,
@@ -118,7 +123,8 @@ impl Outputs {
         (levels, Latching::Settling(levels))
     }
 
-    /// Updates the state from the levels that the device has confirmed. `wrote`: whether anything was written since the start.
+    /// Updates the state from the levels that the device has confirmed. `wrote` is true if anything was written since
+    /// the start.
     pub(crate) fn note(
         &mut self,
         io: &impl DigitalIo,
@@ -150,8 +156,9 @@ impl Outputs {
         }
     }
 
-    /// Whether the control has received the word in these confirmed levels. With a latch it receives a word at each edge, also at one that
-    /// the device makes on its own, such as by losing its supply: an output that falls without an edge changes nothing.
+    /// Whether the control has received the word in these confirmed levels. With a latch the control receives a word at
+    /// each edge, also at an edge that the device causes, for example by a loss of its supply. If outputs fall without
+    /// an edge, the control receives nothing.
     fn is_received(&mut self, wiring: &Wiring, levels: u64) -> bool {
         let bit = wiring.latch_bit();
         if bit == 0 {
@@ -159,13 +166,14 @@ impl Outputs {
         }
         let has_edge = match self.seen_latch.replace(levels & bit) {
             Some(before) => before != levels & bit,
-            // The levels found at the start count as received.
+            // The levels that are found at the start count as received.
             None => self.latching == Latching::Taken,
         };
         let Latching::Turned(turned) = self.latching else {
             return has_edge;
         };
-        // The device lost its outputs while the latch was being toggled: it is unknown which came first, and the outputs count.
+        // The device lost its outputs while the latch was being toggled. The order of both is unknown, so the outputs
+        // count as received.
         let is_lost = (turned ^ levels) & wiring.used_outputs() & !bit != 0;
         if is_lost || turned == levels {
             self.latching = Latching::Taken;

@@ -13,16 +13,15 @@ use crate::{axis::DigitalAxis, wiring::Wiring};
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct PanelWord {
-    /// Level of the latch line, which toggles once the others have settled; `false` without a latch.
+    /// Level of the latch line, which toggles when the other lines have settled; `false` without a latch.
     pub latch: bool,
-    /// Index of the corrected axis.
     pub axis: usize,
     /// Correction in counts; `None` if the word is invalid.
     pub counts: Option<i32>,
 }
 
-/// Lines of a control in memory. Clones share the lines: pass one to a [`DigitalController`](crate::DigitalController), and use the
-/// other as the control.
+/// Digital lines of a control, simulated in memory. Clones share the lines: pass one clone to a
+/// [`DigitalController`](crate::DigitalController), and use the other as the control.
 #[derive(Clone)]
 pub struct Panel(Arc<Mutex<PanelState>>);
 
@@ -37,7 +36,7 @@ struct PanelState {
 }
 
 impl Panel {
-    /// Creates lines with this wiring to a control with these axes: all levels 0, the first axis selected.
+    /// Creates lines with this wiring to a control with these axes. All levels are 0 and the first axis is selected.
     pub fn new(wiring: Wiring, axes: Vec<DigitalAxis>) -> Self {
         Self(Arc::new(Mutex::new(PanelState {
             wiring,
@@ -58,7 +57,7 @@ impl Panel {
         self.state().takes = Box::new(takes);
     }
 
-    /// Moves the axis with this index to a position, mm or rad, and selects it. No effect if there is no such axis.
+    /// Moves the axis with this index to a position, mm or rad, and selects it. Does nothing if there is no such axis.
     pub fn shows(&self, axis: usize, position: f64) {
         let mut state = self.state();
         if let Some(place) = state.positions.get_mut(axis) {
@@ -72,12 +71,10 @@ impl Panel {
         self.state().outputs = levels;
     }
 
-    /// The levels of the lines to the control.
     pub fn levels(&self) -> u64 {
         self.state().outputs
     }
 
-    /// Decodes the levels of the lines to the control.
     pub fn word(&self) -> PanelWord {
         self.state().word()
     }

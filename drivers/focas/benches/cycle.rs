@@ -1,5 +1,5 @@
-//! Compares the duration of a cycle with the simulator on loopback to that of two exchanges of the same sizes with a server that only
-//! echoes; both alternate in one run. Reports medians and 99th percentiles.
+//! Compares the duration of a cycle with the simulator on loopback to the duration of two exchanges of the same sizes
+//! with an echo server. Both alternate in one run. Reports medians and 99th percentiles.
 
 use std::{
     io::{Read, Write},
@@ -15,10 +15,11 @@ use volcomp_port::Controller;
 use volcomp_vocabulary::{AxisName, PerChannel};
 
 const CYCLES: usize = 20_000;
-/// Number of measured cycles in a run without `cargo bench`, which only checks that the bench works.
+/// Number of measured cycles in a run without `cargo bench`, which only checks that the benchmark works.
 const CYCLES_OF_A_TEST: usize = 200;
 const WARM_UP: usize = 1000;
-/// Bytes sent and received in the two exchanges of a cycle: positions, status, shifts, heartbeat, referenced; then shifts, heartbeat.
+/// Bytes sent and received in each exchange of a cycle. The first reads positions, status, shifts, heartbeat and
+/// referenced axes; the second writes shifts and heartbeat.
 const EXCHANGES: [(usize, usize); 2] = [(152, 370), (75, 44)];
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -26,7 +27,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let count = if is_measured { CYCLES } else { CYCLES_OF_A_TEST };
     println!("us                    focas     echo    ratio   goal");
     for (cores, servers_on) in [("one core", 0), ("two cores", 1)] {
-        // Pinned, because a scheduler that moves the servers between cores would determine the ratio.
+        // The threads are pinned, because a scheduler that moves the servers between cores would determine the ratio.
         pin_to(servers_on)?;
         let [cycles, bare] = measure(servers_on, count)?;
         for (what, place, goal) in [("median", count / 2, 1.5), ("p99", count / 100 * 99, 2.0)] {
@@ -81,7 +82,7 @@ fn measure(
     Ok([cycles, bare])
 }
 
-/// Starts a thread that answers requests of the sizes in [`EXCHANGES`] with as many bytes as a control.
+/// Starts a thread that answers requests of the sizes in `EXCHANGES` with as many bytes as a control.
 fn echo() -> std::io::Result<TcpStream> {
     let listener = TcpListener::bind("127.0.0.1:0")?;
     let stream = TcpStream::connect(listener.local_addr()?)?;

@@ -2,7 +2,7 @@
 //!
 //!     cargo run -p volcomp-focas --example positions -- 192.0.2.10:8193
 //!
-//! Without an address it uses a simulated control.
+//! Without an address the example uses a simulated control.
 
 use std::{error::Error, time::Duration};
 
@@ -29,7 +29,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let positions = client.positions(PositionKind::Machine, names.len())?;
     assert_eq!(names.len(), positions.len());
     for (name, position) in names.iter().zip(positions) {
-        // mm or deg: the control does not report whether an axis is rotary.
+        // The position is in mm or deg: the control does not report whether an axis is rotary.
         println!("{name} {position:.3}");
     }
     let status = client.status()?;

@@ -2,8 +2,8 @@
 //!
 //!     cargo run -p volcomp-focas --example shift -- 192.0.2.10:8193 X 5
 //!
-//! Without arguments a simulated control is shifted. On a real control: drives off, and only after checking in its manual from which words
-//! shifts are taken; R100 and the heartbeat at R120 are examples.
+//! Without arguments a simulated control is shifted. On a real control, switch the drives off and first check in its
+//! manual from which words the control takes shifts; R100 and the heartbeat at R120 are examples.
 
 use std::{
     error::Error,
@@ -42,7 +42,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     // The heartbeat must be read before the first write.
     controller.read(soon())?;
     for shift in [shift, Um(0.0)] {
-        // Corrections are mm and rad, in the order of the configuration's axes.
+        // Corrections are in mm and rad, in the order of the configuration's axes.
         controller.apply(&PerChannel::leading([shift.to_mm().0]), soon())?;
         let applied = controller.read(soon())?.applied.unwrap_or_default();
         let found = Mm(applied[0]).to_um();

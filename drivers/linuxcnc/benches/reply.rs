@@ -1,4 +1,4 @@
-//! Time from a received state to the frame that answers it, compared with an echo of the same size by a server that does nothing else. Both
+//! Time from a received state to the answering frame, compared with an echo server for datagrams of the same size. Both
 //! alternate over thousands of datagrams in one process: `cargo bench -p volcomp-linuxcnc --bench reply -- 20000`.
 
 use std::{
@@ -22,7 +22,7 @@ const EVERY: Duration = Duration::from_millis(1);
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let wanted = std::env::args().find_map(|text| text.parse().ok());
-    // Without `cargo bench` the program only checks that it works.
+    // Without `cargo bench` the program only checks that the benchmark works.
     let is_measured = std::env::args().any(|argument| argument == "--bench");
     let rounds: usize = wanted.unwrap_or(if is_measured { 5000 } else { 50 });
     let settings = Settings {

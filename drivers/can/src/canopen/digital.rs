@@ -7,7 +7,7 @@ use volcomp_port::{DeviceError, DigitalIo, Fault, InputLevels, Reason};
 use super::nodes::Nodes;
 use crate::frame::{CanPort, Frame};
 
-/// A CiA 401 node as a digital port: its inputs from its TPDO 1, its outputs in its RPDO 1.
+/// A CiA 401 node as a digital port. Its inputs are read from its TPDO 1, its outputs are sent in its RPDO 1.
 pub struct CanopenDigital<P> {
     port: P,
     node: u8,
@@ -15,16 +15,16 @@ pub struct CanopenDigital<P> {
     inputs: u32,
     outputs: u32,
     levels: Option<InputLevels>,
-    /// Output levels in the last frame that the bus accepted.
     sent: Option<u64>,
 }
 
 impl<P: CanPort> CanopenDigital<P> {
-    /// Creates a port for a node with these numbers of lines. A node whose heartbeat is older than `silent_after` is treated as not running (heartbeat
-    /// consumer time of CiA 301; choose it by the heartbeat period of the node).
+    /// Creates a port for a node with these numbers of lines. A node whose heartbeat is older than `silent_after`
+    /// counts as not running. This is the heartbeat consumer time of CiA 301; choose it by the heartbeat period of the
+    /// node.
     ///
     /// # Errors
-    /// Numbers out of range.
+    /// A node number outside 1 to 127, or more than 64 inputs or outputs.
     pub fn new(
         port: P,
         node: u8,
@@ -67,7 +67,8 @@ impl<P: CanPort> DigitalIo for CanopenDigital<P> {
         Duration::from_millis(4)
     }
 
-    /// Returns the inputs that the node sent last with their arrival time, regardless of their age, as long as the node runs.
+    /// Returns the last inputs that the node sent and their arrival time. Their age is not limited as long as the node
+    /// runs.
     fn read(&mut self, _deadline: Instant) -> Result<InputLevels, Fault> {
         let (own, inputs, levels) = (self.node, self.inputs, &mut self.levels);
         self.nodes.listen(&mut self.port, |node, number, frame, taken| {
@@ -98,7 +99,7 @@ impl<P: CanPort> DigitalIo for CanopenDigital<P> {
         Ok(())
     }
 
-    /// Levels that the bus accepted; nodes do not acknowledge process data.
+    /// Last output levels that the bus accepted. Nodes do not acknowledge process data.
     fn confirmed(&self) -> Option<u64> {
         self.sent
     }
@@ -108,7 +109,7 @@ impl<P: CanPort> DigitalIo for CanopenDigital<P> {
     }
 }
 
-/// RPDO 1 with the output levels of a node; `None` if they do not fit.
+/// RPDO 1 with the output levels of a node; `None` if the levels do not fit into a frame.
 fn outputs_frame(node: u8, levels: u64, lines: u32) -> Option<Frame> {
     let bytes = levels.to_le_bytes();
     let count = usize::try_from(lines.div_ceil(8)).ok()?;

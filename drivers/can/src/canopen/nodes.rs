@@ -1,4 +1,4 @@
-//! Monitored nodes: started when pre-operational, supervised by their heartbeat.
+//! Supervises nodes by their heartbeat, and starts nodes that are pre-operational.
 
 use std::{
     collections::BTreeMap,
@@ -18,7 +18,8 @@ struct MonitoredNode {
     started: Option<Instant>,
 }
 
-/// Nodes that are started when pre-operational and treated as not answering if their heartbeat is too old.
+/// Monitored nodes. A node that is not operational is started. A node whose heartbeat is too old counts as not
+/// answering.
 #[derive(Debug)]
 pub(super) struct Nodes {
     monitored: BTreeMap<u8, MonitoredNode>,
@@ -37,8 +38,9 @@ impl Nodes {
         Self { monitored: nodes.map(|node| (node, monitored)).collect(), silent_after }
     }
 
-    /// Processes the waiting frames without blocking. Calls `process_data` with node, PDO number, frame and arrival time of process data, and starts
-    /// a node that does not run. Errors: [`Fault::Disconnected`] if the interface is down or bus-off.
+    /// Processes the waiting frames without blocking. Calls `process_data` with node, PDO number, frame and arrival
+    /// time of each process data object. Starts a node that does not run. Errors: [`Fault::Disconnected`] if the
+    /// interface is down or bus-off.
     pub(super) fn listen(
         &mut self,
         port: &mut impl CanPort,
@@ -62,7 +64,7 @@ impl Nodes {
             }
         }
         if let Some(frame) = self.start(now) {
-            // An error can be ignored: if the bus accepts no frames, the heartbeats stop as well.
+            // The error may be ignored: if the bus accepts no frames, the heartbeats stop as well.
             let _ = port.send(&frame, now);
         }
         Ok(())
@@ -86,7 +88,8 @@ impl Nodes {
         }
     }
 
-    /// Frame that starts one node that does not run, at most once per second and node; `None` if there is none.
+    /// Creates the frame that starts a node that does not run, at most once per second and node; `None` if no node
+    /// needs a start.
     fn start(&mut self, now: Instant) -> Option<Frame> {
         let needs_start = |monitored: &MonitoredNode| {
             let due = monitored
@@ -100,7 +103,7 @@ impl Nodes {
         nmt(NmtCommand::Start, *node)
     }
 
-    /// Reason why the data of a node must not be used; `None` if they may be used.
+    /// Reason why the data of a node must not be used; `None` if the data are valid.
     pub(super) fn failure(&self, node: u8) -> Option<Reason> {
         let monitored = self.monitored.get(&node)?;
         if monitored.last_heartbeat.elapsed() > self.silent_after || monitored.state.is_none() {

@@ -7,19 +7,17 @@ use volcomp_port::Fault;
 use super::telegrams::{SdoAnswer, Telegram, sdo_read, sdo_write, telegram};
 use crate::frame::{CanPort, Received};
 
-/// Reads and writes single objects of nodes, one at a time. It blocks, so it is for configuration only.
+/// Reads and writes single objects of nodes, one at a time. Calls block, so this client is for configuration only.
 #[derive(Debug)]
 pub struct SdoClient<P> {
     port: P,
 }
 
 impl<P: CanPort> SdoClient<P> {
-    /// A client on this bus.
     pub fn new(port: P) -> Self {
         Self { port }
     }
 
-    /// Ends the client and returns its bus.
     pub fn into_port(self) -> P {
         self.port
     }
@@ -27,7 +25,8 @@ impl<P: CanPort> SdoClient<P> {
     /// Reads an object of up to four bytes, little-endian.
     ///
     /// # Errors
-    /// [`Fault::TimedOut`]; [`Fault::Refused`] with the node's abort code; [`Fault::Unsupported`] for objects that need more than one frame.
+    /// [`Fault::TimedOut`]; [`Fault::Refused`] with the node's abort code; [`Fault::Unsupported`] for an object that
+    /// needs more than one frame.
     pub fn read(&mut self, node: u8, object: (u16, u8), deadline: Instant) -> Result<u32, Fault> {
         let request = sdo_read(node, object).ok_or(Fault::Unsupported("a node number"))?;
         self.port.send(&request, deadline)?;

@@ -14,7 +14,7 @@ pub enum NodeState {
     Operational,
     /// The node waits for its start.
     PreOperational,
-    /// Another state, with the code in the heartbeat.
+    /// Another state; the number is the code in the heartbeat.
     Other(u8),
 }
 
@@ -77,7 +77,6 @@ pub enum SdoAnswer {
         /// Number of bytes of the object in `value`, 1 to 4.
         bytes: u8,
     },
-    /// The object was written.
     Written {
         /// Index and subindex of the object.
         object: (u16, u8),
@@ -96,7 +95,7 @@ pub enum SdoAnswer {
     },
 }
 
-/// Decodes a frame; `None` if it is not one of these telegrams or is malformed.
+/// Decodes a frame; `None` if the frame is malformed or not one of these telegrams.
 pub fn telegram(frame: &Frame) -> Option<Telegram> {
     if frame.extended || frame.fd {
         return None;

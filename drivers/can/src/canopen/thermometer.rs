@@ -43,17 +43,16 @@ impl Number {
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Channel {
-    /// The name of the sensor.
     pub name: String,
-    /// The number of the node, 1 to 127.
+    /// Number of the node, 1 to 127.
     pub node: u8,
-    /// The number of the process data object, 1 to 4.
+    /// Number of the process data object, 1 to 4.
     pub pdo: u8,
     /// Byte offset of the number in the process data.
     pub at: usize,
-    /// Encoding of the number.
     pub number: Number,
-    /// Byte offset of the channel's status byte (object 6150h; 0 is good) in the same process data; `None` without one.
+    /// Byte offset of the channel's status byte in the same process data (object 6150h; 0 is good); `None` if the
+    /// channel has no status byte.
     pub status_at: Option<usize>,
 }
 
@@ -68,8 +67,9 @@ pub struct CanopenThermometer<P> {
 }
 
 impl<P: CanPort> CanopenThermometer<P> {
-    /// Creates a thermometer with these channels. The data of a node whose heartbeat is older than `silent_after` are not used (heartbeat consumer time of
-    /// CiA 301; choose it by the heartbeat period of the node). The age of the process data of a running node is not checked.
+    /// Creates a thermometer with these channels. If the heartbeat of a node is older than `silent_after`, the data of
+    /// the node are not used. This is the heartbeat consumer time of CiA 301; choose it by the heartbeat period of the
+    /// node. The age of the process data of a running node is not checked.
     ///
     /// # Errors
     /// Invalid channels.
@@ -141,7 +141,7 @@ impl<P: CanPort> Thermometer for CanopenThermometer<P> {
         let take = |node, number, frame: &Frame, taken| {
             take(channels, latest, (node, number), frame, taken);
         };
-        // An error can be ignored: if the bus is lost, the heartbeats stop as well.
+        // The error may be ignored: if the bus is lost, the heartbeats stop as well.
         let _ = self.nodes.listen(&mut self.port, take);
         for (channel, latest) in self.channels.iter().zip(&mut self.latest) {
             let failure = self.nodes.failure(channel.node);

@@ -19,14 +19,14 @@ use volcomp_port::{Controller, Fault, Quality, Reason, Thermometer};
 use volcomp_test_support::{Running, peers};
 use volcomp_vocabulary::{AxisName, PerChannel};
 
-/// Locks the virtual buses for one test. Without them, prints a line on standard error and returns `None`.
+/// Locks the virtual buses for one test. If they are missing, prints a line on standard error and returns `None`.
 fn buses() -> Option<MutexGuard<'static, ()>> {
     static BUSES: Mutex<()> = Mutex::new(());
     let buses = BUSES.lock().unwrap_or_else(PoisonError::into_inner);
     if ["vcan0", "vcan1"].iter().all(|name| Path::new("/sys/class/net").join(name).exists()) {
         return Some(buses);
     }
-    // Written directly, because the test harness captures the output of macros.
+    // Written directly, because the test harness captures the output of `eprintln!`.
     let _ = std::io::stderr().write_all(
         b"not run: this machine has no vcan0 and vcan1. Add them: ip link add dev vcan0 type vcan; ip link set vcan0 mtu 72 up\n",
     );
@@ -167,7 +167,7 @@ fn the_bridge_survives_an_interface_going_down() {
     assert!(found.youngest() <= down);
     let up = Instant::now();
     run("ip", &["link", "set", "vcan0", "up"]);
-    // After it is up again, the same sockets work.
+    // When the interface is up again, the same sockets work.
     while control.receive(Instant::now()).is_err() {}
     sends(&mut control, 7.0);
     let end = Instant::now() + Duration::from_secs(2);
@@ -181,7 +181,8 @@ fn the_bridge_survives_an_interface_going_down() {
     controller.apply(&PerChannel([0.001; 9]), soon()).unwrap();
 }
 
-/// A frame has its kernel arrival time, however long it waited. Positions that were not read for a while are returned with their old time.
+/// A frame keeps its kernel arrival time while it waits in the queue of the socket. Positions read late have that
+/// earlier time.
 #[test]
 fn queued_frames_keep_their_kernel_timestamps() {
     let Some(_buses) = buses() else {
@@ -243,7 +244,8 @@ fn a_missing_interface_is_named() {
     assert!(message.contains("ip link set can0 up"), "{message}");
 }
 
-/// A node of PyPI's canopen: objects are read and written, the node is started, temperatures are received, and its disappearance is reported.
+/// A node of PyPI's canopen is started, its objects are read and written, its temperatures are received, and its loss
+/// is reported.
 #[test]
 fn a_canopen_node_is_started_and_read() {
     let Some(_buses) = buses() else {

@@ -1,4 +1,4 @@
-//! Words for a barrier in the control, with the shipped DBC file and with others.
+//! Words for a barrier in the control, with the shipped DBC file and with other layouts.
 
 use std::process::Command;
 
@@ -86,7 +86,7 @@ fn frames_are_sent_and_reports_received() {
         let bytes: Vec<u8> = words.iter().flat_map(|word| word.to_le_bytes()).collect();
         assert_eq!(sent.data()[..6], bytes);
     }
-    // Nothing is sent after the deadline, with too few words, or as plain values.
+    // Nothing is sent after the deadline or with too few words. Plain corrections are rejected.
     let late = controller.post(&frame, std::time::Instant::now());
     assert_eq!(late, Err(Fault::TimedOut));
     let few = controller.post(&words(1, 8), soon());

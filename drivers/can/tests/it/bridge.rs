@@ -243,8 +243,8 @@ fn names_select_temperatures() {
     assert!(message.contains("the sensor bed is listed twice"), "{message}");
 }
 
-/// A state that was never received forbids correction; a received one has the age of its message. A state that the file lacks is
-/// described as not reported, which the configuration must accept.
+/// A control whose state was never received must not be corrected. A received state has the age of its message. If the
+/// DBC file defines no state signals, the description says so, and the configuration must accept that.
 #[test]
 fn an_unknown_state_forbids_correction() {
     let bus = Bus::default();
@@ -309,7 +309,8 @@ fn values_keep_their_arrival_times() {
         let others = [snapshot.state_taken, snapshot.correction_taken];
         assert_eq!((others, snapshot.youngest()), ([at(5); 2], at(7)));
     }
-    // New positions must not refresh the time of the applied correction: with an age of 60 to 100 ms that causes a step of 28 µm and a fault.
+    // New positions must not refresh the time of the applied correction. A refreshed time, 60 to 100 ms wrong, causes a
+    // step of 28 µm and a fault.
     deliver(frame_of(&table, "POSITION_XY", &[("X_POS", 6.0)], 2), 240);
     let snapshot = controller.read(deadline).unwrap();
     assert_eq!((snapshot.taken, snapshot.correction_taken), (at(240), at(5)));
@@ -384,7 +385,7 @@ fn a_custom_fd_frame() {
     assert_eq!((sent.fd, &sent.data()[..4]), (true, &[0, 1, 0xff, 0xfe][..]));
 }
 
-/// Axes that are not corrected get a value of zero, even if its bits are not 0, as for Z with an offset of −2048 µm.
+/// Axes that are not corrected get the value zero. Its raw bits may differ from 0, as for Z with an offset of −2048 µm.
 #[test]
 fn an_uncorrected_axis_gets_zero() {
     let (from, to) = ("Z_CORR : 24|12@1- (1,0)", "Z_CORR : 24|12@1+ (1,-2048)");
@@ -400,8 +401,8 @@ fn an_uncorrected_axis_gets_zero() {
     assert_eq!(found.abs(), 0.0, "µm");
 }
 
-/// A frame that is overtaken or repeated, as by a bridge between two buses, neither clears an emergency stop nor makes an old position
-/// count as new.
+/// A frame that is overtaken or repeated, for example by a bridge between two buses, is ignored. It does not clear an
+/// emergency stop, and its old position does not count as new.
 #[test]
 fn an_overtaken_frame_is_ignored() {
     let table = shipped();

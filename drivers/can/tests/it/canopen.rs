@@ -162,7 +162,7 @@ fn invalid_channels_are_rejected() {
 #[test]
 fn lines_of_a_node() {
     let bus = Bus::default();
-    // The two intervals differ so much that a busy computer does not confuse them.
+    // The two intervals differ by a factor of 3000, so a busy computer cannot change the result.
     let (quick, patient) = (Duration::from_millis(20), Duration::from_secs(60));
     let mut port = CanopenDigital::new(bus.clone(), 9, 15, 8, patient).unwrap();
     assert_eq!(port.read(soon()), Err(Fault::NotConnected));
@@ -189,7 +189,7 @@ fn lines_of_a_node() {
         bus.deliver(frame(0x709, &[5]));
         bus.deliver(frame(0x189, &[0x34, 0]));
         let came = Instant::now();
-        // The heartbeat is still fresh here; the result of later readings depends on the time.
+        // The heartbeat is still fresh here. The result of later reads depends on the elapsed time.
         let _ = port.read(soon());
         std::thread::sleep(3 * quick);
         let found = port.read(soon());

@@ -27,7 +27,7 @@ struct Control {
     barrier: Barrier,
     settings: Settings,
     mailbox: [u16; 9],
-    /// Last received counter of each of a frame's three messages.
+    /// Last received counter of each of the three messages of a frame.
     counters: [Option<u64>; 3],
     /// Content of the mailbox when the three counters were last equal.
     copied: [u16; 9],
@@ -163,8 +163,9 @@ fn frames_arrive_and_silence_ramps_to_zero() {
     assert_eq!(control.barrier.report().applied, Counts::default());
 }
 
-/// Random message loss tears frames and reports: every accepted report is one that was published, and the axes stay within rate and limit.
-/// Without message counters the checksum of the words would accept some torn ones.
+/// Messages are lost at random, which tears frames and reports. Every accepted report equals a published one, and the
+/// axes keep the barrier's rate and limit. Without message counters the checksum of the words would accept some torn
+/// reports.
 #[test]
 fn torn_words_are_rejected() {
     for (percent, kept) in [(1, 0.99), (10, 0.9), (40, 0.6)] {
@@ -187,7 +188,7 @@ fn torn_words_are_rejected() {
                 accepted += 1;
             }
         }
-        // All seven messages of a report arrive in (1 − p)⁷ of the scans; the test requires two thirds of that.
+        // All seven messages of a report arrive in (1 − p)⁷ of the scans. The test requires two thirds of that share.
         let least = 0.67 * 3000.0 * f64::powi(kept, 7);
         assert!(f64::from(accepted) >= least, "{accepted} at {percent} % lost, expected {least}");
         assert!(percent > 10 || gateway.landed > 300, "{}", gateway.landed);

@@ -29,7 +29,8 @@ fn the_checksum_matches_the_published_value() {
     let dbc =
         "VERSION \"\"\nBU_: A\nBO_ 2200023220 M: 6 A\n SG_ M_CRC : 40|8@1+ (1,0) [0|0] \"\" A\n";
     let table = SignalTable::parse(dbc).unwrap();
-    // The identifier 31 32 33 34 would exceed 29 bits, so a shorter one is compared with a CRC computed bit by bit.
+    // The bytes 31 32 33 34 would be an identifier of more than 29 bits. So a shorter identifier is compared with a CRC
+    // computed bit by bit.
     let crc = |bytes: &[u8]| {
         let mut crc = 0xff_u8;
         for byte in bytes {
@@ -120,7 +121,8 @@ fn values_saturate_at_their_bits() {
 }
 
 proptest! {
-    /// For any signal at any position and in both byte orders: its bits survive a round trip, and no others change.
+    /// For any signal at any position and in both byte orders: the raw value survives a round trip, and bits outside
+    /// the signal do not change.
     #[test]
     fn bits_round_trip(
         start in 0_u64..64, bits in 1_u64..=64, little: bool, signed: bool, raw: u64, background: u64,
@@ -219,7 +221,7 @@ fn units_must_match_the_quantity() {
     }
     let bools = SHIPPED_DBC.replace("[0|1] \"\"", "[0|1] \"bool\"");
     assert!(SignalTable::parse(&bools).unwrap().find("ALARM").is_some());
-    // The number in µm is 1000 times that in mm.
+    // The value in µm is 1000 times the value in mm.
     let text = SHIPPED_DBC.replacen("\"mm\"", "\"µm\"", 1);
     let table = SignalTable::parse(&text).unwrap();
     let (message, place) = table.find("X_POS").unwrap();
@@ -231,7 +233,8 @@ fn units_must_match_the_quantity() {
     assert!((at.mm_or_rad() - 0.0025).abs() < 1e-12, "{at}");
 }
 
-/// The largest magnitude with either sign: in two's complement one step less than half the range, for an unsigned number 0.
+/// Largest correction possible with either sign. For two's complement this is half the range minus one step, for an
+/// unsigned number 0.
 #[test]
 fn the_largest_value_with_either_sign() {
     let largest = |size: u32, sign: char, scale: &str| {
@@ -244,7 +247,7 @@ fn the_largest_value_with_either_sign() {
     near(largest(12, '-', "(1,0)"), 2047.0);
     near(largest(8, '-', "(-0.5,0)"), 63.5);
     near(largest(8, '+', "(1,0)"), 0.0);
-    // With an offset an unsigned number has both signs.
+    // With a negative offset an unsigned number covers both signs.
     near(largest(8, '+', "(1,-100)"), 100.0);
     near(largest(8, '+', "(1,-200)"), 55.0);
     near(largest(1, '-', "(1,0)"), 0.0);
@@ -256,8 +259,8 @@ fn refused(from: &str, to: &str) -> String {
     error.to_string()
 }
 
-/// Signals with common bits are rejected: the control would decode 532 instead of 20 µm, and X would jump with each frame if its bits
-/// included the counter.
+/// Signals that share bits are rejected. With shared bits the control would decode 532 instead of 20 µm. An X that
+/// shares bits with the counter would jump with each frame.
 #[test]
 fn signals_must_not_share_bits() {
     let text = refused("Y_CORR : 12|12", "Y_CORR : 8|12");

@@ -132,7 +132,7 @@ fn a_control_is_probed() {
     assert!(control.round_trip_p50_us <= control.round_trip_max_us);
 }
 
-/// A profile file works like a shipped one; its errors are reported with file, line and key.
+/// A profile file works like a shipped profile. Its errors are reported with file, line and key.
 #[test]
 fn a_profile_may_be_a_file() {
     let shipped = concat!(env!("CARGO_MANIFEST_DIR"), "/../../examples/temperature-module.toml");
@@ -163,7 +163,7 @@ fn a_profile_may_be_a_file() {
     assert!(refused.to_string().contains("oven.toml: cannot be read"), "{refused}");
 }
 
-/// The kind of an error, not its text, distinguishes invalid input from a failure.
+/// The kind of an error distinguishes invalid input from a failure.
 #[test]
 fn errors_have_kinds() {
     let probed = |url: &str| {

@@ -28,7 +28,7 @@ fn soon() -> Instant {
     Instant::now() + Duration::from_secs(2)
 }
 
-/// Folder of the simulator for a chip, by which the test acts as the control: its files set and read levels.
+/// The gpio-sim folder of a chip. The test acts as the control through its files, which set and read levels.
 fn bank(label: &str) -> PathBuf {
     let labelled = |chip: &PathBuf| {
         let info = gpiocdev::Chip::from_path(chip).and_then(|chip| chip.info());
@@ -93,7 +93,7 @@ fn opening_changes_no_line() {
     for levels in [0xa5, 0x5a, 0xff, 0] {
         let mut first = port();
         first.write(levels, soon()).unwrap();
-        // The kernel may release closed lines, so the simulator's pulls act as the control's side.
+        // The kernel may release closed lines, so the simulator's pulls set the levels that the control would hold.
         drop(first);
         for line in 0..8 {
             let level = if levels >> line & 1 == 1 { "pull-up" } else { "pull-down" };
@@ -159,7 +159,7 @@ fn the_digital_port_contract() {
     volcomp_port::contract::digital_io(&mut port(), false);
 }
 
-/// With swapped roles there are too few lines.
+/// A port opened with inputs and outputs swapped has too few lines.
 #[test]
 fn swapped_roles_are_rejected() {
     let _panel = panel();

@@ -94,7 +94,7 @@ fn several_axes_share_the_lines() {
         assert_eq!(panel.word().axis, axis);
         assert!((panel.correction().unwrap() - requested[axis]).abs() < 1e-12);
     }
-    // New corrections have not yet reached the axes that are not selected.
+    // The axes that are not selected have not yet received the new corrections.
     let others = PerChannel::leading([0.011, -0.022, 0.034]);
     assert_eq!(controller.apply(&others, soon()), Ok(()));
     assert_eq!(controller.apply(&requested.map(|x| -x), soon()), Err(Fault::Unfinished));
@@ -104,7 +104,7 @@ fn several_axes_share_the_lines() {
     assert_eq!(controller.read(soon()).unwrap().taken, first);
 }
 
-/// An axis whose word has 8 bits of 0.01 mm, and so wraps every 2.56 mm.
+/// An axis whose word has 8 bits of 0.01 mm, so the word wraps every 2.56 mm. `most_per_s` is its maximum speed, mm/s.
 fn low_bits(most_per_s: f64) -> (Panel, DigitalController<Panel>) {
     let axis = DigitalAxis {
         position: PositionWord {
@@ -125,7 +125,7 @@ fn low_bits(most_per_s: f64) -> (Panel, DigitalController<Panel>) {
 
 #[test]
 fn low_bits_follow_a_long_axis() {
-    // Half of 2.56 mm takes 12.8 s at this speed.
+    // At this speed, half of 2.56 mm takes 12.8 s.
     let (panel, mut controller) = low_bits(0.1);
     for step in 0..5000 {
         let place = f64::from(step);
@@ -185,8 +185,8 @@ fn an_unconfigured_axis_is_a_fault() {
     assert!(message.contains("no strobe line is named"), "{message}");
 }
 
-/// The published words are lengths and do not fit a rotary axis. With angular
-/// steps the axis is described and corrected in rad.
+/// The published words are lengths and do not fit a rotary axis. With angular steps the axis is described and corrected
+/// in rad.
 #[test]
 fn units_must_match_the_kind_of_the_axis() {
     let new = |axis: DigitalAxis| {
@@ -213,14 +213,14 @@ fn units_must_match_the_kind_of_the_axis() {
     assert!((controller.sent()[0].unwrap() - 5e-6).abs() < 1e-18);
 }
 
-/// The latch toggles one write after the word, because the control accepts a correction at the edge. Only accepted corrections count as
-/// sent, and unused lines keep their levels.
+/// The latch toggles one write after the word, because the control accepts a correction at the edge of the latch. Only
+/// accepted corrections count as sent. Unused lines keep their levels.
 #[test]
 fn the_latch_toggles_one_write_after_the_word() {
     let axis = DigitalAxis::published(AxisName::X);
     let wiring = Wiring { latch: Some(8), ..Wiring::published() };
     let panel = Panel::new(wiring.clone(), vec![axis]);
-    // Another program has left the latch at 1, and a tenth line, which the wiring does not use, at 1.
+    // Another program has left two lines at 1: the latch, and the tenth line, which the wiring does not use.
     panel.left_at(0x305);
     let taken = Arc::new(Mutex::new((panel.word(), 0)));
     let takes = Arc::clone(&taken);
@@ -256,8 +256,8 @@ fn the_latch_toggles_one_write_after_the_word() {
     assert_eq!(apply(20.0), (true, 0x214, 20, Some(20.0)));
 }
 
-/// A pause between the word and the edge of its latch, or after an edge that did not arrive: the control may have gone to zero meanwhile,
-/// so the earlier word is not latched any more.
+/// A word is written, then a pause follows before its latch edge, or the edge fails. The control may have gone to zero
+/// in the pause, so the earlier word is not latched after it.
 #[test]
 fn a_word_from_before_a_pause_is_not_latched() {
     for fails in [0, 1] {
@@ -320,8 +320,8 @@ fn a_failed_write_does_not_count_as_sent() {
     assert!((controller.sent()[0].unwrap() - 0.040).abs() < 1e-12);
 }
 
-/// Nothing is written while the levels of unused lines are unknown, because these would be switched off, unless the device cannot report
-/// levels.
+/// Nothing is written while the levels of unused output lines are unknown, because a write would switch those lines
+/// off. Exception: the device cannot report levels.
 #[test]
 fn nothing_is_written_while_other_outputs_are_unknown() {
     let axis = DigitalAxis::published(AxisName::X);

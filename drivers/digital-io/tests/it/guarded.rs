@@ -39,7 +39,7 @@ fn limits(count: usize) -> Limits {
     }
 }
 
-/// A guard that corrects over a panel.
+/// A guard that corrects axes through a simulated panel.
 struct Rig {
     panel: Panel,
     controller: DigitalController<Panel>,
@@ -91,8 +91,8 @@ impl Rig {
     }
 }
 
-/// The last word before disarming is latched: the control is at 0 and no step exceeds 2 µm. Without the last edge the control would keep
-/// 1 to 3 µm while 0 is reported, and in motion it would accept two slews at once.
+/// The last word before disarming is latched: the control is at 0 and no step exceeds 2 µm. Without the last edge, 0
+/// would be reported while the control keeps 1 to 3 µm, and in motion the control would then accept two slews at once.
 #[test]
 fn the_last_word_is_latched() {
     let wiring = Wiring { latch: Some(8), ..Wiring::published() };
@@ -124,7 +124,7 @@ fn the_last_word_is_latched() {
     }
 }
 
-/// Axes that share lines in turn get no step larger than 2 µm, because only the selected axis counts as written.
+/// With axes that share lines in turn, no step exceeds 2 µm, because only the selected axis counts as written.
 #[test]
 fn axes_that_share_lines_do_not_step() {
     let wiring = Wiring { select: vec![15], echo: vec![8], ..Wiring::published() };
@@ -152,8 +152,8 @@ fn axes_that_share_lines_do_not_step() {
     assert!((1..=2).contains(&largest), "{largest} µm in one step");
 }
 
-/// The device loses its outputs for a moment and reports them as off. A control that saw an edge of the latch is at 0, one that saw none
-/// keeps its correction: neither gets a step larger than 2 µm when the device is back.
+/// The device loses its outputs for a moment and reports them as off. The control is then at 0 if it saw an edge of the
+/// latch, and keeps its correction if not. In both cases no step exceeds 2 µm when the device is back.
 #[test]
 fn lines_that_were_off_for_a_moment_do_not_step() {
     let wiring = Wiring { latch: Some(8), ..Wiring::published() };

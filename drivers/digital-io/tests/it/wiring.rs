@@ -64,7 +64,7 @@ fn read_coherent(
     found.map(|found| found.levels)
 }
 
-/// A port that returns these readings in turn, then the last one repeatedly.
+/// A port that returns these readings in turn and then 0.
 fn port(readings: Vec<u64>) -> MockDigitalIo {
     let mut port = MockDigitalIo::new();
     let mut rest = readings.into_iter().peekable();
@@ -82,7 +82,7 @@ fn port(readings: Vec<u64>) -> MockDigitalIo {
 fn lines_are_read_until_two_agree() {
     let wiring = Wiring::published();
     let read = |readings, coherence| read_coherent(&mut port(readings), &wiring, coherence, soon());
-    // From 0x0fff to 0x1000 the skewed lines pass through other words.
+    // Between 0x0fff and 0x1000 the skewed lines pass through other words.
     let skewed = vec![0x0fff, 0x1fff, 0x1f00, 0x1000];
     assert_eq!(read(skewed.clone(), Coherence::TwoAgree), Ok(0x1000));
     assert_eq!(read(skewed, Coherence::Latched), Ok(0x0fff));
@@ -107,7 +107,7 @@ fn lines_that_keep_changing_time_out() {
     assert_eq!(found, Err(Fault::Disconnected));
 }
 
-/// With parity and strobe, words are rejected until both are correct, even if two readings agree.
+/// With parity and strobe lines, words are rejected until both are correct, even if two readings agree.
 #[test]
 fn parity_and_strobe_are_waited_for() {
     let wiring = Wiring {

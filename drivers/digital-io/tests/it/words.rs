@@ -17,7 +17,7 @@ fn correction(bits: u32, code: CorrectionCode) -> CorrectionWord {
     CorrectionWord { bits, code, step: Displacement::Length(Mm(0.001)) }
 }
 
-/// Resolution of 1 µm, ±127 µm, over 1024 mm.
+/// The published words have a position of 15 bits over 1024 mm and a correction of ±127 µm in steps of 1 µm.
 #[test]
 fn published_words_encode_as_documented() {
     let axis = DigitalAxis::published(AxisName::X);
@@ -102,8 +102,8 @@ proptest! {
         prop_assert!((coded.position - mm).abs() <= coded.within * 1.000_001);
     }
 
-    /// A word with only the low 8 bits of the position, counts of 1 µm, is tracked correctly for steps up to 120 µm, which is about 40
-    /// m/min at 6 kHz.
+    /// A position word with only the low 8 bits, in counts of 1 µm, is tracked correctly for steps up to 120 µm. At 6
+    /// kHz this is a speed of about 40 m/min.
     #[test]
     fn low_bits_are_followed(start in -5e3..5e3_f64, steps in proptest::collection::vec(-0.12..0.12_f64, 1..400)) {
         let word = PositionWord { bits: 8, code: PositionCode::Gray, step: Displacement::Length(Mm(0.001)), zero: Displacement::Length(Mm(0.0)) };

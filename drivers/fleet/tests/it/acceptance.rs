@@ -79,7 +79,8 @@ fn each_rejection_reason_is_reported() {
     assert!(matches!(refused(&short), ManifestRejection::Document(_)));
 }
 
-/// A key of order 1 is rejected: a plain verification would accept any signature by the neutral point, `verify_strict` does not.
+/// A key of order 1 is rejected. Plain verification would accept any signature by the neutral point; `verify_strict`
+/// rejects it.
 #[test]
 fn a_key_of_small_order_verifies_nothing() {
     use base64::{Engine, engine::general_purpose::STANDARD};
@@ -106,7 +107,7 @@ fn a_signature_of_the_bare_manifest_is_rejected() {
 }
 
 proptest! {
-    /// Whichever byte is changed, an accepted manifest equals the signed one, with its model.
+    /// A manifest with any byte changed is rejected, or it equals the signed manifest including its model.
     #[test]
     fn a_changed_byte_is_never_accepted(at in 0_usize..2000, to in any::<u8>()) {
         let mut bytes = signed(|_| {}).bytes().unwrap();

@@ -1,4 +1,4 @@
-//! The cluster port of the real server, through which servers join.
+//! The cluster port of the real server, by which servers join.
 
 use std::{path::Path, time::Duration};
 
@@ -14,7 +14,7 @@ use volcomp_test_support::free_address;
 
 use crate::bench::{identity, runtime};
 
-/// Timeout that suffices on a slow computer.
+/// Timeout for steps that succeed even on a slow computer.
 const LONG: Duration = Duration::from_secs(60);
 /// A message that does not arrive within this time counts as blocked.
 const NEVER: Duration = Duration::from_millis(800);
@@ -44,8 +44,8 @@ async fn connected(settings: &ServerSettings, centre: &KeyPair) -> async_nats::C
     timeout(LONG, connecting).await.unwrap()
 }
 
-/// Three servers with one password form a cluster with a stream replica on each. A fourth with another password cannot join, and receives
-/// no message of the others.
+/// Three servers with one password form a cluster with a stream replica on each. A fourth server with another password
+/// cannot join, and receives none of their messages.
 #[test]
 fn a_server_without_the_password_cannot_join() {
     if program().is_none() {

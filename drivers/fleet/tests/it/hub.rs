@@ -34,7 +34,7 @@ fn unacknowledged_messages_are_redelivered() {
             let [telemetry, _] = hub.collections(&identity.site);
             telemetry.again_after(Duration::from_secs(2))
         };
-        // This centre stops before it has stored anything.
+        // The first centre stops before it has stored a message.
         let mut first = collection(&hub_one);
         let batch = timeout(SOON, first.next()).await.unwrap().unwrap();
         assert_eq!(batch.messages[0].bytes, "message 0");

@@ -36,7 +36,7 @@ fn a_machine_receives_its_value_at_start_and_on_change() {
         store.put("mill-b", "not for a".into()).await.unwrap();
         store.put("mill-a", "second".into()).await.unwrap();
         assert_eq!(next(&mut link).await, "second");
-        // Putting an equal value does not count as a change.
+        // Putting the same value again does not count as a change.
         store.put("mill-a", "second".into()).await.unwrap();
         store.put("mill-a", "third".into()).await.unwrap();
         assert_eq!(next(&mut link).await, "third");
@@ -58,7 +58,7 @@ fn a_reconnected_machine_receives_the_missed_value() {
         let store = bucket(&context).await;
         store.put("mill-a", "after".into()).await.unwrap();
         assert_eq!(timeout(4 * SOON, link.next_desired()).await.unwrap(), "after");
-        // An unacknowledged message is sent again, and stored once.
+        // An unacknowledged message is sent again, and the server stores it once.
         for _ in 0..2 {
             let sent = link.publish(Kind::Condition, "1-1", "once".into()).await;
             sent.unwrap();
@@ -132,7 +132,7 @@ fn stolen_credentials_give_no_further_access() {
             let answer = timeout(NEVER, thief.request(subject, Bytes::new())).await;
             assert!(!matches!(answer, Ok(Ok(_))), "{subject}: {answer:?}");
         }
-        // Subscriptions to everything, and to another machine, are rejected.
+        // Subscriptions to all subjects, and to subjects of another machine, are rejected.
         for subject in [
             ">",
             "*.*.*.*",
@@ -186,9 +186,9 @@ async fn messages(context: &jetstream::Context) -> Vec<(String, u64)> {
     found
 }
 
-/// The server does not check the reply subject of a request, so a thief of one machine's credentials can have a server response stored
-/// under another machine's key. The thief cannot choose its content, no machine accepts it, and the centre detects a value that it did
-/// not put.
+/// The server does not check the reply subject of a request. So a thief of one machine's credentials can have a server
+/// response stored under another machine's key. The thief cannot choose the content, no machine accepts it, and the
+/// centre detects a value that it did not put.
 #[test]
 fn a_redirected_response_is_no_manifest() {
     Bench::run(async |bench| {

@@ -65,7 +65,7 @@ fn a_message_stays_until_it_is_done() {
     let mut spool = open(folder.path());
     spool.push(message(Kind::Condition, 1, 10));
     spool.push(message(Kind::Audit, 1, 10));
-    // Neither lane waits for the other.
+    // The two lanes do not wait for each other.
     for _ in 0..2 {
         assert_eq!(spool.first(Lane::Kept).unwrap().id, "audit-1");
         assert_eq!(spool.first(Lane::Passing).unwrap().id, "condition-1");
@@ -99,7 +99,8 @@ fn flushed_messages_survive_and_done_ones_do_not_return() {
     assert_eq!(all(&mut open(folder.path())), [""; 0]);
 }
 
-/// A program that is killed while it sends a file sends that file again: no message is lost, and ids identify duplicates.
+/// A program that is killed while it sends a file sends that file again. No message is lost, and ids identify
+/// duplicates.
 #[test]
 fn a_crash_loses_no_message_on_disk() {
     let folder = tempfile::tempdir().unwrap();

@@ -1,4 +1,4 @@
-//! Controls that accept ever fewer request forms: the driver finds the accepted form, and reports rejections in words.
+//! Controls that accept ever fewer request forms. The driver finds the accepted form, and reports rejections in words.
 
 use std::{
     sync::Arc,
@@ -18,8 +18,8 @@ use crate::{
     simulator, until,
 };
 
-/// Controls that accept ever fewer request forms, each with the form that the driver must find and with the number of requests to read and
-/// write three axes with a heartbeat and a byte of referenced axes.
+/// Controls that accept ever fewer request forms. Each comes with the form that the driver must find, and with the
+/// number of requests to read and write three axes with a heartbeat and a byte of referenced axes.
 fn controls() -> [(Options, Abilities, u64); 6] {
     use Packing::{ByTarget, OneByOne, OneFrame};
     let options = |change: fn(&mut Options)| {
@@ -76,7 +76,7 @@ fn every_control_fulfils_the_controller_contract() {
     }
 }
 
-/// A cycle needs no more exchanges than its request form requires, and one deadline covers all of them.
+/// A cycle takes no more exchanges than its request form requires, and one deadline covers all exchanges.
 #[test]
 fn a_cycle_is_bounded_on_every_control() {
     for (options, expected, exchanges) in controls() {

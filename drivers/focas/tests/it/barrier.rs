@@ -1,5 +1,5 @@
-//! Frames to a barrier in the simulated control and its reports; the driver does not interpret either. The applied shifts are those of the
-//! simulator.
+//! Frames to a barrier in the simulated control, and the reports of that barrier. The driver interprets neither. The
+//! applied shifts are read from the simulator.
 
 use std::{
     thread::sleep,
@@ -79,7 +79,7 @@ impl Sender {
         Words::new(&words[..length])
     }
 
-    /// Runs cycles until the barrier applies these counts.
+    /// Runs cycles until the barrier applies these corrections, in counts.
     fn drive(&mut self, controller: &mut FocasController, um: [i16; 3]) {
         let end = Instant::now() + TIMEOUT;
         loop {
@@ -125,8 +125,8 @@ fn the_barrier_receives_frames_and_reports() {
     }
 }
 
-/// If every word needs its own request, a scan sees nearly every frame and report half-written: both ends reject these by the checksum, and
-/// the axes keep their rate.
+/// If every word needs its own request, a scan sees most frames and reports half-written. Both ends reject them by the
+/// checksum, and the axes keep their rate.
 #[test]
 fn torn_frames_and_reports_are_rejected() {
     let simulator = simulated(Options {
@@ -148,7 +148,7 @@ fn torn_frames_and_reports_are_rejected() {
     assert!(sender.torn > 0, "no report was torn: the test proves nothing");
     let steps = simulator.world().largest_steps().to_vec();
     assert!(steps.iter().all(|step| *step <= 2), "{steps:?}");
-    // Tear frames: one half now, the other two scans later.
+    // The simulator tears a frame: it writes one half now and the other half two scans later.
     let simulator = simulated(Options::default());
     let mut controller = connected(barrier_config(&simulator));
     let mut sender = Sender::new(79);
@@ -349,7 +349,8 @@ fn controllers_of_one_control_need_disjoint_words() {
     let (frame, report, area) = ("barrier.frame", "barrier.report", "area.first");
     assert_eq!(shared(&config(Some(218), 100)), None);
     assert_eq!(shared(&config(Some(217), 100)), found("R217", [frame, frame]));
-    // A controller without a barrier writes words that are axis words, report or frame of the other.
+    // A controller without a barrier writes axis words that overlap axis words, report or frame of the other
+    // controller.
     assert_eq!(shared(&config(None, 100)), found("R100", [area, area]));
     assert_eq!(shared(&config(None, 241)), found("R241", [report, area]));
     assert_eq!(shared(&config(None, 300)), None);
@@ -373,8 +374,8 @@ fn two_mailboxes() -> (Simulator, [FocasController; 2]) {
     (simulator, controllers)
 }
 
-/// One gateway switches between the connections while a correction is applied: no step exceeds 2 counts, although the mailbox of the other
-/// connection has an old frame, complete or torn.
+/// One gateway switches between the connections while a correction is applied. No step exceeds 2 counts, although the
+/// mailbox of the other connection has an old frame, complete or torn.
 #[test]
 fn a_gateway_switches_connections_without_a_step() {
     let (simulator, mut controllers) = two_mailboxes();
@@ -384,7 +385,7 @@ fn a_gateway_switches_connections_without_a_step() {
         let goal = [40 - 10 * turn, -60 + 12 * turn, turn];
         sender.drive(&mut controllers[index], goal);
         if turn % 3 == 0 {
-            // Tear this connection's last frame: its last words are missing.
+            // Tear the last frame of this connection: its last words are overwritten.
             let at = [area().frame.at, 300][index];
             simulator.world().set(PmcArea::R, usize::from(at) + 10, &[9, 9, 9]);
         }
@@ -401,7 +402,8 @@ fn a_gateway_switches_connections_without_a_step() {
 fn a_second_gateway_in_the_other_mailbox_is_rejected() {
     let (simulator, [mut first, mut second]) = two_mailboxes();
     let (mut ours, mut other) = (Sender::new(77), Sender::new(78));
-    // The second gateway reads before the control has an owner, and sends afterwards. A torn report is read again.
+    // The second gateway reads before the control has an owner, and sends afterwards. It repeats the read if a report
+    // is torn.
     while other.read(&mut second).is_none() {}
     let late = other.frame([100, 100, 100]).expect("a report was read");
     ours.drive(&mut first, [20, -20, 5]);

@@ -11,8 +11,8 @@ fn config(change: impl Fn(&mut FocasConfig)) -> FocasConfig {
     config
 }
 
-/// Only the ladder's own memory may be written, but no signals between control, ladder and machine (G8.4 is the emergency stop). Every area
-/// may be read, but the report must be in the ladder's memory.
+/// Only the ladder's own memory may be written. Signals between control, ladder and machine may not (G8.4 is the
+/// emergency stop). Every area may be read, but the report must be in the ladder's memory.
 #[test]
 fn only_ladder_memory_is_writable() {
     for area in PmcArea::ALL {
@@ -85,8 +85,8 @@ fn the_width_limits_the_shift() {
     }
 }
 
-/// Words that the control takes without a ladder must have two bytes. With one byte, 21 µm for X and 2 µm for Y would move X by half a
-/// millimetre; with four, Y would get the sign of X.
+/// Words that the control takes without a ladder must have two bytes. With one byte each, 21 µm for X and 2 µm for Y
+/// would move X by half a millimetre. With four bytes each, the sign of X would become the shift of Y.
 #[test]
 fn directly_taken_words_must_have_two_bytes() {
     for width in [Width::Byte, Width::Long] {

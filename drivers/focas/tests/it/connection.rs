@@ -74,8 +74,8 @@ fn forward(mut from: TcpStream, mut to: TcpStream) {
     let _ = to.shutdown(std::net::Shutdown::Write);
 }
 
-/// Forwards the driver's bytes. While the cable is unplugged, it holds them; afterwards it delivers them unless the driver has reset the
-/// connection, in which case its kernel would have nothing to send.
+/// Forwards the driver's bytes. While the cable is unplugged, holds them. Afterwards delivers the held bytes, unless
+/// the driver has reset the connection, in which case its kernel would have nothing to send.
 fn hold_and_forward(
     mut from: TcpStream,
     mut to: TcpStream,
@@ -83,7 +83,7 @@ fn hold_and_forward(
     reset: &AtomicUsize,
     late: &AtomicUsize,
 ) {
-    // A connection that starts during the outage has no old bytes.
+    // A connection that starts during the outage carries no bytes from before.
     let mut began_before = !out.load(Ordering::SeqCst);
     let mut bytes = [0; 4096];
     while let Ok(count @ 1..) = from.read(&mut bytes) {
@@ -109,7 +109,7 @@ fn hold_and_forward(
     let _ = to.shutdown(std::net::Shutdown::Write);
 }
 
-/// In each of ten outages the old write is discarded; an orderly close would deliver it.
+/// In each of ten outages the old write is discarded. An orderly close would deliver it.
 #[test]
 fn an_old_write_is_not_delivered_after_an_outage() {
     let simulator = simulator(Options::default());
@@ -140,7 +140,7 @@ fn an_old_write_is_not_delivered_after_an_outage() {
     }
 }
 
-/// After an orderly close the proxy does deliver held bytes; otherwise the test above would prove nothing.
+/// After an orderly close the proxy delivers the held bytes. This proves that the proxy can detect a late delivery.
 #[test]
 fn the_proxy_delivers_late_after_an_orderly_close() {
     let simulator = simulator(Options::default());
@@ -227,8 +227,8 @@ fn no_call_blocks_longer_than_its_deadline() {
     assert!(took < Duration::from_millis(120), "{took:?}");
 }
 
-/// The controller reconnects after a disconnection, a late response and a power cycle. A late response is never taken for that of the
-/// next request.
+/// The controller reconnects after a disconnection, a late response and a power cycle. A late response is never taken
+/// for the response to the next request.
 #[test]
 fn it_reconnects_automatically() {
     let options = Options { latency: Duration::from_millis(5), ..Options::default() };

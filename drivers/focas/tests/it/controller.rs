@@ -74,7 +74,7 @@ fn read_only_axes_are_read_and_not_written() {
     }
     assert!(matches!(reader.apply(&um(1.0, 1.0, 1.0), soon()), Err(Fault::Unsupported(_))));
     assert_eq!(simulator.world().shifts(), [-0.012, 0.0, 0.005, 0.0]);
-    // Read-only axes must be referenced too, because the correction of the others depends on their positions.
+    // Read-only axes must be referenced too, because the corrections of the other axes depend on their positions.
     let is_referenced =
         |reader: &mut FocasController| reader.read(soon()).unwrap().state.referenced;
     assert!(is_referenced(&mut reader));
@@ -155,7 +155,7 @@ fn the_sequence_byte_counts_corrections() {
         }
         assert_eq!(simulator.world().read(PmcArea::R, 120, 1), Some(vec![beats]));
     }
-    // The sequence continues after a reconnect, so that the ladder detects the first correction.
+    // The sequence number continues after a reconnect, so that the ladder detects the first correction.
     let mut controller = connected(config);
     controller.apply(&um(1.0, 0.0, 0.0), soon()).unwrap();
     let number = simulator.world().read(PmcArea::D, 7, 1);

@@ -55,11 +55,13 @@ fn the_parameters_of_the_control_are_compared_with_the_configuration() {
         |config| config.shift.first = at(PmcArea::D, 100),
         "found 100, expected words in R, but area is D100",
     );
-    // With a copying ladder, the words from which the control takes the shift must differ from those that the driver writes.
+    // With a copying ladder, the words from which the control takes the shift must differ from the words that the
+    // driver writes.
     assert_eq!(found([1.0, 300.0], copied).unwrap(), reported(true, 300));
     assert_eq!(found([0.0, 0.0], copied).unwrap(), reported(false, 0));
     refused([1.0, 100.0], copied, "overlap");
-    // The shift words of all four axes count, although only two axes are corrected: the word of the last axis overlaps ours.
+    // The shift words of all four axes count, although only two axes are corrected. The word of the last axis overlaps
+    // the driver's words.
     refused([1.0, 94.0], copied, "overlap");
     assert!(found([1.0, 92.0], copied).is_ok());
     refused([1.0, 114.0], copied, "the heartbeat R120 lies within the words from which");
@@ -108,7 +110,7 @@ fn an_unreported_shift_source_is_noted() {
         "{:?}",
         found.notes
     );
-    // A value that is no address counts as unreported.
+    // A value that is not an address counts as unreported.
     simulator.world().reports_shift_source = true;
     simulator.world().parameters.insert((1280, 0), -3.0);
     let found = inspect(&config).unwrap();

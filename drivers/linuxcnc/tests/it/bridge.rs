@@ -37,7 +37,7 @@ pub(crate) fn settings() -> Settings {
     }
 }
 
-/// Faults of the simulated bridge, and the data in its states besides the report.
+/// Faults of the simulated bridge, and the contents of its states apart from the report.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Behaviour {
     pub(crate) machine: u16,
