@@ -50,7 +50,6 @@ pub struct Driver {
     pub validate_map: fn(&MapKeys, [usize; 2], &mut Mistakes<'_>),
     /// Creates the control of a map sender without connecting to it.
     pub map: fn(&Address, &MapKeys) -> Result<MapDevice, DeviceError>,
-    /// Example of a controller's URL.
     pub example: &'static str,
     /// Usual values of the keys of `[[controller]]`, for a first configuration.
     pub first: fn(&Address, &FirstMachine<'_>) -> FirstConfig,

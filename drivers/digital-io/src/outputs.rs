@@ -93,8 +93,8 @@ impl Outputs {
     }
 
     /// The levels to write next, and the state after that write. Unused lines keep the levels that the device has
-    /// confirmed. If the time limit of the latch has passed, the word is written again without an edge, because the
-    /// control may be at zero and the earlier word would be a step.
+    /// confirmed. After the time limit of the latch the word is written anew before the latch toggles, because the
+    /// control may be at zero by then, and an edge for the earlier word would step the correction.
     fn next(
         &self,
         wiring: &Wiring,

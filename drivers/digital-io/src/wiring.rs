@@ -1,36 +1,35 @@
-//! Assignment of bits to lines.
 
 use crate::words::{CorrectionWord, PositionWord, mask};
 
-/// Assignment of bits to lines. The outputs of the control carry the position and are our inputs; its inputs carry the correction and
-/// are our outputs.
+/// Assignment of bits to lines. The control's outputs carry the position: they are our inputs. The control's inputs
+/// carry the correction: they are our outputs.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Wiring {
-    /// Our inputs with the position bits, lowest bit first.
+    /// Our inputs with the position bits. The first line is the lowest bit.
     pub position: Vec<u32>,
-    /// Our input with the even parity over the position, the axis selection and itself; `None` without one.
+    /// Our input with the even parity bit over position, axis selection and the parity bit itself; `None` if there is
+    /// no parity line.
     pub parity: Option<u32>,
-    /// Our input that is 1 while the word is stable; `None` without one.
+    /// Our input that is 1 while the position word is stable; `None` if there is no such line.
     pub strobe: Option<u32>,
-    /// Our inputs with the index of the selected axis, lowest bit first.
+    /// Our inputs with the index of the selected axis. The first line is the lowest bit.
     pub select: Vec<u32>,
-    /// Our outputs with the correction bits, lowest bit first.
+    /// Our outputs with the correction bits. The first line is the lowest bit.
     pub correction: Vec<u32>,
-    /// Our outputs with the index of the corrected axis, lowest bit first: as many lines as `select`. The control accepts a correction only
-    /// while this index equals that of the selected axis.
+    /// Our outputs with the index of the corrected axis, as many lines as `select`. The first line is the lowest bit.
+    /// The control accepts a correction only while this index equals that of the selected axis.
     pub echo: Vec<u32>,
-    /// Our output that toggles one write after the correction; `None` without one. A control that samples the correction at both edges of this line never
-    /// reads lines that have not settled.
+    /// Our output that toggles one write after the correction; `None` if there is no latch. A control that samples the
+    /// correction at both edges of this line never reads lines that have not settled.
     #[cfg_attr(feature = "serde", serde(default))]
     pub latch: Option<u32>,
-    /// Bit mask of inverted inputs.
+    /// Bit mask of our inputs that are inverted.
     pub inverted_inputs: u64,
-    /// Bit mask of inverted outputs.
+    /// Bit mask of our outputs that are inverted.
     pub inverted_outputs: u64,
 }
 
-/// An invalid wiring.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{what}: {found}, expected {expected}")]
 pub struct WiringError {
@@ -50,7 +49,8 @@ pub(crate) struct PositionInput {
 }
 
 impl Wiring {
-    /// Published scheme: 15 lines from the control with the position of one axis, 8 lines to it with the correction.
+    /// The published wiring: 15 lines from the control with the position of one axis, and 8 lines to the control with
+    /// the correction.
     pub fn published() -> Self {
         Self { position: (0..15).collect(), correction: (0..8).collect(), ..Self::default() }
     }
@@ -58,7 +58,8 @@ impl Wiring {
     /// Checks the wiring against a port and the words.
     ///
     /// # Errors
-    /// A line that does not exist or is used twice, a number of lines that differs from the word's, too few selection lines for the axes.
+    /// A line that does not exist or is used twice, a number of lines that differs from the number of bits of the word,
+    /// or too few selection lines for the axes.
     pub fn check(
         &self,
         inputs: u32,
@@ -108,7 +109,7 @@ impl Wiring {
         self.outputs().fold(0, |used, line| used | 1 << line)
     }
 
-    /// Bit of the latch; 0 without one.
+    /// Bit of the latch line in the output levels; 0 without a latch.
     pub(crate) fn latch_bit(&self) -> u64 {
         self.latch.map_or(0, |line| 1 << line)
     }
@@ -119,7 +120,7 @@ impl Wiring {
         available & !self.used_outputs() != 0
     }
 
-    /// Bit mask of the inputs that must agree in two readings.
+    /// Bit mask of the inputs that must be equal in two readings.
     pub(crate) fn used_inputs(&self) -> u64 {
         self.inputs().fold(0, |used, line| used | 1 << line)
     }
@@ -142,14 +143,15 @@ impl Wiring {
         input.valid.then_some(input.word)
     }
 
-    /// Output levels for a correction word of an axis, with the latch at 0.
+    /// Output levels for a correction word of the axis with this index. The latch is at 0.
     #[inline]
     pub fn levels(&self, word: u32, axis: u32) -> u64 {
         let bits = scatter(word, &self.correction) | scatter(axis, &self.echo);
         (bits ^ self.inverted_outputs) & !self.latch_bit()
     }
 
-    /// Levels of a control's outputs that report a position word of an axis; for simulated controls and tests.
+    /// Levels of a control's outputs that report a position word of the axis with this index; for simulated controls
+    /// and tests.
     pub fn control_outputs(&self, word: u32, axis: u32, strobe: bool) -> u64 {
         let ones = (word & mask(self.position.len().try_into().unwrap_or(32))).count_ones();
         let ones = ones + axis.count_ones();
@@ -166,7 +168,7 @@ impl Wiring {
     }
 }
 
-/// Collects the bits of some lines into a word; the first line is the lowest bit.
+/// Collects the bits of these lines into a word. The first line is the lowest bit.
 #[inline]
 fn gather(levels: u64, lines: &[u32]) -> u32 {
     let mut word = 0;

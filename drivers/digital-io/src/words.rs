@@ -1,58 +1,57 @@
 //! Encoding of positions and corrections in words of a given number of bits.
 //!
-//! Values are f64 in mm, or rad for a rotary axis; the step of a word determines which.
+//! Values are f64 in mm for a linear axis and in rad for a rotary axis. The quantity of the word's step (length or
+//! angle) determines which.
 
 use volcomp_vocabulary::{AxisKind, Displacement, Mm};
 
-/// Code of the position bits.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
 pub enum PositionCode {
-    /// Plain binary: the count is unsigned.
+    /// Plain binary; the count is unsigned.
     #[default]
     Binary,
-    /// Reflected Gray code: one bit changes per count, so a word read during a change is one of two neighbours.
+    /// Reflected Gray code. One bit changes per count, so a word read during a change is one of the two neighbours.
     Gray,
 }
 
-/// Position in a word of up to 32 bits. The quantisation error is at most half a step; the range is 2^bits steps from `zero`. The published scheme
-/// has 15 bits of 1/32 mm, 1024 mm; its quantisation error of at most 15.6 µm causes 0.2 nm at an error slope of 10 µm/m.
+/// Position in a word of up to 32 bits. The quantisation error is at most half a step, and the range is 2^bits steps
+/// from `zero`. The published word has 15 bits of 1/32 mm, which is a range of 1024 mm. Its quantisation error of at
+/// most 15.6 µm changes the correction by 0.2 nm at an error slope of 10 µm/m.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct PositionWord {
     /// Number of bits, one per line.
     pub bits: u32,
-    /// Code of the bits.
     pub code: PositionCode,
-    /// Travel of the axis per count: a length for a linear, an angle for a rotary axis.
+    /// Travel of the axis per count: a length for a linear axis, an angle for a rotary axis.
     pub step: Displacement,
-    /// Position of the axis at count 0, of the same quantity as the step.
+    /// Position of the axis at count 0, of the same quantity as `step`.
     pub zero: Displacement,
 }
 
-/// Code of the correction bits.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
 pub enum CorrectionCode {
-    /// Two's complement: the word of a negative count is the count plus 2 to the power of `bits`.
+    /// Two's complement: a negative count is encoded as the count plus 2^bits.
     #[default]
     TwosComplement,
-    /// The highest bit is the sign, the others are the magnitude.
+    /// The highest bit is the sign, the other bits are the magnitude.
     SignMagnitude,
 }
 
-/// Correction in a word of up to 32 bits. The quantisation error is at most half a step; the largest correction is 2^(bits−1) − 1 steps, because the
-/// most negative number of two's complement is never sent. The published scheme has 8 bits of 1 µm, ±127 µm.
+/// Correction in a word of up to 32 bits. The quantisation error is at most half a step. The largest correction is
+/// 2^(bits−1) − 1 steps, because the most negative number of two's complement is never sent. The published word has 8
+/// bits of 1 µm, which is ±127 µm.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct CorrectionWord {
     /// Number of bits, one per line.
     pub bits: u32,
-    /// Code of the bits.
     pub code: CorrectionCode,
-    /// Correction per count: a length for a linear, an angle for a rotary axis.
+    /// Correction per count: a length for a linear axis, an angle for a rotary axis.
     pub step: Displacement,
 }
 
@@ -60,7 +59,6 @@ pub struct CorrectionWord {
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Correction {
-    /// Bits of the word.
     pub word: u32,
     /// Correction after quantisation, mm or rad.
     pub sent: f64,
@@ -78,7 +76,6 @@ pub struct Coded {
     pub within: f64,
 }
 
-/// Error: a travel exceeds the range of a position word.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[error(
     "found a travel from {} to {} {unit}, expected one within {} to {} {unit}, which {bits} bits of this step can represent",
@@ -94,7 +91,6 @@ pub struct BeyondWord {
     pub bits: u32,
 }
 
-/// A number with the lowest `bits` bits set.
 pub(crate) fn mask(bits: u32) -> u32 {
     u32::MAX.checked_shr(32 - bits.min(32)).unwrap_or(0)
 }
@@ -104,7 +100,7 @@ fn sign_bit(bits: u32) -> u32 {
 }
 
 impl PositionWord {
-    /// Published scheme: 15 bits of 1/32 mm from 0 to 1024 mm, for a linear axis.
+    /// The published word: 15 bits of 1/32 mm from 0 to 1024 mm, for a linear axis.
     pub const PUBLISHED: Self = Self {
         bits: 15,
         code: PositionCode::Binary,
@@ -112,30 +108,31 @@ impl PositionWord {
         zero: Displacement::Length(Mm(0.0)),
     };
 
-    /// Whether step and zero have the quantity of this kind of axis.
+    /// Whether step and zero have the quantity (length or angle) of this kind of axis.
     pub(crate) fn is_of(&self, kind: AxisKind) -> bool {
         self.step.kind() == kind && self.zero.kind() == kind
     }
 
-    /// Number of positions that the word can encode.
     pub fn counts(&self) -> f64 {
         f64::from(mask(self.bits)) + 1.0
     }
 
-    /// Width of the range, including the last count, mm or rad.
+    /// Number of counts times the step, mm or rad.
     pub fn range(&self) -> f64 {
         self.counts() * self.step.mm_or_rad()
     }
 
-    /// First and last position in the range, mm or rad; each also encodes positions up to half a count beyond.
+    /// Positions of the first and the last count, mm or rad. Each of these counts also encodes positions up to half a
+    /// step beyond.
     pub fn ends(&self) -> [f64; 2] {
         [0.0, self.counts() - 1.0].map(|count| self.at(count).position)
     }
 
-    /// Checks that the word can encode every position of a travel (mm or rad, lower end first). Positions beyond the range would alias.
+    /// Checks that the word can encode every position of a travel (mm or rad, lower end first). Positions outside the
+    /// range would have the word of another position.
     ///
     /// # Errors
-    /// The travel exceeds the range by more than half a count.
+    /// The travel exceeds the range by more than half a step.
     pub fn check_travel(&self, travel: [f64; 2]) -> Result<(), BeyondWord> {
         let half = 0.5 * self.step.mm_or_rad();
         let ends = self.ends();
@@ -147,7 +144,7 @@ impl PositionWord {
         Err(BeyondWord { travel: of_kind(travel), word: of_kind(ends), bits: self.bits })
     }
 
-    /// Count of a word, converted from Gray code if necessary.
+    /// Count that a word encodes, converted from Gray code if necessary.
     #[inline]
     pub fn count(&self, word: u32) -> u32 {
         let word = word & mask(self.bits);
@@ -174,7 +171,8 @@ impl PositionWord {
         Coded { position: self.zero.mm_or_rad() + count * step, within: 0.5 * step }
     }
 
-    /// Encodes a position (mm or rad), as a control does, to the nearest count; `None` outside the range.
+    /// Encodes a position (mm or rad) as the nearest count, as a control does; `None` if the position is outside the
+    /// range.
     #[expect(
         clippy::cast_possible_truncation,
         clippy::cast_sign_loss,
@@ -194,26 +192,26 @@ impl PositionWord {
 }
 
 impl CorrectionWord {
-    /// Published scheme: 8 bits of 1 µm in two's complement, for a linear axis.
+    /// The published word: 8 bits of 1 µm in two's complement, for a linear axis.
     pub const PUBLISHED: Self = Self {
         bits: 8,
         code: CorrectionCode::TwosComplement,
         step: Displacement::Length(Mm(0.001)),
     };
 
-    /// Largest correction in the range of the word, mm or rad.
+    /// Largest correction that the word can encode with either sign, mm or rad.
     pub fn limit(&self) -> f64 {
         f64::from(mask(self.bits.saturating_sub(1))) * self.step.mm_or_rad()
     }
 
-    /// Encodes a correction (mm or rad): the nearest count, clamped to the limit; NaN becomes 0.
+    /// Encodes a correction (mm or rad) as the nearest count, clamped to the limit. NaN becomes 0.
     #[inline]
     #[expect(clippy::cast_possible_truncation, reason = "held within the range of the word")]
     pub fn encode(&self, correction: f64) -> Correction {
         let step = self.step.mm_or_rad();
         let most = f64::from(mask(self.bits.saturating_sub(1)));
         let counts = correction / step;
-        // Rounds half away from zero, without libm.
+        // Rounds half away from zero, without `libm`.
         let half = if counts < 0.0 { -0.5 } else { 0.5 };
         let held = (counts + half).clamp(-most, most) as i32;
         let size = held.unsigned_abs();
@@ -229,7 +227,8 @@ impl CorrectionWord {
         }
     }
 
-    /// Decodes a word to a correction, mm or rad; `None` for the most negative number of two's complement, which is never sent, and for −0.
+    /// Decodes a word to a correction, mm or rad. Returns `None` for the most negative number of two's complement,
+    /// which is never sent, and for −0 of sign and magnitude.
     pub fn decode(&self, word: u32) -> Option<f64> {
         let word = word & mask(self.bits);
         let sign = sign_bit(self.bits);
@@ -247,10 +246,11 @@ impl CorrectionWord {
     }
 }
 
-/// Maximum count, 2⁵²: far beyond the positions of a machine, and still exact in an `f64`.
+/// Maximum magnitude of a count, 2⁵². It is far beyond the positions of a machine, and exact in an `f64`.
 const FARTHEST: f64 = 4_503_599_627_370_496.0;
 
-/// Tracks a position of which only the low bits are reported; the axis must move less than half the range of the word between two words.
+/// Tracks a position whose word has only the low bits. The axis must move less than half the range of the word between
+/// two words.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Unwrapper {
     word: PositionWord,
@@ -259,7 +259,8 @@ pub struct Unwrapper {
 }
 
 impl Unwrapper {
-    /// Starts with a word and the known position of the axis (mm or rad) at that time, such as its reference position.
+    /// Starts with a word and the position of the axis (mm or rad) that is known at that time, such as its reference
+    /// position.
     #[expect(clippy::cast_possible_truncation, reason = "positions are counted in millions")]
     pub fn new(word: PositionWord, raw: u32, known: f64) -> Self {
         let range = i64::from(mask(word.bits)) + 1;
@@ -267,13 +268,12 @@ impl Unwrapper {
         let about = ((known - word.zero.mm_or_rad()) / word.step.mm_or_rad())
             .round()
             .clamp(-FARTHEST, FARTHEST) as i64;
-        // The count with these low bits that is nearest to the known position.
+        // Of all counts with these low bits, take the one nearest to the known position.
         let ahead = (i64::from(last) - about).rem_euclid(range);
         let ahead = if ahead * 2 > range { ahead - range } else { ahead };
         Self { word, count: about + ahead, last }
     }
 
-    /// Updates and returns the position from the next word.
     pub fn follow(&mut self, raw: u32) -> Coded {
         let now = self.word.count(raw);
         let range = i64::from(mask(self.word.bits)) + 1;

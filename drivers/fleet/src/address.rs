@@ -1,6 +1,6 @@
 use std::net::{IpAddr, Ipv6Addr};
 
-/// Expected form of an address, for messages.
+/// Expected form of a list of addresses, for messages.
 pub const ADDRESSES: &str =
     "nats://HOST:PORT or tls://HOST:PORT, several of them separated by commas";
 
@@ -11,19 +11,20 @@ pub fn addresses(text: &str) -> impl Iterator<Item = &str> {
     text.split(',').map(str::trim)
 }
 
-/// First invalid server address in a list: without a scheme, of a WebSocket, or with a user (nkeys identify users); `None` if all are valid.
+/// First invalid server address in a list; `None` if all are valid. Invalid are addresses without a scheme, WebSocket
+/// addresses, and addresses with a user, because nkeys identify users.
 pub fn wrong_address(text: &str) -> Option<&str> {
     addresses(text).find(|one| parse(one).is_none())
 }
 
-/// Addresses without TLS that are not loopback, whose traffic others on the network can read.
+/// Addresses without TLS to other hosts than the loopback. Others on the network can read this traffic.
 pub fn in_the_clear(text: &str) -> impl Iterator<Item = &str> {
     addresses(text).filter(|one| {
         one.starts_with("nats://") && !parse(one).is_some_and(|(host, _)| is_loopback(host))
     })
 }
 
-/// Port of the first address in a list, by default 4222; `None`: the address is invalid.
+/// Port of the first address in a list [default: 4222]; `None` if the address is invalid.
 pub fn first_port(text: &str) -> Option<u16> {
     let (_, port) = parse(addresses(text).next()?)?;
     Some(port.unwrap_or(DEFAULT_PORT))
@@ -33,7 +34,7 @@ fn is_loopback(host: &str) -> bool {
     host == "localhost" || host.parse().is_ok_and(|address: IpAddr| address.is_loopback())
 }
 
-/// Host and port of an address, an IPv6 host without its brackets; `None`: the address is invalid.
+/// Host and port of an address; `None` if the address is invalid. An IPv6 host is returned without its brackets.
 fn parse(text: &str) -> Option<(&str, Option<u16>)> {
     let address = text.strip_prefix("nats://").or_else(|| text.strip_prefix("tls://"))?;
     let (host, port) = if let Some(rest) = address.strip_prefix('[') {
@@ -73,7 +74,7 @@ mod tests {
     fn loopback_and_tls_addresses_are_not_in_the_clear() {
         let none = "nats://127.0.0.1:4222, nats://localhost, nats://[::1]:4222, nats://127.8.0.1, tls://nats.shop.lan";
         assert_eq!(in_the_clear(none).count(), 0);
-        // One of several addresses is without TLS, or a name only begins like a loopback address.
+        // The list has one address without TLS, or a name only begins like a loopback address.
         for (text, found) in [
             ("tls://a:4222,nats://b:4222", "nats://b:4222"),
             ("nats://localhost.shop.lan:4222", "nats://localhost.shop.lan:4222"),

@@ -17,18 +17,19 @@ const CONSUMER: &str = "centre";
 const REDELIVERY_INTERVAL: Duration = Duration::from_secs(30);
 const MAX_UNACKNOWLEDGED: i64 = 20_000;
 const MAX_BATCH: usize = 2_000;
-/// Time a batch waits for more messages after its first one; each batch costs one disk write.
+/// Time for which a batch waits for more messages after its first message. Batches are collected because each costs one
+/// disk write.
 const GATHER_TIME: Duration = Duration::from_millis(20);
 const RETRY_INTERVAL: Duration = Duration::from_millis(500);
 
 /// A machine message as stored in the stream.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Received {
-    /// The sender; the server has checked that the machine may publish on this subject.
+    /// Sender of the message. The server has checked that this machine may publish on the subject.
     pub identity: Identity,
     pub kind: Kind,
     pub sequence: u64,
-    /// Time at which the stream stored the message, seconds since 1970 by the server's clock.
+    /// Time at which the stream stored the message, in seconds since 1970 by the server's clock.
     pub stored_s: f64,
     pub bytes: Bytes,
 }
@@ -40,7 +41,8 @@ pub struct Batch {
 }
 
 impl Batch {
-    /// Acknowledges to the server that the messages are stored permanently. If the acknowledgement is lost they are redelivered.
+    /// Acknowledges to the server that the messages are stored permanently. If the acknowledgement is lost, the server
+    /// redelivers the messages.
     ///
     /// # Errors
     /// The connection is closed.
@@ -54,7 +56,7 @@ impl Batch {
 
 type Messages = BoxStream<'static, Vec<Result<Message, LinkError>>>;
 
-/// Receives the messages of one stream, starting after the last acknowledged one.
+/// Receives the messages of one stream, starting after the last acknowledged message.
 pub struct Collection {
     context: Context,
     stream: String,
@@ -78,8 +80,8 @@ impl Collection {
         &self.stream
     }
 
-    /// Receives the next batch: waits for a first message, then for those that follow within 20 ms, at most 2000. Retries while the
-    /// server cannot be reached.
+    /// Receives the next batch. Waits for a first message and then collects further messages for 20 ms, at most 2000.
+    /// Returns an error while the server cannot be reached; call again to retry.
     ///
     /// # Errors
     /// The reason why the subscription had to be restarted: log it, and call again.
@@ -104,7 +106,7 @@ impl Collection {
                         batch.messages.push(received);
                         batch.unacknowledged.push(message);
                     }
-                    // No machine may publish on this subject, so the message must not be redelivered.
+                    // No machine may publish on this subject, so the server must not redeliver the message.
                     None => {
                         let _ = message.ack_with(AckKind::Term).await;
                     }
@@ -113,14 +115,14 @@ impl Collection {
             }
         }
         match failure {
-            // Messages received before the failure are returned; messages in flight will be redelivered.
+            // Messages received before the failure are returned. The server will redeliver messages in flight.
             Some(error) if batch.messages.is_empty() => {
                 tokio::time::sleep(RETRY_INTERVAL).await;
                 Err(error)
             }
             Some(_) => Ok(batch),
             None => {
-                // The message stream has ended, and is reopened by the next call.
+                // After a failed or ended message stream the next call subscribes again.
                 if !batch.messages.is_empty() {
                     self.messages = Some(messages);
                 }

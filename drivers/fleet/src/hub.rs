@@ -18,7 +18,7 @@ use crate::{
     subjects::{desired_subject, latest_desired_subject},
 };
 
-/// A centre's connection; clones share it.
+/// Connection of a centre. Clones share the connection.
 #[derive(Clone)]
 pub struct Hub {
     client: Client,
@@ -26,19 +26,18 @@ pub struct Hub {
     reconnected: Arc<Notify>,
 }
 
-/// Desired state of a machine, as stored under its key in the NATS key-value bucket `desired`.
+/// Desired state of a machine, as stored under the name of the machine in the NATS key-value bucket `desired`.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct DesiredValue {
     pub machine: MachineId,
-    /// Value of the key; empty if it was deleted.
+    /// Value of the key; empty if the key was deleted.
     pub value: Bytes,
 }
 
-/// Event of the bucket `desired`.
 pub enum DesiredEvent {
     /// A value was put, by this centre or by another client.
     Put(DesiredValue),
-    /// The connection was established or restored. Values that were put while it was down are not reported.
+    /// The connection was established or restored. Values that were put during an interruption are not reported.
     Connected,
 }
 
@@ -66,7 +65,7 @@ impl Hub {
         Ok(Self { client, context, reconnected })
     }
 
-    /// JetStream context, for operations that this crate does not provide.
+    /// JetStream context, for operations that this type does not provide.
     pub fn context(&self) -> &Context {
         &self.context
     }
@@ -90,14 +89,14 @@ impl Hub {
     /// Puts the desired state of a machine, and waits until it is stored.
     ///
     /// # Errors
-    /// It is unknown whether the value was stored; put it again.
+    /// The value may or may not have been stored. Put it again.
     pub async fn put_desired(&self, machine: &MachineId, value: Bytes) -> Result<(), LinkError> {
         let subject = desired_subject(machine.as_str());
         let what = "putting a manifest";
         stored(what, &self.context, subject, HeaderMap::new(), value).await
     }
 
-    /// Stored desired state of a machine; `None` if there is none.
+    /// Stored desired state of a machine; `None` if the machine has none.
     ///
     /// # Errors
     /// The server does not respond.
@@ -111,7 +110,7 @@ impl Hub {
                 within: RESPONSE_TIMEOUT,
             })?
             .map_err(nats_error("requesting a manifest"))?;
-        // A status means that there is no message; a deleted value has no bytes.
+        // A response with a status contains no message. A deleted value has no bytes.
         Ok((message.status.is_none() && !message.payload.is_empty()).then_some(message.payload))
     }
 
@@ -129,7 +128,8 @@ impl Hub {
         put_model(&self.context, machine, sha256, model, replicas).await
     }
 
-    /// Watches the keys of all machines. Each connection event is received by one watch only, so use a single watch.
+    /// Watches the keys of all machines. Use a single watch, because each [`DesiredEvent::Connected`] is received by
+    /// one watch only.
     ///
     /// # Errors
     /// The connection is closed.
@@ -142,7 +142,8 @@ impl Hub {
         Ok(DesiredWatch { puts, reconnected: Arc::clone(&self.reconnected) })
     }
 
-    /// Collections of the messages of a site's machines: first conditions and telemetry, then audit records and acknowledgements.
+    /// Two collections of messages from the machines of a site: the first of conditions and telemetry, the second of
+    /// audit records and acknowledgements.
     pub fn collections(&self, site: &SiteId) -> [Collection; 2] {
         streams_of(site).map(|(stream, _)| Collection::new(self.context.clone(), stream))
     }

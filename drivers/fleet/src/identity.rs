@@ -33,7 +33,6 @@ macro_rules! id {
         pub struct $name(String);
 
         impl $name {
-            /// Name as used in subjects.
             pub fn as_str(&self) -> &str {
                 &self.0
             }
@@ -75,7 +74,6 @@ id!(
 );
 id!(SiteId, "The name of a site: 1 to 64 lower-case letters, digits and hyphens.");
 
-/// A machine and its site.
 #[derive(Clone, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct Identity {
     pub site: SiteId,

@@ -1,7 +1,7 @@
 //! The machine's side of the connection.
 //!
-//! A machine requests the value of one key and subscribes to its changes, without a consumer or a watch, so that the server keeps no state
-//! for it.
+//! A machine requests the value of its key and subscribes to changes of that key. It uses no consumer and no watch, so
+//! the server keeps no state for the machine.
 
 use std::{fmt, sync::Arc, time::Duration};
 
@@ -20,15 +20,15 @@ use crate::{
     subjects::{latest_desired_subject, models_bucket},
 };
 
-/// Interval at which the value is requested, in case the notification of a change was lost.
+/// Interval at which the value is requested, because the notification of a change may be lost.
 const REQUEST_INTERVAL: Duration = Duration::from_secs(60);
 pub(crate) const RESPONSE_TIMEOUT: Duration = Duration::from_secs(5);
 const MAX_MODEL_BYTES: u64 = 4 << 20;
 const MAX_RECONNECT_DELAY: Duration = Duration::from_secs(10);
-/// Maximum number of queued values; if more arrive, the latest value is requested again.
+/// Maximum number of queued values. If more values arrive, the latest value is requested again.
 const MAX_QUEUED_VALUES: usize = 8;
 
-/// Errors of the connection. Retrying is useful for all except `Seed`.
+/// Errors of the connection. The operation may be retried after every error except `Seed`.
 #[derive(Debug, thiserror::Error)]
 pub enum LinkError {
     /// The seed of the user's nkey is invalid.
@@ -39,7 +39,7 @@ pub enum LinkError {
     Nats { what: &'static str, source: Box<dyn std::error::Error + Send + Sync> },
     #[error("{what}: no answer within {within:?}")]
     Late { what: &'static str, within: Duration },
-    /// The object store lacks the model, or has another one under its name.
+    /// The object store lacks the model, or contains another model under its name.
     #[error("the model {sha256} in the object store: {found}")]
     Model { sha256: String, found: String },
 }
@@ -50,14 +50,13 @@ pub(crate) fn nats_error<E: Into<Box<dyn std::error::Error + Send + Sync>>>(
     move |source| LinkError::Nats { what, source: source.into() }
 }
 
-/// Connection settings of the server.
 #[derive(Clone)]
 pub struct LinkSettings {
     /// Server addresses, `nats://HOST:PORT` or `tls://HOST:PORT`, separated by commas.
     pub url: String,
-    /// Seed of the user's nkey. Messages and `Debug` never show it.
+    /// Seed of the user's nkey. It appears neither in messages nor in `Debug`.
     pub seed: String,
-    /// File with certificates, PEM, that are trusted in addition to those of the system.
+    /// PEM file with certificates that are trusted in addition to those of the system.
     pub roots: Option<std::path::PathBuf>,
 }
 
@@ -109,32 +108,31 @@ impl LinkSettings {
     }
 }
 
-/// Publishes and fetches over a machine's connection; clones share the connection.
+/// Publishes and fetches over the connection of a machine. Clones share the connection.
 #[derive(Clone)]
 pub struct MachineSender {
     client: Client,
     context: Context,
     subjects: Subjects,
-    /// Subject for requests of the latest value of the machine's key.
+    /// Subject on which the latest value of the machine's key is requested.
     latest_desired: String,
     models: String,
 }
 
-/// The connection of one machine.
 pub struct MachineLink {
     sender: MachineSender,
     desired: Subscriber,
-    /// Notified on every (re)connection, because values published while disconnected were not received.
+    /// Notified after every connection and reconnection, because values published while disconnected were not received.
     reconnected: Arc<Notify>,
     request_timer: tokio::time::Interval,
-    /// Whether the value must be requested, or the last request was not answered.
+    /// Whether the value must be requested, because no request was sent yet or the last request was not answered.
     due: bool,
-    /// SHA-256 of the value returned last; `None` before the first one.
+    /// SHA-256 of the value that was returned last; `None` before the first value.
     last: Option<[u8; 32]>,
 }
 
 impl MachineLink {
-    /// Connects. If the server cannot be reached, retries in the background.
+    /// Connects to the server. If the server cannot be reached, retries in the background.
     ///
     /// # Errors
     /// An invalid seed or address.
@@ -175,12 +173,12 @@ impl MachineLink {
         self.sender.clone()
     }
 
-    /// Returns the value of this machine's key once after the start and once after each change. Cancel safe; cancelling sends nothing to
-    /// the server.
+    /// Returns the value of this machine's key once after the start and once after each change. Cancel safe: a
+    /// cancelled call sends nothing to the server.
     pub async fn next_desired(&mut self) -> Bytes {
         loop {
-            // A change received while a response is pending is returned by the next call. The version of a manifest reveals an older value that arrives
-            // after a newer one.
+            // A change received while a response is pending is returned by the next call. If an older value arrives
+            // after a newer value, the versions of their manifests show it.
             let value = if self.due {
                 let answer = self.sender.request_value().await;
                 self.due = false;
@@ -215,7 +213,7 @@ impl MachineLink {
     /// Same as [`MachineSender::publish`].
     ///
     /// # Errors
-    /// The message may or may not have been stored: send it again later with the same `id`.
+    /// The message may or may not have been stored. Send it again later with the same `id`.
     pub async fn publish(&self, kind: Kind, id: &str, bytes: Bytes) -> Result<(), LinkError> {
         self.sender.publish(kind, id, bytes).await
     }
@@ -226,7 +224,8 @@ impl MachineLink {
 }
 
 impl MachineSender {
-    /// Requests the present value; `None` if there is none, or if the request timed out, in which case it must be repeated.
+    /// Requests the present value of the machine's key. Returns `None` if there is no value, or if the request timed
+    /// out and must be repeated.
     async fn request_value(&self) -> Option<Bytes> {
         let request = self.client.request(self.latest_desired.clone(), Bytes::new());
         let answer = timeout(RESPONSE_TIMEOUT, request).await;
@@ -246,7 +245,7 @@ impl MachineSender {
         if model.bytes > MAX_MODEL_BYTES {
             return Err(wrong("larger than 4 MiB"));
         }
-        // Direct requests are used, because a machine with permission to create consumers could send messages to any subject.
+        // Direct requests are used, because a machine that may create consumers could send messages to any subject.
         let stream = self
             .context
             .get_stream_no_info(format!("OBJ_{}", self.models))
@@ -279,10 +278,11 @@ impl MachineSender {
         String::from_utf8(bytes).map_err(|_| wrong("it is no text"))
     }
 
-    /// Publishes a message and waits until the stream has stored it. Messages with the same `id` are stored once.
+    /// Publishes a message and waits until the stream has stored it. The stream stores messages with the same `id`
+    /// once.
     ///
     /// # Errors
-    /// The message may or may not have been stored: send it again later with the same `id`.
+    /// The message may or may not have been stored. Send it again later with the same `id`.
     pub async fn publish(&self, kind: Kind, id: &str, bytes: Bytes) -> Result<(), LinkError> {
         let mut headers = HeaderMap::new();
         headers.insert("Nats-Msg-Id", id);
@@ -299,7 +299,8 @@ pub(crate) fn is_connected(client: &Client) -> bool {
     client.connection_state() == async_nats::connection::State::Connected
 }
 
-/// Publishes a message and waits at most [`RESPONSE_TIMEOUT`] until the stream has stored it. `what` describes the operation in messages.
+/// Publishes a message and waits at most `RESPONSE_TIMEOUT` until the stream has stored it. `what` names the operation
+/// in error messages.
 pub(crate) async fn stored(
     what: &'static str,
     context: &Context,
@@ -322,7 +323,7 @@ struct ObjectMeta {
     chunks: u32,
 }
 
-/// Encodes an object name for use in a subject.
+/// Encodes the name of an object for use in a subject.
 fn encoded(name: &str) -> String {
     use base64::Engine;
     base64::engine::general_purpose::URL_SAFE.encode(name)

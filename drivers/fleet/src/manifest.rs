@@ -1,8 +1,8 @@
 //! Desired state of a machine: the manifest, its signature, and the document that contains both.
 //!
-//! The signature covers the transmitted bytes, so the serialization is unambiguous. A machine accepts a manifest that is signed by a
-//! trusted key, addressed to this machine, and newer (by version) than every accepted one. Clocks play no role: a wrong clock does not
-//! change the result.
+//! The signature covers the transmitted bytes, so the serialization is unambiguous. A machine accepts a manifest if it
+//! is signed by a trusted key, addressed to this machine, and has a higher version than every manifest accepted before.
+//! Clocks have no effect on the result.
 
 use base64::{Engine, engine::general_purpose::STANDARD as BASE64};
 use ed25519_dalek::Signer;
@@ -13,10 +13,10 @@ use volcomp_vocabulary::AxisName;
 
 use crate::MachineId;
 
-/// Maximum size of a model that is embedded in the document, bytes; larger models are in the object store.
+/// Maximum size of a model that is embedded in the document, bytes. Larger models are stored in the object store.
 pub const INLINE_LIMIT: usize = 1024 * 1024;
 
-/// Prefix of the signed bytes, so that signatures made for another purpose are invalid here.
+/// Prefix of the signed bytes. It makes signatures for other purposes invalid here.
 const PURPOSE: &[u8] = b"volcomp desired 1\0";
 
 /// Reference to a machine file by checksum and size.
@@ -40,20 +40,20 @@ impl ModelRef {
     }
 }
 
-/// Desired state of a machine.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Manifest {
     pub machine: MachineId,
-    /// Serial number of the machine tool, so that a gateway computer that was moved to another machine rejects the manifest.
+    /// Serial number of the machine tool. A gateway computer that was moved to another machine rejects the manifest by
+    /// this number.
     pub serial: String,
     /// Version, higher than that of every earlier manifest.
     pub version: u64,
     pub axes: Vec<AxisName>,
     pub model: ModelRef,
-    /// Permission to correct; `false` ramps the correction out and prevents arming.
+    /// Permission to correct. `false` ramps the correction out and prevents arming.
     pub enable: bool,
-    /// Hash with which the operator confirms a change that moves the axes far (rule 13 of the guard).
+    /// Hash by which the operator confirms a change that moves the axes far (rule 13 of the guard).
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub confirm: Option<String>,
     /// Interval of conditions, s; `None`: 1.
@@ -62,41 +62,41 @@ pub struct Manifest {
     /// Interval of full telemetry, s; `None`: 10.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub telemetry_s: Option<u32>,
-    /// Time and author of the manifest, for display only.
+    /// Time and author of the manifest. They are only displayed.
     #[serde(default)]
     pub issued: String,
 }
 
-/// A signed manifest with its model, which is the value under the key of a machine.
+/// Value stored under the key of a machine: a signed manifest, with its model.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Desired {
-    /// The manifest as JSON, exactly as signed.
+    /// The manifest as JSON text, exactly as signed.
     pub manifest: String,
     /// Public key that verifies the signature, base64.
     pub key: String,
     pub signature: String,
-    /// The machine file if it is not larger than [`INLINE_LIMIT`]; `None`: it is in the machine's object store under its checksum.
+    /// The machine file, if it is not larger than [`INLINE_LIMIT`]. `None`: the machine file is in the machine's object
+    /// store under its checksum.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub model: Option<String>,
 }
 
-/// Reasons why the value of a key is malformed.
 #[derive(Debug, thiserror::Error)]
 pub enum DesiredError {
     /// Invalid JSON, or unexpected keys.
     #[error("the document of the manifest: {0}")]
     Json(#[from] serde_json::Error),
-    /// The key or the signature is not base64 of the right length.
+    /// The key or the signature is not base64, or has a wrong length.
     #[error("{what}: expected base64 of {bytes} bytes")]
     Base64 { what: &'static str, bytes: usize },
-    /// The public key is not a point of the curve, or is weak, so that anyone can forge its signatures.
+    /// The public key is not a point of the curve, or is weak: anyone can forge its signatures.
     #[error("key: expected an Ed25519 public key of large order")]
     WeakKey,
 }
 
 impl Desired {
-    /// Signs a manifest and embeds its machine file if that is small enough.
+    /// Signs a manifest, and embeds its machine file if that file is not larger than [`INLINE_LIMIT`].
     ///
     /// # Errors
     /// None in practice, since JSON can represent every manifest.
@@ -111,10 +111,11 @@ impl Desired {
         })
     }
 
-    /// Parses the bytes of a value. The result is not yet trusted: see [`Trust::accept`](crate::Trust::accept).
+    /// Parses the bytes of a value. The result is untrusted until [`Trust::accept`](crate::Trust::accept) has verified
+    /// it.
     ///
     /// # Errors
-    /// The bytes are not a document with a manifest.
+    /// The bytes are not a JSON document with a manifest.
     pub fn parse(bytes: &[u8]) -> Result<Self, DesiredError> {
         Ok(serde_json::from_slice(bytes)?)
     }
@@ -130,7 +131,7 @@ impl Desired {
     /// Key that signed the manifest; `None` if the signature is invalid. Does not check whether the key is trusted.
     ///
     /// # Errors
-    /// The key or the signature is not base64 of its length.
+    /// The key or the signature is not base64, or has a wrong length.
     pub fn signer(&self) -> Result<Option<VerifyingKey>, DesiredError> {
         let key: [u8; 32] = decode(&self.key, "key", 32)?;
         let signature: [u8; 64] = decode(&self.signature, "signature", 64)?;
@@ -143,7 +144,7 @@ impl Desired {
     }
 }
 
-/// Parses a public key to trust, in the format of a machine's `trusted_keys` and of [`Desired::key`].
+/// Parses the public key of a trusted signer, in the format of a machine's `trusted_keys` and of [`Desired::key`].
 ///
 /// # Errors
 /// Not base64 of 32 bytes, or a weak key whose signatures can be forged.
@@ -153,14 +154,14 @@ pub fn trusted_key(text: &str) -> Result<VerifyingKey, DesiredError> {
     key.filter(|key| !key.is_weak()).ok_or(DesiredError::WeakKey)
 }
 
-/// Identity of a machine and the keys that it trusts.
+/// Data by which a machine verifies a manifest: the identity of the machine, and the keys that it trusts.
 #[derive(Clone, Debug)]
 pub struct Trust {
     pub keys: Vec<VerifyingKey>,
     pub machine: MachineId,
     pub serial: String,
     pub axes: Vec<AxisName>,
-    /// Highest version that was ever accepted, as stored on disk; 0 if none.
+    /// Highest version that was ever accepted, as stored on disk; 0 if no manifest was accepted.
     pub highest: u64,
 }
 
@@ -168,11 +169,11 @@ pub struct Trust {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Accepted {
     pub manifest: Manifest,
-    /// Machine file, verified against its checksum; `None`: it is in the object store.
+    /// Machine file, verified against its checksum. `None`: it must be fetched from the object store.
     pub model: Option<String>,
 }
 
-/// Reasons why a manifest is rejected. A rejected manifest changes nothing.
+/// Reasons why a manifest is rejected. A rejected manifest has no effect.
 #[derive(Debug, thiserror::Error)]
 pub enum ManifestRejection {
     #[error(transparent)]
@@ -196,10 +197,10 @@ pub enum ManifestRejection {
 }
 
 impl Trust {
-    /// Verifies a manifest. The signature is checked first, so that the error never depends on unsigned data.
+    /// Verifies a manifest. The signature is checked first, so that no other error depends on unsigned data.
     ///
     /// # Errors
-    /// The reason why it is rejected.
+    /// The reason why the manifest is rejected.
     pub fn accept(&self, desired: &Desired) -> Result<Accepted, ManifestRejection> {
         let signer = desired.signer()?.ok_or(ManifestRejection::Signature)?;
         if !self.keys.contains(&signer) {

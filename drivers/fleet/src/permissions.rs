@@ -1,7 +1,8 @@
 //! Permissions of all users at the NATS server, and the text of the server's configuration.
 //!
-//! A machine publishes on its own four subjects, and reads its own key and object store. It cannot list, watch or delete anything. It
-//! receives no messages of other machines, because its inboxes contain its name.
+//! A machine publishes on its own four subjects, and reads its own key and object store. It cannot list, watch or
+//! delete anything. It receives no messages of other machines, because the subjects of its inboxes contain its own
+//! name.
 
 use std::{
     collections::BTreeSet,
@@ -17,7 +18,7 @@ use crate::{
     subjects::{latest_desired_subject, models_bucket},
 };
 
-/// Maximum message size, bytes: sufficient for a model of 1 MiB with its manifest, as JSON.
+/// Maximum message size, bytes. It suffices for a model of 1 MiB with its manifest, as JSON.
 const MAX_PAYLOAD: usize = 4 * 1024 * 1024;
 
 /// Subjects that a user may publish on and subscribe to.
@@ -37,9 +38,10 @@ impl Permissions {
                 subjects.telemetry,
                 subjects.audit,
                 subjects.ack,
-                // The latest value of its key, and nothing else in that stream.
+                // Requests the latest value of its own key, and nothing else in that stream.
                 latest_desired_subject(&identity.machine),
-                // The machine's own object store, message by message; not by a consumer, which could send messages to any subject.
+                // Reads the machine's own object store message by message. A consumer is not permitted, because it
+                // could send messages to any subject.
                 format!("$JS.API.DIRECT.GET.OBJ_{models}.>"),
                 format!("$JS.API.DIRECT.GET.OBJ_{models}"),
             ],
@@ -54,7 +56,6 @@ impl Permissions {
     }
 }
 
-/// A machine, and the public key by which the NATS server identifies it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct MachineUser {
     pub identity: Identity,
@@ -62,28 +63,25 @@ pub struct MachineUser {
     pub nkey: String,
 }
 
-/// TLS files of the server.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ServerTls {
     pub certificate: PathBuf,
     pub key: PathBuf,
 }
 
-/// Settings of a NATS server.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ServerSettings {
     /// Name of the server, unique in its cluster.
     pub name: String,
     pub listen: String,
     pub store: PathBuf,
-    /// TLS for clients; `None`: unencrypted, acceptable only on a single computer.
+    /// TLS for clients; `None`: unencrypted connections, which are acceptable only within a single computer.
     pub tls: Option<ServerTls>,
     pub cluster: Option<Cluster>,
     pub centres: Vec<String>,
     pub machines: Vec<MachineUser>,
 }
 
-/// Reasons why a configuration cannot be written.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum ServerConfigError {
     #[error(
@@ -97,14 +95,14 @@ pub enum ServerConfigError {
         "found the key {found:?}, expected the public nkey of a user: U and 55 letters and digits"
     )]
     Nkey { found: String },
-    /// Two users have the same key, so the server could not distinguish them.
+    /// Two users have the same key, so the server cannot distinguish them.
     #[error("the key {found} is used for two users, expected a separate key for each")]
     Twice { found: String },
 }
 
 impl ServerSettings {
-    /// Text of the server's configuration file. **For a server in a cluster it contains the cluster password**: only the file's owner
-    /// may read it.
+    /// Text of the server's configuration file. **If the server is in a cluster, the text contains the cluster
+    /// password**: only the owner of the file may read it.
     ///
     /// # Errors
     /// A text or a key that the configuration cannot represent.
@@ -182,9 +180,9 @@ fn quoted(what: &'static str, text: &str) -> Result<String, ServerConfigError> {
     Ok(format!("\"{text}\""))
 }
 
-/// Prefix of the seed before hashing, so that no other hash of the seed equals the password.
+/// Prefix of the seed before hashing. It makes the password differ from other hashes of the seed.
 const PURPOSE: &[u8] = b"volcomp route 1\0";
-/// User name of a server that joins the cluster.
+/// User name of the servers that join the cluster.
 const USER: &str = "route";
 
 /// Password shared by the servers of a cluster. `Debug` does not show it.
@@ -198,16 +196,16 @@ impl fmt::Debug for RoutePassword {
 }
 
 impl RoutePassword {
-    /// Derives the password from the seed of a centre's nkey, so that all servers configured by that centre have the same one. The seed
-    /// cannot be recovered from the password.
+    /// Derives the password from the seed of a centre's nkey, so that all servers configured by that centre share the
+    /// password. The seed cannot be recovered from the password.
     pub fn of_seed(seed: &str) -> Self {
         let bytes = [PURPOSE, seed.trim().as_bytes()].concat();
         Self(hex(&Sha256::digest(bytes)))
     }
 }
 
-/// Membership of a server in a cluster. A joining server can read and write everything, so joining requires a password, and certificates if
-/// the servers have TLS.
+/// Membership of a server in a cluster. A server that joins can read and write everything, so joining requires a
+/// password and, if the servers use TLS, certificates.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Cluster {
     pub name: String,
@@ -215,13 +213,13 @@ pub struct Cluster {
     /// Addresses of the servers of the cluster, `nats://HOST:PORT`.
     pub routes: Vec<String>,
     pub password: RoutePassword,
-    /// Certificates that the servers of the cluster trust, PEM; `None`: the certificates of the system.
+    /// PEM file with the certificates that the servers of the cluster trust; `None`: the certificates of the system.
     /// Unused without TLS.
     pub roots: Option<PathBuf>,
 }
 
 impl Cluster {
-    /// Table `cluster` of the server's configuration, with a line end.
+    /// Table `cluster` of the server's configuration.
     fn text(&self, tls: Option<&ServerTls>) -> Result<String, ServerConfigError> {
         let password = &self.password.0;
         let routes: Result<Vec<String>, ServerConfigError> = (self.routes.iter())

@@ -15,18 +15,16 @@ use crate::{ServerConfigError, ServerSettings};
 const DEBIAN_PATH: &str = "/usr/sbin/nats-server";
 const START_TIMEOUT: Duration = Duration::from_secs(30);
 
-/// Reasons why a server does not run.
 #[derive(Debug, thiserror::Error)]
 pub enum ServerError {
-    /// The settings do not make a valid configuration.
+    /// The settings do not give a valid configuration.
     #[error(transparent)]
     Configuration(#[from] ServerConfigError),
     #[error("nats-server is not installed: on Debian `apt install nats-server`")]
     NotInstalled,
-    /// A file or process operation failed.
     #[error("nats-server: {0}")]
     Io(#[from] io::Error),
-    /// The server exited or does not listen.
+    /// The server has exited, or does not listen.
     #[error("nats-server does not listen on {listen}; see its log {log}")]
     NotReady { listen: String, log: String },
 }
@@ -46,8 +44,8 @@ pub fn program() -> Option<PathBuf> {
     folders.chain([PathBuf::from(DEBIAN_PATH)]).find(|file| file.is_file())
 }
 
-/// Replaces a configuration file. Only its owner can read it, because it may contain a cluster password. A file of another user (as whom the
-/// server runs) keeps its owner.
+/// Replaces a configuration file. Only the owner can read the file, because it may contain a cluster password. A file
+/// that belongs to another user, as whom the server runs, keeps its owner.
 ///
 /// # Errors
 /// The file cannot be written.
@@ -122,7 +120,7 @@ impl Server {
     /// Writes changed settings (such as users) and makes the server reload them.
     ///
     /// # Errors
-    /// The settings do not make a valid configuration, or the server rejects them.
+    /// The settings do not give a valid configuration, or the server rejects it.
     pub fn reload(&self, settings: &ServerSettings) -> Result<(), ServerError> {
         let program = program().ok_or(ServerError::NotInstalled)?;
         write_private(&self.configuration, &settings.text()?)?;
@@ -142,7 +140,7 @@ impl Server {
 
 impl Drop for Server {
     fn drop(&mut self) {
-        // It may have exited already; `drop` cannot return an error.
+        // The process may have exited already, and `drop` cannot return an error.
         let _ = self.child.kill();
         let _ = self.child.wait();
     }

@@ -1,7 +1,8 @@
-//! Queue of outgoing messages: in memory while the server is reachable, on disk while it is not, bounded in both.
+//! Queue of outgoing messages, bounded in memory and on disk. Messages are in memory while the server is reachable, and
+//! on disk while it is not.
 //!
-//! State: the waiting messages. Those on disk survive the end of the program. A message is sent until the server acknowledges that it is
-//! stored; after a crash some are sent again, and their ids identify duplicates.
+//! Messages on disk survive the end of the program. A message is sent until the server acknowledges that it is stored.
+//! After a crash some messages are sent again, and their ids identify duplicates.
 
 use std::{
     collections::VecDeque,
@@ -13,24 +14,25 @@ use sha2::{Digest, Sha256};
 
 use crate::Kind;
 
-/// Maximum number of messages of a lane in memory; beyond it they are written to disk. While the server is reachable, this does not happen.
+/// Maximum number of messages of a lane in memory. Beyond it all messages in memory are moved to disk. This does not
+/// happen while the server is reachable.
 const MAX_IN_MEMORY: usize = 64;
-/// Maximum number of messages of a lane in memory while the disk rejects writes; beyond it the oldest are dropped.
+/// Maximum number of messages of a lane in memory while the disk rejects writes. Beyond it the oldest messages are
+/// dropped.
 const MAX_WITHOUT_DISK: usize = 1024;
-/// Maximum size of a file on disk, bytes, except for a single larger message.
+/// Maximum size of a file on disk, bytes. A single larger message gets a larger file.
 const FILE: usize = 256 * 1024;
 
 /// Priority class of a message, by its [`Kind`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Lane {
-    /// Acknowledgements and audit records: sent first, and never dropped in favour of telemetry.
+    /// Acknowledgements and audit records. They are sent first, and never dropped in favour of telemetry.
     Kept,
-    /// Conditions and telemetry: sent last, and dropped first.
+    /// Conditions and telemetry. They are sent last and dropped first.
     Passing,
 }
 
 impl Lane {
-    /// Lane of messages of this kind.
     pub fn of(kind: Kind) -> Self {
         match kind {
             Kind::Ack | Kind::Audit => Self::Kept,
@@ -39,27 +41,27 @@ impl Lane {
     }
 }
 
-/// Maximum sizes of the queue on disk.
+/// Maximum sizes of the two lanes of the queue on disk.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SpoolLimits {
-    /// Acknowledgements and audit records, bytes.
+    /// Maximum for acknowledgements and audit records, bytes.
     pub kept_bytes: u64,
-    /// Conditions and telemetry, bytes.
+    /// Maximum for conditions and telemetry, bytes.
     pub passing_bytes: u64,
 }
 
 impl Default for SpoolLimits {
-    /// 16 MiB and 64 MiB: about a day of conditions and telemetry.
+    /// 16 MiB for acknowledgements and audit records, and 64 MiB for conditions and telemetry, which suffices for about
+    /// a day.
     fn default() -> Self {
         Self { kept_bytes: 16 << 20, passing_bytes: 64 << 20 }
     }
 }
 
-/// A message waiting to be sent.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Waiting {
     pub kind: Kind,
-    /// Id by which the server and the centre recognize duplicates.
+    /// Identifier by which the server and the centre recognize duplicates.
     pub id: String,
     pub bytes: Vec<u8>,
 }
@@ -72,7 +74,7 @@ pub struct Spool {
 }
 
 impl Spool {
-    /// Opens the folder and lists its files. The complete messages of a file torn by a crash are recovered.
+    /// Opens the folder and lists its files. The complete messages of a file that a crash has torn are recovered.
     ///
     /// # Errors
     /// The folder cannot be created or read.
@@ -83,12 +85,13 @@ impl Spool {
         })
     }
 
-    /// Adds a message. Never fails: if there is no room, the oldest message of its lane is dropped, and counted in [`dropped`](Self::dropped).
+    /// Adds a message. If there is no room, drops the oldest message of its lane, which [`dropped`](Self::dropped)
+    /// counts.
     pub fn push(&mut self, message: Waiting) {
         self.lane(Lane::of(message.kind)).push(message);
     }
 
-    /// Next message of a lane to send; the same one until [`done`](Self::done) is called.
+    /// Next message of a lane to send. Returns the same message until [`done`](Self::done) is called.
     pub fn first(&mut self, lane: Lane) -> Option<&Waiting> {
         self.lane(lane).first()
     }
@@ -98,17 +101,17 @@ impl Spool {
         self.lane(lane).done();
     }
 
-    /// Number of messages dropped since the start, for lack of room or with damaged files.
+    /// Number of messages since the start that were dropped for lack of room or lost with damaged files.
     pub fn dropped(&self) -> u64 {
         self.kept.dropped + self.passing.dropped
     }
 
-    /// Current disk error; `None` if the disk works or was not needed.
+    /// Current disk error; `None` if the last disk operation succeeded or no disk operation was needed.
     pub fn trouble(&self) -> Option<&str> {
         self.kept.trouble.as_deref().or(self.passing.trouble.as_deref())
     }
 
-    /// Writes the messages in memory to disk, before the program ends.
+    /// Writes the messages in memory to disk. Call this before the program ends.
     pub fn flush(&mut self) {
         for queue in [&mut self.kept, &mut self.passing] {
             queue.take_back();
@@ -124,8 +127,8 @@ impl Spool {
     }
 }
 
-/// A file on disk. Its name contains its number, by which files are ordered, and the number of its messages, so that messages lost with a
-/// damaged file are counted.
+/// A file on disk. Its name contains a number, by which files are ordered, and the number of its messages. The latter
+/// counts the messages that are lost with a damaged file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 struct Stored {
     number: u64,
@@ -134,7 +137,7 @@ struct Stored {
 }
 
 impl Stored {
-    /// Parses a file name; `None` if it is not a file of this queue.
+    /// Parses a file name; `None` if the file does not belong to this queue.
     fn named(name: &str, bytes: u64) -> Option<Self> {
         let (number, messages) = name.strip_suffix(".spool")?.split_once('-')?;
         Some(Self { number: number.parse().ok()?, messages: messages.parse().ok()?, bytes })
@@ -145,20 +148,21 @@ impl Stored {
     }
 }
 
-/// Queue of one lane. Order of sending: the messages of the open file, the other files, the messages in memory.
+/// Queue of one lane. The messages of the open file are sent first, then those of the other files, then those in
+/// memory.
 #[derive(Debug)]
 struct Queue {
     folder: PathBuf,
     limit: u64,
     files: VecDeque<Stored>,
-    /// File whose messages are being sent, until all are done.
+    /// File whose messages are currently being sent.
     open: Option<Stored>,
-    /// Remaining messages of the open file.
+    /// Messages of the open file that are not sent yet.
     front: VecDeque<Waiting>,
-    /// The message returned last, and whether it came from the open file. It is kept outside the queue, so that it is not dropped
-    /// meanwhile.
+    /// The message that was returned last, and whether it came from the open file. It is outside the queue, so that it
+    /// is not dropped while it is being sent.
     given: Option<(Waiting, bool)>,
-    /// The newest messages, not yet in a file.
+    /// The newest messages, which are in no file yet.
     memory: VecDeque<Waiting>,
     next_file: u64,
     dropped: u64,
@@ -196,7 +200,7 @@ impl Queue {
 
     fn push(&mut self, message: Waiting) {
         self.memory.push_back(message);
-        // After a disk failure every further message retries the write.
+        // After a disk failure every further message causes another attempt to write.
         if self.memory.len() > MAX_IN_MEMORY {
             self.spill();
         }
@@ -226,7 +230,7 @@ impl Queue {
             let file = Stored { number: self.next_file, messages: count as u64, bytes: length };
             let path = self.path(file);
             if let Err(e) = std::fs::write(&path, &bytes) {
-                // A partial file may remain; its messages are still in memory and would be sent twice.
+                // A partial file may remain. Its messages are still in memory and would be sent twice.
                 let _ = std::fs::remove_file(&path);
                 self.trouble = Some(format!("{}: {e}", path.display()));
                 return;
@@ -264,7 +268,7 @@ impl Queue {
             };
             let path = self.path(file);
             match std::fs::read(&path) {
-                // The file may still exist, so it is retried, and newer messages are sent first.
+                // The file may still exist, so it will be read again later. Meanwhile newer messages are sent.
                 Err(e) if e.kind() != io::ErrorKind::NotFound || !self.folder.is_dir() => {
                     self.trouble = Some(format!("{}: {e}", path.display()));
                     self.files.push_front(file);
@@ -277,8 +281,8 @@ impl Queue {
         self.front.pop_front().map(|message| (message, true))
     }
 
-    /// Loads the messages of a file. Damaged messages, and messages of a kind unknown to this
-    /// version of the program, are dropped.
+    /// Loads the messages of a file. Drops damaged messages, and messages of a kind that this version of the program
+    /// does not support.
     fn give_out(&mut self, file: Stored, bytes: &[u8]) {
         self.open = Some(file);
         self.trouble = None;
@@ -301,7 +305,7 @@ impl Queue {
         }
     }
 
-    /// Returns the message that [`first`](Self::first) handed out to the queue. Messages of the open file are also on disk.
+    /// Puts the message that `first` handed out back into the queue. Messages of the open file are also on disk.
     fn take_back(&mut self) {
         match self.given.take() {
             Some((message, true)) => self.front.push_front(message),
@@ -317,8 +321,8 @@ impl Queue {
     }
 }
 
-/// Size of the header of a record, bytes: lengths of the kind, the id and the content, then eight bytes of checksum, by which a torn end is
-/// detected.
+/// Size of the header of a record, bytes: 1 for the length of the kind, 2 for the length of the id, 4 for the length of
+/// the content, and 8 for a checksum, which detects a torn end.
 const HEADER: usize = 1 + 2 + 4 + 8;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -328,7 +332,7 @@ struct Record<'a> {
     bytes: &'a [u8],
 }
 
-/// Appends a record. It is omitted if its kind, id or content are longer than their length fields can represent.
+/// Appends a record. Omits a record whose kind, id or content is too long for its length field.
 fn append(file: &mut Vec<u8>, record: Record<'_>) {
     let lengths = (
         u8::try_from(record.kind.len()),
@@ -347,7 +351,7 @@ fn append(file: &mut Vec<u8>, record: Record<'_>) {
     file.extend_from_slice(record.bytes);
 }
 
-/// Records of a file, up to the first torn or damaged one.
+/// Records of a file, up to the first torn or damaged record.
 fn records(mut file: &[u8]) -> impl Iterator<Item = Record<'_>> {
     std::iter::from_fn(move || {
         let (header, rest) = file.split_at_checked(HEADER)?;
@@ -390,7 +394,7 @@ mod tests {
     use super::*;
 
     proptest! {
-        /// A file that is cut at any byte, or has one changed byte, yields the records before that point unchanged.
+        /// A file that is cut at any byte, or has one changed byte, yields all records before that byte unchanged.
         #[test]
         fn a_damaged_file_yields_its_complete_records(
             messages in proptest::collection::vec(("[a-z]{0,9}", ".{0,20}", proptest::collection::vec(any::<u8>(), 0..40)), 0..8),

@@ -1,7 +1,7 @@
 //! Buckets and streams at the server, created by the centre.
 //!
-//! A key-value bucket is a stream with a certain name. It is created as a stream, because the client's function for buckets requires
-//! information that servers of version 2.9 do not return.
+//! A key-value bucket is a stream whose name starts with `KV_`. Buckets are created as streams, because the client's
+//! function for buckets requires information that servers of version 2.9 do not return.
 
 use std::time::Duration;
 
@@ -18,7 +18,7 @@ const TELEMETRY_PREFIX: &str = "telemetry-";
 /// Prefix of the name of a site's stream of audit records and acknowledgements.
 const AUDIT_PREFIX: &str = "audit-";
 const HISTORY: i64 = 8;
-/// Deduplication window: messages with the same id within this time are stored once.
+/// Deduplication window: of messages with the same id within this time, the server stores one.
 const DUPLICATE_WINDOW: Duration = Duration::from_secs(120);
 
 /// Retention limits of the streams, by age and size.
@@ -27,22 +27,22 @@ pub struct StreamRetention {
     /// Number of servers of the cluster that store each stream: 1, 3 or 5.
     pub replicas: usize,
     pub telemetry: Duration,
-    /// Maximum size of a site's two streams together, bytes. That of conditions and telemetry gets three quarters and removes its oldest
-    /// messages. That of audit records and acknowledgements gets a quarter and refuses new ones, which wait at their gateways, because the centre
-    /// may not have collected the old ones.
+    /// Maximum size of a site's two streams together, bytes. The stream of conditions and telemetry gets three quarters
+    /// and removes its oldest messages. The stream of audit records and acknowledgements gets a quarter and refuses new
+    /// messages, because the centre may not have collected the old ones. Refused messages wait at their gateways.
     pub site_bytes: i64,
     pub audit: Duration,
 }
 
 impl Default for StreamRetention {
-    /// One server; telemetry for a week, audit records for a year, up to 4 GiB per site.
+    /// One server; telemetry for 7 days, audit records for 366 days, at most 4 GiB per site.
     fn default() -> Self {
         const DAY: Duration = Duration::from_secs(86_400);
         Self { replicas: 1, telemetry: 7 * DAY, site_bytes: 4 << 30, audit: 366 * DAY }
     }
 }
 
-/// The two streams of a site with their subjects: telemetry, then audit.
+/// Names and subjects of the two streams of a site: telemetry, then audit.
 pub(crate) fn streams_of(site: &SiteId) -> [(String, Vec<String>); 2] {
     let of =
         |kinds: [Kind; 2]| kinds.map(|kind| format!("volcomp.{site}.*.{}", kind.name())).to_vec();
@@ -52,7 +52,7 @@ pub(crate) fn streams_of(site: &SiteId) -> [(String, Vec<String>); 2] {
     ]
 }
 
-/// Creates the bucket of desired states and the streams of these sites; existing ones are updated to these settings.
+/// Creates the bucket of desired states and the streams of these sites. Existing streams are updated to these settings.
 ///
 /// # Errors
 /// The server does not respond or denies permission.

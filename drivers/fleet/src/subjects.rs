@@ -1,13 +1,12 @@
 //! Names of the fleet's subjects, buckets and streams.
 //!
-//! A machine publishes on its own four subjects, one for each [`Kind`] of message, and reads only the key with its name.
+//! A machine publishes on its own four subjects, one for each [`Kind`] of message, and reads only its own key.
 
 use crate::{Identity, MachineId};
 
-/// Key-value bucket of the desired states; the key is the machine's name.
+/// Key-value bucket of the desired states. The key of a machine is its name.
 pub(crate) const DESIRED_BUCKET: &str = "desired";
 
-/// Kind of a machine message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Kind {
     Ack,
@@ -35,7 +34,7 @@ impl Kind {
     }
 }
 
-/// Subject of a machine's key in the bucket of desired values; a wildcard selects every machine.
+/// Subject of a machine's key in the bucket of desired states. A wildcard selects every machine.
 pub(crate) fn desired_subject(machine: &str) -> String {
     format!("$KV.{DESIRED_BUCKET}.{machine}")
 }
@@ -46,12 +45,11 @@ pub(crate) fn latest_desired_subject(machine: &MachineId) -> String {
     format!("$JS.API.DIRECT.GET.KV_{DESIRED_BUCKET}.{desired}")
 }
 
-/// Name of the object store of a machine's models that are too large for a manifest.
+/// Name of the object store with a machine's models that are too large for a manifest.
 pub(crate) fn models_bucket(machine: &MachineId) -> String {
     format!("models-{machine}")
 }
 
-/// Subjects of one machine.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Subjects {
     /// Subject of short conditions, once a second by default.
@@ -66,7 +64,6 @@ pub struct Subjects {
 }
 
 impl Subjects {
-    /// The subjects of a machine.
     pub fn of(identity: &Identity) -> Self {
         let Identity { site, machine } = identity;
         let own = |kind: Kind| format!("volcomp.{site}.{machine}.{}", kind.name());
@@ -80,7 +77,6 @@ impl Subjects {
         }
     }
 
-    /// Subject of messages of this kind.
     pub fn of_kind(&self, kind: Kind) -> &str {
         match kind {
             Kind::Ack => &self.ack,

@@ -1,4 +1,3 @@
-//! Finds the request forms that a control accepts in a cycle; it sends only read requests.
 
 use std::time::Instant;
 
@@ -13,7 +12,9 @@ use crate::{
     session::Session,
 };
 
-/// Finds the request forms that the control accepts: first the one with the fewest exchanges; if it is rejected, each ability separately.
+/// Finds the request forms that the control accepts in a cycle. Sends only read requests. The form with the fewest
+/// exchanges is tried first; if it is rejected, each ability is tried separately.
+///
 /// Errors: a request that is rejected in every form, with the control's return code.
 pub(crate) fn find(
     session: &mut Session,
@@ -78,8 +79,8 @@ impl FormProbe<'_> {
         self.refusal(&[exchange], &item.words(self.config))
     }
 
-    /// Sends read requests. Returns the error if the control rejects one or returns less data than requested, `None` if it answers all. Other
-    /// failures are errors of this function, including a busy control.
+    /// Sends read requests. Returns `None` if the control answers all of them, or the error if it rejects one or
+    /// returns less data than requested. Fails on any other failure, such as a busy control.
     fn refusal(
         &mut self,
         exchanges: &[Exchange<ReadItem>],

@@ -1,4 +1,4 @@
-//! Decodes the control's responses about itself.
+//! Decodes the control's responses about its type, state, alarms and positions.
 
 use crate::frame::{FrameError, number};
 
@@ -21,10 +21,10 @@ pub(crate) mod function {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum PositionKind {
-    /// Machine coordinates, counted from the machine's zero point.
+    /// Machine coordinates, relative to the machine's zero point.
     #[default]
     Machine,
-    /// Absolute coordinates, in the workpiece's system.
+    /// Absolute coordinates, relative to the workpiece zero point.
     Absolute,
 }
 
@@ -41,9 +41,9 @@ impl PositionKind {
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct SystemInfo {
-    /// Number of axis slots in a response about all axes, used or not.
+    /// Number of axis slots in a response about all axes, including unused slots.
     pub max_axes: u16,
-    /// The type of control, such as ` 0` or `31`.
+    /// Type of the control, such as ` 0` or `31`.
     pub cnc_type: String,
     /// ` M` for milling, ` T` for turning.
     pub machine_type: String,
@@ -74,12 +74,13 @@ pub struct Alarm {
     pub number: i32,
     /// Alarm type, a number defined by the manufacturer.
     pub kind: i32,
-    /// Axis of the alarm, from 1; 0 for none.
+    /// Number of the axis that raised the alarm, from 1; 0 if no axis did.
     pub axis: i32,
     pub text: String,
 }
 
-/// Decodes the number in the eight-byte slot with this index, mm or deg. Errors: the data end before it, or the slot holds no number.
+/// Decodes the number in the eight-byte slot with this index, mm or deg. Errors: the data end before the slot, or the
+/// slot contains no number.
 pub(crate) fn slot(data: &[u8], index: usize) -> Result<f64, FrameError> {
     let bytes = data.get(8 * index..).and_then(|rest| rest.first_chunk::<8>());
     let bytes = bytes.ok_or(FrameError("fewer axes than requested"))?;

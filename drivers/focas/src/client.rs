@@ -1,4 +1,5 @@
-//! Sends single read and write requests, for set-up and tools; a real-time cycle uses [`FocasController`](crate::FocasController).
+//! Sends single read and write requests, for set-up and tools. For a real-time cycle use
+//! [`FocasController`](crate::FocasController).
 
 use std::time::{Duration, Instant};
 
@@ -14,7 +15,6 @@ use crate::{
     session::Session,
 };
 
-/// A client that sends one request at a time.
 #[derive(Debug)]
 pub struct Client {
     session: Session,
@@ -23,7 +23,7 @@ pub struct Client {
 }
 
 impl Client {
-    /// Opens a session; `at_most` is also the timeout of every later call.
+    /// Opens a session. `at_most` is the timeout of this call and of every later call.
     ///
     /// # Errors
     /// See [`Session::open`].
@@ -31,18 +31,18 @@ impl Client {
         Ok(Self { session: Session::open(host, port, at_most)?, path: 1, at_most })
     }
 
-    /// Returns the session, for requests that this client does not offer.
+    /// Returns the session, for requests that this client lacks.
     pub fn into_session(self) -> Session {
         self.session
     }
 
-    /// Selects a path of the control, from 1; without this call it is 1.
+    /// Selects a path of the control, counted from 1 [default: 1].
     #[must_use]
     pub fn with_path(self, path: u16) -> Self {
         Self { path, ..self }
     }
 
-    /// Protocol version of the control's responses: 2, 3 or 4 by its generation.
+    /// Protocol version of the control's responses: 2, 3 or 4, depending on the generation of the control.
     pub fn version(&self) -> u16 {
         self.session.version()
     }
@@ -63,7 +63,7 @@ impl Client {
         let deadline = Instant::now() + self.at_most;
         let failed = |fault| FocasError::in_request(what, fault);
         let mut blocks = self.session.exchange(&request, deadline).map_err(failed)?;
-        // The session has checked that there are as many blocks as commands.
+        // The session has checked that the response has one block for each command.
         let block = blocks.next().unwrap_or(Err(FrameError("no answer")));
         let block = block.map_err(|e| failed(e.into()))?;
         if block.error != 0 {
@@ -104,7 +104,7 @@ impl Client {
         status(&data).map_err(|e| broken("reading the status", e))
     }
 
-    /// Reads the letters of the axes in the control's order, up to the first axis without one.
+    /// Reads the letters of the axes in the control's order, up to the first axis that has no letter.
     ///
     /// # Errors
     /// See [`FocasError`].
@@ -117,7 +117,7 @@ impl Client {
     /// Reads the positions of the first `axes` axes, mm or deg.
     ///
     /// # Errors
-    /// See [`FocasError`]; a slot that holds no number.
+    /// See [`FocasError`]. A slot that contains no number is an error too.
     pub fn positions(&mut self, kind: PositionKind, axes: usize) -> Result<Vec<f64>, FocasError> {
         let args = [kind.code(), -1, 0, 0, 0];
         let data = self.request(function::POSITIONS, args, &[], "reading positions")?;
@@ -157,7 +157,7 @@ impl Client {
         Ok(())
     }
 
-    /// Reads the custom macro variable with this number; `None` if it is vacant.
+    /// Reads the custom macro variable with this number; `None` if the variable is vacant.
     ///
     /// # Errors
     /// See [`FocasError`].
@@ -181,7 +181,8 @@ impl Client {
         Ok(())
     }
 
-    /// Reads a work offset (`number` 0: external, 1 to 6: G54 to G59) of an axis, counted from 0; mm or deg.
+    /// Reads a work offset of the axis with this index from 0, mm or deg. `number` 0 is the external offset, 1 to 6 are
+    /// G54 to G59.
     ///
     /// # Errors
     /// See [`FocasError`].
@@ -191,11 +192,12 @@ impl Client {
         slot(&data, axis).map_err(|e| broken("reading a work offset", e))
     }
 
-    /// Sets a work offset (numbers as in [`Client::read_work_offset`]) of an axis, counted from 0; mm or deg, rounded to three decimals.
+    /// Sets a work offset of the axis with this index from 0, mm or deg, rounded to three decimals. For `number` see
+    /// [`Client::read_work_offset`].
     ///
-    /// A work offset does not replace a zero point shift: it reportedly takes effect only when blocks are read ahead. A public description
-    /// of the protocol documents this request only for G54 of the X axis, with a delayed read-back. This client has been tested only
-    /// against its own simulator.
+    /// A work offset does not replace a zero point shift, because it reportedly takes effect only when blocks are read
+    /// ahead. A public description of the protocol documents this request only for G54 of the X axis, with a delayed
+    /// read-back. This client has been tested only against its own simulator.
     ///
     /// # Errors
     /// See [`FocasError`].
@@ -208,16 +210,17 @@ impl Client {
         let axis = i32::try_from(axis + 1).unwrap_or(i32::MAX);
         let args = [number, number, axis, 0, 8];
         let [a, b, c, d, ..] = number_bytes(value, 3);
-        // As in the public description: a mantissa of four bytes, then zeros and the exponent ffff.
+        // The format of the public description: a mantissa of four bytes, two zero bytes, and the exponent ffff.
         let data = [a, b, c, d, 0, 0, 0xff, 0xff];
         self.request(function::WRITE_OFFSET, args, &data, "writing a work offset")?;
         Ok(())
     }
 
-    /// Reads a parameter of the control: for the axis with this index (from 0), or without an axis.
+    /// Reads a parameter of the control. `axis` is the index of an axis from 0, or `None` for a parameter that belongs
+    /// to no axis.
     ///
     /// # Errors
-    /// See [`FocasError`]; an unknown number makes the control reject the request.
+    /// See [`FocasError`]. The control rejects a request for an unknown number.
     pub fn read_parameter(
         &mut self,
         number_of: i32,
@@ -230,8 +233,9 @@ impl Client {
         slot(values, axis.unwrap_or(0)).map_err(|e| broken("reading a parameter", e))
     }
 
-    /// Reads an integer parameter of the control. The inner error is the reason why its value is unknown: the control rejects the request, or the
-    /// value is not a whole number. Errors: the session failed, or the control is busy.
+    /// Reads an integer parameter of the control. The inner error is the reason why the value is unknown: the control
+    /// rejects the request, or the value is not a whole number. The outer error means that the session failed or the
+    /// control is busy.
     pub(crate) fn integer_parameter(
         &mut self,
         number: i32,
@@ -248,9 +252,9 @@ impl Client {
         }))
     }
 
-    /// Reads from which PMC words the control takes the machine zero point shift of its axes: parameters 1203#0 and 1280, whose meaning is
-    /// from memory of manuals. If the control rejects the request or the values are not whole numbers, the result is
-    /// [`ShiftSource::Unreported`].
+    /// Reads from which PMC words the control takes the machine zero point shift of its axes: parameters 1203#0 and
+    /// 1280. Their meaning is from memory of the manuals, and unverified. If the control rejects the request or a value
+    /// is not a whole number, the result is [`ShiftSource::Unreported`].
     ///
     /// # Errors
     /// The session failed, or the control is busy: see [`FocasError`].
@@ -292,7 +296,7 @@ impl Client {
     }
 }
 
-/// Converts a non-negative integer of at most 32 bits; `None` for other numbers.
+/// Converts a whole number from 0 to 2³² − 1; `None` for other numbers.
 #[expect(
     clippy::cast_possible_truncation,
     clippy::cast_sign_loss,

@@ -12,11 +12,10 @@ use crate::{
 /// Assumed resolution of the positions that a control reports, mm or deg.
 const POSITION_STEP: f64 = 0.001;
 
-/// PMC words to which the machine zero point shifts of the axes are written.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Shift {
-    /// First byte of the word for the control's first axis; the words of its other axes follow.
+    /// First byte of the shift word of the control's first axis. The shift words of its other axes follow.
     pub first: PmcAddress,
     pub width: Width,
     pub count_linear: Mm,
@@ -32,60 +31,63 @@ impl Shift {
         }
     }
 
-    /// The same shifts in two-byte words, the width in frames to a barrier.
+    /// The same shifts in two-byte words, which is the width in frames to a barrier.
     pub(crate) fn in_words(self) -> Self {
         Self { width: Width::Word, ..self }
     }
 
-    /// Largest shift, in either direction, of an axis of this kind that a word of this width holds.
+    /// Largest shift in either direction that a word of this width can represent, for this kind of axis.
     pub fn largest(&self, kind: AxisKind) -> Displacement {
         let count = self.count(kind).mm_or_rad();
         Displacement::new(kind, count * f64::from(self.width.largest()))
     }
 }
 
-/// Configuration of a control: its connection, the axes, and the memory through which corrections are written.
+/// Configuration of the connection to a control: the address, the axes, and the memory through which corrections are
+/// written.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FocasConfig {
     pub host: String,
-    /// TCP port of the control, 8193 by default.
+    /// TCP port of the control [default: 8193].
     pub port: u16,
-    /// Path of the control whose axes are corrected, from 1.
+    /// Path of the control whose axes are corrected, counted from 1.
     pub path: u16,
     pub channel: String,
-    /// The axes to correct, in channel order.
     pub axes: Vec<AxisName>,
-    /// Axes whose positions are only read. If `axes` is empty, `referenced` is the only PMC memory that the driver accesses.
+    /// Axes whose positions are only read. If `axes` is empty, the driver accesses no PMC memory except `referenced`.
     pub reads: Vec<AxisName>,
     pub shift: Shift,
-    /// Byte that every correction increments and the ladder monitors; `None`: the ladder monitors nothing.
+    /// Byte that every correction increments, so that the ladder can detect a stopped gateway; `None` if the ladder
+    /// monitors no byte.
     pub heartbeat: Option<PmcAddress>,
-    /// Byte that each correction increments after the shifts are written. A ladder that copies the shifts when this byte changes gives
-    /// all axes their shifts in the same scan. `None`: no such byte.
+    /// Byte that each correction increments after the shifts are written; `None` if there is no such byte. A ladder
+    /// that copies the shifts when this byte changes gives all axes their shifts in the same scan.
     pub sequence: Option<PmcAddress>,
-    /// Memory of a barrier in the ladder: its frames and reports. If set, corrections are sent by `post`, not by `apply`; heartbeat and
-    /// sequence byte are unused, and the driver never writes the words of `shift`, which belong to the ladder.
+    /// Memory of a barrier in the ladder, with its frames and reports. If set, corrections are sent by `post` instead
+    /// of `apply`. Heartbeat and sequence byte are then unused, and the driver never writes the words of `shift`, which
+    /// belong to the ladder.
     pub barrier: Option<BarrierArea>,
-    /// Whether a ladder copies the words of `shift` to those from which the control takes the shift. If not, the control takes the shift from
-    /// the words of `shift`, and its parameters must agree.
+    /// Whether a ladder copies the words of `shift` to the words from which the control takes the shift. If `false`,
+    /// the control takes the shift directly from the words of `shift`, and its parameters must name these words.
     pub copied: bool,
-    /// Coordinate system in which positions are read.
     pub positions: PositionKind,
     /// Whether reported positions contain the shift.
     pub includes_correction: bool,
-    /// Byte with one bit for each referenced axis, the lowest for the control's first axis; `None`: all axes are assumed to be referenced.
+    /// Byte with one bit for each referenced axis. The lowest bit is the control's first axis. `None`: all axes are
+    /// assumed to be referenced.
     pub referenced: Option<PmcAddress>,
-    /// Timeout for connecting, and for each request until the first cycle.
+    /// Timeout for connecting, and for each request before the first cycle.
     pub at_most: Duration,
     /// Delay between two connection attempts.
     pub backoff: Backoff,
 }
 
 impl FocasConfig {
-    /// A configuration for these axes: shifts in two-byte words of 1 µm and 0.001 deg from R100, a heartbeat at R120, referenced axes in F120.
+    /// Creates a configuration for these axes: shifts in two-byte words of 1 µm and 0.001 deg from R100, a heartbeat at
+    /// R120, referenced axes in F120.
     ///
-    /// The addresses are examples. It is unverified that a shift from R memory is enabled (parameters 1203#0 and 1280) and that F120
-    /// reports the referenced axes: see the control's manual.
+    /// The addresses are examples. Check in the control's manual that a shift from R memory is enabled (parameters
+    /// 1203#0 and 1280) and that F120 reports the referenced axes. Both are unverified.
     pub fn new(host: impl Into<String>, axes: &[AxisName]) -> Self {
         let address = |area, at| PmcAddress { area, at };
         Self {
@@ -131,7 +133,8 @@ impl FocasConfig {
     /// Describes the controller with this configuration, without connecting.
     ///
     /// # Errors
-    /// No axis, a duplicate axis, a count that is not positive; bytes that are not writable, exceed the PMC's memory, or overlap.
+    /// No axis, a duplicate axis, a count that is not positive; or bytes that are not writable, exceed the PMC's
+    /// memory, or overlap.
     pub fn describe(&self) -> Result<Description, FocasError> {
         let axis = |&name: &AxisName| Axis {
             name,
@@ -167,14 +170,14 @@ impl FocasConfig {
         Ok(description)
     }
 
-    /// The first two overlapping memory blocks of this configuration; `None` if no blocks overlap, or if the configuration has another
-    /// error.
+    /// The first two overlapping memory blocks of this configuration. `None` if no blocks overlap, or if the
+    /// configuration has another error.
     pub fn overlap(&self) -> Option<[Block; 2]> {
         overlap_within(self)
     }
 
-    /// Two overlapping memory blocks, one of each configuration, at least one of them written; `None` if no blocks overlap, or if the
-    /// configurations are for different controls.
+    /// Two overlapping memory blocks, one of each configuration, of which at least one is written. `None` if no such
+    /// blocks overlap, or if the configurations are for different controls.
     pub fn overlap_with(&self, other: &Self) -> Option<[Block; 2]> {
         let is_same = self.host.eq_ignore_ascii_case(&other.host) && self.port == other.port;
         is_same.then(|| overlap_between(self, other)).flatten()
@@ -192,8 +195,8 @@ const FRAME: &str = "the words of the frame";
 const REPORT: &str = "the words of the report";
 const REFERENCED: &str = "the byte of the referenced axes";
 
-/// Memory blocks that the driver uses, with shift words for `slots` axes of the control. With a barrier, the ladder writes the shift
-/// words, and heartbeat and sequence byte are unused.
+/// Memory blocks that the driver uses. `slots` is the number of axes of the control that have a shift word. With a
+/// barrier, the ladder writes the shift words, and heartbeat and sequence byte are unused.
 fn used(config: &FocasConfig, slots: usize) -> Result<Vec<MemoryUse>, FocasError> {
     let axes = config.axes.len();
     let plain = config.barrier.is_none();
@@ -205,7 +208,7 @@ fn used(config: &FocasConfig, slots: usize) -> Result<Vec<MemoryUse>, FocasError
     let shifts = (axes > 0).then_some(first);
     let (byte, word) = (Width::Byte, Width::Word);
     let mut found = Vec::new();
-    // Key, description, first byte, number of words, their width in bytes, whether this driver writes them.
+    // Each entry: key, description, first byte, number of words, bytes per word, whether this driver writes the words.
     for (key, what, at, points, width, written) in [
         ("barrier.frame", FRAME, frame, frame_words, word, true),
         ("barrier.report", REPORT, report, report_words, word, false),
@@ -215,7 +218,7 @@ fn used(config: &FocasConfig, slots: usize) -> Result<Vec<MemoryUse>, FocasError
         ("area.first", SHIFTS, shifts, slots, width, plain),
     ] {
         let Some(first) = at else { continue };
-        // The ladder writes the report.
+        // The ladder writes the report, so the report must be in the ladder's memory too.
         if (written || what == REPORT) && !first.area.is_of_ladder() {
             return Err(FocasError::NotWritable { key, at: first });
         }
@@ -229,8 +232,8 @@ fn used(config: &FocasConfig, slots: usize) -> Result<Vec<MemoryUse>, FocasError
     Ok(found)
 }
 
-/// Checks the memory blocks, with shift words for `slots` axes of the control: the addresses must exist, written bytes must be writable, and
-/// no blocks may overlap.
+/// Checks the memory blocks. `slots` is the number of axes of the control that have a shift word. The addresses must
+/// exist, written bytes must be writable, and no blocks may overlap.
 pub(crate) fn check(config: &FocasConfig, slots: usize) -> Result<(), FocasError> {
     match overlap(&used(config, slots)?) {
         Some([one, other]) => Err(FocasError::Overlap { one, other }),
@@ -253,9 +256,9 @@ pub(crate) fn check_disjoint(one: &Block, other: &Block) -> Result<(), FocasErro
     one.shared(other).map_or(Ok(()), |_| Err(FocasError::Overlap { one: *one, other: *other }))
 }
 
-/// Memory blocks of a configuration, with shift words for `slots` axes: the control must not be set
-/// to read its shifts there if a ladder copies them. With a barrier the shift words are excluded,
-/// because only the control reports where they are.
+/// Memory blocks of a configuration that must not overlap the words from which the control takes its shifts. `slots` is
+/// the number of axes of the control that have a shift word. With a barrier the shift words are excluded, because only
+/// the control reports where they are.
 pub(crate) fn without_axis_words(
     config: &FocasConfig,
     slots: usize,

@@ -1,4 +1,4 @@
-//! Real-time controller: one read and one write in each cycle.
+//! Real-time controller: one read and one write per cycle.
 
 use std::time::{Duration, Instant};
 
@@ -11,14 +11,14 @@ use crate::{
     plan::Abilities,
 };
 
-/// Reads and corrects a control, with one read and one write in each cycle. A separate thread connects and reconnects.
+/// Reads and corrects a control by one read and one write per cycle. A separate thread connects and reconnects.
 pub struct FocasController {
     description: Description,
     supply: Supply<Link>,
 }
 
 impl FocasController {
-    /// Starts connecting. Connection errors are also logged as warnings (`tracing`) on the connecting thread.
+    /// Starts to connect in the background. The connecting thread also logs connection errors as warnings (`tracing`).
     ///
     /// # Errors
     /// The axes of the configuration are invalid, or no thread can be started for the connection.
@@ -27,7 +27,7 @@ impl FocasController {
         let backoff = config.backoff;
         let description = config.describe().map_err(|error| error.of(&*device))?;
         let of_device = device.clone();
-        // Log each error once, not at every attempt.
+        // Log the same error once only, not at every attempt.
         let mut logged = String::new();
         let open = move || {
             let opened = Link::open(&config).map_err(|error| error.of(&*of_device));
@@ -45,25 +45,28 @@ impl FocasController {
         Ok(Self { description, supply: Supply::new(&device, backoff, open)? })
     }
 
-    /// Waits until the first connection is made.
+    /// Waits until the first connection is open.
     ///
     /// # Errors
-    /// No connection within `at_most`: the reason of the last attempt; if the control rejected it, with the return code and its meaning.
+    /// There is no connection within `at_most`. The error is that of the last attempt. If the control rejected the
+    /// attempt, it contains the return code and its meaning.
     pub fn wait(&mut self, at_most: Duration) -> Result<(), DeviceError> {
         self.supply.wait(at_most).map(|_| ())
     }
 
-    /// Number of connections made so far.
+    /// Number of connections opened so far.
     pub fn connections(&self) -> u64 {
         self.supply.opened()
     }
 
-    /// Error of the last connection attempt; `None` if it succeeded. Takes a lock: not for a cycle.
+    /// Error of the last connection attempt; `None` if the attempt succeeded. Takes a lock, so do not call this in a
+    /// cycle.
     pub fn last_error(&self) -> Option<DeviceError> {
         self.supply.last_error()
     }
 
-    /// Properties that the control reported when the present connection was opened; `None` without a connection. Allocates: not for a
+    /// Properties that the control reported when the present connection was opened; `None` without a connection.
+    /// Allocates, so do not call this in a cycle.
     /// cycle.
     pub fn inspection(&mut self) -> Option<Inspection> {
         self.supply.current().ok().map(|link| link.found().clone())

@@ -9,7 +9,6 @@ use crate::{
     return_code::ReturnCode,
 };
 
-/// Errors of configuration and communication with a control.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum FocasError {
@@ -21,7 +20,7 @@ pub enum FocasError {
     Connect { address: SocketAddr, source: io::Error },
     #[error("the session was refused")]
     SessionRefused,
-    /// The TCP connection was made, but no session could be opened on it.
+    /// The TCP connection was made, but opening a session on it failed.
     #[error("no session: {0}")]
     NoSession(#[source] Fault),
     #[error("{request} was refused with {code}")]
@@ -29,7 +28,7 @@ pub enum FocasError {
     /// A request timed out, or its response is unreadable.
     #[error("{request}: {source}")]
     Failed { request: String, source: Fault },
-    /// The control takes the shift words without a ladder, so the words must have two bytes for each axis.
+    /// The control takes the shift words directly, without a ladder, so each word must have two bytes.
     #[error(
         "area.width: found {}, expected 2: the control takes two bytes for each axis; or area.copied = true, where a ladder copies the words on",
         .0.bytes()
@@ -42,7 +41,7 @@ pub enum FocasError {
         "axis {name}: found several axes of the control whose names begin with this letter, {found}, expected one"
     )]
     SameLetter { name: AxisName, found: String },
-    /// Two memory blocks overlap: writing one would change the other.
+    /// Two memory blocks overlap, so writing one would change the other.
     #[error(
         "{one} {} {other}",
         if one.first == one.last { "lies within" } else { "overlap" }
@@ -52,14 +51,14 @@ pub enum FocasError {
         one: Block,
         other: Block,
     },
-    /// A written block is in a PMC area that does not belong to the ladder.
+    /// A block that is written is in a PMC area outside the ladder's memory.
     #[error("{key}: found {at}, expected an address in R or D: {}", at.area.holds())]
     NotWritable {
         /// Configuration key: `area.first`, `heartbeat`, `sequence`, `barrier.frame` or `barrier.report`.
         key: &'static str,
         at: PmcAddress,
     },
-    /// Words extend beyond the largest address of an area.
+    /// The words of a block extend beyond the largest address of an area.
     #[error(
         "{key}: found {first} for {points} words of {bytes} bytes each, expected words that end at byte 65535 at the latest"
     )]
@@ -76,7 +75,7 @@ pub enum FocasError {
         parameter: &'static str,
         meaning: &'static str,
         found: String,
-        /// The value that matches the configuration, in words.
+        /// Value that matches the configuration, in words.
         expected: String,
     },
     #[error(transparent)]
@@ -126,7 +125,7 @@ impl FocasError {
         }
     }
 
-    /// Converts to a driver error with device, cause, remedy and kind; this error becomes its source.
+    /// Converts to a driver error with device, cause, remedy and kind. The source of the driver error is this error.
     pub fn of(self, device: impl Into<String>) -> DeviceError {
         let kind = match &self {
             Self::NoAxis { .. }

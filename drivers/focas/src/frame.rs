@@ -1,9 +1,8 @@
-//! Builds and parses frames of the protocol in both directions, big-endian, according to public captures and descriptions. Only building
-//! requests and responses allocates.
+//! Builds and parses frames of the protocol in both directions. Numbers are big-endian. The format is from public
+//! captures and descriptions. Only functions that build requests and responses allocate.
 
 /// Length of a frame's header, bytes.
 pub const HEAD: usize = 10;
-/// The four bytes at the start of every frame.
 const SYNC: [u8; 4] = [0xa0; 4];
 const REQUEST_VERSION: u16 = 1;
 /// Length of a command without its data, bytes.
@@ -11,18 +10,17 @@ const COMMAND: usize = 0x1c;
 /// Length of a response block without its data, bytes.
 const BLOCK: usize = 16;
 
-/// Type of a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
     Open,
     Opened,
-    /// Response: the session is rejected because there are too many.
+    /// Response that rejects a session because there are too many sessions.
     Refused,
     Close,
     Closed,
     Command,
     Answer,
-    /// Response: the whole request is rejected.
+    /// Response that rejects the whole request.
     Negative,
 }
 
@@ -44,7 +42,6 @@ impl Kind {
     }
 }
 
-/// A protocol violation, with its description.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{0}")]
 pub struct FrameError(pub &'static str);
@@ -57,7 +54,7 @@ impl From<FrameError> for volcomp_port::Fault {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Head {
-    /// 1 in requests; 2, 3 or 4 in responses, by the generation of the control.
+    /// Protocol version: 1 in requests; 2, 3 or 4 in responses, depending on the generation of the control.
     pub version: u16,
     pub kind: Kind,
     /// Length of the payload, bytes.
@@ -65,8 +62,6 @@ pub struct Head {
 }
 
 impl Head {
-    /// Parses the header of a frame.
-    ///
     /// # Errors
     /// Wrong start bytes, or an unknown kind.
     pub fn parse(bytes: &[u8; HEAD]) -> Result<Self, FrameError> {
@@ -83,8 +78,6 @@ impl Head {
     }
 }
 
-/// Builds a frame from its payload.
-///
 /// # Errors
 /// The payload exceeds the maximum length of a frame.
 pub fn frame(version: u16, kind: Kind, payload: &[u8]) -> Result<Vec<u8>, FrameError> {
@@ -98,12 +91,11 @@ pub fn frame(version: u16, kind: Kind, payload: &[u8]) -> Result<Vec<u8>, FrameE
     Ok(bytes)
 }
 
-/// The frame that opens a session for commands (role 2; role 1 transfers programs).
+/// Frame that opens a session for commands (role 2; role 1 transfers programs).
 pub fn open_frame() -> [u8; HEAD + 2] {
     [0xa0, 0xa0, 0xa0, 0xa0, 0, 1, 1, 1, 0, 2, 0, 2]
 }
 
-/// The frame that closes a session.
 pub fn close_frame() -> [u8; HEAD] {
     [0xa0, 0xa0, 0xa0, 0xa0, 0, 1, 2, 1, 0, 0]
 }
@@ -118,11 +110,11 @@ pub enum Target {
     Pmc = 2,
 }
 
-/// One command of a request. For a write, the fifth argument is the length of `data`.
+/// One command of a request. For a write, the fifth number of `args` is the length of `data`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Command<'a> {
     pub target: Target,
-    /// Path of the control, from 1.
+    /// Path of the control, counted from 1.
     pub path: u16,
     pub function: u16,
     pub args: [i32; 5],
@@ -130,7 +122,7 @@ pub struct Command<'a> {
     pub data: &'a [u8],
 }
 
-/// A request of one or more commands, built once and sent repeatedly.
+/// A request of one or more commands. It is built once and sent repeatedly.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Request {
     bytes: Vec<u8>,
@@ -147,8 +139,6 @@ struct Sent {
 }
 
 impl Request {
-    /// Builds a request from commands.
-    ///
     /// # Errors
     /// The commands exceed the maximum length of a frame.
     pub fn new(commands: &[Command<'_>]) -> Result<Self, FrameError> {
@@ -180,7 +170,7 @@ impl Request {
         &self.bytes
     }
 
-    /// Data of the command with this index, to be changed in place before the request is sent again.
+    /// Data of the command with this index. They may be changed in place before the request is sent again.
     pub fn data_mut(&mut self, command: usize) -> &mut [u8] {
         let Some(sent) = self.commands.get(command) else {
             return &mut [];
@@ -193,7 +183,7 @@ impl Request {
     /// Parses the payload of a response to this request and checks that its blocks match the commands.
     ///
     /// # Errors
-    /// A malformed response, or one to a different request.
+    /// A malformed response, or a response to a different request.
     pub fn answers<'a>(&self, payload: &'a [u8]) -> Result<Blocks<'a>, FrameError> {
         let blocks = Blocks::parse(payload)?;
         let mut count = 0;
@@ -218,12 +208,12 @@ pub struct Block<'a> {
     pub target: u16,
     pub path: u16,
     pub function: u16,
-    /// 0, or the return code with which the control rejected the command.
+    /// Return code with which the control rejected the command; 0 if it accepted the command.
     pub error: i16,
     pub data: &'a [u8],
 }
 
-/// Iterator over the blocks of a response, in the order of the commands.
+/// Iterator over the blocks of a response. There is one block for each command, in the same order.
 #[derive(Clone, Debug)]
 pub struct Blocks<'a> {
     rest: &'a [u8],
@@ -232,8 +222,6 @@ pub struct Blocks<'a> {
 }
 
 impl<'a> Blocks<'a> {
-    /// Parses the payload of a response.
-    ///
     /// # Errors
     /// The payload is too short for the number of blocks.
     pub fn parse(payload: &'a [u8]) -> Result<Self, FrameError> {
@@ -253,7 +241,7 @@ impl<'a> Blocks<'a> {
         let error = i16::from_be_bytes([head[8], head[9]]);
         let length = usize::from(number(14));
         let data = block.get(BLOCK..).ok_or(CUT)?;
-        // A rejected command may have a length without data.
+        // The block of a rejected command may state a length without having the data.
         let data = match data.get(..length) {
             Some(data) => data,
             None if error != 0 => &[],
@@ -309,7 +297,7 @@ pub fn parse_commands(payload: &[u8]) -> Result<Vec<Command<'_>>, FrameError> {
     Ok(commands)
 }
 
-/// Appends the response block of a command.
+/// Appends the response to one command to the payload of a response frame.
 ///
 /// # Errors
 /// The data exceed the maximum length of a block.
@@ -332,7 +320,7 @@ pub fn push_block(
     Ok(())
 }
 
-/// Decodes a number of eight bytes: mantissa, base, exponent. `None` if the number is vacant or invalid.
+/// Decodes a number of eight bytes as mantissa, base and exponent; `None` if the number is vacant or invalid.
 pub fn number(bytes: [u8; 8]) -> Option<f64> {
     let [a, b, c, d, e, f, g, h] = bytes;
     let mantissa = f64::from(i32::from_be_bytes([a, b, c, d]));
@@ -342,11 +330,11 @@ pub fn number(bytes: [u8; 8]) -> Option<f64> {
         _ => return None,
     };
     let exponent = i16::from_be_bytes([g, h]);
-    // Exponent ffff: vacant.
+    // The exponent ffff marks a vacant number.
     (0..=30).contains(&exponent).then(|| mantissa / base.powi(i32::from(exponent)))
 }
 
-/// Encodes a number with `decimals` decimals in eight bytes, saturating at the range of the mantissa.
+/// Encodes a number with `decimals` decimals in eight bytes. A number beyond the range of the mantissa saturates.
 #[expect(clippy::cast_possible_truncation, reason = "a cast of f64 saturates")]
 pub fn number_bytes(value: f64, decimals: i16) -> [u8; 8] {
     let mantissa = (value * 10_f64.powi(i32::from(decimals))).round() as i32;

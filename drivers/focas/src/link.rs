@@ -1,4 +1,4 @@
-//! An open session, with the requests of a cycle in the form that the control accepts.
+//! An open session, with the requests of a cycle in the forms that the control accepts.
 
 use std::{
     thread,
@@ -20,23 +20,22 @@ use crate::{
     session::Session,
 };
 
-/// Maximum time for which data sent in a cycle may stay unacknowledged: longer than the deadline of any cycle, but too short for an outdated
-/// correction to do harm. The kernel enforces it even while the program is stopped.
+/// Maximum time for which data sent in a cycle may stay unacknowledged. It is longer than the deadline of any cycle,
+/// but too short for an outdated correction to do harm. The kernel enforces it even while the program is stopped.
 const UNACKNOWLEDGED_TIMEOUT: Duration = Duration::from_millis(250);
 
 /// Properties that a control reports when a session is opened.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Inspection {
-    /// Protocol version of the control's responses: 2, 3 or 4 by its generation.
+    /// Protocol version of the control's responses: 2, 3 or 4, depending on the generation of the control.
     pub version: u16,
     pub axes: Vec<char>,
-    /// The words from which the control takes the shifts of the axes.
+    /// The PMC words from which the control takes the shifts of its axes.
     pub shift_source: ShiftSource,
-    /// Request forms that the control accepts in a cycle.
     pub abilities: Abilities,
     pub notes: Vec<String>,
-    /// Two reports of the control's barrier, with the times at which they were read, about one second apart: their ticks give the scan time.
-    /// Empty if the configuration has no barrier, or the control did not report.
+    /// Two reports of the control's barrier, about one second apart, each with the time at which it was read. The scan
+    /// time follows from their ticks. Empty if the configuration has no barrier, or if the control sent no report.
     pub reports: Vec<(Instant, Words)>,
 }
 
@@ -44,16 +43,16 @@ pub(crate) struct Link {
     session: Session,
     found: Inspection,
     axes: Vec<PlannedAxis>,
-    /// Number of corrected axes, which come first in `axes`.
+    /// Number of corrected axes. Corrected axes come first in `axes`.
     corrected: usize,
     width: Width,
     applied: Applied,
     has_barrier: bool,
     reads: Vec<Exchange<ReadItem>>,
     writes: Vec<Exchange<WriteItem>>,
-    /// The heartbeat at the control: the value last written or, before the first write, last read. `None` if it is unknown.
+    /// Value of the heartbeat at the control: last written or, before the first write, last read; `None` if unknown.
     heartbeat: Option<u8>,
-    /// The sequence number last written or, before the first write, last read.
+    /// Sequence number: last written or, before the first write, last read.
     sequence: u8,
 }
 
@@ -74,7 +73,7 @@ impl Link {
             client.integer_parameter(program)?,
         ])?);
         let sequence = match config.sequence.filter(|_| config.barrier.is_none()) {
-            // Continue from the present value, so that the ladder also detects the first correction.
+            // Continue from the present value, so that the first correction changes the byte and the ladder detects it.
             Some(address) => client.read_pmc(address.area, address.at, 1)?,
             None => Vec::new(),
         };
@@ -191,8 +190,8 @@ impl Link {
             let has_heartbeat = (self.writes[index].parts.iter())
                 .any(|part| matches!(part, WriteItem::Heartbeat(_)));
             if has_heartbeat {
-                // Unknown until the exchange succeeds: after a failed exchange, the value at the control must not be taken for one that another
-                // gateway has written.
+                // The heartbeat is unknown until the exchange succeeds. If the exchange fails, the value at the control
+                // must not be attributed to another gateway.
                 self.heartbeat = None;
             }
             self.send(index, deadline)?;
@@ -203,8 +202,8 @@ impl Link {
         Ok(())
     }
 
-    /// Sends one exchange of a write. If its deadline has passed after an earlier exchange of the same write, the session is aborted,
-    /// because the control must not continue with half a write.
+    /// Sends one exchange of a write. If the deadline has passed after an earlier exchange of the same write, aborts
+    /// the session, because the control must not continue with half a write.
     fn send(&mut self, index: usize, deadline: Instant) -> Result<(), Fault> {
         match self.session.exchange(&self.writes[index].request, deadline) {
             Ok(blocks) => {
@@ -227,10 +226,12 @@ const READ_TIMEOUT: Duration = Duration::from_secs(2);
 
 const REPORT_INTERVAL: Duration = Duration::from_secs(1);
 
-/// Connects, makes all checks that precede the first correction, reads once, and disconnects. Nothing is written.
+/// Connects, makes all checks that precede the first correction, reads once, and disconnects. Writes nothing to the
+/// control.
 ///
 /// # Errors
-/// The first failed check: no connection, a missing axis, a parameter that does not match, a rejected request.
+/// The first failed check: no connection, a missing axis, a parameter that contradicts the configuration, a rejected
+/// request.
 pub fn inspect(config: &FocasConfig) -> Result<Inspection, FocasError> {
     config.describe()?;
     let mut link = Link::open(config)?;
@@ -263,7 +264,7 @@ fn find_axes(config: &FocasConfig, names: &[char]) -> Result<Vec<PlannedAxis>, F
     };
     let axes: Vec<PlannedAxis> =
         config.axes.iter().chain(&config.reads).map(planned).collect::<Result<_, FocasError>>()?;
-    // The control has a shift word for each of its axes, corrected or not, so the words can end after those of the corrected axes.
+    // The control has a shift word for each of its axes, so the words can extend beyond those of the corrected axes.
     config::check(config, names.len())?;
     Ok(axes)
 }

@@ -6,12 +6,13 @@ use crate::{Client, FocasError, PmcAddress};
 
 const MAX_READ_BYTES: usize = 128;
 
-/// PMC addresses of the correction map in a control that looks up corrections itself. All words have two bytes, low byte first.
+/// PMC addresses of the correction map in a control that looks up its corrections in the map. Each word has two bytes,
+/// low byte first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct MapPlaces {
     pub mailbox: PmcAddress,
     pub report: PmcAddress,
-    /// First byte of the first buffer; the second one follows it.
+    /// First byte of the first buffer. The second buffer follows directly.
     pub buffers: PmcAddress,
     pub capacity: usize,
 }
@@ -22,21 +23,21 @@ impl MapPlaces {
         usize::from(self.buffers.at) + 2 * self.capacity * (usize::from(buffer) + 1)
     }
 
-    /// Whether the addresses of both buffers fit in a request.
+    /// Whether both buffers end within the 16-bit addresses of a request.
     pub fn fits(&self) -> bool {
         self.end(1) <= usize::from(u16::MAX) + 1
     }
 }
 
-/// An open session that transfers a map to the PMC. Every exchange has a timeout. After a failed exchange the state of the session is
-/// unknown: drop it.
+/// An open session that transfers a map to the PMC. Every exchange has a timeout. Drop the session after a failed
+/// exchange, because its state is unknown.
 pub struct MapWords {
     client: Client,
     places: MapPlaces,
 }
 
 impl MapWords {
-    /// Connects to a control; `at_most` is also the timeout of every exchange.
+    /// Connects to a control. `at_most` is the timeout of this call and of every exchange.
     ///
     /// # Errors
     /// See [`Client::open`].
@@ -68,7 +69,7 @@ impl MapWords {
         self.client.write_pmc(to.area, to.at, &bytes)
     }
 
-    /// Reads the first `count` words of buffer 0 or 1, at most `capacity`.
+    /// Reads the first `count` words of buffer 0 or 1. Reads at most `capacity` words.
     ///
     /// # Errors
     /// See [`FocasError`].
@@ -78,7 +79,7 @@ impl MapWords {
         self.read(self.places.buffers, skip, count)
     }
 
-    /// Reads `words` words, the first of them `skip` bytes after `from`.
+    /// Reads `words` words. The first word starts `skip` bytes after `from`.
     fn read(
         &mut self,
         from: PmcAddress,
@@ -89,7 +90,7 @@ impl MapWords {
         let (mut at, end) = (usize::from(from.at) + skip, usize::from(from.at) + skip + 2 * words);
         while at < end {
             let count = (end - at).min(MAX_READ_BYTES);
-            // An address too large for a request is replaced by the largest one, which the control rejects.
+            // An address too large for a request is replaced by the largest address, which the control rejects.
             let first = u16::try_from(at).unwrap_or(u16::MAX);
             let length = u16::try_from(count).unwrap_or(u16::MAX);
             let bytes = self.client.read_pmc(from.area, first, length)?;

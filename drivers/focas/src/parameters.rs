@@ -1,9 +1,13 @@
 //! Parameters of the control that must match the configuration: the source of the machine zero point shift and the unit of positions.
 //!
-//! Parameter 1203#0: whether the extended external machine zero point shift is in use. Parameter 1280: first R address of its words, two
-//! bytes for each axis of the control. Parameter 1001#0 (INM): whether the machine coordinate system counts in inches. Parameter 3104#0
-//! (MCN): whether positions are reported in the unit of the program; 0#2 (INI): that unit. The meanings are from memory of manuals, not
-//! verified on a real control, so a control that does not report the parameters is accepted.
+//! - Parameter 1203#0: the extended external machine zero point shift is in use.
+//! - Parameter 1280: first R address of the words of this shift, two bytes for each axis of the control.
+//! - Parameter 1001#0 (INM): the machine coordinate system counts in inches.
+//! - Parameter 3104#0 (MCN): positions are reported in the unit of the program. Parameter 0#2 (INI): that unit is the
+//!   inch.
+//!
+//! These meanings are from memory of the manuals and unverified on a real control. So a control that does not report
+//! the parameters is accepted.
 
 use crate::{
     config::{FocasConfig, check_disjoint, without_axis_words},
@@ -16,7 +20,8 @@ pub(crate) const SHIFT_IN_USE: i32 = 1203;
 /// Parameter with the first R address of the shift words.
 pub(crate) const SHIFT_FIRST: i32 = 1280;
 
-/// From which words the control takes the machine zero point shift; see [`Client::shift_source`](crate::Client::shift_source).
+/// The words from which the control takes the machine zero point shift; see
+/// [`Client::shift_source`](crate::Client::shift_source).
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum ShiftSource {
@@ -24,10 +29,11 @@ pub enum ShiftSource {
     Reported {
         /// Whether the extended external machine zero point shift is in use (parameter 1203#0).
         in_use: bool,
-        /// Number of the first byte in R; the words have two bytes for each axis (parameter 1280).
+        /// Number of the first byte of the shift words in R (parameter 1280). Each axis has a word of two bytes.
         first: u32,
     },
-    /// The control does not report the parameters, because it is too old for the request or lacks the option, or a value is invalid.
+    /// The control does not report the parameters, because it is too old for the request or lacks the option, or a
+    /// value is invalid.
     #[cfg_attr(feature = "serde", serde(rename = "Untold"))]
     Unreported {
         /// Reason why the control does not report the parameters.
@@ -36,8 +42,10 @@ pub enum ShiftSource {
 }
 
 impl ShiftSource {
-    /// Compares the reported source with a configuration; returns remarks if they agree. Errors: the parameter by which the control takes the shift
-    /// from other words than configured, or source words that overlap the configured ones although a ladder must copy these.
+    /// Compares the reported shift source with a configuration. Returns remarks if both agree.
+    ///
+    /// Errors: a parameter by which the control takes the shift from other words than configured; or, if a ladder
+    /// copies the configured words, source words that overlap them.
     pub(crate) fn check(
         &self,
         config: &FocasConfig,
@@ -115,8 +123,9 @@ impl ShiftSource {
 /// Parameters with the bits that determine the unit of reported positions.
 pub(crate) const UNIT_NUMBERS: [i32; 3] = [1001, 3104, 0];
 
-/// Checks that positions are in mm, by the reported values of [`UNIT_NUMBERS`]; returns remarks if they are. Errors: the parameter by which
-/// positions are, or may become, in inches.
+/// Checks by the reported values of `UNIT_NUMBERS` that positions are in mm. Returns remarks if they are.
+///
+/// Errors: a parameter by which positions are, or may become, in inches.
 pub(crate) fn check_units(reported: &[Result<u32, String>; 3]) -> Result<Vec<String>, FocasError> {
     let [inch_machine, in_unit_of_program, program] = reported;
     let is_set =

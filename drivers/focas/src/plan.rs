@@ -20,22 +20,22 @@ pub enum Packing {
     OneByOne,
 }
 
-/// Request forms that a control accepts in a cycle; they are determined at every connection.
+/// Request forms that a control accepts in a cycle. They are determined at every connection.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Abilities {
     pub packing: Packing,
-    /// Whether a command may address a range of PMC memory, not only one point.
+    /// Whether a command may address a range of PMC memory. If `false`, it may address only one point.
     pub ranges: bool,
-    /// Whether one command can read the positions of all axes, not only of one.
+    /// Whether one command can read the positions of all axes. If `false`, it can read only one.
     pub all_axes: bool,
 }
 
 impl Abilities {
-    /// Abilities of most controls: the fewest exchanges.
+    /// Abilities of most controls. They need the fewest exchanges.
     pub(crate) const ALL: Self = Self { packing: Packing::OneFrame, ranges: true, all_axes: true };
 }
 
-/// A corrected or read-only axis, and its index in the control. Corrected axes come first in every list.
+/// A corrected or read-only axis, with its index in the control. Corrected axes come first in every list.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct PlannedAxis {
     pub(crate) slot: usize,
@@ -44,7 +44,7 @@ pub(crate) struct PlannedAxis {
     pub(crate) count: f64,
 }
 
-/// Consecutive words that are read or written together: the shifts of adjacent axes, or words of a frame or a report.
+/// Consecutive words that are read or written together: the shifts of adjacent axes, or words of a frame or report.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Run {
     pub(crate) first: usize,
@@ -52,7 +52,7 @@ pub(crate) struct Run {
 }
 
 impl Run {
-    /// Position of a slot's shift within the bytes of the run; `None` if the run does not contain the slot.
+    /// Byte range of a slot's shift within the run; `None` if the run does not contain the slot.
     pub(crate) fn bytes_of(self, slot: usize, width: Width) -> Option<std::ops::Range<usize>> {
         let index = slot.checked_sub(self.first).filter(|i| *i < self.count)?;
         let bytes = usize::from(width.bytes());
@@ -140,7 +140,7 @@ impl ReadItem {
     }
 }
 
-/// Runs of shift words for the corrected axes; adjacent slots share a run if the control accepts `ranges`.
+/// Runs of shift words for the corrected axes. Adjacent slots share a run if the control accepts `ranges`.
 pub(crate) fn runs(config: &FocasConfig, axes: &[PlannedAxis], ranges: bool) -> Vec<Run> {
     let corrected = axes.iter().take(config.axes.len());
     let mut slots: Vec<usize> = corrected.map(|axis| axis.slot).collect();
@@ -155,7 +155,8 @@ pub(crate) fn runs(config: &FocasConfig, axes: &[PlannedAxis], ranges: bool) -> 
     runs
 }
 
-/// Commands that read the positions of the axes: one for all axes if the control accepts it (`all_axes`), otherwise one for each.
+/// Commands that read the positions of the axes: one command for all axes if the control accepts it (`all_axes`),
+/// otherwise one for each axis.
 pub(crate) fn positions(axes: &[PlannedAxis], all_axes: bool) -> Vec<ReadItem> {
     if all_axes {
         vec![ReadItem::Positions]
@@ -165,8 +166,8 @@ pub(crate) fn positions(axes: &[PlannedAxis], all_axes: bool) -> Vec<ReadItem> {
     }
 }
 
-/// Reads of the words with the applied correction: the shifts, or the report of the barrier. Adjacent words share a read if the control
-/// accepts `ranges`.
+/// Reads of the words that contain the applied correction: the shifts, or the report of the barrier. Adjacent words
+/// share a read if the control accepts `ranges`.
 pub(crate) fn words(config: &FocasConfig, axes: &[PlannedAxis], ranges: bool) -> Vec<ReadItem> {
     if config.barrier.is_none() {
         let runs = runs(config, axes, ranges).into_iter();
@@ -176,7 +177,8 @@ pub(crate) fn words(config: &FocasConfig, axes: &[PlannedAxis], ranges: bool) ->
     words.into_iter().map(ReadItem::Report).collect()
 }
 
-/// Runs that cover the first `words` words: a single one if the control accepts `ranges`, otherwise one for each word.
+/// Runs that cover the first `words` words: a single run if the control accepts `ranges`, otherwise one run for each
+/// word.
 fn in_runs(words: usize, ranges: bool) -> Vec<Run> {
     let run = |first, count| Run { first, count };
     if ranges { vec![run(0, words)] } else { (0..words).map(|word| run(word, 1)).collect() }
@@ -190,7 +192,7 @@ pub(crate) fn bytes(config: &FocasConfig) -> Vec<ReadItem> {
     heartbeat.into_iter().chain(referenced).collect()
 }
 
-/// Frames of the read in a cycle. Positions come first, so that their time is the least uncertain.
+/// Frames of the read in a cycle. Positions come first, so that their time is the most certain.
 pub(crate) fn reads(
     config: &FocasConfig,
     axes: &[PlannedAxis],
@@ -217,7 +219,8 @@ pub(crate) fn read(
     Ok(Exchange { request: Request::new(&commands)?, parts: items.to_vec() })
 }
 
-/// Frames of the write in a cycle: shifts, then heartbeat, then sequence; or the frame for the barrier, which ends with its checksum.
+/// Frames of the write in a cycle: shifts, heartbeat, sequence byte; or, with a barrier, its frame, which ends with the
+/// checksum.
 pub(crate) fn writes(
     config: &FocasConfig,
     axes: &[PlannedAxis],
@@ -241,7 +244,7 @@ pub(crate) fn writes(
 }
 
 fn write(config: &FocasConfig, parts: &[WriteItem]) -> Result<Exchange<WriteItem>, FrameError> {
-    // Placeholder that every cycle overwrites; no control has more than 32 axes.
+    // Placeholder that every cycle overwrites. No control has more than 32 axes.
     let room = [0_u8; 4 * 32];
     let mut commands = Vec::new();
     for part in parts {
@@ -290,7 +293,8 @@ fn run_args(from: PmcAddress, width: Width, run: Run, written: usize) -> [i32; 5
     [first, last, from.area as i32, width.code(), written as i32]
 }
 
-/// First byte of the report; without a barrier, where no report is requested, the first byte of the shift words.
+/// First byte of the report. Without a barrier, where no report is requested, the first byte of the shift words as a
+/// placeholder.
 fn report_area(config: &FocasConfig) -> PmcAddress {
     config.barrier.map_or(config.shift.first, |barrier| barrier.report)
 }

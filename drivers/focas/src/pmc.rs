@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-/// An area of the memory of the PMC, the programmable machine controller.
+/// An area of PMC memory.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
@@ -21,7 +21,7 @@ pub enum PmcArea {
     R = 5,
     /// Timers of the ladder.
     T = 6,
-    /// Keep relays, which outlast a power cut.
+    /// Keep relays, whose values survive a power cut.
     K = 7,
     /// Counters of the ladder.
     C = 8,
@@ -30,17 +30,16 @@ pub enum PmcArea {
 }
 
 impl PmcArea {
-    /// All areas, in the order of their codes.
     pub const ALL: [Self; 10] =
         [Self::G, Self::F, Self::Y, Self::X, Self::A, Self::R, Self::T, Self::K, Self::C, Self::D];
 
-    /// Whether the area is the ladder's own memory, which has no meaning to the control or the machine until the ladder assigns one.
-    /// External programs may write only there, and barrier reports must be there.
+    /// Whether the area is the ladder's own memory, whose meaning only the ladder assigns. External programs may write
+    /// only there, and barrier reports must be there.
     pub fn is_of_ladder(self) -> bool {
         matches!(self, Self::R | Self::D)
     }
 
-    /// What an area that is not the ladder's own memory contains, for messages.
+    /// Contents of an area outside the ladder's own memory, for messages.
     pub(crate) fn holds(self) -> &'static str {
         match self {
             Self::G => {
@@ -57,7 +56,7 @@ impl PmcArea {
         }
     }
 
-    /// The area with this letter; `None` if no area has it.
+    /// The area with this letter; `None` if there is no such area.
     pub fn from_letter(letter: char) -> Option<Self> {
         Self::ALL
             .into_iter()
@@ -65,7 +64,7 @@ impl PmcArea {
     }
 }
 
-/// Size of one point of PMC memory: one, two or four bytes, signed.
+/// Size of one point of PMC memory: a signed number of one, two or four bytes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Width {
@@ -84,7 +83,7 @@ impl Width {
         }
     }
 
-    /// Largest magnitude that a signed point of this size holds in both directions.
+    /// Largest magnitude that a signed point of this size can represent in both directions.
     pub fn largest(self) -> i32 {
         match self {
             Self::Byte => i32::from(i8::MAX),
@@ -102,7 +101,6 @@ impl Width {
     }
 }
 
-/// An address in PMC memory.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct PmcAddress {
@@ -128,12 +126,13 @@ pub struct BarrierArea {
 }
 
 impl BarrierArea {
-    /// Number of words in a frame for `axes` axes: epoch, tick, sequence, owner, one value per axis, two words of checksum.
+    /// Number of words in a frame for `axes` axes: epoch, tick, sequence, owner, one value per axis, two checksum
+    /// words.
     pub const fn frame_words(axes: usize) -> usize {
         4 + axes + 2
     }
 
-    /// Number of words in a report for `axes` axes: eight of header, three per axis, two of checksum.
+    /// Number of words in a report for `axes` axes: eight header words, three words per axis, two checksum words.
     pub const fn report_words(axes: usize) -> usize {
         8 + 3 * axes + 2
     }
@@ -142,8 +141,8 @@ impl BarrierArea {
 /// A block of PMC memory and its purpose.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Block {
-    /// Configuration key of the block's address: `area.first`, `heartbeat`, `sequence`, `referenced`, `barrier.frame` or `barrier.report`. Empty if
-    /// the control determines the address.
+    /// Configuration key of the block's address: `area.first`, `heartbeat`, `sequence`, `referenced`, `barrier.frame`
+    /// or `barrier.report`. Empty if the control determines the address.
     pub key: &'static str,
     /// Purpose of the bytes, in words.
     pub what: &'static str,
@@ -152,7 +151,7 @@ pub struct Block {
 }
 
 impl Block {
-    /// The first byte that both blocks contain; `None` if they do not overlap.
+    /// First byte that both blocks contain; `None` if the blocks do not overlap.
     pub fn shared(&self, other: &Self) -> Option<PmcAddress> {
         let at = self.first.at.max(other.first.at);
         let is_in_both =
@@ -162,7 +161,7 @@ impl Block {
 }
 
 impl fmt::Display for Block {
-    /// Formats purpose and address: `the words of the shifts R100 to R105`, `the heartbeat R120`.
+    /// Formats purpose and addresses: `the words of the shifts R100 to R105`, `the heartbeat R120`.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{} {}", self.what, self.first)?;
         if self.last != self.first {
@@ -180,7 +179,7 @@ pub(crate) fn count(bytes: &[u8], width: Width) -> Option<f64> {
     }
 }
 
-/// Encodes the nearest representable count at the start of `into`; NaN becomes 0.
+/// Encodes the nearest representable count at the start of `into`. NaN becomes 0.
 #[expect(clippy::cast_possible_truncation, reason = "a cast of f64 saturates")]
 pub(crate) fn put(into: &mut [u8], width: Width, count: f64) {
     let count = count.round();

@@ -1,4 +1,4 @@
-//! Executes the read of a cycle: sends its requests and decodes the responses. Nothing here allocates.
+//! Executes the read of a cycle: sends its requests and decodes the responses. This module does not allocate.
 
 use std::time::{Duration, Instant};
 
@@ -17,11 +17,10 @@ use crate::{
 
 pub(crate) struct Reading {
     pub(crate) snapshot: Snapshot,
-    /// The heartbeat at the control; `None` if it is not read.
+    /// Value of the heartbeat at the control; `None` if the heartbeat is not read.
     pub(crate) heartbeat: Option<u8>,
 }
 
-/// The words that contain the applied correction.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Applied {
     /// The shifts of the axes, as words of this width.
@@ -39,7 +38,7 @@ impl Applied {
     }
 }
 
-/// Sends the frames of a read one after the other; the deadline applies to all of them together.
+/// Sends the frames of a read one after the other. All of them share the deadline.
 pub(crate) fn read(
     session: &mut Session,
     exchanges: &[Exchange<ReadItem>],
@@ -68,7 +67,7 @@ pub(crate) fn read(
         },
         heartbeat: None,
     };
-    // Positions are timed by the middle between the first request and the last response with positions.
+    // The time of the positions is the middle between the first request and the last response with positions.
     let mut positions_since = None;
     for exchange in exchanges {
         let sent = Instant::now();
@@ -87,7 +86,7 @@ pub(crate) fn read(
     Ok(reading)
 }
 
-/// The data of a block. Fault: the control rejected the command.
+/// Data of a block. Fails if the control rejected the command.
 pub(crate) fn data(block: Result<Block<'_>, FrameError>) -> Result<&[u8], Fault> {
     let block = block?;
     match block.error {
@@ -140,7 +139,7 @@ fn take(
         }
         ReadItem::Referenced(_) => {
             let bits = *data.first().ok_or(FrameError("no byte of referenced axes"))?;
-            // A byte covers eight axes; further axes are treated as not referenced, which is the safe side.
+            // A byte covers eight axes. Further axes count as not referenced, which is the safe side.
             let referenced = |axis: &PlannedAxis| axis.slot < 8 && bits >> axis.slot & 1 == 1;
             snapshot.state.referenced = axes.iter().all(referenced);
         }

@@ -1,10 +1,11 @@
 use std::fmt;
 
-/// A return code of the control: 0 for success, otherwise the reason for the rejection. Names and numbers are those of the manufacturer's library.
+/// Return code of the control: 0 for success, otherwise the reason for the rejection. Names and numbers are those of
+/// the manufacturer's library.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ReturnCode(pub i16);
 
-/// Number, then name and meaning. The meanings are from public descriptions of the library.
+/// Each number with its name and meaning. The meanings are from public descriptions of the library.
 const CODES: [(i16, &str); 31] = [
     (-17, "EW_PROTOCOL, the request is not what the protocol allows here"),
     (-16, "EW_SOCKET, the connection of the control fails"),
@@ -40,7 +41,7 @@ const CODES: [(i16, &str); 31] = [
 ];
 
 impl ReturnCode {
-    /// The control is busy: the same request may succeed later.
+    /// The control is busy. The same request may succeed later.
     pub const BUSY: Self = Self(-1);
 
     /// Name and meaning, such as `EW_NOOPT, the control lacks the option for it`.
@@ -59,7 +60,7 @@ impl ReturnCode {
 }
 
 impl From<ReturnCode> for volcomp_port::Fault {
-    /// Converts the code to a fault of a real-time cycle, with name and meaning.
+    /// Converts the code to a fault of a real-time cycle. The fault contains name and meaning.
     fn from(code: ReturnCode) -> Self {
         Self::Refused { code: i32::from(code.0), what: code.words() }
     }

@@ -21,12 +21,13 @@ use crate::{
 
 const MAX_RESPONSE_BYTES: usize = 65_536;
 
-/// An open session. After any fault except a rejection or an expired deadline before sending it is dead, because a delayed response could
-/// be taken for the next one.
+/// An open session. A fault makes the session dead, because a delayed response could be taken for the next one.
+/// Exceptions are a rejection, and a deadline that had expired before anything was sent.
 ///
-/// A dead session is aborted at once, within the cycle: the connection is reset, and undelivered data in the kernel are discarded.
-/// Otherwise a request written before a cable was unplugged would reach the control when the cable is plugged in again, and shift an axis
-/// by an outdated correction. The connection is also reset if the process ends before it has closed the session.
+/// A dead session is aborted at once, within the cycle: the connection is reset, and undelivered data in the kernel are
+/// discarded. Otherwise a request written before a cable was unplugged would reach the control when the cable is
+/// plugged in again, and would shift an axis by an outdated correction. The connection is also reset if the process
+/// ends before it has closed the session.
 #[derive(Debug)]
 pub struct Session {
     stream: TcpStream,
@@ -60,7 +61,7 @@ impl Session {
         let lost = |_| FocasError::NoSession(Fault::Disconnected);
         stream.set_nodelay(true).map_err(lost)?;
         stream.set_nonblocking(true).map_err(lost)?;
-        // Undelivered data are discarded when the socket is closed, also by the end of the process.
+        // The kernel discards undelivered data when the socket is closed, also when the process ends.
         let set = set_socket_linger(&stream, Some(Duration::ZERO));
         set.map_err(|e| lost(e.into()))?;
         let mut session = Self {
@@ -88,8 +89,8 @@ impl Session {
         }
     }
 
-    /// Makes the kernel drop the connection if sent data stay unacknowledged for this time, even while this program is stopped. If the
-    /// kernel does not support this, the deadlines still apply.
+    /// Makes the kernel drop the connection if sent data stay unacknowledged for this time, even while this program is
+    /// stopped. If the kernel does not support this, only the deadlines apply.
     pub(crate) fn limit_unacknowledged(&self, time: Duration) {
         #[cfg(target_os = "linux")]
         {
@@ -100,34 +101,36 @@ impl Session {
         let _ = time;
     }
 
-    /// Ends the session without a closing frame: the connection is reset, and undelivered data are discarded. It does not allocate or block.
+    /// Ends the session without a closing frame. The connection is reset, and undelivered data are discarded. Does not
+    /// allocate or block.
     pub(crate) fn abort(&mut self) {
         self.dead = true;
-        // If this fails, the connection is already closed, or will be reset when the socket is closed.
+        // If the call fails, the connection is already closed, or will be reset when the socket is closed.
         let _ = connect_unspec(&self.stream);
     }
 
-    /// Protocol version of the control's responses: 2, 3 or 4 by its generation.
+    /// Protocol version of the control's responses: 2, 3 or 4, depending on the generation of the control.
     pub fn version(&self) -> u16 {
         self.version
     }
 
-    /// Whether the session has failed, so that a new one must be opened.
+    /// Whether the session has failed, so that another session must be opened.
     pub fn is_dead(&self) -> bool {
         self.dead
     }
 
-    /// Sends a request and waits for its response, without allocating. A request whose deadline has passed is not sent.
+    /// Sends a request and waits for its response, without allocating. If the deadline has passed, sends nothing.
     ///
     /// # Errors
-    /// The session stays usable after [`Fault::TimedOut`] before anything was sent, and after [`Fault::Refused`] (the control rejects the
-    /// whole request). After every other fault it is dead, including a response after the deadline.
+    /// The session stays usable after [`Fault::TimedOut`] if nothing was sent, and after [`Fault::Refused`], by which
+    /// the control rejects the whole request. After every other fault the session is dead, also after a response that
+    /// arrives after the deadline.
     pub fn exchange(&mut self, request: &Request, deadline: Instant) -> Result<Blocks<'_>, Fault> {
         if self.dead {
             return Err(Fault::NotConnected);
         }
         if Instant::now() >= deadline {
-            // Nothing is in flight yet.
+            // Nothing was sent, so the session stays usable.
             return Err(Fault::TimedOut);
         }
         // The session is dead unless the whole exchange succeeds.
@@ -162,7 +165,8 @@ impl Session {
 
     fn send(&mut self, mut bytes: &[u8], deadline: Instant) -> Result<(), Fault> {
         while !bytes.is_empty() {
-            // Check immediately before sending: this thread may have been suspended since the caller's check.
+            // Check again immediately before sending, because this thread may have been suspended since the caller's
+            // check.
             if Instant::now() >= deadline {
                 return Err(Fault::TimedOut);
             }
@@ -174,7 +178,8 @@ impl Session {
         Ok(())
     }
 
-    /// Waits until the socket is ready, with microsecond resolution; socket timeouts have the resolution of the kernel's ticks.
+    /// Waits until the socket is ready, with microsecond resolution. Socket timeouts would have the resolution of the
+    /// kernel's ticks.
     fn wait_for(&self, error: &Error, what: PollFlags, deadline: Instant) -> Result<(), Fault> {
         match error.kind() {
             ErrorKind::Interrupted => return Ok(()),
@@ -198,7 +203,7 @@ impl Session {
             if have >= needed {
                 match head {
                     None => {
-                        // The bytes are present, because `have` is at least their number.
+                        // The bytes are present, because `have` is at least `needed`.
                         let bytes = self.answer.first_chunk().unwrap_or(&[0; HEAD]);
                         head = Some(Head::parse(bytes)?);
                         continue;
@@ -227,8 +232,8 @@ impl Drop for Session {
         if self.dead {
             return self.abort();
         }
-        // All requests have been answered, so only the closing frame can still be delivered. An error here has no consequence; the peer may
-        // have closed the connection.
+        // All requests have been answered, so only the closing frame can still be delivered. An error has no
+        // consequence, because the peer may have closed the connection.
         let _ = set_socket_linger(&self.stream, None);
         let _ = self.stream.write(&close_frame());
     }

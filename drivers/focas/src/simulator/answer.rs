@@ -1,4 +1,3 @@
-//! Responses of the simulated control to each command.
 
 use super::{Options, World};
 use crate::{
@@ -49,9 +48,9 @@ pub(super) fn answer(payload: &[u8], options: &Options, world: &mut World) -> (K
 }
 
 enum Refusal {
-    /// Reject only the command, with its code.
+    /// Rejects only the command, with this return code.
     Command(i16),
-    /// Reject the whole frame: the number does not exist.
+    /// Rejects the whole frame, as for a parameter number that does not exist.
     Frame,
 }
 
@@ -111,7 +110,7 @@ fn axis_names(options: &Options, world: &World) -> Vec<u8> {
     data
 }
 
-/// Encodes numbers with three decimals in slots, and fills the unused slots.
+/// Encodes numbers with three decimals in slots, and fills the unused slots with garbage or 0.
 fn slots(values: impl Iterator<Item = f64>, options: &Options) -> Vec<u8> {
     let mut data: Vec<u8> = values.flat_map(|value| number_bytes(value, 3)).collect();
     let mut garbage = 0x5eed_u32;
@@ -193,7 +192,7 @@ fn parameter(command: &Command<'_>, options: &Options, world: &World) -> Command
     let of = |slot| world.parameters.get(&(number, slot)).copied();
     let is_set = world.parameters.keys().any(|(known, _)| *known == number);
     let default = if is_set { Some(0.0) } else { known_parameter(number, world) };
-    // As in captures, an unknown number rejects the frame.
+    // In captures, an unknown number makes the control reject the whole frame.
     let default = default.ok_or(Refusal::Frame)?;
     let mut data = number.to_be_bytes().to_vec();
     data.extend([0, 0, 0, 2]);
@@ -205,7 +204,7 @@ fn parameter(command: &Command<'_>, options: &Options, world: &World) -> Command
 /// Value of a parameter that determines the unit of positions or the source of the shifts; `None` for other parameters.
 fn known_parameter(number: i32, world: &World) -> Option<f64> {
     if UNIT_NUMBERS.contains(&number) {
-        // A metric machine that reports positions in mm.
+        // The control is metric and reports positions in mm.
         return Some(0.0);
     }
     if !world.reports_shift_source {
@@ -222,7 +221,7 @@ fn known_parameter(number: i32, world: &World) -> Option<f64> {
     }
 }
 
-/// Parses the arguments of a PMC command: area, first byte, size of a point, total size in bytes.
+/// Parses the arguments of a PMC command: area, first byte, bytes per point, total number of bytes.
 fn pmc_range(
     command: &Command<'_>,
     options: &Options,
@@ -247,7 +246,7 @@ fn pmc_range(
     Ok((area, at, width, bytes))
 }
 
-/// Swaps the byte order of each point: memory is little-endian, the protocol is big-endian.
+/// Swaps the byte order of each point, because memory is little-endian and the protocol is big-endian.
 fn swap_points(bytes: &[u8], width: usize) -> Vec<u8> {
     let points = bytes.chunks(width);
     points.flat_map(|point| point.iter().rev().copied()).collect()

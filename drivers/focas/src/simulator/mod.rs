@@ -1,4 +1,5 @@
-//! A simulated control on the network, for tests and rehearsals. It responds as in public captures, and misbehaves on request.
+//! A simulated control on the network, for tests and rehearsals. It responds as in public captures. [`Options`] select
+//! deviating behaviour.
 
 mod answer;
 mod world;
@@ -18,7 +19,6 @@ pub use world::{BarrierLadder, Ladder, LadderProgram, Motion, Scan, ScanLog, Shi
 
 use crate::frame::{HEAD, Head, Kind, frame};
 
-/// Protocol behaviour of the simulated control.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[expect(clippy::struct_excessive_bools, reason = "independent properties of a control")]
@@ -27,11 +27,12 @@ pub struct Options {
     pub version: u16,
     /// Number of slots in responses about all axes: 8 or 32.
     pub slots: usize,
-    /// Whether slots after the axes contain garbage.
+    /// Whether the slots behind the last axis contain garbage.
     pub garbage: bool,
-    /// Whether a command may address only one point of PMC memory; ranges are rejected with EW_NUMBER.
+    /// Whether a command may address only one point of PMC memory. Ranges are then rejected with EW_NUMBER.
     pub one_point: bool,
-    /// Whether a command may read the position of only one axis; all axes at once are rejected with EW_NUMBER.
+    /// Whether a command may read the position of only one axis. A command for all axes is then rejected with
+    /// EW_NUMBER.
     pub one_axis: bool,
     /// Whether a request with commands for both the control and the PMC is rejected as a whole.
     pub refuses_mix: bool,
@@ -39,13 +40,13 @@ pub struct Options {
     pub one_command: bool,
     pub write_protected: bool,
     pub sessions: usize,
-    /// Size of the pieces in which responses are sent, bytes; 0: whole.
+    /// Size of the pieces in which responses are sent, bytes; 0 to send them whole.
     pub fragment: usize,
     pub latency: Duration,
 }
 
 impl Default for Options {
-    /// A control of version 3 with 32 slots, the unused ones with garbage.
+    /// A control with protocol version 3 and 32 slots. Unused slots contain garbage.
     fn default() -> Self {
         Self {
             version: 3,
@@ -63,7 +64,7 @@ impl Default for Options {
     }
 }
 
-/// A simulated control on a socket. Dropping it ends its threads and connections.
+/// A simulated control on a TCP socket. Dropping it ends its threads and connections.
 pub struct Simulator {
     address: SocketAddr,
     shared: Arc<Shared>,
@@ -89,12 +90,12 @@ impl Shared {
 }
 
 impl Simulator {
-    /// Listens on an address such as `127.0.0.1:0`, and runs the control's scans.
+    /// Listens on an address such as `127.0.0.1:0`, and starts the scans of the control.
     ///
     /// # Errors
     /// The address cannot be bound.
     pub fn start(address: &str, options: Options, mut world: World) -> std::io::Result<Self> {
-        // At the start, the control's program takes over the shifts in the words of the axes.
+        // At the start, the control's program takes over the shifts from the axis words.
         world.reset();
         let listener = TcpListener::bind(address)?;
         let address = listener.local_addr()?;
@@ -119,12 +120,11 @@ impl Simulator {
         Ok(())
     }
 
-    /// The address on which the simulator listens.
     pub fn address(&self) -> SocketAddr {
         self.address
     }
 
-    /// Locks the machine and the memory of the control. Responses wait while the lock is held.
+    /// Locks the machine and the memory of the control. No responses are sent while the lock is held.
     pub fn world(&self) -> MutexGuard<'_, World> {
         self.shared.world()
     }
@@ -133,7 +133,6 @@ impl Simulator {
         self.shared.sessions().len()
     }
 
-    /// Number of requests received so far.
     pub fn requests(&self) -> u64 {
         self.shared.requests.load(Ordering::Relaxed)
     }
@@ -147,7 +146,7 @@ impl Simulator {
     /// Cuts all connections, like an unplugged cable.
     pub fn disconnect_all(&self) {
         for session in self.shared.sessions().iter() {
-            // The session may be closed already.
+            // An error means that the session is already closed.
             let _ = session.shutdown(Shutdown::Both);
         }
     }
@@ -157,16 +156,16 @@ impl Drop for Simulator {
     fn drop(&mut self) {
         self.shared.stop.store(true, Ordering::SeqCst);
         self.disconnect_all();
-        // A connection ends the wait of the listening thread.
+        // The listening thread waits for a connection, so this connection lets it end.
         drop(TcpStream::connect(self.address));
         for thread in self.threads.drain(..) {
-            // The panic message was already printed.
+            // The panic message of the thread was already printed.
             let _ = thread.join();
         }
     }
 }
 
-/// Runs the scans of the control with its period. Late scans are made up for, up to five periods.
+/// Runs the scans of the control at its scan period. Up to five delayed scans are made up for.
 fn scan(shared: &Shared) {
     const MOST_BEHIND: u32 = 5;
     let mut due = Instant::now();
@@ -279,7 +278,7 @@ fn send(
         0 => stream.write_all(&bytes),
         pieces => bytes.chunks(pieces).try_for_each(|piece| {
             stream.write_all(piece)?;
-            // Without a pause the pieces would be sent together.
+            // Without a pause the kernel would send the pieces together.
             thread::sleep(Duration::from_micros(200));
             Ok(())
         }),
