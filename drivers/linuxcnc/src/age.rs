@@ -1,29 +1,31 @@
-//! Converts times on the clock of the bridge to our clock, so that the age of a state is known.
+//! Converts times on the bridge's clock to the gateway's clock, so that the age of a state is known.
 
 use std::time::{Duration, Instant};
 
-/// Time for which a comparison of the clocks is valid; they may drift by 100 µs within it (10 ppm).
+/// Time for which a comparison of the clocks is valid. The clocks may drift by 100 µs within this time (10 ppm).
 const COMPARISON_WINDOW: Duration = Duration::from_secs(10);
 
-/// Offset between our clock and the bridge's clock, from the datagrams with the least delay. The excess of another datagram's offset is its
-/// delay on the network or in our queue, and adds to its age.
+/// Offset between the gateway's clock and the bridge's clock, from the datagrams with the least delay. If a datagram
+/// has a larger offset, the excess is its delay on the network or in the queue of the socket, and adds to its age.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Clocks {
-    /// Smallest offset in the current window, then that in the previous one. An offset is our time at which the bridge's clock was zero.
+    /// Smallest offset in the current window, then smallest offset in the previous window. An offset is the time on the
+    /// gateway's clock at which the bridge's clock was zero.
     least: [Option<Instant>; 2],
     begun: Option<Instant>,
 }
 
 impl Clocks {
-    /// Discards all comparisons, because the bridge has restarted or runs on another computer.
+    /// Discards all comparisons. Call this after the bridge has restarted or has moved to another computer.
     pub(crate) fn reset(&mut self) {
         *self = Self::default();
     }
 
-    /// Converts `time` on the bridge's clock to our clock, by the datagram with the least delay in the last two windows. `arrived` is when the
-    /// datagram was read; the result is never later.
+    /// Converts `time` on the bridge's clock to the gateway's clock, by the datagram with the least delay in the last
+    /// two windows. `arrived` is the time at which the datagram was read. The result is never later than `arrived`.
     pub(crate) fn local_time(&mut self, time: Duration, arrived: Instant) -> Instant {
-        // Our time at which the bridge's clock was zero; `None` if `Instant` cannot represent it.
+        // Time on the gateway's clock at which the bridge's clock was zero; `None` if `Instant` cannot represent this
+        // time.
         let Some(zero) = arrived.checked_sub(time) else {
             return arrived;
         };
@@ -51,10 +53,10 @@ mod tests {
         let mut clocks = Clocks::default();
         let far = 5000 * MS;
         assert_eq!(clocks.local_time(1000 * MS, start + far), start + far);
-        // Sent 10 ms after the first one, but read 25 ms after it.
+        // This datagram was sent 10 ms after the first one, but read 25 ms after it.
         let local_time = clocks.local_time(1010 * MS, start + far + 25 * MS);
         assert_eq!(local_time, start + far + 10 * MS);
-        // A faster datagram proves that the first one was delayed.
+        // A faster datagram shows that the first one was delayed.
         let local_time = clocks.local_time(1020 * MS, start + far + 18 * MS);
         assert_eq!(local_time, start + far + 18 * MS);
         let local_time = clocks.local_time(1030 * MS, start + far + 30 * MS);
@@ -65,7 +67,8 @@ mod tests {
     fn diverging_clocks_are_compared_again() {
         let start = Instant::now();
         let mut clocks = Clocks::default();
-        // Our clock runs 0.1 % faster: 60 ms per minute, of which the drift within the last two windows is not corrected.
+        // The gateway's clock runs 0.1 % faster, which is 60 ms per minute. The drift within the last two windows is
+        // not corrected.
         let mut oldest = Duration::ZERO;
         for ms in 1000..61_000 {
             let arrived = start + MS * ms + Duration::from_micros(ms.into());

@@ -12,24 +12,23 @@ const HEADER_BYTES: usize = 20;
 /// Maximum size of a command, bytes.
 pub const COMMAND_BYTES: usize = HEADER_BYTES + 2 * MOST_WORDS + MAC;
 
-/// A command from a gateway to a bridge. For a second after it the bridge sends its states to the sender's address.
+/// A command from a gateway to a bridge. For one second after a command, the bridge sends its states to the address of
+/// the sender.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Command {
     /// Machine number.
     pub machine: u16,
-    /// Run and sequence number of the state that the command answers. The bridge rejects frames that answer none of the states of its last
-    /// second. Zeros before the first state; such a command only requests states.
+    /// Run and sequence number of the state that the command answers; zeros before the first state. The bridge rejects
+    /// a frame unless it answers a state of the last second. With zeros, a command can only request states.
     pub answers: [u32; 2],
-    /// Request for states, or a frame.
     pub content: Content,
 }
 
-/// Content of a [`Command`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Content {
-    /// Requests that the bridge continues to send states, without a frame.
+    /// Request that the bridge continues to send states. It contains no frame.
     Listen,
-    /// A frame for the barrier, which carries its own epoch, tick, owner, sequence and checksum.
+    /// Frame for the barrier. The frame has its own epoch, tick, owner, sequence and checksum.
     Frame(Words),
 }
 
@@ -62,7 +61,7 @@ impl Command {
                 let expected = HEADER_BYTES + MAC;
                 return Err(DatagramError::Length { found, expected });
             }
-            // The length was checked, so the words fit.
+            // The length was checked above, so the words fit.
             1 => Content::Frame(Words::new(&words[..count]).unwrap_or_default()),
             found => return Err(DatagramError::Kind { found }),
         };

@@ -24,10 +24,11 @@ use crate::{
     state::AxisState,
 };
 
-/// Interval of listen commands while no frames are sent: the bridge stops sending states a second after the last command.
+/// Interval of listen commands while no frames are sent. It is shorter than the second after which the bridge stops
+/// sending states.
 const LISTEN_INTERVAL: Duration = Duration::from_millis(200);
 
-/// Time without states of the current run after which states of another run are accepted as a restart.
+/// Time without states of the current run after which a state of another run counts as a restart of the bridge.
 const RUN_TIMEOUT: Duration = Duration::from_secs(1);
 
 const MAX_DATAGRAMS_PER_READ: usize = 256;
@@ -35,21 +36,19 @@ const MAX_DATAGRAMS_PER_READ: usize = 256;
 /// Configuration of a LinuxCNC control and its bridge.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LinuxCncConfig {
-    /// The host name or address of the bridge.
     pub host: String,
-    /// The UDP port of the bridge.
     pub port: u16,
-    /// The key shared with the bridge.
     pub key: Key,
-    /// Whether the bridge may run on another computer. Datagrams are not encrypted: anyone on that network can read them.
+    /// Whether the bridge may run on another computer. Datagrams are not encrypted, so anyone on that network can read
+    /// them.
     pub remote: bool,
-    /// Name of the channel through which corrections reach the axes; controllers with the same name are alternatives.
+    /// Name of the channel through which corrections reach the axes. Controllers with the same channel are
+    /// alternatives.
     pub channel: String,
-    /// Machine number, as set in the bridge; unused if positions are only read.
+    /// Machine number, as set in the bridge. It is unused if positions are only read.
     pub machine: u16,
-    /// The axes in channel order, as set in the bridge; empty if positions are only read.
+    /// Corrected axes in channel order, as set in the bridge; empty if positions are only read.
     pub axes: Vec<AxisName>,
-    /// Axes whose positions are only read.
     pub reads: Vec<AxisName>,
     /// Length of one count of a linear axis.
     pub step_linear: Displacement,
@@ -78,7 +77,7 @@ impl LinuxCncConfig {
         }
     }
 
-    /// Size of a count in the unit of the protocol: nm, or millionths of a degree.
+    /// Size of one count in the unit of the protocol: nm, or millionths of a degree.
     pub(crate) fn step_nano(&self, kind: AxisKind) -> f64 {
         nano(kind, self.step(kind).mm_or_rad()).round()
     }
@@ -93,7 +92,7 @@ impl LinuxCncConfig {
             let largest = f64::from(i16::MAX) * step.mm_or_rad();
             Axis {
                 name: *name,
-                // `pos-cmd` never contains the offset of the correction.
+                // `pos-cmd` never contains the offset by which the correction is applied.
                 includes_correction: false,
                 resolution: step,
                 largest: Some(Displacement::new(name.kind(), largest)),
@@ -142,13 +141,14 @@ fn nano(kind: AxisKind, mm_or_rad: f64) -> f64 {
 /// Counters of irregular datagrams from the bridge.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Health {
-    /// Number of datagrams that are not states of this version and key.
+    /// Number of datagrams that are not states of this protocol version and key.
     pub broken: u64,
-    /// Number of states of another machine, or with other axes or steps.
+    /// Number of states from another machine, or with other axes or steps than configured.
     pub foreign: u64,
-    /// Number of states that arrived twice or out of order, or that are of another run although states of the current run still arrive.
+    /// Number of states that arrived twice or out of order, and of states of another run that arrived although states
+    /// of the current run still arrived.
     pub late: u64,
-    /// Number of states that never arrived.
+    /// Number of lost states, from gaps in the sequence numbers.
     pub lost: u64,
     /// Number of restarts of the bridge.
     pub restarts: u64,
@@ -160,7 +160,7 @@ pub struct LinuxCncController {
     description: Description,
     machine: u16,
     key: Key,
-    /// When the last command was sent, and the run of the state that it answered.
+    /// Time at which the last command was sent, and run of the state that the command answered.
     last_sent: Option<(Instant, u32)>,
     last: Option<(State, Instant)>,
     last_received: Option<Instant>,
@@ -171,10 +171,11 @@ pub struct LinuxCncController {
 }
 
 impl LinuxCncController {
-    /// Opens the socket to a bridge, which need not be running.
+    /// Opens the socket to a bridge. The bridge need not be running.
     ///
     /// # Errors
-    /// Invalid axes or steps, a host that cannot be resolved or is another computer, no socket.
+    /// Invalid axes or steps; a host that cannot be resolved, or is another computer although `remote` is `false`; no
+    /// socket.
     pub fn new(config: &LinuxCncConfig) -> Result<Self, DeviceError> {
         let description = config.describe()?;
         let socket = open(&config.host, config.port, config.remote)?;
@@ -193,12 +194,11 @@ impl LinuxCncController {
         })
     }
 
-    /// Counters of irregular datagrams since the start.
     pub fn health(&self) -> Health {
         self.health
     }
 
-    /// The last state received from the bridge, regardless of its age; `None` before the first one.
+    /// Last state received from the bridge, regardless of its age; `None` before the first state.
     pub fn state(&self) -> Option<&State> {
         self.last.as_ref().map(|(state, _)| state)
     }
@@ -209,13 +209,13 @@ impl LinuxCncController {
         let command = Command { machine: self.machine, answers, content };
         let mut bytes = [0; COMMAND_BYTES];
         let length = command.encode(&self.key, &mut bytes);
-        // An error "connection refused" is about the previous datagram, so this one is sent again.
+        // The error "connection refused" is about the previous datagram, so this datagram is sent again.
         for _ in 0..2 {
             match self.socket.send(&bytes[..length]) {
                 Ok(_) => return Ok(()),
                 Err(e) if e.kind() == ErrorKind::ConnectionRefused => {}
                 Err(e) if e.kind() == ErrorKind::Interrupted => {}
-                // The send queue is full; the datagram is lost, as it could be on the network.
+                // The send queue is full. The datagram is lost, as it could be on the network.
                 Err(e) if e.kind() == ErrorKind::WouldBlock => return Err(Fault::TimedOut),
                 Err(_) => return Err(Fault::Disconnected),
             }
@@ -223,7 +223,8 @@ impl LinuxCncController {
         Err(Fault::Disconnected)
     }
 
-    /// Whether a listen command is due: no command was sent for `LISTEN_INTERVAL`, or none since the bridge restarted.
+    /// Whether a listen command is due, because no command was sent for `LISTEN_INTERVAL` or since the bridge
+    /// restarted.
     fn listen_is_due(&self) -> bool {
         let run = self.state().map_or(0, |state| state.run);
         self.last_sent
@@ -236,7 +237,7 @@ impl LinuxCncController {
             match self.socket.recv(&mut bytes) {
                 Ok(length) => self.take(&bytes[..length], Instant::now()),
                 Err(e) if e.kind() == ErrorKind::Interrupted => {}
-                // No process listens at that port; the age of the last state shows it.
+                // No process listens at that port. The growing age of the last state shows this.
                 Err(e) if e.kind() == ErrorKind::ConnectionRefused => {}
                 Err(_) => return,
             }
@@ -255,7 +256,7 @@ impl LinuxCncController {
         }
         if let Some((last, _)) = &self.last {
             if last.run == state.run {
-                // The sequence number wraps: less than half of its range ahead is later.
+                // The sequence number wraps. A number is later if it is ahead by less than half of the range.
                 let ahead = state.sequence.wrapping_sub(last.sequence);
                 if ahead == 0 || ahead >= 1 << 31 {
                     self.health.late += 1;
@@ -266,7 +267,8 @@ impl LinuxCncController {
                 let silent = self.last_received.is_none_or(|last_received| {
                     arrived.saturating_duration_since(last_received) > RUN_TIMEOUT
                 });
-                // While states of the current run arrive, another run is a replay, whose time is meaningless.
+                // While states of the current run arrive, a state of another run is a replay, and its time is
+                // meaningless.
                 if !silent {
                     self.health.late += 1;
                     return;
@@ -283,7 +285,7 @@ impl LinuxCncController {
         self.last = Some((state, local_time));
     }
 
-    /// Reason why a state does not match the configuration; `None` if it does.
+    /// Reason why a state does not match the configuration; `None` if the state matches.
     fn mismatch_of(&self, state: &State) -> Option<&'static str> {
         // A configuration that only reads positions has no machine number.
         if self.description.barrier && state.machine != self.machine {
@@ -308,7 +310,7 @@ impl LinuxCncController {
         None
     }
 
-    /// Waits for a datagram until the deadline. Returns whether one arrived.
+    /// Waits for a datagram until the deadline, at most `LISTEN_INTERVAL`. Returns whether a datagram arrived.
     fn wait(&self, deadline: Instant) -> bool {
         let left = deadline.saturating_duration_since(Instant::now());
         let left = Timespec::try_from(left.min(LISTEN_INTERVAL)).unwrap_or_default();
@@ -324,7 +326,7 @@ impl Controller for LinuxCncController {
         &self.description
     }
 
-    /// The last state of the bridge, regardless of its age; waits only before the first one.
+    /// Returns the last state of the bridge, regardless of its age. Waits only before the first state.
     fn read(&mut self, deadline: Instant) -> Result<Snapshot, Fault> {
         let (state, taken) = loop {
             self.drain();
@@ -344,7 +346,7 @@ impl Controller for LinuxCncController {
         };
         let mut positions = PerChannel::ZERO;
         for (position, name) in positions.iter_mut().zip(self.description.shown_axes()) {
-            // Each of these axes is in the state; otherwise `mismatch_of` has rejected it.
+            // The state contains each of these axes, or `mismatch_of` would have rejected the state.
             let Some(axis) = state.axes().find(|axis| axis.name == name) else {
                 return Err(Fault::Protocol("an axis is missing"));
             };

@@ -1,43 +1,39 @@
-//! The common part of states and commands: header, message authentication code and number encoding.
+//! The common parts of states and commands: header, message authentication code and encoding of numbers.
 
 use volcomp_port::MOST_WORDS;
 use volcomp_vocabulary::{AxisName, MAX_AXES};
 
 use crate::{Key, VERSION, key::MAC};
 
-/// Reasons why a datagram cannot be decoded.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum DatagramError {
-    /// The length does not match the content.
+    /// The length of the datagram does not match its content.
     #[error("found {found} bytes, expected {expected}")]
     Length {
         /// Length of the datagram, bytes.
         found: usize,
-        /// Length that its content requires, bytes.
+        /// Length that the content requires, bytes.
         expected: usize,
     },
-    /// The magic bytes are wrong.
     #[error("found other magic bytes than those of this protocol, VCLS or VCLF")]
     Magic,
-    /// The other side uses another version of the protocol.
+    /// The sender uses another version of the protocol.
     #[error("found version {found} of the protocol, expected {VERSION}")]
     Version {
         /// Version of the protocol in the datagram.
         found: u8,
     },
-    /// The message authentication code does not match our key.
+    /// The message authentication code does not match the gateway's key.
     #[error(
         "found another message authentication code than that of our key: the other side has another key, or the datagram was modified"
     )]
     Mac,
-    /// The number of axes exceeds the maximum.
     #[error("found {found} axes, expected at most {MAX_AXES}")]
     Axes {
         /// Number of axes in the datagram.
         found: usize,
     },
-    /// The number of words exceeds the maximum.
     #[error("found {found} words, expected at most {MOST_WORDS}")]
     Words {
         /// Number of words in the datagram.
@@ -46,7 +42,6 @@ pub enum DatagramError {
     /// A letter is not an axis, or occurs twice.
     #[error("found the letter {:?}, expected those of axes, each once", char::from(*found))]
     Letter {
-        /// The rejected byte.
         found: u8,
     },
     /// A position or velocity is not finite, or a count has the size zero.
@@ -54,18 +49,16 @@ pub enum DatagramError {
         "axis {axis}: found a position or velocity that is not finite, or a count of size 0, expected numbers and a size of 1 or more"
     )]
     Number {
-        /// Axis with the invalid position, velocity or count size.
         axis: AxisName,
     },
-    /// The content is of an unknown kind.
     #[error("found the kind {found} of content, expected 0 (request for states) or 1 (a frame)")]
     Kind {
-        /// The rejected number of the kind.
         found: u16,
     },
 }
 
-/// Checks magic bytes, version, authentication code and minimum length of a datagram, and returns the datagram without the code.
+/// Checks magic bytes, version, authentication code and minimum length of a datagram. Returns the datagram without the
+/// authentication code.
 pub(crate) fn opened<'a>(
     bytes: &'a [u8],
     magic: [u8; 4],
@@ -99,7 +92,7 @@ impl<'a> Writer<'a> {
         Self { bytes, length: 0 }
     }
 
-    /// Appends bytes. They always fit, because the buffer has room for the largest content.
+    /// Appends bytes. The buffer has room for the largest content, so the bytes always fit.
     pub(crate) fn put(&mut self, more: &[u8]) {
         let end = self.length + more.len();
         if let Some(room) = self.bytes.get_mut(self.length..end) {
@@ -119,7 +112,7 @@ impl<'a> Writer<'a> {
 pub(crate) struct Reader<'a>(pub(crate) &'a [u8]);
 
 impl Reader<'_> {
-    /// Removes the next `N` bytes from the start and returns them; zeros if fewer are left.
+    /// Removes the next `N` bytes from the start and returns them. Returns zeros if fewer bytes are left.
     pub(crate) fn take<const N: usize>(&mut self) -> [u8; N] {
         let Some((head, rest)) = self.0.split_first_chunk::<N>() else {
             return [0; N];

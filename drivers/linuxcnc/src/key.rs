@@ -8,30 +8,28 @@ use volcomp_document::{PrivateError, private};
 /// Length of a message authentication code, bytes.
 pub(crate) const MAC: usize = 8;
 
-/// The key shared by the gateway and the bridge; it authenticates every datagram in both directions.
+/// Key shared by the gateway and the bridge. It authenticates every datagram in both directions.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub struct Key([u8; 16]);
 
-/// Reasons why a key cannot be read from a file.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum KeyError {
     /// The file cannot be read, or is readable by others.
     #[error(transparent)]
     Private(#[from] PrivateError),
-    /// The file does not contain a key of 32 hexadecimal digits.
     #[error("{}: expected 32 hexadecimal digits and nothing else", .0.display())]
     Malformed(std::path::PathBuf),
 }
 
 impl Key {
-    /// A key of these bytes.
     #[must_use]
     pub const fn new(bytes: [u8; 16]) -> Self {
         Self(bytes)
     }
 
-    /// Reads a key from a file of mode 600: 32 hexadecimal digits, as `openssl rand -hex 16` prints them.
+    /// Reads a key from a file of mode 600. The file contains 32 hexadecimal digits, as `openssl rand -hex 16` prints
+    /// them.
     ///
     /// # Errors
     /// A file that cannot be read, is readable by others, or does not contain a key.
@@ -40,7 +38,7 @@ impl Key {
         Self::parse(&text).ok_or_else(|| KeyError::Malformed(file.to_owned()))
     }
 
-    /// Parses 32 hexadecimal digits, which blanks may follow.
+    /// Parses 32 hexadecimal digits. Blanks and line ends may follow them.
     fn parse(text: &str) -> Option<Self> {
         let digits = text.trim_end_matches([' ', '\t', '\r', '\n']).as_bytes();
         let (pairs, []) = digits.as_chunks::<2>() else {
@@ -57,7 +55,7 @@ impl Key {
         Some(Self(bytes))
     }
 
-    /// The message authentication code of these bytes: SipHash-2-4 with 64 bits.
+    /// Message authentication code of these bytes: SipHash-2-4 with 64 bits.
     #[must_use]
     pub fn mac(&self, bytes: &[u8]) -> [u8; 8] {
         SipHasher24::new_with_key(&self.0).hash(bytes).to_le_bytes()

@@ -1,7 +1,7 @@
 //! Detects axes whose actual offset differs from the value that the bridge reports as applied.
 //!
-//! The bridge makes the same check and holds. This second check covers a faulty bridge: each state contains both the value that the
-//! barrier applies and the offset that the control's planner has reached.
+//! The bridge makes the same check and holds the correction. This second check covers a faulty bridge. Each state
+//! contains both the value that the barrier applies and the offset that the control's planner has reached.
 
 use std::time::Duration;
 
@@ -9,26 +9,28 @@ use volcomp_vocabulary::MAX_AXES;
 
 use crate::{Flags, State};
 
-/// Tolerance of an offset in counts. `TOLERANCE_NANO` (nm or millionths of a degree), within which the planner stops, and the recent movement
-/// of the applied value are added to it. It is small, so that even a small missing correction is detected.
+/// Tolerance of an offset, counts. The total tolerance also includes `TOLERANCE_NANO` (nm or millionths of a degree),
+/// within which the planner stops, and the recent movement of the applied value. The tolerance is small, so that even a
+/// small missing correction is detected.
 const TOLERANCE_COUNTS: f64 = 3.0;
 const TOLERANCE_NANO: f64 = 10.0;
-/// Maximum lag of the control's planner, and time constant with which recent movement decays.
+/// Maximum lag of the control's planner. Recent movement decays with this time constant.
 const MAX_PLANNER_LAG: Duration = Duration::from_millis(250);
-/// Time out of tolerance after which the offset is treated as lost.
+/// Time for which the offset must be out of tolerance to count as lost.
 const LOST_AFTER: Duration = Duration::from_millis(500);
-/// Number of report words before those of the axes.
+/// Number of words in a report before the words of the axes.
 const HEADER_WORDS: usize = 8;
-/// Number of report words per axis.
+/// Number of words per axis in a report.
 const WORDS_PER_AXIS: usize = 3;
 
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct OffsetMonitor {
     last: Option<Duration>,
     applied: [f64; MAX_AXES],
-    /// Recent movement of the applied value of each axis, nm or millionths of a degree; decays with `MAX_PLANNER_LAG`.
+    /// Recent movement of the applied value of each axis, nm or millionths of a degree. It decays with
+    /// `MAX_PLANNER_LAG`.
     moved: [f64; MAX_AXES],
-    /// Bridge time from which an axis has been out of tolerance; `None`: all are within it.
+    /// Time on the bridge's clock since when an axis has been out of tolerance; `None` if all axes are within it.
     since: Option<Duration>,
     is_lost: bool,
 }
@@ -39,12 +41,12 @@ impl OffsetMonitor {
         self.is_lost
     }
 
-    /// Processes a state of the same run as the previous one. Its first `axes` axes are the corrected ones.
+    /// Processes a state of the same run as the previous state. Its first `axes` axes are the corrected axes.
     pub(crate) fn process(&mut self, state: &State, axes: usize) {
         let words = state.report.as_slice();
         let applies = state.flags.has(Flags::ENABLED) && state.flags.has(Flags::HOMED);
         if words.len() < HEADER_WORDS + WORDS_PER_AXIS * axes || !applies {
-            // The state has no report, or the machine is off.
+            // The state has no report, or the machine is off or not homed.
             *self = Self::default();
             return;
         }
@@ -104,7 +106,7 @@ mod tests {
         assert_eq!(lost(|_| (13, 0)), None);
         assert_eq!(lost(|_| (-14, 0)), Some(501));
         assert_eq!(lost(|_| (10_000, 20_000)), Some(501));
-        // Four counts of 10 nm are within the tolerance.
+        // An offset that lacks four counts of 10 nm is within the tolerance.
         let mut offset_monitor = OffsetMonitor::default();
         for ms in 1..2000 {
             offset_monitor.process(&state(ms, 10, 4, 0), 1);
@@ -120,7 +122,7 @@ mod tests {
         assert!(!offset_monitor.is_lost(), "the offset arrived");
     }
 
-    /// The offset follows a correction that moves up and down at 500 µm/s with a delay.
+    /// The offset follows a correction that moves up and down at 500 µm/s, with a delay of 100 ms.
     #[test]
     fn an_offset_that_follows_in_time_is_not_lost() {
         #[expect(clippy::cast_possible_truncation, reason = "30 um in nm")]
@@ -129,7 +131,7 @@ mod tests {
             (60_000.0 * ((2.0 * phase - 1.0).abs() - 0.5)) as i16
         };
         assert_eq!(lost(|ms| (at(ms), at(ms.saturating_sub(100)).into())), None);
-        // The planner moves at 5 µm/s after a ramp of 500 µm/s to 30 µm.
+        // The correction ramps to 30 µm at 500 µm/s, but the planner moves at 5 µm/s.
         #[expect(clippy::cast_possible_truncation, reason = "30 um in nm")]
         let ramp = |ms: u32| (ms.min(60) * 500) as i16;
         let found = lost(|ms| (ramp(ms), i64::from(ms) * 5)).expect("lost");

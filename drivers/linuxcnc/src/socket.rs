@@ -56,10 +56,11 @@ fn resolve(host: &str, port: u16, remote: bool) -> Result<SocketAddr, DeviceErro
     })
 }
 
-/// Requests one state from a bridge, whatever its machine number and axes.
+/// Requests one state from a bridge with any machine number and axes.
 ///
 /// # Errors
-/// A host that cannot be resolved or is another computer without `remote`; no state of this version and key within `at_most`.
+/// A host that cannot be resolved, or is another computer although `remote` is `false`; no state of this version and
+/// key within `at_most`.
 pub fn read_state(
     host: &str,
     port: u16,
@@ -80,7 +81,7 @@ pub fn read_state(
     let end = Instant::now() + at_most;
     let mut found = "the bridge does not answer".to_owned();
     while Instant::now() < end {
-        // "Connection refused" means that no bridge is listening yet.
+        // An error "connection refused" means that no bridge is listening yet.
         let _ = socket.send(&bytes[..length]);
         let mut state = [0; STATE_BYTES + 1];
         match socket.recv(&mut state) {
@@ -88,7 +89,7 @@ pub fn read_state(
                 Ok(state) => return Ok(state),
                 Err(broken) => found = broken.to_string(),
             },
-            // No bridge is listening: wait before the next request.
+            // No bridge is listening, so wait before the next request.
             Err(e) if e.kind() == std::io::ErrorKind::ConnectionRefused => {
                 std::thread::sleep(REQUEST_INTERVAL.min(at_most));
             }

@@ -18,23 +18,22 @@ const BYTES_PER_AXIS: usize = 32;
 /// Maximum size of a state, bytes.
 pub const STATE_BYTES: usize = HEADER_BYTES + MAX_AXES * BYTES_PER_AXIS + 2 * MOST_WORDS + MAC;
 
-/// Operating state of the control: the sum of the constants of this type that apply.
+/// Operating state of the control: the sum of those constants of this type that apply.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Flags(pub u16);
 
 impl Flags {
-    /// The emergency stop is pressed.
     pub const EMERGENCY_STOP: u16 = 1;
-    /// The machine is on: motion is enabled.
+    /// The machine is on, that is, motion is enabled.
     pub const ENABLED: u16 = 1 << 1;
     /// Every joint is homed.
     pub const HOMED: u16 = 1 << 2;
-    /// The control has cut off an offset at a soft limit (`motion.eoffset-limited`).
+    /// The control has limited an offset at a soft limit (`motion.eoffset-limited`).
     pub const LIMITED: u16 = 1 << 3;
-    /// The control is probing: probed positions contain the offset.
+    /// The control is probing. Probed positions contain the offset.
     pub const PROBING: u16 = 1 << 4;
-    /// The control's offset differs from the bridge's request: the control has absorbed it into its position, cleared it or frozen it. The
-    /// bridge holds for a second, and continues from the actual offset.
+    /// The control's offset differs from the bridge's request, because the control has absorbed the offset into its
+    /// position, cleared it or frozen it. The bridge holds for a second, and then continues from the actual offset.
     pub const LOST: u16 = 1 << 5;
 
     /// All flags, in the order of the protocol's table.
@@ -52,14 +51,14 @@ impl Flags {
         ),
     ];
 
-    /// Whether any of these flags is set.
+    /// Whether any of the flags in `flag` is set.
     #[must_use]
     pub fn has(self, flag: u16) -> bool {
         self.0 & flag != 0
     }
 }
 
-/// Formats the texts of all flags: `on, homed, probing`.
+/// Formats the texts of all flags, separated by commas: `on, homed, probing`.
 impl fmt::Display for Flags {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let words =
@@ -72,16 +71,15 @@ impl fmt::Display for Flags {
     }
 }
 
-/// A flag with its name and texts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Flag {
     /// Mask with the bit of the flag.
     pub bit: u16,
     /// Name in the protocol.
     pub name: &'static str,
-    /// Text that is shown if the flag is set.
+    /// Text to show if the flag is set.
     pub set: &'static str,
-    /// Text that is shown if the flag is not set; empty for none.
+    /// Text to show if the flag is not set; empty for no text.
     pub unset: &'static str,
 }
 
@@ -91,44 +89,40 @@ impl Flag {
     }
 }
 
-/// State of one axis in the control.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AxisState {
-    /// The letter of the axis.
     pub name: AxisName,
-    /// Size of a count of the barrier, nm or millionths of a degree.
+    /// Size of one count of the barrier, nm or millionths of a degree.
     pub step: u32,
-    /// The commanded position without the offset (`axis.L.pos-cmd`), mm or deg.
+    /// Commanded position without the offset (`axis.L.pos-cmd`), mm or deg.
     pub position: f64,
-    /// The commanded velocity, mm/s or deg/s.
+    /// Commanded velocity, mm/s or deg/s.
     pub velocity: f64,
-    /// The offset that the control's planner has reached (`axis.L.eoffset`), nm or millionths of a degree.
+    /// Offset that the control's planner has reached (`axis.L.eoffset`), nm or millionths of a degree.
     pub offset: i64,
 }
 
 /// A state of the control, as the bridge reports it in every servo cycle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct State {
-    /// The number of the machine.
     pub machine: u16,
-    /// Random number that the bridge draws at its start.
+    /// Random number that the bridge draws when it starts.
     pub run: u32,
-    /// Number of the state since the start of the bridge; it wraps.
+    /// Number of the state since the start of the bridge. It wraps.
     pub sequence: u32,
-    /// Operating state of the control.
     pub flags: Flags,
-    /// The monotonic clock of the bridge's computer when the positions were sampled.
+    /// Time on the monotonic clock of the bridge's computer at which the positions were sampled.
     pub time: Duration,
     /// Scan period of the barrier.
     pub scan: Duration,
-    /// The axes; `None` after the last.
+    /// The first elements are the axes; the rest is `None`.
     axes: [Option<AxisState>; MAX_AXES],
-    /// The report of the barrier, which carries its own checksum.
+    /// Report of the barrier. It has its own checksum.
     pub report: Words,
 }
 
 impl State {
-    /// A state with these axes, and zeros elsewhere; `None` if there are more than [`MAX_AXES`].
+    /// Creates a state with these axes and zeros elsewhere; `None` if there are more than [`MAX_AXES`].
     #[must_use]
     pub fn of(axes: &[AxisState]) -> Option<Self> {
         let mut room = [None; MAX_AXES];
@@ -166,7 +160,7 @@ impl State {
         let words = usize::from(reader.u16());
         let nanos = u64::from_le_bytes(reader.take());
         let scan = Duration::from_nanos(reader.u32().into());
-        // Reserved for later versions of the protocol.
+        // These bytes are reserved for later versions of the protocol.
         reader.take::<4>();
         if count > MAX_AXES {
             return Err(DatagramError::Axes { found: count });
@@ -201,7 +195,7 @@ impl State {
             time: Duration::from_nanos(nanos),
             scan,
             axes,
-            // The length was checked, so the words fit.
+            // The length was checked above, so the words fit.
             report: Words::new(&report[..words]).unwrap_or_default(),
         })
     }
@@ -209,7 +203,7 @@ impl State {
     /// Encodes the state in `bytes`, with its authentication code, and returns the length of the datagram in bytes.
     pub fn encode(&self, key: &Key, bytes: &mut [u8; STATE_BYTES]) -> usize {
         let words = self.report.as_slice();
-        // Both counts fit, because their maxima are small.
+        // Both numbers fit, because their maxima are small.
         let count = u8::try_from(self.axes().count()).unwrap_or(0);
         let length = u16::try_from(words.len()).unwrap_or(0);
         let mut writer = Writer::new(bytes);

@@ -1,4 +1,4 @@
-//! The line to the modules, serial or TCP, which carries one request at a time; after a timeout it is drained.
+//! The serial or TCP line to the modules. It carries one request at a time, and is drained after a timeout.
 
 use std::{
     collections::VecDeque,
@@ -21,42 +21,37 @@ use tokio_modbus::{
 use tokio_serial::{SerialPortBuilderExt, SerialStream};
 use volcomp_port::{DeviceError, Fault, Reason, exception_name};
 
-/// Default response timeout of a module: a slower module is treated as not answering. It does not limit the age of data.
+/// Default response timeout of a module. A slower module counts as not answering. This timeout does not limit the age
+/// of data.
 pub const ANSWER_WITHIN: Duration = Duration::from_millis(300);
 
 /// Parity of a serial line.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Parity {
-    /// There is no parity bit.
     #[default]
     None,
-    /// The parity bit makes the number of ones even.
     Even,
-    /// The parity bit makes the number of ones odd.
     Odd,
 }
 
-/// The transport to the modules.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Bus {
-    /// The modules answer on Modbus TCP.
     Tcp {
-        /// The host name or IP address of the module or its gateway.
+        /// Host name or IP address of the module, or of a gateway to its line.
         host: String,
-        /// Port, 502 by convention.
+        /// TCP port, 502 by convention.
         port: u16,
     },
-    /// The modules answer on Modbus RTU, on a serial line.
+    /// Modbus RTU on a serial line.
     Rtu {
-        /// The serial device, such as `/dev/ttyUSB0`.
+        /// Serial device, such as `/dev/ttyUSB0`.
         path: String,
-        /// The speed of the line in baud.
+        /// Speed of the line, baud.
         baud: u32,
-        /// The parity of the line.
         parity: Parity,
-        /// The number of stop bits, 1 or 2.
+        /// Number of stop bits, 1 or 2.
         stop_bits: u8,
     },
 }
@@ -70,7 +65,7 @@ impl Bus {
         }
     }
 
-    /// Silence that ends a frame: 3.5 characters of 11 bits, at least 1.75 ms.
+    /// Silence that ends a frame: the time of 3.5 characters of 11 bits, but at least 1.75 ms. Zero on TCP.
     pub(crate) fn frame_gap(&self) -> Duration {
         match self {
             Self::Tcp { .. } => Duration::ZERO,
@@ -91,8 +86,8 @@ impl Bus {
                     .unwrap_or_else(|_| Err(io::ErrorKind::TimedOut.into()))
                     .and_then(|stream| {
                         stream.set_nodelay(true)?;
-                        // Closing resets the socket: data of a request that is still in the kernel must not reach the module when the cable
-                        // is plugged in again.
+                        // Closing resets the socket, so that a request that is still in the kernel cannot reach the
+                        // module when the cable is plugged in again.
                         stream.set_zero_linger()?;
                         Ok(stream)
                     })
@@ -132,11 +127,12 @@ pub(crate) fn thread_error(device: &str, error: io::Error) -> DeviceError {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum RequestError {
-    /// No answer in time. The line was drained, so a late answer has been discarded.
+    /// No answer in time. The line was drained, so that a late answer is discarded.
     NoAnswer,
-    /// The request was echoed, but no answer arrived in time: the module behind an adapter with local echo is silent.
+    /// The request was echoed, but no answer arrived in time: the module behind an adapter with local echo does not
+    /// answer.
     EchoOnly,
-    /// The module rejected the request with this exception code; 0: the answer was to another request.
+    /// The module rejected the request with this exception code. 0 means that the answer was to another request.
     Refused(u8),
     Disconnected,
 }
@@ -166,8 +162,9 @@ pub(crate) struct Line {
 }
 
 impl Line {
-    /// Timeout for the response to a write. Over TCP the deadline limits it: at the deadline the connection is reset, so that no part of the
-    /// write stays in a kernel queue. A serial line transmits a request at once, so that a write cannot be cancelled.
+    /// Timeout for the response to a write. Over TCP the deadline limits the timeout: at the deadline the connection is
+    /// reset, so that no part of the write stays in a kernel queue. A serial line transmits a request at once, so its
+    /// writes cannot be cancelled.
     pub(crate) fn write_timeout(&self, at_most: Duration, deadline: Instant) -> Duration {
         if self.serial.is_some() {
             return at_most;
@@ -175,7 +172,8 @@ impl Line {
         at_most.min(deadline.saturating_duration_since(Instant::now()))
     }
 
-    /// Sends a request to the module with this address, and waits up to `at_most` for its answer. After a timeout the line is drained.
+    /// Sends a request to the module with the address `unit`, and waits up to `at_most` for its answer. After a timeout
+    /// the line is drained.
     pub(crate) async fn request(
         &mut self,
         unit: u8,
@@ -193,7 +191,7 @@ impl Line {
         match timeout(at_most, self.context.call(request)).await {
             Ok(Ok(Ok(response))) => Ok(response),
             Ok(Ok(Err(exception))) => Err(RequestError::Refused(exception.into())),
-            // Timeout; on a serial line also a corrupted frame, on TCP a lost connection.
+            // A timeout, or on a serial line a corrupted frame, or on TCP a lost connection.
             Ok(Err(_)) | Err(_) => {
                 let echoed = (self.serial.as_ref()).is_some_and(|serial| serial.port().echoed);
                 self.drain(at_most).await?;
@@ -202,10 +200,11 @@ impl Line {
         }
     }
 
-    /// Waits until a serial line has been silent for the response timeout, and discards received bytes. A TCP connection is given up instead.
+    /// Waits until a serial line has been silent for the response timeout, and discards the received bytes. A TCP
+    /// connection is not drained but reported as disconnected.
     async fn drain(&mut self, at_most: Duration) -> Result<(), RequestError> {
         let Some(serial) = &mut self.serial else {
-            // TCP answers carry transaction numbers, so draining is not needed; the connection is reopened.
+            // TCP answers carry transaction numbers, so draining is unnecessary. The connection is reopened.
             return Err(RequestError::Disconnected);
         };
         let silence = at_most.max(self.gap);
@@ -217,22 +216,23 @@ impl Line {
                 Ok(Ok(_)) => {}
             }
         }
-        // The buffer of the old context may hold half a frame.
+        // The buffer of the old context may contain half a frame.
         self.context = rtu::attach_slave(serial.clone(), Slave(0));
         Ok(())
     }
 }
 
-/// A serial port that removes echoes from the received data: adapters with local echo return every request before the response. No answer
-/// to a request of this crate begins with the whole request.
+/// A serial port that removes echoes from the received data. Adapters with local echo return every request before the
+/// response. No answer to a request of this crate begins with the whole request.
 ///
-/// Invariant: `sent` is the part of the request that may still be echoed; `matched` of its bytes have come back. The first byte that differs
-/// proves that there is no echo: the matched bytes are then moved to `received`, which is read first.
+/// Invariant: `sent` is the part of the request that may still be echoed, and `matched` is the number of its bytes that
+/// have come back. The first byte that differs proves that there is no echo. Then the matched bytes are moved to
+/// `received`, which is read first.
 struct Port {
     stream: SerialStream,
     sent: Vec<u8>,
     matched: usize,
-    /// Whether the whole request has come back.
+    /// Whether the whole request has been echoed.
     echoed: bool,
     received: VecDeque<u8>,
 }
@@ -242,7 +242,7 @@ impl Port {
         Self { stream, sent: Vec::new(), matched: 0, echoed: false, received: VecDeque::new() }
     }
 
-    /// Discards received data, which belong to an earlier request.
+    /// Discards received data, because they belong to an earlier request.
     fn begin_request(&mut self) {
         self.sent.clear();
         self.received.clear();

@@ -1,4 +1,4 @@
-//! Combines modules with digital lines into one port; the modules are polled in the background.
+//! Combines the digital lines of several modules into one port. A background thread polls the modules.
 
 use std::{
     sync::{
@@ -21,16 +21,20 @@ use crate::{
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct DigitalModule {
-    /// Address on the line.
+    /// Address of the module on the line.
     pub unit: u8,
-    /// The profile of the module: its register addresses.
+    /// Profile with the register addresses of the module.
     pub profile: Profile,
 }
 
-/// The lines of several modules; the first module has the lowest bits. Reading and writing never wait for the bus. Inputs are those of the
-/// last exchange over this connection, with their arrival time, regardless of their age. Outputs are sent with the next exchange, once per
-/// write. A write is not sent if it cannot begin before its deadline, or if it was requested before the connection was made. If a write was not
-/// sent, or not acknowledged by every module before its deadline, the next write returns the fault.
+/// The digital lines of several modules. The first module has the lowest bits. Reading and writing never wait for the
+/// bus.
+///
+/// Inputs are those of the last exchange over the present connection, with their arrival time, regardless of their age.
+///
+/// Outputs are sent with the next exchange, once per write. A write is dropped if it cannot begin before its deadline,
+/// or if it was requested before the connection was made. If a write was dropped, or not acknowledged by every module
+/// before its deadline, the next write returns the fault.
 pub struct ModbusDigital {
     device: String,
     inputs: u32,
@@ -39,7 +43,7 @@ pub struct ModbusDigital {
     images: Output<Image>,
     requested: Input<OutputRequest>,
     number: u64,
-    /// Sequence number of the last write known to have succeeded or failed.
+    /// Sequence number of the last write that is known to have succeeded or failed.
     settled: u64,
     oldest_deadline: Option<Instant>,
     reported: u64,
@@ -68,7 +72,8 @@ impl ModbusDigital {
         })
     }
 
-    /// Starts a thread that exchanges inputs and outputs with the modules. `answer_within` is the response timeout of a module.
+    /// Starts a thread that exchanges inputs and outputs with the modules. `answer_within` is the response timeout of
+    /// each module.
     ///
     /// # Errors
     /// An invalid configuration, or the thread cannot be started.
@@ -134,8 +139,8 @@ fn lines(bus: &Bus, modules: &[DigitalModule]) -> Result<Vec<(u8, Digital)>, Dev
     modules.iter().map(line).collect()
 }
 
-/// Duration of one exchange with all modules on the line: serial, the time of the characters (11 bits each), the gaps, and a turnaround of
-/// 2 ms per request; over TCP, 2 ms per module.
+/// Duration of one exchange with all modules. On a serial line: the time of the characters (11 bits each), the gaps,
+/// and a turnaround of 2 ms per request. Over TCP: 2 ms per module.
 fn exchange_time(bus: &Bus, lines: &[(u8, Digital)]) -> Duration {
     let Bus::Rtu { baud, .. } = bus else {
         return Duration::from_millis(2 * lines.len() as u64);
@@ -179,7 +184,8 @@ impl DigitalIo for ModbusDigital {
         self.exchange
     }
 
-    /// Returns the inputs of the last exchange, with their arrival time. Fault: no inputs were read over this connection.
+    /// Returns the inputs of the last exchange, with their arrival time. Fails if no inputs were read over the present
+    /// connection.
     fn read(&mut self, _deadline: Instant) -> Result<InputLevels, Fault> {
         let image = *self.images.read();
         let inputs = image.inputs.filter(|_| image.connected);
@@ -189,8 +195,8 @@ impl DigitalIo for ModbusDigital {
         })
     }
 
-    /// Queues the outputs for the next exchange. A fault can mean that an earlier write failed: these outputs are queued nevertheless, unless
-    /// there is no connection or the deadline has passed.
+    /// Queues the outputs for the next exchange. A fault can mean that an earlier write failed. The outputs are queued
+    /// nevertheless, unless there is no connection or the deadline has passed.
     fn write(&mut self, levels: u64, deadline: Instant) -> Result<(), Fault> {
         let (now, image) = (Instant::now(), *self.images.read());
         if !image.connected {

@@ -1,4 +1,5 @@
-//! Exchanges inputs and outputs with the modules on a separate thread: inputs are read continuously, outputs are written once per request.
+//! Exchanges inputs and outputs with the modules on a separate thread. Inputs are read continuously; outputs are
+//! written once per request.
 
 use std::{
     sync::{
@@ -17,35 +18,37 @@ use crate::{
     profile::Digital,
 };
 
-/// Number of consecutive equal answers after which read-back output levels are accepted, because a single answer may be wrong.
+/// Number of consecutive equal answers after which output levels that were read back are accepted. A single answer may
+/// be wrong.
 const REQUIRED_EQUAL_ANSWERS: u32 = 3;
 
-/// Maximum number of consecutive read-backs of the outputs that may time out or break the connection. Further ones are skipped: over this
-/// connection or, if it broke, over the next one.
+/// Maximum number of consecutive times that reading back the outputs may time out or break the connection. After this
+/// number the outputs are not read back over this connection or, if it broke, over the next connection.
 const MAX_READ_BACKS: u8 = 3;
 
-/// Exception codes of a module that cannot read back outputs, or not these.
+/// Exception codes of a module that cannot read back any outputs, or not these outputs.
 const UNSUPPORTED_CODES: [u8; 2] = [1, 2];
 
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct OutputRequest {
     pub(crate) levels: u64,
-    /// Sequence number of the write, from 1; 0 if none was requested.
+    /// Sequence number of the write, from 1; 0 if no write was requested.
     pub(crate) number: u64,
-    /// Deadline of the write: it is not sent later, and fails if it is not acknowledged by then.
+    /// Deadline of the write. The write is not sent later, and fails if it is not acknowledged by then.
     pub(crate) until: Instant,
 }
 
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Image {
     pub(crate) connected: bool,
-    /// The input levels, with the time at which the oldest of them arrived; `None` before the first reading over this connection.
+    /// Input levels, with the arrival time of the oldest of them; `None` before the first reading over this connection.
     pub(crate) inputs: Option<InputLevels>,
-    /// Exception code with which a module rejected the last reading of the inputs; `None` if none did.
+    /// Exception code with which a module rejected the last reading of the inputs; `None` if no module rejected it.
     pub(crate) refused: Option<u8>,
-    /// Output levels that all modules accepted last or, before the first write, that were read back; `None` if unknown.
+    /// Last output levels that all modules accepted or, before the first write, output levels that were read back;
+    /// `None` if unknown.
     pub(crate) outputs: Option<u64>,
-    /// Set if a module has reported that it cannot read back its outputs.
+    /// Whether a module has reported that it cannot read back its outputs.
     pub(crate) lacks_read_back: bool,
     /// Sequence number of the last write that all modules accepted.
     pub(crate) taken: u64,
@@ -103,14 +106,15 @@ impl Exchanger {
         self.stop.load(Ordering::Relaxed)
     }
 
-    /// Begins a connection: discards earlier write requests, and reads the inputs, then the output levels.
+    /// Begins a connection: discards earlier write requests, and reads first the inputs and then the output levels.
     async fn begin(&mut self, line: &mut Line) -> Result<(), RequestError> {
         let number = self.requested.read().number;
         if number > self.image.taken {
             self.image.failed = Some((number, Fault::Disconnected));
         }
         self.image.outputs = None;
-        // A module that does not answer at all shows nothing about its read-back, which must not be skipped once it answers again.
+        // A module that gives no answer at all says nothing about its read-back, which must not be skipped when the
+        // module answers again.
         let read = self.inputs(line).await;
         if read == Err(RequestError::Disconnected) {
             return read;
@@ -127,7 +131,8 @@ impl Exchanger {
         Ok(())
     }
 
-    /// Reads back the output levels if they are unknown and the modules can report them. Three consecutive equal answers are accepted.
+    /// Reads back the output levels if they are unknown and the modules can report them. They are accepted after three
+    /// consecutive equal answers.
     async fn read_back_outputs(&mut self, line: &mut Line) -> Result<(), RequestError> {
         let is_known = self.image.outputs.is_some() || self.image.lacks_read_back;
         if is_known || self.skips_read_back || self.failed_read_backs >= MAX_READ_BACKS {
@@ -192,13 +197,13 @@ impl Exchanger {
         let is_refused =
             matches!(written, Err(RequestError::Refused(_))) && !self.image.lacks_read_back;
         if is_refused || [read, written].iter().any(is_silent) {
-            // A module that did not answer may have lost power, and one that refused a write may have switched some of its outputs: the levels
-            // are read back again.
+            // A module that did not answer may have lost power, and a module that rejected a write may have switched
+            // some of its outputs. So the output levels are read back again.
             self.image.outputs = None;
             self.failed_read_backs = 0;
         }
         self.images.write(self.image);
-        // A broken connection must not be hidden by an earlier rejected reading.
+        // Return the error of the write first, so that an earlier rejected reading does not hide a broken connection.
         written.and(read_back).and(read)
     }
 
@@ -255,7 +260,7 @@ impl Exchanger {
     }
 }
 
-/// Levels from the first `count` bits of an answer, shifted up by `first` lines.
+/// Levels from the first `count` bits of an answer. The first bit becomes line `first`.
 fn gathered(bits: &[bool], count: u16, first: u32) -> u64 {
     let lines = bits.iter().take(usize::from(count)).zip(first..64);
     lines.fold(0, |levels, (level, line)| levels | u64::from(*level) << line)

@@ -6,12 +6,13 @@ use volcomp_vocabulary::bounds::PLAUSIBLE_DEGC;
 pub const A: f64 = 3.9083e-3;
 /// Coefficient B of the standard, 1/°C².
 pub const B: f64 = -5.775e-7;
-/// Coefficient C of the standard, 1/°C⁴; used below 0 °C only.
+/// Coefficient C of the standard, 1/°C⁴. It applies only below 0 °C.
 pub const C: f64 = -4.183e-12;
 /// Lowest and highest temperature of the standard, °C.
 pub const RANGE_DEGC: [f64; 2] = [*PLAUSIBLE_DEGC.start(), *PLAUSIBLE_DEGC.end()];
 
-/// Resistance ratio at a temperature in °C: R(t)/R₀ = 1 + A·t + B·t² (+ C·(t − 100)·t³ below 0 °C). `None` outside the range.
+/// Resistance ratio R(t)/R₀ = 1 + A·t + B·t² at a temperature t in °C. Below 0 °C, C·(t − 100)·t³ is added. `None`
+/// outside the range.
 pub fn ratio(degc: f64) -> Option<f64> {
     (RANGE_DEGC[0]..=RANGE_DEGC[1]).contains(&degc).then(|| unchecked_ratio(degc))
 }
@@ -21,14 +22,14 @@ fn unchecked_ratio(t: f64) -> f64 {
     1.0 + t * (A + t * (B + below))
 }
 
-/// Temperature of a resistance ratio R/R₀, °C; `None` outside the range or for NaN.
+/// Temperature for a resistance ratio R/R₀, °C; `None` for a ratio outside the range or NaN.
 pub fn temperature(ratio: f64) -> Option<f64> {
     let [low, high] = RANGE_DEGC.map(unchecked_ratio);
-    // Accepts rounding errors at the ends, 0.5 nK.
+    // Accepts rounding errors at the ends of the range, 0.5 nK.
     if !((low - 2e-12)..=(high + 2e-12)).contains(&ratio) {
         return None;
     }
-    // Solution of the quadratic of the upper range; below 0 °C the start value for Newton's method.
+    // Solution of the quadratic equation, exact from 0 °C on. Below 0 °C it is the start value for Newton's method.
     let discriminant = A * A - 4.0 * B * (1.0 - ratio);
     let mut t = 2.0 * (ratio - 1.0) / (A + discriminant.sqrt());
     if ratio < 1.0 {
@@ -40,8 +41,8 @@ pub fn temperature(ratio: f64) -> Option<f64> {
     Some(t.clamp(RANGE_DEGC[0], RANGE_DEGC[1]))
 }
 
-/// Temperature of a two-wire sensor, °C: `leads_ohm`, the resistance of both leads together, is subtracted first. `r0_ohm` is the resistance
-/// at 0 °C, 100 for a PT100. `None` outside the range of the standard.
+/// Temperature of a two-wire sensor, °C; `None` outside the range of the standard. `leads_ohm`, the resistance of both
+/// leads together in Ω, is subtracted first. `r0_ohm` is the resistance at 0 °C in Ω, 100 for a PT100.
 pub fn two_wire(ohm: f64, leads_ohm: f64, r0_ohm: f64) -> Option<f64> {
     temperature((ohm - leads_ohm) / r0_ohm)
 }

@@ -10,9 +10,13 @@ use crate::{
     profile::{ByteOrder, Channels, NumberType, Unit, WordOrder},
 };
 
-/// Decodes the temperature of channel `channel`, from 0. `registers` starts with the first channel; `status` holds the fault bits of the
-/// channel, if the module has any. The temperature is bad if the module reports a fault code or bit, if the value is not a number, is at or
-/// beyond an end of the range, or is a float that no thermometer sends, or if registers are missing.
+/// Decodes the temperature of channel `channel`, counted from 0. `registers` starts with the first channel. `status`
+/// has the fault bits of this channel, or is `None` if the module has no fault bits. The temperature is bad in each of
+/// these cases:
+/// - The module reports a fault code or a fault bit.
+/// - The value is not a number, or a float that no thermometer sends.
+/// - The value is at or beyond an end of the module's range.
+/// - Registers are missing.
 pub fn read_channel(
     channels: &Channels,
     registers: &[u16],
@@ -71,10 +75,10 @@ fn temperature(channels: &Channels, raw: f64, status: Option<u16>, taken: Instan
     let [low, high] = channels.valid_degc;
     match degc {
         None if value.is_nan() => Temperature::bad(Reason::NotANumber, taken),
-        // The resistance is beyond the range of the standard: open or short circuit.
+        // The resistance is outside the range of the standard, because of an open circuit or a short circuit.
         None if value > 100.0 => Temperature::bad(Reason::Open, taken),
         None => Temperature::bad(Reason::Short, taken),
-        // Modules clamp at the ends of their range, so a value there is not a reliable temperature.
+        // Modules clamp values to the ends of their range, so a value at an end is not a reliable temperature.
         Some(degc) if degc <= low => Temperature::bad(Reason::Short, taken),
         Some(degc) if degc >= high => Temperature::bad(Reason::Open, taken),
         Some(degc) => Temperature::good(degc, taken),

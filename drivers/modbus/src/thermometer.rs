@@ -1,4 +1,5 @@
-//! Polls modules in the background and publishes their temperatures as reported; whether they are plausible is checked elsewhere.
+//! Polls modules in the background and publishes their temperatures as reported. Their plausibility is not checked in
+//! this crate.
 
 use std::time::{Duration, Instant};
 
@@ -11,18 +12,17 @@ use crate::{
     registers::read_channel,
 };
 
-/// Maximum number of consecutive polling rounds that skip a module that does not answer.
+/// Maximum number of consecutive polling rounds in which a module that does not answer is skipped.
 const MAX_SKIPPED_ROUNDS: u32 = 16;
 
 /// A temperature module on the line.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct ThermometerUnit {
-    /// Address on the line.
+    /// Address of the module on the line.
     pub unit: u8,
-    /// The profile of the module: its registers and the scaling of its channels.
     pub profile: Profile,
-    /// Names of the module's channels, from the first on; channels without a name are not read.
+    /// Names of the module's channels, starting with the first channel. Channels beyond the last name are not read.
     pub names: Vec<String>,
 }
 
@@ -30,20 +30,19 @@ pub struct ThermometerUnit {
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct ThermometerConfig {
-    /// The TCP connection or serial line to the modules.
     pub bus: Bus,
-    /// The modules, polled in turn.
+    /// The modules. They are polled one after the other.
     pub units: Vec<ThermometerUnit>,
     /// Polling interval.
     pub interval: Duration,
-    /// Response timeout of a module.
+    /// Response timeout of each module.
     pub answer_within: Duration,
-    /// Delay between connection attempts.
+    /// Delay between two connection attempts.
     pub backoff: Backoff,
 }
 
 impl ThermometerConfig {
-    /// One module with these sensors, polled every second.
+    /// Creates a configuration with one module that is polled every second.
     pub fn new(bus: Bus, unit: ThermometerUnit) -> Self {
         Self {
             bus,
@@ -54,7 +53,7 @@ impl ThermometerConfig {
         }
     }
 
-    /// The names of all sensors, in the order of the temperatures, without connecting.
+    /// Names of all sensors, in the order of the temperatures. Does not connect.
     ///
     /// # Errors
     /// An invalid configuration.
@@ -89,8 +88,8 @@ impl ThermometerConfig {
     }
 }
 
-/// Starts polling the modules of one line in a separate thread, which ends when the returned thermometer is dropped. If the line cannot be
-/// opened, opening is retried, and its sensors are bad until then.
+/// Starts polling the modules of one line in a separate thread, which ends when the returned thermometer is dropped. If
+/// the line cannot be opened, all sensors are bad and opening is retried.
 ///
 /// # Errors
 /// An invalid configuration, or the thread cannot be started.
@@ -116,7 +115,7 @@ pub fn poll_temperatures(config: ThermometerConfig) -> Result<Published, DeviceE
     Ok(published)
 }
 
-/// Number of consecutive requests to a module that failed, and number of the next rounds that skip it.
+/// Number of consecutive failed requests to a module, and number of the next rounds in which the module is skipped.
 #[derive(Clone, Copy, Default)]
 struct Outage {
     rounds: u32,
@@ -152,7 +151,7 @@ impl Poller {
         !self.publisher.has_reader()
     }
 
-    /// Sleeps for `pause`, but not longer than until the thread is stopped.
+    /// Sleeps for `pause`, or until the thread is stopped.
     async fn sleep(&self, pause: Duration) {
         let end = Instant::now() + pause;
         while !self.stopped() && Instant::now() < end {
@@ -202,7 +201,7 @@ impl Poller {
     async fn request(&mut self, line: &mut Line, index: usize) -> Result<(), RequestError> {
         let (first, within) = (self.first_sensor(index), self.config.answer_within);
         let unit = &self.config.units[index];
-        // Checked in the constructor.
+        // The constructor has checked that the profile has channels.
         let Some(channels) = &unit.profile.channels else {
             return Ok(());
         };

@@ -9,24 +9,23 @@ use std::{
 /// A monotonic clock: the system's, or one that a test advances.
 #[derive(Clone, Debug)]
 pub enum Clock {
-    /// The monotonic clock of the system; its time starts at this instant.
+    /// The monotonic clock of the system. Its time is counted from this instant.
     System(Instant),
-    /// A manual clock, which only a test advances: the instant of its start, and the nanoseconds since then.
+    /// A manual clock, which only a test advances: the instant of its start, and the nanoseconds since its start.
     Manual(Instant, Arc<AtomicU64>),
 }
 
 impl Clock {
-    /// The monotonic clock of the system, with its time starting now.
+    /// The monotonic clock of the system. Its time is counted from now.
     pub fn system() -> Self {
         Self::System(Instant::now())
     }
 
-    /// A manual clock, which stays at 0 until [`advance`](Self::advance).
+    /// A manual clock. It stays at 0 until [`advance`](Self::advance).
     pub fn manual() -> Self {
         Self::Manual(Instant::now(), Arc::default())
     }
 
-    /// Time since the clock started.
     pub fn elapsed(&self) -> Duration {
         match self {
             Self::System(start) => start.elapsed(),
@@ -34,19 +33,17 @@ impl Clock {
         }
     }
 
-    /// The instant at which the clock started.
     pub fn start(&self) -> Instant {
         match self {
             Self::System(start) | Self::Manual(start, _) => *start,
         }
     }
 
-    /// The present time of this clock, as an instant.
     pub fn now(&self) -> Instant {
         self.start() + self.elapsed()
     }
 
-    /// Advances a manual clock; no effect on the system clock.
+    /// Advances a manual clock. Has no effect on the system clock.
     pub fn advance(&self, by: Duration) {
         if let Self::Manual(_, nanos) = self {
             let by = u64::try_from(by.as_nanos()).unwrap_or(u64::MAX);

@@ -1,4 +1,5 @@
-//! Conformance tests for the traits of this crate, for use in the tests of each implementation. They panic with the rule that is broken.
+//! Conformance tests for the traits of this crate, for the tests of each implementation. They panic with the rule that
+//! is violated.
 
 use std::time::{Duration, Instant};
 
@@ -12,7 +13,7 @@ fn soon() -> Instant {
     Instant::now() + PATIENCE
 }
 
-/// Polls until the condition holds, because some devices report a write with a delay. Panics after a timeout.
+/// Polls until the condition holds, because some devices report a write with a delay. Panics after a timeout of 2 s.
 fn eventually(what: &str, mut holds: impl FnMut() -> bool) {
     let until = soon();
     while !holds() {
@@ -24,7 +25,7 @@ fn eventually(what: &str, mut holds: impl FnMut() -> bool) {
 /// Checks a connected controller at standstill: description, readings and writes must be consistent.
 ///
 /// # Panics
-/// If a rule of the trait is broken; the message names it.
+/// If a rule of the trait is violated. The message names the rule.
 pub fn controller(device: &mut impl Controller) {
     let description = device.description().clone();
     assert!(!description.device.is_empty() && !description.channel.is_empty());
@@ -45,14 +46,14 @@ pub fn controller(device: &mut impl Controller) {
     } else {
         plain_values(device, &first);
     }
-    // With an expired deadline a call must end in time, and leave the device usable.
+    // A call with an expired deadline must end in time, and leave the device usable.
     let begun = Instant::now();
     let _ = device.read(begun);
     assert!(begun.elapsed() < PATIENCE, "a passed deadline must end the call");
     eventually("it reads again after a passed deadline", || device.read(soon()).is_ok());
 }
 
-/// Checks a controller without a barrier: written corrections are applied, and read back if the device has a read-back.
+/// Checks that a controller without a barrier applies written corrections and, if it has a read-back, reports them.
 fn plain_values(device: &mut impl Controller, first: &Snapshot) {
     let description = device.description().clone();
     assert_eq!(first.report, None, "a report, but no barrier");
@@ -81,8 +82,8 @@ fn plain_values(device: &mut impl Controller, first: &Snapshot) {
     }
 }
 
-/// Checks a controller with a barrier: reports arrive and advance, invalid frames are sent like valid ones (the barrier rejects them), and
-/// plain corrections are rejected.
+/// Checks a controller with a barrier. Reports must arrive and advance. Invalid frames must be sent like valid ones,
+/// because only the barrier rejects them. Plain corrections must be rejected.
 fn barrier(device: &mut impl Controller, first: &Snapshot) {
     assert_eq!(first.applied, None, "with a barrier only its reports show the applied correction");
     let mut earlier = None;
@@ -98,10 +99,10 @@ fn barrier(device: &mut impl Controller, first: &Snapshot) {
     );
 }
 
-/// Checks a digital port; if `wired`, each output is connected to the input of the same number.
+/// Checks a digital port. If `wired` is set, each output is connected to the input of the same number.
 ///
 /// # Panics
-/// If a rule of the trait is broken; the message names it.
+/// If a rule of the trait is violated. The message names the rule.
 pub fn digital_io(device: &mut impl DigitalIo, wired: bool) {
     assert!(!device.device().is_empty());
     assert!(device.inputs() <= 64 && device.outputs() <= 64);
@@ -127,10 +128,10 @@ pub fn digital_io(device: &mut impl DigitalIo, wired: bool) {
     }
 }
 
-/// Checks a thermometer: names are unique, and every sensor becomes good within the time limit.
+/// Checks that the names of a thermometer are unique, and that every sensor becomes good within 2 s.
 ///
 /// # Panics
-/// If a rule of the trait is broken; the message names it.
+/// If a rule of the trait is violated. The message names the rule.
 pub fn thermometer(device: &mut impl Thermometer) {
     assert!(!device.device().is_empty() && !device.names().is_empty());
     let mut names = device.names().to_vec();

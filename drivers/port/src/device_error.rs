@@ -2,15 +2,15 @@ use std::{error::Error, fmt, sync::Arc};
 
 use crate::Fault;
 
-/// An error of setting up, opening or querying a device. The first three kinds are mistakes of the caller, found before a device is opened
-/// ([`DeviceError::is_input`]); the others are failures of the device or its connection.
+/// An error in setting up, opening or querying a device. The first three kinds are mistakes of the caller, detected
+/// before a device is opened ([`DeviceError::is_input`]). The other kinds are failures of the device or its connection.
 #[derive(Clone, Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum DeviceError {
     /// The text is not a valid device address.
     #[error(transparent)]
     Address(DeviceProblem),
-    /// A setting of the device in its URL, a file or the configuration is invalid.
+    /// A setting of the device is invalid. Settings are in the URL, in a file or in the configuration.
     #[error(transparent)]
     Option(DeviceProblem),
     /// The device, or this build of the program, does not support what was requested.
@@ -27,16 +27,15 @@ pub enum DeviceError {
     Protocol(DeviceProblem),
 }
 
-/// Which device failed, what was found, and what was expected; the content of every [`DeviceError`].
+/// Content of every [`DeviceError`]: which device failed, what was found, and what was expected.
 #[derive(Clone, Debug)]
 pub struct DeviceProblem {
-    /// The device as its URL or the configuration names it.
+    /// Name of the device: its URL or its name in the configuration.
     pub device: String,
-    /// The value or state that was found.
     pub found: String,
-    /// The expected value or state, or advice.
+    /// Expected value or state, or advice.
     pub expected: String,
-    /// The error that caused this one; `None` if there is none.
+    /// Error that caused this error; `None` if there is no cause.
     pub source: Option<Arc<dyn Error + Send + Sync>>,
 }
 
@@ -86,14 +85,13 @@ impl DeviceError {
         protocol => Protocol,
     }
 
-    /// Sets the error that caused this one.
+    /// Sets the error that caused this error.
     #[must_use]
     pub fn caused_by(mut self, source: impl Error + Send + Sync + 'static) -> Self {
         self.problem_mut().source = Some(Arc::new(source));
         self
     }
 
-    /// The content of the error: device, found, expected, source.
     pub fn problem(&self) -> &DeviceProblem {
         match self {
             Self::Address(problem)
@@ -116,12 +114,13 @@ impl DeviceError {
         }
     }
 
-    /// True if the caller's input is invalid (exit status 2 of the programs), false if the device does not work (exit status 1).
+    /// True if the caller's input is invalid (exit status 2 of the programs), false if the device fails (exit status
+    /// 1).
     pub fn is_input(&self) -> bool {
         matches!(self, Self::Address(_) | Self::Option(_) | Self::Unsupported(_))
     }
 
-    /// The constructor of the kind of error that an exchange with this fault is.
+    /// Constructor of the error for an exchange that failed with this fault.
     pub fn of_fault_kind(fault: Fault) -> fn(String, String, String) -> Self {
         match fault {
             Fault::NotConnected | Fault::Disconnected => Self::open,
@@ -131,7 +130,7 @@ impl DeviceError {
         }
     }
 
-    /// Error of an exchange that failed with `fault`, which becomes its source.
+    /// Error for an exchange that failed with `fault`, which becomes the source of the error.
     pub fn of_fault(device: impl Into<String>, fault: Fault, expected: impl Into<String>) -> Self {
         let kind = Self::of_fault_kind(fault);
         kind(device.into(), fault.to_string(), expected.into()).caused_by(fault)

@@ -2,26 +2,25 @@ use std::time::{Duration, Instant};
 
 use crate::Fault;
 
-/// The levels of all inputs, and when they were sampled.
+/// Levels of all inputs, and the time at which they were sampled.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct InputLevels {
-    /// Levels as a bit mask; bit 0 is the first line, and a set bit is a line that is on.
+    /// Levels as a bit mask. Bit 0 is the first line. A set bit is a line that is on.
     pub levels: u64,
-    /// When the device delivered the oldest of these levels (not when they were requested).
+    /// Time at which the device delivered the oldest of these levels. This may be earlier than the request.
     pub taken: Instant,
 }
 
 impl InputLevels {
-    /// Levels sampled now.
+    /// Levels that are sampled now.
     pub fn now(levels: u64) -> Self {
         Self { levels, taken: Instant::now() }
     }
 }
 
-/// Digital inputs and outputs, at most 64 of each: bit 0 is the first line.
+/// Digital inputs and outputs, at most 64 of each. Bit 0 is the first line.
 #[cfg_attr(feature = "mock", mockall::automock)]
 pub trait DigitalIo: Send {
-    /// Name of the device in the configuration.
     fn device(&self) -> &str;
 
     /// Number of inputs, at most 64.
@@ -30,28 +29,29 @@ pub trait DigitalIo: Send {
     /// Number of outputs, at most 64.
     fn outputs(&self) -> u32;
 
-    /// Shortest duration of one exchange: a lower bound for the cycle time of a controller that uses this port.
+    /// Shortest duration of one exchange. It is a lower bound of the cycle time of a controller on this port.
     fn shortest_cycle(&self) -> Duration;
 
-    /// Returns the input levels received last, regardless of their age, with their arrival time. The device samples them together if it
-    /// can.
+    /// Returns the last received input levels with their arrival time, regardless of their age. The device samples all
+    /// levels together if it can.
     ///
     /// # Errors
     /// See [`Fault`].
     fn read(&mut self, deadline: Instant) -> Result<InputLevels, Fault>;
 
-    /// Sets all outputs. A device that is written in the background queues the levels, and reports a failed write at the next call.
+    /// Sets all outputs. A device that is written in the background queues the levels, and reports a failed write at
+    /// the next call.
     ///
     /// # Errors
-    /// See [`Fault`]. The levels of the outputs are then unknown.
+    /// See [`Fault`]. After an error the levels of the outputs are unknown.
     fn write(&mut self, levels: u64, deadline: Instant) -> Result<(), Fault>;
 
-    /// The output levels that the device confirmed last: those of its last accepted write or, before the first write, those read back. `None` if
-    /// unknown.
+    /// The output levels that the device confirmed last: those of its last accepted write or, before the first write,
+    /// those that were read back. `None` if unknown.
     fn confirmed(&self) -> Option<u64>;
 
-    /// Whether the device can report its output levels. If it can, nothing is written until the levels are known; otherwise unused outputs are
-    /// written as off.
+    /// Whether the device can report its output levels. If so, nothing is written until the levels are known. If not,
+    /// unused outputs are written as off.
     fn reports_outputs(&self) -> bool {
         true
     }
@@ -91,11 +91,10 @@ impl<D: DigitalIo + ?Sized> DigitalIo for Box<D> {
     }
 }
 
-/// A digital port that is not open, for checks before opening: every exchange fails with [`Fault::NotConnected`].
+/// A digital port that is not open, for checks before opening. Every exchange fails with [`Fault::NotConnected`].
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct UnopenedLines {
-    /// Name of the device in the configuration.
     pub device: String,
     /// Number of inputs, at most 64.
     pub inputs: u32,

@@ -1,11 +1,12 @@
-/// The reason why a call of a real-time cycle failed. Creating one does not allocate.
+/// Reason why a call in a real-time cycle failed. Creating a fault does not allocate.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum Fault {
-    /// There is no connection; a background thread is reconnecting.
+    /// There is no connection. A background thread is reconnecting.
     #[error("not connected")]
     NotConnected,
-    /// The deadline passed before the answer was complete. A connection on which a late answer could be taken for the next one is dropped.
+    /// The deadline passed before the answer was complete. If a late answer could be taken for the next one, the
+    /// connection is dropped.
     #[error("no answer before the deadline")]
     TimedOut,
     /// The other side closed the connection, or the device was removed.
@@ -17,16 +18,16 @@ pub enum Fault {
     /// The device refused the request.
     #[error("refused with code {code}: {what}")]
     Refused {
-        /// The device's own code.
+        /// Return code of the device.
         code: i32,
-        /// The request that was refused, in words.
+        /// The rejected request or the meaning of the code, in words.
         what: &'static str,
     },
     /// Another gateway corrects this controller.
     #[error("another gateway moves the heartbeat")]
     OtherGateway,
-    /// Not every axis has its correction yet, because axes that share lines are written one after the other. Further calls with the same
-    /// corrections continue.
+    /// Not every axis has its correction yet, because axes that share lines are written one after the other. Repeat the
+    /// call with the same corrections.
     #[error("not every axis is written yet")]
     Unfinished,
     /// The device does not support this call.

@@ -28,7 +28,7 @@ pub use thermometer::{
 };
 pub use words::{MOST_WORDS, Words};
 
-/// The vocabulary of the public interface: axis letters, values by axis, units.
+/// The vocabulary that the interface of this crate uses: axis letters, values by axis, units.
 pub use volcomp_vocabulary as vocabulary;
 
 #[cfg(feature = "mock")]

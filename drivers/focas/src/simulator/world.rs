@@ -1,5 +1,5 @@
-//! The machine behind the simulated control, its memory, and the program in the control. Units are those of the control: mm for linear,
-//! deg for rotary axes.
+//! The machine behind the simulated control, its memory, and the program in the control. Units are those of the
+//! control: mm for linear axes, deg for rotary axes.
 
 use std::{
     collections::BTreeMap,
@@ -22,28 +22,30 @@ const AREA: usize = 10_000;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ShiftArea {
     pub area: PmcArea,
-    /// First byte of the word of the first axis.
+    /// First byte of the shift word of the first axis.
     pub first: usize,
     pub width: Width,
-    /// Size of a count, mm or deg.
+    /// Size of one count, mm or deg.
     pub count: f64,
-    /// Whether reported positions include the shift.
+    /// Whether reported positions contain the shift.
     pub in_positions: bool,
 }
 
-/// Function from motion time to the commanded positions of the axes, mm or deg.
+/// Function from motion time to the commanded positions of the axes, mm or deg. Motion time excludes the time in
+/// emergency stop.
 pub type Motion = Arc<dyn Fn(Duration) -> Vec<f64> + Send + Sync>;
 
-/// The state after a scan of the control, for a log.
+/// State after a scan of the control, for a log.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Scan<'a> {
-    /// The shifts of all axes after the scan, counts.
+    /// Shifts of all axes after the scan, counts.
     pub shifts: &'a [i64],
-    /// Whether the control was power-cycled since the previous scan, so that changes of the shifts in between are not steps of the axes.
+    /// Whether the control was power-cycled since the previous scan. If so, changes of the shifts since then are not
+    /// steps of the axes, because the drives were off.
     pub switched_on: bool,
 }
 
-/// Callback for every scan. It must not block, because the world is locked.
+/// Callback for every scan. It must not block, because the world is locked meanwhile.
 pub type ScanLog = Box<dyn FnMut(Scan<'_>) + Send>;
 
 /// The machine and the memory of the control.
@@ -54,45 +56,47 @@ pub struct World {
     pub shift: ShiftArea,
     /// Delay after which a write to PMC memory can be read back and takes effect.
     pub readback_delay: Duration,
-    /// The program that runs in the control; `None`: the axes take the shift words directly.
+    /// Program that runs in the control; `None` if the axes take the shift words directly.
     pub ladder: Option<Ladder>,
     pub scan: Duration,
-    /// Delay of a response, added to the delay in the options.
+    /// Delay of each response, in addition to [`Options::latency`](super::Options::latency).
     pub latency: Duration,
-    /// Whether the control reports the source of the shifts by parameters 1203 and 1280.
+    /// Whether the control reports the source of the shifts in parameters 1203 and 1280.
     pub reports_shift_source: bool,
-    /// Active alarms: number and text.
+    /// Number and text of each active alarm.
     pub alarms: Vec<(i32, String)>,
     pub scan_log: Option<ScanLog>,
     pub macros: BTreeMap<i32, f64>,
-    /// Parameters by number and slot.
+    /// Parameters by number and axis index.
     pub parameters: BTreeMap<(i32, usize), f64>,
-    /// Work offsets by number and slot, mm or deg.
+    /// Work offsets by number and axis index, mm or deg.
     pub offsets: BTreeMap<(i32, usize), f64>,
     started: Instant,
     /// Motion time at which the emergency stop was pressed; `None` while it is released.
     stopped_at: Option<Duration>,
-    /// Total time for which the emergency stop was pressed.
+    /// Total time for which the emergency stop was pressed before.
     stop_time: Duration,
     silent_until: Option<Instant>,
-    /// Digital lines to the control: level of the latch line, axis index, counts. `None` if they are not used.
+    /// Digital lines to the control: level of the latch line, axis index, counts; `None` if the lines are not used.
     lines: Option<(bool, usize, i16)>,
     memory: Vec<Vec<u8>>,
     pending: Vec<(Instant, PmcArea, usize, Vec<u8>)>,
-    /// Number of bytes of the next longer write that arrive at once; `None`: writes arrive whole.
+    /// Number of bytes of the next longer write that arrive at once, while the rest arrives later; `None` if writes
+    /// arrive whole.
     tear: Option<usize>,
     frozen: Option<Vec<f64>>,
     /// Whether positions of linear axes are reported in inches.
     inches: bool,
     scanned: Vec<i64>,
-    /// Largest change of each shift between two scans, counts.
+    /// Largest change of each shift between two consecutive scans, counts.
     largest_steps: Vec<i64>,
     /// Whether the control was power-cycled since the last scan.
     switched_on: bool,
 }
 
 impl World {
-    /// A machine with these axes at 0 and referenced, and with shifts in words of 0.001 mm or deg from R100.
+    /// Creates a machine with these axes at 0 and referenced. Its shift words have counts of 0.001 mm or deg and start
+    /// at R100.
     pub fn new(axes: &[char]) -> Self {
         let count = axes.len();
         let mut world = Self {
@@ -133,12 +137,12 @@ impl World {
         world
     }
 
-    /// Sets the referenced bits in F120, for all axes or for none.
+    /// Sets the reference bits in F120 for all axes, or clears them.
     pub fn set_referenced(&mut self, referenced: bool) {
         self.set(PmcArea::F, 120, &[if referenced { 0xff } else { 0 }]);
     }
 
-    /// Adds a barrier for all axes to this control: one mailbox from R200, the report from R240.
+    /// Adds a barrier for all axes to this control, with one mailbox from R200 and the report from R240.
     #[must_use]
     pub fn with_barrier(mut self, program: Box<dyn ControlProgram>) -> Self {
         let axes = self.axes.len();
@@ -165,8 +169,9 @@ impl World {
         self.scanned = now;
     }
 
-    /// Sets the digital lines to the control: `value` (counts) for the axis at this index of the program, and the level of the latch line,
-    /// which toggles after the other lines have settled. The program determines their effect.
+    /// Sets the digital lines to the control: `value` (counts) for the axis with this index in the program, and the
+    /// level of the latch line, which toggles after the other lines have settled. The program determines the effect of
+    /// the lines.
     pub fn set_lines(&mut self, latch: bool, axis: usize, value: i16) {
         self.lines = Some((latch, axis, value));
     }
@@ -175,7 +180,7 @@ impl World {
         self.lines
     }
 
-    /// Largest change of each axis's shift between two scans, counts, since the start or the last call of
+    /// Largest change of each axis's shift between two consecutive scans, counts, since the start or the last
     /// [`reset_largest_steps`](Self::reset_largest_steps).
     pub fn largest_steps(&self) -> &[i64] {
         &self.largest_steps
@@ -186,7 +191,7 @@ impl World {
         self.largest_steps.fill(0);
     }
 
-    /// Resets the control: its program restarts; the shift words of the axes keep their values.
+    /// Resets the control. Its program restarts, and the shift words of the axes keep their values.
     pub fn reset(&mut self) {
         if let Some(mut ladder) = self.ladder.take() {
             ladder.restart(self);
@@ -194,8 +199,8 @@ impl World {
         }
     }
 
-    /// Power-cycles the control: the R memory is cleared, and the program restarts with nothing applied. Changes of the shifts in between
-    /// are not steps, because the drives are off.
+    /// Power-cycles the control. The R memory is cleared, and the program restarts with zero shifts. The change of the
+    /// shifts is not a step, because the drives are off.
     pub fn power_up(&mut self) {
         self.pending.clear();
         if let Some(memory) = self.memory.get_mut(PmcArea::R as usize) {
@@ -204,7 +209,7 @@ impl World {
         self.clear_shifts();
     }
 
-    /// Sets the shifts of all axes to zero, as after a power cycle.
+    /// Sets the shifts of all axes to zero, as a power cycle does.
     pub fn clear_shifts(&mut self) {
         let bytes = vec![0; self.axes.len() * usize::from(self.shift.width.bytes())];
         self.pending.clear();
@@ -220,7 +225,7 @@ impl World {
         self.frozen = frozen.then(|| self.positions());
     }
 
-    /// Reports positions of linear axes in inches, like a control with parameter 3104#0 = 1 after G20, or in mm again.
+    /// Reports positions of linear axes in inches, like a control with parameter 3104#0 = 1 after G20; or in mm again.
     pub fn report_inches(&mut self, inches: bool) {
         self.inches = inches;
         let [_, in_unit_of_program, program] = UNIT_NUMBERS;
@@ -229,12 +234,13 @@ impl World {
         self.parameters.insert((program, 0), unit);
     }
 
-    /// Tears the next write of more than `bytes` bytes: the first `bytes` arrive at once, the others two scans later.
+    /// Tears the next write of more than `bytes` bytes: its first `bytes` bytes arrive at once, the rest two scans
+    /// later.
     pub fn tear_next_write(&mut self, bytes: usize) {
         self.tear = Some(bytes);
     }
 
-    /// Whether the control holds its axes: emergency stop, alarm, or an axis that is not referenced.
+    /// Whether the control holds its axes because of an emergency stop, an alarm, or an axis that is not referenced.
     pub fn holds(&mut self) -> bool {
         let bits = self.read(PmcArea::F, 120, 1);
         let bits = bits.and_then(|bytes| bytes.first().copied()).unwrap_or(0);
@@ -243,13 +249,13 @@ impl World {
         self.emergency_stop() || !self.alarms.is_empty() || !referenced
     }
 
-    /// From now on, delays all responses until this time has passed, also those to new sessions. Requests received meanwhile are answered
-    /// afterwards.
+    /// Delays all responses until this time has passed, also responses to new sessions. Requests received during the
+    /// pause are answered after it.
     pub fn pause(&mut self, time: Duration) {
         self.silent_until = Instant::now().checked_add(time);
     }
 
-    /// Remaining time of the pause; `None` without a pause.
+    /// Remaining time of the pause; `None` outside a pause.
     pub(super) fn silence(&self) -> Option<Duration> {
         let left = self.silent_until?.checked_duration_since(Instant::now())?;
         (!left.is_zero()).then_some(left)
@@ -264,7 +270,7 @@ impl World {
         self.stopped_at.is_some()
     }
 
-    /// Presses or releases the emergency stop. The axes stop while it is pressed, and continue afterwards.
+    /// Presses or releases the emergency stop. The axes stop while it is pressed, and continue when it is released.
     pub fn set_emergency_stop(&mut self, pressed: bool) {
         if pressed {
             self.stopped_at = Some(self.moved_for());
@@ -273,18 +279,19 @@ impl World {
         }
     }
 
-    /// Motion time: the time since the start without the time in emergency stop.
+    /// Motion time: time since the start, without the time in emergency stop.
     pub fn moved_for(&self) -> Duration {
         let moves = || self.elapsed().saturating_sub(self.stop_time);
         self.stopped_at.unwrap_or_else(moves)
     }
 
-    /// Commanded positions of the axes now, without shifts, mm or deg.
+    /// Present commanded positions of the axes, without shifts, mm or deg.
     pub fn commanded(&self) -> Vec<f64> {
         (self.motion)(self.moved_for())
     }
 
-    /// Reported positions of the axes now: mm (inches after [`report_inches`](Self::report_inches)) or deg.
+    /// Present reported positions of the axes, mm or deg. Linear positions are in inches after
+    /// [`report_inches`](Self::report_inches).
     pub fn positions(&mut self) -> Vec<f64> {
         if let Some(frozen) = &self.frozen {
             return frozen.clone();
@@ -307,7 +314,7 @@ impl World {
         positions
     }
 
-    /// Active shifts, mm or deg.
+    /// Active shift of each axis, mm or deg.
     pub fn shifts(&mut self) -> Vec<f64> {
         let count = self.shift.count;
         #[expect(clippy::cast_precision_loss, reason = "at most four bytes")]
@@ -315,7 +322,7 @@ impl World {
         self.shift_counts().into_iter().map(shift).collect()
     }
 
-    /// Active shifts, counts.
+    /// Active shift of each axis, counts.
     pub fn shift_counts(&mut self) -> Vec<i64> {
         let shift = self.shift;
         let width = usize::from(shift.width.bytes());
@@ -333,27 +340,28 @@ impl World {
         (0..axes).map(count).map(Option::unwrap_or_default).collect()
     }
 
-    /// Sets the shift of the axis with this index in the control, counts.
+    /// Sets the shift of the axis with this index in the control. `counts` is in counts.
     pub fn set_shift(&mut self, slot: usize, counts: i64) {
         let (shift, width) = (self.shift, usize::from(self.shift.width.bytes()));
         let bytes = counts.to_le_bytes();
         self.set(shift.area, shift.first + slot * width, &bytes[..width]);
     }
 
-    /// Reads words of PMC memory, low byte first; empty if they extend beyond the end of the memory.
+    /// Reads words of PMC memory, low byte first. Returns no words if they extend beyond the end of the memory.
     pub fn words(&mut self, first: PmcAddress, count: usize) -> Vec<u16> {
         let bytes = self.read(first.area, first.at.into(), 2 * count);
         let word = |bytes: &[u8]| u16::from_le_bytes([bytes[0], bytes[1]]);
         bytes.unwrap_or_default().chunks_exact(2).map(word).collect()
     }
 
-    /// Sets words of PMC memory at once, ignoring `readback_delay`.
+    /// Sets words of PMC memory immediately, regardless of `readback_delay`.
     pub fn set_words(&mut self, first: PmcAddress, words: &[u16]) {
         let bytes: Vec<u8> = words.iter().flat_map(|word| word.to_le_bytes()).collect();
         self.set(first.area, first.at.into(), &bytes);
     }
 
-    /// Reads bytes of PMC memory that are visible now (see `readback_delay`); `None` if they extend beyond the end of the memory.
+    /// Reads the bytes of PMC memory that are visible at this time (see `readback_delay`); `None` if they extend beyond
+    /// the end of the memory.
     pub fn read(&mut self, area: PmcArea, at: usize, length: usize) -> Option<Vec<u8>> {
         let now = Instant::now();
         let (due, later) =
@@ -366,7 +374,8 @@ impl World {
         memory.get(at..at.checked_add(length)?).map(<[u8]>::to_vec)
     }
 
-    /// Writes bytes to PMC memory; they take effect after `readback_delay`. Returns `false` if they are outside the memory.
+    /// Writes bytes to PMC memory, which take effect after `readback_delay`. Returns `false` if the bytes are outside
+    /// the memory.
     pub fn write(&mut self, area: PmcArea, at: usize, bytes: &[u8]) -> bool {
         if at.checked_add(bytes.len()).is_none_or(|end| end > AREA) {
             return false;
@@ -393,7 +402,8 @@ impl World {
         true
     }
 
-    /// Sets bytes of PMC memory at once, ignoring `readback_delay`; no effect outside the memory.
+    /// Sets bytes of PMC memory immediately, regardless of `readback_delay`. Does nothing if the bytes are outside the
+    /// memory.
     pub fn set(&mut self, area: PmcArea, at: usize, bytes: &[u8]) {
         if let Some(memory) = self.memory.get_mut(area as usize)
             && let Some(end) = at.checked_add(bytes.len())
@@ -406,33 +416,32 @@ impl World {
 
 /// The program of the simulated control, which runs once per scan.
 pub enum Ladder {
-    /// A barrier: it validates frames, moves the shifts at its own rate, and reports.
+    /// A barrier. It validates frames, moves the shifts at its own rate, and sends reports.
     Barrier(BarrierLadder),
     Own(Box<dyn LadderProgram>),
 }
 
-/// A custom program of the simulated control.
 pub trait LadderProgram: Send {
-    /// Runs one scan: the program reads and writes PMC memory, and sets the shifts of the axes.
+    /// Runs one scan. The program reads and writes PMC memory, and sets the shifts of the axes.
     fn scan(&mut self, world: &mut World);
 
-    /// Restarts the program, as after a reset; the words of the axes hold the present shifts.
+    /// Restarts the program, as after a reset. The shift words of the axes contain the present shifts.
     fn restart(&mut self, world: &mut World);
 }
 
-/// A barrier as the program of the control, with its memory addresses.
+/// A barrier as the program of the control, with its PMC addresses.
 pub struct BarrierLadder {
     pub program: Box<dyn ControlProgram>,
     /// First byte of each mailbox for frames.
     pub frames: Vec<PmcAddress>,
     /// First byte of the report.
     pub report: PmcAddress,
-    /// Indices in the control of the barrier's axes, from 0, in channel order.
+    /// Index in the control of each of the barrier's axes, from 0, in channel order.
     pub slots: Vec<usize>,
 }
 
 impl BarrierLadder {
-    /// A barrier for the control's first `axes` axes: one mailbox from R200, the report from R240.
+    /// Creates a barrier for the control's first `axes` axes, with one mailbox from R200 and the report from R240.
     pub fn new(program: Box<dyn ControlProgram>, axes: usize) -> Self {
         let address = |at| PmcAddress { area: PmcArea::R, at };
         Self {
@@ -445,7 +454,7 @@ impl BarrierLadder {
 
     fn scan(&mut self, world: &mut World) {
         let words = BarrierArea::frame_words(self.slots.len());
-        // Copied before they are validated, as in a ladder.
+        // Like a ladder, copy the frames before they are validated.
         let frames: Vec<Vec<u16>> = self.frames.iter().map(|at| world.words(*at, words)).collect();
         let frames: Vec<&[u16]> = frames.iter().map(Vec::as_slice).collect();
         if let Some((latch, axis, value)) = world.lines() {

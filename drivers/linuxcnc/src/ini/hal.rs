@@ -1,4 +1,5 @@
-//! Checks the other HAL files: those before the bridge's file, and those that a display loads after it (`[HAL]POSTGUI_HALFILE`).
+//! Checks the HAL files besides the bridge's file: the files before it, and the files that a display loads later
+//! (`[HAL]POSTGUI_HALFILE`).
 
 use std::{
     collections::HashMap,
@@ -44,7 +45,8 @@ fn connections(text: &str) -> impl Iterator<Item = (usize, &str, &str)> {
     })
 }
 
-/// The signal to which the bridge's HAL file connects a pin of LinuxCNC, if no earlier file has connected the pin.
+/// Signal to which the bridge's HAL file connects a pin of LinuxCNC, unless an earlier file has connected the pin;
+/// `None` if it does not connect the pin.
 fn signal_of(pin: &str) -> Option<String> {
     let of_axis = pin.strip_prefix("axis.").and_then(|rest| rest.split_once('.'));
     let of_joint = pin.strip_prefix("joint.").and_then(|rest| rest.split_once('.'));
@@ -69,13 +71,14 @@ fn signal_of(pin: &str) -> Option<String> {
 }
 
 impl Ini {
-    /// Finds pins of the bridge that a HAL file of the display connects to another signal, at which LinuxCNC stops.
+    /// Finds pins of the bridge that a HAL file of the display connects to another signal. LinuxCNC stops at such a
+    /// connection.
     pub(super) fn check_display_files(&self, problems: &mut Vec<Problem>) {
         let Some(folder) = &self.folder else {
             return;
         };
         let read = |file: &str| read(folder, file);
-        // Pins connected by files before the bridge keep their signal.
+        // Pins that a file before the bridge's file has connected keep their signal.
         let before: Vec<String> = self
             .all("HAL", "HALFILE")
             .take_while(|file| !is_bridge(file))
@@ -87,7 +90,7 @@ impl Ini {
             .map(|(_, pin, signal)| (pin, signal))
             .collect();
         let [corrected, read_only] = self.letters().map(|letters| letters.to_lowercase());
-        // Of an axis that is only read, the bridge connects only the position.
+        // For a read-only axis, the bridge connects only the position.
         let is_reported =
             |pin: &str| match pin.strip_prefix("axis.").and_then(|rest| rest.split_once('.')) {
                 Some((axis, name)) => {

@@ -17,24 +17,23 @@ use volcomp_vocabulary::AxisKind;
 
 use crate::{Key, KeyError, LinuxCncConfig, PORT};
 
-/// An INI file of LinuxCNC, with sections, keys and values as written.
+/// An INI file of LinuxCNC, with its sections, keys and values as written.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Ini {
     entries: Vec<(String, String, String)>,
     /// Included files that cannot be read, each with the reason.
     unread: Vec<(String, String)>,
-    /// Folder relative to which the INI file names other files; `None` for a text without a file.
+    /// Folder of the INI file, to which paths in it are relative; `None` for a text without a file.
     folder: Option<PathBuf>,
 }
 
-/// What the settings of an INI file must match.
+/// Configuration and requirements of the gateway that the settings of an INI file must match.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Expected<'a> {
-    /// The gateway's configuration of the control.
     pub control: &'a LinuxCncConfig,
-    /// The period of the servo thread, ms.
+    /// Period of the servo thread, ms.
     pub scan_ms: f64,
-    /// Minimum values that the guard requires of the bridge; `None` if nothing is corrected.
+    /// Minimum values that the guard requires of the bridge; `None` if no axis is corrected.
     pub least: Option<GuardMinimum>,
 }
 
@@ -61,28 +60,29 @@ const KEYS: [&str; 15] = [
 
 const MAX_JOINTS: f64 = 16.0;
 
-/// Units that the bridge accepts: key, accepted words in any case, the same words for messages. LinuxCNC also accepts numbers, and text
-/// after a number; the bridge rejects these, and so does this check.
+/// Units that the bridge accepts. Each entry has the key, the accepted words in any case, and these words for messages.
+/// LinuxCNC also accepts numbers, and text after a number. The bridge rejects both, and so does this check.
 const UNITS: [(&str, [&str; 2], &str); 2] = [
     ("LINEAR_UNITS", ["mm", "metric"], "mm or metric"),
     ("ANGULAR_UNITS", ["degree", "deg"], "degree or deg"),
 ];
 
-/// Whether the value of a `HALFILE` names the bridge's file; arguments may follow it.
+/// Whether a value of `HALFILE` names the bridge's file. Arguments may follow the name.
 fn is_bridge(value: &str) -> bool {
     let file = value.split_whitespace().next().unwrap_or_default();
     file.rsplit('/').next() == Some(BRIDGE)
 }
 
-/// Path of a file that an INI file in `folder` names: relative to `folder`, or to the user's home (`~/`).
+/// Path of a file that is named in an INI file. A name is relative to `folder`, or to the user's home if it starts with
+/// `~/`.
 fn below(folder: &Path, name: &str) -> PathBuf {
     let home = std::env::home_dir().zip(name.strip_prefix("~/"));
     home.map_or_else(|| folder.join(name), |(home, rest)| home.join(rest))
 }
 
 impl Ini {
-    /// Parses a file as LinuxCNC does: keys before any section and malformed lines are ignored; a comment takes a whole line, and text
-    /// after a value is part of the value.
+    /// Parses a file like LinuxCNC. Keys before the first section and malformed lines are ignored. A comment takes a
+    /// whole line; text after a value is part of the value.
     #[must_use]
     pub fn parse(text: &str) -> Self {
         let (mut entries, mut section) = (Vec::new(), String::new());
@@ -100,11 +100,11 @@ impl Ini {
         Self { entries, unread: Vec::new(), folder: None }
     }
 
-    /// Reads an INI file and the files that its lines `#INCLUDE FILE` name, relative to it. As in LinuxCNC, such lines in included files are
-    /// comments.
+    /// Reads an INI file, and the files that its lines `#INCLUDE FILE` name relative to it. As in LinuxCNC, `#INCLUDE`
+    /// lines in an included file are comments.
     ///
     /// # Errors
-    /// The file cannot be read. An included file that cannot be read is a [`Problem`].
+    /// The file cannot be read. An included file that cannot be read is reported as a [`Problem`].
     pub fn read(file: &Path) -> std::io::Result<Self> {
         let folder = file.parent().unwrap_or(Path::new(""));
         let (mut text, mut unread) = (String::new(), Vec::new());
@@ -135,7 +135,7 @@ impl Ini {
         self.entries.iter().filter(of).map(|(_, _, value)| value.as_str())
     }
 
-    /// The first value of a key, the only one that LinuxCNC uses; `None` if the key is missing.
+    /// First value of a key, which is the only one that LinuxCNC uses; `None` if the key is missing.
     #[must_use]
     pub fn get(&self, section: &str, key: &str) -> Option<&str> {
         self.all(section, key).next()
@@ -161,7 +161,7 @@ impl Ini {
         problems
     }
 
-    /// Checks `[HAL]`: the file of the bridge must be listed, as the last one.
+    /// Checks that the last file in `[HAL]` is the file of the bridge.
     fn hal_files(&self, problems: &mut Vec<Problem>) {
         let mut files = self.all("HAL", "HALFILE");
         if !files.any(is_bridge) {
@@ -172,7 +172,8 @@ impl Ini {
         }
     }
 
-    /// Finds unknown keys in the bridge's section, such as `HOLDMS`, for which LinuxCNC and the bridge would use the default.
+    /// Finds unknown keys in the bridge's section, such as `HOLDMS`. LinuxCNC and the bridge ignore them and use the
+    /// defaults.
     fn unknown(&self, problems: &mut Vec<Problem>) {
         for (section, key, _) in &self.entries {
             if section == "VOLCOMP" && !KEYS.contains(&key.as_str()) {
@@ -182,7 +183,8 @@ impl Ini {
         }
     }
 
-    /// Checks that the bridge has the gateway's key. A key file of another user cannot be compared.
+    /// Checks that the bridge has the gateway's key. A key file that belongs to another user cannot be read, and is not
+    /// compared.
     fn key(&self, expected: &Expected<'_>, problems: &mut Vec<Problem>) {
         let Some(folder) = &self.folder else {
             return;
@@ -200,7 +202,8 @@ impl Ini {
         }
     }
 
-    /// Checks that the bridge reports the axes whose positions the gateway reads: those in `AXES` and `READS`.
+    /// Checks that the bridge reports all axes whose positions the gateway reads. It reports the axes in `AXES` and
+    /// `READS`.
     fn reads(&self, expected: &Expected<'_>, problems: &mut Vec<Problem>) {
         let [axes, reads] = self.letters();
         for axis in &expected.control.reads {
@@ -211,19 +214,21 @@ impl Ini {
         }
     }
 
-    /// Letters of the axes that the bridge corrects, then of those that it only reports.
+    /// Letters of the axes that the bridge corrects, and letters of the axes that it only reports.
     fn letters(&self) -> [String; 2] {
         let of = |key| self.bridge_value(key);
         [of("AXES").unwrap_or_else(|| "XYZ".to_owned()), of("READS").unwrap_or_default()]
     }
 
-    /// A value of the bridge's section in the form that the bridge uses, without blanks and in upper case; `None` if the key is missing.
+    /// Value in the bridge's section as the bridge uses it, without blanks and in upper case; `None` if the key is
+    /// missing.
     fn bridge_value(&self, key: &str) -> Option<String> {
         let text = self.get("VOLCOMP", key)?;
         Some(text.replace(' ', "").to_uppercase())
     }
 
-    /// Checks the axis sections: each corrected axis must reserve a fraction of its velocity for the offset (`OFFSET_AV_RATIO`).
+    /// Checks in the axis sections that each corrected axis reserves a fraction of its velocity for the offset
+    /// (`OFFSET_AV_RATIO`).
     fn shares(&self, expected: &Expected<'_>, problems: &mut Vec<Problem>) {
         for axis in &expected.control.axes {
             match self.get(&format!("AXIS_{axis}"), "OFFSET_AV_RATIO") {
@@ -239,7 +244,7 @@ impl Ini {
         }
     }
 
-    /// Checks the joint sections: LinuxCNC must not compensate the same errors.
+    /// Checks in the joint sections that LinuxCNC does not compensate the same errors.
     fn joints(&self, problems: &mut Vec<Problem>) {
         for (section, key, value) in &self.entries {
             let Some(joint) = section.strip_prefix("JOINT_") else {

@@ -1,23 +1,26 @@
-//! Checks the numbers of the bridge in an INI file: the bridge must accept them, and the gateway must be able to arm with them.
+//! Checks the numbers of the bridge in an INI file. The bridge must accept them, and the gateway must be able to arm
+//! with them.
 
 use volcomp_vocabulary::{AxisKind, AxisName};
 
 use super::{Expected, Ini, Problem};
 
-/// Largest number of counts or scans that a protocol word holds.
+/// Largest number of counts or scans that a word of the protocol can represent.
 const MAX_WORD: f64 = i16::MAX as f64;
 
 /// LinuxCNC's default for the maximum velocity of an axis, mm/s or deg/s.
 const DEFAULT_MAX_VELOCITY: f64 = 1.0;
 
-/// Limits that the guard requires of the bridge; of each pair, the first is for linear axes, the second for rotary axes.
+/// Limits that the guard requires of the bridge. In each pair the first value is for linear axes, the second for rotary
+/// axes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GuardMinimum {
     /// Largest correction, µm and millidegrees.
     pub limit: [f64; 2],
-    /// Minimum rate of the barrier, twice the slew, µm/s and millidegrees per second.
+    /// Minimum rate of the barrier, µm/s and millidegrees per second. It is twice the slew.
     pub rate: [f64; 2],
-    /// Age of the positions at which the guard begins to ramp the correction to zero, ms: the maximum for the bridge's `TIME_OUT_MS`.
+    /// Age of the positions at which the guard begins to ramp the correction to zero, ms. The bridge's `TIME_OUT_MS`
+    /// may not be larger.
     pub zero_after_ms: f64,
 }
 
@@ -35,7 +38,8 @@ pub(super) const KEYS: [Keys; 2] = [
 ];
 
 impl Ini {
-    /// Reads a number of the bridge's section; `default` if it is missing. Reports a malformed number, or a missing one without a default.
+    /// Reads a number in the bridge's section; `default` if the key is missing. Reports a malformed number, and a
+    /// missing key without a default.
     fn number(
         &self,
         key: &'static str,
@@ -127,8 +131,8 @@ impl Ini {
         }
     }
 
-    /// Checks that an axis can move its offset at the rate of the bridge, mm/s or deg/s. A missing or invalid fraction of its velocity is
-    /// reported elsewhere.
+    /// Checks that the planner can move the offset of an axis at the rate of the bridge, mm/s or deg/s. Another check
+    /// reports a missing or invalid fraction of its velocity.
     fn check_offset_rate(
         &self,
         axis: AxisName,
@@ -147,7 +151,7 @@ impl Ini {
             problems.push(Problem::Slow {
                 axis,
                 found,
-                // Rounded up to the displayed digits, so that the displayed value is sufficient.
+                // Rounded up to the shown digits, so that the shown value is sufficient.
                 expected: (rate * 1e-3 / velocity * 1e4 - 1e-6).ceil() / 1e4,
                 velocity,
                 key,
@@ -156,7 +160,7 @@ impl Ini {
     }
 }
 
-/// Reports a number above `most`, or below the largest of `least`; each bound has its reason.
+/// Reports a number above `most`, or below the largest of `least`. Each bound comes with its reason.
 fn check_range(
     key: &'static str,
     found: f64,

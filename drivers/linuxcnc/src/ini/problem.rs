@@ -8,7 +8,7 @@ use super::{BRIDGE, MAX_JOINTS};
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum Problem {
-    /// The bridge is not loaded.
+    /// `[HAL]HALFILE` does not load the bridge.
     #[error(
         "[HAL]HALFILE: {BRIDGE} is missing, expected it after the file that loads the motion controller"
     )]
@@ -18,17 +18,15 @@ pub enum Problem {
     Missing {
         /// Key in the section `[VOLCOMP]`.
         key: &'static str,
-        /// The expected value, in words.
+        /// Expected value, in words.
         expected: &'static str,
     },
-    /// A key of the bridge differs from the gateway's configuration.
+    /// A setting of the bridge differs from the gateway's configuration.
     #[error("[VOLCOMP]{key}: found {found}, expected {expected} as in the gateway's configuration")]
     Other {
         /// Key in the section `[VOLCOMP]`.
         key: &'static str,
-        /// The value of this key in the INI file.
         found: String,
-        /// The value in the gateway's configuration.
         expected: String,
     },
     /// The bridge does not report the position of an axis that the gateway reads.
@@ -37,39 +35,37 @@ pub enum Problem {
         if found.is_empty() { "none" } else { found }
     )]
     NotRead {
-        /// The axis that the gateway reads.
         axis: AxisName,
-        /// The value of `READS` in the INI file; empty if it is missing.
+        /// Value of `READS` in the INI file; empty if the key is missing.
         found: String,
     },
-    /// A value of the bridge is not a number. LinuxCNC treats a comment after a value as part of the value.
+    /// A setting of the bridge is not a number. LinuxCNC treats a comment after a value as part of the value.
     #[error("[VOLCOMP]{key}: found {found}, expected {expected} without further text")]
     Number {
         /// Key in the section `[VOLCOMP]`.
         key: &'static str,
-        /// The value of this key in the INI file.
         found: String,
-        /// The expected value, in words.
+        /// Expected value, in words.
         expected: &'static str,
     },
-    /// A value of the bridge is below the gateway's minimum, or less than one count or one scan.
+    /// A setting of the bridge is below the gateway's minimum, or less than one count or one scan.
     #[error("[VOLCOMP]{key}: found {found}, expected {expected} or more: {why}")]
     TooSmall {
         /// Key in the section `[VOLCOMP]`.
         key: &'static str,
-        /// The value of this key in the INI file, or its default.
+        /// Value in the INI file, or the default of the key.
         found: f64,
         /// Minimum, in the unit of the key.
         expected: f64,
         /// Reason for the minimum.
         why: &'static str,
     },
-    /// A value of the bridge exceeds the gateway's maximum, or the range of a word.
+    /// A setting of the bridge exceeds the gateway's maximum, or the range of a word.
     #[error("[VOLCOMP]{key}: found {found}, expected {expected} or less: {why}")]
     TooLarge {
         /// Key in the section `[VOLCOMP]`.
         key: &'static str,
-        /// The value of this key in the INI file, or its default.
+        /// Value in the INI file, or the default of the key.
         found: f64,
         /// Maximum, in the unit of the key.
         expected: f64,
@@ -81,121 +77,113 @@ pub enum Problem {
         "[HAL]HALFILE: found {found} after {BRIDGE}, expected {BRIDGE} as the last one: pins that it has connected, such as motion.probe-input, take no signal of a later file"
     )]
     Behind {
-        /// Name of the later file.
         found: String,
     },
     /// A HAL file of the display cannot be read.
     #[error("[HAL]POSTGUI_HALFILE: {file}: {reason}; expected a readable file")]
     PostGui {
-        /// The file as named in the INI file.
+        /// Name of the file in the INI file.
         file: String,
         /// Reason why the file cannot be read.
         reason: String,
     },
-    /// A HAL file of the display connects a pin that the bridge has connected.
+    /// A HAL file of the display connects a pin that the bridge has already connected.
     #[error(
         "[HAL]POSTGUI_HALFILE: {file}, line {line}: found {pin} connected to {found}, expected {expected}: the pin already has this signal, and accepts no other"
     )]
     Connected {
-        /// The file as named in the INI file.
+        /// Name of the file in the INI file.
         file: String,
         /// Line number in the HAL file, from 1.
         line: usize,
-        /// The pin of LinuxCNC.
         pin: String,
-        /// The signal to which the file connects the pin.
+        /// Signal to which the HAL file of the display connects the pin.
         found: String,
-        /// The signal to which the pin is connected already.
+        /// Signal to which the pin is already connected.
         expected: String,
     },
     /// The bridge's section contains an unknown key.
     #[error("[VOLCOMP]{key}: unknown key, expected one of {known}")]
     Unknown {
-        /// The unknown key, as written in the file.
         key: String,
-        /// The keys that the bridge accepts, for the message.
         known: String,
     },
     /// The bridge has another key than the gateway.
     #[error("[VOLCOMP]KEY_FILE: {}: found another key than the gateway's", .file.display())]
     OtherKey {
-        /// The file with the key of the bridge.
         file: PathBuf,
     },
     /// The key of the bridge is missing or malformed.
     #[error("[VOLCOMP]KEY_FILE: {reason}; expected a copy of the gateway's key")]
     Key {
-        /// The file, and what is wrong with it.
+        /// Name of the file, and the error.
         reason: String,
     },
     /// An included file cannot be read.
     #[error("#INCLUDE {file}: {reason}; expected a readable file")]
     Include {
-        /// The file as named in the `#INCLUDE` line.
+        /// Name of the file in the `#INCLUDE` line.
         file: String,
         /// Reason why the file cannot be read.
         reason: String,
     },
-    /// An axis cannot move its offset as fast as the bridge changes it.
+    /// The planner cannot move the offset of an axis at the rate of the bridge.
     #[error(
         "[AXIS_{axis}]OFFSET_AV_RATIO: found {found}, expected {expected} or more: of MAX_VELOCITY = {velocity} that is the rate of the bridge, [VOLCOMP]{key}, which the offset has to follow"
     )]
     Slow {
         /// Axis whose `OFFSET_AV_RATIO` is too small.
         axis: AxisName,
-        /// The value of this key in the INI file.
+        /// `OFFSET_AV_RATIO` in the INI file.
         found: f64,
         /// Minimum `OFFSET_AV_RATIO`, a fraction of `velocity`.
         expected: f64,
-        /// The velocity of the axis, mm/s or deg/s.
+        /// Velocity of the axis, mm/s or deg/s.
         velocity: f64,
-        /// Key in `[VOLCOMP]` with the rate of the bridge that the offset must follow.
+        /// Key in `[VOLCOMP]` that sets the rate of the bridge.
         key: &'static str,
     },
-    /// No fraction of an axis's velocity is reserved for its offset.
+    /// An axis reserves no fraction of its velocity for its offset.
     #[error(
         "[AXIS_{axis}]OFFSET_AV_RATIO is missing, expected a number such as 0.02: by default LinuxCNC applies no offset"
     )]
     NoRatio {
-        /// Axis whose section lacks `OFFSET_AV_RATIO`.
         axis: AxisName,
     },
-    /// The fraction of an axis's velocity for its offset is out of range.
+    /// The fraction of its velocity that an axis reserves for its offset is out of range.
     #[error(
         "[AXIS_{axis}]OFFSET_AV_RATIO: found {found}, expected more than 0 and at most 0.2: it is taken from the velocity of programs"
     )]
     Ratio {
-        /// Axis whose `OFFSET_AV_RATIO` is out of range.
         axis: AxisName,
-        /// The value of this key in the INI file.
+        /// `OFFSET_AV_RATIO` in the INI file.
         found: String,
     },
-    /// LinuxCNC has a compensation table for a joint, which would act in addition to our correction.
+    /// LinuxCNC has a compensation table for a joint, which would act in addition to the gateway's correction.
     #[error(
         "[JOINT_{joint}]COMP_FILE: found {found}, expected none: its correction and that of the gateway would add up"
     )]
     CompFile {
         /// Number of the joint, as in `[JOINT_0]`.
         joint: String,
-        /// The name of the table's file in the INI file.
+        /// Name of the table file in the INI file.
         found: String,
     },
-    /// LinuxCNC compensates a backlash of a joint, which would act in addition to our correction.
+    /// LinuxCNC compensates the backlash of a joint, which would act in addition to the gateway's correction.
     #[error(
         "[JOINT_{joint}]BACKLASH: found {found}, expected none or 0: the model of the machine has the reversal errors, and both would add up"
     )]
     Backlash {
         /// Number of the joint, as in `[JOINT_0]`.
         joint: String,
-        /// The backlash in the INI file.
         found: String,
     },
-    /// A unit is missing, so that LinuxCNC would use its default.
+    /// A unit is missing, so LinuxCNC would use its default.
     #[error("[TRAJ]{key} is missing, expected {expected}: the bridge counts in this unit")]
     NoUnits {
         /// Key in the section `[TRAJ]`.
         key: &'static str,
-        /// The words for the expected unit.
+        /// Accepted words for the unit.
         expected: &'static str,
     },
     /// Lengths are not mm, or angles not degrees.
@@ -205,9 +193,8 @@ pub enum Problem {
     Units {
         /// Key in the section `[TRAJ]`.
         key: &'static str,
-        /// The unit in the INI file.
         found: String,
-        /// The words for the expected unit.
+        /// Accepted words for the unit.
         expected: &'static str,
     },
     /// The number of joints is invalid.
@@ -215,18 +202,16 @@ pub enum Problem {
         "[KINS]JOINTS: found {found}, expected the number of joints, 1 to {MAX_JOINTS} without further text"
     )]
     Joints {
-        /// The value of this key in the INI file.
         found: String,
     },
     /// The number of joints is missing.
     #[error("[KINS]JOINTS is missing, expected the number of joints, 1 to {MAX_JOINTS}")]
     NoJoints,
-    /// The kinematics are not trivial (`trivkins`).
+    /// The kinematics module is not `trivkins`.
     #[error(
         "[KINS]KINEMATICS: found {found}, expected trivkins: with other kinematics LinuxCNC adds offsets to coordinates of the workpiece, not of the machine"
     )]
     Kinematics {
-        /// The kinematics module in the INI file.
         found: String,
     },
     /// The period of the servo thread differs from the gateway's configuration.
@@ -234,9 +219,9 @@ pub enum Problem {
         "[EMCMOT]SERVO_PERIOD: found {found} ns, expected {expected} ns, barrier.scan_ms of the gateway's configuration"
     )]
     Period {
-        /// The period in the INI file, ns.
+        /// Period in the INI file, ns.
         found: String,
-        /// The period of the configuration, ns.
+        /// Period in the gateway's configuration, ns.
         expected: f64,
     },
 }

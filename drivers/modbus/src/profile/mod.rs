@@ -24,16 +24,13 @@ const SHIPPED: [&str; 14] = [
     include_str!("../../profiles/adam-6050.toml"),
 ];
 
-/// Errors of a profile: it does not exist, or is invalid.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ProfileError {
     /// No shipped profile has this name.
     #[error("there is no profile `{name}`, expected one of: {known}; or a file that ends in .toml")]
     Unknown {
-        /// The requested name.
         name: String,
-        /// The names of the shipped profiles.
         known: String,
     },
     /// The file of a profile cannot be read.
@@ -68,35 +65,31 @@ impl NumberType {
     }
 }
 
-/// Order of the two registers that hold one value.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum WordOrder {
-    /// The high word comes first.
     #[default]
     HighFirst,
-    /// The low word comes first.
     LowFirst,
 }
 
-/// Order of the bytes in each register of a two-register value.
+/// Order of the bytes in each register of a value that has two registers.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum ByteOrder {
-    /// The high byte comes first, as in the Modbus standard.
+    /// The high byte comes first, as the Modbus standard specifies.
     #[default]
     HighFirst,
-    /// The low byte comes first.
     LowFirst,
 }
 
 impl ByteOrder {
-    /// The names of both orders in profiles and URLs.
+    /// Names of the byte orders in profiles and URLs.
     pub const NAMES: [(&'static str, Self); 2] =
         [("high", Self::HighFirst), ("low", Self::LowFirst)];
 }
 
-/// Quantity and unit of a scaled number.
+/// Quantity and unit of a number after scaling.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Unit {
@@ -115,21 +108,20 @@ pub enum Unit {
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Fault {
-    /// The lowest and highest raw number that report this fault.
+    /// Lowest and highest raw number that encode this fault.
     pub raw: [f64; 2],
-    /// The fault that these numbers encode.
     pub reason: Reason,
 }
 
-/// Fault bits of the channels.
+/// Registers with the fault bits of the channels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Status {
-    /// The Modbus function that reads the fault bits: 1 coils, 2 inputs, 3 holding registers, 4 input registers.
+    /// Modbus function that reads the fault bits: 1 coils, 2 discrete inputs, 3 holding registers, 4 input registers.
     pub function: u8,
-    /// The address of the first channel's bits, counted from 0.
+    /// Address of the fault bits of the first channel, counted from 0.
     pub address: u16,
-    /// Mask of the bits of a register that report a fault when set.
+    /// Mask of the bits in a register that report a fault when set.
     pub mask: u16,
 }
 
@@ -137,29 +129,25 @@ pub struct Status {
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Channels {
-    /// The Modbus function that reads the channels: 3 holding registers, 4 input registers.
+    /// Modbus function that reads the channels: 3 holding registers, 4 input registers.
     pub function: u8,
-    /// The address of the first register, counted from 0.
+    /// Address of the first register, counted from 0.
     pub address: u16,
-    /// The number of channels.
     pub count: u16,
-    /// Number format of a channel's registers.
     pub number: NumberType,
-    /// Order of the two registers of a value.
     pub word_order: WordOrder,
-    /// Order of the bytes in each register of a two-register value.
+    /// Order of the bytes in each register of a value that has two registers.
     pub byte_order: ByteOrder,
     /// Factor of the raw number: value = raw number · `scale` + `offset`.
     pub scale: f64,
-    /// Offset, in `unit`.
+    /// Offset of the value, in `unit`.
     pub offset: f64,
-    /// The quantity and unit of the value.
+    /// Quantity and unit of the value.
     pub unit: Unit,
-    /// The lowest and the highest temperature that the module can measure, °C.
+    /// Lowest and highest temperature that the module can measure, °C.
     pub valid_degc: [f64; 2],
-    /// Raw numbers that encode faults.
     pub faults: Vec<Fault>,
-    /// Additional fault bits of the module; `None`: it has none.
+    /// Additional fault bits of the module; `None` if the module has none.
     pub status: Option<Status>,
 }
 
@@ -167,13 +155,11 @@ pub struct Channels {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Digital {
-    /// The address of the first input (function 2), counted from 0.
+    /// Address of the first input (function 2), counted from 0.
     pub input_address: u16,
-    /// The number of inputs.
     pub inputs: u16,
-    /// The address of the first output (functions 15 and 1), counted from 0.
+    /// Address of the first output (functions 15 and 1), counted from 0.
     pub output_address: u16,
-    /// The number of outputs.
     pub outputs: u16,
 }
 
@@ -181,23 +167,23 @@ pub struct Digital {
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Profile {
-    /// The name of the module.
     pub name: String,
-    /// Baud rate of the serial line as delivered.
+    /// Default baud rate of the module on a serial line.
     pub baud: u32,
-    /// The temperature channels; `None`: the module has none.
+    /// The temperature channels; `None` if the module has none.
     pub channels: Option<Channels>,
-    /// The digital lines; `None`: the module has none.
+    /// The digital lines; `None` if the module has none.
     pub digital: Option<Digital>,
     /// Parts of this profile that no source confirms.
     pub unproven: Vec<String>,
 }
 
 impl Profile {
-    /// Returns a shipped profile by its name. Blanks, slashes and underscores are treated as `-`; case does not matter.
+    /// Returns the shipped profile with this name. Blanks, slashes and underscores count as `-`, and case does not
+    /// matter.
     ///
     /// # Errors
-    /// [`ProfileError::Unknown`].
+    /// [`ProfileError::Unknown`] if there is no such profile.
     pub fn named(name: &str) -> Result<Self, ProfileError> {
         let plain = |name: &str| name.replace([' ', '/', '_'], "-").to_lowercase();
         let shipped = Self::shipped();
@@ -208,9 +194,8 @@ impl Profile {
         })
     }
 
-    /// All profiles shipped with the crate.
     pub fn shipped() -> Vec<Self> {
-        // Infallible: the tests parse each of them.
+        // Parsing never fails, because the tests parse each shipped profile.
         SHIPPED.iter().filter_map(|text| Self::parse(text).ok()).collect()
     }
 
@@ -225,7 +210,7 @@ impl Profile {
     /// Parses a profile from TOML.
     ///
     /// # Errors
-    /// Not TOML, or a missing, unknown or invalid key.
+    /// Text that is not TOML, or a missing, unknown or invalid key.
     pub fn parse(text: &str) -> Result<Self, ProfileError> {
         Document::new("profile", text).decode(|root| Ok(decode::profile(&root)?))
     }

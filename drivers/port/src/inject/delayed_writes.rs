@@ -2,7 +2,7 @@ use volcomp_vocabulary::PerChannel;
 
 use crate::Words;
 
-/// Maximum number of delayed writes; a further one is delivered at once.
+/// Maximum number of delayed writes. Further writes are delivered at once.
 const MAX_DELAYED: usize = 8;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -13,8 +13,8 @@ pub(super) enum Write {
 }
 
 impl Write {
-    /// Combines the first part of this write with the rest of the previous one, as a control sees it that reads during the write. `cut` is the
-    /// fraction of the write that belongs to the first part, 0 to 1.
+    /// Combines the first part of this write with the rest of the previous write, as a control reads them in the middle
+    /// of the write. `cut` is the fraction of this write that belongs to the first part, 0 to 1.
     pub(super) fn torn(&self, before: Option<&Self>, cut: f64) -> Self {
         match (*self, before) {
             (Self::Frame(new), Some(Self::Frame(old))) => {
@@ -50,7 +50,7 @@ impl Write {
     }
 }
 
-/// Number of elements before the cut among `count`, at least 1 and below `count`.
+/// Number of elements before the cut. It is at least 1 and below `count`.
 #[expect(
     clippy::cast_possible_truncation,
     clippy::cast_sign_loss,
@@ -67,7 +67,7 @@ enum Due {
     NextWrite,
 }
 
-/// The delayed writes, in no particular order, because free slots are reused.
+/// The delayed writes. Their order has no meaning, because free slots are reused.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct DelayedWrites([Option<(Write, Due)>; MAX_DELAYED]);
 
@@ -77,7 +77,7 @@ impl DelayedWrites {
         self.put(write, Due::After(calls.max(1)))
     }
 
-    /// Delays a write until the next one was delivered. Returns the write if the queue is full.
+    /// Delays a write until the next write was delivered. Returns the write if the queue is full.
     pub(super) fn keep_for_next(&mut self, write: Write) -> Option<Write> {
         self.put(write, Due::NextWrite)
     }
@@ -92,7 +92,7 @@ impl DelayedWrites {
         }
     }
 
-    /// Counts a call that reached the device, for the writes that are delayed by a number of calls.
+    /// Counts a call that reached the device. Writes that are delayed by a number of calls become due by it.
     pub(super) fn pass(&mut self) {
         for (_, due) in self.0.iter_mut().flatten() {
             if let Due::After(calls) = due {
@@ -107,8 +107,8 @@ impl DelayedWrites {
         }
     }
 
-    /// Removes and returns one write that is due; `None` if there is none. `written`: a write has just been delivered, so that those delayed
-    /// until after it are due.
+    /// Removes and returns one write that is due; `None` if no write is due. `written` means that a write has just been
+    /// delivered, which makes the writes due that are delayed until the next write.
     pub(super) fn take(&mut self, written: bool) -> Option<Write> {
         let due = |slot: &&mut Option<(Write, Due)>| match slot {
             Some((_, Due::After(calls))) => *calls == 0,

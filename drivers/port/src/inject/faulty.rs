@@ -1,4 +1,4 @@
-//! Wraps a device to inject faults: the common part, then the part for each kind of device.
+//! Wraps a device to inject faults. The common part comes first, then the part for each kind of device.
 
 use std::{
     fmt,
@@ -19,23 +19,21 @@ use crate::{
     Temperature, Thermometer, Words,
 };
 
-/// Maximum error of a wrong read-back, steps.
+/// Maximum error of a wrong read-back, correction steps.
 const MAX_ERROR_STEPS: f64 = 5000.0;
 const MAX_QUEUED_INJECTIONS: usize = 64;
 const MAX_LAG: usize = 64;
 const LATE_WRITE_TIMEOUT: Duration = Duration::from_secs(1);
 
-/// Function that is called instead of waiting on the clock.
+/// Function that is called instead of waiting. Its argument is the duration of the wait.
 type Pause = Box<dyn FnMut(Duration) + Send>;
 
-/// Function that carries out a write on this kind of device.
+/// Function that delivers a write to this kind of device.
 type Deliver<D> = fn(&mut D, &Write, Instant) -> Result<(), Fault>;
 
-/// A device with injected faults.
 pub struct Faulty<D> {
-    /// The device that is wrapped.
     pub device: D,
-    /// The faults that are injected; may be changed between calls.
+    /// Probabilities and sizes of random faults. They may be changed between calls.
     pub faults: Faults,
     random: ChaCha8Rng,
     pending: PendingFaults,
@@ -58,7 +56,7 @@ pub struct Faulty<D> {
 struct PendingFaults {
     lie: Option<(Lie, u32)>,
     constant: u32,
-    /// The reading whose read-back or report the following readings repeat; `None` if they repeat none.
+    /// Reading whose read-back or report the following readings repeat; `None` if they repeat none.
     constant_of: Option<Snapshot>,
     late_write: Option<u32>,
     double_write: Option<u32>,
@@ -67,7 +65,7 @@ struct PendingFaults {
     late_answer: Option<Duration>,
     frozen_positions: u32,
     frozen_at: Option<PerChannel<f64>>,
-    /// Axis, factor, offset (mm or rad), and number of remaining readings with a wrong position.
+    /// Axis index, factor, offset (mm or rad), and number of remaining readings with a wrong position.
     wrong_position: Option<(usize, f64, f64, u32)>,
     stop_after_read: Option<Duration>,
     stop_before_write: Option<Duration>,
@@ -76,12 +74,13 @@ struct PendingFaults {
     jump: Option<(usize, f64)>,
 }
 
-/// A handle with which a [`Faulty`] device is disturbed while another owner, also on another thread, holds it.
+/// Handle for requesting faults of a [`Faulty`] device that has another owner, also on another thread.
 #[derive(Clone, Debug)]
 pub struct Remote(Arc<Mutex<Vec<Injection>>>);
 
 impl Remote {
-    /// Requests a fault, injected at the next call to which it applies. Returns `false` and discards it if 64 requests are queued.
+    /// Requests a fault. It is injected at the next call to which it applies. If 64 requests are queued, discards the
+    /// request and returns `false`.
     pub fn inject(&self, injection: Injection) -> bool {
         let mut injections = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         let room = injections.len() < MAX_QUEUED_INJECTIONS;
@@ -103,7 +102,7 @@ impl<D: fmt::Debug> fmt::Debug for Faulty<D> {
 }
 
 impl<D> Faulty<D> {
-    /// Wraps a device; the same seed yields the same faults.
+    /// Wraps a device. The same seed yields the same faults.
     pub fn new(device: D, faults: Faults, seed: u64) -> Self {
         Self {
             device,
@@ -126,27 +125,27 @@ impl<D> Faulty<D> {
         }
     }
 
-    /// Sets the clock for deadlines, delays and pauses of the program; a manual clock is advanced instead of waiting.
+    /// Sets the clock for deadlines, delays and pauses. A manual clock is advanced instead of waiting.
     #[must_use]
     pub fn with_clock(mut self, clock: Clock) -> Self {
         self.clock = clock;
         self
     }
 
-    /// Sets a function that is called instead of waiting, with the duration of every delay or pause of the program, also between a reading and
-    /// the following write.
+    /// Sets a function that is called instead of waiting. Its argument is the duration of a delay or of a pause of the
+    /// program. Pauses also occur between a reading and the following write.
     #[must_use]
     pub fn with_pause(mut self, pause: impl FnMut(Duration) + Send + 'static) -> Self {
         self.pause = Some(Box::new(pause));
         self
     }
 
-    /// A handle for requesting faults while another owner holds the device.
+    /// Returns a handle for requesting faults while the device has another owner.
     pub fn remote(&self) -> Remote {
         Remote(Arc::clone(&self.injections))
     }
 
-    /// Requests a fault, injected at the next call to which it applies.
+    /// Requests a fault. It is injected at the next call to which it applies.
     pub fn inject(&mut self, injection: Injection) {
         let pending = &mut self.pending;
         match injection {
@@ -181,7 +180,7 @@ impl<D> Faulty<D> {
         chance > 0.0 && self.random.random::<f64>() < chance
     }
 
-    /// Takes over the requests of [`Remote`] handles; if a handle holds the lock, the next call takes them over.
+    /// Takes over the requests of [`Remote`] handles. If a handle holds the lock, the next call takes them over.
     fn take_injections(&mut self) {
         let injections = Arc::clone(&self.injections);
         if let Ok(mut injections) = injections.try_lock() {
@@ -192,7 +191,7 @@ impl<D> Faulty<D> {
         }
     }
 
-    /// Draws the duration or delay of a fault: 1 to `calls` calls.
+    /// Draws the duration or delay of a fault, 1 to `calls` calls.
     fn calls(&mut self) -> u32 {
         self.random.random_range(1..=self.faults.calls.max(1))
     }
@@ -209,7 +208,7 @@ impl<D> Faulty<D> {
         }
     }
 
-    /// Applies the disconnection, delay or loss before the exchange with the device.
+    /// Injects a disconnection, delay or loss before the exchange with the device.
     fn before(&mut self, deadline: Instant) -> Result<(), Fault> {
         self.take_injections();
         if self.disconnected == 0 && self.occurs(self.faults.disconnect) {
@@ -275,7 +274,8 @@ impl<D> Faulty<D> {
         }
     }
 
-    /// Waits for the delay of an answer that the device has already given, if one was drawn or requested, and returns the delay.
+    /// If a late answer was drawn or requested, waits for its delay, although the device has already answered. Returns
+    /// the delay.
     fn delay_response(&mut self, deadline: Instant) -> Duration {
         let left = deadline.saturating_duration_since(self.clock.now());
         let most = left.mul_f64(0.9);
@@ -307,7 +307,7 @@ impl<D> Faulty<D> {
 
     fn deliver_delayed(&mut self, deliver: Deliver<D>, written: bool) {
         while let Some(write) = self.delayed.take(written) {
-            // No caller waits for the answer.
+            // The answer is discarded, because no caller waits for it.
             let _ = deliver(&mut self.device, &write, Instant::now() + LATE_WRITE_TIMEOUT);
         }
     }
@@ -401,7 +401,7 @@ impl<C: Controller> Controller for Faulty<C> {
         }
         let mut snapshot = self.device.read(deadline)?;
         let late = self.delay_response(deadline);
-        // Drivers take the middle of the exchange as the time of the reading.
+        // Like drivers, take the middle of the exchange as the time of the reading.
         snapshot.taken += late / 2;
         snapshot.state_taken += late / 2;
         snapshot.correction_taken += late / 2;
@@ -516,7 +516,7 @@ impl<C: Controller> Faulty<C> {
         }
     }
 
-    /// Draws two indices below `count`, different if `count` is at least 2.
+    /// Draws two indices below `count`. They differ if `count` is at least 2.
     fn two_of(&mut self, count: usize) -> [usize; 2] {
         let count = count.max(1);
         let one = self.random.random_range(0..count);

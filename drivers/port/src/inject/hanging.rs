@@ -11,11 +11,11 @@ use volcomp_vocabulary::PerChannel;
 
 use crate::{Controller, Description, Fault, Snapshot, Words};
 
-/// Interval at which a blocked reading looks at the switch.
+/// Interval at which a blocked reading checks its switch.
 const LOOK_EVERY: Duration = Duration::from_millis(1);
 
-/// A controller whose readings block while its switch is on, regardless of their deadline, like a hanging driver or system call. Writes are
-/// passed on.
+/// A controller whose readings block while its switch is on, regardless of their deadline, like a hanging driver or
+/// system call. Writes do not block.
 pub struct Hanging<C> {
     inner: C,
     switch: HangSwitch,
@@ -26,7 +26,6 @@ pub struct Hanging<C> {
 pub struct HangSwitch(Arc<AtomicBool>);
 
 impl HangSwitch {
-    /// Sets whether readings block.
     pub fn set(&self, hangs: bool) {
         self.0.store(hangs, Ordering::Relaxed);
     }

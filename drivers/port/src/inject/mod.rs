@@ -1,5 +1,5 @@
-//! Seeded fault injection: wrap a device in [`Faulty`] to test its users. Faults occur with set probabilities ([`Faults`]) or on request
-//! ([`Injection`]), also from another thread ([`Remote`]).
+//! Seeded fault injection. Wrap a device in [`Faulty`] to test the code that uses it. Faults occur with set
+//! probabilities ([`Faults`]) or on request ([`Injection`]), also from another thread ([`Remote`]).
 //!
 //! | fault | models |
 //! | --- | --- |

@@ -9,15 +9,15 @@ use std::{
 
 use volcomp_vocabulary::{MAX_AXES, PerChannel};
 
-/// The corrections applied to the axes of a simulated machine: one record per scan of its control, or per write if the control runs no
-/// program. It can be read from any thread without side effects.
+/// The corrections applied to the axes of a simulated machine. There is one record per scan of the control, or per
+/// write if the control runs no program. The log can be read from any thread without side effects.
 ///
-/// Changes that the control makes to its words at a restart ([`Controls::clear_applied`](super::Controls::clear_applied)) do not count,
-/// because the axes are without power then.
+/// When the control restarts ([`Controls::clear_applied`](super::Controls::clear_applied)), the changes of its words do
+/// not count, because the axes have no power.
 #[derive(Debug, Default)]
 pub struct AxisLog {
     scans: AtomicU64,
-    /// The correction of each axis, as the bits of an `f64`.
+    /// Correction of each axis, as the bits of an `f64`.
     applied: [AtomicU64; MAX_AXES],
     largest_change: [AtomicU64; MAX_AXES],
     furthest: [AtomicU64; MAX_AXES],
@@ -31,9 +31,9 @@ pub struct AxisLog {
 pub struct Given {
     /// Time of the scan on the clock of the machine.
     pub at: Duration,
-    /// The applied correction of each axis, mm and rad.
+    /// Applied correction of each axis, mm and rad.
     pub applied: PerChannel<f64>,
-    /// Whether the axes were held: by emergency stop, by an alarm, or because an axis was not referenced.
+    /// Whether the axes were held by an emergency stop, by an alarm, or because an axis was not referenced.
     pub held: bool,
 }
 
@@ -41,33 +41,35 @@ fn load(bits: &[AtomicU64; MAX_AXES]) -> PerChannel<f64> {
     PerChannel::from_fn(|axis| f64::from_bits(bits[axis].load(Ordering::Relaxed)))
 }
 
-/// Raises the stored number to `value` if that is larger. `value` must not be negative, so that bit patterns are ordered like the numbers.
+/// Replaces the stored number by `value` if `value` is larger. Negative values are invalid, because their bit patterns
+/// are not ordered like the numbers.
 fn raise(bits: &AtomicU64, value: f64) {
     bits.fetch_max(value.to_bits(), Ordering::Relaxed);
 }
 
 impl AxisLog {
-    /// Number of scans so far; of writes if the control runs no program.
+    /// Number of scans since the start, or number of writes if the control runs no program.
     pub fn scans(&self) -> u64 {
         self.scans.load(Ordering::Relaxed)
     }
 
-    /// The correction applied to each axis now, mm and rad.
+    /// Correction that is applied to each axis at present, mm and rad.
     pub fn applied(&self) -> PerChannel<f64> {
         load(&self.applied)
     }
 
-    /// The largest change of each axis between consecutive scans since [`forget`](Self::forget), mm and rad.
+    /// Largest change of each axis between consecutive scans since [`forget`](Self::forget), mm and rad.
     pub fn largest_change(&self) -> PerChannel<f64> {
         load(&self.largest_change)
     }
 
-    /// The largest magnitude of the correction of each axis since [`forget`](Self::forget), mm and rad.
+    /// Largest magnitude of the correction of each axis since [`forget`](Self::forget), mm and rad.
     pub fn furthest(&self) -> PerChannel<f64> {
         load(&self.furthest)
     }
 
-    /// Number of scans since [`forget`](Self::forget) that changed a correction during emergency stop or alarm, or while not referenced.
+    /// Number of scans since [`forget`](Self::forget) that changed a correction during an emergency stop or alarm, or
+    /// while an axis was not referenced.
     pub fn changes_while_held(&self) -> u64 {
         self.changes_while_held.load(Ordering::Relaxed)
     }
@@ -81,7 +83,8 @@ impl AxisLog {
         self.lock().clear();
     }
 
-    /// From now on, records the first `most` scans, for [`recorded`](Self::recorded). Allocates now, so that scans do not allocate.
+    /// Records the next `most` scans, for [`recorded`](Self::recorded). Allocates in this call, so that scans do not
+    /// allocate.
     pub fn record(&self, most: usize) {
         *self.lock() = Vec::with_capacity(most);
         self.records.store(most > 0, Ordering::Relaxed);

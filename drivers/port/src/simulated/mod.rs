@@ -1,5 +1,6 @@
-//! A simulated machine that runs a part program, has a true error and warms up. Its control may run a program that determines the
-//! corrections of the axes. The true error is a function, independent of the error model under test.
+//! A simulated machine that runs a part program, has a true error and warms up. Its control may run a program that
+//! determines the corrections of the axes. The true error is a given function, and independent of the error model under
+//! test.
 
 mod axis_log;
 mod controls;

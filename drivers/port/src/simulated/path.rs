@@ -1,26 +1,26 @@
-//! Positions over time along the moves of a program.
+//! Positions along the moves of a part program, as a function of time.
 
 use std::time::Duration;
 
 use volcomp_vocabulary::PerChannel;
 
-/// One move of a program.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Move {
     /// End point, mm and rad.
     pub to: PerChannel<f64>,
-    /// Speed along the path, mm/s; rad/s if no linear axis moves.
+    /// Speed along the path, mm/s, or rad/s if no linear axis moves.
     pub feed_per_s: f64,
-    /// Dwell time at the end point.
+    /// Time for which the axes stay at the end point.
     pub dwell: Duration,
 }
 
-/// Positions over time along a program that repeats. All moves have the same acceleration and deceleration.
+/// Positions along a repeated part program, as a function of time. All moves have the same acceleration and
+/// deceleration.
 #[derive(Clone, Debug)]
 pub struct Path {
     segments: Vec<Segment>,
-    /// Start time of each segment, then the end of the last dwell, s.
+    /// Start time of each segment, s. The last element is the end of the last dwell.
     starts_s: Vec<f64>,
 }
 
@@ -29,15 +29,15 @@ struct Segment {
     from: PerChannel<f64>,
     to: PerChannel<f64>,
     length: f64,
-    /// Duration of the acceleration, and also of the deceleration, s.
+    /// Duration of the acceleration, and of the equally long deceleration, s.
     accelerating_s: f64,
     coasting_s: f64,
     acceleration: f64,
 }
 
 impl Path {
-    /// A path that repeats these moves, with this acceleration and deceleration (mm/s²; rad/s² if no linear axis moves). It starts at the end
-    /// point of the last move.
+    /// Creates a path that repeats these moves. The acceleration and deceleration is in mm/s², or rad/s² if no linear
+    /// axis moves. The path starts at the end point of the last move.
     pub fn new(program: &[Move], acceleration: f64) -> Self {
         let mut from = program.last().map_or(PerChannel::ZERO, |last| last.to);
         let (mut segments, mut starts_s) = (Vec::new(), vec![0.0]);
@@ -51,13 +51,14 @@ impl Path {
         Self { segments, starts_s }
     }
 
-    /// Time from the start until the end point of the move with this index, from 0, without its dwell. `None` if there is no such move.
+    /// Time from the start to the arrival at the end point of the move with this index from 0; `None` if there is no
+    /// such move.
     pub fn arrival(&self, index: usize) -> Option<Duration> {
         let (segment, start_s) = (self.segments.get(index)?, self.starts_s.get(index)?);
         Duration::try_from_secs_f64(start_s + segment.duration_s()).ok()
     }
 
-    /// Positions of the axes at a time since the start, mm and rad.
+    /// Positions of the axes, mm and rad. `elapsed` is the time since the start.
     pub fn at(&self, elapsed: Duration) -> PerChannel<f64> {
         let period = self.starts_s[self.starts_s.len() - 1];
         let time = if period > 0.0 { elapsed.as_secs_f64() % period } else { 0.0 };
@@ -72,7 +73,7 @@ impl Segment {
     fn new(from: PerChannel<f64>, step: &Move, acceleration: f64) -> Self {
         let squares = from.iter().zip(&step.to).map(|(a, b)| (b - a) * (b - a));
         let length = squares.sum::<f64>().sqrt();
-        // A short move never reaches its feed.
+        // A short move does not reach its feed.
         let feed = step.feed_per_s.min((length * acceleration).sqrt());
         let (accelerating_s, coasting_s) = if length > 0.0 && feed > 0.0 {
             let accelerating_s = feed / acceleration;

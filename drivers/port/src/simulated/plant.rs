@@ -13,41 +13,42 @@ use crate::{
     ShownStates, Snapshot, Words,
 };
 
-/// Maximum number of controllers that can be connected to one machine whose control runs a program.
+/// Maximum number of controllers that can be connected to one machine if its control runs a program.
 pub const MOST_WAYS: usize = 4;
 
-/// Shortest cycle of a machine whose control runs no program.
+/// Shortest cycle of a machine if its control runs no program.
 const SHORTEST_CYCLE: Duration = Duration::from_micros(10);
 
-/// Function from a position (mm, rad) and the sensors' temperatures (°C) to the true error of each axis, mm and rad.
+/// Function from a position (mm and rad) and the temperatures of the sensors (°C) to the true error of each axis, mm
+/// and rad.
 pub type Truth = Arc<dyn Fn(&PerChannel<f64>, &[f64]) -> PerChannel<f64> + Send + Sync>;
 
 /// The axes, program, sensors and true error of a simulated machine.
 #[derive(Clone)]
 pub struct Machine {
-    /// The axes of the machine in channel order.
+    /// Axes of the machine in channel order.
     pub axes: Vec<Axis>,
-    /// The moves of the part program, which repeats.
+    /// Moves of the part program, which is repeated.
     pub program: Vec<Move>,
-    /// Acceleration and deceleration of every move, mm/s²; rad/s² if no linear axis moves.
+    /// Acceleration and deceleration of every move, mm/s², or rad/s² if no linear axis moves.
     pub acceleration_per_s2: f64,
-    /// The temperature sensors of the machine.
     pub sensors: Vec<Warming>,
-    /// The true error of the machine, unknown to the compensation.
+    /// True error of the machine, which the compensation must find.
     pub truth: Truth,
-    /// The clock of motion, warming and scans.
+    /// Clock of motion, warming and scans.
     pub clock: Clock,
 }
 
 impl Machine {
-    /// Starts a machine whose control runs no program: corrections are plain values and reach the axes at once. Returns its controller,
-    /// thermometer and test switches.
+    /// Starts a machine whose control runs no program. Corrections are written as plain values and reach the axes at
+    /// once. Returns the machine's controller, thermometer and test switches.
     pub fn start(self) -> (SimulatedController, SimulatedThermometer, Arc<Controls>) {
         self.started(None)
     }
 
-    /// Starts a machine whose control runs a program once per `scan` (at least 1 µs): corrections are sent in frames ([`Controller::post`]), and
-    /// the axes get the corrections that the program applies. Returns its controller, thermometer and test switches.
+    /// Starts a machine whose control runs a program once per `scan` (at least 1 µs). Corrections are sent in frames
+    /// ([`Controller::post`]), and the axes get the corrections that the program applies. Returns the machine's
+    /// controller, thermometer and test switches.
     pub fn start_with(
         self,
         program: Box<dyn ControlProgram>,
@@ -67,8 +68,8 @@ impl Machine {
     }
 }
 
-/// A simulated machine, which runs whether or not a controller is connected; clones are the same machine. Every call first advances it
-/// to the present time and runs the due scans of its control.
+/// A simulated machine. It runs even if no controller is connected. Clones are the same machine. Every call first
+/// advances the machine to the present time and runs the due scans of its control.
 #[derive(Clone)]
 pub struct Plant(Arc<Mutex<Inner>>);
 
@@ -78,7 +79,7 @@ struct Inner {
     controls: Arc<Controls>,
     applied: PerChannel<f64>,
     frozen_at: Option<PerChannel<f64>>,
-    /// Time on the clock until which the machine was simulated.
+    /// Time on the clock up to which the machine was simulated.
     until: Duration,
     /// Motion time: the part of the simulated time in which the machine moved along its program.
     moved: Duration,
@@ -115,7 +116,7 @@ impl Plant {
             controls,
             applied: PerChannel::ZERO,
             frozen_at: None,
-            // The time before the start does not move the machine.
+            // The machine does not move before its start.
             until: Duration::ZERO,
             moved: Duration::ZERO,
             control,
@@ -133,18 +134,18 @@ impl Plant {
         drop(self.now());
     }
 
-    /// The programmed position now, without correction, mm and rad.
+    /// Present commanded position, without correction, mm and rad.
     pub fn commanded(&self) -> PerChannel<f64> {
         let inner = self.now();
         inner.path.at(inner.moved)
     }
 
-    /// The correction applied to the axes now, mm and rad.
+    /// Correction that is applied to the axes at present, mm and rad.
     pub fn applied(&self) -> PerChannel<f64> {
         self.now().applied
     }
 
-    /// Error of each axis now, with the applied correction and without it, mm and rad.
+    /// Present error of each axis with the applied correction, and present error without it, mm and rad.
     pub fn residual_and_error(&self) -> [PerChannel<f64>; 2] {
         let inner = self.now();
         let sensors = inner.machine.sensors.iter();
@@ -156,16 +157,17 @@ impl Plant {
         [PerChannel::from_fn(|i| missed[i] + inner.applied[i]), error]
     }
 
-    /// Sets the digital lines to the control: `value` (counts) for the axis at this index, and the level of the latch line, which toggles
-    /// after the others have settled. The control's program decides whether to accept the value; without a program there is no effect.
+    /// Sets the digital lines to the control: `value` (counts) for the axis with this index, and the level of the latch
+    /// line, which toggles after the other lines have settled. The control's program decides whether to accept the
+    /// value. Without a program the lines have no effect.
     pub fn set_lines(&self, latch: bool, axis: usize, value: i16) {
         if let Some(control) = &mut self.now().control {
             control.program.lines(latch, axis, value);
         }
     }
 
-    /// Adds a mailbox for a further controller and returns its index; `None` if there are [`MOST_WAYS`] already. 0 if the control runs no
-    /// program.
+    /// Adds a mailbox for a further controller and returns its index; `None` if there are already [`MOST_WAYS`]
+    /// mailboxes. Returns 0 if the control runs no program.
     fn another_way(&self) -> Option<usize> {
         let mut inner = self.now();
         let Some(control) = &mut inner.control else {
@@ -205,7 +207,7 @@ impl Plant {
         inner.controls.heartbeat.fetch_add(1, Ordering::Relaxed);
     }
 
-    /// Stores a frame in the mailbox with the index `way`, for the next scan.
+    /// Stores a frame for the next scan in the mailbox with the index `way`.
     fn post(&self, way: usize, frame: &Words) {
         let mut inner = self.now();
         if let Some(mailbox) = (inner.control.as_mut()).and_then(|c| c.mailboxes.get_mut(way)) {
@@ -295,7 +297,7 @@ impl Inner {
     }
 }
 
-/// The controller of a simulated machine. The machine continues to run after it is dropped.
+/// The controller of a simulated machine. When the controller is dropped, the machine continues to run.
 pub struct SimulatedController {
     description: Description,
     plant: Plant,
@@ -320,7 +322,7 @@ impl SimulatedController {
                 barrier: scan.is_some(),
                 tells_applied: true,
                 shown: ShownStates::ALL,
-                // No other process can access it.
+                // No other process can access the simulated machine.
                 sees_other_gateways: true,
                 shortest_cycle: scan.unwrap_or(SHORTEST_CYCLE),
             },
@@ -330,24 +332,25 @@ impl SimulatedController {
         }
     }
 
-    /// Connects another controller to the same machine, as a second gateway or bus would. If the control runs a program, each controller has
-    /// its own mailbox. `None` if the control runs a program and [`MOST_WAYS`] controllers exist already.
+    /// Connects another controller to the same machine, like a second gateway or bus. If the control runs a program,
+    /// each controller has its own mailbox. `None` if the control runs a program and there are already [`MOST_WAYS`]
+    /// controllers.
     pub fn another(&self) -> Option<Self> {
         let way = self.plant.another_way()?;
         Some(Self::on(self.plant.clone(), way))
     }
 
-    /// The machine, for access while another owner holds the controller.
+    /// Returns the machine, for access while the controller has another owner.
     pub fn plant(&self) -> Plant {
         self.plant.clone()
     }
 
-    /// The programmed position now, without correction, mm and rad.
+    /// Present commanded position, without correction, mm and rad.
     pub fn commanded(&self) -> PerChannel<f64> {
         self.plant.commanded()
     }
 
-    /// Error of each axis now, with the applied correction and without it, mm and rad.
+    /// Present error of each axis with the applied correction, and present error without it, mm and rad.
     pub fn residual_and_error(&self) -> [PerChannel<f64>; 2] {
         self.plant.residual_and_error()
     }

@@ -2,17 +2,16 @@ use std::time::Duration;
 
 use crate::{Clock, Temperature, Thermometer};
 
-/// A sensor that warms up: T = start + rise·(1 − exp(−t/τ)).
+/// A sensor that warms up by T = start + rise·(1 − exp(−t/τ)).
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Warming {
-    /// The name of the sensor.
     pub name: String,
     /// Temperature at the start, °C.
     pub start_degc: f64,
-    /// Final rise above the start temperature, K.
+    /// Final rise above `start_degc`, K.
     pub rise_k: f64,
-    /// The time constant τ of the warming, s.
+    /// Time constant τ of the warming, s.
     pub time_constant_s: f64,
 }
 
@@ -23,7 +22,7 @@ impl Warming {
     }
 }
 
-/// The thermometer of a simulated machine, whose sensors warm up as [`Warming`] states.
+/// The thermometer of a simulated machine. Its sensors warm up by the formula of [`Warming`].
 pub struct SimulatedThermometer {
     device: String,
     names: Vec<String>,
