@@ -17,21 +17,22 @@ use crate::{DeviceError, Fault};
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Backoff {
-    /// Delay after the first failure; each further failure doubles it.
+    /// Delay after the first failure. Each further failure doubles the delay.
     pub first: Duration,
-    /// Maximum delay. After a connection that lasted longer than `first` the delay starts again at `first`.
+    /// Maximum delay. After a connection that lasted longer than `first`, the delay starts again at `first`.
     pub most: Duration,
 }
 
 impl Default for Backoff {
-    /// First delay 100 ms, maximum 10 s.
+    /// The first delay is 100 ms, the maximum 10 s.
     fn default() -> Self {
         Self { first: Duration::from_millis(100), most: Duration::from_secs(10) }
     }
 }
 
 impl Backoff {
-    /// The delay after the next failure, if the last delay was `before`. `lived`: how long the lost connection lasted; zero if there was none.
+    /// Delay after the next failure. `before` is the previous delay, and `lived` the duration of the lost connection,
+    /// zero if none was opened.
     #[must_use]
     pub fn next(self, before: Duration, lived: Duration) -> Duration {
         let doubled =
@@ -49,9 +50,9 @@ struct Shared {
     last_error: Mutex<Option<DeviceError>>,
 }
 
-/// A connection that is reopened automatically. The real-time thread uses an open connection, and gives it up when it fails. A separate
-/// thread, which ends with the supply, connects, waits between attempts, and closes. Lock-free queues between them let the real-time thread
-/// never wait.
+/// A connection that is reopened automatically. The real-time thread uses an open connection, and gives it up when it
+/// fails. A helper thread connects, waits between attempts, and closes. The helper thread ends with the supply.
+/// Lock-free queues join the threads, so that the real-time thread never waits.
 pub struct Supply<T> {
     current: Option<T>,
     kept: Option<T>,
@@ -62,7 +63,7 @@ pub struct Supply<T> {
 }
 
 impl<T: Send + 'static> Supply<T> {
-    /// Starts a thread that connects with `open`, which must limit its own duration.
+    /// Starts a helper thread that connects by calling `open`. Each call of `open` must end after a limited time.
     ///
     /// # Errors
     /// The thread cannot be started.
@@ -92,10 +93,10 @@ impl<T: Send + 'static> Supply<T> {
         })
     }
 
-    /// The open connection. Never blocks, allocates or frees.
+    /// Returns the open connection. Never blocks, allocates or frees.
     ///
     /// # Errors
-    /// [`Fault::NotConnected`] until the helper thread has opened one.
+    /// [`Fault::NotConnected`] until the helper thread has opened a connection.
     pub fn current(&mut self) -> Result<&mut T, Fault> {
         if let Some(dead) = self.kept.take() {
             self.give_back(dead);
@@ -106,27 +107,29 @@ impl<T: Send + 'static> Supply<T> {
         self.current.as_mut().ok_or(Fault::NotConnected)
     }
 
-    /// Gives up the connection after a timeout or an invalid answer: the helper thread closes it and opens a new one. Never blocks,
-    /// allocates or frees.
+    /// Gives up the connection after a timeout or an invalid answer. The helper thread closes it and opens a new
+    /// connection. Never blocks, allocates or frees.
     pub fn lose(&mut self) {
         if let Some(dead) = self.current.take() {
             self.give_back(dead);
         }
     }
 
-    /// Hands a failed connection to the helper thread: dropping it here would close and free it on the real-time thread.
+    /// Hands a failed connection to the helper thread. Dropping the connection here would close and free it on the
+    /// real-time thread.
     fn give_back(&mut self, dead: T) {
         match self.dead.push(dead) {
             Ok(()) => self.connector.unpark(),
-            // Unreachable, because there is one connection at a time; otherwise the next call retries.
+            // Unreachable, because there is only one connection at a time. Otherwise the next call would retry.
             Err(PushError::Full(dead)) => self.kept = Some(dead),
         }
     }
 
-    /// Waits until there is a connection. Not for real-time threads.
+    /// Waits until a connection is open. Do not call this on a real-time thread.
     ///
     /// # Errors
-    /// No connection within `at_most`: the error of the last attempt, or [`DeviceError::NoAnswer`] if none has failed.
+    /// No connection was opened within `at_most`. The error is that of the last attempt, or [`DeviceError::NoAnswer`]
+    /// if no attempt has failed.
     pub fn wait(&mut self, at_most: Duration) -> Result<&mut T, DeviceError> {
         let begun = Instant::now();
         while self.current().is_err() {
@@ -142,12 +145,12 @@ impl<T: Send + 'static> Supply<T> {
             .map_err(|fault| DeviceError::of_fault("connection", fault, "check the cable"))
     }
 
-    /// Number of connections made so far.
     pub fn opened(&self) -> u64 {
         self.shared.opened.load(Ordering::Relaxed)
     }
 
-    /// Error of the last attempt; `None` if it succeeded or none was made. Takes a lock: not for real-time threads.
+    /// Error of the last attempt to connect; `None` if the attempt succeeded or none was made. Takes a lock, so do not
+    /// call this on a real-time thread.
     pub fn last_error(&self) -> Option<DeviceError> {
         let last = self.shared.last_error.lock();
         last.unwrap_or_else(PoisonError::into_inner).clone()
@@ -179,7 +182,7 @@ impl<T, F: FnMut() -> Result<T, DeviceError>> Connector<T, F> {
                     self.note(None);
                     self.shared.opened.fetch_add(1, Ordering::Relaxed);
                     let born = Instant::now();
-                    // The queue has room, because the previous connection was taken from it.
+                    // The queue has room for one connection, and the previous connection was taken from it.
                     if self.hand_over.push(connection).is_err() {
                         return;
                     }
@@ -198,7 +201,8 @@ impl<T, F: FnMut() -> Result<T, DeviceError>> Connector<T, F> {
         self.shared.ends.load(Ordering::Acquire)
     }
 
-    /// Waits until the connection is given up, and returns it; `None` when the supply ends.
+    /// Waits until the real-time thread gives up the connection, and returns the connection; `None` when the supply
+    /// ends.
     fn dead(&mut self) -> Option<T> {
         loop {
             if let Ok(dead) = self.dead.pop() {

@@ -1,4 +1,4 @@
-//! The interface to a thermometer: temperatures in °C, each with its quality.
+//! Interface of a thermometer: temperatures in °C, each with its quality.
 
 use std::{
     sync::{Arc, Weak},
@@ -10,42 +10,38 @@ use std::{
 #[non_exhaustive]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Reason {
-    /// There was no reading yet.
     #[error("no reading yet")]
     NotRead,
-    /// The device does not answer.
     #[error("the device does not answer")]
     NoAnswer,
-    /// The device refuses the request with a Modbus exception.
+    /// The device rejects the request with a Modbus exception.
     #[error("the device refuses: exception {code:02}, {}", exception_name(*code))]
     Refused {
-        /// The code of the exception.
+        /// Code of the Modbus exception.
         code: u8,
     },
-    /// The device repeats the request and sends no answer: only the local echo of an RS-485 adapter was received.
+    /// Only the request came back, as the local echo of an RS-485 adapter. The device sent no answer.
     #[error("only the echo of the request came back, no answer")]
     Echo,
     /// The value is a float that no thermometer sends.
     #[error("no number of a thermometer: another byte_order or word_order?")]
     Implausible,
-    /// The device reports a fault, or its value encodes one.
+    /// The device reports a fault, or its value encodes a fault.
     #[error("the device reports a fault")]
     Reported,
-    /// The sensor or its wire is broken, or the value is at the upper clamp of the module.
+    /// The sensor or its wire is broken, or the value is at the upper end of the module's range.
     #[error("open circuit, or the value above the range")]
     Open,
-    /// The sensor is shorted, or the value is at the lower clamp of the module.
+    /// The sensor is shorted, or the value is at the lower end of the module's range.
     #[error("short circuit, or the value below the range")]
     Short,
-    /// The device reports that the value is outside its range.
+    /// The device reports that the value is outside the device's range.
     #[error("outside the range of the device")]
     OutOfRange,
-    /// The value is not a number.
     #[error("not a number")]
     NotANumber,
 }
 
-/// The name of a Modbus exception.
 pub fn exception_name(code: u8) -> &'static str {
     match code {
         1 => "illegal function",
@@ -61,35 +57,34 @@ pub fn exception_name(code: u8) -> &'static str {
     }
 }
 
-/// The quality of a temperature as reported by the device. Drivers do not judge whether the temperature is plausible.
+/// Quality of a temperature as reported by the device. Drivers do not check whether the temperature is plausible.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Quality {
     /// The device reports no fault.
     Good,
-    /// The temperature is usable, with a reservation.
+    /// The temperature is usable, but the device reports a reason for doubt.
     Uncertain(Reason),
     /// There is no usable temperature.
     Bad(Reason),
 }
 
-/// The last temperature of a sensor, with its quality and time.
+/// Last temperature of a sensor, with its quality and time.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Temperature {
-    /// Temperature, °C; `None` if bad.
+    /// Temperature, °C; `None` if the quality is bad.
     pub degc: Option<f64>,
-    /// Whether the temperature is usable, by the device's own report.
     pub quality: Quality,
-    /// When the temperature was measured; `None` before the first reading.
+    /// Time at which the temperature was measured; `None` before the first reading.
     pub taken: Option<Instant>,
 }
 
 impl Temperature {
-    /// The state of a sensor before its first reading.
+    /// State of a sensor before its first reading.
     pub const NOT_READ: Self =
         Self { degc: None, quality: Quality::Bad(Reason::NotRead), taken: None };
 
-    /// A good temperature; bad if `degc` is not a number.
+    /// Creates a good temperature. If `degc` is not finite, the temperature is bad.
     pub fn good(degc: f64, taken: Instant) -> Self {
         if degc.is_finite() {
             Self { degc: Some(degc), quality: Quality::Good, taken: Some(taken) }
@@ -98,22 +93,20 @@ impl Temperature {
         }
     }
 
-    /// A reading without a usable temperature.
     pub fn bad(reason: Reason, taken: Instant) -> Self {
         Self { degc: None, quality: Quality::Bad(reason), taken: Some(taken) }
     }
 }
 
-/// Named temperatures, updated in the background.
+/// Named temperatures, which are updated in the background.
 #[cfg_attr(feature = "mock", mockall::automock)]
 pub trait Thermometer: Send {
-    /// Name of the device in the configuration.
     fn device(&self) -> &str;
 
-    /// The names of the sensors, in the order of the temperatures.
+    /// Names of the sensors, in the order of the temperatures.
     fn names(&self) -> &[String];
 
-    /// The last temperature of each sensor in the order of the names, regardless of its age. Never blocks or allocates.
+    /// Last temperature of each sensor, in the order of the names, regardless of its age. Never blocks or allocates.
     fn latest(&mut self) -> &[Temperature];
 }
 
@@ -131,15 +124,15 @@ impl<T: Thermometer + ?Sized> Thermometer for Box<T> {
     }
 }
 
-/// The producing end of a [`Published`] thermometer, held by the driver's thread.
+/// The sending end of a [`Published`] thermometer. The thread of the driver has it.
 pub struct Publisher {
     into: triple_buffer::Input<Vec<Temperature>>,
     reader: Weak<()>,
 }
 
 impl Publisher {
-    /// Publishes the temperatures of the sensors, in the order of the names. If there are fewer temperatures than sensors, the other sensors get
-    /// older values than those published last.
+    /// Publishes the temperatures of the sensors, in the order of the names. If there are fewer temperatures than
+    /// sensors, the remaining sensors get an older value, which need not be their last one.
     pub fn publish(&mut self, temperatures: &[Temperature]) {
         let buffer = self.into.input_buffer_mut();
         for (place, found) in buffer.iter_mut().zip(temperatures) {
@@ -148,22 +141,22 @@ impl Publisher {
         self.into.publish();
     }
 
-    /// Whether the thermometer still exists; otherwise the driver's thread ends.
+    /// Whether the thermometer still exists. If not, the thread of the driver ends.
     pub fn has_reader(&self) -> bool {
         self.reader.strong_count() > 0
     }
 }
 
-/// A thermometer that returns the temperatures published last.
+/// A thermometer that returns the last published temperatures.
 pub struct Published {
     device: String,
     names: Vec<String>,
     from: triple_buffer::Output<Vec<Temperature>>,
-    /// The publisher detects by this reference that the thermometer exists.
+    /// While this reference exists, [`Publisher::has_reader`] is true.
     _reader: Arc<()>,
 }
 
-/// Creates a thermometer without readings, and its publisher.
+/// Creates a thermometer that has no readings yet, and its publisher.
 pub fn published(device: impl Into<String>, names: Vec<String>) -> (Publisher, Published) {
     let empty = vec![Temperature::NOT_READ; names.len()];
     let (into, from) = triple_buffer::triple_buffer(&empty);

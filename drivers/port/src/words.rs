@@ -1,7 +1,8 @@
 /// Maximum number of words of a block.
 pub const MOST_WORDS: usize = 40;
 
-/// A block of 16-bit words with fixed capacity, so that copying does not allocate. Only the words in use are compared.
+/// A block of 16-bit words with fixed capacity, so that copying does not allocate. A comparison ignores the unused
+/// capacity.
 #[derive(Clone, Copy)]
 pub struct Words {
     words: [u16; MOST_WORDS],
@@ -9,10 +10,9 @@ pub struct Words {
 }
 
 impl Words {
-    /// A block without words.
     pub const EMPTY: Self = Self { words: [0; MOST_WORDS], length: 0 };
 
-    /// A block of these words; `None` if there are more than [`MOST_WORDS`].
+    /// Creates a block of these words; `None` if there are more than [`MOST_WORDS`].
     #[must_use]
     pub fn new(words: &[u16]) -> Option<Self> {
         let mut block = Self { words: [0; MOST_WORDS], length: words.len() };
@@ -20,13 +20,11 @@ impl Words {
         Some(block)
     }
 
-    /// The words in use as a slice.
     #[must_use]
     pub fn as_slice(&self) -> &[u16] {
         &self.words[..self.length]
     }
 
-    /// The words in use as a mutable slice.
     pub fn as_mut_slice(&mut self) -> &mut [u16] {
         &mut self.words[..self.length]
     }

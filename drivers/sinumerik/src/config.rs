@@ -1,4 +1,4 @@
-//! Configuration of a control that is corrected through SD43900.
+//! Configuration of a control that is corrected through setting data 43900 (SD43900).
 
 use std::time::Duration;
 
@@ -11,12 +11,12 @@ use crate::{
     server::{SHORTEST_PERIOD, Server},
 };
 
-/// Name of the channel through which corrections reach the axes: SD43900.
+/// Name of the channel through which corrections reach the axes, which is SD43900.
 pub const CHANNEL: &str = "temperature-compensation";
 /// Assumed resolution of the reported positions, mm or deg.
 const POSITION_STEP: f64 = 0.001;
 
-/// Direction in which a positive value of the setting data moves an axis.
+/// Direction in which a positive value of SD43900 moves an axis.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
@@ -29,7 +29,7 @@ pub enum Sign {
 }
 
 impl Sign {
-    /// Factor from a correction to the value to write, 1 or −1.
+    /// Factor from a correction to the value of SD43900, 1 or −1.
     pub fn factor(self) -> f64 {
         match self {
             Self::Adds => 1.0,
@@ -38,34 +38,31 @@ impl Sign {
     }
 }
 
-/// A control corrected through the position-independent part K0 of its temperature compensation, setting data 43900 of each axis. Suitable only for
-/// corrections that change slowly.
+/// A control that is corrected through SD43900 of each axis, the position-independent part K0 of its temperature
+/// compensation. This is suitable only for corrections that change slowly.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SinumerikConfig {
-    /// The server of the control.
     pub server: Server,
-    /// The corrected axes, in channel order.
+    /// Corrected axes, in channel order.
     pub axes: Vec<AxisName>,
-    /// Axes whose positions are only read.
     pub reads: Vec<AxisName>,
-    /// Numbers of the axes in the control, from 1: of `axes`, then of `reads`. If empty, the axes are numbered 1, 2, 3, ….
+    /// Numbers of the axes in the control, from 1: first those of `axes`, then those of `reads`. If empty, the axes are
+    /// numbered 1, 2, 3, ….
     pub numbers: Vec<u16>,
     /// Patterns of the OPC UA nodes that are read and written.
     pub nodes: Nodes,
-    /// Name of the channel through which corrections reach the axes; controllers with the same name are alternatives.
+    /// Name of the channel through which corrections reach the axes. Controllers with the same channel are
+    /// alternatives.
     pub channel: String,
-    /// Direction in which a positive value of the setting data moves an axis.
     pub sign: Sign,
-    /// The smallest step of a correction of a linear axis.
     pub step_linear: Mm,
-    /// The smallest step of a correction of a rotary axis.
     pub step_rotary: Rad,
-    /// Whether the reported positions contain the correction.
     pub includes_correction: bool,
 }
 
 impl SinumerikConfig {
-    /// A configuration for these axes: corrections in steps of 0.1 µm and 0.0001 deg, axes numbered from 1, nodes of [`Nodes::default`].
+    /// Creates a configuration for these axes: corrections in steps of 0.1 µm and 0.0001 deg, axes numbered from 1,
+    /// nodes of [`Nodes::default`].
     pub fn new(server: Server, axes: &[AxisName]) -> Self {
         Self {
             server,
@@ -81,7 +78,6 @@ impl SinumerikConfig {
         }
     }
 
-    /// Name of the device in messages.
     pub fn device(&self) -> &str {
         &self.server.url
     }
@@ -95,7 +91,7 @@ impl SinumerikConfig {
         Displacement::new(name.kind(), decimal.max(self.step(name).mm_or_rad()))
     }
 
-    /// The smallest step of the corrections of an axis.
+    /// Smallest step of the corrections of an axis.
     pub fn step(&self, name: AxisName) -> Displacement {
         match name.kind() {
             AxisKind::Linear => Displacement::Length(self.step_linear),
@@ -103,12 +99,12 @@ impl SinumerikConfig {
         }
     }
 
-    /// The axes with their numbers in the control: written axes first, then those that are only read.
+    /// The axes with their numbers in the control: corrected axes, then read-only axes.
     pub(crate) fn numbered(&self) -> impl Iterator<Item = (AxisName, u16)> {
         let names = self.axes.iter().chain(&self.reads).copied();
         let number = |place: usize| match self.numbers.get(place) {
             Some(number) => *number,
-            // There are at most nine axes.
+            // The conversion cannot fail, because there are at most nine axes.
             None => u16::try_from(place + 1).unwrap_or(u16::MAX),
         };
         names.enumerate().map(move |(place, name)| (name, number(place)))
@@ -116,8 +112,9 @@ impl SinumerikConfig {
 
     /// Describes the controller without connecting.
     ///
-    /// The setting data keep their values when writing stops, which the control does not detect: hence [`Heartbeat::Unwatched`]. Each cycle
-    /// writes at most once, so the shortest cycle is the sampling period of the server.
+    /// The setting data keep their values when the gateway stops writing, and the control does not detect this. Hence
+    /// [`Heartbeat::Unwatched`]. Each cycle writes at most once, so the shortest cycle is the sampling period of the
+    /// server.
     ///
     /// # Errors
     /// The first invalid setting.
@@ -159,10 +156,10 @@ impl SinumerikConfig {
     }
 }
 
-/// Distance that an axis travels at this speed during one `period`, in which a correction is read and written once.
+/// Distance that an axis travels at this speed during one `period`. A correction is read and written once per period.
 ///
-/// A position-dependent correction is wrong by its change over that distance. A correction that depends only on temperatures is not
-/// affected.
+/// A position-dependent correction is wrong by its change over this distance. A correction that depends only on
+/// temperatures is not affected.
 pub fn lag(speed_mm_per_s: f64, period: Duration) -> Mm {
     Mm(speed_mm_per_s * period.as_secs_f64())
 }

@@ -7,26 +7,24 @@ use volcomp_vocabulary::AxisName;
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum SinumerikError {
-    /// The axes are invalid for a controller.
     #[error(transparent)]
     Axes(#[from] UnfitAxes),
-    /// The axis numbers are not different numbers from 1 on, one for each axis.
+    /// The axis numbers are not distinct numbers from 1 on, one for each axis.
     #[error(
         "numbers: found {found:?}, expected {axes} different numbers from 1 on, one for each axis"
     )]
     Numbers {
-        /// The configured axis numbers.
         found: Vec<u16>,
-        /// Number of configured axes, each of which needs a number.
+        /// Number of configured axes.
         axes: usize,
     },
-    /// A required node id pattern is empty.
+    /// A required pattern of node ids is empty.
     #[error("nodes.{key}: found an empty text, expected a node id")]
     EmptyPattern {
         /// Key of the pattern below `nodes`.
         key: &'static str,
     },
-    /// The positions of this pattern are those of geometry axes.
+    /// The pattern yields the positions of geometry axes instead of machine axes.
     #[error(
         "nodes.position: found {0:?}, expected machine coordinates, such as /Channel/MachineAxis/actToolBasePos[u1,{{axis}}]: work offsets, frames and TRAORI change those of a geometry axis"
     )]
@@ -38,15 +36,13 @@ pub enum SinumerikError {
     OnePattern {
         /// Key of the pattern below `nodes`.
         key: &'static str,
-        /// The pattern, which contains neither `{axis}` nor `{db}`.
+        /// The pattern. It contains neither `{axis}` nor `{db}`.
         found: String,
     },
     /// The period is shorter than the sampling period of the control's server.
     #[error("period: found {} ms, expected {} ms or more: the server of the control samples no faster", .found.as_secs_f64() * 1e3, .shortest.as_millis())]
     Period {
-        /// The configured period.
         found: Duration,
-        /// The sampling period of the server.
         shortest: Duration,
     },
     /// The timeout of requests is out of range.
@@ -62,21 +58,18 @@ pub enum SinumerikError {
     Certificate {
         /// Certificate or key file.
         file: PathBuf,
-        /// What is wrong with the file.
         found: String,
-        /// What the file must be.
         expected: String,
     },
-    /// The server's certificate is not among the trusted ones.
+    /// The server's certificate is not among the trusted certificates.
     #[error(
         "found a server that is not trusted, fingerprint (SHA-1) {fingerprint}, expected one in {}: compare the fingerprint with the one that the control shows, then move {} there", .trusted.display(), .file.display()
     )]
     Untrusted {
-        /// The fingerprint of the server's certificate.
+        /// SHA-1 fingerprint of the server's certificate.
         fingerprint: String,
-        /// Where the certificate was saved.
+        /// File in which the certificate was saved.
         file: PathBuf,
-        /// The folder of trusted certificates.
         trusted: PathBuf,
     },
     /// The server does not offer the configured message security.
@@ -84,56 +77,49 @@ pub enum SinumerikError {
         "security: found a server that offers {}, expected {expected} among them: enable it at the control, or set another `security`", .offered.join(", ")
     )]
     Protection {
-        /// The kinds of message security that the server offers.
+        /// Message security that the server offers.
         offered: Vec<String>,
-        /// The configured message security.
         expected: String,
     },
-    /// The OPC UA client rejects its configuration.
+    /// The OPC UA client rejected its configuration.
     #[error("the OPC UA client cannot be set up: {0}")]
     Client(String),
     /// The server cannot be reached.
     #[error("no connection: {0}")]
     Connect(String),
-    /// The server did not answer in time; the session was closed.
+    /// The server did not answer in time, so the session was closed.
     #[error("no answer within {} ms, so the session was closed", .0.as_secs_f64() * 1e3)]
     TimedOut(Duration),
     /// The server does not have the configured namespace.
     #[error("found the namespaces {}, expected {expected} among them", found.join(", "))]
     NoNamespace {
-        /// The configured namespace.
         expected: String,
-        /// The namespaces of the server.
         found: Vec<String>,
     },
     /// A node cannot be read, or its value is not a number.
     #[error("node {node}: {found}, expected a readable value")]
     Node {
-        /// Id of the node.
         node: String,
-        /// The server's status for the node, or its value.
+        /// Status that the server reports for the node, or the value of the node.
         found: String,
     },
-    /// The temperature compensation of an axis is switched off, so that the control ignores its correction.
+    /// The temperature compensation of an axis is switched off, so the control ignores its correction.
     #[error(
         "axis {axis}: MD32750 $MA_TEMP_COMP_TYPE is {found}, expected bit 0 set (1 or 3): the control ignores SD43900 otherwise, and writing would not move the axis; set it at the control and activate it there"
     )]
     SwitchedOff {
-        /// The axis whose correction has no effect.
         axis: AxisName,
         /// Value of machine data 32750.
         found: u32,
     },
-    /// The axis with this number has another name in the control.
+    /// The axis with the configured number has another name in the control.
     #[error(
         "axis {axis}: the control calls axis {number} {found:?}, expected a name that begins with {axis}; set other numbers, or another pattern nodes.name"
     )]
     OtherAxis {
-        /// The axis of the configuration.
         axis: AxisName,
         /// Number of the axis in the control, from 1.
         number: u16,
-        /// The name that the control reports.
         found: String,
     },
     /// A response violates the protocol.
@@ -142,7 +128,7 @@ pub enum SinumerikError {
 }
 
 impl SinumerikError {
-    /// Converts the error to a [`DeviceError`] of the device at this URL.
+    /// Converts the error to a [`DeviceError`] of the device with this URL.
     pub fn of(self, device: impl Into<String>) -> DeviceError {
         let text = self.to_string();
         let (found, expected) = text.split_once(", expected ").map_or(

@@ -2,33 +2,35 @@
 
 use crate::error::SinumerikError;
 
-/// Patterns of the node ids (the string after `s=`) of one control. `{axis}` is the number of an axis in the control, from 1; `{db}` is the data
-/// block of that axis in the PLC, 30 + its number.
+/// Patterns of the node ids (the string after `s=`) of one control. `{axis}` is the number of an axis in the control,
+/// from 1. `{db}` is the number of the axis's data block in the PLC, which is 30 plus the axis number.
 ///
-/// The default of the position is the one that SINUMERIK Operate shows as machine coordinates; those of machine and setting data are formed
-/// like the ids in the manuals. **None was tried on a real control**: browse the server and compare.
+/// The default pattern for positions is the node that SINUMERIK Operate shows as machine coordinates. The patterns for
+/// machine and setting data are formed like the ids in the manuals. **None was tried on a real control.** Browse the
+/// server and compare.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(deny_unknown_fields, default))]
 pub struct Nodes {
-    /// The position of an axis in machine coordinates, mm or deg. Geometry axes are rejected: work offsets, frames and transformations
-    /// (`TRAORI`) change their positions.
+    /// Position of an axis in machine coordinates, mm or deg. Patterns for geometry axes are rejected, because work
+    /// offsets, frames and transformations (`TRAORI`) change their positions.
     pub position: String,
-    /// The name of an axis, which must begin with its letter; empty: not checked.
+    /// Name of an axis, which must begin with the letter of the axis. An empty pattern switches this check off.
     pub name: String,
-    /// Setting data 43900 of an axis, the correction, mm or deg.
+    /// Setting data 43900 of an axis, which is the correction, mm or deg.
     pub setting: String,
-    /// Machine data 32750 of an axis, the type of its temperature compensation.
+    /// Machine data 32750 of an axis, which is the type of its temperature compensation.
     pub kind: String,
-    /// Machine data 32760 of an axis, the fraction of its maximum velocity with which a correction may change; empty: not read.
+    /// Machine data 32760 of an axis: the fraction of its maximum velocity with which a correction may change. With an
+    /// empty pattern it is not read.
     pub share: String,
-    /// Machine data 32000 of an axis, its maximum velocity, mm/min or rev/min; empty: not read.
+    /// Machine data 32000 of an axis: its maximum velocity, mm/min or rev/min. With an empty pattern it is not read.
     pub speed: String,
-    /// The emergency stop: pressed unless 0 or false; `None`: it is not read.
+    /// Emergency stop. It is pressed unless the value is 0 or false. `None`: it is not read.
     pub emergency_stop: Option<String>,
-    /// The alarm: active unless 0 or false; `None`: it is not read.
+    /// Alarm. It is active unless the value is 0 or false. `None`: it is not read.
     pub alarm: Option<String>,
-    /// Whether an axis is referenced: yes unless 0 or false; `None`: it is not read.
+    /// Reference state of an axis. The axis is referenced unless the value is 0 or false. `None`: it is not read.
     pub referenced: Option<String>,
 }
 
@@ -50,7 +52,7 @@ impl Default for Nodes {
 }
 
 impl Nodes {
-    /// Inserts the number of an axis in a pattern and returns the node id.
+    /// Inserts the number of an axis in a pattern, and returns the node id.
     pub fn of_axis(pattern: &str, number: u16) -> String {
         pattern
             .replace("{axis}", &number.to_string())

@@ -1,4 +1,4 @@
-//! Names the nodes that are read in every period, and converts their values, without I/O.
+//! Names the nodes that are read in every period, and converts their values. This module performs no I/O.
 
 use std::time::{Duration, Instant};
 
@@ -11,12 +11,12 @@ use crate::{
     nodes::Nodes,
 };
 
-/// The value of a node in a response.
+/// Value of a node in a response.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Value {
-    /// The value as a number, 1 for true; `None` if there is none or its status is not good.
+    /// Value as a number, with 1 for true; `None` if the value is missing or its status is not good.
     pub number: Option<f64>,
-    /// Time from sampling to the response, by the server's clock; `None` if the server does not report it.
+    /// Time from sampling to the response, on the server's clock; `None` if the server does not report it.
     pub age: Option<Duration>,
 }
 
@@ -25,7 +25,7 @@ pub struct Value {
 #[expect(clippy::struct_excessive_bools, reason = "which of the optional nodes there are")]
 pub struct Reading {
     nodes: Vec<String>,
-    /// All axes, written ones first.
+    /// All axes: corrected axes, then read-only axes.
     axes: Vec<AxisName>,
     written: usize,
     sign: Sign,
@@ -64,23 +64,26 @@ impl Reading {
         }
     }
 
-    /// Ids of the nodes to read; their values must have the same order.
+    /// Ids of the nodes to read. The values passed to [`snapshot`](Self::snapshot) must have the same order.
     pub fn nodes(&self) -> &[String] {
         &self.nodes
     }
 
-    /// Ids of the setting data, in the order of the written axes.
+    /// Ids of the setting data, in the order of the corrected axes.
     pub fn settings(&self) -> &[String] {
         &self.nodes[self.axes.len()..self.axes.len() + self.written]
     }
 
-    /// Converts the values of a response that was requested at `begun` and complete at `ended`.
+    /// Converts the values of a response. `begun` is the time of the request, and `ended` the time at which the
+    /// response was complete.
     ///
-    /// If the server's source timestamps are used, positions and states are older than the middle of the exchange by their age, otherwise they are
-    /// as old as the middle. The age of a setting is the time since its last write, so a setting was valid in the middle of the exchange.
+    /// If the server's source timestamps are used, positions and states were valid at the middle of the exchange minus
+    /// their age. Otherwise they were valid at the middle. The age of a setting is the time since its last write, so a
+    /// setting was valid at the middle of the exchange.
     ///
     /// # Errors
-    /// Another number of values than of nodes; a position, setting or machine datum that is not a number; [`SinumerikError::SwitchedOff`].
+    /// The number of values differs from the number of nodes; a position, setting or machine datum is not a number;
+    /// [`SinumerikError::SwitchedOff`].
     pub fn snapshot(
         &self,
         values: &[Value],
@@ -134,8 +137,8 @@ impl Reading {
         })
     }
 
-    /// The operating state. A state whose value is missing has its safe value. A state without a configured node counts as good, as the description
-    /// declares that it is not reported.
+    /// The operating state. A state whose value is missing has its safe value. A state without a configured node counts
+    /// as good, and the description declares that it is not reported.
     fn state(&self, values: &[Value]) -> ControllerState {
         let (referenced, rest) = values.split_at(if self.referenced { self.axes.len() } else { 0 });
         let is_on = |value: &Value| value.number.map(|number| number != 0.0);
@@ -153,8 +156,8 @@ impl Reading {
         }
     }
 
-    /// Converts corrections (mm and rad) to the values to write, mm and deg with the configured sign, rounded to the steps of `config`, in the
-    /// order of [`Reading::settings`].
+    /// Converts corrections (mm and rad) to the values to write (mm and deg, with the configured sign), rounded to the
+    /// steps of `config`. The values are in the order of [`Reading::settings`].
     pub fn values(
         &self,
         config: &SinumerikConfig,
@@ -174,9 +177,9 @@ impl Reading {
 /// Checks that bit 0 of MD32750 is set, so that the temperature compensation of the axis is switched on.
 ///
 /// # Errors
-/// [`SinumerikError::SwitchedOff`].
+/// [`SinumerikError::SwitchedOff`] if bit 0 is not set.
 pub fn is_switched_on(axis: AxisName, md32750: f64) -> Result<(), SinumerikError> {
-    // Any value other than a small non-negative number counts as 0.
+    // Any value except a number from 0 to 65535 counts as 0.
     let whole = if (0.0..=f64::from(u16::MAX)).contains(&md32750) {
         #[expect(
             clippy::cast_possible_truncation,

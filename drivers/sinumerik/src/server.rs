@@ -4,41 +4,38 @@ use volcomp_port::Backoff;
 
 use crate::error::SinumerikError;
 
-/// Shortest sampling and publishing period of the server of an 840D sl or 828D.
+/// Shortest sampling and publishing period of the OPC UA server of an 840D sl or 828D.
 pub const SHORTEST_PERIOD: Duration = Duration::from_millis(100);
 /// Default port of the control's OPC UA server.
 pub const PORT: u16 = 4840;
 
-/// The OPC UA server of a control, and how it is polled.
+/// The OPC UA server of a control, and the settings for polling it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Server {
     /// URL of the server: `opc.tcp://HOST:4840`.
     pub url: String,
     /// Namespace of the server's nodes. Its index is looked up in the server's NamespaceArray at every connection.
     pub namespace: String,
-    /// User that logs in; `None`: anonymous.
+    /// User that logs in; `None` for an anonymous login.
     pub user: Option<User>,
-    /// Message security of the connection.
     pub security: Security,
-    /// Folder with certificates: `own/cert.der`, `private/private.pem`, `trusted/` with the server's. Required with message security.
+    /// Folder with certificates: `own/cert.der`, `private/private.pem`, and `trusted/` with the server's certificate.
+    /// Required for message security.
     pub pki: Option<PathBuf>,
-    /// Time between the starts of two readings.
     pub period: Duration,
-    /// Timeout of a request; when it expires, the session is closed.
+    /// Timeout of a request. When it expires, the session is closed.
     pub time_out: Duration,
-    /// Whether the age of positions is taken from the server's source timestamps. Must be off if the server updates them only when a value
-    /// changes, because positions at standstill would then seem to be old.
+    /// Whether the age of positions is taken from the server's source timestamps. Set this to `false` if the server
+    /// updates a timestamp only when the value changes, because positions at standstill would then seem to be old.
     pub source_timestamps: bool,
-    /// Delay between connection attempts.
+    /// Delay between two connection attempts.
     pub backoff: Backoff,
 }
 
-/// A user name and its password.
 #[derive(Clone, PartialEq, Eq)]
 pub struct User {
-    /// Login name.
     pub name: String,
-    /// The password; it never appears in messages or `Debug` output.
+    /// Password of the user. It never appears in messages or `Debug` output.
     pub password: String,
 }
 
@@ -48,22 +45,21 @@ impl fmt::Debug for User {
     }
 }
 
-/// Message security; with signatures, the policy is Basic256Sha256.
+/// Message security. Signatures and encryption use the policy Basic256Sha256.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
 pub enum Security {
-    /// Messages are neither signed nor encrypted: passwords are sent in clear text.
+    /// Messages are neither signed nor encrypted, so passwords are sent in clear text.
     #[default]
     None,
-    /// Messages are signed.
     Sign,
-    /// Messages are signed and encrypted.
     SignAndEncrypt,
 }
 
 impl Server {
-    /// The server at this URL: namespace `SinumerikVarProvider`, anonymous, no message security, a reading every 100 ms, a timeout of 500 ms.
+    /// Creates the settings for a server: namespace `SinumerikVarProvider`, anonymous, no message security, a reading
+    /// every 100 ms, a timeout of 500 ms.
     pub fn new(url: impl Into<String>) -> Self {
         Self {
             url: url.into(),
@@ -95,8 +91,8 @@ impl Server {
         Ok(())
     }
 
-    /// Longest time until a sent correction appears in a reading, if every request is answered in time: the write, a reading that has
-    /// already begun, and the next reading.
+    /// Maximum time until a sent correction appears in a reading, if every request is answered in time. The time
+    /// consists of the write, a reading that has already begun, and the next reading.
     pub fn read_back(&self) -> Duration {
         self.time_out + 2 * self.period
     }

@@ -20,12 +20,12 @@ pub struct BSpline {
 }
 
 impl BSpline {
-    /// Builds the spline from non-decreasing knots (argument units), its coefficients (value units) and its degree; `knots.len() ==
-    /// coefficients.len() + degree + 1`.
+    /// Builds the spline from non-decreasing knots (argument units), its coefficients (value units) and its degree. The
+    /// number of knots must be `coefficients.len() + degree + 1`.
     ///
     /// # Errors
-    /// The degree is outside 1 to 5, there are too few coefficients or a wrong number of knots, knots decrease or are repeated so often that the
-    /// spline would jump, a number is not finite, or the domain is empty.
+    /// A degree outside 1 to 5; too few coefficients; a wrong number of knots; knots that decrease, or are repeated so
+    /// often that the spline would jump; a number that is not finite; an empty domain.
     pub fn new(knots: Vec<f64>, coefficients: Vec<f64>, degree: usize) -> Result<Self, CurveError> {
         if !(1..=MAX_DEGREE).contains(&degree) {
             let (lowest, highest) = (1, MAX_DEGREE);
@@ -76,17 +76,16 @@ impl BSpline {
         &self.coefficients
     }
 
-    /// Degree of the polynomial pieces, 1 to 5.
     pub fn degree(&self) -> usize {
         self.degree
     }
 
-    /// Range of arguments, `[lower, upper]`.
     pub fn domain(&self) -> [f64; 2] {
         [self.knots[self.degree], self.knots[self.coefficients.len()]]
     }
 
-    /// Value at `x`, constant outside the domain (de Boor, J. Approx. Theory 6, 1972).
+    /// Value at `x`, in value units. Outside the domain the end value is kept. Algorithm: de Boor, J. Approx. Theory 6,
+    /// 1972.
     pub fn value(&self, x: f64) -> f64 {
         domain::held(self.domain(), x, |x| {
             let span = self.span(x);
@@ -97,7 +96,7 @@ impl BSpline {
         })
     }
 
-    /// Derivative at `x`, 0 outside the domain; at a knot the right-hand derivative.
+    /// Derivative at `x`: at a knot the right-hand derivative, outside the domain 0.
     pub fn derivative(&self, x: f64) -> f64 {
         domain::slope(self.domain(), x, |x| {
             let (span, p) = (self.span(x), self.degree);
@@ -111,7 +110,8 @@ impl BSpline {
         })
     }
 
-    /// Span `k` with `knots[k] <= x < knots[k + 1]`; at the upper end the last non-empty one. `x` must lie in the domain.
+    /// Index `k` with `knots[k] <= x < knots[k + 1]`. At the upper end of the domain, the index of the last non-empty
+    /// span. `x` must be in the domain.
     fn span(&self, x: f64) -> usize {
         let inner = &self.knots[self.degree..=self.coefficients.len()];
         let mut above = inner.partition_point(|&t| t <= x);
@@ -121,7 +121,8 @@ impl BSpline {
         self.degree + above - 1
     }
 
-    /// Replaces every value by `scale` times the value plus `c`; this acts on the coefficients because the basis sums to 1.
+    /// Replaces every value by `scale` times the value plus `c`. The coefficients are replaced in the same way, because
+    /// the basis sums to 1.
     pub(crate) fn affine(mut self, scale: f64, c: f64) -> Self {
         for coefficient in &mut self.coefficients {
             *coefficient = *coefficient * scale + c;
@@ -130,8 +131,8 @@ impl BSpline {
     }
 }
 
-/// Value at `x` by de Boor's recurrence; `d` holds the `degree + 1` coefficients that act on the span. Every denominator is the width of an
-/// interval that contains the non-empty span, so none is 0.
+/// Value at `x` by de Boor's recurrence. `d` has the `degree + 1` coefficients that act on the span. Every denominator
+/// is the width of an interval that contains the non-empty span, so none is 0.
 fn de_boor(
     knots: &[f64],
     span: usize,

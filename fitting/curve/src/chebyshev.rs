@@ -2,8 +2,8 @@ use alloc::vec::Vec;
 
 use crate::{CurveError, domain, series::Series};
 
-/// Series `c0 + c1 T1(t) + c2 T2(t) + …` of Chebyshev polynomials of the first kind, with `t` the argument mapped from the domain to [−1, 1]. `c0` is
-/// not halved.
+/// Series `c0 + c1 T1(t) + c2 T2(t) + …` of Chebyshev polynomials of the first kind. `t` is the argument mapped from
+/// the domain to [−1, 1]. The series has `c0` itself, without the factor 1/2 of other conventions.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Chebyshev(Series);
@@ -17,17 +17,17 @@ impl Chebyshev {
         Series::new(coefficients, domain).map(Self)
     }
 
-    /// Coefficients, the constant first, in value units.
+    /// Coefficients `c0`, `c1`, …, in value units.
     pub fn coefficients(&self) -> &[f64] {
         &self.0.coefficients
     }
 
-    /// Range of arguments, `[lower, upper]`.
     pub fn domain(&self) -> [f64; 2] {
         self.0.domain
     }
 
-    /// Value at `x`, constant outside the domain (recurrence of Clenshaw, Math. Comp. 9, 1955).
+    /// Value at `x`, in value units. Outside the domain the end value is kept. Recurrence of Clenshaw, Math. Comp. 9,
+    /// 1955.
     pub fn value(&self, x: f64) -> f64 {
         domain::held(self.0.domain, x, |x| {
             let t = self.mapped(x);
@@ -39,7 +39,7 @@ impl Chebyshev {
         })
     }
 
-    /// Derivative at `x`, 0 outside the domain (Clenshaw's recurrence differentiated).
+    /// Derivative at `x`, 0 outside the domain. It is the derivative of Clenshaw's recurrence.
     pub fn derivative(&self, x: f64) -> f64 {
         domain::slope(self.0.domain, x, |x| {
             let t = self.mapped(x);

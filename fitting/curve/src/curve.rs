@@ -8,8 +8,8 @@ use crate::{
 
 /// Function of one coordinate, in the caller's units.
 ///
-/// Outside its domain a curve keeps its end value and has the derivative 0; [`contains`](Self::contains) reports whether an argument was inside. A
-/// NaN argument gives NaN. Evaluation neither allocates nor panics.
+/// Outside its domain a curve keeps its end value and has the derivative 0. [`contains`](Self::contains) tells whether
+/// an argument is inside. A NaN argument gives NaN. Evaluation neither allocates nor panics.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(
     feature = "serde",
@@ -17,7 +17,7 @@ use crate::{
     serde(rename_all = "snake_case")
 )]
 pub enum Curve {
-    /// Same value everywhere; its domain is unbounded.
+    /// Same value everywhere. The domain is unbounded.
     Constant(
         #[cfg_attr(feature = "serde", serde(deserialize_with = "crate::serialised::finite"))] f64,
     ),
@@ -39,8 +39,6 @@ pub enum Curve {
 }
 
 impl Curve {
-    /// Builds a constant, checked to be finite.
-    ///
     /// # Errors
     /// The value is not finite.
     pub fn constant(value: f64) -> Result<Self, CurveError> {
@@ -61,7 +59,7 @@ impl Curve {
         }
     }
 
-    /// Derivative at `x`: at the ends of the domain the one-sided derivative from inside, outside 0.
+    /// Derivative at `x`: at the ends of the domain the one-sided derivative from inside, outside the domain 0.
     pub fn derivative(&self, x: f64) -> f64 {
         match self {
             Self::Constant(_) => nan_or(x, 0.0),
@@ -74,7 +72,7 @@ impl Curve {
         }
     }
 
-    /// Range of arguments that the curve was built for; `None` for a constant, which is valid everywhere.
+    /// Range of arguments for which the curve was built; `None` for a constant, which is valid everywhere.
     pub fn domain(&self) -> Option<[f64; 2]> {
         match self {
             Self::Constant(_) => None,
@@ -87,14 +85,14 @@ impl Curve {
         }
     }
 
-    /// Whether `x` lies in the domain, ends included, with a tolerance for rounding
-    /// ([`COORDINATE_ROUNDING`](volcomp_vocabulary::COORDINATE_ROUNDING)); false for NaN.
+    /// Whether `x` is in the domain, including the ends and a tolerance for rounding
+    /// ([`COORDINATE_ROUNDING`](volcomp_vocabulary::COORDINATE_ROUNDING)). Returns `false` for NaN.
     pub fn contains(&self, x: f64) -> bool {
         self.domain().map_or(!x.is_nan(), |domain| is_within(domain, x))
     }
 
-    /// Arguments at which a derivative, of the first order or a higher one, may jump: ends of the domain, nodes, knots, ends of the supports of
-    /// moving least-squares weights. Sorted, without duplicates; empty for a constant.
+    /// Arguments at which a derivative of any order may jump: the ends of the domain, nodes, knots, and the ends of the
+    /// supports of moving least-squares weights. They are sorted and without duplicates; empty for a constant.
     pub fn breakpoints(&self) -> Vec<f64> {
         let Some(ends) = self.domain() else {
             return Vec::new();
@@ -115,13 +113,13 @@ impl Curve {
         points
     }
 
-    /// Adds the constant `c` to all values; the kind of curve stays the same.
+    /// Adds the constant `c` to all values. The kind of curve stays the same.
     #[must_use]
     pub fn offset(self, c: f64) -> Self {
         self.affine(1.0, c)
     }
 
-    /// Multiplies the values by `factor`; the kind of curve stays the same.
+    /// Multiplies all values by `factor`. The kind of curve stays the same.
     #[must_use]
     pub fn scaled(self, factor: f64) -> Self {
         self.affine(factor, 0.0)
@@ -139,7 +137,7 @@ impl Curve {
         }
     }
 
-    /// Kind of the curve, as the key of a machine file.
+    /// Name of the kind of curve, which is its key in a machine file.
     pub fn kind(&self) -> &'static str {
         match self {
             Self::Constant(_) => "constant",

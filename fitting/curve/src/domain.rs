@@ -1,4 +1,4 @@
-//! Parts common to all curves: input checks, and the constant continuation outside the domain.
+//! Functions common to all curves: input checks, and the constant continuation outside the domain.
 
 use crate::CurveError;
 
@@ -48,7 +48,7 @@ pub(crate) fn increasing(
     Ok(())
 }
 
-/// Checks nodes `[abscissa, value]` and returns their range.
+/// Checks nodes `[abscissa, value]` and returns the range of their abscissas.
 pub(crate) fn nodes(nodes: &[[f64; 2]], least: usize) -> Result<[f64; 2], CurveError> {
     at_least("nodes", nodes.len(), least)?;
     for (index, &[x, u]) in nodes.iter().enumerate() {
@@ -68,14 +68,14 @@ pub(crate) fn contains([lower, upper]: [f64; 2], x: f64) -> bool {
     lower <= x && x <= upper
 }
 
-/// Evaluates `inside` at `x`, or at the nearer end if `x` lies outside.
+/// Evaluates `inside` at `x`, or at the nearer end of the domain if `x` is outside.
 ///
-/// `domain` has passed [`interval`], so the clamp cannot panic; `inside` is never called with NaN.
+/// The domain must have passed `interval`, so that the clamp cannot panic. `inside` is never called with NaN.
 pub(crate) fn held([lower, upper]: [f64; 2], x: f64, inside: impl FnOnce(f64) -> f64) -> f64 {
     if x.is_nan() { x } else { inside(x.clamp(lower, upper)) }
 }
 
-/// Evaluates the slope `inside` at `x`; outside the domain it is 0, because a curve is constant there.
+/// Evaluates the slope `inside` at `x`. Outside the domain the slope is 0, because a curve is constant there.
 pub(crate) fn slope(domain: [f64; 2], x: f64, inside: impl FnOnce(f64) -> f64) -> f64 {
     if x.is_nan() {
         x
@@ -86,7 +86,8 @@ pub(crate) fn slope(domain: [f64; 2], x: f64, inside: impl FnOnce(f64) -> f64) -
     }
 }
 
-/// Segment `i` with `abscissa(i) <= x < abscissa(i + 1)` among at least two nodes; the last node belongs to the last segment.
+/// Segment `i` with `abscissa(i) <= x < abscissa(i + 1)`, among at least two nodes. The last node belongs to the last
+/// segment.
 pub(crate) fn segment<T>(nodes: &[T], x: f64, abscissa: impl Fn(&T) -> f64) -> usize {
     nodes.partition_point(|n| abscissa(n) <= x).clamp(1, nodes.len() - 1) - 1
 }

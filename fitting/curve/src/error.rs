@@ -1,8 +1,8 @@
 use thiserror::Error;
 
-/// Reason why a curve cannot be built: the invalid part, the found and the expected value.
+/// Reason why a curve cannot be built, with the invalid part, the found and the expected value.
 ///
-/// `index` counts from 0. Callers that read files prefix the file and the key.
+/// `index` counts from 0. Callers that read files add the file and the key to the message.
 #[derive(Clone, Debug, PartialEq, Error)]
 #[non_exhaustive]
 pub enum CurveError {
@@ -22,28 +22,24 @@ pub enum CurveError {
         "found {found} knots for {coefficients} coefficients of degree {degree}: expected coefficients + degree + 1 = {expected}"
     )]
     KnotCount {
-        /// Number of knots.
         found: usize,
         coefficients: usize,
         degree: usize,
-        /// Expected number of knots.
         expected: usize,
     },
     #[error(
         "knot {value} stands {found} times inside the domain, from index {index}: expected at most {degree} times for degree {degree}"
     )]
     KnotRepeated { index: usize, value: f64, found: usize, degree: usize },
-    /// A count is outside the range that the kind of curve allows.
+    /// A degree or order is outside the range of this kind of curve.
     #[error("{what} is {found}: expected {lowest} to {highest}")]
     OutOfRange { what: &'static str, found: usize, lowest: usize, highest: usize },
     #[error(
         "found {found} Fourier coefficients: expected an odd number, a0 and then pairs of cosine and sine"
     )]
     UnpairedHarmonic {
-        /// Number of coefficients.
         found: usize,
     },
-    /// A parameter is outside its valid interval.
     #[error("{what} is {value}: expected {expected}")]
     Parameter { what: &'static str, value: f64, expected: &'static str },
     #[error(
@@ -61,7 +57,6 @@ pub enum CurveError {
         "found {found} rows of values: expected {expected}, one for each node of the first axis"
     )]
     GridRows {
-        /// Number of rows.
         found: usize,
         expected: usize,
     },
@@ -71,7 +66,6 @@ pub enum CurveError {
     GridColumns {
         /// Index of the row, from 0.
         row: usize,
-        /// Number of values.
         found: usize,
         expected: usize,
     },

@@ -4,7 +4,7 @@ use volcomp_vocabulary::Direction;
 
 use crate::{Curve, CurveError, Grid, domain};
 
-/// Function of the coordinates of a machine: of the coordinate of the axis that has the error, or of two coordinates.
+/// Function of one coordinate of a machine, that of the axis that has the error, or of two coordinates.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(
     feature = "serde",
@@ -12,15 +12,14 @@ use crate::{Curve, CurveError, Grid, domain};
     serde(rename_all = "snake_case")
 )]
 pub enum Field {
-    /// Curve over the coordinate of the axis itself.
+    /// Curve over the coordinate of the axis that has the error.
     Curve(Curve),
-    /// Grid over two coordinates.
     Grid(Grid),
 }
 
 impl Field {
-    /// Value at `coordinates`; a curve uses `coordinates[own]`, a grid its two axes. A missing coordinate is treated as
-    /// 0.
+    /// Value at `coordinates`. A curve uses `coordinates[own]`; a grid uses the coordinates of its two axes. A missing
+    /// coordinate counts as 0.
     pub fn value(&self, own: usize, coordinates: &[f64]) -> f64 {
         match self {
             Self::Curve(curve) => curve.value(coordinate(own, coordinates)),
@@ -28,7 +27,7 @@ impl Field {
         }
     }
 
-    /// Partial derivative with respect to the coordinate with the index `with_respect_to`.
+    /// Partial derivative with respect to `coordinates[with_respect_to]`.
     pub fn partial(&self, with_respect_to: usize, own: usize, coordinates: &[f64]) -> f64 {
         match self {
             Self::Curve(curve) if with_respect_to == own => {
@@ -39,7 +38,7 @@ impl Field {
         }
     }
 
-    /// Indices of the coordinates that the field depends on, each with its range; empty for a constant.
+    /// Index and range of each coordinate on which the field depends; empty for a constant.
     pub fn domains(&self, own: usize) -> Vec<(usize, [f64; 2])> {
         match self {
             Self::Curve(curve) => curve.domain().map(|range| (own, range)).into_iter().collect(),
@@ -47,7 +46,7 @@ impl Field {
         }
     }
 
-    /// Whether the coordinates that the field depends on are in their ranges.
+    /// Whether the coordinates on which the field depends are in their ranges.
     pub fn contains(&self, own: usize, coordinates: &[f64]) -> bool {
         match self {
             Self::Curve(curve) => curve.contains(coordinate(own, coordinates)),
@@ -68,7 +67,7 @@ impl From<Grid> for Field {
     }
 }
 
-/// Error of one axis in one component, with or without dependence on the direction of motion.
+/// One error component of one axis, with or without dependence on the direction of motion.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(
     feature = "serde",
@@ -85,9 +84,8 @@ pub enum ErrorCurve {
         /// After motion in the negative direction.
         backward: Field,
     },
-    /// Mean of both directions and the reversal value of ISO 230-2, B = forward − backward.
+    /// Mean of both directions, and reversal value B = forward − backward of ISO 230-2.
     Reversal {
-        /// Mean of the errors in both directions.
         mean: Field,
         /// Reversal value B, in value units.
         #[cfg_attr(feature = "serde", serde(deserialize_with = "crate::serialised::finite"))]
@@ -96,7 +94,7 @@ pub enum ErrorCurve {
 }
 
 impl ErrorCurve {
-    /// Checked mean with a reversal value: forward = mean + B/2, backward = mean − B/2.
+    /// Creates an error curve from a mean and a reversal value B: forward = mean + B/2, backward = mean − B/2.
     ///
     /// # Errors
     /// The reversal value is not finite.
@@ -105,7 +103,7 @@ impl ErrorCurve {
         Ok(Self::Reversal { mean, reversal })
     }
 
-    /// Value at `coordinates` for the direction of approach `branch`; with `None` the mean of both directions.
+    /// Value at `coordinates` for the direction of approach `branch`. `None` gives the mean of both directions.
     pub fn value(&self, own: usize, coordinates: &[f64], branch: Option<Direction>) -> f64 {
         let value = self.blend(branch, |field| field.value(own, coordinates));
         match (self, branch) {
@@ -115,12 +113,12 @@ impl ErrorCurve {
         }
     }
 
-    /// Derivative with respect to the coordinate of the axis that has the error.
+    /// Derivative with respect to `coordinates[own]`, the coordinate of the axis that has the error.
     pub fn derivative(&self, own: usize, coordinates: &[f64], branch: Option<Direction>) -> f64 {
         self.partial(own, own, coordinates, branch)
     }
 
-    /// Partial derivative with respect to the coordinate with the index `with_respect_to`.
+    /// Partial derivative with respect to `coordinates[with_respect_to]`.
     pub fn partial(
         &self,
         with_respect_to: usize,
@@ -131,17 +129,17 @@ impl ErrorCurve {
         self.blend(branch, |field| field.partial(with_respect_to, own, coordinates))
     }
 
-    /// Whether the coordinates lie in the ranges of all fields.
+    /// Whether the coordinates are in the ranges of all fields.
     pub fn contains(&self, own: usize, coordinates: &[f64]) -> bool {
         self.fields().all(|field| field.contains(own, coordinates))
     }
 
-    /// True if the value depends on the direction of approach.
+    /// Whether the value depends on the direction of approach.
     pub const fn has_directions(&self) -> bool {
         !matches!(self, Self::Single(_))
     }
 
-    /// All fields: the only one, or forward and backward, in this order.
+    /// All fields: the single one, the mean, or forward and then backward.
     pub fn fields(&self) -> impl Iterator<Item = &Field> {
         let (first, second) = match self {
             Self::Single(field) | Self::Reversal { mean: field, .. } => (field, None),
@@ -150,7 +148,8 @@ impl ErrorCurve {
         core::iter::once(first).chain(second)
     }
 
-    /// Whether every number is finite. Constructors check this, but [`Curve::Constant`] and [`ErrorCurve::Reversal`] can be built without one.
+    /// Whether every number is finite. [`Curve::Constant`] and [`ErrorCurve::Reversal`] can be built without a
+    /// constructor, which would check this.
     pub fn is_finite(&self) -> bool {
         let reversal = match self {
             Self::Reversal { reversal, .. } => *reversal,
@@ -158,7 +157,7 @@ impl ErrorCurve {
         };
         let constant = |field: &Field| match field {
             Field::Curve(Curve::Constant(value)) => value.is_finite(),
-            // The constructors of these reject numbers that are not finite.
+            // The constructors of these curves reject numbers that are not finite.
             Field::Curve(_) | Field::Grid(_) => true,
         };
         reversal.is_finite() && self.fields().all(constant)

@@ -3,7 +3,7 @@ use core::f64::consts::TAU;
 
 use crate::{CurveError, domain, series::affine_series};
 
-/// Fourier series `a0 + a1 cos θ + b1 sin θ + a2 cos 2θ + b2 sin 2θ + …`, `θ = 2πx / period`.
+/// Fourier series `a0 + a1 cos θ + b1 sin θ + a2 cos 2θ + b2 sin 2θ + …` with `θ = 2πx / period`.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(
     feature = "serde",
@@ -21,8 +21,8 @@ impl Fourier {
     /// (argument units).
     ///
     /// # Errors
-    /// No coefficient or an even number of them, a number that is not finite, a period that is not
-    /// positive, an empty or reversed domain.
+    /// No coefficient, an even number of coefficients, a number that is not finite, a period that is not positive, an
+    /// empty or reversed domain.
     pub fn new(coefficients: Vec<f64>, period: f64, domain: [f64; 2]) -> Result<Self, CurveError> {
         domain::at_least("Fourier coefficients", coefficients.len(), 1)?;
         if coefficients.len().is_multiple_of(2) {
@@ -44,19 +44,17 @@ impl Fourier {
         self.period
     }
 
-    /// Range of arguments, `[lower, upper]`.
     pub fn domain(&self) -> [f64; 2] {
         self.domain
     }
 
-    /// Value at `x`, constant outside the domain.
+    /// Value at `x`, in value units. Outside the domain the end value is kept.
     pub fn value(&self, x: f64) -> f64 {
         domain::held(self.domain, x, |x| {
             self.harmonics(x).fold(self.coefficients[0], |sum, h| sum + h.a * h.cos + h.b * h.sin)
         })
     }
 
-    /// Derivative at `x`, 0 outside the domain.
     pub fn derivative(&self, x: f64) -> f64 {
         domain::slope(self.domain, x, |x| {
             let per_radian: f64 =
@@ -81,7 +79,8 @@ impl Fourier {
     }
 }
 
-/// One harmonic of the series at an argument: its order, its coefficients of cosine and sine, and the values of both functions.
+/// One harmonic of the series at one argument: its order, its cosine coefficient `a`, its sine coefficient `b`, and the
+/// values of both functions.
 struct Harmonic {
     order: f64,
     a: f64,

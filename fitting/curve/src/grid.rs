@@ -4,9 +4,9 @@ use volcomp_vocabulary::is_within;
 
 use crate::{CurveError, domain};
 
-/// Function of two coordinates, bilinear between the nodes of a rectangular grid.
+/// Function of two coordinates, interpolated bilinearly between the nodes of a rectangular grid.
 ///
-/// Outside the grid each coordinate is clamped to the nearer end.
+/// Outside the grid, each coordinate is clamped to the nearer end.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(
     feature = "serde",
@@ -20,11 +20,13 @@ pub struct Grid {
 }
 
 impl Grid {
-    /// Builds the grid. `axes` are the indices of its two arguments in the coordinates given on evaluation, `nodes` their increasing abscissae (at
-    /// least two each), `values[i][j]` belongs to `nodes[0][i]`, `nodes[1][j]`.
+    /// Builds the grid. `axes` are the indices of its two arguments among the coordinates that are passed for
+    /// evaluation. `nodes` are the increasing abscissae along both axes, at least two each. `values[i][j]` is the value
+    /// at `nodes[0][i]` and `nodes[1][j]`.
     ///
     /// # Errors
-    /// The same axis twice, too few nodes, a number that is not finite, abscissae that do not increase, values that do not match the nodes.
+    /// Equal axes, too few nodes, a number that is not finite, abscissae that do not increase, numbers of values that
+    /// differ from the numbers of nodes.
     pub fn new(
         axes: [usize; 2],
         nodes: [Vec<f64>; 2],
@@ -53,34 +55,33 @@ impl Grid {
         Ok(Self { axes, nodes, values })
     }
 
-    /// Indices of the two arguments among the coordinates given on evaluation.
+    /// Indices of the two arguments among the coordinates that are passed for evaluation.
     pub fn axes(&self) -> [usize; 2] {
         self.axes
     }
 
-    /// Abscissae along the two axes.
+    /// Increasing abscissae along the two axes.
     pub fn nodes(&self) -> &[Vec<f64>; 2] {
         &self.nodes
     }
 
-    /// Values; `values()[i][j]` belongs to `nodes()[0][i]`, `nodes()[1][j]`.
+    /// Values. `values()[i][j]` is the value at `nodes()[0][i]` and `nodes()[1][j]`.
     pub fn values(&self) -> &[Vec<f64>] {
         &self.values
     }
 
-    /// Range of the arguments along the two axes.
     pub fn domain(&self) -> [[f64; 2]; 2] {
         self.nodes.each_ref().map(|nodes| [nodes[0], nodes[nodes.len() - 1]])
     }
 
-    /// Whether both arguments lie in their ranges, ends included, with a tolerance for rounding
+    /// Whether both arguments are in their ranges, including the ends and a tolerance for rounding
     /// ([`COORDINATE_ROUNDING`](volcomp_vocabulary::COORDINATE_ROUNDING)).
     pub fn contains(&self, coordinates: &[f64]) -> bool {
         let arguments = self.arguments(coordinates);
         self.domain().iter().zip(arguments).all(|(&range, x)| is_within(range, x))
     }
 
-    /// Value at the coordinates; a missing coordinate is treated as 0.
+    /// Value at the coordinates. A missing coordinate counts as 0.
     pub fn value(&self, coordinates: &[f64]) -> f64 {
         let Some(cell) = self.cell(coordinates) else {
             return f64::NAN;
@@ -90,8 +91,9 @@ impl Grid {
         (1.0 - s) * ((1.0 - t) * u00 + t * u01) + s * ((1.0 - t) * u10 + t * u11)
     }
 
-    /// Partial derivative with respect to coordinate `with_respect_to`: 0 for a coordinate that is not an axis of the grid, and along an axis outside
-    /// its range. At a node it is the right-hand derivative, at the last node the left-hand one.
+    /// Partial derivative with respect to `coordinates[with_respect_to]`. It is 0 if this coordinate is not an axis of
+    /// the grid or is outside its range. At a node it is the right-hand derivative, at the last node the left-hand
+    /// derivative.
     pub fn partial(&self, with_respect_to: usize, coordinates: &[f64]) -> f64 {
         let Some(cell) = self.cell(coordinates) else {
             return f64::NAN;
@@ -116,7 +118,7 @@ impl Grid {
         self.axes.map(|axis| coordinates.get(axis).copied().unwrap_or(0.0))
     }
 
-    /// Cell that contains the coordinates; `None` for NaN.
+    /// Cell that contains the coordinates; `None` if a coordinate is NaN.
     fn cell(&self, coordinates: &[f64]) -> Option<Cell> {
         let arguments = self.arguments(coordinates);
         if arguments.iter().any(|x| x.is_nan()) {
@@ -140,7 +142,7 @@ impl Grid {
 }
 
 struct Cell {
-    /// Position in the cell, 0 to 1 along each axis.
+    /// Position in the cell, from 0 to 1 along each axis.
     place: [f64; 2],
     size: [f64; 2],
     corners: [[f64; 2]; 2],

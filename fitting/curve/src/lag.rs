@@ -1,30 +1,33 @@
-//! First-order lag with which a machine follows a temperature.
+//! First-order lag, by which a machine follows a temperature.
 
-/// Output of a first-order lag after a step of `dt` with the constant input `input`: `input + (before − input)·exp(−dt/lag)`, which is exact.
+/// Output of a first-order lag after a step of `dt` with the constant input `input`: `input + (before −
+/// input)·exp(−dt/lag)`, which is exact.
 ///
-/// `before` is the output before the step, in the unit of the input; `dt` and the time constant `lag` are in the same unit of time. Without a
-/// lag (0, negative or NaN) the output is the input; a `dt` that is negative or NaN is treated as 0. Thermal models use this function at run
-/// time, in steps of one cycle. They are fitted to rows that are minutes apart with [`first_order_lag_of_ramp`], for short steps both are equal.
+/// `before` is the output before the step, in the unit of the input. `dt` and the time constant `lag` are in the same
+/// unit of time. If `lag` is 0, negative or NaN, the output is the input. If `dt` is negative or NaN, it counts as 0.
+/// Thermal models use this function at run time, in steps of one cycle. They are fitted by [`first_order_lag_of_ramp`]
+/// to rows that are minutes apart. For short steps both functions agree.
 pub fn first_order_lag(before: f64, input: f64, dt: f64, lag: f64) -> f64 {
     if lag > 0.0 {
-        // `max` returns the other number if one is NaN.
+        // If one argument is NaN, `max` returns the other.
         input + (before - input) * libm::exp(-dt.max(0.0) / lag)
     } else {
         input
     }
 }
 
-/// Output of a first-order lag after a step of `dt` in which its input changed linearly from `from` to `to`: the limit of many short steps of
-/// [`first_order_lag`] along that line.
+/// Output of a first-order lag after a step of `dt` in which its input changed linearly from `from` to `to`. It is the
+/// limit of many short steps of [`first_order_lag`] along this ramp.
 ///
-/// With `k = exp(−dt/lag)` and `m = (1 − k)·lag/dt`, the mean of `exp(−t/lag)` over the step, the solution of `lag·y' = x − y` is `k·before + (m −
-/// k)·from + (1 − m)·to`. Invalid arguments are treated as in [`first_order_lag`].
+/// Let `k = exp(−dt/lag)`, and `m = (1 − k)·lag/dt`, which is the mean of `exp(−t/lag)` over the step. Then the
+/// solution of `lag·y' = x − y` is `k·before + (m − k)·from + (1 − m)·to`. Invalid arguments are handled as in
+/// [`first_order_lag`].
 pub fn first_order_lag_of_ramp(before: f64, from: f64, to: f64, dt: f64, lag: f64) -> f64 {
     if lag > 0.0 {
-        // `max` returns the other number if one is NaN.
+        // If one argument is NaN, `max` returns the other.
         let steps = dt.max(0.0) / lag;
         let kept = libm::exp(-steps);
-        // A step of zero length, or one so short that the quotient underflows, leaves the output unchanged.
+        // A step of zero length leaves the output unchanged, and so does a step so short that the quotient underflows.
         let mean = if steps > 0.0 { -libm::expm1(-steps) / steps } else { 1.0 };
         let mean = if mean.is_finite() { mean } else { 0.0 };
         kept * before + (mean - kept) * from + (1.0 - mean) * to
@@ -33,18 +36,20 @@ pub fn first_order_lag_of_ramp(before: f64, from: f64, to: f64, dt: f64, lag: f6
     }
 }
 
-/// Smoothed rate of change of a signal: the difference of the signal and its first-order lag, divided by the time constant
-/// [`TIME_S`](Self::TIME_S); for a steady rise it equals the rate. Used for temperatures in tests and at run time. State: the lagged signal.
+/// Smoothed rate of change of a signal: the difference between the signal and its first-order lag, divided by the time
+/// constant [`TIME_S`](Self::TIME_S). For a steady rise it equals the rate. Used for temperatures in tests and at run
+/// time. The state is the lagged signal.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct SmoothedRate {
     lagged: Option<f64>,
 }
 
 impl SmoothedRate {
-    /// Time constant, s: ten minutes.
+    /// Time constant, s.
     pub const TIME_S: f64 = 600.0;
 
-    /// Updates with the value of the signal after a step of `dt_s` and returns the rate per second. The first value has the rate 0.
+    /// Takes the value of the signal after a step of `dt_s` (s), and returns the rate per second. The first value gives
+    /// the rate 0.
     pub fn step(&mut self, value: f64, dt_s: f64) -> f64 {
         let before = self.lagged.unwrap_or(value);
         let lagged = first_order_lag(before, value, dt_s, Self::TIME_S);

@@ -31,7 +31,6 @@ pub use mls::{MovingLeastSquares, NestedSolutions};
 pub use polynomial::Polynomial;
 pub use table::{Interpolation, Table};
 
-/// Holds the README's example, so that it is run as a test.
 #[cfg(doctest)]
 #[doc = include_str!("../README.md")]
 struct Readme;

@@ -4,15 +4,16 @@ use crate::{CurveError, domain, series::affine_nodes};
 
 const MAX_ORDER: usize = 8;
 const SIZE: usize = MAX_ORDER + 1;
-/// Admissible range of the shape: above it the weights of far nodes underflow.
+/// Valid range of the shape. Above it the weights of distant nodes underflow.
 const SHAPES: [f64; 2] = [1e-6, 20.0];
 
-/// Moving least squares: a separate polynomial at every `x`, fitted to the nodes near `x`.
+/// Moving least squares: at every `x`, the value of a polynomial that is fitted to the nodes near `x`.
 ///
-/// With `h = support · range` and `d = |x − x_j|` node `j` has the Gaussian weight with compact support `w = (e^{−(a d/h)²} − e^{−a²}) / (1 −
-/// e^{−a²})` for `d < h`, else 0, with the shape `a`. The value is that of the weighted least-squares polynomial at `x` (Lancaster and Salkauskas,
-/// Math. Comp. 37, 1981). It does not depend on the polynomial basis, so the best conditioned one, local to `x`, is used, by orthogonal
-/// transformation.
+/// Let `h = support · range` and `d = |x − x_j|`. Node `j` has the Gaussian weight with compact support `w = (e^{−(a
+/// d/h)²} − e^{−a²}) / (1 − e^{−a²})` for `d < h`, else 0, with the shape `a`. The value at `x` is that of the weighted
+/// least-squares polynomial (Lancaster and Salkauskas, Math. Comp. 37, 1981). The value does not depend on the
+/// polynomial basis. So the best conditioned basis is used, which is local to `x`, and the problem is solved by
+/// orthogonal transformation.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(
     feature = "serde",
@@ -32,9 +33,9 @@ impl MovingLeastSquares {
     /// 20).
     ///
     /// # Errors
-    /// Fewer than `order + 1` nodes or than 2, a number that is not finite, abscissae that do not
-    /// increase, parameters out of range, or a support that gives fewer than `order + 1` nodes a
-    /// positive weight somewhere in the range.
+    /// Fewer than `order + 1` or fewer than 2 nodes, a number that is not finite, abscissae that do not increase, a
+    /// parameter out of range, or a support so narrow that fewer than `order + 1` nodes have a positive weight
+    /// somewhere in the range.
     pub fn new(
         nodes: Vec<[f64; 2]>,
         order: usize,
@@ -54,7 +55,7 @@ impl MovingLeastSquares {
         }
         let (at, reach) = sparsest(&nodes, order);
         let required_support = reach / (upper - lower);
-        // A node at the very edge of the support has a negligible weight.
+        // A node at the very edge of the support has a negligible weight, so the support must be wider.
         if support <= required_support * (1.0 + 1e-9) {
             return Err(CurveError::SupportTooNarrow {
                 support,
@@ -68,22 +69,22 @@ impl MovingLeastSquares {
         Ok(Self { nodes, order, support, shape })
     }
 
-    /// Nodes `[argument, value]`, arguments increasing.
+    /// Nodes `[argument, value]`, with increasing arguments.
     pub fn nodes(&self) -> &[[f64; 2]] {
         &self.nodes
     }
 
-    /// Order of the local polynomial.
+    /// Order of the local polynomial, 0 to 8.
     pub fn order(&self) -> usize {
         self.order
     }
 
-    /// Support as a fraction of the range.
+    /// Support of the weight as a fraction of the range of the nodes.
     pub fn support(&self) -> f64 {
         self.support
     }
 
-    /// Shape `a` of the weight: the larger, the more the weight is concentrated near `x`.
+    /// Shape `a` of the weight. With a larger shape the weight is more concentrated near `x`.
     pub fn shape(&self) -> f64 {
         self.shape
     }
@@ -93,18 +94,19 @@ impl MovingLeastSquares {
         self.support * self.range()
     }
 
-    /// Range of arguments: first to last node.
+    /// Range of arguments, from the first to the last node.
     pub fn domain(&self) -> [f64; 2] {
         [self.nodes[0][0], self.nodes[self.nodes.len() - 1][0]]
     }
 
-    /// Value at `x`, constant outside the range.
+    /// Value at `x`. Outside the range the end value is kept.
     pub fn value(&self, x: f64) -> f64 {
         domain::held(self.domain(), x, |x| self.triangle(x).coefficients()[0])
     }
 
-    /// Derivative at `x`, 0 outside the range. The weights move with `x`: the derivative is that of the local polynomial plus `[A⁻¹ Σ w_j′ φ_j
-    /// r_j]₀`, with the normal matrix `A`, the basis `φ_j` and the residual `r_j` at node `j`.
+    /// Derivative at `x`, 0 outside the range. Because the weights move with `x`, it is the derivative of the local
+    /// polynomial plus `[A⁻¹ Σ w_j′ φ_j r_j]₀`, with the normal matrix `A`, the basis `φ_j` and the residual `r_j` at
+    /// node `j`.
     pub fn derivative(&self, x: f64) -> f64 {
         domain::slope(self.domain(), x, |x| {
             let triangle = self.triangle(x);
@@ -123,8 +125,8 @@ impl MovingLeastSquares {
         })
     }
 
-    /// Derivative of the value at `x` with respect to the value of the node at index `node`: the entry of the hat matrix if `x` is a node. 0 for
-    /// an index without a node.
+    /// Derivative of the value at `x` with respect to the value of the node with index `node`. If `x` is a node, it is
+    /// an entry of the hat matrix. It is 0 if there is no such node.
     pub fn influence(&self, x: f64, node: usize) -> f64 {
         domain::held(self.domain(), x, |x| {
             let z = self.triangle(x).first_column_of_inverse();
@@ -132,13 +134,13 @@ impl MovingLeastSquares {
         })
     }
 
-    /// [`value`](Self::value) and [`influence`](Self::influence) from one solution.
+    /// [`value`](Self::value) and [`influence`](Self::influence), computed from one factorisation.
     pub fn value_and_influence(&self, x: f64, node: usize) -> (f64, f64) {
         let [lower, upper] = self.domain();
         if x.is_nan() {
             return (x, x);
         }
-        // Both are constant outside the range.
+        // Value and influence are constant outside the range.
         let x = x.clamp(lower, upper);
         let triangle = self.triangle(x);
         let z = triangle.first_column_of_inverse();
@@ -153,19 +155,20 @@ impl MovingLeastSquares {
         })
     }
 
-    /// Whether at least `count` nodes have a positive weight everywhere in the range.
+    /// Whether at least `count` nodes have a positive weight at every `x` in the range.
     pub fn has_nodes_everywhere(&self, count: usize) -> bool {
         let Some(order) = count.checked_sub(1) else {
             return true;
         };
-        // A node at the very edge of the support has a negligible weight.
+        // A node at the very edge of the support has a negligible weight, so the support must be wider.
         self.nodes.len() >= count
             && self.half_width() > sparsest(&self.nodes, order).1 * (1.0 + 1e-9)
     }
 
-    /// Rows of the least-squares problem at `x`, one for each node of positive weight: the powers, from 0 to the order, of the node's distance over
-    /// [`scale`](Self::scale), each times the root of its weight. Their condition number shows whether the nodes determine the curve there. Outside
-    /// the range, the rows at its end.
+    /// Rows of the least-squares problem at `x`, one for each node with a positive weight. A row has the powers from 0
+    /// to the order of the node's distance divided by [`scale`](Self::scale), each multiplied by the square root of the
+    /// node's weight. The condition number of the rows shows whether the nodes determine the curve at `x`. An `x`
+    /// outside the range is clamped to its nearer end.
     pub fn design(&self, x: f64) -> Vec<Vec<f64>> {
         let [lower, upper] = self.domain();
         let weighted = self.active(x.clamp(lower, upper));
@@ -178,18 +181,18 @@ impl MovingLeastSquares {
         weighted.map(row).collect()
     }
 
-    /// The curves of this order and of all lower ones at `x` within the range, from one factorisation.
+    /// The curves of this order and of all lower orders at `x`, from one factorisation. `x` must be in the range.
     pub fn nested(&self, x: f64) -> NestedSolutions {
         let Triangle { size, r, y } = self.triangle(x);
         let is_node = self.nodes.binary_search_by(|n| n[0].total_cmp(&x)).is_ok();
-        // The weight of a node at its own place, where it is the nearest one.
+        // The weight of a node at its own abscissa, where it is the nearest node.
         let own = if is_node { -libm::expm1(-self.shape * self.shape) } else { 0.0 };
         let mut found = NestedSolutions {
             values: [0.0; SIZE],
             influences: [0.0; SIZE],
             conditions: [0.0; SIZE],
         };
-        // The curve of a lower order has the leading block of R; its inverse is the leading block of the inverse.
+        // For a lower order, R is its leading block, and the inverse of R is the leading block of the inverse.
         let mut inverse = [[0.0; SIZE]; SIZE];
         let [mut value, mut leverage, mut norm, mut norm_of_inverse] = [0.0; 4];
         for column in 0..size {
@@ -202,7 +205,7 @@ impl MovingLeastSquares {
                 norm += r[row][column] * r[row][column];
                 norm_of_inverse += inverse[row][column] * inverse[row][column];
             }
-            // The powers are 1, 0, 0, … at `x`: the first row of the inverse gives value and leverage.
+            // At `x` the powers are 1, 0, 0, …, so the first row of the inverse gives value and leverage.
             value += inverse[0][column] * y[column];
             leverage += inverse[0][column] * inverse[0][column];
             found.values[column] = value;
@@ -217,8 +220,8 @@ impl MovingLeastSquares {
         upper - lower
     }
 
-    /// Unit of the local argument: the half width of the weight, or the range if that is less, since a support wider than the range would make powers
-    /// tiny.
+    /// Unit of the local argument: the smaller of the half width of the weight and the range. If the support is wider
+    /// than the range, the half width would make the powers tiny.
     pub fn scale(&self) -> f64 {
         self.range().min(self.half_width())
     }
@@ -274,7 +277,8 @@ impl MovingLeastSquares {
         }
     }
 
-    /// Builds the triangle for `N` coefficients, one more than the order: a compile-time size makes the rotations several times faster.
+    /// Builds the triangle for `N` coefficients, one more than the order. The compile-time size makes the rotations
+    /// several times faster.
     fn triangle_of<const N: usize>(&self, x: f64) -> Triangle {
         let mut rotated = Rotated::<N>::new();
         for node in self.active(x).filter(|n| n.weight > 0.0) {
@@ -290,27 +294,28 @@ impl MovingLeastSquares {
         rotated.into()
     }
 
-    /// Replaces every value by `scale` times the value plus `c`; this acts on the nodes because the fit is linear in them and reproduces constants.
+    /// Replaces every value by `scale` times the value plus `c`. It is enough to replace the values of the nodes,
+    /// because the fit is linear in them and reproduces constants.
     pub(crate) fn affine(mut self, scale: f64, c: f64) -> Self {
         affine_nodes(&mut self.nodes, scale, c);
         self
     }
 }
 
-/// Curves of all orders up to that of the [`MovingLeastSquares`] at one place, by order.
+/// Solutions of a [`MovingLeastSquares`] at one argument for all orders up to its own. The index is the order.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct NestedSolutions {
-    /// Value of the curve of each order.
     pub values: [f64; 9],
-    /// [`influence`](MovingLeastSquares::influence) of the node at this place; 0 if there is none.
+    /// [`influence`](MovingLeastSquares::influence) of the node at this argument, for each order; 0 if there is no
+    /// node.
     pub influences: [f64; 9],
-    /// Lower bound of the reciprocal condition number of [`design`](MovingLeastSquares::design); it
-    /// is smaller by a factor of at most order + 1. NaN if the design is singular.
+    /// Lower bound of the reciprocal condition number of [`design`](MovingLeastSquares::design), for each order. The
+    /// bound is too small by a factor of at most order + 1. NaN if the design is singular.
     pub conditions: [f64; 9],
 }
 
-/// Computes the weights of nodes at `x`. All are divided by the Gaussian of the nearest node, a common factor that cancels; this prevents
-/// underflow.
+/// Computes the weights of nodes at `x`. All weights are divided by the Gaussian of the nearest node. This common
+/// factor cancels, and prevents underflow.
 struct Weighting {
     x: f64,
     h: f64,
@@ -335,7 +340,7 @@ impl Weighting {
 }
 
 struct Active {
-    /// `(x_j − x) / scale`, the local argument.
+    /// Local argument `(x_j − x) / scale`.
     t: f64,
     u: f64,
     weight: f64,
@@ -343,8 +348,8 @@ struct Active {
     weight_slope: f64,
 }
 
-/// Place where the distance to the `(order + 1)`-th nearest node is largest, and that distance. It is largest at an end or half-way between nodes
-/// `order + 1` apart.
+/// The argument whose `(order + 1)`-th nearest node is farthest away, and the distance of that node. The argument is an
+/// end of the range, or the middle between two nodes whose indices differ by `order + 1`.
 fn sparsest(nodes: &[[f64; 2]], order: usize) -> (f64, f64) {
     let last = nodes.len() - 1;
     let start = (nodes[0][0], nodes[order][0] - nodes[0][0]);
@@ -357,7 +362,7 @@ fn sparsest(nodes: &[[f64; 2]], order: usize) -> (f64, f64) {
         .fold(start, |worst, candidate| if candidate.1 > worst.1 { candidate } else { worst })
 }
 
-/// Upper triangle R of a QR factorisation and Qᵀ times the right-hand side, built row by row with Givens rotations.
+/// Upper triangle R of a QR factorisation, and Qᵀ times the right-hand side, built row by row by Givens rotations.
 struct Rotated<const N: usize> {
     r: [[f64; N]; N],
     y: [f64; N],
@@ -375,7 +380,8 @@ impl<const N: usize> Rotated<N> {
             }
             let length = libm::sqrt(self.r[i][i] * self.r[i][i] + row[i] * row[i]);
             let (c, s) = (self.r[i][i] / length, row[i] / length);
-            // Rotate all columns, since a fixed length is faster; before the diagonal both are zero or no longer used.
+            // Rotate all columns, because a fixed length is faster. Before the diagonal both rows are zero or no longer
+            // used.
             for (mine, other) in self.r[i].iter_mut().zip(&mut row) {
                 (*mine, *other) = (c * *mine + s * *other, c * *other - s * *mine);
             }

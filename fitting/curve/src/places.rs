@@ -3,21 +3,23 @@ use core::f64::consts::PI;
 
 use crate::{BSpline, Curve, Fourier, Interpolation, MovingLeastSquares, Table, domain};
 
-/// Number of places for each order of a polynomial, and for half a period of the highest harmonic of a Fourier series: the largest value at them
-/// is within 2 % of the largest between them (1 − cos(π/16): Ehlich and Zeller, Math. Z. 86, 1964, for polynomials).
+/// Number of sampled arguments for each order of a polynomial, and for half a period of the highest harmonic of a
+/// Fourier series. The largest sampled value of a polynomial is then within 2 % of its maximum (1 − cos(π/16): Ehlich
+/// and Zeller, Math. Z. 86, 1964).
 const POSITIONS_PER_PIECE: usize = 8;
-/// Maximum number of places along the domain of a curve, except for series of so many terms that these need more.
+/// Maximum number of sampled arguments along the domain of a curve. Series with very many terms may need more.
 const MAX_POSITIONS: usize = 4096;
-/// Number of parts of a cubic piece between two knots or two nodes.
+/// Number of parts into which a cubic piece between two knots or nodes is divided.
 const PARTS: u32 = 4;
-/// Golden ratio: phases that are multiples of it are spread evenly over a period.
+/// Golden ratio. Its multiples, taken as phases, are spread evenly over a period.
 const GOLDEN: f64 = 0.618_033_988_749_894_8;
 
 impl Curve {
-    /// Arguments at which to sample the curve to find its largest value, or the largest difference from another curve: the
-    /// [`breakpoints`](Self::breakpoints), and between them as many places as the kind of curve requires. A Fourier series has 16 places for each
-    /// period of its highest harmonic, a polynomial 8 for each order, closer at the ends. Sorted, without duplicates. If a Fourier series has too
-    /// many periods, only every few of them are sampled, each at another phase.
+    /// Arguments at which to sample the curve in order to find its maximum, or its maximum difference from another
+    /// curve. They are the [`breakpoints`](Self::breakpoints), and as many arguments between them as the kind of curve
+    /// requires. A Fourier series has 16 for each period of its highest harmonic; a polynomial has 8 for each order,
+    /// closer at the ends. They are sorted and without duplicates. If a Fourier series has too many periods, only one
+    /// in several periods is sampled, each time at another phase.
     pub fn places(&self) -> Vec<f64> {
         let mut places = self.breakpoints();
         match self {
@@ -47,7 +49,7 @@ fn even([low, high]: [f64; 2], parts: usize) -> impl Iterator<Item = f64> {
     (0..=parts).map(move |k| low + (high - low) * (k as f64 / parts as f64))
 }
 
-/// Extrema of the Chebyshev polynomial whose degree is a multiple of that of the series.
+/// Extrema of the Chebyshev polynomial whose degree is a multiple of the degree of the series.
 fn of_series([low, high]: [f64; 2], coefficients: usize) -> impl Iterator<Item = f64> {
     let parts = (coefficients.saturating_sub(1) * POSITIONS_PER_PIECE)
         .min(MAX_POSITIONS.max(2 * coefficients));
@@ -57,8 +59,8 @@ fn of_series([low, high]: [f64; 2], coefficients: usize) -> impl Iterator<Item =
         .map(move |k| middle - half * libm::cos(PI * (k as f64 / parts as f64)))
 }
 
-/// None for straight lines, which have their extrema at the nodes. A monotone cubic has them there too, but its difference from another
-/// curve may have them anywhere.
+/// No arguments for straight lines, whose extrema are at the nodes. The extrema of a monotone cubic are at the nodes
+/// too, but its difference from another curve may have extrema anywhere.
 fn of_table(table: &Table) -> Vec<f64> {
     match table.interpolation() {
         Interpolation::Linear => Vec::new(),
@@ -97,7 +99,7 @@ fn of_harmonics(curve: &Fourier) -> Vec<f64> {
         let parts = libm::ceil(count) as usize;
         return even([low, high], parts).collect();
     }
-    // Too many periods to sample each: sample every few periods once, each time at another phase.
+    // There are too many periods to sample each. So sample one in several periods, each time at another phase.
     let place = |k: usize| {
         let first = libm::floor(periods * (k as f64 / most as f64));
         let phase = k as f64 * GOLDEN;
@@ -106,7 +108,7 @@ fn of_harmonics(curve: &Fourier) -> Vec<f64> {
     (0..most).map(place).collect()
 }
 
-/// Places by the width of the weights, within which a local polynomial varies.
+/// Arguments spaced by the width of the weights, within which a local polynomial varies.
 fn of_weights(curve: &MovingLeastSquares) -> impl Iterator<Item = f64> {
     let each = (POSITIONS_PER_PIECE * curve.order().max(1)) as f64;
     let count = (each / curve.support()).min(MAX_POSITIONS as f64);

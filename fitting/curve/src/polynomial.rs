@@ -8,8 +8,8 @@ use crate::{CurveError, domain, series::Series};
 pub struct Polynomial(Series);
 
 impl Polynomial {
-    /// Builds the polynomial from its coefficients, constant first (value units over argument
-    /// units to the power), and its domain.
+    /// Builds the polynomial from its coefficients and its domain. Coefficient `k`, from 0, is in value units divided
+    /// by argument units to the power `k`.
     ///
     /// # Errors
     /// No coefficient, a number that is not finite, an empty or reversed domain.
@@ -17,24 +17,22 @@ impl Polynomial {
         Series::new(coefficients, domain).map(Self)
     }
 
-    /// Coefficients, the constant first, in value units.
+    /// Coefficients `c0`, `c1`, …. Coefficient `k` is in value units divided by argument units to the power `k`.
     pub fn coefficients(&self) -> &[f64] {
         &self.0.coefficients
     }
 
-    /// Range of arguments, `[lower, upper]`.
     pub fn domain(&self) -> [f64; 2] {
         self.0.domain
     }
 
-    /// Value at `x` (Horner), constant outside the domain.
+    /// Value at `x`, in value units. Outside the domain the end value is kept.
     pub fn value(&self, x: f64) -> f64 {
         domain::held(self.0.domain, x, |x| {
             self.0.coefficients.iter().rev().fold(0.0, |sum, c| sum * x + c)
         })
     }
 
-    /// Derivative at `x`, 0 outside the domain.
     pub fn derivative(&self, x: f64) -> f64 {
         domain::slope(self.0.domain, x, |x| {
             let powers = self.0.coefficients.iter().enumerate().skip(1).rev();

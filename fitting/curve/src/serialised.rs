@@ -1,4 +1,4 @@
-//! Curves as deserialised by serde: plain fields, which are then checked by the constructor.
+//! Curves as deserialised by serde. Their plain fields are then checked by the constructor of the curve.
 
 use alloc::vec::Vec;
 
@@ -6,13 +6,14 @@ use serde::{Deserialize, Deserializer, Serialize, de::Error};
 
 use crate::{CurveError, Interpolation};
 
-/// Deserialises a number, rejecting NaN and infinity as the constructors do.
+/// Deserialises a number. Like the constructors, rejects NaN and infinity.
 pub(crate) fn finite<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
     let value = f64::deserialize(deserializer)?;
     if value.is_finite() { Ok(value) } else { Err(D::Error::custom("expected a finite number")) }
 }
 
-/// Defines a struct with the fields of a type in their order, and its conversion by the constructor that checks them.
+/// Defines a struct with the same fields as a type, in the same order, and its conversion by the constructor that
+/// checks the fields.
 macro_rules! checked {
     ($($name:ident { $($field:ident: $kind:ty),* } => $constructor:path;)*) => {$(
         #[derive(Deserialize)]

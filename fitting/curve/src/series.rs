@@ -1,10 +1,10 @@
-//! Parts common to series and node lists: checks, scaling and shifting of values.
+//! Functions common to series and node lists: checks, scaling and shifting of values.
 
 use alloc::vec::Vec;
 
 use crate::{CurveError, domain};
 
-/// Coefficients, constant first, on a domain.
+/// Coefficients of a series on a domain. The first coefficient is the constant.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(
     feature = "serde",
@@ -32,7 +32,8 @@ impl Series {
     }
 }
 
-/// Changes coefficients, constant first, so that every value of the series is multiplied by `scale` and shifted by `c`.
+/// Changes the coefficients so that every value of the series is multiplied by `scale` and shifted by `c`. The first
+/// coefficient is the constant.
 pub(crate) fn affine_series(coefficients: &mut [f64], scale: f64, c: f64) {
     for (place, coefficient) in coefficients.iter_mut().enumerate() {
         *coefficient *= scale;

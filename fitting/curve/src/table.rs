@@ -2,7 +2,6 @@ use alloc::vec::Vec;
 
 use crate::{CurveError, domain, series::affine_nodes};
 
-/// Interpolation of a [`Table`] between its nodes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(
     feature = "serde",
@@ -30,10 +29,10 @@ pub struct Table {
 }
 
 impl Table {
-    /// Straight lines between at least two nodes.
+    /// Builds straight lines between at least two nodes.
     ///
-    /// At a node the derivative is the slope of the segment to its right, at the last node the slope
-    /// of the last segment.
+    /// At a node the derivative is the slope of the segment to its right, at the last node the slope of the last
+    /// segment.
     ///
     /// # Errors
     /// Too few nodes, a number that is not finite, abscissae that do not increase.
@@ -42,8 +41,9 @@ impl Table {
         Ok(Self { nodes, slopes: Vec::new() })
     }
 
-    /// Monotone piecewise cubics between at least two nodes. Slopes are the weighted harmonic mean of the neighbouring secants (Fritsch and Butland,
-    /// SIAM J. Sci. Stat. Comput. 5, 1984), at the ends the shape-preserving three-point formula.
+    /// Builds monotone cubic pieces between at least two nodes. The slope at a node is the weighted harmonic mean of
+    /// the neighbouring secants (Fritsch and Butland, SIAM J. Sci. Stat. Comput. 5, 1984). At the ends it is given by
+    /// the shape-preserving three-point formula.
     ///
     /// # Errors
     /// Too few nodes, a number that is not finite, abscissae that do not increase.
@@ -53,22 +53,21 @@ impl Table {
         Ok(Self { nodes, slopes })
     }
 
-    /// Nodes `[argument, value]`, arguments increasing.
+    /// Nodes `[argument, value]`, with increasing arguments.
     pub fn nodes(&self) -> &[[f64; 2]] {
         &self.nodes
     }
 
-    /// Interpolation between the nodes.
     pub fn interpolation(&self) -> Interpolation {
         if self.slopes.is_empty() { Interpolation::Linear } else { Interpolation::Cubic }
     }
 
-    /// Range of arguments: first to last node.
+    /// Range of arguments, from the first to the last node.
     pub fn domain(&self) -> [f64; 2] {
         [self.nodes[0][0], self.nodes[self.nodes.len() - 1][0]]
     }
 
-    /// Value at `x`, constant outside the range.
+    /// Value at `x`. Outside the range the end value is kept.
     pub fn value(&self, x: f64) -> f64 {
         domain::held(self.domain(), x, |x| {
             let i = domain::segment(&self.nodes, x, |n| n[0]);
@@ -86,7 +85,6 @@ impl Table {
         })
     }
 
-    /// Derivative at `x`, 0 outside the range.
     pub fn derivative(&self, x: f64) -> f64 {
         domain::slope(self.domain(), x, |x| {
             let i = domain::segment(&self.nodes, x, |n| n[0]);
@@ -141,7 +139,8 @@ fn inner_slope(h0: f64, h1: f64, m0: f64, m1: f64) -> f64 {
     }
 }
 
-/// Three-point slope at an end; `h0`, `m0` of the end segment, `h1`, `m1` of the next one.
+/// Three-point slope at an end. `h0` and `m0` are width and secant of the end segment, `h1` and `m1` those of the next
+/// segment.
 fn end_slope(h0: f64, h1: f64, m0: f64, m1: f64) -> f64 {
     let slope = ((2.0 * h0 + h1) * m0 - h0 * m1) / (h0 + h1);
     if !same_sign(slope, m0) {

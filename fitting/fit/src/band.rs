@@ -9,15 +9,13 @@ use crate::candidates::{Candidate, of_method};
 use crate::statistics::student_95;
 use crate::{FitError, Method, readings};
 
-/// Settings of the bootstrap.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(default))]
 pub struct BandOptions {
-    /// Number of resamples, at least 2. The residual bootstrap uses fewer if there are many
-    /// targets.
+    /// Number of resamples, at least 2. If a single run has many targets, fewer residual resamples are drawn.
     pub resamples: u32,
-    /// Seed of the resampling: the same seed gives the same band.
+    /// Seed of the resampling. The same seed gives the same band.
     pub seed: u64,
 }
 
@@ -46,43 +44,45 @@ pub enum BandSource {
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Band {
-    /// Abscissae at which the band is given.
+    /// Abscissas of the band.
     pub at: Vec<f64>,
-    /// Half width of the band at each place: it spans curve ± half width.
+    /// Half width of the band at each abscissa. The band spans curve ± half width.
     pub half_width: Vec<f64>,
-    /// Whether runs or residuals were resampled.
+    /// What was resampled: runs or residuals.
     pub source: BandSource,
 }
 
-/// Upper bound on resamples × targets in the residual bootstrap.
+/// Maximum of resamples × targets in the residual bootstrap.
 const MAX_REFITTED: usize = 200_000;
 const MIN_RESAMPLES: usize = 20;
-/// Maximum number of places of a band. With many targets there are fewer places between
-/// neighbouring targets.
+/// Maximum number of abscissas of a band. With many targets, fewer abscissas lie between neighbouring targets.
 const MAX_POSITIONS: usize = 2000;
-/// Weight of the leave-one-out mean square in the band between targets. Leaving a target out
-/// doubles the gap that the curve has to bridge. The error in the doubled gap is about four times
-/// that in the real gap for a smooth curve, and twice for a curve with kinks. For a curve with
-/// steps, or with waves shorter than the gap, it is about equal or smaller. With this weight the 95
-/// % band is also valid between targets of such waves (`examples/bands.rs`).
+/// Weight of the leave-one-out mean square in the band between targets. Leaving a target out doubles the gap that the
+/// curve must bridge. For a smooth curve the error in the doubled gap is about four times the error in the real gap,
+/// for a curve with kinks twice. For a curve with steps, or with waves shorter than the gap, both errors are about
+/// equal. With this weight the 95 % band is also valid between targets of such waves (`examples/bands.rs`).
 const OF_LEFT_OUT: f64 = 1.2;
-/// Fraction of the residual variance of a single run that is attributed to shape: one run cannot
+/// Fraction of the residual variance of a single run that is attributed to errors of shape, because one run cannot
 /// separate scatter from shape.
 const ONE_RUN_SHAPE: f64 = 0.25;
 
-/// 95 % band of the curve that `method` fits to the mean of several runs, each a list of targets and readings, at the places `at`.
+/// 95 % confidence band, at the abscissas `at`, of the curve that `method` fits to the mean of several runs. Each run
+/// is a list of targets and a list of readings.
 ///
-/// Whole runs are resampled, so that differences between runs count, and each is smoothed as the mean is. The scatter of a few runs is poorly known,
-/// so Student's t widens the band. The part common to all targets of a run has (runs − 1) degrees of freedom. The rest is independent from target to
-/// target and has (runs − 1) for each coefficient of the curve. The bootstrap variances of m runs are too small by (m − 1)/m and are corrected for
-/// it. Resampling does not show errors of shape, so these are added: residuals of the mean readings beyond the scatter of the runs, and the larger
-/// of the leave-one-out errors of the curve and of linear interpolation.
+/// Whole runs are resampled, so that differences between runs count. Each resample is smoothed like the mean. The
+/// scatter of a few runs is poorly known, so Student's t widens the band. The part of the scatter that is common to all
+/// targets of a run has (runs − 1) degrees of freedom. The rest is independent from target to target, and has (runs −
+/// 1) degrees of freedom for each coefficient of the curve. The bootstrap variances of m runs are too small by (m −
+/// 1)/m, and are corrected by this factor. Resampling does not show errors of shape, so two estimates of these are
+/// added: the residuals of the mean readings beyond the scatter of the runs, and the larger of the leave-one-out errors
+/// of the curve and of linear interpolation.
 ///
-/// With one run its residuals are resampled, scaled for the degrees of freedom of the fit. A curve that interpolates its readings leaves no
-/// residuals; its leave-one-out errors are used instead. The method and its settings stay fixed.
+/// With a single run its residuals are resampled, scaled for the degrees of freedom of the fit. A curve that
+/// interpolates its readings has no residuals, so its leave-one-out errors are used instead. The method and its
+/// settings stay fixed.
 ///
 /// # Errors
-/// The errors of the fit; no run; fewer than two resamples.
+/// The errors of the fit, no run, or fewer than two resamples.
 pub fn band(
     method: Method,
     runs: &[(&[f64], &[f64])],
@@ -110,34 +110,34 @@ pub fn band(
     Ok(Band { at: at.to_vec(), half_width, source })
 }
 
-/// Scatter of the mean readings of targets if some runs lack targets, so that whole runs cannot be resampled.
+/// Scatter of the mean readings of targets. It is needed if some runs lack targets, because whole runs cannot be
+/// resampled then.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct MeanScatter {
-    /// Independent shifts of the means by the common part of each run, its offset or its line. The
-    /// sum of their squares is the variance.
+    /// Independent shifts of the means by the part that is common to each run, its offset or its line. The variance is
+    /// the sum of the squared shifts.
     pub of_runs: Vec<Vec<f64>>,
     /// Degrees of freedom of `of_runs`.
     pub run_freedom: f64,
-    /// Samples of the shifts of the means by the scatter of the readings.
+    /// Samples of the shifts of the means that the scatter of the readings causes.
     pub samples: Vec<Vec<f64>>,
     /// Degrees of freedom of the scatter of the readings.
     pub freedom: f64,
 }
 
 impl MeanScatter {
-    /// Number of samples to draw for a band with this number of targets; smaller if there are many targets.
+    /// Number of samples to draw for a band with this number of targets. It falls if there are many targets.
     pub fn samples_for(targets: usize, options: &BandOptions) -> usize {
         (MAX_REFITTED / targets.max(1)).max(MIN_RESAMPLES).min(options.resamples as usize)
     }
 }
 
-/// 95 % band, at the places `at`, of the curve that `method` fits to the means `u` of the targets
-/// `x`, which ascend. The scatter of the means is `scatter`; errors of shape are included as in
-/// [`band`].
+/// 95 % confidence band, at the abscissas `at`, of the curve that `method` fits to the means `u` of the ascending
+/// targets `x`. `scatter` is the scatter of the means. Errors of shape are included as in [`band`].
 ///
 /// # Errors
 ///
-/// The errors of the fit; no samples.
+/// The errors of the fit, or no samples.
 pub fn band_of_means(
     method: Method,
     [x, u]: [&[f64]; 2],
@@ -156,12 +156,11 @@ pub fn band_of_means(
     Ok(Band { at: at.to_vec(), half_width: whole.of_means(scatter, at)?, source: BandSource::Runs })
 }
 
-/// Places at which a band is plotted with straight lines between them: the `targets`, which must
-/// ascend, and places between neighbours.
+/// Abscissas at which a band is plotted with straight lines between them: the ascending `targets`, and abscissas
+/// between neighbouring targets.
 ///
-/// Between two targets the band has the shape of half an ellipse, steepest next to the targets. The
-/// places are cosines of equally spaced angles, so that the error of the straight lines is at most
-/// 2 % of the height.
+/// Between two targets the band has the shape of half an ellipse, which is steepest next to the targets. The abscissas
+/// are cosines of equally spaced angles, so that the error of the straight lines is at most 2 % of the height.
 pub fn band_places(targets: &[f64]) -> Vec<f64> {
     let gaps = targets.len().saturating_sub(1).max(1);
     let pieces = (MAX_POSITIONS / gaps).clamp(4, 8);
@@ -199,7 +198,7 @@ impl Whole {
         Ok(Self { method, candidate: of_method(method, &targets)?, targets, curve, spline })
     }
 
-    /// Smooths other `values` of the targets with the same method and evaluates the result at `at`.
+    /// Smooths other `values` of the targets by the same method, and evaluates the resulting curve at `at`.
     fn smoothed(&self, values: &[f64], at: &[f64]) -> Result<Vec<f64>, FitError> {
         let curve = if let Some((problem, log_lambda)) = &self.spline {
             let coefficients = problem.with(values).smoothed(*log_lambda)?.coefficients;
@@ -207,7 +206,7 @@ impl Whole {
         } else {
             let (mut x, mut u) = (Vec::new(), Vec::new());
             for (target, value) in self.targets.iter().zip(values) {
-                // Repeat each target by its number of readings: its weight.
+                // Repeat each target as often as it was read. This gives it the weight of its readings.
                 let mut readings = target.count;
                 while readings > 0.5 {
                     x.push(target.x);
@@ -220,15 +219,15 @@ impl Whole {
         Ok(at.iter().map(|&x| curve.value(x)).collect())
     }
 
-    /// Variance of the curve at a place relative to that of a single mean reading, interpolated between the leverages of the neighbouring targets.
+    /// Variance of the curve at `x` relative to the variance of one mean reading, interpolated between the leverages of
+    /// the neighbouring targets.
     fn leverage(&self, x: f64) -> f64 {
         let leverages = &self.candidate.leverages;
         let (i, share) = self.gap(x);
         leverages[i] + share * (leverages[(i + 1).min(leverages.len() - 1)] - leverages[i])
     }
 
-    /// Index of the target before a place, and the position in the gap after it as a fraction from
-    /// 0 to 1.
+    /// Index of the target before `x`, and the position of `x` in the gap after that target as a fraction from 0 to 1.
     fn gap(&self, x: f64) -> (usize, f64) {
         let above = self.targets.partition_point(|t| t.x <= x);
         let Some(i) = above.checked_sub(1) else {
@@ -248,7 +247,8 @@ impl Whole {
     ) -> Result<Vec<f64>, FitError> {
         let count = runs.len() as f64;
         let places: Vec<f64> = self.targets.iter().map(|t| t.x).collect();
-        // Smooth the deviation of each run from the mean of all; a target missing from the run deviates by 0.
+        // Smooth the deviation of each run from the mean of all runs. At a target that the run lacks, the deviation is
+        // 0.
         let mut rests = Vec::with_capacity(runs.len());
         let mut offsets = Vec::with_capacity(runs.len());
         let mut scatter = 0.0;
@@ -309,7 +309,7 @@ impl Whole {
     }
 
     fn of_means(&self, scatter: &MeanScatter, at: &[f64]) -> Result<Vec<f64>, FitError> {
-        // Variance of the curve at each place from shifts of the means, and the mean variance of a mean.
+        // For shifts of the means: the variance of the curve at each abscissa, and the mean variance of a mean.
         let variance = |shifts: &[Vec<f64>], count: f64| -> Result<(Vec<f64>, f64), FitError> {
             let mut variances = vec![0.0; at.len()];
             for shift in shifts {
@@ -326,9 +326,9 @@ impl Whole {
         let wrong = self.wrong(noise);
         let half_width = |((&x, of_runs), of_readings): ((&f64, &f64), &f64)| {
             let variance = of_runs + of_readings;
-            // The formula of Welch and Satterthwaite gives too narrow bands if the scatter of few
-            // runs is small by chance. The product of Student's t factors, each raised to the power
-            // of its fraction of the variance, covers 91 to 97 % of mixtures.
+            // The formula of Welch and Satterthwaite gives too narrow bands if the scatter of few runs is small by
+            // chance. The product of Student's t factors, each raised to the power of its fraction of the variance,
+            // covers 91 to 97 % of mixtures.
             let share = if variance > 0.0 { of_runs / variance } else { 0.0 };
             let t = student_95(scatter.run_freedom.max(1.0)).powf(share)
                 * student_95(scatter.freedom).powf(1.0 - share);
@@ -338,33 +338,32 @@ impl Whole {
         Ok(variances.map(half_width).collect())
     }
 
-    /// Mean square error of the curve that the noise of the mean readings does not explain: at the
-    /// targets of the fit, and at left-out targets.
+    /// Two mean square errors of the curve that the noise of the mean readings does not explain: the first at the
+    /// targets of the fit, the second at left-out targets.
     fn wrong(&self, noise: f64) -> [f64; 2] {
         let count = self.targets.len() as f64;
         let residuals = self.targets.iter().map(|t| t.mean - self.curve.value(t.x));
         let left = residuals.map(|r| r * r).sum::<f64>() / count;
-        // Only the part that exceeds the expected noise by two standard deviations counts.
+        // Count only the part that exceeds the expected noise by two standard deviations.
         let freedom = (count - self.candidate.coefficients).max(0.0);
         let at_targets = left - noise * (freedom + 2.0 * (2.0 * freedom).sqrt()) / count;
         let beyond = self.beyond(&self.candidate, noise);
-        // The leave-one-out errors of the chosen curve may be small by chance, because it is the
-        // best of many candidates, or because waves shorter than two gaps are aliased to a long
-        // wave that it follows. Linear interpolation was not selected by these errors, so its
-        // errors are a lower bound.
+        // The leave-one-out errors of the chosen curve may be small by chance, because it is the best of many
+        // candidates, or because waves shorter than two gaps are aliased to a long wave that it follows. Linear
+        // interpolation was not selected by these errors, so its errors are a lower bound.
         let of_table = of_method(Method::LinearTable, &self.targets).ok();
         let of_table = of_table.map_or(0.0, |table| self.beyond(&table, noise));
         [at_targets.max(0.0), beyond.max(of_table)]
     }
 
-    /// Mean square leave-one-out error of a method beyond the noise of the mean readings.
+    /// Mean square leave-one-out error of a method, minus the part that the noise of the mean readings explains.
     fn beyond(&self, candidate: &Candidate, noise: f64) -> f64 {
         let errors = &candidate.errors;
         if errors.is_empty() {
             0.0
         } else {
-            // Noise in a leave-one-out error: the noise of the target itself and that of the curve
-            // fitted to the others.
+            // Noise in a leave-one-out error: that of the left-out target, and that of the curve fitted to the other
+            // targets.
             let inner = &candidate.leverages[1..self.targets.len() - 1];
             let of_noise = inner.iter().map(|&h| if h < 0.999 { 1.0 / (1.0 - h) } else { 1.5 });
             let of_noise = noise * of_noise.sum::<f64>();
@@ -373,10 +372,11 @@ impl Whole {
         }
     }
 
-    /// Squared half width due to errors of shape at a place: `at_targets` applies everywhere, `beyond` only between targets.
+    /// Squared half width at `x` due to errors of shape. `at_targets` applies everywhere, `beyond` only between
+    /// targets.
     fn wrong_at(&self, x: f64, [at_targets, beyond]: [f64; 2]) -> f64 {
         let (_, share) = self.gap(x);
-        // Student's t because the mean square comes from few errors.
+        // Student's t, because the mean square is from few errors.
         let t = student_95(self.candidate.errors.len() as f64);
         t * t * (at_targets + 4.0 * share * (1.0 - share) * OF_LEFT_OUT * beyond)
     }
@@ -389,21 +389,21 @@ impl Whole {
         let mut squares: f64 = residuals.iter().map(|r| r * r).sum();
         let errors = &self.candidate.errors;
         if freedom < 1.0 {
-            // At a left-out target, an interpolating curve errs by the noise of that target and
-            // half that of its neighbours.
+            // At a left-out target, an interpolating curve has the error of the noise of that target, plus half the
+            // noise of its neighbours.
             residuals = errors.iter().copied().filter(|e| e.is_finite()).collect();
             squares = residuals.iter().map(|e| e * e / 1.5).sum();
             freedom = residuals.len() as f64;
         }
         if residuals.is_empty() || freedom < 1.0 {
-            // No information: the band is unbounded.
+            // The readings give no information about the scatter, so the band is unbounded.
             return Ok(vec![f64::INFINITY; at.len()]);
         }
         let mean = residuals.iter().sum::<f64>() / residuals.len() as f64;
         let centred: f64 = residuals.iter().map(|r| (r - mean).powi(2)).sum();
         let factor = (squares / freedom / (centred / residuals.len() as f64)).sqrt();
         if !factor.is_finite() {
-            // Zero residuals, or equal errors, which have no spread to scale.
+            // The residuals are zero or equal, so they have no spread to scale.
             let half = if squares == 0.0 { 0.0 } else { f64::INFINITY };
             return Ok(vec![half; at.len()]);
         }

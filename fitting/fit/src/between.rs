@@ -6,41 +6,41 @@ use crate::fit::rms;
 use crate::readings::{self, Target};
 use crate::{Fit, Noise};
 
-/// Fraction of the height of the mean readings by which a curve may leave their band, or a straight
-/// line, between targets.
+/// Maximum excursion of a curve between targets, as a fraction of the height of the mean readings: from their range, or
+/// from a straight line.
 const LEFT_BY: f64 = 0.25;
 /// Samples per gap when choosing a curve.
 const PIECES: usize = 4;
 /// Samples per gap when assessing a curve.
 const FINE_PIECES: usize = 64;
-/// Maximum number of samples; with many targets there are fewer per gap.
+/// Maximum number of samples. With many targets there are fewer samples per gap.
 const MAX_PIECES: usize = 4000;
-/// Targets are treated as too sparse only if the leave-one-out RMS exceeds this multiple of both
-/// the repeatability and the RMS residual: smaller errors are explained by scatter.
+/// Targets count as too sparse only if the leave-one-out RMS exceeds this multiple of both the repeatability and the
+/// RMS residual. Scatter explains smaller errors.
 const MORE_THAN_SCATTER: f64 = 2.0;
-/// Targets are treated as too sparse if the leave-one-out RMS exceeds this multiple of the
-/// repeatability. Leaving out a target doubles the gap, so the error of a smooth curve is four
-/// times its error within one gap: at this limit the error within one gap is nearly twice the
-/// repeatability.
+/// Targets count as too sparse if the leave-one-out RMS exceeds this multiple of the repeatability. Leaving out a
+/// target doubles the gap, so the error of a smooth curve is four times its error within one gap. At this limit the
+/// error within one gap is nearly twice the repeatability.
 const MORE_THAN_REPEATS: f64 = 7.0;
-/// A curve does not follow the readings if the RMS residual of the mean readings exceeds this multiple of their [`unevenness`]. Second
-/// differences estimate the scatter; they exceed it where the error bends between targets. Pure scatter exceeds the limit once in a
-/// thousand; a wave shorter than seven gaps cannot be distinguished from scatter.
+/// A curve does not follow the readings if the RMS residual of the mean readings exceeds this multiple of their
+/// [`unevenness`]. The unevenness estimates the scatter from second differences, and overestimates it where the error
+/// bends between targets. Pure scatter exceeds the limit once in a thousand cases. A wave shorter than seven gaps
+/// cannot be distinguished from scatter.
 const MORE_THAN_UNEVEN: f64 = 3.0;
-/// [`MORE_THAN_UNEVEN`] for four, five and six targets. The residuals of a straight line through an arch are at most 1.2, 2.0 and 3.1 times
-/// the unevenness of the arch.
+/// [`MORE_THAN_UNEVEN`] for four, five and six targets. The residuals of a straight line through an arch are at most
+/// 1.2, 2.0 and 3.1 times the unevenness of the arch.
 const OF_FEW_TARGETS: [f64; 3] = [1.1, 1.8, 2.8];
 /// Fraction of the height of the readings that replaces an unknown repeatability.
 const OF_HEIGHT: f64 = 0.1;
-/// If the leave-one-out errors exceed the scatter, gaps wider than this multiple of the mean gap are always too sparse: leaving out targets
-/// elsewhere does not test the curve inside such a gap.
+/// If the leave-one-out errors exceed the scatter, a gap wider than this multiple of the mean gap always counts as too
+/// sparse, because leaving out targets elsewhere does not test the curve inside such a gap.
 const WIDE_GAP: f64 = 5.0;
 
 /// Positions in a gap, as fractions of its width, at which a spline is constrained.
 pub(crate) const PARTS_OF_GAP: [f64; 3] = [0.25, 0.5, 0.75];
 
-/// Range `[low, high]` that a chosen curve, or a spline in a wide gap, may not leave between targets: that of the mean readings, widened by a
-/// quarter of its height at both ends.
+/// Range `[low, high]` in which a chosen curve, or a spline in a wide gap, must stay between targets. It is the range
+/// of the mean readings, extended by a quarter of its height at both ends.
 pub(crate) fn band_of(means: &[f64]) -> [f64; 2] {
     let low = means.iter().copied().fold(f64::INFINITY, f64::min);
     let high = means.iter().copied().fold(f64::NEG_INFINITY, f64::max);
@@ -61,7 +61,7 @@ impl Band {
         Self { targets: targets.iter().map(|t| t.x).collect(), low, high }
     }
 
-    /// Whether the curve stays within the band between the targets.
+    /// Whether the curve stays in the range between all targets.
     pub(crate) fn holds(&self, curve: &Curve) -> bool {
         let stays = |gap: &[f64]| {
             self.parts(PIECES).all(|part| {
@@ -72,8 +72,8 @@ impl Band {
         self.targets.windows(2).all(stays)
     }
 
-    /// Neighbouring targets between which the curve departs most from its own chord; `None` if it departs nowhere by more than the limit. A wave of
-    /// four gaps departs by a fifth of the height of the readings, a wave of three gaps by a third.
+    /// Neighbouring targets between which the curve departs most from its own chord; `None` if no departure exceeds the
+    /// limit. A wave of four gaps departs by a fifth of the height of the readings, a wave of three gaps by a third.
     fn swings(&self, curve: &Curve, scatter: f64) -> Option<[f64; 2]> {
         let limit = (LEFT_BY * self.height()).max(MORE_THAN_REPEATS * scatter);
         let at = |&x: &f64| curve.value(x);
@@ -84,7 +84,7 @@ impl Band {
             for part in self.parts(FINE_PIECES) {
                 let value = curve.value(gap[0] + part * (gap[1] - gap[0]));
                 let by = (value - (ends[0] + part * (ends[1] - ends[0]))).abs() - limit;
-                // NaN is treated as beyond any limit.
+                // NaN counts as above any limit.
                 if by.is_nan() || by > most {
                     most = by;
                     worst = Some([gap[0], gap[1]]);
@@ -94,7 +94,8 @@ impl Band {
         worst
     }
 
-    /// Sampled places within a gap, as fractions of its width: `pieces` per gap, fewer with many targets.
+    /// Sampled positions within a gap, as fractions of its width. There are `pieces` parts per gap, and fewer with many
+    /// targets.
     fn parts(&self, pieces: usize) -> impl Iterator<Item = f64> {
         let pieces = (MAX_PIECES / self.targets.len().max(1)).clamp(2, pieces);
         (1..pieces).map(move |piece| piece as f64 / pieces as f64)
@@ -122,55 +123,54 @@ fn height_beside_line(targets: &[Target]) -> f64 {
     (high - low).max(0.0)
 }
 
-/// Standard deviation of values about a smooth curve, from the deviation of each value from the chord of its two neighbours. The points ascend by
-/// their abscissa. `None` for fewer than three points.
+/// Standard deviation of values about a smooth curve, from the deviation of each value from the chord of its two
+/// neighbours. `points` are pairs of abscissa and value with ascending abscissas. `None` for fewer than three points.
 pub fn unevenness(points: &[(f64, f64)]) -> Option<f64> {
     let beside = points.windows(3).map(|three| {
         let [(x0, v0), (x1, v1), (x2, v2)] = [three[0], three[1], three[2]];
         let share = if x2 == x0 { 0.5 } else { (x1 - x0) / (x2 - x0) };
         let beside = v1 - v0 - share * (v2 - v0);
-        // Variance of this deviation relative to that of a single value.
+        // Variance of this deviation relative to the variance of a single value.
         beside * beside / (1.0 + (1.0 - share).powi(2) + share * share)
     });
     let count = beside.len();
     (count > 0).then(|| (beside.sum::<f64>() / count as f64).sqrt())
 }
 
-/// How well the readings support a curve between its targets, in the unit of the readings.
+/// Measures of how well the readings support a curve between its targets, in the unit of the readings.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Between {
-    /// RMS leave-one-out error of the inner targets; infinite if the curve cannot predict one of
-    /// them.
+    /// RMS leave-one-out error of the inner targets; infinite if the curve cannot predict one of these targets.
     pub leave_one_out: f64,
     /// RMS residual of the readings.
     pub residual: f64,
     /// RMS residual of the mean readings of the targets.
     pub residual_of_means: f64,
-    /// Standard deviation of a reading, or of the mean that the curve was fitted to; `None` if unknown.
+    /// Standard deviation of a reading, or of a mean if the curve was fitted to means; `None` if unknown.
     pub repeatability: Option<f64>,
-    /// Number of targets.
     pub targets: usize,
-    /// [`unevenness`] of the mean readings from target to target, at least their rounding.
+    /// [`unevenness`] of the mean readings from target to target. It is at least the rounding of the readings.
     pub uneven: Option<f64>,
     /// Range of the mean readings (highest minus lowest).
     pub height: f64,
     /// Range of the mean readings after removing the least-squares line.
     pub height_beside_line: f64,
-    /// Widest gap between neighbouring targets relative to the mean gap; 0 for fewer than three
-    /// targets, because none can be left out.
+    /// Widest gap between neighbouring targets, relative to the mean gap. It is 0 for fewer than three targets, because
+    /// then none can be left out.
     pub widest_gap: f64,
-    /// Neighbouring targets between which the curve departs most from its chord, if by more than a quarter of the height of the readings.
+    /// Neighbouring targets between which the curve departs most from its chord; `None` if it departs by at most a
+    /// quarter of the height of the readings.
     pub swings: Option<[f64; 2]>,
 }
 
 impl Between {
-    /// Assesses a fit to readings `u` at `x`; `noise` is the scatter of a reading, or of a mean if `u` are means.
+    /// Assesses a fit to readings `u` at `x`. `noise` is the scatter of a reading, or of a mean if `u` are means.
     pub fn of(fit: &Fit, x: &[f64], u: &[f64], noise: Option<Noise>) -> Self {
         let targets = readings::counted(x, u);
         let of_targets = Band::of(&targets);
         let gaps = of_targets.targets.windows(2).map(|gap| gap[1] - gap[0]);
         let points: Vec<(f64, f64)> = targets.iter().map(|t| (t.x, t.mean)).collect();
-        // Residual rounding of a fit that follows the readings exactly.
+        // Rounding errors of a fit that follows the readings exactly.
         let rounding = 1e-9 * points.iter().fold(0.0_f64, |most, (_, mean)| most.max(mean.abs()));
         let mean = gaps.clone().sum::<f64>() / targets.len().saturating_sub(1) as f64;
         let (residual, repeatability) = (fit.rms(), noise.map(|noise| noise.deviation));
@@ -188,9 +188,10 @@ impl Between {
         }
     }
 
-    /// Whether the targets are too sparse for the error. The leave-one-out RMS of the inner targets must exceed twice the repeatability and twice the
-    /// RMS residual; it must also exceed seven times the repeatability, or the widest gap must exceed five mean gaps. An unknown repeatability (one
-    /// run) is treated as a tenth of the height of the readings in the second condition and as zero in the first.
+    /// Whether the targets are too sparse for the error. Two conditions must hold. First, the leave-one-out RMS of the
+    /// inner targets exceeds twice the repeatability and twice the RMS residual. Second, it exceeds seven times the
+    /// repeatability, or the widest gap exceeds five mean gaps. An unknown repeatability (one run) counts as zero in
+    /// the first condition, and as a tenth of the height of the readings in the second.
     pub fn is_too_sparse(&self) -> bool {
         let scatter = self.repeatability.unwrap_or_default().max(self.residual);
         let repeats = self.repeatability.unwrap_or(OF_HEIGHT * self.height);
@@ -200,11 +201,11 @@ impl Between {
             && (self.leave_one_out > MORE_THAN_REPEATS * repeats || self.widest_gap > WIDE_GAP)
     }
 
-    /// Whether the curve fails to follow the readings. Either the RMS residual exceeds seven times
-    /// the repeatability, or that of the mean readings exceeds three times their unevenness (less
-    /// for fewer than seven targets). In both cases it must exceed a tenth of the height of the
-    /// readings about a straight line, since a smaller residual is no evidence of a wave. Different
-    /// offsets of the runs increase the repeatability, but not the unevenness.
+    /// Whether the curve fails to follow the readings. Either the RMS residual exceeds seven times the repeatability,
+    /// or the RMS residual of the mean readings exceeds three times their unevenness (less for fewer than seven
+    /// targets). In both cases the residual must exceed a tenth of the height of the readings about a straight line,
+    /// because a smaller residual is no evidence of a wave. Different offsets of the runs increase the repeatability,
+    /// but not the unevenness.
     pub fn is_not_followed(&self) -> bool {
         let few = self.targets.checked_sub(4).and_then(|of| OF_FEW_TARGETS.get(of));
         let times = few.copied().unwrap_or(MORE_THAN_UNEVEN);
@@ -217,7 +218,7 @@ impl Between {
                 && is_beyond(self.residual_of_means, times, self.uneven)
     }
 
-    /// Message if the curve does not follow the readings; `unit` is the unit of the readings.
+    /// Message if the curve does not follow the readings; `None` if it does. `unit` is the unit of the readings.
     pub fn not_followed(&self, unit: &str) -> Option<String> {
         if !self.is_not_followed() {
             return None;
@@ -234,7 +235,7 @@ impl Between {
         ))
     }
 
-    /// Warnings for the user; `unit` is the unit of the readings, `along` that of the targets.
+    /// Warnings for the user. `unit` is the unit of the readings, and `along` the unit of the targets.
     pub fn warnings(&self, unit: &str, along: &str) -> Vec<String> {
         let sparse = self.is_too_sparse().then(|| {
             let missed = if self.leave_one_out.is_finite() {

@@ -6,33 +6,35 @@ use crate::triangle::{Triangle, WIDTH};
 use crate::{Fit, FitError, readings};
 
 const DEGREE: usize = 3;
-/// Maximum number of segments, enough for the pitch error of a long screw. The penalty keeps the
-/// spline smooth if the readings require fewer.
+/// Maximum number of segments. It suffices for the pitch error of a long screw. If the readings require fewer segments,
+/// the penalty keeps the spline smooth.
 const MAX_SEGMENTS: usize = 400;
-/// Decimal exponents of the smoothing parameters tried, for up to [`SEGMENTS_OF_RANGE`] segments. With more segments the upper end rises, since the
-/// penalty on a slow wave falls with the fourth power of their number.
+/// Range of the decimal exponents of the smoothing parameter, for up to `SEGMENTS_OF_RANGE` segments. With more
+/// segments the upper end rises, because the penalty on a slow wave falls with the fourth power of the number of
+/// segments.
 const LOG_LAMBDA: [i32; 2] = [-9, 9];
 const SEGMENTS_OF_RANGE: f64 = 40.0;
-/// In gaps wider than this multiple of the mean gap, the spline is constrained to the band of the readings ([`band_of`]), because the neighbouring
-/// readings do not determine it there. For 500 random sets of targets (`examples/gaps.rs`), a limit of four causes errors up to five times the
-/// best; limits of one and two cause none.
+/// In gaps wider than this multiple of the mean gap, the spline is constrained to the range of the readings
+/// (`band_of`), because the neighbouring readings do not determine the spline there. For 500 random sets of targets
+/// (`examples/gaps.rs`), a limit of four causes errors up to five times the smallest error; limits of one and two cause
+/// none.
 const WIDE_GAP: f64 = 2.0;
-/// Final step of the refinement, in decades.
+/// Final step of the search for the smoothing parameter, in decades.
 const LOG_RESOLUTION: f64 = 0.01;
 
-/// Fits a smoothing B-spline through the mean reading of each target: cubic, uniform knots (as many segments as gaps between targets, at most 400), a
-/// penalty on second differences of the coefficients (Eilers and Marx, Statistical Science 11, 1996), its weight by generalised cross-validation
-/// (Craven and Wahba, Numer. Math. 31, 1979).
+/// Fits a smoothing B-spline through the mean reading of each target. The spline is cubic with uniform knots, and has
+/// as many segments as gaps between targets, at most 400. The penalty is on second differences of the coefficients
+/// (Eilers and Marx, Statistical Science 11, 1996). Its weight is chosen by generalised cross-validation (Craven and
+/// Wahba, Numer. Math. 31, 1979).
 ///
-/// Where two neighbouring targets are more than two mean gaps apart, the weight minimises the
-/// leave-one-out error instead. Only weights are admitted with which the curve, in such gaps,
-/// leaves the band of the mean readings by at most a quarter of its height. Between clustered
-/// targets cross-validation cannot detect scatter; slopes fitted to the scatter would extrapolate
-/// far into a gap.
+/// If two neighbouring targets are more than two mean gaps apart, the weight minimises the leave-one-out error instead.
+/// Only those weights are valid with which the curve stays, in such gaps, within the range of the mean readings
+/// extended by a quarter of its height. The reason is that between clustered targets cross-validation cannot detect
+/// scatter, and slopes fitted to the scatter would extrapolate far into a gap.
 ///
 /// # Errors
 ///
-/// Unequal lengths, numbers that are not finite, fewer than 4 different targets.
+/// Unequal lengths, numbers that are not finite, or fewer than 4 different targets.
 pub fn fit_bspline(x: &[f64], u: &[f64]) -> Result<Fit, FitError> {
     let targets = readings::checked_targets(x, u, MIN_TARGETS, "a smoothing spline")?;
     let problem = Problem::new(&targets);
@@ -45,13 +47,13 @@ pub fn fit_bspline(x: &[f64], u: &[f64]) -> Result<Fit, FitError> {
 
 pub(crate) const MIN_TARGETS: usize = 4;
 
-/// Least-squares problem of the targets: the four non-zero B-splines at each, and their triangular factor.
+/// Least-squares problem of the targets: the four non-zero B-splines at each target, and the triangular factor.
 pub(crate) struct Problem {
     knots: Vec<f64>,
     rows: Vec<(usize, [f64; WIDTH])>,
     means: Vec<f64>,
     triangle: Triangle,
-    /// B-splines at places in wide gaps between targets, where the spline may not leave the band of the readings.
+    /// B-splines at abscissas in wide gaps between targets, where the spline must stay in `band`.
     in_gaps: Vec<(usize, [f64; WIDTH])>,
     band: [f64; 2],
 }
@@ -64,7 +66,7 @@ pub(crate) struct Smoothed {
 }
 
 impl Problem {
-    /// Builds the problem of at least 4 ascending targets.
+    /// Builds the problem for at least 4 ascending targets.
     pub(crate) fn new(targets: &[[f64; 2]]) -> Self {
         let (lower, upper) = (targets[0][0], targets[targets.len() - 1][0]);
         let knots = uniform_knots(lower, upper, targets.len() - 1);
@@ -101,10 +103,11 @@ impl Problem {
         }
     }
 
-    /// Decimal exponent of the smoothing parameter with the smallest score: a search over powers of ten, then bisection of the step around the best.
+    /// Decimal exponent of the smoothing parameter with the smallest score. The search tries powers of ten, and then
+    /// bisects the step around the best.
     pub(crate) fn cross_validated(&self) -> Result<f64, FitError> {
         let score = |log: f64| Some((self.score(&self.penalised(log)?), log));
-        // If every score is infinite, the stiffest spline stays.
+        // If every score is infinite, the stiffest spline is kept.
         let better = |a: (f64, f64), b: (f64, f64)| {
             let is_better = b.0 < a.0 || a.0.is_infinite() && b.0.is_infinite() && b.1 > a.1;
             if is_better { b } else { a }
@@ -143,7 +146,7 @@ impl Problem {
         FitError::Undetermined { coefficients: self.triangle.size() }
     }
 
-    /// Triangular factor with the rows of the penalty added to those of the readings; `None` if it is singular.
+    /// Triangular factor of the rows of the readings together with the rows of the penalty; `None` if it is singular.
     fn penalised(&self, log_lambda: f64) -> Option<Triangle> {
         let root = 10_f64.powf(log_lambda / 2.0);
         let size = self.triangle.size();
@@ -162,8 +165,8 @@ impl Problem {
         rows.map(|(row, mean)| mean - value(row, coefficients)).collect()
     }
 
-    /// Score of a smoothing parameter, best if small: generalised cross-validation. With wide gaps between the targets, the score is the sum of the
-    /// squared leave-one-out errors, or infinity if the spline leaves the band of the readings ([`band_of`]) inside a gap.
+    /// Score of a smoothing parameter, smaller is better: generalised cross-validation. If the targets have wide gaps,
+    /// the score is the sum of the squared leave-one-out errors, or infinity if the spline leaves `band` inside a gap.
     fn score(&self, triangle: &Triangle) -> f64 {
         if self.in_gaps.is_empty() {
             return self.generalised(triangle);
@@ -180,7 +183,8 @@ impl Problem {
             .sum()
     }
 
-    /// `n Σe² / (n − tr H)²`; infinite if the spline has no degrees of freedom left, because rounding alone would decide there.
+    /// `n Σe² / (n − tr H)²`, or infinity if the spline has no degrees of freedom left, because only rounding would
+    /// determine the value then.
     fn generalised(&self, triangle: &Triangle) -> f64 {
         let count = self.means.len() as f64;
         let freedom = count - triangle.trace_with(&self.triangle);
@@ -192,7 +196,7 @@ impl Problem {
     }
 }
 
-/// Evaluates a spline from its non-zero B-splines at a place.
+/// Value of a spline at a position, from the B-splines that are not zero there.
 fn value((first, row): &(usize, [f64; WIDTH]), coefficients: &[f64]) -> f64 {
     let acting = &coefficients[*first..first + WIDTH];
     row.iter().zip(acting).map(|(b, c)| b * c).sum()
@@ -211,7 +215,8 @@ fn uniform_knots(lower: f64, upper: f64, gaps: usize) -> Vec<f64> {
         .collect()
 }
 
-/// Non-zero B-splines at `x`, which must lie in the domain: index of the first, and their values (de Boor, J. Approx. Theory 6, 1972).
+/// B-splines that are not zero at `x`: index of the first, and their values (de Boor, J. Approx. Theory 6, 1972). `x`
+/// must be in the domain.
 fn basis(knots: &[f64], x: f64) -> (usize, [f64; WIDTH]) {
     let inner = &knots[DEGREE..knots.len() - DEGREE];
     let above = inner.partition_point(|&t| t <= x).clamp(1, inner.len() - 1);

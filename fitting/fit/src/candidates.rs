@@ -1,4 +1,4 @@
-//! Candidates of the automatic choice with their leave-one-out errors.
+//! Candidates of the automatic choice, with their leave-one-out errors.
 
 use volcomp_curve::{Chebyshev, MovingLeastSquares, Table};
 
@@ -16,22 +16,22 @@ const HIGHEST_POWER: usize = 8;
 const HIGHEST_ORDER: usize = 15;
 /// Highest number of harmonics of a Fourier series.
 const HIGHEST_HARMONIC: usize = 20;
-/// Tested orders and supports of moving least squares: the published pair, and stiffer and looser
-/// ones. The list is deliberately short: over the whole grid of the automatic mode, the
-/// leave-one-out error selects settings that follow the scatter of the readings, which costs the
-/// demonstration calibration a third of its accuracy.
+/// Orders and supports of moving least squares that are tried: the published pair, and stiffer and looser pairs. The
+/// list is deliberately short. Over the whole grid of the automatic mode, the leave-one-out error would select settings
+/// that follow the scatter of the readings, which costs the demonstration calibration a third of its accuracy.
 const MLS_TRIED: [(usize, f64); 4] = [(4, 1.0 / 3.0), (3, 0.3), (2, 0.25), (4, 0.5)];
-/// Orders, and half widths in gaps between targets, that are also tested if the half width is less than the smallest support of [`MLS_TRIED`].
+/// Further pairs of order and half width, in gaps between targets. They are tried if the half width is less than the
+/// smallest support of `MLS_TRIED`.
 const MLS_NEAR: [(usize, u32); 2] = [(2, 6), (3, 12)];
-/// Maximum number of node evaluations over all targets for one setting of moving least squares. Above it the setting is skipped: the spline gives the
-/// same result in a fraction of the time.
+/// Maximum number of node evaluations over all targets for one setting of moving least squares. Above this number the
+/// setting is skipped, because the spline gives the same result in a fraction of the time.
 const MAX_EVALUATIONS: f64 = 400_000.0;
 /// Minimum fraction of the period that the targets must cover to determine a Fourier series.
 const SHARE_OF_PERIOD: f64 = 0.5;
 
 pub(crate) struct Candidate {
     pub(crate) method: Method,
-    /// Number of coefficients: the trace of the hat matrix, summed over the sets.
+    /// Number of coefficients, which is the trace of the hat matrix, summed over the sets.
     pub(crate) coefficients: f64,
     /// Leave-one-out errors of the inner targets.
     pub(crate) errors: Vec<f64>,
@@ -42,7 +42,8 @@ pub(crate) struct Candidate {
     pub(crate) freedom: f64,
     /// Diagonal of the hat matrix for the targets of the first set.
     pub(crate) leverages: Vec<f64>,
-    /// Curves of moving least squares of each set, kept because they are slow to evaluate and the fit needs them again; empty for other methods.
+    /// Moving least-squares curve of each set; empty for other methods. The curves are kept, because they are slow to
+    /// evaluate and the fit needs them again.
     pub(crate) moving: Vec<mls::Candidate>,
 }
 
@@ -51,8 +52,8 @@ impl Candidate {
         if self.errors.is_empty() { f64::INFINITY } else { rms(self.errors.iter().copied()) }
     }
 
-    /// Combines this candidate with the candidate of the same method for another set; `None` if the
-    /// other set has none.
+    /// Combines this candidate with the candidate of the same method for another set; `None` if the other set lacks the
+    /// method.
     pub(crate) fn with(mut self, others: &[Self]) -> Option<Self> {
         let same = others.iter().find(|other| other.method == self.method)?;
         self.coefficients += same.coefficients;
@@ -92,8 +93,8 @@ fn inner(errors: &[f64]) -> Vec<f64> {
     errors.get(1..last).unwrap_or_default().to_vec()
 }
 
-/// All candidates that the targets (at least one) can determine, by ascending number of
-/// coefficients; ties in the order of [`Method`].
+/// All candidates that the targets (at least one) can determine, by ascending number of coefficients. Ties are in the
+/// order of [`Method`].
 pub(crate) fn candidates(
     targets: &[Target],
     options: &FitOptions,
@@ -116,13 +117,13 @@ pub(crate) fn candidates(
     }
     let domain = [first.x, last.x];
     let range = last.x - first.x;
-    // No curve can be built over such a range; the fit reports the reason.
+    // If no curve can be built over this range, the fit reports the reason.
     Chebyshev::new(vec![0.0], domain)?;
     let means: Vec<[f64; 2]> = targets.iter().map(|t| [t.x, t.mean]).collect();
     let mut all = Vec::new();
     let count = targets.len();
     let goes_round = options.period.is_some_and(|period| {
-        // The gap from the last target to the first of the next turn is treated like the others.
+        // The gap from the last target to the first target of the next turn counts like the other gaps.
         let gap = range / (count - 1) as f64;
         count > 2 && range + gap >= period * (1.0 - HAIR)
     });
@@ -186,7 +187,7 @@ fn through_means(method: Method, means: &[[f64; 2]]) -> Result<Candidate, FitErr
     })
 }
 
-/// Errors of one method over the targets of one set, whether or not the choice would consider it.
+/// Errors of one method over the targets of one set. The method need not be a candidate of the automatic choice.
 pub(crate) fn of_method(method: Method, targets: &[Target]) -> Result<Candidate, FitError> {
     let means: Vec<[f64; 2]> = targets.iter().map(|t| [t.x, t.mean]).collect();
     let (Some(first), Some(last)) = (targets.first(), targets.last()) else {
@@ -227,7 +228,8 @@ fn moved(method: Method, targets: &[Target], curve: MovingLeastSquares) -> Candi
     }
 }
 
-/// Adds polynomials up to the order, then Chebyshev series: the same functions, but accurate where powers lose digits.
+/// Adds polynomials up to `order`, and Chebyshev series, which are the same functions but stay accurate where powers
+/// lose digits.
 fn polynomials(
     targets: &[Target],
     order: usize,
@@ -238,7 +240,7 @@ fn polynomials(
     let magnitude = readings::magnitude(targets.iter().map(|t| t.mean));
     let mut series = Vec::new();
     for order in 0..=order {
-        // Higher orders are worse conditioned; the lower ones remain valid.
+        // Higher orders are worse conditioned. The lower orders stay valid.
         let Some(solution) = nested.solution(order + 1) else {
             break;
         };
@@ -274,7 +276,7 @@ fn moving(targets: &[Target], means: &[[f64; 2]], all: &mut Vec<Candidate>) {
         if count * (2.0 * support).min(1.0) * count > MAX_EVALUATIONS {
             continue;
         }
-        // These targets do not determine the setting.
+        // The targets do not determine this setting.
         let Ok(curve) = MovingLeastSquares::new(means.to_vec(), order, support, SHAPE) else {
             continue;
         };

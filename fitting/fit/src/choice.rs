@@ -2,17 +2,19 @@ use std::fmt;
 
 use crate::{Fit, Method, Noise};
 
-/// Requirements on an automatic choice; none by default.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(default))]
 pub struct FitOptions {
-    /// Largest admissible deviation of a mean reading from the curve, in the unit of the readings. It is ignored if no candidate meets it.
+    /// Largest valid deviation of a mean reading from the curve, in the unit of the readings. It is ignored if no
+    /// candidate meets it.
     pub required_residual: Option<f64>,
-    /// Scatter of a single reading. `None`: the scatter of repeated readings of the same target, if there are any.
+    /// Scatter of a single reading. `None`: it is estimated from repeated readings of the same target, if there are
+    /// any.
     pub noise: Option<Noise>,
-    /// Period of the coordinate (360 for a rotary axis in degrees). If the targets cover at least half of it, Fourier series are candidates as well; if
-    /// they cover the full turn, every curve that would jump there is removed.
+    /// Period of the coordinate (360 for a rotary axis in degrees). If the targets cover at least half of the period,
+    /// Fourier series are candidates too. If the targets cover the full period, a curve that would jump at its end is
+    /// removed.
     pub period: Option<f64>,
 }
 
@@ -85,13 +87,12 @@ pub struct Choice {
 }
 
 impl Choice {
-    /// Score of the chosen method; `None` if [`scores`](Self::scores) lacks it.
     pub fn chosen(&self) -> Option<&Score> {
         self.scores.iter().find(|score| score.method == self.method)
     }
 
-    /// Message if the residuals of the chosen curve exceed the scatter of the readings; `None` if
-    /// they do not. `unit` is the unit of the readings.
+    /// Message if the residuals of the chosen curve exceed the scatter of the readings; `None` if they do not. `unit`
+    /// is the unit of the readings.
     pub fn not_followed(&self, unit: &str) -> Option<String> {
         let score = self.chosen().filter(|score| !score.follows)?;
         Some(format!(
@@ -100,7 +101,7 @@ impl Choice {
         ))
     }
 
-    /// Best candidate of each kind by leave-one-out error, in the order of the candidates.
+    /// Candidate with the smallest leave-one-out error of each kind, in the order of the candidates.
     pub fn best_of_kinds(&self) -> Vec<Score> {
         let mut best: Vec<Score> = Vec::new();
         for score in &self.scores {
@@ -114,12 +115,9 @@ impl Choice {
     }
 }
 
-/// Automatically chosen curve.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct AutoFit {
-    /// Fitted curve with its residuals.
     pub fit: Fit,
-    /// Method and scores of the choice.
     pub choice: Choice,
 }

@@ -1,4 +1,4 @@
-//! The controller: returns the latest reading and queues writes, without waiting.
+//! The controller. It returns the latest reading and queues writes, without waiting for the control.
 
 use std::{
     sync::{Arc, atomic::Ordering},
@@ -16,11 +16,11 @@ use super::{
 };
 use crate::{config::SinumerikConfig, reading::Reading};
 
-/// A control corrected through its temperature compensation. A separate thread reads and writes. The calls of a cycle only return its
-/// latest reading and queue a write, so that no cycle waits for the control.
+/// A control that is corrected through its temperature compensation. A separate thread reads and writes. The calls of a
+/// cycle only return the latest reading and queue a write, so that no cycle waits for the control.
 ///
-/// [`Controller::apply`] returns before the correction is sent; later readings show whether it was applied. While the control rejects writes, it
-/// returns [`Fault::Refused`].
+/// [`Controller::apply`] returns before the correction is sent; later readings show whether the correction was applied.
+/// While the control rejects writes, `apply` returns [`Fault::Refused`].
 pub struct SinumerikController {
     description: Description,
     requests: Input<WriteRequest>,
@@ -30,7 +30,7 @@ pub struct SinumerikController {
 }
 
 impl SinumerikController {
-    /// Starts a thread that connects. Connection failures are logged as warnings (`tracing`).
+    /// Starts a thread that connects to the control. Connection failures are logged as warnings (`tracing`).
     ///
     /// # Errors
     /// An invalid configuration, or the thread cannot be started.
@@ -53,10 +53,10 @@ impl SinumerikController {
         Ok(Self { description, requests, latest, number: 0, shared })
     }
 
-    /// Waits until the first reading was tried. Not for real-time threads.
+    /// Waits until a session is open and has tried its first reading. Do not call this on a real-time thread.
     ///
     /// # Errors
-    /// No session within `at_most`: the reason of the last failure.
+    /// No session was opened within `at_most`. The error is the last failure.
     pub fn wait(&mut self, at_most: Duration) -> Result<(), DeviceError> {
         let end = Instant::now() + at_most;
         while !self.latest.read().connected {
@@ -72,22 +72,23 @@ impl SinumerikController {
         Ok(())
     }
 
-    /// Reason why there is no session; `None` with a session. Takes a lock: not for a cycle.
+    /// Reason why no session is open; `None` if one is open. Takes a lock, so do not call this in a cycle.
     pub fn last_error(&self) -> Option<DeviceError> {
         self.shared.last_error()
     }
 
-    /// Properties that the control reported when the present session was opened; `None` without a session. Takes a lock: not for a cycle.
+    /// Properties that the control reported when the present session was opened; `None` without a session. Takes a
+    /// lock, so do not call this in a cycle.
     pub fn inspection(&self) -> Option<Inspection> {
         self.shared.found()
     }
 
-    /// Number of sessions opened so far.
     pub fn sessions(&self) -> u64 {
         self.shared.opened.load(Ordering::Relaxed)
     }
 
-    /// Number of writes that the control answered (accepted or rejected), then number of writes dropped because their deadline had passed.
+    /// Two counts: writes that the control accepted or rejected, and writes that were dropped because their deadline
+    /// had passed.
     pub fn writes(&self) -> [u64; 2] {
         [&self.shared.written, &self.shared.missed].map(|count| count.load(Ordering::Relaxed))
     }

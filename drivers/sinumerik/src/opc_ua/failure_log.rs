@@ -1,16 +1,16 @@
-//! Logs the reason for a missing session once, not at every attempt.
+//! Logs the reason for a missing session once instead of at every attempt.
 
 use std::time::Duration;
 
-/// Minimum duration of a session after which a further failure with the same reason is logged again; a shorter session is part of the same
-/// failure.
+/// Minimum duration of a session that counts as a recovery. After a recovery, the next failure is logged again even if
+/// its reason is the same.
 const RECOVERED: Duration = Duration::from_secs(10);
 
 #[derive(Debug, Default)]
 pub(super) struct FailureLog(Option<String>);
 
 impl FailureLog {
-    /// Whether to log this failure now. `lived` is the duration of the session that ended; zero if none was opened.
+    /// Whether to log this failure. `lived` is the duration of the session that ended, zero if none was opened.
     pub(super) fn is_new(&mut self, failure: &str, lived: Duration) -> bool {
         if lived < RECOVERED && self.0.as_deref() == Some(failure) {
             return false;
@@ -24,7 +24,7 @@ impl FailureLog {
 mod tests {
     use super::*;
 
-    /// A second loss of the session for the same reason must be logged as well (regression).
+    /// After a recovery, the loss of the session is logged again even if its reason is the same.
     #[test]
     fn a_failure_is_logged_once_and_again_after_a_recovery() {
         let mut failures = FailureLog::default();

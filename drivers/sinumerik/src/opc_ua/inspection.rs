@@ -8,33 +8,32 @@ use crate::{
     config::SinumerikConfig, error::SinumerikError, nodes::Nodes, reading, server::Server,
 };
 
-/// The properties of one axis as reported by the control.
+/// Properties of one axis as reported by the control.
 #[derive(Clone, Debug, PartialEq)]
 pub struct InspectedAxis {
-    /// The axis of the configuration.
     pub axis: AxisName,
     /// Number of the axis in the control, from 1.
     pub number: u16,
-    /// Name of the axis in the control; `None` if the control does not report it, or the configuration has no node for it.
+    /// Name of the axis in the control; `None` if the control does not report it, or if the configuration has no node
+    /// for it.
     pub name: Option<String>,
-    /// Maximum rate of a correction of the axis, MD32760 times MD32000, mm/min or rev/min; `None` if the axis is only read, the control does not
-    /// report the values, or the configuration has no nodes for them.
+    /// Maximum rate of a correction of the axis, MD32760 times MD32000, mm/min or rev/min. `None` if the axis is
+    /// read-only, if the control does not report the values, or if the configuration has no nodes for them.
     pub fastest_per_min: Option<f64>,
 }
 
-/// The properties that a control reports.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Inspection {
-    /// The axes in the order of the configuration: written axes first, then those that are only read.
+    /// The axes in the order of the configuration: corrected axes, then read-only axes.
     pub axes: Vec<InspectedAxis>,
-    /// Remarks for the user on properties that the control does not report.
     pub notes: Vec<String>,
 }
 
-/// Reads the properties of a control in a separate session, and checks that it accepts corrections. Nothing is written.
+/// Reads the properties of a control in a separate session, and checks that it accepts corrections. Writes nothing to
+/// the control.
 ///
 /// # Errors
-/// A control that cannot be reached, or does not fit the configuration; [`SinumerikError::SwitchedOff`].
+/// A control that cannot be reached or does not match the configuration; [`SinumerikError::SwitchedOff`].
 pub fn inspect(config: &SinumerikConfig) -> Result<Inspection, SinumerikError> {
     config.describe()?;
     block_on(async {
@@ -45,11 +44,11 @@ pub fn inspect(config: &SinumerikConfig) -> Result<Inspection, SinumerikError> {
     })
 }
 
-/// Lists names and positions (mm or deg) of the axes of an unknown control, with the numbers from 1 until one does not exist. The name of an
-/// axis without a name is its number. Nothing is written.
+/// Lists names and positions (mm or deg) of the axes of an unknown control. The axes are read by number from 1 until
+/// one does not exist. An axis without a name gets its number as the name. Writes nothing to the control.
 ///
 /// # Errors
-/// A control that cannot be reached, or has no axis at these nodes.
+/// A control that cannot be reached, or that has no axis at these nodes.
 pub fn list_axes(server: &Server, nodes: &Nodes) -> Result<Vec<(String, f64)>, SinumerikError> {
     server.check()?;
     block_on(async {
@@ -164,6 +163,6 @@ async fn required(link: &Link, node: &str) -> Result<f64, SinumerikError> {
 
 async fn one(link: &Link, node: &str) -> Result<DataValue, SinumerikError> {
     let answer = link.read(std::slice::from_ref(&node.to_owned())).await?;
-    // The link has checked that there is one value per node.
+    // The link has checked that the answer has one value per node.
     Ok(answer.values.into_iter().next().unwrap_or_else(DataValue::null))
 }

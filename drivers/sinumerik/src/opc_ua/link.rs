@@ -1,4 +1,4 @@
-//! One open session with the server of a control: reads values and writes settings, each within a deadline.
+//! One open session with the server of a control. It reads values and writes settings, each within a deadline.
 
 use std::{
     sync::Arc,
@@ -28,7 +28,7 @@ use crate::{
     server::{PORT, Security, Server},
 };
 
-/// Status codes with which a server rejects a write, while the session remains usable.
+/// Status codes by which a server rejects a write while the session stays usable.
 const REFUSALS: [StatusCode; 6] = [
     StatusCode::BadUserAccessDenied,
     StatusCode::BadNotWritable,
@@ -38,14 +38,15 @@ const REFUSALS: [StatusCode; 6] = [
     StatusCode::BadInvalidState,
 ];
 
-/// Maximum size of a chunk, bytes. The library admits one chunk more than [`MAX_CHUNKS`].
+/// Maximum size of a chunk, bytes. The library admits one chunk more than `MAX_CHUNKS`.
 const MAX_CHUNK_BYTES: usize = 32 * 1024;
 const MAX_CHUNKS: usize = 1;
-/// Stack of a thread that decodes what a control sends. The library (0.19) does not limit how deep values are nested, and takes up to 5.4 kB of
-/// stack for each byte of the largest message. Nested values must cause an error, not the end of the process. Unused stack takes no memory.
+/// Stack size of a thread that decodes what a control sends, bytes. The library (0.19) does not limit the nesting of
+/// values, and takes up to 5.4 kB of stack for each byte of the largest message. With this stack, nested values cause
+/// an error instead of the end of the process. Unused stack takes no memory.
 pub(super) const DECODING_STACK_BYTES: usize = MAX_CHUNK_BYTES * (MAX_CHUNKS + 1) * 8 * 1024;
 
-/// Creates a runtime with one thread, which has a stack of [`DECODING_STACK_BYTES`].
+/// Creates a runtime with one thread, which has a stack of `DECODING_STACK_BYTES`.
 pub(super) fn runtime() -> Result<Runtime, SinumerikError> {
     Builder::new_multi_thread()
         .worker_threads(1)
@@ -65,16 +66,16 @@ pub(super) struct Link {
 
 pub(super) struct Answer {
     pub(super) values: Vec<DataValue>,
-    /// The server's time of the response, in ticks of 100 ns.
+    /// Time of the response on the server's clock, in ticks of 100 ns.
     ticks: i64,
     pub(super) begun: Instant,
     pub(super) ended: Instant,
 }
 
 impl Link {
-    /// Connects, logs in, and looks up the index of the namespace.
+    /// Connects, logs in, and looks up the index of the server's namespace.
     pub(super) async fn open(server: &Server) -> Result<Self, SinumerikError> {
-        // Connecting takes several exchanges.
+        // Connecting takes several exchanges, each within the timeout.
         let at_most = server.time_out * 4;
         let opened = tokio::time::timeout(at_most, Self::connect(server)).await;
         let mut link = opened.map_err(|_| SinumerikError::TimedOut(at_most))??;
@@ -102,7 +103,7 @@ impl Link {
             Some(user) => IdentityToken::UserName(user.name.clone(), user.password.clone().into()),
         };
         let connect = |error: opcua::types::Error| SinumerikError::Connect(error.to_string());
-        // In a task of the runtime, so that the answer is decoded on its large stack.
+        // The discovery is a task of the runtime, so that its answer is decoded on the large stack.
         let url = server.url.clone();
         let discovery = tokio::spawn(async move {
             let endpoints = client.get_server_endpoints_from_url(url.as_str()).await;
@@ -163,7 +164,7 @@ impl Link {
         NodeId::new(self.namespace, node)
     }
 
-    /// Reads nodes of the control from their source, not from the server's cache.
+    /// Reads nodes of the control from their source instead of the server's cache.
     pub(super) async fn read(&self, nodes: &[String]) -> Result<Answer, SinumerikError> {
         self.read_nodes(nodes.iter().map(|node| self.id(node)).collect()).await
     }
@@ -190,13 +191,14 @@ impl Link {
         })
     }
 
-    /// Writes nodes of the control. Returns the status of each, or a single one if the server rejects the whole write.
+    /// Writes nodes of the control. Returns the status of each node, or a single status if the server rejects the whole
+    /// write.
     pub(super) async fn write(
         &self,
         values: impl Iterator<Item = (&String, Variant)>,
     ) -> Result<Vec<StatusCode>, SinumerikError> {
         let values = values.map(|(node, value)| {
-            // Without status and timestamps, because many servers reject writes that have them.
+            // The value has no status and timestamps, because many servers reject a write with them.
             let value = DataValue { value: Some(value), ..DataValue::null() };
             WriteValue::new(
                 self.id(node),
@@ -209,13 +211,13 @@ impl Link {
             Write::new(&self.session).nodes_to_write(values.collect()).timeout(self.time_out);
         match self.answered(write.send(self.session.channel())).await? {
             Ok(response) => Ok(response.results.unwrap_or_default()),
-            // The server rejected the write as a whole; the session remains usable.
+            // The server rejected the write as a whole, but the session stays usable.
             Err(error) if REFUSALS.contains(&error.status()) => Ok(vec![error.status()]),
             Err(error) => Err(SinumerikError::Connect(error.to_string())),
         }
     }
 
-    /// Waits for a response within the timeout; ends earlier if the session ends.
+    /// Waits for a response within the timeout. Errors: no response in time, or a rejected request.
     async fn within<T>(
         &self,
         request: impl Future<Output = Result<T, opcua::types::Error>>,
@@ -224,7 +226,8 @@ impl Link {
         answer.map_err(|error| SinumerikError::Connect(error.to_string()))
     }
 
-    /// Waits for the server's response within the timeout. Errors: no response in time.
+    /// Waits for the server's response within the timeout. The inner error is that of the response. Errors: no response
+    /// in time.
     async fn answered<T>(
         &self,
         request: impl Future<Output = Result<T, opcua::types::Error>>,
@@ -240,7 +243,7 @@ impl Link {
 
     /// Closes the session properly, because a control admits only a few sessions.
     pub(super) async fn close(self) {
-        // If the server does not respond, the session is dropped anyway.
+        // If the server does not respond, the session is dropped all the same.
         let _ = tokio::time::timeout(self.time_out, self.session.disconnect()).await;
     }
 }
@@ -259,14 +262,15 @@ impl Answer {
     fn number(&self, value: &DataValue) -> Value {
         let age = value.source_timestamp.map(|source| {
             let ticks = self.ticks.saturating_sub(source.ticks());
-            // A timestamp in the future is treated as age 0.
+            // A timestamp in the future counts as age 0.
             Duration::from_nanos(u64::try_from(ticks).unwrap_or(0).saturating_mul(100))
         });
         Value { number: number_of(value), age }
     }
 }
 
-/// Converts a value to a number, 1 for true; `None` if it is missing, its status is not good, or it is not finite.
+/// Converts a value to a number, with 1 for true; `None` if the value is missing or not finite, or if its status is not
+/// good.
 pub(super) fn number_of(value: &DataValue) -> Option<f64> {
     let is_good = value.status.is_none_or(|status| status.is_good());
     match value.value.as_ref().filter(|_| is_good)? {
@@ -275,7 +279,7 @@ pub(super) fn number_of(value: &DataValue) -> Option<f64> {
     }
 }
 
-/// Describes why there is no session, with advice for known causes.
+/// Describes why no session could be opened, with advice for known causes.
 fn failure_text(status: StatusCode, server: &Server) -> String {
     let what = match status {
         StatusCode::BadCertificateHostNameInvalid => {
@@ -310,10 +314,10 @@ fn client(server: &Server) -> Result<Client, SinumerikError> {
         .session_name("volcomp")
         .session_retry_limit(0)
         .request_timeout(server.time_out)
-        // Time for which a control keeps the session of a vanished gateway; it admits only a few sessions.
+        // The control keeps the session of a vanished gateway for this time. It admits only a few sessions.
         .session_timeout(ms(Duration::from_secs(10)))
         .keep_alive_interval(Duration::from_secs(2))
-        // The clocks of controls are set by hand, so that their skew is ignored.
+        // The clocks of controls are set by hand, so a difference of the clocks is ignored.
         .ignore_clock_skew(true)
         .max_message_size(MAX_CHUNK_BYTES)
         .max_chunk_size(MAX_CHUNK_BYTES)

@@ -1,4 +1,4 @@
-//! The connection over OPC UA: one thread per control reads periodically, and writes on request.
+//! The connection over OPC UA. One thread per control reads periodically, and writes on request.
 
 mod controller;
 mod failure_log;

@@ -1,5 +1,6 @@
-//! The TCP connection below OPC UA. Closing always resets it, so that undelivered data never reach the control later: a request written
-//! before a cable was unplugged must not move an axis when the cable is plugged in again.
+//! The TCP connection below OPC UA. Closing always resets the connection, so that undelivered data never reach the
+//! control later. Otherwise a request written before a cable was unplugged could move an axis when the cable is plugged
+//! in again.
 
 use std::{sync::Arc, time::Duration};
 
@@ -23,7 +24,7 @@ use tokio_util::codec::FramedRead;
 
 pub(super) struct ResetOnClose {
     pub(super) address: String,
-    /// The connection ends if data stay unacknowledged for this long.
+    /// Maximum time for which sent data may stay unacknowledged. After it the connection ends.
     pub(super) time_out: Duration,
 }
 
@@ -88,7 +89,7 @@ async fn open(
     #[cfg(target_os = "linux")]
     {
         let ms = u32::try_from(time_out.as_millis()).unwrap_or(u32::MAX).max(1);
-        // If the kernel does not support this option, the deadlines of requests still apply.
+        // If the kernel does not support this option, only the deadlines of requests apply.
         let _ = rustix::net::sockopt::set_tcp_user_timeout(&stream, ms);
     }
     #[cfg(not(target_os = "linux"))]

@@ -1,4 +1,4 @@
-//! Reads temperatures of a control's PLC in a separate thread.
+//! Reads temperatures from the PLC of a control in a separate thread.
 
 use std::time::{Duration, Instant};
 
@@ -7,17 +7,16 @@ use volcomp_port::{DeviceError, Published, Publisher, Reason, Temperature, publi
 use super::{controller::start, failure_log::FailureLog, link::Link};
 use crate::{error::SinumerikError, server::Server};
 
-/// A temperature sensor of a control.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Sensor {
-    /// Name of the sensor.
     pub name: String,
-    /// The node id with the temperature in °C, such as `/Plc/DB5.DBD0:REAL`.
+    /// Node id with the temperature in °C, such as `/Plc/DB5.DBD0:REAL`.
     pub node: String,
 }
 
-/// Starts reading temperatures of a control in a separate thread, once per period of its server but at most once a second; the thread ends
-/// when the returned thermometer is dropped. If the control does not answer, reading is retried, and its sensors are bad until then.
+/// Starts reading temperatures of a control in a separate thread, once per period of its server but at most once a
+/// second. The thread ends when the returned thermometer is dropped. If the control does not answer, all sensors are
+/// bad and reading is retried.
 ///
 /// # Errors
 /// An invalid server configuration, or the thread cannot be started.

@@ -1,5 +1,5 @@
-//! Certificates of a secure connection: the client's own, and the server's, which must be trusted. Problems are reported before a session is
-//! opened, with the file and the remedy.
+//! Certificates of a secure connection: the client's own certificate, and the server's certificate, which must be
+//! trusted. Errors are reported before a session is opened, with the file and the remedy.
 
 use std::{
     fs, io,
@@ -16,11 +16,10 @@ use volcomp_document::{PrivateError, private};
 
 use crate::error::SinumerikError;
 
-/// Application URI in the client's certificate.
 pub(super) const APPLICATION_URI: &str = "urn:volcomp";
-/// Path of the client's certificate in the folder.
+/// Path of the client's certificate, relative to the folder of certificates.
 pub(super) const OWN_CERTIFICATE: &str = "own/cert.der";
-/// Path of the client's private key in the folder.
+/// Path of the client's private key, relative to the folder of certificates.
 pub(super) const OWN_KEY: &str = "private/private.pem";
 
 fn wrong(file: &Path, found: impl Into<String>, expected: impl Into<String>) -> SinumerikError {
@@ -39,7 +38,8 @@ fn unreadable(file: &Path, error: &io::Error, expected: &str) -> SinumerikError 
     wrong(file, found, expected)
 }
 
-/// Checks the client's own certificate and key. Errors: one of them is missing, invalid, expired, or readable by others.
+/// Checks the client's own certificate and key. Errors: one of the two is missing, invalid, expired, or readable by
+/// others.
 pub(super) fn check_own(folder: &Path) -> Result<(), SinumerikError> {
     let key = folder.join(OWN_KEY);
     let expected = "the client's private key, PEM, mode 600";
@@ -63,7 +63,7 @@ pub(super) fn check_own(folder: &Path) -> Result<(), SinumerikError> {
         return Err(wrong(&file, "a certificate without this URI", expected));
     }
     let public = certificate.public_key().map_err(|_| none())?;
-    // A signature made with the key must verify with the certificate.
+    // The key belongs to the certificate if the certificate verifies a signature by the key.
     let mut signature = vec![0; read.size()];
     let signed = read.sign_sha256(APPLICATION_URI.as_bytes(), &mut signature);
     let belongs = signed.is_ok()
@@ -113,8 +113,9 @@ fn words(policy: SecurityPolicy, mode: MessageSecurityMode) -> String {
     format!("{} {mode}", policy.to_str())
 }
 
-/// Checks that a server's certificate is among the trusted ones, under any file name, and valid today. An untrusted certificate is saved in the
-/// folder of rejected ones, for the operator to compare. Errors: the certificate is not trusted or has expired, or the folder cannot be used.
+/// Checks that a server's certificate is in the folder of trusted certificates, under any file name, and valid today.
+/// Saves an untrusted certificate in the folder of rejected certificates, where the operator can compare it. Errors:
+/// the certificate is not trusted or has expired, or a folder cannot be used.
 pub(super) fn admit(folder: &Path, endpoint: &EndpointDescription) -> Result<(), SinumerikError> {
     let certificate = &X509::from_byte_string(&endpoint.server_certificate).map_err(|_| {
         wrong(folder, "a server without a readable certificate", "one with an X.509 certificate")
@@ -138,11 +139,12 @@ pub(super) fn admit(folder: &Path, endpoint: &EndpointDescription) -> Result<(),
                 trusted,
             });
         };
-        // The library finds a certificate by this file name only. The file is moved, not copied, so that removing it revokes the trust.
+        // The library finds a certificate only by this file name. The file is moved instead of copied, so that removing
+        // the file revokes the trust.
         fs::write(&file, &der).map_err(|e| failed(&file, &e))?;
         fs::remove_file(&found).map_err(|e| failed(&found, &e))?;
     }
-    // A certificate that the operator copied to the trusted ones is still among the rejected ones.
+    // A certificate that the operator copied to the trusted folder is still in the rejected folder.
     if kept.exists() {
         fs::remove_file(&kept).map_err(|e| failed(&kept, &e))?;
     }
@@ -181,7 +183,7 @@ fn check_validity(file: &Path, certificate: &X509, expected: &str) -> Result<(),
     ))
 }
 
-/// Formats a fingerprint in pairs of digits, as controls display it.
+/// Formats a fingerprint in pairs of digits, like the display of a control.
 fn fingerprint_pairs(hex: &str) -> String {
     let pairs: Vec<String> =
         hex.as_bytes().chunks(2).map(|pair| String::from_utf8_lossy(pair).to_uppercase()).collect();

@@ -7,8 +7,8 @@ use crate::{error::SinumerikError, map_nodes::MapNodes, server::Server};
 
 const MAX_ARRAYS_PER_READ: usize = 16;
 
-/// An open session that transfers a map to the PLC. Every exchange ends within the server's timeout. After a failed exchange the state of
-/// the session is unknown: drop it.
+/// An open session that transfers a map to the PLC. Every exchange ends within the server's timeout. Drop the session
+/// after a failed exchange, because its state is unknown.
 pub struct MapWords {
     runtime: tokio::runtime::Runtime,
     link: Link,
@@ -27,10 +27,8 @@ impl MapWords {
         Ok(Self { runtime, link, nodes, capacity })
     }
 
-    /// Reads the words of the report.
-    ///
     /// # Errors
-    /// No response in time, or one that is not an array of words.
+    /// No response in time, or a response that is not an array of words.
     pub fn report(&self) -> Result<Vec<u16>, SinumerikError> {
         self.read(std::slice::from_ref(&self.nodes.report))
     }
@@ -66,7 +64,7 @@ impl MapWords {
         Ok(words)
     }
 
-    /// Closes the session properly, because a control admits only a few.
+    /// Closes the session properly, because a control admits only a few sessions.
     pub fn close(self) {
         self.runtime.block_on(self.link.close());
     }

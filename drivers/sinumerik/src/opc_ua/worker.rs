@@ -1,4 +1,4 @@
-//! The thread of a control, which owns the session, the last write and the last reading.
+//! The thread of a control. It owns the session, the last write and the last reading.
 
 use std::{
     sync::{
@@ -20,12 +20,12 @@ use super::{
 };
 use crate::{config::SinumerikConfig, error::SinumerikError, reading::Reading};
 
-/// Polling interval for queued writes: the lock-free queue cannot wake this thread.
+/// Polling interval for queued writes. The lock-free queue cannot wake this thread.
 const POLL_INTERVAL: Duration = Duration::from_millis(2);
 
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct WriteRequest {
-    /// Increasing sequence number; 0: no write was requested yet.
+    /// Increasing sequence number; 0 if no write was requested yet.
     pub(super) number: u64,
     pub(super) corrections: PerChannel<f64>,
     pub(super) deadline: Option<Instant>,
@@ -34,14 +34,15 @@ pub(super) struct WriteRequest {
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Latest {
     pub(super) connected: bool,
-    /// The last reading, which is kept and ages while later readings fail; `None` before the first one in a session.
+    /// Last reading; `None` before the first reading of a session. While later readings fail, it is kept and its age
+    /// grows.
     pub(super) snapshot: Option<Snapshot>,
 }
 
 #[derive(Default)]
 pub(super) struct Shared {
     pub(super) ends: AtomicBool,
-    /// The status with which the last write was rejected; 0: it was accepted.
+    /// Status by which the last write was rejected; 0 if it was accepted.
     pub(super) refused: AtomicU32,
     pub(super) opened: AtomicU64,
     pub(super) written: AtomicU64,
@@ -56,12 +57,13 @@ struct Diagnosis {
 }
 
 impl Shared {
-    /// Reason why there is no session; `None` with a session. Takes a lock: not for a cycle.
+    /// Reason why no session is open; `None` if one is open. Takes a lock, so do not call this in a cycle.
     pub(super) fn last_error(&self) -> Option<DeviceError> {
         self.diagnosis.lock().unwrap_or_else(PoisonError::into_inner).error.clone()
     }
 
-    /// Properties of the control found when the session was opened; `None` without a session. Takes a lock: not for a cycle.
+    /// Properties of the control when the session was opened; `None` without a session. Takes a lock, so do not call
+    /// this in a cycle.
     pub(super) fn found(&self) -> Option<Inspection> {
         self.diagnosis.lock().unwrap_or_else(PoisonError::into_inner).found.clone()
     }
@@ -79,7 +81,7 @@ pub(super) struct Worker {
     pub(super) latest: Input<Latest>,
     pub(super) shared: Arc<Shared>,
     pub(super) opened: Option<Instant>,
-    /// Remarks of the previous session, so that the same ones are logged once.
+    /// Remarks of the previous session, so that unchanged remarks are not logged again.
     pub(super) noted: Vec<String>,
 }
 
@@ -127,7 +129,7 @@ impl Worker {
         }
         self.shared.note(None, Some(opened));
         self.shared.opened.fetch_add(1, Ordering::Relaxed);
-        // Writes requested before this session are obsolete.
+        // A write requested before this session is obsolete.
         let mut last_number = self.requests.read().number;
         let mut acknowledged = None;
         let mut snapshot = None;
@@ -149,7 +151,8 @@ impl Worker {
         Ok(())
     }
 
-    /// Reads the control; `None` if a node has no good number. Such a failure shows only in the age of the last reading.
+    /// Reads the control. Returns `None` if a node has no good number. Such a failure shows only in the growing age of
+    /// the last reading.
     async fn read(&self, link: &Link) -> Result<Option<Snapshot>, SinumerikError> {
         let answer = link.read(self.reading.nodes()).await?;
         match self.reading.snapshot(&answer.numbers(), answer.begun, answer.ended) {
@@ -159,7 +162,7 @@ impl Worker {
         }
     }
 
-    /// Writes the requested corrections, unless they are already applied or the deadline has passed.
+    /// Writes the requested corrections. Does nothing if they are already applied or the deadline has passed.
     async fn carry_out(
         &self,
         link: &Link,
