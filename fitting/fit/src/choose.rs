@@ -1,60 +1,70 @@
-//! Automatic choice of a curve: one rule for all callers.
+//! Automatic choice of a curve. The same rule serves all callers.
 
 use crate::between::Band;
 use crate::candidates::{Candidate, candidates};
 use crate::{AutoFit, Choice, Fit, FitError, FitOptions, Noise, Reason, Score, readings};
 
-/// Candidates whose leave-one-out RMS exceeds this multiple of the smallest are rejected. They may follow the readings better at the targets, but are
-/// far worse between them.
+/// Candidates whose leave-one-out RMS exceeds this multiple of the smallest RMS are rejected. Such a candidate may
+/// follow the readings better at the targets, but is far worse between them.
 const FAR: f64 = 2.0;
-/// A simpler candidate replaces the best only if its leave-one-out RMS is at most this multiple of the best one: with few targets one standard error
-/// is large. Of the values 1.0 to 1.25 this one comes closest to the true curves of `examples/automatic.rs`.
+/// A simpler candidate replaces the best candidate only if its leave-one-out RMS is at most this multiple of the best
+/// RMS. With few targets the rule of one standard error alone would be too generous. Of the values 1.0 to 1.25, this
+/// value comes closest to the true curves of `examples/automatic.rs`.
 const AT_MOST: f64 = 1.1;
 
-/// Chooses a curve for readings `u` at `x` by [`choose`] and fits it.
+/// Chooses a curve for readings `u` at `x` by [`choose`], and fits it.
 ///
 /// # Errors
 /// Same as [`choose`].
 pub fn fit_auto(x: &[f64], u: &[f64], options: &FitOptions) -> Result<AutoFit, FitError> {
     let (choice, mut fits) = choose_and_fit(&[(x, u)], options)?;
-    // One set gives one fit.
+    // There is one set, and so one fit.
     let fit = fits.pop().ok_or(FitError::Undetermined { coefficients: 1 })?;
     Ok(AutoFit { fit, choice })
 }
 
-/// Chooses one method for several sets of readings, such as both directions of a measured line, by its errors at whole targets that are left out with
-/// all their readings.
+/// Chooses one method for several sets of readings, such as both directions of a measured line. The choice is by
+/// leave-one-out errors: each target is left out with all its readings, and predicted from the other targets.
 ///
-/// Candidates are polynomials in powers up to order 8 and Chebyshev series up to order 15. Both are limited to twice the root of the number of
-/// targets (beyond it a polynomial through evenly spaced targets oscillates at its ends) and to that number less 2. Both tables need 3 targets, the
-/// smoothing B-spline 4, moving least squares in a few settings of shape 3 need 7. With a period, Fourier series are added if the targets cover at
-/// least half of it. Of the candidates that
-/// meet the required residual, if any do:
+/// Candidates are:
 ///
-/// 1. Candidates whose leave-one-out RMS is more than twice the smallest are rejected. Then candidates whose residuals exceed the scatter are
-///    rejected, unless none would remain (a statistical test that one in a hundred true curves fails). The scatter comes from repeated readings of
-///    the same target or from the options; if it is unknown, all remain. Leave-one-out errors cannot separate scatter from a real error at a single
-///    target; several runs can.
-/// 2. The best is the one with the smallest leave-one-out RMS over the inner targets. The first and the last target of a set are not left out: the
-///    curve is never evaluated beyond them, and not every kind can predict them.
-/// 3. Two conditions select candidates that are as good as the best: compared target by target, their squared leave-one-out errors exceed those of
-///    the best by at most one standard error on average; and their leave-one-out RMS is at most 1.1 times that of the best. The simplest of these is
-///    chosen: the one with the fewest coefficients (trace of the hat matrix).
-/// 4. A candidate whose curve leaves the band of the mean readings between targets by more than a quarter of its height is rejected, and the rule is
-///    repeated with the others.
+/// - Polynomials in powers up to order 8, and Chebyshev series up to order 15. The order is also at most twice the
+///   square root of the number of targets, because beyond this order a polynomial through evenly spaced targets
+///   oscillates at its ends, and at most the number of targets less 2.
+/// - The two tables, which need 3 targets, the smoothing B-spline, which needs 4, and moving least squares of shape 3
+///   in a few settings, which need 7.
+/// - With a period, Fourier series if the targets cover at least half of the period.
 ///
-/// One target gives a constant, two give a line; three give a line, or a table if the residuals of the line exceed the scatter of the readings.
-/// With a period and targets that cover the full turn, only a constant, Fourier series and, if the last reading equals the first, tables are
-/// candidates: no other kind is periodic.
+/// If any candidates meet the required residual, only these are considered. The rules are:
+///
+/// 1. Candidates whose leave-one-out RMS is more than twice the smallest are rejected. Then candidates whose residuals
+///    exceed the scatter are rejected, unless none would remain. This is a statistical test, which one in a hundred
+///    true curves fails. The scatter is from repeated readings of the same target or from the options; if it is
+///    unknown, all candidates remain. Leave-one-out errors cannot separate scatter from a real error at a single
+///    target, but several runs can.
+/// 2. The best candidate has the smallest leave-one-out RMS over the inner targets. The first and the last target of a
+///    set are not left out, because the curve is never evaluated beyond them, and some kinds of curve cannot predict
+///    them.
+/// 3. A candidate counts as good as the best under two conditions. First, its squared leave-one-out errors, compared
+///    target by target, exceed those of the best by at most one standard error on average. Second, its leave-one-out
+///    RMS is at most 1.1 times that of the best. The simplest such candidate is chosen, which is the one with the
+///    fewest coefficients (trace of the hat matrix).
+/// 4. If the curve of the chosen candidate leaves the range of the mean readings between targets by more than a quarter
+///    of its height, the candidate is rejected, and the rules are applied again to the others.
+///
+/// One target gives a constant, two targets give a line. Three targets give a line, or a table if the residuals of the
+/// line exceed the scatter of the readings. With a period and targets that cover the full period, the only candidates
+/// are a constant, Fourier series and, if the last reading equals the first, tables, because no other kind is periodic.
 ///
 /// # Errors
-/// Unequal lengths, numbers that are not finite, no set, a set without a reading, a required residual or a period that is not positive.
+/// Unequal lengths, numbers that are not finite, no set, a set without a reading, or a required residual or period that
+/// is not positive.
 pub fn choose(sets: &[(&[f64], &[f64])], options: &FitOptions) -> Result<Choice, FitError> {
     choose_and_fit(sets, options).map(|(choice, _)| choice)
 }
 
-/// Chooses one method for several sets of readings by [`choose`]. Returns the fit of each set,
-/// which was computed for the choice.
+/// Chooses one method for several sets of readings by [`choose`]. Also returns the fit of each set, which was computed
+/// for the choice.
 ///
 /// # Errors
 ///
@@ -121,7 +131,7 @@ pub fn choose_and_fit(
             Ok(mut fits) => {
                 let mut pairs = fits.iter().zip(&bands);
                 let holds = pairs.all(|(fit, band)| band.holds(&fit.curve));
-                // The last remaining candidate is kept in any case.
+                // The last candidate is kept even if it leaves the range.
                 if holds || left.len() == 1 {
                     for fit in &mut fits {
                         fit.meets_required = options.required_residual.map(|_| any);
@@ -149,12 +159,12 @@ pub fn choose_and_fit(
             let choice = Choice { method, reason, scores: scores.collect() };
             return Ok((choice, fits));
         }
-        // The place exists: the method comes from the candidates.
+        // The method is from the candidates, so the index exists.
         swings[place.unwrap_or_default()] = true;
     }
 }
 
-/// Applies rules 1 to 3 to candidates sorted by their number of coefficients.
+/// Applies rules 1 to 3 of [`choose`] to candidates that are sorted by their number of coefficients.
 fn simplest<'a>(
     candidates: &[&'a Candidate],
     follows: &dyn Fn(&Candidate) -> bool,
@@ -162,7 +172,7 @@ fn simplest<'a>(
 ) -> Option<(&'a Candidate, Reason)> {
     let rounding = 1e-9 * magnitude;
     let first = *candidates.first()?;
-    // Without an inner target there is nothing to compare: the constant of one target, the line of two.
+    // Without an inner target there are no errors to compare. One target gives the constant, two give the line.
     if first.errors.is_empty() {
         let most = candidates
             .iter()
@@ -190,7 +200,8 @@ fn simplest<'a>(
     Some((taken, reason))
 }
 
-/// Whether the squared errors exceed those of the best on average by at most one standard error of the mean.
+/// Whether the squared errors of a candidate exceed those of the best on average by at most one standard error of the
+/// mean.
 fn within_one_error(candidate: &Candidate, best: &Candidate) -> bool {
     let pairs = candidate.errors.iter().zip(&best.errors);
     let differences: Vec<f64> = pairs.map(|(own, best)| own * own - best * best).collect();

@@ -1,15 +1,13 @@
 use thiserror::Error;
 use volcomp_curve::CurveError;
 
-/// Reason why readings cannot be fitted. `index` counts from 0.
+/// Reason why readings cannot be fitted. Each `index` counts from 0.
 #[derive(Clone, Debug, PartialEq, Error)]
 #[non_exhaustive]
 pub enum FitError {
     #[error("found {readings} readings for {abscissae} abscissae: expected one for each")]
     Lengths {
-        /// The number of abscissae that was found.
         abscissae: usize,
-        /// The number of readings that was found.
         readings: usize,
     },
     #[error("{what} {index} is {value}: expected a finite number")]
@@ -31,18 +29,16 @@ pub enum FitError {
         order: usize,
         lower: f64,
         upper: f64,
-        /// Largest deviation, in units of the readings.
+        /// Largest deviation, in the unit of the readings.
         error: f64,
     },
     #[error(
         "{targets} targets leave no order and support with enough nodes within the support everywhere: expected more, or more evenly spread, targets, or a smaller shape than {shape}"
     )]
     NoCandidate {
-        /// Number of different targets.
         targets: usize,
         shape: f64,
     },
-    /// A parameter is out of its range.
     #[error("{what} is {value}: expected {expected}")]
     Parameter { what: &'static str, value: f64, expected: &'static str },
     /// The curve rejects its parameters.

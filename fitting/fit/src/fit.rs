@@ -7,36 +7,36 @@ use crate::readings;
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Fit {
-    /// The curve that was fitted.
     pub curve: Curve,
     /// Reading minus curve, in the order of the readings.
     pub residuals: Vec<f64>,
-    /// Leave-one-out error: root mean square error of predicting each reading by a curve that was
-    /// fitted without the readings of its target. It includes every reading, so it is never below
-    /// the RMS residual: no curve predicts the differences between readings of one target.
+    /// Leave-one-out error: root mean square error of predicting each reading by a curve that was fitted without the
+    /// readings of its target. It is never less than the RMS residual, because no curve predicts the differences
+    /// between readings of one target.
     ///
-    /// Support, knots and smoothing parameter are those of the whole fit. A table predicts its
-    /// inner targets only. Infinite if a target cannot be predicted from the others.
+    /// Support, knots and smoothing parameter are those of the whole fit. A table predicts only its inner targets. The
+    /// error is infinite if a target cannot be predicted from the others.
     #[cfg_attr(feature = "serde", serde(with = "crate::serialised"))]
     pub leave_one_out_rms: f64,
-    /// Leave-one-out RMS of the inner targets alone: the curve is never evaluated beyond the first
-    /// and the last target, and not every kind of curve can predict them.
+    /// Leave-one-out RMS of the inner targets. The first and the last target are omitted, because the curve is never
+    /// evaluated beyond them and some kinds of curve cannot predict them.
     #[cfg_attr(feature = "serde", serde(with = "crate::serialised"))]
     pub inner_rms: f64,
-    /// Whether the required residual is met; `None` if none is required.
+    /// Whether the largest deviation of a mean reading is within the required residual; `None` if none is required.
     pub meets_required: Option<bool>,
 }
 
 impl Fit {
-    /// `missed` are the leave-one-out errors of the mean readings, each with the index of its target; empty if no target can be left out.
+    /// `missed` are the leave-one-out errors of the mean readings, each with the index of its target. It is empty if no
+    /// target can be left out.
     pub(crate) fn new(
         curve: Curve,
         x: &[f64],
         u: &[f64],
         missed: impl Iterator<Item = (usize, f64)>,
     ) -> Self {
-        // Runs repeat their targets, and moving least squares are slow to evaluate, so each place
-        // is evaluated once.
+        // Each abscissa is evaluated once, because runs repeat their targets and moving least squares are slow to
+        // evaluate.
         let mut places = x.to_vec();
         places.sort_by(f64::total_cmp);
         places.dedup();
@@ -44,8 +44,8 @@ impl Fit {
         Self::of_values(curve, &known, x, u, missed)
     }
 
-    /// Like [`new`](Self::new), for a curve whose values at the targets are known, in ascending
-    /// order.
+    /// Like [`new`](Self::new), for a curve whose values at the targets are known. `known` are pairs of target and
+    /// value, with ascending targets.
     pub(crate) fn of_values(
         curve: Curve,
         known: &[[f64; 2]],
@@ -55,7 +55,7 @@ impl Fit {
     ) -> Self {
         let at = |x: f64| {
             let place = known.binary_search_by(|[place, _]| place.total_cmp(&x));
-            // 0 and −0 are the same place.
+            // The search distinguishes 0 and −0, which are the same abscissa.
             place.map_or_else(|_| curve.value(x), |place| known[place][1])
         };
         let residuals = x.iter().zip(u).map(|(&x, &u)| u - at(x));
@@ -77,28 +77,29 @@ impl Fit {
         Self::new(curve, x, u, missed)
     }
 
-    /// The smallest residual, in the unit of the readings.
+    /// Smallest residual, in the unit of the readings.
     pub fn min(&self) -> f64 {
         self.residuals.iter().copied().fold(f64::INFINITY, f64::min)
     }
 
-    /// The largest residual, in the unit of the readings.
+    /// Largest residual, in the unit of the readings.
     pub fn max(&self) -> f64 {
         self.residuals.iter().copied().fold(f64::NEG_INFINITY, f64::max)
     }
 
-    /// The largest magnitude of a residual.
+    /// Largest magnitude of a residual, in the unit of the readings.
     pub fn max_abs(&self) -> f64 {
         self.min().abs().max(self.max().abs())
     }
 
-    /// The root mean square of the residuals.
+    /// Root mean square of the residuals, in the unit of the readings.
     pub fn rms(&self) -> f64 {
         rms(self.residuals.iter().copied())
     }
 }
 
-/// Root mean square over the readings of targets, from the leave-one-out errors of their means; infinite if nothing can be left out.
+/// Root mean square over the readings of targets, from the leave-one-out errors of their means; infinite if no target
+/// can be left out.
 fn over_readings(x: &[f64], u: &[f64], missed: impl Iterator<Item = (usize, f64)>) -> f64 {
     let targets = readings::counted(x, u);
     let (mut sum, mut count) = (0.0, 0.0);
@@ -116,14 +117,15 @@ pub(crate) fn rms(errors: impl Iterator<Item = f64>) -> f64 {
     (sum / f64::from(count)).sqrt()
 }
 
-/// Error of predicting a reading from the others, from its residual e and its entry h on the diagonal of the hat matrix: `e / (1 − h)` (Allen,
-/// Technometrics 16, 1974). Infinite for h = 1.
+/// Error of predicting a reading from the other readings, `e / (1 − h)`, from its residual `e` and its entry `h` on the
+/// diagonal of the hat matrix (Allen, Technometrics 16, 1974). Infinite for h = 1.
 pub(crate) fn left_out(residual: f64, leverage: f64) -> f64 {
     let freedom = 1.0 - leverage;
     if freedom > 1e-9 { residual / freedom } else { f64::INFINITY }
 }
 
-/// Candidate of an automatic choice: whether it meets the required residual, and its leave-one-out RMS.
+/// Criteria by which an automatic choice compares candidates: whether a candidate meets the required residual, and its
+/// leave-one-out RMS.
 #[derive(Clone, Copy)]
 pub(crate) struct Judged {
     pub(crate) meets: bool,
@@ -131,8 +133,8 @@ pub(crate) struct Judged {
 }
 
 impl Judged {
-    /// Whether this candidate replaces the best one so far. One that meets the required residual is
-    /// preferred; otherwise the smaller leave-one-out RMS, if the difference exceeds the rounding
+    /// Whether this candidate replaces `best`, the best candidate up to now. A candidate that meets the required
+    /// residual is preferred. Otherwise the smaller leave-one-out RMS decides, if the difference exceeds the rounding
     /// of readings of this magnitude.
     pub(crate) fn beats(self, best: Option<Self>, magnitude: f64) -> bool {
         let Some(best) = best else { return true };

@@ -10,8 +10,8 @@ use crate::{Fit, FitError, readings};
 /// Fits a Fourier series with `order` harmonics of the period by least squares.
 ///
 /// # Errors
-/// Unequal lengths, numbers that are not finite, a period that is not positive, targets outside the
-/// domain, or targets whose phases do not determine the `2 order + 1` coefficients.
+/// Unequal lengths, numbers that are not finite, a period that is not positive, targets outside the domain, or targets
+/// whose phases do not determine the `2 order + 1` coefficients.
 pub fn fit_fourier(
     x: &[f64],
     u: &[f64],

@@ -6,13 +6,13 @@ pub(crate) struct Solution {
     pub(crate) coefficients: Vec<f64>,
     /// Diagonal of the hat matrix for the mean reading of each target, weighted by its number of readings.
     pub(crate) leverages: Vec<f64>,
-    /// Mean reading minus curve, of each target.
+    /// Mean reading minus curve, for each target.
     pub(crate) residuals: Vec<f64>,
 }
 
-/// Least squares by Householder QR of the mean readings of targets, each weighted by its number of readings. The coefficients equal those of a fit to
-/// all readings, and the leverages describe the effect of leaving a target out with all its readings. One factorisation holds the solutions of all
-/// leading columns.
+/// Least-squares fit to the mean readings of targets, by Householder QR. Each mean is weighted by its number of
+/// readings, so the coefficients equal those of a fit to all readings, and the leverages describe the effect of leaving
+/// a target out with all its readings. One factorisation gives the solutions for all leading columns.
 pub(crate) struct Nested {
     q: DMatrix<f64>,
     r: DMatrix<f64>,
@@ -23,7 +23,7 @@ pub(crate) struct Nested {
 }
 
 impl Nested {
-    /// `matrix` has one row for each target and one column for each function.
+    /// Factorises `matrix`, which has one row for each target and one column for each function.
     pub(crate) fn new(mut matrix: DMatrix<f64>, targets: &[Target]) -> Self {
         let roots: Vec<f64> = targets.iter().map(|t| t.count.sqrt()).collect();
         for (mut row, &root) in matrix.row_iter_mut().zip(&roots) {
@@ -40,7 +40,8 @@ impl Nested {
         Self { q, r, turned, roots, means }
     }
 
-    /// Solution with the first `columns` columns; `None` if these are linearly dependent, or more than there are targets.
+    /// Solution with the first `columns` columns; `None` if these columns are linearly dependent, or more than there
+    /// are targets.
     pub(crate) fn solution(&self, columns: usize) -> Option<Solution> {
         if columns > self.r.nrows() || columns > self.r.ncols() || columns == 0 {
             return None;

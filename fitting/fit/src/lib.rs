@@ -42,7 +42,6 @@ pub use thermal::{
 };
 pub use volcomp_curve as curve;
 
-/// Holds the README's example, so that it is run as a test.
 #[cfg(doctest)]
 #[doc = include_str!("../README.md")]
 struct Readme;

@@ -49,8 +49,7 @@ pub enum Method {
 impl Method {
     /// Fits readings `u` at `x` with this method, over the range of `x`.
     ///
-    /// # Errors
-    /// Those of the fit of this kind. A polynomial of order 0 also accepts readings at a single target.
+    /// The errors of the fit of this kind. A polynomial of order 0 also accepts readings at a single target.
     pub fn fit(self, x: &[f64], u: &[f64]) -> Result<Fit, FitError> {
         readings::check(x, u)?;
         let lower = x.iter().copied().fold(f64::INFINITY, f64::min);
@@ -65,7 +64,7 @@ impl Method {
             Self::Polynomial { order } => fit_polynomial(x, u, order, domain),
             Self::Chebyshev { order } => fit_chebyshev(x, u, order, domain),
             Self::Fourier { order, period } => {
-                // A curve over the full turn is valid everywhere, also beyond the last target.
+                // A curve over the full period is valid everywhere, also beyond the last target.
                 let gaps = readings::targets(x, u).len().saturating_sub(1).max(1) as f64;
                 let range = upper - lower;
                 let domain = if range >= period - 1.5 * range / gaps && range < period {
@@ -84,7 +83,7 @@ impl Method {
         }
     }
 
-    /// Name of the kind, without its settings.
+    /// Name of the kind of curve, without its settings.
     pub fn kind(self) -> &'static str {
         match self {
             Self::Polynomial { .. } => "polynomial",
@@ -98,7 +97,7 @@ impl Method {
     }
 }
 
-/// Formats the kind with its settings: `polynomial of order 3`.
+/// Formats the kind of curve with its settings: `polynomial of order 3`.
 impl fmt::Display for Method {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {

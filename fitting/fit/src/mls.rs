@@ -4,27 +4,26 @@ use volcomp_curve::MovingLeastSquares;
 use crate::fit::{Judged, left_out, rms};
 use crate::{Fit, FitError, readings};
 
-/// Orders of moving least squares tested by [`scan_mls`] and [`fit_mls_auto`].
+/// Orders of moving least squares that [`scan_mls`] and [`fit_mls_auto`] try.
 pub const MLS_ORDERS: std::ops::RangeInclusive<usize> = 1..=6;
-/// Supports tried, in twentieths of the range.
+/// Supports that are tried, in twentieths of the range of the targets.
 const SUPPORTS: std::ops::RangeInclusive<u32> = 3..=20;
-/// The name of the fit in messages about too few targets.
 const PURPOSE: &str = "moving least squares";
 const OF_ORDER: &str = "a curve of moving least squares of this order";
-/// Widest support, as a fraction of the range: above it every target has nearly the same weight,
-/// and the curve is a single polynomial.
+/// Widest support, as a fraction of the range. With a wider support every target has nearly the same weight, and the
+/// curve is a single polynomial.
 const WIDEST: f64 = 1.0;
-/// Published order and support for long gantries, tried in addition to the grid.
+/// Published order and support for long gantries. This pair is tried in addition to the grid.
 const PUBLISHED: (usize, f64) = (4, 1.0 / 3.0);
-/// Smallest admissible ratio of the smallest to the largest singular value of the weighted design matrix of a candidate.
+/// Minimum ratio of the smallest to the largest singular value of a candidate's weighted design matrix.
 const MIN_CONDITION: f64 = 1e-10;
 
-/// Fits moving least squares of the order, the support (a fraction of the range of the targets, above 0 and at most 1) and
-/// the shape of the weight, through the mean reading of each target.
+/// Fits moving least squares through the mean reading of each target. `support` is a fraction of the range of the
+/// targets, above 0 and at most 1, and `shape` is the shape of the weight.
 ///
 /// # Errors
-/// Unequal lengths, numbers that are not finite, a support above 1, fewer than order + 2 targets, or parameters that [`MovingLeastSquares::new`]
-/// rejects.
+/// Unequal lengths, numbers that are not finite, a support above 1, fewer than order + 2 targets, or parameters that
+/// [`MovingLeastSquares::new`] rejects.
 pub fn fit_mls(
     x: &[f64],
     u: &[f64],
@@ -61,8 +60,8 @@ pub struct MlsTrial {
     pub leave_one_out_rms: f64,
 }
 
-/// Settings among which [`fit_mls_auto`] chooses, by ascending order, then by descending support.
-/// Settings that the targets do not determine are omitted.
+/// Settings among which [`fit_mls_auto`] chooses, by ascending order, then by descending support. Settings that the
+/// targets do not determine are omitted.
 ///
 /// # Errors
 ///
@@ -84,24 +83,25 @@ pub fn scan_mls(x: &[f64], u: &[f64], shape: f64) -> Result<Vec<MlsTrial>, FitEr
     Ok(trials)
 }
 
-/// Fits moving least squares in the automatic mode.
+/// Fits moving least squares with automatically chosen order and support.
 ///
-/// Orders 1 to 6 and supports 0.15 to 1 in steps of 0.05 are tried, and the published pair of order
-/// 4 and support 1/3. Candidates are those with at least order + 2 nodes of positive weight
-/// everywhere in the range, so that a node left out still leaves order + 1, and with a weighted
-/// design matrix in the local basis whose smallest singular value is at least 1e-10 of the largest.
-/// Of the candidates that meet the required residual (largest deviation of a target's mean
-/// reading), the one with the smallest leave-one-out RMS is chosen; of equals, the lower order,
-/// then the wider support. If none meets it, [`Fit::meets_required`] is false, and the candidate
-/// with the smallest leave-one-out RMS of all is chosen.
+/// Orders 1 to 6 with supports 0.15 to 1 in steps of 0.05 are tried, and also the published pair of order 4 and support
+/// 1/3. A candidate must meet two conditions. First, at least order + 2 nodes have a positive weight everywhere in the
+/// range, so that order + 1 remain if one node is left out. Second, the smallest singular value of the weighted design
+/// matrix in the local basis is at least 1e-10 of the largest.
 ///
-/// With more than 100 targets the leave-one-out errors are computed at every second, third … target, so that there are at most 100. With more than 400
-/// targets, supports are fractions of the range of 400 targets.
+/// Of the candidates that meet the required residual (largest deviation of a target's mean reading), the one with the
+/// smallest leave-one-out RMS is chosen; of equals, the one with the lower order, then the one with the wider support.
+/// If no candidate meets the required residual, [`Fit::meets_required`] is false, and the candidate with the smallest
+/// leave-one-out RMS of all is chosen.
+///
+/// With more than 100 targets, the leave-one-out errors are computed at every second, third, … target, so that there
+/// are at most 100. With more than 400 targets, supports are fractions of a range that contains 400 targets.
 ///
 /// # Errors
 ///
-/// Those of [`fit_mls`]; a required residual that is not positive; [`FitError::NoCandidate`] if the targets are too few or too uneven for any
-/// candidate.
+/// The errors of [`fit_mls`]; a required residual that is not positive; [`FitError::NoCandidate`] if the targets are
+/// too few or too unevenly spaced for any candidate.
 pub fn fit_mls_auto(
     x: &[f64],
     u: &[f64],
@@ -128,7 +128,7 @@ pub fn fit_mls_auto(
         let setting = &mut settings[place];
         let made = Candidate::new(targets.clone(), setting.order, setting.support, shape)?;
         let meets = required_residual.is_none_or(|r| made.max_residual <= r);
-        // A target that was excluded from the choice may be farther from the curve.
+        // A target that was omitted from the choice may be farther from the curve.
         if expected && !meets {
             setting.max_residual = made.max_residual;
             continue;
@@ -137,17 +137,17 @@ pub fn fit_mls_auto(
     }
 }
 
-/// Order and support of moving least squares with the smallest leave-one-out error for several sets
-/// of readings, such as both directions of a measured line. The settings tried and the treatment of
-/// the required residual are those of [`fit_mls_auto`].
+/// Order and support of moving least squares with the smallest leave-one-out error for several sets of readings, such
+/// as both directions of a measured line. The settings tried and the handling of the required residual are those of
+/// [`fit_mls_auto`].
 ///
-/// One setting is chosen for all sets, by the leave-one-out RMS over all of them: more readings make the choice less accidental. The first and the
-/// last target of each set are not left out: the curve is never evaluated beyond them, and they alone would decide against a high order that misses
-/// them.
+/// One setting is chosen for all sets, by the leave-one-out RMS over all sets, because more readings make the choice
+/// less accidental. The first and the last target of each set are not left out. The curve is never evaluated beyond
+/// them, and their errors alone would decide against a high order.
 ///
 /// # Errors
 ///
-/// Same as [`fit_mls_auto`]; no set.
+/// The errors of [`fit_mls_auto`], or no set.
 pub fn choose_mls(
     sets: &[(&[f64], &[f64])],
     shape: f64,
@@ -188,13 +188,13 @@ pub fn choose_mls(
     best.map(|(setting, _)| (setting.order, setting.support)).ok_or(none)
 }
 
-/// An order and a support with its errors at targets of one or more sets.
+/// An order and a support, with their errors at the targets of one or more sets.
 struct Setting {
     order: usize,
     support: f64,
     /// Largest residual of the checked targets.
     max_residual: f64,
-    /// Leave-one-out errors of the targets of each set, the first and the last included.
+    /// Leave-one-out errors of the targets of each set, including the first and the last target.
     missed: Vec<Vec<f64>>,
 }
 
@@ -203,8 +203,8 @@ impl Setting {
         rms(self.missed.iter().flatten().copied())
     }
 
-    /// Errors without those of the end targets: the curve is never evaluated beyond these, and the
-    /// error of a high order there would dominate.
+    /// Leave-one-out errors of the inner targets. The curve is never evaluated beyond the end targets, and the error of
+    /// a high order there would dominate.
     fn inner(&self) -> impl Iterator<Item = f64> {
         let inner = self.missed.iter().flat_map(|of| {
             let inner = 1..of.len().saturating_sub(1);
@@ -213,7 +213,7 @@ impl Setting {
         inner.copied()
     }
 
-    /// Combines this setting with the same one for another set; `None` if that set has none.
+    /// Combines this setting with the same setting for another set; `None` if the other set lacks the setting.
     fn with(mut self, others: &[Self]) -> Option<Self> {
         let mut others = others.iter();
         let same = others.find(|other| {
@@ -225,22 +225,22 @@ impl Setting {
     }
 }
 
-/// Checked targets of a scan over orders and supports.
+/// Targets for a scan over orders and supports, after checking the readings.
 fn scanned(x: &[f64], u: &[f64], shape: f64) -> Result<Vec<[f64; 2]>, FitError> {
     let targets = readings::checked_targets(x, u, 3, PURPOSE)?;
-    // Report an invalid shape here, before it is mistaken for a lack of candidates.
+    // Report an invalid shape here. Otherwise it would be reported as a lack of candidates.
     MovingLeastSquares::new(targets.clone(), 1, 2.0 * targets.len() as f64, shape)?;
     Ok(targets)
 }
 
-/// Maximum number of targets at which a setting is tested.
+/// Maximum number of targets at which the errors of a setting are computed.
 const MAX_TRIED: usize = 100;
-/// Maximum number of targets in the range that supports refer to: the effort of a place grows with
-/// the number of targets near it.
+/// Maximum number of targets in the range to which supports refer. The effort for one abscissa grows with the number of
+/// targets near it.
 const MAX_IN_RANGE: f64 = 400.0;
 
-/// All settings that the targets determine, by ascending order, then by descending support, with
-/// their errors. `most` is the largest number of targets of the sets that share a setting.
+/// All settings that the targets determine, with their errors, by ascending order, then by descending support. `most`
+/// is the largest number of targets among the sets that share a setting.
 fn settings(targets: &[[f64; 2]], shape: f64, most: usize) -> Vec<Setting> {
     let share = (MAX_IN_RANGE / most as f64).min(1.0);
     let (published_order, published_support) = PUBLISHED;
@@ -257,10 +257,10 @@ fn settings(targets: &[[f64; 2]], shape: f64, most: usize) -> Vec<Setting> {
     settings
 }
 
-/// The settings with one support that the targets determine. Everywhere in the range there must be
-/// enough nodes with a positive weight that one more than the number of coefficients remains when
-/// one is left out, and the least-squares problem must not be nearly singular. It is checked in the
-/// worst places: at the ends, at nodes, half-way between them, and where a node enters the support.
+/// Settings with this support that the targets determine. Everywhere in the range, enough nodes must have a positive
+/// weight that one more than the number of coefficients remains if one node is left out, and the least-squares problem
+/// must not be nearly singular. Both are checked at the worst abscissas: at the ends, at nodes, half-way between nodes,
+/// and where a node enters the support.
 fn of_support(
     targets: &[[f64; 2]],
     orders: std::ops::RangeInclusive<usize>,
@@ -271,8 +271,7 @@ fn of_support(
         let curve = MovingLeastSquares::new(targets.to_vec(), order, support, shape).ok()?;
         curve.has_nodes_everywhere(order + 2).then_some(curve)
     };
-    // Fewer coefficients require fewer nodes. The curve of the highest order contains all lower
-    // ones.
+    // Fewer coefficients require fewer nodes. The curve of the highest order contains those of all lower orders.
     let Some(curve) = orders.clone().rev().find_map(curve_of) else {
         return Vec::new();
     };
@@ -307,25 +306,26 @@ fn of_support(
     settings
 }
 
-/// Ratio of the smallest to the largest singular value of the first columns of a matrix, given by its rows; 0 if it is singular.
+/// Ratio of the smallest to the largest singular value of the first `columns` columns of a matrix, which is given by
+/// its rows; 0 if it is singular.
 fn reciprocal_condition(rows: &[Vec<f64>], columns: usize) -> f64 {
     if rows.len() < columns || columns == 0 {
         return 0.0;
     }
     let matrix = DMatrix::from_fn(rows.len(), columns, |row, column| rows[row][column]);
     let values = matrix.singular_values();
-    // The largest singular value is positive: in the first column, the nearest node has the weight
-    // 1, up to a factor.
+    // The largest singular value is positive, because in the first column the nearest node has the weight 1, up to a
+    // factor.
     values.min() / values.max()
 }
 
 #[derive(Clone)]
 pub(crate) struct Candidate {
     curve: MovingLeastSquares,
-    /// Each target with the value of the curve there.
+    /// Each target with the value of the curve at it.
     values: Vec<[f64; 2]>,
     pub(crate) residuals: Vec<f64>,
-    /// Leverage of each target: the weight of its reading in the curve there.
+    /// Leverage of each target, which is the derivative of the curve at the target with respect to its mean reading.
     pub(crate) influences: Vec<f64>,
     /// Largest deviation of a target's mean reading from the curve.
     max_residual: f64,
@@ -355,7 +355,7 @@ impl Candidate {
         Self { curve, values, residuals, influences, max_residual }
     }
 
-    /// The fit of the curve to the single readings `u` at `x`; the curve was fitted to their means.
+    /// Fit of the curve to the single readings `u` at `x`. The curve was fitted to the means of these readings.
     pub(crate) fn fit(self, x: &[f64], u: &[f64]) -> Fit {
         let errors = self.residuals.iter().zip(&self.influences);
         let missed = errors.map(|(&e, &influence)| left_out(e, influence));

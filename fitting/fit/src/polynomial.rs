@@ -5,11 +5,11 @@ use crate::least_squares::{Nested, Solution};
 use crate::readings::Target;
 use crate::{Fit, FitError, readings};
 
-/// Fits a Chebyshev series of the order on `domain` by least squares (Householder QR).
+/// Fits a Chebyshev series of this order on `domain` by least squares (Householder QR).
 ///
 /// # Errors
-/// Unequal lengths, numbers that are not finite, targets outside the domain, fewer than `order + 1`
-/// different targets, an empty domain.
+/// Unequal lengths, numbers that are not finite, targets outside the domain, fewer than `order + 1` different targets,
+/// or an empty domain.
 pub fn fit_chebyshev(
     x: &[f64],
     u: &[f64],
@@ -20,12 +20,11 @@ pub fn fit_chebyshev(
     Ok(Fit::least_squares(series.into(), x, u, &solution))
 }
 
-/// Fits a polynomial of the order by least squares, as [`fit_chebyshev`] does, and writes it in
-/// powers of the argument.
+/// Fits a polynomial of this order by least squares like [`fit_chebyshev`], and converts it to powers of the argument.
 ///
 /// # Errors
-/// Same as [`fit_chebyshev`], and a domain so far from 0 that powers of the argument would lose more than 1e-7 of the
-/// readings.
+/// The errors of [`fit_chebyshev`], and a domain so far from 0 that powers of the argument would lose more than 1e-7 of
+/// the readings.
 pub fn fit_polynomial(
     x: &[f64],
     u: &[f64],
@@ -37,7 +36,8 @@ pub fn fit_polynomial(
     Ok(Fit::least_squares(polynomial.into(), x, u, &solution))
 }
 
-/// Converts a series to powers of the argument, if the error is at most 1e-7 of readings of this magnitude.
+/// Converts a Chebyshev series to powers of the argument. Errors: the conversion changes values by more than 1e-7 of
+/// this magnitude of the readings.
 pub(crate) fn in_powers(series: &Chebyshev, magnitude: f64) -> Result<Polynomial, FitError> {
     let order = series.coefficients().len() - 1;
     let [lower, upper] = series.domain();
@@ -60,7 +60,7 @@ fn series(
     domain: [f64; 2],
 ) -> Result<(Chebyshev, Solution), FitError> {
     readings::check(x, u)?;
-    // Report an empty domain before checking readings against it.
+    // Report an empty domain before the readings are checked against it.
     Chebyshev::new(vec![0.0], domain)?;
     readings::check_domain(x, domain)?;
     let needed = order.saturating_add(1);
@@ -73,7 +73,7 @@ fn series(
 
 const PURPOSE: &str = "a polynomial of this order";
 
-/// Least-squares solutions of all series up to this order.
+/// Least-squares solutions of the Chebyshev series of all orders up to `order`.
 pub(crate) fn nested(targets: &[Target], order: usize, domain: [f64; 2]) -> Nested {
     Nested::new(chebyshev_matrix(targets, order, domain), targets)
 }
@@ -90,7 +90,8 @@ fn chebyshev_matrix(targets: &[Target], order: usize, [lower, upper]: [f64; 2]) 
     matrix
 }
 
-/// Coefficients in powers of x of a Chebyshev series: Clenshaw's recurrence applied to polynomials, with `t = shift + rate x`.
+/// Coefficients of a Chebyshev series in powers of x, by Clenshaw's recurrence applied to polynomials, with `t = shift
+/// + rate x`.
 fn powers(series: &Chebyshev) -> Vec<f64> {
     let [lower, upper] = series.domain();
     let (shift, rate) = (-(lower + upper) / (upper - lower), 2.0 / (upper - lower));

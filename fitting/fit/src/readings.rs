@@ -62,7 +62,8 @@ pub(crate) fn targets(x: &[f64], u: &[f64]) -> Vec<[f64; 2]> {
     counted(x, u).iter().map(|t| [t.x, t.mean]).collect()
 }
 
-/// Checks the readings and returns the mean of each target; `purpose` needs at least `needed` targets.
+/// Checks the readings and returns the mean of each target. `purpose` names the curve, which needs at least `needed`
+/// targets.
 pub(crate) fn checked_targets(
     x: &[f64],
     u: &[f64],
@@ -84,7 +85,7 @@ pub(crate) fn require(
     if found < needed { Err(FitError::TooFewTargets { purpose, found, needed }) } else { Ok(()) }
 }
 
-/// Magnitude of the readings; differences below 1e-9 of the magnitude are treated as rounding.
+/// Largest magnitude of the readings. Differences below 1e-9 of it count as rounding.
 pub(crate) fn magnitude(u: impl IntoIterator<Item = f64>) -> f64 {
     u.into_iter().fold(0.0, |largest: f64, u| largest.max(u.abs()))
 }

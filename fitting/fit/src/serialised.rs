@@ -1,4 +1,5 @@
-//! A number that may be infinite, which JSON cannot represent: written as null, read back as infinite.
+//! A number that may be infinite, which JSON cannot represent. Infinity is written as null, and null is read as
+//! infinity.
 
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 

@@ -1,8 +1,7 @@
-//! Scatter of readings with tests against it, and Student quantiles for small numbers of runs.
+//! Scatter of readings, tests against this scatter, and Student quantiles for small numbers of runs.
 
 use crate::readings;
 
-/// Standard deviation with its degrees of freedom.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Noise {
@@ -14,7 +13,8 @@ pub struct Noise {
 }
 
 impl Noise {
-    /// Pooled standard deviation of repeated readings; `None` if no target has several, or if they do not differ.
+    /// Pooled standard deviation of repeated readings; `None` if no target has several readings, or if repeated
+    /// readings do not differ.
     pub(crate) fn pooled(targets: &[readings::Target]) -> Option<Self> {
         let squares: f64 = targets.iter().map(|t| t.squares).sum();
         let freedom: f64 = targets.iter().map(|t| t.count - 1.0).sum();
@@ -22,8 +22,9 @@ impl Noise {
         (deviation > 0.0 && deviation.is_finite()).then_some(Self { deviation, freedom })
     }
 
-    /// Whether this noise explains a sum of squared residuals with these degrees of freedom: a test at the 1 % level (E. Paulson, Ann. Math. Stat.
-    /// 13, 1942: the cube root of F is nearly normal). Each residual is weighted by its number of readings.
+    /// Whether this noise explains a sum of squared residuals with these degrees of freedom. Each residual is weighted
+    /// by its number of readings. The test is at the 1 % level and uses that the cube root of F is nearly normal (E.
+    /// Paulson, Ann. Math. Stat. 13, 1942).
     pub(crate) fn explains(&self, squares: f64, freedom: f64) -> bool {
         if freedom < MIN_FREEDOM {
             return true;
@@ -37,13 +38,13 @@ impl Noise {
 
 /// 99 % quantile of the standard normal distribution.
 const ONE_IN_A_HUNDRED: f64 = 2.326_348;
-/// Minimum degrees of freedom of the test: with fewer the curve interpolates the readings.
+/// Minimum degrees of freedom of the test. With fewer the curve interpolates the readings.
 const MIN_FREEDOM: f64 = 0.5;
 
 /// Half width of the 95 % band of a normal distribution, in standard deviations.
 const NORMAL_95: f64 = 1.959_964;
 
-/// Two-sided Student t for 95 % by degrees of freedom (JCGM 100, table G.2), with more digits.
+/// Degrees of freedom and two-sided Student t for 95 % (JCGM 100, table G.2, with more digits).
 const TABLE: [(f64, f64); 22] = [
     (1.0, 12.706_205),
     (1.12, 9.900_444),
@@ -69,7 +70,8 @@ const TABLE: [(f64, f64); 22] = [
     (f64::INFINITY, NORMAL_95),
 ];
 
-/// Two-sided t for 95 %, interpolated in the table by its logarithm over 1/ν; below one degree of freedom the value for one.
+/// Two-sided Student t for 95 %. Its logarithm is interpolated over 1/ν in the table. Below one degree of freedom the
+/// value for one is returned.
 pub(crate) fn student_95(degrees: f64) -> f64 {
     let at = 1.0 / degrees.max(1.0);
     let mut wide = TABLE[0];
@@ -84,7 +86,8 @@ pub(crate) fn student_95(degrees: f64) -> f64 {
     NORMAL_95
 }
 
-/// Factor by which a standard uncertainty with these degrees of freedom is widened so that ±1.96 times the result is the 95 % band (JCGM 100, G.3).
+/// Factor that widens a standard uncertainty with these degrees of freedom, so that ±1.96 times the result is the 95 %
+/// band (JCGM 100, G.3).
 pub fn student_widening(degrees: f64) -> f64 {
     student_95(degrees) / NORMAL_95
 }
@@ -93,8 +96,8 @@ pub fn student_widening(degrees: f64) -> f64 {
 mod tests {
     use super::*;
 
-    /// The probability beyond ±t, from the density integrated by Simpson's rule over an angle: t = √ν tan θ, density
-    /// cos^(ν−1) θ.
+    /// Probability beyond ±t, integrated by Simpson's rule over an angle θ with t = √ν tan θ and the density cos^(ν−1)
+    /// θ.
     fn beyond(t: f64, degrees: f64) -> f64 {
         const STEPS: usize = 10_000;
         let end = core::f64::consts::FRAC_PI_2;

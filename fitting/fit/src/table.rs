@@ -2,18 +2,18 @@ use volcomp_curve::{CurveError, Table};
 
 use crate::{Fit, FitError, readings};
 
-/// A table of the mean reading of each target, with straight lines between.
+/// Fits a table of the mean reading of each target, with straight lines between the targets.
 ///
 /// # Errors
-/// Unequal lengths, numbers that are not finite, fewer than two different targets.
+/// Unequal lengths, numbers that are not finite, or fewer than two different targets.
 pub fn fit_linear_table(x: &[f64], u: &[f64]) -> Result<Fit, FitError> {
     fit_table(x, u, Table::linear)
 }
 
-/// A table of the mean reading of each target, with monotone cubics between.
+/// Fits a table of the mean reading of each target, with monotone cubics between the targets.
 ///
 /// # Errors
-/// Unequal lengths, numbers that are not finite, fewer than two different targets.
+/// Unequal lengths, numbers that are not finite, or fewer than two different targets.
 pub fn fit_cubic_table(x: &[f64], u: &[f64]) -> Result<Fit, FitError> {
     fit_table(x, u, Table::cubic)
 }
@@ -25,13 +25,14 @@ fn fit_table(
 ) -> Result<Fit, FitError> {
     let targets = readings::checked_targets(x, u, 2, "a table")?;
     let errors = left_out(&targets, build)?;
-    // The first target is not left out.
+    // The first target is not left out, so the errors start at index 1.
     let missed = errors.into_iter().enumerate();
     let missed = missed.map(|(place, error)| (place + 1, error));
     Ok(Fit::new(build(targets)?.into(), x, u, missed))
 }
 
-/// Leave-one-out errors of the inner targets. Slopes depend on no more than two targets on each side, so a piece of the table is enough.
+/// Leave-one-out errors of the inner targets. Slopes depend on at most two targets on each side, so only a piece of the
+/// table is rebuilt.
 pub(crate) fn left_out(
     targets: &[[f64; 2]],
     build: fn(Vec<[f64; 2]>) -> Result<Table, CurveError>,

@@ -1,10 +1,10 @@
-//! Least squares with rows of four adjacent non-zero entries: a banded QR factorisation.
+//! Least squares for rows with four adjacent non-zero entries, by a banded QR factorisation.
 
 /// Number of non-zero entries of a row.
 pub(crate) const WIDTH: usize = 4;
 
-/// Triangular factor R of a QR factorisation with bandwidth 4, and Qᵀ times the right-hand side. It is built row by row with Givens rotations. Rows
-/// are added by ascending first column, so that each meets at most four rows.
+/// Triangular factor R of a QR factorisation with bandwidth 4, and Qᵀ times the right-hand side, built row by row by
+/// Givens rotations. Rows must be added by ascending first column, so that each new row meets at most four rows of R.
 #[derive(Clone)]
 pub(crate) struct Triangle {
     r: Vec<[f64; WIDTH]>,
@@ -20,7 +20,7 @@ impl Triangle {
         self.r.len()
     }
 
-    /// Rows, each from its diagonal entry on, with its right-hand side.
+    /// Rows of R, each from its diagonal entry on, with their right-hand sides.
     pub(crate) fn rows(&self) -> impl Iterator<Item = (&[f64; WIDTH], f64)> {
         self.r.iter().zip(self.y.iter().copied())
     }
@@ -50,7 +50,7 @@ impl Triangle {
         largest.is_finite() && diagonal().all(|d| d > 1e-13 * largest)
     }
 
-    /// Solves R a = y; R must be regular.
+    /// Solves R a = y. R must be regular.
     pub(crate) fn solution(&self) -> Vec<f64> {
         let size = self.size();
         let mut a = vec![0.0; size + WIDTH];
@@ -63,7 +63,8 @@ impl Triangle {
         a
     }
 
-    /// `bᵀ (RᵀR)⁻¹ b` of a row that starts in the column `first`: its entry on the diagonal of the hat matrix.
+    /// `bᵀ (RᵀR)⁻¹ b` for a row b that starts in the column `first`. It is the entry of the row on the diagonal of the
+    /// hat matrix.
     pub(crate) fn leverage(&self, first: usize, row: &[f64; WIDTH]) -> f64 {
         // Solve Rᵀ z = b from the first non-zero entry of b on.
         let mut pending = *row;
@@ -73,7 +74,7 @@ impl Triangle {
             pending =
                 [pending[1] - mine[1] * z, pending[2] - mine[2] * z, pending[3] - mine[3] * z, 0.0];
             sum += z * z;
-            // Further terms are below the rounding of the sum.
+            // Further terms are below the rounding error of the sum.
             if pending.iter().all(|p| p.abs() < 1e-18 * mine[0].abs()) {
                 break;
             }
@@ -81,11 +82,12 @@ impl Triangle {
         sum
     }
 
-    /// Trace of `(RᵀR)⁻¹ SᵀS` for another triangle S of the same size. Only the entries of the inverse within the band are needed, and these follow
-    /// from the last row to the first (M. F. Hutchinson, F. R. de Hoog, Numer. Math. 47, 1985).
+    /// Trace of `(RᵀR)⁻¹ SᵀS` for another triangle S of the same size. It needs only the entries of the inverse within
+    /// the band. These are computed from the last row to the first (M. F. Hutchinson, F. R. de Hoog, Numer. Math. 47,
+    /// 1985).
     pub(crate) fn trace_with(&self, other: &Self) -> f64 {
         let size = self.size();
-        // inverse[i][d] = C[i][i + d]; rows beyond the last are zero.
+        // inverse[i][d] = C[i][i + d], with C = (RᵀR)⁻¹. Rows beyond the last row are zero.
         let mut inverse = vec![[0.0; WIDTH]; size + WIDTH];
         for i in (0..size).rev() {
             let r = self.r[i];

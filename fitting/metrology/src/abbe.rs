@@ -1,29 +1,28 @@
-//! Abbe's principle: the contribution of angular errors to a linear error measured away from its functional point.
+//! Abbe's principle: contribution of angular errors to a linear error that is measured away from its functional point.
 
-/// Whether the measured point moves with the carriage.
+/// Side of the joint of the measured axis on which the measured point is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Rides {
-    /// The point moves with the carriage to which the error belongs: the tool-side component of an axis right of `b`, the workpiece-side component
-    /// left of it.
+    /// The point moves with the carriage to which the error belongs. For an axis to the right of `b` in the structure
+    /// this is the tool side, for an axis to the left of `b` the workpiece side.
     #[default]
     Carriage,
-    /// The point is on the other side of the joint.
+    /// The point is on the other side of the joint, so it does not move with the carriage.
     Other,
 }
 
-/// Side of the machine that an axis carries.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum CarriedSide {
-    /// The tool: the axis is right of `b` in the structure.
+    /// The tool. The axis is to the right of `b` in the structure.
     Tool,
-    /// The workpiece: left of `b`.
+    /// The workpiece. The axis is to the left of `b` in the structure.
     Workpiece,
 }
 
 impl CarriedSide {
-    /// σ: −1 for a tool-side axis, +1 for a workpiece-side axis.
+    /// Sign σ: −1 for a tool-side axis, +1 for a workpiece-side axis.
     fn sign(self) -> f64 {
         match self {
             Self::Tool => -1.0,
@@ -32,22 +31,24 @@ impl CarriedSide {
     }
 }
 
-/// Position and direction of the measured axis at one target.
+/// Direction of the measured axis, and its coordinate at one target.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Travel {
-    /// Side that the axis carries.
+    /// Side of the machine that the axis carries.
     pub side: CarriedSide,
-    /// Unit direction u of the axis, MCS.
+    /// Unit vector u in the direction of the axis, in the MCS.
     pub direction_mcs: [f64; 3],
     /// Coordinate q of the axis, mm.
     pub position_mm: f64,
 }
 
-/// Lever from the point at which the errors of a linear axis are defined to the measured point, mm along the MCS axes.
+/// Lever from the point at which the errors of a linear axis are defined to the measured point, in mm along the MCS
+/// axes.
 ///
-/// `point_mcs` is m, the measured point with the measured axis at 0 and every other axis at its position in the test; `carriage_point_mcs` is c̃, the
-/// axis's own `point` moved by the held axes between `b` and it. The lever is m − c̃ for a point that moves with the carriage, else m + σ u q − c̃.
+/// `point_mcs` is the measured point m, with the measured axis at 0 and every other axis at its position in the test.
+/// `carriage_point_mcs` is c̃, the `point` of the axis after the motion of the fixed axes between `b` and this axis.
+/// The lever is m − c̃ for a point that moves with the carriage, and m + σ u q − c̃ otherwise.
 pub fn lever_mm(
     point_mcs: [f64; 3],
     carriage_point_mcs: [f64; 3],
@@ -63,9 +64,10 @@ pub fn lever_mm(
     })
 }
 
-/// Contribution of the angular errors to the measured linear errors: δ_measured − δ = ε × lever, µm along the MCS axes.
+/// Contribution of the angular errors to the measured linear errors: δ_measured − δ = ε × lever, in µm along the MCS
+/// axes.
 ///
-/// `tilts_urad` is ε = (EAN, EBN, ECN) at the target, µrad; `lever_mm` from [`lever_mm`].
+/// `tilts_urad` is ε = (EAN, EBN, ECN) at the target, µrad. `lever_mm` is from the function [`lever_mm`].
 pub fn abbe_um(tilts_urad: [f64; 3], lever_mm: [f64; 3]) -> [f64; 3] {
     const UM_PER_MM_URAD: f64 = 1e-3;
     let [a, b, c] = tilts_urad;

@@ -1,4 +1,4 @@
-//! API laser files `.pos`: tables of means over the runs, errors in mm.
+//! API laser files `.pos`: tables of mean errors over the runs, in mm.
 
 use std::fmt::Write as _;
 
@@ -14,15 +14,16 @@ const EXPECTED: &str = "a table headed `Position   Bidirectional Avg Error`";
 /// Factor from the unit of the file, mm, to µm.
 const UM_PER_MM: f64 = 1e3;
 
-/// Reads a position file of an API laser (`.pos`): the tables headed `Position  Bidirectional | Forward Directional | Backward Directional Avg
-/// Error`, targets and errors in mm.
+/// Reads a position file of an API laser (`.pos`). Its tables have the heads `Position  Bidirectional Avg Error`,
+/// `Position  Forward Directional Avg Error` and `Position  Backward Directional Avg Error`. Targets and errors are in
+/// mm.
 ///
-/// The file holds means over the runs, not the runs: forward and backward means become one run each. If it has only the mean of both directions, that
-/// becomes one forward run, with a note. The mean of both is checked against the two directions.
+/// The file has means over the runs, but not the single runs. So the forward means and the backward means become one
+/// run each. If the file has only the mean of both directions, this mean becomes one forward run, with a note. The mean
+/// of both directions is checked against the two directions.
 ///
-/// # Errors
-/// No table, a repeated table, rows that are not two numbers, repeated targets, tables with different targets, or a bidirectional mean that differs
-/// from the mean of the two directions.
+/// No table, a repeated table, rows that are not two numbers, repeated targets, tables with different targets, or a
+/// bidirectional mean that differs from the mean of the two directions.
 pub fn parse_pos(bytes: &[u8], name: &str) -> Result<Measurement, MetrologyError> {
     let (text, encoding_note) = decode(bytes, name)?;
     refuse_empty(&text, name, EXPECTED)?;
@@ -144,7 +145,7 @@ fn tables(text: &str, name: &str) -> Result<Vec<Table>, MetrologyError> {
         let cells: Vec<&str> = line.split_ascii_whitespace().collect();
         let is_text = line.starts_with(|c: char| c.is_alphabetic());
         if is_text && !table.rows.is_empty() {
-            // Another, unknown part of the file, such as a summary.
+            // The text begins another, unknown part of the file, such as a summary.
             open = false;
             continue;
         }
@@ -172,7 +173,8 @@ fn tables(text: &str, name: &str) -> Result<Vec<Table>, MetrologyError> {
     Ok(tables)
 }
 
-/// Checks that the tables of a test have the same targets, and that the bidirectional means are the means of both directions.
+/// Checks that the tables of a test have the same targets, and that the bidirectional means are the means of both
+/// directions.
 fn compare(
     name: &str,
     forward: &Table,
@@ -206,7 +208,7 @@ fn compare(
         let Some(both) = both else { continue };
         let (mean, line, of_mean) = value(both, row.target).ok_or_else(missing)?;
         let expected = f64::midpoint(row.error_mm, back);
-        // With exponents the last digit differs from number to number.
+        // Numbers with exponents have last digits of different size, so take the largest step.
         let rounding = 1.01 * step_of([row.decimals, of_back, of_mean].into_iter());
         if (mean - expected).abs() > rounding {
             let place = Place::new(name, line);
@@ -222,10 +224,11 @@ fn compare(
 
 const MM_PER_UM: f64 = 1e-3;
 
-/// Writes the position file of an API laser (`.pos`): tables of targets and mean errors in mm, CRLF, seven decimals.
+/// Writes the position file of an API laser (`.pos`): tables of targets and mean errors in mm, with CRLF and seven
+/// decimals.
 ///
-/// The format cannot hold single runs. It holds the means over the runs of each direction, preceded by the mean of both if both were run. Deviations
-/// are taken as µm, because the format holds lengths only.
+/// The format has no single runs. It contains the means over the runs of each direction and, if both directions were
+/// measured, first the mean of both. Deviations are taken as µm, because the format contains only lengths.
 pub fn write_pos(measurement: &Measurement) -> String {
     let [forward, backward] = Direction::BOTH.map(|direction| measurement.mean_curve_in(direction));
     let mut text = head_of(&measurement.metadata);

@@ -2,8 +2,8 @@
 
 use crate::{Iso230Part2, StandardQuantity};
 
-/// Quantities of ASME B5.54-2005, which evaluates like ISO 230-2:1997 under different names. The names are from memory, not verified against the
-/// text. The edition of 1992 is not supported.
+/// Quantities of ASME B5.54-2005. This edition evaluates like ISO 230-2:1997, under different names. The names are from
+/// memory, and not verified against the text of the standard. The edition of 1992 is not supported.
 pub fn asme_b5_54(result: &Iso230Part2) -> Vec<StandardQuantity> {
     [
         ("A", "bidirectional positioning accuracy", result.a),

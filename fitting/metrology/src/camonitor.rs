@@ -1,4 +1,5 @@
-//! Logs of EPICS `camonitor`: interleaved channels that report on change, each with its own time stamps.
+//! Logs of EPICS `camonitor`: interleaved channels. Each channel has its own time stamps, and a line whenever its value
+//! changes.
 
 use std::collections::BTreeMap;
 
@@ -12,34 +13,30 @@ const EXPECTED: &str =
     "lines of channel, date, time and value: `X:POS 2026-03-14 10:15:00.250000 12.5`";
 const US_PER_S: f64 = 1e6;
 
-/// A log of channels over time.
 #[derive(Debug, Clone, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct ChannelLog {
-    /// Source file, for messages.
+    /// Name of the source file, for messages.
     pub name: String,
     /// Date of the first line, as written in the log.
     pub date: Option<String>,
-    /// Channels, sorted by name.
     pub channels: Vec<Channel>,
     /// Notes for the user on how the file was read.
     pub notes: Vec<String>,
 }
 
-/// Channel of a [`ChannelLog`].
 #[derive(Debug, Clone, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Channel {
-    /// Name of the process variable.
     pub name: String,
-    /// Time (s since the earliest line of the log) and value, by ascending time.
+    /// Pairs of time (s since the earliest line of the log) and value, by ascending time.
     pub samples: Vec<(f64, f64)>,
-    /// Number of values with each alarm, such as `LOLO MAJOR`; values with `INVALID` are not among the samples.
+    /// Number of values with each alarm, such as `LOLO MAJOR`. Values with the alarm `INVALID` are omitted from
+    /// `samples`.
     pub alarms: BTreeMap<String, usize>,
 }
 
 impl ChannelLog {
-    /// Channel with this name.
     pub fn channel(&self, name: &str) -> Option<&Channel> {
         self.channels.iter().find(|channel| channel.name == name)
     }
@@ -58,10 +55,11 @@ pub(crate) fn is_log(text: &str) -> bool {
     read > 0 && 2 * read >= lines.len()
 }
 
-/// Reads a log of `camonitor`: `<channel> <YYYY-MM-DD> <hh:mm:ss.ffffff> <value> [<alarm words>]`.
+/// Reads a log of `camonitor` with lines `<channel> <YYYY-MM-DD> <hh:mm:ss.ffffff> <value> [<alarm words>]`.
 ///
-/// Values are sorted by time within their channel. Values with the alarm `INVALID` are dropped, those with other alarms are kept; lines without a
-/// number (a disconnected channel, a text) are skipped. Notes give the number of each.
+/// Values are sorted by time within their channel. Values with the alarm `INVALID` are dropped, values with other
+/// alarms are kept. Lines without a number (a disconnected channel, a text) are skipped. Notes state how many values
+/// and lines were dropped or skipped.
 ///
 /// # Errors
 /// A text without a line of this kind.
@@ -115,7 +113,7 @@ pub fn parse_camonitor(bytes: &[u8], name: &str) -> Result<ChannelLog, Metrology
 
 #[derive(Default)]
 struct RawValue {
-    /// Time in µs, and value.
+    /// Pairs of time in µs and value.
     samples: Vec<(i64, f64)>,
     alarms: BTreeMap<String, usize>,
     out_of_order: usize,
@@ -187,7 +185,7 @@ impl<'t> Line<'t> {
             (words.next()?, words.next()?, words.next()?, words.next()?);
         let value = Place::new("", 0).number("value", value).ok()?;
         let alarm: Vec<&str> = words.collect();
-        // A waveform has more numbers after the first.
+        // A waveform has further numbers after the first number.
         let is_word = |word: &&str| word.chars().all(|c| c.is_ascii_alphabetic() || c == '_');
         alarm.iter().all(is_word).then_some(())?;
         Some(Self {
@@ -214,7 +212,7 @@ fn days_of(date: &str) -> Option<i64> {
     if !(1970..=9999).contains(&year) {
         return None;
     }
-    // Years are counted from March, so that the leap day is their last.
+    // Count years from March, so that the leap day is the last day of its year.
     let year = if month <= 2 { year - 1 } else { year };
     let month = (month + 9) % 12;
     let of_year = (153 * month + 2) / 5 + day - 1;

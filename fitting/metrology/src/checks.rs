@@ -1,5 +1,5 @@
-//! Plausibility checks of readings, environment and files, with limits from tests of machine tools.
-//! They only report; nothing is removed.
+//! Plausibility checks of readings, environment and files, with limits from tests of machine tools. The checks only
+//! report, and remove nothing.
 
 use std::collections::{BTreeMap, BTreeSet, btree_map::Entry};
 
@@ -7,15 +7,16 @@ use volcomp_vocabulary::{AxisName, Direction};
 
 use crate::{DeviationUnit, Environment, Measurement, Quantity, ReferenceLine, StartEnd};
 
-/// Deviations above this are implausible for a machine tool: 1 mm and 1 mrad, in µm and µrad.
+/// A larger deviation is implausible for a machine tool. The limit is 1 mm (in µm) or 1 mrad (in µrad).
 pub const LARGEST_PLAUSIBLE: f64 = 1e3;
-/// Deviations that are all below this are implausible for a machine tool: 0.1 µm and 0.1 µrad.
+/// If all deviations are smaller, they are implausible for a machine tool. The limit is 0.1 µm or 0.1 µrad.
 pub const SMALLEST_PLAUSIBLE: f64 = 0.1;
 /// Maximum plausible length of a linear axis, mm.
 const LONGEST_MM: f64 = 200_000.0;
 
-/// Warnings for the user: notes of the reader, and anomalies for a machine tool. Anomalies are deviations that are all equal, very large or very
-/// small, targets beyond any axis, targets in a unit that does not fit the axis, a single target, and outlying runs and readings.
+/// Warnings for the user: the notes of the reader, and anomalies. Anomalies are deviations that are all equal, very
+/// large or very small; targets beyond any axis; targets in a unit that does not match the axis; a single target; and
+/// outlying runs and readings.
 pub fn anomalies(measurement: &Measurement) -> Vec<String> {
     let mut odd = measurement.notes.clone();
     let sizes = || measurement.readings.iter().map(|reading| reading.deviation);
@@ -60,8 +61,9 @@ pub fn anomalies(measurement: &Measurement) -> Vec<String> {
     odd
 }
 
-/// Least-squares line of a straightness measurement. It depends on the alignment of the optics, not on the machine, so it is removed
-/// before the size of the deviations is checked. `None` for two targets, which leave no deviation from the line.
+/// Least-squares line of a straightness measurement; `None` for other quantities, and for two targets, which leave no
+/// deviation from the line. The line depends on the alignment of the optics instead of the machine, so it is removed
+/// before the size of the deviations is checked.
 fn set_up_along(measurement: &Measurement) -> Option<ReferenceLine> {
     let is_straightness = measurement.quantity == Some(Quantity::Straightness);
     let points = measurement.mean_curve();
@@ -69,7 +71,8 @@ fn set_up_along(measurement: &Measurement) -> Option<ReferenceLine> {
     ReferenceLine::least_squares(&points).ok()
 }
 
-/// Warning if the largest deviation, µm or µrad, is implausibly large or small for a machine tool: most often the unit is wrong.
+/// Warning if the largest deviation, µm or µrad, is implausibly large or small for a machine tool. Most often the cause
+/// is a wrong unit.
 pub fn implausible_size(largest: f64, unit: Option<DeviationUnit>) -> Option<String> {
     large(largest, unit).or_else(|| small(largest, unit))
 }
@@ -94,7 +97,7 @@ fn with_space(unit: Option<DeviationUnit>) -> String {
     unit.map_or(String::new(), |unit| format!(" {unit}"))
 }
 
-/// Axis named in a text such as `X`, `x-axis` or `Axis Y`; `None` if the text names no axis or different ones.
+/// Axis that is named in a text such as `X`, `x-axis` or `Axis Y`; `None` if the text names no axis or different axes.
 pub fn axis_named(text: &str) -> Option<AxisName> {
     let words = text.split(|c: char| !c.is_alphanumeric());
     let mut letters = words.filter_map(|word| word.to_uppercase().parse::<AxisName>().ok());
@@ -120,18 +123,19 @@ pub struct OutlierHint {
     pub text: String,
 }
 
-/// Readings that differ from the median of the runs by more than this multiple of the scatter are reported.
+/// A reading is reported if it differs from the median of the runs by more than this multiple of the scatter.
 const READING_LIMIT: f64 = 6.0;
 
-/// Minimum number of runs to identify an outlying one.
+/// Minimum number of runs for identifying an outlying run.
 const FEWEST_RUNS: usize = 3;
 
-/// Reports outlying runs, and single outlying readings of other runs.
+/// Reports outlying runs, and single outlying readings of the other runs.
 ///
-/// Each reading is compared with the median of all runs at its target and direction. The scatter is estimated from the lower quartile of the
-/// differences between runs (one bad run of three does not hide itself), and is at least the resolution of the readings. Limits: 6 times the scatter
-/// for a reading, 2 + 4/√targets for the root mean square of a run; Gaussian readings of 5 runs each way at 21 targets give no hint in 99 % of tests.
-/// Directions with fewer than three runs are skipped.
+/// Each reading is compared with the median of all runs at its target and direction. The scatter is estimated from the
+/// lower quartile of the differences between runs, so that one bad run of three does not hide itself, and is at least
+/// the resolution of the readings. The limit is 6 times the scatter for a reading, and 2 + 4/√targets times the scatter
+/// for the root mean square of a run. For Gaussian readings of 5 runs each way at 21 targets, 99 % of tests give no
+/// hint. Directions with fewer than three runs are skipped.
 pub fn outlier_hints(measurement: &Measurement) -> Vec<OutlierHint> {
     let residuals = residuals(measurement);
     let Some(scatter) = scatter(measurement) else {
@@ -193,11 +197,13 @@ fn residuals(measurement: &Measurement) -> Vec<Residual> {
     residuals
 }
 
-/// Standard deviation of a reading about the mean of its target, robust against single outlying runs and readings.
+/// Standard deviation of a reading about the mean of its target. It is robust against single outlying runs and
+/// readings.
 fn scatter(measurement: &Measurement) -> Option<f64> {
-    // Covers all pairs of five runs; with more runs only neighbours are compared, so that the effort stays linear.
+    // This covers all pairs of five runs. With more runs only near neighbours are compared, so that the effort stays
+    // linear.
     const FARTHEST_RUN: usize = 4;
-    // Lower quartile of |a − b| for two Gaussian readings of standard deviation 1.
+    // Lower quartile of |a − b| for two Gaussian readings a and b with standard deviation 1.
     const QUARTILE_OF_GAUSSIAN: f64 = 0.450_624;
     let mut differences: Vec<f64> = Vec::new();
     for at_target in measurement.by_target() {
@@ -217,8 +223,8 @@ fn scatter(measurement: &Measurement) -> Option<f64> {
     Some((quartile / QUARTILE_OF_GAUSSIAN).max(smallest_scatter(measurement)))
 }
 
-/// Lower bound of the scatter: rounded readings often coincide, so it is at least a fraction of the
-/// rounding step, and at least 0.05 µm or µrad.
+/// Lower bound of the scatter. Rounded readings often coincide, so the bound is a fraction of the rounding step, and at
+/// least 0.05 µm or µrad.
 fn smallest_scatter(measurement: &Measurement) -> f64 {
     const STEPS: [f64; 4] = [10.0, 1.0, 0.1, 0.01];
     const SHARE: f64 = 0.6;
@@ -242,18 +248,18 @@ fn median(mut values: Vec<f64>) -> f64 {
 /// Reference temperature of lengths (ISO 1), °C.
 pub const REFERENCE_DEGC: f64 = 20.0;
 
-/// Maximum deviation of a material temperature from 20 °C without a note, K. At 11 µm/(m·K) steel expands by 11 µm/m, which exceeds the error of a
-/// laser and is about that of a good scale.
+/// Maximum deviation of a material temperature from 20 °C without a note, K. Steel with 11 µm/(m·K) then expands by 11
+/// µm/m, which exceeds the error of a laser and is about the error of a good scale.
 pub const MATERIAL_WITHIN_K: f64 = 1.0;
 
-/// Plausible range of the temperature of a workshop, °C.
+/// Plausible range of the temperature in a workshop, °C.
 const ROOM_DEGC: [f64; 2] = [-5.0, 60.0];
 /// Plausible range of expansion coefficients, from Invar to plastics, µm/(m·K).
 const COEFFICIENTS: [f64; 2] = [0.0, 100.0];
 
-/// Notes on the surroundings of a test: material more than 1 K from 20 °C or changing by more during the test, with the effect of the expansion
-/// coefficient, and values that are implausible for a workshop. The material affects only lengths along an axis: for straightness and angles only
-/// implausible values are noted.
+/// Notes on the environment of a test. For positioning, they report material that is more than 1 K from 20 °C or
+/// changes by more than 1 K during the test, with the effect of the expansion coefficient. For all quantities they
+/// report values that are implausible for a workshop.
 pub fn environment_notes(environment: &Environment, quantity: Quantity) -> Vec<String> {
     let is_length = quantity == Quantity::Positioning;
     let mut notes = Vec::new();
@@ -278,7 +284,8 @@ pub fn environment_notes(environment: &Environment, quantity: Quantity) -> Vec<S
     notes
 }
 
-/// States, for the user, which data for a correction to 20 °C the file contains: expansion coefficient and material temperatures.
+/// Describes for the user which data for a correction to 20 °C the file contains: expansion coefficient and material
+/// temperatures.
 pub fn material_compensation(environment: &Environment) -> String {
     let sensors = environment.material_temperature.iter().flatten().count();
     let coefficient = environment.expansion_coefficient.map(|c| c.start);
@@ -340,14 +347,15 @@ fn material(name: &str, degc: &StartEnd, environment: &Environment) -> Option<St
     Some(format!("{name} was {span} °C, {}: {hangs}", odd.join(" and ")))
 }
 
-/// Minimum number of different deviations to identify a test: with fewer, two tests may well agree by chance.
+/// Minimum number of different deviations for identifying a test. With fewer, two tests may agree by chance.
 const FEWEST_DIFFERENT: usize = 3;
 
-/// Readings of earlier tests, to detect duplicates. Two tests never have the same scatter, so a second test with the same readings is most likely
-/// the same test under another name.
+/// Readings of earlier tests, for detecting duplicates. Two tests never have the same scatter, so a second test with
+/// the same readings is most likely the same test under another name.
 #[derive(Debug, Clone)]
 pub struct KnownReadings<T> {
-    /// Target, run, direction and magnitude of the deviation of each reading, and the label of the first test that had them.
+    /// Target, run, direction and magnitude of the deviation of each reading of a test, and the label of the first test
+    /// with these readings.
     first: BTreeMap<Vec<[u64; 4]>, T>,
 }
 
@@ -358,13 +366,14 @@ impl<T> Default for KnownReadings<T> {
 }
 
 impl<T> KnownReadings<T> {
-    /// Compares a test with the earlier ones: returns the label of a test with the same readings, apart from the signs of the deviations. Without one,
-    /// stores the test with the label `this` and returns `None`. Readings with fewer than three different deviations identify no test (`None`).
+    /// Compares a test with the earlier tests. If an earlier test has the same readings, apart from the signs of the
+    /// deviations, returns its label. Otherwise stores the test with the label `this`, and returns `None`. Readings
+    /// with fewer than three different deviations identify no test.
     pub fn before(&mut self, measurement: &Measurement, this: T) -> Option<&T> {
         let key: Vec<[u64; 4]> = (measurement.readings.iter())
             .map(|reading| {
                 [
-                    // 0 and −0 are the same target.
+                    // Adding 0 turns −0 into 0, which is the same target.
                     (reading.target + 0.0).to_bits(),
                     u64::from(reading.run),
                     u64::from(reading.direction == Direction::Negative),
@@ -432,10 +441,10 @@ mod tests {
         assert_eq!(before("a", "0,1,+,1\n10,1,+,2\n20,1,+,4\n"), None);
         assert_eq!(before("b", "0,1,+,-1\n10,1,+,-2\n20,1,+,-4\n"), Some("a"));
         assert_eq!(before("c", "0,1,+,1\n10,1,+,2\n20,1,+,4\n"), Some("a"));
-        // Differs in the direction, and in a deviation.
+        // The first test differs in the direction, the second in a deviation.
         assert_eq!(before("d", "20,1,-,4\n10,1,-,2\n0,1,-,1\n"), None);
         assert_eq!(before("e", "0,1,+,1\n10,1,+,2\n20,1,+,4.1\n"), None);
-        // Two different deviations often have the same values.
+        // Tests with only two different deviations often agree by chance.
         assert_eq!(before("f", "0,1,+,0\n10,1,+,1\n20,1,+,1\n"), None);
         assert_eq!(before("g", "0,1,+,0\n10,1,+,1\n20,1,+,1\n"), None);
     }

@@ -1,4 +1,4 @@
-//! Plain table of readings, `target,run,direction,deviation` or `target,deviation`.
+//! Plain tables of readings with the header `target,run,direction,deviation` or `target,deviation`.
 
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::fmt::Write as _;
@@ -23,22 +23,29 @@ const NAMES: [&str; 4] = ["target", "run", "direction", "deviation"];
 const EXPECTED_HEADER: &str = "the header `target,run,direction,deviation` or `target,deviation`";
 const OTHER_HEADS: &str = "the header `target,run,direction,deviation` or `target,deviation`, or a column for each run as `target mm,Run 1 fwd,Run 1 bwd`; state other heads with `columns = { target = …, deviation = … }` in the calibration file or as `[columns]` in a file of this name with `.toml` appended";
 
-/// Reads a table of readings from CSV text.
+/// Reads a table of readings from CSV text. `name` is the name of the file in messages.
 ///
-/// The header has the columns `target` and `deviation`, and either both or none of `run` and `direction` (`+` or `-`, `forward` or `backward`);
-/// without these two, the rows are one unidirectional run. Or it has `target` and a column for each run, whose head states number and direction
-/// (`Run 1 fwd`) and which contains deviations or measured positions: as the heads state, else by their unit and values. The order of columns is
-/// free; other columns are ignored, with a note. Cells are separated by `,`, `;` or tabs; unless commas separate them, numbers may have a decimal
-/// comma. Targets are mm or deg, or inches if their head states it (`target inch`). The head of the
-/// deviations may be followed by a unit, `deviation [µm]`, `deviation_mm`, `deviation arcsec`: they are then converted to µm or µrad, and
-/// [`Measurement::unit`] names it. Otherwise they are not converted, and the unit is `None`. `name` is used in messages.
+/// The header has the columns `target` and `deviation`. It may have `run` and `direction` (`+` or `-`, `forward` or
+/// `backward`) too; without both, the rows are one unidirectional run.
 ///
-/// The format has no end mark. A last line without a line break is rejected if its number has fewer decimals than all others (a truncated
-/// number), and noted otherwise. A run that lacks a target and a direction with fewer runs are noted.
+/// Or the header has `target` and a column for each run. The head of such a column states the number and direction of
+/// the run (`Run 1 fwd`). Its cells are deviations or measured positions, as the heads say, or else by their unit and
+/// values.
 ///
-/// # Errors
-/// Wrong header or number of columns, anything but finite numbers, repeated readings, an empty file: with file, line, what was found and what was
-/// expected.
+/// Columns may be in any order, and other columns are ignored, with a note. Cells are separated by `,`, `;` or tabs.
+/// Unless commas separate the cells, numbers may have a decimal comma. Targets are in mm or deg, or in inches if their
+/// head says so (`target inch`).
+///
+/// The head of the deviations may contain a unit: `deviation [µm]`, `deviation_mm`, `deviation arcsec`. The deviations
+/// are then converted to µm or µrad, which [`Measurement::unit`] names. Without a unit they are not converted, and
+/// `unit` is `None`.
+///
+/// The format has no end mark. A last line without a line break is rejected if its number has fewer decimals than all
+/// others, because the number is probably truncated. Otherwise the missing line break is noted. A run that lacks a
+/// target, and a direction with fewer runs, are noted too.
+///
+/// Wrong header or number of columns, cells that are not finite numbers, repeated readings, or an empty file. Messages
+/// name the file, the line, what was found and what was expected.
 pub fn parse_csv(bytes: &[u8], name: &str) -> Result<Measurement, MetrologyError> {
     let (text, encoding_note) = decode(bytes, name)?;
     refuse_empty(&text, name, EXPECTED_HEADER)?;
@@ -87,9 +94,9 @@ pub fn parse_csv(bytes: &[u8], name: &str) -> Result<Measurement, MetrologyError
     })
 }
 
-/// Writes the readings as `target,run,direction,deviation`, in their order, with enough digits to read the same numbers again. The heads state the
-/// unit of the deviations if it is known (`deviation_um`), and that of the targets if the metadata name the axis (`target_mm`). The format cannot
-/// hold other metadata, environment and notes.
+/// Writes the readings as `target,run,direction,deviation`, in their order, with enough digits to read the same numbers
+/// again. The heads name the unit of the deviations if it is known (`deviation_um`), and the unit of the targets if the
+/// metadata name the axis (`target_mm`). The format has no other metadata, environment or notes.
 pub fn write_csv(measurement: &Measurement) -> String {
     let axis = measurement.metadata.axis.as_deref();
     let axis: Option<AxisName> = axis.and_then(|letter| letter.trim().parse().ok());

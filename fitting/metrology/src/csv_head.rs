@@ -1,4 +1,4 @@
-//! Column heads: a name, alone or followed by a unit.
+//! Column heads, which are a name alone, or a name followed by a unit.
 
 use volcomp_document::{Column, CsvTable, quoted, split_head};
 
@@ -6,14 +6,14 @@ use volcomp_vocabulary::Direction;
 
 use crate::MetrologyError;
 
-/// Unit in a head with this name, empty for the name alone: `target`, `target mm`, `target_mm`, `deviation [µm]`. `None` if the head has another
-/// name.
+/// Unit in a head with this name, such as `target mm`, `target_mm` or `deviation [µm]`; empty for the name alone.
+/// `None` if the head has another name.
 pub(crate) fn unit_of<'a>(head: &'a str, name: &str) -> Option<&'a str> {
     let (found, unit) = split_head(head);
     found.eq_ignore_ascii_case(name).then_some(unit)
 }
 
-/// Column with this name, alone or followed by a unit, and that unit.
+/// The column with this name, alone or followed by a unit, and its unit. Errors: two such columns.
 pub(crate) fn with_unit<'t>(
     table: &'t CsvTable,
     name: &str,
@@ -21,7 +21,8 @@ pub(crate) fn with_unit<'t>(
     one_column(table, name, |head| unit_of(head, name))
 }
 
-/// Column and unit of the only head for which `unit` returns a unit (possibly empty); `None` without one.
+/// The column for whose head `unit` returns a unit (possibly empty), and this unit; `None` if there is no such column.
+/// Errors: two such columns.
 pub(crate) fn one_column<'t>(
     table: &'t CsvTable,
     name: &str,
@@ -36,7 +37,7 @@ pub(crate) fn one_column<'t>(
     Ok(first)
 }
 
-/// Targets without a unit beside readings in inches may be in inches or in mm.
+/// Error for readings in inches beside targets without a unit, which may be in inches or in mm.
 pub(crate) fn inches_without_targets(table: &CsvTable) -> MetrologyError {
     let message = "found deviations in inches and targets without a unit, expected `target inch`, `target mm` or `target deg`";
     table.header_error(message).into()
@@ -51,7 +52,7 @@ pub(crate) fn not_read(names: &[&str]) -> Option<String> {
     (!names.is_empty()).then(|| format!("columns that are not read: {}", names.join(", ")))
 }
 
-/// Direction of approach by any of its usual words, case ignored.
+/// Direction of approach by any of its usual words, in any case.
 pub(crate) fn direction_named(text: &str) -> Option<Direction> {
     match text.to_lowercase().as_str() {
         "+" | "+1" | "1" | "f" | "fw" | "fwd" | "forward" | "forwards" | "pos" | "positive"

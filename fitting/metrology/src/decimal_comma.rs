@@ -1,4 +1,4 @@
-//! Decimal commas in files whose numbers are separated by blanks and tabs, where a comma is no separator.
+//! Decimal commas in files whose numbers are separated by blanks and tabs, so that a comma is no separator.
 
 use std::borrow::Cow;
 
@@ -7,9 +7,10 @@ use volcomp_document::quoted;
 use crate::MetrologyError;
 use crate::number::{Place, with_point};
 
-/// Replaces decimal commas in the numbers of a text by points, line by line. `numbers` is called with each line in order and returns the byte at
-/// which its numbers begin, or `None` for a line without numbers, which stays unchanged. Rejects a file that mixes commas and points, or in which
-/// three digits follow every comma, since `1,000` may be a thousand.
+/// Replaces decimal commas in the numbers of a text by points. `numbers` is called with each line in order. It returns
+/// the byte at which the numbers of the line begin, or `None` for a line without numbers, which stays unchanged.
+/// Errors: a file that mixes commas and points, or in which three digits follow every comma, because `1,000` may be a
+/// thousand.
 pub(crate) fn with_points<'t>(
     text: &'t str,
     name: &str,
@@ -61,7 +62,7 @@ pub(crate) fn with_points<'t>(
     Ok(Cow::Owned(written))
 }
 
-/// True for `1,250`, but neither for `0,250` nor `1,25`.
+/// Whether a comma may separate thousands: true for `1,250`, false for `0,250` and `1,25`.
 fn may_be_thousands(number: &str) -> bool {
     let digits = number.trim_start_matches(['+', '-']);
     let parts = digits.split_once(',');
@@ -70,7 +71,7 @@ fn may_be_thousands(number: &str) -> bool {
     })
 }
 
-/// Whether a line begins with a number in either notation.
+/// Whether a line begins with a number, with a decimal point or a decimal comma.
 pub(crate) fn begins_with_number(line: &str) -> bool {
     let first = line.split_ascii_whitespace().next().unwrap_or_default();
     let place = Place::new("", 0);
@@ -96,7 +97,7 @@ mod tests {
             ("1,000 0,000\n", "1.000 0.000\n"),
             ("1,5E-03 2", "1.5E-03 2"),
             ("1.5 2\n", "1.5 2\n"),
-            // Not numbers; the reader of the cell reports them.
+            // These are no numbers, so the reader of the cell reports them.
             ("1 1,2,3 1,2.3 ,\n", "1 1,2,3 1,2.3 ,\n"),
             (
                 "1.5\n2 2,5",

@@ -1,4 +1,4 @@
-//! Choice of lags, sensors and penalty by forward validation: each block of time is predicted from the blocks before it.
+//! Choice of lags, sensors and penalty by forward validation: each block of time is predicted from the earlier blocks.
 
 use nalgebra::DMatrix;
 
@@ -10,11 +10,12 @@ use super::{
 };
 use crate::FitError;
 
-/// Maximum number of rows from which lags and penalty are chosen: neighbouring rows are nearly equal, and more rows do not change the choice.
+/// Maximum number of rows from which lags and penalty are chosen. Neighbouring rows are nearly equal, so more rows do
+/// not change the choice.
 const ROWS_TO_CHOOSE: usize = 2000;
-/// Number of time blocks of the forward validation. The first two are used for training only.
+/// Number of time blocks of the forward validation. The first two are used only for training.
 pub(super) const BLOCKS: usize = 10;
-/// Maximum ratio of the error of a choice to that of the best one; worse choices are not averaged.
+/// Maximum ratio of the error of a choice to the error of the best choice. Worse choices are not averaged.
 const MEAN_WITHIN: f64 = 1.25;
 
 /// Lags, sensors and penalty of one regression.
@@ -32,8 +33,8 @@ pub struct ThermalChoice {
     pub forward_rms: f64,
 }
 
-/// The best choices among all lags, alone and in pairs, with every penalty; with sensor selection, only with the sensors that the best choice
-/// needs.
+/// The best choices among all single lags and all pairs of lags, with every penalty. With sensor selection, they use
+/// only the sensors that the best choice needs.
 pub(super) fn best_choices(
     features: &Features,
     record: &ThermalRecord,
@@ -106,7 +107,7 @@ impl ThermalChoice {
         self
     }
 
-    /// Root mean square error of predicting each block from all earlier ones.
+    /// Root mean square error of predicting each block from all earlier blocks.
     fn validated(&self, features: &Features, blocks: &[DMatrix<f64>]) -> f64 {
         let plan = self.columns(features);
         let mut past = &blocks[0] + &blocks[1];

@@ -1,4 +1,5 @@
-//! Columns of the regressions: lagged temperatures with their moments, candidate coefficients with their sums of products, and ridge weights.
+//! Columns of the regressions: lagged temperatures with their moments, candidate coefficients with their sums of
+//! products, and ridge weights.
 
 use std::ops::Range;
 
@@ -9,16 +10,16 @@ use super::{
     record::{ThermalRecord, ThermalRun},
 };
 
-/// Number of columns of the moments that precede the features: the constant 1 and the displacement.
+/// Number of columns of the moments before the features. These columns are the constant 1 and the displacement.
 pub(super) const BEFORE: usize = 2;
 
-/// Splits rows into `parts` stretches that are as equal as possible.
+/// Splits rows into `parts` stretches of nearly equal length.
 pub(super) fn split(rows: &[usize], parts: usize) -> impl Iterator<Item = &[usize]> {
     let end = move |part: usize| rows.len() * part / parts.max(1);
     (0..parts).map(move |part| &rows[end(part)..end(part + 1)])
 }
 
-/// Every lag of every sensor, relative to the first row: `columns[lag × sensors + sensor]`.
+/// Temperature of every sensor with every lag, relative to the first row: `columns[lag × sensors + sensor]`.
 pub(super) struct Features {
     pub(super) sensors: usize,
     pub(super) lags: usize,
@@ -45,7 +46,7 @@ impl Features {
         }
     }
 
-    /// Σ z zᵀ over every `stride`-th row, with z = (1, displacement, features).
+    /// Moments Σ z zᵀ over every `stride`-th row, with z = (1, displacement, features).
     pub(super) fn moments(
         &self,
         record: &ThermalRecord,
@@ -63,39 +64,40 @@ impl Features {
     }
 }
 
-/// Maximum number of rows of a stretch in the sums: neighbouring rows are nearly equal, and more rows do not change the result.
+/// Maximum number of rows of a stretch in the sums. Neighbouring rows are nearly equal, so more rows do not change the
+/// result.
 const MAX_ROWS: usize = 400;
 
-/// Quantity that a coefficient multiplies.
+/// Quantity that a coefficient of a term multiplies.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum ThermalEffect {
     /// Temperature of the sensor with a first-order lag.
     Drift {
-        /// Time constant, s; 0 is no lag.
+        /// Time constant, s; 0 for no lag.
         lag_s: f64,
     },
-    /// Temperature of the sensor times the axis position, mm: thermal expansion.
+    /// Temperature of the sensor times the axis position (mm), which describes thermal expansion.
     Expansion,
 }
 
-/// Sensor and the effect of its temperature.
+/// A sensor, and the effect of its temperature.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Column {
     pub(super) sensor: usize,
     pub(super) effect: ThermalEffect,
 }
 
-/// Assumption on the temperature between two rows.
+/// Assumption about the temperature between two rows.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Between {
     Straight,
-    /// Curved, following the change of slope from interval to interval.
+    /// The temperature is curved, according to the change of slope from interval to interval.
     Bent,
 }
 
 impl Column {
-    /// Values in the rows of a run, relative to the first row.
+    /// Values in all rows of a run, relative to the first row.
     pub(super) fn values(&self, run: &ThermalRun, between: Between) -> Vec<f64> {
         let record = &run.record;
         let degc = &record.degc[self.sensor];
@@ -119,16 +121,16 @@ impl Column {
     }
 }
 
-/// Sums of products over a stretch of a run, one for each position in it: Σ z zᵀ with z = (1, displacement, columns), all relative to the start of
-/// the run at that position.
+/// Sums of products over a stretch of a run, one matrix for each position of the axis: Σ z zᵀ with z = (1,
+/// displacement, columns). All values are relative to the start of the run at that position.
 #[derive(Clone)]
 pub(super) struct Stretch {
     pub(super) run: usize,
-    /// Index of the position in the run, and its sums.
+    /// Index of each position in the run, and the sums for that position.
     groups: Vec<(usize, DMatrix<f64>)>,
 }
 
-/// Sums over equal stretches of `rows`, without rows that a gap excludes for the time constants `lags_s`.
+/// Sums over `parts` equal stretches of `rows`. Rows that a gap excludes for the time constants `lags_s` are omitted.
 pub(super) fn stretches(
     run: &ThermalRun,
     index: usize,
@@ -141,7 +143,7 @@ pub(super) fn stretches(
     let (positions, places) = run.places();
     let mut values = vec![run.record.displacement.clone()];
     values.extend(columns.iter().map(|column| column.values(run, between)));
-    // Every position has a separate zero.
+    // Every position has its own zero.
     let known = run.record.known_rows(&(0..run.record.len()), lags_s);
     let zero_rows = ThermalRun::zero_rows(&known, &places, positions.len());
     let zeros: Vec<Vec<f64>> = zero_rows
@@ -176,8 +178,7 @@ pub(super) fn stretches(
     split(&rows, parts).map(sums).collect()
 }
 
-/// Sums of several stretches: by run and position, and for all of them about the mean of each
-/// position.
+/// Sums of several stretches: by run and position, and for all stretches together about the mean of each position.
 pub(super) struct Sums {
     groups: Vec<((usize, usize), DMatrix<f64>)>,
     centred: DMatrix<f64>,
@@ -208,28 +209,30 @@ impl Sums {
         Some(Self { groups, centred, rows })
     }
 
-    /// Ridge regression on some columns, scaled to unit variance: one weight per column; `None` if all columns are constant.
+    /// Ridge regression on these columns, scaled to unit variance. Returns one weight per column; `None` if all columns
+    /// are constant.
     pub(super) fn ridge(&self, columns: &[usize], penalty: f64) -> Option<Vec<f64>> {
         let covariance = |i: usize, j: usize| self.centred[(i, j)] / self.rows;
         let plan: Vec<usize> = columns.iter().map(|column| BEFORE + column).collect();
         ridge_weights(covariance, &plan, penalty)
     }
 
-    /// Mean error of the weights `v` over the rows of a position; `None` if the sums do not contain the position.
+    /// Mean error of the weights `v` over the rows of a position; `None` if the sums lack the position.
     fn offset(&self, key: (usize, usize), v: &[(usize, f64)]) -> Option<f64> {
         let (_, sums) = self.groups.iter().find(|(known, _)| *known == key)?;
         Some(v.iter().map(|&(i, a)| a * sums[(0, i)]).sum::<f64>() / sums[(0, 0)])
     }
 
-    /// Offset of each position of each run: mean error of the weights there, relative to the start of the run.
+    /// Offset of each position of each run: the mean error of the weights at that position, relative to the start of
+    /// the run.
     pub(super) fn offsets(&self, columns: &[usize], weights: &[f64]) -> Vec<((usize, usize), f64)> {
         let v = error_of(columns, weights);
         let keys = self.groups.iter().map(|(key, _)| *key);
         keys.filter_map(|key| Some((key, self.offset(key, &v)?))).collect()
     }
 
-    /// Mean square error in a stretch with weights that were fitted to these sums. The offset of a position is that of the fit, or, if the position
-    /// was not part of the fit, that at the start of the run.
+    /// Mean square error in a stretch, by weights that were fitted to these sums. The offset of a position is that of
+    /// the fit. If the position was not part of the fit, its offset is that at the start of the run.
     pub(super) fn error_in(&self, stretch: &Stretch, columns: &[usize], weights: &[f64]) -> f64 {
         let v = error_of(columns, weights);
         let (mut sum, mut rows) = (0.0, 0.0);
@@ -246,7 +249,7 @@ impl Sums {
     }
 }
 
-/// Displacement minus the weighted columns, as a linear form of z.
+/// Error (displacement minus weighted columns) as a linear form of z.
 fn error_of(columns: &[usize], weights: &[f64]) -> Vec<(usize, f64)> {
     let weighted = columns.iter().zip(weights);
     [(1, 1.0)]
@@ -255,14 +258,13 @@ fn error_of(columns: &[usize], weights: &[f64]) -> Vec<(usize, f64)> {
         .collect()
 }
 
-/// Ridge regression: weights of the planned columns, and the constant.
 pub(super) struct Ridge {
     pub(super) weights: Vec<f64>,
     pub(super) constant: f64,
 }
 
 impl Ridge {
-    /// Sum of squared errors over the rows of some moments.
+    /// Sum of squared errors over the rows of these moments.
     pub(super) fn squared_error(&self, moments: &DMatrix<f64>, plan: &[usize]) -> f64 {
         // The error is v·z with v = (−constant, 1, −weights).
         let v: Vec<(usize, f64)> = [(0, -self.constant), (1, 1.0)]
@@ -275,7 +277,7 @@ impl Ridge {
     }
 }
 
-/// Ridge regression from moments, features scaled to unit variance; a constant feature gets the weight 0.
+/// Ridge regression from moments, with features scaled to unit variance. A constant feature gets the weight 0.
 pub(super) fn ridge(moments: &DMatrix<f64>, plan: &[usize], penalty: f64) -> Option<Ridge> {
     let rows = moments[(0, 0)];
     let mean = |column: usize| moments[(0, column)] / rows;
@@ -286,14 +288,14 @@ pub(super) fn ridge(moments: &DMatrix<f64>, plan: &[usize], penalty: f64) -> Opt
     Some(Ridge { weights, constant })
 }
 
-/// Weights of a ridge regression of column 1 on the columns of a plan, from the covariance of any two columns; `None` if all columns are
-/// constant.
+/// Weights of a ridge regression of the displacement (column 1) on the columns in `plan`, from the covariance of any
+/// two columns; `None` if all columns are constant.
 pub(super) fn ridge_weights(
     covariance: impl Fn(usize, usize) -> f64,
     plan: &[usize],
     penalty: f64,
 ) -> Option<Vec<f64>> {
-    // Movements below 1e-4 K are ignored.
+    // A column with a standard deviation below 1e-4 (K for temperatures) counts as constant.
     let scales: Vec<f64> = plan
         .iter()
         .map(|&c| covariance(c, c).max(0.0).sqrt())

@@ -1,4 +1,4 @@
-//! Assesses thermal terms by their errors in parts of the tests that were not used to find them.
+//! Assesses thermal terms by their errors in parts of the tests that were not used to find the terms.
 
 use std::ops::Range;
 
@@ -13,7 +13,7 @@ use crate::{FitError, fit::rms};
 
 /// Number of stretches into which the predicted rows of a single run are divided.
 const STRETCHES: usize = 10;
-/// Relative change of a root mean square error below which it is insignificant.
+/// Relative change of a root mean square error below which the change is insignificant.
 const NO_DIFFERENCE: f64 = 0.1;
 
 /// Error of terms, in the unit of the displacement, when predicting rows that were not used to find them.
@@ -44,56 +44,57 @@ pub struct ThermalPrediction {
     pub sensors: Vec<usize>,
 }
 
-/// Thermal terms of a displacement, with the prediction errors of terms that were found in the same way from a part of the data.
+/// Thermal terms of a displacement. Their prediction errors are those of terms that were found in the same way from a
+/// part of the data.
 #[derive(Clone, Debug, PartialEq)]
 pub struct JudgedThermal {
-    /// Regression without time constants.
+    /// Prediction by a regression without time constants.
     pub plain: ThermalPrediction,
-    /// Regression on every sensor, averaged over many choices of time constants; only for a single run without positions.
+    /// Prediction by a regression on every sensor, averaged over many choices of time constants; only for a single run
+    /// without positions.
     pub dense: Option<ThermalPrediction>,
-    /// Sparse terms with time constants.
+    /// Prediction by sparse terms with time constants.
     pub few: ThermalPrediction,
-    /// Root mean square of the displacement in the predicted rows, which is the error without
-    /// terms, µm or µrad.
+    /// Root mean square of the displacement in the predicted rows, µm or µrad. This is the error without terms.
     pub none_rms: f64,
     /// Mean square of the displacement in each part, µm² or µrad².
     pub none_of_parts: Vec<f64>,
-    /// The sparse terms that are assessed, found from all runs and rows.
+    /// The assessed sparse terms, which were found from all runs and rows.
     pub terms: ThermalTerms,
-    /// Root mean square error in each run by terms found from the others, µm or µrad; empty for a single run.
+    /// Root mean square error in each run, µm or µrad, by terms that were found from the other runs; empty for a single
+    /// run.
     pub left_out: Vec<f64>,
 }
 
-/// Assessment of thermal terms.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ThermalVerdict {
-    /// The terms predict better than no terms, and no worse than regression without time constants.
+    /// The terms predict better than no terms, and no worse than a regression without time constants.
     Good,
     /// The terms predict no better than no terms.
     NoBetterThanNone,
-    /// The terms predict worse than regression without time constants.
+    /// The terms predict worse than a regression without time constants.
     WorseThanPlain,
 }
 
-/// Rows too far apart for the time constants of the terms.
+/// Warning that the rows are too far apart for the time constants of the terms.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CoarseRows {
-    /// Index of the run with the largest effect.
+    /// Index of the run in which the distance of the rows has the largest effect.
     pub run: usize,
     /// Median interval between rows, s.
     pub interval_s: f64,
     /// Shortest non-zero time constant of the terms, s.
     pub shortest_lag_s: f64,
-    /// Root mean square increase of the prediction error by unknown temperatures between the rows, µm or µrad.
+    /// Root mean square increase of the prediction error due to unknown temperatures between the rows, µm or µrad.
     pub adds_rms: f64,
-    /// Interval at which this contribution is insignificant, s.
+    /// Interval between rows at which this increase would be insignificant, s.
     pub enough_s: f64,
 }
 
-/// Assesses terms from a single run: terms found from its first `train` rows predict the other rows.
+/// Assesses terms from a single run. Terms that are found from its first `train` rows predict the other rows.
 ///
 /// # Errors
-/// Same as [`search_thermal`] and [`fit_thermal`].
+/// The errors of [`search_thermal`] and [`fit_thermal`].
 pub fn judge_thermal_rows(
     run: &ThermalRun,
     train: usize,
@@ -104,7 +105,7 @@ pub fn judge_thermal_rows(
         let terms = search_thermal_rows(run, 0..train, search)?;
         Ok::<_, FitError>(ThermalPrediction::by_time(&terms, run, train))
     };
-    // The regressions on one record do not support several positions.
+    // The regressions on one record do not support several positions of the axis.
     let regression = |options: ThermalOptions| {
         let fit = fit_thermal(&run.record, 0..train, &options)?;
         let (rms, worst) = fit.residual(&run.record, train..rows);
@@ -135,10 +136,10 @@ pub fn judge_thermal_rows(
     })
 }
 
-/// Assesses terms from several runs: each run is predicted by terms from the others.
+/// Assesses terms from several runs. Each run is predicted by terms that are found from the other runs.
 ///
 /// # Errors
-/// Same as [`search_thermal`] and [`left_out_runs`].
+/// The errors of [`search_thermal`] and [`left_out_runs`].
 pub fn judge_thermal_runs(
     runs: &[ThermalRun],
     search: &ThermalSearch,
@@ -164,30 +165,32 @@ pub fn judge_thermal_runs(
 }
 
 impl JudgedThermal {
-    /// A difference of prediction errors counts if it exceeds both its standard error over the parts and a tenth of the error.
+    /// Compares the prediction errors. A difference counts if it exceeds both its standard error over the parts and a
+    /// tenth of the error.
     pub fn verdict(&self) -> ThermalVerdict {
         verdict(&self.few.parts, &self.plain.parts, &self.none_of_parts)
     }
 
-    /// Mean square error without terms minus that with terms, and the standard error of this
+    /// Mean square error without terms minus the mean square error with terms, and the standard error of this
     /// difference over the parts.
     pub fn gain(&self) -> (f64, f64) {
         difference(&self.none_of_parts, &self.few.parts)
     }
 
-    /// Mean square error with time constants minus that without, and the standard error of this
-    /// difference over the parts.
+    /// Mean square error with time constants minus the mean square error without time constants, and the standard error
+    /// of this difference over the parts.
     pub fn loss(&self) -> (f64, f64) {
         difference(&self.few.parts, &self.plain.parts)
     }
 
-    /// `Some` if the rows are so far apart that the unknown temperatures between them increase the prediction error by more than a tenth.
+    /// Warning if the rows are so far apart that the unknown temperatures between them increase the prediction error by
+    /// more than a tenth; else `None`.
     pub fn coarse_rows(&self, runs: &[ThermalRun]) -> Option<CoarseRows> {
         let lags = self.terms.lags_s();
         let shortest_lag_s = lags.into_iter().find(|lag| *lag > 0.0)?;
         let of = |run: &ThermalRun| self.terms.rms_between_rows(run);
         let adds_rms = rms(runs.iter().map(of));
-        // Root mean square error in the rows alone.
+        // Root mean square error in the rows, without the increase between rows.
         let rows = (self.few.rms.powi(2) - adds_rms.powi(2)).max(0.0).sqrt();
         let unseen = ((1.0 + NO_DIFFERENCE).powi(2) - 1.0).sqrt() * rows;
         if adds_rms <= unseen {
@@ -221,7 +224,7 @@ impl ThermalPrediction {
         }
     }
 
-    /// Errors of terms in the rows from `train` on, including those from unknown temperatures between rows.
+    /// Errors of terms in the rows from `train` on, including the errors due to unknown temperatures between rows.
     fn by_time(terms: &ThermalTerms, run: &ThermalRun, train: usize) -> Self {
         let between = terms.rms_between_rows(run);
         let left = |rows: Range<usize>| {
@@ -246,21 +249,21 @@ fn without_lags(search: &ThermalSearch) -> ThermalSearch {
     ThermalSearch { lags_s: vec![0.0], ..search.clone() }
 }
 
-/// Root mean square over all rows, from that of each run.
+/// Root mean square over all rows, from the root mean square of each run.
 fn mean_of_runs(runs: &[ThermalRun], rms: &[f64]) -> f64 {
     let rows = runs.iter().map(|run| run.record.len() as f64);
     let squares = rms.iter().zip(rows.clone()).map(|(rms, n)| rms * rms * n);
     (squares.sum::<f64>() / rows.sum::<f64>().max(1.0)).sqrt()
 }
 
-/// Mean square in each of [`STRETCHES`] equal stretches of rows; NaN where a gap excludes all rows of one.
+/// Mean square in each of `STRETCHES` equal stretches of rows; NaN for a stretch whose rows are all excluded by a gap.
 fn mean_squares(rows: Range<usize>, rms: impl Fn(Range<usize>) -> f64) -> Vec<f64> {
     let at = |part: usize| rows.start + rows.len() * part / STRETCHES;
     let of = |part: usize| rms(at(part)..at(part + 1)).powi(2);
     (0..STRETCHES).filter(|part| at(*part) < at(part + 1)).map(of).collect()
 }
 
-/// Root mean square deviation of some rows from the mean of the rows before `train`.
+/// Root mean square deviation of `rows` from the mean of the rows before `train`.
 fn rms_from_mean(of: &[f64], train: usize, rows: Range<usize>) -> f64 {
     let before = of.get(..train).unwrap_or_default();
     let mean = before.iter().sum::<f64>() / before.len() as f64;
@@ -268,8 +271,8 @@ fn rms_from_mean(of: &[f64], train: usize, rows: Range<usize>) -> f64 {
     rms(rows.iter().map(|d| d - mean))
 }
 
-/// Mean and standard error of the differences of two lists, part by part. Parts that are NaN in one of them, because a gap excludes every row, are
-/// skipped; without any other part both results are NaN.
+/// Mean and standard error of the differences of two lists, part by part. A part that is NaN in either list, because a
+/// gap excludes all its rows, is skipped. If no part remains, both results are NaN.
 fn difference(these: &[f64], those: &[f64]) -> (f64, f64) {
     let of = these.iter().zip(those).map(|(a, b)| a - b);
     let of: Vec<f64> = of.filter(|difference| !difference.is_nan()).collect();
@@ -282,7 +285,7 @@ fn difference(these: &[f64], those: &[f64]) -> (f64, f64) {
     (mean, (squares / (count - 1.0).max(1.0) / count.max(1.0)).sqrt())
 }
 
-/// Difference of mean squares that is insignificant relative to these mean squares.
+/// Largest difference of mean squares that is insignificant relative to these mean squares.
 fn unseen(squares: &[f64]) -> f64 {
     let known = || squares.iter().filter(|square| !square.is_nan());
     let mean = known().sum::<f64>() / known().count().max(1) as f64;
@@ -291,7 +294,7 @@ fn unseen(squares: &[f64]) -> f64 {
 
 fn verdict(few: &[f64], plain: &[f64], none: &[f64]) -> ThermalVerdict {
     let (gain, scatter) = difference(none, few);
-    // NaN: there is nothing to compare, or a value is undefined.
+    // NaN means that there is nothing to compare, or that a value is undefined.
     if gain.is_nan() || gain <= scatter.max(unseen(none)) {
         return ThermalVerdict::NoBetterThanNone;
     }
@@ -302,7 +305,7 @@ fn verdict(few: &[f64], plain: &[f64], none: &[f64]) -> ThermalVerdict {
     ThermalVerdict::Good
 }
 
-/// The largest number of the series 1, 2, 5, 10, 20, … s that does not exceed `seconds`; at least 1.
+/// Largest number in the series 1, 2, 5, 10, 20, … s that does not exceed `seconds`; at least 1.
 fn rounded_down(seconds: f64) -> f64 {
     let ten = 10_f64.powf(seconds.max(1.0).log10().floor());
     let steps = [5.0, 2.0].into_iter().map(|step| step * ten);
@@ -318,14 +321,14 @@ mod tests {
         let none = [900.0, 800.0, 950.0, 1000.0];
         let plain = [0.048, 0.05, 0.047, 0.049];
         for (few, expected) in [
-            // The error is 0.23 with the terms and 0.22 without.
+            // The RMS error is 0.23 with the terms and 0.22 without time constants.
             (&[0.052, 0.055, 0.05, 0.053][..], Verdict::Good),
             (&[0.1; 4], Verdict::WorseThanPlain),
-            // Worse in one part of four only.
+            // The terms are worse in only one of four parts.
             (&[0.04, 0.04, 0.04, 0.1], Verdict::Good),
             (&none, Verdict::NoBetterThanNone),
             (&[f64::NAN; 4], Verdict::NoBetterThanNone),
-            // A stretch of which a gap left out every row.
+            // A gap excludes all rows of one stretch.
             (&[0.052, f64::NAN, 0.05, 0.053], Verdict::Good),
         ] {
             assert_eq!(verdict(few, &plain, &none), expected, "{few:?}");

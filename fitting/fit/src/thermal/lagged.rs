@@ -1,9 +1,10 @@
-//! First-order lag of a temperature that is known only at some rows, and the error due to interpolation between them.
+//! First-order lag of a temperature that is known only in some rows, and the error due to interpolation between the
+//! rows.
 
 use volcomp_curve::first_order_lag_of_ramp;
 
-/// First-order lag of a signal over time, starting at its first value. The signal is linear between rows, and the lag is integrated in closed
-/// form. The result has the length of the shorter input.
+/// First-order lag of a signal over time, which starts at the first value of the signal. The signal is linear between
+/// rows, and the lag is integrated in closed form. The result has the length of the shorter input.
 pub(super) fn lagged(time_s: &[f64], signal: &[f64], lag_s: f64) -> Vec<f64> {
     let mut state: Option<(f64, f64, f64)> = None;
     let step = |(&time, &input): (&f64, &f64)| {
@@ -15,29 +16,28 @@ pub(super) fn lagged(time_s: &[f64], signal: &[f64], lag_s: f64) -> Vec<f64> {
     time_s.iter().zip(signal).map(step).collect()
 }
 
-/// Lag of a signal that curves between its rows minus that of the linearly interpolated signal, in each row.
+/// Correction for a signal that is curved between its rows: its lag minus the lag of the linearly interpolated signal,
+/// in each row.
 ///
-/// The curvature x″ is the difference of the slopes of two intervals over the time between their
-/// middles. The smaller of the values with the preceding and with the following interval is used,
-/// because the begin or end of heating curves only one of them. Over an interval h such a signal
-/// lies x″·t·(h − t)/2 below the straight line. The lag of this signal is, with p = h/lag and k =
-/// exp(−p), −x″·h²/2·((1 + k)/p − 2·(1 − k)/p²), which decays by k in each later interval. Without
-/// a lag it is 0, because the signal is known in the rows. Changes that begin and end within one
-/// interval are invisible in the rows.
+/// The curvature x″ is the difference of the slopes of two intervals divided by the time between their middles. Of the
+/// two values, with the previous and with the next interval, the smaller is used, because the beginning or end of
+/// heating curves only one of them. Over an interval h, the signal lies x″·t·(h − t)/2 below the straight line. With p
+/// = h/lag and k = exp(−p), the lag of this difference is −x″·h²/2·((1 + k)/p − 2·(1 − k)/p²), which decays by k in
+/// each later interval. Without a lag it is 0, because the signal is known in the rows. Changes that begin and end
+/// within one interval are invisible in the rows.
 pub(super) fn bent(time_s: &[f64], signal: &[f64], lag_s: f64) -> Vec<f64> {
     let rows = time_s.len().min(signal.len());
     let mut found = vec![0.0; rows];
     if lag_s.is_nan() || lag_s <= 0.0 {
         return found;
     }
-    // Interval that ends in a row: its length, its slope and the time of its middle.
+    // Slope of the interval that ends in a row, and time of the middle of that interval.
     let slope = |row: usize| {
         let step_s = time_s[row] - time_s[row - 1];
         ((signal[row] - signal[row - 1]) / step_s, time_s[row] - 0.5 * step_s)
     };
     for row in 1..rows {
-        // Change of slope to a neighbouring interval; the first interval has no predecessor and the
-        // last no successor.
+        // Change of slope to a neighbouring interval. The first interval has no predecessor, and the last no successor.
         let against = |beside: usize| {
             let ((own, own_s), (other, other_s)) = (slope(row), slope(beside));
             (own - other) / (own_s - other_s)
@@ -53,9 +53,10 @@ pub(super) fn bent(time_s: &[f64], signal: &[f64], lag_s: f64) -> Vec<f64> {
     found
 }
 
-/// (1 + k)/p − 2·(1 − k)/p² with k = exp(−p): the lag of t·(1 − t) at the end of a step from 0 to 1, of `p` time constants.
+/// (1 + k)/p − 2·(1 − k)/p² with k = exp(−p). This is the lag of t·(1 − t) at the end of a step from 0 to 1 whose
+/// length is `p` time constants.
 fn below_line(p: f64) -> f64 {
-    // The two parts cancel in short steps: the first terms of the series are exact to 1e-10 there.
+    // In short steps the two parts cancel. The first terms of the series are exact to 1e-10 there.
     if p < 1e-3 {
         return p / 6.0 - p * p / 12.0;
     }
@@ -66,7 +67,7 @@ fn below_line(p: f64) -> f64 {
 mod tests {
     use super::*;
 
-    /// Reference: the lag of a signal in a million short steps of the explicit midpoint rule.
+    /// Reference: the lag of a signal, integrated in 20,000 steps per interval by the explicit midpoint rule.
     fn fine(signal: impl Fn(f64) -> f64, time_s: &[f64], lag_s: f64) -> Vec<f64> {
         let mut value = signal(time_s[0]);
         let mut found = vec![value];
@@ -82,7 +83,7 @@ mod tests {
         found
     }
 
-    /// With rows 30 to 900 s apart and linear signals, the lag equals that of a fine simulation.
+    /// For linear signals and rows 10 to 900 s apart, the lag equals that of a fine simulation.
     #[test]
     fn straight_lines_are_integrated_exactly() {
         let time_s = [0.0, 30.0, 90.0, 390.0, 400.0, 1300.0, 1600.0];
@@ -101,13 +102,13 @@ mod tests {
         assert_eq!(lagged(&time_s, &degc, 0.0), degc);
     }
 
-    /// A parabola has constant curvature, so that its deviation from the straight lines between rows is found exactly.
+    /// A parabola has constant curvature, so its deviation from the straight lines between rows is found exactly.
     #[test]
     fn a_parabola_is_found_from_its_rows() {
         let time_s: Vec<f64> = [0, 300, 600, 650, 1200, 2400].map(f64::from).to_vec();
         let parabola = |t: f64| 20.0 + 1e-2 * t - 3e-6 * t * t;
         let degc: Vec<f64> = time_s.iter().map(|t| parabola(*t)).collect();
-        // The first and the last slope have a neighbour on one side only, which is enough for a parabola.
+        // The first and the last interval have only one neighbour, which suffices for a parabola.
         for lag_s in [60.0, 600.0, 5400.0] {
             let straight = lagged(&time_s, &degc, lag_s);
             let bends = bent(&time_s, &degc, lag_s);

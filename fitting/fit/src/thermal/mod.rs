@@ -1,8 +1,8 @@
-//! Drift terms from temperatures and a displacement over time: ridge regression on first-order lags
-//! of temperature differences, with lags, sensors and penalty chosen by forward validation in time.
+//! Drift terms from temperatures and a displacement over time. They are found by ridge regression on first-order lags
+//! of temperature differences. Lags, sensors and penalty are chosen by forward validation in time.
 //!
-//! Neighbouring rows are nearly equal, so a random split would be no test: each block of time is predicted from the blocks before it, never from
-//! later ones.
+//! Neighbouring rows are nearly equal, so a random split would be no test. Each block of time is predicted from earlier
+//! blocks only.
 
 use std::ops::Range;
 
@@ -34,11 +34,11 @@ pub use terms::{
 use choice::{BLOCKS, best_choices};
 use columns::{Features, ridge};
 
-/// Fits the rows `train` of a record: lags, penalty and sensors by forward validation among them.
+/// Fits the rows `train` of a record. Lags, penalty and sensors are chosen by forward validation among these rows.
 ///
 /// # Errors
-/// Rows of different lengths, numbers that are not finite, time that does not increase, fewer than 20 rows for each
-/// block, no sensor that changes.
+/// Columns of different lengths, numbers that are not finite, times that do not increase, fewer than 20 rows for each
+/// block, or no sensor that changes.
 pub fn fit_thermal(
     record: &ThermalRecord,
     train: Range<usize>,
@@ -50,7 +50,7 @@ pub fn fit_thermal(
     fit_choices(record, &features, &train, options, choices)
 }
 
-/// The rows of `train` that no gap of the log excludes.
+/// The rows of `train` that no gap in the log excludes.
 fn checked(
     record: &ThermalRecord,
     train: &Range<usize>,

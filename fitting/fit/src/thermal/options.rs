@@ -1,17 +1,15 @@
 use crate::FitError;
 
-/// Options of the fit of thermal terms: time constants, penalties and sensors.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct ThermalOptions {
-    /// Time constants, s; 0 is no lag. Each one alone and each pair is tried.
+    /// Time constants, s; 0 for no lag. Each single time constant and each pair is tried.
     pub lags_s: Vec<f64>,
     /// Penalties of the ridge regression, as fractions of the variance of a feature.
     pub penalties: Vec<f64>,
-    /// Whether to remove sensors one by one while the forward validation does not get worse.
+    /// Whether sensors are removed one after the other, as long as the forward validation does not get worse.
     pub select_sensors: bool,
-    /// Number of the best choices that are averaged, because the ranking among them is partly
-    /// chance. 0 is treated as 1.
+    /// Number of the best choices that are averaged, because their ranking is partly chance. 0 counts as 1.
     pub mean_of: usize,
 }
 
@@ -27,8 +25,8 @@ impl Default for ThermalOptions {
 }
 
 impl ThermalOptions {
-    /// Ridge regression on temperature differences without lags, with the penalty also chosen by forward validation: the baseline for fits with
-    /// lags.
+    /// Ridge regression on temperature differences without lags. The penalty is also chosen by forward validation. It
+    /// is the baseline for fits with lags.
     pub fn plain() -> Self {
         Self { lags_s: vec![0.0], mean_of: 1, ..Self::default() }
     }

@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use crate::{FitError, fit::rms};
 
-/// A thermal test: temperatures and one displacement over time.
+/// A thermal test with temperatures and one displacement over time.
 #[derive(Clone, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct ThermalRecord {
@@ -17,12 +17,10 @@ pub struct ThermalRecord {
 }
 
 impl ThermalRecord {
-    /// The number of rows.
     pub fn len(&self) -> usize {
         self.time_s.len()
     }
 
-    /// Whether there is no row.
     pub fn is_empty(&self) -> bool {
         self.time_s.is_empty()
     }
@@ -49,14 +47,13 @@ impl ThermalRecord {
     }
 }
 
-/// An interval longer than this multiple of the usual one may be a gap.
+/// Minimum ratio of a gap to the median interval between rows.
 const LONGER_THAN_USUAL: f64 = 10.0;
-/// Minimum length of a gap, s: in less time no temperature of a machine departs far from a straight line.
+/// Minimum length of a gap, s. In a shorter time no temperature of a machine departs far from a straight line.
 const MIN_GAP_S: f64 = 120.0;
-/// Weight of the temperature in a gap below which a lag no longer depends on it.
+/// Rows after a gap are used again when a lag depends on the temperature in the gap with less than this weight.
 const FORGOTTEN: f64 = 0.05;
 
-/// A gap in the log of a thermal test.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct ThermalGap {
@@ -64,7 +61,7 @@ pub struct ThermalGap {
     pub from_s: f64,
     /// Time of the first row after the gap, s.
     pub to_s: f64,
-    /// Rows excluded after the gap, until no lag depends on it; empty if there is no lag.
+    /// Rows after the gap that are excluded because a lag still depends on the gap; empty if there is no lag.
     pub left_out: Range<usize>,
 }
 
@@ -76,11 +73,11 @@ impl ThermalRecord {
         steps.get(steps.len() / 2).copied().unwrap_or(0.0)
     }
 
-    /// Gaps of the log, for terms with these time constants, s.
+    /// Gaps in the log. `lags_s` are the time constants of the terms, s.
     ///
-    /// A gap is an interval of more than ten times the usual one and more than two minutes. After a gap of length g a lag depends on the temperature
-    /// in the gap with a weight of 1 − exp(−g/lag), which decays by exp(−t/lag) with the time t after the gap. Rows are excluded until the weight is
-    /// below a twentieth.
+    /// A gap is an interval of more than ten times the median interval and more than two minutes. After a gap of length
+    /// g, a lag depends on the temperature in the gap with a weight of 1 − exp(−g/lag), which decays by exp(−t/lag)
+    /// with the time t after the gap. Rows are excluded until this weight is below a twentieth.
     pub fn gaps(&self, lags_s: &[f64]) -> Vec<ThermalGap> {
         let lags = || lags_s.iter().copied().filter(|lag| *lag > 0.0);
         let least_s = MIN_GAP_S.max(LONGER_THAN_USUAL * self.usual_interval_s());
@@ -101,7 +98,7 @@ impl ThermalRecord {
         gaps
     }
 
-    /// Indices of those of `rows` that no gap excludes for terms with these time constants, s.
+    /// Indices of the `rows` that no gap excludes. `lags_s` are the time constants of the terms, s.
     pub(super) fn known_rows(&self, rows: &Range<usize>, lags_s: &[f64]) -> Vec<usize> {
         let gaps = self.gaps(lags_s);
         let end = rows.end.min(self.len());
@@ -113,8 +110,8 @@ impl ThermalRecord {
 
 /// One thermal test, with the axis position in each row.
 ///
-/// A displacement is relative to its first readings at each position: instruments are zeroed at the start of a test, and the error of the cold axis
-/// is not thermal.
+/// A displacement is relative to its first readings at each position, because instruments are zeroed at the start of a
+/// test, and the error of the cold axis is not thermal.
 #[derive(Clone, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct ThermalRun {
@@ -124,10 +121,10 @@ pub struct ThermalRun {
     pub position_mm: Vec<f64>,
 }
 
-/// Maximum number of positions of a run: each needs readings over the whole time.
+/// Maximum number of positions of a run. Each position needs readings over the whole time.
 const MAX_POSITIONS: usize = 100;
-/// Number of rows averaged for the zero of a position: a hundredth of its rows, within these
-/// limits.
+/// Minimum and maximum number of rows that are averaged for the zero of a position. The number is a hundredth of the
+/// rows of the position, within these limits.
 const ZERO_ROWS: [usize; 2] = [3, 20];
 
 impl From<ThermalRecord> for ThermalRun {
@@ -137,18 +134,19 @@ impl From<ThermalRecord> for ThermalRun {
 }
 
 impl ThermalRun {
-    /// Whether the axis was at different positions.
+    /// Whether the axis was at more than one position.
     pub fn has_positions(&self) -> bool {
         self.position_mm.iter().any(|q| *q != self.position_mm[0])
     }
 
-    /// Root mean square of the displacement (µm or µrad) relative to its start at each position: the error without a prediction.
+    /// Root mean square of the displacement (µm or µrad) relative to its start at each position. This is the error
+    /// without a prediction.
     pub fn rms_from_start(&self) -> f64 {
         self.rms_of_errors(&self.record.displacement, &[])
     }
 
-    /// Root mean square of errors, one for each row, relative to their start at each position, over the rows that no gap excludes for terms with
-    /// these time constants, s.
+    /// Root mean square of errors relative to their start at each position. `errors` has one error for each row. Rows
+    /// that a gap excludes for the time constants `lags_s` (s) are omitted.
     pub(super) fn rms_of_errors(&self, errors: &[f64], lags_s: &[f64]) -> f64 {
         let known = self.record.known_rows(&(0..self.record.len()), lags_s);
         let (positions, places) = self.places();
@@ -204,7 +202,7 @@ impl ThermalRun {
         Ok(())
     }
 
-    /// Different positions, ascending, and for each row the index of its position.
+    /// Distinct positions in ascending order, and for each row the index of its position.
     pub(super) fn places(&self) -> (Vec<f64>, Vec<usize>) {
         if self.position_mm.is_empty() {
             return (vec![0.0], vec![0; self.record.len()]);
@@ -217,7 +215,7 @@ impl ThermalRun {
         (positions, places)
     }
 
-    /// For each position, the first known rows, which define its zero.
+    /// For each position, its first known rows, which define the zero of that position.
     pub(super) fn zero_rows(known: &[usize], places: &[usize], count: usize) -> Vec<Vec<usize>> {
         let mut rows = vec![Vec::new(); count];
         for &row in known {

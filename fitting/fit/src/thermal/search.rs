@@ -1,6 +1,8 @@
-//! Search for few thermal terms: few sensors, few lags, and only coefficients whose removal increases the validation error significantly.
+//! Search for sparse thermal terms: few sensors, few lags, and only coefficients whose removal increases the validation
+//! error significantly.
 //!
-//! Several runs are validated by leaving out whole runs; one run by stretches of time, each predicted from those before it.
+//! Several runs are validated by leaving out whole runs. A single run is validated by stretches of time, each predicted
+//! from earlier stretches.
 
 use std::ops::Range;
 
@@ -14,9 +16,9 @@ use super::{
 };
 use crate::FitError;
 
-/// Number of stretches of a single run. The first two are used for training only.
+/// Number of stretches of a single run. The first two are used only for training.
 const STRETCHES: usize = 10;
-/// Penalty that only keeps the equations solvable.
+/// Penalty so small that it only keeps the equations solvable.
 const MIN_PENALTY: f64 = 1e-9;
 const MIN_STRETCHES: usize = 8;
 const MIN_ROWS: usize = 20;
@@ -25,23 +27,21 @@ const MIN_ROWS: usize = 20;
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct ThermalSearch {
-    /// Time constants to choose from, s; 0 is no lag. With expansions, 0 is always chosen in
-    /// addition.
+    /// Time constants to choose from, s; 0 for no lag. With expansions, 0 is always chosen too.
     pub lags_s: Vec<f64>,
-    /// Ridge penalties to choose from, as fractions of the variance of the quantity that a
-    /// coefficient multiplies. With small penalties, correlated sensors get large coefficients of
-    /// opposite sign.
+    /// Ridge penalties to choose from, as fractions of the variance of the quantity that a coefficient multiplies. With
+    /// small penalties, correlated sensors get large coefficients of opposite sign.
     pub penalties: Vec<f64>,
     /// Maximum number of sensors, at least 1.
     pub most_sensors: usize,
     /// Maximum number of time constants, at least 1.
     pub most_lags: usize,
-    /// Whether to search for expansions if the position was varied.
+    /// Whether to search for expansions, if the tests have different axis positions.
     pub expansions: bool,
 }
 
 impl Default for ThermalSearch {
-    /// Ten time constants up to 90 minutes, at most six sensors and three time constants.
+    /// Ten time constants from 0 to 90 minutes, at most six sensors and at most three time constants.
     fn default() -> Self {
         Self {
             lags_s: ThermalOptions::default().lags_s,
@@ -69,7 +69,7 @@ impl ThermalSearch {
         Ok(())
     }
 
-    /// All subsets of `lags`, which must ascend, small subsets first.
+    /// Subsets of the ascending `lags` with at most `most_lags` elements, small subsets first.
     fn lag_sets(&self, lags: &[f64]) -> Vec<Vec<f64>> {
         let mut sets: Vec<Vec<f64>> = vec![Vec::new()];
         let mut last = sets.clone();
@@ -89,12 +89,13 @@ impl ThermalSearch {
 
 /// Finds the terms of a displacement from one or more runs.
 ///
-/// The sensors are those that explain most of the movement of all sensors. Time constants and penalty minimise the validation error. Then
-/// coefficients are removed one by one, each time the one whose removal leaves the smallest error. The result is the candidate with the fewest
-/// coefficients whose error exceeds the smallest by at most one standard error.
+/// The sensors are those that explain most of the movement of all sensors. Time constants and penalty minimise the
+/// validation error. Then coefficients are removed one after the other, each time the coefficient whose removal gives
+/// the smallest error. The result is the candidate with the fewest coefficients whose error exceeds the smallest error
+/// by at most one standard error.
 ///
 /// # Errors
-/// No run, runs with different sensors or too few rows, numbers that are not finite, no sensor that changes.
+/// No run, runs with different sensors or too few rows, numbers that are not finite, or no sensor that changes.
 pub fn search_thermal(
     runs: &[ThermalRun],
     search: &ThermalSearch,
@@ -103,10 +104,10 @@ pub fn search_thermal(
     search_rows(runs, &whole, search)
 }
 
-/// Finds the terms from some rows of one run.
+/// Finds the terms of a displacement from some rows of one run.
 ///
 /// # Errors
-/// Same as [`search_thermal`].
+/// The errors of [`search_thermal`].
 pub fn search_thermal_rows(
     run: &ThermalRun,
     rows: Range<usize>,
@@ -115,11 +116,11 @@ pub fn search_thermal_rows(
     search_rows(std::slice::from_ref(run), &[rows], search)
 }
 
-/// Leave-one-run-out validation: for each run the root mean square of record minus prediction (µm or µrad) with terms found from all other runs.
-/// Both are relative to their start.
+/// Leave-one-run-out validation. For each run, returns the root mean square of record minus prediction (µm or µrad), by
+/// terms that are found from all other runs. Record and prediction are relative to their start.
 ///
 /// # Errors
-/// Same as [`search_thermal`]; fewer than two runs.
+/// The errors of [`search_thermal`], or fewer than two runs.
 pub fn left_out_runs(runs: &[ThermalRun], search: &ThermalSearch) -> Result<Vec<f64>, FitError> {
     if runs.len() < 2 {
         return Err(FitError::TooFew {
@@ -158,7 +159,7 @@ fn search_rows(
     space.search(search, &known)
 }
 
-/// Columns to choose from, their sums over stretches, and the folds of the validation.
+/// The columns to choose from, their sums over stretches, and the folds of the validation.
 struct Space {
     /// Time constants to choose from, s, ascending.
     lags_s: Vec<f64>,
@@ -173,7 +174,7 @@ struct Fold {
     judged: Vec<usize>,
 }
 
-/// Choice of columns with its penalty, and its mean square error in each fold.
+/// Chosen columns and penalty, with the mean square error in each fold.
 #[derive(Clone)]
 struct Choice {
     columns: Vec<usize>,
@@ -203,7 +204,7 @@ impl Space {
         let mut lags = search.lags_s.clone();
         let expands = search.expansions
             && known.iter().any(|(run, _)| run.has_positions())
-            // A run without positions has no information on an expansion.
+            // A run without positions has no information about an expansion.
             && known.iter().all(|(run, _)| !run.position_mm.is_empty());
         if expands {
             // An effect without lag is needed to locate the fixed point of an expansion.
@@ -244,7 +245,7 @@ impl Space {
         Self { lags_s: lags, expands, columns, stretches, folds }
     }
 
-    /// Validates a choice of columns and penalty; `None` if the data of some fold do not determine its weights.
+    /// Validates a choice of columns and penalty; `None` if the data of a fold do not determine the weights.
     fn judged(&self, columns: Vec<usize>, penalty: f64) -> Option<Choice> {
         let error = |fold: &Fold| {
             let weights = fold.learnt.ridge(&columns, penalty)?;
@@ -257,7 +258,7 @@ impl Space {
         Some(Choice { columns, penalty, errors })
     }
 
-    /// Indices of the columns with these time constants, and of every expansion.
+    /// Indices of the drift columns with these time constants, and of all expansion columns.
     fn with_lags(&self, lags: &[f64]) -> Vec<usize> {
         let takes = |column: &Column| match column.effect {
             ThermalEffect::Drift { lag_s } => lags.contains(&lag_s),
@@ -267,7 +268,7 @@ impl Space {
         places.filter(|place| takes(&self.columns[*place])).collect()
     }
 
-    /// Best choice of time constants and penalty, followed by choices with one coefficient fewer each.
+    /// The best choice of time constants and penalty, followed by choices that each have one coefficient fewer.
     fn path(&self, search: &ThermalSearch) -> Vec<Choice> {
         let mut best: Option<Choice> = None;
         let mut sets = search.lag_sets(&self.lags_s);
@@ -313,11 +314,11 @@ impl Space {
         let choice = few.ok_or_else(undetermined)?;
         let sums = Sums::of(self.stretches.iter()).ok_or_else(undetermined)?;
         let weights = sums.ridge(&choice.columns, choice.penalty).ok_or_else(undetermined)?;
-        // The penalty shrinks every coefficient towards zero: include the shrinkage in the uncertainty.
+        // The penalty shrinks every coefficient towards zero, so the uncertainty includes the shrinkage.
         let drawn = sums.ridge(&choice.columns, MIN_PENALTY);
         let drawn = drawn.unwrap_or_else(|| weights.clone());
         let drawn = drawn.iter().zip(&weights).map(|(free, value)| free - value);
-        // The temperatures between two rows are unknown in every run.
+        // The temperatures between two rows are unknown in every run, so the uncertainty includes their effect.
         let bent = self.bent(choice, search, known);
         let bent = bent.unwrap_or_else(|| weights.clone());
         let bent = bent.iter().zip(&weights).map(|(bent, value)| bent - value);
@@ -334,7 +335,7 @@ impl Space {
         let size = |choice: &Choice| ThermalSize {
             numbers: choice.columns.len(),
             rms: choice.mean().sqrt(),
-            // Half the relative standard error of the mean square.
+            // Half the relative standard error of the mean square gives the relative standard error of the RMS.
             standard_error: 0.5 * choice.standard_error()
                 / choice.mean().sqrt().max(f64::MIN_POSITIVE),
         };
@@ -350,7 +351,8 @@ impl Space {
         ))
     }
 
-    /// Coefficients of a choice for temperatures that curve between the rows; `None` if the rows do not determine any.
+    /// Coefficients of a choice if temperatures are curved between the rows; `None` if the rows determine no
+    /// coefficients.
     fn bent(
         &self,
         choice: &Choice,
@@ -359,9 +361,9 @@ impl Space {
     ) -> Option<Vec<f64>> {
         let columns: Vec<Column> = choice.columns.iter().map(|&c| self.columns[c]).collect();
         let of_run = |(index, (run, rows)): (usize, &(&ThermalRun, Range<usize>))| {
-            // As many stretches as before, so that the same rows are used.
+            // Take as many stretches as before, so that the same rows are used.
             let parts = self.stretches.len().div_ceil(known.len());
-            // Later rows have no effect on earlier ones.
+            // Later rows have no effect on earlier rows, so the run may end here.
             stretches(
                 &run.until(rows.end),
                 index,
@@ -377,8 +379,8 @@ impl Space {
         Sums::of(all.iter())?.ridge(&places, choice.penalty)
     }
 
-    /// Standard uncertainty of each coefficient by a delete-a-group jackknife over the stretches, which accounts for the correlation of neighbouring
-    /// rows.
+    /// Standard uncertainty of each coefficient by a delete-a-group jackknife over the stretches. Whole stretches
+    /// account for the correlation of neighbouring rows.
     fn jackknife(&self, choice: &Choice) -> Vec<f64> {
         let without = |left: usize| {
             let others = self.stretches.iter().enumerate().filter(|(i, _)| *i != left);

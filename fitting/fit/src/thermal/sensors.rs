@@ -6,18 +6,17 @@ use nalgebra::{DMatrix, DVector};
 
 use super::record::ThermalRun;
 
-/// Mean movement of a sensor, K, below which it has less weight: the level of noise.
+/// Level of noise, K. A sensor whose mean movement is smaller has less weight.
 const NOISE_K: f64 = 0.05;
-/// Movement, K, below which a sensor is treated as constant.
+/// Movement below which a sensor counts as constant, K.
 const STILL_K: f64 = 1e-3;
-/// A sensor is redundant, and not chosen, if the chosen ones leave less than this fraction of its
-/// variance.
+/// A sensor counts as redundant if the chosen sensors leave less than this fraction of its variance.
 const MIN_SHARE: f64 = 1e-6;
 const MAX_ROWS: usize = 2000;
 
-/// Chooses sensors one by one: each time the sensor that, together with those chosen before, explains most of the movement of all sensors, each
-/// scaled by its own movement. Displacements are ignored, because among many correlated sensors they would select the one whose noise fits best
-/// by chance.
+/// Chooses sensors one after the other. Each time, the sensor is chosen that, together with the sensors chosen before,
+/// explains most of the movement of all sensors, each scaled by its own movement. Displacements are ignored, because
+/// among many correlated sensors they would select the sensor whose noise fits best by chance.
 pub(super) fn representative_sensors(
     runs: &[(&ThermalRun, Range<usize>)],
     most: usize,

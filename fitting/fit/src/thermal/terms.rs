@@ -1,4 +1,5 @@
-//! Fitted thermal terms: predictions over time, and the result of the search with uncertainties and tested temperature ranges.
+//! Fitted thermal terms: predictions over time, and the result of the search with uncertainties and tested temperature
+//! ranges.
 
 use std::ops::Range;
 
@@ -12,30 +13,30 @@ use super::{
 };
 use crate::fit::rms;
 
-/// A drift term: the first-order lag of Σ per_k·(T − start) over the sensors.
+/// A drift term: the first-order lag of the sum over the sensors of `per_k`·(T − start).
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct ThermalTerm {
-    /// Time constant of the lag, s; 0 is no lag.
+    /// Time constant of the lag, s; 0 for no lag.
     pub lag_s: f64,
     /// Displacement per kelvin of each sensor, µm/K or µrad/K; 0 for an unused sensor.
     pub per_k: Vec<f64>,
 }
 
-/// Fitted drift terms, with the choices that they are averaged from.
+/// Fitted drift terms, and the choices of which they are the average.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct ThermalFit {
-    /// Drift terms, one for each time constant used.
+    /// Drift terms, one for each time constant in use.
     pub terms: Vec<ThermalTerm>,
-    /// Displacement with every sensor at its start, µm or µrad.
+    /// Displacement with every sensor at its start temperature, µm or µrad.
     pub constant: f64,
-    /// Start temperatures, °C, from which differences are taken: those of the first row.
+    /// Start temperatures, °C, which are those of the first row. Temperature differences are relative to them.
     pub start_degc: Vec<f64>,
     /// Root mean square error of the best choice over the blocks of the forward validation, µm or µrad.
     #[cfg_attr(feature = "serde", serde(with = "crate::serialised"))]
     pub forward_rms: f64,
-    /// The choices that are averaged to obtain the terms.
+    /// The choices of which the terms are the average.
     pub choices: Vec<ThermalChoice>,
 }
 
@@ -53,7 +54,7 @@ pub struct ThermalSegment {
 }
 
 impl ThermalFit {
-    /// Predicted displacement, µm or µrad, in every row of a record with the same sensors; lags start at its first row.
+    /// Predicted displacement, µm or µrad, in every row of a record with the same sensors. Lags start at the first row.
     pub fn predict(&self, record: &ThermalRecord) -> Vec<f64> {
         let mut predicted = vec![self.constant; record.len()];
         for term in &self.terms {
@@ -70,9 +71,9 @@ impl ThermalFit {
         predicted
     }
 
-    /// Root mean square of record minus prediction (µm or µrad) over some rows, and the worst of
-    /// ten equal stretches of these rows. Rows that are not in the record or that a gap excludes
-    /// are skipped; without any row the result is NaN.
+    /// Root mean square of record minus prediction (µm or µrad) over `rows`, and the worst of ten equal stretches of
+    /// these rows. Rows that are not in the record, or that a gap excludes, are skipped. If no row remains, the result
+    /// is NaN.
     pub fn residual(
         &self,
         record: &ThermalRecord,
@@ -95,15 +96,15 @@ impl ThermalFit {
         (0..self.start_degc.len()).filter(counts).collect()
     }
 
-    /// Displacement, µm or µrad, with every sensor at `reference_degc`, the temperature that the terms of a machine file refer to.
+    /// Displacement, µm or µrad, with every sensor at `reference_degc`. This is the temperature to which the terms of a
+    /// machine file refer.
     pub fn constant_at(&self, reference_degc: f64) -> f64 {
         let terms = self.terms.iter().flat_map(|term| term.per_k.iter().zip(&self.start_degc));
         self.constant + terms.map(|(per_k, start)| per_k * (reference_degc - start)).sum::<f64>()
     }
 }
 
-/// Root mean square error over some rows, and the worst of ten equal stretches of these rows; NaN
-/// without any row.
+/// Root mean square error over `rows`, and the worst of ten equal stretches of these rows; NaN if there is no row.
 pub(super) fn judged(
     time_s: &[f64],
     errors: &[f64],
@@ -130,9 +131,9 @@ pub struct ThermalNumber {
     pub sensor: usize,
     /// Quantity that the coefficient multiplies.
     pub effect: ThermalEffect,
-    /// Value, µm/K or µrad/K; for an expansion per K and mm.
+    /// Value of the coefficient, µm/K or µrad/K; for an expansion, per K and mm.
     pub value: f64,
-    /// Standard uncertainty, in the same unit.
+    /// Standard uncertainty of the value, in the same unit.
     pub uncertainty: f64,
 }
 
@@ -149,34 +150,33 @@ pub struct ThermalSize {
     pub standard_error: f64,
 }
 
-/// Range of temperatures and rates of a sensor in the tests.
+/// Ranges of the temperature and of the rate of change of a sensor in the tests.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct TestedRange {
-    /// Index of the sensor.
     pub sensor: usize,
     /// Lowest and highest temperature, °C.
     pub degc: [f64; 2],
-    /// Fastest fall and rise, K/min, by [`SmoothedRate`].
+    /// Rates of the fastest fall and of the fastest rise, K/min, by [`SmoothedRate`].
     pub k_per_min: [f64; 2],
 }
 
-/// Thermal terms found by a search.
+/// Thermal terms that a search has found.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct ThermalTerms {
-    /// Coefficients that the search kept.
+    /// The remaining coefficients.
     pub numbers: Vec<ThermalNumber>,
     /// Ridge penalty of the regression.
     pub penalty: f64,
-    /// Validation error by number of coefficients, from many to one.
+    /// Validation error by number of coefficients, starting with the most coefficients.
     pub path: Vec<ThermalSize>,
-    /// Root mean square validation error with these coefficients in each run or stretch, µm or µrad.
+    /// Root mean square validation error of these coefficients in each run or stretch, µm or µrad.
     pub validated: Vec<f64>,
-    /// Tested ranges of the sensors in use.
+    /// Tested ranges of the sensors that the terms use.
     pub seen: Vec<TestedRange>,
-    /// For each position of each run: the displacement with all temperatures at those of its first row, µm or µrad; these temperatures, °C; and the
-    /// position, mm.
+    /// For each position of each run: the displacement with all temperatures as in the first row, µm or µrad; these
+    /// temperatures, °C; and the position, mm.
     zeros: Vec<Zero>,
 }
 
@@ -189,8 +189,8 @@ struct Zero {
 }
 
 impl ThermalTerms {
-    /// `offsets`: mean residual, µm or µrad, for each (run, position), relative to the start of the run. `lags_s`: time
-    /// constants available to the search, s.
+    /// Creates the terms. `offsets` is the mean residual (µm or µrad) for each (run, position), relative to the start
+    /// of the run. `lags_s` are the time constants among which the search chose, s.
     pub(super) fn new(
         numbers: Vec<ThermalNumber>,
         penalty: f64,
@@ -223,7 +223,7 @@ impl ThermalTerms {
         terms
     }
 
-    /// Indices of the sensors in use, ascending.
+    /// Indices of the sensors that the terms use, ascending.
     pub fn sensors(&self) -> Vec<usize> {
         let mut sensors: Vec<usize> = self.numbers.iter().map(|number| number.sensor).collect();
         sensors.sort_unstable();
@@ -231,7 +231,7 @@ impl ThermalTerms {
         sensors
     }
 
-    /// Time constants in use, s, ascending.
+    /// Time constants that the terms use, s, ascending.
     pub fn lags_s(&self) -> Vec<f64> {
         let lag = |number: &ThermalNumber| match number.effect {
             ThermalEffect::Drift { lag_s } => Some(lag_s),
@@ -243,7 +243,8 @@ impl ThermalTerms {
         lags
     }
 
-    /// Prediction, µm or µrad, from the temperatures of a run with the same sensors, relative to its value in the first row.
+    /// Prediction, µm or µrad, from the temperatures of a run with the same sensors, relative to the prediction in the
+    /// first row.
     fn unknown_zero(&self, run: &ThermalRun, between: Between) -> Vec<f64> {
         let mut sum = vec![0.0; run.record.len()];
         for number in &self.numbers {
@@ -255,8 +256,8 @@ impl ThermalTerms {
         sum
     }
 
-    /// Root mean square of record minus prediction (µm or µrad) in a run that was not used for the terms, both relative to their start at each
-    /// position. Rows that a gap excludes are skipped.
+    /// Root mean square of record minus prediction (µm or µrad) in a run that was not used to find the terms. Record
+    /// and prediction are relative to their start at each position. Rows that a gap excludes are skipped.
     pub fn rms_from_start(&self, run: &ThermalRun) -> f64 {
         let predicted = self.unknown_zero(run, Between::Straight);
         let rows = run.record.displacement.iter().zip(&predicted);
@@ -264,10 +265,9 @@ impl ThermalTerms {
         run.rms_of_errors(&errors, &self.lags_s())
     }
 
-    /// Error of the prediction of a run (root mean square, µm or µrad) from the unknown
-    /// temperatures between its rows: the difference between temperatures that curve between the
-    /// rows and linear ones. A machine that reads its sensors in every cycle has this error in
-    /// addition to the error in the rows of the run.
+    /// Error of the prediction of a run (root mean square, µm or µrad) due to the unknown temperatures between its
+    /// rows. It is the difference between predictions with curved and with linear temperatures between the rows. A
+    /// machine that reads its sensors in every cycle has this error in addition to the error in the rows of the run.
     pub fn rms_between_rows(&self, run: &ThermalRun) -> f64 {
         let bent = self.unknown_zero(run, Between::Bent);
         let straight = self.unknown_zero(run, Between::Straight);
@@ -275,8 +275,8 @@ impl ThermalTerms {
         rms(known.iter().map(|&row| bent[row] - straight[row]))
     }
 
-    /// Record minus prediction, µm or µrad, in every row of the run, or part of a run, from which the terms were
-    /// found.
+    /// Record minus prediction, µm or µrad, in every row. The run must be the run, or a part of it, from which the
+    /// terms were found.
     pub fn errors(&self, run: &ThermalRun) -> Vec<f64> {
         let predicted = self.unknown_zero(run, Between::Straight);
         let (positions, places) = run.places();
@@ -289,16 +289,16 @@ impl ThermalTerms {
             .collect()
     }
 
-    /// Root mean square of [`errors`](Self::errors) (µm or µrad) over some rows of the run from
-    /// which the terms were found, and the worst of ten equal stretches of these rows. Rows that
-    /// are not in the run or that a gap excludes are skipped; without any row the result is NaN.
+    /// Root mean square of [`errors`](Self::errors) (µm or µrad) over `rows` of the run from which the terms were
+    /// found, and the worst of ten equal stretches of these rows. Rows that are not in the run, or that a gap excludes,
+    /// are skipped. If no row remains, the result is NaN.
     pub fn residual(&self, run: &ThermalRun, rows: Range<usize>) -> (f64, Option<ThermalSegment>) {
         let known = run.record.known_rows(&rows, &self.lags_s());
         judged(&run.record.time_s, &self.errors(run), &known)
     }
 
-    /// Displacement with every sensor at `reference_degc`, the temperature that the terms of a machine file refer to: mean over the positions of all
-    /// runs, and maximum minus minimum, both in µm or µrad.
+    /// Displacement with every sensor at `reference_degc`, the temperature to which the terms of a machine file refer.
+    /// Returns its mean over the positions of all runs, and its maximum minus its minimum, both in µm or µrad.
     pub fn constant_at(&self, reference_degc: f64) -> (f64, f64) {
         let at = |zero: &Zero| {
             let per_k = |number: &ThermalNumber| match number.effect {

@@ -1,4 +1,4 @@
-//! Deviations of ISO 230-4 about the least-squares centre.
+//! Deviations of ISO 230-4, about the centre of the least-squares circle.
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -10,17 +10,19 @@ use crate::{MetrologyError, StandardQuantity};
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct CircularDeviations {
-    /// Circular deviation G of each direction of rotation, counter-clockwise first: range of the
-    /// radii about the centre of that direction.
+    /// Circular deviation G of each sense, counter-clockwise first: range of the radii about the centre of the circle
+    /// of that sense.
     pub g_um: [Option<f64>; 2],
-    /// Bidirectional circular deviation G(b): range of the radii of both senses about their common centre.
+    /// Bidirectional circular deviation G(b): range of the radii of both senses about the centre of their common
+    /// circle.
     pub g_b_um: Option<f64>,
-    /// Largest radial deviation F_max from the nominal radius about the centre of each sense; only with a stated radius.
+    /// Largest radial deviation F_max of each sense from the nominal radius, about the centre of the circle of that
+    /// sense; `None` unless the radius was stated.
     pub f_max_um: [Option<f64>; 2],
-    /// Smallest radial deviation F_min from the nominal radius about the centre of each sense; only
-    /// with a stated radius.
+    /// Smallest radial deviation F_min of each sense from the nominal radius, about the centre of the circle of that
+    /// sense; `None` unless the radius was stated.
     pub f_min_um: [Option<f64>; 2],
-    /// Mean bidirectional radial deviation D: radius of the circle through both senses minus nominal radius.
+    /// Mean bidirectional radial deviation D: radius of the circle through both senses minus the nominal radius.
     pub d_um: Option<f64>,
     /// Centre offset that was removed, along the first and the second axis, µm.
     pub centre_um: [f64; 2],
@@ -29,7 +31,7 @@ pub struct CircularDeviations {
 /// Evaluates a trace by ISO 230-4.
 ///
 /// # Errors
-/// The points of a sense do not determine a circle, or hold numbers that are not finite.
+/// The points of a sense do not determine a circle, or contain numbers that are not finite.
 pub fn circular_deviations(trace: &CircularTrace) -> Result<CircularDeviations, MetrologyError> {
     let mut found = CircularDeviations {
         g_um: [None; 2],
@@ -63,7 +65,6 @@ pub fn circular_deviations(trace: &CircularTrace) -> Result<CircularDeviations, 
 }
 
 impl CircularDeviations {
-    /// Quantities with their symbols and names.
     pub fn quantities(&self) -> Vec<StandardQuantity> {
         let larger = |values: [Option<f64>; 2]| values.into_iter().flatten().reduce(f64::max);
         let smaller = |values: [Option<f64>; 2]| values.into_iter().flatten().reduce(f64::min);
@@ -80,7 +81,8 @@ impl CircularDeviations {
     }
 }
 
-/// Least-squares circle of the radial deviations δ: radius deviation r and centre (a, b) in δ = r + a cos θ + b sin θ, µm.
+/// Least-squares circle through the radial deviations δ. Returns the radius deviation r and the centre (a, b) in δ = r
+/// + a cos θ + b sin θ, µm.
 fn circle(points: &[TracePoint], name: &str) -> Result<Vector3<f64>, MetrologyError> {
     let (mut normal, mut right) = (Matrix3::zeros(), Vector3::zeros());
     for p in points {

@@ -1,6 +1,6 @@
-//! Error signatures in the shape of a trace: fitted together by least squares, and ranked.
+//! Error signatures in the shape of a trace. They are fitted together by least squares, and ranked.
 //!
-//! With the angle θ from the first axis to the second, d = ±1 for the sense, the radius R and the path (R cos θ, R sin θ):
+//! θ is the angle from the first axis to the second, d = ±1 the sense, R the radius, and (R cos θ, R sin θ) the path:
 //!
 //! | signature | radial deviation |
 //! | --- | --- |
@@ -43,7 +43,7 @@ pub enum SignatureKind {
 }
 
 impl SignatureKind {
-    /// Name in documents.
+    /// Name of the error source in documents.
     pub fn key(self) -> &'static str {
         match self {
             Self::Squareness => "squareness",
@@ -78,29 +78,28 @@ pub struct Signature {
     pub share: f64,
 }
 
-/// The signatures of a trace.
 #[derive(Debug, Clone, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct Signatures {
-    /// Signatures by descending range. A trace in one sense has no servo mismatch, because it
-    /// cannot be separated from the squareness, which then contains both.
+    /// Signatures by descending range. A trace in one sense has no servo mismatch, because the servo mismatch cannot be
+    /// separated from the squareness. The squareness then contains both.
     pub ranked: Vec<Signature>,
-    /// Centre offset that was removed, along the first and the second axis, µm: a property of the set-up, not of the machine.
+    /// Removed centre offset along the first and the second axis, µm. It depends on the set-up instead of the machine.
     pub centre_um: [f64; 2],
-    /// Mean deviation of the radius, µm: depends on the length of the ballbar, the feed and the mean scale.
+    /// Mean deviation of the radius, µm. It depends on the length of the ballbar, the feed and the mean scale.
     pub radius_um: f64,
-    /// Spikes at 0°, 90°, 180° and 270°, µm, positive outward; `None` if the trace does not pass
-    /// the place. The ranked signatures use the mean of the passed places of an axis, and omit the
-    /// spikes of an axis with none.
+    /// Spikes at 0°, 90°, 180° and 270°, µm, positive outward; `None` if the trace does not pass the angle. The ranked
+    /// signatures use the mean of the passed angles of an axis. They omit the spikes of an axis if neither of its
+    /// angles is passed.
     pub spikes_um: [Option<f64>; 4],
-    /// Angle over which a spike decays to 1/e, deg; undefined if no place is passed.
+    /// Angle over which a spike decays to 1/e, deg. It is undefined if none of the four angles is passed.
     pub spike_width_deg: f64,
     /// Root mean square of the residuals after all signatures, µm.
     pub rms_left_um: f64,
 }
 
 const WIDTHS_DEG: [f64; 8] = [0.7, 1.0, 1.5, 2.0, 3.0, 4.5, 6.0, 9.0];
-/// Maximum condition number of the normal equations: above it, signatures are not separable.
+/// Maximum condition number of the normal equations. Above it the signatures are not separable.
 const WORST_CONDITION: f64 = 1e4;
 
 /// Fits all signatures to a trace.
@@ -136,8 +135,9 @@ pub fn circular_signatures(trace: &CircularTrace) -> Result<Signatures, Metrolog
     Ok(fit.signatures(points, both, trace.radius_mm))
 }
 
-/// For each reversal of an axis, whether a point follows it within 2°, or within 1.5 times the median spacing of the points if that is more.
-/// Otherwise the size of the reversal spike is undetermined, because the spike has decayed at the next point.
+/// For each of the four reversals, whether the trace has a point within 2° after the reversal, or within 1.5 times the
+/// median spacing of the points if that is more. Otherwise the reversal spike has decayed at the next point, and its
+/// size is undetermined.
 fn passed(points: &[TracePoint]) -> [bool; 4] {
     const NEAR_DEG: f64 = 2.0;
     let mut steps: Vec<f64> = (points.windows(2))
@@ -151,7 +151,8 @@ fn passed(points: &[TracePoint]) -> [bool; 4] {
     PLACES.map(|place| points.iter().any(|p| since(p, place) <= near))
 }
 
-/// Least-squares fit with the best spike width between two widths (deg), by golden-section search; `None` if `at` fails at a width.
+/// Least-squares fit with the best spike width between two widths (deg), by golden-section search; `None` if `at` fails
+/// at a tried width.
 fn narrowed([mut low, mut high]: [f64; 2], at: &dyn Fn(f64) -> Option<Fit>) -> Option<Fit> {
     const STEPS: usize = 14;
     const GOLDEN: f64 = 0.618_033_988_749_894_8;
@@ -167,12 +168,13 @@ fn narrowed([mut low, mut high]: [f64; 2], at: &dyn Fn(f64) -> Option<Fit>) -> O
     at(f64::midpoint(low, high))
 }
 
-/// Number of columns: radius, centre, sin 2θ, cos 2θ, two reversal values, four spikes, and with both senses servo mismatch.
+/// Number of columns: radius, centre (two), sin 2θ, cos 2θ, two reversal values and four spikes. The servo mismatch is
+/// a further column if the trace has both senses.
 const COUNT: usize = 11;
 /// Column of the spike at 0°.
 const FIRST_SPIKE: usize = 7;
 
-/// Angle travelled since the angle `place`, in the sense of motion, modulo a full turn, rad.
+/// Angle travelled since the angle `place` in the sense of motion, modulo a full turn, rad.
 fn since(p: &TracePoint, place: f64) -> f64 {
     (p.sense.sign() * (p.angle_rad - place)).rem_euclid(TAU)
 }
@@ -183,7 +185,7 @@ const PLACES: [f64; 4] = [0.0, FRAC_PI_2, PI, PI + FRAC_PI_2];
 fn row(p: &TracePoint, both: bool, width_rad: f64) -> Vec<f64> {
     let (sin, cos) = p.angle_rad.sin_cos();
     let d = p.sense.sign();
-    // A reversing axis is not moving.
+    // At the reversal itself the axis is at rest, so its sign is 0.
     let side = |x: f64| if x == 0.0 { 0.0 } else { x.signum() };
     let spike = |place: f64| {
         let since = (d * (p.angle_rad - place)).rem_euclid(TAU);
@@ -216,7 +218,7 @@ fn design(points: &[TracePoint], both: bool, width_rad: f64) -> DMatrix<f64> {
 
 struct Fit {
     found: DVector<f64>,
-    /// Variance of each coefficient for given widths of the spikes; 0 for spikes without a column.
+    /// Variance of each coefficient for fixed widths of the spikes; 0 for spikes without a column.
     variances: Vec<f64>,
     passed: [bool; 4],
     squares: f64,
@@ -231,7 +233,7 @@ fn solve(
     right: &DVector<f64>,
     width_deg: f64,
 ) -> Option<Fit> {
-    // Omit the column of a place that is not passed: it would be numerically zero.
+    // Omit the column of a spike whose angle is not passed, because the column would be numerically zero.
     let is_seen = |column: &usize| {
         let spike = column.checked_sub(FIRST_SPIKE);
         spike.and_then(|spike| passed.get(spike)) != Some(&false)
@@ -260,7 +262,7 @@ fn solve(
         }
         variances
     };
-    // The width of the spikes was fitted too: add its uncertainty to that of their sizes.
+    // The width of the spikes was fitted too, so add its uncertainty to the uncertainty of their sizes.
     let width = width_deg.to_radians();
     let derivative = |p: &TracePoint| -> f64 {
         let at = |k: usize| {
@@ -281,8 +283,8 @@ fn solve(
     Some(Fit { found, variances, passed, squares, rms: (squares / rows as f64).sqrt(), width_deg })
 }
 
-/// Inverse of the normal matrix of the columns scaled to length 1, the original lengths, and the scaled columns; `None` if the columns are not
-/// separable.
+/// Scales the columns to length 1. Returns the inverse of their normal matrix, the original lengths, and the scaled
+/// columns; `None` if the columns are not separable.
 fn inverse_of_normal(columns: &DMatrix<f64>) -> Option<(DMatrix<f64>, Vec<f64>, DMatrix<f64>)> {
     let lengths: Vec<f64> = columns.column_iter().map(|c| c.norm()).collect();
     if !lengths.iter().all(|length| *length > 0.0) {
@@ -306,7 +308,7 @@ impl Fit {
         const URAD_PER_UM_PER_MM: f64 = 1e3;
         let found = &self.found;
         let per_radius = 2.0 / radius_mm * URAD_PER_UM_PER_MM;
-        // Combined effect of the columns of each signature, as a range over the points.
+        // Range over the points of the combined effect of the columns of a signature.
         let range_of = |columns: &[usize]| {
             let width = self.width_deg.to_radians();
             let at = |p: &TracePoint| {
@@ -324,7 +326,7 @@ impl Fit {
             range_um: range_of(&[column]),
             share: 0.0,
         };
-        // Mean of the places that are passed.
+        // The mean over the passed angles.
         let pair = |kind, places: [usize; 2]| {
             let seen = places.into_iter().filter(|place| self.passed[*place]);
             let columns: Vec<usize> = seen.map(|place| FIRST_SPIKE + place).collect();

@@ -1,4 +1,4 @@
-//! Table of a circular test: angle and radial deviation, or positions.
+//! Table of a circular test, with angles and radial deviations, or with positions.
 
 use volcomp_document::{Column, CsvTable, quoted};
 
@@ -11,16 +11,16 @@ use crate::{MetrologyError, ReadingUnit};
 
 const FEWEST_POINTS: usize = 16;
 
-/// Reads a trace from CSV text; `name` is used in messages.
+/// Reads a trace from CSV text. `name` is the name of the file in messages.
 ///
-/// The header has `angle` (deg, or `angle rad`) and `deviation`, `radius deviation` or `radial deviation` (µm, or with `mm` or `nm` after it), or the
-/// two coordinates of the plane (`x` and `y` in X–Y, mm). A column `direction` with `ccw` or `+` and `cw` or `-` states the sense of each point;
-/// without that column the sense follows from the order of the rows. The nominal radius is an argument; without one, positions are measured against
-/// their mean radius.
+/// The header has `angle` (deg, or `angle rad`) and one of `deviation`, `radius deviation` and `radial deviation` (µm,
+/// or followed by `mm` or `nm`). Or it has the two coordinates of the plane in mm, such as `x` and `y` in X–Y. A column
+/// `direction` with `ccw` or `+` and `cw` or `-` states the sense of each point. Without this column the sense follows
+/// from the order of the rows. `radius_mm` is the nominal radius. Without it, positions are measured against their mean
+/// radius.
 ///
-/// # Errors
-/// Wrong header, units or cells, fewer than 16 points, positions on no circle, no radius with angles: with file, line, what was found and what was
-/// expected.
+/// Wrong header, units or cells, fewer than 16 points, positions that are not on a circle, or angles without a radius.
+/// Messages name the file, the line, what was found and what was expected.
 pub fn parse_trace(
     bytes: &[u8],
     name: &str,
@@ -100,7 +100,7 @@ pub fn parse_trace(
             "one, with deviations over angles: squareness and scale are sizes against it";
         return Err(refuse(name, "nominal radius", found, expected));
     };
-    // A deviation of ten times the radius or more is in another unit.
+    // A deviation of more than ten times the expected maximum must be in another unit.
     if let Some([_, deviation]) = radial.iter().find(|pair| pair[1].abs() > 10.0 * nominal) {
         let found = format!("{deviation} µm at a radius of {nominal} mm");
         let expected = "deviations below a hundredth of the radius";
@@ -118,7 +118,7 @@ pub fn parse_trace(
     })
 }
 
-/// Angles of the points, rad; of positions about their least-squares centre.
+/// Angles of the points, rad. The angles of positions are about the centre of their least-squares circle.
 fn angles(pairs: &[[f64; 2]], is_positions: bool, name: &str) -> Result<Vec<f64>, MetrologyError> {
     if !is_positions {
         return Ok(pairs.iter().map(|pair| pair[0]).collect());
@@ -128,7 +128,8 @@ fn angles(pairs: &[[f64; 2]], is_positions: bool, name: &str) -> Result<Vec<f64>
     Ok(pairs.iter().map(angle).collect())
 }
 
-/// Whether the header of a table is that of a trace in one of the planes, without a third coordinate or a target.
+/// Whether the header of a table is that of a trace in one of the planes. A third coordinate or a target column
+/// excludes this.
 pub(crate) fn looks_like_circle(text: &str, name: &str) -> bool {
     let Ok(table) = CsvTable::parse(name, text) else {
         return false;
@@ -142,7 +143,7 @@ pub(crate) fn looks_like_circle(text: &str, name: &str) -> bool {
         let mut heads = table.names();
         heads.any(|(_, head)| unit_of(head, name).is_some())
     };
-    // Columns of angles fit every plane; columns of coordinates only their own plane.
+    // Columns of angles match every plane, columns of coordinates only their own plane.
     !has("target") && matches!((fitting.count(), has("angle")), (1, false) | (3, true))
 }
 
@@ -164,16 +165,16 @@ struct TraceColumns {
 }
 
 enum Kind {
-    /// Angle and radial deviation, each with its unit in rad and in µm.
+    /// Columns of angle and radial deviation, each with the factor from its unit to rad or µm.
     Radial { angle: (Column, f64), deviation: (Column, f64) },
-    /// Two coordinates, mm.
+    /// Columns of the two coordinates, mm.
     Positions([Column; 2]),
 }
 
 const EXPECTED_COLUMNS: &str = "the columns `angle` and `deviation` (or `radius deviation`, `radial deviation`; not a radius alone), or two of `x`, `y` and `z`";
 
 impl TraceColumns {
-    /// Finds the columns; coordinates are named after the `axes` of the plane.
+    /// Finds the columns. The columns of coordinates have the names of the `axes` of the plane.
     fn of(table: &CsvTable, axes: [&str; 2]) -> Result<Self, MetrologyError> {
         let direction = table.column("direction")?;
         let angle = with_unit(table, "angle")?;
@@ -238,7 +239,7 @@ fn deviation_in_um(table: &CsvTable, unit: &str) -> Result<f64, MetrologyError> 
     Err(table.header_error(message).into())
 }
 
-/// Column of radial deviations and its unit: `deviation`, or `radius` or `radial` followed by `deviation`.
+/// Column of the radial deviations and its unit. The head is `deviation`, `radius deviation` or `radial deviation`.
 fn deviation(table: &CsvTable) -> Result<Option<(Column, &str)>, MetrologyError> {
     if let Some(found) = with_unit(table, "deviation")? {
         return Ok(Some(found));

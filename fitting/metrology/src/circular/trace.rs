@@ -23,7 +23,7 @@ pub enum CircularPlane {
 }
 
 impl CircularPlane {
-    /// The two axes of the plane, in the order of the angle.
+    /// The two axes of the plane. Angles run from the first to the second.
     pub fn axes(self) -> [AxisName; 2] {
         match self {
             Self::Xy => [AxisName::X, AxisName::Y],
@@ -32,7 +32,8 @@ impl CircularPlane {
         }
     }
 
-    /// Squareness error of the plane; [`opening`](crate::opening) returns whether a positive value opens or closes the angle between the axes.
+    /// Squareness error of the plane. [`opening`](crate::opening) tells whether a positive value opens or closes the
+    /// angle between the axes.
     pub fn squareness(self) -> ErrorName {
         let (component, axis) = match self {
             Self::Xy => (Component::EC, AxisName::Y),
@@ -43,13 +44,13 @@ impl CircularPlane {
     }
 }
 
-/// Sense of the motion on the circle, seen with the first axis to the right and the second one up.
+/// Sense of the motion on the circle, seen with the first axis to the right and the second axis up.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Sense {
-    /// Motion from the first axis to the second: the angle increases.
+    /// Motion from the first axis to the second, so the angle increases.
     CounterClockwise,
-    /// Motion from the second axis to the first: the angle decreases.
+    /// Motion from the second axis to the first, so the angle decreases.
     Clockwise,
 }
 
@@ -57,7 +58,7 @@ impl Sense {
     /// Both senses, counter-clockwise first.
     pub const BOTH: [Self; 2] = [Self::CounterClockwise, Self::Clockwise];
 
-    /// +1 where the angle increases, −1 where it decreases.
+    /// Sign of the change of the angle: +1 if the angle increases, −1 if it decreases.
     pub fn sign(self) -> f64 {
         match self {
             Self::CounterClockwise => 1.0,
@@ -74,7 +75,6 @@ impl Sense {
     }
 }
 
-/// Radial deviation at one angle of a circular path.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct TracePoint {
@@ -82,11 +82,10 @@ pub struct TracePoint {
     pub angle_rad: f64,
     /// Actual minus nominal radius, µm.
     pub deviation_um: f64,
-    /// Sense of the motion.
     pub sense: Sense,
 }
 
-/// Trace in one or both senses.
+/// Trace of a circle in one or both senses.
 #[derive(Debug, Clone, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct CircularTrace {
@@ -114,7 +113,8 @@ impl CircularTrace {
     }
 }
 
-/// Least-squares circle through points in a plane: centre and radius. Gauss–Newton on the distances, starting from the algebraic circle.
+/// Centre and radius of the least-squares circle through points in a plane. Gauss–Newton iteration on the distances,
+/// from the algebraic circle.
 pub(super) fn least_squares_circle(
     points_mm: &[[f64; 2]],
     name: &str,
@@ -125,7 +125,7 @@ pub(super) fn least_squares_circle(
     let count = points_mm.len() as f64;
     let mean = |k: usize| points_mm.iter().map(|p| p[k]).sum::<f64>() / count;
     let middle = [mean(0), mean(1)];
-    // Solve u² + v² = 2 a u + 2 b v + c with coordinates about the mean.
+    // Solve u² + v² = 2 a u + 2 b v + c, with coordinates u and v relative to the mean.
     let (mut normal, mut right) = (Matrix3::zeros(), Vector3::zeros());
     for p in points_mm {
         let (u, v) = (p[0] - middle[0], p[1] - middle[1]);
@@ -166,17 +166,19 @@ pub(super) fn least_squares_circle(
     Ok(([middle[0] + centre[0], middle[1] + centre[1]], radius))
 }
 
-/// Minimum turn that is treated as motion, 1°: far more than the jitter of a position at standstill, far less than the arc of a
-/// test.
+/// Minimum turn that counts as motion, 1°. It is far more than the jitter of a position at standstill, and far less
+/// than the arc of a test.
 const LEAST_TURN_RAD: f64 = std::f64::consts::PI / 180.0;
 
-/// Sense at each point of a path, from the change of the angle after it; at standstill the previous sense is kept.
+/// Sense at each point of a path, from the change of the angle after the point. At standstill the previous sense is
+/// kept.
 ///
-/// Only a turn of more than [`LEAST_TURN_RAD`] counts, because positions at standstill jitter.
+/// Only a turn of more than `LEAST_TURN_RAD` counts, because positions at standstill jitter.
 pub(super) fn senses(angles_rad: &[f64]) -> Vec<Sense> {
     let mut found = vec![Sense::CounterClockwise; angles_rad.len()];
     let mut angle = 0.0;
-    // Index and angle of the smallest and the largest angle since the last change of sense; of equal angles the last point.
+    // Index and angle of the smallest and of the largest angle since the last change of sense. Of equal angles, the
+    // last point counts.
     let (mut least, mut greatest) = ((0, 0.0), (0, 0.0));
     let mut last: Option<Sense> = None;
     for (index, pair) in angles_rad.windows(2).enumerate() {
@@ -196,7 +198,7 @@ pub(super) fn senses(angles_rad: &[f64]) -> Vec<Sense> {
             None
         };
         if let Some((sense, from)) = turned {
-            // Points before the first turn are at standstill and take its sense.
+            // Points before the first turn are at standstill, and get the sense of that turn.
             let from = if last.is_none() { 0 } else { from.0 };
             found[from..].fill(sense);
             (least, greatest) = (here, here);
@@ -211,9 +213,13 @@ pub(super) struct OneTurn {
     pub(super) notes: Vec<String>,
 }
 
-/// Selects one turn of each sense, because a part of the circle that is run twice would count twice in the least-squares circle. If a run is longer
-/// than a turn, its middle is kept, since its ends contain starting and stopping. Of several runs of which some are whole turns, the longest is
-/// kept. Overlapping arcs are all kept, with a note; so are points whose angles do not progress in their sense and thus have no order.
+/// Selects one turn of each sense, because a part of the circle that is measured twice would count twice in the
+/// least-squares circle.
+///
+/// - If a run is longer than a turn, its middle is kept, because its ends contain starting and stopping.
+/// - If some of several runs are whole turns, the longest run is kept.
+/// - Overlapping arcs are all kept, with a note. Points are also kept if their angles do not progress in their sense,
+///   because then they have no order.
 pub(super) fn one_turn(angles_rad: &[f64], senses: &[Sense]) -> OneTurn {
     let mut found = OneTurn { keeps: vec![true; angles_rad.len()], notes: Vec::new() };
     for sense in Sense::BOTH {
@@ -236,7 +242,7 @@ pub(super) fn one_turn(angles_rad: &[f64], senses: &[Sense]) -> OneTurn {
         let from = (0.5 * (longest.turned() - TAU)).max(0.0) - 1e-9;
         for run in &runs {
             for (index, angle) in run.angles.iter().enumerate() {
-                // Half-open: the point that closes the turn repeats the first one.
+                // The interval is half-open, because the point that closes the turn repeats the first point.
                 let is_inside = (from..from + TAU).contains(angle);
                 found.keeps[run.first + index] = run.first == longest.first && is_inside;
             }
@@ -255,7 +261,7 @@ pub(super) fn one_turn(angles_rad: &[f64], senses: &[Sense]) -> OneTurn {
 struct Run {
     /// Index of the first point.
     first: usize,
-    /// Angle of each point from the first one in the sense of motion, rad; it may exceed one turn.
+    /// Angle of each point from the first point in the sense of motion, rad. It may exceed one turn.
     angles: Vec<f64>,
 }
 
@@ -264,14 +270,14 @@ impl Run {
         self.angles.last().copied().unwrap_or(0.0)
     }
 
-    /// Whether the run is a whole turn: one more step after the last point would close it.
+    /// Whether the run is a whole turn, which means that one more step after the last point would close it.
     fn is_whole_turn(&self) -> bool {
         let steps = self.angles.windows(2).map(|pair| pair[1] - pair[0]);
         self.turned() + steps.fold(LEAST_TURN_RAD, f64::max) >= TAU
     }
 }
 
-/// The runs in one sense of motion; `None` if the angle goes back by more than [`LEAST_TURN_RAD`] within one of them.
+/// The runs in one sense of motion; `None` if the angle goes back by more than `LEAST_TURN_RAD` within a run.
 fn runs(angles_rad: &[f64], senses: &[Sense], sense: Sense) -> Option<Vec<Run>> {
     let mut runs: Vec<Run> = Vec::new();
     for (index, here) in senses.iter().enumerate() {
@@ -292,7 +298,7 @@ fn runs(angles_rad: &[f64], senses: &[Sense], sense: Sense) -> Option<Vec<Run>> 
     Some(runs)
 }
 
-/// Second minus first of two angles by the shorter way round, rad.
+/// Second angle minus first angle, in the shorter direction, rad.
 fn turn(pair: &[f64]) -> f64 {
     let turn = (pair[1] - pair[0]).rem_euclid(std::f64::consts::TAU);
     if turn > std::f64::consts::PI { turn - std::f64::consts::TAU } else { turn }
