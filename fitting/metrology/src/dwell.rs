@@ -8,39 +8,41 @@ use crate::{FileFormat, Measurement, Metadata, MetrologyError, Reading, ReadingU
 /// Roles of the channels of a log, and the criteria for standstill of the axis.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Channels {
-    /// Channel of the axis position: command or display of the machine, mm or deg.
+    /// Channel of the axis position, mm or deg: the command or the display of the machine.
     pub target: String,
     /// Channel of the instrument.
     pub reading: String,
-    /// Whether the instrument reads positions, from which the target is subtracted; otherwise it reads deviations.
+    /// Whether the instrument reads positions, from which the target is subtracted. If `false`, it reads deviations.
     pub reads_position: bool,
-    /// Unit of the channel of the instrument.
     pub unit: ReadingUnit,
-    /// Nominal targets, mm or deg. Empty: the positions at which the axis stopped.
+    /// Nominal targets, mm or deg. If empty, the targets are the positions at which the axis stopped.
     pub targets: Vec<f64>,
-    /// Maximum distance of the axis from the stop position during a standstill, mm or deg.
+    /// Maximum distance of the axis from its stop position during a standstill, mm or deg.
     pub within: f64,
     /// Minimum duration of a standstill, s.
     pub dwell_s: f64,
-    /// Initial part of each standstill that is ignored, s. With 0 it is detected: samples are ignored while they differ from the second half of the
-    /// standstill by more than the scatter of that half.
+    /// Initial part of each standstill that is ignored, s. With 0 it is detected: samples are ignored while they differ
+    /// from the second half of the standstill by more than the scatter of that half.
     pub settle_s: f64,
-    /// Whether the deviation at the first target is subtracted from all: for an instrument that was not zeroed.
+    /// Whether the deviation at the first target is subtracted from all deviations, for an instrument that was not
+    /// zeroed.
     pub zero_at_first: bool,
 }
 
-/// Standstill of the axis: start, end (s) and mean position.
+/// Standstill of the axis: start and end, s, and mean position, mm or deg.
 struct Standstill {
     from_s: f64,
     to_s: f64,
     position: f64,
 }
 
-/// Takes readings from a log at the standstills of the axis: the mean of the instrument's values during each, or its last value before if it
-/// reported no change. Runs and directions follow the order of travel.
+/// Takes readings from a log at the standstills of the axis. A reading is the mean of the instrument's values during a
+/// standstill or, if the instrument reported no change during it, the last value before. Runs and directions follow the
+/// order of travel.
 ///
 /// # Errors
-/// A channel that is missing from the log, no standstill that is long enough, no reading before one of them.
+/// A channel that is missing in the log, no standstill that is long enough, or no value of the instrument before the
+/// end of a standstill.
 pub fn readings_at_dwells(
     log: &ChannelLog,
     channels: &Channels,
@@ -106,9 +108,9 @@ pub fn readings_at_dwells(
 #[derive(Default)]
 struct DwellReadings {
     readings: Vec<Reading>,
-    /// Number of standstills that are not at a target, or at a target already read in the same run.
+    /// Number of skipped standstills: they are at no target, or at a target that was already read in the same run.
     skipped: usize,
-    /// Number of standstills merged with the one before, because the axis had not left the target.
+    /// Number of standstills that were merged with the previous standstill, because the axis had not left the target.
     joined: usize,
     /// Largest change of the instrument's reading during a standstill, µm or µrad.
     widest: f64,
@@ -128,7 +130,8 @@ impl DwellReadings {
             nearest(&nominal, standstill.position)
                 .filter(|target| (target - standstill.position).abs() <= reach)
         };
-        // An axis that creeps at a target, or overruns it by less than its reach, approached it once: the first standstill counts.
+        // An axis that creeps at a target, or overruns it by less than the reach, has approached the target once. The
+        // first standstill counts.
         let is_left = |from: &Standstill, to: &Standstill| {
             let target = at_target(from);
             let stays = |(_, value): &(f64, f64)| {
@@ -140,7 +143,7 @@ impl DwellReadings {
             .chunk_by(|from, to| !is_left(from, to))
             .filter_map(<[Standstill]>::first)
             .collect();
-        // Positions that are not targets, such as overruns, still define the direction of approach.
+        // Positions that are not targets, such as overruns, also define the direction of approach.
         let order: Vec<f64> = visits
             .iter()
             .map(|standstill| at_target(standstill).unwrap_or(standstill.position))
@@ -153,7 +156,7 @@ impl DwellReadings {
             };
             let is_same = |r: &Reading| (r.run, r.direction, r.target) == (run, direction, target);
             if read.readings.iter().any(is_same) {
-                // Approached again at the beginning of a run: keep one reading per target.
+                // The target was approached again at the beginning of a run. Keep one reading per target.
                 read.skipped += 1;
                 continue;
             }
@@ -193,7 +196,8 @@ fn channel_of<'l>(log: &'l ChannelLog, name: &str) -> Result<&'l Channel, Metrol
     })
 }
 
-/// Finds the standstills. A channel reports only changes: each value holds until the next one, the last until the log ends.
+/// Finds the standstills. A channel reports only changes, so each value holds until the next value, and the last value
+/// until the log ends.
 fn standstills(channel: &Channel, end_s: f64, channels: &Channels) -> Vec<Standstill> {
     let samples = &channel.samples;
     let mut standstills = Vec::new();
@@ -219,7 +223,7 @@ fn standstills(channel: &Channel, end_s: f64, channels: &Channels) -> Vec<Stands
     standstills
 }
 
-/// The stated targets, or the positions of the standstills, each once.
+/// The configured targets, or else the distinct positions of the standstills.
 fn nominal_targets(standstills: &[Standstill], channels: &Channels) -> Vec<f64> {
     if !channels.targets.is_empty() {
         return channels.targets.clone();
@@ -228,7 +232,7 @@ fn nominal_targets(standstills: &[Standstill], channels: &Channels) -> Vec<f64> 
         standstills.iter().map(|standstill| standstill.position).collect();
     positions.sort_by(f64::total_cmp);
     let groups = positions.chunk_by(|a, b| b - a <= 2.0 * channels.within);
-    // −0 becomes 0.
+    // Adding 0 turns −0 into 0.
     let rounded =
         |group: &[f64]| (group.iter().sum::<f64>() / group.len() as f64 * 1e3).round() / 1e3 + 0.0;
     groups.map(rounded).collect()
@@ -239,7 +243,8 @@ fn nearest(targets: &[f64], position: f64) -> Option<f64> {
     targets.iter().min_by(nearer).copied()
 }
 
-/// Maximum distance from a target at which the axis counts as being at it: ten times the standstill limit. An overrun is farther away.
+/// Maximum distance from a target at which the axis counts as being at the target: ten times the standstill limit. An
+/// overrun goes farther.
 fn reach(channels: &Channels) -> f64 {
     10.0 * channels.within
 }
@@ -250,9 +255,9 @@ fn between<'c>(channel: &'c Channel, from: &Standstill, to: &Standstill) -> &'c 
     samples.unwrap_or_default()
 }
 
-/// Samples after settling: those after the last sample that differs from the median of the second half by more than any sample of that half. The
-/// last micrometres of an approach are within the standstill limit and have the sign of the direction, so their mean would resemble a reversal
-/// value. At least one sample remains.
+/// Samples after settling. They begin after the last sample that differs from the median of the second half by more
+/// than every sample of that half. Without this cut, the last micrometres of an approach would resemble a reversal
+/// value, because they are within the standstill limit and have the sign of the direction. At least one sample remains.
 fn at_rest(samples: &[(f64, f64)]) -> &[(f64, f64)] {
     let (first, second) = samples.split_at(samples.len() / 2);
     let mut values: Vec<f64> = second.iter().map(|(_, value)| *value).collect();
@@ -261,14 +266,15 @@ fn at_rest(samples: &[(f64, f64)]) -> &[(f64, f64)] {
         return samples;
     };
     let scatter = values.iter().map(|value| (value - median).abs()).fold(0.0, f64::max);
-    // Samples without scatter are equal up to rounding.
+    // If the samples are equal, their scatter is only rounding.
     let scatter = scatter + 1e-12 * median.abs();
     let moves = |(_, value): &(f64, f64)| (value - median).abs() > scatter;
     let from = first.iter().rposition(moves).map_or(0, |last| last + 1);
     &samples[from..]
 }
 
-/// Mean of a channel during a standstill, and the range of its values; `None` if the channel has no value before or during it.
+/// Mean of a channel during a standstill, and the range of its values; `None` if the channel has no value before the
+/// end of the standstill.
 fn mean_within(channel: &Channel, standstill: &Standstill, settle_s: f64) -> Option<(f64, f64)> {
     let from = standstill.from_s + settle_s;
     let first = channel.samples.partition_point(|(time, _)| *time < from);
@@ -278,7 +284,7 @@ fn mean_within(channel: &Channel, standstill: &Standstill, settle_s: f64) -> Opt
         let last = channel.samples.get(end.checked_sub(1)?)?;
         return Some((last.1, 0.0));
     }
-    // A stated settling time is used as it is.
+    // A configured settling time is used unchanged.
     let read = if settle_s > 0.0 { within } else { at_rest(within) };
     let mean = read.iter().map(|(_, value)| value).sum::<f64>() / read.len() as f64;
     let [low, high] = range(within.iter().map(|(_, value)| *value));

@@ -1,21 +1,22 @@
-//! Editions of ISO 230-2: their names for the same quantities, and whether they have an annex on uncertainty.
+//! Editions of ISO 230-2: their names for the same quantities, and which of them have an annex on uncertainty.
 
 use crate::{Iso230Part2, StandardQuantity};
 
-/// Edition of ISO 230-2. All three evaluate with limits of 2 s and the estimator s with n − 1; the edition of 1988, with 3 s, is not supported.
+/// Edition of ISO 230-2. All three editions evaluate with limits of 2 s and the estimator s with n − 1. The edition of
+/// 1988, with 3 s, is not supported.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Edition {
     /// Second edition, 1997.
     Iso1997,
-    /// Third edition, 2006: adds an annex on the measurement uncertainty.
+    /// Third edition, 2006. It adds an annex on the measurement uncertainty.
     Iso2006,
-    /// Fourth edition, 2014: "error" replaces "deviation" and "value".
+    /// Fourth edition, 2014. It replaces "deviation" and "value" by "error".
     #[default]
     Iso2014,
 }
 
-/// Symbol, name in 1997 and 2006, name in 2014.
+/// Symbol of a quantity, its name in 1997 and 2006, and its name in 2014.
 type Names = (&'static str, [&'static str; 2]);
 
 const NAMES: [Names; 12] = [
@@ -94,23 +95,23 @@ impl Edition {
         }
     }
 
-    /// Edition of a year; `None` for an unsupported year.
+    /// Edition published in this year; `None` if the year has no supported edition.
     pub fn of_year(year: u16) -> Option<Self> {
         let all = [Self::Iso1997, Self::Iso2006, Self::Iso2014];
         all.into_iter().find(|edition| edition.year() == year)
     }
 
-    /// Whether the edition has an annex on the measurement uncertainty: from 2006 on.
+    /// Whether the edition has an annex on the measurement uncertainty, as the editions from 2006 on do.
     pub fn states_uncertainty(self) -> bool {
         self != Self::Iso1997
     }
 
-    /// Symbols of the quantities, in their order: the same in every edition.
+    /// Symbols of the quantities, in their order. They are the same in every edition.
     pub fn symbols() -> [&'static str; 12] {
         NAMES.map(|(symbol, _)| symbol)
     }
 
-    /// Quantities of an evaluation, with the names of the edition.
+    /// Quantities of an evaluation, with their names in this edition.
     pub fn quantities(self, result: &Iso230Part2) -> Vec<StandardQuantity> {
         let values = [
             result.a,

@@ -1,9 +1,9 @@
-//! Text encoding of measurement files: UTF-8, else GBK or Latin-1 (Windows-1252) in the free text.
+//! Text encoding of measurement files: UTF-8, or else GBK or Latin-1 (Windows-1252), which occur in their free text.
 
 use crate::MetrologyError;
 use crate::number::Place;
 
-/// Text of a file, and a note if it is not UTF-8.
+/// Decodes the text of a file. Also returns a note if the text is not UTF-8.
 pub(crate) fn decode(bytes: &[u8], file: &str) -> Result<(String, Option<String>), MetrologyError> {
     let refuse = |at: usize, found: &str| {
         let line = bytes[..at].split(|b| *b == b'\n').count();
@@ -30,8 +30,8 @@ pub(crate) fn decode(bytes: &[u8], file: &str) -> Result<(String, Option<String>
     Ok((text.into_owned(), Some(note)))
 }
 
-/// Whether the bytes are Chinese text in GBK: pairs of high bytes, mostly punctuation (lead A1–A3) or common characters (lead B0–D7). In Latin-1,
-/// high bytes are isolated between letters.
+/// Whether the bytes are Chinese text in GBK. GBK has pairs of high bytes, mostly punctuation (lead bytes A1 to A3) or
+/// common characters (lead bytes B0 to D7). In Latin-1, high bytes are isolated between letters.
 fn looks_like_gbk(bytes: &[u8]) -> bool {
     let runs = || bytes.split(u8::is_ascii).filter(|run| !run.is_empty());
     let all_pairs =
@@ -48,7 +48,7 @@ pub(crate) fn refuse_empty(text: &str, file: &str, expected: &str) -> Result<(),
     Ok(())
 }
 
-/// First line that is not blank, with its number from 1.
+/// First line that is not blank, trimmed, and its number from 1.
 pub(crate) fn first_line(text: &str) -> Option<(usize, &str)> {
     text.lines()
         .enumerate()

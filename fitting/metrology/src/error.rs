@@ -6,13 +6,13 @@ use crate::Direction;
 #[derive(Debug, Clone, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Finding {
-    /// File as named by the caller.
+    /// Name of the file, as given by the caller.
     pub file: String,
     /// Line in the file, from 1.
     pub line: usize,
-    /// Key, column or section concerned.
+    /// Key, column or section that has the error.
     pub what: String,
-    /// Text found there, shortened if long.
+    /// Text at this location, shortened if long.
     pub found: String,
     /// Text that the format requires.
     pub expected: String,
@@ -29,7 +29,6 @@ impl std::fmt::Display for Finding {
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum MetrologyError {
-    /// The operating system cannot read the file.
     #[error("{file}: cannot be read: {source}")]
     Unreadable { file: String, source: std::io::Error },
     #[error("{file}: found a directory, expected a measurement file ({})", crate::READ_EXTENSIONS)]
@@ -45,22 +44,22 @@ pub enum MetrologyError {
     /// The bytes are not text in a known encoding.
     #[error("{0}")]
     Encoding(Finding),
-    /// A table has no valid header, a row with more or fewer cells, or decimal points among decimal commas.
+    /// A table has no valid header, a row with too many or too few cells, or decimal points besides decimal commas.
     #[error(transparent)]
     Table(Box<InputError>),
-    /// The content is of another kind than the extension or the caller states.
+    /// The content is of another kind than the extension or the caller says.
     #[error("{0}")]
     Kind(Finding),
-    /// A line or key violates the grammar.
+    /// A line or key violates the grammar of the format.
     #[error("{0}")]
     Structure(Finding),
-    /// A number is not a number, not finite or out of its range.
+    /// A text is not a number, or a number is not finite or out of its range.
     #[error("{0}")]
     Number(Finding),
-    /// A declared count differs from the content, a target or key is repeated, or the order of targets contradicts the directions.
+    /// A declared count differs from the content, a target or key is repeated, or the order of targets contradicts the
+    /// directions.
     #[error("{0}")]
     Contradiction(Finding),
-    /// The file ends before it is complete.
     #[error("{0}")]
     Truncated(Finding),
     #[error(
@@ -72,12 +71,13 @@ pub enum MetrologyError {
         target: f64,
         direction: Direction,
     },
-    /// Runs of a straightness cannot be aligned with each other.
+    /// A run of a straightness measurement has fewer than three targets in common with the other runs, so it cannot be
+    /// aligned.
     #[error(
         "{name}: run {runs} {direction}: found fewer than three targets in common with the other runs, expected three: where not all runs hold all targets, the offset and the slope of each run of a straightness come from its common targets; leave the run out or complete it"
     )]
     RunLineUnknown { name: String, runs: String, direction: Direction },
-    /// Readings that cannot be evaluated (only possible if built in code).
+    /// Readings that were built in code and cannot be evaluated.
     #[error("{name}: {what}: found {found}, expected {expected}")]
     Readings { name: String, what: String, found: String, expected: String },
     #[error(
@@ -88,20 +88,19 @@ pub enum MetrologyError {
         from: f64,
         /// Second target of the pair, mm.
         to: f64,
-        /// Distance between the points, mm.
+        /// Distance between the targets of the pair, mm.
         found: f64,
         /// Foot spacing of the bridge, mm.
         bridge_mm: f64,
     },
     #[error("{file}: found {found}, expected readings at targets: {how}")]
     NoTargets { file: String, found: String, how: String },
-    /// The mapping file of the columns or channels cannot be read.
     #[error("{message}")]
     Mapping { message: String },
-    /// A mapping of columns was given for a log, or one of channels for a table.
+    /// A mapping of columns was given for a log, or a mapping of channels for a table.
     #[error("{file}: found {found}, expected {expected}")]
     WrongMapping { file: String, found: &'static str, expected: &'static str },
-    /// The error name is invalid here.
+    /// The error name is not valid for this use.
     #[error("{what}: found `{found}`, expected {expected}")]
     ErrorName { what: String, found: String, expected: String },
 }

@@ -6,16 +6,17 @@ use volcomp_vocabulary::{AxisKind, ErrorName};
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum MotionKind {
-    /// Deviation of the coordinate itself: EXX of a linear axis, ECC of a rotary one.
+    /// Deviation of the coordinate itself, such as EXX of a linear axis and ECC of a rotary axis.
     Positioning,
-    /// Deviation of a linear axis perpendicular to its direction: EYX.
+    /// Deviation of a linear axis perpendicular to its direction, such as EYX.
     Straightness,
-    /// Angular error of a linear axis (EAX), or any error of a rotary axis except its positioning (EXC, EAC).
+    /// Angular error of a linear axis (EAX), or any error of a rotary axis except positioning (EXC, EAC).
     Other,
 }
 
 impl MotionKind {
-    /// Kind of an error by its component and axis; a location error is treated like the error motion with the same component.
+    /// Kind of an error, by its component and axis. A location error has the kind of the error motion with the same
+    /// component.
     pub fn of(error: ErrorName) -> Self {
         let own = error.component.mcs_index() == error.axis.mcs_index();
         match (error.axis.kind(), error.component.is_angular()) {
@@ -26,20 +27,19 @@ impl MotionKind {
     }
 }
 
-/// All errors named in a text (title, location or file name), in the order of the words, in either
-/// case. `EYX at Z-150` names EYX; the location error of a squareness may be written `EC0Y` or
-/// `EC(0X)Y`.
+/// All errors named in a text (title, location or file name), in the order of the words, in upper or lower case. `EYX
+/// at Z-150` names EYX. The location error of a squareness may be written `EC0Y` or `EC(0X)Y`.
 pub fn errors_named(text: &str) -> Vec<ErrorName> {
     let error = |word: &str| -> Option<ErrorName> {
         let word = word.to_ascii_uppercase();
-        // `C0Y` also parses as an error, but in a title it may be any word.
+        // `C0Y` would also parse as an error, but in a title it may be any word.
         word.parse().ok().filter(|_| word.starts_with('E'))
     };
     let words = text.split(|c: char| !(c.is_ascii_alphanumeric() || "()".contains(c)));
     words
         .flat_map(|word| match error(word) {
             Some(error) => vec![error],
-            // Brackets around a name, as in `(EXY)` or `exx(1)`.
+            // The name may be in brackets, as in `(EXY)`, or have brackets, as in `exx(1)`.
             None => word.split(['(', ')']).filter_map(error).collect(),
         })
         .collect()

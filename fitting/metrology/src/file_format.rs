@@ -25,7 +25,7 @@ pub enum FileFormat {
 }
 
 impl FileFormat {
-    /// Key in documents and scripts.
+    /// Key of the format in documents and scripts.
     pub fn key(self) -> &'static str {
         match self {
             Self::RenishawLinear => "renishaw-linear",
@@ -40,7 +40,7 @@ impl FileFormat {
         }
     }
 
-    /// Instrument or program that writes such files.
+    /// Instrument or program that writes this format.
     pub fn instrument(self) -> &'static str {
         match self {
             Self::RenishawLinear => "Renishaw laser, linear optics (.rtl)",
@@ -55,7 +55,7 @@ impl FileFormat {
         }
     }
 
-    /// Sign convention of the deviations.
+    /// Sign convention of the deviations, in words.
     pub fn sign(self) -> &'static str {
         match self {
             Self::RenishawLinear | Self::ApiPos | Self::Camonitor => "measured minus target",
@@ -87,7 +87,6 @@ pub enum Quantity {
 }
 
 impl Quantity {
-    /// Key of the quantity in documents: `positioning`, `straightness` or `angle`.
     pub fn key(self) -> &'static str {
         match self {
             Self::Positioning => "positioning",

@@ -1,10 +1,9 @@
-//! Uncertainty of the mean curve if not all runs hold all targets.
+//! Uncertainty of the mean curve if some runs lack targets.
 //!
-//! Two sources vary the aligned means. The lines of the runs (zero of the instrument, slope of a
-//! straightness reference) shift all means of a run together; there are only as many of them as
-//! runs. The rest of a reading is treated as independent. Its scatter is pooled over all readings
-//! about the aligned means, because a target with few runs shows too little of it, and a target
-//! with a single run shows none.
+//! Two sources vary the aligned means. The lines of the runs (zero of the instrument, slope of a straightness
+//! reference) shift all means of a run together, and there are only as many lines as runs. The rest of a reading counts
+//! as independent. Its scatter is pooled over all readings about the aligned means, because a target with few runs
+//! shows too little of it, and a target with a single run shows none.
 
 use std::collections::BTreeMap;
 
@@ -12,23 +11,23 @@ use crate::passes::{Passes, RunAlignment};
 use crate::runs::{Alignment, RunScatter, pooled_scatter};
 use crate::{Direction, Measurement, ReferenceLine, SlopeUncertainty};
 
-/// Values at the targets: forward, then backward; in each the order of [`Measurement::mean_curve_in`].
+/// Values at the targets, forward and then backward. Each list has the order of [`Measurement::mean_curve_in`].
 pub type AtTargets = [Vec<f64>; 2];
 
-/// Aligned runs of which not all hold all targets, with the scatter of their means.
+/// Aligned runs of which some lack targets, with the scatter of their means.
 #[derive(Clone, Debug, PartialEq)]
 pub struct IncompleteRuns {
     alignment: Alignment,
     scatter: Option<RunScatter>,
     /// Shift of the means by one standard deviation of the line of each run.
     of_lines: BTreeMap<u32, AtTargets>,
-    /// Shift of the means by one standard deviation of the residuals of each run, at targets that
-    /// all runs hold.
+    /// Shift of the means by one standard deviation of the residuals of each run, at the targets that no run lacks.
     of_residuals: BTreeMap<u32, AtTargets>,
 }
 
 impl Measurement {
-    /// The aligned runs with the scatter of their means; `None` if the plain means are correct, for example because all runs hold all targets.
+    /// The aligned runs with the scatter of their means. `None` if the plain means are correct, for example because no
+    /// run lacks a target.
     pub fn incomplete_runs(&self) -> Option<IncompleteRuns> {
         let alignment = self.alignment();
         alignment.moves().then(|| IncompleteRuns::of(alignment))
@@ -51,20 +50,21 @@ impl IncompleteRuns {
         self.scatter
     }
 
-    /// The targets that were measured in a direction, ascending.
+    /// Targets that were measured in a direction, ascending.
     pub fn targets(&self, direction: Direction) -> impl Iterator<Item = f64> {
         let passes = &self.alignment.passes[direction as usize];
         passes.targets.iter().map(|(target, _)| *target)
     }
 
-    /// Independent shifts of the means by the lines of the runs. The sum of their squares is the
-    /// variance. Empty with one run.
+    /// Independent shifts of the means by the lines of the runs. The variance is the sum of the squared shifts. There
+    /// are none if there is one run.
     pub fn shifts_by_lines(&self) -> impl Iterator<Item = &AtTargets> {
         self.of_lines.values()
     }
 
-    /// Degrees of freedom of [`shifts_by_lines`](Self::shifts_by_lines) for these directions. Runs made in both directions have one mean; runs that are
-    /// numbered separately in the two directions have one mean in each.
+    /// Degrees of freedom of [`shifts_by_lines`](Self::shifts_by_lines) for these directions. If runs were made in both
+    /// directions, they have one common mean. If the runs are numbered separately in the two directions, each direction
+    /// has its own mean.
     pub fn freedom_of_lines(&self, directions: &[Direction]) -> usize {
         if !self.has_separate_numbers() {
             return self.of_lines.len().saturating_sub(1);
@@ -73,15 +73,15 @@ impl IncompleteRuns {
         passes.map(|of| of.runs.len().saturating_sub(1)).sum()
     }
 
-    /// Whether no run was made in both directions.
+    /// Whether each run was made in one direction only.
     fn has_separate_numbers(&self) -> bool {
         let [forward, backward] = &self.alignment.passes;
         let mut runs = forward.runs.iter();
         !runs.any(|run| backward.runs.binary_search(run).is_ok())
     }
 
-    /// Uncertainty of the slope of the mean of both directions, from the slopes of the runs; `None` with one run, or if the runs are aligned by
-    /// their offsets.
+    /// Uncertainty of the slope of the mean of both directions, from the slopes of the runs. `None` with one run, or if
+    /// the runs are aligned only by their offsets.
     pub(crate) fn slope_uncertainty(&self) -> Option<SlopeUncertainty> {
         if self.alignment.kind == RunAlignment::Offset {
             return None;
@@ -96,8 +96,8 @@ impl IncompleteRuns {
         let mut squares: f64 = slopes.iter().map(|slope| slope * slope).sum();
         let runs = self.alignment.passes.each_ref().map(|of| of.runs.len());
         if self.has_separate_numbers() && runs.contains(&1) {
-            // A direction with a single pass does not show the scatter of its line. The scatter is
-            // that of a single pass of the other direction.
+            // A direction with a single pass does not show the scatter of its line. So take the scatter of a single
+            // pass of the other direction.
             let more = shares(&self.alignment.weights[usize::from(runs[1] > runs[0])]);
             squares *= 1.0 + 1.0 / more.iter().map(|w| w * w).sum::<f64>();
         }
@@ -106,14 +106,15 @@ impl IncompleteRuns {
             .then(|| SlopeUncertainty { standard_urad: squares.sqrt(), degrees: degrees as f64 })
     }
 
-    /// Change of the means, if each reading changes by its standard deviation times a number returned by `next`.
+    /// Change of the means if each reading changes by its standard deviation times a number from `next`.
     pub fn shifted_by_noise(&self, next: &mut impl FnMut() -> f64) -> AtTargets {
         let noise = self.noise(next);
         means(&Alignment::of_passes(noise, self.alignment.kind))
     }
 
-    /// Sample of the change of the means: the lines and residuals of each run are multiplied by `factor(run)`, and the independent noise of the
-    /// readings by the numbers of `next` (standard normal). At targets that all runs hold, the readings vary with their runs, as in complete runs.
+    /// Sample of the change of the means. The lines and residuals of each run are multiplied by `factor(run)`, and the
+    /// independent noise of the readings by numbers from `next` (standard normal). At targets that no run lacks, the
+    /// readings vary with their runs, as in complete runs.
     pub fn sampled(
         &self,
         factor: impl Fn(u32) -> f64,
@@ -125,8 +126,8 @@ impl IncompleteRuns {
         let targets = self.alignment.passes.iter().zip(&mut shifts).zip(plain);
         for ((passes, shifts), plain) in targets {
             for (((_, cells), shift), plain) in passes.targets.iter().zip(shifts).zip(plain) {
-                // The residuals of the runs vary these means; the noise shifts them only through
-                // the alignment.
+                // The residuals of the runs already vary these means, so the noise shifts them only through the
+                // alignment.
                 if passes.all_hold(cells) && cells.len() > 1 {
                     *shift -= plain;
                 }
@@ -141,8 +142,8 @@ impl IncompleteRuns {
         shifts
     }
 
-    /// Independent noise of the readings without the part that the lines of the passes absorb: that
-    /// part is included in the scatter of the lines of the runs.
+    /// Independent noise of the readings, without the part that the lines of the passes absorb. That part is included
+    /// in the scatter of the lines of the runs.
     fn noise(&self, next: &mut impl FnMut() -> f64) -> [Passes; 2] {
         let deviation = self.scatter.map_or(0.0, |scatter| scatter.deviation);
         let mut passes = self.alignment.passes.clone();
@@ -163,7 +164,8 @@ fn means(alignment: &Alignment) -> AtTargets {
     [forward.means(of_forward.as_deref()), backward.means(of_backward.as_deref())]
 }
 
-/// Shifts of the means by each run: its residuals at targets that all runs of the direction hold, divided by √(n (n − 1)).
+/// Shifts of the means by each run: its residuals at the targets that no run of the direction lacks, divided by √(n (n
+/// − 1)).
 fn residual_shifts(alignment: &Alignment) -> BTreeMap<u32, AtTargets> {
     let zeros = alignment.passes.each_ref().map(|of| vec![0.0; of.targets.len()]);
     let mut shifts: BTreeMap<u32, AtTargets> = BTreeMap::new();
@@ -186,7 +188,8 @@ fn residual_shifts(alignment: &Alignment) -> BTreeMap<u32, AtTargets> {
     shifts
 }
 
-/// Shifts of the means by the line of each run: its contribution to the weighted mean of the lines, which remains in the means.
+/// Shifts of the means by the line of each run. A shift is the contribution of the line to the weighted mean of the
+/// lines, which remains in the means.
 fn line_shifts(alignment: &Alignment) -> BTreeMap<u32, AtTargets> {
     let [forward, backward] = &alignment.weights;
     let counted = |weights: &[f64]| weights.iter().filter(|weight| **weight > 0.0).count();
@@ -198,8 +201,8 @@ fn line_shifts(alignment: &Alignment) -> BTreeMap<u32, AtTargets> {
             }
         }
     } else {
-        // Both directions keep the line of the same run. The scatter of such lines is taken from
-        // the direction with more runs.
+        // Both directions keep the line of the same run. The scatter of such lines is estimated from the direction with
+        // more runs.
         let more = usize::from(alignment.passes[1].runs.len() > alignment.passes[0].runs.len());
         for (run, line) in weighted_as_one(alignment, more) {
             lines.insert(run, [Some(line); 2]);
@@ -216,9 +219,9 @@ fn line_shifts(alignment: &Alignment) -> BTreeMap<u32, AtTargets> {
     lines.map(|(run, lines)| (run, at_targets(lines))).collect()
 }
 
-/// Weighted deviations of the lines of the passes of a direction from their mean, scaled so that
-/// their squares add up to the variance of the mean: w² (line − mean)² is on average w² (1 − 2 w +
-/// Σ w²) times the variance of a line. Empty if the plain means are correct.
+/// Weighted deviations of the lines of the passes of a direction from their mean. They are scaled so that the sum of
+/// their squares is the variance of the mean: w² (line − mean)² is on average w² (1 − 2 w + Σ w²) times the variance of
+/// a line. Empty if the plain means are correct.
 fn weighted(alignment: &Alignment, direction: usize) -> Vec<(u32, ReferenceLine)> {
     let Some(lines) = &alignment.lines[direction] else {
         return Vec::new();
@@ -234,8 +237,8 @@ fn weighted(alignment: &Alignment, direction: usize) -> Vec<(u32, ReferenceLine)
     lines.zip(&weights).filter_map(scaled).collect()
 }
 
-/// Deviations of the lines of the passes of a direction from their mean, scaled so that their
-/// squares add up to the variance of a single line.
+/// Deviations of the lines of the passes of a direction from their mean. They are scaled so that the sum of their
+/// squares is the variance of a single line.
 fn weighted_as_one(alignment: &Alignment, direction: usize) -> Vec<(u32, ReferenceLine)> {
     let Some(lines) = &alignment.lines[direction] else {
         return Vec::new();

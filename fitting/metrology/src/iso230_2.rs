@@ -92,12 +92,11 @@ pub struct Iso230Part2 {
     pub outlier_hints: Vec<OutlierHint>,
 }
 
-/// Evaluates positioning readings by ISO 230-2 (editions 1997 to 2014 share the formulas).
+/// Evaluates positioning readings by ISO 230-2. The editions from 1997 to 2014 have the same formulas.
 ///
 /// # Errors
 ///
-/// No readings, readings that are not finite, or a target without readings in a direction that was
-/// run.
+/// No readings, readings that are not finite, or a target that lacks readings in a direction that was measured.
 pub fn evaluate(measurement: &Measurement) -> Result<Iso230Part2, MetrologyError> {
     check_readings(measurement)?;
     measurement.check_directions()?;
@@ -179,8 +178,8 @@ struct DirectionSummary {
     systematic: Option<f64>,
 }
 
-/// Accuracy A, largest repeatability 4 s_i and systematic deviation E over these approaches; all `None` if an approach is missing, A and 4 s_i also
-/// if one has no s.
+/// Accuracy A, largest repeatability 4 s_i and systematic deviation E over these approaches. All are `None` if an
+/// approach is missing. A and 4 s_i are also `None` if an approach has no s.
 fn direction_summary(approaches: impl Iterator<Item = Option<Approach>>) -> DirectionSummary {
     let all: Option<Vec<Approach>> = approaches.collect();
     let means = all.as_ref().map(|all| all.iter().map(|x| x.mean).collect::<Vec<_>>());

@@ -16,13 +16,13 @@ use crate::{
 #[cfg_attr(feature = "serde", serde(into = "&'static str"))]
 pub struct Diagonal([i8; 3]);
 
-/// All diagonal names, body diagonals first.
+/// Names of all diagonals, body diagonals first.
 pub const DIAGONAL_NAMES: [&str; 10] =
     ["PPP", "NPP", "PNP", "PPN", "PP0", "NP0", "P0P", "N0P", "0PP", "0NP"];
 
 impl Diagonal {
-    /// Diagonal of a name, case ignored: `PPP`, `NPP`, `PNP`, `PPN` through the body; `PP0` and `NP0` in a plane X–Y, `P0P` and `N0P` in X–Z, `0PP`
-    /// and `0NP` in Y–Z. `None` for other texts.
+    /// Diagonal with this name, in any case; `None` for other texts. `PPP`, `NPP`, `PNP` and `PPN` are body diagonals;
+    /// `PP0` and `NP0` are in the plane X–Y, `P0P` and `N0P` in X–Z, `0PP` and `0NP` in Y–Z.
     pub fn named(name: &str) -> Option<Self> {
         let upper = name.trim().to_ascii_uppercase();
         if !DIAGONAL_NAMES.contains(&upper.as_str()) {
@@ -45,7 +45,7 @@ impl Diagonal {
         DIAGONAL_NAMES.iter().find(same).copied().unwrap_or("")
     }
 
-    /// Signs of X, Y and Z along the diagonal; 0 for an axis at rest.
+    /// Signs of the motion of X, Y and Z along the diagonal; 0 for an axis that does not move.
     pub fn signs(self) -> [i8; 3] {
         self.0
     }
@@ -59,7 +59,8 @@ impl Diagonal {
         all.filter(|other| other.moving() == self.moving()).collect()
     }
 
-    /// Diagonal named by a word of a text, such as `diagonal PPP` or `x-ppn.csv`; `None` without such a word or with different ones.
+    /// Diagonal named by a word of a text, such as `diagonal PPP` or `x-ppn.csv`; `None` if the text names no diagonal
+    /// or different diagonals.
     pub fn in_text(text: &str) -> Option<Self> {
         let words = text.split(|c: char| !c.is_alphanumeric());
         let mut named = words.filter_map(Self::named);
@@ -139,16 +140,16 @@ pub struct Iso230Part6 {
     pub lacking: Vec<Diagonal>,
 }
 
-/// Maximum relative difference of the lengths of diagonals from each other and from the edges of the box.
+/// Maximum relative difference of the length of a diagonal from the lengths of the other diagonals, and from the length
+/// by the edges of the box.
 const LENGTHS_WITHIN: f64 = 0.01;
 
-/// Evaluates measured diagonals; `edges_mm` are the edges of the box along X, Y and Z, mm.
+/// Evaluates measured diagonals. `edges_mm` are the edges of the box along X, Y and Z, mm.
 ///
 /// # Errors
 ///
-/// No diagonal, a repeated one, body and face diagonals or faces of different planes together,
-/// lengths that differ from each other or from the edges by more than 1 %, angles in place of
-/// lengths, or an error of [`evaluate`].
+/// No diagonal, a repeated diagonal, body and face diagonals together, face diagonals of different planes, lengths that
+/// differ from each other or from the edges by more than 1 %, angles in place of lengths, or an error of [`evaluate`].
 pub fn evaluate_diagonals(
     measured: &[(Diagonal, &Measurement)],
     edges_mm: Option<[f64; 3]>,
@@ -209,7 +210,6 @@ pub fn evaluate_diagonals(
 }
 
 impl Iso230Part6 {
-    /// Quantities by symbol and name.
     pub fn quantities(&self) -> Vec<StandardQuantity> {
         [
             ("E_d", "diagonal systematic deviation", self.e_d_um),
@@ -240,7 +240,7 @@ fn one_diagonal(
         let found = "a single target".to_owned();
         refuse(measurement, "targets", found, "at least two on a diagonal")
     })?;
-    // There are at least two targets, because the line was fitted to them.
+    // The line was fitted to the targets, so there are at least two.
     let targets = measurement.targets();
     let length_mm = targets.last().zip(targets.first()).map_or(0.0, |(b, a)| b - a);
     Ok(MeasuredDiagonal {
@@ -295,10 +295,10 @@ fn check_edges(first: &MeasuredDiagonal, edges_mm: [f64; 3]) -> Result<(), Metro
     Ok(())
 }
 
-/// A squareness that opens the angle moves the tool at (x, y, z) by EC0Y (−y, 0, 0) or EA0Z (0, −z,
-/// 0); one that closes it by EB0Z (z, 0, 0). For the diagonal of a box with edges a, b, … and
-/// length D the component along the diagonal is ∓ ab/D, and similarly for the others, so that sums
-/// with the signs of the diagonals isolate one squareness each.
+/// Squareness errors from the growths of the diagonals. A squareness that opens the angle moves the tool at (x, y, z)
+/// by EC0Y (−y, 0, 0) or EA0Z (0, −z, 0); a squareness that closes the angle moves it by EB0Z (z, 0, 0). For a diagonal
+/// of length D in a box with the edges a, b, …, the component of EC0Y along the diagonal is ∓ ab/D, and similar for the
+/// others. So sums with the signs of the diagonals isolate one squareness each.
 fn squareness_hints(diagonals: &[MeasuredDiagonal], edges_mm: [f64; 3]) -> Vec<SquarenessHint> {
     const URAD_PER_UM_PER_MM: f64 = 1e3;
     let parts = [(CircularPlane::Xy, 0, 1), (CircularPlane::Yz, 1, 2), (CircularPlane::Zx, 0, 2)];
@@ -318,7 +318,7 @@ fn squareness_hints(diagonals: &[MeasuredDiagonal], edges_mm: [f64; 3]) -> Vec<S
         let area = edges_mm[i] * edges_mm[j];
         SquarenessHint {
             error,
-            // The sign is that with which the squareness opens or closes the angle.
+            // The sign says whether the squareness opens or closes the angle.
             urad: -opening(error).unwrap_or(1.0) * sum / (count * area) * URAD_PER_UM_PER_MM,
         }
     };

@@ -1,4 +1,4 @@
-//! Text reports of HP, Agilent and Keysight 5529/5530 lasers: statistics of each target.
+//! Text reports of HP, Agilent and Keysight 5529/5530 lasers, which have statistics of each target.
 
 use std::fmt::Write as _;
 
@@ -23,18 +23,18 @@ pub(crate) fn is_report(text: &str) -> bool {
 
 /// Reads a text report of a HP, Agilent or Keysight 5529 or 5530 laser.
 ///
-/// Columns, after an optional row number: target; mean forward, reverse and of both (system); 2σ
-/// forward and reverse; dead zone. The order is that of one published report. It is checked in each
-/// row: the system mean must be the mean of both, and the dead zone reverse minus forward. Errors
-/// are laser minus machine reading. Their unit is the only length or angle unit in brackets in the
-/// heads of the columns; otherwise [`Measurement::unit`] is `None`.
+/// The columns, after an optional row number, are: target; mean forward, mean reverse and mean of both (system); 2σ
+/// forward and 2σ reverse; dead zone. This is the order of one published report, so it is checked in each row: the
+/// system mean must be the mean of both, and the dead zone must be reverse minus forward. Errors are laser reading
+/// minus machine reading. Their unit is the only length or angle unit in brackets in the column heads. Without such a
+/// unit, [`Measurement::unit`] is `None`.
 ///
-/// A report holds no single readings: the means of forward and reverse become one run each, and a note names the quantities that cannot be derived
-/// from them.
+/// A report has no single readings. So the forward means and the reverse means become one run each, and a note names
+/// the quantities that cannot be derived from them.
 ///
 /// # Errors
 ///
-/// No such rows, inconsistent rows, several units, a target twice.
+/// No rows of this kind, inconsistent rows, several units, or a repeated target.
 pub fn parse_keysight_report(bytes: &[u8], name: &str) -> Result<Measurement, MetrologyError> {
     let (text, encoding_note) = decode(bytes, name)?;
     refuse_empty(&text, name, EXPECTED)?;
@@ -94,7 +94,7 @@ fn rows(text: &str, name: &str) -> Result<Vec<Row>, MetrologyError> {
         }
         if cells.len() < 3 {
             if rows.is_empty() {
-                // A number in the lines above the rows.
+                // The number is in a line above the rows.
                 continue;
             }
             let expected = format!("{COLUMNS} numbers: the file may be cut off");
@@ -102,7 +102,7 @@ fn rows(text: &str, name: &str) -> Result<Vec<Row>, MetrologyError> {
         }
         let cells = match cells.len() {
             COLUMNS => &cells[..],
-            // The row has a leading number.
+            // The row begins with its number.
             n if n == COLUMNS + 1 && *first == (rows.len() + 1).to_string() => &cells[1..],
             n => {
                 let expected = format!("{COLUMNS} numbers: {EXPECTED}");
@@ -162,7 +162,8 @@ fn row(place: Place<'_>, cells: &[&str]) -> Result<Row, MetrologyError> {
     Ok(Row { line: place.line, target, forward, reverse, two_sigma })
 }
 
-/// Unit in brackets in the heads about means, errors, the dead zone or sigma; `None` without one, an error for different ones.
+/// Unit in brackets in the heads about means, errors, the dead zone or sigma; `None` if there is none. Errors:
+/// different units.
 fn unit(text: &str, name: &str) -> Result<Option<ReadingUnit>, MetrologyError> {
     let mut found: Option<ReadingUnit> = None;
     for (index, line) in text.lines().enumerate() {
@@ -205,14 +206,16 @@ fn bracketed(line: &str) -> impl Iterator<Item = &str> {
     inner.filter_map(|part| part.split([')', ']']).next()).map(str::trim)
 }
 
-/// Decimals of targets, and of means and scatter in µm or µrad.
+/// Number of decimals of targets, and of means and scatter in µm or µrad.
 const DECIMALS: usize = 4;
 
-/// Writes a text report in the order of the one published report of a 5529 laser: number, target, mean forward, reverse and of both, twice the
-/// standard deviation forward and reverse, dead zone (reverse minus forward); CRLF, four decimals, the unit in brackets in the heads.
+/// Writes a text report in the order of the one published report of a 5529 laser: number, target, mean forward, mean
+/// reverse, mean of both, twice the standard deviation forward and reverse, dead zone (reverse minus forward). Lines
+/// end with CRLF, numbers have four decimals, and the heads contain the unit in brackets.
 ///
-/// The report cannot hold single runs. Targets that were not approached from both sides have no dead zone and are omitted; if that omits all,
-/// [`parse_keysight_report`](crate::parse_keysight_report) rejects the text. The standard deviation of a single run is written as 0.
+/// The report has no single runs. Targets that were approached from one side only have no dead zone and are omitted. If
+/// this omits all targets, [`parse_keysight_report`](crate::parse_keysight_report) rejects the text. The standard
+/// deviation of a single run is written as 0.
 pub fn write_keysight_report(measurement: &Measurement) -> String {
     let unit = match measurement.unit {
         Some(DeviationUnit::Urad) => "urad",
@@ -241,7 +244,7 @@ pub fn write_keysight_report(measurement: &Measurement) -> String {
     text
 }
 
-/// Mean and twice the standard deviation; `None` without readings.
+/// Mean, and twice the standard deviation; `None` without readings.
 fn scatter(deviations: &[f64]) -> Option<[f64; 2]> {
     approach(deviations).map(|found| [found.mean, 2.0 * found.s.unwrap_or(0.0)])
 }

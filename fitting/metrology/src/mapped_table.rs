@@ -1,4 +1,4 @@
-//! Tables with columns assigned by a mapping.
+//! Tables whose columns are assigned by a mapping.
 
 use std::collections::HashMap;
 
@@ -16,15 +16,17 @@ use crate::{
     TargetUnit,
 };
 
-/// Reads a table with the columns that a mapping names: rows in the order of travel, blank rows skipped.
+/// Reads a table with the columns that a mapping names. The rows must be in the order of travel. Blank rows are
+/// skipped.
 ///
-/// Without a column of directions, they follow from the order of travel: a target is approached in
-/// the direction of the move towards it; if it is repeated, from the other side the second time.
-/// Without a column of runs, runs are counted.
+/// Without a column of directions, the directions follow from the order of travel. A target is approached in the
+/// direction of the move towards it. If a target is repeated, the second reading is from the other side. Without a
+/// column of runs, the runs are counted.
 ///
 /// # Errors
 ///
-/// A column that is missing or repeated, cells that are not numbers, an invalid direction or run, a repeated reading.
+/// A column that is missing or repeated, a cell that is not a number, an invalid direction or run, or a repeated
+/// reading.
 pub fn parse_table_with(
     bytes: &[u8],
     name: &str,
@@ -86,7 +88,7 @@ fn rows(
         .has_headers(false)
         .flexible(true)
         .trim(Trim::All)
-        // The separators of a mapping are one byte each.
+        // A separator in a mapping is a single byte.
         .delimiter(u8::try_from(separator).unwrap_or(b','))
         .from_reader(text.as_bytes());
     let mut rows = Vec::new();
@@ -197,7 +199,7 @@ impl ColumnIndices {
         })
     }
 
-    /// Adds the units stated in the heads to the mapping: `Soll mm`, `Abweichung [µm]`, or a unit alone.
+    /// Adds to the mapping the units in the heads, such as `Soll mm`, `Abweichung [µm]`, or a unit alone.
     fn with_units_of_heads(
         &self,
         header: Option<&(usize, Vec<String>)>,
@@ -305,7 +307,8 @@ impl ColumnIndices {
     }
 }
 
-/// Unit in a head: alone, in brackets or after the name. Brackets at the end with other content, such as `[1/1000 mm]`, are not a known unit.
+/// Unit in a head: alone, in brackets, or after the name. If the head ends with brackets that contain other text, such
+/// as `[1/1000 mm]`, the unit is unknown.
 fn unit_in(head: &str) -> Option<&'static str> {
     let head = head.replace('（', "(").replace('）', ")");
     let in_brackets = head.rsplit_once(['[', '(', '{']).and_then(|(_, behind)| {
@@ -317,7 +320,8 @@ fn unit_in(head: &str) -> Option<&'static str> {
     in_brackets.or_else(|| unit_named(head.trim())).or_else(behind)
 }
 
-/// µm per mm or µrad per degree: by the unit of the targets if it is stated, else by the kind of the unit of the readings.
+/// µm per mm, or µrad per degree. The unit of the targets decides or, if it is not stated, the kind of the unit of the
+/// readings.
 fn target_micro(columns: &Columns) -> f64 {
     match columns.target_unit {
         Some(TargetUnit::Deg) => ReadingUnit::Deg.micro(),
@@ -359,8 +363,9 @@ fn readings(file: &str, rows: &[Row]) -> Result<Vec<Reading>, MetrologyError> {
     Ok(readings)
 }
 
-/// Numbers the runs of rows that state a direction but no run: the first reading of each target in a direction belongs to run 1, and so on. If
-/// targets have different numbers of readings, a run lacks some of them, and runs are taken from the order of travel.
+/// Numbers the runs of rows that state a direction but no run. The first reading of each target in a direction belongs
+/// to run 1, the second to run 2, and so on. If the targets have different numbers of readings, some run lacks targets,
+/// and the runs are taken from the order of travel.
 fn counted_runs(file: &str, rows: &[Row]) -> Result<Vec<u32>, MetrologyError> {
     let mut counts: HashMap<(Option<Direction>, u64), u32> = HashMap::new();
     let count = |row: &Row| {
@@ -385,9 +390,10 @@ fn counted_runs(file: &str, rows: &[Row]) -> Result<Vec<u32>, MetrologyError> {
     })
 }
 
-/// Run of each row from the order of travel; all rows must have a direction. A pass ends where the direction changes or the sequence of targets
-/// starts again. A pass in the direction of the first row, or in the same direction as the pass before, begins a run. `None` if a pass before the
-/// last has a single target although there are several targets: the rows are then in another order, such as by target.
+/// Run of each row, from the order of travel. All rows must have a direction. A pass ends when the direction changes or
+/// the sequence of targets starts again. A run begins with a pass in the direction of the first row, or in the same
+/// direction as the previous pass. `None` if there are several targets and a pass before the last has only one: then
+/// the rows are in another order, such as by target.
 fn runs_by_passes(rows: &[Row]) -> Option<Vec<u32>> {
     let steps = |direction: Option<Direction>| {
         let pairs = rows

@@ -100,7 +100,7 @@ pub fn parse_trace(
             "one, with deviations over angles: squareness and scale are sizes against it";
         return Err(refuse(name, "nominal radius", found, expected));
     };
-    // A deviation of more than ten times the expected maximum must be in another unit.
+    // A deviation above a hundredth of the radius (10 µm per mm) must be in another unit.
     if let Some([_, deviation]) = radial.iter().find(|pair| pair[1].abs() > 10.0 * nominal) {
         let found = format!("{deviation} µm at a radius of {nominal} mm");
         let expected = "deviations below a hundredth of the radius";

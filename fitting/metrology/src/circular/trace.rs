@@ -89,11 +89,12 @@ pub struct TracePoint {
 #[derive(Debug, Clone, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct CircularTrace {
-    /// Source file, for messages.
+    /// Name of the source file, for messages.
     pub name: String,
     /// Nominal radius, mm.
     pub radius_mm: f64,
-    /// Whether the radius was stated. Otherwise it is the mean radius of the points, and there is no deviation from the nominal one.
+    /// Whether the radius was stated. If not, it is the mean radius of the points, and a deviation from the nominal
+    /// radius is unknown.
     pub radius_is_stated: bool,
     /// Points in the order of the file.
     pub points: Vec<TracePoint>,

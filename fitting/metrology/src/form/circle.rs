@@ -13,7 +13,7 @@ use crate::number::range;
 const FEATURE: FeatureKind = FeatureKind::Circle;
 const EXPECTED: &str = "points along an arc of a circle";
 
-/// Maximum radius relative to the extent of the points: above it the arc is a straight line.
+/// Maximum radius relative to the extent of the points. Above it the arc counts as a straight line.
 const LARGEST_RADIUS: f64 = 1e6;
 
 /// Circle in the plane of the first two coordinates.
@@ -24,8 +24,8 @@ pub(super) struct FlatCircle {
 }
 
 impl FlatCircle {
-    /// Circle from the linear least-squares problem x² + y² − 2 a x − 2 b y − c, which is near the
-    /// circle of least squares of the distances; `None` for points on a line.
+    /// Circle from the linear least-squares problem x² + y² − 2 a x − 2 b y − c, which is near the circle of
+    /// least-squares distances; `None` if the points are on a line.
     pub(super) fn algebraic(points: &[Vector3<f64>]) -> Option<Self> {
         let n = points.len() as f64;
         let mean = points.iter().map(Vector3::xy).sum::<Vector2<f64>>() / n;
@@ -118,20 +118,20 @@ pub(super) fn circle(
     })
 }
 
-/// Two concentric circles that enclose all points between them.
 struct Ring {
     centre: Vector2<f64>,
     radii: [f64; 2],
-    /// Indices of the points that prevent the ring from becoming narrower.
+    /// Indices of the points on both circles that prevent the ring from becoming narrower.
     contacts: Vec<usize>,
 }
 
-/// Narrowest ring that encloses all points, by a sequence of linear minimax problems, each about the centre of the previous one, starting from
-/// the least-squares centre.
+/// Narrowest ring between two concentric circles that encloses all points; `None` if the ring becomes a straight strip.
+/// It is found by a sequence of linear minimax problems. The first is about the least-squares centre, each next one
+/// about the previous solution.
 ///
-/// The search stops when a linear problem gives no improvement. The weights of its contact points then prove that no small motion of the centre
-/// makes the ring narrower. As distances are convex functions of the centre, another narrowest ring could only have a centre that is away by a good
-/// part of the radius. `None` if the ring becomes a straight strip.
+/// The search stops when a linear problem gives no improvement. The weights of its contact points then prove that no
+/// small motion of the centre makes the ring narrower. Because distances are convex functions of the centre, the centre
+/// of another narrowest ring could only be far away, by a considerable part of the radius.
 fn ring(points: &[Vector3<f64>], start: Vector2<f64>) -> Option<Ring> {
     let radii_about = |centre: Vector2<f64>| range(points.iter().map(|p| (p.xy() - centre).norm()));
     let width_about = |centre: Vector2<f64>| {
@@ -148,7 +148,7 @@ fn ring(points: &[Vector3<f64>], start: Vector2<f64>) -> Option<Ring> {
         for point in points {
             let from_centre = point.xy() - centre;
             let r = from_centre.norm();
-            // At the centre itself the direction is undefined.
+            // If a point is at the centre, its direction is undefined.
             let u = if r > 0.0 { from_centre / r } else { from_centre };
             rows.push(Vector3::new(1.0, u.x, u.y));
             b.push(r - middle);
@@ -161,7 +161,7 @@ fn ring(points: &[Vector3<f64>], start: Vector2<f64>) -> Option<Ring> {
         if gain <= 4.0 * rounding {
             break;
         }
-        // Shorten the step towards the linear optimum until the real ring is narrower.
+        // Shorten the step towards the linear optimum until the true ring is narrower.
         let mut share = f64::min(1.0, 0.5 * middle / step.norm());
         let better = loop {
             let there = centre + step * share;

@@ -1,11 +1,10 @@
-//! Points relative to their mean and scaled, so that neither a large offset nor the unit reduces
-//! the precision.
+//! Points relative to their mean and scaled, so that a large offset or the unit does not reduce the precision.
 
 use nalgebra::{Matrix3, SymmetricEigen, Vector3};
 
 use super::{FeatureKind, FormError, LARGEST_MM};
 
-/// Ratio of two principal extents below which the smaller one is rounding error.
+/// Ratio of two principal extents below which the smaller extent is rounding error.
 const ROUNDING: f64 = 1e-7;
 
 /// Points minus their mean, divided by a power of two so that their extent is about 1.
@@ -13,7 +12,7 @@ pub(super) struct Cloud {
     mean_mm: Vector3<f64>,
     pub(super) scale_mm: f64,
     pub(super) points: Vec<Vector3<f64>>,
-    /// Principal directions, by descending extent.
+    /// Unit vectors of the principal directions, by descending extent.
     pub(super) directions: [Vector3<f64>; 3],
     /// Root mean square extents along the principal directions.
     pub(super) extents: [f64; 3],
@@ -31,13 +30,13 @@ impl Cloud {
         if found < expected {
             return Err(FormError::TooFew { feature, found, expected });
         }
-        // Differences from a nearby point keep the digits that sums of large coordinates lose.
+        // Differences from a nearby point keep the digits that sums of large coordinates would lose.
         let first = Vector3::from(points_mm[0]);
         let n = points_mm.len() as f64;
         let from_first = points_mm.iter().map(|p| Vector3::from(*p) - first);
         let shift = from_first.clone().sum::<Vector3<f64>>() / n;
         let centred: Vec<Vector3<f64>> = from_first.map(|p| p - shift).collect();
-        // The points differ, so the extent is positive; dividing by a power of two is exact.
+        // The points differ, so their extent is positive. Dividing by a power of two is exact.
         let rms = (centred.iter().map(Vector3::norm_squared).sum::<f64>() / n).sqrt();
         let scale_mm = rms.log2().ceil().exp2();
         let points: Vec<Vector3<f64>> = centred.iter().map(|p| p / scale_mm).collect();
@@ -87,14 +86,15 @@ impl Cloud {
     }
 }
 
-/// Two directions perpendicular to a unit vector and to each other, right-handed with it.
+/// Two unit vectors that are perpendicular to the unit vector `w` and to each other, and form a right-handed system
+/// with it.
 pub(super) fn across(w: Vector3<f64>) -> [Vector3<f64>; 2] {
     let helper = Vector3::ith(w.iamin(), 1.0);
     let first = w.cross(&helper).normalize();
     [first, w.cross(&first)]
 }
 
-/// The direction or its opposite, whichever has a positive largest component.
+/// The vector, or its opposite, so that its largest component is positive.
 pub(super) fn signed(direction: Vector3<f64>) -> Vector3<f64> {
     let sign = if direction[direction.iamax()] < 0.0 { -1.0 } else { 1.0 };
     // Adding 0 turns −0 into 0.

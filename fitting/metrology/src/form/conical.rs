@@ -1,4 +1,4 @@
-//! Cylinders and cones: least squares of the distances from their surfaces.
+//! Cylinders and cones, by least squares of the distances from their surfaces.
 
 use nalgebra::{SVector, Vector3};
 
@@ -10,36 +10,37 @@ use super::{
 };
 use crate::number::range;
 
-/// Maximum number of points from which the start is found.
+/// Maximum number of points from which a start is computed.
 const FEW: usize = 200;
 
-/// Number of axis directions tried as a start, over a hemisphere: 0.2 rad apart.
+/// Number of axis directions that are tried as a start. They are 0.2 rad apart over a hemisphere.
 const DIRECTIONS: usize = 120;
 
 /// Surface of revolution with straight sides: a cone (`N` = 6) or, with the angle fixed at 0, a cylinder (`N` = 5).
 ///
-/// With r the distance from the axis and s the position along it from `point`, the signed distance of a point from the surface is r cos ψ − s sin ψ −
-/// h.
+/// Let r be the distance of a point from the axis, and s its position along the axis from `point`. Then its signed
+/// distance from the surface is r cos ψ − s sin ψ − h.
 #[derive(Clone, Copy)]
 struct Conical<const N: usize> {
     point: Vector3<f64>,
     axis: Vector3<f64>,
     across: [Vector3<f64>; 2],
-    /// ψ: half angle of the cone, rad; negative if it narrows along the axis.
+    /// Half angle ψ of the cone, rad; negative if the cone narrows along the axis.
     half_angle: f64,
-    /// h: distance of the surface from `point`.
+    /// Distance h of the surface from `point`.
     height: f64,
 }
 
 impl<const N: usize> Conical<N> {
-    /// Distance r of a point from the axis, and its coordinate s along it.
+    /// Distance r of a point from the axis, and coordinate s of the point along the axis.
     fn polar(&self, point: &Vector3<f64>) -> (f64, f64) {
         let from = point - self.point;
         let s = from.dot(&self.axis);
         ((from - self.axis * s).norm(), s)
     }
 
-    /// Start for an axis direction: the circle of the projected points, and their mean slope.
+    /// Start of the fit for an axis direction: the circle through the projected points, and the mean slope of their
+    /// radii along the axis.
     fn start(points: &[Vector3<f64>], axis: Vector3<f64>) -> Option<Self> {
         let [e1, e2] = across(axis);
         let seen = |p: &Vector3<f64>| Vector3::new(p.dot(&e1), p.dot(&e2), p.dot(&axis));
@@ -105,10 +106,10 @@ fn directions() -> impl Iterator<Item = Vector3<f64>> {
     })
 }
 
-/// Selects at most [`FEW`] points aperiodically: of points measured in turn at a few heights, every
-/// n-th may be at the same height.
+/// Selects at most `FEW` points in an aperiodic order. If points are measured in turn at a few heights, every n-th
+/// point may be at the same height.
 fn few(points: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
-    // Prime steps: they alias only with a period that is a multiple of the step.
+    // The steps are prime, so they alias only with a period that is a multiple of the step.
     const STEP: usize = 7919;
     const OTHER: usize = 7907;
     if points.len() <= FEW {
@@ -118,7 +119,7 @@ fn few(points: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
     (0..FEW).map(|k| points[k * step % points.len()]).collect()
 }
 
-/// Best surface of the fits that start from every axis direction.
+/// Best of the surfaces that are fitted from every start direction.
 fn best<const N: usize>(
     cloud: &Cloud,
     is_possible: impl Fn(&Conical<N>, &[Vector3<f64>]) -> bool,
@@ -203,13 +204,14 @@ pub(super) fn cone(points_mm: &[[f64; 3]]) -> Result<Form, FormError> {
     })
 }
 
-/// Whether the points are on one side of the apex, apart from their scatter.
+/// Whether all points are on the same side of the apex, within their scatter.
 fn on_one_side(cone: &Conical<6>, points: &[Vector3<f64>]) -> bool {
     let (sin, cos) = cone.half_angle.sin_cos();
     if cos <= 0.0 {
         return false;
     }
-    // Position along the generator line from the foot of the perpendicular of `point`; its sign is that of the side.
+    // Position of the apex along the generator line, from the foot of the perpendicular of `point`. The sign of a
+    // position relative to it is the side.
     let apex = -cone.height * cos / sin;
     let scatter = rms(points.iter().map(|p| cone.distance(p).0));
     points.iter().all(|point| {

@@ -1,6 +1,5 @@
 use super::FeatureKind;
 
-/// Reason why a feature cannot be evaluated.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum FormError {
@@ -9,7 +8,7 @@ pub enum FormError {
     )]
     TooFew {
         feature: FeatureKind,
-        /// Number of different points.
+        /// Number of distinct points.
         found: usize,
         expected: usize,
     },
@@ -23,7 +22,7 @@ pub enum FormError {
         number: usize,
         found: f64,
     },
-    /// The points are arranged such that they do not determine the feature.
+    /// The arrangement of the points does not determine the feature.
     #[error("{feature}: found {found}, expected {expected}")]
     NotDetermined { feature: FeatureKind, found: String, expected: &'static str },
     #[error(

@@ -1,14 +1,14 @@
-//! Linear minimax problem with three unknowns: the dual simplex method on its four contact points.
+//! Linear minimax problem with three unknowns, by the dual simplex method on four contact points.
 
 use nalgebra::{Matrix4, Vector3, Vector4};
 
-/// Solution of the minimax problem: x minimises the largest |b − A x|.
+/// Solution x of the minimax problem, which minimises the largest |b − A x|.
 pub(super) struct Minimax {
     pub(super) x: Vector3<f64>,
     /// Largest |b − A x|.
     pub(super) largest: f64,
-    /// Contact rows, with the sign of b − A x and their weights. The weights are at least 0 and their sum is 1. The signed, weighted sum of the rows
-    /// of A is zero, which proves that no other x is better.
+    /// Contact rows, each with the sign of b − A x and a weight. The weights are at least 0 and have the sum 1. The
+    /// signed, weighted sum of the rows of A is zero, which proves that no other x is better.
     pub(super) contacts: [Contact; 4],
 }
 
@@ -20,13 +20,14 @@ pub(super) struct Contact {
     pub(super) weight: f64,
 }
 
-/// Solves the problem; `None` if the rows determine fewer than three unknowns. Residuals that differ by at most `rounding` are treated as
-/// equal.
+/// Solves the problem; `None` if the rows determine fewer than three unknowns. Residuals that differ by at most
+/// `rounding` count as equal.
 ///
-/// Each exchange of a contact point increases the largest |b − A x| over four points, until no other point lies outside.
+/// Each exchange of a contact row increases the largest |b − A x| over the four contacts. The iteration ends when no
+/// other row exceeds it.
 pub(super) fn minimax(rows: &[Vector3<f64>], b: &[f64], rounding: f64) -> Option<Minimax> {
     let mut contacts = first_contacts(rows, b)?;
-    // Exchanges without gain could cycle; after a number of them Bland's rule prevents this.
+    // Exchanges without gain could cycle. Bland's rule prevents this after a number of exchanges.
     let patience = 100;
     for exchange in 0..1000 {
         let bland = exchange > patience;
@@ -59,7 +60,7 @@ pub(super) fn minimax(rows: &[Vector3<f64>], b: &[f64], rounding: f64) -> Option
             let change = contacts[k].sign * changes[k];
             (change > 1e-12).then(|| contacts[k].weight.max(0.0) / change)
         };
-        // The changes add up to 1, so one of them is positive.
+        // The changes have the sum 1, so at least one of them is positive.
         let leaving =
             (0..4).filter_map(|k| ratio(k).map(|ratio| (k, ratio))).min_by(|(k, p), (l, q)| {
                 p.total_cmp(q).then(contacts[*k].row.cmp(&contacts[*l].row))
@@ -69,7 +70,8 @@ pub(super) fn minimax(rows: &[Vector3<f64>], b: &[f64], rounding: f64) -> Option
     None
 }
 
-/// Initial four rows: three that determine the unknowns best, and the one farthest from their solution.
+/// Initial contacts: the three rows that determine the unknowns best, and the row with the largest residual of their
+/// solution.
 fn first_contacts(rows: &[Vector3<f64>], b: &[f64]) -> Option<[Contact; 4]> {
     let mut left: Vec<Vector3<f64>> = rows.to_vec();
     let mut chosen = [0; 3];
@@ -92,8 +94,8 @@ fn first_contacts(rows: &[Vector3<f64>], b: &[f64]) -> Option<[Contact; 4]> {
     let residual = |row: usize| b[row] - rows[row].dot(&x);
     let others = (0..rows.len()).filter(|row| !chosen.contains(row));
     let fourth = others.max_by(|&p, &q| residual(p).abs().total_cmp(&residual(q).abs()))?;
-    // Express the fourth row as a combination of the three: with the opposite signs the signed sum
-    // of the four is zero.
+    // Express the fourth row as a combination of the other three. With the opposite signs, the signed sum of the four
+    // rows is zero.
     let shares = of_three.transpose().lu().solve(&rows[fourth])?;
     let turn = if residual(fourth) < 0.0 { -1.0 } else { 1.0 };
     let contact = |row: usize, share: f64| Contact {

@@ -1,11 +1,12 @@
-//! Form, position and coaxiality of a feature measured point by point: circle, line, plane, cylinder, cone.
+//! Form, position and coaxiality of a feature that was measured point by point: circle, line, plane, cylinder or cone.
 //!
-//! [`evaluate_form`] fits the least-squares feature to the points (distances perpendicular to it). The form deviation is the range of the distances
-//! from it. For the circle, the plane and the line in a plane it also gives the minimum zone, the narrowest ring, layer or strip that encloses all
-//! points. The terms are those of ISO 1101 and, for roundness, straightness, flatness and cylindricity, of ISO 12181, 12780, 12781 and 12180. No
-//! filter is applied.
+//! [`evaluate_form`] fits the least-squares feature to the points, by their perpendicular distances. The form deviation
+//! is the range of these distances. For the circle, the plane and the line in a plane it also gives the minimum zone,
+//! which is the narrowest ring, layer or strip that encloses all points. The terms are those of ISO 1101 and, for
+//! roundness, straightness, flatness and cylindricity, of ISO 12181, 12780, 12781 and
+//! 12180. No filter is applied.
 //!
-//! Points are in mm in any frame; results are in mm and rad in the same frame.
+//! Points are in mm, in any frame. Results are in mm and rad, in the same frame.
 
 mod circle;
 mod cloud;
@@ -21,22 +22,22 @@ use nalgebra::Vector3;
 pub use error::FormError;
 pub use points::{FormPoints, parse_points};
 
-/// Maximum coordinate, mm.
+/// Maximum magnitude of a coordinate, mm.
 pub const LARGEST_MM: f64 = 1e9;
 
-/// Feature, with the method of its evaluation.
+/// A feature, with the method of its evaluation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Feature {
     /// Circle: roundness by least squares (LSC) and by the minimum zone (MZC).
     Circle {
-        /// Plane that the circle is parallel to. `None`: the least-squares plane of the points.
+        /// Plane to which the circle is parallel. `None`: the least-squares plane of the points.
         plane: Option<CoordinatePlane>,
     },
     /// Line: straightness.
     Line {
-        /// Plane in which straightness is evaluated, by least squares and the minimum zone. `None` evaluates it in space, as the diameter of the
-        /// cylinder about the least-squares line that encloses all points.
+        /// Plane in which straightness is evaluated, by least squares and by the minimum zone. `None`: straightness in
+        /// space, which is the diameter of the cylinder about the least-squares line that encloses all points.
         plane: Option<CoordinatePlane>,
     },
     /// Plane: flatness by least squares and by the minimum zone.
@@ -47,24 +48,18 @@ pub enum Feature {
     Cone,
 }
 
-/// Kind of a [`Feature`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum FeatureKind {
-    /// Circle, in a plane or in space.
     Circle,
-    /// Straight line, in a plane or in space.
     Line,
-    /// Plane through points of a surface.
     Plane,
-    /// Circular cylinder.
     Cylinder,
-    /// Circular cone.
     Cone,
 }
 
 impl FeatureKind {
-    /// Minimum number of different points: one more than determine the feature.
+    /// Minimum number of distinct points, which is one more than determines the feature.
     pub const fn fewest_points(self) -> usize {
         match self {
             Self::Line => 3,
@@ -110,13 +105,10 @@ impl CoordinatePlane {
     }
 }
 
-/// Result of the evaluation of a feature.
 #[derive(Debug, Clone, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Form {
-    /// Kind of the fitted feature.
     pub feature: FeatureKind,
-    /// Number of evaluated points.
     pub points: usize,
     /// Centre of the circle, apex of the cone, mean of the points of a plane; for a line or cylinder the middle of its axis over the extent of the
     /// points. mm.
@@ -126,7 +118,6 @@ pub struct Form {
     pub direction: [f64; 3],
     /// Radius of the circle or cylinder, mm.
     pub radius_mm: Option<f64>,
-    /// Half angle at the apex of the cone, rad.
     pub half_angle_rad: Option<f64>,
     /// Axis over the extent of the points: the centre of a circle, the line itself; `None` for a plane.
     pub axis: Option<Axis>,
@@ -142,11 +133,11 @@ pub struct Form {
     pub minimum_zone: Option<MinimumZone>,
 }
 
-/// Narrowest zone that encloses all points: a ring, a layer between two planes, a strip between two lines.
+/// Narrowest zone that encloses all points: a ring, a layer between two planes, or a strip between two lines.
 #[derive(Debug, Clone, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct MinimumZone {
-    /// Width of the zone, mm: roundness, flatness or straightness.
+    /// Width of the zone, mm, which is the roundness, flatness or straightness.
     pub deviation_mm: f64,
     /// Centre of the ring, or a point in the middle of the layer or strip, mm.
     pub position_mm: [f64; 3],
@@ -177,16 +168,17 @@ impl Axis {
         (to - from).norm()
     }
 
-    /// Coaxiality deviation from a datum axis (concentricity for the centre of a circle), mm: the diameter of the cylinder about the datum axis that
-    /// encloses the segment, twice its largest distance from the datum axis.
+    /// Coaxiality deviation from a datum axis (concentricity for the centre of a circle), mm. It is the diameter of the
+    /// cylinder about the datum axis that encloses the segment, and so twice the largest distance of the segment from
+    /// the datum axis.
     pub fn coaxiality_mm(&self, datum: &DatumAxis) -> f64 {
-        // The distance from a line is convex along another line, so it is largest at an end.
+        // The distance from a line is a convex function along another line, so it is largest at an end.
         let distances = self.ends_mm.map(|end| datum.distance_mm(end));
         2.0 * distances[0].max(distances[1])
     }
 }
 
-/// Datum axis of infinite length.
+/// Datum axis, of infinite length.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct DatumAxis {
@@ -195,10 +187,10 @@ pub struct DatumAxis {
 }
 
 impl DatumAxis {
-    /// Axis through a point (mm) in a direction of any length.
+    /// Creates a datum axis through a point (mm). The length of the direction is ignored.
     ///
     /// # Errors
-    /// The direction is zero, or a number is not finite or a coordinate beyond [`LARGEST_MM`].
+    /// A direction of zero, a number that is not finite, or a coordinate beyond [`LARGEST_MM`].
     pub fn new(point_mm: [f64; 3], direction: [f64; 3]) -> Result<Self, FormError> {
         let [i, j, k] = direction;
         let largest = Vector3::from(direction).amax();
@@ -206,7 +198,7 @@ impl DatumAxis {
         if !(largest > 0.0 && largest.is_finite() && is_point) {
             return Err(FormError::Direction { i, j, k });
         }
-        // Divide by the largest component first: squares of tiny or huge numbers underflow or overflow.
+        // First divide by the largest component, because squares of tiny or huge numbers underflow or overflow.
         let unit = (Vector3::from(direction) / largest).normalize();
         Ok(Self { point_mm, direction: unit.into() })
     }
@@ -218,11 +210,12 @@ impl DatumAxis {
     }
 }
 
-/// Evaluates a feature from points, mm.
+/// Evaluates a feature from points in mm.
 ///
 /// # Errors
-/// Too few different points ([`FeatureKind::fewest_points`]), coordinates that are not finite or beyond [`LARGEST_MM`], or points that do not
-/// determine the feature, because they are, for example, on one line, in one plane, or not around an axis.
+/// Too few distinct points ([`FeatureKind::fewest_points`]), coordinates that are not finite or beyond [`LARGEST_MM`],
+/// or points that do not determine the feature, for example because they are on one line, in one plane, or not around
+/// an axis.
 pub fn evaluate_form(points_mm: &[[f64; 3]], feature: Feature) -> Result<Form, FormError> {
     match feature {
         Feature::Circle { plane } => circle::circle(points_mm, plane),

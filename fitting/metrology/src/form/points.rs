@@ -1,4 +1,4 @@
-//! Table of points, `x,y,z`.
+//! Table of points with the columns `x,y,z`.
 
 use volcomp_document::{Column, CsvTable};
 
@@ -8,7 +8,6 @@ use crate::{
     csv_head::{not_read, unit_of},
 };
 
-/// Points read from a file.
 #[derive(Debug, Clone, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct FormPoints {
@@ -22,14 +21,15 @@ pub struct FormPoints {
 
 const NAMES: [&str; 3] = ["x", "y", "z"];
 
-/// Reads points from CSV text; `name` is used in messages.
+/// Reads points from CSV text. `name` is the name of the file in messages.
 ///
-/// The header has the columns `x`, `y` and `z` in any order, each alone or followed by the unit mm: `x`, `X mm`, `x [mm]`. Other columns are ignored,
-/// with a note. Cells are separated by `,`, `;` or tabs; unless commas separate them, numbers may have a decimal comma.
+/// The header has the columns `x`, `y` and `z` in any order, each alone or followed by the unit mm: `x`, `X mm`, `x
+/// [mm]`. Other columns are ignored, with a note. Cells are separated by `,`, `;` or tabs. Unless commas separate the
+/// cells, numbers may have a decimal comma.
 ///
 /// # Errors
-/// A column is missing, repeated or in another unit; a cell is not a finite number of at most [`LARGEST_MM`]; there is no row: with file, line,
-/// column, what was found and what was expected.
+/// A column is missing, repeated or in another unit; a cell is not a finite number of at most [`LARGEST_MM`]; or there
+/// is no row. Messages name the file, the line, the column, what was found and what was expected.
 pub fn parse_points(text: &str, name: &str) -> Result<FormPoints, MetrologyError> {
     if text.trim().is_empty() {
         return Err(MetrologyError::Empty {

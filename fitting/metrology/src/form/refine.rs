@@ -1,10 +1,11 @@
-//! Least squares of exact distances: Levenberg–Marquardt, finished by Gauss–Newton.
+//! Least squares of exact distances, by Levenberg–Marquardt and finally Gauss–Newton steps.
 
 use nalgebra::{SMatrix, SVector, Vector3};
 
 /// Surface or curve with `N` parameters.
 pub(super) trait Shape<const N: usize>: Clone {
-    /// Signed distance of a point, and its derivatives by the parameters of [`moved`](Self::moved) at zero.
+    /// Signed distance of a point, and its derivatives with respect to the parameters of [`moved`](Self::moved) at
+    /// zero.
     fn distance(&self, point: &Vector3<f64>) -> (f64, SVector<f64, N>);
     fn moved(&self, by: &SVector<f64, N>) -> Self;
 }
@@ -12,8 +13,8 @@ pub(super) trait Shape<const N: usize>: Clone {
 pub(super) struct Refined<S, const N: usize> {
     pub(super) shape: S,
     pub(super) squares: f64,
-    /// Square root of the ratio of the smallest to the largest eigenvalue of the normal equations, with each parameter scaled to unit diagonal; 0 if
-    /// the points do not determine the parameters.
+    /// Square root of the ratio of the smallest to the largest eigenvalue of the normal equations, after scaling each
+    /// parameter to a diagonal of 1. It is 0 if the points do not determine the parameters.
     pub(super) determined: f64,
     step: f64,
 }
@@ -42,7 +43,7 @@ impl<const N: usize> Normal<N> {
         sum
     }
 
-    /// Solves for the step, with a fraction `damping` added to the diagonal.
+    /// Solves for the step, after increasing the diagonal by the fraction `damping`.
     fn step(&self, damping: f64) -> Option<SVector<f64, N>> {
         let mut matrix = self.matrix;
         for k in 0..N {
@@ -59,7 +60,7 @@ impl<const N: usize> Normal<N> {
             return 0.0;
         }
         let scaled = self.matrix.component_div(&(scale * scale.transpose()));
-        // Singular values of a symmetric matrix are its eigenvalues up to sign.
+        // The singular values of a symmetric matrix are the magnitudes of its eigenvalues.
         let values =
             nalgebra::DMatrix::from_column_slice(N, N, scaled.as_slice()).singular_values();
         (values.min() / values.max()).sqrt()
@@ -97,7 +98,7 @@ pub(super) fn refine<S: Shape<N>, const N: usize>(
             break;
         }
     }
-    // The sum of squares is flat at its minimum to half the digits; the gradient is not.
+    // At its minimum the sum of squares is flat to half of the digits, but the gradient is not.
     let mut last = f64::INFINITY;
     for _ in 0..60 {
         let Some(step) = normal.step(0.0) else { break };

@@ -1,4 +1,4 @@
-//! Lines and planes: least squares and minimum zones.
+//! Lines and planes, by least squares and by minimum zones.
 
 use nalgebra::Vector3;
 
@@ -10,10 +10,10 @@ use super::{
 use crate::number::range;
 use crate::reference_line::half_hull;
 
-/// Maximum ratio of an extent to the next larger one for points of a line, or of a plane.
+/// Maximum ratio of an extent to the next larger extent, for points of a line or of a plane.
 const SLENDER: f64 = 0.5;
 
-/// Evaluates a line: in space, or of the points projected to a plane of two coordinates.
+/// Evaluates a line in space (`plane` is `None`), or of the points projected to a plane of two coordinates.
 pub(super) fn line(
     points_mm: &[[f64; 3]],
     plane: Option<CoordinatePlane>,
@@ -50,7 +50,7 @@ fn line_in_space(points_mm: &[[f64; 3]]) -> Result<Form, FormError> {
     })
 }
 
-/// Line through the mean in a direction, without deviations.
+/// Line through the mean of the points in the direction `w`, without deviations.
 fn line_along(cloud: &Cloud, w: Vector3<f64>) -> Form {
     let along = range(cloud.points.iter().map(|p| p.dot(&w)));
     let at = |s: f64| cloud.in_mm(w * s);
@@ -73,7 +73,7 @@ fn line_in_plane(points_mm: &[[f64; 3]], plane: CoordinatePlane) -> Result<Form,
     let normal: Vector3<f64> = plane.normal().into();
     let third = normal.iamax();
     let [below, above] = range(points_mm.iter().map(|p| p[third]));
-    // NaN and infinite coordinates pass unchanged and are rejected with the others.
+    // NaN and infinite coordinates are kept, and rejected together with those in the plane.
     let middle = 0.5 * (below + above);
     let is_finite = points_mm.iter().all(|p| p[third].is_finite());
     let image = |p: &[f64; 3]| {
@@ -107,7 +107,6 @@ fn line_in_plane(points_mm: &[[f64; 3]], plane: CoordinatePlane) -> Result<Form,
     })
 }
 
-/// Narrowest strip between two parallel lines that encloses all points.
 struct Strip {
     width: f64,
     middle: (f64, f64),
@@ -115,7 +114,8 @@ struct Strip {
     contacts: Vec<usize>,
 }
 
-/// Finds the narrowest strip: one of its sides lies on an edge of the convex hull, the other on the corner farthest from it.
+/// Finds the narrowest strip between two parallel lines that encloses all points. One of its sides contains an edge of
+/// the convex hull, the other side the corner farthest from that edge.
 fn narrowest_strip(points: &[(f64, f64)]) -> Option<Strip> {
     let mut sorted = points.to_vec();
     sorted.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1)));
@@ -167,8 +167,8 @@ pub(super) fn plane(points_mm: &[[f64; 3]]) -> Result<Form, FormError> {
     })
 }
 
-/// Thinnest layer between two parallel planes that encloses all points, by a sequence of minimax problems of the heights over the previous
-/// plane. `None` if none was found.
+/// Finds the thinnest layer between two parallel planes that encloses all points; `None` if the search fails. It is
+/// found by a sequence of minimax problems, each of the heights of the points over the previous plane.
 fn layer(cloud: &Cloud, start: Vector3<f64>) -> Option<MinimumZone> {
     let thickness_of = |normal: Vector3<f64>| {
         let [low, high] = range(cloud.points.iter().map(|p| p.dot(&normal)));
