@@ -86,7 +86,6 @@ const NAMES: [Names; 12] = [
 ];
 
 impl Edition {
-    /// Year of publication.
     pub fn year(self) -> u16 {
         match self {
             Self::Iso1997 => 1997,

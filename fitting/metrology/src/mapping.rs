@@ -1,4 +1,4 @@
-//! Roles of the columns of a table or the channels of a log, stated in a TOML file.
+//! Roles of the columns of a table or of the channels of a log, as stated in a TOML file.
 
 use std::path::{Path, PathBuf};
 
@@ -7,7 +7,7 @@ use volcomp_document::{Document, InputError, Section, Value};
 use crate::dwell::Channels;
 use crate::{DeviationUnit, MetrologyError, ReadingUnit, TargetUnit};
 
-/// Information from the user that a file does not contain.
+/// Information from the user about a file that the file itself does not contain.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Mapping {
     /// Roles of the columns of a table.
@@ -16,37 +16,36 @@ pub enum Mapping {
     Channels(Channels),
 }
 
-/// Column of a table, by its head or its number from 1.
+/// Column of a table, named by its head or by its number.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum ColumnName {
-    /// The head of the column, case ignored.
+    /// Head of the column, in any case.
     Head(String),
-    /// The number of the column, from 1.
+    /// Number of the column, from 1.
     Number(usize),
 }
 
-/// Roles of the columns of a table, and how its cells are written.
+/// Roles of the columns of a table, and the notation of its cells.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Columns {
-    /// Column of the targets.
     pub target: ColumnName,
     /// Column of the deviations, or of measured positions from which the targets are subtracted.
     pub reading: ColumnName,
-    /// Whether `reading` holds measured positions.
+    /// Whether `reading` is a column of measured positions.
     pub reads_position: bool,
     /// Column of the run numbers. `None`: runs are counted.
     pub run: Option<ColumnName>,
-    /// Column of the directions of approach. `None`: directions follow the order of travel.
+    /// Column of the directions of approach. `None`: directions follow from the order of travel.
     pub direction: Option<ColumnName>,
-    /// Separator of the cells; `None`: one or more blanks.
+    /// Separator of the cells. `None`: cells are separated by one or more blanks.
     pub separator: Option<char>,
     /// Whether numbers have a decimal comma.
     pub decimal_comma: bool,
-    /// Unit of the readings, if stated.
+    /// Unit of the readings; `None` if it is not stated.
     pub unit: Option<ReadingUnit>,
-    /// Unit of the targets, if stated: mm or deg.
+    /// Unit of the targets, mm or deg; `None` if it is not stated.
     pub target_unit: Option<TargetUnit>,
-    /// Number of lines above the first reading, including blank ones; the last non-blank line
+    /// Number of lines above the first reading, including blank lines. The last of these lines that is not blank
     /// contains the heads.
     pub header_rows: usize,
 }
@@ -65,17 +64,17 @@ const UNITS: [(&str, ReadingUnit); 10] = [
 ];
 
 impl Mapping {
-    /// Path of the mapping file next to a measurement file: `x.csv.toml` for `x.csv`.
+    /// Path of the mapping file that belongs to a measurement file: `x.csv.toml` for `x.csv`.
     pub fn beside(file: &Path) -> PathBuf {
         let mut name = file.file_name().unwrap_or_default().to_owned();
         name.push(".toml");
         file.with_file_name(name)
     }
 
-    /// Reads the mapping file next to a measurement file; `None` if it does not exist.
+    /// Reads the mapping file that belongs to a measurement file; `None` if there is no mapping file.
     ///
     /// # Errors
-    /// The mapping file cannot be read, is not valid TOML, or contains anything but columns or channels.
+    /// The mapping file cannot be read, is not valid TOML, or contains other keys than columns or channels.
     pub fn read_beside(file: &Path) -> Result<Option<Self>, MetrologyError> {
         let path = Self::beside(file);
         if !path.is_file() {
@@ -88,10 +87,10 @@ impl Mapping {
         Ok(document.decode(|root| Self::decode(&root))?)
     }
 
-    /// Decodes the mapping in the keys `columns` or `channels` of a table; `None` if it has neither.
+    /// Decodes the mapping under the key `columns` or `channels` of a table; `None` if the table has neither key.
     ///
     /// # Errors
-    /// Both keys, any other key, an invalid value.
+    /// Both keys, another key, or an invalid value.
     pub fn decode(root: &Section<'_>) -> Result<Option<Self>, InputError> {
         root.allow(&["columns", "channels"])?;
         Self::decode_keys(root)
@@ -99,7 +98,7 @@ impl Mapping {
 
     /// Like [`Mapping::decode`], for a table that may have other keys.
     ///
-    /// # Errors
+    /// Both keys, or an invalid value.
     /// Both keys, an invalid value.
     pub fn decode_keys(section: &Section<'_>) -> Result<Option<Self>, InputError> {
         match (section.section("columns")?, section.section("channels")?) {
@@ -184,7 +183,8 @@ impl Columns {
         Ok(columns)
     }
 
-    /// Rejects measured positions and targets of which one is a length and the other an angle, since targets are subtracted from positions.
+    /// Returns an error if measured positions are lengths and targets are angles, or the reverse, because the targets
+    /// are subtracted from the positions.
     fn refuse_contradictory_units(&self, section: &Section<'_>) -> Result<(), InputError> {
         let (true, Some(unit), Some(target)) = (self.reads_position, self.unit, self.target_unit)
         else {

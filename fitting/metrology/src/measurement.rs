@@ -1,4 +1,4 @@
-//! Readings of one measurement as plain data: units, metadata, environment, and means over targets.
+//! Readings of one measurement as plain data: units, metadata, environment, and means at targets.
 
 use volcomp_vocabulary::{AxisName, Direction};
 
@@ -10,11 +10,11 @@ use crate::{DeviationUnit, FileFormat, MetrologyError, Quantity, ReadingUnit, Ta
 pub struct Reading {
     /// Target position, mm or deg.
     pub target: f64,
-    /// Number of the run among the runs of its direction, from 1.
+    /// Number of the run, counted from 1 among the runs of its direction.
     pub run: u32,
     /// Direction in which the target was approached.
     pub direction: Direction,
-    /// Measured minus target, µm or µrad ([`Measurement::unit`]).
+    /// Measured value minus target, µm or µrad (see [`Measurement::unit`]).
     pub deviation: f64,
 }
 
@@ -97,38 +97,36 @@ pub struct Environment {
     pub date_time: Option<String>,
 }
 
-/// One measurement of one error of one axis: all readings of all runs.
+/// One measurement of one error of one axis, with all readings of all runs.
 #[derive(Debug, Clone, PartialEq, Default)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Measurement {
-    /// Source file, for messages.
+    /// Name of the source file, for messages.
     pub name: String,
-    /// Unit of the deviations; `None` if the file does not state it (CSV).
+    /// Unit of the deviations after conversion; `None` if the file does not state it (CSV).
     pub unit: Option<DeviationUnit>,
-    /// Kind of file that the readings came from; `None` for readings built in code.
+    /// Kind of the source file; `None` for readings built in code.
     #[cfg_attr(feature = "serde", serde(default))]
     pub format: Option<FileFormat>,
-    /// Measured quantity, if the kind of file defines it.
+    /// Measured quantity; `None` if the kind of file does not determine it.
     #[cfg_attr(feature = "serde", serde(default))]
     pub quantity: Option<Quantity>,
-    /// Unit of the deviations in the file, if its header states one (CSV).
+    /// Unit of the deviations in the file; `None` if the header of the file does not state it (CSV).
     #[cfg_attr(feature = "serde", serde(default))]
     pub stated: Option<ReadingUnit>,
-    /// Unit of the targets, if the header of the file states it (CSV).
+    /// Unit of the targets; `None` if the header of the file does not state it (CSV).
     #[cfg_attr(feature = "serde", serde(default))]
     pub target_unit: Option<TargetUnit>,
-    /// All readings, in the order of the file.
+    /// Readings in the order of the file.
     pub readings: Vec<Reading>,
-    /// Header texts about the file and the machine.
     pub metadata: Metadata,
-    /// Environment during the test.
     pub environment: Environment,
     /// Notes for the user on how the file was read.
     pub notes: Vec<String>,
 }
 
 impl Measurement {
-    /// Targets, mm or deg, ascending, each once.
+    /// Distinct targets, mm or deg, ascending.
     pub fn targets(&self) -> Vec<f64> {
         let mut targets: Vec<f64> = self.readings.iter().map(|r| r.target).collect();
         targets.sort_by(f64::total_cmp);
@@ -136,7 +134,7 @@ impl Measurement {
         targets
     }
 
-    /// Numbers of the runs in one direction, ascending, each once.
+    /// Distinct numbers of the runs in one direction, ascending.
     pub fn runs(&self, direction: Direction) -> Vec<u32> {
         let in_direction = self.readings.iter().filter(|r| r.direction == direction);
         let mut runs: Vec<u32> = in_direction.map(|r| r.run).collect();
@@ -145,21 +143,20 @@ impl Measurement {
         runs
     }
 
-    /// Number of runs in the direction that has more runs.
     pub fn most_runs(&self) -> usize {
         let [forward, backward] = Direction::BOTH.map(|direction| self.runs(direction).len());
         forward.max(backward)
     }
 
-    /// Whether any reading was taken in this direction.
     pub fn has(&self, direction: Direction) -> bool {
         self.readings.iter().any(|r| r.direction == direction)
     }
 
-    /// Checks that the targets are in the coordinate unit of an axis, if the file states their unit.
+    /// Checks that the targets are in the coordinate unit of an axis. Always succeeds if the file does not state the
+    /// unit of the targets.
     ///
     /// # Errors
-    /// Targets in deg for a linear axis, in mm for a rotary one.
+    /// Targets in deg for a linear axis, or in mm for a rotary axis.
     pub fn check_targets(&self, axis: AxisName) -> Result<(), MetrologyError> {
         let expected = axis.kind().coordinate_unit();
         match self.target_unit {
@@ -173,8 +170,8 @@ impl Measurement {
         }
     }
 
-    /// Checks that each target was read in each direction that was run. If one is missing, means
-    /// over both directions jump by half of the reversal value there.
+    /// Checks that each target was read in each direction that was measured. If a target lacks a direction, the mean
+    /// over both directions jumps there by half of the reversal value.
     ///
     /// # Errors
     ///
@@ -200,14 +197,13 @@ impl Measurement {
         self.readings.iter().filter(here).map(|r| r.deviation).collect()
     }
 
-    /// Mean of the deviations at one target in one direction (x̄_i↑ or x̄_i↓), `None` without readings.
+    /// Mean of the deviations at one target in one direction (x̄_i↑ or x̄_i↓); `None` without readings.
     pub fn mean_at(&self, target: f64, direction: Direction) -> Option<f64> {
         mean(&self.deviations_at(target, direction))
     }
 
-    /// Targets and their means, ascending: x̄_i of ISO 230-2 with both directions, else the mean of
-    /// the only direction. Each target occurs once. Runs are aligned by their offsets if not all of
-    /// them hold all targets.
+    /// Distinct targets, ascending, with their means: x̄_i of ISO 230-2 if both directions were measured, else the mean
+    /// of the single direction. If some runs lack targets, the runs are aligned.
     pub fn mean_curve(&self) -> Vec<(f64, f64)> {
         let at = |readings: &TargetReadings| {
             let means = Direction::BOTH.map(|direction| mean(&readings.deviations(direction)));
@@ -217,7 +213,8 @@ impl Measurement {
         readings.iter().filter_map(at).collect()
     }
 
-    /// Targets and means of one direction, ascending, aligned like those of [`Self::mean_curve`]; empty if the direction was not run.
+    /// Targets and means of one direction, ascending, aligned like [`Self::mean_curve`]. Empty if the direction was not
+    /// measured.
     pub fn mean_curve_in(&self, direction: Direction) -> Vec<(f64, f64)> {
         let readings = self.aligned_readings();
         let in_direction = readings.iter().filter(|r| r.direction == direction);
@@ -231,7 +228,7 @@ impl Measurement {
         groups.map(at).collect()
     }
 
-    /// Unaligned readings, sorted by target, then by run.
+    /// Readings without alignment, sorted by target, then by run.
     pub(crate) fn by_target(&self) -> Vec<TargetReadings> {
         by_target(&self.readings)
     }
@@ -253,7 +250,7 @@ fn by_target(readings: &[Reading]) -> Vec<TargetReadings> {
     groups.map(group).collect()
 }
 
-/// All readings at one target, as (run, deviation).
+/// All readings at one target, as pairs of run and deviation.
 pub(crate) struct TargetReadings {
     pub(crate) target: f64,
     forward: Vec<(u32, f64)>,
@@ -278,11 +275,11 @@ pub(crate) fn mean(values: &[f64]) -> Option<f64> {
 }
 
 impl Measurement {
-    /// Converts deviations from `unit` to µm or µrad if the file states no unit. If the file states one, the deviations are already converted, and
-    /// `unit` must be the same.
+    /// Converts deviations from `unit` to µm or µrad if the file states no unit. If the file states a unit, the
+    /// deviations are already converted, and `unit` must be the stated unit.
     ///
     /// # Errors
-    /// The unit stated in the file, if it differs from `unit`; the measurement is then unchanged.
+    /// The unit stated in the file, if it differs from `unit`. The measurement is then unchanged.
     pub fn convert_from(&mut self, unit: ReadingUnit) -> Result<(), ReadingUnit> {
         match self.stated.or(self.unit.map(ReadingUnit::from)) {
             Some(stated) if stated == unit => Ok(()),

@@ -1,10 +1,10 @@
-//! Numbers in measurement files: plain decimal ASCII, nothing else.
+//! Numbers in measurement files. They are plain decimal ASCII only.
 
 use volcomp_document::quoted;
 
 use crate::{Finding, MetrologyError};
 
-/// Maximum magnitude of a target or deviation; keeps sums and squares of readings finite.
+/// Maximum magnitude of a target or deviation. It keeps sums and squares of readings finite.
 pub(crate) const LARGEST: f64 = 1e12;
 
 #[derive(Clone, Copy)]
@@ -69,12 +69,12 @@ impl<'a> Place<'a> {
         MetrologyError::Truncated(self.finding(what, found, expected))
     }
 
-    /// The content is of another kind than the extension or the caller states.
+    /// Error: the content is of another kind than the extension or the caller says.
     pub(crate) fn wrong_kind(self, found: impl Into<String>, expected: &str) -> MetrologyError {
         MetrologyError::Kind(self.finding("kind of file", found, expected))
     }
 
-    /// Parses a finite decimal number; −0 becomes 0, so that equal targets are equal.
+    /// Parses a finite decimal number. −0 becomes 0, so that equal targets have equal bits.
     pub(crate) fn number(self, what: &str, text: &str) -> Result<f64, MetrologyError> {
         let value = if is_decimal(text) { text.parse::<f64>().ok() } else { None };
         match value {
@@ -100,7 +100,7 @@ impl<'a> Place<'a> {
     }
 }
 
-/// Replaces the decimal comma of a number by a point; `None` for other text.
+/// Replaces the decimal comma of a number by a point; `None` if the text is not a number with a decimal comma.
 pub(crate) fn with_point(text: &str) -> Option<String> {
     let (whole, part) = text.split_once(',')?;
     let number = format!("{whole}.{part}");
@@ -115,7 +115,8 @@ pub(crate) fn decimals(text: &str) -> usize {
     text.split_once('.').map_or(0, |(_, fraction)| fraction.len())
 }
 
-/// Matches `[+-] digits [. digits] [e [+-] digits]`; a number that ends in a point is truncated and does not match.
+/// Whether the text matches `[+-] digits [. digits] [e [+-] digits]`. A number that ends in a point may be truncated
+/// and does not match.
 fn is_decimal(text: &str) -> bool {
     let unsigned = text.strip_prefix(['+', '-']).unwrap_or(text);
     let (mantissa, exponent) = match unsigned.split_once(['e', 'E']) {

@@ -1,36 +1,37 @@
-//! Least squares of passes that do not all hold all targets: reading = mean of the target + line of the pass (unbalanced two-way layout).
+//! Least squares for passes of which some lack targets: reading = mean of the target + line of the pass (unbalanced
+//! two-way layout).
 //!
-//! A pass is one run in one direction. Passes have separate lines, because the zero may drift
-//! between both directions. The lines of a direction add up to zero over the runs made in both
-//! directions, so that the reversal is the mean of the reversals of these runs.
+//! A pass is one run in one direction. Passes have separate lines, because the zero may drift between the two
+//! directions. The lines of a direction add up to zero over the runs that were made in both directions. So the reversal
+//! is the mean of the reversals of these runs.
 
 use crate::{Direction, Reading, ReferenceLine};
 
-/// Maximum number of conjugate-gradient steps per unknown. In exact arithmetic one is enough; a
-/// chain of 200 runs that overlap by half takes five.
+/// Maximum number of conjugate-gradient steps per unknown. In exact arithmetic one step per unknown suffices. A chain
+/// of 200 runs that overlap by half takes five.
 const STEPS_PER_UNKNOWN: usize = 20;
 /// Lower limit of the maximum number of conjugate-gradient steps.
 const MIN_STEPS: usize = 1000;
 /// Relative residual at which the conjugate gradients have converged.
 const CONVERGED: f64 = 1e-13;
-/// Minimum number of common targets to determine offset and slope of a pass, including one as a
-/// check.
+/// Minimum number of targets that a pass must have in common with others to determine its offset and slope, with one
+/// target as a check.
 const MIN_COMMON_TARGETS: usize = 3;
 
 const ZERO: ReferenceLine = ReferenceLine { slope_um_per_mm: 0.0, intercept_um: 0.0 };
 
-/// Misalignment of each run, which is fitted and not treated as scatter: before each run an instrument is zeroed, and a straightness reference
-/// aligned.
+/// Misalignment of each run. It is fitted instead of counted as scatter, because before each run an instrument is
+/// zeroed and a straightness reference is aligned.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RunAlignment {
-    /// The zero of the instrument.
+    /// Offset of each run: the zero of the instrument.
     Offset,
-    /// Zero and slope, as of a straightness reference.
+    /// Offset and slope of each run, as of a straightness reference.
     Line,
 }
 
 impl RunAlignment {
-    /// Number of parameters of each run.
+    /// Number of fitted parameters of each run.
     pub(crate) fn parameters(self) -> usize {
         match self {
             Self::Offset => 1,
@@ -39,16 +40,17 @@ impl RunAlignment {
     }
 }
 
-/// The passes of one direction.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Passes {
     /// Numbers of the runs, ascending.
     pub(crate) runs: Vec<u32>,
-    /// Targets, ascending, with their readings: index of the run in `runs`, ascending, and deviation.
+    /// Targets, ascending, each with its readings. A reading is the index of its run in `runs` (ascending) and the
+    /// deviation.
     pub(crate) targets: Vec<(f64, Vec<(usize, f64)>)>,
 }
 
-/// Orthonormal functions over the targets of a pass: a constant, and with [`RunAlignment::Line`] a slope about the mean target.
+/// Orthonormal functions over the targets of a pass: a constant, and for [`RunAlignment::Line`] a slope about the mean
+/// target.
 struct Basis {
     mean_target: f64,
     scales: [f64; 2],
@@ -92,13 +94,13 @@ impl Passes {
         Self { runs, targets }
     }
 
-    /// Whether each run holds each target once.
+    /// Whether every run has exactly one reading at every target.
     pub(crate) fn is_complete(&self) -> bool {
         let mut targets = self.targets.iter();
         targets.all(|(_, cells)| self.all_hold(cells))
     }
 
-    /// Whether the readings at a target are exactly one of each run.
+    /// Whether the readings at a target are exactly one reading of each run.
     pub(crate) fn all_hold(&self, cells: &[(usize, f64)]) -> bool {
         cells.iter().map(|(run, _)| *run).eq(0..self.runs.len())
     }
@@ -107,7 +109,7 @@ impl Passes {
         self.targets.iter().map(|(_, cells)| cells.len()).sum()
     }
 
-    /// For each pass, the sum of the squared distances of its targets from their mean.
+    /// Sum of the squared distances of the targets of a pass from their mean, for each pass.
     pub(crate) fn spreads(&self) -> Vec<f64> {
         let bases = self.bases(RunAlignment::Line);
         let of = |basis: &Basis| match basis.scales[1] {
@@ -147,9 +149,8 @@ impl Passes {
         bases
     }
 
-    /// Least-squares line of each pass. A line common to all passes of a group is undetermined. The
-    /// normal equations, with the means of the targets eliminated, are solved by conjugate
-    /// gradients.
+    /// Least-squares line of each pass. A line that is common to all passes of a group stays undetermined. The means of
+    /// the targets are eliminated from the normal equations, which are solved by conjugate gradients.
     pub(crate) fn least_squares(&self, alignment: RunAlignment) -> Vec<ReferenceLine> {
         let bases = self.bases(alignment);
         let mut lines = vec![[0.0; 2]; bases.len()];
@@ -184,8 +185,8 @@ impl Passes {
         bases.iter().zip(lines).map(|(b, c)| b.line(c)).collect()
     }
 
-    /// Projects the readings of each run on its basis, after replacing each reading by `value`
-    /// minus the mean of these values at the target.
+    /// Replaces each reading by `value` minus the mean of these values at the target, and projects the results of each
+    /// run on the basis of the run.
     fn about_means(
         &self,
         bases: &[Basis],
@@ -206,7 +207,7 @@ impl Passes {
         sums
     }
 
-    /// Subtracts from the readings of each pass its least-squares line.
+    /// Subtracts from the readings of each pass its own least-squares line.
     pub(crate) fn remove_own_lines(&mut self, alignment: RunAlignment) {
         let bases = self.bases(alignment);
         let mut coefficients = vec![[0.0; 2]; bases.len()];
@@ -226,7 +227,7 @@ impl Passes {
         }
     }
 
-    /// Mean of each target after subtracting the lines of the passes.
+    /// Mean of each target, after the lines of the passes are subtracted.
     pub(crate) fn means(&self, lines: Option<&[ReferenceLine]>) -> Vec<f64> {
         let mean = |(target, cells): &(f64, Vec<(usize, f64)>)| {
             let aligned = cells.iter().map(|(run, deviation)| match lines {
@@ -238,7 +239,8 @@ impl Passes {
         self.targets.iter().map(mean).collect()
     }
 
-    /// Subtracts from the lines of each group their weighted mean over the runs with `is_counted`; over all runs of a group without such runs.
+    /// Subtracts from the lines of each group their weighted mean over the runs with `is_counted`. In a group without
+    /// such runs, the mean is over all runs.
     pub(crate) fn zero(&self, lines: &mut [ReferenceLine], weights: &[f64], is_counted: &[bool]) {
         let groups = self.groups();
         let mut has_counted = vec![false; groups.len()];
@@ -261,8 +263,8 @@ impl Passes {
         }
     }
 
-    /// For each run, the first run of its group. Runs of a group are connected by common targets,
-    /// directly or through other runs.
+    /// For each run, the first run of its group. The runs of a group are connected by common targets, directly or
+    /// through other runs.
     fn groups(&self) -> Vec<usize> {
         fn first_of(groups: &mut [usize], mut run: usize) -> usize {
             while groups[run] != run {
@@ -288,8 +290,8 @@ impl Passes {
         first_runs.map(|run| self.runs[run]).collect()
     }
 
-    /// Runs whose lines cannot be determined, because they have too few targets in common with the others. Runs are joined one by one, starting from
-    /// the run with the most targets. Empty if the runs are complete.
+    /// Runs whose lines cannot be determined, because they have too few targets in common with the others. Starting
+    /// from the run with the most targets, runs are joined one after the other. Empty if no run lacks a target.
     pub(crate) fn without_line(&self) -> Vec<u32> {
         if self.is_complete() {
             return Vec::new();
@@ -316,8 +318,8 @@ impl Passes {
         left.into_iter().map(|run| self.runs[run]).collect()
     }
 
-    /// Sum of the squared residuals of the readings after removing the means of the targets and the least-squares lines of the passes, and its
-    /// degrees of freedom.
+    /// Sum of the squared residuals of the readings, and its degrees of freedom. Residuals remain after the means of
+    /// the targets and the least-squares lines of the passes are removed.
     pub(crate) fn squares(&self, alignment: RunAlignment) -> (f64, f64) {
         let lines = self.least_squares(alignment);
         let means = self.means(Some(&lines));

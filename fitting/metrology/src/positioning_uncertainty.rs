@@ -1,17 +1,19 @@
-//! Measurement uncertainty of a positioning test, following ISO/TR 230-9 and the annex of ISO 230-2:2006 and 2014: expanded uncertainties with k = 2,
-//! in µm.
+//! Measurement uncertainty of a positioning test, by ISO/TR 230-9 and the annex of ISO 230-2:2006 and 2014.
+//! Uncertainties are expanded with k = 2, and in µm.
 
 use crate::MetrologyError;
 
-/// Conditions of the test. Unknown conditions contribute nothing and are listed in [`PositioningUncertainty::left_out`].
+/// Conditions of the test. Unknown conditions (`None`) contribute nothing, and are listed in
+/// [`PositioningUncertainty::left_out`].
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct UncertaintyInputs {
-    /// Expanded uncertainty (k = 2) of the instrument by its calibration: part proportional to the length, µm/m.
+    /// Expanded uncertainty (k = 2) of the instrument from its calibration, µm/m: the part that is proportional to the
+    /// length.
     pub device_um_per_m: Option<f64>,
-    /// Constant part of the expanded uncertainty (k = 2) of the instrument, µm.
+    /// Expanded uncertainty (k = 2) of the instrument from its calibration, µm: the constant part.
     pub device_um: Option<f64>,
-    /// Range of the misalignment between beam and axis over the length, mm.
+    /// Range of the misalignment between beam and axis over the measured length, mm.
     pub misalignment_mm: Option<f64>,
     /// Range R(θ) of the error of the machine temperature, K.
     pub temperature_range_k: Option<f64>,
@@ -19,9 +21,9 @@ pub struct UncertaintyInputs {
     pub expansion_um_per_m_k: Option<f64>,
     /// Range R(α) of the error of the expansion coefficient, µm/(m·K).
     pub expansion_range_um_per_m_k: Option<f64>,
-    /// Difference of the machine temperature from 20 °C, K; either sign.
+    /// Difference of the machine temperature from 20 °C, K, with either sign.
     pub from_20_degc_k: Option<f64>,
-    /// Environment variation E_VE: range of a drift test over the duration of the test, µm.
+    /// Environment variation E_VE, µm: range of a drift test that takes as long as the positioning test.
     pub environment_um: Option<f64>,
 }
 
@@ -66,14 +68,14 @@ pub struct PositioningUncertainty {
     pub left_out: Vec<String>,
 }
 
-/// Expanded uncertainty for a range R: a uniform distribution has the standard uncertainty R/(2√3) and the expanded one R/√3. The annex rounds that
-/// to 0.6 R, which is 4 % more.
+/// Factor from a range R to the expanded uncertainty. A uniform distribution has the standard uncertainty R/(2√3), and
+/// so the expanded uncertainty R/√3. The annex rounds this to 0.6 R, which is 4 % more.
 const EXPANDED_OF_RANGE: f64 = 0.577_350_269_189_625_8;
 
-/// Evaluates the uncertainty over a length, m, with a number of runs in each direction.
+/// Evaluates the uncertainty for a measured length (m) and this number of runs in each direction.
 ///
 /// # Errors
-/// A length or number of runs that is not above zero, an input that is negative or not finite.
+/// A length or number of runs that is not above zero, or an input that is negative or not finite.
 pub fn positioning_uncertainty(
     inputs: &UncertaintyInputs,
     length_m: f64,
@@ -84,8 +86,8 @@ pub fn positioning_uncertainty(
         (None, None) => None,
         (per_m, fixed) => Some(per_m.unwrap_or(0.0) * length_m + fixed.unwrap_or(0.0)),
     };
-    // A beam misaligned by r over the length L measures r²/(2L) too little; that is the range of a uniform distribution. With r in mm and L in m the
-    // result is in µm.
+    // A beam that is misaligned by r over the length L measures r²/(2L) too little, which is the range of a uniform
+    // distribution. With r in mm and L in m the result is in µm.
     let misalignment = inputs.misalignment_mm.map(|r| EXPANDED_OF_RANGE * r * r / (2.0 * length_m));
     let temperature = (inputs.expansion_um_per_m_k.zip(inputs.temperature_range_k))
         .map(|(alpha, range)| EXPANDED_OF_RANGE * alpha * length_m * range);
@@ -113,7 +115,7 @@ pub fn positioning_uncertainty(
             symbol: "U_EVE", name: "environment variation, E_VE/√3", u_um: environment
         },
     ];
-    // Contributions that are equal in all readings at a target cancel in B and R.
+    // Contributions that are equal for all readings at a target cancel in B and R.
     let common: f64 =
         [device, misalignment, temperature, expansion].iter().flatten().map(|u| u * u).sum();
     let eve = environment.unwrap_or(0.0).powi(2);
@@ -133,7 +135,8 @@ pub fn positioning_uncertainty(
 }
 
 impl PositioningUncertainty {
-    /// Expanded uncertainty of a quantity by its symbol; `None` if no uncertainty is defined for the symbol, or if no input to it is known.
+    /// Expanded uncertainty of the quantity with this symbol, µm. `None` if no uncertainty is defined for the symbol,
+    /// or if no input to it is known.
     pub fn of(&self, symbol: &str) -> Option<f64> {
         let u = match symbol {
             "A" | "A_forward" | "A_backward" => self.a_um,

@@ -1,4 +1,4 @@
-//! Reads a measurement file of any kind, by its extension and its content.
+//! Reads a measurement file of any kind, which is selected by extension and content.
 
 use std::io::Read;
 use std::path::Path;
@@ -16,7 +16,7 @@ use crate::renishaw::{Capture, parse_ren, parse_rtx};
 use crate::{Measurement, MetrologyError, RenishawKind, parse_csv, parse_renishaw};
 use volcomp_document::quoted;
 
-/// Extensions that [`read_file`] supports, for messages.
+/// File name extensions that [`read_file`] supports, for messages.
 pub const READ_EXTENSIONS: &str = ".rtl, .rta, .rts, .rtx, .REN, .pos, .csv, .txt, .log, .dat";
 
 const LIMIT_MIB: u64 = 256;
@@ -24,20 +24,17 @@ const LIMIT_MIB: u64 = 256;
 /// Content of a measurement file.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Content {
-    /// Readings at targets.
     Measurement(Box<Measurement>),
     /// Dynamic capture, without targets.
     Capture(Box<Capture>),
-    /// Log of channels without a mapping of their roles.
+    /// Log of channels whose roles are unknown, because there is no mapping.
     Log(Box<ChannelLog>),
 }
 
 impl Content {
-    /// Returns the readings at targets.
-    ///
     /// # Errors
     ///
-    /// A capture, or a log without a mapping, has no readings at targets.
+    /// A capture, or a log without a mapping, because it has no readings at targets.
     pub fn into_measurement(self) -> Result<Measurement, MetrologyError> {
         match self {
             Self::Measurement(measurement) => Ok(*measurement),
@@ -61,22 +58,24 @@ impl Content {
     }
 }
 
-/// Reads a measurement file with readings at targets; case of the extension ignored.
+/// Reads a measurement file with readings at targets. The extension may be in upper or lower case.
 ///
-/// The extension selects the reader, and the content is checked against it: `.rtl`, `.rta` and `.rts` (Renishaw laser), `.REN` (compensation export),
-/// `.pos` (API laser), `.csv` (table of readings). `.txt`, `.log` and `.dat` are recognised by their content: reports of 5529 and 5530 lasers, logs
-/// of `camonitor`. A file `NAME.toml` next to the file NAME states the roles of its columns or channels ([`Mapping`]).
+/// The extension selects the reader, and the content is checked against it: `.rtl`, `.rta` and `.rts` (Renishaw laser),
+/// `.REN` (compensation export), `.pos` (API laser), `.csv` (table of readings). For `.txt`, `.log` and `.dat` the
+/// content selects the reader: reports of 5529 and 5530 lasers, or logs of `camonitor`. For a file NAME, the file
+/// `NAME.toml` in the same folder states the roles of columns or channels ([`Mapping`]).
 ///
 /// # Errors
-/// The file cannot be read, its extension is unknown, its content is invalid, or it holds no targets.
+/// The file cannot be read, its extension is unknown, its content is invalid, or it has no targets.
 pub fn read_file(path: &Path) -> Result<Measurement, MetrologyError> {
     read_file_with(path, None)
 }
 
-/// Like [`read_file`], with the mapping of columns or channels given by the caller; `None` uses the file `NAME.toml`, if there is one.
+/// Like [`read_file`], with the mapping of columns or channels from the caller. `None` uses the file `NAME.toml`, if
+/// there is one.
 ///
 /// # Errors
-/// Same as [`read_file`], and a mapping of another kind than the file.
+/// The errors of [`read_file`], and a mapping that does not fit the kind of file.
 pub fn read_file_with(
     path: &Path,
     mapping: Option<&Mapping>,
@@ -84,10 +83,10 @@ pub fn read_file_with(
     read_content(path, mapping)?.into_measurement()
 }
 
-/// Reads a file of any kind, including those without targets.
+/// Reads a file of any kind, including kinds without targets.
 ///
 /// # Errors
-/// Same as [`read_file`].
+/// The errors of [`read_file`].
 pub fn read_content(path: &Path, mapping: Option<&Mapping>) -> Result<Content, MetrologyError> {
     let name = path.display().to_string();
     let extension =
@@ -167,7 +166,7 @@ fn by_content(
             expected: "a report, a log or a table".into(),
         });
     };
-    // A `.txt` file may hold a table with the heads of the plain CSV format.
+    // A `.txt` file may contain a table with the heads of the plain CSV format.
     let lower = first.to_lowercase();
     if lower.contains("target") && lower.contains("deviation") {
         return parse_csv(bytes, name).map(measured);

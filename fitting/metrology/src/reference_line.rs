@@ -4,11 +4,11 @@ use volcomp_vocabulary::Urad;
 
 use crate::MetrologyError;
 
-/// Definition of the reference line of a straightness profile (ISO 230-1 names all three).
+/// Definition of the reference line of a straightness profile. ISO 230-1 names all three.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum ReferenceKind {
-    /// Least squares of the deviations.
+    /// Least-squares line of the deviations.
     #[default]
     LeastSquares,
     /// Line through the first and the last target.
@@ -17,21 +17,22 @@ pub enum ReferenceKind {
     MinimumZone,
 }
 
-/// Straight reference line of a profile: removed before straightness is evaluated, and the basis of squareness.
+/// Straight reference line of a profile. It is removed before straightness is evaluated, and its slope is the basis of
+/// squareness.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct ReferenceLine {
-    /// Slope in µm/mm; [`slope`](Self::slope) gives it as an angle in µrad (= µm/m).
+    /// Slope in µm/mm. [`slope`](Self::slope) returns it as an angle in µrad (= µm/m).
     pub slope_um_per_mm: f64,
     /// Value at coordinate 0, µm.
     pub intercept_um: f64,
 }
 
 impl ReferenceLine {
-    /// Ordinary least squares through (target in mm, value in µm), each target once.
+    /// Least-squares line through points (target in mm, value in µm). Each target must occur once.
     ///
     /// # Errors
-    /// Fewer than two different targets, or numbers that are not finite.
+    /// Fewer than two distinct targets, or numbers that are not finite.
     pub fn least_squares(points: &[(f64, f64)]) -> Result<Self, MetrologyError> {
         check_points("least-squares reference line", points)?;
         let n = points.len() as f64;
@@ -46,7 +47,7 @@ impl ReferenceLine {
     /// Line through the values at the smallest and the largest target.
     ///
     /// # Errors
-    /// Fewer than two different targets, or numbers that are not finite.
+    /// Fewer than two distinct targets, or numbers that are not finite.
     pub fn end_points(points: &[(f64, f64)]) -> Result<Self, MetrologyError> {
         check_points("end-point reference line", points)?;
         let by_target = |a: &&(f64, f64), b: &&(f64, f64)| a.0.total_cmp(&b.0);
@@ -56,11 +57,12 @@ impl ReferenceLine {
         Ok(Self::through(q_0, x_0, (x_1 - x_0) / (q_1 - q_0)))
     }
 
-    /// Middle line of the narrowest strip between two parallel lines that encloses all points, with its width measured in the direction of the
-    /// deviations. Exact: one side of the strip lies on an edge of the convex hull.
+    /// Middle line of the narrowest strip between two parallel lines that encloses all points. The width of the strip
+    /// is measured in the direction of the deviations. The result is exact, because one side of the strip contains an
+    /// edge of the convex hull.
     ///
     /// # Errors
-    /// Fewer than two different targets, or numbers that are not finite.
+    /// Fewer than two distinct targets, or numbers that are not finite.
     pub fn minimum_zone(points: &[(f64, f64)]) -> Result<Self, MetrologyError> {
         check_points("minimum-zone reference line", points)?;
         let mut sorted = points.to_vec();
@@ -75,8 +77,7 @@ impl ReferenceLine {
             let heights = upper.iter().map(|(q, x)| -x - slope * q);
             heights.fold(f64::NEG_INFINITY, f64::max)
         };
-        // The width is a convex function of the slope, with kinks only where a side of the strip
-        // lies on an edge.
+        // The width is a convex function of the slope. It has kinks only if a side of the strip contains an edge.
         let edges = |hull: &[(f64, f64)], sign: f64| -> Vec<f64> {
             let edges = hull.windows(2).filter(|edge| edge[1].0 > edge[0].0);
             let slope =
@@ -87,15 +88,13 @@ impl ReferenceLine {
         slopes.extend(edges(&upper, -1.0));
         let width = |slope: &f64| above(*slope) - below(*slope);
         let best = slopes.into_iter().min_by(|a, b| width(a).total_cmp(&width(b)));
-        // Two different targets make at least one edge.
+        // Two distinct targets give at least one edge.
         let slope = best.unwrap_or_default();
         Ok(Self { slope_um_per_mm: slope, intercept_um: 0.5 * (above(slope) + below(slope)) })
     }
 
-    /// Line of this kind.
-    ///
     /// # Errors
-    /// Fewer than two different targets, or numbers that are not finite.
+    /// Fewer than two distinct targets, or numbers that are not finite.
     pub fn of(kind: ReferenceKind, points: &[(f64, f64)]) -> Result<Self, MetrologyError> {
         match kind {
             ReferenceKind::LeastSquares => Self::least_squares(points),
@@ -108,18 +107,18 @@ impl ReferenceLine {
         Self { slope_um_per_mm, intercept_um: value_um - slope_um_per_mm * target_mm }
     }
 
-    /// Slope as an angle, the unit of squareness: 1 µm/mm = 1000 µrad.
+    /// Slope as an angle, which is the unit of squareness: 1 µm/mm = 1000 µrad.
     pub fn slope(&self) -> Urad {
         const URAD_PER_UM_PER_MM: f64 = 1000.0;
         Urad(self.slope_um_per_mm * URAD_PER_UM_PER_MM)
     }
 
-    /// Value of the line at a coordinate in mm, µm.
+    /// Value of the line at a coordinate, µm.
     pub fn value_um(&self, target_mm: f64) -> f64 {
         self.intercept_um + self.slope_um_per_mm * target_mm
     }
 
-    /// Profile minus the line: (target in mm, deviation in µm).
+    /// Profile minus the line, as points (target in mm, deviation in µm).
     pub fn removed_from(&self, points: &[(f64, f64)]) -> Vec<(f64, f64)> {
         points.iter().map(|(q, x)| (*q, x - self.value_um(*q))).collect()
     }
@@ -136,7 +135,7 @@ pub(crate) fn half_hull(points: impl Iterator<Item = (f64, f64)>) -> Vec<(f64, f
             }
             hull.pop();
         }
-        // Of several values at the first target the lowest is already in the hull.
+        // If the first target has several values, the lowest is already in the hull.
         if hull.last().is_none_or(|last| last.0 < point.0 || last.1 > point.1) {
             hull.push(point);
         }
@@ -144,7 +143,7 @@ pub(crate) fn half_hull(points: impl Iterator<Item = (f64, f64)>) -> Vec<(f64, f
     hull
 }
 
-/// Checks that the numbers are finite and not all at one target.
+/// Checks that all numbers are finite, and that the points are at more than one target.
 pub(crate) fn check_points(name: &str, points: &[(f64, f64)]) -> Result<(), MetrologyError> {
     let refuse = |found: String, expected: &str| {
         Err(MetrologyError::readings(name, "points", found, expected))

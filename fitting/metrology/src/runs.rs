@@ -1,10 +1,9 @@
-//! Runs of a measurement: alignment where not all runs hold all targets, and their scatter.
+//! Runs of a measurement: their alignment if some runs lack targets, and their scatter.
 //!
-//! An instrument is zeroed before each run, so each run has a constant offset. A straightness
-//! reference is also realigned, so each run has a slope. The mean of complete runs contains the
-//! mean of these lines. If a run lacks a target, its line is missing from the mean there: the mean
-//! would step, although no run has a step. In that case the lines of the passes are fitted
-//! ([`Passes`]) and removed.
+//! An instrument is zeroed before each run, so each run has a constant offset. A straightness reference is also
+//! realigned, so each run has a slope too. The mean of complete runs contains the mean of these lines. If a run lacks a
+//! target, its line is missing in the mean there, and the mean would have a step although no run has one. In that case
+//! the lines of the passes are fitted (`Passes`) and removed.
 
 use std::borrow::Cow;
 
@@ -16,17 +15,16 @@ use crate::{
 /// Maximum number of runs that a message names individually.
 const MAX_NAMED: usize = 3;
 
-/// The passes of a measurement and their lines.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Alignment {
     pub(crate) passes: [Passes; 2],
-    /// Lines of the passes of each direction; `None` if the plain means are correct. If the means
-    /// of one direction are not, the lines of both are stored for the scatter of the runs.
+    /// Lines of the passes of each direction; `None` if the plain means are correct. If the plain means of one
+    /// direction are not correct, the lines of both directions are stored, for the scatter of the runs.
     pub(crate) lines: [Option<Vec<ReferenceLine>>; 2],
-    /// Weight of each run in the mean line that is left in the means. It is 0 for a run made in one
-    /// direction, if any run was made in both.
+    /// Weight of each run in the mean line that remains in the means. If any run was made in both directions, the
+    /// weight of a run made in one direction is 0.
     pub(crate) weights: [Vec<f64>; 2],
-    /// Alignment that was removed: offsets if the slopes cannot be determined.
+    /// Kind of alignment that was removed. It is the offset if the slopes cannot be determined.
     pub(crate) kind: RunAlignment,
 }
 
@@ -45,8 +43,7 @@ impl Alignment {
             RunAlignment::Offset => vec![1.0; of.runs.len()],
             RunAlignment::Line => of.spreads(),
         });
-        // A run has the same weight in both directions; otherwise its line would appear as a
-        // reversal.
+        // A run has the same weight in both directions. Otherwise its line would appear as a reversal.
         let weight = |run: &u32| {
             let places = passes.each_ref().map(|of| of.runs.binary_search(run).ok());
             let spreads = places.iter().zip(&spreads);
@@ -59,7 +56,7 @@ impl Alignment {
             let mut own: Vec<f64> = of.runs.iter().map(weight).collect();
             let counted: Vec<bool> = of.runs.iter().map(is_counted).collect();
             let weights_counted = own.iter().zip(&counted).filter(|(_, counted)| **counted);
-            // A single target has no spread.
+            // A single target has no spread, so all weights would be 0.
             if weights_counted.map(|(weight, _)| weight).sum::<f64>() <= 0.0 {
                 own.fill(1.0);
             }
@@ -95,7 +92,8 @@ impl Alignment {
     }
 }
 
-/// The alignment that the passes determine: offsets instead of lines if a pass has no line.
+/// The alignment that the passes determine: `kind`, or offsets if `kind` is lines and the line of a pass cannot be
+/// determined.
 fn determined(passes: &[Passes; 2], kind: RunAlignment) -> RunAlignment {
     let mut passes = passes.iter();
     if kind == RunAlignment::Line && passes.any(|of| !of.without_line().is_empty()) {
@@ -114,7 +112,7 @@ fn listed(runs: &[u32]) -> String {
 }
 
 impl Measurement {
-    /// Alignment of the runs: a line for straightness readings of lengths, otherwise an offset.
+    /// Alignment of the runs: a line for straightness in lengths, otherwise an offset.
     fn run_alignment(&self) -> RunAlignment {
         let is_straightness = self.quantity == Some(Quantity::Straightness);
         if is_straightness && self.unit != Some(DeviationUnit::Urad) {
@@ -128,9 +126,8 @@ impl Measurement {
         Alignment::of(&self.readings, self.run_alignment())
     }
 
-    /// Readings for a curve fit: unchanged if the plain means are valid; otherwise the fitted
-    /// offset (straightness: line) of each run is subtracted, relative to the weighted mean of the
-    /// runs.
+    /// Readings for a curve fit. If the plain means are valid, the readings are unchanged. Otherwise the fitted offset
+    /// (for straightness: line) of each run is subtracted, relative to the weighted mean of the runs.
     pub(crate) fn aligned_readings(&self) -> Cow<'_, [Reading]> {
         let alignment = self.alignment();
         if !alignment.moves() {
@@ -143,8 +140,8 @@ impl Measurement {
         aligned.collect()
     }
 
-    /// Checks that straightness runs with missing targets can be aligned by offset and slope.
-    /// Without the slopes the mean would have a step where a run ends.
+    /// Checks that straightness runs with missing targets can be aligned by offset and slope. Without the slopes, the
+    /// mean would have a step at the end of a run.
     ///
     /// # Errors
     ///
@@ -185,7 +182,6 @@ pub(crate) fn alignment_notes(readings: &[Reading]) -> Vec<String> {
     notes
 }
 
-/// Scatter of repeated readings of a target.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RunScatter {
     /// Standard deviation, µm or µrad.
@@ -194,8 +190,8 @@ pub struct RunScatter {
     pub freedom: f64,
 }
 
-/// Standard deviation of a reading, pooled over targets and directions after subtracting the lines
-/// of the passes; `None` without degrees of freedom.
+/// Standard deviation of a reading, pooled over targets and directions after the lines of the passes are subtracted;
+/// `None` without degrees of freedom.
 pub(crate) fn pooled_scatter(passes: &[Passes; 2], alignment: RunAlignment) -> Option<RunScatter> {
     let (mut squares, mut freedom) = (0.0, 0.0);
     for passes in passes {
@@ -207,17 +203,16 @@ pub(crate) fn pooled_scatter(passes: &[Passes; 2], alignment: RunAlignment) -> O
 }
 
 impl Measurement {
-    /// Standard deviation of the mean reading of a target in one direction, for the direction with
-    /// the fewest readings. It is pooled over targets and directions after removing the alignment
-    /// of each run, or only its offset if runs lack targets and their slopes cannot be determined.
-    /// `None` without repeated runs, or without scatter.
+    /// Standard deviation of the mean reading of a target in one direction, for the target with the fewest readings. It
+    /// is pooled over targets and directions after the alignment of each run is removed. If runs lack targets and their
+    /// slopes cannot be determined, only the offset is removed. `None` without repeated runs, or without scatter.
     pub fn scatter_of_mean(&self, alignment: RunAlignment) -> Option<RunScatter> {
         let passes = Direction::BOTH.map(|direction| Passes::of(&self.readings, direction));
         let scatter = pooled_scatter(&passes, determined(&passes, alignment))?;
         let targets = passes.iter().flat_map(|of| &of.targets);
         let fewest = targets.map(|(_, cells)| cells.len()).min().unwrap_or(0);
         let deviation = scatter.deviation / (fewest as f64).sqrt();
-        // Least squares of exactly straight lines leaves rounding errors.
+        // For exactly straight lines, least squares leaves rounding errors.
         let largest = self.readings.iter().map(|r| r.deviation.abs());
         let rounding = 1e-12 * largest.fold(0.0, f64::max);
         (deviation > rounding && deviation.is_finite())
@@ -229,16 +224,15 @@ impl Measurement {
 mod tests {
     use super::*;
 
-    /// Three runs with different offsets and slopes, each with a pattern of ±1 about its line:
-    /// after subtracting the lines s² = 8 / (12 − 4), and for the mean of three runs a third of
-    /// that.
+    /// Three runs with different offsets and slopes, each with a pattern of ±1 about its line. After the lines are
+    /// subtracted, s² = 8 / (12 − 4), and the variance of the mean of three runs is a third of s².
     #[test]
     fn offsets_and_slopes_of_runs_are_not_scatter() {
         let reading = |run: u32, place: u32| {
             let pattern = [1.0, -1.0, -1.0, 1.0, 0.0, 0.0][place as usize];
             let times = [1.0, -1.0, 0.0][run as usize];
             let (zero, slope) = ([5.0, -3.0, 40.0][run as usize], [0.1, -0.2, 0.3][run as usize]);
-            // The pattern has no mean and no slope over these targets.
+            // Over these targets the pattern has no mean and no slope.
             let target = [0.0, 10.0, 20.0, 30.0, 40.0, -10.0][place as usize];
             Reading {
                 target,

@@ -1,4 +1,5 @@
-//! Measurement uncertainty of the slope of a straight line (type A, JCGM 100): from the slopes of its runs, or from the readings of a single run.
+//! Measurement uncertainty of the slope of a straight line (type A, JCGM 100), from the slopes of its runs, or from the
+//! readings of a single run.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -6,25 +7,24 @@ use crate::{Direction, Measurement, ReferenceLine};
 
 const URAD_PER_UM_PER_MM: f64 = 1e3;
 
-/// Standard uncertainty of a slope with its degrees of freedom.
+/// Standard uncertainty of a slope, with its degrees of freedom.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct SlopeUncertainty {
-    /// Standard uncertainty, µrad.
     pub standard_urad: f64,
-    /// Degrees of freedom.
     pub degrees: f64,
 }
 
 impl SlopeUncertainty {
-    /// Uncertainty of the mean slope of several runs, from the scatter of their slopes: s/√n. It
-    /// includes realignment and drift of the reference between runs, which the residuals from the
-    /// mean line do not show. `None` for one run in each direction.
+    /// Uncertainty of the mean slope of several runs, s/√n from the scatter of their slopes. It includes realignment
+    /// and drift of the reference between runs, which the residuals from the mean line do not show. `None` for one run
+    /// in each direction.
     ///
-    /// The slopes are those about the mean profile, so that they contain neither the profile nor the reversal; those of runs that lack targets
-    /// are the slopes of their alignment. Runs with separate numbers in the two directions have one mean in each, and one degree of freedom less.
+    /// Slopes are about the mean profile, so that they contain neither the profile nor the reversal. The slopes of runs
+    /// that lack targets are those of their alignment. If runs have separate numbers in the two directions, each
+    /// direction has its own mean, and there is one degree of freedom less.
     pub fn of_runs(measurement: &Measurement) -> Option<Self> {
-        // −0.0 and 0.0 are the same target.
+        // Adding 0 turns −0 into 0, which is the same target.
         let key = |target: f64, direction| (direction, (target + 0.0).to_bits());
         if let Some(incomplete) = measurement.incomplete_runs() {
             return incomplete.slope_uncertainty();
@@ -46,7 +46,7 @@ impl SlopeUncertainty {
         }
         let [forward, backward] = runs_in.each_ref().map(|runs| runs.len() as f64);
         let (n, means) = if runs_in[0].is_disjoint(&runs_in[1]) && forward * backward > 0.0 {
-            // The slope is the mean of both directions.
+            // The slope is the mean of the slopes of both directions.
             (4.0 / (1.0 / forward + 1.0 / backward), 2.0)
         } else {
             (runs.len() as f64, 1.0)
@@ -60,10 +60,9 @@ impl SlopeUncertainty {
         (degrees > 0.0).then(|| Self { standard_urad: (squares / degrees / n).sqrt(), degrees })
     }
 
-    /// Uncertainty of the least-squares line through a profile of (target in mm, deviation in µm),
-    /// from its residuals: s/√Σ(q − q̄)², where s² is the sum of their squares over n − 2. The
-    /// straightness error counts as noise, and a tilt of the reference is not included. `None` for
-    /// fewer than three targets.
+    /// Uncertainty of the least-squares line through a profile of points (target in mm, deviation in µm), from its
+    /// residuals: s/√Σ(q − q̄)², where s² is the sum of the squared residuals divided by n − 2. The straightness error
+    /// counts as noise. A tilt of the reference is not included. `None` for fewer than three targets.
     pub fn of_line(profile: &[(f64, f64)]) -> Option<Self> {
         let line = ReferenceLine::least_squares(profile).ok()?;
         let targets: Vec<f64> = profile.iter().map(|(target, _)| *target).collect();
@@ -75,11 +74,10 @@ impl SlopeUncertainty {
         })
     }
 
-    /// Uncertainty of the least-squares line through a profile summed from bridge tilts, µrad, from
-    /// the scatter of the tilts about their mean. The errors of the tilts accumulate in the
-    /// profile, so its residuals would be too small. `readings` are (target in mm, tilt); the tilt
-    /// at the first target is not used, as in [`angular_method_um`](crate::angular_method_um).
-    /// `None` for fewer than two tilts.
+    /// Uncertainty of the least-squares line through a profile that is summed from bridge tilts (µrad), from the
+    /// scatter of the tilts about their mean. The residuals of the profile would give too small a value, because the
+    /// errors of the tilts accumulate in the profile. `readings` are points (target in mm, tilt). The tilt at the first
+    /// target is not used, as in [`angular_method_um`](crate::angular_method_um). `None` for fewer than two tilts.
     pub fn of_tilts(readings: &[(f64, f64)]) -> Option<Self> {
         let tilts = || readings.iter().skip(1).map(|(_, tilt)| tilt);
         let n = tilts().count() as f64;
@@ -91,7 +89,7 @@ impl SlopeUncertainty {
         })
     }
 
-    /// Uncertainty of the sum or difference of independent slopes; degrees of freedom by Welch and
+    /// Uncertainty of the sum or difference of independent slopes. The degrees of freedom are by Welch and
     /// Satterthwaite (JCGM 100, G.4).
     pub fn of_sum(parts: impl IntoIterator<Item = Self>) -> Self {
         let (mut variance, mut over_degrees) = (0.0, 0.0);
@@ -110,36 +108,36 @@ impl SlopeUncertainty {
         }
     }
 
-    /// The uncertainty of this slope divided by a number.
+    /// Uncertainty of this slope divided by a number.
     #[must_use]
     pub fn divided_by(self, number: f64) -> Self {
         Self { standard_urad: self.standard_urad / number, ..self }
     }
 
-    /// Expanded uncertainty for 95.45 %, the probability of k = 2, by Student's t, µrad.
+    /// Expanded uncertainty for 95.45 % (the probability of k = 2) by Student's t, µrad.
     pub fn expanded_urad(&self) -> f64 {
         coverage_factor(self.degrees) * self.standard_urad
     }
 }
 
-/// Change of the least-squares slope per independent deviation of every target, µrad/µm: 1/√Σ(q −
-/// q̄)².
+/// Standard uncertainty of the least-squares slope per standard uncertainty of independent deviations, µrad/µm: 1/√Σ(q
+/// − q̄)².
 pub fn slope_gain(targets_mm: &[f64]) -> f64 {
     let mean = targets_mm.iter().sum::<f64>() / targets_mm.len() as f64;
     let spread: f64 = targets_mm.iter().map(|q| (q - mean).powi(2)).sum();
     URAD_PER_UM_PER_MM / spread.sqrt()
 }
 
-/// Change of the least-squares slope through summed tilts per independent deviation of every tilt.
-/// With M = n + 1 equidistant points the slope is the mean of the n tilts weighted by 6 k (M −
-/// k)/(M (M² − 1)); the result is the root of the sum of the squared weights.
+/// Standard uncertainty of the least-squares slope through summed tilts, per standard uncertainty of independent tilts.
+/// With M = n + 1 equidistant points the slope is the mean of the n tilts, weighted by 6 k (M − k)/(M (M² − 1)). The
+/// result is the root of the sum of the squared weights.
 pub fn slope_gain_of_tilts(tilts: usize) -> f64 {
     let points = tilts as f64 + 1.0;
     let square = points * points;
     (6.0 * (square + 1.0) / (5.0 * points * (square - 1.0))).sqrt()
 }
 
-/// t for 95.45 % (two sides) by degrees of freedom (JCGM 100, table G.2), with more digits.
+/// Degrees of freedom and t for 95.45 % (two sides) (JCGM 100, table G.2, with more digits).
 const TABLE: [(f64, f64); 22] = [
     (1.0, 13.967_73),
     (1.12, 10.776_644),
@@ -165,8 +163,8 @@ const TABLE: [(f64, f64); 22] = [
     (f64::INFINITY, 2.0),
 ];
 
-/// Coverage factor for 95.45 %, interpolated logarithmically in the table over 1/ν; below one
-/// degree of freedom, the value for one.
+/// Coverage factor for 95.45 %. Its logarithm is interpolated over 1/ν in the table. Below one degree of freedom the
+/// value for one is returned.
 fn coverage_factor(degrees: f64) -> f64 {
     let at = 1.0 / degrees.max(1.0);
     let above = TABLE.partition_point(|(degrees, _)| 1.0 / degrees > at);
@@ -181,8 +179,7 @@ fn coverage_factor(degrees: f64) -> f64 {
 mod tests {
     use super::*;
 
-    /// Values of table G.2 of JCGM 100 for 95.45 %. Only the first two and the last are nodes of
-    /// the table in this file.
+    /// Values of table G.2 of JCGM 100 for 95.45 %. Only the first two and the last are also nodes of `TABLE`.
     #[test]
     fn factors_are_those_of_the_guide() {
         for (degrees, t) in [
@@ -206,8 +203,7 @@ mod tests {
         assert!(all.windows(2).all(|pair| pair[1] < pair[0]));
     }
 
-    /// Compares the gains with the slope of a line through a unit deviation of each single target
-    /// or tilt.
+    /// Compares the gains with the slopes of lines through a unit deviation of each single target or tilt.
     #[test]
     fn gains_are_those_of_the_least_squares_line() {
         let slope = |profile: &[(f64, f64)]| {
@@ -222,7 +218,7 @@ mod tests {
         let expected = (0..4).map(single).sum::<f64>().sqrt();
         assert!((slope_gain(&targets) - expected).abs() < 1e-9);
         for tilts in [1_usize, 2, 3, 10] {
-            // 1 µrad on a foot spacing of 1000 mm raises all following points by 1 µm.
+            // A tilt of 1 µrad on a foot spacing of 1000 mm raises all following points by 1 µm.
             let single = |own: usize| {
                 let at = |place: usize| (1e3 * place as f64, f64::from(u8::from(place >= own)));
                 slope(&(0..=tilts).map(at).collect::<Vec<_>>()).powi(2)

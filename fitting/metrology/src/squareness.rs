@@ -6,24 +6,26 @@ use crate::{MetrologyError, SlopeUncertainty};
 
 const KNOWN: &str = "EC0Y, EA0Z or EB0Z";
 
-/// Effect of a tilt of a linear axis on the angle between its + direction and that of the axis perpendicular to both it and the axis of rotation:
-/// 1 if a positive value (right-hand rule) opens the angle, −1 if it closes it. `None` for errors that are no tilt of X, Y or Z, and for the roll of
-/// an axis about itself, which changes no such angle.
+/// Effect of a tilt of a linear axis on an angle between two axes. The angle is between the + direction of the tilted
+/// axis and the + direction of the axis that is perpendicular to it and to the axis of rotation. Returns 1 if a
+/// positive tilt (right-hand rule) opens the angle, −1 if it closes the angle. `None` for errors that are not a tilt of
+/// X, Y or Z, and for the roll of an axis about itself, which changes no such angle.
 pub fn opening(error: ErrorName) -> Option<f64> {
     let linear = matches!(error.axis, AxisName::X | AxisName::Y | AxisName::Z);
     let (own, about) = (error.axis.mcs_index(), error.component.mcs_index());
     if !(error.location && linear && error.component.is_angular()) || own == about {
         return None;
     }
-    // A positive tilt turns from the axis after `about` to the one before it: X to Y about Z, Y to Z about X, Z to X about Y.
+    // A positive rotation turns X to Y about Z, Y to Z about X, and Z to X about Y. So it opens the angle if the tilted
+    // axis is the second of these pairs.
     let turns_away = (about + 2) % 3 == own;
     Some(if turns_away { 1.0 } else { -1.0 })
 }
 
-/// The two straightness errors whose slopes define a squareness error: EXY and EYX for EC0Y.
+/// The two straightness errors whose slopes define a squareness error, such as EXY and EYX for EC0Y.
 ///
 /// # Errors
-/// `error` is not one of EC0Y, EA0Z, EB0Z.
+/// `error` is not EC0Y, EA0Z or EB0Z.
 pub fn squareness_parts(error: ErrorName) -> Result<[ErrorName; 2], MetrologyError> {
     use {AxisName as Axis, Component as C};
     if !error.location {
@@ -38,16 +40,16 @@ pub fn squareness_parts(error: ErrorName) -> Result<[ErrorName; 2], MetrologyErr
     .map(|parts| parts.map(|(component, axis)| ErrorName::motion(component, axis)))
 }
 
-/// Squareness of two linear axes, positive by the right-hand rule (a positive EC0Y opens the angle from X to Y).
+/// Squareness of two linear axes, positive by the right-hand rule. A positive EC0Y opens the angle from X to Y.
 ///
 /// EC0Y = (φ − π/2) − slope(EXY) − slope(EYX), EA0Z = (φ − π/2) − slope(EYZ) − slope(EZY), EB0Z = slope(EXZ) + slope(EZX) − (φ − π/2).
 ///
-/// `reference_angle` is φ − π/2, where φ is the angle between the + directions of the two reference beams (0 with a perfect optical square). `slopes`
-/// are the two straightness errors by name, in either order, with the slopes of their least-squares lines
-/// ([`ReferenceLine::slope`](crate::ReferenceLine::slope)).
+/// `reference_angle` is φ − π/2, where φ is the angle between the + directions of the two reference beams (0 with a
+/// perfect optical square). `slopes` are the two straightness errors by name, in either order, with the slopes of their
+/// least-squares lines ([`ReferenceLine::slope`](crate::ReferenceLine::slope)).
 ///
 /// # Errors
-/// `error` is no squareness error, or the slopes are not those of [`squareness_parts`].
+/// `error` is not a squareness error, or the slopes are not those of [`squareness_parts`].
 pub fn squareness(
     error: ErrorName,
     reference_angle: Urad,
@@ -66,13 +68,15 @@ pub fn squareness(
     opening(error).map(|sign| Urad(sign * opens.0)).ok_or_else(|| unknown(error))
 }
 
-/// Squareness from a printed or cut parallelogram ABCD, positive by the right-hand rule like [`squareness`]. `lengths_mm` are the diagonals AC and
-/// BD and the side AD. Corner A is at the low ends of both axes, C is opposite; it does not matter along which axis AD lies.
+/// Squareness from a printed or cut parallelogram ABCD, positive by the right-hand rule like [`squareness`].
+/// `lengths_mm` are the diagonal AC, the diagonal BD and the side AD. Corner A is at the low ends of both axes, and C
+/// is opposite to A. AD may be along either axis.
 ///
-/// With the angle α at A: AC² + BD² = 2 (AB² + AD²) and AC² − BD² = 4 AB AD cos α. The angle opens by α − π/2.
+/// With the angle α at A, AC² + BD² = 2 (AB² + AD²) and AC² − BD² = 4 AB AD cos α. The angle opens by α − π/2.
 ///
 /// # Errors
-/// `error` is no squareness error, or no parallelogram has these lengths and sides of which none is more than twice the other.
+/// `error` is not a squareness error, or no parallelogram with these lengths has a longer side of at most twice its
+/// shorter side.
 pub fn squareness_of_lengths(
     error: ErrorName,
     lengths_mm: [f64; 3],
@@ -101,16 +105,17 @@ fn unknown(error: ErrorName) -> MetrologyError {
     }
 }
 
-/// Conditions of the measurement of two straightness lines. Unknown conditions contribute nothing and are listed in
-/// [`SquarenessUncertainty::left_out`].
+/// Conditions of the measurement of two straightness lines. Unknown conditions (`None`) contribute nothing, and are
+/// listed in [`SquarenessUncertainty::left_out`].
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct SquarenessInputs {
     /// Expanded uncertainty (k = 2) of the angle between the references, from the calibration of the square, µrad.
     pub square_urad: Option<f64>,
-    /// Expanded uncertainty (k = 2) of the straight edge or straightness optics at any place, from its calibration, µm.
+    /// Expanded uncertainty (k = 2) of the straight edge or straightness optics at any position, from its calibration,
+    /// µm.
     pub straight_edge_um: Option<f64>,
-    /// Range of the angle between the axes due to temperature changes over the duration of the test, µrad.
+    /// Range of the angle between the axes due to temperature changes during the test, µrad.
     pub temperature_urad: Option<f64>,
 }
 
@@ -135,19 +140,18 @@ pub struct SquarenessUncertainty {
     pub left_out: Vec<String>,
 }
 
-/// Evaluates the uncertainty of a squareness from the uncertainties of its two slopes; `lengths_mm`
-/// are the lengths of the two lines.
+/// Evaluates the uncertainty of a squareness from the uncertainties of its two slopes. `lengths_mm` are the lengths of
+/// the two lines.
 ///
-/// The expanded uncertainties are added in quadrature, that of both slopes with Student's t.
-/// Effective degrees of freedom by Welch and Satterthwaite over all contributions would give too
-/// small a result, because the scatter of few runs may be small by chance. The square is treated as
-/// calibrated. Independent errors U of a straight edge at both ends of a line of length L turn the
-/// line by √2 U/L. A range R of the angle due to temperature is that of a uniform distribution,
-/// R/√3.
+/// The expanded uncertainties are added in quadrature, that of both slopes with Student's t. Effective degrees of
+/// freedom by Welch and Satterthwaite over all contributions would give too small a result, because the scatter of few
+/// runs may be small by chance. The square counts as calibrated. Independent errors U of a straight edge at both ends
+/// of a line of length L turn the line by √2 U/L. A range R of the angle due to temperature counts as the range of a
+/// uniform distribution, with the expanded uncertainty R/√3.
 ///
 /// # Errors
 ///
-/// A length that is not above zero, a number that is negative or not finite.
+/// A length that is not above zero, or a number that is negative or not finite.
 pub fn squareness_uncertainty(
     inputs: &SquarenessInputs,
     slopes: [SlopeUncertainty; 2],

@@ -110,26 +110,29 @@ impl CoordinatePlane {
 pub struct Form {
     pub feature: FeatureKind,
     pub points: usize,
-    /// Centre of the circle, apex of the cone, mean of the points of a plane; for a line or cylinder the middle of its axis over the extent of the
-    /// points. mm.
+    /// Position of the feature, mm: the centre of a circle, the apex of a cone, the mean of the points of a plane, or
+    /// the middle of the axis of a line or cylinder over the extent of the points.
     pub position_mm: [f64; 3],
-    /// Unit vector: along the line or the axis, normal to the plane or the plane of the circle. For a cone it points from the apex into the cone;
-    /// otherwise its largest component is positive.
+    /// Unit vector along the line or axis, or normal to the plane or to the plane of the circle. For a cone it points
+    /// from the apex into the cone. For other features its largest component is positive.
     pub direction: [f64; 3],
-    /// Radius of the circle or cylinder, mm.
+    /// Radius of a circle or cylinder, mm.
     pub radius_mm: Option<f64>,
+    /// Half angle at the apex of the cone, rad.
     pub half_angle_rad: Option<f64>,
-    /// Axis over the extent of the points: the centre of a circle, the line itself; `None` for a plane.
+    /// Axis of the feature over the extent of the points: the centre of a circle, or the line itself; `None` for a
+    /// plane.
     pub axis: Option<Axis>,
-    /// Form deviation about the least-squares feature, mm: the range of the distances from it. For a line in space the diameter of the cylinder about
-    /// it that encloses all points.
+    /// Form deviation, mm: the range of the distances from the least-squares feature. For a line in space it is the
+    /// diameter of the cylinder about the least-squares line that encloses all points.
     pub deviation_mm: f64,
     /// Root mean square of the distances from the least-squares feature, mm.
     pub rms_mm: f64,
-    /// For a circle, or a line in a plane: range of the points perpendicular to that plane, mm. It is not part of the form deviation.
+    /// For a circle, or a line in a plane: range of the points perpendicular to that plane, mm. It is not part of the
+    /// form deviation.
     pub out_of_plane_mm: Option<f64>,
-    /// Minimum zone of a circle, a plane or a line in a plane. `None` for other features, and for a circle whose narrowest ring becomes a straight
-    /// strip, as it does for short arcs.
+    /// Minimum zone of a circle, a plane or a line in a plane. `None` for other features, and for a circle whose
+    /// narrowest ring becomes a straight strip, which happens for short arcs.
     pub minimum_zone: Option<MinimumZone>,
 }
 
@@ -153,7 +156,7 @@ pub struct MinimumZone {
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Axis {
-    /// Both ends, mm; the same point twice for the centre of a circle.
+    /// The two ends, mm. For a circle both are the centre.
     pub ends_mm: [[f64; 3]; 2],
 }
 

@@ -1,4 +1,4 @@
-//! Dynamic captures `.rtx`: a header in ASCII, then samples as little-endian f64.
+//! Dynamic captures `.rtx`: an ASCII header, followed by the samples as little-endian f64.
 
 use volcomp_document::quoted;
 
@@ -14,13 +14,12 @@ const END: &[u8] = b"EOF::";
 #[derive(Debug, Clone, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Capture {
-    /// Source file, for messages.
+    /// Name of the source file, for messages.
     pub name: String,
-    /// Header texts about the file and the machine.
     pub metadata: Metadata,
-    /// Sample rate in the header, Hz; the actual rate if it gives both.
+    /// Sample rate from the header, Hz. If the header has a nominal and an actual rate, the actual rate.
     pub sample_rate_hz: Option<f64>,
-    /// Samples in their order, in the unit of the program that captured them.
+    /// Samples in the order of time, in the unit of the program that captured them.
     pub samples: Vec<f64>,
     /// Notes for the user on how the file was read.
     pub notes: Vec<String>,
@@ -37,8 +36,8 @@ impl Capture {
 /// Reads a Renishaw dynamic capture (`.rtx`).
 ///
 /// # Errors
-/// No `Data:` line, no `EOF::` after the samples, another number of samples than `Sample no` states, bytes that are not a whole number of samples, a
-/// sample that is not finite.
+/// No `Data:` line, no `EOF::` after the samples, another number of samples than `Sample no` states, bytes that are not
+/// a whole number of samples, or a sample that is not finite.
 pub fn parse_rtx(bytes: &[u8], name: &str) -> Result<Capture, MetrologyError> {
     let Some((head, data, data_line)) = split(bytes) else {
         let end = bytes.len().min(400);
@@ -81,7 +80,7 @@ pub fn parse_rtx(bytes: &[u8], name: &str) -> Result<Capture, MetrologyError> {
     })
 }
 
-/// Header, the bytes after the line `Data:`, and the number of that line.
+/// Splits a file into the header, the bytes after the line `Data:`, and the number of that line.
 fn split(bytes: &[u8]) -> Option<(&[u8], &[u8], usize)> {
     let mut start = 0;
     let mut number = 0;
@@ -97,8 +96,8 @@ fn split(bytes: &[u8]) -> Option<(&[u8], &[u8], usize)> {
     None
 }
 
-/// Samples without the end mark, which is at the position given by the stated count, else at the
-/// last mark in the file.
+/// Samples without the end mark. The mark is at the position that follows from the stated number of samples. Without
+/// this number it is the last mark in the file.
 fn without_end(data: &[u8], count: Option<usize>) -> Option<&[u8]> {
     let is_end = |rest: &[u8]| rest.trim_ascii() == END;
     if let Some(count) = count {
@@ -106,7 +105,7 @@ fn without_end(data: &[u8], count: Option<usize>) -> Option<&[u8]> {
         let rest = data.get(length..)?;
         return is_end(rest).then(|| &data[..length]);
     }
-    // Samples may contain any bytes, including blanks: the mark must follow a whole number of samples.
+    // Samples may contain any bytes, including blanks. So the mark must follow a whole number of samples.
     let mark = data.windows(END.len()).rposition(|window| window == END)?;
     let is_blank = |end: &usize| data[*end..mark].iter().all(u8::is_ascii_whitespace);
     let end = (mark.saturating_sub(2)..=mark).rev().find(|end| end % 8 == 0 && is_blank(end))?;
@@ -160,7 +159,7 @@ impl Header {
     }
 }
 
-/// Parses a rate with or without a unit after it.
+/// Parses a rate, Hz. A unit may follow the number.
 fn rate(place: Place<'_>, value: &str) -> Result<f64, MetrologyError> {
     let number = value.split_ascii_whitespace().next().unwrap_or_default();
     let rate = place.number("Sample rate", number)?;

@@ -1,4 +1,4 @@
-//! Directions of the passes, and detection of passes that contain no measurement.
+//! Directions of the passes, and detection of passes without measurement.
 
 use std::collections::BTreeMap;
 
@@ -9,9 +9,11 @@ use crate::{Direction, MetrologyError, Reading};
 
 /// Assigns directions and run numbers to the readings, with notes for the user.
 ///
-/// The order of the targets in a pass determines its direction: ascending is forward. It is compared with the second flag of the file. A file that
-/// states "bidirectional" but holds only passes of one order is rejected, since its reverse passes may have been sorted. Any other difference is
-/// noted, and the order has priority. Reverse (even) passes that contain only zeros, next to forward passes with values, are omitted, with a note.
+/// The order of the targets in a pass determines its direction: ascending is forward. The direction is compared with
+/// the second flag of the file. A file that states "bidirectional" but has passes of only one order is rejected,
+/// because its reverse passes may have been sorted. For any other difference there is a note, and the order of the
+/// targets is used. Reverse (even) passes that contain only zeros, beside forward passes with values, are omitted, with
+/// a note.
 pub(super) fn readings(
     file: &str,
     rows: Vec<Row>,
@@ -110,7 +112,7 @@ fn compare_with_flags(
     }
 }
 
-/// Readings with run numbers, which count the passes of each direction.
+/// Readings with their run numbers. The number of a run counts the passes of its direction.
 fn numbered(passes: &BTreeMap<u32, Vec<Row>>, directions: &[(u32, Direction)]) -> Vec<Reading> {
     let mut readings = Vec::new();
     let mut runs: BTreeMap<Direction, u32> = BTreeMap::new();

@@ -1,4 +1,4 @@
-//! Structure of a file: `NAME::` sections up to `EOF::`, with line numbers.
+//! Structure of a file: sections `NAME::` up to `EOF::`, with line numbers.
 
 use volcomp_document::quoted;
 
@@ -81,15 +81,15 @@ impl<'t> Document<'t> {
     }
 }
 
-/// Section name: `NAME::` in capitals, alone on its line. A name must not contain a colon, because
-/// free text may.
+/// Name of a section, if the line is `NAME::`. The name must not contain a colon, because free text may contain one.
 pub(super) fn section_name(line: &str) -> Option<String> {
     let name = line.strip_suffix("::")?.trim_ascii_end();
     let plain = |c: char| c.is_ascii_alphanumeric() || matches!(c, ' ' | '-' | '_');
     (!name.is_empty() && name.chars().all(plain)).then(|| name.to_ascii_uppercase())
 }
 
-/// Splits a `key : value` line; keys compare without case, blanks and hyphens (`Target-count`, `Air Press`, `Targets `).
+/// Splits a line `key : value`. Upper case, blanks, tabs and hyphens are removed from the key, so that `Target-count`
+/// and `Target count` are equal.
 pub(super) fn key_value(line: &str) -> Option<(String, &str)> {
     let (key, value) = line.split_once(':')?;
     let key = key
@@ -101,7 +101,7 @@ pub(super) fn key_value(line: &str) -> Option<(String, &str)> {
 }
 
 impl<'t> Section<'t> {
-    /// Number and value of the only line with this key.
+    /// Number of the only line with this key, and its value; `None` if there is no such line.
     pub(super) fn value(
         &self,
         file: &str,

@@ -4,7 +4,7 @@ use super::document::{Section, key_value};
 use crate::number::Place;
 use crate::{Environment, MetrologyError, StartEnd};
 
-/// Reading of a disconnected material sensor, °C.
+/// Reading that the file contains for a disconnected material sensor, °C.
 pub(super) const NO_SENSOR_DEGC: f64 = -10.0;
 
 pub(super) fn environment(

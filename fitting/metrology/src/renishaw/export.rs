@@ -12,15 +12,15 @@ use crate::{Direction, FileFormat, Measurement, MetrologyError, Reading};
 const EXPECTED: &str =
     "`Compensation start`, `end` and `spacing`, then rows of number, axis position and value";
 
-/// Reads an export of compensation values (`.REN`): lines `Compensation start | end | spacing <number>`, and rows of number, axis position and
-/// combined value below the head `No.  Axis position  Combined`.
+/// Reads an export of compensation values (`.REN`). The file has the lines `Compensation start | end | spacing
+/// <number>` and, below the head `No.  Axis position  Combined`, rows of number, axis position and combined value.
 ///
-/// The values are meant for a control. The file states neither their sign (deviations or corrections) nor their unit: [`Measurement::unit`] is
-/// `None`, with a note.
+/// The values are for a control. The file states neither their sign (deviations or corrections) nor their unit. So
+/// [`Measurement::unit`] is `None`, with a note.
 ///
 /// # Errors
-/// No head, no rows, rows that are not numbers or not numbered from 1 (or 0) on, positions that are not `spacing` apart or do not end where the head
-/// states.
+/// No head, no rows, rows that are not numbers or not numbered from 1 (or 0) on, positions that are not `spacing`
+/// apart, or positions that do not end at the stated end.
 pub fn parse_ren(bytes: &[u8], name: &str) -> Result<Measurement, MetrologyError> {
     let (text, encoding_note) = decode(bytes, name)?;
     refuse_empty(&text, name, EXPECTED)?;
@@ -52,7 +52,7 @@ pub fn parse_ren(bytes: &[u8], name: &str) -> Result<Measurement, MetrologyError
         let cells: Vec<&str> = row.split_ascii_whitespace().collect();
         let starts_with_number = cells.first().is_some_and(|cell| cell.parse::<u32>().is_ok());
         if !starts_with_number {
-            // Rows end at the first line that does not begin with a number.
+            // The table ends at the first line that does not begin with a number.
             if cells.is_empty() && readings.is_empty() {
                 continue;
             }
@@ -106,7 +106,7 @@ fn is_head(line: &str) -> bool {
     line.starts_with("no.") && line.contains("axis position")
 }
 
-/// Ends and spacing of the positions, from the lines above the table.
+/// Start, end and spacing of the positions, from the lines above the table, mm.
 #[derive(Default)]
 struct Grid {
     start: Option<f64>,
@@ -114,7 +114,7 @@ struct Grid {
     spacing: Option<f64>,
 }
 
-/// Rounding of positions, which are written with few decimals, mm.
+/// Rounding error of positions, mm. Positions are written with few decimals.
 const ROUNDING: f64 = 1e-3;
 
 impl Grid {
@@ -157,7 +157,7 @@ impl Grid {
         let sorted = |a: f64, b: f64| [a.min(b), a.max(b)];
         let [low, high] = sorted(start, end);
         let [found_low, found_high] = sorted(first.target, last.target);
-        // The end need not be a whole number of spacings from the start.
+        // The distance from start to end need not be a whole number of spacings.
         let slack = self.spacing.map_or(ROUNDING, |s| s.abs() + ROUNDING);
         if (found_low - low).abs() <= slack && (found_high - high).abs() <= slack {
             return Ok(());

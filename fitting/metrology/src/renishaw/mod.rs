@@ -1,5 +1,5 @@
-//! Renishaw laser files: `.rtl` (linear, µm), `.rta` (angular, milliradian) and `.rts` (straightness, taken as µm), the dynamic captures `.rtx` and
-//! the compensation exports `.REN`.
+//! Renishaw laser files: `.rtl` (linear, µm), `.rta` (angular, milliradian) and `.rts` (straightness, taken as µm);
+//! also the dynamic captures `.rtx` and the compensation exports `.REN`.
 
 mod capture;
 mod directions;
@@ -21,11 +21,12 @@ use crate::{DeviationUnit, FileFormat, Quantity};
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum RenishawKind {
-    /// `.rtl`: linear, deviations in µm.
+    /// `.rtl`: linear optics, deviations in µm.
     Linear,
-    /// `.rta`: angular, deviations in milliradian in the file, in µrad in memory.
+    /// `.rta`: angular optics. Deviations are in milliradian in the file and in µrad in memory.
     Angular,
-    /// `.rts`: straightness, deviations perpendicular to the axis, taken as µm: the unit is not verified with a real file.
+    /// `.rts`: straightness optics. Deviations perpendicular to the axis are taken as µm; this unit is not verified
+    /// with a real file.
     Straightness,
 }
 
@@ -45,7 +46,7 @@ impl RenishawKind {
         }
     }
 
-    /// µm or µrad per unit of the file.
+    /// Factor from the unit of the file to µm or µrad.
     fn scale(self) -> f64 {
         match self {
             Self::Linear | Self::Straightness => 1.0,

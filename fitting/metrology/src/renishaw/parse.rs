@@ -13,21 +13,24 @@ const STRAIGHTNESS_NOT_PROVEN: &str = "deviations of .rts files are taken as µm
 
 /// Reads a Renishaw laser file.
 ///
-/// Sections, keys (case, blanks and hyphens ignored) and numbers follow the grammar on which independent readers and writers of the format agree;
-/// unknown sections and keys are skipped. Targets are mm or deg. Deviations are measured − target: µm in `.rtl`; milliradian in `.rta`, converted
-/// to µrad; in `.rts` taken as µm perpendicular to the axis, with a note.
+/// Sections, keys (case, blanks and hyphens ignored) and numbers follow the grammar on which independent readers and
+/// writers of the format agree. Unknown sections and keys are skipped. Targets are in mm or deg. Deviations are
+/// measured value minus target: µm in `.rtl`; milliradian in `.rta`, converted to µrad; in `.rts` taken as µm
+/// perpendicular to the axis, with a note.
 ///
-/// - The middle column of DEVIATIONS is the number of the target in the list, from 1. If some row cannot be such a number (not whole, out of range)
-///   and every row equals a target, the column holds the targets themselves. Row order never assigns a deviation to a target.
-/// - The direction of a run is the order of its targets (ascending = forward), and the run number counts the passes of its direction. The second flag
-///   is compared: "bidirectional" with all runs in one direction is an error (the reverse runs may have been sorted), "unidirectional" with both is a
-///   note.
-/// - Reverse (even) runs of nothing but zeros next to real forward runs are omitted, with a note.
-/// - Text that is not UTF-8 is read as GBK or Latin-1, with a note; numbers are always ASCII.
+/// - The middle column of DEVIATIONS is the number of the target in the list, from 1. If a cell cannot be such a number
+///   (not whole, out of range) and every cell equals a target, the column contains the targets themselves. The order of
+///   the rows never assigns a deviation to a target.
+/// - The order of the targets of a run is its direction (ascending is forward), and the run number counts the passes of
+///   its direction. The second flag is compared with the directions: "bidirectional" with all runs in one direction is
+///   an error, because the reverse runs may have been sorted; "unidirectional" with runs in both directions is a note.
+/// - Reverse (even) runs that contain only zeros, beside real forward runs, are omitted, with a note.
+/// - Text that is not UTF-8 is read as GBK or Latin-1, with a note. Numbers are always ASCII.
 ///
 /// # Errors
-/// Anything but a complete file: `EOF::` missing, counts that differ from the rows, repeated readings, targets or sections, numbers that are not
-/// finite decimals, a header that names another file type. Each names file, line, what was found and what was expected.
+/// Any incomplete or inconsistent file: `EOF::` is missing, counts differ from the rows, readings, targets or sections
+/// are repeated, numbers are not finite decimals, or the header names another file type. Each error names the file, the
+/// line, what was found and what was expected.
 pub fn parse_renishaw(
     bytes: &[u8],
     name: &str,
@@ -70,10 +73,11 @@ pub fn parse_renishaw(
     })
 }
 
-/// Byte at which the numbers of a line begin, after the key, if any; `None` outside the sections that hold numbers.
+/// Byte at which the numbers of a line begin, which is after the key if there is one; `None` outside the sections with
+/// numbers.
 fn numbers_from(section: Option<&str>, line: &str) -> Option<usize> {
     let is_of_numbers = matches!(section?, "TARGET DATA" | "DEVIATIONS" | "ENVIRONMENT");
-    // A date is no number, though its hours may look like one.
+    // A date is not a number, although its hours may look like one.
     let is_date = key_value(line).is_some_and(|(key, _)| key.starts_with("date"));
     (is_of_numbers && !is_date).then(|| line.find(':').map_or(0, |at| at + 1))
 }

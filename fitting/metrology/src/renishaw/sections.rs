@@ -1,4 +1,4 @@
-//! Sections with numbers: targets with their flags, the number of runs, the deviations.
+//! Sections with numbers: targets with their flags, the number of runs, and the deviations.
 
 use std::collections::HashMap;
 
@@ -32,7 +32,7 @@ pub(super) fn targets(document: &Document<'_>) -> Result<Targets, MetrologyError
     Ok(Targets { values, unidirectional, flags_line })
 }
 
-/// Numbers from `Targets :` to `Flags`, regardless of line breaks.
+/// All numbers between `Targets :` and `Flags`, on any number of lines.
 fn target_list(section: &Section<'_>, file: &str) -> Result<Vec<f64>, MetrologyError> {
     let is_key = |line: &str, key: &str| key_value(line).is_some_and(|(k, _)| k == key);
     let mut values: Vec<f64> = Vec::new();
@@ -83,7 +83,7 @@ struct RawRow<'t> {
     deviation: f64,
 }
 
-/// All rows under DEVIATIONS with their targets; checks them against the declared counts.
+/// All rows under DEVIATIONS with their targets. Checks the rows against the declared counts.
 pub(super) fn rows(document: &Document<'_>, targets: &[f64]) -> Result<Vec<Row>, MetrologyError> {
     let file = document.file;
     let (count_line, text) =
@@ -144,8 +144,8 @@ fn raw_rows<'t>(
     Ok(rows)
 }
 
-/// Meaning of the middle column of DEVIATIONS, decided once for the whole file: the number of the target in the list (from 1) if every row
-/// permits this, else the target itself.
+/// Meaning of the middle column of DEVIATIONS, which is the same for the whole file. It is the number of the target in
+/// the list (from 1) if every row permits this, else the target itself.
 enum TargetColumn {
     Number,
     Value,
@@ -179,7 +179,7 @@ fn by_number(text: &str, targets: &[f64]) -> Option<f64> {
     targets.get(number.checked_sub(1)?).copied()
 }
 
-/// Target closest to this value, within the rounding of six decimals.
+/// The target closest to this value, within the rounding of six decimals.
 fn by_value(text: &str, targets: &[f64]) -> Option<f64> {
     const ROUNDING: f64 = 1e-6;
     let value = Place::new("", 0).number("", text).ok()?;

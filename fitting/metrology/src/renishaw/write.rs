@@ -6,11 +6,13 @@ use crate::{DeviationUnit, Direction, Environment, Measurement, Quantity, Readin
 
 const TARGETS_PER_LINE: usize = 5;
 
-/// Writes a Renishaw laser file: `.rta` for deviations in µrad, `.rts` for a straightness, else `.rtl`.
+/// Writes a Renishaw laser file: `.rta` for deviations in µrad, `.rts` for straightness, otherwise `.rtl`.
 ///
-/// CRLF; one pass per run, forward and backward in turn, reverse runs in the order of travel (targets descending); `Run-count` is the number of
-/// passes, the second flag 1 for one direction only. Targets and µm have six decimals, milliradian nine. The format can only hold complete runs: if a
-/// run lacks a target, counts and rows differ and [`parse_renishaw`](crate::parse_renishaw) rejects the file. Line breaks in texts become blanks.
+/// Lines end with CRLF. There is one pass per run, forward and backward in turn. Reverse runs are in the order of
+/// travel (targets descending). `Run-count` is the number of passes, and the second flag is 1 for one direction only.
+/// Targets and µm have six decimals, milliradian nine. The format has only complete runs: if a run lacks a target,
+/// counts and rows differ, and [`parse_renishaw`](crate::parse_renishaw) rejects the file. Line breaks in texts become
+/// blanks.
 pub fn write_renishaw(measurement: &Measurement) -> String {
     let kind = match measurement.unit {
         Some(DeviationUnit::Urad) => RenishawKind::Angular,
