@@ -75,8 +75,8 @@ pub fn squareness(
 /// With the angle α at A, AC² + BD² = 2 (AB² + AD²) and AC² − BD² = 4 AB AD cos α. The angle opens by α − π/2.
 ///
 /// # Errors
-/// `error` is not a squareness error, or no parallelogram with these lengths has a longer side of at most twice its
-/// shorter side.
+/// `error` is not a squareness error; or no parallelogram has these lengths, one side is more than twice the other, or
+/// the angle differs from 90° by 30° or more.
 pub fn squareness_of_lengths(
     error: ErrorName,
     lengths_mm: [f64; 3],

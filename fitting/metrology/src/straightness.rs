@@ -1,4 +1,5 @@
-//! Straightness: profiles from bridge readings, reference lines of ISO 230-1, and the straightness error about each of them.
+//! Straightness: profiles from bridge readings, the reference lines of ISO 230-1, and the straightness error about each
+//! line.
 
 use volcomp_vocabulary::{AxisName, ErrorName};
 
@@ -13,17 +14,17 @@ use crate::{
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum TiltReading {
-    /// Right-hand sign of the angular error `E?N` about its axis.
+    /// A reading is positive by the right-hand rule of the angular error `E?N` about its axis.
     RightHand,
-    /// Slope of the profile: positive if the deviation increases along the axis.
+    /// A reading is the slope of the profile, positive if the deviation increases along the axis.
     Slope,
 }
 
-/// Sign σ that converts a tilt reading to the slope of a straightness error: +1 for EYX, EZY, EXZ and −1 for EZX, EXY, EYZ with right-hand readings,
-/// +1 with slopes.
+/// Sign σ that converts a tilt reading to the slope of a straightness error. With right-hand readings it is +1 for EYX,
+/// EZY, EXZ and −1 for EZX, EXY, EYZ. With slopes it is +1.
 ///
 /// # Errors
-/// `error` is not one of these six.
+/// `error` is not one of these six errors.
 pub fn tilt_sign(error: ErrorName, reading: TiltReading) -> Result<f64, MetrologyError> {
     let primary = matches!(error.axis, AxisName::X | AxisName::Y | AxisName::Z);
     if error.location || !primary || MotionKind::of(error) != MotionKind::Straightness {
@@ -33,7 +34,8 @@ pub fn tilt_sign(error: ErrorName, reading: TiltReading) -> Result<f64, Metrolog
             expected: "EYX, EZX, EXY, EZY, EXZ or EYZ".into(),
         });
     }
-    // Rotation about the third axis raises the profile if axis, deviation and third axis are in cyclic order like X, Y, Z.
+    // A rotation about the third axis raises the profile if axis, deviation and third axis are in cyclic order, like X,
+    // Y, Z.
     let follows = (error.axis.mcs_index() + 1) % 3 == error.component.mcs_index();
     Ok(match reading {
         TiltReading::RightHand if !follows => -1.0,
@@ -43,12 +45,13 @@ pub fn tilt_sign(error: ErrorName, reading: TiltReading) -> Result<f64, Metrolog
 
 /// Straightness profile from the tilts of a bridge that is moved in steps of its length.
 ///
-/// `tilts` are (target in mm, θ_k in µrad), targets ascending; θ_k is read with the feet on targets k − 1 and k, the first reading is not used.
-/// `bridge_mm` is the foot spacing s. Returns (target in mm, h_k in µm) with h_0 = 0 and h_k = h_{k−1} + s σ θ_k, where σ is [`tilt_sign`], before
-/// any reference line is removed.
+/// `tilts` are (target in mm, θ_k in µrad) with ascending targets. θ_k is read with the feet on targets k − 1 and k, so
+/// the first reading is unused. `bridge_mm` is the foot spacing s. Returns (target in mm, h_k in µm) with h_0 = 0 and
+/// h_k = h_{k−1} + s σ θ_k, where σ is [`tilt_sign`]. No reference line is removed.
 ///
 /// # Errors
-/// Not a straightness error, fewer than two targets, numbers that are not finite, or a target spacing that differs from `bridge_mm` by more than 1 %.
+/// `error` is not a straightness error, there are fewer than two targets, a number is not finite, or a target spacing
+/// differs from `bridge_mm` by more than 1 %.
 pub fn angular_method_um(
     error: ErrorName,
     reading: TiltReading,
@@ -74,36 +77,32 @@ pub fn angular_method_um(
     Ok(profile)
 }
 
-/// Straightness error about one reference line.
 #[derive(Debug, Clone, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct StraightnessAbout {
-    /// How the reference line is defined.
     pub kind: ReferenceKind,
-    /// Line from which the deviations are counted.
     pub line: ReferenceLine,
-    /// Straightness error: the range of the profile about the line, µm.
+    /// Straightness error, µm: the range of the profile about the line.
     pub error_um: f64,
 }
 
-/// Straightness of a motion.
 #[derive(Debug, Clone, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct Straightness {
-    /// Targets, mm, and the mean deviation of all runs, µm, before any line is removed.
+    /// Targets, mm, with the mean deviation of all runs, µm. No reference line is removed.
     pub profile: Vec<(f64, f64)>,
-    /// Straightness about the least-squares line, the end-point line, and the middle line of the
-    /// minimum zone.
+    /// Straightness about the least-squares line, the end-point line, and the middle line of the minimum zone, in this
+    /// order.
     pub about: [StraightnessAbout; 3],
-    /// Largest difference of the means of the two directions, µm; `None` with one direction.
+    /// Largest difference between the means of the two directions, µm; `None` if only one direction was measured.
     pub reversal_um: Option<f64>,
-    /// Uncertainty of the least-squares slope: from several runs, or from the residuals of a single
-    /// run; `None` for one run of two targets.
+    /// Uncertainty of the least-squares slope, from several runs, or from the residuals of a single run; `None` for one
+    /// run with two targets.
     pub slope_uncertainty: Option<SlopeUncertainty>,
 }
 
 impl Straightness {
-    /// Straightness about a line of this kind.
+    /// Straightness about the reference line of this kind.
     pub fn of(&self, kind: ReferenceKind) -> &StraightnessAbout {
         match kind {
             ReferenceKind::LeastSquares => &self.about[0],
@@ -113,12 +112,13 @@ impl Straightness {
     }
 }
 
-/// Evaluates the profile of all runs of a measurement with deviations in µm. If not all runs hold all targets, they are aligned by offset and slope.
+/// Evaluates the profile of all runs of a measurement with deviations in µm. If some runs lack targets, the runs are
+/// aligned by offset and slope.
 ///
 /// # Errors
 ///
-/// Fewer than two targets, numbers that are not finite, a target without readings in a direction
-/// that was run, runs that cannot be aligned.
+/// Fewer than two targets, numbers that are not finite, a target that lacks readings in a direction that was measured,
+/// or runs that cannot be aligned.
 pub fn straightness_of(measurement: &Measurement) -> Result<Straightness, MetrologyError> {
     let measurement =
         &Measurement { quantity: Some(Quantity::Straightness), ..measurement.clone() };
@@ -137,10 +137,10 @@ pub fn straightness_of(measurement: &Measurement) -> Result<Straightness, Metrol
     Ok(straightness)
 }
 
-/// Evaluates a profile of (target in mm, deviation in µm), targets ascending.
+/// Evaluates a profile of points (target in mm, deviation in µm) with ascending targets.
 ///
 /// # Errors
-/// Fewer than two targets, numbers that are not finite.
+/// Fewer than two targets, or numbers that are not finite.
 pub fn straightness_of_profile(profile: &[(f64, f64)]) -> Result<Straightness, MetrologyError> {
     let about = |kind: ReferenceKind| -> Result<StraightnessAbout, MetrologyError> {
         let line = ReferenceLine::of(kind, profile)?;

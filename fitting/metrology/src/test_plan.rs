@@ -1,4 +1,5 @@
-//! Requirements of ISO 230-2 on a positioning test: number of targets and runs, by the kind of axis and its travel.
+//! Requirements of ISO 230-2 on a positioning test: number of targets and runs, depending on the kind of axis and its
+//! travel.
 
 use volcomp_vocabulary::{AxisKind, AxisName, Direction};
 
@@ -8,7 +9,7 @@ use crate::{Edition, Measurement, TargetUnit, axis_named};
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct RequiredTest {
-    /// Description of the axis: `linear axes up to 2000 mm`.
+    /// Description of the axis, such as `linear axes up to 2000 mm`.
     pub axes: &'static str,
     /// Minimum number of targets.
     pub targets: usize,
@@ -16,17 +17,19 @@ pub struct RequiredTest {
     pub runs: usize,
 }
 
-/// Maximum travel with five runs, mm.
+/// Maximum travel for which five runs are required, mm.
 const SHORT_MM: f64 = 2000.0;
-/// Targets per metre on axes up to 2000 mm.
+/// Number of targets per metre for a travel up to 2000 mm.
 const TARGETS_PER_M: f64 = 5.0;
-/// Mean spacing of the targets on longer axes, mm.
+/// Mean spacing of the targets for a longer travel, mm.
 const LONG_INTERVAL_MM: f64 = 250.0;
 const RUNS: usize = 5;
-/// Relative tolerance of a travel that exceeds a limit only by the rounding of its targets.
+/// Tolerance of a travel that exceeds a limit only by the rounding of its targets, mm or deg, and of a number of
+/// targets.
 const HAIR: f64 = 1e-6;
 
-/// Minimum test for an axis of this kind over this travel, mm or deg. The editions 1997 to 2014 have the same requirements.
+/// Minimum test for an axis of this kind with this travel, mm or deg. The editions from 1997 to 2014 have the same
+/// requirements.
 pub fn required_test(kind: AxisKind, travel: f64) -> RequiredTest {
     // The conversion saturates for large values and NaN.
     #[expect(
@@ -64,14 +67,15 @@ pub fn required_test(kind: AxisKind, travel: f64) -> RequiredTest {
     }
 }
 
-/// Kind of the axis: by the unit of the targets in the file, else by the axis that the file names; `None` without both.
+/// Kind of the axis: from the unit of the targets in the file, or else from the axis that the file names; `None` if the
+/// file has neither.
 pub fn axis_kind(measurement: &Measurement) -> Option<AxisKind> {
     let named = || measurement.metadata.axis.as_deref().and_then(axis_named);
     let stated = measurement.target_unit.map(TargetUnit::kind);
     stated.or_else(|| named().map(AxisName::kind))
 }
 
-/// Messages on fewer targets or runs than the standard requires; empty if there are enough.
+/// Messages about fewer targets or runs than the standard requires; empty if there are enough.
 pub fn shortfalls(measurement: &Measurement, kind: AxisKind, edition: Edition) -> Vec<String> {
     let targets = measurement.targets();
     let (Some(first), Some(last)) = (targets.first(), targets.last()) else {

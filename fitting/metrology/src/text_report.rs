@@ -4,11 +4,11 @@ use std::fmt::Write as _;
 
 use crate::Metadata;
 
-/// Maximum number of decimals: sums of such numbers lose finer steps.
+/// Maximum number of decimals that is considered, because sums of such numbers lose finer digits.
 const MOST_DECIMALS: i32 = 12;
 
-/// Decimal place of the last digit of a number: 3 for `1.250`, 4 for `2.0E-03`, −2 for `1.2E+03`. For a zero with an exponent it is unknown, and the
-/// maximum is returned.
+/// Decimal place of the last digit of a number: 3 for `1.250`, 4 for `2.0E-03`, −2 for `1.2E+03`. For a zero with an
+/// exponent the place is unknown, and the maximum is returned.
 pub(crate) fn decimals_of(text: &str) -> i32 {
     let (mantissa, exponent) = match text.split_once(['e', 'E']) {
         Some((mantissa, exponent)) => (mantissa, Some(exponent)),
@@ -19,17 +19,17 @@ pub(crate) fn decimals_of(text: &str) -> i32 {
         return MOST_DECIMALS;
     }
     let behind = i32::try_from(crate::number::decimals(mantissa)).unwrap_or(MOST_DECIMALS);
-    // An exponent that cannot be parsed belongs to no valid number.
+    // A number with an exponent that cannot be parsed is invalid anyway.
     let exponent = exponent.map_or(0, |text| text.parse().unwrap_or(0));
     behind.saturating_sub(exponent).min(MOST_DECIMALS)
 }
 
-/// Unit of the last digit of the coarsest of numbers with these decimals.
+/// Size of the last digit of the coarsest number. `decimals` are the decimal places of the numbers.
 pub(crate) fn step_of(decimals: impl Iterator<Item = i32>) -> f64 {
     10_f64.powi(-decimals.min().unwrap_or(0))
 }
 
-/// Writes the lines that `metadata_of` reads, CRLF, for the known values; line breaks in texts become blanks.
+/// Writes the lines that `metadata_of` reads, for the known values, with CRLF. Line breaks in texts become blanks.
 pub(crate) fn head_of(metadata: &Metadata) -> String {
     let texts = [
         ("Machine", &metadata.machine),
@@ -50,7 +50,7 @@ pub(crate) fn head_of(metadata: &Metadata) -> String {
     head
 }
 
-/// Reads lines `key: value` with keys that have the same meaning in every report; others are skipped.
+/// Reads lines `key: value` whose keys have the same meaning in every report. Other lines are skipped.
 pub(crate) fn metadata_of<'t>(lines: impl Iterator<Item = &'t str>) -> Metadata {
     let mut metadata = Metadata::default();
     for line in lines {

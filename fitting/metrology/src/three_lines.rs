@@ -1,33 +1,33 @@
-//! Separates a linear error measured on parallel lines into the error at the axis's own point and the two angles that contribute by Abbe's principle.
+//! Separates a linear error that was measured on parallel lines into the error at the axis's own point, and the two
+//! angular errors that contribute by Abbe's principle.
 
 use nalgebra::{Matrix3, Vector3};
 
 use crate::MetrologyError;
 
-/// Deviations on one line, measured along the axis.
+/// Deviations along the axis, measured on one line.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ParallelLine {
-    /// Offset of the line from the point at which the error is required, perpendicular to the axis, mm: along the second and the third axis, in
-    /// cyclic order (for X along Y and Z, for Y along Z and X).
+    /// Offset of the line from the point at which the error is required, perpendicular to the axis, mm. The two values
+    /// are along the second and the third axis in cyclic order, which are Y and Z for X, and Z and X for Y.
     pub offset_mm: [f64; 2],
     /// Deviation at each target, µm.
     pub deviations_um: Vec<f64>,
 }
 
-/// Linear and angular errors of the axis at one target.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SeparatedAngles {
-    /// Linear error at the point itself, µm.
+    /// Linear error at the required point, µm.
     pub linear_um: f64,
-    /// Angular errors about the second and the third axis, µrad: for X about Y and Z.
+    /// Angular errors about the second and the third axis, µrad. For X these are Y and Z.
     pub angles_urad: [f64; 2],
 }
 
-/// Separates linear and angular errors by least squares at each target. On a line at the offset (b, c), along the second and the third axis, the
-/// deviation is the linear error + ε_second·c − ε_third·b.
+/// Separates linear and angular errors by least squares at each target. On a line with the offsets b along the second
+/// axis and c along the third, the deviation is the linear error + ε_second·c − ε_third·b.
 ///
 /// # Errors
-/// Fewer than three lines, lines in one plane, different numbers of deviations, numbers that are not finite.
+/// Fewer than three lines, lines in one plane, different numbers of deviations, or numbers that are not finite.
 pub fn separate_parallel_lines(
     lines: &[ParallelLine],
 ) -> Result<Vec<SeparatedAngles>, MetrologyError> {
@@ -48,7 +48,7 @@ pub fn separate_parallel_lines(
     if !lines.iter().all(finite) {
         return Err(refuse("numbers", "one that is not finite".into(), "finite numbers"));
     }
-    // Lever in mm times angle in µrad: 1e-3 µm.
+    // 1 mm times 1 µrad is 1e-3 µm.
     let row = |l: &ParallelLine| Vector3::new(1.0, l.offset_mm[1] * 1e-3, -l.offset_mm[0] * 1e-3);
     let normal: Matrix3<f64> = lines.iter().map(|l| row(l) * row(l).transpose()).sum();
     let singular = normal.singular_values();

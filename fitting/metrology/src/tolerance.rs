@@ -1,8 +1,7 @@
-//! Quantities of standards, their tolerances, and the decision with the measurement uncertainty.
+//! Quantities of standards, their tolerances, and the decision that takes the measurement uncertainty into account.
 
 use crate::{DeviationUnit, MetrologyError};
 
-/// Quantity of a standard, with its value.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct StandardQuantity {
@@ -10,7 +9,7 @@ pub struct StandardQuantity {
     pub symbol: &'static str,
     /// Name of the quantity in the standard, in words.
     pub name: &'static str,
-    /// Value in the unit of the evaluation; `None` if it cannot be evaluated.
+    /// Value, in the unit of the evaluation; `None` if it cannot be evaluated.
     pub value: Option<f64>,
 }
 
@@ -20,13 +19,12 @@ impl StandardQuantity {
     }
 }
 
-/// Upper limit of a quantity.
 #[derive(Debug, Clone, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Tolerance {
-    /// Symbol of the quantity: `A`, `E_forward`, `B`.
+    /// Symbol of the quantity, such as `A`, `E_forward`, `B`.
     pub symbol: String,
-    /// Limit, in the unit of the evaluation.
+    /// Upper limit, in the unit of the evaluation.
     pub limit: f64,
 }
 
@@ -48,7 +46,7 @@ pub enum Verdict {
 }
 
 impl Verdict {
-    /// Verdict in words: `pass`, `fail`, `undecided` or `not evaluated`.
+    /// The verdict in words: `pass`, `fail`, `undecided` or `not evaluated`.
     pub fn word(self) -> &'static str {
         match self {
             Self::Pass => "pass",
@@ -58,7 +56,8 @@ impl Verdict {
         }
     }
 
-    /// Combined verdict: the first of fail, not evaluated, undecided and pass that occurs; `Pass` for an empty list.
+    /// Combined verdict: the first one that occurs of fail, not evaluated, undecided and pass; `Pass` for an empty
+    /// list.
     pub fn of_all(verdicts: impl IntoIterator<Item = Self>) -> Self {
         let rank = |verdict: &Self| match verdict {
             Self::Fail => 3,
@@ -77,8 +76,8 @@ impl std::fmt::Display for Verdict {
     }
 }
 
-/// Decides on the magnitude of a value by ISO 14253-1. `u` is its expanded uncertainty (k = 2), not negative; with `None` the value is compared with
-/// the limit directly.
+/// Decides on the magnitude of a value by ISO 14253-1. `u` is the expanded uncertainty (k = 2) of the value, at least
+/// 0. If `u` is `None`, the value is compared with the limit directly.
 pub fn decide(value: Option<f64>, limit: f64, u: Option<f64>) -> Verdict {
     let Some(size) = value.map(f64::abs) else {
         return Verdict::NotEvaluated;
@@ -117,7 +116,8 @@ pub struct JudgedQuantity {
     pub verdict: Option<Verdict>,
 }
 
-/// Compares the quantities of a standard with their tolerances. `uncertainty` returns the expanded uncertainty of a symbol, if stated.
+/// Compares the quantities of a standard with their tolerances. `uncertainty` returns the expanded uncertainty for a
+/// symbol; `None` if unknown.
 pub fn judged(
     standard: &str,
     quantities: impl IntoIterator<Item = StandardQuantity>,
@@ -158,7 +158,7 @@ pub struct Decision {
 }
 
 impl Decision {
-    /// Decides over all tolerances; `None` without any.
+    /// Decides over all tolerances; `None` without tolerances.
     pub fn over(quantities: &[JudgedQuantity]) -> Option<Self> {
         let judged = || quantities.iter().filter(|q| q.verdict.is_some());
         let uncertain = judged().filter(|q| q.uncertainty.is_some()).count();
@@ -175,12 +175,12 @@ impl Decision {
     }
 }
 
-/// Parses `A=10,E=8,B=2`. `known` lists the admissible symbols; case is ignored.
+/// Parses a text such as `A=10,E=8,B=2`. `known` lists the valid symbols. Symbols may be in upper or lower case.
 ///
 /// # Errors
-/// A symbol that is unknown or repeated, a limit that is not a finite number of at least 0, no tolerance at all.
+/// A symbol that is unknown or repeated, a limit that is not a finite number of at least 0, or no tolerance.
 pub fn parse_tolerances(text: &str, known: &[&str]) -> Result<Vec<Tolerance>, MetrologyError> {
-    // `U_max` and `u_MAX` are the same; if two symbols differ in case only, an exact match has priority.
+    // `U_max` and `u_MAX` are the same symbol. If two known symbols differ only in case, an exact match has priority.
     let named = |symbol: &str| {
         let exact = known.iter().find(|name| **name == symbol);
         let named = exact.or_else(|| known.iter().find(|name| name.eq_ignore_ascii_case(symbol)));
@@ -190,10 +190,10 @@ pub fn parse_tolerances(text: &str, known: &[&str]) -> Result<Vec<Tolerance>, Me
 }
 
 /// Parses tolerances like [`parse_tolerances`], for symbols that cannot be listed, such as `EXX.A`. `named` returns the
-/// spelling of a symbol, or `None` for an unknown one; `expected` describes the admissible symbols in messages.
+/// spelling of a symbol, or `None` for an unknown symbol. `expected` describes the valid symbols in messages.
 ///
 /// # Errors
-/// Same as [`parse_tolerances`].
+/// The errors of [`parse_tolerances`].
 pub fn parse_tolerances_of(
     text: &str,
     named: impl Fn(&str) -> Option<String>,

@@ -2,11 +2,13 @@
 
 use crate::Direction;
 
-/// Run (counted among those of its direction, from 1) and direction of approach of each target in the order of travel.
+/// Run and direction of approach of each target, for targets in the order of travel. The number of a run counts the
+/// runs of its direction, from 1.
 ///
-/// A target is approached in the direction of the move towards it. The same target twice in a row was approached from the other side the second time,
-/// as after an overrun at the end of the travel. A single move back over several targets, after which the axis continues in the first direction, is
-/// the return of a unidirectional test: its target begins the next run.
+/// A target is approached in the direction of the move towards it. If a target is repeated, its second approach is from
+/// the other side, as after an overrun at the end of the travel. A single move back over several targets, after which
+/// the axis continues in the first direction, is the return of a unidirectional test. The target of this move begins
+/// the next run.
 pub(crate) fn runs_by_travel(targets: &[f64]) -> Vec<(u32, Direction)> {
     let directions = directions(targets);
     let mut runs = [0_u32; 2];
@@ -20,7 +22,7 @@ pub(crate) fn runs_by_travel(targets: &[f64]) -> Vec<(u32, Direction)> {
     result
 }
 
-/// Direction of each approach, and whether a new run in the same direction begins there.
+/// Direction of each approach, and whether the approach begins a new run in the same direction.
 fn directions(targets: &[f64]) -> Vec<(Direction, bool)> {
     let toward = |from: f64, to: f64| {
         if to > from { Direction::Positive } else { Direction::Negative }
@@ -72,17 +74,17 @@ mod tests {
 
     #[test]
     fn the_order_of_travel_gives_runs_and_directions() {
-        // Bidirectional with an overrun at both ends.
+        // A bidirectional test with an overrun at both ends.
         assert_eq!(
             shown(&[0.0, 1.0, 2.0, 2.0, 1.0, 0.0, 0.0, 1.0, 2.0]),
             "+1 +1 +1 -1 -1 -1 +2 +2 +2"
         );
         // Without an overrun the last target is approached once.
         assert_eq!(shown(&[0.0, 1.0, 2.0, 1.0, 0.0]), "+1 +1 +1 -1 -1");
-        // Unidirectional, with the return not measured.
+        // A unidirectional test whose return is not measured.
         assert_eq!(shown(&[0.0, 1.0, 2.0, 0.0, 1.0, 2.0]), "+1 +1 +1 +2 +2 +2");
         assert_eq!(shown(&[2.0, 1.0, 0.0, 2.0, 1.0, 0.0]), "-1 -1 -1 -2 -2 -2");
-        // The first target twice: an approach from either side.
+        // The first target is repeated, so it is approached from both sides.
         assert_eq!(shown(&[0.0, 0.0, 1.0]), "-1 +1 +1");
         assert_eq!(shown(&[5.0]), "+1");
         assert_eq!(shown(&[]), "");

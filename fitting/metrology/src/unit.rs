@@ -17,7 +17,6 @@ pub enum DeviationUnit {
 }
 
 impl DeviationUnit {
-    /// Key of the unit in files and responses: `um` or `urad`.
     pub fn key(self) -> &'static str {
         match self {
             Self::Um => "um",
@@ -35,7 +34,7 @@ impl std::fmt::Display for DeviationUnit {
     }
 }
 
-/// Unit of deviations in a file, or requested by the user.
+/// Unit of deviations in a file, or as requested by the user.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(rename_all = "lowercase"))]
@@ -52,7 +51,7 @@ pub enum ReadingUnit {
 }
 
 impl ReadingUnit {
-    /// Unit of this name, as in a column head: `mm`, `µm`, `arcsec`, case ignored; `None` for an unknown unit.
+    /// Unit with this name, in any case, as in a column head: `mm`, `µm`, `arcsec`; `None` for an unknown unit.
     pub fn named(name: &str) -> Option<Self> {
         if ["in", "inch", "inches"].contains(&name.to_lowercase().as_str()) {
             return Some(Self::Inch);
@@ -70,7 +69,7 @@ impl ReadingUnit {
         })
     }
 
-    /// Internal unit of deviations of this kind.
+    /// Internal unit to which deviations in this unit are converted.
     pub fn deviation_unit(self) -> DeviationUnit {
         match self {
             Self::Mm | Self::Um | Self::Nm | Self::Inch => DeviationUnit::Um,
@@ -78,7 +77,8 @@ impl ReadingUnit {
         }
     }
 
-    /// Factor from a coordinate to deviations in this unit: µm per mm or µrad per degree.
+    /// Factor from a coordinate to deviations: µm per mm if this is a unit of length, µrad per degree if it is a unit
+    /// of angle.
     pub(crate) fn micro_of_coordinate(self) -> f64 {
         match self.deviation_unit() {
             DeviationUnit::Um => Self::Mm.micro(),
@@ -86,7 +86,7 @@ impl ReadingUnit {
         }
     }
 
-    /// Size of the unit in µm or µrad.
+    /// Size of this unit in µm or µrad.
     pub fn micro(self) -> f64 {
         match self {
             Self::Mm | Self::Mrad => 1e3,
@@ -135,12 +135,11 @@ pub enum TargetUnit {
 }
 
 impl TargetUnit {
-    /// Key in files: `mm` or `deg`.
     pub fn key(self) -> &'static str {
         self.kind().coordinate_unit()
     }
 
-    /// Unit by any of its names; `None` for a unit that is invalid for targets.
+    /// Unit with any of its names; `None` for a unit that is not valid for targets.
     pub(crate) fn named(text: &str) -> Option<Self> {
         match unit_named(text)? {
             "mm" => Some(Self::Mm),
@@ -149,7 +148,7 @@ impl TargetUnit {
         }
     }
 
-    /// Kind of the axis that has such targets.
+    /// Kind of axis whose targets have this unit.
     pub fn kind(self) -> AxisKind {
         match self {
             Self::Mm => AxisKind::Linear,
@@ -181,7 +180,7 @@ mod tests {
         assert_eq!(ReadingUnit::named("thou"), None);
     }
 
-    /// A requested unit that differs from that of the header is rejected; a unit is never applied twice.
+    /// A requested unit that differs from the unit in the header is rejected. A unit is never applied twice.
     #[test]
     fn a_requested_unit_must_be_the_stated_one() {
         let mut read = parse_csv(b"target,deviation mm\n0,0.002\n1,0.003\n", "x.csv").unwrap();

@@ -20,7 +20,7 @@ pub struct Vdi3441Target {
 #[derive(Debug, Clone, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Vdi3441 {
-    /// Results at the targets, ascending.
+    /// Results at the targets, by ascending target.
     pub targets: Vec<Vdi3441Target>,
     /// Positional uncertainty P = max(x̄_j + (U_j + Ps_j)/2) − min(x̄_j − (U_j + Ps_j)/2).
     pub p: f64,
@@ -38,7 +38,8 @@ pub struct Vdi3441 {
 
 /// Evaluates the results of [`evaluate`](crate::evaluate) by VDI/DGQ 3441.
 ///
-/// `None` if a target lacks a direction or a standard deviation: the guideline requires both directions and several runs.
+/// `None` if a target lacks a direction or a standard deviation, because the guideline requires both directions and
+/// several runs.
 pub fn vdi_3441(result: &Iso230Part2) -> Option<Vdi3441> {
     let at = |row: &crate::TargetRow| {
         let (up, down) = (row.forward?, row.backward?);
@@ -69,7 +70,7 @@ pub fn vdi_3441(result: &Iso230Part2) -> Option<Vdi3441> {
     })
 }
 
-/// Symbol, name and value of a quantity.
+/// Symbol and name of a quantity, and function that returns its value.
 type Quantity = (&'static str, &'static str, fn(&Vdi3441) -> f64);
 
 const QUANTITIES: [Quantity; 6] = [
@@ -87,7 +88,7 @@ impl Vdi3441 {
         QUANTITIES.map(|(symbol, ..)| symbol)
     }
 
-    /// Quantities by symbol and name, without values if the guideline could not be evaluated.
+    /// Quantities with symbol and name. They have no values if the guideline could not be evaluated (`None`).
     pub fn quantities(evaluated: Option<&Self>) -> Vec<StandardQuantity> {
         QUANTITIES
             .map(|(symbol, name, value)| StandardQuantity::new(symbol, name, evaluated.map(value)))

@@ -1,4 +1,5 @@
-//! Tables with one row for each target and one column for each run: `Target (mm), Run 1 fwd, Run 1 bwd, …`.
+//! Tables with one row for each target and one column for each run, with heads such as `Target (mm), Run 1 fwd, Run 1
+//! bwd, …`.
 
 use std::collections::BTreeSet;
 
@@ -8,12 +9,12 @@ use crate::csv_head::{direction_named, inches_without_targets};
 use crate::number::{Place, range};
 use crate::{DeviationUnit, Direction, MetrologyError, ReadingUnit, TargetUnit};
 
-/// Columns of a table that contain runs.
+/// The columns of a table that contain runs.
 pub(crate) struct WideTable {
     runs: Vec<Run>,
-    /// Unit in the heads of the runs.
+    /// Unit in the heads of the runs; `None` if no head states a unit.
     unit: Option<ReadingUnit>,
-    /// Whether a head states that the columns hold measured positions (true) or deviations (false).
+    /// Whether the columns contain measured positions (true) or deviations (false); `None` if no head states this.
     is_measured: Option<bool>,
 }
 
@@ -23,7 +24,7 @@ struct Run {
     direction: Direction,
 }
 
-/// A reading of a wide table: µm or µrad, or in the unit of the file if that is unknown.
+/// A reading of a wide table. The deviation is in µm or µrad, or in the unit of the file if that is unknown.
 pub(crate) struct WideReading {
     pub(crate) line: usize,
     pub(crate) target: f64,
@@ -33,10 +34,9 @@ pub(crate) struct WideReading {
     pub(crate) text: String,
 }
 
-/// The readings of a wide table, row by row.
 pub(crate) struct WideReadings {
     pub(crate) readings: Vec<WideReading>,
-    /// Unit of the columns, stated or that of the targets.
+    /// Unit of the columns: the stated unit, or else the unit of the targets.
     pub(crate) unit: Option<ReadingUnit>,
     pub(crate) note: Option<String>,
 }
@@ -49,14 +49,14 @@ pub(crate) struct Targets {
 }
 
 impl Targets {
-    /// The target of a row; inches as mm.
+    /// Target of a row, mm or deg. Inches are converted to mm.
     pub(crate) fn of(self, row: CsvRow<'_>, place: Place<'_>) -> Result<f64, MetrologyError> {
         let stated = place.number("target", &row.cell(self.column).decimal_text()?)?;
         Ok(if self.in_inches { 25.4 * stated } else { stated })
     }
 }
 
-/// Run, direction, unit and kind of reading stated in a column head.
+/// Run, direction, unit and kind of reading as stated in a column head.
 #[derive(Default)]
 struct Head {
     says_run: bool,
@@ -66,16 +66,19 @@ struct Head {
     is_measured: Option<bool>,
 }
 
-/// Fraction of the range of the targets below which values, or their differences from the targets, are treated as deviations.
+/// Values, or their differences from the targets, count as deviations if they are below this fraction of the range of
+/// the targets.
 const DEVIATION_SHARE: f64 = 0.05;
 
 impl Head {
-    /// Parses a head. `None` if a word of it is unknown, as in `mean fwd`: the column is not a run. If another head has a single `f`, a single `r` or
-    /// `b` means backward; else `r` means run and `b` is unknown, because B is the reversal value of ISO 230-2.
+    /// Parses a head. `None` if a word of the head is unknown, as in `mean fwd`, because then the column is not a run.
+    /// If another head has a single `f`, a single `r` or `b` means backward. Otherwise `r` means run, and `b` is
+    /// unknown because B is the reversal value of ISO 230-2.
     fn of(head: &str, has_forward_letter: bool, hyphen_is_reverse: bool) -> Option<Self> {
         let mut found = Self::default();
         let words = words(head);
-        // A hyphen is a direction only where no word states one, and another head has a `+`: `Run - 1` has none.
+        // A hyphen means backward only if no word states a direction and another head has a `+`. In `Run - 1` it has no
+        // meaning.
         let hyphen = hyphen_is_reverse && words.iter().any(|word| word == "-");
         for word in words.iter().filter(|word| *word != "-") {
             let is_new = if let Ok(run) = word.parse::<u32>() {
@@ -106,8 +109,8 @@ impl Head {
     }
 }
 
-/// Words, numbers and signs of a head, in lower case. A hyphen between letters and digits is omitted. Other signs are words, such as a double
-/// prime, which may be a unit, so that a head with an unknown one is not read.
+/// Words, numbers and signs of a head, in lower case. A hyphen between letters and digits is omitted. Another sign,
+/// such as a double prime, is a word, because it may be a unit. A head with an unknown sign is therefore not read.
 fn words(head: &str) -> Vec<String> {
     let mut words: Vec<String> = Vec::new();
     let mut before = None;
@@ -135,7 +138,7 @@ fn words(head: &str) -> Vec<String> {
 
 fn is_separator(head: &str, at: usize, c: char) -> bool {
     let behind = head[at..].chars().nth(1);
-    // A slash before a number divides a unit: mm/1000.
+    // A slash before a number belongs to a unit, as in mm/1000.
     let divides = c == '/' && behind.is_some_and(|c| c.is_ascii_digit());
     (c.is_whitespace() || "_/,:;.|=#–—&()[]{}".contains(c)) && !divides
 }
@@ -147,7 +150,7 @@ fn is_joining(head: &str, hyphen: usize) -> bool {
 }
 
 impl WideTable {
-    /// The columns of runs; `None` if no head names a run.
+    /// Finds the columns of runs; `None` if no head names a run.
     pub(crate) fn of(table: &CsvTable, target: Column) -> Result<Option<Self>, MetrologyError> {
         let single = |letter: &str| {
             let mut heads = table.names();
@@ -196,7 +199,7 @@ impl WideTable {
         Ok((!wide.runs.is_empty()).then_some(wide))
     }
 
-    /// Whether this column holds a run.
+    /// Whether this column contains a run.
     pub(crate) fn reads(&self, column: Column) -> bool {
         self.runs.iter().any(|run| run.column == column)
     }
@@ -216,7 +219,7 @@ impl WideTable {
             let target = targets.of(row, place)?;
             for run in &self.runs {
                 let text = row.cell(run.column).decimal_text()?;
-                // A missing reading.
+                // An empty cell is a missing reading.
                 if text.is_empty() {
                     continue;
                 }
@@ -274,7 +277,8 @@ impl WideTable {
         })
     }
 
-    /// Whether the columns hold measured positions: by their heads, else by the values, where the unit allows both.
+    /// Whether the columns contain measured positions. The heads decide or, if they do not state it and the unit allows
+    /// both, the values.
     fn holds_positions(
         &self,
         table: &CsvTable,
@@ -308,8 +312,9 @@ impl WideTable {
     }
 }
 
-/// Whether the values at more than two thirds of the targets are the targets plus a common offset, as with a zero elsewhere, a turn more, or an
-/// outlier. A half would be too few: in one table of five with three random deviations, two differ by chance as their targets do.
+/// Whether the values at more than two thirds of the targets are the targets plus a common offset. The offset allows
+/// for another zero, a further turn or an outlier. A half of the targets would be too few: among five random
+/// deviations, two may by chance differ by as much as their targets.
 fn follow_targets(readings: &[WideReading], to_targets: f64) -> bool {
     let offset = |reading: &WideReading| reading.deviation * to_targets - reading.target;
     let mut offsets: Vec<f64> = readings.iter().map(offset).collect();

@@ -1,4 +1,4 @@
-//! CSV table with a header, whose rows and cells record their location.
+//! CSV table with a header. Its rows and cells have their location in the file.
 
 use core::ops::Range;
 use std::{
@@ -10,12 +10,15 @@ use csv::{ReaderBuilder, StringRecord, Trim};
 
 use crate::{bound::bounded, error::InputError, quoted};
 
-/// Table with a header, parsed from CSV text.
 ///
-/// The separator is the most frequent of `,`, `;` and the tab in the header. A first line `sep=;`, as written by spreadsheets, overrides
-/// it. Lines above the header that begin with `#` are skipped. If the separator is not a comma, numbers may have a decimal comma; then no
-/// number of the table may have a decimal point. Cells may be in double quotes. Blanks around a cell, blank rows and a byte order mark are
-/// ignored. Columns are found by name, in any order and case.
+/// The separator is the most frequent of `,`, `;` and the tab in the header. A first line `sep=;`, as written by
+/// spreadsheets, has priority. Lines above the header that begin with `#` are skipped.
+///
+/// If the separator is not a comma, numbers may have a decimal comma. Then no number of the table may have a decimal
+/// point.
+///
+/// Cells may be in double quotes. Blanks around a cell, blank rows and a byte order mark are ignored. Columns are found
+/// by name, in any order and case.
 #[derive(Clone, Debug)]
 pub struct CsvTable {
     file: String,
@@ -44,7 +47,6 @@ pub struct CsvRow<'t> {
     record: &'t Record,
 }
 
-/// Cell of a [`CsvTable`].
 #[derive(Clone, Copy, Debug)]
 pub struct Cell<'t> {
     row: CsvRow<'t>,
@@ -52,11 +54,11 @@ pub struct Cell<'t> {
 }
 
 impl CsvTable {
-    /// Reads a table from the text of `file`.
+    /// Parses a table. `file` is the name of the file in messages.
     ///
     /// # Errors
-    /// There is no header, a row has more or fewer cells than the header (empty cells at the end are ignored), a cell has a line break, or a
-    /// quoted cell is malformed.
+    /// There is no header, a row has more or fewer cells than the header (empty cells at the end are ignored), a cell
+    /// contains a line break, or a quoted cell is malformed.
     pub fn parse(file: &str, text: &str) -> Result<Self, InputError> {
         let text: Arc<str> = text.into();
         let (start, separator) = start_and_separator(&text);
@@ -120,23 +122,23 @@ impl CsvTable {
         self.separator
     }
 
-    /// Whether numbers of the table have a decimal comma.
+    /// Whether numbers in the table have a decimal comma.
     pub fn has_decimal_comma(&self) -> bool {
         self.decimal_comma_line.is_some()
     }
 
-    /// All columns with their names as written in the header, which may be empty.
+    /// All columns with their names as written in the header. A name may be empty.
     pub fn columns(&self) -> impl Iterator<Item = (Column, &str)> {
         let cells = self.header.cells.iter().enumerate();
         cells.map(|(index, name)| (Column(index), name))
     }
 
-    /// Columns with a non-empty name, and the names as written in the header.
+    /// Columns with a name that is not empty, and the name as written in the header.
     pub fn names(&self) -> impl Iterator<Item = (Column, &str)> {
         self.columns().filter(|(_, name)| !name.is_empty())
     }
 
-    /// Column with this name, if the header has it.
+    /// Column with this name; `None` if the header lacks the name.
     ///
     /// # Errors
     /// The header has the name twice.
@@ -149,7 +151,7 @@ impl CsvTable {
         }
     }
 
-    /// Column with this name, which the header must have.
+    /// Column with this name, which the header must contain.
     ///
     /// # Errors
     /// The header lacks the name or has it twice.
@@ -161,14 +163,14 @@ impl CsvTable {
         })
     }
 
-    /// Names of the columns that are not `known`, for a note on ignored columns.
+    /// Names of the columns that are not in `known`, for a note about ignored columns.
     pub fn names_besides(&self, known: &[&str]) -> Vec<&str> {
         let is_known = |name: &str| known.iter().any(|known| known.eq_ignore_ascii_case(name));
         let names = self.names().map(|(_, name)| name);
         names.filter(|name| !is_known(name)).collect()
     }
 
-    /// Rows below the header, in the order of the file, without blank ones.
+    /// Rows below the header that are not blank, in the order of the file.
     pub fn rows(&self) -> impl ExactSizeIterator<Item = CsvRow<'_>> {
         self.rows.iter().map(|record| CsvRow { table: self, record })
     }
@@ -178,7 +180,7 @@ impl CsvTable {
         self.error(&self.header, "header", message.into())
     }
 
-    /// An error at the row that begins in `line`, or at the header if no row does.
+    /// Error at the row that begins in `line`, or at the header if no row begins there.
     pub fn error_at(&self, line: usize, message: impl Into<String>) -> InputError {
         match self.rows().find(|row| row.line() == line) {
             Some(row) => row.error(message),
@@ -198,10 +200,10 @@ impl CsvTable {
     }
 }
 
-/// Reads a CSV file of any length in batches of rows, each a [`CsvTable`] with the same header.
+/// Reads a CSV file of any length in batches of rows. Each batch is a [`CsvTable`] with the same header.
 ///
-/// Rows and cells are those that [`CsvTable::parse`] finds in the whole text, but without their location: after an error, parse the whole
-/// text to report it.
+/// Rows and cells are the same as those of [`CsvTable::parse`] for the whole text, but without their location. After an
+/// error, parse the whole text to report the location.
 #[derive(Debug)]
 pub struct CsvBatches<R> {
     reader: csv::Reader<R>,
@@ -210,12 +212,14 @@ pub struct CsvBatches<R> {
 }
 
 impl<R: BufRead + Seek> CsvBatches<R> {
-    /// Reads the header. If the separator is not a comma, also scans all rows once to find out whether numbers have decimal commas.
+    /// Reads the header. If the separator is not a comma, also scans all rows once to find out whether numbers have
+    /// decimal commas.
     ///
     /// # Errors
-    /// The text cannot be read, has no header, or has, if all rows are scanned, a row with more or fewer cells than the header.
+    /// The text cannot be read, has no header, or, if all rows are scanned, has a row with more or fewer cells than the
+    /// header.
     pub fn open(file: &str, mut text: R) -> io::Result<Self> {
-        // Up to the first line that is neither blank nor a remark.
+        // Read up to the first line that is neither blank nor a remark.
         let mut top = String::new();
         loop {
             let from = top.len();
@@ -264,7 +268,7 @@ impl<R: BufRead + Seek> CsvBatches<R> {
         &self.head
     }
 
-    /// Returns the next rows, at most `most` of them; a table without rows at the end of the text.
+    /// Returns the next rows, at most `most`. At the end of the text, returns a table without rows.
     ///
     /// # Errors
     /// The text cannot be read, or a row has more or fewer cells than the header.
@@ -276,7 +280,7 @@ impl<R: BufRead + Seek> CsvBatches<R> {
         Ok(table)
     }
 
-    /// Reads the next row that is not blank into `cells`; false at the end of the text.
+    /// Reads the next row that is not blank into `cells`. Returns `false` at the end of the text.
     fn read(&mut self) -> io::Result<bool> {
         while self.reader.read_record(&mut self.cells)? {
             if self.cells.iter().all(str::is_empty) {
@@ -305,7 +309,7 @@ impl<'t> CsvRow<'t> {
         self.record.line
     }
 
-    /// Cell in a column of this table.
+    /// Cell of this row in a column of the table.
     pub fn cell(&self, column: Column) -> Cell<'t> {
         Cell { row: *self, column }
     }
@@ -317,7 +321,7 @@ impl<'t> CsvRow<'t> {
 }
 
 impl<'t> Cell<'t> {
-    /// Text of the cell without surrounding blanks; empty for a column of another, wider table.
+    /// Text of the cell without surrounding blanks. For a column of another, wider table it is empty.
     pub fn text(&self) -> &'t str {
         let record: &'t Record = self.row.record;
         record.cells.get(self.column.0).unwrap_or_default()
@@ -328,7 +332,7 @@ impl<'t> Cell<'t> {
         self.row.line()
     }
 
-    /// Text of the cell, with a decimal point if the table has decimal commas.
+    /// Text of the cell. If the table has decimal commas, the comma is replaced by a point.
     ///
     /// # Errors
     /// The table has decimal commas and this cell has a point, which may separate thousands.
@@ -344,10 +348,10 @@ impl<'t> Cell<'t> {
         }
     }
 
-    /// Parses the cell as a finite number of magnitude up to [`LARGEST_NUMBER`](crate::LARGEST_NUMBER).
+    /// Parses the cell as a finite number with a magnitude of at most [`LARGEST_NUMBER`](crate::LARGEST_NUMBER).
     ///
     /// # Errors
-    /// Anything else, including `nan` and `inf`.
+    /// Any other text, including `nan` and `inf`.
     pub fn number(&self) -> Result<f64, InputError> {
         let number = self.decimal_text()?.parse::<f64>().ok();
         bounded(number).map_err(|expected| {
@@ -364,12 +368,13 @@ impl<'t> Cell<'t> {
     }
 }
 
-/// Whether a cell has a line break, as after a double quote that is not closed: the cell then hides the rows after it.
+/// Whether a cell contains a line break. A double quote that is not closed causes this, and the cell then contains the
+/// rows after it.
 fn has_line_break(cells: &StringRecord) -> bool {
     cells.iter().any(|cell| cell.contains(['\n', '\r']))
 }
 
-/// Byte at which the table starts in the text, and the separator of its cells.
+/// Byte at which the table starts in the text, and separator of its cells.
 fn start_and_separator(text: &str) -> (usize, char) {
     let start = if text.starts_with('\u{feff}') { 3 } else { 0 };
     let start = start + remarks(text.get(start..).unwrap_or_default());
@@ -378,7 +383,7 @@ fn start_and_separator(text: &str) -> (usize, char) {
     match first.trim().strip_prefix("sep=") {
         Some(";") => (start + first.len(), ';'),
         Some(",") => (start + first.len(), ','),
-        // Trimming the line may have removed a tab as separator.
+        // The separator may be a tab that was trimmed from the line.
         Some("" | "\t") => (start + first.len(), '\t'),
         _ => {
             let header = rest.lines().find(|line| !line.trim().is_empty());
@@ -387,7 +392,7 @@ fn start_and_separator(text: &str) -> (usize, char) {
     }
 }
 
-/// Length in bytes of the leading lines that begin with `#` or are blank.
+/// Number of bytes of the leading lines that are blank or begin with `#`.
 fn remarks(text: &str) -> usize {
     let mut length = 0;
     for line in text.split_inclusive('\n') {
@@ -416,7 +421,7 @@ fn separator_of(header: &str) -> char {
     most.filter(|(_, count)| *count > 0).map_or(',', |(separator, _)| separator)
 }
 
-/// Whether a record is a line without text.
+/// Whether a record is a blank line.
 fn is_blank(cells: &StringRecord) -> bool {
     cells.len() <= 1 && cells.get(0).is_none_or(str::is_empty)
 }
@@ -427,12 +432,12 @@ fn builder(separator: char) -> ReaderBuilder {
         .has_headers(false)
         .flexible(true)
         .trim(Trim::All)
-        // `,`, `;` and the tab are one byte each.
+        // Each of the separators `,`, `;` and tab is a single byte.
         .delimiter(u8::try_from(separator).unwrap_or(b','));
     builder
 }
 
-/// Removes empty cells beyond the columns of the header; true if the row then has as many cells as the header.
+/// Removes empty cells beyond the columns of the header. Returns whether the row then has as many cells as the header.
 fn is_as_wide(cells: &mut StringRecord, columns: usize) -> bool {
     if cells.iter().skip(columns).all(str::is_empty) {
         cells.truncate(columns);
@@ -440,7 +445,7 @@ fn is_as_wide(cells: &mut StringRecord, columns: usize) -> bool {
     cells.len() == columns
 }
 
-/// All records from `start` on with their line and byte range, or the line and message of a syntax error.
+/// All records from byte `start` on, with their lines and byte ranges. Errors: the line and message of a syntax error.
 fn records(text: &str, start: usize, separator: char) -> Result<Vec<Record>, (usize, String)> {
     let mut reader =
         builder(separator).from_reader(text.get(start..).unwrap_or_default().as_bytes());
@@ -457,7 +462,7 @@ fn records(text: &str, start: usize, separator: char) -> Result<Vec<Record>, (us
         let byte = |position: u64| start + usize::try_from(position).unwrap_or(usize::MAX - start);
         let from = byte(cells.position().map_or(0, csv::Position::byte));
         let to = byte(reader.position().byte());
-        // The reported position of a record may be that of the blank lines before it.
+        // The reader may report the position of the blank lines before the record.
         let record = bytes.get(from..to).unwrap_or_default();
         let is_break = |byte: &&u8| matches!(byte, b'\n' | b'\r');
         let from = from + record.iter().take_while(is_break).count();
@@ -472,14 +477,14 @@ fn records(text: &str, start: usize, separator: char) -> Result<Vec<Record>, (us
     }
 }
 
-/// Whether a cell is a number with one comma and no point: `-12,5`.
+/// Whether a cell is a number with one comma and no point, such as `-12,5`.
 fn is_number_with_comma(cell: &str) -> bool {
     cell.matches(',').count() == 1
         && !cell.contains('.')
         && cell.replacen(',', ".", 1).parse::<f64>().is_ok()
 }
 
-/// Whether two neighbouring cells may be the parts of a number with a decimal comma: `12` and `5`.
+/// Whether two neighbouring cells may be the two parts of a number with a decimal comma, such as `12` and `5`.
 fn has_halves(cells: &StringRecord) -> bool {
     let is_whole = |cell: &str| {
         let digits = cell.strip_prefix(['-', '+']).unwrap_or(cell);

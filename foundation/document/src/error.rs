@@ -1,19 +1,20 @@
 use core::ops::Range;
 
-/// Error at a location of a TOML or CSV file.
+/// Error at a location in a TOML or CSV file.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error("{file}:{line}: {key}{}{message}", if key.is_empty() { "" } else { ": " })]
 pub struct InputError {
-    /// File as named by the caller.
+    /// Name of the file, as given by the caller.
     pub file: String,
     /// Line in the file, from 1.
     pub line: usize,
-    /// Key with the tables before it (`errors.EXX.table`), or the column of a CSV file; empty if the whole file or row is concerned.
+    /// Key with the names of its tables (`errors.EXX.table`), or column of a CSV file. Empty if the error is about the
+    /// whole file or row.
     pub key: String,
-    /// One sentence with the text found and what was expected.
+    /// One sentence that states what was found and what was expected.
     pub message: String,
-    /// Byte range of the wrong text, for programs that display it.
+    /// Byte range of the wrong text, for programs that show it.
     pub span: Range<usize>,
-    /// Text of the file, for programs that display the location.
+    /// Text of the file, for programs that show the location.
     pub text: std::sync::Arc<str>,
 }

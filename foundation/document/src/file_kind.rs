@@ -1,8 +1,8 @@
-//! Kinds of TOML file. For a file of the wrong kind the message names its kind instead of the first unknown key.
+//! Kinds of TOML file. The error for a file of the wrong kind names that kind instead of the first unknown key.
 
 use crate::{error::InputError, toml_file::Section};
 
-/// Kind of TOML file, with its specific keys.
+/// Kind of TOML file. Each kind has some keys that no other kind has.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FileKind {
     /// Geometry and errors of a machine.
@@ -11,7 +11,7 @@ pub enum FileKind {
     Calibration,
     /// Volumetric observations, and the unknowns to estimate from them.
     Observations,
-    /// Virtual shop: a machine and the instruments that measure it.
+    /// Virtual shop, which is a machine and the instruments that measure it.
     Shop,
     /// Configuration of the gateway.
     Gateway,
@@ -53,11 +53,12 @@ impl FileKind {
 }
 
 impl Section<'_> {
-    /// Rejects every root key except the expected ones. If the file has a key specific to another kind of file and none specific to this kind, the
-    /// error names that kind instead of a key.
+    /// Rejects every root key except the expected keys. If the file has a key that is specific to another kind of file,
+    /// and no key that is specific to this kind, the error names the other kind instead of a key.
     ///
     /// # Errors
-    /// The file is of another kind, or its first unknown key, as reported by [`Section::allow`].
+    /// The file is of another kind, or has an unknown key. The error for the first unknown key is that of
+    /// [`Section::allow`].
     pub fn allow_in(&self, kind: FileKind, expected: &[&str]) -> Result<(), InputError> {
         let Err(unknown) = self.allow(expected) else {
             return Ok(());
@@ -65,15 +66,17 @@ impl Section<'_> {
         Err(self.other_kind(kind, expected).unwrap_or(unknown))
     }
 
-    /// Error for a file of another kind: it has a key specific to that kind, and none specific to `kind`. `None` for any other file.
+    /// Error for a file of another kind, which has a key that is specific to that kind and no key that is specific to
+    /// `kind`. `None` for any other file.
     pub fn other_kind(&self, kind: FileKind, expected: &[&str]) -> Option<InputError> {
         let key_of = |kind: FileKind| kind.own_keys().iter().find(|key| self.get(key).is_some());
-        // A calibration file may also contain observations.
+        // A calibration file may also contain observations, so expected keys do not identify another kind.
         let foreign = |kind: FileKind| {
             let mut keys = kind.own_keys().iter();
             keys.find(|key| !expected.contains(key) && self.get(key).is_some())
         };
-        // Both calibration and shop files may contain measurements, so these identify the kind only for other files.
+        // Calibration and shop files may both contain measurements. So measurements identify a calibration file only if
+        // neither kind was expected.
         let no_measurements = !matches!(kind, FileKind::Shop | FileKind::Calibration);
         let measured = (no_measurements && self.get("measurement").is_some())
             .then_some((FileKind::Calibration, &"measurement"));

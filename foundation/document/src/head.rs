@@ -1,9 +1,9 @@
-//! Column heads: a name, alone or followed by a unit.
+//! Column heads, which are a name alone, or a name followed by a unit.
 
-/// Units and their spellings; case is ignored.
+/// Units and their spellings, in lower case. The case of a spelling is ignored.
 const UNITS: [(&str, &[&str]); 14] = [
     ("mm", &["mm"]),
-    // The micro sign does not become the Greek letter in lower case: both are listed.
+    // Lower case does not turn the micro sign into the Greek letter, so both are listed.
     ("um", &["um", "µm", "μm"]),
     ("nm", &["nm"]),
     ("cm", &["cm"]),
@@ -19,8 +19,8 @@ const UNITS: [(&str, &[&str]); 14] = [
     ("degc", &["degc", "°c"]),
 ];
 
-/// Splits a column head after its first word into the name and the remaining text (a unit, or empty) without surrounding blanks and
-/// punctuation: `X` and `mm` for `X mm`, `dx` and `um` for `dx_um`, `C` and `deg` for `C (deg)`.
+/// Splits a column head after its first word. Returns the name and the remaining text (a unit, or empty) without
+/// surrounding blanks and punctuation: `X` and `mm` for `X mm`, `dx` and `um` for `dx_um`, `C` and `deg` for `C (deg)`.
 pub fn split_head(head: &str) -> (&str, &str) {
     let is_mark = |c: char| c.is_whitespace() || "_-/,:.[](){}".contains(c);
     let end = head.find(|c: char| !c.is_alphanumeric());
@@ -28,8 +28,8 @@ pub fn split_head(head: &str) -> (&str, &str) {
     (name, behind.trim_matches(is_mark))
 }
 
-/// Splits a head that ends in a known unit into name and unit: `dz` and `um` for `dz_um` and `dz [µm]`, `spindle front` and `degc` for
-/// `spindle front °C`. `None` if it ends in no known unit.
+/// Splits a head that ends in a known unit into name and unit: `dz` and `um` for `dz_um` and `dz [µm]`, `spindle front`
+/// and `degc` for `spindle front °C`. `None` if the head does not end in a known unit.
 pub fn split_unit(head: &str) -> Option<(&str, &'static str)> {
     let is_mark = |c: char| c.is_whitespace() || "_-/,:.[](){}".contains(c);
     let (name, behind) = split_head(head);
@@ -44,7 +44,7 @@ pub fn split_unit(head: &str) -> Option<(&str, &'static str)> {
     (!name.is_empty()).then_some((name, unit))
 }
 
-/// Unit by any of its names: `um` for `µm`, `deg` for `°`; `None` for an unknown one.
+/// Unit with any of its names: `um` for `µm`, `deg` for `°`; `None` for an unknown unit.
 pub fn unit_named(text: &str) -> Option<&'static str> {
     let small = text.to_lowercase();
     let is_it = |(_, names): &&(&str, &[&str])| names.contains(&small.as_str());

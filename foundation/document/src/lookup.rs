@@ -1,4 +1,5 @@
-//! Look-ups shared by all decoders: a value or its default, a number within a range, one of several words, an array of tables.
+//! Look-ups for all decoders: a value or its default, a number within a range, one of several words, an array of
+//! tables.
 
 use core::{fmt::Display, ops::RangeInclusive};
 
@@ -7,7 +8,7 @@ use crate::{
     toml_file::{Section, Value},
 };
 
-/// Description of an expected range; an infinite end is no limit.
+/// Describes an expected range. An infinite end is no limit.
 pub(crate) fn expected_range(range: RangeInclusive<f64>) -> String {
     let (low, high) = range.into_inner();
     match (low.is_finite(), high.is_finite()) {
@@ -18,7 +19,7 @@ pub(crate) fn expected_range(range: RangeInclusive<f64>) -> String {
 }
 
 impl<'a> Section<'a> {
-    /// Value of a key as `decode` returns it; `None` if the key is missing.
+    /// Value that `decode` returns for a key; `None` if the key is missing.
     ///
     /// # Errors
     /// The errors of `decode`.
@@ -30,10 +31,10 @@ impl<'a> Section<'a> {
         self.get(key).map(|value| decode(&value)).transpose()
     }
 
-    /// Number within `range`, or `default` (which may lie outside it) if the key is missing.
+    /// Number within `range`, or `default` if the key is missing. The default may be outside the range.
     ///
     /// # Errors
-    /// Anything but a number within the range.
+    /// The value is not a number within the range.
     pub fn number_or(
         &self,
         key: &str,
@@ -43,10 +44,10 @@ impl<'a> Section<'a> {
         Ok(self.optional(key, |value| value.number_in(range))?.unwrap_or(default))
     }
 
-    /// Whole number within `range`, or `default` (which may lie outside it) if the key is missing.
+    /// Whole number within `range`, or `default` if the key is missing. The default may be outside the range.
     ///
     /// # Errors
-    /// Anything but a whole number within the range.
+    /// The value is not a whole number within the range.
     pub fn whole_or<N>(
         &self,
         key: &str,
@@ -62,15 +63,16 @@ impl<'a> Section<'a> {
     /// `true` or `false`, or `default` if the key is missing.
     ///
     /// # Errors
-    /// Anything but a truth value.
+    /// The value is neither `true` nor `false`.
     pub fn truth_or(&self, key: &str, default: bool) -> Result<bool, InputError> {
         Ok(self.optional(key, Value::truth)?.unwrap_or(default))
     }
 
-    /// Value that belongs to the word of a key, or `default` if the key is missing.
+    /// The key must be one of the words. Returns the value that belongs to that word, or `default` if the key is
+    /// missing.
     ///
     /// # Errors
-    /// Anything but one of the words.
+    /// The value of the key is not one of the words.
     pub fn one_of<T: Clone>(
         &self,
         key: &str,
@@ -80,10 +82,10 @@ impl<'a> Section<'a> {
         Ok(self.optional(key, |value| value.one_of(words))?.unwrap_or(default))
     }
 
-    /// Decodes every table of an array of tables (`[[key]]`) in order; empty if the key is missing.
+    /// Decodes all tables of an array of tables (`[[key]]`) in order. Returns an empty list if the key is missing.
     ///
     /// # Errors
-    /// Anything but an array of tables, and those of `decode`.
+    /// The value is not an array of tables, or an error of `decode`.
     pub fn tables<T, E: From<InputError>>(
         &self,
         key: &str,
@@ -101,10 +103,10 @@ impl<'a> Section<'a> {
 }
 
 impl Value<'_> {
-    /// Number within `range`, both ends included; an infinite end is no limit.
+    /// Number within `range`, including both ends. An infinite end is no limit.
     ///
     /// # Errors
-    /// Anything else, with the expected range.
+    /// The value is not a number within the range. The message states the range.
     pub fn number_in(&self, range: RangeInclusive<f64>) -> Result<f64, InputError> {
         let found = self.number()?;
         if range.contains(&found) {
@@ -117,7 +119,7 @@ impl Value<'_> {
     /// Finite number above 0.
     ///
     /// # Errors
-    /// Anything else.
+    /// The value is not a finite number above 0.
     pub fn positive(&self) -> Result<f64, InputError> {
         let found = self.number()?;
         if found > 0.0 {
@@ -126,10 +128,10 @@ impl Value<'_> {
         Err(self.error(format!("found {found}, expected a number above 0")))
     }
 
-    /// Value that belongs to this word.
+    /// The text must be one of the words. Returns the value that belongs to that word.
     ///
     /// # Errors
-    /// Anything but one of the words; the message lists them.
+    /// The text is not one of the words. The message lists the words.
     pub fn one_of<T: Clone>(&self, words: &[(&str, T)]) -> Result<T, InputError> {
         let found = self.text()?;
         if let Some((_, meaning)) = words.iter().find(|(word, _)| *word == found) {

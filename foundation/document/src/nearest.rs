@@ -1,11 +1,13 @@
-/// The known word closest to `found`, if the edit distance is small enough for a typing error or the word is `found` with a suffix
-/// (`limit_um` for `limit`); case is ignored.
+/// The known word that `found` is probably meant to be; `None` if there is none. The edit distance of the two words
+/// must be that of a typing error, or the known word must be `found` with a suffix (`limit_um` for `limit`). Case is
+/// ignored.
 pub fn nearest<'k>(found: &str, known: &[&'k str]) -> Option<&'k str> {
     near(found, known).first().copied()
 }
 
-/// Known words similar to `found`, best match first: words within the edit distance of a typing error, then longer words that begin with `found`
-/// and `_`, for an omitted unit such as `limit` for `limit_um`. Case is ignored.
+/// Known words similar to `found`, best match first: words within the edit distance of a typing error, then longer
+/// words that begin with `found` and `_`, because a unit may have been omitted, as in `limit` for `limit_um`. Case is
+/// ignored.
 pub(crate) fn near<'k>(found: &str, known: &[&'k str]) -> Vec<&'k str> {
     let small = found.to_lowercase();
     let found: Vec<char> = small.chars().collect();
@@ -14,8 +16,7 @@ pub(crate) fn near<'k>(found: &str, known: &[&'k str]) -> Vec<&'k str> {
         let lower = word.to_lowercase();
         let letters: Vec<char> = lower.chars().collect();
         let slips = slips(&found, &letters);
-        // Words no longer than the edit distance are excluded, because every letter of them could
-        // differ.
+        // A word no longer than the edit distance is excluded, because every letter of it could differ.
         if slips <= most && slips < letters.len() {
             return Some((false, slips));
         }
@@ -29,8 +30,8 @@ pub(crate) fn near<'k>(found: &str, known: &[&'k str]) -> Vec<&'k str> {
     ranked.into_iter().map(|(_, word)| word).collect()
 }
 
-/// Minimum number of letters omitted, added, changed, or swapped with their neighbour, that turn one word into the other (optimal string alignment
-/// distance).
+/// Minimum number of steps that turn one word into the other. A step omits, adds or changes a letter, or swaps two
+/// neighbouring letters (optimal string alignment distance).
 fn slips(from: &[char], to: &[char]) -> usize {
     let mut above: Vec<usize> = vec![0; to.len() + 1];
     let mut row: Vec<usize> = (0..=to.len()).collect();

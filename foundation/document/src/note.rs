@@ -4,40 +4,36 @@ use core::fmt::{self, Display, Formatter};
 
 use serde::{Serialize, Serializer};
 
-/// How serious a note is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Severity {
     /// The result could mislead.
     Warning,
-    /// The result is valid; something was ignored or assumed.
+    /// The result is valid, but something was ignored or assumed.
     Info,
 }
 
-/// A note on a result: location, statement and recommendation. [`Display`] and JSON give all of it as one sentence.
+/// A note about a result, with location, statement and recommendation. [`Display`] and JSON combine them into one
+/// sentence.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Note {
-    /// Whether the result could mislead.
     pub severity: Severity,
-    /// File, `file:line` or name concerned; empty if the whole result is concerned.
+    /// File, `file:line` or name to which the note refers; empty if it refers to the whole result.
     pub place: String,
-    /// Statement: what was found and, if there is one, the limit.
+    /// Statement of what was found and, if there is one, of the limit.
     pub what: String,
     /// Recommendation; empty if `what` is sufficient.
     pub hint: &'static str,
 }
 
 impl Note {
-    /// A warning without a hint.
     pub fn warning(place: impl Into<String>, what: impl Into<String>) -> Self {
         Self { severity: Severity::Warning, place: place.into(), what: what.into(), hint: "" }
     }
 
-    /// A remark without a hint.
     pub fn info(place: impl Into<String>, what: impl Into<String>) -> Self {
         Self { severity: Severity::Info, ..Self::warning(place, what) }
     }
 
-    /// Adds a recommendation.
     #[must_use]
     pub fn hint(self, hint: &'static str) -> Self {
         Self { hint, ..self }

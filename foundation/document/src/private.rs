@@ -1,4 +1,5 @@
-//! Files that hold a secret: keys, seeds, passwords, tokens. Only their owner may read them; this is checked on Unix only.
+//! Files that contain a secret: keys, seeds, passwords, tokens. Only their owner may read them. This is checked on Unix
+//! only.
 
 use std::{
     fs::{File, Metadata},
@@ -6,16 +7,13 @@ use std::{
     path::{Path, PathBuf},
 };
 
-/// Reason why a secret file is rejected.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum PrivateError {
-    /// The file cannot be read.
     #[error("{}: {source}", file.display())]
     Read {
-        /// Path of the secret.
         file: PathBuf,
-        /// Why the operating system cannot open or read it.
+        /// Error of the operating system when opening or reading the file.
         source: io::Error,
     },
     /// Other users may read the file.
@@ -23,9 +21,8 @@ pub enum PrivateError {
         "{}: found mode {mode:03o}, expected 600: others may read this secret", file.display()
     )]
     Mode {
-        /// Path of the secret.
         file: PathBuf,
-        /// Permission bits of the file, which let other users access it.
+        /// Permission bits of the file, which give other users access.
         mode: u32,
     },
 }
@@ -36,7 +33,8 @@ pub fn is_open_to_others(mode: u32) -> bool {
     mode & 0o077 != 0
 }
 
-/// Opens a file that only its owner may read, or that the service manager provides in the credentials folder of this service.
+/// Opens a file that only its owner may read, or that the service manager provides in the credentials folder of this
+/// service.
 ///
 /// # Errors
 /// The file cannot be opened, or other users may read it.
@@ -44,7 +42,8 @@ pub fn open(path: &Path) -> Result<File, PrivateError> {
     let failed = |source| PrivateError::Read { file: path.to_owned(), source };
     let file = File::open(path).map_err(failed)?;
     let mode = mode(&file.metadata().map_err(failed)?);
-    // The service manager keeps its credentials folder private; the modes of the files may reflect an access list.
+    // The service manager keeps its credentials folder private, and the modes of the files in it may only reflect an
+    // access list.
     let is_credential =
         std::env::var_os("CREDENTIALS_DIRECTORY").is_some_and(|folder| path.starts_with(folder));
     if is_open_to_others(mode) && !is_credential {
@@ -59,13 +58,13 @@ fn mode(metadata: &Metadata) -> u32 {
     metadata.permissions().mode() & 0o777
 }
 
-/// Windows has no modes; the access list of the folder applies.
+/// Windows has no modes. The access list of the folder protects the file instead.
 #[cfg(not(unix))]
 fn mode(_: &Metadata) -> u32 {
     0o600
 }
 
-/// Reads the text of a file that only its owner may read; see [`open`].
+/// Reads the text of a file that only its owner may read; for exceptions see [`open`].
 ///
 /// # Errors
 /// The file cannot be read, is not text, or other users may read it.

@@ -8,27 +8,26 @@ use std::{
 
 use crate::toml_file::{Document, MOST_BYTES};
 
-/// A file that cannot be read as text.
+/// Reason why a file cannot be read as text.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ReadError {
-    /// The operating system cannot read the file: it is missing, a folder, or not readable for this user.
+    /// The operating system cannot read the file, because it is missing, is a folder, or is not readable for this user.
     #[error("{file}: cannot be read: {source}")]
     System {
         /// Path as given by the caller.
         file: String,
-        /// Why the operating system cannot read it.
         source: io::Error,
     },
-    /// The file holds bytes that are not UTF-8.
+    /// The file contains bytes that are not UTF-8.
     #[error("{file}: byte {offset} is not UTF-8, expected a text file in UTF-8")]
     Encoding {
         /// Path as given by the caller.
         file: String,
-        /// Offset of the first byte that is not UTF-8, from 0.
+        /// Offset of the first byte that is not UTF-8, counted from 0.
         offset: usize,
     },
-    /// The file is longer than [`MAX_TEXT_BYTES`], or a device without an end such as `/dev/zero`.
+    /// The file is longer than [`MAX_TEXT_BYTES`], or it is a device without an end, such as `/dev/zero`.
     #[error("{file}: found more than {} MiB, expected a text file of at most that size", MAX_TEXT_BYTES >> 20)]
     TooLarge {
         /// Path as given by the caller.
@@ -36,16 +35,16 @@ pub enum ReadError {
     },
 }
 
-/// Maximum size of a text that is not a document, bytes.
+/// Maximum size of a text file that is not a document, bytes.
 pub const MAX_TEXT_BYTES: u64 = 256 << 20;
 
 impl Document {
-    /// Reads a file. Messages name it by its path as given.
+    /// Reads a file. Messages name the file by `path`.
     ///
     /// # Errors
     /// [`ReadError`]: the file cannot be read, or is not UTF-8.
     pub fn read(path: &Path) -> Result<Self, ReadError> {
-        // One byte more than the limit is enough for `decode` to reject the file.
+        // One byte more than the limit suffices for `decode` to reject the file.
         let text = text_of(path, MOST_BYTES as u64 + 1)?;
         Ok(Self::new(&path.display().to_string(), &text))
     }
@@ -71,7 +70,7 @@ fn text_of(path: &Path, most: u64) -> Result<String, ReadError> {
         .map_err(|source| ReadError::System { file: file.clone(), source })?;
     let is_cut = bytes.len() as u64 == most;
     String::from_utf8(bytes).or_else(|error| match error.utf8_error() {
-        // The limit cut a character in two.
+        // The limit has cut a character in two.
         end if is_cut && end.error_len().is_none() => {
             Ok(String::from_utf8_lossy(error.as_bytes()).into_owned())
         }

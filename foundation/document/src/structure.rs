@@ -1,4 +1,4 @@
-//! Deserialises a TOML file with serde, reporting every error in it, with the location of each key.
+//! Deserialises a TOML file by serde, and reports all of its errors with the location of each key.
 
 use core::{
     fmt,
@@ -19,10 +19,10 @@ use crate::{
     toml_file::{Document, meant},
 };
 
-/// Maximum number of errors that are reported: each requires another pass over the file.
+/// Maximum number of errors that are reported. Each of them requires another pass over the file.
 const MAX_MISTAKES: usize = 100;
 
-/// All errors of a file, in the order of its lines; at least one.
+/// All errors of a file, in the order of its lines. There is at least one.
 #[derive(Clone, Debug, PartialEq)]
 pub struct InputErrors(pub Vec<InputError>);
 
@@ -41,24 +41,25 @@ impl From<InputError> for InputErrors {
     }
 }
 
-/// Full keys in a file (`controller[0].url`), each with the byte range of its value.
+/// Full keys of a file (`controller[0].url`), each with the byte range of its value.
 pub type Places = BTreeMap<String, Range<usize>>;
 
-/// Keys of a file and the errors found so far.
+/// Keys of a file, and the errors found up to now.
 pub struct Mistakes<'a> {
     document: &'a Document,
     places: Places,
-    /// Keys whose invalid value was removed. Errors caused by their absence are not reported.
+    /// Keys whose invalid values were removed. Errors that are caused by the missing values are not reported.
     unread: BTreeSet<String>,
     found: Vec<InputError>,
 }
 
 impl Document {
-    /// Deserialises the file. An invalid value is reported and removed, so that its default applies and further errors are found. For a
-    /// removed key `replaced` returns a message that names its successor.
+    /// Deserialises the file. An invalid value is reported and removed, so that its default applies and further errors
+    /// are found. For a key that no longer exists, `replaced` returns a message that names its successor.
     ///
     /// # Errors
-    /// The text is not valid TOML (see [`decode`](Document::decode)), has 100 errors, or has an error without a location.
+    /// The text is not valid TOML (see [`decode`](Document::decode)), has 100 errors, or has an error without a
+    /// location.
     pub fn structure<T: DeserializeOwned>(
         &self,
         replaced: impl Fn(&str) -> Option<&'static str>,
@@ -87,7 +88,8 @@ impl Document {
                     Some(sentence) => sentence.to_owned(),
                     None => words(error.message(), self.text.get(span).unwrap_or_default()),
                 };
-                // A key that was removed because of an error is reported as missing in the next pass.
+                // A key that was removed because of an error is reported as missing in the next pass, so this second
+                // error is dropped.
                 let within = format!("{key}.");
                 let is_stated = unread.iter().any(|other| other.starts_with(&within));
                 if !(is_stated && error.message().starts_with("missing field")) {
@@ -101,7 +103,7 @@ impl Document {
         })
     }
 
-    /// Full keys in the file; empty if it is not valid TOML.
+    /// Full keys of the file; empty if the file is not valid TOML.
     pub fn places(&self) -> Places {
         let mut places = Places::new();
         let found = self.decode(|root| {
@@ -111,7 +113,7 @@ impl Document {
         found.map(|()| places).unwrap_or_default()
     }
 
-    /// An error at a key; if the file does not contain it, at the closest table above.
+    /// Error at a key or, if the file lacks the key, at the closest table above it.
     pub fn error_at(&self, places: &Places, key: &str, message: impl Into<String>) -> InputError {
         let mut above = key;
         let span = loop {
@@ -128,7 +130,7 @@ impl Document {
 }
 
 impl Mistakes<'_> {
-    /// Whether the file contains a key.
+    /// Whether the file contains a key, with a valid or an invalid value.
     pub fn states(&self, key: &str) -> bool {
         self.places.contains_key(key)
     }
@@ -138,12 +140,11 @@ impl Mistakes<'_> {
         self.states(key) && !self.unread.contains(key)
     }
 
-    /// Locations of the keys in the file.
     pub fn places(&self) -> &Places {
         &self.places
     }
 
-    /// Adds an error at a key or a table, unless a reported invalid value causes it.
+    /// Adds an error at a key or table. Does nothing if an invalid value in it was already reported.
     pub fn add(&mut self, key: &str, message: impl Into<String>) {
         let within = |unread: &String| {
             let rest = unread.strip_prefix(key);
@@ -155,7 +156,7 @@ impl Mistakes<'_> {
         }
     }
 
-    /// Adds an error if a key is missing in the table `above` (empty: the root).
+    /// Adds an error if a key is missing in the table `above`. An empty `above` is the root.
     pub fn require(&mut self, above: &str, key: &str) {
         let dot = if above.is_empty() { "" } else { "." };
         if !self.states(&format!("{above}{dot}{key}")) {
@@ -165,7 +166,8 @@ impl Mistakes<'_> {
         }
     }
 
-    /// Adds an error if a number is outside `range`, both ends included; an infinite end is no limit. Defaults are not checked.
+    /// Adds an error if a number in the file is outside `range`, which includes both ends. An infinite end is no limit.
+    /// Defaults are not checked.
     pub fn range(&mut self, key: &str, found: f64, range: RangeInclusive<f64>) {
         let is_within = range.contains(&found) && found.abs() <= LARGEST_NUMBER;
         if self.states(key) && !is_within {
@@ -178,7 +180,8 @@ impl Mistakes<'_> {
         }
     }
 
-    /// Adds an error if a whole number is outside `range`, both ends included.
+    /// Adds an error if a whole number in the file is outside `range`, which includes both ends. Defaults are not
+    /// checked.
     #[expect(clippy::needless_pass_by_value, reason = "it is a number")]
     pub fn whole<N: PartialOrd + fmt::Display>(
         &mut self,
@@ -231,8 +234,8 @@ fn collect(table: &DeTable<'_>, above: &str, places: &mut Places) {
     }
 }
 
-/// Removes from a table the innermost entry whose key or value contains these bytes; returns its key, below `above`, and its value. `None` if no
-/// entry contains them.
+/// Removes from a table the innermost entry whose key or value contains these bytes. Returns the key of the entry, with
+/// `above` in front, and its value; `None` if no entry contains the bytes.
 fn take<'i>(
     table: &mut DeTable<'i>,
     above: &str,
@@ -267,7 +270,8 @@ fn take<'i>(
     Some((key, value))
 }
 
-/// Whether a value contains a byte range. The span of a table that is written in parts covers only its first header.
+/// Whether a value contains a byte range. The span of a table that is written in several parts covers only its first
+/// header.
 fn value_holds(value: &Spanned<DeValue<'_>>, holds: &impl Fn(Range<usize>) -> bool) -> bool {
     let inside = match value.get_ref() {
         DeValue::Table(inner) => {
@@ -279,7 +283,7 @@ fn value_holds(value: &Spanned<DeValue<'_>>, holds: &impl Fn(Range<usize>) -> bo
     inside || holds(value.span())
 }
 
-/// Rewrites a message of serde in the terms of this crate. `stated` is the wrong text.
+/// Rewrites an error message of serde in the terms of this crate. `stated` is the wrong text.
 fn words(message: &str, stated: &str) -> String {
     let quoted = |text: &str| -> Vec<String> {
         let parts = text.split('`').skip(1).step_by(2);
@@ -389,7 +393,7 @@ mod tests {
             .map_err(|errors| errors.to_string())
     }
 
-    /// Each of twelve mistakes is reported with the line, the key, the found and the expected value.
+    /// Each of the mistakes is reported with its line and key, and with the found and the expected value.
     #[test]
     fn every_mistake_is_reported() {
         let text = "limit_um = \"much\"\ncount = -1\nword = \"grey\"\nrange = [1.0]\nnames = [1]\nlisten = \"here\"\nold = 3\nlimit = 2\n[[part]]\non = true\n[[part]]\non = 1\nof = 2\n[part.inner]\n[byte]\nat = 70000\n";
@@ -422,7 +426,7 @@ F:16: byte.at: found 70000, expected a whole number from 0 to 65535";
         assert_eq!(file, Ok(expected));
     }
 
-    /// A rule about a key with an invalid value reports nothing; a rule about another key does.
+    /// A rule about a key whose value was already rejected reports nothing. Rules about other keys are reported.
     #[test]
     fn rules_are_reported_beside_mistakes() {
         let document = Document::new("F", "limit_um = \"much\"\ncount = 9\n[[part]]\non = true\n");
@@ -442,7 +446,8 @@ F:3: part[0].inner: of no use";
         assert_eq!(found, expected);
     }
 
-    /// Deserialisation restarts after each mistake; a file full of mistakes must still be read in reasonable time.
+    /// Deserialisation restarts after each mistake, but reading a file with very many mistakes must end in reasonable
+    /// time.
     #[test]
     fn a_file_full_of_mistakes_ends() {
         let lines: Vec<String> = (0..5000).map(|n| format!("k{n} = 1")).collect();

@@ -1,8 +1,8 @@
-//! Messages on TOML syntax errors: those of the parser, reworded for users.
+//! Messages about TOML syntax errors: those of the parser, or clearer ones for frequent mistakes.
 
 use core::ops::Range;
 
-/// Message on a syntax error; `parser` is the message of the parser, used if there is none that is more helpful.
+/// Message about a syntax error. `parser` is the message of the parser, which is returned if there is no clearer one.
 pub(crate) fn message(text: &str, span: &Range<usize>, parser: &str) -> String {
     let parser = parser.trim();
     let at = text.get(..span.start).map_or(0, str::len);
@@ -33,7 +33,7 @@ pub(crate) fn message(text: &str, span: &Range<usize>, parser: &str) -> String {
             "found `{key} = {whole},{part}`, expected a decimal point: {key} = {whole}.{part}"
         );
     }
-    // Only these messages of the parser concern a value.
+    // Only these messages of the parser are about a value.
     let about_values = ["string values", "unexpected", "invalid", "extra"];
     if !about_values.iter().any(|start| parser.starts_with(start)) {
         return parser.to_owned();
@@ -44,7 +44,7 @@ pub(crate) fn message(text: &str, span: &Range<usize>, parser: &str) -> String {
     if value.is_empty() {
         return "found nothing behind `=`, expected a value".to_owned();
     }
-    // The whole value is one bare word: `oops`, `12µm`, `–3`.
+    // The whole value is a single bare word, such as `oops`, `12µm` or `–3`.
     let is_bare = !value.contains(['"', '\'', '[', ']', '{', '}', '=']);
     if is_bare {
         let expected = "expected a number (12.5), a text in quotes (\"X\"), true or false";
@@ -61,7 +61,8 @@ fn decimal_comma(value: &str) -> Option<(&str, &str)> {
     (digits(size) && digits(part)).then_some((whole, part))
 }
 
-/// Key and digits before and after the comma of a number with a decimal comma in an inline table, where a comma must be followed by a key.
+/// For a number with a decimal comma in an inline table: its key, and the digits before and after the comma. A comma in
+/// an inline table must be followed by a key.
 fn decimal_comma_inside(value: &str) -> Option<(&str, &str, &str)> {
     let inside = value.strip_prefix('{')?;
     let mut parts = inside.split(',').peekable();
@@ -81,7 +82,8 @@ fn decimal_comma_inside(value: &str) -> Option<(&str, &str, &str)> {
     None
 }
 
-/// Digits before and after a comma just before this offset: an array with such a number has two values instead of one.
+/// Digits before and after a comma just before this offset. In an array, a number with a decimal comma would be two
+/// values.
 fn decimal_comma_at(text: &str, at: usize) -> Option<(&str, &str)> {
     let before = text.get(..at)?.strip_suffix(',')?;
     let whole = before.rsplit(|c: char| !c.is_ascii_digit() && c != '-' && c != '+').next()?;
@@ -91,7 +93,7 @@ fn decimal_comma_at(text: &str, at: usize) -> Option<(&str, &str)> {
     (!whole.is_empty() && !part.is_empty()).then_some((whole, part))
 }
 
-/// Excerpt of the file, truncated if long.
+/// Excerpt of the file, truncated to 60 characters.
 fn shown(text: &str) -> String {
     const LONGEST: usize = 60;
     let mut cut: String = text.chars().take(LONGEST).collect();
