@@ -1,4 +1,4 @@
-//! The ideal chain: joints, tool and workpiece at machine zero.
+//! The ideal kinematic chain: joints, tool and workpiece at machine zero.
 
 use arrayvec::ArrayVec;
 use nalgebra::Vector3;
@@ -13,45 +13,45 @@ use crate::{
 };
 use volcomp_vocabulary::{AxisKind, AxisName, MAX_AXES, PerAxis};
 
-/// The frame in which the error motions of a rotary axis are stated.
+/// Frame in which the error motions of a rotary axis are stated.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum MotionFrame {
-    /// The non-rotating frame: as a spindle analyser or a measuring device on the bed measures the axis (ISO 230-7).
+    /// The non-rotating frame, as measured by a spindle analyser or by a measuring device on the bed (ISO 230-7).
     #[default]
     Fixed,
-    /// The frame after the joint: the error motions rotate with the axis, as in the model of 60 error twists (Procedia Engineering 24
-    /// (2011) 845–849).
+    /// The frame after the joint: the error motions rotate with the axis, as in the model with 60 error twists
+    /// (Procedia Engineering 24 (2011) 845–849).
     Turning,
 }
 
-/// One axis of the chain, in MCS at machine zero.
+/// One axis of the chain, described in MCS at machine zero.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Joint {
-    /// The letter of the axis.
     pub name: AxisName,
-    /// Whether the axis is linear or rotary.
     pub kind: AxisKind,
-    /// The side of the bed: the axis carries the workpiece or the tool.
+    /// Whether the axis carries the workpiece or the tool.
     pub side: Side,
-    /// Unit direction u in MCS.
+    /// Unit direction u of the axis, in MCS.
     pub direction: Vector3<f64>,
-    /// Point c, mm in MCS: on the line of a rotary axis; for a linear axis, the point of the carriage at which its errors are stated.
+    /// Point c, mm in MCS. For a rotary axis, any point of its line; for a linear axis, the point of the carriage at
+    /// which its errors are stated.
     pub point_mm: Vector3<f64>,
-    /// The frame of the error motions of a rotary axis; those of a linear axis always move with its carriage.
+    /// Frame of the error motions of a rotary axis. The error motions of a linear axis always move with its carriage.
     pub motion_frame: MotionFrame,
 }
 
 impl Joint {
-    /// True if the error motions are on the tool side of the joint's own motion, so that its coordinate does not change the lever from its
-    /// `point_mm` to the tool. Error motions of a linear axis move with its carriage; those of a rotary axis are in the non-rotating frame,
-    /// unless its [`MotionFrame`] is the turning one.
+    /// Whether the error motions act on the tool side of this joint's own motion. If so, the coordinate of the joint
+    /// does not change the lever from `point_mm` to the tool. The error motions of a linear axis move with its
+    /// carriage; the error motions of a rotary axis rotate with it only if `motion_frame` is [`MotionFrame::Turning`].
     pub fn errors_on_tool_side(&self) -> bool {
         let ride = self.kind == AxisKind::Linear || self.motion_frame == MotionFrame::Turning;
         ride == (self.side == Side::Tool)
     }
 
-    /// J(q) = Trans(u·q) or Trans(c) Rot(u, q) Trans(−c); q in mm or rad.
+    /// Ideal motion J(q) of the joint at coordinate `q`, mm or rad: Trans(u·q) for a linear axis, Trans(c) Rot(u, q)
+    /// Trans(−c) for a rotary axis.
     pub fn motion(&self, q: f64) -> Pose {
         match self.kind {
             AxisKind::Linear => Pose::from_translation(self.direction * q),
@@ -61,7 +61,7 @@ impl Joint {
         }
     }
 
-    /// The joint's screw at machine zero.
+    /// The screw of this joint at machine zero.
     pub fn screw(&self) -> Screw {
         match self.kind {
             AxisKind::Linear => Screw::Prismatic { direction: self.direction },
@@ -74,7 +74,7 @@ impl Joint {
     }
 }
 
-/// A serial machine from the workpiece to the tool, with its tool tip and workpiece origin.
+/// Kinematic chain of a serial machine from the workpiece to the tool, with tool tip, tool axis and workpiece origin.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Chain {
     structure: Structure,
@@ -85,8 +85,8 @@ pub struct Chain {
 }
 
 impl Chain {
-    /// The orthogonal chain of a structure: directions from the letters; every point, the tool tip and the workpiece origin at the MCS
-    /// origin; the tool axis along +Z.
+    /// The orthogonal chain of a structure. Axis directions follow from the letters; all points, the tool tip and the
+    /// workpiece origin are at the MCS origin; the tool axis is along +Z.
     pub fn new(structure: Structure) -> Self {
         let joints = structure
             .axes()
@@ -110,10 +110,10 @@ impl Chain {
         }
     }
 
-    /// Sets the direction of an axis (MCS at machine zero; normalised here).
+    /// Sets the direction of an axis, in MCS at machine zero. The direction may have any length except 0.
     ///
     /// # Errors
-    /// [`ChainError::NoSuchAxis`], [`ChainError::Direction`].
+    /// [`ChainError::NoSuchAxis`]; [`ChainError::Direction`] for a zero vector or numbers that are not finite.
     pub fn set_direction(&mut self, axis: AxisName, direction: [f64; 3]) -> Result<(), ChainError> {
         let unit = unit("direction", direction)?;
         self.joint_mut(axis)?.direction = unit;
@@ -123,7 +123,7 @@ impl Chain {
     /// Sets the point of an axis (mm, MCS at machine zero).
     ///
     /// # Errors
-    /// [`ChainError::NoSuchAxis`], [`ChainError::Point`].
+    /// [`ChainError::NoSuchAxis`]; [`ChainError::Point`] for numbers that are not finite.
     pub fn set_point(&mut self, axis: AxisName, point_mm: [f64; 3]) -> Result<(), ChainError> {
         let point = finite("point", point_mm)?;
         self.joint_mut(axis)?.point_mm = point;
@@ -147,20 +147,21 @@ impl Chain {
         Ok(())
     }
 
-    /// Sets the tool tip (mm) and axis (from the tip to the spindle), MCS at machine zero.
+    /// Sets the tool tip (mm) and the tool axis (from the tip to the spindle, any length except 0), in MCS at machine
+    /// zero.
     ///
     /// # Errors
-    /// [`ChainError::Point`], [`ChainError::Direction`].
+    /// [`ChainError::Point`] for a tip that is not finite; [`ChainError::Direction`] for a zero or non-finite axis.
     pub fn set_tool(&mut self, tip_mm: [f64; 3], axis: [f64; 3]) -> Result<(), ChainError> {
         self.tool_tip_mm = finite("tool tip", tip_mm)?;
         self.tool_axis = unit("tool axis", axis)?;
         Ok(())
     }
 
-    /// Sets the workpiece origin (mm, MCS at machine zero).
+    /// Sets the workpiece origin, mm in MCS at machine zero.
     ///
     /// # Errors
-    /// [`ChainError::Point`].
+    /// [`ChainError::Point`] for numbers that are not finite.
     pub fn set_workpiece_origin(&mut self, origin_mm: [f64; 3]) -> Result<(), ChainError> {
         self.workpiece_origin_mm = finite("workpiece origin", origin_mm)?;
         Ok(())
@@ -173,35 +174,35 @@ impl Chain {
         }
     }
 
-    /// The structure from which the chain was built.
     pub fn structure(&self) -> &Structure {
         &self.structure
     }
 
-    /// The joints in chain order from the workpiece to the tool.
+    /// The joints in the order of the chain, from the workpiece to the tool.
     pub fn joints(&self) -> &[Joint] {
         &self.joints
     }
 
-    /// Tool tip at machine zero, mm in MCS.
+    /// Position of the tool tip at machine zero, mm in MCS.
     pub fn tool_tip_mm(&self) -> Vector3<f64> {
         self.tool_tip_mm
     }
 
-    /// Unit tool axis at machine zero, in MCS.
+    /// Unit vector of the tool axis at machine zero, from the tip to the spindle, in MCS.
     pub fn tool_axis(&self) -> Vector3<f64> {
         self.tool_axis
     }
 
-    /// Workpiece origin at machine zero, mm in MCS.
+    /// Position of the workpiece origin at machine zero, mm in MCS.
     pub fn workpiece_origin_mm(&self) -> Vector3<f64> {
         self.workpiece_origin_mm
     }
 
-    /// Reorders one value for each axis, given in any order, into chain order.
+    /// Arranges values in the order of the chain. There must be exactly one value for each axis of the chain, in any
+    /// order.
     ///
     /// # Errors
-    /// [`ChainError::NoSuchAxis`], [`ChainError::AxisTwice`], [`ChainError::AxisMissing`].
+    /// [`ChainError::NoSuchAxis`], [`ChainError::AxisTwice`] or [`ChainError::AxisMissing`].
     pub fn by_axis<T: Copy + Default>(
         &self,
         values: impl IntoIterator<Item = (AxisName, T)>,
@@ -225,12 +226,13 @@ impl Chain {
         Ok(found.map(Option::unwrap_or_default))
     }
 
-    /// The value of an axis in a list in chain order, such as a correction; `None` for an axis that the chain does not have.
+    /// The value of an axis in values in the order of the chain, for example a correction; `None` if the chain has no
+    /// such axis.
     pub fn of_axis<T: Copy>(&self, axis: AxisName, values: &PerAxis<T>) -> Option<T> {
         self.structure.index_of(axis).map(|index| values[index])
     }
 
-    /// T_ideal(q): tool side to workpiece side, in workpiece axes.
+    /// The ideal pose `T_ideal(q)`: maps tool coordinates to workpiece coordinates.
     pub fn ideal_pose(&self, state: &State) -> Pose {
         self.joints
             .iter()
@@ -238,8 +240,9 @@ impl Chain {
             .fold(Pose::identity(), |pose, (joint, q)| pose * joint.motion(q))
     }
 
-    /// Distance of the tool tip from the line of a rotary axis at `state`, mm, which is also mm of tip motion per rad. Independent of the
-    /// axis's own coordinate. Zero for a linear axis and for an index without an axis.
+    /// Distance of the tool tip from the line of the rotary axis at `index`, mm; it equals the displacement of the tip
+    /// in mm per rad of this axis. The coordinate of the axis itself has no influence. Zero for a linear axis and for
+    /// an index without an axis.
     pub fn lever_mm(&self, index: usize, state: &State) -> f64 {
         let Some(axis) = self.joints.get(index) else {
             return 0.0;
@@ -251,8 +254,9 @@ impl Chain {
         axis.direction.cross(&(tip_mm - axis.point_mm)).norm()
     }
 
-    /// Pose of the axis at `index` after the motion of the axes between the bed and it: a transform of MCS that maps its point and
-    /// direction at machine zero to those at `state`. Independent of the axis's own coordinate. The identity for an index without an axis.
+    /// Motion, in MCS, by which the axes between the bed and the axis at `index` carry this axis. The returned pose
+    /// maps its point and direction at machine zero to those at `state`; its own coordinate has no influence. The
+    /// identity for an index without an axis.
     pub fn carrier_pose(&self, index: usize, state: &State) -> Pose {
         let Some(carried) = self.joints.get(index) else {
             return Pose::identity();
@@ -268,17 +272,18 @@ impl Chain {
         let pose = carriers.fold(Pose::identity(), |pose, (_, (joint, q))| pose * joint.motion(q));
         match carried.side {
             Side::Tool => pose,
-            // Coordinates are of the tool relative to the workpiece: seen from the bed, the motion is inverted.
+            // A chain describes the tool relative to the workpiece. Relative to the bed, the motion on the workpiece
+            // side is the inverse.
             Side::Workpiece => pose.inverse(),
         }
     }
 
-    /// The ideal tool tip from the workpiece origin, mm in workpiece axes: T·tip − origin.
+    /// Ideal position of the tool tip relative to the workpiece origin, mm in workpiece axes: T·tip − origin.
     pub fn ideal_tip_mm(&self, state: &State) -> Vector3<f64> {
         self.carried_tip_mm(0, state) - self.workpiece_origin_mm
     }
 
-    /// The tool tip after the motion of the axes from the one at `first` to the tool, mm in MCS.
+    /// Position of the tool tip after the motions of the joints from index `first` to the tool, mm in MCS.
     fn carried_tip_mm(&self, first: usize, state: &State) -> Vector3<f64> {
         let carriers = self.joints.iter().zip(state.q).skip(first).rev();
         carriers.fold(self.tool_tip_mm, |tip_mm, (joint, q)| match joint.kind {
@@ -297,7 +302,7 @@ fn finite(what: &'static str, found: [f64; 3]) -> Result<Vector3<f64>, ChainErro
 }
 
 fn unit(what: &'static str, found: [f64; 3]) -> Result<Vector3<f64>, ChainError> {
-    // Scaled first, so that the square of a tiny or huge vector neither under- nor overflows.
+    // The vector is scaled first, so that the squares of tiny and huge numbers neither underflow nor overflow.
     let largest = found.iter().fold(0.0_f64, |m, x| m.max(x.abs()));
     if !found.iter().all(|x| x.is_finite()) || largest == 0.0 {
         return Err(ChainError::Direction { what, found });
@@ -306,7 +311,7 @@ fn unit(what: &'static str, found: [f64; 3]) -> Result<Vector3<f64>, ChainError>
 }
 
 impl State {
-    /// A state from the coordinate (mm, rad) of every axis of a chain, in any order; approach unknown.
+    /// A state from one coordinate (mm or rad) for each axis of the chain, in any order. The approach is unknown.
     ///
     /// # Errors
     /// See [`Chain::by_axis`].

@@ -1,4 +1,4 @@
-//! Correction of a command: the displacement that makes the actual tool pose equal to the ideal one.
+//! Correction of a command: the axis displacements that make the actual tool pose equal to the ideal pose.
 
 use arrayvec::ArrayVec;
 use nalgebra::{Vector2, Vector3};
@@ -13,24 +13,25 @@ use crate::{
     source::{ErrorSource, State},
 };
 
-/// Options of a correction: the axes that may move, and when the iteration stops.
+/// Options of a correction: the axes that may move and the end of the iteration.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct CorrectionOptions {
-    /// The axes that may move, linear or rotary; the others are held, and errors that these axes cannot correct remain as residual. Linear
-    /// axes are chosen in this order (see [`Correctors`]); names that the chain does not have are ignored. `None`: every axis, in chain
-    /// order.
+    /// The linear and rotary axes that may move; all other axes are held. Errors that these axes cannot correct remain
+    /// as residual. The order decides which linear axes are used (see [`Correctors`]). Names of axes that the chain
+    /// does not contain are ignored. `None`: all axes, in the order of the chain.
     pub correct: Option<ArrayVec<AxisName, MAX_AXES>>,
     /// Maximum number of Newton steps; 1 gives the first-order correction of a real-time cycle.
     pub max_iterations: usize,
-    /// Stop when the correctable position residual is below this, mm.
+    /// The iteration ends when the correctable position residual is at most this (mm) and the tool-axis residual is at
+    /// most `axis_tolerance_rad`.
     pub position_tolerance_mm: f64,
-    /// Stop when the correctable tool-axis residual is below this, rad.
+    /// Tolerance of the correctable tool-axis residual, rad; see `position_tolerance_mm`.
     pub axis_tolerance_rad: f64,
 }
 
 impl Default for CorrectionOptions {
-    /// All axes, up to 10 steps, 1e-5 µm and 1e-4 µrad.
+    /// All axes, at most 10 steps, tolerances of 1e-5 µm and 1e-4 µrad.
     fn default() -> Self {
         Self {
             correct: None,
@@ -42,7 +43,8 @@ impl Default for CorrectionOptions {
 }
 
 impl CorrectionOptions {
-    /// Options that move only these axes, in this order of preference; other options at their defaults. Repeated names are ignored.
+    /// Options that move only these axes, in this order of preference, with default values otherwise. Repeated names
+    /// are ignored.
     #[must_use]
     pub fn of(axes: &[AxisName]) -> Self {
         let mut named = ArrayVec::new();
@@ -62,7 +64,7 @@ impl CorrectionOptions {
         }
     }
 
-    /// Options for one Newton step.
+    /// Options for a single Newton step with all axes: the first-order correction.
     #[must_use]
     pub fn first_order() -> Self {
         Self { max_iterations: 1, ..Self::default() }
@@ -73,30 +75,32 @@ impl CorrectionOptions {
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Correction {
-    /// Δq in chain order: mm for linear axes, rad for rotary ones, to be added to the command.
+    /// Displacements Δq to be added to the command, in the order of the chain: mm for linear axes, rad for rotary axes.
     pub delta: PerAxis<f64>,
-    /// actual − ideal tip, mm in workpiece axes, with the correction applied.
+    /// Actual minus ideal tip position with the correction applied, mm in workpiece axes.
     pub residual_mm: Vector3<f64>,
-    /// actual − ideal unit tool axis, in workpiece axes, with the correction applied.
+    /// Actual minus ideal unit vector of the tool axis with the correction applied, in workpiece axes.
     pub residual_axis: Vector3<f64>,
     /// Number of Newton steps taken.
     pub iterations: usize,
-    /// True if the correctable residual is below the tolerances within the maximum number of steps; false also if a position or an error is not
-    /// finite. Without convergence `delta` is the larger of the first and the last iterate: with errors that grow faster than the coordinate,
-    /// the iteration can swing back to almost zero.
+    /// Whether the correctable residual is within the tolerances after at most the maximum number of steps; false if a
+    /// position or an error is not finite. Without convergence, `delta` is the larger of the first and the last
+    /// iterate, because the iteration can swing back to almost zero if errors grow faster than the coordinate.
     pub converged: bool,
-    /// True if the tilt of the tool is corrected only in part or not at all in one or both directions, because the pose is within about 1° of a
-    /// singular one or fewer than two rotary axes may move.
+    /// Whether the tilt of the tool remains partly or wholly uncorrected in one or both directions, because the pose is
+    /// within about 1° of a singular pose or because fewer than two rotary axes may move.
     pub tool_axis_partial: bool,
-    /// True if at least two rotary axes may move, and the pose is singular or within about 6° of singular: they move by more than 10 times the
-    /// tool-axis error, or cannot correct one direction. See [`NEAR_SINGULAR_BELOW`](crate::NEAR_SINGULAR_BELOW).
+    /// Whether the pose is within about 6° of a singular pose, if at least two rotary axes may move. The rotary axes
+    /// then move by more than 10 times the tool-axis error, or one direction remains uncorrected. See
+    /// [`NEAR_SINGULAR_BELOW`](crate::NEAR_SINGULAR_BELOW).
     pub near_singular: bool,
 }
 
-/// The correction at a command `state`.
+/// Computes the correction at the command `state`.
 ///
-/// Each step first moves the rotary axes alone (minimum norm, on the tool-axis error), then the linear axes on position; position is never
-/// traded for orientation. Errors are evaluated at the corrected coordinates on the reversal branches of `state.approach`.
+/// Each Newton step first moves the rotary axes to remove the tool-axis error (least norm), and then the linear axes to
+/// remove the position error. The position error is thus never increased to reduce the tool-axis error. Errors are
+/// evaluated at the corrected coordinates, on the branches of `state.approach`.
 pub fn correct<S: ErrorSource>(
     chain: &Chain,
     source: &S,
@@ -105,7 +109,7 @@ pub fn correct<S: ErrorSource>(
 ) -> Correction {
     let goal = Goal::new(chain, state);
     let correctors = options.correctors(chain);
-    // The directions that are not corrected are determined once, on the ideal chain at the command.
+    // The uncorrected directions are determined once, on the ideal chain at the command.
     let nominal = Columns::at(chain, state, &goal, &correctors);
     let rank = nominal.gram.rank();
     let mut left_out = None;
@@ -117,7 +121,7 @@ pub fn correct<S: ErrorSource>(
         let mut miss = goal.miss(chain, &actual_pose(chain, source, &corrected));
         let mut columns = Columns::at(chain, &corrected, &goal, &correctors);
         let axis = goal.normal_components(&miss.axis);
-        // The uncorrected part stays as it is at the command.
+        // The uncorrected part of the tool-axis error keeps its value at the command.
         let left_out = *left_out.get_or_insert_with(|| axis - nominal.gram.corrected(&axis));
         let (weighted, seen_rad) = columns.gram.solve(rank, &(axis - left_out));
         let linear = linear.at(columns.linear);
@@ -157,7 +161,7 @@ pub fn correct<S: ErrorSource>(
     }
 }
 
-/// The largest displacement of an axis between two states, mm or rad.
+/// Maximum displacement of an axis between two states, mm or rad.
 fn size(a: &State, b: &State) -> f64 {
     let ways = a.q.iter().zip(&b.q).map(|(a, b)| (a - b).abs());
     ways.fold(0.0, f64::max)
@@ -193,12 +197,13 @@ impl Goal {
     }
 }
 
-/// Derivatives of the tip and the tool axis with respect to each correcting axis on the ideal chain, in workpiece axes.
+/// Derivatives of the tool tip and of the tool axis with respect to each correcting axis of the ideal chain, in
+/// workpiece axes.
 struct Columns {
-    /// Index in the chain and column of each rotary axis, rad per rad along the two normals.
+    /// Chain index and column of each rotary axis: the rotation of the tool axis along its two normals, rad per rad.
     rotary: ArrayVec<(usize, Vector2<f64>), MAX_AXES>,
     gram: RotaryGram,
-    /// Displacement of the tool tip for each linear axis in workpiece axes, mm per mm, in the order of the correctors.
+    /// Displacement of the tool tip by each linear axis, mm per mm in workpiece axes, in the order of the correctors.
     linear: [Vector3<f64>; 3],
 }
 

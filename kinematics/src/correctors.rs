@@ -6,14 +6,15 @@ use volcomp_vocabulary::{AxisKind, AxisName, MAX_AXES};
 
 use crate::{chain::Chain, error::ChainError};
 
-/// A linear axis is treated as a new direction if the component of its unit direction normal to the linear axes chosen before it is above this
-/// (0.02 is 1.15°).
+/// A linear axis counts as a new direction if the component of its unit direction normal to the axes chosen before is
+/// larger than this: 0.02 is an angle of 1.15°.
 pub const INDEPENDENT_ABOVE: f64 = 0.02;
 
 /// The axes that a correction moves; the others are held.
 ///
-/// Of the linear axes that may move, only the first in each direction corrects, at most three: a second axis along nearly the same direction
-/// (U parallel to X, or a degree off) would lead to large opposite shares. All rotary axes that may move correct together, with least norm.
+/// Of the linear axes that may move, at most three correct: the first in each direction. A second axis in nearly the
+/// same direction (U parallel to X, or inclined by a degree) would cause large opposite displacements. All rotary axes
+/// that may move correct together, with least norm.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Correctors {
     linear: ArrayVec<usize, 3>,
@@ -21,7 +22,7 @@ pub struct Correctors {
 }
 
 impl Correctors {
-    /// Every axis of the chain may move; linear axes are chosen in chain order.
+    /// All axes of the chain may move; linear axes are chosen in the order of the chain.
     pub fn all(chain: &Chain) -> Self {
         Self::choose(chain, chain.structure().axes())
     }
@@ -29,7 +30,7 @@ impl Correctors {
     /// Only the named axes may move; linear axes are chosen in the order of the names.
     ///
     /// # Errors
-    /// [`ChainError::NoSuchAxis`] for a name that the chain does not have.
+    /// [`ChainError::NoSuchAxis`] for an axis that the chain does not contain.
     pub fn named(chain: &Chain, names: &[AxisName]) -> Result<Self, ChainError> {
         for &axis in names {
             if chain.structure().index_of(axis).is_none() {
@@ -39,7 +40,8 @@ impl Correctors {
         Ok(Self::choose(chain, names))
     }
 
-    /// Only the named axes may move; names that the chain does not have are ignored.
+    /// Only the named axes may move; linear axes are chosen in the order of the names. Axes that the chain does not
+    /// contain are ignored.
     pub fn choose(chain: &Chain, names: &[AxisName]) -> Self {
         let (mut linear, mut rotary) = (ArrayVec::<usize, 3>::new(), ArrayVec::new());
         let mut basis = ArrayVec::<Vector3<f64>, 3>::new();
@@ -54,8 +56,8 @@ impl Correctors {
                 }
                 continue;
             }
-            // Directions are compared at machine zero: rotary axes between two linear ones turn whole groups, and linear axes that are
-            // parallel there form one direction.
+            // Directions are compared at machine zero. A rotary axis between two linear axes turns one of them relative
+            // to the other; linear axes that are parallel at machine zero count as one direction.
             let mut normal = joint.direction;
             for unit in &basis {
                 normal -= unit * unit.dot(&normal);
@@ -79,12 +81,12 @@ impl Correctors {
         &self.rotary
     }
 
-    /// Keeps only the rotary axes for whose chain index `keeps` returns true.
+    /// Keeps the rotary axes for whose chain index `keeps` returns true.
     pub fn retain_rotary(&mut self, mut keeps: impl FnMut(usize) -> bool) {
         self.rotary.retain(|place| keeps(*place));
     }
 
-    /// True if the axis at this chain index corrects.
+    /// Whether the axis at this chain index corrects.
     pub fn contains(&self, axis: usize) -> bool {
         self.linear.contains(&axis) || self.rotary.contains(&axis)
     }

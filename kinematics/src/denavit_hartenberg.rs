@@ -12,23 +12,24 @@ use crate::{
 };
 use volcomp_vocabulary::{AxisKind, MAX_AXES};
 
-/// Maximum angle between axes that are treated as parallel, rad: over 10 m it is 1 nm.
+/// Axes at a smaller angle are treated as parallel, rad. Over 10 m this angle is 1 nm.
 const PARALLEL_BELOW_RAD: f64 = 1e-10;
 
-/// The order of the four elementary motions of a row.
+/// The order of the four elementary motions of a row of a Denavit–Hartenberg table.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum DhConvention {
-    /// A = `Rot_z(θ)` `Trans_z(d)` `Trans_x(a)` `Rot_x(α)`: joint i rotates about or moves along the z axis of the frame before its row
-    /// (Denavit and Hartenberg; Paul).
+    /// A = `Rot_z(θ)` `Trans_z(d)` `Trans_x(a)` `Rot_x(α)`: joint i rotates about or moves along the z axis of the
+    /// frame before row i (Denavit and Hartenberg; Paul).
     #[default]
     Distal,
-    /// A = `Rot_x(α)` `Trans_x(a)` `Rot_z(θ)` `Trans_z(d)`: joint i rotates about or moves along the z axis of the frame after its row,
-    /// also called modified (Craig); its a and α lead from the previous joint.
+    /// A = `Rot_x(α)` `Trans_x(a)` `Rot_z(θ)` `Trans_z(d)`, also called modified (Craig): joint i rotates about or
+    /// moves along the z axis of the frame after row i. The a and α of row i lead from the previous joint to joint i.
     Proximal,
 }
 
-/// One row of a table at machine zero. A rotary coordinate adds to θ, a linear one to d.
+/// One row of a Denavit–Hartenberg table at machine zero. The coordinate of a rotary axis is added to θ, that of a
+/// linear axis to d.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct DhRow {
@@ -43,7 +44,7 @@ pub struct DhRow {
 }
 
 impl DhRow {
-    /// A(q), the pose of the row at coordinate `q`, mm or rad.
+    /// Pose A(q) of the row at coordinate `q`, mm or rad.
     pub fn pose(&self, convention: DhConvention, kind: AxisKind, q: f64) -> Pose {
         let (along_z, along_x) = (self.along_z(kind, q), self.along_x());
         match convention {
@@ -52,7 +53,7 @@ impl DhRow {
         }
     }
 
-    /// `Rot_z(θ)` `Trans_z(d)` at a coordinate, mm or rad.
+    /// `Rot_z(θ)` `Trans_z(d)` at coordinate `q`, mm or rad. The two motions commute.
     fn along_z(&self, kind: AxisKind, q: f64) -> Pose {
         let (theta, d_mm) = match kind {
             AxisKind::Linear => (self.theta_rad, self.d_mm + q),
@@ -64,7 +65,7 @@ impl DhRow {
         }
     }
 
-    /// `Trans_x(a)` `Rot_x(α)`, in either order.
+    /// `Trans_x(a)` `Rot_x(α)`. The two motions commute.
     fn along_x(&self) -> Pose {
         Pose {
             rotation: rotation_about_axis(&Vector3::x(), self.alpha_rad),
@@ -75,27 +76,26 @@ impl DhRow {
 
 /// A Denavit–Hartenberg table: T(q) = base · Π `A_i(q_i)` · tool, from the workpiece to the tool.
 ///
-/// `tool` maps the last frame back to the MCS, so that T(0) is the identity, as in every chain of this crate.
+/// The pose `tool` maps the last frame back to the MCS, so that T(0) is the identity, as for every chain of this crate.
 #[derive(Clone, Debug, PartialEq)]
 pub struct DhTable {
-    /// The order of the motions in each row.
     pub convention: DhConvention,
-    /// The first frame, in MCS at machine zero; in the distal convention its z axis is the first joint's.
+    /// The first frame, in MCS at machine zero. In the distal convention its z axis is the axis of the first joint.
     pub base: Pose,
-    /// One row for each axis.
+    /// One row for each axis, from the workpiece to the tool.
     pub rows: ArrayVec<DhRow, MAX_AXES>,
 }
 
 impl DhTable {
-    /// Pose of the MCS in the last frame at machine zero.
+    /// Pose of the MCS in the last frame at machine zero; see [`DhTable`].
     pub fn tool(&self, structure: &Structure) -> Pose {
         let rows = self.rows.iter().zip(structure.axes());
         rows.fold(self.base, |pose, (row, axis)| pose * row.pose(self.convention, axis.kind(), 0.0))
             .inverse()
     }
 
-    /// This table in another convention: a and α of each row move to the next or the previous row. The motions before the first joint and after the
-    /// last one become part of `base` and of [`DhTable::tool`].
+    /// This table in another convention. The a and α of each row move to the next or the previous row. The motion
+    /// before the first joint becomes part of `base`, the motion after the last joint part of [`DhTable::tool`].
     #[must_use]
     pub fn in_convention(&self, convention: DhConvention) -> Self {
         let mut table = self.clone();
@@ -121,7 +121,7 @@ impl DhTable {
         table
     }
 
-    /// The chain of this table. The point of a linear axis is the origin of the frame before it.
+    /// The chain that this table describes. The point of a linear axis is the origin of the frame before the axis.
     ///
     /// # Errors
     /// The number of rows differs from the number of axes, or a number is not finite.
@@ -146,8 +146,8 @@ impl DhTable {
         Ok(chain)
     }
 
-    /// The table of a chain, in the distal convention. The points of linear axes are not kept: a linear axis has no
-    /// fixed line, and is placed through the origin of the previous frame.
+    /// The table of a chain, in the distal convention. Points of linear axes are lost: a linear axis has no fixed line
+    /// and is placed through the origin of the previous frame.
     pub fn of_chain(chain: &Chain) -> Self {
         let joints = chain.joints();
         let mut base = Pose::identity();
@@ -172,9 +172,9 @@ impl DhTable {
     }
 }
 
-/// The row from a frame on one axis to one on the next, along their common normal.
+/// The row that leads from a frame on one axis to a frame on the next axis, along their common normal.
 fn row_towards(frame: &Pose, next: &Joint) -> DhRow {
-    // In the axes of the frame, where the previous joint runs along z through the origin.
+    // In the coordinates of the frame, the previous joint lies along z through the origin.
     let inverse = frame.inverse();
     let direction = inverse.rotation * next.direction;
     let point = match next.kind {
@@ -191,7 +191,7 @@ fn row_towards(frame: &Pose, next: &Joint) -> DhRow {
     }
     let normal = normal / sin_alpha;
     let a_mm = normal.dot(&point);
-    // The point of the next line at the common normal: its part across z is a·normal.
+    // Distance along the next line from its point to the common normal: across z, the line is at a·normal there.
     let along = -(point - normal * a_mm).dot(&direction.xy().push(0.0)) / (sin_alpha * sin_alpha);
     DhRow {
         theta_rad: atan2(normal.y, normal.x),
@@ -201,7 +201,7 @@ fn row_towards(frame: &Pose, next: &Joint) -> DhRow {
     }
 }
 
-/// A right-handed frame with z along a unit direction; the MCS itself for +Z.
+/// A right-handed frame with z along a unit direction; the frame of the MCS for +Z.
 fn frame_along(z: &Vector3<f64>) -> Matrix3<f64> {
     let seed = if z.x.abs() < 0.9 { Vector3::x() } else { Vector3::y() };
     let y = z.cross(&seed).normalize();

@@ -1,4 +1,5 @@
-//! Linear axes that become dependent because rotary axes between them make them parallel: they can move against each other without moving the tip.
+//! Linear axes that are dependent because rotary axes between them make them parallel: opposite moves of such axes
+//! leave the tip in place.
 
 use arrayvec::ArrayVec;
 use nalgebra::SMatrix;
@@ -6,9 +7,10 @@ use nalgebra::SMatrix;
 use crate::{chain::Chain, source::State};
 use volcomp_vocabulary::{AxisKind, MAX_AXES, PerAxis};
 
-/// Maximum tip displacement, relative to the move, of a dependent move: 1 µm in a metre.
+/// Maximum tip displacement of a dependent move, relative to the move: 1 µm per metre.
 const DEPENDENT_BELOW: f64 = 1e-6;
-/// Rotary angles, rad, for the largest rank of the linear axes: machine zero, and two sets of arbitrary angles at which no axes are parallel.
+/// Three sets of rotary angles, rad, at which the largest rank of the linear axes is determined: machine zero, and two
+/// sets of arbitrary angles at which no axes are parallel.
 const GENERIC_ANGLES_RAD: [[f64; MAX_AXES]; 3] = [
     [0.0; MAX_AXES],
     [0.37, 0.83, 1.21, 0.59, 1.07, 0.71, 1.33, 0.47, 0.97],
@@ -16,9 +18,9 @@ const GENERIC_ANGLES_RAD: [[f64; MAX_AXES]; 3] = [
 ];
 
 impl Chain {
-    /// Moves of the linear axes that leave the ideal tip in place with the rotary axes as in `state`: components in
-    /// chain order, the largest 1. Empty if there are as many at any rotary angles, as on a machine with two axes in
-    /// one direction (U parallel to X).
+    /// Moves of the linear axes that leave the ideal tip in place at the rotary angles of `state`. Components are in
+    /// the order of the chain, scaled so that the largest is 1. Empty if other rotary angles allow as many such moves,
+    /// as on a machine with two axes in one direction (U parallel to X).
     pub fn dependent_moves(&self, state: &State) -> ArrayVec<PerAxis<f64>, MAX_AXES> {
         let found = self.moves_of_nothing(state);
         let elsewhere = GENERIC_ANGLES_RAD.map(|q| {
@@ -38,7 +40,7 @@ impl Chain {
             let joint = self.joints().get(place);
             joint.is_some_and(|joint| joint.kind == AxisKind::Linear)
         };
-        // Axes that do not move get an eigenvalue of 1, apart from the others.
+        // An axis that cannot move gets the separate eigenvalue 1.
         let gram = SMatrix::<f64, MAX_AXES, MAX_AXES>::from_fn(|i, j| {
             if is_linear(i) && is_linear(j) {
                 columns[i].dot(&columns[j])
@@ -52,7 +54,7 @@ impl Chain {
             if *value >= DEPENDENT_BELOW * DEPENDENT_BELOW {
                 continue;
             }
-            // Sign: the first component of maximum size is positive.
+            // The first component of maximum magnitude is scaled to +1.
             let most = vector.amax();
             let first = vector.iter().find(|move_| move_.abs() > 0.999_999 * most);
             let scale = first.copied().unwrap_or(1.0);

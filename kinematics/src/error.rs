@@ -37,7 +37,8 @@ pub enum ChainError {
     NoEffect { error: ErrorName, reason: NoEffect },
 }
 
-/// Why a location error of an axis has no effect, and the error motion whose constant describes the same deviation.
+/// Why a location error of an axis has no effect. Contains the error motion whose constant describes the same
+/// deviation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum NoEffect {
@@ -55,10 +56,9 @@ pub enum NoEffect {
 /// The error motion whose constant replaces a location error without effect.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct InsteadConstant {
-    /// The error motion.
     pub error: ErrorName,
-    /// The side of the axis. A location error states where the axis lies, an error motion how the tool moves relative to the workpiece: on
-    /// the workpiece side the constant has the opposite sign.
+    /// The side of the axis. A location error states where the axis lies, an error motion how the tool moves relative
+    /// to the workpiece. On the workpiece side the constant therefore has the opposite sign.
     pub side: Side,
 }
 

@@ -1,4 +1,4 @@
-//! The three forms of the volumetric error: `exact`, `htm` and `twist`.
+//! The three forms of the volumetric error model: `exact`, `htm` and `twist`.
 
 use core::{fmt, str::FromStr};
 
@@ -16,14 +16,14 @@ use crate::{
 };
 use volcomp_vocabulary::{AxisKind, MAX_AXES};
 
-/// The form of the model that computes the volumetric error; all agree to first order.
+/// Form of the model that computes the volumetric error. All forms agree to first order.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Form {
-    /// Products of exponentials (10.1177/0954405416663537).
+    /// Products of exponentials (DOI 10.1177/0954405416663537).
     #[default]
     Exact,
-    /// Products of small-angle matrices (10.1177/0954405414564407).
+    /// Products of small-angle matrices (DOI 10.1177/0954405414564407).
     Htm,
     /// The sum of the error twists (Procedia Engineering 24 (2011) 845–849).
     Twist,
@@ -61,13 +61,13 @@ impl fmt::Display for Form {
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct VolumetricError {
-    /// ΔP = tip_actual − tip_ideal, mm.
+    /// Actual minus ideal tip position ΔP, mm.
     pub position_mm: Vector3<f64>,
-    /// ρ, the rotation vector of R_actual · R_idealᵀ, rad.
+    /// Rotation vector ρ of `R_actual` · `R_idealᵀ`, rad.
     pub rotation_rad: Vector3<f64>,
 }
 
-/// The volumetric error of a chain whose errors come from `source`.
+/// Computes the volumetric error of a chain whose errors come from `source`.
 pub fn volumetric_error<S: ErrorSource>(
     chain: &Chain,
     source: &S,
@@ -81,12 +81,13 @@ pub fn volumetric_error<S: ErrorSource>(
     }
 }
 
-/// T_actual(q): the product of exponentials including every error.
+/// The actual pose `T_actual(q)`: the product of exponentials with all errors.
 pub fn actual_pose<S: ErrorSource>(chain: &Chain, source: &S, state: &State) -> Pose {
     actual_product::<Exponential, S>(chain, source, state)
 }
 
-/// The image of a point of the tool under T_actual(q), mm: the same as that of [`actual_pose`], without forming a pose.
+/// Image of a tool point under the actual pose, mm. The result equals that of [`actual_pose`]; no matrices are formed,
+/// which is faster.
 pub fn actual_point_mm<S: ErrorSource>(
     chain: &Chain,
     source: &S,
@@ -110,7 +111,7 @@ pub fn actual_point_mm<S: ErrorSource>(
                 rotation_about_axis(&direction, q) * (at - centre) + centre
             }
         };
-        // In the order of `actual_product`, from the right.
+        // From right to left in the product of `actual_product`.
         point = match (joint.side, joint.errors_on_tool_side()) {
             (Side::Tool, true) => assemble(go(err(point))),
             (Side::Tool, false) => assemble(err(go(point))),
@@ -121,7 +122,7 @@ pub fn actual_point_mm<S: ErrorSource>(
     point
 }
 
-/// exp(r^)·v, without forming the matrix.
+/// The vector exp(r^)·v, computed without the matrix exp(r^).
 fn rotated(v: &Vector3<f64>, r_rad: &Vector3<f64>) -> Vector3<f64> {
     let angle_squared = r_rad.norm_squared();
     if angle_squared == 0.0 {
@@ -197,7 +198,7 @@ fn actual_product<M: SmallMotion, S: ErrorSource>(
             rotation: M::rotation(&assembly.angular_rad),
             translation_mm: assembly.linear_mm,
         };
-        // The assembly error lies between an axis and the axis that carries it.
+        // The assembly error acts between an axis and the axis that carries it.
         pose = match (joint.side, joint.errors_on_tool_side()) {
             (Side::Tool, true) => pose * assembly * motion * error,
             (Side::Tool, false) => pose * assembly * error * motion,
@@ -208,14 +209,14 @@ fn actual_product<M: SmallMotion, S: ErrorSource>(
     pose
 }
 
-/// Error motion about its point c: E(q) = Trans(c)·[Rot(ε), δ]·Trans(−c).
+/// Pose of an error motion stated at the point c: E(q) = Trans(c)·[Rot(ε), δ]·Trans(−c).
 fn error_pose<M: SmallMotion>(error: &ErrorMotion, point_mm: &Vector3<f64>) -> Pose {
     let mut pose = Pose::about_point(M::rotation(&error.angular_rad), *point_mm);
     pose.translation_mm += error.linear_mm;
     pose
 }
 
-/// M(q): the joint's motion along or about its actual axis.
+/// Motion M(q) of the joint along or about its actual axis, at coordinate `q`, mm or rad.
 fn actual_motion<M: SmallMotion>(joint: &Joint, q: f64, location: &ErrorMotion) -> Pose {
     let direction = M::tilted(&joint.direction, &location.angular_rad, joint.kind);
     match joint.kind {
@@ -227,15 +228,17 @@ fn actual_motion<M: SmallMotion>(joint: &Joint, q: f64, location: &ErrorMotion) 
     }
 }
 
-/// The sum of the error twists. The functional point and the accumulated motion are transformed from the tool to the workpiece by each ideal
-/// joint: equal to the adjoint of the chain before each axis, without a matrix for linear joints.
+/// Computes the sum of the error twists. Each ideal joint, from the tool to the workpiece, transforms the functional
+/// point and the accumulated motion. The result equals that of the adjoint of the chain before each axis, but linear
+/// joints need no matrix.
 fn twist_sum<S: ErrorSource>(chain: &Chain, source: &S, state: &State) -> VolumetricError {
     let mut walk = Walk {
         point: chain.tool_tip_mm(),
         linear_mm: Vector3::zeros(),
         angular_rad: Vector3::zeros(),
     };
-    // All angles first: a call inside the walk would spill every vector from its registers.
+    // All sines and cosines are computed first: a call in the loop below would move every vector from registers to
+    // memory.
     let mut sines = [(0.0, 1.0); MAX_AXES];
     for ((place, joint), &q) in sines.iter_mut().zip(chain.joints()).zip(&state.q) {
         if joint.kind == AxisKind::Rotary {
@@ -268,10 +271,11 @@ fn twist_sum<S: ErrorSource>(chain: &Chain, source: &S, state: &State) -> Volume
     VolumetricError { position_mm: walk.linear_mm, rotation_rad: walk.angular_rad }
 }
 
-/// The functional point as it is transformed from the tool to the workpiece, with its accumulated first-order
+/// The functional point during its transformation from the tool to the workpiece, with its accumulated first-order
 /// displacement (mm) and rotation (rad).
 ///
-/// Inlining is forced: calls store the vectors with another width than they load them, which doubled the time.
+/// The methods are always inlined: calls would store vectors with another width than they are loaded with, which
+/// doubled the time.
 struct Walk {
     point: Vector3<f64>,
     linear_mm: Vector3<f64>,
@@ -280,7 +284,7 @@ struct Walk {
 
 #[expect(clippy::inline_always, reason = "measured: see `Walk`")]
 impl Walk {
-    /// Applies a motion stated at `about_mm` to the functional point.
+    /// Adds a motion that is stated at the point `about_mm`.
     #[inline(always)]
     fn add(&mut self, motion: &ErrorMotion, about_mm: &Vector3<f64>) {
         let lever = self.point - about_mm;
@@ -294,7 +298,8 @@ impl Walk {
         self.linear_mm += tilt_rad.cross(direction) * q_mm;
     }
 
-    /// Passes a rotary joint with a displaced line. The line does not rotate with the joint, the body does: (I − Ad) of the location twist.
+    /// Passes a rotary joint whose line is displaced by `location`. The line does not rotate with the joint, but the
+    /// carried body does: the contribution is (I − Ad) of the location twist.
     #[inline(always)]
     fn turn(&mut self, joint: &Joint, location: &ErrorMotion, (sin, cos): (f64, f64)) {
         let turn = rotation_from_sin_cos(&joint.direction, sin, cos);

@@ -6,26 +6,26 @@ use crate::{
     source::{ErrorMotion, ErrorSource, State},
 };
 
-/// Constant error values, one set for each axis in chain order: for tables of numbers, tests and controllers that evaluate their curves
-/// elsewhere. Axes beyond the given ones have no error.
+/// Constant errors, one set for each axis in the order of the chain: for tables of numbers, tests, and controllers that
+/// evaluate their curves elsewhere. Axes without values have no error.
 #[derive(Clone, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct GivenErrors {
-    /// The error motions `E?N` of each axis, in chain order.
+    /// The error motions `E?N` of each axis, in the order of the chain.
     pub motion: PerAxis<ErrorMotion>,
-    /// The location errors `E?0N` of each axis, in chain order.
+    /// The location errors `E?0N` of each axis, in the order of the chain.
     pub location: PerAxis<ErrorMotion>,
-    /// The assembly errors of each axis, in chain order.
+    /// The assembly errors of each axis, in the order of the chain.
     pub assembly: PerAxis<ErrorMotion>,
 }
 
 impl GivenErrors {
-    /// Sets one error of an axis of `chain` by its name: µm for `EX EY EZ`, µrad for `EA EB EC`; an error motion `E?N` or a location error
-    /// `E?0N`. An invalid value changes nothing.
+    /// Sets one error motion `E?N` or location error `E?0N` of an axis of `chain`, in µm for the components EX, EY and
+    /// EZ, in µrad for EA, EB and EC. An error leaves all values unchanged.
     ///
     /// # Errors
-    /// [`ChainError::NoSuchAxis`] for an axis that the chain does not have, [`ChainError::NotFinite`] for a value that is not finite,
-    /// [`ChainError::NoEffect`] for a location error without effect.
+    /// [`ChainError::NoSuchAxis`] for an axis that the chain does not contain, [`ChainError::NotFinite`] for a value
+    /// that is not finite, [`ChainError::NoEffect`] for a location error that has no effect.
     pub fn set(
         &mut self,
         chain: &Chain,

@@ -1,8 +1,9 @@
-//! Inverse kinematics of the ideal chain: from a tool tip and a tool axis in workpiece axes to the coordinates.
+//! Inverse kinematics of the ideal chain: coordinates for a tool tip and a tool axis in workpiece axes.
 //!
-//! Linear axes do not rotate the tool, so the rotary axes are found first, from the tool axis alone, and the linear axes then from the tip.
-//! Two rotary axes in any directions are Paden and Kahan's second subproblem, one is their first (Murray, Li and Sastry, *A Mathematical
-//! Introduction to Robotic Manipulation*, 1994, section 3.3.2), both in closed form.
+//! Linear axes do not rotate the tool. Therefore the rotary axes are determined first, from the tool axis alone, and
+//! then the linear axes from the tool tip. One rotary axis is Paden and Kahan's first subproblem, two rotary axes in
+//! any directions are their second; both have closed solutions (Murray, Li and Sastry, *A Mathematical Introduction to
+//! Robotic Manipulation*, 1994, section 3.3.2).
 
 use arrayvec::ArrayVec;
 use nalgebra::{Matrix3, Vector3};
@@ -16,34 +17,38 @@ use crate::{
 };
 use volcomp_vocabulary::{AxisKind, MAX_AXES, PerAxis};
 
-/// Maximum angle between directions that are treated as parallel, rad. A rotary axis parallel to
-/// the tool axis does not turn it.
+/// Maximum angle between directions that are treated as parallel, rad. A rotary axis parallel to the tool axis does not
+/// rotate the tool axis.
 const ALONG_BELOW_RAD: f64 = 1e-9;
-/// Maximum tool-axis deviation of a solution, rad.
+/// Maximum deviation of the tool axis in a solution, rad.
 const REACHED_WITHIN_RAD: f64 = 1e-9;
-/// Maximum difference of the angles of one solution, rad: where two solutions meet, rounding separates them.
+/// Maximum difference between the angles of two solutions that are treated as one, rad. Rounding separates two
+/// solutions that coincide.
 const SAME_BELOW_RAD: f64 = 1e-6;
 /// Maximum distance of the tip from its target in a solution, mm.
 pub const REACHED_WITHIN_MM: f64 = 1e-7;
-/// Convergence tolerance of the tip position, mm: the rounding of coordinates of some metres.
+/// Tolerance of the tip position at which the iteration ends, mm: the rounding error of coordinates of some metres.
 const BROUGHT_WITHIN_MM: f64 = 1e-9;
-/// Maximum number of steps: an ideal tip takes two (the second removes the rounding error of the first), an actual one a few more.
+/// Maximum number of iteration steps. An ideal tip needs two (the second removes the rounding error of the first), an
+/// actual tip a few more.
 const MOST_STEPS: usize = 12;
 const MOST_CHANGES: usize = 10 * MAX_AXES;
-/// Minimum volume of the box of three unit directions of linear axes that are not treated as coplanar. Coplanar axes reach a point off their
-/// plane only by long moves against each other, which are not made without travel limits.
+/// Minimum volume of the box spanned by the unit directions of three linear axes; below it the axes are treated as
+/// coplanar. Nearly coplanar axes reach a point off their plane only by long opposite moves, which are not made where
+/// travel limits are unknown.
 const FLAT_BELOW: f64 = 1e-3;
-/// As [`FLAT_BELOW`], with travel limits: next to a pose at which a rotation makes two axes parallel, a point is reached only by long moves
-/// against each other. With a smaller volume the tip is affected by less than [`REACHED_WITHIN_MM`].
+/// Minimum volume as [`FLAT_BELOW`] where travel limits are known. Near a pose at which a rotation makes two axes
+/// parallel, some points are reached only by long opposite moves. Below this volume the moves affect the tip by less
+/// than [`REACHED_WITHIN_MM`].
 const EXACT_ABOVE: f64 = 1e-10;
 
-/// Rotary angles for a tool direction, and the rotary axis without influence on it.
+/// Rotary coordinates for a tool direction, and the rotary axis that has no influence on the direction.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pointing {
-    /// Coordinates of the rotary axes, rad from −π to π; linear axes are 0.
+    /// Coordinates of the rotary axes, rad: solved ones from −π to π, held ones as given. Linear axes are 0.
     pub state: State,
-    /// Chain index of the rotary axis that does not move the tool axis at this pose: the pose is singular, and every coordinate of this
-    /// axis is a solution. It keeps its held coordinate.
+    /// Chain index of the rotary axis that has no influence on the tool axis at this pose. The pose is then singular:
+    /// every coordinate of this axis is a solution, and the axis keeps its held coordinate.
     pub free: Option<usize>,
 }
 
@@ -54,24 +59,26 @@ pub enum NoSolution {
     /// The rotary axes cannot reach the tool direction.
     #[error("the tool axis cannot be reached: the rotary axes miss it by {:.6} deg", miss_rad.to_degrees())]
     ToolAxis {
-        /// Smallest remaining angle, rad; NaN if the tool axis has zero length.
+        /// Smallest remaining angle between the tool axes, rad; NaN if the requested tool axis has zero length or a
+        /// held coordinate is not finite.
         miss_rad: f64,
     },
     /// The linear axes cannot reach the tip position.
     #[error("the tool tip cannot be reached: the linear axes miss it by {miss_mm:.6} mm")]
     Tip {
-        /// Smallest distance from the position that the axes can reach, mm.
+        /// Smallest reachable distance of the tip from its target, mm.
         miss_mm: f64,
     },
 }
 
-/// The tool axis has no direction, or the coordinate of a held rotary axis is not finite.
+/// The requested tool axis has no direction, or the coordinate of a held rotary axis is not finite.
 const NO_DIRECTION: NoSolution = NoSolution::ToolAxis { miss_rad: f64::NAN };
 
 impl Chain {
-    /// The rotary angles for which the ideal chain points the tool along `tool_axis` (workpiece axes, from the tip to the spindle, any non-zero
-    /// length): up to two solutions with two rotary axes. With three or more rotary axes, only the two at the chain indices `pair` are solved
-    /// for and the others keep their coordinates in `held`; so does an axis without influence on the direction.
+    /// Rotary coordinates for which the ideal tool points along `tool_axis` (workpiece axes, from the tip to the
+    /// spindle, any length except 0). Only the rotary axes at the chain indices `pair`, at most two, are determined;
+    /// for two axes there are up to two solutions. Other rotary axes keep their coordinates in `held`, and so does an
+    /// axis without influence on the direction.
     ///
     /// # Errors
     /// [`NoSolution::ToolAxis`].
@@ -81,13 +88,13 @@ impl Chain {
         pair: &[usize],
         held: &State,
     ) -> Result<ArrayVec<Pointing, 2>, NoSolution> {
-        // Scaled first: otherwise the square of a large length overflows, and the square of a small
-        // one underflows.
+        // The vector is scaled first, so that the squares of tiny and huge lengths neither underflow nor overflow.
         let wanted = (tool_axis / tool_axis.amax()).normalize();
         if !wanted.iter().all(|x| x.is_finite()) {
             return Err(NO_DIRECTION);
         }
-        // P·Rot(u₁)·H·Rot(u₂)·K·a = n is Rot(u₁)·Rot(H·u₂)·(H·K·a) = Pᵀ·n; P, H and K are the rotations of the held axes.
+        // P·Rot(u₁)·H·Rot(u₂)·K·a = n is equivalent to Rot(u₁)·Rot(H·u₂)·(H·K·a) = Pᵀ·n, where P, H and K are the
+        // rotations of the held axes.
         let mut turns = [Matrix3::identity(); 3];
         let mut turning: ArrayVec<(usize, Vector3<f64>), 2> = ArrayVec::new();
         for (index, joint) in self.joints().iter().enumerate() {
@@ -135,14 +142,17 @@ impl Chain {
         }
     }
 
-    /// Moves the linear axes of `state` so that the ideal tip is at `tip_mm` (workpiece axes, from the workpiece origin); rotary axes do not move.
+    /// Moves the linear axes of `state` so that the ideal tip is at `tip_mm`, in workpiece axes from the workpiece
+    /// origin. Rotary axes do not move.
     ///
-    /// Up to three linear axes of different directions are solved in closed form, regardless of their travels. With more, the first of each
-    /// direction moves, the others are as near to 0 as their `travel` (mm) allows, and they move as well (iterative solution) if the first reaches
-    /// an end of its travel. The same applies to axes that the rotary axes have made parallel ([`Chain::dependent_moves`]), which share the motion.
+    /// Up to three linear axes of different directions are solved in closed form, regardless of their travels. If
+    /// several axes have one direction, the first of these axes moves, and the others stay as near to 0 as their
+    /// `travel` (mm) allows. Only if an axis reaches an end of its travel do the others move as well (iterative
+    /// solution). Axes that rotary axes have made parallel ([`Chain::dependent_moves`]) share the motion in the same
+    /// way.
     ///
     /// # Errors
-    /// [`NoSolution::Tip`].
+    /// [`NoSolution::Tip`] if the tip misses its target by more than [`REACHED_WITHIN_MM`].
     pub fn reaching(
         &self,
         tip_mm: &Vector3<f64>,
@@ -174,21 +184,21 @@ impl Chain {
         }
         let mut reaches = found.q.iter().zip(&travel.0);
         let is_beyond = reaches.any(|(q, [low, high])| q < low || q > high);
-        // Axes made parallel by rotary axes share the motion like two of one direction.
+        // Axes that rotary axes make parallel share the motion like axes of one direction.
         if redundant || (is_beyond && !self.dependent_moves(state).is_empty()) {
             self.share(tip_mm, &columns, travel, &mut free, &mut found);
         }
         let miss_mm = (tip_mm - self.ideal_tip_mm(&found)).norm();
-        // NaN is rejected as well.
+        // NaN is an error as well.
         if miss_mm <= REACHED_WITHIN_MM {
             return Ok(found);
         }
         Err(NoSolution::Tip { miss_mm })
     }
 
-    /// Moves linear axes that are beyond their travel back to its ends, and lets the others take over: bounded least squares of the tip
-    /// deviation by an active-set method that also releases axes (P. B. Stark and R. L. Parker, Computational Statistics 10, 1995). `free`
-    /// are the axes that moved so far.
+    /// Moves linear axes that are beyond their travel back to its ends; other axes compensate. The method is bounded
+    /// least squares of the tip deviation, by an active-set method that can also release axes from their ends (P. B.
+    /// Stark and R. L. Parker, Computational Statistics 10, 1995). `free` are the axes that may move.
     fn share(
         &self,
         tip_mm: &Vector3<f64>,
@@ -216,7 +226,7 @@ impl Chain {
             let mut stopped = None;
             for _ in 0..2 {
                 let steps = least_norm(columns, free, &missing, EXACT_ABOVE);
-                // Step length until the first axis reaches an end of its travel.
+                // Largest part of the step at which all axes are within their travels.
                 let mut share = 1.0;
                 for (index, step) in steps.into_iter().enumerate() {
                     let [low, high] = travel[index];
@@ -239,7 +249,7 @@ impl Chain {
             if stopped.is_some() {
                 continue;
             }
-            // An axis at an end of travel is released if leaving it reduces the residual.
+            // An axis at an end of its travel is released if moving inwards reduces the residual.
             let gain = |index: usize| {
                 let towards = columns[index].dot(&missing);
                 let inside = if found.q[index] <= travel[index][0] { towards } else { -towards };
@@ -257,12 +267,13 @@ impl Chain {
         }
     }
 
-    /// Moves linear axes of `state` until `tip` is at `to`, both mm in the same axes as [`Chain::ideal_tip_mm`]. Rotary axes and linear axes for
-    /// which `moves(chain index)` is false do not move. Of several solutions the shortest move is taken, regardless of the travels; without a
-    /// solution the tip moves as near as possible. Returns the remaining distance, mm.
+    /// Moves linear axes of `state` until the point returned by `tip` is at `to`, both in mm in the axes of
+    /// [`Chain::ideal_tip_mm`]. Only linear axes whose chain index satisfies `moves` are moved. Among several
+    /// solutions, the shortest move is taken, regardless of travels; without a solution, the tip is moved as near as
+    /// possible. Returns the remaining distance, mm.
     ///
-    /// `tip` may return the tip of another tool, or an actual tip: machine errors that are small relative to the moves
-    /// need a few more steps.
+    /// `tip` may also return the tip of another tool or an actual tip. Errors that are small relative to the moves only
+    /// require a few more steps.
     pub fn bring(
         &self,
         state: &mut State,
@@ -289,8 +300,8 @@ impl Chain {
         missing.norm()
     }
 
-    /// Derivative of the ideal tip with respect to each linear axis with the rotary axes as in `state`: unit vectors in workpiece axes,
-    /// zeros for rotary axes.
+    /// Derivatives of the ideal tip with respect to each linear axis at the rotary angles of `state`: unit vectors in
+    /// workpiece axes, zero vectors for rotary axes.
     pub(crate) fn linear_columns(&self, state: &State) -> [Vector3<f64>; MAX_AXES] {
         let mut columns = [Vector3::zeros(); MAX_AXES];
         let mut turned = Matrix3::identity();
@@ -305,8 +316,8 @@ impl Chain {
     }
 }
 
-/// The least-norm steps of the moving axes, mm: Dᵀ·(D·Dᵀ)⁺·missing. Three axes reach a point exactly only if the box of their unit directions
-/// has at least the volume `flat_below`.
+/// Least-norm steps of the moving axes, mm: Dᵀ·(D·Dᵀ)⁺·missing. Three axes are solved exactly if the box of their unit
+/// directions has at least the volume `flat_below`.
 fn least_norm(
     columns: &[Vector3<f64>; MAX_AXES],
     moving: &[bool; MAX_AXES],
@@ -328,7 +339,7 @@ fn least_norm(
     }
     let gram =
         used().fold(Matrix3::zeros(), |gram, (column, _)| gram + column * column.transpose());
-    // No axis moves along a direction whose singular value is below a thousandth.
+    // Directions with a singular value below a thousandth are left out.
     let weighted = match gram.pseudo_inverse(1e-6) {
         Ok(inverse) => inverse * missing,
         Err(_) => Vector3::zeros(),
@@ -336,7 +347,7 @@ fn least_norm(
     core::array::from_fn(|index| if moving[index] { columns[index].dot(&weighted) } else { 0.0 })
 }
 
-/// Rejects a tool-axis deviation, rad, above the tolerance, or NaN.
+/// Accepts a tool-axis deviation (rad) within the tolerance; rejects larger deviations and NaN.
 fn reached(miss_rad: f64) -> Result<(), NoSolution> {
     if miss_rad <= REACHED_WITHIN_RAD {
         return Ok(());
@@ -349,7 +360,8 @@ fn angle_between(a: &Vector3<f64>, b: &Vector3<f64>) -> f64 {
     atan2(a.cross(b).norm(), a.dot(b))
 }
 
-/// The angle about `u` that rotates the unit vector `from` onto `onto`; `None` if `from` is along `u`, where any angle is a solution.
+/// The angle (rad) about `u` that rotates the unit vector `from` onto `onto`; `None` if `from` is along `u`, so that
+/// any angle is a solution.
 fn one_turn(
     u: &Vector3<f64>,
     from: &Vector3<f64>,
@@ -363,17 +375,18 @@ fn one_turn(
     Ok(Some(turn_in_plane(u, from, onto)))
 }
 
-/// The angle about `u` from one vector to another, both projected along `u`.
+/// The angle (rad) about `u` from one vector to another, both projected onto the plane normal to `u`.
 fn turn_in_plane(u: &Vector3<f64>, from: &Vector3<f64>, onto: &Vector3<f64>) -> f64 {
     let across = |v: &Vector3<f64>| v - u * u.dot(v);
     let (from, onto) = (across(from), across(onto));
     atan2(u.dot(&from.cross(&onto)), from.dot(&onto))
 }
 
-/// Angles of two rotations, and which of them, 0 or 1, is free.
+/// Angles of two rotations (rad), and the index, 0 or 1, of the rotation whose angle is free.
 type TwoTurns = ArrayVec<([f64; 2], Option<usize>), 2>;
 
-/// The solutions of Rot(u₁, θ₁)·Rot(u₂, θ₂)·`from` = `onto`.
+/// Solves Rot(u₁, θ₁)·Rot(u₂, θ₂)·`from` = `onto` for the two angles. `held` are the angles (rad) to keep where an
+/// angle is free.
 fn two_turns(
     u1: &Vector3<f64>,
     u2: &Vector3<f64>,
@@ -386,7 +399,7 @@ fn two_turns(
     let back = |angle: f64| rotation_about_axis(u1, -angle) * onto;
     let turned = |angle: f64| rotation_about_axis(u2, angle) * from;
     if sine.norm() < ALONG_BELOW_RAD || from.cross(u2).norm() < ALONG_BELOW_RAD {
-        // Parallel axes add up, and a tool along the second axis is independent of it.
+        // The angles about parallel axes add up, and a tool along the second axis is independent of the second angle.
         let first = one_turn(u1, &turned(held[1]), onto)?.unwrap_or(held[0]);
         return one([first, held[1]], 1);
     }
@@ -394,7 +407,7 @@ fn two_turns(
         let second = one_turn(u2, from, &back(held[0]))?.unwrap_or(held[1]);
         return one([held[0], second], 0);
     }
-    // c = Rot(u₂)·from = Rot(u₁)⁻¹·onto is on two cones, about u₁ and about u₂.
+    // The vector c = Rot(u₂)·from = Rot(u₁)⁻¹·onto lies on two cones, about u₁ and about u₂.
     let (k, square) = (u1.dot(u2), sine.norm_squared());
     let (along1, along2) = (u1.dot(onto), u2.dot(from));
     let (x, y) = ((along1 - k * along2) / square, (along2 - k * along1) / square);
@@ -406,7 +419,7 @@ fn two_turns(
     if rest < 0.0 {
         let polar = |u: &Vector3<f64>, v: &Vector3<f64>| angle_between(u, v);
         let (between, cone1, cone2) = (polar(u1, u2), polar(u1, onto), polar(u2, from));
-        // The cones do not intersect: this is the gap between them.
+        // The cones do not intersect; the largest of these angles is the gap between them.
         let gaps = [
             between - cone1 - cone2,
             cone1 - cone2 - between,

@@ -1,5 +1,5 @@
-//! The two small linear systems of a correction step, shared by the exact correction and the compiled machine: rotary axes from the tool-axis
-//! error with least norm, linear axes from the position error.
+//! The two small linear systems of a correction step: rotary axes from the tool-axis error (least norm), linear axes
+//! from the position error. The exact correction and the compiled machine share them.
 
 #![allow(
     clippy::inline_always,
@@ -10,24 +10,27 @@ use nalgebra::{Vector2, Vector3};
 
 use crate::{correctors::INDEPENDENT_ABOVE, math::sqrt};
 
-/// Singular value below which a direction of the tool axis is corrected only in part (about 1° from the singular pose); a rotary correction
-/// is then at most 1/0.02 = 50 times the tool-axis error.
+/// Singular value below which a direction of the tool axis is corrected only in part, about 1° from the singular pose.
+/// A rotary correction is thus at most 1/0.02 = 50 times the tool-axis error.
 pub const SINGULAR_BELOW: f64 = 0.02;
 
-/// Singular value below which a direction of the tool axis is not corrected. Between this and [`SINGULAR_BELOW`] the corrected part grows from
-/// zero to one, so that another axis does not jump when a rotary axis passes the limit or its last digit toggles there.
+/// Singular value below which a direction of the tool axis is not corrected. Between this limit and [`SINGULAR_BELOW`],
+/// the corrected part grows from 0 to 1, so that corrections do not jump when a rotary axis passes the limit or toggles
+/// there by its last digit.
 pub const LEFT_OUT_BELOW: f64 = 0.75 * SINGULAR_BELOW;
 
-/// Singular value below which a pose is treated as nearly singular (about 6° from singular): a rotary correction is then more than 1/0.1
-/// = 10 times the tool-axis error along that direction, or left out.
+/// Singular value below which a pose is treated as nearly singular, about 6° from the singular pose. In the affected
+/// direction a rotary correction is then more than 1/0.1 = 10 times the tool-axis error, or the direction is not
+/// corrected.
 pub const NEAR_SINGULAR_BELOW: f64 = 0.1;
 
-/// A linear axis is left out at a pose if its part normal to the axes before it is below this: rotary axes between linear ones may make two
-/// of them parallel. Half of [`INDEPENDENT_ABOVE`], so that axes chosen at machine zero that keep their angles are never at the limit.
+/// A linear axis is left out at a pose if the component of its direction normal to the axes before it is below this
+/// limit, because rotary axes can make linear axes parallel. The limit is half of [`INDEPENDENT_ABOVE`], so that axes
+/// that were chosen at machine zero and keep their angles are never near it.
 const DEGENERATE_BELOW: f64 = 0.5 * INDEPENDENT_ABOVE;
 
-/// Two unit vectors that form a right-handed frame with a unit vector as the third (Duff et al., Building an Orthonormal Basis, Revisited,
-/// JCGT 6, 2017).
+/// Two unit vectors that form a right-handed frame with `unit` as the third (Duff et al., Building an Orthonormal
+/// Basis, Revisited, JCGT 6, 2017).
 #[inline(always)]
 pub fn normals(unit: &Vector3<f64>) -> [Vector3<f64>; 2] {
     let sign = 1.0_f64.copysign(unit.z);
@@ -39,8 +42,8 @@ pub fn normals(unit: &Vector3<f64>) -> [Vector3<f64>; 2] {
     ]
 }
 
-/// A·Aᵀ of the 2×n matrix A with one column for each rotary axis: the motion of the tool axis along two directions normal to it, rad per rad.
-/// The least-norm solution of A·x = m is Aᵀ·(A·Aᵀ)⁺·m.
+/// The matrix A·Aᵀ. The 2×n matrix A has one column for each rotary axis: the motion of the tool axis along its two
+/// normals, rad per rad. The least-norm solution of A·x = m is Aᵀ·(A·Aᵀ)⁺·m.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct RotaryGram {
     a: f64,
@@ -49,7 +52,7 @@ pub struct RotaryGram {
 }
 
 impl RotaryGram {
-    /// Adds the column of one rotary axis.
+    /// Adds the column of a rotary axis to A.
     #[inline(always)]
     pub fn add(&mut self, column: &Vector2<f64>) {
         self.a += column.x * column.x;
@@ -57,19 +60,20 @@ impl RotaryGram {
         self.c += column.y * column.y;
     }
 
-    /// Half the difference of the diagonal, the radius of the eigenvalues about their mean, and the eigenvalues, larger first.
+    /// Half the difference of the diagonal elements, half the difference of the eigenvalues, and the two eigenvalues,
+    /// the larger first.
     #[inline(always)]
     fn eigenvalues(&self) -> (f64, f64, [f64; 2]) {
         let half_difference = 0.5 * (self.a - self.c);
         let radius = sqrt(half_difference * half_difference + self.b * self.b);
         let larger = 0.5 * (self.a + self.c) + radius;
-        // Determinant divided by the larger one instead of the difference: avoids cancellation in the smaller one.
+        // The determinant divided by the larger eigenvalue avoids cancellation in the smaller one.
         let smaller = if larger > 0.0 { (self.a * self.c - self.b * self.b) / larger } else { 0.0 };
         (half_difference, radius, [larger, smaller])
     }
 
-    /// Number of the two directions of the tool axis that are corrected, wholly or in part: those with a singular value of at least
-    /// [`LEFT_OUT_BELOW`].
+    /// Number of directions of the tool axis, 0 to 2, that are corrected in part or wholly: those with a singular value
+    /// of at least [`LEFT_OUT_BELOW`].
     #[inline(always)]
     pub fn rank(&self) -> usize {
         let (_, _, squares) = self.eigenvalues();
@@ -77,14 +81,16 @@ impl RotaryGram {
         usize::from(squares[0] >= least) + usize::from(squares[1] >= least)
     }
 
-    /// True if a direction of the tool axis is not wholly corrected: one of the two singular values is below [`SINGULAR_BELOW`], or NaN.
+    /// Whether a direction of the tool axis is not wholly corrected: the smaller singular value is below
+    /// [`SINGULAR_BELOW`] or NaN.
     #[inline(always)]
     pub fn is_singular(&self) -> bool {
         let (_, _, [_, smaller]) = self.eigenvalues();
         smaller.is_nan() || smaller < SINGULAR_BELOW * SINGULAR_BELOW
     }
 
-    /// The part of the tool-axis error `miss` that is corrected; both in rad, along the two normals of the tool axis.
+    /// The part of the tool-axis error `miss` that the rotary axes correct. Both are in rad, along the two normals of
+    /// the tool axis.
     #[inline(always)]
     pub fn corrected(&self, miss: &Vector2<f64>) -> Vector2<f64> {
         if !self.is_singular() {
@@ -110,15 +116,15 @@ impl RotaryGram {
         candidate.try_normalize(0.0).unwrap_or_else(Vector2::x)
     }
 
-    /// True if one of the two singular values is below [`NEAR_SINGULAR_BELOW`], or NaN.
+    /// Whether the smaller singular value is below [`NEAR_SINGULAR_BELOW`] or NaN.
     #[inline(always)]
     pub fn is_near_singular(&self) -> bool {
         let (_, _, [_, smaller]) = self.eigenvalues();
         smaller.is_nan() || smaller < NEAR_SINGULAR_BELOW * NEAR_SINGULAR_BELOW
     }
 
-    /// (A·Aᵀ)⁺·miss on the first `rank` singular directions, and the length (rad) of the part of the tool-axis error
-    /// `miss` along them.
+    /// Returns (A·Aᵀ)⁺·`miss` in the first `rank` singular directions, and the length of the component of the tool-axis
+    /// error `miss` in these directions, rad.
     #[inline(always)]
     pub fn solve(&self, rank: usize, miss: &Vector2<f64>) -> (Vector2<f64>, f64) {
         let determinant = self.a * self.c - self.b * self.b;
@@ -145,7 +151,8 @@ pub struct LinearColumns {
 }
 
 impl LinearColumns {
-    /// The first `count` columns at a pose. A column that is (nearly) a combination of the previous ones at this pose is left out.
+    /// Selects from the first `count` columns at a pose. A column that is nearly a linear combination of the previous
+    /// columns is left out.
     #[inline(always)]
     pub fn new(columns: [Vector3<f64>; 3], count: usize) -> Self {
         let mut kept = [count > 0, count > 1, count > 2];
@@ -160,8 +167,8 @@ impl LinearColumns {
         Self { columns, kept }
     }
 
-    /// True if one of the first `count` columns is left out, or is nearly a combination of the others: a share may then be more than
-    /// 1/[`NEAR_SINGULAR_BELOW`] times the error.
+    /// Whether one of the first `count` columns is left out, or the columns are nearly dependent. A movement of an axis
+    /// may then be more than 1/[`NEAR_SINGULAR_BELOW`] times the error.
     #[inline(always)]
     pub fn is_near_singular(&self, count: usize) -> bool {
         let kept = self.kept.iter().filter(|kept| **kept).count();
@@ -170,33 +177,33 @@ impl LinearColumns {
         kept < count.min(3) || volume.is_nan() || volume < NEAR_SINGULAR_BELOW
     }
 
-    /// This selection of columns at a nearby pose: the set of correcting axes must not change within a step.
+    /// The same selection with the columns of a nearby pose. The set of correcting axes must not change within a
+    /// correction.
     #[must_use]
     pub fn at(&self, columns: [Vector3<f64>; 3]) -> Self {
         Self { columns, kept: self.kept }
     }
 
-    /// Movement of each linear axis, mm, so that the sum along the columns is `error_mm`: exact with three columns, least squares with fewer.
-    /// Columns that are left out get 0. NaN if the error is NaN.
+    /// Movement of each linear axis, mm, whose sum along the columns is `error_mm`: exact for three columns, least
+    /// squares for fewer. Columns that are left out get 0; a NaN error gives NaN.
     #[inline(always)]
     pub fn shares(&self, error_mm: &Vector3<f64>) -> [f64; 3] {
         self.solved().of(error_mm)
     }
 
-    /// The precomputed solution for the shares of any error.
+    /// Precomputes the solution of [`LinearColumns::shares`] for these columns.
     #[inline(always)]
     pub fn solved(&self) -> LinearShares {
         let columns =
             if self.kept == [true; 3] { self.columns } else { filled(&self.columns, self.kept) };
-        // Cramer's rule. Missing columns are filled with directions normal to the others, so that the system stays regular; their shares
-        // are not applied.
+        // Cramer's rule. Columns that are left out are replaced by directions normal to the others, so that the system
+        // stays regular; their movements are not used.
         let [first, second, third] = columns;
         let normals = [second.cross(&third), third.cross(&first), first.cross(&second)];
         LinearShares { normals, per_volume: 1.0 / first.dot(&normals[0]), kept: self.kept }
     }
 
-    /// Length of the sum of the columns times these shares, mm: the part of the error that the
-    /// columns represent.
+    /// Length of the sum of the columns times these shares, mm: the part of the error that the linear axes can correct.
     pub fn seen_mm(&self, shares: &[f64; 3]) -> f64 {
         let [x, y, z] = shares;
         let [first, second, third] = &self.columns;
@@ -204,7 +211,7 @@ impl LinearColumns {
     }
 }
 
-/// Precomputed solution for the shares of linear axes with constant directions.
+/// Precomputed solution of [`LinearColumns::shares`] for constant columns.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LinearShares {
     normals: [Vector3<f64>; 3],
@@ -213,7 +220,7 @@ pub struct LinearShares {
 }
 
 impl LinearShares {
-    /// See [`LinearColumns::shares`].
+    /// The movements of the linear axes for an error; see [`LinearColumns::shares`].
     #[inline(always)]
     pub fn of(&self, error_mm: &Vector3<f64>) -> [f64; 3] {
         core::array::from_fn(|place| {
@@ -222,7 +229,7 @@ impl LinearShares {
     }
 }
 
-/// Which of the wanted columns are linearly independent of the previous ones.
+/// Which of the columns selected by `wanted` are linearly independent of the previous ones.
 fn independent_of(columns: &[Vector3<f64>; 3], wanted: [bool; 3]) -> [bool; 3] {
     let mut kept = [false; 3];
     let mut basis = [Vector3::zeros(); 3];
@@ -241,7 +248,7 @@ fn independent_of(columns: &[Vector3<f64>; 3], wanted: [bool; 3]) -> [bool; 3] {
     kept
 }
 
-/// The kept columns; the others are replaced by unit vectors normal to them and to each other.
+/// The columns, where each one that is not kept is replaced by a unit vector normal to the others.
 fn filled(columns: &[Vector3<f64>; 3], kept: [bool; 3]) -> [Vector3<f64>; 3] {
     match kept {
         [true, true, true] => *columns,
@@ -264,7 +271,7 @@ fn filled(columns: &[Vector3<f64>; 3], kept: [bool; 3]) -> [Vector3<f64>; 3] {
     }
 }
 
-/// The unit vector normal to two that are not parallel.
+/// The unit vector normal to two vectors that are not parallel.
 fn unit_cross(first: &Vector3<f64>, second: &Vector3<f64>) -> Vector3<f64> {
     first.cross(second).normalize()
 }

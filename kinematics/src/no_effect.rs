@@ -6,15 +6,15 @@ use crate::{
     error::{InsteadConstant, NoEffect},
 };
 
-/// The axis of the machine coordinate system, 0 to 2 for X, Y, Z, along which a unit vector lies, and whether it points in the positive
-/// direction; `None` if it is along none of the three.
+/// The machine axis (0, 1 or 2 for X, Y or Z) to which a unit vector is parallel, and whether the vector points in its
+/// positive direction. `None` if the vector is parallel to none of the three.
 pub fn along_machine_axis(direction: &Vector3<f64>) -> Option<(usize, bool)> {
     let place = direction.iter().position(|u| u.abs() > 1.0 - 1e-12)?;
     Some((place, direction[place] > 0.0))
 }
 
 impl Joint {
-    /// Why a location error of this axis in a component has no effect; `None` if it has one.
+    /// Why a location error of this axis with this component has no effect; `None` if it has an effect.
     pub fn no_effect(&self, component: Component) -> Option<NoEffect> {
         let place = component.mcs_index();
         let along = along_machine_axis(&self.direction);

@@ -1,4 +1,4 @@
-//! Rigid (and small-angle) transforms and the rotation vector.
+//! Rigid transforms, small-angle transforms, and rotation vectors.
 
 use core::ops::Mul;
 
@@ -8,39 +8,37 @@ use crate::math::{atan2, sin_cos, sqrt};
 
 /// A transform x ↦ `rotation`·x + `translation_mm`.
 ///
-/// Orthonormal in the `exact` form. In the `htm` form `rotation` may be a small-angle matrix I + ε^, so only [`Pose::inverse`] uses the
-/// transpose as the inverse.
+/// In the `exact` form, `rotation` is orthonormal. In the `htm` form it may be a small-angle matrix I + ε^, whose
+/// transpose is not its inverse; use [`Pose::inverse`] only for orthonormal poses.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Pose {
-    /// Rotation, applied first; a small-angle matrix in the `htm` form.
+    /// Rotation, applied before the translation; a small-angle matrix in the `htm` form.
     pub rotation: Matrix3<f64>,
-    /// Translation after the rotation, mm.
+    /// Translation, applied after the rotation, mm.
     pub translation_mm: Vector3<f64>,
 }
 
 impl Pose {
-    /// The identity transform.
     pub fn identity() -> Self {
         Self { rotation: Matrix3::identity(), translation_mm: Vector3::zeros() }
     }
 
-    /// A pure translation, mm.
     pub fn from_translation(translation_mm: Vector3<f64>) -> Self {
         Self { rotation: Matrix3::identity(), translation_mm }
     }
 
-    /// `rotation` about the fixed point `point_mm`: Trans(c) R Trans(−c).
+    /// The transform Trans(c) R Trans(−c): `rotation` about the fixed point `point_mm`.
     pub fn about_point(rotation: Matrix3<f64>, point_mm: Vector3<f64>) -> Self {
         Self { rotation, translation_mm: point_mm - rotation * point_mm }
     }
 
-    /// The image of a point, mm.
+    /// Transforms a point, mm.
     pub fn transform_point(&self, point_mm: &Vector3<f64>) -> Vector3<f64> {
         self.rotation * point_mm + self.translation_mm
     }
 
-    /// The inverse of an orthonormal pose, (Rᵀ, −Rᵀp).
+    /// The inverse (Rᵀ, −Rᵀp) of an orthonormal pose.
     #[must_use]
     pub fn inverse(&self) -> Self {
         let transposed = self.rotation.transpose();
@@ -66,10 +64,10 @@ pub fn rotation_from_vector(r_rad: &Vector3<f64>) -> Matrix3<f64> {
     Matrix3::identity() + hat * sine_quotient + hat * hat * cosine_quotient
 }
 
-/// sin θ/θ and (1 − cos θ)/θ² of Rodrigues' formula, from θ².
+/// The quotients sin θ/θ and (1 − cos θ)/θ² of Rodrigues' formula, computed from θ² in rad².
 #[inline]
 pub(crate) fn rotation_quotients(angle_squared: f64) -> (f64, f64) {
-    // Series below 1e-4 rad: the closed quotients lose digits there, two terms of the series do not.
+    // Below 1e-4 rad the closed formulas lose digits; two terms of the series are exact there.
     if angle_squared < 1e-8 {
         (1.0 - angle_squared / 6.0, 0.5 - angle_squared / 24.0)
     } else {
@@ -79,13 +77,13 @@ pub(crate) fn rotation_quotients(angle_squared: f64) -> (f64, f64) {
     }
 }
 
-/// The rotation about the unit vector `axis` by `angle_rad`.
+/// The rotation matrix for a rotation about the unit vector `axis` by `angle_rad`.
 pub fn rotation_about_axis(axis: &Vector3<f64>, angle_rad: f64) -> Matrix3<f64> {
     let (sin, cos) = sin_cos(angle_rad);
     rotation_from_sin_cos(axis, sin, cos)
 }
 
-/// The rotation about the unit vector `axis` by an angle of this sine and cosine.
+/// The rotation matrix for a rotation about the unit vector `axis` by an angle with this sine and cosine.
 #[expect(clippy::inline_always, reason = "measured: the twist form takes a fifth less")]
 #[inline(always)]
 pub(crate) fn rotation_from_sin_cos(axis: &Vector3<f64>, sin: f64, cos: f64) -> Matrix3<f64> {
@@ -104,7 +102,7 @@ pub(crate) fn rotation_from_sin_cos(axis: &Vector3<f64>, sin: f64, cos: f64) -> 
     )
 }
 
-/// The small-angle matrix I + r^.
+/// The small-angle rotation matrix I + r^.
 pub fn small_rotation(r_rad: &Vector3<f64>) -> Matrix3<f64> {
     Matrix3::new(
         1.0, -r_rad.z, r_rad.y, //
@@ -113,7 +111,7 @@ pub fn small_rotation(r_rad: &Vector3<f64>) -> Matrix3<f64> {
     )
 }
 
-/// ½(R − Rᵀ)^∨: sin θ times the axis for a rotation, the linear part of the `htm` form.
+/// ½(R − Rᵀ)^∨: for a rotation sin θ times its axis, for a small-angle matrix the rotation vector.
 pub fn skew_part(rotation: &Matrix3<f64>) -> Vector3<f64> {
     Vector3::new(
         rotation[(2, 1)] - rotation[(1, 2)],
@@ -122,9 +120,9 @@ pub fn skew_part(rotation: &Matrix3<f64>) -> Vector3<f64> {
     ) * 0.5
 }
 
-/// The rotation vector of a rotation matrix, rad, of length 0 to π.
+/// The rotation vector of a rotation matrix, rad; its length is from 0 to π.
 ///
-/// Full precision at small angles, where the arc cosine of the trace would lose half of the digits.
+/// Small angles have full precision; the arc cosine of the trace would lose half of the digits.
 pub fn vector_from_rotation(rotation: &Matrix3<f64>) -> Vector3<f64> {
     let skew = skew_part(rotation);
     let sin = skew.norm();
@@ -133,12 +131,12 @@ pub fn vector_from_rotation(rotation: &Matrix3<f64>) -> Vector3<f64> {
     if sin < 1e-7 && cos < 0.0 {
         return axis_of_half_turn(rotation) * angle;
     }
-    // θ/sin θ → 1 + θ²/6, whose second term is below rounding under 1e-8 rad.
+    // θ/sin θ = 1 + θ²/6 + …; below 1e-8 rad the second term is below rounding.
     let scale = if sin < 1e-8 { 1.0 } else { angle / sin };
     skew * scale
 }
 
-/// The axis of a rotation by about π, from the column of R + I with the largest diagonal.
+/// The axis of a rotation by about π: the column of R + I with the largest diagonal element, normalised.
 fn axis_of_half_turn(rotation: &Matrix3<f64>) -> Vector3<f64> {
     let symmetric = (rotation + rotation.transpose()) * 0.5 + Matrix3::identity();
     let largest = symmetric.diagonal().imax();

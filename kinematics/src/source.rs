@@ -1,36 +1,35 @@
-//! State of a chain, and the interface through which its errors are supplied.
+//! State of a chain, and the interface that supplies the errors of its axes.
 
 use nalgebra::Vector3;
 
 use volcomp_vocabulary::{Direction, PerAxis};
 
-/// Coordinates of all axes of a chain, in chain order.
+/// Coordinates and directions of approach of all axes of a chain, in the order of the chain.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct State {
-    /// Commanded coordinates: mm for linear axes, rad for rotary ones. Entries beyond the chain are 0.
+    /// Commanded coordinates: mm for linear axes, rad for rotary axes. Entries beyond the last axis are 0.
     pub q: PerAxis<f64>,
-    /// The direction of the last travel of each axis; it selects the branch of a bidirectional curve. `None`: unknown, the mean of both branches.
+    /// Direction of the last travel of each axis, which selects the branch of a bidirectional curve. `None` is an
+    /// unknown direction, for which the mean of both branches applies.
     pub approach: PerAxis<Option<Direction>>,
 }
 
-/// Three translations and three rotations along and about the axes of the MCS.
+/// Three translations along and three rotations about the axes of the MCS.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct ErrorMotion {
-    /// δ = (EXN, EYN, EZN), mm.
+    /// Translations δ = (EXN, EYN, EZN), mm.
     pub linear_mm: Vector3<f64>,
-    /// ε = (EAN, EBN, ECN), rad.
+    /// Rotations ε = (EAN, EBN, ECN), rad.
     pub angular_rad: Vector3<f64>,
 }
 
 impl ErrorMotion {
-    /// No error.
     pub const ZERO: Self =
         Self { linear_mm: Vector3::new(0.0, 0.0, 0.0), angular_rad: Vector3::new(0.0, 0.0, 0.0) };
 
-    /// From three linear errors in µm and three angular errors in µrad, the order of ISO 230-1:
-    /// X, Y, Z, A, B, C.
+    /// Converts errors in the order of ISO 230-1 (X, Y, Z, A, B, C): three in µm, then three in µrad.
     pub fn from_um_urad(six: [f64; 6]) -> Self {
         Self {
             linear_mm: Vector3::new(six[0], six[1], six[2]) * 1e-3,
@@ -39,20 +38,20 @@ impl ErrorMotion {
     }
 }
 
-/// The errors of the axes of one chain, by chain index.
+/// Source of the errors of all axes of a chain, by chain index.
 ///
-/// Signs and frames are those of ISO 230-1 as defined in the crate documentation: an error motion is the motion of the tool side relative
-/// to the workpiece side; a location error is the physical location of the axis line.
+/// Signs and frames are those of ISO 230-1 as defined in the crate documentation: an error motion is a motion of the
+/// tool side relative to the workpiece side; a location error is the displacement of the physical axis line.
 pub trait ErrorSource {
-    /// The six error motions `E?N` of an axis at a state (mm, rad), stated at the axis's point.
+    /// The six error motions `E?N` of an axis at a state, mm and rad, stated at the point of the axis.
     fn error_motion(&self, axis: usize, state: &State) -> ErrorMotion;
 
-    /// The location errors `E?0N` of an axis: offset o of its line (mm) and its tilt ω (rad).
+    /// The location errors `E?0N` of an axis: offset o (mm) and tilt ω (rad) of its line.
     fn location(&self, _axis: usize) -> ErrorMotion {
         ErrorMotion::ZERO
     }
 
-    /// The assembly errors of an axis: offsets (mm) and angles (rad) about the MCS origin.
+    /// The assembly errors of an axis: offsets (mm), and angles (rad) about the MCS origin.
     fn assembly(&self, _axis: usize) -> ErrorMotion {
         ErrorMotion::ZERO
     }

@@ -1,4 +1,4 @@
-//! The structural code of ISO 10791 and the type numbers of the generalised model.
+//! Structural codes of ISO 10791, and the type numbers of the generalised model.
 
 use core::{fmt, str::FromStr};
 
@@ -6,17 +6,17 @@ use arrayvec::ArrayVec;
 
 use volcomp_vocabulary::{AxisKind, AxisName, MAX_AXES};
 
-/// Side of the bed on which an axis is.
+/// Side of the bed on which an axis is in the chain.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Side {
-    /// Left of `b`: the axis carries the workpiece (written with a prime).
+    /// Left of `b`: the axis carries the workpiece and is written with a prime.
     Workpiece,
     /// Right of `b`: the axis carries the tool.
     Tool,
 }
 
-/// A serial chain from the workpiece to the tool, for example `w C' X' b Y Z B t`.
+/// Axes of a serial chain from the workpiece to the tool, for example `w C' X' b Y Z B t`.
 ///
 /// ```
 /// use volcomp_kinematics::{Structure};
@@ -30,18 +30,16 @@ pub struct Structure {
     workpiece_axes: usize,
 }
 
-/// Why a structural code or a type number is invalid.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum StructureError {
-    /// A character that is not an axis, `w`, `b`, `t` or a prime.
+    /// A character other than an axis letter, `w`, `b`, `t` or a prime.
     #[error(
         "found `{found}` at character {position}, expected w, b, t, an axis X Y Z A B C U V W or a prime"
     )]
     UnknownCharacter {
-        /// The rejected character.
         found: char,
-        /// Position in the code, from 1.
+        /// Position of the character in the code, counted from 1.
         position: usize,
     },
     /// `w`, `b` or `t` is missing, repeated or out of place.
@@ -50,21 +48,19 @@ pub enum StructureError {
         if *position == 1 { "the structure to begin at the workpiece, w, in " } else { "" }
     )]
     OutOfPlace {
-        /// The rejected character.
         found: char,
-        /// Position in the code, from 1.
+        /// Position of the character in the code, counted from 1.
         position: usize,
     },
     /// The code ended before `t`.
     #[error("`{missing}` is missing, expected the order: w, axes with a prime, b, axes, t")]
     Missing {
-        /// The expected letter.
+        /// The letter expected at the end of the code.
         missing: char,
     },
     /// An axis appears twice in the code.
     #[error("axis {axis} appears twice in the structure, expected each letter once")]
     RepeatedAxis {
-        /// The repeated axis.
         axis: AxisName,
     },
     /// A prime on an axis right of `b`.
@@ -72,7 +68,6 @@ pub enum StructureError {
         "axis {axis} has a prime right of b, expected primes on the workpiece side only: left of b"
     )]
     PrimeOnToolSide {
-        /// The axis with the prime.
         axis: AxisName,
     },
     /// A prime that follows no axis.
@@ -80,7 +75,7 @@ pub enum StructureError {
         "prime at character {position} follows no axis, expected it right behind an axis letter"
     )]
     StrayPrime {
-        /// Position in the code, from 1.
+        /// Position of the prime in the code, counted from 1.
         position: usize,
     },
     /// The code contains no axis.
@@ -89,42 +84,41 @@ pub enum StructureError {
     /// A type number outside its range.
     #[error("{name} = {found}, expected 0, 1, 2 or 3")]
     TypeNumber {
-        /// The name of the number: `translational` or `rotary`.
+        /// Name of the number: `translational` or `rotary`.
         name: &'static str,
-        /// The rejected number.
         found: u8,
     },
-    /// The wrong number or kind of rotary axes for the type.
+    /// Number or letters of the rotary axes that do not match the rotary type.
     #[error(
         "rotary = {rotary} with {found} rotary axes, expected {expected} different letters of A B C"
     )]
     RotaryAxes {
-        /// The given rotary type.
+        /// The given rotary type, 0 to 3.
         rotary: u8,
-        /// Number of different rotary letters given.
+        /// Number of different rotary letters found.
         found: usize,
-        /// Number of rotary axes of the type.
+        /// Number of rotary axes of this type.
         expected: usize,
     },
 }
 
-/// The type numbers of the generalised model (Xiang et al., 10.1177/0954405414564407):
-/// 4 three-axis and 12 five-axis types.
+/// Type numbers of the generalised model with 4 three-axis and 12 five-axis types (Xiang et al., DOI
+/// 10.1177/0954405414564407).
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct TypeNumbers {
-    /// 0 to 3: number of the axes X, Y, Z, in that order, that carry the workpiece.
+    /// Number of the axes X, Y, Z, in this order, that carry the workpiece, 0 to 3.
     pub translational: u8,
-    /// 0: no rotary axes; 1: both before the linear axes (table); 2: both after them (spindle); 3: one before and one
-    /// after.
+    /// Position of the rotary axes in the chain. 0: no rotary axes; 1: both before the linear axes (table); 2: both
+    /// after the linear axes (spindle); 3: one before and one after the linear axes.
     pub rotary: u8,
-    /// The rotary letters in chain order from `w` to `t`.
+    /// The rotary letters in the order of the chain, from `w` to `t`.
     pub rotary_axes: ArrayVec<AxisName, 2>,
 }
 
 impl Structure {
-    /// A structure from the axes on the workpiece side of the bed and those on the tool side, each in chain order from
-    /// `w` to `t`.
+    /// Creates a structure from the axes on the workpiece side of the bed and the axes on the tool side, each in the
+    /// order from `w` to `t`.
     ///
     /// # Errors
     /// [`StructureError::NoAxes`] and [`StructureError::RepeatedAxis`].
@@ -142,11 +136,10 @@ impl Structure {
         Ok(Self { axes, workpiece_axes: workpiece.len() })
     }
 
-    /// The structure with the type numbers `translational` and `rotary`; `rotary_axes` are in chain
-    /// order.
+    /// Creates a structure from its type numbers; see [`TypeNumbers`]. `rotary_axes` are in the order of the chain.
     ///
     /// # Errors
-    /// A number above 3, or rotary letters that do not fit the rotary type.
+    /// A type number is above 3, or the rotary letters do not match the rotary type.
     pub fn from_type(
         translational: u8,
         rotary: u8,
@@ -179,7 +172,7 @@ impl Structure {
         Self::new(&join(rotary_before, left), &join(right, rotary_after))
     }
 
-    /// The type numbers of this structure; `None` for a chain outside the 16 types.
+    /// The type numbers of this structure; `None` if it is none of the 16 types.
     pub fn type_numbers(&self) -> Option<TypeNumbers> {
         let rotary_axes: ArrayVec<AxisName, MAX_AXES> =
             self.axes.iter().copied().filter(|a| a.kind() == AxisKind::Rotary).collect();
@@ -199,12 +192,12 @@ impl Structure {
         &self.axes
     }
 
-    /// The chain index of an axis.
+    /// Chain index of an axis; `None` if the chain does not contain it.
     pub fn index_of(&self, axis: AxisName) -> Option<usize> {
         self.axes.iter().position(|&a| a == axis)
     }
 
-    /// The side of the bed of the axis at `index`.
+    /// Side of the bed of the axis at this chain index.
     pub fn side(&self, index: usize) -> Side {
         if index < self.workpiece_axes { Side::Workpiece } else { Side::Tool }
     }
@@ -225,7 +218,6 @@ impl fmt::Display for Structure {
     }
 }
 
-/// Parser state within `w … b … t`.
 #[derive(Clone, Copy, PartialEq)]
 enum Stage {
     Start,
@@ -237,8 +229,8 @@ enum Stage {
 impl FromStr for Structure {
     type Err = StructureError;
 
-    /// Reads a structural code. Blanks are ignored, primes on the workpiece side are optional, and `'`, `’` and `′` are all treated as
-    /// primes.
+    /// Parses a structural code. Blanks are ignored. Primes on the workpiece side are optional; `'`, `’` and `′` count
+    /// as primes.
     fn from_str(code: &str) -> Result<Self, StructureError> {
         let mut stage = Stage::Start;
         let mut sides: [ArrayVec<AxisName, MAX_AXES>; 2] = Default::default();

@@ -1,6 +1,7 @@
-//! Screw theory: twists, screws, the adjoint and the exponential.
+//! Screw theory: twists, screws, adjoint and exponential.
 //!
-//! After Murray, Li and Sastry, *A Mathematical Introduction to Robotic Manipulation* (1994), chapter 2; the linear part comes first.
+//! The notation is that of Murray, Li and Sastry, *A Mathematical Introduction to Robotic Manipulation* (1994), chapter
+//! 2, in which the linear part comes first.
 
 use core::ops::{Add, Mul, Neg, Sub};
 
@@ -11,16 +12,16 @@ use crate::{
     pose::{Pose, rotation_from_vector, vector_from_rotation},
 };
 
-/// A twist: an infinitesimal or scaled rigid motion.
+/// A twist: a rigid motion that is infinitesimal or scaled.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Twist {
-    /// Motion of the point that coincides with the origin of the frame, mm.
+    /// Displacement of the point at the origin of the frame, mm.
     pub linear_mm: Vector3<f64>,
-    /// Rotation vector of the twist, rad.
+    /// Rotation vector, rad.
     pub angular_rad: Vector3<f64>,
 }
 
-/// The screw of a joint: a translation, or a rotation about a line with an advance along it.
+/// Screw of a joint: a translation, or a rotation about a line with advance along this line.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Screw {
     /// A translation along a unit direction, without rotation.
@@ -28,25 +29,24 @@ pub enum Screw {
         /// Unit direction of the joint, in MCS.
         direction: Vector3<f64>,
     },
-    /// A rotation about a line.
+    /// A rotation about a line, with advance along this line if the pitch is not 0.
     Revolute {
         /// Unit direction of the line.
         direction: Vector3<f64>,
-        /// Any point of the line, mm.
+        /// Any point on the line, mm.
         point_mm: Vector3<f64>,
-        /// Advance, mm per rad.
+        /// Advance along the line, mm per rad.
         pitch_mm: f64,
     },
 }
 
 impl Twist {
-    /// The zero twist.
     pub fn zero() -> Self {
         Self { linear_mm: Vector3::zeros(), angular_rad: Vector3::zeros() }
     }
 
-    /// The twist of a motion that displaces `point_mm` by `displacement_mm` while it rotates by `rotation_rad`: the contribution of an
-    /// error motion stated at a point.
+    /// The twist of a motion that displaces the point `point_mm` by `displacement_mm` and rotates by `rotation_rad`,
+    /// for example an error motion that is stated at a point.
     pub fn at_point(
         displacement_mm: Vector3<f64>,
         rotation_rad: Vector3<f64>,
@@ -58,12 +58,12 @@ impl Twist {
         }
     }
 
-    /// The displacement that this twist gives to a point, mm, to first order: v + ω × p.
+    /// Displacement of a point by this twist to first order, mm: v + ω × p.
     pub fn displacement_mm(&self, point_mm: &Vector3<f64>) -> Vector3<f64> {
         self.linear_mm + self.angular_rad.cross(point_mm)
     }
 
-    /// The adjoint action of a pose: the same motion expressed in the frame that `pose` maps into, ω′ = Rω, v′ = Rv + p × Rω.
+    /// The adjoint: the same motion expressed in the frame into which `pose` maps, ω′ = Rω, v′ = Rv + p × Rω.
     #[must_use]
     pub fn adjoint(&self, pose: &Pose) -> Self {
         let angular_rad = pose.rotation * self.angular_rad;
@@ -83,7 +83,7 @@ impl Twist {
         }
     }
 
-    /// The exponential: the pose reached by this twist in unit time.
+    /// The exponential: the pose that this twist reaches in unit time.
     pub fn exp(&self) -> Pose {
         Pose {
             rotation: rotation_from_vector(&self.angular_rad),
@@ -91,9 +91,9 @@ impl Twist {
         }
     }
 
-    /// The twist whose exponential is `pose`, for rotations below π.
+    /// The twist whose exponential is `pose`; its rotation is below π.
     ///
-    /// `None` for a rotation by π, where the logarithm has two values.
+    /// `None` for a rotation by π, for which two twists exist.
     pub fn log(pose: &Pose) -> Option<Self> {
         let angular_rad = vector_from_rotation(&pose.rotation);
         if (angular_rad.norm() - core::f64::consts::PI).abs() < 1e-9 {
@@ -105,7 +105,7 @@ impl Twist {
 }
 
 impl Screw {
-    /// The twist of this screw for one unit of its coordinate.
+    /// The twist of this screw for one unit (mm or rad) of the joint coordinate.
     pub fn twist(&self) -> Twist {
         match *self {
             Self::Prismatic { direction } => {
@@ -118,10 +118,10 @@ impl Screw {
     }
 }
 
-/// (1/θ)∫exp: the matrix V with exp(v, ω) = (exp(ω^), V v).
+/// The matrix V in exp(v, ω) = (exp(ω^), V·v): the integral of exp(s·ω^) over s from 0 to 1.
 fn left_jacobian(r_rad: &Vector3<f64>) -> Matrix3<f64> {
     let angle_squared = r_rad.norm_squared();
-    // Series below 1e-2 rad, where (θ − sin θ)/θ³ cancels; the next term is below 1e-16.
+    // Below 1e-2 rad, (θ − sin θ)/θ³ loses digits by cancellation, and the error of this series is below 1e-16.
     let (first, second) = if angle_squared < 1e-4 {
         (
             0.5 - angle_squared / 24.0 * (1.0 - angle_squared / 30.0),

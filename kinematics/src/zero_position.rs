@@ -1,7 +1,7 @@
-//! The zero-position model: every joint is given by the line of its axis at machine zero, nominal or actual.
+//! The zero-position model: each joint is described by the nominal or actual line of its axis at machine zero.
 //!
-//! Talyan et al. calibrate a five-axis machine with a ball array: the direction cosines and a point of each actual axis are the unknowns.
-//! They correspond to the location errors of this crate.
+//! Talyan et al. calibrate a five-axis machine with a ball array. Their unknowns are the direction cosines and a point
+//! of each actual axis, which correspond to the location errors of this crate.
 
 use nalgebra::Vector3;
 
@@ -16,28 +16,27 @@ use crate::{
 };
 use volcomp_vocabulary::{AxisKind, AxisName};
 
-/// Why no chain can be built from screws.
+/// Why a chain cannot be built from screws.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum ZeroPositionError {
     /// The number of screws differs from the number of axes.
     #[error("found {found} joints for the structure `{structure}`, expected {expected}")]
     Count {
-        /// The requested structure.
         structure: Structure,
-        /// Number of screws given.
+        /// Number of screws found.
         found: usize,
-        /// Number of axes.
+        /// Number of axes of the structure.
         expected: usize,
     },
-    /// A revolute joint for a linear axis, a prismatic one for a rotary axis, or a pitch.
+    /// A revolute screw for a linear axis, a prismatic screw for a rotary axis, or a screw with a pitch.
     #[error("axis {axis}: found a {found} joint, expected a {expected} one")]
     Kind {
-        /// The axis whose screw does not match.
+        /// The axis whose screw has the wrong kind.
         axis: AxisName,
-        /// The given kind of screw.
+        /// Kind of the given screw: `sliding`, `turning` or `helical`.
         found: &'static str,
-        /// The kind of axis that the letter names.
+        /// Kind of screw that the axis letter requires.
         expected: &'static str,
     },
     /// An invalid direction or point.
@@ -46,11 +45,11 @@ pub enum ZeroPositionError {
 }
 
 impl Chain {
-    /// The chain whose joints are these screws (mm, MCS at machine zero), one for each axis from the
-    /// workpiece to the tool; tool and workpiece as in [`Chain::new`].
+    /// Builds a chain from one screw for each axis (mm, MCS at machine zero), from the workpiece to the tool. Tool and
+    /// workpiece are as in [`Chain::new`].
     ///
     /// # Errors
-    /// [`ZeroPositionError`].
+    /// The number or the kind of the screws does not match the structure, or a direction or point is invalid.
     pub fn from_screws(structure: Structure, screws: &[Screw]) -> Result<Self, ZeroPositionError> {
         let axes = structure.axes().len();
         if screws.len() != axes {
@@ -100,10 +99,11 @@ fn screw_kind(screw: &Screw) -> &'static str {
 }
 
 impl Joint {
-    /// The location errors (mm, rad) that move this joint's axis to its actual line: ω is the smallest rotation onto the actual direction,
-    /// o the vector from `point_mm` to the actual line, normal to it.
+    /// Location errors (mm, rad) that move the axis of this joint to its actual line. The tilt ω is the smallest
+    /// rotation onto the actual direction; the offset o is normal to the actual line and leads from `point_mm` to this
+    /// line.
     ///
-    /// A linear joint has a direction only: o is 0.
+    /// For a linear joint, which has a direction but no line, o is 0.
     pub fn location_of(&self, real: &Screw) -> ErrorMotion {
         let (direction, point) = match real {
             Screw::Prismatic { direction } => (direction, self.point_mm),
@@ -117,7 +117,7 @@ impl Joint {
         }
     }
 
-    /// The actual line of the axis with these location errors (mm, rad).
+    /// The actual screw of the axis with these location errors (mm, rad).
     pub fn real_screw(&self, location: &ErrorMotion) -> Screw {
         let direction = rotation_from_vector(&location.angular_rad) * self.direction;
         match self.kind {
@@ -131,11 +131,12 @@ impl Joint {
     }
 }
 
-/// The smallest rotation vector that rotates one unit vector onto another; for opposite vectors half a turn about some normal.
+/// The smallest rotation vector (rad) that rotates one unit vector onto another. For opposite vectors it is half a turn
+/// about an arbitrary normal.
 fn smallest_turn(from: &Vector3<f64>, onto: &Vector3<f64>) -> Vector3<f64> {
     let normal = from.cross(onto);
     let (sin, cos) = (normal.norm(), from.dot(onto));
-    // The arc tangent keeps full precision at small angles, where an arc cosine would lose half of the digits.
+    // The arc tangent has full precision at small angles; an arc cosine would lose half of the digits.
     let angle_rad = atan2(sin, cos);
     if sin > 0.0 {
         return normal * (angle_rad / sin);

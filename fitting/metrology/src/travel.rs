@@ -79,7 +79,7 @@ mod tests {
             shown(&[0.0, 1.0, 2.0, 2.0, 1.0, 0.0, 0.0, 1.0, 2.0]),
             "+1 +1 +1 -1 -1 -1 +2 +2 +2"
         );
-        // Without an overrun the last target is approached once.
+        // Without an overrun, the last target is approached once.
         assert_eq!(shown(&[0.0, 1.0, 2.0, 1.0, 0.0]), "+1 +1 +1 -1 -1");
         // A unidirectional test whose return is not measured.
         assert_eq!(shown(&[0.0, 1.0, 2.0, 0.0, 1.0, 2.0]), "+1 +1 +1 +2 +2 +2");

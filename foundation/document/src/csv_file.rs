@@ -10,7 +10,6 @@ use csv::{ReaderBuilder, StringRecord, Trim};
 
 use crate::{bound::bounded, error::InputError, quoted};
 
-///
 /// The separator is the most frequent of `,`, `;` and the tab in the header. A first line `sep=;`, as written by
 /// spreadsheets, has priority. Lines above the header that begin with `#` are skipped.
 ///

@@ -14,14 +14,14 @@ use toml_parser::lexer::TokenKind;
 
 use crate::{bound::bounded, error::InputError, nearest::near, syntax};
 
-/// Text of a file and its name.
+/// TOML text with the name of its file.
 #[derive(Clone, Debug)]
 pub struct Document {
     name: String,
     pub(crate) text: Arc<str>,
 }
 
-/// Table of a document, with its full key.
+/// Table of a document and its full key.
 #[derive(Clone)]
 pub struct Section<'a> {
     document: &'a Document,
@@ -30,7 +30,7 @@ pub struct Section<'a> {
     table: &'a DeTable<'a>,
 }
 
-/// Value of a document, with its full key.
+/// Value of a document and its full key.
 #[derive(Clone)]
 pub struct Value<'a> {
     document: &'a Document,
@@ -38,15 +38,16 @@ pub struct Value<'a> {
     node: &'a Spanned<DeValue<'a>>,
 }
 
-/// Maximum size of a TOML file, bytes. On invalid text the parser allocates about fifty times the size, which must not exhaust the memory
-/// of a program that corrects a machine.
+/// Maximum size of a TOML file, bytes. On invalid text the parser allocates about fifty times the size of the file;
+/// this limit keeps a program that corrects a machine from running out of memory.
 pub(crate) const MOST_BYTES: usize = 4 * 1024 * 1024;
 
-/// Maximum number of keys, headers and their parts between dots. Each becomes a table or a value of some hundred bytes: without this limit a
-/// file of 4 MiB takes 2 GB.
+/// Maximum number of keys and table headers, where each part of a dotted key or header counts. Each part becomes a
+/// table or a value of some hundred bytes; without this limit a file of 4 MiB takes 2 GB of memory.
 const MOST_KEYS: usize = 100_000;
 
-/// Number of keys, headers and their parts; numbers in arrays do not count.
+/// Number of keys and table headers in a TOML text. Each part of a dotted key or header counts; numbers in arrays do
+/// not.
 fn key_count(text: &str) -> usize {
     let (mut keys, mut parts, mut is_header, mut is_first) = (0, 1, false, true);
     for token in toml_parser::Source::new(text).lex() {
@@ -88,7 +89,8 @@ impl Document {
     /// Parses the text and calls `decode` with its root table.
     ///
     /// # Errors
-    /// The text has more than 4 MiB or too many keys, or is not valid TOML (repeated keys included); errors of `decode`.
+    /// The text is larger than 4 MiB, has more than 100 000 keys, or is not valid TOML (repeated keys included); errors
+    /// of `decode`.
     pub fn decode<T, E: From<InputError>>(
         &self,
         decode: impl FnOnce(Section<'_>) -> Result<T, E>,
@@ -134,7 +136,8 @@ impl Document {
 
 const MEANT: usize = 4;
 
-/// Suggestions for an unknown word: similar expected words, or all expected words if none is similar.
+/// Suggestions for an unknown word: up to four similar words of `expected`, or all words of `expected` if none is
+/// similar.
 pub(crate) fn meant(found: &str, expected: &[&str]) -> String {
     let near = near(found, expected);
     let near: Vec<String> = (near.iter().take(MEANT)).map(|word| format!("`{word}`")).collect();
@@ -150,12 +153,12 @@ impl<'a> Section<'a> {
         self.table
     }
 
-    /// Full key of this table, empty for the root.
+    /// Full key of this table; empty for the root table.
     pub fn key(&self) -> &str {
         &self.key
     }
 
-    /// Error with this message, located at this table.
+    /// Error with this message, located at the line and key of this table.
     pub fn error(&self, message: impl Into<String>) -> InputError {
         self.document.error(self.span.clone(), self.key.clone(), message)
     }
@@ -163,7 +166,7 @@ impl<'a> Section<'a> {
     /// Rejects unknown keys.
     ///
     /// # Errors
-    /// The first unknown key, with suggestions or, if there are none, the list of expected keys.
+    /// An unknown key: names the first one, with similar expected keys or, if none is similar, all expected keys.
     pub fn allow(&self, expected: &[&str]) -> Result<(), InputError> {
         for (key, value) in self.values() {
             if !expected.contains(&key) {
@@ -208,7 +211,7 @@ impl<'a> Section<'a> {
 }
 
 impl<'a> Value<'a> {
-    /// Full key, with the tables before it.
+    /// Full key: the keys of the enclosing tables and of this value, separated by dots.
     pub fn key(&self) -> &str {
         &self.key
     }
@@ -231,10 +234,10 @@ impl<'a> Value<'a> {
         self.error(format!("found {found}, expected {expected}"))
     }
 
-    /// Finite number of magnitude up to [`LARGEST_NUMBER`](crate::LARGEST_NUMBER); integers are accepted.
+    /// A finite number from −1e15 to 1e15 ([`LARGEST_NUMBER`](crate::LARGEST_NUMBER)); integers are accepted.
     ///
     /// # Errors
-    /// Anything else, including `nan` and `inf`.
+    /// The value is not a number, is `nan` or `inf`, or is outside the bounds.
     pub fn number(&self) -> Result<f64, InputError> {
         let number = match self.node.get_ref() {
             DeValue::Float(number) => number.as_str().parse::<f64>().ok(),
@@ -251,10 +254,10 @@ impl<'a> Value<'a> {
         matches!(self.node.get_ref(), DeValue::Float(_) | DeValue::Integer(_))
     }
 
-    /// Whole number within `range`, both ends included, in the type of the range.
+    /// A whole number within `range`, including both ends.
     ///
     /// # Errors
-    /// Anything else, with the expected range.
+    /// The value is not a whole number or is outside `range`; the message states the range.
     pub fn whole<N>(&self, range: RangeInclusive<N>) -> Result<N, InputError>
     where
         N: TryFrom<i128> + PartialOrd + Display,
@@ -272,10 +275,10 @@ impl<'a> Value<'a> {
             })
     }
 
-    /// Whole number from 0 to `most`.
+    /// A whole number from 0 to `most`.
     ///
     /// # Errors
-    /// Anything else.
+    /// The value is not a whole number or is outside these bounds.
     pub fn count(&self, most: usize) -> Result<usize, InputError> {
         self.whole(0..=most)
     }
@@ -283,7 +286,7 @@ impl<'a> Value<'a> {
     /// The value as text.
     ///
     /// # Errors
-    /// Anything else.
+    /// The value is not a text.
     pub fn text(&self) -> Result<&'a str, InputError> {
         match self.node.get_ref() {
             DeValue::String(text) => Ok(text),
@@ -294,7 +297,7 @@ impl<'a> Value<'a> {
     /// The value as `true` or `false`.
     ///
     /// # Errors
-    /// Anything else.
+    /// The value is not `true` or `false`.
     pub fn truth(&self) -> Result<bool, InputError> {
         match self.node.get_ref() {
             DeValue::Boolean(truth) => Ok(*truth),
@@ -305,7 +308,7 @@ impl<'a> Value<'a> {
     /// The value as a table.
     ///
     /// # Errors
-    /// Anything else.
+    /// The value is not a table.
     pub fn section(&self) -> Result<Section<'a>, InputError> {
         match self.node.get_ref() {
             DeValue::Table(table) => Ok(Section {
@@ -321,7 +324,7 @@ impl<'a> Value<'a> {
     /// Items of an array.
     ///
     /// # Errors
-    /// Anything else.
+    /// The value is not an array.
     pub fn items(&self) -> Result<Vec<Value<'a>>, InputError> {
         let DeValue::Array(items) = self.node.get_ref() else {
             return Err(self.mismatch("an array"));
@@ -334,18 +337,18 @@ impl<'a> Value<'a> {
         Ok(items.iter().enumerate().map(item).collect())
     }
 
-    /// An array of finite numbers.
+    /// An array of numbers, each as for [`Value::number`].
     ///
     /// # Errors
-    /// Anything else.
+    /// The value is not an array, or an item is rejected by [`Value::number`].
     pub fn numbers(&self) -> Result<Vec<f64>, InputError> {
         self.items()?.iter().map(Value::number).collect()
     }
 
-    /// An array of exactly `N` finite numbers.
+    /// An array of exactly `N` numbers, each as for [`Value::number`].
     ///
     /// # Errors
-    /// Anything else.
+    /// The value is not an array of `N` items, or an item is rejected by [`Value::number`].
     pub fn vector<const N: usize>(&self) -> Result<[f64; N], InputError> {
         let numbers = self.numbers()?;
         <[f64; N]>::try_from(numbers).map_err(|numbers| {
@@ -362,7 +365,7 @@ impl<'a> Value<'a> {
     /// An array of texts.
     ///
     /// # Errors
-    /// Anything else.
+    /// The value is not an array, or an item is not a text.
     pub fn texts(&self) -> Result<Vec<&'a str>, InputError> {
         self.items()?.iter().map(Value::text).collect()
     }

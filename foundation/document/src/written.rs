@@ -31,7 +31,8 @@ pub fn toml_key(name: &str) -> String {
     toml_string(name)
 }
 
-/// A text of one line as a cell of a comma-separated CSV table, quoted only if necessary.
+/// A text of one line as a cell of a comma-separated CSV table; quoted only if it contains a quotation mark, a
+/// separator or `#`.
 pub fn csv_cell(text: &str) -> String {
     if text.contains(['"', ',', ';', '\t', '#']) {
         format!("\"{}\"", text.replace('"', "\"\""))
@@ -57,7 +58,7 @@ mod tests {
         "\"\"\"",
     ];
 
-    /// The readers of TOML and of CSV return the original text.
+    /// The TOML and CSV readers return the original text.
     #[test]
     fn what_is_written_is_read_back() {
         for text in ODD {

@@ -8,11 +8,11 @@ pub const MAX_AXES: usize = 9;
 /// An axis letter of ISO 841.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum AxisName {
-    /// Primary linear axis along +X.
+    /// Primary linear axis along X.
     X,
-    /// Primary linear axis along +Y.
+    /// Primary linear axis along Y.
     Y,
-    /// Primary linear axis along +Z.
+    /// Primary linear axis along Z.
     Z,
     /// Rotary axis about X.
     A,
@@ -47,7 +47,7 @@ impl AxisName {
     pub const ALL: [Self; MAX_AXES] =
         [Self::X, Self::Y, Self::Z, Self::A, Self::B, Self::C, Self::U, Self::V, Self::W];
 
-    /// Axis of an upper-case letter, `None` for any other character.
+    /// Axis with this upper-case letter; `None` for any other character.
     pub fn from_letter(letter: char) -> Option<Self> {
         Self::ALL.into_iter().find(|name| name.letter() == letter)
     }
@@ -85,7 +85,8 @@ impl AxisName {
         self as usize
     }
 
-    /// Index 0, 1 or 2 of the corresponding axis X, Y or Z of the machine coordinate system.
+    /// Index of X, Y or Z in the machine coordinate system: 0, 1 or 2. A rotary axis has the index of the axis about
+    /// which it rotates, U, V and W those of X, Y and Z.
     pub fn mcs_index(self) -> usize {
         match self {
             Self::X | Self::A | Self::U => 0,
@@ -96,7 +97,7 @@ impl AxisName {
 }
 
 impl AxisKind {
-    /// Name of the kind: `linear` or `rotary`.
+    /// `linear` or `rotary`.
     pub fn name(self) -> &'static str {
         match self {
             Self::Linear => "linear",

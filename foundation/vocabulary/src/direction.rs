@@ -2,13 +2,14 @@ use core::{fmt, ops::Neg, str::FromStr};
 
 use crate::units::{Deg, Mm};
 
-/// Default distance that a linear axis must travel backwards to count as reversed.
+/// Default travel in the opposite direction after which a linear axis counts as reversed.
 pub const TURNED_AFTER: Mm = Mm(0.005);
-/// Default angle that a rotary axis must travel backwards to count as reversed.
+/// Default travel in the opposite direction after which a rotary axis counts as reversed.
 pub const TURNED_AFTER_ROTARY: Deg = Deg(5e-4);
 
-/// Current or last direction of travel of an axis. It selects the branch of a bidirectional curve, and is the direction of approach to a
-/// target in ISO 230-2 (↑ and ↓). `None` is an unknown direction, for which the mean of both branches applies.
+/// Direction of the current or last travel of an axis. The direction selects the branch of a bidirectional curve; in
+/// ISO 230-2 it is the direction of approach to a target (↑ or ↓). Where the direction is an `Option`, `None` is an
+/// unknown direction, for which the mean of both branches applies.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Direction {
     /// Towards larger coordinates: `+` in files, ↑ in the standard.
@@ -42,7 +43,7 @@ impl Direction {
         }
     }
 
-    /// Direction of a displacement, `None` for zero and NaN.
+    /// Direction of travel for this change of coordinate (mm, rad or deg); `None` for zero and NaN.
     pub fn of(displacement: f64) -> Option<Self> {
         if displacement > 0.0 {
             Some(Self::Positive)

@@ -1,4 +1,4 @@
-//! Error names of ISO 230-1: `EXX`, `EC0Y`.
+//! Error names of ISO 230-1, such as `EXX` and `EC0Y`.
 
 use core::{fmt, str::FromStr};
 
@@ -6,7 +6,8 @@ use arrayvec::ArrayString;
 
 use crate::axis::{AxisKind, AxisName};
 
-/// One of the six components of an error: along or about an axis of the machine coordinate system.
+/// One of the six components of an error: a translation along or a rotation about an axis of the machine coordinate
+/// system.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Component {
     /// Translation along X, µm.
@@ -24,7 +25,7 @@ pub enum Component {
 }
 
 impl Component {
-    /// All six, in the order of ISO 230-1.
+    /// All six components, in the order of ISO 230-1.
     pub const ALL: [Self; 6] = [Self::EX, Self::EY, Self::EZ, Self::EA, Self::EB, Self::EC];
 
     /// Index in [`Component::ALL`], 0 to 5.
@@ -32,7 +33,7 @@ impl Component {
         self as usize
     }
 
-    /// True for a rotation (µrad), false for a translation (µm).
+    /// Whether the component is a rotation (µrad); otherwise it is a translation (µm).
     pub fn is_angular(self) -> bool {
         self.index() >= 3
     }
@@ -42,7 +43,8 @@ impl Component {
         self.index() % 3
     }
 
-    /// Kind of axis with the units of this component: linear for a translation, rotary for a rotation.
+    /// Kind of axis whose errors have the unit of this component: linear (µm) for a translation, rotary (µrad) for a
+    /// rotation.
     pub fn kind(self) -> AxisKind {
         if self.is_angular() { AxisKind::Rotary } else { AxisKind::Linear }
     }
@@ -57,7 +59,7 @@ impl Component {
         self.kind().micro_symbol()
     }
 
-    /// Letter after the E: X Y Z A B C.
+    /// Letter after the E in an error name: X, Y, Z, A, B or C.
     pub fn letter(self) -> char {
         match self {
             Self::EX => 'X',
@@ -73,7 +75,6 @@ impl Component {
 /// Name of one error of one axis: `EYX` is the straightness error motion of X along Y, `EC0Y` the squareness of Y to X.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct ErrorName {
-    /// Component: along or about an axis of the machine coordinate system.
     pub component: Component,
     /// Axis whose motion or location has the error.
     pub axis: AxisName,
@@ -87,7 +88,7 @@ pub struct ErrorName {
     "`{found}` is no error name, expected E, one of X Y Z A B C, 0 for a location error, and an axis: EXX, EC0Y"
 )]
 pub struct UnknownErrorName {
-    /// The text, truncated to 24 bytes.
+    /// The rejected text, truncated to 24 bytes.
     pub found: ArrayString<24>,
 }
 

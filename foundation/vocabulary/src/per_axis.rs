@@ -12,7 +12,7 @@ macro_rules! in_order {
         pub struct $name<T>(pub [T; MAX_AXES]);
 
         impl<T> $name<T> {
-            /// Computes the value of each index.
+            /// Creates the array from a function of the index, 0 to [`MAX_AXES`] − 1.
             #[inline]
             pub fn from_fn(value: impl FnMut(usize) -> T) -> Self {
                 Self(core::array::from_fn(value))
@@ -30,7 +30,7 @@ macro_rules! in_order {
                 self.0.iter_mut()
             }
 
-            /// The given values, followed by the default. More than [`MAX_AXES`] values do not compile.
+            /// These values, followed by default values. A call with more than [`MAX_AXES`] values does not compile.
             #[inline]
             pub fn leading<const N: usize>(values: [T; N]) -> Self
             where
@@ -105,14 +105,15 @@ macro_rules! in_order {
 }
 
 in_order! {
-    /// One value for each axis of a machine, in *machine order*: the order of its kinematic chain from the workpiece to the tool. Coordinates and
-    /// corrections are mm for linear and rad for rotary axes; entries beyond the last axis hold the default.
+    /// One value for each axis of a machine, in *machine order*: the order of the kinematic chain from the workpiece to
+    /// the tool. Coordinates and corrections are in mm for linear and in rad for rotary axes. Entries beyond the last
+    /// axis hold the default value.
     PerAxis
 }
 
 in_order! {
-    /// One value for each axis that a controller writes, in *channel order*: the order of the controller's description. Positions and corrections are
-    /// mm for linear and rad for rotary axes; entries beyond the last axis hold the default. The type differs from [`PerAxis`], so that the two
-    /// orders cannot be confused.
+    /// One value for each axis that a controller writes, in *channel order*: the order of the axes in the controller's
+    /// description. Positions and corrections are in mm for linear and in rad for rotary axes. Entries beyond the last
+    /// axis hold the default value. The type differs from [`PerAxis`], so that the two orders cannot be confused.
     PerChannel
 }

@@ -89,7 +89,7 @@ impl Serialize for Displacement {
     }
 }
 
-/// Reads `{"mm": …}` or `{"rad": …}`.
+/// Visitor that reads `{"mm": …}` or `{"rad": …}`.
 struct LengthOrAngle;
 
 struct UnitKey(AxisKind);
@@ -136,7 +136,7 @@ impl<'de> Deserialize<'de> for Displacement {
     }
 }
 
-/// Deserialises up to [`MAX_AXES`] values; missing ones hold the default.
+/// Visitor that reads up to [`MAX_AXES`] values; missing values hold the default.
 struct Values<T>(PhantomData<T>);
 
 impl<'de, T: Deserialize<'de> + Default> Visitor<'de> for Values<T> {

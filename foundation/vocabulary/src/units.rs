@@ -1,4 +1,4 @@
-//! Numbers with their unit. Public interfaces use these types; inside the kernels everything is f64 in mm and rad.
+//! Numbers with their unit. Public interfaces use these types; internal calculations use f64 in mm and rad.
 
 use core::{
     fmt,
@@ -7,9 +7,10 @@ use core::{
 
 use crate::axis::AxisKind;
 
-/// A number with a unit, for settings that are a length for linear and an angle for rotary axes.
+/// A number with a unit. Settings that are a length for linear and an angle for rotary axes are generic over this
+/// trait.
 pub trait Unit: Copy {
-    /// The quantity with this number in the unit of the type.
+    /// Creates a quantity from a number in the unit of this type.
     fn of(number: f64) -> Self;
 }
 
@@ -119,40 +120,34 @@ unit!(
 );
 
 impl Mm {
-    /// Converts the length to µm.
     pub fn to_um(self) -> Um {
         Um(self.0 * 1e3)
     }
 }
 
 impl Um {
-    /// Converts the length to mm.
     pub fn to_mm(self) -> Mm {
         Mm(self.0 / 1e3)
     }
 }
 
 impl Deg {
-    /// Converts the angle to rad.
     pub fn to_rad(self) -> Rad {
         Rad(self.0.to_radians())
     }
 }
 
 impl Rad {
-    /// Converts the angle to deg.
     pub fn to_deg(self) -> Deg {
         Deg(self.0.to_degrees())
     }
 
-    /// Converts the angle to µrad.
     pub fn to_urad(self) -> Urad {
         Urad(self.0 * 1e6)
     }
 }
 
 impl Urad {
-    /// Converts the angle to rad.
     pub fn to_rad(self) -> Rad {
         Rad(self.0 / 1e6)
     }
@@ -176,7 +171,7 @@ impl From<Deg> for Rad {
     }
 }
 
-/// A length or an angle, depending on the kind of its axis: a coordinate, correction, step or limit.
+/// A length or an angle, depending on the kind of the axis; used for coordinates, corrections, steps and limits.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Displacement {
     /// Displacement of a linear axis.
@@ -210,7 +205,6 @@ impl Displacement {
         }
     }
 
-    /// Kind of axis to which the displacement belongs.
     pub fn kind(self) -> AxisKind {
         match self {
             Self::Length(_) => AxisKind::Linear,
@@ -233,7 +227,7 @@ impl Displacement {
         }
     }
 
-    /// Number in mm or deg, as coordinates in files.
+    /// The number in the unit of coordinates in files: mm for a length, deg for an angle.
     pub fn mm_or_deg(self) -> f64 {
         match self {
             Self::Length(length) => length.0,
@@ -242,12 +236,12 @@ impl Displacement {
     }
 }
 
-/// Displays a displacement as a coordinate with its unit: in mm, or in deg for a rotary axis.
+/// Displays a displacement as a coordinate: a length in mm, an angle in deg.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Coordinate(pub Displacement);
 
 impl fmt::Display for Coordinate {
-    /// Writes the number with the precision of the formatter (default: up to six digits), and the unit.
+    /// Writes the number and its unit. The formatter's precision applies; by default up to six decimals are shown.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         // Avoid showing 30 deg as 29.999999999999996.
         let number = match f.precision() {
@@ -262,8 +256,8 @@ impl fmt::Display for Coordinate {
 }
 
 impl fmt::Display for Displacement {
-    /// Writes an error, a correction or a step: in µm or µrad, with the precision of the formatter (default: up to three digits), and the unit. Use
-    /// [`Coordinate`] for a position.
+    /// Writes a displacement as an error, correction or step, in µm or µrad. The formatter's precision applies; by
+    /// default up to three decimals are shown. Use [`Coordinate`] for a position.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         // Avoid showing 17e-6 rad as 16.999999999999996 µrad.
         let micro = match f.precision() {
@@ -277,7 +271,7 @@ impl fmt::Display for Displacement {
     }
 }
 
-/// Rounds to three decimals if that is exact in f64; other numbers are unchanged.
+/// Rounds to three decimals; a number of magnitude 1e12 or more is unchanged.
 fn rounded(value: f64) -> f64 {
     // Adding and subtracting 1.5·2⁵² rounds to a whole number without libm.
     const WHOLE: f64 = 6_755_399_441_055_744.0;

@@ -17,17 +17,18 @@ use crate::CertificateError;
 
 const MAX_RESPONSE_BYTES: u64 = 4 * 1024 * 1024;
 
-/// A connection with one deadline for all reads and writes: a peer that sends single bytes does not extend it.
+/// A connection with one deadline for all reads and writes together. A peer that sends single bytes cannot extend the
+/// deadline.
 pub struct Connection {
     stream: TcpStream,
     deadline: Instant,
 }
 
 impl Connection {
-    /// Connects to a server. The deadline is `within` from now.
+    /// Connects to a server. The deadline for connecting and for all later reads and writes is `within` from now.
     ///
     /// # Errors
-    /// No connection within this time.
+    /// The connection is not established within this time.
     pub fn open(address: &SocketAddr, within: Duration) -> std::io::Result<Self> {
         let deadline = Instant::now() + within;
         let stream = TcpStream::connect_timeout(address, within)?;
@@ -61,26 +62,27 @@ impl Write for Connection {
     }
 }
 
-/// Sends a request, which must contain `Connection: close`, and reads the response to its end, or its first 4 MiB.
+/// Sends a request and returns the response, up to 4 MiB of it. The request must contain `Connection: close`, since the
+/// end of the response is the end of the stream.
 ///
 /// # Errors
-/// The stream fails.
+/// The stream fails before the first byte of the response, or later except by an end of TLS without closing alert.
 pub fn exchange(mut stream: impl Read + Write, request: &str) -> std::io::Result<String> {
     stream.write_all(request.as_bytes())?;
     let mut text = Vec::new();
     match stream.take(MAX_RESPONSE_BYTES).read_to_end(&mut text) {
         Ok(_) => {}
-        // Some servers end TLS without the closing alert.
+        // Some servers end TLS without a closing alert.
         Err(e) if e.kind() == ErrorKind::UnexpectedEof && !text.is_empty() => {}
         Err(e) => return Err(e),
     }
     Ok(String::from_utf8_lossy(&text).into_owned())
 }
 
-/// TLS configuration that trusts only this certificate, since gateways and fleet servers use self-signed ones.
+/// TLS configuration that trusts only this certificate. Gateways and fleet servers use self-signed certificates.
 ///
 /// # Errors
-/// A certificate that TLS rejects.
+/// TLS rejects the certificate.
 pub fn trusting(certificate: CertificateDer<'_>) -> Result<Arc<ClientConfig>, CertificateError> {
     let mut roots = RootCertStore::empty();
     roots.add(certificate.into_owned())?;
@@ -94,7 +96,7 @@ pub fn trusting(certificate: CertificateDer<'_>) -> Result<Arc<ClientConfig>, Ce
 /// Wraps a stream in TLS.
 ///
 /// # Errors
-/// A name that is invalid in TLS.
+/// TLS rejects the configuration or the server name.
 pub fn encrypted(
     stream: Connection,
     config: Arc<ClientConfig>,

@@ -2,15 +2,16 @@
 
 const MAX_NAME_BYTES: usize = 120;
 
-/// Converts a file name from a browser to a safe path component: its last part, reduced to letters, digits, blanks and `-_.+`, at most 120
-/// bytes, not hidden, never outside its folder. `None` for a name without a letter or a digit.
+/// Converts a file name from a browser to one safe path component. Only the part after the last `/` or `\` is kept.
+/// Characters other than letters, digits, blanks and `-_.+` become `_`, leading and trailing dots and blanks are
+/// removed, and the result has at most 120 bytes. `None` for a name without a letter or a digit.
 pub fn sanitised(name: &str) -> Option<String> {
     let last = name.rsplit(['/', '\\']).next().unwrap_or_default();
     let is_plain = |c: char| c.is_alphanumeric() || matches!(c, '-' | '_' | '.' | '+' | ' ');
     let plain: String = last.chars().map(|c| if is_plain(c) { c } else { '_' }).collect();
     let mut plain = plain.trim_matches(['.', ' ']).to_owned();
     if plain.len() > MAX_NAME_BYTES {
-        // Keep the extension, which determines how the file is read.
+        // Keep the extension, because it determines how the file is read.
         let (stem, ending) = plain.rsplit_once('.').unwrap_or((&plain, ""));
         let ending: String = ending.chars().take(10).collect();
         let mut short = String::new();
@@ -53,7 +54,7 @@ mod tests {
     }
 
     proptest! {
-        /// Any name from a browser becomes one name in this folder, not hidden, and valid on every file system.
+        /// Any file name from a browser becomes one visible path component in this folder.
         #[test]
         fn a_name_is_one_path_component(given in "\\PC{0,300}|.{0,300}") {
             if let Some(name) = sanitised(&given) {

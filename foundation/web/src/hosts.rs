@@ -1,4 +1,5 @@
-//! Host names that a browser may use. Another site must not reach this program by resolving its own name to this address (DNS rebinding).
+//! Host names under which a browser may address this program. They prevent DNS rebinding, in which another site
+//! resolves its own name to the address of this program.
 
 use std::{net::IpAddr, time::Duration};
 
@@ -9,10 +10,11 @@ use axum::{
     response::Response,
 };
 
-/// Passes on a request if its Host header names this program, with a timeout for the response.
+/// Passes on a request if its Host header names this program ([`is_known`]), and limits the time until the response.
 ///
 /// # Errors
-/// Status and reason: no Host header, a name that is not `known` (the reason is then `unknown`), or no response in time.
+/// Status and reason: there is no Host header, the host is not known (the reason is `unknown`), or the response takes
+/// longer than `timeout`.
 pub async fn pass(
     request: Request,
     next: Next,
@@ -30,7 +32,8 @@ pub async fn pass(
     response.map_err(|_| (StatusCode::REQUEST_TIMEOUT, "the request took too long"))
 }
 
-/// Whether a Host header names this program: an IP address, localhost, or a configured name; any port.
+/// Whether a Host header names this program: its host is an IP address, `localhost`, or one of the `known` names, with
+/// any port.
 pub fn is_known(host: &str, known: &[String]) -> bool {
     let name = without_port(host);
     let address = name.trim_start_matches('[').trim_end_matches(']');

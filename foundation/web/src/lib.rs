@@ -12,5 +12,6 @@ pub use origin::is_of_another_page;
 pub use server::serve;
 pub use tls::{CertificateError, Tls, TlsError};
 
-/// Script that plots curves over time, bars and maps on canvases, in the colours `--ink`, `--line` and `--soft` of the style sheet of the page.
+/// Script that plots curves over time, bars and maps on canvases. It uses the colours `--ink`, `--line` and `--soft` of
+/// the page's style sheet.
 pub const PLOT_JS: &str = include_str!("../assets/plot.js");

@@ -1,9 +1,10 @@
-//! Cross-site requests: another site sends them through the browser of a user who is not aware of them.
+//! Detection of cross-site requests: requests that another site sends through a user's browser without the user's
+//! knowledge.
 
 use axum::http::{HeaderMap, header};
 
-/// Whether the request comes from a page of another origin than the requested host, according to the headers `Origin` and `Sec-Fetch-Site`,
-/// which only browsers send.
+/// Whether a request comes from a page of an origin other than the requested host. The headers `Origin` and
+/// `Sec-Fetch-Site` tell this; only browsers send them.
 pub fn is_of_another_page(headers: &HeaderMap) -> bool {
     let text = |name: &str| headers.get(name).map(|value| value.to_str().unwrap_or(""));
     let host = text(header::HOST.as_str()).unwrap_or("");

@@ -22,9 +22,11 @@ use tracing::Instrument;
 
 use crate::Tls;
 
-/// Maximum number of simultaneous connections. A further one closes the oldest, so that idle clients cannot block others.
+/// Maximum number of simultaneous connections of one server. A further connection closes the oldest, so that idle
+/// clients cannot block other clients.
 const MAX_CONNECTIONS: usize = 64;
-/// Maximum number of connections of all servers of the program together, so that file descriptors remain for its other tasks.
+/// Maximum number of simultaneous connections of all servers of the program together. The limit leaves file descriptors
+/// for the program's other tasks.
 const MAX_TOTAL_CONNECTIONS: usize = 256;
 /// Connections of all servers of the program, the oldest first.
 static ALL_CONNECTIONS: Mutex<VecDeque<AbortHandle>> = Mutex::new(VecDeque::new());
@@ -32,14 +34,15 @@ static ALL_CONNECTIONS: Mutex<VecDeque<AbortHandle>> = Mutex::new(VecDeque::new(
 const HEADER_TIMEOUT: Duration = Duration::from_secs(5);
 const HANDSHAKE_TIMEOUT: Duration = Duration::from_secs(5);
 
-/// Serves until the runtime ends. Every request has the client's address as an `Extension<SocketAddr>`.
+/// Accepts connections and serves them until the runtime ends. Every request has the client's address as an
+/// `Extension<SocketAddr>`.
 pub async fn serve(listener: TcpListener, tls: Option<Tls>, router: Router) {
     let mut open: VecDeque<AbortHandle> = VecDeque::new();
     loop {
         let (stream, from) = match listener.accept().await {
             Ok(accepted) => accepted,
             Err(e) => {
-                // Out of file descriptors: wait until some are released.
+                // Out of file descriptors: wait until connections release some.
                 tracing::warn!("page: {e}");
                 tokio::time::sleep(Duration::from_millis(100)).await;
                 continue;
@@ -55,7 +58,7 @@ pub async fn serve(listener: TcpListener, tls: Option<Tls>, router: Router) {
     }
 }
 
-/// Closes the oldest connection if the maximum number is reached.
+/// Closes the oldest connection if `most` connections are open.
 fn make_place(open: &mut VecDeque<AbortHandle>, most: usize) {
     open.retain(|connection| !connection.is_finished());
     if open.len() >= most
@@ -79,7 +82,7 @@ async fn connection(stream: TcpStream, from: SocketAddr, tls: Option<Tls>, route
 
 async fn exchange(stream: impl AsyncRead + AsyncWrite + Unpin, router: Router) {
     let served = http1::Builder::new()
-        // hyper panics if the clock is outside the years 1970 to 9999 when it writes the header `Date`.
+        // To write the header `Date`, hyper reads the clock and panics if its year is not within 1970 to 9999.
         .auto_date_header(false)
         .timer(TokioTimer::new())
         .header_read_timeout(HEADER_TIMEOUT)

@@ -27,7 +27,6 @@ pub enum TlsError {
     Certificate {
         /// File with the rejected certificate or key.
         file: PathBuf,
-        /// Why it is rejected.
         source: CertificateError,
     },
     /// A key cannot be read, or other users can read it.
@@ -38,10 +37,9 @@ pub enum TlsError {
     Names {
         /// The requested host names and addresses, for the message.
         names: String,
-        /// Why no certificate can be generated for them.
         source: rcgen::Error,
     },
-    /// A file exists already: it is never overwritten.
+    /// A file exists already; existing files are never overwritten.
     #[error("{}: exists and is not replaced; name another folder, or move it away first", file.display())]
     There {
         /// The existing file.
@@ -50,9 +48,7 @@ pub enum TlsError {
     /// A file or folder cannot be written.
     #[error("{}: {source}", file.display())]
     Write {
-        /// The file or folder that cannot be written.
         file: PathBuf,
-        /// Why the operating system cannot write it.
         source: std::io::Error,
     },
 }
@@ -72,10 +68,11 @@ pub enum CertificateError {
 /// Acceptor that wraps a TCP connection in TLS.
 pub type Tls = TlsAcceptor;
 
-/// Reads a certificate and its key from PEM files. Only the owner may have access to the key.
+/// Reads a certificate and its key from PEM files. Only the owner of the key file may have access to it.
 ///
 /// # Errors
-/// A file cannot be read, the key does not match the certificate, or other users may read the key.
+/// A file cannot be read, TLS rejects the certificate or the key, the two do not match, or other users can read the
+/// key.
 pub fn acceptor(certificate: &Path, key: &Path) -> Result<Tls, TlsError> {
     let wrong = |path: &Path, source: CertificateError| TlsError::Certificate {
         file: path.to_owned(),
@@ -94,11 +91,11 @@ pub fn acceptor(certificate: &Path, key: &Path) -> Result<Tls, TlsError> {
     Ok(Tls::from(Arc::new(config)))
 }
 
-/// Generates a self-signed certificate for these names or addresses, and its key (mode 0600 on Unix), in a folder. Existing files are not
-/// overwritten.
+/// Generates a self-signed certificate for these host names or addresses, and its key, and writes both into the folder
+/// `dir`. Returns the paths of `certificate.pem` and `key.pem`; the key has mode 0600 on Unix.
 ///
 /// # Errors
-/// A name is invalid, the folder cannot be written, or a file exists already.
+/// A name is invalid, the folder cannot be written, or one of the files exists already.
 pub fn make(dir: &Path, names: &[String]) -> Result<[PathBuf; 2], TlsError> {
     let pair = rcgen::generate_simple_self_signed(names.to_vec())
         .map_err(|source| TlsError::Names { names: names.join(", "), source })?;
@@ -108,7 +105,7 @@ pub fn make(dir: &Path, names: &[String]) -> Result<[PathBuf; 2], TlsError> {
         options.write(true).create_new(true);
         #[cfg(unix)]
         std::os::unix::fs::OpenOptionsExt::mode(&mut options, mode);
-        // Windows has no modes: the access list of the folder applies.
+        // Windows has no file modes; the access list of the folder applies.
         #[cfg(not(unix))]
         let _ = mode;
         let file = options.open(path);

@@ -64,7 +64,7 @@ fn read_coherent(
     found.map(|found| found.levels)
 }
 
-/// A port that returns these readings in turn and then 0.
+/// A port that returns these readings in turn, and then repeats the last reading.
 fn port(readings: Vec<u64>) -> MockDigitalIo {
     let mut port = MockDigitalIo::new();
     let mut rest = readings.into_iter().peekable();
