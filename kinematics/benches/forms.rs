@@ -1,5 +1,5 @@
-//! One error evaluation in each form with given error values and five axes, compared with a chain of 4×4 products written by hand with
-//! nalgebra. Only ratios within one run are meaningful.
+//! One error evaluation in each form, with constant errors on five axes, compared with a product of 4×4 matrices
+//! written by hand with nalgebra. Only ratios within one run of the benchmark are meaningful.
 
 use std::hint::black_box;
 
@@ -54,7 +54,7 @@ fn forms(c: &mut Criterion) {
     group.finish();
 }
 
-/// All 60 errors of the published five-axis machine: six error motions and six assembly errors per axis.
+/// All 60 errors of the published five-axis machine: six error motions and six assembly errors for each axis.
 fn sixty(c: &mut Criterion) {
     let mut chain = Chain::new("w b X Y Z A B t".parse().expect("a valid structure"));
     for axis in [AxisName::A, AxisName::B] {

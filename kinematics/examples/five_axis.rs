@@ -1,5 +1,5 @@
-//! The correction of a five-axis machine with both rotary axes on the table: the addition to a command that gives the tool its commanded
-//! position and direction.
+//! The correction of a five-axis machine with both rotary axes on the table: the displacements to be added to a
+//! command, so that the tool has its commanded position and direction.
 //!
 //! ```text
 //! cargo run -p volcomp-kinematics --example five_axis
@@ -11,13 +11,13 @@ use volcomp_kinematics::{
 use volcomp_vocabulary::AxisName;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
-    // A trunnion: A carries C, and both carry the workpiece; X, Y and Z carry the tool.
+    // A trunnion table: A carries C, and C carries the workpiece. X, Y and Z carry the tool.
     let structure: Structure = "w C' A' b X Y Z t".parse()?;
     let mut chain = Chain::new(structure);
     chain.set_point(AxisName::A, [0.0, 0.0, 50.0])?;
     chain.set_tool([0.0, 0.0, 100.0], [0.0, 0.0, 1.0])?;
 
-    // C's axis is displaced by 15 µm in X and tilted by 30 µrad about Y; Y is 20 µrad out of square.
+    // The line of C is displaced by 15 µm in X and tilted by 30 µrad about Y; Y is 20 µrad out of square.
     let mut errors = GivenErrors::default();
     for (name, value) in [("EX0C", 15.0), ("EB0C", 30.0), ("EC0Y", 20.0)] {
         errors.set(&chain, name.parse()?, value)?;

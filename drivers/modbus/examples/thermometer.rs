@@ -2,7 +2,7 @@
 //!
 //!     cargo run -p volcomp-modbus --example thermometer -- 192.0.2.20:502 PTA8C04
 //!
-//! Without an address it uses a simulated module with one broken wire.
+//! Without an address it uses a simulated module with one broken sensor wire.
 
 use std::{
     error::Error,
@@ -58,7 +58,7 @@ fn module() -> Result<String, Box<dyn Error>> {
     let address = listener.local_addr()?.to_string();
     std::thread::spawn(move || {
         for stream in listener.incoming().flatten() {
-            // The client reconnects after a broken connection.
+            // A connection may break; the client then connects again.
             let _ = answer(stream);
         }
     });
@@ -68,7 +68,7 @@ fn module() -> Result<String, Box<dyn Error>> {
 fn answer(mut stream: TcpStream) -> std::io::Result<()> {
     let registers = [215_u16, 8500];
     loop {
-        // Transaction, protocol, length, unit; then function, address and count of the registers.
+        // Request: transaction, protocol, length and unit, then function, first register and number of registers.
         let mut request = [0; 12];
         stream.read_exact(&mut request)?;
         let [high, low] = [request[10], request[11]];

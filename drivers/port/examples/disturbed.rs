@@ -1,4 +1,5 @@
-//! Corrects a simulated machine over a connection that loses responses and breaks: the faults that a correcting program must handle.
+//! Corrects a simulated machine over a connection that loses responses and breaks. A correcting program must handle
+//! these faults.
 //!
 //! ```text
 //! cargo run -p volcomp-port --example disturbed
@@ -37,7 +38,7 @@ fn main() {
             rise_k: 3.0,
             time_constant_s: 600.0,
         }],
-        // The X axis moves too far, by 20 µm per metre.
+        // X moves 20 µm too far per metre.
         truth: Arc::new(|at, _| PerChannel::leading([2e-5 * at[0]])),
         clock: clock.clone(),
     };
@@ -56,7 +57,7 @@ fn main() {
                 let [residual, _] = controller.device.residual_and_error();
                 worst_um = worst_um.max(residual[0].abs() * 1e3);
             }
-            // Nothing was read: the applied correction stays until the next response.
+            // No reading: the applied correction stays until the next response.
             Err(fault) => {
                 missed += 1;
                 assert!(matches!(fault, Fault::TimedOut | Fault::NotConnected));
@@ -66,7 +67,7 @@ fn main() {
     println!("{answered} cycles answered, {missed} missed");
     println!("worst residual of X in an answered cycle: {worst_um:.2} µm");
     assert!(answered > 1000 && missed > 20);
-    // Half an output step, plus the travel between read and write.
+    // Half of an output step, plus the change during the travel between read and write.
     assert!(worst_um < 1.0, "{worst_um}");
     let names = thermometer.names().to_vec();
     for (name, found) in names.iter().zip(thermometer.latest()) {
@@ -74,7 +75,7 @@ fn main() {
     }
 }
 
-/// One cycle: reads the position and applies its correction.
+/// One cycle: reads the position and applies the correction for it.
 fn correct(controller: &mut impl Controller, deadline: Instant) -> Result<(), Fault> {
     let snapshot = controller.read(deadline)?;
     let correction = PerChannel::leading([-2e-5 * snapshot.positions[0]]);

@@ -1,5 +1,5 @@
-//! Tests code that drives a machine without one: mocks of the three traits replace control, thermometer and digital lines. Each mock
-//! answers as the test prescribes, and fails the test on an unexpected call.
+//! Tests code that drives a machine without a machine: mocks of the three traits replace control, thermometer and
+//! digital lines. Each mock answers as the test prescribes and fails the test on an unexpected call.
 //!
 //! ```text
 //! cargo run -p volcomp-port --example mocks
@@ -15,7 +15,8 @@ use volcomp_port::{
 /// Thermal expansion of the scale, 1/K.
 const EXPANSION_PER_K: f64 = 11.5e-6;
 
-/// The code under test: corrects the thermal growth of the first axis while the first digital line permits it.
+/// The code under test: corrects the thermal expansion of the first axis while the first digital line permits
+/// corrections.
 fn correct_growth(
     controller: &mut impl Controller,
     thermometer: &mut impl Thermometer,

@@ -1,4 +1,4 @@
-//! One positioning deviation as four kinds of curve, and their differences between and beyond the targets.
+//! Four kinds of curve for the same positioning deviation, and their differences between and beyond the targets.
 //!
 //! `cargo run -p volcomp-curve --example curves`
 
@@ -25,7 +25,8 @@ fn main() -> Result<(), CurveError> {
         println!();
     }
 
-    // A reversal value B of 3 µm: +1.5 µm after motion in the positive direction, −1.5 µm after the other.
+    // A reversal value B of 3 µm: +1.5 µm after motion in the positive direction, −1.5 µm after motion in the negative
+    // direction.
     let [(_, table), ..] = curves;
     let error = ErrorCurve::with_reversal(table.into(), 3.0)?;
     for (text, approach) in [
@@ -37,7 +38,7 @@ fn main() -> Result<(), CurveError> {
         println!("at 400 mm, approach {text}: {value_um:.2} µm");
     }
 
-    // An invalid curve is rejected with the found and the expected value.
+    // An invalid curve is rejected. The message states the value found and the value expected.
     let refused = Table::linear(vec![[0.0, 1.0], [0.0, 2.0]]);
     println!("{}", refused.expect_err("two nodes at one place"));
     Ok(())

@@ -72,7 +72,8 @@ fn main() {
         "truth: geometric mean {mean:.3}, 90 % {:.2}, 97.5 % {:.2}, worst {:.2}",
         all[180][1], all[195][1], all[199][1]
     );
-    // Each kind alone over all lines: geometric mean of the ratio of its distance from the truth to that of the automatic choice.
+    // For each kind alone: the geometric mean, over all lines, of its distance from the truth divided by that of the
+    // automatic choice.
     for kind in [
         "polynomial",
         "Chebyshev series",

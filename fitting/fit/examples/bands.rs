@@ -1,4 +1,5 @@
-//! Coverage of the bands of 500 generated lines, one in five with targets too sparse for the pitch of its screw.
+//! Coverage of the bands of 500 generated lines. On one line in five, the targets are too sparse for the pitch of the
+//! ball screw.
 //!
 //! `cargo run --release -p volcomp-fit --example bands`
 

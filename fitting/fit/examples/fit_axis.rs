@@ -1,4 +1,4 @@
-//! From the readings of a laser interferometer to the error curve of an axis, and how far it can be trusted.
+//! From laser interferometer readings to the error curve of an axis, with estimates of its accuracy.
 //!
 //! `cargo run -p volcomp-fit --example fit_axis`
 
@@ -6,7 +6,7 @@ use volcomp_fit::{Fit, FitError, FitOptions, fit_auto, fit_cubic_table, fit_poly
 
 fn main() -> Result<(), FitError> {
     // Three runs over nine targets of an axis of 800 mm: coordinate in mm, positioning deviation in µm. Several runs
-    // are repeated targets, in any order.
+    // are given as repeated targets, in any order.
     let run = [0.0, 1.3, 1.9, 3.6, 4.1, 4.4, 6.0, 7.3, 7.9];
     let scatter = [[0.2, -0.1, 0.1], [-0.2, 0.2, -0.1], [0.1, -0.2, 0.0]];
     let (mut x_mm, mut u_um) = (Vec::new(), Vec::new());
@@ -17,8 +17,8 @@ fn main() -> Result<(), FitError> {
         }
     }
 
-    // The largest residual shows how well a curve follows the readings, the leave-one-out error how well it predicts readings that were
-    // left out. The latter decides.
+    // The largest residual shows how closely a curve follows its readings; the leave-one-out error shows how well it
+    // predicts omitted readings. The leave-one-out error decides.
     let fits: [(&str, Fit); 3] = [
         ("straight line", fit_polynomial(&x_mm, &u_um, 1, [0.0, 800.0])?),
         ("monotone cubics", fit_cubic_table(&x_mm, &u_um)?),
@@ -35,7 +35,7 @@ fn main() -> Result<(), FitError> {
         );
     }
 
-    // Readings that do not determine the curve are rejected, and the message states what is needed.
+    // Readings that do not determine the curve are rejected; the message states what is missing.
     let refused = fit_polynomial(&[0.0, 100.0], &[0.0, 1.0], 3, [0.0, 800.0]);
     println!("{}", refused.expect_err("two targets for order 3"));
     Ok(())

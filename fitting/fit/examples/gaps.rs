@@ -1,5 +1,5 @@
-//! Errors of every kind of curve with 21 targets: 500 random sets, 500 nearly even ones and 500 even ones; and the share of grossly wrong
-//! and of correct curves that give a warning.
+//! Errors of each kind of curve with 21 targets, for 500 random, 500 nearly even and 500 even sets of targets. Also the
+//! fractions of grossly wrong and of correct curves that give a warning.
 //!
 //! `cargo run --release -p volcomp-fit --example gaps`
 

@@ -1,5 +1,5 @@
-//! Duration of a large positioning test: a table of 10 000 targets and 10 runs (5 in each direction) is read, evaluated by every
-//! standard, and a line is fitted to its means. Prints the times of several rounds.
+//! Durations for a large positioning test. A table of 10 000 targets and 10 runs (5 in each direction) is read and
+//! evaluated by each standard, and a line is fitted to its means. Prints the times of several rounds.
 
 use std::{error::Error, fmt::Write as _, time::Instant};
 
@@ -17,7 +17,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     for run in 1..=RUNS {
         for direction in ['+', '-'] {
             for k in 0..TARGETS {
-                // A pseudorandom number, the same in every call.
+                // A pseudorandom number that is the same in every call.
                 let noise = f64::from((k * 7919 + run * 104_729) % 1000) * 1e-3;
                 let side = if direction == '+' { 1.0 } else { -1.0 };
                 let target = f64::from(k) * 0.8;

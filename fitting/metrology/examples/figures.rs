@@ -1,5 +1,5 @@
-//! Accuracy of evaluations over many seeds: straightness by the angular method, squareness from two lines, angles from three parallel
-//! lines. Prints the 95th percentile and the maximum, without assertions.
+//! Accuracy of evaluations over many seeds: straightness by the angular method, squareness from two lines, and angles
+//! from three parallel lines. Prints the 95th percentile and the maximum without checking them.
 
 use std::error::Error;
 
@@ -13,7 +13,7 @@ use volcomp_vocabulary::ErrorName;
 
 const SEEDS: u64 = 2000;
 
-/// Straightness of a guideway of 8 m, µm.
+/// Straightness deviation of a guideway of 8 m at `q` mm, µm.
 fn guideway(q: f64) -> f64 {
     let t = q / 8000.0 * std::f64::consts::TAU;
     20.0 * t.sin() + 6.0 * (3.0 * t).cos()
@@ -26,7 +26,7 @@ fn percentile_and_worst(mut errors: Vec<f64>) -> (f64, f64) {
     (at(place), at(errors.len().saturating_sub(1)))
 }
 
-/// Largest difference of the profile from the guideway, both relative to their least-squares lines, µm.
+/// Largest difference of the measured profile from the guideway, µm. Both are relative to their least-squares lines.
 fn angular_method(
     bridge_mm: f64,
     noise_urad: f64,
@@ -55,7 +55,7 @@ fn angular_method(
     Ok(differences.fold(0.0, |m, (a, b)| f64::max(m, (a.1 - b.1).abs())))
 }
 
-/// Error of a squareness from two straight lines with noise, µrad.
+/// Error of the squareness from two straight lines with noise, µrad.
 fn squareness(
     length_mm: f64,
     targets: u32,
@@ -76,7 +76,7 @@ fn squareness(
     Ok(sum.abs())
 }
 
-/// Largest error of the two angles from three lines over all targets, µrad.
+/// Largest error over all targets of the two angles from three parallel lines, µrad.
 fn three_lines(lever_mm: f64, runs: u32, noise_um: f64, seed: u64) -> Result<f64, Box<dyn Error>> {
     const TARGETS: usize = 21;
     let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(seed);

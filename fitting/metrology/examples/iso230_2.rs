@@ -1,4 +1,4 @@
-//! A positioning test evaluated by ISO 230-2: of a measurement file, or of the readings below.
+//! Evaluates a positioning test by ISO 230-2: a measurement file, or the readings below.
 //!
 //! `cargo run -p volcomp-metrology --example iso230_2 [-- FILE.rtl]`
 
@@ -6,7 +6,7 @@ use std::{error::Error, path::Path};
 
 use volcomp_metrology::{evaluate, parse_csv, read_file};
 
-/// Two runs in both directions, mm and µm.
+/// Two runs in both directions; targets in mm, deviations in µm.
 const READINGS: &[u8] = b"target,run,direction,deviation
 0,1,+,1.0
 500,1,+,4.0
@@ -42,7 +42,7 @@ fn main() -> Result<(), Box<dyn Error>> {
             number(row.reversal)
         );
     }
-    // A quantity that cannot be evaluated, such as a repeatability from one run, has no value.
+    // A quantity without a value could not be evaluated, for example a repeatability from one run.
     for (symbol, value) in [
         ("A, accuracy", result.a),
         ("R, repeatability", result.r),

@@ -7,7 +7,7 @@ use volcomp_metrology::{
 use volcomp_vocabulary::Direction;
 
 fn main() -> Result<(), MetrologyError> {
-    // Two bidirectional runs over three targets, with 2 µm of lost motion in backward direction.
+    // Two runs in both directions over three targets; in the backward direction with 2 µm of lost motion.
     let mut measurement = Measurement { unit: Some(DeviationUnit::Um), ..Measurement::default() };
     measurement.metadata.machine = Some("mill-1".to_owned());
     measurement.metadata.axis = Some("X".to_owned());
@@ -31,7 +31,7 @@ fn main() -> Result<(), MetrologyError> {
     println!("{}", text.lines().take(12).collect::<Vec<_>>().join("\n"));
     println!("…\n");
 
-    // `RenishawKind::Angular` reads `.rta` files, in µrad.
+    // `RenishawKind::Angular` reads `.rta` files, whose deviations are in µrad.
     let read = parse_renishaw(text.as_bytes(), "x-axis.rtl", RenishawKind::Linear)?;
     println!("axis {}", read.metadata.axis.as_deref().unwrap_or("not stated"));
     for target in read.targets() {

@@ -1,5 +1,5 @@
-//! The volumetric error as a chain of 4×4 products written by hand with nalgebra: the speed reference for the forms and the compiled
-//! evaluator.
+//! The volumetric error as a product of 4×4 matrices written by hand with nalgebra. It is the speed reference for the
+//! forms and for the compiled evaluator.
 
 use volcomp_kinematics::{
     Chain, ErrorSource, Side, State,
@@ -19,7 +19,7 @@ fn about(rotation: &Matrix3<f64>, point: &Vector3<f64>) -> Matrix4<f64> {
     homogeneous(rotation, &(point - rotation * point))
 }
 
-/// The `htm` form with plain 4×4 matrices.
+/// The volumetric error of the `htm` form with plain 4×4 matrices: ΔP (mm) and ρ (rad).
 pub(crate) fn by_hand<S: ErrorSource>(
     chain: &Chain,
     errors: &S,

@@ -1,4 +1,4 @@
-//! Identities of exponential, logarithm and adjoint.
+//! Tests of identities of exponential, logarithm and adjoint.
 
 use proptest::prelude::*;
 use volcomp_kinematics::{

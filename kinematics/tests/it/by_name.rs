@@ -1,10 +1,11 @@
-//! Coordinates and corrections are assigned to axes by name.
+//! Tests that coordinates and corrections are assigned to axes by name.
 
 use volcomp_kinematics::{Chain, CorrectionOptions, ErrorMotion, GivenErrors, State, correct};
 use volcomp_test_support::structures::all_types;
 use volcomp_vocabulary::AxisName;
 
-/// The tip of an ideal chain of linear axes is at their coordinates, for any order of the axes in the chain and in the call.
+/// The tip of an ideal chain of linear axes is at the coordinates of the axes, for any order of the axes in the chain
+/// and in the call.
 #[test]
 fn a_coordinate_goes_to_its_axis() {
     let at = [(AxisName::X, 10.0), (AxisName::Y, 200.0), (AxisName::Z, -3.0)];
@@ -20,7 +21,7 @@ fn a_coordinate_goes_to_its_axis() {
     }
 }
 
-/// An error of 4 µm along Y is corrected by Y in every type of five-axis machine with its axes at zero.
+/// An error of 4 µm along Y is corrected by Y in each type of five-axis machine with its axes at zero.
 #[test]
 fn a_correction_is_read_by_name() {
     for structure in all_types() {

@@ -1,4 +1,4 @@
-//! Denavit–Hartenberg tables and zero-position screws, compared with plain products and closed forms.
+//! Tests of Denavit–Hartenberg tables and zero-position screws against plain products and closed forms.
 
 use std::f64::consts::PI;
 
@@ -18,7 +18,7 @@ fn difference(a: &Pose, b: &Pose) -> f64 {
     (a.translation_mm - b.translation_mm).amax().max(turned * 1e3)
 }
 
-/// T(q) = base · Π A(q) · tool, each A from its four elementary motions.
+/// T(q) = base · Π A(q) · tool, where each A is the product of its four elementary motions.
 fn plain_product(table: &DhTable, chain: &Chain, state: &State) -> Pose {
     let rotation = |axis: Vector3<f64>, angle: f64| Pose {
         rotation: volcomp_kinematics::rotation_about_axis(&axis, angle),
@@ -65,7 +65,7 @@ fn a_table_moves_as_its_chain_in_every_type() {
             for _ in 0..20 {
                 let state = state(&chain, &mut rng);
                 let ideal = chain.ideal_pose(&state);
-                // Oblique axes can be almost parallel, with a distant common normal.
+                // Oblique axes can be nearly parallel, with a distant common normal.
                 let within = if oblique { 1e-6 } else { 1e-9 };
                 let from_table = plain_product(&table, &chain, &state);
                 assert!(difference(&from_table, &ideal) < within, "{structure}: {table:?}");
@@ -75,8 +75,8 @@ fn a_table_moves_as_its_chain_in_every_type() {
     }
 }
 
-/// The modified table of Craig, *Introduction to Robotics*, example 3.3: three parallel axes of a planar arm; the first row is empty, and
-/// links are in the rows of the next joints.
+/// The modified table of Craig, *Introduction to Robotics*, example 3.3: three parallel axes of a planar arm. The first
+/// row is empty; each link is in the row of the next joint.
 #[test]
 fn a_proximal_table_has_its_links_in_the_next_row() {
     let row = |a_mm| DhRow { a_mm, ..DhRow::default() };
@@ -93,7 +93,7 @@ fn a_proximal_table_has_its_links_in_the_next_row() {
     let links: Vec<f64> = distal.rows.iter().map(|row| row.a_mm).collect();
     assert_eq!(links, [300.0, 200.0, 0.0]);
     assert_eq!(distal.in_convention(DhConvention::Proximal), proximal);
-    // A first row with a link from the base.
+    // The first row contains a link from the base.
     let mut led = proximal.clone();
     (led.rows[0].a_mm, led.rows[0].alpha_rad) = (50.0, PI / 2.0);
     let chain = led.to_chain(structure).unwrap();
@@ -102,7 +102,7 @@ fn a_proximal_table_has_its_links_in_the_next_row() {
     assert!((first.point_mm - Vector3::x() * 50.0).norm() < 1e-12);
 }
 
-/// Two links in a plane, the textbook's first table: x = a1 cos q1 + a2 cos(q1 + q2).
+/// Two links in a plane, the first table of the textbook: x = a1 cos q1 + a2 cos(q1 + q2).
 #[test]
 fn two_links_in_a_plane() {
     let row = |a_mm| DhRow { a_mm, ..DhRow::default() };
@@ -111,7 +111,7 @@ fn two_links_in_a_plane() {
         base: Pose::identity(),
         rows: [row(300.0), row(200.0)].into_iter().collect(),
     };
-    // A and C are only letters: the table determines the directions.
+    // The letters A and C do not determine the directions; the table does.
     let structure = "w b A C t".parse().unwrap();
     let mut chain = table.to_chain(structure).unwrap();
     chain.set_tool([500.0, 0.0, 0.0], [0.0, 0.0, 1.0]).unwrap();
@@ -147,7 +147,8 @@ fn opposite_and_coinciding_axes_have_a_table() {
     assert!(difference(&moved, &chain.ideal_pose(&state)) < 1e-9);
 }
 
-/// In the zero-position model real axes, by direction cosines and a point, are exactly location errors.
+/// Actual axes of the zero-position model, given by direction cosines and a point, are exactly represented by location
+/// errors.
 #[test]
 fn real_axes_are_location_errors() {
     let mut rng = seeded(52);
@@ -160,7 +161,7 @@ fn real_axes_are_location_errors() {
             let direction = joint.direction + off.angular_rad.cross(&joint.direction);
             real.set_direction(joint.name, direction.into()).unwrap();
             if joint.kind == AxisKind::Rotary {
-                // Any point of the actual line gives the same result.
+                // Any point on the actual line gives the same result.
                 let point = joint.point_mm + off.linear_mm + direction.normalize() * 123.0;
                 real.set_point(joint.name, point.into()).unwrap();
             }

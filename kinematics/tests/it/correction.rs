@@ -1,4 +1,4 @@
-//! The correction removes the error, stays small near singular poses, and reports its residual.
+//! Tests that the correction removes the error, stays small near singular poses, and reports its residual.
 
 use rand::RngExt;
 use volcomp_kinematics::{
@@ -12,7 +12,7 @@ use volcomp_vocabulary::{AxisKind, AxisName, MAX_AXES};
 
 use crate::{every_error, motion, placed, seeded, state, vector};
 
-/// Error motions of ±20 µm and ±30 µrad that vary with the coordinate, with location errors.
+/// Error motions of ±20 µm and ±30 µrad that vary with the coordinates, and location errors.
 struct Wavy {
     base: GivenErrors,
     waves: [f64; MAX_AXES],
@@ -29,7 +29,8 @@ impl ErrorSource for Wavy {
     }
 }
 
-/// Singular values of the nominal rows by another method: the tool axis's rotation by finite differences, decomposed by nalgebra.
+/// Singular values of the tool-axis rows, by an independent method: finite differences of the tool axis, decomposed by
+/// nalgebra.
 fn nominal_singular_values(chain: &Chain, state: &State) -> Vec<f64> {
     let axis = |state: &State| chain.ideal_pose(state).rotation * chain.tool_axis();
     let rotary: Vec<usize> =
@@ -86,7 +87,7 @@ fn check(chain: &Chain, source: &impl ErrorSource, state: &State) -> Correction 
         found.residual_mm.norm() * 1e3
     );
     assert!(found.iterations <= 4, "{structure}: {} iterations", found.iterations);
-    // The residual is the error of the actual machine at the corrected command.
+    // The residual must be the error of the actual machine at the corrected command.
     let mut command = *state;
     for (q, delta) in command.q.iter_mut().zip(found.delta) {
         *q += delta;
@@ -119,7 +120,7 @@ fn nothing_is_left_at_a_thousand_poses_of_each_type() {
             base.assembly = GivenErrors::default().assembly;
             let source = Wavy { base, waves: [(); MAX_AXES].map(|()| rng.random_range(0.0..6.0)) };
             let mut state = state(&chain, &mut rng);
-            // A third of the poses are at the singular one, or within 0.1° or 5° of it.
+            // A third of the poses are singular, or within 0.1° or 5° of the singular pose.
             if pose % 3 == 0 {
                 let most = [0.0, 0.1, 5.0][pose / 3 % 3];
                 let near = most * rng.random_range(-1.0_f64..1.0).to_radians();
@@ -160,8 +161,8 @@ fn nothing_is_left_at_a_thousand_poses_of_each_type() {
     }
 }
 
-/// Across the limit of 0.02 for a singular direction C changes by less than 3 µrad per 0.001° of A; with a sharp limit a flickering last digit
-/// of A would rotate C back and forth by 506 µrad.
+/// Near the limit of 0.02, where a direction becomes singular, the correction of C changes by less than 3 µrad per
+/// 0.001° of A. With a sharp limit, a toggling last digit of A would change C by 506 µrad at once.
 #[test]
 fn passing_the_edge_of_a_singular_pose_turns_nothing_at_once() {
     let chain = Chain::new("w C' A' b X Y Z t".parse().unwrap());
@@ -185,7 +186,7 @@ fn passing_the_edge_of_a_singular_pose_turns_nothing_at_once() {
         largest = largest.max(here.abs());
         most = most.max((next - here).abs());
     }
-    // Between 0.86° and 1.15° C rotates by 500 µrad over 287 digits.
+    // Between 0.86° and 1.15°, the correction of C changes by 500 µrad over 287 steps of 0.001°.
     assert!(most < 3e-6, "{most}");
     assert!((450e-6..501e-6).contains(&largest), "{largest}");
     assert_eq!(turned(0.8_f64.to_radians()), 0.0);
@@ -200,7 +201,7 @@ fn one_rotary_axis_corrects_what_it_can() {
     let found = correct(&chain, &errors, &State::default(), &CorrectionOptions::default());
     assert!(found.tool_axis_partial && !found.near_singular && found.converged);
     assert!((found.delta[3] + 20e-6).abs() < 1e-9, "B takes the 20 µrad about Y");
-    // 30 µrad about X tilt the axis (0, 0, 1) by −30 µrad along Y; that remains.
+    // A rotation by 30 µrad about X tilts the axis (0, 0, 1) by −30 µrad along Y; this tilt remains as residual.
     let left = Vector3::new(0.0, -30e-6, 0.0);
     assert!((found.residual_axis - left).norm() < 1e-9, "{}", found.residual_axis);
     assert!(found.residual_mm.norm() < 1e-8);
@@ -222,8 +223,8 @@ fn the_first_axis_of_a_direction_corrects_or_those_named() {
     assert_eq!(moved(&options)[..5], [0.0, 0.0, -5.0, -3.0, -4.0]);
 }
 
-/// If errors change along the way, one step does not converge and reports it, and ten steps converge. A tolerance that cannot be met is
-/// reported as not met.
+/// If errors vary with the coordinates, one step does not converge, which is reported, and ten steps converge. A
+/// tolerance that cannot be met is reported as not met.
 #[test]
 fn a_correction_says_whether_it_converged() {
     let chain = Chain::new("w b X Y Z t".parse().unwrap());
@@ -253,7 +254,7 @@ fn a_missing_direction_is_left_as_residual() {
     assert!((found.delta[0] + 3e-3).abs() < 1e-9 && (found.delta[1] + 5e-3).abs() < 1e-9);
 }
 
-/// A NaN coordinate gives NaN corrections, never a zero that looks valid.
+/// A NaN coordinate gives NaN corrections, not a zero that looks valid.
 #[test]
 fn a_pose_that_is_no_number_has_no_correction() {
     let chain = Chain::new("w C' X' b Y Z B t".parse().unwrap());

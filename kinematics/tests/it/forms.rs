@@ -1,4 +1,4 @@
-//! The three forms compared with plain matrices and with one another.
+//! Compares the three forms with plain matrices and with one another.
 
 use rand_chacha::ChaCha8Rng;
 use volcomp_kinematics::{
@@ -17,7 +17,7 @@ fn in_frame(chain: &mut Chain, frame: MotionFrame) {
     }
 }
 
-/// Every type of machine, with the error motions of its rotary axes in either frame.
+/// Each type of machine, with the error motions of its rotary axes in each of the two frames.
 fn both_frames() -> impl Iterator<Item = (Structure, MotionFrame)> {
     let frames = [MotionFrame::Fixed, MotionFrame::Turning];
     all_types()
@@ -47,8 +47,9 @@ fn errors_in_the_turning_frame_turn_with_the_axis() {
             let fixed = moved(&chain, form);
             chain.set_motion_frame(c, MotionFrame::Turning).unwrap();
             let turning = moved(&chain, form);
-            // On the tool side the rotating frame is that of the tool, with its X along Y of the workpiece. On the workpiece side it is
-            // that of the workpiece, from which the non-rotating frame is seen.
+            // On the tool side, the rotating frame is that of the tool, whose X axis is along Y of the workpiece. On
+            // the workpiece side, the rotating frame is that of the workpiece, and the non-rotating frame is rotated
+            // relative to it.
             let (along_x, along_y) = if sign > 0.0 { (fixed, turning) } else { (turning, fixed) };
             let off_x = (along_x - Vector3::x() * 10.0).norm();
             let off_y = (along_y - Vector3::y() * 10.0).norm();
@@ -122,8 +123,8 @@ fn all_forms_agree_to_first_order() {
     assert!(worst[0] < 0.1 && worst[1] < 0.1, "{worst:?}");
 }
 
-/// With half the errors the sum of twists is half as large, and its distance from the products a quarter: it is their first-order part,
-/// with location and assembly errors.
+/// If all errors are halved, the sum of twists is halved, and its distance from the products becomes a quarter. The sum
+/// is thus the first-order part of the products, including location and assembly errors.
 #[test]
 fn twist_is_the_first_order_part_of_exact() {
     let mut rng = seeded(3);
@@ -148,7 +149,7 @@ fn twist_is_the_first_order_part_of_exact() {
         let (large, small) = (distance(64.0), distance(32.0));
         for k in 0..2 {
             let ratio = large[k] / small[k];
-            // The rotation of three linear axes alone is a plain sum up to second order.
+            // For three linear axes alone, the rotation is a plain sum up to second order.
             assert!((3.5..4.5).contains(&ratio), "{structure:?} {k}: {ratio}");
         }
     }

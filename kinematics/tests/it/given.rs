@@ -1,4 +1,4 @@
-//! Errors set by name: invalid ones are rejected and change nothing.
+//! Tests of errors that are set by name: invalid errors are rejected and change nothing.
 
 use volcomp_kinematics::{
     Chain, ChainError, Form, GivenErrors, InsteadConstant, NoEffect, Side, State, volumetric_error,
@@ -28,7 +28,7 @@ fn numbers_that_are_none_and_axes_that_are_not_there_are_refused() {
     assert_eq!(errors, GivenErrors::default());
 }
 
-/// A location error is rejected if and only if a chain of plain matrices gives the same pose with and without it.
+/// A location error is rejected exactly if a chain of plain matrices gives the same pose with and without it.
 #[test]
 fn a_location_error_is_refused_where_it_moves_nothing() {
     let mut chain = Chain::new("w C' X' b Y Z B t".parse().unwrap());
@@ -85,7 +85,8 @@ fn a_location_error_is_refused_where_it_moves_nothing() {
     assert!((error.position_mm.x - 0.005).abs() < 1e-12);
 }
 
-/// An offset of the axis as assembly error equals the constant error motion that the message names, with the sign in the message.
+/// A displacement of the axis, given as an assembly error, has the same effect as the constant error motion in the
+/// message, with the sign in the message.
 #[test]
 fn the_constant_that_is_named_says_the_same() {
     let mut chain = Chain::new("w C' X' b Y Z B t".parse().unwrap());
@@ -113,8 +114,8 @@ fn the_constant_that_is_named_says_the_same() {
             else {
                 panic!("{reason:?}");
             };
-            // If the table is higher, the tool is lower relative to the workpiece; assembly errors are those of the chain from workpiece
-            // to tool.
+            // If the table is higher, the tool is lower relative to the workpiece. Assembly errors, in contrast, are
+            // those of the chain from the workpiece to the tool.
             let sign = match joint.side {
                 Side::Tool => 1.0,
                 Side::Workpiece => -1.0,

@@ -1,4 +1,4 @@
-//! Inverse kinematics: for the pose at random coordinates, every solution has that pose.
+//! Tests of the inverse kinematics: each solution for the pose at random coordinates has this pose.
 
 use std::f64::consts::{FRAC_PI_2, PI};
 
@@ -20,7 +20,7 @@ fn tool_axis(chain: &Chain, state: &State) -> Vector3<f64> {
     chain.ideal_pose(state).rotation * chain.tool_axis()
 }
 
-/// Every solution, with the linear axes moved so that the tip is reached.
+/// All solutions for the tool pose at the state `at`, with linear axes that bring the tip to its position.
 fn solutions(chain: &Chain, at: &State) -> Vec<State> {
     let (tip, axis) = (chain.ideal_tip_mm(at), tool_axis(chain, at));
     let pointings = chain.pointing(&axis, &rotary(chain), &State::default()).unwrap();
@@ -48,7 +48,7 @@ fn a_pose_of_every_type_leads_back_to_itself() {
                 chain.set_direction(axis, direction.into()).unwrap();
             }
             let tip = chain.tool_tip_mm();
-            // The direction of a tool that is tilted in its holder depends on every rotary axis.
+            // If the tool is inclined in its holder, its direction depends on each rotary axis.
             chain.set_tool(tip.into(), [0.2, 0.1, 1.0]).unwrap();
             for _ in 0..100 {
                 let at = state(&chain, &mut rng);
@@ -81,7 +81,7 @@ fn a_pose_of_every_type_leads_back_to_itself() {
 #[test]
 fn a_singular_pose_names_the_axis_that_is_free() {
     let mut held = State::default();
-    // The tool is along C at A = 0, on the table and on the head; on a head A C it is always along the second axis.
+    // At A = 0 the tool is along C, on table and head. On a head A C the tool is always along the second axis.
     for (structure, b_or_a, free) in [
         ("w C' A' b X Y Z t", [0.0, 0.0], AxisName::C),
         ("w b X Y Z C A t", [0.0, 0.0], AxisName::C),
@@ -106,7 +106,7 @@ fn a_singular_pose_names_the_axis_that_is_free() {
 
 #[test]
 fn what_cannot_be_reached_says_by_how_much() {
-    // A fork head whose axes include 45° tilts the tool by at most 90°.
+    // A fork head with axes at 45° to each other tilts the tool by at most 90°.
     let mut chain = Chain::new("w b X Y Z C B t".parse().unwrap());
     chain.set_direction(AxisName::B, [0.0, 1.0, 1.0]).unwrap();
     let down = -Vector3::z();
@@ -116,7 +116,7 @@ fn what_cannot_be_reached_says_by_how_much() {
     let side = Vector3::x();
     let found = chain.pointing(&side, &rotary(&chain), &State::default()).unwrap();
     assert!((tool_axis(&chain, &found[0].state) - side).norm() < 1e-7);
-    // At that limit both solutions coincide.
+    // At the limit, both solutions coincide.
     assert_eq!(found.len(), 1);
     let three = Chain::new("w b X Y Z t".parse().unwrap());
     assert!(three.pointing(&Vector3::z(), &[], &State::default()).is_ok());
@@ -131,7 +131,7 @@ fn what_cannot_be_reached_says_by_how_much() {
     assert_eq!(found.q[..2], [1.0, 2.0]);
 }
 
-/// A portal with a second set of linear axes: the first axis of each direction moves, and the second covers what it cannot reach.
+/// A portal with two linear axes in X: the first one moves, and the second one provides the travel that is missing.
 #[test]
 fn redundant_linear_axes_share_what_one_cannot_reach() {
     let chain = Chain::new("w X' b Y Z U C A t".parse().unwrap());
@@ -147,7 +147,7 @@ fn redundant_linear_axes_share_what_one_cannot_reach() {
     }
     let Err(NoSolution::Tip { miss_mm }) = at(650.0) else { panic!("beyond both") };
     assert!((miss_mm - 50.0).abs() < 1e-9, "{miss_mm}");
-    // Random poses of both sets are reached, by other coordinates.
+    // Random poses of both axes are reached, in general with other coordinates.
     let mut rng = seeded(72);
     for _ in 0..200 {
         let mut at = State::default();
@@ -170,8 +170,8 @@ fn redundant_linear_axes_share_what_one_cannot_reach() {
     }
 }
 
-/// A quill and a slanted ram: an axis at an end of its travel must leave it again when the others take over, so that every pose that can be
-/// reached within travel is reached within travel. A clamped axis beside them changes nothing.
+/// A quill and an inclined ram. An axis at an end of its travel must move back when other axes take over, so that each
+/// pose that is reachable within the travels is found. An axis without travel has no effect.
 #[test]
 fn slanted_redundant_axes_give_back_what_they_took() {
     let travel_of = [[0.0, 200.0], [0.0, 500.0], [0.0, 400.0], [-400.0, 0.0]];
@@ -204,7 +204,7 @@ fn slanted_redundant_axes_give_back_what_they_took() {
                 assert!((low..=high).contains(q), "{found:?}");
             }
         }
-        // Beyond all travels the tip is as near as possible: no box contains a nearer point.
+        // Beyond all travels, the tip is as near as possible: no point in the box of travels is nearer.
         let tip = Vector3::new(900.0, 200.0, 100.0);
         let Err(NoSolution::Tip { miss_mm }) = chain.reaching(&tip, &State::default(), &travel)
         else {
@@ -224,7 +224,8 @@ fn slanted_redundant_axes_give_back_what_they_took() {
     }
 }
 
-/// Linear axes move the tip as near as they can: exactly with three directions, otherwise except for the direction that no axis has.
+/// Linear axes bring the tip as near as possible: exactly if they have three directions, otherwise except for the
+/// direction that no axis has.
 #[test]
 fn linear_axes_bring_the_tip_as_near_as_they_can() {
     let mut rng = seeded(72);
@@ -240,8 +241,8 @@ fn linear_axes_bring_the_tip_as_near_as_they_can() {
             assert_eq!(at.q[place], turned.q[place], "{structure}");
         }
     }
-    // C is between Y and the others: at 90° X and Y are parallel, and no axis moves across them. The second pose is so close to it that a
-    // move across would be a thousand times as long.
+    // C is between Y and the other axes: at 90° X and Y are parallel, and no axis moves normal to them. The second pose
+    // is so near to 90° that such a motion would need moves a thousand times as long.
     let chain = Chain::new("w b X C Y Z t".parse().unwrap());
     let c = chain.structure().index_of(AxisName::C).unwrap();
     for angle in [FRAC_PI_2, FRAC_PI_2 - 1e-7] {
@@ -254,7 +255,7 @@ fn linear_axes_bring_the_tip_as_near_as_they_can() {
             assert!(place == c || q.abs() < 10.0, "{at:?}");
         }
     }
-    // Excluded axes stay, and a chain without linear axes does not move.
+    // Axes that are excluded do not move.
     let chain = Chain::new("w b X Y Z t".parse().unwrap());
     let y = chain.structure().index_of(AxisName::Y).unwrap();
     let mut at = State::default();
@@ -268,7 +269,8 @@ fn linear_axes_bring_the_tip_as_near_as_they_can() {
     assert_eq!((left, at), (2.0, State::default()));
 }
 
-/// A tool axis without a direction is rejected for every type of machine; a vector of any length is a valid direction.
+/// A tool axis without a direction is rejected for each type of machine. A vector of any other length is a valid
+/// direction.
 #[test]
 fn a_tool_axis_without_a_direction_is_refused_by_every_type() {
     let mut rng = seeded(73);
@@ -297,8 +299,8 @@ fn a_tool_axis_without_a_direction_is_refused_by_every_type() {
     }
 }
 
-/// A rotary axis between Z and X makes them parallel at ±90°: moved together they leave the tip where it is. By hand: the table Z carries
-/// the workpiece, so the tip moves by −Z of its rotated frame.
+/// A rotary axis between Z and X makes them parallel at ±90°: a common move leaves the tip in place. By hand: the table
+/// Z carries the workpiece, so that the tip moves by −Z in the rotated frame of the workpiece.
 #[test]
 fn linear_axes_that_a_turn_brings_along_one_another_are_dependent() {
     let chain = Chain::new("w Z' B' b X Y t".parse().unwrap());
@@ -316,12 +318,12 @@ fn linear_axes_that_a_turn_brings_along_one_another_are_dependent() {
             there.q[2] += 70.0 * moves[2];
             let off = chain.ideal_tip_mm(&there) - chain.ideal_tip_mm(&at);
             assert!(off.norm() < 1e-12, "{off}");
-            // Each of them alone moves the tip.
+            // A move of only one of the two axes moves the tip.
             there.q[2] = at.q[2];
             assert!((chain.ideal_tip_mm(&there) - chain.ideal_tip_mm(&at)).norm() > 60.0);
         }
     }
-    // If one of them is at an end of its travel, the other continues.
+    // If one of the two axes is at an end of its travel, the other one continues.
     at.q[1] = FRAC_PI_2;
     let mut travel = ANY;
     travel[0] = [-10.0, 10.0];
@@ -330,8 +332,8 @@ fn linear_axes_that_a_turn_brings_along_one_another_are_dependent() {
     let found = chain.reaching(&tip, &at, &travel).unwrap();
     assert!((chain.ideal_tip_mm(&found) - tip).norm() < 1e-9);
     assert!(found.q[0].abs() <= 10.0, "{:?}", found.q);
-    // Two axes of one direction are parallel in every pose and do not count; structures that keep their linear axes together have no
-    // dependent moves.
+    // Two axes of one direction are parallel in each pose and do not count. If no rotary axis is between linear axes,
+    // there are no dependent moves.
     for structure in ["w X' b Y Z U C A t", "w C' A' b X Y Z t", "w b X Y Z t", "w b X Y t"] {
         let chain = Chain::new(structure.parse().unwrap());
         assert!(chain.dependent_moves(&State::default()).is_empty(), "{structure}");

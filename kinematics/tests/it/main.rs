@@ -1,4 +1,4 @@
-//! The chain, its errors and its correction, compared with independent implementations.
+//! Tests of the chain, its errors and its correction against independent implementations.
 
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
@@ -26,14 +26,14 @@ pub(crate) fn vector(rng: &mut ChaCha8Rng, size: f64) -> [f64; 3] {
     [(); 3].map(|()| rng.random_range(-size..=size))
 }
 
-/// Random error motion of up to ±20 µm and ±30 µrad.
+/// A random error motion of up to ±20 µm and ±30 µrad.
 pub(crate) fn motion(rng: &mut ChaCha8Rng) -> ErrorMotion {
     let [x, y, z] = vector(rng, 20.0);
     let [a, b, c] = vector(rng, 30.0);
     ErrorMotion::from_um_urad([x, y, z, a, b, c])
 }
 
-/// Chain with random points, tool tip and workpiece origin.
+/// A chain with random points, tool tip and workpiece origin.
 pub(crate) fn placed(structure: &Structure, rng: &mut ChaCha8Rng) -> Chain {
     let mut chain = Chain::new(structure.clone());
     for &axis in structure.axes() {
@@ -55,7 +55,7 @@ pub(crate) fn state(chain: &Chain, rng: &mut ChaCha8Rng) -> State {
     state
 }
 
-/// Random error motions, assembly errors, and those location errors that have an effect.
+/// Random error motions and assembly errors, and random location errors where these have an effect.
 pub(crate) fn every_error(chain: &Chain, rng: &mut ChaCha8Rng) -> GivenErrors {
     let mut errors = GivenErrors::default();
     for (index, joint) in chain.joints().iter().enumerate() {

@@ -1,4 +1,4 @@
-//! The model in plain 4×4 arrays, from its definition alone.
+//! The model in plain 4×4 arrays, implemented from its definition alone.
 
 use volcomp_kinematics::{Chain, Form, GivenErrors, MotionFrame, Side, State};
 use volcomp_vocabulary::AxisKind;
@@ -24,7 +24,7 @@ fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
     [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 }
 
-/// Rotation about a vector by its length: power series of the exponential.
+/// Rotation by the rotation vector `r` (rad): the power series of the exponential.
 fn rot_vector(r: [f64; 3]) -> M {
     let hat: M =
         [[0.0, -r[2], r[1], 0.0], [r[2], 0.0, -r[0], 0.0], [-r[1], r[0], 0.0, 0.0], [0.0; 4]];
@@ -73,7 +73,7 @@ fn about(rotation: &M, c: [f64; 3]) -> M {
     product(&product(&trans(c), rotation), &trans(minus(c)))
 }
 
-/// ΔP (mm) and ρ (rad) of the `exact` or `htm` form.
+/// Position error ΔP (mm) and rotation vector ρ (rad) of the `exact` or `htm` form.
 pub(crate) fn error(
     chain: &Chain,
     errors: &GivenErrors,

@@ -1,4 +1,4 @@
-//! The published two-axis equations of the error-twist model (Procedia Engineering 24 (2011) 845–849).
+//! Tests the published two-axis equations of the error-twist model (Procedia Engineering 24 (2011) 845–849).
 
 use rand::RngExt;
 use volcomp_kinematics::{Chain, Form, GivenErrors, State, volumetric_error};

@@ -1,4 +1,4 @@
-//! Structural codes and type numbers.
+//! Tests of structural codes and type numbers.
 
 use proptest::prelude::*;
 use volcomp_kinematics::{Side, Structure, StructureError};

@@ -1,5 +1,5 @@
-//! Tests the bridge's component, compiled alone and run scan by scan: its barrier is compared with the reference, and its reports are checked
-//! when the control does not follow.
+//! Tests of the bridge's component, compiled without LinuxCNC and run scan by scan: its barrier is compared with the
+//! reference, and its reports are checked for a control that does not apply offsets.
 
 use std::{
     fmt::Write as _,
@@ -24,7 +24,7 @@ use crate::{
     frames::{mailboxes_of, posts, settings},
 };
 
-/// Compiles `scans.c` once and returns the path of the program; `None` without a compiler.
+/// Compiles `scans.c` once and returns the path of the program; `None` without a C compiler.
 fn bridge() -> Option<&'static Path> {
     static BUILT: OnceLock<Option<(TempDir, PathBuf)>> = OnceLock::new();
     let built = BUILT.get_or_init(|| {
@@ -35,7 +35,7 @@ fn bridge() -> Option<&'static Path> {
     built.as_ref().map(|(_, program)| program.as_path())
 }
 
-/// The key of a component that has not read a key file.
+/// The key of a component that has read no key file.
 const NO_KEY: Key = Key::new([0; 16]);
 
 pub(crate) struct Run {
@@ -44,15 +44,16 @@ pub(crate) struct Run {
     replies: BufReader<ChildStdout>,
 }
 
-/// Inputs of a scan besides frames.
+/// Inputs of a scan other than frames.
 #[derive(Clone, Copy)]
 #[expect(clippy::struct_excessive_bools, reason = "pins of the control")]
 pub(crate) struct ScanInput {
     pub(crate) on: bool,
     pub(crate) cut: bool,
-    /// Whether the control's current mode moves offsets.
+    /// Whether the current mode of the control applies offsets.
     pub(crate) mode: bool,
-    /// 1: the control clears its offsets; 2: its planner does not move them; 3: its planner is 0.1 s late; others: it follows.
+    /// Behaviour of the control. 1: it clears its offsets; 2: its planner does not apply offsets; 3: its planner
+    /// applies offsets 0.1 s late; other values: it applies them at once.
     pub(crate) does: u8,
     pub(crate) period_ns: u32,
     pub(crate) probing: bool,
@@ -71,7 +72,7 @@ pub(crate) const GOOD: ScanInput = ScanInput {
 
 pub(crate) struct ScanOutput {
     pub(crate) holds: bool,
-    /// Counts of the first axis.
+    /// Requested offset of the first axis, in counts.
     counts: i64,
     pub(crate) state: State,
     /// Probed position of the first axis, mm.
@@ -89,7 +90,7 @@ impl ScanOutput {
 }
 
 impl Run {
-    /// Starts the program; `None` without a compiler.
+    /// Starts the program; `None` without a C compiler.
     pub(crate) fn new() -> Option<Self> {
         Some(Self::of(&mut Command::new(bridge()?)))
     }
@@ -108,7 +109,8 @@ impl Run {
         Self { _child: child, input, replies }
     }
 
-    /// Starts the program and configures it: counts of 1 nm, limits of 30 µm and rates of 2 µm per scan.
+    /// Starts the program and configures counts of 1 nm, limits of 30 µm, and rates of 2 µm per scan; `None` without a
+    /// C compiler.
     pub(crate) fn set() -> Option<Self> {
         Some(Self::new()?.ready())
     }
@@ -158,7 +160,7 @@ impl Run {
         }
     }
 
-    /// Runs scans with a gateway that requests `counts` on X; returns the last output.
+    /// Runs `scans` scans with a gateway that requests `counts` on X; returns the last output.
     pub(crate) fn correct(&mut self, scan_input: ScanInput, counts: i16, scans: u32) -> ScanOutput {
         let axes = Layout::of([AxisName::X, AxisName::Y]).unwrap();
         let mut output = self.scan(scan_input, &[]);
@@ -218,13 +220,13 @@ proptest! {
     }
 }
 
-/// A setting above the 16 bits of the published words is rejected, because it would be published as another value.
+/// A setting above the 15 bits of the words is rejected: published in a word, it would have another value.
 #[test]
 fn settings_beyond_the_word_range_are_rejected() {
     for (line, fits) in [
         ("set XY 7 1 100 300 5 1 30000 30000 2000 2000", "1"),
         ("set XY 7 1 100 300 5 1 32767 1 32767 1", "1"),
-        // The value would be published as a timeout of 300 scans, which never occurs.
+        // In 16 bits, the timeout would be published as 300 scans, and the component would never reach its true value.
         ("set XY 7 1 65636 65836 5 1 30000 30000 2000 2000", "0"),
         ("set XY 7 1 100 32768 5 1 30000 30000 2000 2000", "0"),
         ("set XY 7 1 100 199 5 1 30000 30000 2000 2000", "0"),
@@ -242,7 +244,7 @@ fn settings_beyond_the_word_range_are_rejected() {
     }
 }
 
-/// Each message names one setting in the component and in the INI file, with the found and the expected value.
+/// Each message names the setting in the component and in the INI file, the value found, and the values expected.
 #[test]
 fn invalid_settings_are_named() {
     for [line, says] in &cases(
@@ -294,8 +296,8 @@ fn a_file_without_an_epoch_is_rejected() {
     }
 }
 
-/// In joint mode LinuxCNC moves no offset, and a request would cause a jump at the change of mode: the counts stay, and the offset is
-/// reported as lost.
+/// In joint mode LinuxCNC applies no offset, and a request would cause a jump at the next change of mode. The counts
+/// therefore stay constant, and the offset is reported as lost.
 #[test]
 fn no_offset_is_requested_in_joint_mode() {
     let Some(mut run) = Run::set() else { return };
@@ -310,7 +312,7 @@ fn no_offset_is_requested_in_joint_mode() {
         let output = run.scan(joint, &[]);
         assert_eq!((output.applied(), output.counts), (20_000, 20_000));
     }
-    // In the previous mode again, the offset moves to zero at the barrier's rate.
+    // After the return to the previous mode, the offset moves to zero at the rate of the barrier.
     let (mut last, mut zero) = (20_000, false);
     for _ in 0..20 {
         let output = run.scan(GOOD, &[]);
@@ -321,15 +323,15 @@ fn no_offset_is_requested_in_joint_mode() {
     assert!(zero);
 }
 
-/// A requested offset of 3.5 µm that the planner does not apply is reported as lost after 0.5 to 1.2 s, one within the tolerance never, at any servo
-/// period.
+/// A requested offset of 3.5 µm that the planner does not apply is reported as lost after 0.5 to 1.2 s, at any servo
+/// period. An offset within the tolerance is never reported as lost.
 #[test]
 fn a_missing_offset_is_lost() {
     for period_ns in [250_000, 1_000_000] {
         let still = ScanInput { does: 2, period_ns, ..GOOD };
         let Some(mut run) = Run::set() else { return };
         run.correct(ScanInput { does: 0, ..still }, 0, 30);
-        // The largest difference within the tolerance.
+        // The largest offset within the tolerance.
         let output = run.correct(still, 13, 3 * 1_000_000_000 / period_ns);
         assert!(!output.lost());
         assert_eq!(output.applied(), 13);
@@ -343,11 +345,11 @@ fn a_missing_offset_is_lost() {
             }
             run.correct(still, 3500, 1);
         }
-        // Each pass of the loop runs three scans.
+        // Each iteration runs three scans.
         let ms = f64::from(3 * lost_after) * f64::from(period_ns) * 1e-6;
-        // The recent motion decays within a few planner lags.
+        // The report also waits until the estimate of recent motion has decayed, which takes a few planner lags.
         assert!((500.0..1200.0).contains(&ms), "{ms} ms");
-        // The alarm ends when the offset arrives.
+        // The alarm ends when the control has applied the offset.
         assert!(run.scan(GOOD, &[]).lost());
         for _ in 0..10 {
             run.scan(GOOD, &[]);
@@ -356,7 +358,7 @@ fn a_missing_offset_is_lost() {
     }
 }
 
-/// A planner with a constant lag within the tolerance (5 µm at 50 µm/s) does not lose the offset.
+/// An offset is not lost if the planner lags by a constant amount within the tolerance (5 µm at 50 µm/s).
 #[test]
 fn a_lagging_offset_is_not_lost() {
     let Some(mut run) = Run::new() else { return };
@@ -371,7 +373,7 @@ fn a_lagging_offset_is_not_lost() {
     }
 }
 
-/// The alarm for a lost offset lasts one second at any servo period.
+/// The alarm for a lost offset lasts one second, within two scans, at any servo period.
 #[test]
 fn a_lost_offset_is_reported_for_one_second() {
     for period_ns in [250_000, 1_000_000] {
@@ -386,7 +388,8 @@ fn a_lost_offset_is_reported_for_one_second() {
     }
 }
 
-/// An offset above the word range is not reported, because the word would have another value. The correction moves towards zero.
+/// An offset above the range of a word is not reported, because the word would have another value. The correction then
+/// moves to zero.
 #[test]
 fn an_offset_beyond_the_word_range_is_not_reported() {
     let Some(mut run) = Run::set() else { return };
@@ -405,12 +408,12 @@ fn an_offset_beyond_the_word_range_is_not_reported() {
     }
     let (scan, applied) = reported.expect("reported at last");
     assert!(scan > 20 && (30_000..=32_767).contains(&applied), "{scan} {applied}");
-    // LinuxCNC uses differences of the counts: 60 µm to zero.
+    // LinuxCNC evaluates differences of the counts: 60 µm to zero.
     assert_eq!(counts.last().unwrap() - counts[0], -60_000);
     assert!(counts.windows(2).all(|pair| pair[0] - pair[1] <= 2000));
 }
 
-/// G38.2 stores the offset at the contact, G38.4 at its loss; other contacts have no effect.
+/// The offset is stored at contact for G38.2 and at loss of contact for G38.4; other contacts have no effect.
 #[test]
 fn the_offset_at_contact_or_loss_is_stored() {
     let probe = |touching| ScanInput { probing: true, touching, ..GOOD };
@@ -430,8 +433,8 @@ fn the_offset_at_contact_or_loss_is_stored() {
     }
 }
 
-/// A small correction that never arrives is detected like a large one after the recent motion has decayed; one that arrives is not reported as
-/// lost.
+/// A small correction that the control never applies is detected like a large one, once the estimate of recent motion
+/// has decayed. A small correction that the control applies is not reported as lost.
 #[test]
 fn a_small_missing_correction_is_lost() {
     let Some(mut run) = Run::set() else { return };
@@ -439,7 +442,7 @@ fn a_small_missing_correction_is_lost() {
     let still = ScanInput { does: 2, ..GOOD };
     let lost_after =
         (0..4000).find(|_| run.correct(still, 300, 0).lost() || run.correct(still, 300, 1).lost());
-    // Each pass runs three scans; the motion decays to 1/23 within a few planner lags.
+    // Each iteration runs three scans. The estimate of motion decays to 1/23 within a few planner lags.
     let ms = 3 * lost_after.expect("lost");
     assert!((500..2000).contains(&ms), "{ms} ms");
     let output = run.correct(GOOD, 300, 20);
@@ -447,8 +450,8 @@ fn a_small_missing_correction_is_lost() {
     assert_eq!(output.applied(), 300);
 }
 
-/// While the epoch cannot be written to the disk, frames are rejected with that cause after as many timeouts as a start advances the epoch;
-/// otherwise an old frame could be accepted after a restart.
+/// While the epoch cannot be written to disk, frames are rejected with this cause once the number of timeouts equals
+/// the advance of the epoch at a start. Otherwise an old frame could be accepted after a restart.
 #[test]
 fn frames_are_rejected_while_the_epoch_cannot_be_written() {
     let Some(mut run) = Run::set() else { return };
@@ -459,7 +462,7 @@ fn frames_are_rejected_while_the_epoch_cannot_be_written() {
     run.command("disk 0");
     let mut taken = 0;
     for _ in 0..20 {
-        // The gateway is silent for longer than the timeout, then sends again.
+        // The gateway sends nothing for longer than the timeout, and then sends again.
         for _ in 0..310 {
             output = run.scan(GOOD, &[]);
         }

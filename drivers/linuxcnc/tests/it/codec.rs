@@ -1,4 +1,4 @@
-//! Tests datagrams: known bytes, round trips, the fuzz corpus, and the tables of flags and causes in README.md.
+//! Tests of datagrams: known bytes, round trips, the fuzz corpus, and the tables of flags and causes in README.md.
 
 use std::{fmt::Write as _, path::Path, time::Duration};
 
@@ -36,8 +36,9 @@ fn encoded_state(state: &State) -> Vec<u8> {
     bytes[..length].to_vec()
 }
 
-/// A command has the bytes of Python's `struct` for the same content, `struct.pack("<4sBBHIIHH3H", b"VCLF", 2, 0, 7, 9, 5, 1, 3, 1, 2,
-/// 65535)`, and the code of a Python SipHash that passes the published test vectors.
+/// An encoded command equals the bytes that Python's `struct.pack("<4sBBHIIHH3H", b"VCLF", 2, 0, 7, 9, 5, 1, 3, 1, 2,
+/// 65535)` gives for the same content, followed by the authentication code of a Python SipHash that was checked with
+/// the published test vectors.
 #[test]
 fn a_command_has_the_bytes_of_an_independent_implementation() {
     let command = Command {
@@ -79,7 +80,7 @@ proptest! {
         prop_assert_eq!(State::decode(&encoded_state(&state), &KEY), Ok(state));
     }
 
-    /// Changed or missing bytes are rejected; a wrong code passes with probability 2^-64.
+    /// Changed or truncated datagrams are rejected. A wrong authentication code is accepted with probability 2^-64.
     #[test]
     fn changed_or_missing_bytes_are_rejected(at in any::<prop::sample::Index>(), by in 1_u8..) {
         let axis = AxisState { name: AxisName::X, step: 1, position: 1.5, velocity: 0.0, offset: -3 };
@@ -123,7 +124,8 @@ fn invalid_contents_are_named() {
     assert_eq!(State::decode(&bytes, &KEY), Err(DatagramError::Mac));
 }
 
-/// Replays the fuzz corpus of datagrams without authentication code: `valid-…` must be decoded, `broken-…` rejected.
+/// Replays the fuzz corpus of datagrams without authentication code: `valid-…` files must be decoded, `broken-…` files
+/// rejected.
 #[test]
 fn corpus_datagrams_are_decoded_or_rejected() {
     let folder = volcomp_test_support::root().join("tests/fuzz/corpus/linuxcnc");
@@ -156,7 +158,7 @@ fn corpus_datagrams_are_decoded_or_rejected() {
     assert_eq!(valid, 3);
 }
 
-/// Rows of the README table whose first column has the heading `first`, without the backticks in the cells.
+/// Rows of the table in README.md whose first column has the heading `first`; backticks in cells are removed.
 fn table(first: &str) -> Vec<Vec<String>> {
     let text = std::fs::read_to_string(crate_file("README.md")).unwrap();
     let rows = text
@@ -179,7 +181,7 @@ fn names(rows: &[Vec<String>]) -> Vec<(u16, String)> {
     rows.iter().map(|row| (row[0].parse().unwrap(), row[1].clone())).collect()
 }
 
-/// Constants of the C enumeration that begins with this constant, without their prefix.
+/// Constants of the C enumeration that begins with `prefix` + `first`: number, and name without `prefix`.
 fn component_constants(first: &str, prefix: &str) -> Vec<(u16, String)> {
     let text = std::fs::read_to_string(crate_file("bridge/volcomp.comp")).unwrap();
     let (_, rest) = text.split_once(&format!("enum {{ {prefix}{first}")).unwrap();

@@ -1,4 +1,4 @@
-//! Compiles the servo-thread component without LinuxCNC, as a program that a test runs.
+//! Compiles the component of the servo thread without LinuxCNC, as a program that a test runs.
 
 use std::{
     fmt::Write as _,
@@ -11,7 +11,7 @@ use volcomp_test_support::peers;
 
 use crate::bridge::KEY_TEXT;
 
-/// C declarations of the pins, parameters and includes in the component's head, as halcompile generates them.
+/// C declarations of the includes, pins and parameters in the head of the component, as halcompile generates them.
 fn pins(head: &str) -> String {
     let (mut includes, mut pins) = (String::new(), String::new());
     for line in head.lines() {
@@ -42,11 +42,11 @@ fn pins(head: &str) -> String {
     includes + &pins
 }
 
-/// Address and undefined-behaviour sanitizers.
+/// Compiler option for the address and undefined-behaviour sanitizers.
 pub(crate) const MEMORY: &str = "-fsanitize=address,undefined";
 pub(crate) const THREADS: &str = "-fsanitize=thread";
 
-/// Compiles the component with this C driver and sanitizer; `None` without a compiler.
+/// Compiles the component with this C driver and this sanitizer option; `None` without a C compiler.
 pub(crate) fn built(dir: &Path, driver: &str, sanitize: &str) -> Option<PathBuf> {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let text = std::fs::read_to_string(root.join("bridge/volcomp.comp")).unwrap();
@@ -87,7 +87,7 @@ pub(crate) struct Ended(pub(crate) Child);
 
 impl Drop for Ended {
     fn drop(&mut self) {
-        // It may have exited already.
+        // The process may have exited already.
         let _ = self.0.kill();
         let _ = self.0.wait();
     }

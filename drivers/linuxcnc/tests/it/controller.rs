@@ -1,4 +1,4 @@
-//! Tests the driver with a simulated bridge.
+//! Tests of the driver with a simulated bridge.
 
 use std::{
     net::UdpSocket,
@@ -39,7 +39,7 @@ fn the_controller_contract() {
     contract::controller(&mut controller);
 }
 
-/// Reports arrive, frames that answer them are accepted, and the barrier applies the sent values.
+/// Reports arrive, frames that answer these reports are accepted, and the barrier applies the values sent.
 #[test]
 fn the_barrier_applies_a_correction() {
     let bridge = Bridge::start();
@@ -69,7 +69,8 @@ fn the_barrier_applies_a_correction() {
     assert_eq!(controller.health().broken, 0);
 }
 
-/// A correction that the bridge reports but the control has not applied is an alarm, even without the flag `LOST`.
+/// A correction that the bridge reports as applied, but the control has not applied, is an alarm even without the flag
+/// `LOST`.
 #[test]
 fn a_missing_offset_is_an_alarm() {
     let bridge = Bridge::start();
@@ -134,7 +135,8 @@ fn a_bridge_of_another_machine_or_count_size_is_rejected() {
     assert!(controller.health().foreign > 0);
 }
 
-/// The last state of a silent bridge stays valid and ages; a restart is counted.
+/// The last state of a bridge that has become silent stays valid, and its age grows. A restart of the bridge is
+/// counted.
 #[test]
 fn a_silent_bridge_ages_and_restarts() {
     let bridge = Bridge::start();
@@ -157,7 +159,7 @@ fn a_silent_bridge_ages_and_restarts() {
 
 #[test]
 fn without_a_bridge_a_read_ends_at_its_deadline() {
-    // A port that is free, because it was just closed.
+    // This port is free, because its socket was just closed.
     let port = UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
     let bridge = Bridge::start();
     let config = LinuxCncConfig { port, ..bridge.config() };
@@ -167,7 +169,8 @@ fn without_a_bridge_a_read_ends_at_its_deadline() {
     assert!(Instant::now() >= deadline);
 }
 
-/// Duplicated, reordered and queued datagrams, and one from an earlier run: each is ignored, or has the right age.
+/// Late, reordered and duplicate datagrams and datagrams of an earlier run are ignored; a datagram that waited in the
+/// queue keeps its age.
 #[test]
 fn late_duplicate_and_queued_states_are_distinguished() {
     let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
@@ -195,13 +198,13 @@ fn late_duplicate_and_queued_states_are_distinguished() {
         |controller: &mut LinuxCncController| controller.read(soon()).map(|read| read.positions[0]);
     send(1, u32::MAX, 1.0, base + clock.elapsed());
     assert_eq!(x(&mut controller), Ok(1.0));
-    // The sequence wraps.
+    // The sequence number wraps around.
     send(1, 1, 2.0, base + clock.elapsed());
     assert_eq!(x(&mut controller), Ok(2.0));
     send(1, 1, 3.0, base + clock.elapsed());
     send(1, 0, 4.0, base + clock.elapsed());
     send(9, 50, 5.0, base);
-    // Recorded in an earlier run on a computer with a longer uptime.
+    // A datagram recorded in an earlier run, on a computer that had been running longer.
     send(9, 51, 5.5, base + Duration::from_secs(5000));
     assert_eq!(x(&mut controller), Ok(2.0));
     let health = controller.health();
@@ -221,7 +224,7 @@ fn positions_alone_can_be_read() {
     let bridge = Bridge::start();
     let mut config = bridge.config();
     (config.axes, config.reads) = (Vec::new(), vec![AxisName::C]);
-    // A configuration that only reads positions has no machine number.
+    // A configuration that only reads positions needs no machine number.
     config.machine = 0;
     let mut controller = LinuxCncController::new(&config).unwrap();
     let read = controller.read(soon()).unwrap();

@@ -7,7 +7,8 @@ use volcomp_guard::{
 };
 use volcomp_vocabulary::{AxisName, PerChannel};
 
-/// A barrier for a linear and a rotary axis, with these scans per step and this maximum age of a frame.
+/// Settings of a barrier for a linear and a rotary axis. `step`: number of scans per step; `hold`: maximum age of a
+/// frame, in scans.
 pub(crate) fn settings(
     machine: u16,
     limit: [i16; 2],
@@ -28,7 +29,8 @@ pub(crate) fn settings(
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Post {
     Nothing,
-    /// A gateway's frame with this owner, age in ticks and distance of the sequence number; `before`: with the previous epoch.
+    /// A frame from the gateway `owner`. `old`: age in ticks; `ahead`: distance of its sequence number from the last
+    /// one; `before`: whether it has the previous epoch.
     Made {
         owner: u16,
         old: u16,
@@ -45,7 +47,7 @@ pub(crate) fn posts() -> impl Strategy<Value = Post> {
     let made = (
         prop_oneof![5 => Just(5_u16), 1 => 0_u16..8],
         prop_oneof![8 => 0_u16..3, 1 => any::<u16>()],
-        // A distance of half the range is neither newer nor older.
+        // A sequence number at a distance of half the range is neither newer nor older.
         prop_oneof![8 => Just(1_u16), 1 => any::<u16>(), 1 => 0x7FFF_u16..=0x8001],
         prop::bool::weighted(0.05),
         [value.clone(), value],
@@ -82,8 +84,8 @@ fn words_of(post: Post, last: &Report) -> Vec<u16> {
     }
 }
 
-/// Words of the mailboxes that are filled at a scan. After three repetitions all are empty, because a gateway answers each report with a new
-/// frame.
+/// Words of the mailboxes at a scan. After three repetitions all mailboxes are empty, because a gateway answers each
+/// report with a new frame.
 pub(crate) fn mailboxes_of(posts: [Post; 2], repeat: usize, last: &Report) -> Vec<Vec<u16>> {
     let posts = posts.into_iter().filter(|_| repeat <= 3);
     let mailboxes = posts.map(|post| words_of(post, last));

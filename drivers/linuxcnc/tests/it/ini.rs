@@ -1,4 +1,4 @@
-//! The shipped INI file is valid, and every missing or wrong line is reported.
+//! The shipped INI file is valid, and every missing or invalid line is reported.
 
 use volcomp_linuxcnc::{Expected, GuardMinimum, Ini, LinuxCncConfig, PORT};
 use volcomp_test_support::cases;
@@ -58,7 +58,8 @@ fn the_shipped_file_is_valid() {
     assert_eq!(problems_of(&mill()), [""; 0]);
 }
 
-/// Checks the message for each change in the shipped file.
+/// Checks the messages for changes of the shipped file. Each line of `changes` has the old text, the new text, and the
+/// expected message.
 fn assert_messages(changes: &str) {
     for [from, to, says] in &cases(changes) {
         let text = mill();
@@ -143,7 +144,8 @@ fn included_files_are_checked() {
     assert!(Ini::read(&dir.path().join("other.ini")).is_err());
 }
 
-/// The files of a display are loaded last: a connection to a pin of the bridge is reported with its line.
+/// The HAL files of a display are loaded last. A connection to a pin of the bridge in such a file is reported with its
+/// line.
 #[test]
 fn display_files_are_checked() {
     let dir = tempfile::tempdir().unwrap();

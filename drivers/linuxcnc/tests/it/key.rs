@@ -1,4 +1,5 @@
-//! Tests key and authentication code of datagrams: published test vectors, both implementations on random bytes, rejected files.
+//! Tests of the key and of the authentication code of datagrams: published test vectors, both implementations with
+//! random bytes, and rejected files.
 
 use std::{fmt::Write as _, path::Path};
 
@@ -11,7 +12,8 @@ use crate::{
     component::write_key,
 };
 
-/// SipHash-2-4 (64 bits) of the bytes 00, 01, … of each length from 0 on, with the key 00 01 … 0f (`vectors.h` of its authors).
+/// SipHash-2-4 with 64 bits of the bytes 00, 01, … with the key 00 01 … 0f. The index is the number of bytes, from 0
+/// (`vectors.h` of the SipHash authors).
 const VECTORS: [&str; 64] = [
     "310e0edd47db6f72",
     "fd67dc93c539f874",
@@ -127,7 +129,7 @@ proptest! {
     }
 }
 
-/// Both sides accept and reject the same key files.
+/// The gateway and the bridge accept and reject the same key files.
 #[test]
 fn files_without_a_secret_key_are_rejected() {
     let dir = tempfile::tempdir().unwrap();

@@ -1,4 +1,4 @@
-//! Tests the protocol, and the driver with a simulated bridge.
+//! Tests of the protocol, and of the driver with a simulated bridge.
 #![expect(clippy::unwrap_used, reason = "tests")]
 
 mod bridge;

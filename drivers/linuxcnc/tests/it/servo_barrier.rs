@@ -1,5 +1,5 @@
-//! Compares the bridge's component, compiled with sanitizers and without LinuxCNC, with the reference barrier, scan by scan and datagram by
-//! datagram.
+//! Compares the bridge's component, compiled with sanitizers and without LinuxCNC, with the reference barrier for each
+//! scan and each datagram.
 
 use std::{
     io::{BufRead as _, BufReader, Write as _},
@@ -24,9 +24,9 @@ use crate::{
     frames::{Post, mailboxes_of, posts, settings},
 };
 
-/// Number of scans without motion after a start, while the machine has just been switched on.
+/// Number of scans after switching on in which the axes do not move.
 const SETTLES: usize = 20;
-/// Advance of the epoch at a start, relative to the stored one.
+/// Advance of the epoch at a start, relative to the stored epoch.
 const EPOCHS_AHEAD: u16 = 16;
 
 #[derive(Clone, Debug)]
@@ -58,7 +58,7 @@ fn cases() -> impl Strategy<Value = Case> {
         })
 }
 
-/// Socket of a gateway, with run and sequence number of the last state received.
+/// Socket of a gateway, with the run number and the sequence number of the last state received.
 struct Sender {
     socket: UdpSocket,
     answers: [u32; 2],
@@ -101,7 +101,7 @@ fn same(program: &Path, dir: &Path, case: &Case) -> Result<[usize; 2], TestCaseE
         Command::new(program)
             .arg(&epoch_file)
             .arg(key_file(dir))
-            // System libraries keep memory until the end; that is no leak.
+            // Memory that system libraries keep until the end is no leak.
             .env("ASAN_OPTIONS", "detect_leaks=0")
             .stdin(Stdio::piped())
             .stdout(Stdio::piped())
@@ -128,7 +128,7 @@ fn same(program: &Path, dir: &Path, case: &Case) -> Result<[usize; 2], TestCaseE
     .unwrap();
     let port: u16 = answers.next().unwrap().unwrap().parse().unwrap();
     let mut senders = [Sender::new(port), Sender::new(port)];
-    // A command that answers no state only requests states: the first scan accepts no frame.
+    // A command that answers no state only requests states, so that the first scan accepts no frame.
     for sender in &mut senders {
         sender.send(s.machine, None);
     }
@@ -167,7 +167,7 @@ fn same(program: &Path, dir: &Path, case: &Case) -> Result<[usize; 2], TestCaseE
     drop(input);
     let status = child.0.wait().unwrap();
     prop_assert!(status.success(), "{status}");
-    // At its end the component has stored its epoch.
+    // When it ends, the component has stored its epoch.
     let kept = std::fs::read_to_string(&epoch_file).unwrap();
     prop_assert_eq!(kept.trim().parse(), Ok(barrier.report().epoch));
     Ok(counts)
@@ -189,11 +189,12 @@ fn the_component_equals_the_reference_at_every_scan() {
         Ok(())
     });
     ran.unwrap_or_else(|error| panic!("{error}"));
-    // Frames were accepted, and axes moved.
+    // Each kind of case occurred often: frames were accepted and axes moved.
     assert!(seen.get().iter().all(|count| *count > 100), "{:?}", seen.get());
 }
 
-/// The servo thread and the thread that stores the epoch share only atomic words: the sanitizer finds no data race.
+/// The servo thread and the thread that stores the epoch share only atomic words: the thread sanitizer finds no data
+/// race.
 #[test]
 fn the_component_has_no_data_race() {
     let dir = tempfile::tempdir().unwrap();
@@ -212,7 +213,7 @@ fn the_component_has_no_data_race() {
             .stderr(Stdio::piped())
             .spawn()
             .unwrap();
-        // The program may exit before it has read everything.
+        // The program may exit before it has read all input.
         let _ = child.stdin.take().unwrap().write_all(input.as_bytes());
         let output = child.wait_with_output().unwrap();
         let errors = String::from_utf8_lossy(&output.stderr).into_owned();
@@ -220,7 +221,7 @@ fn the_component_has_no_data_race() {
     };
     let (mut succeeds, mut errors) = run(&mut Command::new(&program));
     if errors.contains("unexpected memory mapping") {
-        // The kernel randomises more address bits than this compiler's library supports.
+        // The kernel randomises more address bits than the sanitizer library supports.
         (succeeds, errors) = run(Command::new("setarch").arg("-R").arg(&program));
     }
     assert!(succeeds && !errors.contains("data race"), "{errors}");

@@ -1,4 +1,4 @@
-//! `check` and the bridge's HAL file must apply the same rules to an INI file.
+//! The gateway's `check` and the bridge's HAL file apply the same rules to an INI file.
 
 use std::{path::Path, process::Command};
 
@@ -7,9 +7,9 @@ use volcomp_test_support::{cases, peers};
 
 use crate::ini::{control, expected, mill};
 
-/// Units in an INI file, and whether the bridge accepts them. LinuxCNC 2.9 (`EmcIniFile` of Debian 12) accepts mm, metric, in, inch,
-/// imperial, deg, degree, grad, gon, rad and radian in any case, and numbers followed by any text. It stops at other words and at
-/// comments after a word, and reads units only in `[TRAJ]`.
+/// Units in an INI file, and whether the bridge accepts them. LinuxCNC 2.9 (`EmcIniFile` of Debian 12) reads units only
+/// in `[TRAJ]`. It accepts mm, metric, in, inch, imperial, deg, degree, grad, gon, rad and radian in any case, and
+/// numbers followed by any text. It does not start with other words or with a comment after a word.
 const UNITS: [(&str, &str, bool); 28] = [
     ("LINEAR_UNITS", "mm", true),
     ("LINEAR_UNITS", "MM", true),
@@ -41,8 +41,8 @@ const UNITS: [(&str, &str, bool); 28] = [
     ("ANGULAR_UNITS", "mm", false),
 ];
 
-/// Lines of the shipped file, their replacements, and the message with which both `check` and the HAL file refuse them. The last three replacements
-/// are numbers to Rust, Tcl or C, and are refused nevertheless.
+/// Changes of the shipped file that both `check` and the HAL file reject: old text, new text, and expected message. The
+/// last three new texts are numbers in Rust, Tcl or C, but are still rejected.
 const REFUSED: &str = r"
 LINEAR_UNITS = mm\n |  | [TRAJ]LINEAR_UNITS is missing, expected mm or metric: the bridge counts in this unit
 ANGULAR_UNITS = degree\n |  | [TRAJ]ANGULAR_UNITS is missing, expected degree or deg: the bridge counts in this unit
@@ -60,7 +60,7 @@ LIMIT_UM = 30 | LIMIT_UM = 0x1e | [VOLCOMP]LIMIT_UM: found 0x1e, expected a numb
 LIMIT_UM = 30 | LIMIT_UM = nan | [VOLCOMP]LIMIT_UM: found nan, expected a number without further text
 ";
 
-/// Settings whose rules only the bridge checks.
+/// Changes of the shipped file that only the bridge rejects: old text, new text, and expected message.
 const NEEDED: &str = r"
 MACHINE = 1\n |  | [VOLCOMP]MACHINE is missing, expected a
 LIMIT_UM = 30\n |  | [VOLCOMP]LIMIT_UM is missing, expected a number
@@ -100,7 +100,7 @@ fn check_by_gateway(ini: &str) -> (bool, String) {
     (message.is_empty(), message.join("\n"))
 }
 
-/// Results of both programs, by program name.
+/// For each program: its name, whether it accepts the file, and its messages.
 fn check_by_both(ini: &str) -> Vec<(&'static str, bool, String)> {
     let results = [("check", Some(check_by_gateway(ini))), ("volcomp.tcl", check_by_bridge(ini))];
     let results = results.into_iter();
@@ -147,7 +147,7 @@ fn unknown_keys_are_reported_by_check_and_the_hal_file() {
     for (program, accepts, message) in check_by_both(&ini) {
         assert!(!accepts && message.contains(&says), "{program}: {message}");
     }
-    // Each of these words must be a known key.
+    // Each expected key of the message must be a known key.
     for key in keys.split(", ").filter(|key| !mill().contains(key)) {
         let ini = mill().replace("[VOLCOMP]\n", &format!("[VOLCOMP]\n{key} = 1\n"));
         for (program, _, message) in check_by_both(&ini) {

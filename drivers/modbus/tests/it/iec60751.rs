@@ -16,7 +16,7 @@ fn resistances_match_the_standard() {
     ] {
         let found = 100.0 * ratio(degc).unwrap();
         assert!((found - ohm).abs() < 6e-5, "{degc}: {found}");
-        // 0.0001 Ω corresponds to 0.25 mK.
+        // A change of 0.0001 Ω corresponds to 0.25 mK.
         let back = temperature(ohm / 100.0).unwrap();
         assert!((back - degc).abs() < 3e-4, "{ohm}: {back}");
     }

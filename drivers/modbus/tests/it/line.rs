@@ -1,4 +1,4 @@
-//! Tests with simulated modules on a serial line that respond late, wrongly, or not at all.
+//! Tests with simulated modules on a serial line that answer late, wrongly or not at all.
 
 use std::{
     fs::{File, OpenOptions},
@@ -27,10 +27,10 @@ fn crc(bytes: &[u8]) -> [u8; 2] {
     crc.to_le_bytes()
 }
 
-/// Function from a request to the module's response and its delay; `None`: no response.
+/// Returns the response of a module to a request, and its delay; `None` for no response.
 type Behaviour = dyn FnMut(&[u8]) -> Option<(Duration, Vec<u8>)> + Send;
 
-/// The modules at the other end of the line.
+/// Simulated modules at the far end of the serial line.
 struct Modules {
     stop: Arc<AtomicBool>,
     thread: Option<JoinHandle<()>>,
@@ -41,7 +41,7 @@ impl Modules {
         Self::start_with_echo(wire, false, behaviour)
     }
 
-    /// Starts modules; if `echoes`, behind an adapter that echoes every request.
+    /// Starts the modules. If `echoes`, they are behind an adapter that echoes each request.
     fn start_with_echo(wire: &Wire, echoes: bool, mut behaviour: Box<Behaviour>) -> Self {
         let mut port: File = OpenOptions::new().read(true).write(true).open(&wire.theirs).unwrap();
         let stop = Arc::new(AtomicBool::new(false));
@@ -57,7 +57,7 @@ impl Modules {
                 if echoes {
                     port.write_all(&byte).unwrap();
                 }
-                // A read request has eight bytes; a write request contains its length.
+                // A read request has eight bytes; the length of a write request depends on its byte count.
                 let length = match request.get(1) {
                     Some(15) => request.get(6).map_or(usize::MAX, |n| 9 + usize::from(*n)),
                     _ => 8,
@@ -82,12 +82,13 @@ impl Modules {
 impl Drop for Modules {
     fn drop(&mut self) {
         self.stop.store(true, Ordering::Relaxed);
-        // The thread ends with the line, or at the next request.
+        // The thread ends when the line closes, or at the next request.
         drop(self.thread.take());
     }
 }
 
-/// Response with the registers of a unit: 20.1 °C, plus 1 °C per unit number.
+/// A response with the registers of four channels: 20.1 °C for the first channel of unit 0, plus 1 °C per unit number
+/// and 0.1 °C per channel.
 fn registers(request: &[u8]) -> Vec<u8> {
     let unit = request[0];
     let mut answer = vec![unit, request[1], 8];
@@ -97,7 +98,7 @@ fn registers(request: &[u8]) -> Vec<u8> {
     answer
 }
 
-/// The echo of an adapter with local echo is skipped, and reported if no response follows.
+/// The echo of an adapter is skipped. If no response follows, the echo is reported.
 #[test]
 fn the_echo_of_an_adapter_is_not_a_response() {
     let Some(wire) = Wire::new() else { return };
@@ -175,8 +176,8 @@ fn units_on_one_line_are_polled_in_turn() {
     assert!(polled.windows(3).all(|w| w[0] != w[1] && w[1] != w[2]), "{polled:?}");
 }
 
-/// Unit 1 responds after the timeout with data that would fit any unit: the response is taken neither for that of unit 2 nor for that to
-/// unit 1's next request.
+/// Unit 1 responds after the timeout with data that any unit could send. The response is neither accepted for unit 2
+/// nor for the next request to unit 1.
 #[test]
 fn a_late_response_is_never_taken_for_another() {
     let Some(wire) = Wire::new() else { return };
@@ -188,7 +189,7 @@ fn a_late_response_is_never_taken_for_another() {
         &wire,
         Box::new(move |request| {
             if request[0] == 1 && is_late.load(Ordering::Relaxed) {
-                // The late response has the address of unit 2, with 99 °C.
+                // The late response has the address of unit 2 and contains 99 °C.
                 *counted.lock().unwrap() += 1;
                 let mut answer = vec![2, 3, 8];
                 answer.extend([990_u16; 4].iter().flat_map(|word| word.to_be_bytes()));
@@ -213,7 +214,7 @@ fn a_late_response_is_never_taken_for_another() {
     assert!((thermometer.latest()[0].degc.unwrap() - 21.1).abs() < 1e-9);
 }
 
-/// A truncated response, or one with a wrong checksum, gives no value; the next response is good.
+/// A truncated response and a response with a wrong checksum give no value; the next response is good.
 #[test]
 fn corrupted_responses_are_rejected() {
     let Some(wire) = Wire::new() else { return };
@@ -228,8 +229,8 @@ fn corrupted_responses_are_rejected() {
             if turn.is_multiple_of(2) {
                 return Some((Duration::ZERO, answer));
             }
-            // The response loses at least two of its eleven bytes, then one byte and a valid checksum follow: only the length byte shows
-            // the truncation.
+            // The response loses at least two of its eleven bytes; then one byte and a valid checksum are added. Only
+            // the byte count reveals the truncation.
             answer.truncate((*turn / 2) % 10);
             answer.push(0xee);
             Some((Duration::ZERO, answer))
@@ -265,7 +266,7 @@ fn an_unplugged_adapter_reconnects() {
     until("the reason is reported", || {
         thermometer.latest()[0].quality == Quality::Bad(Reason::NoAnswer)
     });
-    // Plug the adapter in under its old device name.
+    // Connects the adapter again under its old device name.
     std::fs::create_dir_all(ours.parent().unwrap()).unwrap();
     let again = Wire {
         _socat: crate::socat(&ours, &theirs),
@@ -279,7 +280,8 @@ fn an_unplugged_adapter_reconnects() {
     std::fs::remove_dir_all(again.ours.parent().unwrap()).unwrap();
 }
 
-/// Reads and writes never wait for the line: a read returns the last inputs, a write queues the next outputs.
+/// Reads and writes never wait for the line: a read returns the last inputs received, a write queues the outputs to be
+/// sent next.
 #[test]
 fn digital_modules_form_one_port() {
     let Some(wire) = Wire::new() else { return };
@@ -315,7 +317,7 @@ fn digital_modules_form_one_port() {
     let within = Duration::from_millis(100);
     let mut port = ModbusDigital::new(wire.bus(), &modules, within, Backoff::default()).unwrap();
     assert_eq!((port.inputs(), port.outputs()), (16, 16));
-    // 2 · (14 + 18) characters of 11 bits at 19200 Bd, plus gaps and turnarounds.
+    // 2 · (14 + 18) characters of 11 bits at 19200 Bd, plus pauses between frames.
     let cycle = port.shortest_cycle().as_secs_f64() * 1e3;
     assert!((40.0..70.0).contains(&cycle), "{cycle} ms");
     let soon = Instant::now() + Duration::from_secs(1);
@@ -329,9 +331,9 @@ fn digital_modules_form_one_port() {
     let exchanged = *requests.lock().unwrap() - before;
     assert!(exchanged < 500, "a thousand calls waited for {exchanged} requests");
     until("the write arrives", || *outputs.lock().unwrap() == [0x5a, 0xa5]);
-    // The outputs of a module that lost power are read back.
+    // When a module that lost power answers again, its outputs are read back.
     power.store(false, Ordering::Relaxed);
-    // The module's last inputs are returned with their age.
+    // While the module is off, its last inputs are returned with their age.
     let off = Instant::now();
     until("the output levels are unknown", || {
         port.read(soon).unwrap();
@@ -371,7 +373,7 @@ fn invalid_configurations_are_rejected() {
     let module = DigitalModule { unit: 1, profile: Profile::named("PTA8C04").unwrap() };
     let refused = ModbusDigital::new(bus(), &[module], Duration::ZERO, Backoff::default());
     assert!(refused.err().unwrap().to_string().contains("has no digital lines"));
-    // Without a server the sensors are bad, but there is no error.
+    // Without a server, the sensors are bad, but starting succeeds.
     let mut thermometer = poll_temperatures(config(bus(), &[1])).unwrap();
     until("the reason is reported", || {
         thermometer.latest()[0].quality == Quality::Bad(Reason::NoAnswer)

@@ -1,4 +1,5 @@
-//! Tests PT100 by the standard, profiles, simulated faulty modules, and servers of pymodbus and libmodbus.
+//! Tests of PT100 according to IEC 60751, of profiles, with simulated faulty modules, and with servers of pymodbus and
+//! libmodbus.
 
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
@@ -27,7 +28,7 @@ pub(crate) fn socat(ours: &Path, theirs: &Path) -> Running {
     Running::start(Command::new("socat").args([end(ours), end(theirs)]))
 }
 
-/// Two serial ports, connected to each other by socat.
+/// Two serial ports that socat connects to each other.
 pub(crate) struct Wire {
     _socat: Running,
     _folder: tempfile::TempDir,
@@ -36,7 +37,7 @@ pub(crate) struct Wire {
 }
 
 impl Wire {
-    /// `None` without socat: the test is skipped, under CI a failure.
+    /// `None` without socat. The test is then skipped, but fails under CI.
     pub(crate) fn new() -> Option<Self> {
         let folder = tempfile::tempdir().unwrap();
         let [ours, theirs] = ["ours", "theirs"].map(|name| folder.path().join(name));

@@ -1,4 +1,4 @@
-//! Tests outputs on a simulated TCP module that times out or rejects requests, and records writes.
+//! Tests of outputs on a simulated TCP module that delays or rejects requests and records writes.
 
 use std::{
     collections::VecDeque,
@@ -18,36 +18,36 @@ use crate::until;
 struct ModuleState {
     inputs: u8,
     coils: u8,
-    /// Levels of all received writes, in order.
+    /// Levels of all writes received, in order.
     writes: Vec<u8>,
-    /// Accepts requests, but sends no responses.
+    /// If true, the module accepts requests, but sends no responses.
     silent: bool,
-    /// Rejects writes with exception 4.
+    /// If true, the module rejects writes with exception 4.
     rejects_writes: bool,
-    /// Switches the outputs nevertheless.
+    /// If true, the module switches its outputs although it rejects the write.
     switches_rejected: bool,
-    /// Responses to the next requests for coils; afterwards it responds normally.
+    /// Responses to the next requests for coils; when the list is empty, the module responds normally.
     coil_responses: VecDeque<CoilResponse>,
     coil_requests: u32,
-    /// Accepts writes, but does not respond to them.
+    /// If true, the module executes writes, but does not respond to them.
     ignores_writes: bool,
-    /// Delay of reading the inputs of unit 2.
+    /// Delay before the response with the inputs of unit 2.
     slow: Duration,
-    /// If set, reading the inputs of unit 2 blocks; `is_blocked` is true while a request waits for it.
+    /// While true, reading the inputs of unit 2 blocks; `is_blocked` is then true while a request waits.
     blocked: bool,
     is_blocked: bool,
-    /// Number of connections that the client reset, and number that it closed.
+    /// Number of connections that the client reset; `closes` counts those that it closed normally.
     resets: u32,
     closes: u32,
 }
 
-/// How the module responds to a request for the coils.
+/// Response of the module to a request for its coils.
 #[derive(Clone, Copy, PartialEq)]
 enum CoilResponse {
     Disconnect,
-    /// Reject it with this exception.
+    /// Rejection with this exception code.
     Reject(u8),
-    /// Report these levels.
+    /// Response with these levels.
     Levels(u8),
 }
 
@@ -178,7 +178,7 @@ fn reads(port: &mut ModbusDigital) -> bool {
     port.read(soon()).is_ok()
 }
 
-/// Each write is sent once and confirmed; before the first one the module's levels are read back.
+/// Each write is sent once and confirmed. Before the first write, the levels are read back from the module.
 #[test]
 fn a_write_is_sent_once_and_confirmed() {
     let (module, address) = Module::start();
@@ -192,14 +192,14 @@ fn a_write_is_sent_once_and_confirmed() {
         reads(&mut port);
         port.confirmed() == Some(0x5a)
     });
-    // After many exchanges the levels were written once; a write after its deadline is not sent.
+    // After many exchanges, the levels have been written once. A write is not sent after its deadline.
     std::thread::sleep(Duration::from_millis(50));
     assert_eq!(port.write(0x11, Instant::now()), Err(Fault::TimedOut));
     std::thread::sleep(Duration::from_millis(50));
     assert_eq!(module.get(|state| state.writes.clone()), [0x5a]);
 }
 
-/// A write that a slow read delays past its deadline is not sent, and the next call reports the failure.
+/// A write that a slow read delays past its deadline is not sent; the next call reports the failure.
 #[test]
 fn a_write_delayed_past_its_deadline_is_not_sent() {
     const LONG: Duration = Duration::from_secs(600);
@@ -209,7 +209,7 @@ fn a_write_delayed_past_its_deadline_is_not_sent() {
     module.set(|state| state.blocked = true);
     until("the exchange is blocked", || module.get(|state| state.is_blocked));
     let deadline = Instant::now() + Duration::from_millis(20);
-    // If this thread was suspended, the deadline may have passed.
+    // The deadline may already have passed if this thread was suspended.
     let was_in_time = port.write(0x77, deadline).is_ok();
     std::thread::sleep(deadline.saturating_duration_since(Instant::now()));
     let released = Instant::now();
@@ -222,8 +222,8 @@ fn a_write_delayed_past_its_deadline_is_not_sent() {
     assert_eq!(result.is_err(), was_in_time, "{result:?}");
 }
 
-/// Over TCP the connection is reset if a write is not acknowledged by its deadline, so that no part of the write stays queued, although
-/// the module's response timeout is much longer.
+/// Over TCP, the connection is reset if a write is not acknowledged by its deadline, although the module's response
+/// timeout is much longer. No part of the write then stays queued.
 #[test]
 fn an_unacknowledged_write_resets_the_connection_at_its_deadline() {
     let (module, address) = Module::start();
@@ -269,7 +269,7 @@ fn a_rejected_write_is_reported_as_failed() {
     }
     assert_eq!(port.confirmed(), Some(0));
     module.set(|state| state.rejects_writes = false);
-    // The first call reports the failure of the previous write, the next none.
+    // The first call reports the failure of the previous write; the next call reports none.
     assert!(port.write(2, soon()).is_err());
     until("it is confirmed", || {
         reads(&mut port);
@@ -278,7 +278,8 @@ fn a_rejected_write_is_reported_as_failed() {
     assert_eq!(port.write(3, soon()), Ok(()));
 }
 
-/// A module may have switched its outputs before it failed: after a rejected write they are read back.
+/// A module may switch its outputs before it rejects a write. Therefore the outputs are read back after a rejected
+/// write.
 #[test]
 fn outputs_are_read_back_after_a_rejected_write() {
     let (module, address) = Module::start();
@@ -289,8 +290,8 @@ fn outputs_are_read_back_after_a_rejected_write() {
     until("the levels are known", || reads(&mut port) && port.confirmed() == Some(5));
 }
 
-/// A write from before a disconnection is not sent over the next connection. The lost connection is reset, so that the kernel sends
-/// nothing later.
+/// A write from before a disconnection is not sent over the next connection. The old connection is reset, so that the
+/// kernel sends no queued data.
 #[test]
 fn an_old_write_is_not_sent_over_a_new_connection() {
     let (module, address) = Module::start();
@@ -306,7 +307,7 @@ fn an_old_write_is_not_sent_over_a_new_connection() {
     until("the disconnection is reported", || port.read(soon()) == Err(Fault::NotConnected));
     assert_eq!(port.write(9, soon()), Err(Fault::NotConnected));
     until("it is reset", || module.get(|state| state.resets > 0));
-    // After a power cycle the outputs are zero until the next write.
+    // After a power cycle of the module, its outputs are zero until the next write.
     module.set(|state| {
         state.coils = 0;
         state.silent = false;
@@ -321,16 +322,16 @@ fn an_old_write_is_not_sent_over_a_new_connection() {
     assert_eq!(module.get(|state| state.closes), 0);
 }
 
-/// A failed read-back of the coils is repeated, over this or a later connection, until the levels are known; otherwise unused outputs
-/// would be switched off. If the module lacks the function, the levels stay unknown, which is reported.
+/// If reading the coils fails, it is repeated over this or a later connection until the levels are known; otherwise
+/// unused outputs would be switched off. A module without this function is reported, and its levels stay unknown.
 #[test]
 fn the_read_back_of_outputs_is_repeated() {
     use CoilResponse::{Disconnect, Levels, Reject};
     for (responses, known) in [
         (vec![Disconnect; 2], Some(0xa5)),
-        // After three failures a connection skips the read-back; this one is closed below.
+        // After three failures, a connection gives up reading the coils; the test closes this connection below.
         (vec![Disconnect; 5], Some(0xa5)),
-        // Busy, then one wrong response.
+        // The module is busy, and then gives one wrong response.
         (vec![Reject(6), Levels(0xff)], Some(0xa5)),
         (vec![Reject(1)], None),
     ] {
@@ -357,7 +358,8 @@ fn the_read_back_of_outputs_is_repeated() {
     }
 }
 
-/// However often a silent module was connected to, its output levels are read back once it answers.
+/// The output levels are read back once a module answers again, regardless of how many connections were made while it
+/// was silent.
 #[test]
 fn outputs_are_read_back_after_any_silence() {
     for connections in 1..=8 {
@@ -374,7 +376,7 @@ fn outputs_are_read_back_after_any_silence() {
     }
 }
 
-/// The inputs have the arrival time of their oldest part: that of the first module if the second is slow.
+/// The arrival time of the inputs is that of their oldest part: that of the first module while the second one is slow.
 #[test]
 fn inputs_are_as_old_as_their_oldest_part() {
     let (module, address) = Module::start();
@@ -388,7 +390,7 @@ fn inputs_are_as_old_as_their_oldest_part() {
     let mut seen = 0;
     until("twenty readings", || {
         std::thread::sleep(Duration::from_millis(7));
-        // A busy computer may lose the connection.
+        // On a busy computer the connection may be lost.
         let Ok(found) = port.read(soon()) else {
             return false;
         };

@@ -1,4 +1,4 @@
-//! Tests with servers of independent libraries, pymodbus and libmodbus, over TCP and RTU.
+//! Tests with servers of two independent libraries, pymodbus and libmodbus, over TCP and RTU.
 
 use std::{
     path::{Path, PathBuf},
@@ -44,7 +44,7 @@ fn tcp(port: u16) -> Bus {
     Bus::Tcp { host: "127.0.0.1".to_owned(), port }
 }
 
-/// Checks four channels of each unit, which differ by 0.1 K per channel and 10 K per unit.
+/// Checks the temperatures of four channels of each unit, which differ by 0.1 K per channel and 10 K per unit.
 fn check(bus: Bus, units: &[u8]) {
     let mut thermometer = poll_temperatures(config(bus, units)).unwrap();
     contract::thermometer(&mut thermometer);

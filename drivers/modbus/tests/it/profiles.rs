@@ -1,4 +1,4 @@
-//! Tests profiles: shipped files, decoding of registers, error messages, the fuzz corpus.
+//! Tests of profiles: shipped files, decoding of registers, messages, and the fuzz corpus.
 
 use std::{path::Path, time::Instant};
 
@@ -36,7 +36,7 @@ fn found(profile: &str, registers: &[u16], status: Option<u16>) -> (Option<f64>,
     (found.degc, found.quality)
 }
 
-/// Clamped values, fault codes and fault bits are never returned as temperatures.
+/// Out-of-range values that a module clamps, fault codes and fault bits never become temperatures.
 #[test]
 fn faults_are_reported() {
     let good = Quality::Good;
@@ -85,7 +85,8 @@ fn numbers_of_two_registers() {
     assert_eq!(second("f32", "high", [0x7fc0, 0]), None, "NaN");
 }
 
-/// The four usual byte orders of four bytes are decoded, for integers and floats; a float in a wrong order is no good temperature.
+/// The four usual byte orders of four bytes are decoded, for integers and floats. A float in a wrong byte order is not
+/// a good temperature.
 #[test]
 fn four_byte_orders_are_supported() {
     let profile = |kind: &str, [word, byte]: [&str; 2]| {
@@ -118,7 +119,7 @@ fn four_byte_orders_are_supported() {
             let whole = registers((degc.trunc() as i32).to_be_bytes());
             assert_eq!(read("i32", whole).degc, Some(degc.trunc()), "{keys:?}");
         }
-        // A module with swapped bytes must not give "-0.00 °C, good".
+        // Swapped bytes must not be displayed as "-0.00 °C, good".
         let [a, b, c, d] = single.to_be_bytes();
         let swapped = [u16::from_be_bytes([b, a]), u16::from_be_bytes([d, c])];
         let found =
@@ -161,7 +162,7 @@ fn invalid_profiles_are_rejected() {
     assert!(matches!(parse("name = "), ProfileError::Input(_)));
 }
 
-/// Replays the fuzz corpus: `valid-…` files must parse, `broken-…` files must be rejected.
+/// Replays the fuzz corpus: `valid-…` files must be parsed, `broken-…` files rejected.
 #[test]
 fn corpus_profiles_parse_or_are_rejected() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/fuzz/corpus/modbus");

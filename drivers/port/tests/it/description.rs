@@ -44,7 +44,7 @@ fn descriptions_are_checked() {
     assert_eq!(reads.index_of(AxisName::A), None, "it is not written");
     reads.axes.clear();
     assert_eq!(reads.check(), Ok(()), "it only reports positions");
-    // A length for a rotary axis, and an angle for a linear one.
+    // A length for a rotary axis, and an angle for a linear axis.
     let length = Displacement::Length(Mm(0.001));
     let found = of(vec![axis(AxisName::B, length)]);
     let expected =

@@ -20,7 +20,7 @@ fn without_faults_the_device_is_unchanged() {
     contract::thermometer(&mut Faulty::new(thermometer, Faults::default(), 1));
 }
 
-/// The same seed gives the same faults, another seed other ones, about as often as requested.
+/// Equal seeds give equal faults, different seeds different ones. Their number is about as requested.
 #[test]
 fn faults_are_seeded() {
     let faults =
@@ -103,7 +103,7 @@ fn corrupted_temperatures() {
     assert!(seen_nan);
 }
 
-/// Stored settings without the keys of read-back faults get the defaults.
+/// Stored settings without the keys of read-back faults are read with the default values of these keys.
 #[test]
 fn old_documents_are_accepted() {
     let old = r#"{"delay":{"secs":0,"nanos":3000000},"jitter":false,"drop":0.25,"corrupt":0.0,"freeze":0.0,"disconnect":0.0,"calls":0}"#;

@@ -1,4 +1,4 @@
-//! Each injected fault has its effect for the requested duration, and none afterwards.
+//! Each injected fault has its effect for the requested duration and no effect afterwards.
 
 use std::{
     sync::{Arc, Mutex, atomic::Ordering},
@@ -66,7 +66,7 @@ fn a_false_read_back_lasts_as_requested() {
         let mut lies = 0;
         for reading in 0..6 {
             let reported = rig.read().applied.unwrap();
-            // A torn read-back differs only if something has changed.
+            // A torn read-back differs from the true one only if a value has changed.
             lies += u32::from(reported != truth);
             assert!(reading < 3 || reported == truth, "{lie:?} in reading {reading}");
         }
@@ -88,7 +88,8 @@ fn a_constant_read_back_hides_changes() {
     assert!((rig.read().applied.unwrap()[0] - 0.024).abs() < 1e-12);
 }
 
-/// A write from before an outage arrives after it, when the axis is elsewhere, as has happened in the field.
+/// A write from before an outage arrives after the outage, when the axis is at another position. This has happened on a
+/// real machine.
 #[test]
 fn a_late_write_arrives_after_the_requested_calls_and_survives_an_outage() {
     let mut rig = Rig::new(Faults::default());
@@ -121,7 +122,7 @@ fn writes_are_doubled_torn_and_reordered() {
     assert_eq!(rig.truth(), [0.010, -0.010], "the second time");
     rig.faulty.inject(Injection::TornWrite);
     rig.apply(0.030).unwrap();
-    // The first axis at least, but not all.
+    // At least the first axis has its new correction, but not all axes have.
     assert_eq!(rig.truth()[0], 0.030);
     rig.read();
     assert_eq!(rig.truth(), [0.030, -0.030], "the rest came with the next call");
@@ -138,7 +139,7 @@ fn writes_are_doubled_torn_and_reordered() {
     assert_eq!(rig.truth(), [0.060, -0.060]);
 }
 
-/// The program pauses between read and write: time passes, and the write whose deadline has passed is not sent.
+/// The program pauses between read and write. Time passes, and a write after its deadline is not sent.
 #[test]
 fn the_program_stops_between_reading_and_writing() {
     let mut rig = Rig::new(Faults::default());
@@ -154,7 +155,7 @@ fn the_program_stops_between_reading_and_writing() {
     rig.faulty.inject(Injection::StopBeforeWrite(Duration::from_millis(1)));
     rig.apply(0.040).unwrap();
     assert_eq!(rig.truth(), [0.040, -0.040]);
-    // A callback waits instead of the clock.
+    // The pause calls a function instead of advancing the clock.
     let stood = Arc::new(Mutex::new(Vec::new()));
     let kept = Arc::clone(&stood);
     let (controller, _, _) = machine(Clock::manual()).start();
@@ -195,7 +196,7 @@ fn positions_freeze_with_fresh_times_flicker_and_lag() {
     let flickered = rig.read().positions;
     assert!((flickered[1] - stood[1] - 0.001).abs() < 1e-12 && flickered[0] == stood[0]);
     assert_eq!(rig.read().positions, stood);
-    // The position of Y contains the correction three readings late.
+    // The position of Y includes a correction only from the fourth reading on.
     rig.faulty.inject(Injection::Lag(3));
     rig.apply(0.010).unwrap();
     let shown: Vec<bool> =
@@ -212,7 +213,8 @@ fn a_dropped_flag_hides_an_interlock() {
     assert_eq!(shown, [false, false, true, true]);
 }
 
-/// Faults can be requested while another thread owns the device, as the control thread does; at most 64 are queued.
+/// Faults can be requested while another thread owns the device, as the control thread does. At most 64 requests are
+/// queued.
 #[test]
 fn faults_can_be_requested_remotely() {
     let mut rig = Rig::new(Faults::default());
@@ -230,7 +232,7 @@ fn faults_can_be_requested_remotely() {
     assert_eq!(rig.faulty.read(soon), Err(Fault::TimedOut));
 }
 
-/// A program that reports its number of scans, and a sum over the words.
+/// A control program that reports the number of its scans and a sum of the words received.
 #[derive(Default)]
 struct Counting(u16);
 
@@ -271,7 +273,7 @@ fn reports_and_frames_are_falsified_by_word() {
         let after = read(&mut faulty);
         assert_eq!(after.as_slice()[0], before.as_slice()[0] + 4);
         let truth = [before.as_slice()[0] + 2, 1, 1, 0xabcd];
-        // A torn report may equal the true one if only the scan number has changed.
+        // A torn report equals the true report if only the scan number has changed.
         assert!(reported.as_slice() != truth || lie == Lie::Torn, "{lie:?}");
     }
     faulty.inject(Injection::Constant { readings: 3 });
@@ -333,7 +335,7 @@ fn all_faults_together_are_seeded() {
     assert!((1500..2900).contains(&answered), "{answered}");
 }
 
-/// Digital lines: a part of a write arrives first, and a write may arrive late.
+/// Injected faults of digital lines: part of a write arrives first, and a write arrives late.
 #[test]
 fn lines_are_written_torn_and_late() {
     struct Port(u64);

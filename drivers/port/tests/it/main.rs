@@ -1,4 +1,4 @@
-//! Tests traits, simulated machine, injected faults and reconnection.
+//! Tests of traits, simulated machine, injected faults and reconnection.
 
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
@@ -28,7 +28,7 @@ fn place(x: f64, y: f64) -> PerChannel<f64> {
     PerChannel::leading([x, y])
 }
 
-/// A machine that moves around 300 × 400 mm; X has an error of 2e-5 of its position plus 1 µm/K.
+/// A machine that moves around a rectangle of 300 × 400 mm. X has an error of 2e-5 of its position plus 1 µm/K.
 fn machine(clock: Clock) -> Machine {
     let step = |(x, y, dwell_ms)| Move {
         to: place(x, y),

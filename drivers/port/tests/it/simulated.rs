@@ -25,7 +25,7 @@ fn moves_respect_feed_and_acceleration() {
     let (mut controller, _, _) = machine(clock.clone()).start();
     let step = Duration::from_millis(1);
     let mut places = Vec::new();
-    // Twice the program of 1.7 + 2.2 + 0.1 + 2.7 s.
+    // Two repetitions of the program of 1.7 + 2.2 + 0.1 + 2.7 s.
     for _ in 0..14_000 {
         places.push(controller.read(soon()).unwrap().positions);
         clock.advance(step);
@@ -60,7 +60,7 @@ fn the_true_error_depends_on_position_and_temperature() {
     assert!((error[0] - expected).abs() < 1e-12 && residual == error);
     controller.apply(&place(-expected, 0.0), soon()).unwrap();
     let [residual, _] = controller.residual_and_error();
-    // Rounded to micrometres.
+    // The correction is rounded to 1 µm, so that at most half of it remains.
     assert!(residual[0].abs() < 0.000_51, "{residual:?}");
 }
 
@@ -124,7 +124,8 @@ fn it_stops_while_motion_is_forbidden_and_continues_from_there() {
     }
 }
 
-/// A program that moves one count per scan towards the first value of the last frame, except while axes are held.
+/// A control program that moves the correction by one count per scan towards the first value of the last frame, and
+/// stops while axes are held.
 #[derive(Default)]
 struct OneCount {
     at: i16,
@@ -169,16 +170,16 @@ fn the_machine_clock_scans_the_program_of_the_control() {
     assert_eq!(controller.read(soon()).unwrap().report, None);
     controller.post(&Words::new(&[50]).unwrap(), soon()).unwrap();
     controls.axes.record(100);
-    // Ten and a half scans: the eleventh is not due.
+    // Time for ten and a half scans: the eleventh is not due yet.
     clock.advance(SCAN * 10 + SCAN / 2);
     let snapshot = controller.read(soon()).unwrap();
     assert_eq!(snapshot.applied, None);
     assert_eq!(snapshot.report.unwrap().as_slice(), [10, 10, 0]);
-    // Positions of Y contain the correction.
+    // The positions of Y include the correction.
     assert!((snapshot.positions[1] + 0.010).abs() < 1e-12);
     assert_eq!(controls.axes.scans(), 10);
     assert_eq!(controls.axes.applied()[..2], [0.010, -0.010]);
-    // The clock advances without calls; the next call catches up all scans.
+    // The clock advances without calls; the next call executes all scans that are due.
     clock.advance(SCAN / 2 + SCAN * 29);
     assert_eq!(controller.plant().applied()[..2], [0.040, -0.040]);
     controls.emergency_stop.store(true, Ordering::Relaxed);
@@ -210,7 +211,7 @@ fn a_restart_keeps_the_correction_and_a_reboot_clears_it() {
     clock.advance(SCAN);
     let report = controller.read(soon()).unwrap().report.unwrap();
     assert_eq!(report.as_slice(), [9, 1, 2]);
-    // Clearing is no step, because the axes were without power.
+    // Clearing the correction is not counted as a step, because the axes were without power.
     assert!((controls.axes.largest_change()[0] - 0.001).abs() < 1e-12);
 }
 
@@ -224,7 +225,7 @@ fn several_controllers_use_one_machine() {
     clock.advance(SCAN * 4);
     first.plant().pass();
     assert_eq!(controls.axes.applied()[0], 0.003);
-    // The program uses the first mailbox that is not empty.
+    // The control program uses the first mailbox that is not empty.
     first.post(&Words::new(&[1]).unwrap(), soon()).unwrap();
     clock.advance(SCAN * 4);
     assert_eq!(second.plant().applied()[0], 0.001);

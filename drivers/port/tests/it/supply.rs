@@ -62,7 +62,7 @@ fn the_delay_restarts_after_a_lasting_connection() {
         std::thread::sleep(Duration::from_millis(20));
         supply.lose();
     }
-    // Without a connection the delay doubles up to the maximum.
+    // While connecting fails, the delay doubles up to the maximum.
     let mut pause = Duration::ZERO;
     let pauses = [5, 10, 20].map(Duration::from_millis);
     for expected in pauses {

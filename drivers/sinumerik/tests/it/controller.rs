@@ -1,4 +1,4 @@
-//! Tests the driver with a simulated control, with and without faults.
+//! Tests of the driver with a simulated control, with and without faults.
 
 use std::time::{Duration, Instant};
 
@@ -16,7 +16,7 @@ const XYZ: [AxisName; 3] = [AxisName::X, AxisName::Y, AxisName::Z];
 
 fn config(url: &str) -> SinumerikConfig {
     let mut server = Server::new(url);
-    // The computer may be busy.
+    // A long timeout, because the computer may be busy.
     server.time_out = Duration::from_secs(5);
     server.backoff = Backoff { first: Duration::from_millis(50), most: Duration::from_millis(200) };
     let mut config = SinumerikConfig::new(server, &XYZ);
@@ -40,7 +40,7 @@ fn read(controller: &mut SinumerikController) -> Snapshot {
     controller.read(soon()).expect("a connected control")
 }
 
-/// Waits for a snapshot of a reading that started after this call.
+/// Waits for a snapshot whose reading began after this call.
 fn next(controller: &mut SinumerikController) -> Snapshot {
     let now = Instant::now();
     until("a new reading", TIMEOUT, || {
@@ -65,7 +65,7 @@ fn positions_states_and_corrections() {
     assert!(snapshot.state.referenced && !snapshot.state.alarm && !snapshot.state.emergency_stop);
     assert_eq!(snapshot.applied, Some(PerChannel::ZERO));
 
-    // Rounded to steps of 0.1 µm, in the direction of the control's sign.
+    // The settings are rounded to 0.1 µm and have the sign of the control.
     let expected = PerChannel::leading([-0.03004, 0.00005, 0.007]);
     controller.apply(&expected, soon()).unwrap();
     until("the correction is read back", TIMEOUT, || {
@@ -75,13 +75,13 @@ fn positions_states_and_corrections() {
     until("the axis has the correction", TIMEOUT, || peer.number("correction_um", "X") == -30.0);
     assert_eq!(read(&mut controller).positions[0], 100.5);
 
-    // A value that is already set is not written again.
+    // A setting that already has its value is not written again.
     let [written, missed] = controller.writes();
     controller.apply(&expected, soon()).unwrap();
     next(&mut controller);
     next(&mut controller);
     assert_eq!(controller.writes(), [written, missed]);
-    // A value that another client changed is written again.
+    // A setting that another client changed is written again.
     peer.type_in("set X=0");
     until("the change is seen", TIMEOUT, || read(&mut controller).applied.unwrap()[0] == 0.0);
     controller.apply(&expected, soon()).unwrap();
@@ -143,7 +143,8 @@ fn a_control_that_ignores_corrections_is_rejected() {
         "{text}"
     );
     assert_eq!(controller.apply(&PerChannel::leading([0.01]), soon()), Err(Fault::NotConnected));
-    // The axis is accepted once its compensation is switched on, and rejected when it is switched off in operation.
+    // The axis is accepted once its compensation is switched on, and rejected if the compensation is switched off in
+    // operation.
     peer.type_in("md32750 3");
     until("it connects", TIMEOUT, || controller.read(soon()).is_ok());
     peer.type_in("md32750 0");
@@ -197,17 +198,17 @@ fn positions_age_while_the_sampler_stalls() {
     for fault in ["stall", "frozen-timestamps"] {
         peer.type_in(&format!("{fault} on"));
         until(fault, TIMEOUT, || age(&read(&mut controller)) > Duration::from_secs(1));
-        // The applied correction keeps the time of the exchange.
+        // The time of the applied correction is that of the exchange.
         assert!(next(&mut controller).applied.is_some());
         peer.type_in(&format!("{fault} off"));
         until("fresh again", TIMEOUT, || age(&read(&mut controller)) < Duration::from_secs(1));
     }
-    // Without timestamps only the time of the exchange is known.
+    // Without timestamps, the time of the values is that of the exchange.
     peer.type_in("no-timestamps on");
     let snapshot = next(&mut controller);
     next(&mut controller);
     assert!(age(&snapshot) <= snapshot.uncertainty + Duration::from_secs(1));
-    // False timestamps can be detected only on moving axes, so not here.
+    // False timestamps can be detected only while axes move, so they are not detected here.
     peer.type_in("stick on");
     let [first, second] = [next(&mut controller), next(&mut controller)];
     assert_eq!(age(&second), Duration::ZERO);
@@ -238,7 +239,7 @@ fn dropped_rejected_and_falsified_writes() {
     controller.apply(&expected, soon()).unwrap();
     until("the write is answered", TIMEOUT, || controller.writes()[0] == 1);
     assert_eq!(next(&mut controller).applied, Some(PerChannel::ZERO));
-    // The correction is sent again until applied.
+    // The correction is written again until the control has applied it.
     controller.apply(&expected, soon()).unwrap();
     until("the write is answered again", TIMEOUT, || controller.writes()[0] == 2);
 
@@ -277,7 +278,7 @@ fn silence_resets_the_session_without_blocking() {
     });
     until("a new session is open", TIMEOUT, || controller.read(soon()).is_ok());
     assert!(controller.sessions() > before);
-    // A write requested in the previous session is not sent in this one.
+    // A write requested in the previous session is not sent in the new session.
     let [written, missed] = controller.writes();
     next(&mut controller);
     next(&mut controller);

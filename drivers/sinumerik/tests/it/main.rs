@@ -1,4 +1,4 @@
-//! Tests the driver with a simulated control on an independent OPC UA library.
+//! Tests of the driver with a simulated control, which uses an independent OPC UA library.
 
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 

@@ -1,5 +1,5 @@
-//! A map is transferred over OPC UA to a PLC simulation that was written independently from the documentation: the axes get the map's
-//! values, and no transfer fault causes a step.
+//! Transfers a map over OPC UA to a simulated PLC that was written independently from the documentation. The axes get
+//! the values of the map, and transfer faults cause no step.
 
 use std::time::{Duration, Instant};
 
@@ -13,7 +13,8 @@ use volcomp_test_support::until;
 use crate::peer::{Peer, TIMEOUT};
 
 const MACHINE: u16 = 1002;
-/// One scan per 10 ms; the map is valid for 4 s after the last frame, enough for a busy computer.
+/// Settings of the simulated PLC, with 10 ms per scan. The map stays valid for 4 s after the last frame, which is
+/// enough for a busy computer.
 const PLC: &str = "machine=1002,capacity=700,limit=100,rate=2,hold=200,time_out=400";
 
 struct Words(MapWords);
@@ -44,7 +45,8 @@ fn open(peer: &Peer) -> Words {
     Words(MapWords::open(&server, MapNodes::default(), 700).expect("a server"))
 }
 
-/// A map over 1000 mm of X, Y and Z. Correction of X: 60 µm · x/1000 - 20 µm · (y/1000)²; of Y: 30 µm · x·z; of Z: -40 µm.
+/// A map over 0 to 1000 mm of X, Y and Z, with x, y and z in m: the correction is 60 µm·x − 20 µm·y² for X, 30 µm·x·z
+/// for Y, and −40 µm for Z.
 fn map(counter: u16) -> Map {
     let names = [AxisName::X, AxisName::Y, AxisName::Z];
     let request = Request {
@@ -86,7 +88,7 @@ fn applied_um(peer: &mut Peer, axis: &str) -> f64 {
     peer.number("map_um", axis)
 }
 
-/// Runs the sender until this axis has the correction `um`, µm.
+/// Steps the sender until the correction of this axis is within 1 µm of `um`.
 fn keep_until(peer: &mut Peer, sender: &mut Sender, words: &mut Words, axis: &str, um: f64) {
     until("the correction", TIMEOUT, || {
         sender.step(words).expect("no fault");
@@ -108,7 +110,7 @@ fn the_axes_follow_the_map() {
     for (axis, um) in ["X", "Y", "Z"].iter().zip(field(&[700.0, 200.0, 50.0, 0.0, 0.0])) {
         keep_until(&mut peer, &mut sender, &mut words, axis, um * 1e3);
     }
-    // The true position contains the correction, the reported one does not.
+    // The true position includes the correction; the reported position does not.
     let applied_um = peer.number("correction_um", "Z");
     assert!((applied_um + 40.0).abs() <= 1.0, "{applied_um}");
     let report = peer.report();
@@ -116,8 +118,8 @@ fn the_axes_follow_the_map() {
     words.0.close();
 }
 
-/// The server acknowledges writes but drops them: the map stays valid until its timeout, then the axes ramp to zero. When writes arrive
-/// again, the map is sent again.
+/// The server acknowledges writes but drops them. The map stays valid until its timeout; then the corrections ramp to
+/// zero. When writes have an effect again, the map is sent again.
 #[test]
 fn silence_ramps_to_zero_and_the_map_is_sent_again() {
     let Some(mut peer) = peer() else { return };
@@ -140,7 +142,8 @@ fn silence_ramps_to_zero_and_the_map_is_sent_again() {
     keep_until(&mut peer, &mut sender, &mut words, "Z", -40.0);
 }
 
-/// The sender of a second map is killed during its transfer while a first map is active: a third sender finds the control owned.
+/// While a first map is active, the sender of a second map is killed during its transfer. A third sender is then
+/// rejected, because another sender owns the control.
 #[test]
 fn a_killed_sender_and_a_foreign_sender() {
     let Some(mut peer) = peer() else { return };
@@ -161,7 +164,7 @@ fn a_killed_sender_and_a_foreign_sender() {
     let found = sender(7, 22).step(&mut others);
     assert!(matches!(found, Err(SendError::Held { by: 21, .. })), "{found:?}");
     assert!((applied_um(&mut peer, "Z") + 40.0).abs() <= 1.0);
-    // After the timeout of the first map the axes ramp to zero, and the third sender is accepted.
+    // After the timeout of the first map, the corrections ramp to zero, and the third sender is accepted.
     until("zero", TIMEOUT, || applied_um(&mut peer, "Z") == 0.0);
     assert!(!is_valid(&mut peer));
     let mut third = sender(7, 22);
@@ -170,7 +173,7 @@ fn a_killed_sender_and_a_foreign_sender() {
     assert!(report.contains("\"largest_move_um\": 2}"), "{report}");
 }
 
-/// A restarted PLC ignores its memory and gets the map again; a stopped PLC gets no writes.
+/// A PLC that was restarted does not use the map in its memory, and gets the map again. A stopped PLC gets no writes.
 #[test]
 fn a_restarted_plc_gets_the_map_again() {
     let Some(mut peer) = peer() else { return };

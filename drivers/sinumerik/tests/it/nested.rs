@@ -1,4 +1,5 @@
-//! A peer nests values in its first answer as deep as the largest message allows: the driver must return an error, not end the process.
+//! A peer nests the values in its first response as deeply as the maximum message length allows. The driver must return
+//! an error; the process must not end.
 
 use std::{
     io::{Read as _, Write as _},
@@ -26,13 +27,13 @@ fn receive(stream: &mut TcpStream) -> Vec<u8> {
     body
 }
 
-/// The number at this offset, and the offset after it.
+/// The number at this offset, and the offset behind it.
 fn number(bytes: &[u8], at: usize) -> (u32, usize) {
     let number = bytes[at..at + 4].try_into().expect("four");
     (u32::from_le_bytes(number), at + 4)
 }
 
-/// Answers the client's first message with a response whose header has nested diagnostics.
+/// Answers the first messages of the client; the last response has `nested` levels of diagnostics in its header.
 fn respond(stream: &mut TcpStream, nested: usize) {
     receive(stream);
     send(stream, *b"ACKF", &numbers(&[0, 65_535, 65_535, 0, 0]));
@@ -44,7 +45,7 @@ fn respond(stream: &mut TcpStream, nested: usize) {
         at = after + length as usize;
     }
     let (request, at) = number(&opening, at + 4);
-    // After the node id of the type, the null token and the time.
+    // Offset of the handle: after the node id of the type, the null token and the time.
     let (handle, _) = number(&opening, at + 4 + 2 + 8);
     let none = b"http://opcfoundation.org/UA/SecurityPolicy#None";
     let policy = [&numbers(&[47])[..], none].concat();
@@ -63,7 +64,7 @@ fn nested_diagnostics_are_an_error() {
     let peer = std::thread::spawn(move || {
         let (mut stream, _) = listener.accept().expect("a client");
         respond(&mut stream, 32 * 1024 - 300);
-        // The client closes.
+        // Wait until the client closes the connection.
         let _ = stream.read(&mut [0]);
     });
     let refused = list_axes(&Server::new(&*url), &Nodes::default());

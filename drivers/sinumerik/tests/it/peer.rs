@@ -1,4 +1,4 @@
-//! The simulated control: a separate program on the library asyncua.
+//! The simulated control, a separate program that uses the library asyncua.
 
 use std::{
     io::{BufRead as _, BufReader, Write as _},
@@ -8,7 +8,7 @@ use std::{
 
 use volcomp_test_support::{Running, peers, root};
 
-/// Timeout for a busy computer.
+/// Timeout that is long enough for a busy computer.
 pub(crate) const TIMEOUT: Duration = Duration::from_secs(40);
 
 pub(crate) struct Peer {
@@ -18,7 +18,7 @@ pub(crate) struct Peer {
 }
 
 impl Peer {
-    /// Starts a simulated control on a free port; `None` if the tests' Python is missing.
+    /// Starts a simulated control on a free port; `None` if the Python for tests is missing.
     pub(crate) fn start(arguments: &[&str]) -> Option<Self> {
         let python = peers::python()?;
         let program = root().join("drivers/sinumerik/tests/peer/sinumerik-sim.py");

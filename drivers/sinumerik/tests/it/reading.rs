@@ -1,4 +1,4 @@
-//! Tests the decoding of responses, and invalid configurations.
+//! Tests of the decoding of responses, and of invalid configurations.
 
 use std::time::{Duration, Instant};
 
@@ -45,7 +45,7 @@ fn responses_are_decoded_in_order() {
     assert_eq!(snapshot.taken, now + Duration::from_millis(10));
     assert!(snapshot.state.referenced && !snapshot.state.alarm && !snapshot.state.emergency_stop);
 
-    // The oldest position determines the time of the positions; the age of a setting does not.
+    // The oldest position determines the time of the snapshot; the age of a setting has no influence.
     let mut aged = good.clone();
     aged[1].age = Some(Duration::from_millis(7));
     aged[2].age = Some(Duration::from_secs(1000));
@@ -53,13 +53,13 @@ fn responses_are_decoded_in_order() {
     assert_eq!(snapshot.taken, now + Duration::from_millis(3));
     assert_eq!(snapshot.correction_taken, now + Duration::from_millis(10));
 
-    // A missing state forbids correction.
+    // Unknown state values forbid the correction.
     let mut missing = good.clone();
     missing[5].number = None;
     missing[6].number = None;
     let state = reading.snapshot(&missing, now, later).unwrap().state;
     assert!(!state.referenced && state.alarm);
-    // A reading needs a number for every position and setting.
+    // A snapshot needs a number for each position and each setting.
     for place in [0, 1, 2, 3] {
         for number in [None, Some(f64::NAN)] {
             let mut missing = good.clone();
@@ -112,7 +112,7 @@ fn invalid_configurations_are_rejected() {
 
 #[test]
 fn lag_is_speed_times_period() {
-    // 10 m/min for 100 ms.
+    // 10 m/min for 100 ms give 16.667 mm.
     let lag = lag(10_000.0 / 60.0, Duration::from_millis(100));
     assert!((lag.0 - 16.667).abs() < 1e-3);
 }

@@ -1,4 +1,4 @@
-//! Tests secured connections to servers of an independent library that accept no others.
+//! Tests of secured connections to servers of an independent library that accept only secured connections.
 
 use std::{
     fs,
@@ -11,13 +11,13 @@ use std::{
 use volcomp_sinumerik::{Nodes, Security, Server, list_axes};
 use volcomp_test_support::{Running, peers, root};
 
-/// A folder with client certificates, created by the commands in the book.
+/// A folder with certificates of the client, created by the commands of the book.
 struct Client {
     folder: tempfile::TempDir,
 }
 
 impl Client {
-    /// `None` if a program is missing.
+    /// `None` if a required program is missing.
     fn new() -> Option<Self> {
         let folder = tempfile::tempdir().unwrap();
         let book = fs::read_to_string(root().join("docs/src/gateway.md")).unwrap();
@@ -48,7 +48,7 @@ impl Client {
         files.map(|file| file.unwrap().path()).collect()
     }
 
-    /// Reads the positions of the server's axes; the driver's error otherwise.
+    /// Returns the names and positions of the server's axes, or the driver's error as text.
     fn list_axes(&self, url: &str, security: Security) -> Result<Vec<(String, f64)>, String> {
         let mut server = Server::new(url);
         server.security = security;
@@ -66,7 +66,7 @@ impl Client {
     }
 }
 
-/// Starts a server with its files in this folder; returns its URL.
+/// Starts a server with its files in this folder, and returns the process and its URL.
 fn serve(folder: &Path, more: &[&str]) -> Option<(Running, String)> {
     let mut command = Command::new(peers::python()?);
     command
@@ -104,7 +104,7 @@ fn a_server_is_trusted_after_the_operator_accepts_it() {
     let fingerprint = String::from_utf8(fingerprint.stdout).unwrap();
     let (_, fingerprint) = fingerprint.trim().split_once('=').unwrap();
     assert!(message.contains(fingerprint), "{fingerprint}: {message}");
-    // The rejected certificate is not trusted at the second attempt either.
+    // A rejected certificate is not trusted at the second attempt either.
     client.refused(&url, &["not trusted"]);
     let name = rejected[0].file_name().unwrap();
     fs::rename(&rejected[0], client.pki().join("trusted").join(name)).unwrap();
@@ -112,7 +112,7 @@ fn a_server_is_trusted_after_the_operator_accepts_it() {
     assert_eq!(client.list_axes(&url, Security::SignAndEncrypt), Ok(axes()));
     fs::remove_file(client.pki().join("trusted").join(name)).unwrap();
     client.refused(&url, &["not trusted"]);
-    // As copied from the control: PEM under another name, while the rejected file still exists.
+    // The certificate as copied from the control: PEM with another file name, while the rejected file still exists.
     let pem = client.pki().join("trusted/mill-1.pem");
     let made = Command::new("openssl")
         .args(["x509", "-inform", "der", "-in"])
@@ -157,7 +157,7 @@ fn certificate_errors_of_the_server_are_reported() {
         fs::copy(folder.path().join("server.der"), trusted).unwrap();
         client.refused(&url, words);
     }
-    // A new certificate of the control is not trusted.
+    // Another certificate of the control is not trusted.
     let folder = tempfile::tempdir().unwrap();
     let Some((_server, url)) = serve(folder.path(), &trust) else {
         return;

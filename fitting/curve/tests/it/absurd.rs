@@ -1,4 +1,4 @@
-//! Any numbers give an error, or a curve that can be evaluated everywhere.
+//! Arbitrary numbers give an error, or a curve that can be evaluated at any coordinate.
 
 use proptest::{collection::vec, prelude::*};
 use volcomp_curve::{
@@ -23,7 +23,7 @@ fn count() -> impl Strategy<Value = usize> {
     prop_oneof![0..10_usize, any::<usize>()]
 }
 
-/// Increasing nodes, which constructors accept, with absurd values and gaps.
+/// Increasing nodes that constructors accept, with extreme values and gaps.
 fn nodes() -> impl Strategy<Value = Vec<[f64; 2]>> {
     let rising = vec((prop_oneof![1e-300..1e-9, 0.1..10.0, 1e9..1e306_f64], number()), 0..12);
     let rising = rising.prop_map(|gaps| {
@@ -115,7 +115,7 @@ proptest! {
         }
     }
 
-    /// The lag stays between its previous value and its input, and two half steps equal one step.
+    /// The lagged value lies between its previous value and the input, and two half steps equal one step.
     #[test]
     fn a_lag_moves_towards_its_input(
         before in -50.0..50.0_f64, input in -50.0..50.0_f64, dt in 0.0..1e4_f64, lag in 0.0..1e4_f64,
@@ -127,7 +127,8 @@ proptest! {
         prop_assert!((twice - after).abs() < 1e-9);
     }
 
-    /// The lag stays between its previous value and the ends of the ramp, and two half ramps equal one ramp.
+    /// The lagged value lies within the range of its previous value and the ends of the ramp, and two half ramps equal
+    /// one ramp.
     #[test]
     fn a_lag_follows_a_ramp(
         before in -50.0..50.0_f64, from in -50.0..50.0_f64, to in -50.0..50.0_f64, dt in 0.0..1e4_f64, lag in 0.0..1e4_f64,
@@ -151,7 +152,7 @@ proptest! {
     }
 }
 
-/// After one time constant the lag has reached 1 − 1/e of a step; negative time steps count as 0.
+/// After one time constant, the lagged value has reached 1 − 1/e of a step. Negative time steps count as 0.
 #[test]
 fn a_lag_in_closed_form() {
     let reached = first_order_lag(20.0, 30.0, 600.0, 600.0);
@@ -162,7 +163,8 @@ fn a_lag_in_closed_form() {
     }
 }
 
-/// On a ramp much longer than the time constant the lag trails by slope × time constant; many short steps equal one long step.
+/// On a ramp much longer than the time constant, the lagged value trails by slope × time constant. Many short steps
+/// equal one long step.
 #[test]
 fn a_lag_of_a_ramp_in_closed_form() {
     let behind = first_order_lag_of_ramp(20.0, 20.0, 50.0, 3e4, 600.0);

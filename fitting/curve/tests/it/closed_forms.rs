@@ -27,7 +27,7 @@ fn chebyshev_is_the_cosine_of_multiple_angles() {
         close(eyx.value(x), value);
         close(eyx.derivative(x), slope / 3950.0);
     }
-    // c0 is not halved; all terms are 1 at the upper end.
+    // The coefficient c0 is not halved; at the upper end all terms are 1.
     close(eyx.value(8000.0), 0.4 - 1.2 + 3.0 + 0.7 - 2.2);
 }
 

@@ -2,7 +2,7 @@ use proptest::prelude::*;
 use volcomp_curve::{Curve, ErrorCurve, Field, Grid, Polynomial};
 use volcomp_vocabulary::Direction;
 
-/// Grid over Y (coordinate 1) and Z (coordinate 2).
+/// A grid over Y (coordinate index 1) and Z (coordinate index 2).
 fn sag() -> Grid {
     let values = vec![vec![0.0, 1.0, 2.0], vec![0.5, 1.5, 2.5]];
     Grid::new([1, 2], [vec![0.0, 500.0], vec![0.0, 650.0, 1050.0]], values).unwrap()

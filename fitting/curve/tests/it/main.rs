@@ -1,4 +1,4 @@
-//! Curves compared with closed forms, SciPy, and independent second implementations.
+//! Tests of curves against closed forms, SciPy and independent second implementations.
 
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 

@@ -2,8 +2,8 @@ use nalgebra::{DMatrix, DVector};
 use proptest::prelude::*;
 use volcomp_curve::{Curve, MovingLeastSquares};
 
-/// The published formula: Chebyshev polynomials over the whole range, Gaussian weights with compact support, normal equations solved by
-/// singular values.
+/// The formula as published: Chebyshev polynomials over the whole range, Gaussian weights with compact support, and
+/// normal equations solved by singular value decomposition.
 fn reference(nodes: &[[f64; 2]], order: usize, support: f64, shape: f64, x: f64) -> f64 {
     let (start, end) = (nodes[0][0], nodes[nodes.len() - 1][0]);
     let h = support * (end - start);
@@ -71,7 +71,7 @@ fn as_many_positive_weights_as_coefficients_interpolate() {
     }
 }
 
-/// A fit of order 6 contains those of all lower orders, with a bound of their condition.
+/// A fit of order 6 contains the fits of all lower orders, each with a bound of its condition number.
 #[test]
 fn lower_orders_are_nested() {
     let nodes = wavy(21);

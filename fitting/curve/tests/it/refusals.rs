@@ -89,7 +89,7 @@ fn moving_least_squares() {
         mls(4, 0.3, 3.0),
         "support 0.3 gives fewer than 5 of 11 nodes a positive weight at 0: expected more than 0.4 for order 4, or a lower order",
     );
-    // With the support in the message the curve can be built.
+    // The curve can be built with the support that the message requires.
     assert!(mls(4, 0.4, 3.0).is_err());
     let curve = mls(4, 0.400001, 3.0).unwrap();
     for i in 0..=1000 {
@@ -101,7 +101,7 @@ fn moving_least_squares() {
     assert!(mls(2, NAN, 3.0).is_err() && mls(2, 0.5, NAN).is_err() && mls(2, INF, 3.0).is_err());
     let few = nodes[..3].to_vec();
     refused(MovingLeastSquares::new(few, 3, 1.0, 3.0), "found 3 nodes: expected at least 4");
-    // A gap in the middle counts like the ends.
+    // A gap in the middle has the same effect as a missing end.
     let mut gap = nodes.clone();
     gap.drain(3..8);
     assert!(MovingLeastSquares::new(gap, 1, 0.29, 3.0).is_err());

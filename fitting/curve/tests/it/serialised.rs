@@ -1,4 +1,4 @@
-//! Deserialised curves are checked as by their constructors.
+//! Deserialised curves are checked like curves from constructors.
 
 use volcomp_curve::{
     BSpline, Chebyshev, Curve, ErrorCurve, Field, Fourier, Grid, MovingLeastSquares, Polynomial,

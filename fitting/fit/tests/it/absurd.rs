@@ -1,4 +1,4 @@
-//! Any readings give a fit or an error, never a panic.
+//! Arbitrary readings give a fit or an error, never a panic.
 
 use proptest::{collection::vec, prelude::*};
 use volcomp_fit::{
@@ -16,7 +16,7 @@ fn number() -> impl Strategy<Value = f64> {
     ]
 }
 
-/// A valid reading, including the largest and the smallest.
+/// A finite reading, including the largest and the smallest number.
 fn reading() -> impl Strategy<Value = f64> {
     number().prop_filter("finite", |x| x.is_finite())
 }
@@ -87,7 +87,7 @@ proptest! {
             fit_thermal(&record, start..end, &options),
             fit_thermal(&record, 0..end, &ThermalOptions::plain()),
         ];
-        // Terms for other sensors than those of the record.
+        // The number of sensors of this term differs from that of the record.
         let term = ThermalTerm { lag_s: penalty, per_k: values.clone() };
         fits.push(Ok(ThermalFit {
             terms: vec![term],
@@ -103,7 +103,7 @@ proptest! {
     }
 }
 
-/// Without rows there is no residual, also if a range ends before its start.
+/// Without rows there is no residual; the same applies to a range that ends before its start.
 #[test]
 fn no_rows_have_no_residual() {
     let record = ThermalRecord {

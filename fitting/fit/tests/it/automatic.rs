@@ -13,13 +13,13 @@ fn mls(fit: &Fit) -> &MovingLeastSquares {
     curve
 }
 
-/// Readings with a trend, waves and noise over some targets.
+/// Readings (µm) with a trend, waves and noise at these targets (mm).
 fn wavy(x: &[f64], seed: u64) -> Vec<f64> {
     noisy(x, 0.5, seed, |x| 10.0 * (x / 700.0).sin() + 4.0 * (x / 300.0).cos())
 }
 
-/// Two sets of targets: evenly spaced, with none at the edge of a tried support, where rounding would decide whether it counts; and dense at
-/// the ends, sparse in the middle.
+/// Two sets of targets. The first is evenly spaced, with no target at the edge of a tried support, where rounding would
+/// decide whether the target counts. The second is dense at the ends and sparse in the middle.
 fn spacings() -> [Vec<f64>; 2] {
     let uneven = |i: u32| 4000.0 * (1.0 - (f64::from(i) * std::f64::consts::PI / 22.0).cos());
     [targets(32), (0..=22).map(uneven).collect()]
@@ -43,7 +43,7 @@ fn the_scan_is_that_of_brute_force() {
             assert_eq!(found.order, order);
             assert!((found.support - support).abs() < 1e-12);
             assert!((found.max_residual - largest).abs() < 1e-6, "{found:?} {largest}");
-            // Rounding errors grow with the condition of the equations.
+            // Rounding errors grow with the condition number of the equations.
             assert!(
                 (found.leave_one_out_rms / leave_one_out - 1.0).abs() < 1e-4,
                 "{found:?} {leave_one_out}"
@@ -58,7 +58,7 @@ fn takes_the_best_of_all_candidates() {
         let u = wavy(&x, seed);
         let nodes: Vec<[f64; 2]> = x.iter().zip(&u).map(|(&x, &u)| [x, u]).collect();
         let all = brute_force::scan(&nodes);
-        // Few settings meet the second requirement, none meets the last.
+        // Few settings meet the requirement 0.5, and none meets the requirement 1e-6.
         for required in [None, Some(1.0), Some(0.5), Some(1e-6)] {
             let ((order, support, ..), any) = brute_force::choice(&all, required);
             let found = fit_mls_auto(&x, &u, 3.0, required).unwrap();
@@ -75,7 +75,7 @@ fn the_published_pair_is_carried_by_its_own_targets() {
     let x = targets(21);
     let nodes: Vec<[f64; 2]> = x.iter().map(|&x| [x, 0.0]).collect();
     assert!(brute_force::carried(&nodes, 4, 8000.0 / 3.0));
-    // A window of a sixth of the range on each side follows this wave, a wider one does not.
+    // A window of a sixth of the range on each side follows this wave; a wider window does not.
     let u = at(&x, |x| 8.0 * (x / 420.0).sin());
     let trials = scan_mls(&x, &u, 3.0).unwrap();
     let is_published = |t: &&MlsTrial| t.order == 4 && (t.support - 1.0 / 3.0).abs() < 1e-12;
@@ -93,7 +93,8 @@ fn says_when_the_required_residual_is_not_met() {
     assert_eq!(fit.curve, fit_mls_auto(&x, &u, 3.0, None).unwrap().curve);
 }
 
-/// With more than 100 targets the settings are tested at some of them, with supports of at most 400 targets; the curve is as good as with few.
+/// With more than 100 targets, the settings are tested at some of the targets, with supports of at most 400 targets.
+/// The curve is as good as with few targets.
 #[test]
 fn many_targets_are_followed_like_few() {
     let wave = |x: f64| 10.0 * (x / 500.0).sin();
@@ -105,15 +106,15 @@ fn many_targets_are_followed_like_few() {
         assert!(mls(&fit).half_width() * f64::from(count) <= 400.0 * 8000.0 * 1.01);
         let misses = x.iter().map(|&x| (fit.curve.value(x) - wave(x)).powi(2));
         let rms = (misses.sum::<f64>() / f64::from(count)).sqrt();
-        // Residual of a fit of ten to twenty coefficients at a scatter of 1.
+        // This limit is the residual of a fit with ten to twenty coefficients for a scatter of 1 µm.
         assert!(rms < 0.6, "{count}: {rms}");
-        // A single reading that no curve follows is reported, even if its target is not one at which the settings are tested.
+        // A single reading that no curve follows is reported, even if the settings are not tested at its target.
         let mut u = u;
         u[usize::try_from(count / 2).unwrap() + 1] += 200.0;
         let fit = fit_mls_auto(&x, &u, 3.0, Some(20.0)).unwrap();
         assert_eq!(fit.meets_required, Some(false), "{count}");
     }
-    // Both directions of a line get one setting, even if one has a target more.
+    // Both directions of a line get the same setting, even if one direction has an additional target.
     let [x, more] = [targets(800), targets(801)];
     let sets = [(&x[..], at(&x, wave)), (&more[..], at(&more, wave))];
     let both = sets.each_ref().map(|(x, u)| (*x, &u[..]));
@@ -153,7 +154,8 @@ fn few_targets_get_simpler_curves() {
     assert_eq!(polynomial.coefficients().len(), 3);
     let constant = fit_auto(&x, &[2.0; 6], None).unwrap();
     assert!(matches!(&constant.curve, Curve::Polynomial(p) if p.coefficients().len() == 1));
-    // With three targets moving least squares have no candidate: without one of them only a line through two would remain.
+    // Three targets give no candidate for moving least squares: with one target omitted, only a line through two would
+    // remain.
     let x = targets(3);
     assert!(matches!(
         fit_mls_auto(&x, &x, 3.0, None),
@@ -162,12 +164,13 @@ fn few_targets_get_simpler_curves() {
     assert!(matches!(scan_mls(&x, &x, 3.0), Err(FitError::NoCandidate { targets: 3, .. })));
     let x = targets(7);
     assert!(matches!(fit_auto(&x, &x, None).unwrap().curve, Curve::Polynomial(_)));
-    // A straight line needs only a polynomial, with any number of targets.
+    // A straight line is fitted by a polynomial, with any number of targets.
     let x = targets(21);
     assert!(matches!(fit_auto(&x, &x, None).unwrap().curve, Curve::Polynomial(_)));
 }
 
-/// The setting for two directions is the one with the smallest error at omitted targets, when each curve is refitted without them.
+/// The setting for two directions is the one with the smallest error at omitted targets when both curves are refitted
+/// without these targets.
 #[test]
 fn the_setting_of_both_directions_is_that_of_refits() {
     let mut noise = 7_u32;
@@ -185,7 +188,7 @@ fn the_setting_of_both_directions_is_that_of_refits() {
         let others = values.iter().enumerate().filter(|(k, _)| *k != left);
         others.map(|(_, value)| *value).collect()
     };
-    // The support is a share of the range, which does not change if an inner target is omitted.
+    // The support is a fraction of the range. The range is the same if an inner target is omitted.
     let missed = |order: usize, support: f64| -> Option<f64> {
         let mut sum = 0.0;
         for u in &sets {
@@ -207,7 +210,7 @@ fn the_setting_of_both_directions_is_that_of_refits() {
     let both: Vec<(&[f64], &[f64])> = sets.iter().map(|u| (&x[..], &u[..])).collect();
     let (order, support) = volcomp_fit::choose_mls(&both, 3.0, None).expect("a setting");
     assert_eq!((order, support), (refitted.order, refitted.support));
-    // Only a stiffer or looser setting meets this required residual; it is found.
+    // Only one stiffer or one looser setting meets this required residual, and the choice finds it.
     let strict = volcomp_fit::choose_mls(&both, 3.0, Some(0.3)).expect("a setting");
     for u in &sets {
         let fit = volcomp_fit::fit_mls(&x, u, strict.0, strict.1, 3.0).expect("a fit");

@@ -1,4 +1,4 @@
-//! 95 % bands, compared with known truth.
+//! Tests of 95 % bands against known truth.
 
 use volcomp_fit::{
     Band, BandOptions, BandSource, FitOptions, Method, band, choose, fit_polynomial,
@@ -45,8 +45,9 @@ fn bands_cover_the_truth_of_generated_lines() {
     assert!((0.90..=0.99).contains(&share), "{share}");
 }
 
-/// Plotted bands contain the truth at 92 to 98 % of the positions at and between the targets of a hundred lines, a fifth of them with
-/// targets too sparse for the pitch of the screw. For these the bands of the targets alone contain it at less than 40 %.
+/// On a hundred lines, plotted bands contain the truth at 92 to 98 % of the positions at and between targets. On a
+/// fifth of the lines the targets are too sparse for the pitch of the ball screw; bands from the targets alone contain
+/// the truth there at less than 40 % of the positions.
 #[test]
 fn bands_cover_the_truth_between_targets() {
     let mut all = [Covered::default(); 2];
@@ -62,16 +63,16 @@ fn bands_cover_the_truth_between_targets() {
     assert!((0.92..=0.98).contains(&together.share()), "{together:?}");
     assert!((0.92..=0.98).contains(&others.share()), "{others:?}");
     assert!(sparse.share_of_targets() < 0.4, "{sparse:?}");
-    // Most of these undersampled lines give a warning; a few look like a long wave.
+    // Most undersampled lines give a warning; a few look like a long wave.
     assert!(10 * sparse.warned >= 8 * sparse.curves, "{sparse:?}");
-    // Twenty undersampled lines are too few to determine the coverage, so a hundred more are used.
+    // Twenty undersampled lines are too few to determine the coverage; about eighty more are used.
     for index in (104..500).step_by(5) {
         sparse.add(covered(&undersampled(29, index), 100));
     }
     assert!((0.93..=0.97).contains(&sparse.share()), "{sparse:?}");
 }
 
-/// The band of a line through many runs is that of the textbook, ±1.96 σ √(h/m).
+/// The band of a line through many runs equals that of textbooks: ±1.96 σ √(h/m) for m runs, with the leverage h.
 #[test]
 fn the_band_of_many_runs_matches_the_textbook() {
     let x = targets(11);
@@ -81,15 +82,16 @@ fn the_band_of_many_runs_matches_the_textbook() {
     let line = Method::Polynomial { order: 1 };
     let found = band(line, &parts, &at, &BandOptions::default()).unwrap();
     assert_eq!(found.source, BandSource::Runs);
-    // h = 1/n + (x − x̄)²/Σ(x − x̄)²; for eleven even targets 1/11 in the middle and 1/11 + 25/110 at the ends.
+    // h = 1/n + (x − x̄)²/Σ(x − x̄)². For eleven evenly spaced targets, h is 1/11 in the middle and 1/11 + 25/110 at
+    // the ends.
     for (half, h) in found.half_width.iter().zip([7.0 / 22.0, 1.0 / 11.0, 7.0 / 22.0]) {
         let expected = 1.96 * (h / 200.0_f64).sqrt();
         assert!((half / expected - 1.0).abs() < 0.2, "{half} {expected}");
     }
 }
 
-/// The band of one run is ±t s √h with the residual standard deviation s, plus a part for the shape, within 6 % because of the
-/// resampling.
+/// The band of one run is ±t s √h, with the residual standard deviation s and the leverage h, plus a component for the
+/// shape. Resampling causes differences of up to 6 %.
 #[test]
 fn the_band_of_one_run_matches_the_textbook() {
     let x = targets(21);
@@ -102,7 +104,7 @@ fn the_band_of_one_run_matches_the_textbook() {
     let fit = fit_polynomial(&x, &u, 1, [0.0, 8000.0]).unwrap();
     let s = (fit.residuals.iter().map(|r| r * r).sum::<f64>() / 19.0).sqrt();
     for (half, h) in found.half_width.iter().zip([1.0 / 21.0 + 100.0 / 770.0, 1.0 / 21.0]) {
-        // A quarter of the variance is attributed to the shape.
+        // A quarter of the residual variance is attributed to the shape.
         let expected = s * (2.093_f64.powi(2) * h + 4.0 * 0.25).sqrt();
         assert!((half / expected - 1.0).abs() < 0.06, "{half} {expected}");
     }

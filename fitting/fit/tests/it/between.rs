@@ -1,12 +1,13 @@
-//! Curves between irregularly spaced targets, and the warnings about them.
+//! Tests of curves between irregularly spaced targets, and of the warnings about them.
 
 use volcomp_fit::{Between, Method, fit_polynomial};
 
 use crate::gaps::{KINDS, NOISE, Warned, between, even, irregular, nearly_even};
 use crate::{noisy, targets};
 
-/// A curve of any kind that misses the truth by more than 30 µm gives a warning, with known and unknown noise; of the correct curves at most one
-/// in ten does. The sets are the first 40 of the 500 of `examples/gaps.rs`, and five on which kinds fail that rarely do.
+/// Each curve that misses the truth by more than 30 µm gives a warning, with known and unknown noise. Of the correct
+/// curves, at most one in ten gives a warning. The test uses the first 40 of the 500 sets of `examples/gaps.rs`, and
+/// five sets on which kinds of curve fail that rarely fail.
 #[test]
 fn curves_that_miss_the_truth_in_a_gap_are_warned_of() {
     let sets = || (0..40).chain([131, 161, 198, 248, 413]);
@@ -14,7 +15,7 @@ fn curves_that_miss_the_truth_in_a_gap_are_warned_of() {
         let (name, _) = kind;
         let found = Warned::of(kind, irregular, sets());
         assert!(found.silent.is_empty(), "{name} {found:?}");
-        // A smoothing B-spline never misses by as much.
+        // A smoothing B-spline never misses the truth by more than 30 µm.
         assert!(found.gross > 0 || name == "B-spline", "{name} {found:?}");
         if ["B-spline", "auto"].contains(&name) {
             assert!(10 * found.cried <= found.harmless, "{name} {found:?}");
@@ -22,7 +23,7 @@ fn curves_that_miss_the_truth_in_a_gap_are_warned_of() {
         for make in [even, nearly_even] {
             let found = Warned::of(kind, make, 0..40);
             assert!(found.silent.is_empty(), "{name} {found:?}");
-            // A series of order twelve through 21 targets has large leave-one-out errors and warns more often.
+            // A Chebyshev series through 21 targets has large leave-one-out errors and gives a warning more often.
             if !name.starts_with("Chebyshev") {
                 assert!(20 * found.cried <= found.harmless, "{name} {found:?}");
             }
@@ -30,7 +31,7 @@ fn curves_that_miss_the_truth_in_a_gap_are_warned_of() {
     }
 }
 
-/// Of a hundred sets of pure scatter, at most five give a warning.
+/// Of a hundred sets of readings that consist only of scatter, at most five give a warning.
 #[test]
 fn scatter_alone_is_not_warned_of() {
     let warned = (0..100).filter(|index| {
@@ -45,7 +46,7 @@ fn scatter_alone_is_not_warned_of() {
     assert!(warned.count() <= 5);
 }
 
-/// A polynomial through clustered targets swings in the gap; the warning names the gap.
+/// A polynomial through clustered targets oscillates in the gap between them; the warning names the gap.
 #[test]
 fn a_kind_that_swings_in_a_gap_is_warned_of() {
     let x = [0.0, 100.0, 200.0, 300.0, 400.0, 500.0, 600.0, 3000.0, 3100.0, 3200.0, 3300.0, 3400.0];
@@ -57,7 +58,8 @@ fn a_kind_that_swings_in_a_gap_is_warned_of() {
     assert!(said.contains("between the targets 600 and 3000 mm"), "{said}");
 }
 
-/// The leave-one-out errors reveal a wave of 1.3 gaps. An error that 21 targets resolve gives no warning, nor does scatter.
+/// Leave-one-out errors reveal a wave with a length of 1.3 gaps. Errors that 21 targets resolve and scatter give no
+/// warning.
 #[test]
 fn targets_that_are_too_sparse_are_warned_of() {
     let x = targets(21);
@@ -80,7 +82,8 @@ fn targets_that_are_too_sparse_are_warned_of() {
     assert!(!unknown.is_too_sparse());
 }
 
-/// A parabola through waves of five gaps gives a warning. A table through them does not, nor does a parabola through a bend.
+/// A parabola fitted to waves with a length of five gaps gives a warning. A table through the waves and a parabola
+/// fitted to a bend give none.
 #[test]
 fn a_curve_that_does_not_follow_its_readings_is_warned_of() {
     let x = targets(31);
@@ -92,7 +95,7 @@ fn a_curve_that_does_not_follow_its_readings_is_warned_of() {
         let u = noisy(&x, NOISE, 3, truth);
         between(&method.fit(&x, &u).expect("a curve"), &x, &u)
     };
-    // A slope added to the waves does not hide them.
+    // A slope in addition to the waves does not hide them.
     let steep = |x: f64| wave(x) + 0.3 * x;
     assert!(of(&steep, parabola).is_not_followed());
     let found = of(&wave, parabola);
@@ -103,7 +106,8 @@ fn a_curve_that_does_not_follow_its_readings_is_warned_of() {
     }
 }
 
-/// With a single run, whose repeatability is unknown, the warning compares the residual with the scatter from target to target.
+/// With a single run the repeatability is unknown, and the warning compares the residuals with the scatter from target
+/// to target.
 #[test]
 fn a_curve_that_does_not_follow_one_run_is_warned_of() {
     let x = targets(31);
@@ -122,14 +126,14 @@ fn a_curve_that_does_not_follow_one_run_is_warned_of() {
     assert_eq!(of(&wave(10.0), Method::CubicTable), None);
     assert_eq!(of(&|x| 0.03 * x - 0.1, line), None);
     assert_eq!(of(&|_| 5.3, line), None);
-    // An arch over few targets.
+    // The deviation is an arch over few targets.
     for count in [4, 5, 6, 7] {
         let few = targets(count);
         let u: Vec<f64> = few.iter().map(|x| -1e-6 * x * (x - 8000.0)).collect();
         let fit = line.fit(&few, &u).expect("a line");
         assert!(Between::of(&fit, &few, &u, None).is_not_followed(), "{count}");
     }
-    // Three runs with different zeros.
+    // Three runs have different zero offsets.
     let shifts = [-10.0, 0.0, 10.0];
     let u: Vec<f64> = (shifts.iter())
         .flat_map(|shift| x.iter().map(move |x| shift - 1e-6 * x * (x - 8000.0)))
@@ -137,7 +141,7 @@ fn a_curve_that_does_not_follow_one_run_is_warned_of() {
     let of_runs = [&x[..]; 3].concat();
     let fit = line.fit(&of_runs, &u).expect("a line");
     assert!(between(&fit, &of_runs, &u).is_not_followed());
-    // A wave of three gaps looks like scatter.
+    // A wave with a length of three gaps looks like scatter.
     assert_eq!(of(&wave(3.0), line), None);
     let warned = (0..200).filter(|seed| {
         let u = noisy(&x, NOISE, *seed, |_| 0.0);

@@ -1,4 +1,4 @@
-//! The automatic choice of a kind of curve.
+//! Tests of the automatic choice of a kind of curve.
 
 use volcomp_fit::curve::Curve;
 use volcomp_fit::{FitOptions, Method, Noise, Reason, choose, fit_auto};
@@ -10,8 +10,9 @@ fn none() -> FitOptions {
     FitOptions::default()
 }
 
-/// On 200 generated lines the leave-one-out error of the choice, as reported and by refits without each target, is at most twice that of
-/// the best single kind; its distance from the truth is on average less than 1.15 times that of the best kind.
+/// On 200 generated lines, the leave-one-out error of the choice is at most twice that of the best single kind, both as
+/// reported and when refitted without each target. The distance of the chosen curve from the truth is on average less
+/// than 1.15 times that of the best kind.
 #[test]
 fn never_worse_than_twice_the_best_single_kind() {
     let mut from_truth = Vec::new();
@@ -32,12 +33,12 @@ fn never_worse_than_twice_the_best_single_kind() {
     }
     from_truth.sort_by(f64::total_cmp);
     let mean = (from_truth.iter().sum::<f64>() / 200.0).exp();
-    // Compared with the kind nearest to the truth.
+    // The comparison is with the kind that is nearest to the truth.
     assert!(mean < 1.15, "{mean}");
     assert!(from_truth[180].exp() < 1.5, "{}", from_truth[180].exp());
 }
 
-/// Pure noise gives the constant, its mean, on at least 40 of 60 lines.
+/// For readings that consist only of noise, the choice is the constant, their mean, on at least 40 of 60 lines.
 #[test]
 fn noise_gives_nearly_a_constant() {
     let mut constants = 0;
@@ -51,7 +52,7 @@ fn noise_gives_nearly_a_constant() {
         constants += u32::from(found.choice.chosen().unwrap().coefficients < 1.5);
         let fine = targets(201);
         let off: f64 = fine.iter().map(|&x| (found.fit.curve.value(x) - 5.0).powi(2)).sum();
-        // In units of the standard deviation of a mean reading.
+        // Errors are in units of the standard deviation of a mean reading.
         squares += off / 201.0 * runs as f64;
     }
     assert!(constants >= 40, "{constants} of 60");
@@ -59,14 +60,15 @@ fn noise_gives_nearly_a_constant() {
     assert!(rms < 0.5, "{rms}");
 }
 
-/// Between targets, even or with a wide gap, no chosen curve leaves the band of the readings by more than a quarter of its height.
+/// Between targets, evenly spaced or with a wide gap, no chosen curve is outside the range of the readings by more than
+/// a quarter of its height.
 #[test]
 fn no_chosen_curve_leaves_the_band() {
     for seed in 0..40_u32 {
         let count = 5 + seed % 17;
         let mut x = targets(count);
         if seed % 2 == 1 && count > 8 {
-            // A gap of four targets near the end.
+            // Four neighbouring targets near the end are missing.
             x.drain(count as usize - 6..count as usize - 2);
         }
         let bend = 200.0 + 80.0 * f64::from(seed % 7);
@@ -75,7 +77,7 @@ fn no_chosen_curve_leaves_the_band() {
         let low = u.iter().copied().fold(f64::INFINITY, f64::min);
         let high = u.iter().copied().fold(f64::NEG_INFINITY, f64::max);
         let more = 0.25 * (high - low);
-        // Slightly more than at the positions that the rule samples.
+        // The limit is slightly larger than at the positions that the rule samples.
         for x in targets(1601) {
             let value = curve.value(x);
             assert!(
@@ -96,14 +98,14 @@ fn few_equal_and_repeated_targets() {
     assert_eq!(one.choice.reason, Reason::FewTargets);
     let two = chosen(&[0.0, 10.0], &[1.0, 3.0]);
     assert_eq!(two.choice.method, Method::Polynomial { order: 1 });
-    // Three readings do not distinguish a bend from scatter: a line.
+    // Three readings cannot distinguish a bend from scatter: the choice is a line.
     let three = chosen(&[0.0, 10.0, 20.0], &[0.0, 6.0, 10.0]);
     assert_eq!(three.choice.method, Method::Polynomial { order: 1 });
-    // Two equal runs do.
+    // Two equal runs over the three targets can.
     let x = [0.0, 10.0, 20.0, 0.0, 10.0, 20.0];
     let bent = chosen(&x, &[0.0, 6.0, 10.0, 0.01, 5.99, 10.01]);
     assert!((bent.fit.curve.value(10.0) - 5.995).abs() < 1e-9);
-    // A repeated reading counts as two of the same target, in any order.
+    // Repeated readings at a target count as one target, in any order.
     let (x, u) = ([0.0, 1.0, 2.0, 3.0, 1.0, 4.0], [0.0, 1.2, 1.9, 3.1, 1.0, 4.0]);
     let mixed = chosen(&x, &u).fit.curve;
     let (sorted_x, sorted_u) = ([0.0, 1.0, 1.0, 2.0, 3.0, 4.0], [0.0, 1.0, 1.2, 1.9, 3.1, 4.0]);
@@ -112,7 +114,7 @@ fn few_equal_and_repeated_targets() {
     assert!(choose(&[], &none()).is_err());
 }
 
-/// The curve follows a bend at one target if and only if the known scatter of the readings is small.
+/// The curve follows a bend at one target only if the known scatter of the readings is small.
 #[test]
 fn a_known_scatter_decides_what_is_followed() {
     let x = targets(9);
@@ -127,8 +129,8 @@ fn a_known_scatter_decides_what_is_followed() {
     assert!(with(2.0) > 0.5, "{}", with(2.0));
 }
 
-/// A scale error of a rotary axis over part of a turn: a few widely spaced targets do not cover a full turn, so there is no Fourier
-/// series.
+/// A scale error of a rotary axis over part of a turn gets no Fourier series, because a few widely spaced targets do
+/// not cover a full turn.
 #[test]
 fn targets_over_a_part_of_a_turn_get_no_fourier_series() {
     let round = FitOptions { period: Some(360.0), ..none() };
@@ -144,7 +146,7 @@ fn targets_over_a_part_of_a_turn_get_no_fourier_series() {
     }
 }
 
-/// Readings over a full turn get a curve that closes.
+/// Readings over a full turn get a curve with the same value at both ends.
 #[test]
 fn periodic_readings_get_periodic_curves() {
     let round = FitOptions { period: Some(360.0), ..none() };
@@ -167,14 +169,14 @@ fn periodic_readings_get_periodic_curves() {
         );
         assert!(closes, "{}", score.method);
     }
-    // Over part of a turn other kinds are candidates as well.
+    // Over part of a turn, other kinds of curve are candidates as well.
     let part: Vec<f64> = (0..9).map(|i| 15.0 * f64::from(i)).collect();
     let line = at(&part, |x| 0.1 * x);
     let chosen = fit_auto(&part, &line, &round).unwrap();
     assert_eq!(chosen.choice.method, Method::Polynomial { order: 1 });
 }
 
-/// Both directions of a line get one kind of curve, fitted separately.
+/// Both directions of a line get the same kind of curve; each direction is fitted separately.
 #[test]
 fn several_sets_get_one_method() {
     let x = targets(21);

@@ -1,20 +1,21 @@
-//! Coverage of a plotted band.
+//! Coverage of plotted bands.
 
 use volcomp_fit::{BandOptions, Between, FitOptions, Noise, band, band_places, choose};
 
 use crate::generated::Generated;
 
-/// Sampled positions, and the number within the band interpolated between its positions; the same for the band of the targets alone.
+/// Counts of sampled positions: `places` in total, `held` where the truth is within the plotted band, `held_by_targets`
+/// where it is within the band of the targets alone. Bands are interpolated between their positions.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Covered {
     pub(crate) places: u32,
     pub(crate) held: u32,
     pub(crate) held_by_targets: u32,
-    /// Sum of the half widths of the band.
+    /// Sum of the half widths of the band over the sampled positions, µm.
     pub(crate) width: f64,
-    /// Sum of the absolute errors of the curve.
+    /// Sum of the absolute errors of the curve over the sampled positions, µm.
     pub(crate) missed: f64,
-    /// Number of curves, and of those with a warning about sparse targets.
+    /// Number of curves; `warned` is the number of curves with a warning about sparse targets.
     pub(crate) curves: u32,
     pub(crate) warned: u32,
 }
@@ -40,14 +41,14 @@ impl Covered {
     }
 }
 
-/// Linear interpolation between ascending positions.
+/// Linear interpolation at `x` between the ascending positions `at`.
 fn drawn(at: &[f64], half: &[f64], x: f64) -> f64 {
     let next = at.partition_point(|at| *at < x).clamp(1, at.len() - 1);
     let part = (x - at[next - 1]) / (at[next] - at[next - 1]);
     half[next - 1] + part * (half[next] - half[next - 1])
 }
 
-/// Scatter of the mean of all runs, pooled over the targets; `None` if the runs do not differ.
+/// Scatter of the mean of all runs, pooled over the targets; `None` without a difference between runs.
 fn noise_of_mean(runs: &[Vec<f64>], means: &[f64]) -> Option<Noise> {
     let of_run =
         |run: &Vec<f64>| -> f64 { run.iter().zip(means).map(|(u, m)| (u - m).powi(2)).sum() };
@@ -57,7 +58,8 @@ fn noise_of_mean(runs: &[Vec<f64>], means: &[f64]) -> Option<Noise> {
     (deviation > 0.0 && deviation.is_finite()).then_some(Noise { deviation, freedom })
 }
 
-/// Coverage of one line by the band of its automatically chosen curve, at this number of positions.
+/// Coverage of one generated line by the band of its automatically chosen curve, at `places` + 1 positions in each
+/// direction.
 pub(crate) fn covered(line: &Generated, places: u32) -> Covered {
     let readings = line.sides.iter().map(|s| s.readings(&line.targets));
     let sets: Vec<(Vec<f64>, Vec<f64>)> = readings.collect();

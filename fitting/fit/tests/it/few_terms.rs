@@ -1,4 +1,5 @@
-//! Few thermal terms, found in several runs of a simulated machine and assessed on runs that were left out.
+//! Tests of the search for few thermal terms in several runs of a simulated machine. The terms are assessed on runs
+//! that the search does not use.
 
 use volcomp_fit::{
     FitError, ThermalEffect, ThermalOptions, ThermalRun, ThermalSearch, ThermalTerms, fit_thermal,
@@ -16,10 +17,11 @@ fn rms(values: impl IntoIterator<Item = f64>) -> f64 {
     (values.iter().map(|x| x * x).sum::<f64>() / values.len() as f64).sqrt()
 }
 
-/// Steps of a lag between two rows.
+/// Number of steps in which a lag is integrated between two rows.
 const PARTS: u32 = 100;
 
-/// RMS of record minus the prediction from the coefficients, in a separate implementation, relative to the mean of the first three rows.
+/// RMS of record minus prediction, µm, relative to the mean of the first three rows. An independent implementation of
+/// the prediction from the coefficients.
 fn rms_by_hand(terms: &ThermalTerms, run: &ThermalRun) -> f64 {
     let record = &run.record;
     let mut error = record.displacement.clone();
@@ -31,7 +33,7 @@ fn rms_by_hand(terms: &ThermalTerms, run: &ThermalRun) -> f64 {
         let mut lagged = degc[0];
         for row in 0..record.len() {
             let step_s = if row == 0 { 0.0 } else { record.time_s[row] - record.time_s[row - 1] };
-            // Small steps along the straight line from the previous row.
+            // Small steps along the straight line between the two rows.
             let before = degc[row.saturating_sub(1)];
             for part in 0..PARTS {
                 let along = (f64::from(part) + 0.5) / f64::from(PARTS);
@@ -48,7 +50,7 @@ fn rms_by_hand(terms: &ThermalTerms, run: &ThermalRun) -> f64 {
     rms(error.iter().map(|e| e - zero))
 }
 
-/// Eight runs of six hours: few terms leave less than 5 % of the displacement in runs that were left out.
+/// Eight runs of six hours: few terms leave less than 5 % of the displacement in runs that the search does not use.
 #[test]
 fn eight_runs_judged_by_runs_left_out() {
     let runs = runs(1, 8);
@@ -61,7 +63,7 @@ fn eight_runs_judged_by_runs_left_out() {
     assert!(left < 0.05 * moved, "{left} of {moved}: {left_out:?}");
     let terms = search_thermal(&runs, &search).unwrap();
     assert!(terms.sensors().len() <= 6 && terms.lags_s().len() <= 3);
-    // The sensor in the cabinet is not used.
+    // The sensor in the control cabinet is not selected.
     assert!(!terms.sensors().contains(&6), "{:?}", terms.numbers);
     for (left, expected) in left_out.iter().enumerate() {
         let mut others = runs.clone();
@@ -69,11 +71,11 @@ fn eight_runs_judged_by_runs_left_out() {
         let by_hand = rms_by_hand(&search_thermal(&others, &search).unwrap(), &run);
         assert!((by_hand - expected).abs() < 1e-5, "{by_hand} {expected}");
     }
-    // Other runs are predicted as well as those left out.
+    // New runs are predicted about as well as the runs that the search leaves out.
     let fresh = rms((101..109).map(|seed| terms.rms_from_start(&run(seed))));
     println!("fresh {fresh:.3} µm");
     assert!(fresh < 1.3 * left, "{fresh} {left}");
-    // The rule: the fewest coefficients within one standard error of the smallest error.
+    // The rule: the smallest number of coefficients whose error is within one standard error of the smallest error.
     let best = terms.path.iter().min_by(|a, b| a.rms.total_cmp(&b.rms)).unwrap();
     let most = best.rms.powi(2) + 2.0 * best.rms * best.standard_error;
     let fewest = terms.path.iter().filter(|size| size.rms.powi(2) <= most * (1.0 + 1e-9));
@@ -81,8 +83,8 @@ fn eight_runs_judged_by_runs_left_out() {
     assert_eq!(terms.numbers.len(), fewest);
 }
 
-/// Terms of a single run, chosen on its first part and assessed on the rest: averaged over forty machines their error is below 80 % of
-/// that of a regression on all temperatures without lags.
+/// Terms of a single run are selected on its first part and assessed on the rest. Averaged over forty machines, their
+/// error is below 80 % of the error of a regression on all temperatures without lags.
 #[test]
 fn one_run_is_judged_by_time() {
     let rows = 252;
@@ -104,7 +106,7 @@ fn one_run_is_judged_by_time() {
     assert!(few < 0.8 * plain, "{few} {plain}");
     let run = run(31);
     let terms = search_thermal_rows(&run, 0..rows, &ThermalSearch::default()).unwrap();
-    // Later rows have no effect on earlier ones.
+    // Changes in later rows do not change the result from earlier rows.
     let mut changed = run.clone();
     for row in rows..run.record.len() {
         changed.record.displacement[row] += 100.0;
@@ -114,8 +116,8 @@ fn one_run_is_judged_by_time() {
     assert_eq!(again, terms);
 }
 
-/// A displacement of 3 µm/K of one sensor with a lag of 900 s: the coefficient is found, and its uncertainty equals its scatter over many
-/// tests.
+/// The displacement is 3 µm/K of one sensor with a lag of 900 s. The search finds the coefficient, and its uncertainty
+/// equals its scatter over many tests.
 #[test]
 fn coefficient_uncertainties_match_their_scatter() {
     let (mut values, mut uncertainties) = (Vec::new(), Vec::new());
@@ -128,7 +130,7 @@ fn coefficient_uncertainties_match_their_scatter() {
                 if row > 0 {
                     lagged += (record.degc[1][row] - lagged) * (1.0 - (-60.0_f64 / 900.0).exp());
                 }
-                // Noise that drifts like a room, so that neighbouring rows are correlated.
+                // The noise drifts like room temperature, so that neighbouring rows are correlated.
                 let wanders =
                     0.8 * (0.002 * record.time_s[row] + (seed * 7 + index as u64) as f64).sin();
                 record.displacement[row] = 3.0 * lagged + wanders;
@@ -158,11 +160,11 @@ fn an_expansion_is_found_where_the_position_was_varied() {
     let terms = search_thermal(&runs, &ThermalSearch::default()).unwrap();
     let expansion: Vec<_> =
         terms.numbers.iter().filter(|number| number.effect == ThermalEffect::Expansion).collect();
-    // The upper column is next to the scale, so its coefficient may replace part of the scale's.
+    // The upper column is next to the scale, so its coefficient may replace part of the coefficient of the scale.
     let sum: f64 = expansion.iter().map(|number| number.value * 1e3).sum();
     assert!(!expansion.is_empty());
     assert!((sum - 11.5).abs() < 0.6, "{sum}");
-    // A machine at rest shows no expansion.
+    // A machine whose axis does not move shows no expansion.
     let mut still = runs.clone();
     for run in &mut still {
         run.position_mm.fill(300.0);
@@ -171,12 +173,12 @@ fn an_expansion_is_found_where_the_position_was_varied() {
     assert!(terms.numbers.iter().all(|n| n.effect != ThermalEffect::Expansion));
 }
 
-/// The drift without a lag, which contains the fixed point of an expansion, counts as a time constant.
+/// The drift without a lag, which accompanies an expansion as its fixed point, counts as one of the time constants.
 #[test]
 fn the_lag_free_drift_counts_as_a_time_constant() {
     let mut runs: Vec<ThermalRun> = (41..45).map(moving).collect();
     for run in &mut runs {
-        // Another drift with a lag, which every search would select.
+        // A second drift, with a lag, that every search would select.
         let mut lagged = run.record.degc[0][0];
         for row in 0..run.record.len() {
             lagged += (run.record.degc[0][row] - lagged) * (1.0 - (-60.0_f64 / 900.0).exp());
@@ -201,7 +203,7 @@ fn tested_sensor_ranges_are_reported() {
         assert_eq!(seen.degc[0], all().fold(f64::INFINITY, f64::min));
         assert_eq!(seen.degc[1], all().fold(f64::NEG_INFINITY, f64::max));
         assert!(seen.k_per_min[0] <= 0.0 && seen.k_per_min[1] > 0.0);
-        // Smoothed over ten minutes, the rate is lower than from row to row.
+        // The rate smoothed over ten minutes is lower than the rate from row to row.
         let fastest = runs.iter().flat_map(|run| {
             let degc = &run.record.degc[seen.sensor];
             degc.windows(2).map(|pair| pair[1] - pair[0])
@@ -211,7 +213,7 @@ fn tested_sensor_ranges_are_reported() {
     assert_eq!(terms.seen.len(), terms.sensors().len());
 }
 
-/// Eight of ten sensors follow two others: at most two sensors are selected.
+/// Eight of ten sensors follow two others. At most two sensors are selected.
 #[test]
 fn redundant_sensors_are_left_out() {
     let mut runs = runs(61, 3);

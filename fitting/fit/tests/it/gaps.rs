@@ -1,4 +1,4 @@
-//! Irregular targets with a truth, and errors of curves through them.
+//! Generated readings at irregular targets with known truth, and errors of curves through these readings.
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -11,11 +11,11 @@ use volcomp_fit::{
 pub(crate) const NOISE: f64 = 0.45;
 /// Minimum error of a grossly wrong curve, µm.
 const GROSS: f64 = 30.0;
-/// Maximum error of a correct curve, µm: three times that of a smoothing B-spline with 21 even targets.
+/// Maximum error of a correct curve, µm: three times the error of a smoothing B-spline with 21 evenly spaced targets.
 const HARMLESS: f64 = 3.0;
 const RANGE: f64 = 8000.0;
 
-/// A kind of curve and its name.
+/// Name of a kind of curve, and the function that fits it to targets (mm) and readings (µm).
 pub(crate) type Kind = (&'static str, fn(&[f64], &[f64]) -> Result<Fit, FitError>);
 
 pub(crate) const KINDS: [Kind; 7] = [
@@ -32,7 +32,7 @@ pub(crate) fn truth(x: f64) -> f64 {
     -30.0 * (x / 1300.0).sin() + 8.0 * (x / 420.0 + 1.0).sin() - 0.004 * x
 }
 
-/// 21 random targets over 8 m, with readings.
+/// 21 random targets over 8 m (mm), and their readings (µm).
 pub(crate) fn irregular(index: u64) -> (Vec<f64>, Vec<f64>) {
     let mut random = ChaCha8Rng::seed_from_u64(index);
     let mut x: Vec<f64> = (0..19).map(|_| RANGE * random.random::<f64>()).collect();
@@ -42,8 +42,8 @@ pub(crate) fn irregular(index: u64) -> (Vec<f64>, Vec<f64>) {
     (x, u)
 }
 
-/// Evenly spaced targets of which one to three neighbouring ones are missing, or which are moved by
-/// up to 90 % of half their distance.
+/// 21 evenly spaced targets (mm) with their readings (µm). Either one to three neighbouring targets are missing, or the
+/// targets are moved by up to 90 % of half their distance.
 pub(crate) fn nearly_even(index: u64) -> (Vec<f64>, Vec<f64>) {
     let mut random = ChaCha8Rng::seed_from_u64(index);
     let mut x: Vec<f64> = (0..21).map(|k| RANGE * f64::from(k) / 20.0).collect();
@@ -72,33 +72,34 @@ fn read(x: &[f64], random: &mut ChaCha8Rng) -> Vec<f64> {
     x.iter().map(|&x| truth(x) + NOISE * normal()).collect()
 }
 
-/// Largest error of a curve over the range.
+/// Largest error of a curve over the range, µm.
 pub(crate) fn missed(fit: &Fit) -> f64 {
     let places = (0..=2000).map(|k| RANGE * f64::from(k) / 2000.0);
     places.map(|x| (fit.curve.value(x) - truth(x)).abs()).fold(0.0, f64::max)
 }
 
-/// Assessment of a curve between its targets with known noise.
+/// Assessment of a curve between its targets, for known noise.
 pub(crate) fn between(fit: &Fit, x: &[f64], u: &[f64]) -> Between {
     let noise = Noise { deviation: NOISE, freedom: f64::INFINITY };
     Between::of(fit, x, u, Some(noise))
 }
 
-/// Warnings for grossly wrong curves and for correct ones.
+/// Counts of warnings for grossly wrong and for correct curves.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Warned {
-    /// The largest error of each set, in the order of the sets.
+    /// Largest error of each curve, µm, in the order of the sets.
     pub(crate) misses: Vec<f64>,
     pub(crate) gross: u32,
-    /// Numbers of grossly wrong sets without a warning, with known or unknown noise.
+    /// Numbers of the sets with a grossly wrong curve for which a warning is missing, with known or with unknown noise.
     pub(crate) silent: Vec<u64>,
     pub(crate) harmless: u32,
-    /// Number of correct sets with a warning, with known noise.
+    /// Number of correct curves that give a warning with known noise.
     pub(crate) cried: u32,
 }
 
 impl Warned {
-    /// Warnings for a kind of curve over numbered sets. For moving least squares, sets with too few targets in the support are omitted.
+    /// Counts the warnings for one kind of curve over the numbered sets. Sets to which the curve cannot be fitted are
+    /// omitted, for example if too few targets are in the support.
     pub(crate) fn of(
         (_, fit): Kind,
         make: fn(u64) -> (Vec<f64>, Vec<f64>),
@@ -127,8 +128,8 @@ impl Warned {
     }
 }
 
-/// Between clustered targets a smoothing spline stays near the truth. With cross-validation alone one of these curves would deviate by
-/// hundreds of µm, with readings within tens of µm.
+/// Between clustered targets, a smoothing spline stays near the truth. With cross-validation alone, one of these curves
+/// would deviate by hundreds of µm, although its readings are within tens of µm.
 #[test]
 fn a_smoothing_spline_does_not_overshoot_in_gaps() {
     for (make, most) in [(irregular as fn(u64) -> (Vec<f64>, Vec<f64>), 25.0), (nearly_even, 12.0)]

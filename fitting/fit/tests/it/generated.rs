@@ -6,18 +6,18 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 pub(crate) const FAMILIES: [&str; 5] = ["smooth", "kinked", "pitch", "steps", "hysteresis"];
-/// Standard deviations of a reading, µm; the curves are some tens of µm high.
+/// Standard deviations of a reading, µm. The heights of the curves are some tens of µm.
 pub(crate) const NOISE: [f64; 3] = [0.1, 0.5, 2.0];
 const COUNTS: [u32; 10] = [5, 7, 9, 11, 15, 21, 31, 51, 101, 200];
 
-/// One direction of a measured line: truth and readings.
+/// One direction of a measured line: readings of each run (µm), and the truth.
 pub(crate) struct Side {
     pub(crate) runs: Vec<Vec<f64>>,
-    /// True value at a coordinate.
+    /// True value (µm) at a coordinate (mm).
     pub(crate) truth: Box<dyn Fn(f64) -> f64>,
 }
 
-/// Targets, and one direction or both.
+/// A generated line: its targets (mm), and one or both directions.
 pub(crate) struct Generated {
     #[allow(dead_code, reason = "the table of the example groups by it")]
     pub(crate) family: &'static str,
@@ -28,14 +28,14 @@ pub(crate) struct Generated {
 }
 
 impl Side {
-    /// Targets and readings of all runs, each concatenated into one list.
+    /// Targets (mm) and readings (µm) of all runs, one after the other.
     pub(crate) fn readings(&self, targets: &[f64]) -> (Vec<f64>, Vec<f64>) {
         let x = self.runs.iter().flat_map(|_| targets.to_vec()).collect();
         (x, self.runs.concat())
     }
 }
 
-/// Normally distributed with standard deviation 1 (G. E. P. Box, M. E. Muller, Ann. Math. Stat. 29, 1958).
+/// A normally distributed number with standard deviation 1 (G. E. P. Box, M. E. Muller, Ann. Math. Stat. 29, 1958).
 fn normal(random: &mut ChaCha8Rng) -> f64 {
     let (a, b): (f64, f64) = (random.random(), random.random());
     (-2.0 * (1.0 - a).ln()).sqrt() * (TAU * b).cos()
@@ -50,7 +50,7 @@ pub(crate) fn generated(seed: u64, index: u32) -> Generated {
     let runs = random.random_range(1..=10);
     let range = 1000.0;
     let step = range / f64::from(count - 1);
-    // A third of the lines have unevenly spaced targets, as ISO 230-2 requires.
+    // On a third of the lines the targets are unevenly spaced, as ISO 230-2 requires.
     let jitter = if index.is_multiple_of(3) { 0.3 } else { 0.0 };
     let targets: Vec<f64> = (0..count)
         .map(|k| step * (f64::from(k) + jitter * (random.random::<f64>() - 0.5)))
@@ -72,8 +72,8 @@ pub(crate) fn generated(seed: u64, index: u32) -> Generated {
     Generated { family, noise, sides: sides.collect(), targets }
 }
 
-/// A line with too sparse targets: the pitch of its screw is shorter than two gaps, and not close to one gap, where no target would show
-/// it.
+/// A line whose targets are too sparse: the pitch of the ball screw is shorter than two gaps between targets. A pitch
+/// near one gap is avoided, because no target would show it.
 #[allow(dead_code, reason = "the tests of bands ask for it")]
 pub(crate) fn undersampled(seed: u64, index: u32) -> Generated {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
@@ -99,15 +99,15 @@ pub(crate) fn undersampled(seed: u64, index: u32) -> Generated {
     Generated { family: "undersampled", noise, targets, sides: vec![side] }
 }
 
-/// Waves, a polygon and steps, whose sum is the true curve.
+/// A true curve: the sum of a slope, waves, a polygon and steps.
 #[derive(Clone, Default)]
 struct Truth {
     slope: f64,
-    /// Height, length and phase.
+    /// Height (µm), length (mm) and phase (rad) of each wave.
     waves: Vec<[f64; 3]>,
-    /// Position, and change of the slope.
+    /// Position (mm) of each kink, and its change of slope (µm/mm).
     kinks: Vec<[f64; 2]>,
-    /// Position and height.
+    /// Position (mm) and height (µm) of each step.
     steps: Vec<[f64; 2]>,
 }
 

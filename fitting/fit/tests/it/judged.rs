@@ -1,22 +1,22 @@
-//! The automatic choice compared with each kind alone, by refits without each target and by the truth.
+//! Compares the automatic choice with each kind of curve alone, by refits without each target and by the known truth.
 
 use volcomp_fit::{Choice, FitOptions, Method, choose};
 
 use crate::generated::{Generated, generated};
 
-/// Maximum number of omitted targets, evenly spread.
+/// Maximum number of targets that are omitted in turn; they are evenly spread.
 const LEFT_OUT: usize = 40;
 
-/// A method with its errors.
+/// A method and its errors.
 pub(crate) struct Judged {
     pub(crate) method: Method,
-    /// RMS error of refits at inner targets that were left out.
+    /// RMS error at inner targets of curves that are refitted without these targets, µm.
     pub(crate) leave_one_out: f64,
-    /// RMS of curve minus truth over the range.
+    /// RMS of curve minus truth over the range, µm.
     pub(crate) from_truth: f64,
 }
 
-/// A generated line, the automatic choice, and the best of each kind.
+/// A generated line with the automatic choice and the best curve of each kind.
 pub(crate) struct Row {
     pub(crate) line: Generated,
     pub(crate) choice: Choice,
@@ -25,7 +25,8 @@ pub(crate) struct Row {
 }
 
 impl Row {
-    /// Ratios to the best single kind: leave-one-out error, and distance from the truth.
+    /// Errors of the automatic choice relative to the best single kind: leave-one-out error, and distance from the
+    /// truth.
     pub(crate) fn ratios(&self) -> [f64; 2] {
         let ratio = |of: fn(&Judged) -> f64| {
             let best = self.kinds.iter().map(of).fold(f64::INFINITY, f64::min);
@@ -35,7 +36,8 @@ impl Row {
     }
 }
 
-/// Rows of the table. Lines with more than `refitted` targets are not refitted; their leave-one-out error is NaN.
+/// Comparisons on `count` generated lines. Lines with more than `refitted` targets are not refitted; their
+/// leave-one-out error is NaN.
 pub(crate) fn rows(count: u32, refitted: usize) -> impl Iterator<Item = Row> {
     (0..count).map(move |index| {
         let line = generated(17, index);
@@ -79,7 +81,7 @@ fn judged(
             let own: Vec<f64> =
                 x.iter().zip(u).filter(|(x, _)| **x == left).map(|p| *p.1).collect();
             let mean = own.iter().sum::<f64>() / own.len() as f64;
-            // A method that cannot be fitted without the target has no prediction.
+            // A method that cannot be fitted without the target makes no prediction there.
             let value =
                 method.fit(&kept_x, &kept_u).map_or(f64::INFINITY, |fit| fit.curve.value(left));
             missed.0 += (mean - value).powi(2);

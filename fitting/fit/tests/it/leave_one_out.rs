@@ -1,4 +1,4 @@
-//! The leave-one-out error equals that of refits without each reading.
+//! The leave-one-out error equals the error of refits without each target.
 
 use nalgebra::{DMatrix, DVector};
 use volcomp_fit::curve::{BSpline, Curve};
@@ -8,7 +8,7 @@ use volcomp_fit::{
 
 use crate::{noisy, targets};
 
-/// RMS error of predicting the readings of each target by a fit to the readings of all other targets.
+/// RMS error of predicting the readings of each target from a fit to the readings of all other targets.
 fn brute_force(x: &[f64], u: &[f64], fit: impl Fn(&[f64], &[f64]) -> Result<Fit, FitError>) -> f64 {
     let square = |(target, reading): (&f64, &f64)| {
         let pairs = || x.iter().copied().zip(u.iter().copied());
@@ -18,8 +18,8 @@ fn brute_force(x: &[f64], u: &[f64], fit: impl Fn(&[f64], &[f64]) -> Result<Fit,
     (x.iter().zip(u).map(square).sum::<f64>() / x.len() as f64).sqrt()
 }
 
-/// With three lines that differ by more than the error of the curve, the leave-one-out error of any kind is at least the residual: it is
-/// that of the readings, not of the mean at each target.
+/// For three runs with offsets larger than the error of the curve, the leave-one-out error of each kind is at least the
+/// residual, because it is the error at readings, not at the mean of each target.
 #[test]
 fn several_lines_do_not_make_it_less_than_the_residual() {
     let one = targets(21);
@@ -35,7 +35,7 @@ fn several_lines_do_not_make_it_less_than_the_residual() {
     ];
     for fit in fits {
         let fit = fit.unwrap();
-        // The offsets of the lines alone leave 4 times the RMS of −1, 0 and 1.
+        // The offsets of the runs alone leave 4 times the RMS of −1, 0 and 1.
         let least = 4.0 * (2.0_f64 / 3.0).sqrt();
         let kind = fit.curve.kind();
         assert!(fit.rms() >= least * (1.0 - 1e-9), "{kind}: {}", fit.rms());
@@ -54,7 +54,7 @@ fn same(found: f64, expected: f64) {
 
 #[test]
 fn polynomial_with_runs() {
-    // Two complete runs and an incomplete one: targets of unequal weight.
+    // Two complete runs and an incomplete run, so that targets have unequal weights.
     let x = [targets(11), targets(11), targets(11)[..4].to_vec()].concat();
     let u = noisy(&x, 1.0, 3, |x| (x / 1000.0).sin() * 10.0);
     let fit = |x: &[f64], u: &[f64]| fit_polynomial(x, u, 5, [0.0, 8000.0]);
@@ -69,7 +69,8 @@ fn fourier() {
     same(fit(&x, &u).unwrap().leave_one_out_rms, brute_force(&x, &u, fit));
 }
 
-/// The leave-one-out error of moving least squares equals that of independent solutions without each target, including the end targets.
+/// The leave-one-out error of moving least squares equals that of independent solutions without each target; end
+/// targets are included.
 #[test]
 fn moving_least_squares_with_its_half_width_kept() {
     let x = targets(21);
@@ -113,8 +114,8 @@ fn a_table_predicts_its_inner_targets() {
     same(found, (squares / 7.0).sqrt());
 }
 
-/// The leave-one-out error of a spline equals that of the penalised system solved without each row, at the smoothing parameter with the
-/// residual of the whole fit.
+/// The leave-one-out error of a spline equals that of the penalised equations solved without each row. The smoothing
+/// parameter is that of the fit to all readings.
 #[test]
 fn a_spline_with_its_smoothing_kept() {
     let x: Vec<f64> = (0..15).map(|i| 100.0 * f64::from(i)).collect();

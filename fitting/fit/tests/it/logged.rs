@@ -1,5 +1,5 @@
-//! Thermal tests logged at various intervals, on a machine simulated every five seconds: coefficients, and residual of the terms when
-//! stepped in every cycle.
+//! Tests of thermal terms from logs with various intervals, on a machine that is simulated every five seconds. The
+//! tests check the coefficients, and the residual when the terms are evaluated in every cycle.
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -10,11 +10,11 @@ use volcomp_fit::{
 
 const STEP_S: f64 = 5.0;
 const HOURS: usize = 8;
-/// Number of steps per hour.
+/// Number of simulation steps per hour.
 const HOUR: usize = 720;
 
-/// Eight hours in steps of five seconds: spindle, bed, room, and a displacement of 3.2 µm/K of the spindle with a lag of 600 s minus 2
-/// µm/K of the bed.
+/// Eight hours in steps of five seconds: temperatures of spindle, bed and room, and a displacement (µm) of 3.2 µm/K of
+/// the spindle with a lag of 600 s minus 2 µm/K of the bed.
 struct World {
     degc: [Vec<f64>; 3],
     moved: Vec<f64>,
@@ -26,7 +26,7 @@ fn normal(random: &mut ChaCha8Rng) -> f64 {
 
 fn world(seed: u64) -> World {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
-    // A heat input that changes every hour, through a mass with a time constant.
+    // A heat input that changes every hour, and acts through a mass with a time constant.
     let mut process = |size: f64, lag_s: f64| {
         let mut heat = 0.0;
         let mut value = 0.0;
@@ -55,7 +55,7 @@ fn world(seed: u64) -> World {
     World { degc: [spindle, bed, room], moved }
 }
 
-/// A lag stepped as on a machine, with the input constant during each short step.
+/// A lag as evaluated on a machine: during each short step its input is constant.
 fn stepped(degc: &[f64], lag_s: f64) -> Vec<f64> {
     let mut value = degc[0];
     let follows = if lag_s > 0.0 { 1.0 - (-STEP_S / lag_s).exp() } else { 1.0 };
@@ -72,11 +72,12 @@ fn steps(seconds: f64) -> usize {
     (seconds / STEP_S) as usize
 }
 
-/// Log of a world with 0.1 µm of noise: a row every `every_s`, or at random intervals of 0.2 to 1.8 times that.
+/// The log of a machine with 0.1 µm of noise: rows at intervals of `every_s`, or at random intervals of 0.2 to 1.8
+/// times `every_s`.
 fn logged(world: &World, every_s: f64, is_regular: bool, seed: u64) -> ThermalRun {
     let mut random = ChaCha8Rng::seed_from_u64(seed + 1_000_000);
     let all = world.moved.len();
-    // In the first row the machine is at one temperature, at which every lag starts.
+    // In the first row the machine has a uniform temperature, from which each lag starts.
     let mut rows = vec![0];
     loop {
         let share = if is_regular { 1.0 } else { random.random_range(0.2..1.8) };
@@ -98,7 +99,8 @@ fn logged(world: &World, every_s: f64, is_regular: bool, seed: u64) -> ThermalRu
     .into()
 }
 
-/// RMS of the terms' residual about its mean, in worlds that were not logged, stepped every five seconds.
+/// RMS of the residual about its mean, µm, when the terms are evaluated every five seconds on machines that were not
+/// logged.
 fn at_run_time(terms: &ThermalTerms) -> f64 {
     let mut squares = Vec::new();
     for seed in 500..503 {
@@ -122,7 +124,8 @@ fn rms(values: &[f64]) -> f64 {
     (values.iter().map(|x| x * x).sum::<f64>() / values.len() as f64).sqrt()
 }
 
-/// For any logging interval the residual at run time is at most 1.2 times the stated error, and the time constant is identified.
+/// For any logging interval, the residual in operation is at most 1.2 times the stated error, and the time constant is
+/// found.
 #[test]
 fn the_claimed_error_is_met_at_run_time_for_any_logger() {
     for (every_s, is_regular) in [
@@ -157,7 +160,8 @@ fn the_claimed_error_is_met_at_run_time_for_any_logger() {
                 "{every_s} s regular {is_regular}: left out {left:.3}, between rows {between:.3}, claimed {claimed:.3}, at run time {run_time:.3}: {shown:?}"
             );
             assert!(run_time < 1.2 * claimed, "{every_s} s: {run_time} of {claimed}");
-            // With each row constant over the interval before it, rows 300 s apart would leave 1.5 µm at run time.
+            // If each row were constant over the interval before it, rows at intervals of 300 s would leave 1.5 µm in
+            // operation.
             assert!(run_time < if every_s < 200.0 { 0.12 } else { 0.3 }, "{run_time}");
             let found = terms.numbers.iter().find(is_spindle).expect("the lag");
             let off = (found.value - 3.2).abs();
@@ -166,7 +170,8 @@ fn the_claimed_error_is_met_at_run_time_for_any_logger() {
     }
 }
 
-/// A logger stops for an hour while the spindle runs: the temperature in the gap is unknown, and rows that depend on it are excluded.
+/// A logger stops for an hour while the spindle runs. The temperature in the gap is unknown, and rows that depend on it
+/// are excluded.
 #[test]
 fn a_gap_in_time_is_not_bridged() {
     let mut runs: Vec<ThermalRun> = (0..4).map(|s| logged(&world(s), 60.0, true, s)).collect();
@@ -182,8 +187,8 @@ fn a_gap_in_time_is_not_bridged() {
     let gaps = record.gaps(&search.lags_s);
     assert_eq!(gaps.len(), 1);
     assert_eq!((gaps[0].from_s, gaps[0].to_s), (10_740.0, 14_400.0));
-    // By hand: at the end of the gap, 1 − exp(−3660/5400) of a step in the gap has reached the slowest lag; this decays to a twentieth in
-    // 5400·ln(9.845) s.
+    // By hand: at the end of the gap, the slowest lag has followed 1 − exp(−3660/5400) of a step within the gap. The
+    // effect of this step decays to a twentieth in 5400·ln(9.845) s.
     let known = gaps[0].left_out.clone();
     assert_eq!(known.start, from);
     let behind_s = 60.0 * known.len() as f64;
@@ -191,7 +196,7 @@ fn a_gap_in_time_is_not_bridged() {
         (behind_s - 5400.0 * (20.0 * (1.0 - (-3660.0_f64 / 5400.0).exp())).ln()).abs() < 61.0,
         "{behind_s}"
     );
-    // Without a lag no row depends on a gap; an irregular log has no gap; excluded rows have no effect.
+    // Without lags, no row depends on a gap; an irregular log has no gap; excluded rows have no effect.
     assert!(record.gaps(&[0.0]).iter().all(|gap| gap.left_out.is_empty()));
     assert!(logged(&world(7), 120.0, false, 7).record.gaps(&search.lags_s).is_empty());
     let mut changed = runs.clone();
@@ -215,7 +220,7 @@ fn a_gap_in_time_is_not_bridged() {
         };
         assert!((number.value - truth).abs() < 0.02, "{number:?}");
     }
-    // For a run that is a gap except for its start, the message states the number of known rows.
+    // If all of a run except its start depends on a gap, the message states the number of usable rows.
     runs[1].record.time_s.iter_mut().skip(20).for_each(|t| *t += 4.0 * 3600.0);
     let slow = ThermalSearch { lags_s: vec![0.0, 20_000.0], ..search };
     let refused = search_thermal(&runs, &slow).unwrap_err().to_string();

@@ -1,4 +1,4 @@
-//! Fits compared with closed forms, brute force and the published behaviour.
+//! Tests of fits against closed forms, brute force and published behaviour.
 
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
@@ -26,7 +26,7 @@ mod shipped_runs;
 mod thermal;
 mod thermal_verdict;
 
-/// `count` targets over 0 to 8000 mm.
+/// `count` evenly spaced targets over 0 to 8000 mm.
 fn targets(count: u32) -> Vec<f64> {
     (0..count).map(|i| f64::from(i) * 8000.0 / f64::from(count - 1)).collect()
 }
@@ -35,7 +35,7 @@ fn at(x: &[f64], f: impl Fn(f64) -> f64) -> Vec<f64> {
     x.iter().map(|&x| f(x)).collect()
 }
 
-/// Normally distributed readings about `f`, µm.
+/// Readings `f` (µm) with normally distributed noise of standard deviation `sigma` (µm).
 fn noisy(x: &[f64], sigma: f64, seed: u64, f: impl Fn(f64) -> f64) -> Vec<f64> {
     use rand::{RngExt, SeedableRng};
     let mut random = rand_chacha::ChaCha8Rng::seed_from_u64(seed);

@@ -1,4 +1,4 @@
-//! The same fits by NumPy and SciPy: `tests/reference/fits.py`.
+//! Compares the fits with those of NumPy and SciPy in `tests/reference/fits.py`.
 
 use std::io::Write as _;
 use std::process::{Command, Stdio};
@@ -8,7 +8,7 @@ use volcomp_fit::{Fit, fit_bspline, fit_chebyshev, fit_cubic_table, fit_mls, fit
 
 use crate::{noisy, targets};
 
-/// Results of the script for these readings; `None` without Python.
+/// Results of the Python script for this input; `None` without Python.
 fn peer(given: &Value) -> Option<Value> {
     let python = volcomp_test_support::peers::python()?;
     let script = volcomp_test_support::root().join("fitting/fit/tests/reference/fits.py");
@@ -25,8 +25,9 @@ fn peer(given: &Value) -> Option<Value> {
     Some(serde_json::from_slice(&output.stdout).unwrap())
 }
 
-/// Values at 101 positions and leave-one-out error of three runs and an incomplete one equal those of NumPy and SciPy. The spline's
-/// smoothing is searched to 0.01 in its logarithm here, to 1e-6 there; all others agree up to rounding.
+/// For three runs and an incomplete run, the values at 101 positions and the leave-one-out error equal those of NumPy
+/// and SciPy. The logarithm of the spline's smoothing parameter is searched to 0.01 here and to 1e-6 in the script; all
+/// other kinds agree up to rounding.
 #[test]
 fn every_kind_is_that_of_numpy_and_scipy() {
     for (seed, order, support) in [(1, 6, 0.6), (2, 4, 1.0 / 3.0), (3, 3, 0.3)] {

@@ -55,7 +55,7 @@ fn too_few_targets_for_the_order() {
     assert!(fit_polynomial(&x, &u, usize::MAX, [0.0, 1.0]).is_err());
     assert!(fit_fourier(&x, &u, usize::MAX, 1.0, [0.0, 1.0]).is_err());
     assert!(fit_mls(&x, &u, usize::MAX, 1.0, 3.0).is_err());
-    // 0 and 360 have the same phase.
+    // The targets 0 and 360 have the same phase.
     refused(
         fit_fourier(&[0.0, 180.0, 360.0], &[0.0; 3], 1, 360.0, [0.0, 360.0]),
         "the targets do not determine 3 coefficients: expected a lower order, or targets spread over the domain",
@@ -97,7 +97,7 @@ fn parameters() {
     }
     assert!(matches!(fit_mls_auto(&x, &x, f64::NAN, None), Err(FitError::Curve(_))));
     assert!(matches!(fit_mls(&x, &x, 4, 0.1, 3.0), Err(FitError::Curve(_))));
-    // A percentage, and more than the range; the whole range is the widest support.
+    // A percentage, and a support above the range; the widest support is the whole range.
     for support in [50.0, 1.01] {
         refused(
             fit_mls(&x, &x, 4, support, 3.0),
@@ -108,7 +108,8 @@ fn parameters() {
     }
     assert!(fit_mls(&x, &x, 4, 1.0, 3.0).is_ok());
     assert!(fit_mls(&x, &x, 4, 0.0, 3.0).is_err());
-    // With as many targets as coefficients, the end targets are at the edge of every support.
+    // With as many targets as coefficients, an end target is at the edge of even the widest support, where its weight
+    // is 0.
     assert!(fit_mls(&x[..6], &x[..6], 4, 1.0, 3.0).is_ok());
     refused(
         fit_mls(&x[..5], &x[..5], 4, 1.0, 3.0),

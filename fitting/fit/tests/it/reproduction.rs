@@ -12,7 +12,7 @@ const RANGE: [f64; 2] = [0.0, 8000.0];
 #[test]
 fn order_eight_over_eight_metres() {
     let x = targets(41);
-    // The powers of the Chebyshev polynomial T8 are the worst conditioned.
+    // In powers of x, the Chebyshev polynomial T8 is the worst conditioned.
     let f = |x: f64| 50.0 * (8.0 * (x / 4000.0 - 1.0).clamp(-1.0, 1.0).acos()).cos();
     let fit = fit_polynomial(&x, &at(&x, f), 8, RANGE).unwrap();
     let Curve::Polynomial(polynomial) = &fit.curve else { panic!("{:?}", fit.curve) };
@@ -32,7 +32,7 @@ fn polynomial_and_chebyshev_are_the_same_function() {
     for x in targets(100) {
         assert!((a.curve.value(x) - b.curve.value(x)).abs() < 1e-8);
     }
-    // At least squares the residuals are orthogonal to the powers.
+    // At the least-squares solution, residuals are orthogonal to the powers.
     for k in 0..=6 {
         let dot: f64 = x.iter().zip(&a.residuals).map(|(x, e)| (x / 8000.0).powi(k) * e).sum();
         assert!(dot.abs() < 1e-7, "power {k}: {dot}");
@@ -63,7 +63,7 @@ fn tables_hold_the_mean_of_each_target() {
     for fit in [fit_linear_table(&x, &u).unwrap(), fit_cubic_table(&x, &u).unwrap()] {
         assert_eq!([0.0, 100.0, 200.0].map(|x| fit.curve.value(x)), [0.5, 2.0, 4.0]);
         assert_eq!(fit.residuals, [-0.5, -1.0, 1.0, -1.0, 1.0, 0.5]);
-        // The inner target is predicted half-way between 0.5 and 4; its readings are 1 and 3.
+        // The inner target is predicted as 2.25, half-way between 0.5 and 4; its readings are 1 and 3.
         let expected = f64::midpoint(1.25_f64.powi(2), 0.75_f64.powi(2)).sqrt();
         assert!((fit.leave_one_out_rms - expected).abs() < 1e-12);
     }

@@ -1,4 +1,4 @@
-//! Fits through serde.
+//! Tests of serialised fits.
 
 use volcomp_fit::{
     AutoFit, Fit, FitOptions, ThermalOptions, ThermalRecord, fit_auto, fit_linear_table,
@@ -14,7 +14,7 @@ fn a_fit_reads_back_the_same() {
     let read: AutoFit = serde_json::from_str(&text).expect(&text);
     assert_eq!(read.choice.method, chosen.choice.method);
     assert_eq!(read.choice.scores.len(), chosen.choice.scores.len());
-    // A table of two targets does not predict one from the other: its leave-one-out error is infinite.
+    // In a table of two targets, neither target can be predicted from the other: the leave-one-out error is infinite.
     let fits = [
         fit_auto(&x, &u, &options).unwrap().fit,
         fit_linear_table(&x, &u).unwrap(),
@@ -31,7 +31,7 @@ fn a_fit_reads_back_the_same() {
         assert_eq!(read.leave_one_out_rms.is_finite(), fit.leave_one_out_rms.is_finite());
         assert_eq!(read.meets_required, fit.meets_required);
     }
-    // The embedded curve passes the checks of its constructor.
+    // A deserialised curve passes the checks of its constructor.
     let broken = r#"{"curve":{"table":{"nodes":[[0.0,1.0]],"interpolation":"linear"}},"residuals":[],"leave_one_out_rms":null,"meets_required":null}"#;
     let error = serde_json::from_str::<Fit>(broken).expect_err("one node").to_string();
     assert!(error.contains("found 1 nodes"), "{error}");

@@ -1,18 +1,18 @@
-//! The runs in `examples/thermal` are those of the simulated machine, every fourth minute, with five of its sensors.
+//! The runs in `examples/thermal` are runs of the simulated machine: every fourth minute, and five of its sensors.
 
 use std::{fmt::Write as _, fs, path::Path};
 
 use crate::heat_network::run;
 
-/// Each file, and the seed of its run.
+/// Name of each file, and seed of its run.
 const RUNS: [(&str, u64); 4] =
     [("monday.csv", 1), ("tuesday.csv", 2), ("wednesday.csv", 3), ("thursday.csv", 4)];
-/// Columns of the file, and index of each sensor on the simulated machine.
+/// Name of each column, and index of its sensor on the simulated machine.
 const SENSORS: [(&str, usize); 5] =
     [("bearing", 0), ("head", 1), ("column", 2), ("bed", 3), ("room", 5)];
 const EVERY: usize = 4;
 
-/// Rows of a run: time, temperatures, displacement.
+/// Rows of a run: time (s), temperatures (°C), displacement (µm).
 fn rows(seed: u64) -> Vec<Vec<f64>> {
     let record = run(seed).record;
     (0..record.len())
@@ -28,7 +28,7 @@ fn rows(seed: u64) -> Vec<Vec<f64>> {
 fn file(seed: u64) -> String {
     let mut text = "time_s".to_owned();
     for (name, _) in SENSORS {
-        // Writing to a string never fails.
+        // Writing to a String cannot fail.
         let _ = write!(text, ",{name}_degc");
     }
     text += ",dz_um\n";
@@ -39,7 +39,8 @@ fn file(seed: u64) -> String {
     text
 }
 
-/// The shipped files equal the simulated runs. With `VOLCOMP_WRITE` in the environment the files are written first.
+/// The shipped files equal the simulated runs. If the environment variable `VOLCOMP_WRITE` is set, the files are first
+/// written.
 #[test]
 fn shipped_runs_are_those_of_the_simulated_machine() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples/thermal");

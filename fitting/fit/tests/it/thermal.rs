@@ -4,8 +4,8 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use volcomp_fit::{FitError, ThermalOptions, ThermalRecord, fit_thermal};
 
-/// Three sensors that drift randomly. The displacement is 2 µm/K of the first with a lag of 900 s, minus 3 µm/K of the second without a
-/// lag, plus 1 µm at the start and noise; the third has no effect.
+/// A record of three sensors that drift randomly. The displacement is 2 µm/K of the first sensor with a lag of 900 s,
+/// minus 3 µm/K of the second without a lag, plus 1 µm at the start, plus noise. The third sensor has no effect.
 fn record(rows: u32, noise_um: f64, seed: u64) -> ThermalRecord {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let time_s: Vec<f64> = (0..rows).map(|i| 20.0 * f64::from(i)).collect();
@@ -53,7 +53,7 @@ fn a_lag_and_its_weights_are_found() {
     assert!(rms < 0.08, "{rms}");
     let worst = worst.unwrap();
     assert!(worst.rms >= rms && worst.from_s >= record.time_s[2100]);
-    // The constant of a machine file, with all sensors at 20 °C.
+    // The constant as in a machine file, for which all sensors are at 20 °C.
     let at_20 = 1.0 + 2.0 * (20.0 - record.degc[0][0]) - 3.0 * (20.0 - record.degc[1][0]);
     assert!((fit.constant_at(20.0) - at_20).abs() < 0.2);
 }

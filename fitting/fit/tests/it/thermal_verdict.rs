@@ -7,8 +7,8 @@ use volcomp_fit::{
     judge_thermal_runs,
 };
 
-/// Four tests with this number of rows, one per minute: the spindle temperature rises and falls by 10 K; the displacement is `um_per_k`
-/// times this temperature plus noise of 0.2 µm.
+/// Four tests with this number of rows, one row per minute. The temperature of the spindle rises and falls by 10 K; the
+/// displacement is `um_per_k` times this temperature, plus noise of 0.2 µm.
 fn tests(rows: u32, seed: u64, um_per_k: f64) -> Vec<ThermalRun> {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let mut draw = move || random.random_range(-1.0..1.0_f64);
@@ -29,7 +29,8 @@ fn tests(rows: u32, seed: u64, um_per_k: f64) -> Vec<ThermalRun> {
     (0..4).map(test).collect()
 }
 
-/// At 3 µm/K without a lag the terms are accepted in all 40 tests. If temperatures have no effect, terms are accepted in at most 2 of 40.
+/// At 3 µm/K without a lag, the terms are accepted in all of 40 tests. If temperatures have no effect, terms are
+/// accepted in at most 2 of 40 tests.
 #[test]
 fn useful_terms_are_accepted_and_useless_ones_rejected() {
     let search = ThermalSearch::default();
@@ -45,7 +46,7 @@ fn useful_terms_are_accepted_and_useless_ones_rejected() {
     assert!(by_chance <= 2, "{by_chance} of 40");
 }
 
-/// A single test is assessed by its last rows, which the first rows predict within 1 µm.
+/// A single test is assessed on its last rows, which terms from the first rows predict within 1 µm.
 #[test]
 fn a_single_test_is_judged_by_its_last_rows() {
     let run = tests(360, 1, 3.0).remove(0);

@@ -1,5 +1,6 @@
-//! Scatter of results due to noise, compared with the Cramér–Rao bound (inverse of the Fisher information): no unbiased evaluation of the same
-//! readings scatters less without assumptions on the shape of a guideway or on the tilts between targets.
+//! Scatter of results due to noise, compared with the Cramér–Rao bound (the inverse of the Fisher information). No
+//! unbiased evaluation of the same readings has less scatter, unless it makes assumptions on the shape of a guideway or
+//! on the tilts between targets.
 
 use nalgebra::{DMatrix, DVector};
 use rand::SeedableRng;
@@ -12,18 +13,18 @@ use volcomp_metrology::{
 use volcomp_vocabulary::{Direction, ErrorName, Urad};
 
 const DRAWS: usize = 1500;
-/// Accepted ratio to the bound; with this number of samples a standard deviation is known within 2 %.
+/// Accepted ratio of the scatter to the bound. With this number of samples, a standard deviation is known within 2 %.
 const AS_GOOD: std::ops::RangeInclusive<f64> = 0.9..=1.1;
 
-/// Standard deviations of linear functions of the parameters (rows of `wanted`), from readings with this noise that are linear in the
-/// parameters (rows of `design`).
+/// Smallest possible standard deviations of linear functions of the parameters (rows of `wanted`). The readings are
+/// linear in the parameters (rows of `design`) and have this noise.
 fn bound(design: &DMatrix<f64>, wanted: &DMatrix<f64>, noise: f64) -> DVector<f64> {
     let information = design.transpose() * design / (noise * noise);
     let covariance = wanted * information.try_inverse().unwrap() * wanted.transpose();
     covariance.diagonal().map(f64::sqrt)
 }
 
-/// Readings of several runs about the true values.
+/// Readings of several runs: the true values with noise.
 fn read(truth: &[(f64, f64)], runs: u32, noise: f64, rng: &mut ChaCha8Rng) -> Measurement {
     let mut readings = Vec::new();
     for run in 1..=runs {
@@ -40,7 +41,7 @@ fn read(truth: &[(f64, f64)], runs: u32, noise: f64, rng: &mut ChaCha8Rng) -> Me
     Measurement { readings, ..Measurement::default() }
 }
 
-/// Ratio of the spread of errors over many samples to the bound.
+/// Scatter of the errors over many samples, divided by the bound.
 fn ratio(bound: &DVector<f64>, seed: u64, error: impl Fn(&mut ChaCha8Rng) -> Vec<f64>) -> f64 {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let squares: f64 = (0..DRAWS).flat_map(|_| error(&mut rng)).map(|e| e * e).sum();
@@ -51,7 +52,7 @@ fn named(name: &str) -> ErrorName {
     name.parse().unwrap()
 }
 
-/// Straightness of a guideway of 8 m, µm.
+/// Straightness deviation of a guideway of 8 m at `q` mm, µm.
 fn guideway(q: f64) -> f64 {
     let t = q / 8000.0 * std::f64::consts::TAU;
     20.0 * t.sin() + 6.0 * (3.0 * t).cos()
@@ -65,7 +66,8 @@ fn straightness_by_the_angular_method_scatters_as_little_as_it_can() {
         let targets: Vec<f64> = (0..=steps).map(|k| bridge_mm * k as f64).collect();
         let tilt = |q: &f64| (guideway(*q) - guideway(q - bridge_mm)) / bridge_mm * 1e3;
         let truth: Vec<(f64, f64)> = targets.iter().map(|q| (*q, tilt(q))).collect();
-        // Each tilt is a parameter, read once in each run. The profile is their running sum without its best-fit line.
+        // Each tilt is a parameter that is read once in each run. The profile is the running sum of the tilts without
+        // its best-fit line.
         let design = DMatrix::identity(steps, steps);
         let sums =
             DMatrix::from_fn(
@@ -80,7 +82,7 @@ fn straightness_by_the_angular_method_scatters_as_little_as_it_can() {
         let normal = line.transpose() * &line;
         let wanted = &sums - &line * normal.try_inverse().unwrap() * line.transpose() * &sums;
         let least = bound(&design, &wanted, noise_urad / f64::from(runs).sqrt());
-        // Limit for many steps: 1/15 of their number.
+        // For many steps, the variance of the profile tends to steps/15, in units of the variance of a step.
         let step_um = 1e-3 * bridge_mm * noise_urad / f64::from(runs).sqrt();
         let closed = step_um * (steps as f64 / 15.0).sqrt();
         let rms = least.norm() / ((steps + 1) as f64).sqrt();
@@ -110,7 +112,7 @@ fn squareness_from_two_lines_scatters_as_little_as_it_can() {
     {
         let places: Vec<f64> =
             (0..targets).map(|k| length_mm * f64::from(k) / f64::from(targets - 1)).collect();
-        // Intercept and slope of each line; the result is the sum of the slopes, µrad.
+        // Parameters: intercept and slope of each line. The result is the sum of the slopes, µrad.
         let count = places.len();
         let design = DMatrix::from_fn(2 * count, 4, |row, column| {
             let own = column / 2 == row / count;
@@ -146,7 +148,7 @@ fn angles_from_parallel_lines_scatter_as_little_as_they_can() {
     let three = [[0.0, 0.0], [1000.0, 0.0], [0.0, 1000.0]];
     let four = [[0.0, 0.0], [1000.0, 0.0], [0.0, 700.0], [-400.0, 300.0]];
     for (offsets, runs) in [(&three[..], 10), (&four[..], 2)] {
-        // The linear error and both angles, µm from µrad times m.
+        // Parameters: the linear error and both angles; µrad times m give µm.
         let design = DMatrix::from_fn(offsets.len(), 3, |line, parameter| match parameter {
             0 => 1.0,
             1 => 1e-3 * offsets[line][1],
@@ -171,7 +173,7 @@ fn angles_from_parallel_lines_scatter_as_little_as_they_can() {
         let ratio = ratio(&least, 3, error);
         assert!(AS_GOOD.contains(&ratio), "{} lines: {ratio}", offsets.len());
         if offsets.len() == 3 {
-            // Closed form: √2 times the noise over the lever, µrad.
+            // Closed form: √2 times the noise divided by the lever, µrad.
             let closed = (2.0 / f64::from(runs)).sqrt();
             assert!((least[0] / closed - 1.0).abs() < 1e-9, "{}", least[0]);
         }

@@ -1,4 +1,4 @@
-//! Plausibility checks: outlying runs and readings, and anomalies of a straightness.
+//! Plausibility checks: outlying runs and readings, and anomalies of a straightness measurement.
 
 use std::fmt::Write as _;
 
@@ -10,7 +10,7 @@ use volcomp_vocabulary::Direction;
 
 const SIGMA_UM: f64 = 1.3;
 
-/// A smooth curve with reversal, and Gaussian noise on every reading.
+/// Readings of a smooth curve with a reversal value, with Gaussian noise on each reading.
 fn gaussian(rng: &mut ChaCha8Rng, runs: u32, targets: u32) -> Measurement {
     let noise = Normal::new(0.0, SIGMA_UM).unwrap();
     let mut readings = Vec::new();
@@ -78,7 +78,7 @@ fn two_runs_and_rounded_readings_give_no_hint() {
     let mut two_runs = gaussian(&mut rng, 2, 5);
     two_runs.readings[0].deviation += 100.0;
     assert_eq!(outlier_hints(&two_runs), []);
-    // Noise far below the step: readings are equal or differ by one step.
+    // The noise is far below the step: readings are equal or differ by one step.
     let mut rounded = gaussian(&mut rng, 5, 21);
     for reading in &mut rounded.readings {
         let noise = (reading.deviation * 1e6).fract() / 1e3;
@@ -89,7 +89,7 @@ fn two_runs_and_rounded_readings_give_no_hint() {
     assert_eq!(outlier_hints(&rounded), []);
 }
 
-/// A parabola with this deviation in its middle, µm, on a slope of 5 mm as from the alignment of the optics.
+/// A parabola with the deviation `middle_um` in its middle, on a slope of 5 mm as from misaligned optics.
 fn straightness(middle_um: f64) -> Measurement {
     let mut text = String::from("target,deviation_um\n");
     for step in 0..=10 {
@@ -107,15 +107,15 @@ fn straightness(middle_um: f64) -> Measurement {
 fn a_straightness_is_checked_after_removing_its_line() {
     let said = |middle_um: f64| anomalies(&straightness(middle_um)).join("\n");
     assert_eq!(said(6.0), "");
-    // In mm: 6 nm off the line.
+    // Deviations in mm that are read as µm: the middle is only 6 nm off the line.
     assert!(said(0.006).contains("every deviation is below 0.1 µm"), "{}", said(0.006));
-    // Middle and ends of a parabola are up to two thirds of its height from its line.
+    // The middle and the ends of a parabola deviate by up to two thirds of its height from its line.
     let message = said(6000.0);
     assert!(
         message.contains("are large for a machine tool") && !message.contains("5000"),
         "{message}"
     );
-    // As positioning the same readings extend over 5 mm.
+    // As positioning deviations, the same readings extend over 5 mm.
     let positioning = Measurement { quantity: Some(Quantity::Positioning), ..straightness(6.0) };
     assert!(anomalies(&positioning).join("\n").contains("up to 5000 µm"));
 }

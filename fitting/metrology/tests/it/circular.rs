@@ -1,4 +1,5 @@
-//! ISO 230-4 on circles of a machine with known errors, which displace positions rather than radial deviations.
+//! ISO 230-4 on circles of a machine with known errors. The errors displace positions; radial deviations follow from
+//! these.
 
 use std::f64::consts::TAU;
 use std::fmt::Write as _;
@@ -17,22 +18,22 @@ const RADIUS_MM: f64 = 150.0;
 #[derive(Clone, Copy, Default)]
 struct Machine {
     centre_um: [f64; 2],
-    /// Rotation of Y away from X, µrad.
+    /// Rotation of the Y axis away from X, µrad.
     squareness: f64,
-    /// Scale errors, µm/m.
+    /// Scale errors of both axes, µm/m.
     scales: [f64; 2],
-    /// Reversal values B, µm.
+    /// Reversal values B of both axes, µm.
     backlash: [f64; 2],
-    /// Lag of each axis, as a length of the path, µm.
+    /// Lag of each axis behind its command, as a length of the path, µm.
     lag: [f64; 2],
-    /// Overshoot where an axis reverses, µm.
+    /// Overshoot of each axis where it reverses, µm.
     spikes: [f64; 2],
 }
 
 const SPIKE_DEG: f64 = 2.0;
 
 impl Machine {
-    /// Tool position at an angle of the path, mm.
+    /// Tool position at an angle (rad) of the path, mm.
     fn position(&self, angle: f64, sense: Sense) -> [f64; 2] {
         let d = sense.sign();
         let at = |lag_um: f64| angle - d * lag_um * 1e-3 / RADIUS_MM;
@@ -54,7 +55,7 @@ impl Machine {
         [x + 1e-3 * self.centre_um[0], y + 1e-3 * self.centre_um[1]]
     }
 
-    /// Both senses with noise, as a table.
+    /// Table of circles in both senses, with noise.
     fn table(&self, noise_um: f64, seed: u64) -> String {
         let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(seed);
         let noise = Normal::new(0.0, noise_um).unwrap();
@@ -89,14 +90,15 @@ fn expected(machine: &Machine) -> [(SignatureKind, f64); 7] {
         (SignatureKind::ScaleMismatch, machine.scales[0] - machine.scales[1]),
         (SignatureKind::BacklashFirst, machine.backlash[0]),
         (SignatureKind::BacklashSecond, machine.backlash[1]),
-        // At 45° the radius grows by half of the lag of X minus that of Y.
+        // At 45° the radius changes by half of the lag of X minus the lag of Y.
         (SignatureKind::ServoMismatch, 0.5 * (machine.lag[0] - machine.lag[1])),
         (SignatureKind::SpikesFirst, machine.spikes[0]),
         (SignatureKind::SpikesSecond, machine.spikes[1]),
     ]
 }
 
-/// Checks that every signature, also of zero size, is recovered within a small second-order bias plus four standard uncertainties.
+/// Checks that each signature, including those of size zero, is found within a small second-order bias plus four
+/// standard uncertainties.
 #[track_caller]
 fn recovered(machine: &Machine, noise_um: f64, seed: u64) -> Signatures {
     let signatures = circular_signatures(&machine.trace(noise_um, seed)).unwrap();
@@ -112,7 +114,8 @@ fn recovered(machine: &Machine, noise_um: f64, seed: u64) -> Signatures {
     signatures
 }
 
-/// Of a path longer than a turn, one turn is evaluated and a note names the rest, for any overshoot, table form and number of senses.
+/// If a path is longer than a turn, one turn is evaluated and a note states the rest, for any overshoot, form of table
+/// and number of senses.
 #[test]
 fn one_turn_is_evaluated_and_the_rest_is_noted() {
     let machine = Machine {
@@ -126,10 +129,10 @@ fn one_turn_is_evaluated_and_the_rest_is_noted() {
         let mut text = if by_angle { "angle,deviation" } else { "x,y" }.to_owned();
         text += if stated { ",direction\n" } else { "\n" };
         for (sense, turned) in Sense::BOTH.into_iter().zip(turned) {
-            // No sum of steps ends at half a degree, which a message could round up or down.
+            // The steps avoid sums that end at half a degree, which a message could round up or down.
             let steps = (0_u32..).map(|step| f64::from(step) * 0.4);
             for at in steps.take_while(|at| *at <= turned + 0.1) {
-                // A ballbar starts before 0°.
+                // A ballbar test starts before 0°.
                 let degrees = if sense == Sense::CounterClockwise {
                     at + 0.25 - 0.5 * (turned - 360.0)
                 } else {
@@ -163,7 +166,7 @@ fn one_turn_is_evaluated_and_the_rest_is_noted() {
             for turned in [450.0, 540.0, 720.0, 800.0] {
                 let (found, trace) = evaluated([turned, turned], by_angle, stated);
                 for (found, one) in found.g_um.into_iter().zip(one.g_um) {
-                    // Reversal spikes are sampled every 0.4°, at other angles in each turn.
+                    // Reversal spikes are sampled every 0.4°, at different angles in each turn.
                     near(found.unwrap(), one.unwrap(), 0.05);
                 }
                 near(found.g_b_um.unwrap(), one.g_b_um.unwrap(), 0.02);
@@ -179,13 +182,14 @@ fn one_turn_is_evaluated_and_the_rest_is_noted() {
             }
         }
     }
-    // One sense beyond a turn, and half a turn of the other.
+    // One sense over more than a turn, the other sense over half a turn.
     let (_, trace) = evaluated([450.0, 180.0], true, true);
     let count = |sense| trace.points.iter().filter(|p| p.sense == sense).count();
     assert_eq!(Sense::BOTH.map(count), [900, 451]);
 }
 
-/// Overlapping arcs exceed a turn together, but none is a full turn: all are evaluated, and a note says so.
+/// Overlapping arcs are longer than a turn together, but none is a full turn. All are evaluated, and a note states
+/// this.
 #[test]
 fn overlapping_arcs_are_all_evaluated() {
     let [square, overlapping] = [90, 95].map(|degrees| {
@@ -263,7 +267,7 @@ fn all_signatures_together_are_recovered_over_many_seeds() {
     }
 }
 
-/// The true sizes are within the stated 95 % uncertainty in 180 to 199 of 200 simulations.
+/// The true sizes are within the stated 95 % uncertainties in 180 to 199 of 200 simulations.
 #[test]
 fn the_uncertainty_of_a_signature_matches_simulations() {
     let machine = Machine { squareness: 20.0, ..Machine::default() };
@@ -278,7 +282,7 @@ fn the_uncertainty_of_a_signature_matches_simulations() {
     assert!((180..=199).contains(&within), "{within}");
 }
 
-/// An ellipse with half axes R ± 5 µm, displaced by 40 and −30 µm: G = G(b) = 10 µm, F = ±5 µm, D = 0.
+/// An ellipse with the half axes R ± 5 µm, displaced by 40 and −30 µm: G = G(b) = 10 µm, F = ±5 µm, D = 0.
 #[test]
 fn deviations_of_an_ellipse_by_hand() {
     let machine = Machine {
@@ -295,12 +299,13 @@ fn deviations_of_an_ellipse_by_hand() {
     }
     near(found.g_b_um.unwrap(), 10.0, 0.01);
     near(found.d_um.unwrap(), 0.0, 0.01);
-    // The centre of the positions is removed on reading.
+    // The reader has removed the centre of the positions.
     near(found.centre_um[0].hypot(found.centre_um[1]), 0.0, 0.01);
     assert!(trace.notes[0].contains("0.0400, -0.0300 mm"), "{:?}", trace.notes);
 }
 
-/// Both senses are circles about one centre with radii 2 µm apart: G = 0 for each, G(b) = 2 µm, D is their mean.
+/// The two senses are circles with the same centre and radii 2 µm apart: G = 0 for each sense, G(b) = 2 µm, and D is
+/// the mean of both.
 #[test]
 fn both_senses_together_are_worse_than_each() {
     let mut text = "angle,deviation um,direction\n".to_owned();
@@ -338,7 +343,7 @@ fn the_sense_follows_the_order_of_rows_and_one_sense_determines_less() {
         assert!(trace.points.iter().all(|p| p.sense == sense));
         let deviations = circular_deviations(&trace).unwrap();
         assert_eq!((deviations.g_b_um, deviations.d_um), (None, None));
-        // Without a stated radius F is unknown.
+        // Without a stated radius, F is unknown.
         assert_eq!(deviations.f_max_um, [None; 2]);
         let signatures = circular_signatures(&trace).unwrap();
         let kinds: Vec<_> = signatures.ranked.iter().map(|s| s.kind).collect();
@@ -380,14 +385,15 @@ fn tables_that_are_no_circle_are_refused() {
     assert!(circular_signatures(&trace).is_err());
 }
 
-/// Points at standstill with jitter of the encoder, 50 before, within or after the circle, change the sense of no other point.
+/// 50 points at standstill with encoder jitter before, within or after the circle do not change the sense of any other
+/// point.
 #[test]
 fn a_standstill_changes_no_sense() {
     let table = |stands: &[usize]| {
         let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(9);
         let jitter = Normal::new(0.0, 1e-4).unwrap();
         let mut text = "x,y\n".to_owned();
-        // One turn counter-clockwise, and back.
+        // One turn counter-clockwise, and the same turn back.
         for k in 0..=1440_usize {
             let angle = TAU * (720 - k.abs_diff(720)) as f64 / 720.0;
             let [x, y] = [RADIUS_MM * angle.cos(), RADIUS_MM * angle.sin()];
@@ -418,7 +424,7 @@ fn a_standstill_changes_no_sense() {
             near(one.g_um[k].unwrap(), other.g_um[k].unwrap(), 1.0);
         }
     }
-    // Where the path reverses, only points at standstill may have either sense.
+    // Where the path reverses, only the points at standstill may have either sense.
     let with = table(&[720]);
     for (k, point) in with.points.iter().enumerate() {
         if k < 720 {
@@ -429,7 +435,8 @@ fn a_standstill_changes_no_sense() {
     }
 }
 
-/// A column `radius` alone is rejected with the expected names: 150.002 mm must not be read as a deviation of 150 µm.
+/// A table with only a column `radius` is rejected with the expected names: 150.002 mm must not be read as a deviation
+/// of 150 µm.
 #[test]
 fn a_column_of_radii_is_not_read_as_deviations() {
     let read = |head: &str| {
@@ -459,17 +466,18 @@ fn a_column_of_radii_is_not_read_as_deviations() {
     }
 }
 
-/// On an arc without a reversal of an axis, that axis's spike is unknown; all other signatures are recovered.
+/// If an arc contains no reversal of an axis, the spike of this axis is unknown. All other signatures are found.
 #[test]
 fn spikes_outside_an_arc_are_not_estimated() {
     let machine = Machine { squareness: 40.0, backlash: [3.0, 2.0], ..Machine::default() };
-    // 220° from −20° to 200°; and from 100° to 350°, which passes 180° and 270° only.
+    // The first arc is from −20° to 200°; the second is from 100° to 350° and contains only the reversals at 180° and
+    // 270°.
     for ([from, to], passed) in
         [([-20.0, 200.0], [true, true, true, false]), ([100.0, 350.0], [false, false, true, true])]
     {
         let mut text = String::from("x,y,direction\n");
         for sense in Sense::BOTH {
-            // No point is at a reversal of an axis.
+            // No point is exactly at a reversal of an axis.
             let steps = (0..441).map(|step| (f64::from(step) + 0.3) / 441.0);
             for share in steps {
                 let share = if sense.sign() > 0.0 { share } else { 1.0 - share };

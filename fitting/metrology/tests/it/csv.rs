@@ -34,7 +34,8 @@ fn two_columns_are_one_forward_run() {
     assert_eq!((m.runs(Direction::Positive), m.has(Direction::Negative)), (vec![1], false));
 }
 
-/// Tables of spreadsheets (semicolons or tabs, decimal commas, columns in another order) give the same readings as plain tables.
+/// Tables of spreadsheets (semicolons or tabs, decimal commas, other order of columns) give the same readings as plain
+/// tables.
 #[test]
 fn spreadsheet_exports_are_read_like_plain_tables() {
     let expected = csv(BIDIRECTIONAL).unwrap();
@@ -80,7 +81,7 @@ fn units_in_the_header_are_read() {
     insta::assert_snapshot!(refused("target,target mm,deviation\n0,0,1\n"), @"x.csv:1: header: column `target` appears twice");
 }
 
-/// Among decimal commas `1.234` may be 1234: it is rejected with its line.
+/// Among numbers with decimal commas, `1.234` could mean 1234. It is rejected with its line.
 #[test]
 fn a_point_among_decimal_commas_is_refused() {
     let error = csv("target;deviation\n0;1,5\n1.234;2,5\n").unwrap_err();
@@ -129,7 +130,8 @@ fn incomplete_or_suspicious_tables_are_noted() {
     insta::assert_snapshot!(notes(&zeros), @"every backward reading is exactly 0: if the test was unidirectional, leave those rows out");
 }
 
-/// A truncated table is rejected or noted, unless it ends after a complete row of its first run, where the truncation is not recognisable.
+/// A truncated table is rejected or noted. The exception is a table that ends after a complete row of its first run,
+/// which cannot be recognised as truncated.
 #[test]
 fn a_table_cut_anywhere_is_refused_or_noted() {
     for cut in 0..BIDIRECTIONAL.len() {

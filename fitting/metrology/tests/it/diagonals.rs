@@ -1,4 +1,4 @@
-//! ISO 230-6 on diagonals of a machine with known errors.
+//! Tests of ISO 230-6 on diagonals of a machine with known errors.
 
 use volcomp_metrology::{Diagonal, Direction, Measurement, Reading, evaluate_diagonals};
 
@@ -7,7 +7,7 @@ use crate::samples::near;
 const EDGES: [f64; 3] = [800.0, 600.0, 500.0];
 const RUNS: u32 = 2;
 
-/// Errors of a machine: squareness (µrad), scale (µm/m) and reversal value of X (µm).
+/// Errors of a machine: squareness errors (µrad), scale error (µm/m) and reversal value of X (µm).
 struct Known {
     ec0y: f64,
     ea0z: f64,
@@ -23,7 +23,7 @@ impl Known {
         let lengths: [f64; 3] = std::array::from_fn(|k| EDGES[k] * signs[k].abs());
         let length = lengths.iter().map(|l| l * l).sum::<f64>().sqrt();
         let unit: [f64; 3] = std::array::from_fn(|k| signs[k] * lengths[k] / length);
-        // Each diagonal starts at the ends that its moving axes leave.
+        // The start of each diagonal is at the ends of travel from which the axes move away.
         let start: [f64; 3] = std::array::from_fn(|k| if signs[k] < 0.0 { EDGES[k] } else { 0.0 });
         let mut readings = Vec::new();
         for run in 1..=RUNS {
@@ -74,11 +74,11 @@ fn body_diagonals_give_back_squareness_scale_and_reversal() {
         near(urad, expected, 1e-9);
     }
     near(found.scale_um_per_m, 4.0, 1e-9);
-    // B along the diagonal is the reversal of X times its direction cosine.
+    // The reversal value along the diagonal is that of X times the direction cosine of X.
     let length = EDGES.iter().map(|e| e * e).sum::<f64>().sqrt();
     near(found.b_d_um.unwrap(), 3.0 * 800.0 / length, 1e-9);
     assert!(found.lacking.is_empty() && found.spread_um > 10.0);
-    // E of each diagonal is the range of straight lines: growth plus reversal.
+    // On straight lines, E of each diagonal is its growth plus the reversal value.
     for m in &found.diagonals {
         near(m.result.e.unwrap(), m.growth_um.abs() + found.b_d_um.unwrap(), 1e-9);
         near(m.result.e_forward.unwrap(), m.growth_um.abs(), 1e-9);

@@ -1,4 +1,4 @@
-//! Circles, planes and lines, compared with closed forms, brute-force searches and published values.
+//! Tests of circles, planes and lines against closed forms, brute-force searches and published values.
 
 use std::f64::consts::TAU;
 
@@ -21,7 +21,7 @@ pub(crate) struct Motion {
 }
 
 impl Motion {
-    /// Rotation by any non-zero quaternion, followed by a shift.
+    /// A rigid motion: the rotation of any non-zero quaternion, followed by a shift in mm.
     pub(crate) fn new([w, x, y, z]: [f64; 4], shift: Point) -> Self {
         let n = (w * w + x * x + y * y + z * z).sqrt();
         let [w, x, y, z] = [w / n, x / n, y / n, z / n];
@@ -57,13 +57,13 @@ pub(crate) fn distance(a: Point, b: Point) -> f64 {
     (0..3).map(|k| (a[k] - b[k]).powi(2)).sum::<f64>().sqrt()
 }
 
-/// Sine of the angle between two lines along unit vectors.
+/// Sine of the angle between two unit vectors.
 pub(crate) fn between(a: Point, b: Point) -> f64 {
     let cross = [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
     distance(cross, [0.0; 3])
 }
 
-/// Points at radius(t) about the z axis.
+/// `n` points at the distance `radius(t)` from the z axis, where t is the angle in rad.
 pub(crate) fn round(n: usize, radius: impl Fn(f64) -> f64) -> Vec<Point> {
     let angle = |k: usize| TAU * k as f64 / n as f64;
     let point = |t: f64| [radius(t) * t.cos(), radius(t) * t.sin(), 0.0];
@@ -77,7 +77,7 @@ fn lobes_have_twice_their_amplitude() {
         let motion = Motion::random(&mut rng, 1e5);
         let points = round(840, |t| 50.0 + 0.012 * (f64::from(lobes) * t).cos());
         let form = evaluate_form(&motion.all(&points), CIRCLE).unwrap();
-        // Coordinates of 1e5 mm are rounded to 1.5e-11 mm.
+        // Coordinates of 1e5 mm have rounding errors of 1.5e-11 mm.
         near(form.deviation_mm, 0.024, 2e-10);
         near(form.rms_mm, 0.012 / 2.0_f64.sqrt(), 1e-5);
         let zone = form.minimum_zone.unwrap();
@@ -90,8 +90,8 @@ fn lobes_have_twice_their_amplitude() {
     }
 }
 
-/// Six points and their least-squares circle from W. Gander, G. H. Golub, R. Strebel, Least-squares fitting of circles and ellipses, BIT
-/// 34 (1994) 558–578.
+/// Six points and their least-squares circle, published by W. Gander, G. H. Golub, R. Strebel, Least-squares fitting of
+/// circles and ellipses, BIT 34 (1994) 558–578.
 #[test]
 fn the_circle_of_gander_golub_and_strebel() {
     let points = [(1, 7), (2, 6), (5, 8), (7, 7), (9, 5), (3, 7)];
@@ -102,7 +102,7 @@ fn the_circle_of_gander_golub_and_strebel() {
     near(form.radius_mm.unwrap(), 4.7142, 5e-5);
 }
 
-/// A profile with radius 30, lobes and noise of some hundredths.
+/// A circular profile of radius 30 mm with lobes and noise of magnitude `size` (mm).
 fn rough(rng: &mut ChaCha8Rng, n: usize, size: f64) -> Vec<Point> {
     let phase: f64 = rng.random_range(0.0..TAU);
     let noise: Vec<f64> = (0..n).map(|_| rng.random_range(-size..size)).collect();
@@ -120,7 +120,8 @@ fn ring_width(points: &[Point], x: f64, y: f64) -> f64 {
     high - low
 }
 
-/// Grid search about the best centre so far, successively finer; the first grid covers the whole neighbourhood.
+/// Width of the narrowest ring by grid search: each grid is about the best centre so far and finer than the previous
+/// one; the first extends by `reach` from `start`.
 fn ring_by_grid(points: &[Point], start: [f64; 2], reach: f64) -> f64 {
     const STEPS: i32 = 40;
     let (mut centre, mut reach) = (start, reach);
@@ -145,7 +146,7 @@ fn ring_by_grid(points: &[Point], start: [f64; 2], reach: f64) -> f64 {
 #[test]
 fn the_minimum_zone_ring_is_that_of_a_search_over_grids() {
     let mut rng = ChaCha8Rng::seed_from_u64(2);
-    // From workpiece profiles to hardly round ones.
+    // From workpiece profiles to profiles that are hardly round.
     for size in [0.003, 0.05, 1.0, 5.0] {
         let points = rough(&mut rng, 37, size);
         let form = evaluate_form(&points, CIRCLE_XY).unwrap();
@@ -157,8 +158,8 @@ fn the_minimum_zone_ring_is_that_of_a_search_over_grids() {
     }
 }
 
-/// Two contacts of the narrowest ring are on the outer and two on the inner circle, and they alternate: no half plane through the centre
-/// separates them.
+/// Two contacts of the narrowest ring are on the outer circle and two on the inner circle. They alternate: no line
+/// through the centre separates the outer contacts from the inner ones.
 #[test]
 fn the_contacts_of_a_ring_alternate() {
     let mut rng = ChaCha8Rng::seed_from_u64(3);
@@ -223,7 +224,7 @@ fn a_saddle_is_twice_its_height() {
     }
 }
 
-/// The smallest width of a polyhedron, over all pairs of a face and a corner and of two edges.
+/// The smallest width of a polyhedron: the minimum over all pairs of a face and a corner, and of two edges.
 fn thinnest_layer(points: &[Point]) -> f64 {
     let minus = |a: Point, b: Point| [a[0] - b[0], a[1] - b[1], a[2] - b[2]];
     let mut edges = Vec::new();
@@ -300,7 +301,7 @@ fn straightness_in_a_plane_is_the_narrowest_of_all_strips() {
             assert!(zone.deviation_mm <= form.deviation_mm);
             assert_eq!(zone.contacts.len(), 3);
             near(zone.direction[2], 0.0, 0.0);
-            // The middle of the strip is half its width from every contact.
+            // The centre line of the strip is half its width from each contact.
             let [x, y, _] = zone.position_mm;
             for k in zone.contacts {
                 let across =
@@ -314,7 +315,7 @@ fn straightness_in_a_plane_is_the_narrowest_of_all_strips() {
 #[test]
 fn a_helix_about_a_line_has_its_diameter() {
     let motion = Motion::random(&mut ChaCha8Rng::seed_from_u64(8), 1e5);
-    // Two opposite threads, so that the least-squares line is between them.
+    // Two opposite helices, so that the least-squares line is midway between them.
     let threads = [0.004, -0.004].into_iter();
     let points: Vec<Point> = threads
         .flat_map(|r| (0..400).map(move |k| (r, f64::from(k))))
@@ -326,7 +327,7 @@ fn a_helix_about_a_line_has_its_diameter() {
     near(form.axis.unwrap().length_mm(), 1197.0, 1e-9);
     assert_eq!(form.minimum_zone, None);
 
-    // A step to one side and back is symmetric: the least-squares line is the mean.
+    // A symmetric step to one side and back: the least-squares line is the mean.
     let step = [(0.0, 0.01), (100.0, -0.01), (200.0, -0.01), (300.0, 0.01)];
     let points = step.map(|(s, h)| [s, 0.0, h]);
     let form = evaluate_form(&points, Feature::Line { plane: None }).unwrap();

@@ -1,4 +1,4 @@
-//! The same features evaluated by SciPy: `tests/reference/form.py`.
+//! Compares the evaluated features with those of SciPy in `tests/reference/form.py`.
 
 use std::{
     f64::consts::TAU,
@@ -14,7 +14,7 @@ use volcomp_metrology::form::{CoordinatePlane, Feature, evaluate_form};
 use crate::form::{Motion, Point};
 use crate::samples::near;
 
-/// Results of the script; `None` without Python.
+/// Results of the Python script; `None` without Python.
 fn scipy(feature: &str, points: &[Point]) -> Option<Vec<f64>> {
     let python = volcomp_test_support::peers::python()?;
     let script = volcomp_test_support::root().join("fitting/metrology/tests/reference/form.py");

@@ -74,7 +74,7 @@ fn points_that_do_not_determine_the_feature() {
         (0..8).map(|k| [number(k & 1), number(k >> 1 & 1), number(k >> 2)]).collect();
     assert!(refused(&cube, ALL[2]).contains("as high as they are broad"));
     assert!(refused(&cube, ALL[0]).contains("do not lie near a plane"));
-    // Points along x coincide in the plane of y and z.
+    // In the plane of y and z, points along x coincide.
     let along_x = Feature::Line { plane: Some(CoordinatePlane::Yz) };
     let axis: Vec<[f64; 3]> = (0..9).map(|k| [number(k), 0.0, 0.0]).collect();
     assert!(refused(&axis, along_x).contains("found 1 different points"));
@@ -120,8 +120,8 @@ x,y,z\n1,2\n | p.csv:2:
     }
 }
 
-/// Arbitrary points give a finite result or an error: often coincident, or on a line, plane or circle, with huge, tiny or non-finite
-/// coordinates.
+/// Arbitrary points give a finite result or an error. Many sets of points are coincident or on a line, plane or circle,
+/// with huge, tiny or non-finite coordinates.
 #[test]
 fn arbitrary_points_give_a_finite_result_or_an_error() {
     let mut rng = ChaCha8Rng::seed_from_u64(31);

@@ -1,4 +1,4 @@
-//! Cylinders, cones, coaxiality, large offsets and rigid motions.
+//! Tests of cylinders, cones, coaxiality, large offsets and rigid motions.
 
 use std::f64::consts::TAU;
 
@@ -10,7 +10,8 @@ use volcomp_metrology::form::{Axis, DatumAxis, Feature, Form, FormError, evaluat
 use crate::form::{CIRCLE, CIRCLE_XY, Motion, Point, between, distance, round};
 use crate::samples::near;
 
-/// Points on a cone of half angle `psi` with its apex at the origin, from s to s + length along z; for psi = 0 a cylinder of this radius.
+/// Points on a cone of half angle `psi` (rad) with its apex at the origin, from s to s + length along z. For `psi` = 0
+/// they are on a cylinder of this radius.
 fn conical(
     rng: &mut ChaCha8Rng,
     n: usize,
@@ -59,9 +60,9 @@ fn tilted_cones_are_recovered() {
                 let points = motion.all(&conical(&mut rng, 60, psi, 15.0, 40.0, turn));
                 let form = evaluate_form(&points, Feature::Cone).unwrap();
                 near(form.half_angle_rad.unwrap(), psi, 1e-9);
-                // From the apex into the cone, with sign.
+                // The direction is from the apex into the cone.
                 near(distance(form.direction, motion.turned([0.0, 0.0, 1.0])), 0.0, 1e-9);
-                // A slender cone has its apex far from the points.
+                // The apex of a slender cone is far from the points.
                 near(distance(form.position_mm, motion.moved([0.0; 3])), 0.0, 1e-9 / psi.sin());
                 near(form.deviation_mm, 0.0, 1e-9);
             }
@@ -76,7 +77,7 @@ fn a_large_offset_costs_no_more_than_its_rounding() {
         let mut points = conical(&mut rng, 200, psi, 20.0, 70.0, TAU);
         for point in &mut points {
             for x in point {
-                // Multiples of 2⁻²⁰ mm are exact with and without the offset.
+                // Multiples of 2⁻²⁰ mm are exact in f64 with and without the offset.
                 *x = ((*x + 0.01 * rng.random_range(-1.0..1.0)) * 1048576.0).round() / 1048576.0;
             }
         }
@@ -92,10 +93,10 @@ fn a_large_offset_costs_no_more_than_its_rounding() {
 #[test]
 fn coaxiality_is_twice_the_largest_distance() {
     let datum = DatumAxis::new([10.0, 0.0, 0.0], [0.0, 0.0, 7.0]).unwrap();
-    // At z = 0 the axis is 0.01 off, at z = 100 0.03.
+    // The axis is 0.01 mm off the datum at z = 0 and 0.03 mm at z = 100 mm.
     let axis = Axis { ends_mm: [[10.01, 0.0, 0.0], [10.0, 0.03, 100.0]] };
     near(axis.coaxiality_mm(&datum), 0.06, 1e-14);
-    // A cylinder that leans by 1 mrad about the middle of its 80 mm, 0.005 mm off the datum.
+    // A cylinder of 80 mm that is inclined by 1 mrad about its middle, which is 0.005 mm off the datum.
     let lean = |s: f64| [10.005, 1e-3 * s];
     let mut points = Vec::new();
     for s in [-40.0, -20.0, 0.0, 20.0, 40.0] {
@@ -108,7 +109,7 @@ fn coaxiality_is_twice_the_largest_distance() {
     let form = evaluate_form(&points, Feature::Cylinder).unwrap();
     let farthest = 0.005_f64.hypot(40.0 * 1e-3_f64.atan().sin());
     near(form.axis.unwrap().coaxiality_mm(&datum), 2.0 * farthest, 1e-9);
-    // Distance of the circle's centre from the datum, in the plane of the circle.
+    // Twice the distance of the circle's centre from the datum, in the plane of the circle.
     let circle: Vec<Point> =
         round(12, |_| 5.0).iter().map(|p| [p[0] + 10.003, p[1] + 0.004, 9.0]).collect();
     let circle = evaluate_form(&circle, CIRCLE).unwrap();
@@ -174,8 +175,8 @@ proptest! {
     }
 }
 
-/// Points of a slightly oval cone, taken at a few heights in turn, are fitted within 1.1 µm, although every n-th point has the same
-/// height and such a selection determines no cone.
+/// Points of a slightly oval cone that alternate between a few heights are fitted within 1.1 µm. In such points, each
+/// n-th point has the same height, and a selection of these would not determine the cone.
 #[test]
 fn heights_in_turn_make_a_cone() {
     let slope = 15.0_f64.to_radians();

@@ -61,7 +61,7 @@ fn reports() {
     });
 }
 
-/// Every point of an accepted circle has a finite deviation, and its evaluation does not panic.
+/// In an accepted circle each point has a finite deviation, and the evaluation does not panic.
 #[test]
 fn circles() {
     replay("circle", |bytes, name| {
@@ -72,7 +72,7 @@ fn circles() {
     });
 }
 
-/// Every sample of an accepted capture is finite.
+/// In an accepted capture each sample is finite.
 #[test]
 fn captures() {
     replay("capture", |bytes, name| {

@@ -1,4 +1,4 @@
-//! Straightness, squareness and Abbe's principle, compared with displaced rigid bodies.
+//! Tests of straightness, squareness and Abbe's principle against displaced rigid bodies.
 
 use volcomp_metrology::{
     CarriedSide, ReferenceLine, Rides, TiltReading, Travel, abbe_um, angular_method_um, lever_mm,
@@ -42,7 +42,8 @@ fn rotated(v: Vector, w: Vector) -> Vector {
     add(add(scaled(v, angle.cos()), scaled(cross(k, v), angle.sin())), along)
 }
 
-/// Position of a point (given at axis position 0) after the error motion of the carriage: δ in mm, ε in rad, stated at `c`.
+/// Position of a point of the carriage after its error motion. `p` is the point at axis position 0; the error motion,
+/// `delta` in mm and `epsilon` in rad, is stated at `c`.
 fn disturbed(p: Vector, delta: Vector, epsilon: Vector, c: Vector) -> Vector {
     add(add(c, delta), rotated(sub(p, c), epsilon))
 }
@@ -68,14 +69,14 @@ fn model_deviation_um(rides: Rides, side: CarriedSide) -> Vector {
 
 #[track_caller]
 fn near(found: Vector, expected: Vector) {
-    // Second order: ε² × lever = (6e-5)² × 1.5e6 µm = 0.005 µm.
+    // The neglected second order is ε² × lever = (6e-5)² × 1.5e6 µm = 0.005 µm.
     let worst = sub(found, expected).map(f64::abs).into_iter().fold(0.0, f64::max);
     assert!(worst < 5e-3, "{found:?} against {expected:?}");
 }
 
 #[test]
 fn a_point_on_the_carriage_moves_with_it() {
-    // The carriage moves the point to m + u q and tilts about its own point: the lever is m − c.
+    // The carriage moves the point to m + u·q and tilts about its own point, so that the lever is m − c.
     for side in [CarriedSide::Tool, CarriedSide::Workpiece] {
         near(model_deviation_um(Rides::Carriage, side), rigid_body_deviation_um(POINT));
     }
@@ -83,10 +84,11 @@ fn a_point_on_the_carriage_moves_with_it() {
 
 #[test]
 fn a_fixed_point_meets_another_place_of_the_carriage_at_each_position() {
-    // Tool-side axis: the point of the carriage that passes the fixed point was u q behind it at position zero.
+    // Tool-side axis: the point of the carriage that is at the fixed point now was u·q behind it at axis position 0.
     let passing = sub(POINT, scaled(DIRECTION, POSITION_MM));
     near(model_deviation_um(Rides::Other, CarriedSide::Tool), rigid_body_deviation_um(passing));
-    // Workpiece-side axis: a fixed tool point moves by +u q over the table, which is what `E?N` describes.
+    // Workpiece-side axis: a fixed tool point moves by +u·q relative to the table, which is the motion that `E?N`
+    // describes.
     let reached = add(POINT, scaled(DIRECTION, POSITION_MM));
     near(
         model_deviation_um(Rides::Other, CarriedSide::Workpiece),
@@ -96,7 +98,7 @@ fn a_fixed_point_meets_another_place_of_the_carriage_at_each_position() {
 
 #[test]
 fn yaw_at_a_lever_of_one_metre_by_hand() {
-    // 10 µrad about Z at 1 m along Y: 10 µm towards −X.
+    // 10 µrad about Z with a lever of 1 m along Y give 10 µm towards −X.
     assert_eq!(abbe_um([0.0, 0.0, 10.0], [0.0, 1000.0, 0.0]), [-10.0, 0.0, 0.0]);
 }
 
@@ -104,8 +106,8 @@ fn axis_of(letter: u8) -> Vector {
     std::array::from_fn(|i| f64::from(u8::from(i == usize::from(letter - b'X'))))
 }
 
-/// A rigid bridge is moved foot to foot along a known profile, and its tilt gives the reading: the readings reproduce the profile for
-/// every error.
+/// A rigid bridge is moved along a known profile, each foot to the position of the other, and its tilts are the
+/// readings. For each error the readings give the profile.
 #[test]
 fn bridge_readings_give_the_profile_back_for_every_error() {
     let bridge_mm = 100.0;
@@ -121,7 +123,7 @@ fn bridge_readings_give_the_profile_back_for_every_error() {
                 scaled(across, if k == 0 { 0.0 } else { rise_um * 1e-3 }),
             );
             let tilt = scaled(cross(along, foot_to_foot), 1e6 / bridge_mm);
-            // The reading at target 0 is not used; the others are right-hand rotations about +A, +B or +C.
+            // The reading at target 0 is not used; the other readings are right-hand rotations about +A, +B or +C.
             let right_hand: f64 = tilt.iter().sum();
             let slope = dot(tilt, about);
             let target = -250.0 + bridge_mm * k as f64;
@@ -163,7 +165,7 @@ fn bridge_and_targets_must_fit() {
 
 #[test]
 fn reference_lines_by_hand() {
-    // Least squares through (0,1) (10,3) (20,2): slope (−10·−1 + 10·0)/200 = 0.05, mean 2 at 10.
+    // Least-squares line of (0, 1), (10, 3) and (20, 2): slope (−10·−1 + 10·0)/200 = 0.05, mean 2 at 10.
     let points = [(0.0, 1.0), (10.0, 3.0), (20.0, 2.0)];
     let line = ReferenceLine::least_squares(&points).unwrap();
     assert!((line.slope_um_per_mm - 0.05).abs() < 1e-15);
@@ -187,10 +189,12 @@ fn a_line_needs_two_targets() {
     insta::assert_snapshot!(ReferenceLine::least_squares(&[(1.0, 2.0)]).unwrap_err(), @"least-squares reference line: points: found 1, expected at least two different targets");
 }
 
-/// Two axis lines and two reference beams, each pair out of square: the slopes give the angle between the axis lines within 0.001 µrad.
+/// Two axis lines and two reference beams; neither pair is exactly square. The slopes give the angle between the axis
+/// lines within 0.001 µrad.
 #[test]
 fn squareness_from_slopes_is_the_angle_between_the_axis_lines() {
-    // For each pair: first axis p, second axis s, the axis of rotation from p to s, and the error's name.
+    // For each case: name of the squareness error, indices of the first axis p and the second axis s, and the
+    // straightness errors of both axes.
     let cases =
         [("EC0Y", 0, 1, "EYX", "EXY"), ("EA0Z", 1, 2, "EZY", "EYZ"), ("EB0Z", 0, 2, "EZX", "EXZ")];
     let (out_urad, reference_urad, beam_urad) = (37.0, -3.2, 11.0);
@@ -201,13 +205,13 @@ fn squareness_from_slopes_is_the_angle_between_the_axis_lines() {
             "EA0Z" => [1.0, 0.0, 0.0],
             _ => [0.0, 1.0, 0.0],
         };
-        // The first axis is aligned; the second is rotated right-handed by the squareness error.
+        // The first axis line is exact; the second is rotated right-handed by the squareness error.
         let second_line = rotated(unit(s), scaled(rotation, out_urad * 1e-6));
-        // Beam p is rotated in the plane by `beam`; beam s is at π/2 + reference to beam p.
+        // Beam p is rotated in the plane by `beam_urad`; beam s is at an angle of π/2 + `reference_urad` to beam p.
         let turned = |angle: f64| add(scaled(unit(p), angle.cos()), scaled(unit(s), angle.sin()));
         let beam_p = turned(beam_urad * 1e-6);
         let beam_s = turned((beam_urad + reference_urad) * 1e-6 + std::f64::consts::FRAC_PI_2);
-        // A straightness slope is the line's component along the other beam's side, seen from its own beam.
+        // A straightness slope is the component of the axis line normal to its own beam, towards the other beam.
         let across_p = turned(beam_urad * 1e-6 + std::f64::consts::FRAC_PI_2);
         let across_s = scaled(turned((beam_urad + reference_urad) * 1e-6), 1.0);
         let slope_first = dot(unit(p), across_p) / dot(unit(p), beam_p) * 1e6;
@@ -227,7 +231,8 @@ fn squareness_from_slopes_is_the_angle_between_the_axis_lines() {
     }
 }
 
-/// For every tilt of X, Y and Z about every axis, the sign equals the change of the angle between two lines, one of which is rotated.
+/// For each tilt of X, Y and Z about each axis, the sign equals that of the change of the angle between two lines, one
+/// of which is rotated.
 #[test]
 fn a_tilt_opens_or_closes_the_angle_of_its_axes() {
     const URAD: f64 = 100.0;
@@ -259,18 +264,18 @@ fn squareness_of_invalid_names_is_refused() {
     assert!(squareness(named("EC0Y"), Urad(0.0), [slopes[0]; 2]).is_err());
 }
 
-/// Width of the narrowest strip of a given slope, by checking every point.
+/// Width of the narrowest strip of this slope that contains all points.
 fn width(points: &[(f64, f64)], slope: f64) -> f64 {
     let heights = || points.iter().map(|(q, x)| x - slope * q);
     heights().fold(f64::NEG_INFINITY, f64::max) - heights().fold(f64::INFINITY, f64::min)
 }
 
-/// The minimum zone equals a brute-force search over the slopes of all pairs of points, refined.
+/// The minimum zone equals that of a brute-force search over the slopes of all pairs of points, with refinement.
 #[test]
 fn the_minimum_zone_is_that_of_brute_force() {
     let mut state = 1_u64;
     let mut random = || {
-        // Knuth's linear congruential generator.
+        // Linear congruential generator with Knuth's constants.
         state =
             state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         (state >> 40) as f64 / f64::from(1_u32 << 24)
@@ -309,7 +314,7 @@ fn the_minimum_zone_is_that_of_brute_force() {
             assert!((found - width(&points, 0.5 * (low + high))).abs() < 1e-9);
         }
     }
-    // Two values at one target, and a repeated point.
+    // Two different values at one target, and a repeated point.
     let doubled = [(0.0, 0.0), (0.0, 2.0), (10.0, 1.0), (10.0, 1.0), (20.0, 0.0), (20.0, 2.0)];
     let line = ReferenceLine::minimum_zone(&doubled).unwrap();
     assert!(line.slope_um_per_mm.abs() < 1e-12 && (line.intercept_um - 1.0).abs() < 1e-12);

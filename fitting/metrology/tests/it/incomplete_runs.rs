@@ -1,4 +1,5 @@
-//! Mean curves of measurements whose runs lack targets, compared with closed forms and the normal equations of the two-way layout.
+//! Tests of the mean curves of measurements with targets missing in some runs, against closed forms and the normal
+//! equations of the two-way layout.
 
 use proptest::prelude::*;
 use volcomp_metrology::{
@@ -16,7 +17,8 @@ fn truth(target: usize, direction: Direction) -> f64 {
     0.2 * x * x - 1.7 * x + (1.3 * x).sin() + reversal * (1.0 + 0.1 * x)
 }
 
-/// Runs 1, 2, … with these offsets, in both directions, over the targets that `holds` (run, direction, target) accepts.
+/// A measurement in both directions with runs 1, 2, … that have these offsets. It contains the readings for which
+/// `holds(run, direction, target)` is true; `more` is added to each reading.
 fn measured(
     offsets: &[f64],
     holds: impl Fn(u32, Direction, usize) -> bool,
@@ -38,7 +40,7 @@ fn measured(
     Measurement { readings, ..Measurement::default() }
 }
 
-/// Mean curves minus the truth, forward and backward: constant if no run causes a step.
+/// Mean curves minus the truth, forward and then backward. All values are equal if no run causes a step.
 fn errors(measurement: &Measurement) -> Vec<f64> {
     let of = |direction| {
         let curve = measurement.mean_curve_in(direction).into_iter();
@@ -52,7 +54,7 @@ fn range(values: &[f64]) -> f64 {
     largest - values.iter().copied().fold(f64::INFINITY, f64::min)
 }
 
-/// Without noise the curve in both directions is the truth plus one constant, whichever readings are missing.
+/// Without noise, the mean curve of each direction is the truth plus the same constant, whichever readings are missing.
 #[test]
 fn runs_that_lack_targets_make_no_step_and_no_reversal() {
     type Holds = fn(u32, Direction, usize) -> bool;
@@ -92,7 +94,7 @@ fn runs_that_lack_targets_make_no_step_and_no_reversal() {
     }
 }
 
-/// The second of two runs stops early: the offset between the runs is the mean difference at their common targets.
+/// The second of two runs stops early. The offset between the runs is then the mean difference at their common targets.
 #[test]
 fn two_runs_follow_the_closed_form() {
     let noise = |run: u32, _, target: usize| (f64::from(run) * 7.1 + target as f64 * 2.3).sin();
@@ -109,13 +111,14 @@ fn two_runs_follow_the_closed_form() {
         };
         assert!((mean - expected).abs() < 1e-9, "{target}: {mean} {expected}");
     }
-    // ISO 230-2 uses the readings unchanged.
+    // ISO 230-2 uses the readings without alignment.
     let iso = evaluate(&measurement).unwrap();
     assert_eq!(iso.targets[5].forward.unwrap().mean, f64::midpoint(read(1, 5), read(2, 5)));
     assert_eq!(iso.targets[6].forward.unwrap().mean, read(1, 6));
 }
 
-/// Forward and backward passes with separate zeros: neither curve has a step, and the reversal is that of the readings.
+/// Forward and backward passes have separate zeros. Neither mean curve has a step, and the reversal value is that of
+/// the readings.
 #[test]
 fn passes_with_zeros_of_their_own_make_no_step() {
     let own = |run, way, _| f64::from(run) * if way == Positive { 20.0 } else { -35.0 };
@@ -124,9 +127,9 @@ fn passes_with_zeros_of_their_own_make_no_step() {
     let found = errors(&measurement);
     let (forward, backward) = found.split_at(TARGETS);
     assert!(range(forward) < 1e-9 && range(backward) < 1e-9);
-    // Mean zeros: 40 and −70.
+    // The mean zeros are 40 µm forward and −70 µm backward.
     assert!((forward[0] - backward[0] - 110.0).abs() < 1e-9);
-    // Consecutively numbered passes, none with both directions, are not changed.
+    // If passes are numbered consecutively, so that no run has both directions, the readings are not changed.
     let mut one_by_one = measured(&[5.0, 9.0], |_, _, _| true, own);
     for reading in &mut one_by_one.readings {
         reading.run = 2 * reading.run - u32::from(reading.direction == Positive);
@@ -134,7 +137,8 @@ fn passes_with_zeros_of_their_own_make_no_step() {
     assert_eq!(one_by_one.incomplete_runs(), None);
 }
 
-/// A drifting run has no constant offset: where it ends, a step remains, half of its drift over the common targets.
+/// The offset of a run that drifts is not constant. Where this run ends, a step remains: half of its drift over the
+/// common targets.
 #[test]
 fn a_drift_leaves_only_its_own_part_of_the_step() {
     let drift = |run: u32, _, target: usize| if run == 2 { 0.4 * target as f64 } else { 0.0 };
@@ -144,7 +148,7 @@ fn a_drift_leaves_only_its_own_part_of_the_step() {
     assert!((step - 0.5 * (0.4 * 2.5)).abs() < 1e-9, "{step}");
 }
 
-/// The scatter of incomplete runs is that of the readings about the common curve, without the steps.
+/// The scatter of incomplete runs is that of the readings about the common curve; steps between runs do not contribute.
 #[test]
 fn the_scatter_has_no_step_in_it() {
     let noise =
@@ -156,15 +160,15 @@ fn the_scatter_has_no_step_in_it() {
         let found = measured(&[0.0, 40.0, -3.0, 8.0], holds, noise);
         let scatter = found.scatter_of_mean(alignment).unwrap();
         assert!((0.7..1.4).contains(&(scatter.deviation / expected)), "{scatter:?} {expected}");
-        // Readings − targets − p · (runs − 1), forward and backward.
+        // Degrees of freedom: readings − targets − parameters per run · (runs − 1), forward and backward.
         let parameters = if alignment == RunAlignment::Offset { 1.0 } else { 2.0 };
         let expected = (39.0 - 11.0 - 3.0 * parameters) + (33.0 - 11.0 - 2.0 * parameters);
         assert_eq!(scatter.freedom, expected);
     }
 }
 
-/// A straightness reference is realigned before each run, so each run has an offset and a slope. If runs lack targets, the mean curves of both
-/// directions are the truth plus one common line.
+/// A straightness reference is realigned before each run, so that each run has its own offset and slope. If targets are
+/// missing in some runs, the mean curves of both directions are the truth plus a common line.
 #[test]
 fn runs_of_a_straightness_that_lack_targets_make_no_step() {
     let slopes = [0.0, 0.09, -0.05];
@@ -185,7 +189,7 @@ fn runs_of_a_straightness_that_lack_targets_make_no_step() {
         let line = ReferenceLine::least_squares(&errors).unwrap();
         range(&line.removed_from(&errors).iter().map(|of| of.1).collect::<Vec<_>>())
     };
-    // Aligned by offsets, as a positioning error is, the runs make steps.
+    // Aligned only by offsets, as for positioning deviations, the runs cause steps.
     assert!(left(&measurement) > 5.0);
     measurement.quantity = Some(Quantity::Straightness);
     assert!(left(&measurement) < 1e-9, "{}", left(&measurement));
@@ -193,7 +197,7 @@ fn runs_of_a_straightness_that_lack_targets_make_no_step() {
         measurement.incomplete_runs().unwrap().scatter().unwrap().freedom,
         (25.0 - 11.0 - 4.0) + (19.0 - 11.0 - 2.0)
     );
-    // Also where the file does not state the quantity.
+    // The same applies if the file does not state the quantity.
     measurement.quantity = None;
     let complete = straightness_of(&measured(&[0.0], |_, _, _| true, |_, _, _| 0.0)).unwrap();
     let found = straightness_of(&measurement).unwrap();
@@ -204,8 +208,9 @@ fn runs_of_a_straightness_that_lack_targets_make_no_step() {
     assert!((a - b).abs() < 1e-9, "{a} {b}");
 }
 
-/// Straightness passes whose slopes scatter, with separate numbers in the two directions, of which the last forward pass lacks a target: the uncertainty
-/// of the slope is that of independent means of the slopes in each direction, s/2 · √(1/n₁ + 1/n₂), with n₁ + n₂ − 2 degrees of freedom.
+/// Straightness passes have scattering slopes and separate numbers in the two directions, and a target is missing in
+/// the last forward pass. The uncertainty of the slope is that of independent means of the slopes in the two
+/// directions, s/2 · √(1/n₁ + 1/n₂), with n₁ + n₂ − 2 degrees of freedom.
 #[test]
 fn the_slope_of_passes_with_separate_numbers_has_a_mean_in_each_direction() {
     let slopes = [30.0, -50.0, 20.0, 0.0, -10.0, 10.0];
@@ -227,7 +232,7 @@ fn the_slope_of_passes_with_separate_numbers_has_a_mean_in_each_direction() {
             };
             let found = straightness_of(&measured(&[0.0; 6], holds, line)).unwrap();
             let found = found.slope_uncertainty.unwrap();
-            // Σ (slope − mean)²: 3800 forward, 200 backward of two or three.
+            // Σ(slope − mean)² is 3800 for the forward passes, and 200 for two or three backward passes.
             let squares = if backward > 1 { 4000.0 } else { 3800.0 };
             let n = f64::from(backward);
             assert_eq!(found.degrees, 1.0 + n, "{lacking} {backward}");
@@ -244,8 +249,8 @@ fn the_slope_of_passes_with_separate_numbers_has_a_mean_in_each_direction() {
     }
 }
 
-/// A long guide measured in many short runs, each of which overlaps the next: their lines are known through all others, and the profile keeps its
-/// shape, except for the line that is common to all.
+/// A long guideway is measured in many short runs, each of which overlaps the next. The lines of the runs are
+/// determined through all overlaps, and the profile keeps its shape, apart from a line common to all runs.
 #[test]
 fn a_long_chain_of_short_runs_keeps_the_profile() {
     const RUNS: u32 = 200;
@@ -272,7 +277,8 @@ fn a_long_chain_of_short_runs_keeps_the_profile() {
     }
 }
 
-/// For a run with two common targets nothing checks the slope; for a run with a single common target the slope is unknown. Both are rejected.
+/// With two common targets, nothing checks the slope of a run; with a single common target, the slope is unknown. Both
+/// cases are rejected.
 #[test]
 fn runs_of_a_straightness_without_slope_are_refused() {
     for last in [0, 1] {
@@ -311,7 +317,7 @@ fn runs_without_a_common_target_are_noted() {
     ");
 }
 
-/// Readings of up to five runs, each of which may be missing.
+/// Readings of up to five runs over seven targets in both directions; each reading may be missing.
 fn layout() -> impl Strategy<Value = Measurement> {
     let cell = (0.0..1.0_f64, -50.0..50.0_f64);
     (prop::collection::vec(cell, 2 * 5 * 7), 0.0..0.6_f64).prop_map(|(cells, missing)| {
@@ -319,7 +325,7 @@ fn layout() -> impl Strategy<Value = Measurement> {
         for (index, (chance, deviation)) in cells.into_iter().enumerate() {
             let (target, run) = ((index / 10) as f64, RUNS[index % 5]);
             let direction = Direction::BOTH[index / 5 % 2];
-            // The first target of the first run connects all.
+            // The readings at the first target are never missing; they connect all runs.
             if chance >= missing || target == 0.0 {
                 readings.push(Reading { target, run, direction, deviation });
             }
@@ -329,7 +335,8 @@ fn layout() -> impl Strategy<Value = Measurement> {
 }
 
 proptest! {
-    /// A constant added to all readings of a run shifts the whole curve by one constant; reversal and scatter do not change.
+    /// A constant that is added to all readings of a run shifts the whole curve by a constant; reversal value and
+    /// scatter do not change.
     #[test]
     fn offsets_of_runs_do_not_change_the_curve(measurement in layout(), run in 0..5_u32, offset in -1e3..1e3_f64) {
         let mut moved = measurement.clone();
@@ -349,8 +356,8 @@ proptest! {
         }
     }
 
-    /// The two-way table (reading = target + run) completed by least squares has no residual at missing readings, and its means are the
-    /// curve plus a constant.
+    /// The two-way table (reading = target + run), completed by least squares, has no residuals at missing readings,
+    /// and its means are the curve plus a constant.
     #[test]
     fn the_curve_solves_the_normal_equations(mut measurement in layout(), is_straightness: bool) {
         measurement.quantity = is_straightness.then_some(Quantity::Straightness);

@@ -20,7 +20,7 @@ fn near(found: Option<f64>, expected: f64, tolerance: f64) {
 #[test]
 fn published_report_is_reproduced() {
     let result = evaluate(&published()).unwrap();
-    // Published in mm to five decimals: 0.005 µm is half a digit; the readings are rounded to 0.01 µm.
+    // Published in mm with five decimals: half a digit is 0.005 µm. The readings are rounded to 0.01 µm.
     let tolerance = 0.0101;
     near(result.b, 43.46, tolerance);
     near(result.e_forward, 74.77, tolerance);
@@ -30,7 +30,7 @@ fn published_report_is_reproduced() {
     near(result.a_backward, 204.75, tolerance);
     near(result.a, 204.75, tolerance);
     near(result.r_backward, 204.75, tolerance);
-    // Published with one digit less.
+    // Published with one digit fewer.
     near(result.r_forward, 18.3, 0.05);
 }
 
@@ -42,7 +42,7 @@ fn only_the_outlying_backward_run_is_reported() {
     insta::assert_snapshot!(hints[0].text, @"backward run 1 differs from the other runs by 55.23 (root mean square; usual scatter 2.26)");
 }
 
-/// Every value equals the one computed by hand.
+/// Each value equals the value computed by hand.
 #[test]
 fn small_case_by_hand() {
     let result = evaluate(&small()).unwrap();
@@ -117,7 +117,7 @@ fn non_finite_readings_are_refused() {
     insta::assert_snapshot!(evaluate(&measurement(&[(3.0, 1, Positive, f64::NAN)])).unwrap_err(), @"m: readings: found deviation NaN at target 3, expected finite numbers, at most 1e12");
 }
 
-/// Independent implementation of the formulas of the standard, directly from the readings.
+/// Independent implementation of the formulas of ISO 230-2, directly from the readings.
 fn second_implementation(m: &Measurement) -> [f64; 12] {
     let targets = m.targets();
     let stats = |target: f64, direction| {

@@ -1,4 +1,4 @@
-//! Tables and logs that need a mapping of columns.
+//! Tests of tables and logs that need a mapping of columns.
 
 use std::fmt::Write as _;
 use std::path::Path;
@@ -53,7 +53,7 @@ fn the_unit_in_the_head_of_a_named_column_is_used() {
         (["Soll", "Abw (mm) Mittel"], "", Some(DeviationUnit::Um), 100.0),
         (["Soll", "偏差（mm）"], "", Some(DeviationUnit::Um), 100.0),
         (["Soll", "Abw (Lauf 1) mm"], "", Some(DeviationUnit::Um), 100.0),
-        // An unknown unit gives a note and is read as µm.
+        // With an unknown unit, the deviations are read as µm and a note is added.
         (["Soll", "Abw [1/1000 mm]"], "", None, 0.1),
         (["Soll", "Millimeter"], "", None, 0.1),
         (["Soll", "Abweichung"], "", None, 0.1),
@@ -86,7 +86,7 @@ fn columns_are_found_by_name_or_number_in_any_dialect() {
     assert_eq!(m.unit, Some(DeviationUnit::Um));
     let by_rows = "directions of approach follow the order of the rows";
     assert_eq!(m.notes, [by_rows, "columns that are not read: Ist"]);
-    // A column for each run and direction.
+    // One column for each run and direction.
     let wide = table(
         "[columns]\ntarget = 1\ndeviation = 2\nunit = \"um\"",
         "Target (mm),Run 1 Fwd,Run 1 Rev,Run 2 Fwd\n0,0.0,-1.8,0.1\n100,1.2,-0.6,1.3\n",
@@ -106,7 +106,7 @@ fn columns_are_found_by_name_or_number_in_any_dialect() {
     assert_eq!(ways, ["+", "+", "-", "-"]);
 }
 
-/// Row numbers of the header count blank lines, as in an editor.
+/// The numbers of header rows count blank lines, like line numbers in an editor.
 #[test]
 fn header_rows_are_lines_of_the_file() {
     for (separator, cell) in [(",", ","), ("blank", " "), ("tab", "\t")] {
@@ -117,20 +117,21 @@ fn header_rows_are_lines_of_the_file() {
             let rows = format!("{end}t{cell}d{end}{end}0{cell}1{end}{end}10{cell}2{end}");
             let m = table(&toml, &rows).unwrap();
             assert_eq!(shown(&m), [(0.0, 1, "+", 1.0), (10.0, 1, "+", 2.0)]);
-            // Messages name the same lines.
+            // Messages state the same line numbers.
             let wrong = rows.replace("10", "1x");
             let message = table(&toml, &wrong).unwrap_err().to_string();
             assert!(message.starts_with("x.csv:6: target"), "{message}");
         }
     }
-    // A header below the stated lines is not found: an error.
+    // A header below the stated rows is not found, which is an error.
     let toml = "[columns]\ntarget = \"t\"\ndeviation = \"d\"";
     assert!(table(toml, "\nt,d\n0,1\n").is_err());
     let numbered = "[columns]\ntarget = 1\ndeviation = 2\nheader_rows = 2";
     assert_eq!(table(numbered, "\nt,d\n0,1\n").unwrap().readings.len(), 1);
 }
 
-/// Reads a table of passes, each a direction and targets, with a column of directions but none of runs, and returns the run of each row.
+/// Reads a table with a column of directions, but no column of runs, and returns the run of each row. A pass is a
+/// direction and its targets.
 fn runs_of(passes: &[(&str, &[u32])]) -> Result<Vec<u32>, MetrologyError> {
     let toml = "[columns]\ntarget = \"t\"\ndeviation = \"d\"\ndirection = \"way\"";
     let rows = passes.iter().flat_map(|(way, targets)| {
@@ -141,7 +142,7 @@ fn runs_of(passes: &[(&str, &[u32])]) -> Result<Vec<u32>, MetrologyError> {
     Ok(read.readings.iter().map(|reading| reading.run).collect())
 }
 
-/// Without a column of runs, a run that lacks a target does not take the reading of the next one.
+/// Without a column of runs, a run with a missing target does not take a reading of the next run.
 #[test]
 fn runs_that_lack_targets_are_counted_by_passes() {
     let there_and_back: [(&str, &[u32]); 6] = [
@@ -154,14 +155,14 @@ fn runs_that_lack_targets_are_counted_by_passes() {
     ];
     let expected = [1, 1, 1, 1, 1, 1, 2, 2, 2, 2, 2, 3, 3, 3, 3, 3];
     assert_eq!(runs_of(&there_and_back).unwrap(), expected);
-    // The way back of the second run is missing.
+    // The backward pass of the second run is missing.
     let passes = [&there_and_back[..3], &there_and_back[4..]].concat();
     let expected = [1, 1, 1, 1, 1, 1, 2, 2, 3, 3, 3, 3, 3];
     assert_eq!(runs_of(&passes).unwrap(), expected);
-    // One direction; the second run begins late.
+    // All passes have one direction; the second run begins late.
     let one_way: [(&str, &[u32]); 3] = [("+", &[0, 1, 2]), ("+", &[1, 2]), ("+", &[0, 1, 2])];
     assert_eq!(runs_of(&one_way).unwrap(), [1, 1, 1, 2, 2, 3, 3, 3]);
-    // Complete runs are counted whatever the order of the rows.
+    // Complete runs are recognised in any order of rows.
     let by_targets: [(&str, &[u32]); 1] = [("+", &[0, 0, 1, 1, 2, 2])];
     assert_eq!(runs_of(&by_targets).unwrap(), [1, 2, 1, 2, 1, 2]);
     let lacking: [(&str, &[u32]); 1] = [("+", &[0, 0, 1, 2, 2])];
@@ -226,8 +227,9 @@ fn invalid_mappings_are_refused() {
     }
 }
 
-/// A log with standstills at 0, 10, 20, an overrun, and back. The laser is 2 µm high forward and 1 µm low backward, and reports only
-/// changes; the motor reports its position one line late.
+/// A log with standstills at 0, 10 and 20 mm, an overrun to 21 mm, and the same standstills on the way back. The laser
+/// reads 2 µm too much forward and 1 µm too little backward, and reports only changes. The motor reports its position
+/// one line late.
 pub(crate) fn log() -> String {
     let mut text = String::new();
     let mut time = 0.0;
@@ -238,7 +240,7 @@ pub(crate) fn log() -> String {
     };
     let mut from = -5.0;
     for (index, place) in places.into_iter().enumerate() {
-        // In motion.
+        // Positions during the motion.
         for step in 1..4 {
             let at = from + (place - from) * f64::from(step) / 4.0;
             writeln!(text, "M:X.RBV {} {at:.4}", stamp(time)).unwrap();
@@ -246,7 +248,7 @@ pub(crate) fn log() -> String {
             time += 0.1;
         }
         let off = if index < 4 { 0.002 } else { -0.001 };
-        // The axis line follows the laser line, although its time is earlier.
+        // The line of the motor is behind that of the laser, although its time is earlier.
         writeln!(text, "LASER:POS {} {:.5}", stamp(time + 0.3), place + off).unwrap();
         writeln!(text, "M:X.RBV {} {:.4}", stamp(time), place).unwrap();
         writeln!(text, "AIR:T {} 20.{index} LOLO MAJOR", stamp(time)).unwrap();
@@ -301,7 +303,7 @@ fn standstills_in_a_log_become_readings() {
         "{:?}",
         m.notes
     );
-    // Without stated targets the overrun is a target.
+    // If no targets are stated, the overrun is a target.
     let mut found = channels.clone();
     found.targets.clear();
     assert_eq!(readings_at_dwells(&log, &found).unwrap().targets(), [0.0, 10.0, 20.0, 21.0]);
@@ -315,8 +317,8 @@ fn standstills_in_a_log_become_readings() {
     );
 }
 
-/// The last 4 µm of an approach are within the standstill limit, before the target after positive and beyond it after negative motion: an
-/// axis without reversal shows less than 0.1 µm, however slow the approach.
+/// The last 4 µm of an approach are within the standstill limit: before the target in positive motion, beyond it in
+/// negative motion. The reversal value of an axis without reversal is still below 0.1 µm, however slow the approach is.
 #[test]
 fn the_end_of_an_approach_is_not_read_as_reversal() {
     let mut text = String::new();
@@ -328,7 +330,8 @@ fn the_end_of_an_approach_is_not_read_as_reversal() {
     let mut from = -1.0_f64;
     for (visit, target) in [0.0, 10.0, 20.0, 21.0, 20.0, 10.0, 0.0_f64].into_iter().enumerate() {
         let sign = (target - from).signum();
-        // In motion, then 3 s at 10 Hz: the remaining distance decays to 1/e in 0.3 s, and readings scatter by ±0.05 µm.
+        // During the motion, and then for 3 s at 10 Hz: the remaining distance decays to 1/e in 0.3 s, and readings
+        // scatter by ±0.05 µm.
         say(time, "M:X.RBV", f64::midpoint(from, target));
         for sample in 0..30_u32 {
             let since = f64::from(sample) * 0.1;
@@ -352,13 +355,14 @@ fn the_end_of_an_approach_is_not_read_as_reversal() {
         let [up, down] = [Positive, Negative].map(|way| m.mean_at(target, way).unwrap());
         assert!((up - down).abs() < 0.1, "{target}: {up} and {down} µm");
     }
-    // Without stated targets the rest positions are the targets.
+    // If no targets are stated, the positions at rest are the targets.
     channels.targets.clear();
     let m = readings_at_dwells(&log, &channels).unwrap();
     assert_eq!(m.targets(), [0.0, 10.0, 20.0, 21.0]);
 }
 
-/// Creep at a target, or an overrun within the reach of the target, does not change the readings: the target was approached once.
+/// Creep at a target and an overrun within the reach of the target do not change the readings: the target counts as
+/// approached once.
 #[test]
 fn a_creep_or_a_small_overrun_at_a_target_changes_no_reading() {
     let Mapping::Channels(channels) = mapping(CHANNELS) else {
@@ -368,7 +372,7 @@ fn a_creep_or_a_small_overrun_at_a_target_changes_no_reading() {
         let log = parse_camonitor(text.as_bytes(), "x.log").unwrap();
         readings_at_dwells(&log, &channels).unwrap()
     };
-    // Two standstills of 1.2 s instead of one of 3 s, and a return after the overrun.
+    // Two standstills of 1.2 s replace one of 3 s, with a return after the overrun.
     let moved = |target: f64, steps: &[(f64, f64)]| {
         let mut text = String::new();
         let mut arrived = false;
@@ -398,7 +402,7 @@ fn a_creep_or_a_small_overrun_at_a_target_changes_no_reading() {
         for steps in [
             &[(1.5, 0.01)][..],
             &[(1.5, -0.01)],
-            // Forward and back, without and with a standstill in between.
+            // An overrun and back, without and with a standstill in between.
             &[(1.3, 0.04), (1.5, 0.0)],
             &[(1.1, 0.04), (2.2, 0.0)],
         ] {
@@ -411,7 +415,7 @@ fn a_creep_or_a_small_overrun_at_a_target_changes_no_reading() {
             );
         }
     }
-    // An overrun beyond the reach, without standstill, is an approach from the other side.
+    // An overrun beyond the reach of the target, without a standstill, is an approach from the other side.
     let left = moved(20.0, &[(1.3, 0.5), (1.5, 0.0)]);
     assert_ne!(left.readings, straight.readings);
 }

@@ -1,4 +1,4 @@
-//! Files of straightness optics, captures, exports, API lasers and reports of 5529/5530 lasers.
+//! Tests of files of straightness optics, captures, exports, API lasers, and reports of 5529/5530 lasers.
 
 use volcomp_metrology::{
     DeviationUnit, FileFormat, MetrologyError, Quantity, RenishawKind, evaluate,
@@ -20,13 +20,14 @@ fn straightness_files_are_read_as_micrometres_with_a_note() {
     assert_eq!(m.mean_at(0.0, Negative), Some(3.6));
     assert!(m.notes.join("\n").contains("no real file has proven"), "{:?}", m.notes);
     assert_eq!(read(&write_renishaw(&m)).unwrap(), m);
-    // A linear file under this name, and vice versa.
+    // A linear file read as straightness, and a straightness file read as linear.
     assert!(matches!(read(BIDIRECTIONAL_RTL), Err(MetrologyError::Kind(_))));
     let as_linear = parse_renishaw(text.as_bytes(), "x.rtl", RenishawKind::Linear);
     assert!(matches!(as_linear, Err(MetrologyError::Kind(_))));
 }
 
-/// A material temperature more than 1 K from 20 °C gives a note with the expansion: 22.4 − 20 = 2.4 K at 8 µm/(m·K) is 19.2 µm/m.
+/// If the material temperature differs from 20 °C by more than 1 K, a note states the expansion: 22.4 °C − 20 °C = 2.4
+/// K at 8 µm/(m·K) is 19.2 µm/m.
 #[test]
 fn material_far_from_20_degrees_is_flagged_with_its_expansion() {
     let notes = |from: &str, to: &str| {
@@ -39,7 +40,7 @@ fn material_far_from_20_degrees_is_flagged_with_its_expansion() {
     let (said, compensation) = notes(given, warm);
     insta::assert_snapshot!(said, @"material temperature 1 was 22.10 to 22.40 °C, farther than 1 K from 20 °C: with 8 µm/(m·K) the material is 19.2 µm/m from its length at 20 °C; whether the readings were compensated for it the file does not say");
     assert_eq!(compensation, "8 µm/(m·K) and one material temperature stated");
-    // Within 1 K there is no note; −10 °C means that no sensor is connected.
+    // Within 1 K there is no note. A temperature of −10 °C means that no sensor is connected.
     assert_eq!(
         notes(given, "Mat temp 1 : 19.000000 21.000000 0").0,
         "material temperature 1 was 19.00 to 21.00 °C, changing by 2.00 K during the test: with 8 µm/(m·K) the material is 8.0 µm/m from its length at 20 °C; whether the readings were compensated for it the file does not say"
@@ -62,7 +63,7 @@ pub(crate) fn rtx(count: &str, samples: &[f64], end: &[u8]) -> Vec<u8> {
 
 #[test]
 fn captures_are_samples_in_little_endian() {
-    // 0x0A, `Data:` and `EOF::` among the bytes of samples.
+    // The bytes of this sample contain 0x0A and `EOF::`.
     let tricky = f64::from_le_bytes(*b"\nEOF::\r\n");
     let samples = [0.0, -1.25, tricky, 1e-9];
     for count in ["Sample no: 4\r\n", ""] {
@@ -91,7 +92,7 @@ Position   \tBidirectional Avg Error\r\n-50.000\t0.0010\r\n0.000\t0.0000\r\n50.0
 Position   \tForward Directional Avg Error\r\n-50.000\t0.0015\r\n0.000\t0.0000\r\n50.000\t-0.0030\r\n\r\n\
 Position   \tBackward Directional Avg Error\r\n50.000\t-0.0020\r\n0.000\t0.0000\r\n-50.000\t0.0005\r\n";
 
-/// Errors of API files are in mm: 0.0015 is 1.5 µm. Tables are matched by target value, in any order.
+/// Deviations in API files are in mm: 0.0015 is 1.5 µm. The tables are matched by target, in any order.
 #[test]
 fn api_files_hold_means_in_millimetres() {
     let m = parse_pos(POS.as_bytes(), "x.pos").unwrap();
@@ -101,7 +102,7 @@ fn api_files_hold_means_in_millimetres() {
     assert_eq!(m.mean_at(-50.0, Negative), Some(0.5));
     assert_eq!(m.mean_at(50.0, Negative), Some(-2.0));
     assert_eq!(m.metadata.axis.as_deref(), Some("X"));
-    // Means alone determine B, but not A or R.
+    // Means alone determine B, but neither A nor R.
     let evaluated = evaluate(&m).unwrap();
     assert_eq!((evaluated.a, evaluated.r), (None, None));
     assert!((evaluated.b.unwrap() - 1.0).abs() < 1e-9);
@@ -143,13 +144,13 @@ fn compensation_exports_are_marked_as_no_readings() {
         let found = parse_ren(REN.replacen(from, to, 1).as_bytes(), "x.REN");
         match found {
             Err(error) => assert!(error.to_string().contains(expected), "{from}: {error}"),
-            // The end need not be a whole number of spacings from the start.
+            // The distance from start to end need not be a multiple of the spacing.
             Ok(_) => assert_eq!(expected, "", "{from}"),
         }
     }
 }
 
-/// A repeated position is rejected with its first line, although an export has no spacing.
+/// A repeated position is rejected with its first line, although the export states no spacing.
 #[test]
 fn a_repeated_position_of_an_export_is_refused() {
     let twice = REN.replacen("Compensation spacing  100\r\n", "", 1);
@@ -201,20 +202,21 @@ fn columns_of_reports_are_checked_against_each_other() {
     assert_eq!(parse_keysight_report(without.as_bytes(), "x.txt").unwrap().unit, None);
 }
 
-/// Columns with exponents are compared to their last digit: 2.0E-03 is known to 0.0001.
+/// Columns with exponents are compared within their last digit: 2.0E-03 has a resolution of 0.0001.
 #[test]
 fn columns_with_exponents_are_checked_against_each_other() {
     let head = REPORT.split("1  -254").next().unwrap();
     let read = |row: &str| parse_keysight_report(format!("{head}{row}\r\n").as_bytes(), "x.txt");
     let m = read("0.0E+00 2.0E-03 4.0E-03 3.0E-03 1.0E-03 1.0E-03 2.0E-03").unwrap();
     assert_eq!(m.mean_at(0.0, Negative), Some(4.0e-3));
-    // Forward and reverse are swapped.
+    // The forward and reverse columns are swapped.
     let message =
         read("0.0E+00 4.0E-03 2.0E-03 3.0E-03 1.0E-03 1.0E-03 2.0E-03").unwrap_err().to_string();
     assert!(message.contains("dead zone: found 0.002, expected -0.002"), "{message}");
-    // A zero has no last digit, and still must not agree with everything.
+    // A zero has no last digit; it must still not agree with every value.
     assert!(read("1.0E+01 4.0E-03 0.0E+00 2.0E-03 1.0E-03 1.0E-03 4.0E-03").is_err());
-    // Large numbers are rounded to their own last digit: −280 where the rounded means differ by −200.
+    // Large numbers are compared within their own last digit: −280 is accepted, although the rounded means differ by
+    // −200.
     assert!(read("1.0E+01 1.2E+03 1.0E+03 1.1E+03 1.0E+01 1.0E+01 -2.8E+02").is_ok());
 }
 
@@ -231,12 +233,13 @@ fn means_of_api_files_with_exponents_are_checked() {
         let message = read(wrong).unwrap_err().to_string();
         assert!(message.contains("mean of both directions"), "{message}");
     }
-    // The means of the directions are rounded too: their mean is finer than they are.
+    // The means of the directions are rounded as well: the mean of both has more digits than they have.
     let fine = text("2.0E-05").replace("2.0E-03", "-4.0E-03");
     assert!(parse_pos(fine.as_bytes(), "x.pos").is_ok());
 }
 
-/// In each format with blanks or tabs as separators, decimal commas are read like points; a file with both is rejected.
+/// In each format with blanks or tabs as separators, decimal commas are accepted like decimal points. A file with both
+/// is rejected.
 #[test]
 fn decimal_commas_are_read_where_they_are_not_separators() {
     type Parser = fn(&[u8]) -> Result<volcomp_metrology::Measurement, MetrologyError>;
@@ -260,7 +263,7 @@ fn decimal_commas_are_read_where_they_are_not_separators() {
         let (found, expected) = (parse(&comma).unwrap(), parse(bytes).unwrap());
         assert_eq!(found.readings, expected.readings);
         assert_eq!(found.environment, expected.environment);
-        // Changes the last comma back to a point.
+        // The last comma becomes a point again.
         let mut mixed = comma;
         let last = mixed.iter().rposition(|byte| *byte == b',').unwrap();
         mixed[last] = b'.';

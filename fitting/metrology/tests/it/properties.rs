@@ -1,4 +1,4 @@
-//! Readers on arbitrary and damaged bytes, and round trips of written files.
+//! Tests of readers with arbitrary and damaged bytes, and round trips of written files.
 
 use std::fmt::Write as _;
 
@@ -16,7 +16,7 @@ use crate::samples::BIDIRECTIONAL_RTL;
 const TABLE: &str =
     "target,run,direction,deviation\n-10,1,+,1.25\n5,1,+,2.5\n5,1,-,0.5\n-10,1,-,3\n";
 
-/// Reads the bytes in every format; accepted content must be valid and survive a round trip in its format.
+/// Reads the bytes in each format. A measurement that is accepted must be valid and survive a round trip in its format.
 fn exercise(bytes: &[u8]) {
     let read = [
         parse_renishaw(bytes, "x", RenishawKind::Linear),
@@ -138,7 +138,8 @@ prop_compose! {
     }
 }
 
-/// Complete runs in the order of travel, numbers on a grid of 1e-6 mm and 1e-6 µm or µrad, no deviation of 0.
+/// Measurements of complete runs in the order of travel. Targets are multiples of 1e-6 mm; deviations are multiples of
+/// 1e-6 µm or µrad and not 0.
 fn measurement(unit: DeviationUnit, kind: &'static str) -> impl Strategy<Value = Measurement> {
     let targets = prop::collection::btree_set(-9_000_000_000..9_000_000_000_i64, 2..13);
     let deviations = prop::collection::vec(1..900_000_000_i64, 12 * 8);
@@ -185,14 +186,14 @@ fn measurement(unit: DeviationUnit, kind: &'static str) -> impl Strategy<Value =
     )
 }
 
-/// Writes and reads a text, without the reader's notes.
+/// Reads a written text again, and drops the notes of the reader.
 fn read_again(text: &str, kind: RenishawKind) -> Measurement {
     let mut read = parse_renishaw(text.as_bytes(), "x", kind).unwrap();
     read.notes.clear();
     read
 }
 
-/// Implausible readings: any number, any run, few different targets.
+/// Implausible readings: arbitrary numbers and runs, few different targets.
 fn odd_readings() -> impl Strategy<Value = Vec<Reading>> {
     let target = prop_oneof![any::<f64>(), (0..4).prop_map(f64::from), Just(f64::NAN)];
     let direction = prop::sample::select(Direction::BOTH.to_vec());
@@ -207,7 +208,7 @@ fn odd_readings() -> impl Strategy<Value = Vec<Reading>> {
 }
 
 proptest! {
-    /// For any measurement built in code, public functions return a result or an error.
+    /// For any measurement, public functions return a result or an error.
     #[test]
     fn odd_measurements_built_in_code_do_not_panic(readings in odd_readings(), at in any::<f64>()) {
         let m = Measurement { readings, ..Measurement::default() };

@@ -91,7 +91,7 @@ fn case_wrapping_and_unknown_sections_are_accepted() {
     assert_eq!(rtl(&format!("\u{feff}{text}")).unwrap(), expected);
 }
 
-/// The sample with these rows: run, target column, deviation.
+/// The sample file with other rows, each with run, target column and deviation.
 fn with_rows(run_count: u32, flags: &str, rows: &[(u32, &str, f64)]) -> String {
     let (start, rest) = BIDIRECTIONAL_RTL.split_once("Run Target Data:\r\n").unwrap();
     let end = &rest[rest.find("EQUIPMENT").unwrap()..];
@@ -108,7 +108,7 @@ fn target_values_in_the_target_column_are_accepted_where_no_number_fits() {
     let up = [(1, "-100", 1.0), (1, "0.0", 2.0), (1, "250.50", 3.0)];
     let m = rtl(&with_rows(1, "0 1 2 0", &up)).unwrap();
     assert_eq!(readings(&m), [(-100.0, 1, '+', 1.0), (0.0, 1, '+', 2.0), (250.5, 1, '+', 3.0)]);
-    // A row that is neither: the message asks for a target number.
+    // The third target is neither a target number nor a target; the message asks for a target number.
     let neither = [(1, "1", 1.0), (1, "2", 2.0), (1, "250", 3.0)];
     assert!(matches!(rtl(&with_rows(1, "0 1 2 0", &neither)), Err(MetrologyError::Number(_))));
 }

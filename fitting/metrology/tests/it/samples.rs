@@ -1,11 +1,12 @@
-//! Small measurements and files, written by hand.
+//! Small measurements and files written by hand.
 
 use volcomp_metrology::{
     Direction::{self, Negative, Positive},
     Measurement, Reading,
 };
 
-/// Three targets (one negative) and two bidirectional runs, with reverse runs in the order of travel.
+/// A file with three targets, one of them negative, and two bidirectional runs; reverse passes are in the order of
+/// travel.
 pub(crate) const BIDIRECTIONAL_RTL: &str = "HEADER::\r
 File type  : rtl\r
 Owner      : Example\r
@@ -56,7 +57,7 @@ Final Data : 1 0\r
 EOF::\r
 ";
 
-/// The sample with one text replaced, which must occur.
+/// The sample file with one text replaced. Panics if the text does not occur.
 pub(crate) fn rtl_with(from: &str, to: &str) -> String {
     assert!(BIDIRECTIONAL_RTL.contains(from), "no {from:?} in the sample");
     BIDIRECTIONAL_RTL.replacen(from, to, 1)
@@ -77,7 +78,7 @@ pub(crate) fn measurement(readings: &[(f64, u32, Direction, f64)]) -> Measuremen
     }
 }
 
-/// Two targets, two runs in each direction.
+/// A measurement with two targets and two runs in each direction.
 pub(crate) fn small() -> Measurement {
     measurement(&[
         (0.0, 1, Positive, 1.0),

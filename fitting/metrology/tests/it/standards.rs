@@ -1,4 +1,5 @@
-//! Standards other than ISO 230-2, its editions and requirements on a test, its uncertainty, and tolerances.
+//! Tests of standards other than ISO 230-2, of its editions and their requirements on a test, of the measurement
+//! uncertainty, and of tolerances.
 
 use rand::SeedableRng;
 use rand_distr::{Distribution, Normal};
@@ -11,7 +12,8 @@ use volcomp_vocabulary::AxisKind;
 
 use crate::samples::{measurement, near, small};
 
-/// At 0: means 2 and −2, x̄ = 0, U = 4; s = √2 and 0, Ps = 3√2. At 10: means 5 and 6, x̄ = 5.5, U = 1; s = 0 and 2√2, Ps = 6√2.
+/// At target 0: means 2 and −2, x̄ = 0, U = 4, s = √2 and 0, Ps = 3√2. At target 10: means 5 and 6, x̄ = 5.5, U = 1, s
+/// = 0 and 2√2, Ps = 6√2.
 #[test]
 fn vdi_3441_by_hand() {
     let root2 = 2.0_f64.sqrt();
@@ -21,7 +23,7 @@ fn vdi_3441_by_hand() {
     near(vdi.u_mean, 2.5, 1e-12);
     near(vdi.ps_max, 6.0 * root2, 1e-12);
     near(vdi.ps_mean, 4.5 * root2, 1e-12);
-    // From 0 − (4 + 3√2)/2 = −4.12 to 5.5 + (1 + 6√2)/2 = 10.24.
+    // P is the range from 0 − (4 + 3√2)/2 = −4.12 to 5.5 + (1 + 6√2)/2 = 10.24.
     near(vdi.p, 5.5 + 0.5 + 3.0 * root2 + 2.0 + 1.5 * root2, 1e-12);
     let symbols: Vec<&str> = Vdi3441::quantities(Some(&vdi)).iter().map(|q| q.symbol).collect();
     assert_eq!(symbols, ["P", "Pa", "U_max", "U_mean", "Ps_max", "Ps_mean"]);
@@ -38,7 +40,7 @@ fn vdi_3441_needs_both_directions_and_several_runs() {
     assert_eq!(vdi_3441(&evaluate(&one_run).unwrap()), None);
 }
 
-/// A second implementation of VDI/DGQ 3441 gives the same values on the published readings.
+/// For the published readings, an independent implementation of VDI/DGQ 3441 gives the same values.
 #[test]
 fn vdi_3441_of_the_published_readings() {
     let text = include_str!("../data/iso230-2-axis.csv");
@@ -73,10 +75,10 @@ fn vdi_3441_of_the_published_readings() {
     near(vdi.p, upper - lower, 1e-9);
     let largest = means.iter().copied().fold(f64::MIN, f64::max);
     let smallest = means.iter().copied().fold(f64::MAX, f64::min);
-    // The published M, in µm, is the same range.
+    // The published M of ISO 230-2, in µm, is the same range.
     near(vdi.pa, largest - smallest, 1e-9);
     near(vdi.pa, 48.09, 0.011);
-    // The published B.
+    // The published B of ISO 230-2, in µm.
     near(vdi.u_max, 43.46, 0.011);
 }
 
@@ -98,7 +100,7 @@ fn editions_name_the_same_values_differently() {
     assert_eq!(asme[0].value, result.a);
 }
 
-/// The required numbers of targets and runs change at the stated travels of each kind of axis.
+/// The required numbers of targets and runs change at these travels (mm or deg) of each kind of axis.
 #[test]
 fn required_targets_and_runs() {
     use AxisKind::{Linear, Rotary};
@@ -126,7 +128,7 @@ fn tests_smaller_than_required_are_noted() {
     2 targets over 10 mm: ISO 230-2:2014 asks for 5 at least on linear axes up to 2000 mm
     2 runs in a direction: ISO 230-2:2014 asks for 5 in each direction on linear axes up to 2000 mm
     ");
-    // Over 2 m one run in each direction is required.
+    // For a travel over 2 m, one run in each direction is required.
     let long: Vec<_> =
         (0..=32).flat_map(|k| Direction::BOTH.map(|d| (f64::from(k) * 250.0, 1, d, 1.0))).collect();
     let said = shortfalls(&measurement(&long), AxisKind::Linear, Edition::Iso2006);
@@ -152,8 +154,8 @@ const INPUTS: UncertaintyInputs = UncertaintyInputs {
     environment_um: Some(1.7),
 };
 
-/// Each contribution over 1.75 m equals that by the rounded factors of the annex, 0.3 and 0.6, which differ from 1/√12 and 1/√3 by less
-/// than 4 %.
+/// Each contribution to the uncertainty over 1.75 m equals that computed with the rounded factors 0.3 and 0.6 of the
+/// annex, which differ from 1/√12 and 1/√3 by less than 4 %.
 #[test]
 fn contributions_to_the_uncertainty_by_hand() {
     let u = positioning_uncertainty(&INPUTS, 1.75, 5).unwrap();
@@ -163,13 +165,14 @@ fn contributions_to_the_uncertainty_by_hand() {
         near(contribution.u_um.unwrap(), expected, 0.041 * expected);
     }
     near(u.contributions[0].u_um.unwrap(), 0.875, 1e-12);
-    // A beam misaligned by 1 mm over 1.75 m measures 0.2857 µm too little: U = 0.2857/√3.
+    // A beam misaligned by 1 mm over 1.75 m measures 0.2857 µm too little, which gives U = 0.2857/√3.
     let short_um = (1750.0_f64.hypot(1.0) - 1750.0) * 1e3;
     near(u.contributions[1].u_um.unwrap(), short_um / 3.0_f64.sqrt(), 1e-6);
     assert_eq!(u.left_out, Vec::<String>::new());
 }
 
-/// The environment changes each reading independently: its effect on E, M and B equals that of Monte Carlo samples.
+/// The environment changes each reading independently. Its effect on E, M and B equals that in a Monte Carlo
+/// simulation.
 #[test]
 fn the_environment_spreads_the_results_as_stated() {
     const TRIALS: usize = 20_000;
@@ -177,7 +180,7 @@ fn the_environment_spreads_the_results_as_stated() {
         environment_um: Some(2.0 * 3.0_f64.sqrt()),
         ..UncertaintyInputs::default()
     };
-    // U_EVE = 2 µm, so each reading has a standard uncertainty of 1 µm.
+    // For U_EVE = 2 µm, each reading has a standard uncertainty of 1 µm.
     let u = positioning_uncertainty(&only, 1.0, 5).unwrap();
     near(u.contributions[4].u_um.unwrap(), 2.0, 1e-12);
     let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(230);
@@ -185,7 +188,7 @@ fn the_environment_spreads_the_results_as_stated() {
     let mut draws: [Vec<f64>; 4] = Default::default();
     for _ in 0..TRIALS {
         let mut readings = Vec::new();
-        // Far apart, so that the extremes are always at the same targets.
+        // The values are far apart, so that the extremes are always at the same targets.
         for (target, up, down) in [(0.0, 50.0, 0.0), (500.0, 500.0, 480.0)] {
             for run in 1..=5 {
                 readings.push((target, run, Positive, up + noise.sample(&mut rng)));
@@ -206,7 +209,7 @@ fn the_environment_spreads_the_results_as_stated() {
     near(twice_sd(&draws[0]), u.e_um, 0.02 * u.e_um);
     near(twice_sd(&draws[1]), u.m_um, 0.02 * u.m_um);
     near(twice_sd(&draws[2]), u.b_um, 0.02 * u.b_um);
-    // A perfectly repeatable machine gets 4 s = 2 U_EVE from the environment.
+    // The environment alone gives a perfectly repeatable machine R = 4 s = 2 U_EVE.
     let mean_square = draws[3].iter().map(|s| s * s).sum::<f64>() / TRIALS as f64;
     near(4.0 * mean_square.sqrt(), u.r_unidirectional_um, 0.02 * u.r_unidirectional_um);
 }
@@ -222,7 +225,7 @@ fn unstated_contributions_are_listed() {
     U_E: difference to 20 °C and range of the expansion coefficient not stated
     U_EVE: environment variation not stated
     ");
-    // Without a drift test the uncertainties of B and R are unknown.
+    // Without a drift test, the uncertainties of B and R are unknown.
     let no_drift = UncertaintyInputs { environment_um: None, ..INPUTS };
     let u = positioning_uncertainty(&no_drift, 1.0, 5).unwrap();
     assert_eq!((u.of("B"), u.of("R")), (None, None));

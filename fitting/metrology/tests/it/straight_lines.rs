@@ -1,4 +1,4 @@
-//! Straightness and squareness from files, and errors on parallel lines.
+//! Tests of straightness and squareness from files, and of errors on parallel lines.
 
 use std::{fmt::Write as _, iter};
 
@@ -12,8 +12,9 @@ use volcomp_metrology::{
 
 use crate::samples::near;
 
-/// A triangle of 6 µm on a slope of 10 µrad: range 6 about the end-point line, the minimum zone, and the least-squares line, which is
-/// level at 2 through (−1, 0), (0, 6), (1, 0). With a fourth point the three differ.
+/// A triangle of 6 µm on a slope of 10 µrad. All three lines give 6 µm: the end-point line, the minimum zone, and the
+/// least-squares line, which is level at 2 through (−1, 0), (0, 6) and (1, 0). With a fourth point, the three results
+/// differ.
 #[test]
 fn the_three_reference_lines_by_hand() {
     let sloped = |q: f64, x: f64| (q, x + 0.01 * q);
@@ -26,14 +27,15 @@ fn the_three_reference_lines_by_hand() {
         near(about.error_um, 6.0, 1e-9);
         near(about.line.slope().0, 10.0, 1e-9);
     }
-    // (0, 0) (1, 3) (2, 0) (3, 3). End points rise by 1, residuals 0, 2, −2, 0: 4. Least squares: slope 0.6, residuals −0.6, 1.8, −1.8,
-    // 0.6: 3.6. Narrowest strip at slope 0: 3.
+    // Points (0, 0), (1, 3), (2, 0), (3, 3). The end-point line rises by 1 per unit: residuals 0, 2, −2, 0, range 4.
+    // The least-squares line has slope 0.6: residuals −0.6, 1.8, −1.8, 0.6, range 3.6. The narrowest strip has slope 0:
+    // range 3.
     let zigzag = [(0.0, 0.0), (1.0, 3.0), (2.0, 0.0), (3.0, 3.0)];
     let found = straightness_of_profile(&zigzag).unwrap();
     near(found.of(ReferenceKind::EndPoints).error_um, 4.0, 1e-12);
     near(found.of(ReferenceKind::LeastSquares).error_um, 3.6, 1e-12);
     near(found.of(ReferenceKind::MinimumZone).error_um, 3.0, 1e-12);
-    // Residuals −0.6, 1.8, −1.8, 0.6: Σ = 7.2, s² = 3.6, Σ(q − q̄)² = 5; 1 µm/mm is 1000 µrad.
+    // Residuals −0.6, 1.8, −1.8, 0.6: sum of squares 7.2, s² = 3.6, Σ(q − q̄)² = 5. 1 µm/mm is 1000 µrad.
     let u = found.slope_uncertainty.unwrap().standard_urad;
     near(u, (3.6_f64 / 5.0).sqrt() * 1e3, 1e-9);
 }
@@ -48,7 +50,8 @@ fn runs_of_both_directions_make_one_profile_and_their_difference() {
     assert!(straightness_of(&single).is_err());
 }
 
-/// Runs with different slopes, as with a realigned beam, make the slope uncertain by their scatter: (−60, 10, 50) µrad scatter by 55.7.
+/// Runs with different slopes, as after realignment of the beam, increase the uncertainty of the slope by their
+/// scatter: the standard deviation of (−60, 10, 50) µrad is 55.7 µrad.
 #[test]
 fn different_slopes_of_runs_widen_the_uncertainty() {
     let stated = |slopes: [f64; 3]| {
@@ -67,7 +70,7 @@ fn different_slopes_of_runs_widen_the_uncertainty() {
     assert!(stated([0.0, 0.0, 0.0]) < 0.2);
 }
 
-/// The stated standard uncertainty of a slope equals the scatter of slopes over seeds.
+/// The stated standard uncertainty of a slope equals the scatter of the slopes in simulations.
 #[test]
 fn the_uncertainty_of_a_slope_matches_simulations() {
     let noise = Normal::new(0.0, 1.0).unwrap();
@@ -86,8 +89,8 @@ fn the_uncertainty_of_a_slope_matches_simulations() {
     near(stated, scatter, 0.03 * scatter);
 }
 
-/// A straightness line of 500 mm: number of targets and runs, noise of a reading in µm, and scatter of the slope of the reference from run to run
-/// in µrad.
+/// A straightness line of 500 mm: numbers of targets and runs, noise of a reading in µm, and scatter of the slope of
+/// the reference between runs in µrad.
 struct Line {
     targets: u32,
     runs: u32,
@@ -96,7 +99,8 @@ struct Line {
 }
 
 impl Line {
-    /// Readings in both directions, with a reversal and, for several runs, a profile. Returns them and the error of their slope, µrad.
+    /// Simulates readings in both directions with a reversal value, and with a profile if there are several runs.
+    /// Returns the evaluated straightness, and the error of its slope in µrad.
     fn measured(
         &self,
         rng: &mut rand_chacha::ChaCha8Rng,
@@ -132,7 +136,8 @@ impl Line {
     }
 }
 
-/// Fraction of simulated squarenesses whose error is within the stated U, with a square that is calibrated to U = 3 µrad.
+/// Fraction of simulated squareness errors whose deviation from the truth is within the stated U. The reference square
+/// is calibrated to U = 3 µrad.
 fn coverage(lines: [&Line; 2]) -> f64 {
     const TRIALS: u32 = 800;
     let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(7);
@@ -148,8 +153,9 @@ fn coverage(lines: [&Line; 2]) -> f64 {
     inside.count() as f64 / f64::from(TRIALS)
 }
 
-/// The stated U contains the true squareness with 95.45 %, the probability of k = 2, or more with few degrees of freedom in both lines. The
-/// reference is realigned only between several runs, because a single run does not show the effect.
+/// The stated U contains the true squareness with a probability of 95.45 % (k = 2), or more if both lines have few
+/// degrees of freedom. The reference is realigned only if there are several runs, because a single run does not show
+/// this effect.
 #[test]
 fn the_uncertainty_of_a_squareness_covers_the_truth() {
     for runs in [1, 2, 5] {
@@ -157,7 +163,7 @@ fn the_uncertainty_of_a_squareness_covers_the_truth() {
             let realigned_urad = if runs > 1 { 20.0 } else { 0.0 };
             let line = |noise_um| Line { targets, runs, noise_um, realigned_urad };
             let noisy = line(2.0);
-            // Of the second the scatter is negligible.
+            // The scatter of this line is negligible.
             let still = Line { noise_um: 0.01, realigned_urad: 0.01, ..noisy };
             let [both, one] = [coverage([&noisy, &noisy]), coverage([&noisy, &still])];
             assert!((0.935..0.998).contains(&both), "{runs} {targets}: {both}");
@@ -166,7 +172,8 @@ fn the_uncertainty_of_a_squareness_covers_the_truth() {
     }
 }
 
-/// The stated U also covers a profile summed from bridge tilts; the residuals about its line would give only a fraction of U.
+/// The stated U also covers the slope of a profile that is summed from bridge tilts; the residuals about its line would
+/// give only a fraction of this U.
 #[test]
 fn the_uncertainty_of_the_slope_of_a_bridge_covers_the_truth() {
     const TRIALS: u32 = 2000;
@@ -194,7 +201,8 @@ fn the_uncertainty_of_the_slope_of_a_bridge_covers_the_truth() {
     }
 }
 
-/// δ = E + ε_Y c − ε_Z b for a point at (b, c) across X: four lines with deviations by hand.
+/// For a point at (b, c) across X, the deviation is δ = E + ε_Y c − ε_Z b. The deviations of four lines are computed by
+/// hand.
 #[test]
 fn parallel_lines_give_back_the_angles() {
     let truth = [(3.0, [10.0, -20.0]), (-1.0, [0.0, 7.5])];
@@ -232,8 +240,8 @@ fn parallel_lines_give_back_the_angles() {
     ");
 }
 
-/// A parallelogram with side AD along the first axis and side AB leaning by t from the second. If B leans towards the first axis, the angle is
-/// closed by t: −t for EC0Y and EA0Z, +t for EB0Z.
+/// A parallelogram whose side AD is along the first axis; side AB is inclined by t relative to the second axis. If B is
+/// inclined towards the first axis, the angle is smaller by t: the result is −t for EC0Y and EA0Z, +t for EB0Z.
 #[test]
 fn squareness_of_a_drawn_parallelogram() {
     let distance = |[ax, ay]: [f64; 2], [bx, by]: [f64; 2]| (bx - ax).hypot(by - ay);

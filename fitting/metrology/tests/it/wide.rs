@@ -1,4 +1,4 @@
-//! Tables with a column for each run give the readings of the same table with a row for each reading.
+//! Tables with a column for each run give the same readings as tables with a row for each reading.
 
 use std::fmt::Write;
 
@@ -14,7 +14,7 @@ fn refused(text: &str) -> String {
     csv(text).expect_err("refused").to_string()
 }
 
-/// Readings by direction, run and target.
+/// Readings sorted by direction, then run, then target.
 fn sorted(text: &str) -> Vec<Reading> {
     let mut readings = csv(text).unwrap_or_else(|error| panic!("{error}\n{text}")).readings;
     readings.sort_by(|a, b| {
@@ -24,7 +24,7 @@ fn sorted(text: &str) -> Vec<Reading> {
     readings
 }
 
-/// Deviations of four passes at three targets, µm.
+/// Deviations of four passes at three targets, µm, with a row for each reading.
 const LONG: &str = "target mm,run,direction,deviation um
 0,1,+,0.5\n100,1,+,-2.5\n200,1,+,3.25
 0,1,-,4.5\n100,1,-,1.5\n200,1,-,7.25
@@ -32,7 +32,7 @@ const LONG: &str = "target mm,run,direction,deviation um
 0,2,-,4.75\n100,2,-,1.25\n200,2,-,7.5
 ";
 
-/// The same readings with one row for each target.
+/// The same readings with a row for each target.
 const WIDE: &str = "Target (mm),Run 1 fwd (µm),Run 1 bwd (µm),Run 2 fwd (µm),Run 2 bwd (µm)
 0,0.5,4.5,0.25,4.75\n100,-2.5,1.5,-2.25,1.25\n200,3.25,7.25,3,7.5
 ";
@@ -69,13 +69,13 @@ fn deviations_in_columns() {
         let (_, rows) = WIDE.split_once('\n').unwrap();
         same(&format!("Target (mm),{heads}\n{rows}"));
     }
-    // Without numbers, runs are counted; other columns are named.
+    // Runs without numbers are counted; columns that are not read are noted.
     let text = "target mm;fwd µm;bwd µm;fwd µm;bwd µm;mean fwd\n0;0,5;4,5;0,25;4,75;1\n100;-2,5;1,5;-2,25;1,25;1\n200;3,25;7,25;3;7,5;1\n";
     same(text);
     assert_eq!(csv(text).unwrap().notes, ["columns that are not read: mean fwd"]);
 }
 
-/// Measured positions: target + deviation, in mm, inches or degrees.
+/// Measured positions (target + deviation) in mm, inches or degrees are converted to deviations.
 #[test]
 fn measured_positions_in_columns() {
     let written = |heads: &str, mm_per_unit: f64| {
@@ -107,11 +107,11 @@ fn measured_positions_in_columns() {
     let stated = written(&format!("target,{stated}"), 1.0);
     same(&stated);
     assert_eq!(csv(&stated).unwrap().notes, Vec::<String>::new());
-    // 90.001° at 90°: 0.001° are 17.4533 µrad.
+    // 90.001° at target 90°: the deviation of 0.001° is 17.4533 µrad.
     let read = csv("target deg,fwd\n0,0\n90,90.001\n").unwrap();
     assert_eq!(read.unit.map(DeviationUnit::key), Some("urad"));
     assert!((read.readings[1].deviation - 1e3_f64.to_radians()).abs() < 1e-9);
-    // Deviations in mm, inches and arcsec, small relative to the targets.
+    // Deviations in mm, inches and arcsec are small relative to the targets.
     for (text, expected) in [
         ("target mm,fwd mm\n0,0\n100,0.002\n", 2.0),
         ("target inch,fwd inch\n0,0\n4,0.0001\n", 2.54),
@@ -188,7 +188,8 @@ fn what_is_no_wide_table() {
     }
 }
 
-/// Measured positions with their zero elsewhere, an opposite sign, a turn more or an outlier are not deviations in µm.
+/// Measured positions with another zero, with the opposite sign, with an additional turn or with an outlier are not
+/// read as deviations in µm.
 #[test]
 fn positions_that_are_shifted_are_refused() {
     let message = "x.csv:1: header: found values that are neither near the targets nor small, expected measured positions or deviations: write `measured` or `deviation` into the heads of the runs";
@@ -201,17 +202,17 @@ fn positions_that_are_shifted_are_refused() {
         assert_eq!(refused(&format!("target mm,fwd\n{rows}")), message);
         assert!(csv(&format!("target mm,fwd deviation\n{rows}")).is_ok(), "{rows}");
     }
-    // Large deviations in µm.
+    // Large deviations in µm are accepted.
     for rows in ["0,0\n10,40\n20,-35\n30,20\n40,5\n", "0,0\n100,40\n200,80\n300,120\n400,160\n"] {
         let read = csv(&format!("target mm,fwd\n{rows}")).unwrap();
         assert_eq!((read.unit, read.readings[1].deviation), (None, 40.0));
     }
-    // Two of three readings are by chance as far apart as their targets.
+    // Two of three readings happen to be as far apart as their targets.
     let read = csv("target mm,fwd\n0,3\n10,13.5\n20,5\n").unwrap();
     assert_eq!((read.unit, read.readings[1].deviation), (None, 13.5));
 }
 
-/// A table in inches whose targets have no unit, with a row or a column for each run.
+/// A table with deviations in inches and targets without a unit is rejected, with a row or a column for each run.
 #[test]
 fn inches_need_the_unit_of_the_targets() {
     let message = "x.csv:1: header: found deviations in inches and targets without a unit, expected `target inch`, `target mm` or `target deg`";
@@ -221,7 +222,7 @@ fn inches_need_the_unit_of_the_targets() {
     }
 }
 
-/// Signs that may be units are not skipped: arc seconds would be read as µrad, thousandths as mm.
+/// Characters that may be units are not ignored: arc seconds would be read as µrad, thousandths as mm.
 #[test]
 fn unknown_signs_are_refused() {
     for head in ["Run 1 fwd [″]", "\"Run 1 fwd (\"\")\"", "fwd mm/1000", "fwd ×10 µm", "fwd %"]
@@ -232,7 +233,7 @@ fn unknown_signs_are_refused() {
     assert_eq!(csv("target deg,#1: fwd (arcsec)\n0,0\n90,2\n").unwrap().notes, [""; 0]);
 }
 
-/// A hyphen between words is not the backward direction.
+/// A hyphen means the backward direction only beside a plus sign; a hyphen between words has no meaning.
 #[test]
 fn a_hyphen_is_a_direction_beside_a_plus_alone() {
     for heads in ["Run - 1,Run - 2", "Run 1 - µm,Run 2 - µm"] {
@@ -248,7 +249,7 @@ fn a_hyphen_is_a_direction_beside_a_plus_alone() {
     assert_eq!(read.readings[1].direction, Direction::Negative);
 }
 
-/// The column of the reversal values B is not a run backward.
+/// The column of the reversal values B is not read as a backward run.
 #[test]
 fn reversal_values_are_no_run() {
     for heads in ["fwd,bwd", "Run 1 fwd,Run 1 bwd"] {
@@ -262,7 +263,7 @@ fn reversal_values_are_no_run() {
     );
 }
 
-/// Runs numbered from 0 are refused: the first would be lost.
+/// Runs numbered from 0 are rejected, because the first run would be lost.
 #[test]
 fn run_zero_is_refused() {
     assert_eq!(

@@ -1,4 +1,4 @@
-//! CSV tables: separators, decimal commas, positions.
+//! Tests of CSV tables: separators, decimal commas, and positions in messages.
 
 use proptest::prelude::*;
 use volcomp_document::{CsvBatches, CsvTable, InputError};
@@ -11,7 +11,7 @@ fn columns_x_y(text: &str) -> Result<Vec<[f64; 2]>, InputError> {
     table.rows().map(row).collect()
 }
 
-/// Separator, whether numbers have decimal commas, names of the columns, cells of the rows.
+/// Separator, whether numbers have decimal commas, names of the columns, and cells of the rows.
 type Content = (char, bool, Vec<String>, Vec<Vec<String>>);
 
 fn at_once(text: &str) -> Result<Content, InputError> {
@@ -26,7 +26,7 @@ fn at_once(text: &str) -> Result<Content, InputError> {
     Ok((table.separator(), table.has_decimal_comma(), names, rows))
 }
 
-/// Content of the text, read in batches of at most `most` rows.
+/// Content of the text when it is read in batches of at most `most` rows.
 fn in_batches(text: &str, most: usize) -> std::io::Result<Content> {
     let mut batches = CsvBatches::open("p.csv", std::io::Cursor::new(text))?;
     let head = batches.head();
@@ -144,12 +144,13 @@ fn remarks_count_as_lines_and_halves_of_numbers_are_told() {
     assert!(message.contains("found 4 columns") && message.ends_with(hint), "{message}");
     let message = told("X,Y\n1.5,-20.5,3.5\n");
     assert!(message.contains("found 3 columns") && !message.contains(hint), "{message}");
-    // Quotes inside a quoted cell are shown in the message.
+    // The message shows quotation marks inside a quoted cell.
     let message = told("\"X \"\"a\"\"\",Z\n1,2\n");
     assert!(message.contains("found `X \"a\",Z`"), "{message}");
 }
 
-/// A double quote that is not closed is rejected, whichever cell it opens, because it would hide the rows after it.
+/// A quotation mark that is not closed is rejected in any cell, because the rows behind it would become part of that
+/// cell.
 #[test]
 fn a_quote_that_is_not_closed_is_refused() {
     for rows in ["1,\"2\n3,4\n5,6\n", "\"1,2\n3,4\n", "1,\"2\n3,4\n5,\"6\"\n"] {

@@ -1,4 +1,4 @@
-//! Every text gives a value, or an error with its position.
+//! Tests that every text gives a value, or an error with its position.
 
 mod csv_file;
 
@@ -106,7 +106,7 @@ fn files_that_cannot_be_read_are_told_apart() {
         assert!(matches!(error, ReadError::System { .. }), "{error}");
         assert!(error.to_string().starts_with(&path.display().to_string()));
     }
-    // A file far above the size limit would exhaust the reader's memory.
+    // A file far above the size limit would exhaust the memory of the reader.
     let large = folder.path().join("large.toml");
     for unit in ["[", "ä", "#"] {
         std::fs::write(&large, unit.repeat(6 * 1024 * 1024)).unwrap();
@@ -121,7 +121,7 @@ fn files_that_cannot_be_read_are_told_apart() {
             "/dev/zero: found more than 256 MiB, expected a text file of at most that size";
         assert_eq!(endless.to_string(), expected);
     }
-    // Small on disk, large once parsed.
+    // Files that are small on disk, but large once parsed.
     let dotted = "a.".repeat(70);
     for (count, form) in [
         (1500, "{dotted}a{n} = 1\n"),
@@ -164,7 +164,7 @@ proptest! {
         prop_assert_eq!(found.ok(), within);
     }
 
-    /// Any lookup in any text returns a value, or an error that names the file.
+    /// Any lookup in any text returns a value or an error that names the file.
     #[test]
     fn no_lookup_panics(
         text in "(a( = |\\.b = |]\nb = )|\\[a\\]\n|\\[\\[a\\]\\]\n)?[-+a-f0-9.\"x_\\[\\]{}=, \n]{0,12}",
@@ -196,7 +196,8 @@ proptest! {
     }
 }
 
-/// The parser's message is kept unless it concerns a value. If the first line is valid TOML, the message has no hint about the file format.
+/// The message of the TOML parser is kept unless it concerns a value. If the first line is valid TOML, the message has
+/// no hint at the file format.
 #[test]
 fn text_that_is_no_toml_is_told_in_words_of_the_file() {
     for (text, expected) in [
@@ -248,7 +249,7 @@ fn a_file_of_another_kind_is_named_with_the_key_that_tells() {
             "found a configuration of the gateway (it has the key `controller`)",
         ),
         ("[[measurement]]\nx = 1", "found a calibration file (it has the key `measurement`)"),
-        // `structure` identifies a machine file, in which the other key is unknown.
+        // The key `structure` identifies a machine file, in which the key `guard` is unknown.
         (
             "structure = 1\n[guard]",
             "f.toml:2: guard: unknown key, expected one of: name, structure",
@@ -258,14 +259,14 @@ fn a_file_of_another_kind_is_named_with_the_key_that_tells() {
         let message = read(text).expect_err(text);
         assert!(message.contains(expected), "{text}: {message}");
     }
-    // An expected key does not identify another kind of file, even if that kind has it too.
+    // A key that is expected here does not identify another kind of file that also has this key.
     let decode = |root: Section<'_>| root.allow_in(FileKind::Calibration, &["machine", "unknown"]);
     let told = Document::new("f.toml", "unknown = []\nmachin = 1").decode(decode);
     let message = told.expect_err("a wrong key").to_string();
     assert!(message.contains("did you mean `machine`?"), "{message}");
 }
 
-/// Numbers beyond any quantity of a machine, with which calculations would overflow, are rejected with their position.
+/// Numbers above any quantity of a machine, whose calculations could overflow, are rejected with their position.
 #[test]
 fn numbers_that_overflow_are_refused() {
     for (text, expected) in [

@@ -1,4 +1,4 @@
-//! Bounds of plausible values, at their edges.
+//! Tests of the bounds of plausible values at their edges.
 
 use volcomp_vocabulary::{
     AxisKind, CorrectionLimit, Displacement,
@@ -17,7 +17,7 @@ fn errors_are_plausible_up_to_two_millimetres_and_milliradians() {
         for (value, plausible) in [
             (0.0, true),
             (-most, true),
-            // Rounding of the conversion from µm or µrad.
+            // The relative error of a conversion from µm or µrad is accepted.
             (most * (1.0 + 1e-12), true),
             (most * 1.001, false),
             (f64::NAN, false),
@@ -48,7 +48,8 @@ fn a_limit_is_one_number_for_both_kinds_of_axes() {
     assert_eq!(refused.to_string(), "found 2000.1, expected µm above 0, at most 2000");
 }
 
-/// 32-bit floats of temperatures are plausible in the right byte order, and in fewer than a tenth of the cases in a wrong one.
+/// Temperatures as 32-bit floats are plausible in the correct byte order, and in a wrong byte order in fewer than a
+/// tenth of the cases.
 #[test]
 fn a_float_in_a_wrong_byte_order_is_no_reading() {
     let (mut wrong, mut all) = (0, 0);

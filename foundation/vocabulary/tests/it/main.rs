@@ -1,4 +1,3 @@
-//! Tests of the vocabulary.
 
 mod bounds;
 
@@ -82,7 +81,7 @@ fn quantities_are_written_with_their_unit() {
     assert_eq!(Displacement::new(AxisKind::Linear, f64::INFINITY).to_string(), "inf µm");
 }
 
-/// Coordinates are written in mm and deg: 250 mm not as 250000 µm, and 30° not as 29.999999999999996.
+/// Coordinates are displayed in mm and deg: 250 mm, not 250000 µm, and 30 deg, not 29.999999999999996 deg.
 #[test]
 fn coordinates_are_written_in_mm_and_deg() {
     for (kind, number, text) in [

@@ -1,4 +1,5 @@
-//! The connection limit over all servers of a program; a separate test program, because other tests would share the limit.
+//! Tests the limit on the connections of all servers of a program together. This is a separate test program, because
+//! other tests would share the limit.
 
 use std::time::Duration;
 
@@ -8,8 +9,8 @@ use tokio::{
     net::{TcpListener, TcpStream},
 };
 
-/// Seventeen servers with 64 connections each would use up all file descriptors. Above 256 connections the oldest is closed, whichever server
-/// it belongs to, and the newest is served.
+/// Many servers with 64 connections each would use up all file descriptors. Above 256 connections, the oldest
+/// connection of all servers is closed, and the newest is served.
 #[tokio::test]
 async fn all_servers_share_a_connection_limit() {
     let mut hang = Vec::new();
@@ -18,7 +19,7 @@ async fn all_servers_share_a_connection_limit() {
         let address = listener.local_addr().expect("bound");
         let router = Router::new().route("/", get(async || "here"));
         tokio::spawn(volcomp_web::serve(listener, None, router));
-        // One less than a server may have; the last one is served.
+        // The server has 63 idle connections, one fewer than its maximum, and serves one more.
         for _ in 0..63 {
             hang.push(TcpStream::connect(address).await.expect("served"));
         }
@@ -29,7 +30,7 @@ async fn all_servers_share_a_connection_limit() {
         asks.read_to_string(&mut answer).await.expect("an answer");
         assert!(answer.ends_with("here"), "{answer}");
     }
-    // 378 idle connections, of which at most 256 stay open.
+    // Of 378 idle connections at most 256 stay open.
     let (older, newer) = hang.split_at_mut(378 - 256);
     for ended in older {
         assert_eq!(ended.read(&mut [0]).await.unwrap_or(0), 0);

@@ -1,4 +1,4 @@
-//! Served and rejected requests, over plain connections and TLS.
+//! Tests of served and rejected requests, over plain connections and over TLS.
 
 use std::{os::unix::fs::PermissionsExt, sync::Arc, time::Duration};
 
@@ -39,7 +39,7 @@ async fn a_request_carries_its_client_address() {
     assert!(answer(stream, ask).await.ends_with("127.0.0.1"));
 }
 
-/// The header `Date` cannot represent every time of the computer's clock, so a response has none.
+/// A response has no header `Date`, because this header cannot represent every time that the clock may have.
 #[tokio::test]
 async fn an_answer_does_not_depend_on_the_wall_clock() {
     let listener = TcpListener::bind("127.0.0.1:0").await.expect("free");
@@ -52,7 +52,7 @@ async fn an_answer_does_not_depend_on_the_wall_clock() {
     assert!(!said.contains("\r\ndate:"), "{said}");
 }
 
-/// With more clients than the maximum, the oldest connection is closed and the newest is served.
+/// If more clients than the maximum are connected, the oldest connection is closed and the newest is served.
 #[tokio::test]
 async fn hanging_clients_do_not_block_others() {
     let listener = TcpListener::bind("127.0.0.1:0").await.expect("free");
@@ -97,8 +97,8 @@ fn invalid_certificate_files_are_named() {
     assert!(error.to_string().contains("x.pem"), "{error}");
 }
 
-/// A client that trusts the certificate is served over TLS under its names. Another name is rejected, and so is a key that others can
-/// read.
+/// A client that trusts the certificate is served over TLS under the names in the certificate. Another name is
+/// rejected. A key that other users can read is rejected as well.
 #[tokio::test]
 async fn a_tls_page_serves_clients_that_trust_its_certificate() {
     let dir = tempfile::tempdir().expect("writable");
