@@ -49,6 +49,7 @@ pub enum Method {
 impl Method {
     /// Fits readings `u` at `x` with this method, over the range of `x`.
     ///
+    /// # Errors
     /// The errors of the fit of this kind. A polynomial of order 0 also accepts readings at a single target.
     pub fn fit(self, x: &[f64], u: &[f64]) -> Result<Fit, FitError> {
         readings::check(x, u)?;
