@@ -133,7 +133,8 @@ impl Chain {
     /// Sets the frame in which the error motions of a rotary axis are stated.
     ///
     /// # Errors
-    /// [`ChainError::NoSuchAxis`]; [`ChainError::MotionFrame`] for a linear axis, whose error motions move with its carriage.
+    /// [`ChainError::NoSuchAxis`]; [`ChainError::MotionFrame`] for a linear axis, whose error motions move with its
+    /// carriage.
     pub fn set_motion_frame(
         &mut self,
         axis: AxisName,
