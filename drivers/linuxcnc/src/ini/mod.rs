@@ -12,7 +12,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use volcomp_document::PrivateError;
+use volcomp_document::{PrivateError, read_bytes};
 use volcomp_vocabulary::AxisKind;
 
 use crate::{Key, KeyError, LinuxCncConfig, PORT};
@@ -108,7 +108,7 @@ impl Ini {
     pub fn read(file: &Path) -> std::io::Result<Self> {
         let folder = file.parent().unwrap_or(Path::new(""));
         let (mut text, mut unread) = (String::new(), Vec::new());
-        for line in String::from_utf8_lossy(&std::fs::read(file)?).lines() {
+        for line in String::from_utf8_lossy(&read_bytes(file)?).lines() {
             let words = line.trim().split_once(char::is_whitespace);
             let Some(("#INCLUDE", named)) = words else {
                 text += line;
@@ -116,7 +116,7 @@ impl Ini {
                 continue;
             };
             let named = named.trim();
-            match std::fs::read(below(folder, named)) {
+            match read_bytes(&below(folder, named)) {
                 Ok(bytes) => {
                     text += &String::from_utf8_lossy(&bytes);
                     text.push('\n');
