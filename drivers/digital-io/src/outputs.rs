@@ -56,8 +56,8 @@ impl Outputs {
         &self.taken
     }
 
-    /// Correction that the control last received, known even before the first write. `None` if the device does not
-    /// report its output levels, or if there are several axes.
+    /// Correction on the lines now, also before the first write: NaN for a word that encodes none, so that the guard writes nothing over it; `None` if
+    /// the device does not report its output levels, or if there are several axes.
     pub(crate) fn carried(&self) -> Option<PerChannel<f64>> {
         self.carried.filter(|_| self.is_reported)
     }
@@ -142,17 +142,17 @@ impl Outputs {
         }
         let (word, axis) = wiring.control_inputs(levels);
         let index = usize::try_from(axis).unwrap_or(usize::MAX);
-        let correction = axes.get(index).and_then(|axis| axis.correction.decode(word));
-        let Some(correction) = correction else {
+        let Some(axis) = axes.get(index) else {
             return;
         };
+        let correction = axis.correction.decode(word);
         if axes.len() == 1 {
             let mut carried = PerChannel::ZERO;
-            carried[index] = correction;
+            carried[index] = correction.unwrap_or(f64::NAN);
             self.carried = Some(carried);
         }
         if wrote {
-            self.taken[index] = Some(correction);
+            self.taken[index] = correction;
         }
     }
 
