@@ -321,13 +321,18 @@ fn a_failed_write_does_not_count_as_sent() {
     assert!((controller.sent()[0].unwrap() - 0.040).abs() < 1e-12);
 }
 
-/// Nothing is written while the levels of unused output lines are unknown, because a write would switch those lines
-/// off. Exception: the device cannot report levels.
+/// Nothing is written while the levels of unused lines are unknown, because these would be switched off, unless the device cannot report
+/// levels. Nothing is written while the level of the latch is unknown, because it could toggle together with the word.
 #[test]
-fn nothing_is_written_while_other_outputs_are_unknown() {
+fn nothing_is_written_while_other_outputs_or_the_latch_are_unknown() {
     let axis = DigitalAxis::published(AxisName::X);
-    for (outputs, reports, is_written) in [(9_u32, true, false), (9, false, true), (8, true, true)]
-    {
+    for (outputs, latch, reports, is_written) in [
+        (9_u32, None, true, false),
+        (9, None, false, true),
+        (8, None, true, true),
+        (9, Some(8), true, false),
+        (9, Some(8), false, false),
+    ] {
         let writes = Arc::new(Mutex::new(0));
         let written = Arc::clone(&writes);
         let mut port = MockDigitalIo::new();
@@ -341,11 +346,11 @@ fn nothing_is_written_while_other_outputs_are_unknown() {
             *written.lock().unwrap() += 1;
             Ok(())
         });
-        let wiring = Wiring::published();
+        let wiring = Wiring { latch, ..Wiring::published() };
         let coherence = Coherence::Latched;
         let controller = DigitalController::new(port, "lines", wiring, coherence, vec![axis]);
         let applied = controller.unwrap().apply(&PerChannel::ZERO, soon());
-        assert_eq!(applied.is_ok(), is_written, "{outputs} {reports}: {applied:?}");
+        assert_eq!(applied.is_ok(), is_written, "{outputs} {latch:?} {reports}: {applied:?}");
         assert_eq!(*writes.lock().unwrap(), u32::from(is_written));
     }
 }
