@@ -6,6 +6,9 @@ use crate::{
     signals::{Message, Signal, SignalTable},
 };
 
+/// Minimum size of a counter of frames: 16 steps distinguish frames that were lost from frames out of order.
+const COUNTER_BITS: u32 = 4;
+
 /// Errors of a DBC file.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
@@ -86,8 +89,8 @@ impl SignalTable {
     }
 }
 
-/// Checks the used signals of a message. Each must be an integer and share no bits with another signal. A state must be
-/// off if all its bits are 0.
+/// Checks the used signals of a message: each is an integer that shares no bits with others, a counter has at least [`COUNTER_BITS`], and all bits 0
+/// mean that a state is off.
 fn check_signals(dbc: &Dbc, id: MessageId, message: &Message) -> Result<(), Defect> {
     for (index, signal) in message.signals.iter().enumerate() {
         let is_word = ["FRAME_", "REPORT_"].map(|prefix| signal.name.starts_with(prefix));
@@ -108,6 +111,11 @@ fn check_signals(dbc: &Dbc, id: MessageId, message: &Message) -> Result<(), Defe
         let kind = dbc.extended_value_type_for_signal(id, &signal.name);
         if kind.is_some_and(|kind| *kind != SignalExtendedValueType::SignedOrUnsignedInteger) {
             return Err(defect(&place, "a floating-point number", "a whole number"));
+        }
+        if message.counter == Some(index) && signal.bits < COUNTER_BITS {
+            let found = format!("{} bits", signal.bits);
+            let expected = format!("at least {COUNTER_BITS}: the counter runs from 0 to 15");
+            return Err(defect(&place, &found, &expected));
         }
         if STATES.contains(&&*signal.name) && signal.offset != 0.0 {
             let found = format!("the offset {}", signal.offset);

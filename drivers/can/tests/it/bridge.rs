@@ -316,6 +316,28 @@ fn values_keep_their_arrival_times() {
     assert_eq!((snapshot.taken, snapshot.correction_taken), (at(240), at(5)));
 }
 
+/// Counters of up to 64 bits: frames are new across the end of the counter, and gaps are counted.
+#[test]
+fn wide_counters_wrap() {
+    for bits in [4_u32, 8, 16, 60, 61, 63, 64] {
+        let last = u64::MAX >> (64 - bits);
+        let dbc = format!(
+            "VERSION \"\"\nBU_: A\nBO_ 256 M: 12 A\n SG_ X_POS : 64|32@1- (0.001,0) [0|0] \"mm\" A\n SG_ M_CNT : 0|{bits}@1+ (1,0) [0|0] \"\" A\n"
+        );
+        let bus = Bus::default();
+        let reads = vec![AxisName::X];
+        let config = BridgeConfig { reads, ..crate::config(&dbc, &[]) };
+        let mut controller = CanController::new(bus.clone(), &config).unwrap();
+        for (x, counter) in [(1.0, last - 1), (2.0, last), (3.0, 0), (4.0, 3)] {
+            bus.deliver(frame_of(&config.table, "M", &[("X_POS", x)], counter));
+            let found = controller.read(soon()).unwrap().positions[0];
+            assert!((found - x).abs() < 1e-9, "{bits} bits: {found} at {counter}");
+        }
+        let health = controller.health();
+        assert_eq!((health.lost, health.repeated), (2, 0), "{bits} bits");
+    }
+}
+
 #[test]
 fn queued_frames_keep_their_age() {
     let bus = Bus::default();

@@ -269,6 +269,13 @@ fn signals_must_not_share_bits() {
     assert!(text.contains("bits shared with CORRECTION_CNT"), "{text}");
 }
 
+/// Counters of fewer than 16 steps are rejected: a new frame would count as one out of order.
+#[test]
+fn a_counter_needs_four_bits() {
+    let text = refused("STATE_CNT : 48|4", "STATE_CNT : 48|3");
+    assert!(text.contains("STATE.STATE_CNT: found 3 bits, expected at least 4"), "{text}");
+}
+
 /// Floating-point signals are rejected: 300.0 mm would be decoded as 1133903872 mm.
 #[test]
 fn floating_point_signals_are_rejected() {
