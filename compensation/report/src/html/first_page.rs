@@ -203,7 +203,7 @@ pub(super) fn verdict(page: &mut Page, report: &Report) {
             }),
             Cell::Number(check.value, 2),
             match (check.value, check.uncertainty) {
-                (Some(_), None) => Cell::text(check.without_uncertainty()),
+                (Some(_), None) => Cell::text(&check.without_uncertainty),
                 (_, u) => Cell::Number(u, 2),
             },
             Cell::number(check.limit, 2),
