@@ -114,7 +114,10 @@ proc known_keys {} {
 # A pin that the machine's own files have connected keeps its signal.
 proc read_pin {signal from to} {
     if {[catch {net $signal $from => $to}]} {
-        set owner [lindex [hal show pin $from] end]
+        # Other pins are shown as well, whose names begin so: axis.x.eoffset-scale.
+        if {![regexp "\\s$from\\s+\\S+\\s+(\\S+)" [hal show pin $from] all owner]} {
+            refuse "the pin $from is missing, expected LinuxCNC 2.9"
+        }
         net $owner => $to
     }
 }

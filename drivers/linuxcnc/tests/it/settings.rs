@@ -82,7 +82,8 @@ fn message(command: &mut Command, ini: &str) -> (bool, String) {
     (output.status.success(), message)
 }
 
-fn check_by_bridge(ini: &str) -> Option<(bool, String)> {
+/// The bridge's HAL file, run without LinuxCNC; `None` without Tcl.
+fn bridge() -> Option<Command> {
     const TCL: &str = "/usr/bin/tclsh";
     if !Path::new(TCL).exists() {
         peers::not_run("tclsh of linuxcnc-uspace");
@@ -91,7 +92,11 @@ fn check_by_bridge(ini: &str) -> Option<(bool, String)> {
     let here = Path::new(env!("CARGO_MANIFEST_DIR"));
     let mut command = Command::new(TCL);
     command.arg(here.join("tests/it/stand_in.tcl")).arg(here.join("bridge/volcomp.tcl"));
-    Some(message(&mut command, ini))
+    Some(command)
+}
+
+fn check_by_bridge(ini: &str) -> Option<(bool, String)> {
+    Some(message(&mut bridge()?, ini))
 }
 
 fn check_by_gateway(ini: &str) -> (bool, String) {
@@ -100,7 +105,19 @@ fn check_by_gateway(ini: &str) -> (bool, String) {
     (message.is_empty(), message.join("\n"))
 }
 
-/// For each program: its name, whether it accepts the file, and its messages.
+/// A pin that an earlier file has connected keeps its signal, also where other pins begin with its name.
+#[test]
+fn a_connected_pin_keeps_its_signal() {
+    let dir = tempfile::tempdir().unwrap();
+    let file = dir.path().join("mill.ini");
+    std::fs::write(&file, mill()).unwrap();
+    let Some(mut bridge) = bridge() else { return };
+    let output = bridge.arg(&file).env("CONNECTED", "axis.x.eoffset").output().unwrap();
+    let nets = String::from_utf8(output.stdout).unwrap();
+    assert!(nets.contains("net own => volcomp.eoffset-0\n"), "{nets}");
+}
+
+/// Results of both programs, by program name.
 fn check_by_both(ini: &str) -> Vec<(&'static str, bool, String)> {
     let results = [("check", Some(check_by_gateway(ini))), ("volcomp.tcl", check_by_bridge(ini))];
     let results = results.into_iter();
