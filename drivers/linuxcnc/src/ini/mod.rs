@@ -60,8 +60,11 @@ const KEYS: [&str; 15] = [
 
 const MAX_JOINTS: f64 = 16.0;
 
-/// Units that the bridge accepts. Each entry has the key, the accepted words in any case, and these words for messages.
-/// LinuxCNC also accepts numbers, and text after a number. The bridge rejects both, and so does this check.
+/// Axes of the joints of `trivkins`, in order, if `[KINS]KINEMATICS` does not state them.
+const COORDINATES: &str = "XYZABCUVW";
+
+/// Units that the bridge accepts: key, accepted words in any case, the same words for messages. LinuxCNC also accepts numbers, and text
+/// after a number; the bridge rejects these, and so does this check.
 const UNITS: [(&str, [&str; 2], &str); 2] = [
     ("LINEAR_UNITS", ["mm", "metric"], "mm or metric"),
     ("ANGULAR_UNITS", ["degree", "deg"], "degree or deg"),
@@ -157,6 +160,7 @@ impl Ini {
         self.reads(expected, &mut problems);
         self.shares(expected, &mut problems);
         self.joints(&mut problems);
+        self.joint_limits(expected, &mut problems);
         self.control(expected, &mut problems);
         problems
     }
@@ -255,6 +259,34 @@ impl Ini {
                 problems.push(Problem::CompFile { joint, found });
             } else if key == "BACKLASH" && value.parse() != Ok(0.0) {
                 problems.push(Problem::Backlash { joint, found });
+            }
+        }
+    }
+
+    /// Checks that no joint of a corrected axis can stand beyond the soft limits of its axis.
+    fn joint_limits(&self, expected: &Expected<'_>, problems: &mut Vec<Problem>) {
+        let kinematics = self.get("KINS", "KINEMATICS").unwrap_or_default();
+        let mut words = kinematics.split_whitespace();
+        let stated = words.find_map(|word| word.strip_prefix("coordinates="));
+        for (joint, letter) in stated.unwrap_or(COORDINATES).to_uppercase().chars().enumerate() {
+            let axis = expected.control.axes.iter().find(|axis| axis.letter() == letter);
+            let Some(&axis) = axis else {
+                continue;
+            };
+            for key in ["MIN_LIMIT", "MAX_LIMIT"] {
+                let Some(limit) = self.get(&format!("AXIS_{axis}"), key) else {
+                    continue;
+                };
+                let found = self.get(&format!("JOINT_{joint}"), key).unwrap_or("none");
+                let numbers = found.parse().ok().zip(limit.parse().ok());
+                let is_within = |(found, limit): (f64, f64)| match key {
+                    "MIN_LIMIT" => found >= limit,
+                    _ => found <= limit,
+                };
+                if !numbers.is_some_and(is_within) {
+                    let (found, limit) = (found.to_owned(), limit.to_owned());
+                    problems.push(Problem::JointLimit { joint, key, found, axis, limit });
+                }
             }
         }
     }

@@ -57,6 +57,9 @@ SERVO_PERIOD = 1000000 | SERVO_PERIOD = 0 | [EMCMOT]SERVO_PERIOD: found 0
 LIMIT_UM = 30 | LIMIT_UM = 30 # um | [VOLCOMP]LIMIT_UM: found 30 # um, expected a number without further text
 LIMIT_UM = 30 | LIMIT_UM = 3_0 | [VOLCOMP]LIMIT_UM: found 3_0, expected a number without further text
 LIMIT_UM = 30 | LIMIT_UM = 0x1e | [VOLCOMP]LIMIT_UM: found 0x1e, expected a number without further text
+MIN_LIMIT = -10\nMAX_LIMIT = 400\n[JOINT_2] | MIN_LIMIT = -10\nMAX_LIMIT = 401\n[JOINT_2] | [JOINT_1]MAX_LIMIT: found 401, expected at most 400, [AXIS_Y]MAX_LIMIT
+MIN_LIMIT = -10\nMAX_LIMIT = 400\n[JOINT_2] | MAX_LIMIT = 400\n[JOINT_2] | [JOINT_1]MIN_LIMIT: found none, expected at least -10, [AXIS_Y]MIN_LIMIT
+JOINTS = 3\nKINEMATICS = trivkins coordinates=XYZ | JOINTS = 4\nKINEMATICS = trivkins coordinates=xyyz kinstype=BOTH | [JOINT_2]MIN_LIMIT: found -300, expected at least -10, [AXIS_Y]MIN_LIMIT
 LIMIT_UM = 30 | LIMIT_UM = nan | [VOLCOMP]LIMIT_UM: found nan, expected a number without further text
 ";
 
