@@ -54,9 +54,9 @@ impl SignalTable {
     /// Parses the text of a DBC file. `file` is its name in error messages.
     ///
     /// # Errors
-    /// Text that is not a DBC file, a signal outside its message, an invalid frame length, or a unit that is missing or
-    /// does not match the quantity of the signal. Valid units: mm or um for positions and corrections of linear axes;
-    /// deg, rad or urad for rotary axes; degC for temperatures; none or `bool` for the states of the control.
+    /// Not a DBC file, signals outside their message, invalid frame lengths, two positions, corrections, temperatures or states of one name, and a unit that is missing or does not match the quantity of the
+    /// signal: positions and corrections of linear axes are in mm or um, of rotary axes in deg, rad or urad, temperatures in degC, and the states
+    /// of the control have no unit or `bool`.
     pub fn parse_file(file: &str, text: &str) -> Result<Self, DbcError> {
         let dbc = Dbc::try_from(text)
             .map_err(|e| DbcError::Syntax { file: file.to_owned(), message: e.to_string() })?;
@@ -84,9 +84,27 @@ impl SignalTable {
                 let found = format!("the identifier or name of {}", other.name);
                 return Err(defect(&message.name, &found, "a unique one"));
             }
+            check_names(message, &messages[..index])?;
         }
         Ok(Self { messages })
     }
+}
+
+/// Checks that no used signal of a message has the name of another one, in it or in the messages before it: either could be meant.
+fn check_names(message: &Message, before: &[Message]) -> Result<(), Defect> {
+    for (index, signal) in message.signals.iter().enumerate() {
+        let of_message = message.signals[..index].iter().map(|other| (message, other));
+        let of_others =
+            before.iter().flat_map(|other| other.signals.iter().map(move |s| (other, s)));
+        let mut all = of_message.chain(of_others);
+        let is_used = Quantity::of_signal(&signal.name).is_some();
+        if let Some((other, _)) = all.find(|(_, other)| is_used && other.name == signal.name) {
+            let place = format!("{}.{}", message.name, signal.name);
+            let found = format!("the name of a signal of {}", other.name);
+            return Err(defect(&place, &found, "a unique one"));
+        }
+    }
+    Ok(())
 }
 
 /// Checks the used signals of a message: each is an integer that shares no bits with others, a counter has at least [`COUNTER_BITS`], and all bits 0

@@ -76,7 +76,8 @@ impl<P: CanPort> DigitalIo for CanopenDigital<P> {
     fn read(&mut self, _deadline: Instant) -> Result<InputLevels, Fault> {
         let (own, inputs, levels) = (self.node, self.inputs, &mut self.levels);
         self.nodes.listen(&mut self.port, |node, number, frame, taken| {
-            if (node, number) == (own, 1) {
+            // A frame without some of the lines is not taken: they would be read as off.
+            if (node, number) == (own, 1) && 8 * frame.data().len() >= inputs as usize {
                 let mut bytes = [0; 8];
                 for (byte, received) in bytes.iter_mut().zip(frame.data()) {
                     *byte = *received;

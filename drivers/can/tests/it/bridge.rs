@@ -220,6 +220,27 @@ fn temperatures_are_decoded_with_their_faults() {
     assert_eq!(thermometer.latest()[0].quality, Quality::Bad(Reason::NoAnswer));
 }
 
+/// The lowest and the highest number of a signed signal are faults; 0 and −1 are temperatures.
+#[test]
+fn signed_temperatures_are_decoded_with_their_faults() {
+    let text =
+        "VERSION \"\"\nBU_: A\nBO_ 1 T: 2 A\n SG_ BED_TEMP : 0|12@1- (0.05,0) [0|0] \"degC\" A\n";
+    let bus = Bus::default();
+    let table = SignalTable::parse(text).unwrap();
+    let mut thermometer = CanThermometer::new(bus.clone(), &table, &[]).unwrap();
+    for (raw, expected) in [
+        (0_u16, Quality::Good),
+        (0xfff, Quality::Good),
+        (0x7fe, Quality::Good),
+        (0x7ff, Quality::Bad(Reason::Open)),
+        (0x801, Quality::Good),
+        (0x800, Quality::Bad(Reason::Short)),
+    ] {
+        bus.deliver(Frame::new(1, false, false, &raw.to_le_bytes()).unwrap());
+        assert_eq!(thermometer.latest()[0].quality, expected, "{raw:#x}");
+    }
+}
+
 #[test]
 fn names_select_temperatures() {
     let bus = Bus::default();

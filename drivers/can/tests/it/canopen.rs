@@ -172,6 +172,8 @@ fn lines_of_a_node() {
     let came = Instant::now();
     let found = port.read(soon()).unwrap();
     assert_eq!(found.levels, 0x7f34, "fifteen lines");
+    bus.deliver(frame(0x189, &[0x35]));
+    assert_eq!(port.read(soon()), Ok(found), "a frame with eight of them");
     assert!(found.taken <= came, "the time of the frame, not of the call");
     assert_eq!(port.confirmed(), None);
     port.write(0x1a5, soon()).unwrap();
