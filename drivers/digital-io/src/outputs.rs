@@ -60,7 +60,7 @@ impl Outputs {
     }
 
     /// Writes the word of an axis. With a latch, a correction takes two writes: the word, then, once that is confirmed, the latch alone. Errors: see
-    /// [`DigitalIo::write`]; the sequence does not advance then. While the level of the latch is unknown nothing is written, because the latch could
+    /// [`DigitalIo::write`]. While the level of the latch is unknown nothing is written, because the latch could
     /// toggle together with the word. While the levels of unused outputs are unknown nothing is written, unless the device cannot report them.
     pub(crate) fn write(
         &mut self,
@@ -87,13 +87,13 @@ impl Outputs {
             }
             None => (word, Latching::Taken),
         };
-        io.write(levels, deadline)?;
         if matches!(next, Latching::Settling(_)) {
             let within = deadline.saturating_duration_since(now).saturating_mul(LATCHED_WITHIN);
             self.latched_by = now.checked_add(within).unwrap_or(deadline);
         }
+        // A write that fails may have been sent nevertheless.
         self.latching = next;
-        Ok(())
+        io.write(levels, deadline)
     }
 
     /// The levels to write next, and the state after that write. Unused lines keep the levels that the device has confirmed. After a pause the word is
@@ -103,6 +103,16 @@ impl Outputs {
         let others = confirmed & !wiring.used_outputs();
         if bit == 0 {
             return (word | others, Latching::Taken);
+        }
+        // Until a word is confirmed no other one is sent: an earlier equal one would confirm it, while the other is still on its
+        // way.
+        if let Latching::Settling(levels) = self.latching
+            && now <= self.latched_by
+            && confirmed != levels
+            && (confirmed ^ levels) & bit == 0
+        {
+            let levels = levels & wiring.used_outputs() | others;
+            return (levels, Latching::Settling(levels));
         }
         let turned = match self.latching {
             _ if now > self.latched_by => None,

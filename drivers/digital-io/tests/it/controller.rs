@@ -298,6 +298,44 @@ fn a_word_from_before_a_pause_is_not_latched() {
     }
 }
 
+/// A module that confirms writes later than the next one, or reports one as failed that it still executes: only the word that was sent last is
+/// latched, so that none is on its way when the latch toggles.
+#[test]
+fn no_other_word_is_sent_until_one_is_confirmed() {
+    let axis = DigitalAxis::published(AxisName::X);
+    for fails in [false, true] {
+        let state = Arc::new(Mutex::new((Vec::new(), 0_u64)));
+        let (written, confirmed) = (Arc::clone(&state), Arc::clone(&state));
+        let mut port = MockDigitalIo::new();
+        port.expect_device().return_const("lines".to_owned());
+        port.expect_inputs().return_const(15_u32);
+        port.expect_outputs().return_const(9_u32);
+        port.expect_shortest_cycle().return_const(Duration::ZERO);
+        port.expect_reports_outputs().return_const(true);
+        port.expect_confirmed().returning(move || Some(confirmed.lock().unwrap().1));
+        port.expect_write().returning(move |levels, _| {
+            written.lock().unwrap().0.push(levels);
+            if fails { Err(Fault::TimedOut) } else { Ok(()) }
+        });
+        let wiring = Wiring { latch: Some(8), ..Wiring::published() };
+        let coherence = Coherence::Latched;
+        let mut controller =
+            DigitalController::new(port, "lines", wiring, coherence, vec![axis]).unwrap();
+        let deadline = Instant::now() + Duration::from_secs(60);
+        let mut apply = |um: f64| {
+            let _ = controller.apply(&PerChannel::leading([um * 1e-3]), deadline);
+        };
+        for um in [5.0, 6.0, 5.0] {
+            apply(um);
+        }
+        state.lock().unwrap().1 = 5;
+        apply(6.0);
+        state.lock().unwrap().1 = 0x105;
+        apply(6.0);
+        assert_eq!(state.lock().unwrap().0, [5, 5, 5, 0x105, 0x106], "{fails}");
+    }
+}
+
 #[test]
 fn a_failed_write_does_not_count_as_sent() {
     let axis = DigitalAxis::published(AxisName::X);
