@@ -46,10 +46,9 @@ impl LineSet {
         if chip.is_empty() || lines.len() > 64 {
             return Err(wrong());
         }
-        let mut sorted = lines.clone();
-        sorted.sort_unstable();
-        if let Some(twice) = sorted.windows(2).find(|pair| pair[0] == pair[1]) {
-            let what = format!("found line {} twice in `{text}`", twice[0]);
+        let mut places = lines.iter().enumerate();
+        if let Some((_, line)) = places.find(|(place, line)| lines[..*place].contains(line)) {
+            let what = format!("found line {line} twice in `{text}`");
             return Err(DeviceError::option("gpio", what, "expected each line once"));
         }
         Ok(Self { chip: chip.to_owned(), lines })
