@@ -28,7 +28,9 @@ pub(crate) const MAX_SPAN_S: u32 = 30 * 86_400;
 const MINUTE_S: i64 = 60;
 /// Number of minutes in [`MAX_SPAN_S`]. A file with this many lines is closed, and the next one is started.
 const MAX_POINTS: usize = 30 * 24 * 60;
-/// Maximum number of points in a response. A span that starts inside a point has one more.
+/// Before this program existed, s since 1970: the clock was not set yet.
+const NOT_SET_S: i64 = 1_700_000_000;
+/// Maximum number of points in a response; one more where the ends of the span cut a point.
 const MAX_BUCKETS: u32 = 600;
 /// Larger files are ignored. 64 sensors and 9 axes need less than 1 kB for each point, so a larger file is no history.
 const MAX_FILE_BYTES: u64 = 64 << 20;
@@ -269,9 +271,9 @@ impl Bucket {
 pub(crate) struct Minutes(VecDeque<Minute>);
 
 impl Minutes {
-    /// Inserts a minute in the order of time, replacing a minute of the same time. Beyond [`MAX_POINTS`] the first or
-    /// the last minute is dropped, whichever is further from the inserted one. A wrong clock or a damaged line thus
-    /// displaces only its own minutes.
+    /// Inserts a minute in the order of time; it replaces a known one of the same time. Beyond [`MAX_POINTS`] the first or the last minute is
+    /// dropped: a first one before [`NOT_SET_S`], otherwise whichever is further from the inserted one, so that a wrong clock or a damaged line costs
+    /// no more than its own minutes.
     fn push(&mut self, minute: Minute) {
         let at_s = minute.at_s;
         let place = self.0.partition_point(|known| known.at_s < at_s);
@@ -281,7 +283,8 @@ impl Minutes {
         }
         if self.0.len() > MAX_POINTS {
             let distance = |end: Option<&Minute>| end.map(|end| end.at_s.abs_diff(at_s));
-            if distance(self.0.front()) >= distance(self.0.back()) {
+            let is_set = self.0.front().is_some_and(|first| first.at_s >= NOT_SET_S);
+            if !is_set || distance(self.0.front()) >= distance(self.0.back()) {
                 self.0.pop_front();
             } else {
                 self.0.pop_back();
@@ -675,6 +678,11 @@ mod tests {
         let wrong = [0, NOON_S - 86_400, NOON_S + 60, 9_796_043_600, i64::MIN, i64::MAX];
         for number in 0..month {
             minutes.push(minute(NOON_S + 60 * number));
+        }
+        for at_s in [0, 60, 120] {
+            let kept = minutes.0.clone();
+            minutes.push(minute(at_s));
+            assert!(minutes.0 == kept, "another minute than that of {at_s} s was dropped");
         }
         for (count, wrong) in wrong.into_iter().enumerate() {
             minutes.push(minute(wrong / 60 * 60));
