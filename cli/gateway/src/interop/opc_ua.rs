@@ -18,6 +18,7 @@ use opcua::{
     server::{
         ANONYMOUS_USER_TOKEN_ID, Server, ServerBuilder, ServerEndpoint, ServerHandle,
         address_space::AddressSpace,
+        constants::MAX_SESSION_TIMEOUT,
         diagnostics::NamespaceMetadata,
         node_manager::memory::{SimpleNodeManager, simple_node_manager},
     },
@@ -30,7 +31,7 @@ use tokio::{
     io::{AsyncReadExt, AsyncWriteExt},
     net::{TcpListener, TcpStream},
     sync::Semaphore,
-    time::{Instant, sleep, sleep_until, timeout},
+    time::{Instant, sleep, sleep_until, timeout, timeout_at},
 };
 use tracing::subscriber::{NoSubscriber, set_default};
 
@@ -170,6 +171,8 @@ fn host(listen: SocketAddr) -> String {
 
 /// Maximum number of clients. A further client is disconnected, so that existing connections remain.
 const MAX_CLIENTS: usize = 16;
+/// Clients that send nothing for this long are disconnected. The library ends their sessions after the same time.
+const IDLE_TIMEOUT: Duration = Duration::from_millis(MAX_SESSION_TIMEOUT);
 /// Clients that do not read for this long are disconnected.
 const WRITE_TIMEOUT: Duration = Duration::from_secs(5);
 /// Maximum size of one read from a client, bytes; with one read per [`READ_INTERVAL`] the input rate is at most 1.6 MB/s.
@@ -178,8 +181,8 @@ const READ_INTERVAL: Duration = Duration::from_millis(5);
 /// Retry interval when `accept` fails because no file descriptors are left.
 const RETRY_INTERVAL: Duration = Duration::from_millis(100);
 
-/// Proxy in front of the server at `inner`. It limits the number of clients and their input rate, and disconnects
-/// clients that do not read.
+/// Proxy in front of the server at `inner`: limits the number of clients and their input rate, and disconnects clients
+/// that send nothing or do not read.
 async fn serve(listener: TcpListener, inner: SocketAddr) -> Infallible {
     let places = Arc::new(Semaphore::new(MAX_CLIENTS));
     loop {
@@ -205,16 +208,16 @@ async fn pass(mut client: TcpStream, inner: SocketAddr) -> io::Result<()> {
     client.set_nodelay(true)?;
     server.set_nodelay(true)?;
     let [mut from_client, mut from_server] = [(); 2].map(|()| vec![0; MAX_READ_BYTES]);
-    let mut next = Instant::now();
+    let mut heard = Instant::now();
     loop {
         let received = async {
-            sleep_until(next).await;
+            sleep_until(heard + READ_INTERVAL).await;
             client.read(&mut from_client).await
         };
         let (to, bytes) = tokio::select! {
-            read = received => {
-                next = Instant::now() + READ_INTERVAL;
-                (&mut server, &from_client[..read?])
+            read = timeout_at(heard + IDLE_TIMEOUT, received) => {
+                heard = Instant::now();
+                (&mut server, &from_client[..read??])
             }
             read = server.read(&mut from_server) => (&mut client, &from_server[..read?]),
         };
@@ -337,6 +340,18 @@ fn time(at: SystemTime) -> DateTime {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[tokio::test(start_paused = true)]
+    async fn a_client_that_sends_nothing_is_disconnected() {
+        let listener = TcpListener::bind("127.0.0.1:0").await.expect("a port");
+        let mut client =
+            TcpStream::connect(listener.local_addr().expect("bound")).await.expect("it listens");
+        let (outer, _) = listener.accept().await.expect("a client");
+        let passing = pass(outer, listener.local_addr().expect("bound"));
+        let ended = timeout(10 * IDLE_TIMEOUT, passing).await.expect("it ends");
+        assert_eq!(ended.expect_err("idle").kind(), io::ErrorKind::TimedOut);
+        assert_eq!(client.read(&mut [0]).await.expect("closed"), 0);
+    }
 
     #[test]
     fn only_current_values_are_good() {
