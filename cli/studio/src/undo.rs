@@ -7,7 +7,8 @@ use std::{
 };
 
 use serde::Serialize;
-use volcomp_model::sha256_of;
+use sha2::{Digest as _, Sha256};
+use volcomp_model::{hexadecimal, sha256_of};
 
 use crate::{
     error::StudioError,
@@ -99,8 +100,8 @@ impl Folder {
     ) -> Option<Change> {
         let files = before.files.into_iter().filter_map(|(name, before)| {
             let now = fs::read(self.at(&name)).ok();
-            let after = now.is_some().then(|| sha256_of(&self.at(&name)).unwrap_or_default());
-            (now != before).then_some(ChangedFile { name, before, after })
+            let after = || now.as_deref().map(|now| hexadecimal(&Sha256::digest(now)));
+            (now != before).then(|| ChangedFile { name, after: after(), before })
         });
         let files: Vec<ChangedFile> = files.collect();
         let aside = Some(before.aside).filter(|aside| aside.exists());
