@@ -71,28 +71,51 @@ struct Head {
 const DEVIATION_SHARE: f64 = 0.05;
 
 impl Head {
-    /// Parses a head. `None` if a word of the head is unknown, as in `mean fwd`, because then the column is not a run.
-    /// If another head has a single `f`, a single `r` or `b` means backward. Otherwise `r` means run, and `b` is
-    /// unknown because B is the reversal value of ISO 230-2.
-    fn of(head: &str, has_forward_letter: bool, hyphen_is_reverse: bool) -> Option<Self> {
+    /// Parses the words of a head. `None` if a word is unknown, as in `mean fwd`: the column is not a run.
+    ///
+    /// Letters and short words that also name results of ISO 230-2 or numbers of positions are directions only where the heads show it: `f` beside a
+    /// number or a head that has `r` or `b` instead, `r` and `b` beside a number or a head that has `f` instead, `pos` beside `neg`. `r` beside a number
+    /// means run where another word states the direction or no head has `f`.
+    fn of(words: &[String], all: &[Vec<String>]) -> Option<Self> {
         let mut found = Self::default();
-        let words = words(head);
-        // A hyphen means backward only if no word states a direction and another head has a `+`. In `Run - 1` it has no
-        // meaning.
-        let hyphen = hyphen_is_reverse && words.iter().any(|word| word == "-");
+        let is_in_any = |wanted: &str| all.iter().flatten().any(|word| word == wanted);
+        let is_numbered = words.iter().any(|word| word.parse::<u32>().is_ok());
+        let has_pair = |word: &str, instead: &[&str]| {
+            instead.iter().any(|instead| {
+                let other = words.iter().map(|of| if of == word { instead } else { of.as_str() });
+                let other: Vec<&str> = other.collect();
+                all.iter().any(|head| *head == other)
+            })
+        };
+        let is_direction = |word: &str| match word {
+            "f" => is_numbered || has_pair("f", &["r", "b"]),
+            "r" | "b" => is_numbered && is_in_any("f") || has_pair(word, &["f"]),
+            "pos" => is_in_any("neg"),
+            _ => true,
+        };
+        let is_letter_r = |word: &&String| *word == "r";
+        let mut others =
+            words.iter().filter(|word| !is_letter_r(word) && word.parse::<u32>().is_err());
+        // `R1 r` is the first run, backward.
+        let has_other_direction = words.iter().filter(is_letter_r).count() > 1
+            || others.any(|word| word != "-" && direction_named(word).is_some());
+        // A hyphen is a direction only where no word states one, and another head has a `+`: `Run - 1` has none.
+        let hyphen = words.iter().any(|word| word == "-") && is_in_any("+");
         for word in words.iter().filter(|word| *word != "-") {
             let is_new = if let Ok(run) = word.parse::<u32>() {
                 found.run.replace(run).is_none()
-            } else if word == "r" && !has_forward_letter || ["run", "pass"].contains(&word.as_str())
+            } else if ["run", "pass"].contains(&word.as_str())
+                || word == "r"
+                    && is_numbered
+                    && !found.says_run
+                    && (has_other_direction || !is_in_any("f"))
             {
                 !core::mem::replace(&mut found.says_run, true)
             } else if ["measured", "position", "actual"].contains(&word.as_str()) {
                 found.is_measured.replace(true).is_none()
             } else if ["deviation", "dev", "error"].contains(&word.as_str()) {
                 found.is_measured.replace(false).is_none()
-            } else if word == "b" && !has_forward_letter {
-                return None;
-            } else if let Some(direction) = direction_named(word) {
+            } else if let Some(direction) = direction_named(word).filter(|_| is_direction(word)) {
                 found.direction.replace(direction).is_none()
             } else {
                 let unit = ReadingUnit::named(word)?;
@@ -152,20 +175,19 @@ fn is_joining(head: &str, hyphen: usize) -> bool {
 impl WideTable {
     /// Finds the columns of runs; `None` if no head names a run.
     pub(crate) fn of(table: &CsvTable, target: Column) -> Result<Option<Self>, MetrologyError> {
-        let single = |letter: &str| {
-            let mut heads = table.names();
-            heads.any(|(_, head)| words(head).iter().any(|word| word == letter))
-        };
-        let (has_forward_letter, hyphen_is_reverse) = (single("f"), single("+"));
-        let heads = table.names().filter(|(column, _)| *column != target);
-        let head = |text| Head::of(text, has_forward_letter, hyphen_is_reverse);
-        let heads = heads.filter_map(|(column, text)| Some((column, text, head(text)?)));
+        let all: Vec<Vec<String>> = table.names().map(|(_, head)| words(head)).collect();
+        let heads = table.names().zip(&all).filter(|((column, _), _)| *column != target);
+        let heads = heads.filter_map(|((column, text), words)| {
+            Some((column, text, words, Head::of(words, &all)?))
+        });
         let mut wide = Self { runs: Vec::new(), unit: None, is_measured: None };
         let wrong = |found: String, expected: &str| {
             table.header_error(format!("found {found}, expected {expected}"))
         };
         let mut is_numbered = None;
-        for (index, (column, text, head)) in heads.enumerate() {
+        // Words of the first run in each direction.
+        let mut first: [Option<Vec<String>>; 2] = [None, None];
+        for (index, (column, text, words, head)) in heads.enumerate() {
             let Some(direction) = head.direction else {
                 let expected = "the direction of each run in its head: `Run 1 fwd`, `Run 1 bwd`";
                 return Err(wrong(quoted(text), expected).into());
@@ -181,6 +203,12 @@ impl WideTable {
             }
             if head.run == Some(0) {
                 return Err(wrong(quoted(text), "runs numbered from 1").into());
+            }
+            let first = &mut first[usize::from(direction == Direction::Negative)];
+            if head.run.is_none() && first.get_or_insert_with(|| words.clone()) != words {
+                let expected =
+                    "a number in the heads of the runs, or the same head for all in a direction";
+                return Err(wrong(quoted(text), expected).into());
             }
             let others = wide.runs.iter().filter(|run| run.direction == direction);
             let highest = || others.clone().map(|other| other.number).max().unwrap_or(0);

@@ -257,10 +257,33 @@ fn reversal_values_are_no_run() {
         assert_eq!(read.readings.len(), 4);
         assert_eq!(read.notes, ["columns that are not read: B"]);
     }
+    // Beside F1 and B1, too, and beside R1 f: there R means run.
+    for heads in ["F1,B1", "R1 f,R1 r"] {
+        let read = csv(&format!("target mm,{heads},B\n0,1,3,-2\n100,1,3,-2\n")).unwrap();
+        assert_eq!(read.readings.len(), 4, "{heads}");
+        assert_eq!(read.notes, ["columns that are not read: B"]);
+    }
+}
+
+/// The repeatability R of ISO 230-2 for a direction, and the number of a position, are not readings.
+#[test]
+fn repeatabilities_and_position_numbers_are_no_runs() {
+    for [fwd, bwd] in [["R fwd", "R bwd"], ["R+ (µm)", "R- (µm)"], ["R ↑", "R ↓"]] {
+        let message =
+            refused(&format!("target mm,Mean fwd,Mean bwd,{fwd},{bwd}\n0,1,3,2,2\n100,1,3,2,2\n"));
+        assert!(message.contains("or a column for each run"), "{message}");
+        let read = csv(&format!("target mm,+,-,{fwd},{bwd}\n0,1,3,2,2\n100,1,3,2,2\n")).unwrap();
+        assert_eq!(read.readings.len(), 4);
+        assert_eq!(read.notes, [format!("columns that are not read: {fwd}, {bwd}")]);
+    }
+    // A second word for one direction is no second run.
     assert_eq!(
-        refused("target mm,F1,B1,B\n0,1,3,-2\n100,1,3,-2\n"),
-        "x.csv:1: header: found `B`, expected a number in the heads of all runs or of none"
+        refused("target mm,Rev,forward,reverse\n0,1,1,3\n100,1,1,3\n"),
+        "x.csv:1: header: found `reverse`, expected a number in the heads of the runs, or the same head for all in a direction"
     );
+    let read = csv("Pos.,target mm,fwd,bwd\n1,0,1,3\n2,100,1,3\n").unwrap();
+    assert_eq!(read.readings.len(), 4);
+    assert_eq!(csv("target mm,pos,neg\n0,1,3\n100,1,3\n").unwrap().readings.len(), 4);
 }
 
 /// Runs numbered from 0 are rejected, because the first run would be lost.
