@@ -300,6 +300,11 @@ fn text(arguments: &MapTableArguments, document: &MapTable) -> String {
         .iter()
         .map(|output| format!("{} up to {:.1} µm", output.axis, output.largest_um))
         .collect();
+    let (unit, feed) = if document.grid.iter().any(|axis| axis.axis.is_rotary()) {
+        ("mm or deg", "10 m/min or 10000 deg/min")
+    } else {
+        ("mm", "10 m/min")
+    };
     let mut sentences = vec![
         format!("Corrected: {}.", corrected.join(", ")),
         format!(
@@ -312,7 +317,7 @@ fn text(arguments: &MapTableArguments, document: &MapTable) -> String {
             document.step_um
         ),
         format!(
-            "The steepest correction changes by {:.3} µm in a mm: at 10 m/min that is {:.0} µm/s, which the rate in the control has to \
+            "The steepest correction changes by {:.3} µm in a {unit}: at {feed} that is {:.0} µm/s, which the rate in the control has to \
              follow.",
             document.steepest_um,
             document.steepest_um * 10_000.0 / 60.0

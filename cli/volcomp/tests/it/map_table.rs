@@ -39,6 +39,11 @@ fn the_file_is_the_map_that_is_told_of() {
         told.lines().all(|line| line.chars().count() <= 80 || line.contains("gantry.map")),
         "{told}"
     );
+    // Over a rotary axis the steepest change may be in a degree.
+    let told = text(&format!(
+        "map-table -m examples/table-tilting.toml --words 65000 --within 20 --axes X,C -o {name}"
+    ));
+    contains(&told.replace("\n", " "), "µm in a mm or deg: at 10 m/min or 10000 deg/min that is");
 }
 
 #[test]
