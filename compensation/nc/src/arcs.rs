@@ -54,7 +54,7 @@ impl Stretch {
         (self.to - self.from) * arc.turns_by.abs()
     }
 
-    /// Number of whole turns before the last turn, which may also be whole.
+    /// Number of full turns in addition to the last one: 1 for an arc of 2 turns or of 1.5 turns.
     fn more_turns(self, arc: &Arc) -> f64 {
         (self.turns(arc) / (2.0 * PI) - 1e-9).floor().max(0.0)
     }
@@ -75,7 +75,7 @@ const OFF_BY_RADIUS: f64 = 1.0;
 /// Maximum error in the middle of an arc written with its centre, in steps; both centre words are rounded.
 const OFF_BY_CENTRE: f64 = 3.0;
 
-/// A part of an arc, with the end points that its words command.
+/// A part of an arc as it is written to the output, with the corrections at its ends.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct WrittenArc<'a> {
     pub(crate) arc: &'a Arc,
@@ -84,7 +84,7 @@ pub(crate) struct WrittenArc<'a> {
     pub(crate) part: Stretch,
     /// Index of the part; `None` if the arc is not split.
     pub(crate) place: Option<usize>,
-    /// Corrections at the start and end, in program coordinates.
+    /// Corrections at the start and end of the part, in program coordinates.
     pub(crate) carried: [&'a Axes; 2],
 }
 

@@ -124,7 +124,7 @@ pub(crate) struct ExecutedMotion {
     pub(crate) system: usize,
     /// Set if the motion, or the cycle at its end, cuts in a work offset that the set-up file states.
     pub(crate) cuts_from_stated_zero: bool,
-    /// Set if the positions of those of X, Y and Z that the machine has are known.
+    /// True if the positions of all linear axes of the machine (X, Y, Z) are known.
     pub(crate) known: bool,
     pub(crate) in_inches: bool,
 }

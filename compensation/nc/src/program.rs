@@ -47,7 +47,6 @@ pub struct Summary {
 /// Options of a compensation.
 #[derive(Clone, Copy, Debug)]
 pub struct Job<'a> {
-    /// Computes the corrections.
     pub corrector: &'a Corrector,
     /// Set-up that the program relies on but does not contain.
     pub setup: &'a SetUp,

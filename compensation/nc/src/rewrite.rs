@@ -168,7 +168,7 @@ pub(crate) enum AppliedCorrection {
 /// Maximum number of additional decimals of words that define the current position.
 const FINER: u8 = 3;
 
-/// Treatment of words whose values the program computes, in the output.
+/// How values that the program computes are written to the output.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum ComputedValues {
     /// Expressions and variables stay as they are in the program.
@@ -748,7 +748,7 @@ impl Rewriter {
     }
 }
 
-/// Reads a line without its end.
+/// Parses a block; `text` is the line without its terminator.
 fn read_block(
     dialect: Dialect,
     block: &mut Block,

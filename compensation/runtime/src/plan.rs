@@ -64,7 +64,6 @@ pub struct PathPlan {
 pub struct UncorrectedAxis {
     /// Letter of the axis.
     pub axis: AxisName,
-    /// Reason why the axis does not correct.
     pub why: UncorrectedReason,
 }
 

@@ -554,9 +554,10 @@ static COEFFICIENTS: [f64; DEGREE + 1] = {
     coefficients
 };
 
-/// A fixed computation that measures the speed of a computer, so that compute times of cycles on two computers can be compared. It
-/// evaluates the polynomial of degree 511 with the coefficients 1 / (k + 1) by Horner's rule: 511 multiplications and additions, each
-/// depending on the previous result. It must never change, so that results stay comparable.
+/// A fixed computation that measures the speed of a computer, so that compute times of cycles on two computers can be
+/// compared. It evaluates the polynomial of degree 511 with the coefficients 1 / (k + 1) by Horner's rule: 512
+/// multiplications and additions, each depending on the previous result. It must never change, so that results stay
+/// comparable.
 #[must_use]
 pub fn reference_work(x: f64) -> f64 {
     let powers = COEFFICIENTS.iter().rev();

@@ -67,7 +67,6 @@ impl FocasController {
 
     /// Properties that the control reported when the present connection was opened; `None` without a connection.
     /// Allocates, so do not call this in a cycle.
-    /// cycle.
     pub fn inspection(&mut self) -> Option<Inspection> {
         self.supply.current().ok().map(|link| link.found().clone())
     }

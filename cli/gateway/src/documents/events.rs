@@ -147,7 +147,8 @@ fn explains(change: &StateChange) -> bool {
     matches!(change.state, StateName::Holding | StateName::RampingOut | StateName::Faulted)
 }
 
-/// Maximum number of actions of an event: those on the causes, which come first.
+/// Maximum number of recommended operator actions per event. Reasons list causes first, so actions on consequences are
+/// cut.
 const MAX_ADVICE: usize = 2;
 
 fn advice_on(change: &StateChange) -> Vec<String> {
