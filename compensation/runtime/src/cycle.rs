@@ -273,7 +273,6 @@ impl Cycle {
         paths.chain(readers)
     }
 
-    /// Period of the cycle.
     pub fn period(&self) -> Duration {
         self.period
     }

@@ -160,7 +160,7 @@ impl Rapid {
     }
 }
 
-/// Settings of a control's barrier that must be known before it is read.
+/// Settings of a control's barrier that must be known before the barrier is read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct BarrierSettings {
     /// Machine number, which seeds every checksum.

@@ -22,6 +22,7 @@ const UM_PER_MM: f64 = 1e3;
 /// run each. If the file has only the mean of both directions, this mean becomes one forward run, with a note. The mean
 /// of both directions is checked against the two directions.
 ///
+/// # Errors
 /// No table, a repeated table, rows that are not two numbers, repeated targets, tables with different targets, or a
 /// bidirectional mean that differs from the mean of the two directions.
 pub fn parse_pos(bytes: &[u8], name: &str) -> Result<Measurement, MetrologyError> {

@@ -98,8 +98,8 @@ impl Mapping {
 
     /// Like [`Mapping::decode`], for a table that may have other keys.
     ///
+    /// # Errors
     /// Both keys, or an invalid value.
-    /// Both keys, an invalid value.
     pub fn decode_keys(section: &Section<'_>) -> Result<Option<Self>, InputError> {
         match (section.section("columns")?, section.section("channels")?) {
             (Some(_), Some(channels)) => Err(channels.error(

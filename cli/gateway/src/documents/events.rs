@@ -118,7 +118,7 @@ impl From<&Record> for LogEvent {
     }
 }
 
-/// A change of state in words.
+/// Kind and text of the event that a change of state becomes.
 fn in_words(change: &StateChange) -> (EventKind, String) {
     let (kind, state) = match change.state {
         StateName::Disarmed => (EventKind::Disarmed, "Disarmed: nothing is written"),

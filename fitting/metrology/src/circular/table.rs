@@ -19,8 +19,9 @@ const FEWEST_POINTS: usize = 16;
 /// from the order of the rows. `radius_mm` is the nominal radius. Without it, positions are measured against their mean
 /// radius.
 ///
-/// Wrong header, units or cells, fewer than 16 points, positions that are not on a circle, or angles without a radius.
-/// Messages name the file, the line, what was found and what was expected.
+/// # Errors
+/// Wrong header, units or cells, a radius that is out of range, fewer than 16 points, positions that are not on a
+/// circle, or angles without a radius. Messages name the file, the line, what was found and what was expected.
 pub fn parse_trace(
     bytes: &[u8],
     name: &str,
