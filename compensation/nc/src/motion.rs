@@ -40,7 +40,7 @@ pub(crate) fn half_deep(hole: &Axes, depth: usize, [bottom, clearance]: [f64; 2]
     at_height(hole, depth, 0.5 * (bottom + clearance))
 }
 
-/// Position in a hole at this height, mm.
+/// Position of the tool in a hole with the depth axis at `height`, mm.
 pub(crate) fn at_height(hole: &Axes, depth: usize, height: f64) -> Axes {
     let mut at = *hole;
     at[depth] = height;
