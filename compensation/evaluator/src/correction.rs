@@ -74,7 +74,7 @@ impl CorrectionParts {
 /// A first-order correction, and the error that it corrects.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FirstOrder {
-    /// The error that is corrected.
+    /// Error without correction.
     pub error: Evaluation,
     /// Δq in chain order, mm and rad, to be added to the command.
     pub delta: PerAxis<f64>,

@@ -143,7 +143,7 @@ impl Pulse {
         (self.period * 3).max(Self::JITTER)
     }
 
-    /// Time since the last cycle; `None` while it does not exceed [`patience`](Self::patience).
+    /// Time since the last cycle if it exceeds [`patience`](Self::patience), otherwise `None`.
     pub fn silence(&self) -> Option<Duration> {
         Some(self.age()).filter(|age| *age > self.patience())
     }

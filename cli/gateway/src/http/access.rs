@@ -32,7 +32,7 @@ const REQUEST_TIMEOUT: Duration = Duration::from_secs(10);
 pub(super) const UPLOAD_PATH: &str = "/api/model/upload";
 const UPLOAD_TIMEOUT: Duration = Duration::from_secs(300);
 
-/// Access control of the dashboard.
+/// Who may read and operate the dashboard, and under which host names.
 pub struct AccessControl {
     /// Tokens and their roles.
     pub tokens: Tokens,
