@@ -61,6 +61,7 @@ pub enum StructureError {
     /// An axis appears twice in the code.
     #[error("axis {axis} appears twice in the structure, expected each letter once")]
     RepeatedAxis {
+        /// The repeated axis.
         axis: AxisName,
     },
     /// A prime on an axis right of `b`.
@@ -68,6 +69,7 @@ pub enum StructureError {
         "axis {axis} has a prime right of b, expected primes on the workpiece side only: left of b"
     )]
     PrimeOnToolSide {
+        /// The axis with the prime.
         axis: AxisName,
     },
     /// A prime that follows no axis.

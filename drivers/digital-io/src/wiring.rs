@@ -1,4 +1,3 @@
-
 use crate::words::{CorrectionWord, PositionWord, mask};
 
 /// Assignment of bits to lines. The control's outputs carry the position: they are our inputs. The control's inputs

@@ -42,6 +42,7 @@ pub enum DatagramError {
     /// A letter is not an axis, or occurs twice.
     #[error("found the letter {:?}, expected those of axes, each once", char::from(*found))]
     Letter {
+        /// The rejected byte.
         found: u8,
     },
     /// A position or velocity is not finite, or a count has the size zero.
@@ -49,10 +50,12 @@ pub enum DatagramError {
         "axis {axis}: found a position or velocity that is not finite, or a count of size 0, expected numbers and a size of 1 or more"
     )]
     Number {
+        /// Axis with the invalid position, velocity or count size.
         axis: AxisName,
     },
     #[error("found the kind {found} of content, expected 0 (request for states) or 1 (a frame)")]
     Kind {
+        /// The rejected number of the kind.
         found: u16,
     },
 }

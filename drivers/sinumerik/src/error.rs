@@ -42,6 +42,7 @@ pub enum SinumerikError {
     /// The period is shorter than the sampling period of the control's server.
     #[error("period: found {} ms, expected {} ms or more: the server of the control samples no faster", .found.as_secs_f64() * 1e3, .shortest.as_millis())]
     Period {
+        /// The configured period.
         found: Duration,
         shortest: Duration,
     },
@@ -93,6 +94,7 @@ pub enum SinumerikError {
     /// The server does not have the configured namespace.
     #[error("found the namespaces {}, expected {expected} among them", found.join(", "))]
     NoNamespace {
+        /// The configured namespace.
         expected: String,
         found: Vec<String>,
     },

@@ -22,6 +22,7 @@ pub enum CurveError {
         "found {found} knots for {coefficients} coefficients of degree {degree}: expected coefficients + degree + 1 = {expected}"
     )]
     KnotCount {
+        /// Number of knots.
         found: usize,
         coefficients: usize,
         degree: usize,
@@ -38,6 +39,7 @@ pub enum CurveError {
         "found {found} Fourier coefficients: expected an odd number, a0 and then pairs of cosine and sine"
     )]
     UnpairedHarmonic {
+        /// Number of coefficients.
         found: usize,
     },
     #[error("{what} is {value}: expected {expected}")]
@@ -57,6 +59,7 @@ pub enum CurveError {
         "found {found} rows of values: expected {expected}, one for each node of the first axis"
     )]
     GridRows {
+        /// Number of rows.
         found: usize,
         expected: usize,
     },

@@ -7,6 +7,7 @@ use volcomp_curve::CurveError;
 pub enum FitError {
     #[error("found {readings} readings for {abscissae} abscissae: expected one for each")]
     Lengths {
+        /// Number of abscissae.
         abscissae: usize,
         readings: usize,
     },
@@ -36,6 +37,7 @@ pub enum FitError {
         "{targets} targets leave no order and support with enough nodes within the support everywhere: expected more, or more evenly spread, targets, or a smaller shape than {shape}"
     )]
     NoCandidate {
+        /// Number of different targets.
         targets: usize,
         shape: f64,
     },

@@ -48,6 +48,7 @@ pub enum TlsError {
     /// A file or folder cannot be written.
     #[error("{}: {source}", file.display())]
     Write {
+        /// The file or folder that cannot be written.
         file: PathBuf,
         source: std::io::Error,
     },

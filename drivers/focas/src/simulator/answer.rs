@@ -1,4 +1,3 @@
-
 use super::{Options, World};
 use crate::{
     answers::function,

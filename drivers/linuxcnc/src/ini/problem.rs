@@ -77,6 +77,7 @@ pub enum Problem {
         "[HAL]HALFILE: found {found} after {BRIDGE}, expected {BRIDGE} as the last one: pins that it has connected, such as motion.probe-input, take no signal of a later file"
     )]
     Behind {
+        /// Name of the later file.
         found: String,
     },
     /// A HAL file of the display cannot be read.
@@ -105,12 +106,14 @@ pub enum Problem {
     /// The bridge's section contains an unknown key.
     #[error("[VOLCOMP]{key}: unknown key, expected one of {known}")]
     Unknown {
+        /// The unknown key, as written in the file.
         key: String,
         known: String,
     },
     /// The bridge has another key than the gateway.
     #[error("[VOLCOMP]KEY_FILE: {}: found another key than the gateway's", .file.display())]
     OtherKey {
+        /// The file with the key of the bridge.
         file: PathBuf,
     },
     /// The key of the bridge is missing or malformed.
@@ -148,6 +151,7 @@ pub enum Problem {
         "[AXIS_{axis}]OFFSET_AV_RATIO is missing, expected a number such as 0.02: by default LinuxCNC applies no offset"
     )]
     NoRatio {
+        /// Axis whose section lacks `OFFSET_AV_RATIO`.
         axis: AxisName,
     },
     /// The fraction of its velocity that an axis reserves for its offset is out of range.
@@ -202,6 +206,7 @@ pub enum Problem {
         "[KINS]JOINTS: found {found}, expected the number of joints, 1 to {MAX_JOINTS} without further text"
     )]
     Joints {
+        /// The value of this key in the INI file.
         found: String,
     },
     /// The number of joints is missing.
@@ -212,6 +217,7 @@ pub enum Problem {
         "[KINS]KINEMATICS: found {found}, expected trivkins: with other kinematics LinuxCNC adds offsets to coordinates of the workpiece, not of the machine"
     )]
     Kinematics {
+        /// The kinematics module in the INI file.
         found: String,
     },
     /// The period of the servo thread differs from the gateway's configuration.

@@ -30,6 +30,7 @@ pub enum ProfileError {
     /// No shipped profile has this name.
     #[error("there is no profile `{name}`, expected one of: {known}; or a file that ends in .toml")]
     Unknown {
+        /// The requested name.
         name: String,
         known: String,
     },

@@ -127,5 +127,6 @@ pub enum Injection {
     },
     /// The next call on an open connection delivers all delayed writes.
     Release,
+    /// Replaces the probabilities and sizes of random faults.
     Faults(Faults),
 }

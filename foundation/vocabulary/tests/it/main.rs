@@ -1,4 +1,3 @@
-
 mod bounds;
 
 use proptest::prelude::*;
