@@ -133,7 +133,8 @@ impl Chain {
     /// Sets the frame in which the error motions of a rotary axis are stated.
     ///
     /// # Errors
-    /// [`ChainError::NoSuchAxis`]; [`ChainError::MotionFrame`] for a linear axis, whose error motions move with its carriage.
+    /// [`ChainError::NoSuchAxis`]; [`ChainError::MotionFrame`] for a linear axis, whose error motions move with its
+    /// carriage.
     pub fn set_motion_frame(
         &mut self,
         axis: AxisName,
@@ -255,8 +256,8 @@ impl Chain {
     }
 
     /// Motion, in MCS, by which the axes between the bed and the axis at `index` carry this axis. The returned pose
-    /// maps its point and direction at machine zero to those at `state`; its own coordinate has no influence. The
-    /// identity for an index without an axis.
+    /// maps the point and the direction of the axis at machine zero to those at `state`. The coordinate of the axis
+    /// itself has no influence. The identity for an index without an axis.
     pub fn carrier_pose(&self, index: usize, state: &State) -> Pose {
         let Some(carried) = self.joints.get(index) else {
             return Pose::identity();

@@ -90,7 +90,7 @@ pub struct Correction {
     /// Whether the tilt of the tool remains partly or wholly uncorrected in one or both directions, because the pose is
     /// within about 1° of a singular pose or because fewer than two rotary axes may move.
     pub tool_axis_partial: bool,
-    /// Whether the pose is within about 6° of a singular pose, if at least two rotary axes may move. The rotary axes
+    /// True if at least two rotary axes may move and the pose is within about 6° of a singular pose. The rotary axes
     /// then move by more than 10 times the tool-axis error, or one direction remains uncorrected. See
     /// [`NEAR_SINGULAR_BELOW`](crate::NEAR_SINGULAR_BELOW).
     pub near_singular: bool,

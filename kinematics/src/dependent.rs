@@ -19,8 +19,8 @@ const GENERIC_ANGLES_RAD: [[f64; MAX_AXES]; 3] = [
 
 impl Chain {
     /// Moves of the linear axes that leave the ideal tip in place at the rotary angles of `state`. Components are in
-    /// the order of the chain, scaled so that the largest is 1. Empty if other rotary angles allow as many such moves,
-    /// as on a machine with two axes in one direction (U parallel to X).
+    /// the order of the chain, scaled so that the largest is 1. Empty if there are as many such moves at all rotary
+    /// angles, as on a machine with two axes in one direction (U parallel to X).
     pub fn dependent_moves(&self, state: &State) -> ArrayVec<PerAxis<f64>, MAX_AXES> {
         let found = self.moves_of_nothing(state);
         let elsewhere = GENERIC_ANGLES_RAD.map(|q| {

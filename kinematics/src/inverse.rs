@@ -33,9 +33,9 @@ const BROUGHT_WITHIN_MM: f64 = 1e-9;
 /// actual tip a few more.
 const MOST_STEPS: usize = 12;
 const MOST_CHANGES: usize = 10 * MAX_AXES;
-/// Minimum volume of the box spanned by the unit directions of three linear axes; below it the axes are treated as
-/// coplanar. Nearly coplanar axes reach a point off their plane only by long opposite moves, which are not made where
-/// travel limits are unknown.
+/// Minimum volume of the box spanned by the unit directions of three linear axes; below this volume the axes are
+/// treated as coplanar. Nearly coplanar axes reach a point off their plane only by long opposite moves, which are not
+/// made where travel limits are unknown.
 const FLAT_BELOW: f64 = 1e-3;
 /// Minimum volume as [`FLAT_BELOW`] where travel limits are known. Near a pose at which a rotation makes two axes
 /// parallel, some points are reached only by long opposite moves. Below this volume the moves affect the tip by less

@@ -1,5 +1,5 @@
-//! Corrects a control that sends its positions in plain CAN frames of the shipped `volcomp.dbc`. The bus is in memory; on a machine use
-//! `CanSocket::open("can0")`.
+//! Corrects a control that sends its positions in plain CAN frames of the shipped `volcomp.dbc`. The bus is in memory;
+//! on a machine use `CanSocket::open("can0")`.
 //!
 //!     cargo run -p volcomp-can --example bridge
 

@@ -229,8 +229,8 @@ fn check_word_count(
     ))
 }
 
-/// Checks that, if the words come in several messages, each message has a counter. The counter tells words of different
-/// times apart; the checksum of the words alone does not detect all mixtures of three or more frames.
+/// Checks that, if the words come in several messages, each message has a counter. The counter distinguishes words of
+/// different times; the checksum of the words alone does not detect all mixtures of three or more frames.
 fn check_shared_counter(table: &SignalTable, words: &[(usize, usize)]) -> Result<(), String> {
     let messages = || words.iter().map(|(message, _)| *message);
     let is_one = messages().all(|message| Some(message) == messages().next());

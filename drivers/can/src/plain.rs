@@ -88,8 +88,8 @@ impl PlainCorrections {
     }
 }
 
-/// Index of a message in `sent`; adds the message if necessary. `None` if the message cannot represent a correction of
-/// 0.
+/// Index of a message in `sent`; adds the message if necessary. `None` if the message cannot represent a correction
+/// of 0.
 fn outgoing_index(sent: &mut Vec<(Message, Frame)>, message: &Message) -> Option<usize> {
     let known = sent.iter().position(|(other, _)| other.name == message.name);
     if known.is_some() {

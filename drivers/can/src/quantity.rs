@@ -23,7 +23,8 @@ pub(crate) struct WrongUnit {
 }
 
 impl Quantity {
-    /// Quantity of a signal by its name: `X_POS`, `X_CORR`, `X_APPLIED`, `…_TEMP` and the states; `None` for every other signal.
+    /// Quantity of a signal by its name: `X_POS`, `X_CORR`, `X_APPLIED`, `…_TEMP` and the states; `None` for every
+    /// other signal.
     pub(crate) fn of_signal(name: &str) -> Option<Self> {
         if STATES.contains(&name) {
             return Some(Self::State);
@@ -80,7 +81,8 @@ impl Quantity {
     }
 }
 
-/// Factor from the unit of a signal to mm, rad or °C; 1 for a signal without a known quantity. Errors: a unit that does not match the quantity.
+/// Factor from the unit of a signal to mm, rad or °C; 1 for a signal without a known quantity. Errors: a unit that does
+/// not match the quantity.
 pub(crate) fn to_internal(name: &str, unit: &str) -> Result<f64, WrongUnit> {
     Quantity::of_signal(name).map_or(Ok(1.0), |quantity| quantity.factor(unit))
 }

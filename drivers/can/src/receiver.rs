@@ -153,7 +153,8 @@ pub(crate) struct ReceivedSignal {
 }
 
 /// Subscribes to the message of a signal. Errors: a unit that does not match the quantity of the signal.
-/// [`SignalTable::parse`] checks the unit too, but its fields are public, so a table may be built without it.
+/// [`SignalTable::parse`] checks the unit too, but its fields are public, so code can also build a table without this
+/// check.
 pub(crate) fn subscribe(
     table: &SignalTable,
     messages: &mut Vec<ReceivedMessage>,

@@ -20,8 +20,8 @@ pub struct Signal {
     /// Value at raw 0, in the unit of the signal.
     pub offset: f64,
     pub(crate) big_endian: bool,
-    /// Position of the lowest bit. Little-endian: counted from bit 0 of the first byte. Big-endian: counted likewise
-    /// after the byte order of the message is reversed.
+    /// Position of the lowest bit. Little-endian: counted from bit 0 of the first byte. Big-endian: counted in the same
+    /// way after the byte order of the message is reversed.
     pub(crate) shift: u32,
 }
 

@@ -1,4 +1,5 @@
-//! The centre's side of the connection: publishes the desired states of machines, and detects values that other clients put.
+//! The centre's side of the connection: publishes the desired states of machines, and detects values that other clients
+//! put.
 
 use std::sync::Arc;
 

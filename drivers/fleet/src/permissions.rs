@@ -38,7 +38,7 @@ impl Permissions {
                 subjects.telemetry,
                 subjects.audit,
                 subjects.ack,
-                // Requests the latest value of its own key, and nothing else in that stream.
+                // Requests only the latest value of its key in that stream.
                 latest_desired_subject(&identity.machine),
                 // Reads the machine's own object store message by message. A consumer is not permitted, because it
                 // could send messages to any subject.

@@ -115,7 +115,8 @@ impl FocasConfig {
         }
     }
 
-    /// Resolution of the reported positions of an axis: 0.001 mm or 0.001 deg, or one count of its shift if that is coarser.
+    /// Resolution of the reported positions of an axis: 0.001 mm or 0.001 deg, or one count of its shift if that is
+    /// coarser.
     pub fn position_step(&self, name: AxisName) -> Displacement {
         let decimal = match name.kind() {
             AxisKind::Linear => POSITION_STEP,

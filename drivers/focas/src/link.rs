@@ -57,7 +57,8 @@ pub(crate) struct Link {
 }
 
 impl Link {
-    /// Opens a session, finds the axes and the accepted request forms, and checks the control's parameters against the configuration.
+    /// Opens a session, finds the axes and the accepted request forms, and checks the control's parameters against the
+    /// configuration.
     pub(crate) fn open(config: &FocasConfig) -> Result<Self, FocasError> {
         let client = Client::open(&config.host, config.port, config.at_most)?;
         let mut client = client.with_path(config.path);

@@ -1,4 +1,5 @@
-//! Parameters of the control that must match the configuration: the source of the machine zero point shift and the unit of positions.
+//! Parameters of the control that must match the configuration: the source of the machine zero point shift and the unit
+//! of positions.
 //!
 //! - Parameter 1203#0: the extended external machine zero point shift is in use.
 //! - Parameter 1280: first R address of the words of this shift, two bytes for each axis of the control.

@@ -113,8 +113,8 @@ impl Exchanger {
             self.image.failed = Some((number, Fault::Disconnected));
         }
         self.image.outputs = None;
-        // A module that gives no answer at all says nothing about its read-back, which must not be skipped when the
-        // module answers again.
+        // While a module does not answer, its ability to read back outputs is unknown. The read-back must not be
+        // skipped when the module answers again.
         let read = self.inputs(line).await;
         if read == Err(RequestError::Disconnected) {
             return read;

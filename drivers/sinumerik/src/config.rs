@@ -82,7 +82,8 @@ impl SinumerikConfig {
         &self.server.url
     }
 
-    /// Resolution of the reported positions of an axis: 0.001 mm or 0.001 deg, or the step of its corrections if that is coarser.
+    /// Resolution of the reported positions of an axis: 0.001 mm or 0.001 deg, or the step of its corrections if that
+    /// is coarser.
     pub fn position_step(&self, name: AxisName) -> Displacement {
         let decimal = match name.kind() {
             AxisKind::Linear => POSITION_STEP,

@@ -84,8 +84,8 @@ impl BSpline {
         [self.knots[self.degree], self.knots[self.coefficients.len()]]
     }
 
-    /// Value at `x`, in value units. Outside the domain the end value is kept. Algorithm: de Boor, J. Approx. Theory 6,
-    /// 1972.
+    /// Value at `x`, in value units. Outside the domain the end value is kept. Algorithm: de Boor, J. Approx. Theory
+    /// 6, 1972.
     pub fn value(&self, x: f64) -> f64 {
         domain::held(self.domain(), x, |x| {
             let span = self.span(x);

@@ -26,8 +26,8 @@ impl Chebyshev {
         self.0.domain
     }
 
-    /// Value at `x`, in value units. Outside the domain the end value is kept. Recurrence of Clenshaw, Math. Comp. 9,
-    /// 1955.
+    /// Value at `x`, in value units. Outside the domain the end value is kept. Recurrence of Clenshaw, Math. Comp.
+    /// 9, 1955.
     pub fn value(&self, x: f64) -> f64 {
         domain::held(self.0.domain, x, |x| {
             let t = self.mapped(x);

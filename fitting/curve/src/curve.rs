@@ -8,8 +8,8 @@ use crate::{
 
 /// Function of one coordinate, in the caller's units.
 ///
-/// Outside its domain a curve keeps its end value and has the derivative 0. [`contains`](Self::contains) tells whether
-/// an argument is inside. A NaN argument gives NaN. Evaluation neither allocates nor panics.
+/// Outside its domain a curve keeps its end value and has the derivative 0. [`contains`](Self::contains) returns
+/// whether an argument is inside. A NaN argument gives NaN. Evaluation neither allocates nor panics.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(
     feature = "serde",

@@ -71,8 +71,8 @@ const ONE_RUN_SHAPE: f64 = 0.25;
 ///
 /// Whole runs are resampled, so that differences between runs count. Each resample is smoothed like the mean. The
 /// scatter of a few runs is poorly known, so Student's t widens the band. The part of the scatter that is common to all
-/// targets of a run has (runs − 1) degrees of freedom. The rest is independent from target to target, and has (runs −
-/// 1) degrees of freedom for each coefficient of the curve. The bootstrap variances of m runs are too small by (m −
+/// targets of a run has (runs − 1) degrees of freedom. The rest is independent from target to target, and has (runs
+/// − 1) degrees of freedom for each coefficient of the curve. The bootstrap variances of m runs are too small by (m −
 /// 1)/m, and are corrected by this factor. Resampling does not show errors of shape, so two estimates of these are
 /// added: the residuals of the mean readings beyond the scatter of the runs, and the larger of the leave-one-out errors
 /// of the curve and of linear interpolation.
@@ -247,8 +247,8 @@ impl Whole {
     ) -> Result<Vec<f64>, FitError> {
         let count = runs.len() as f64;
         let places: Vec<f64> = self.targets.iter().map(|t| t.x).collect();
-        // Smooth the deviation of each run from the mean of all runs. At a target that the run lacks, the deviation is
-        // 0.
+        // Smooth the deviation of each run from the mean of all runs. At a target that the run lacks, the deviation
+        // is 0.
         let mut rests = Vec::with_capacity(runs.len());
         let mut offsets = Vec::with_capacity(runs.len());
         let mut scatter = 0.0;

@@ -257,10 +257,10 @@ fn settings(targets: &[[f64; 2]], shape: f64, most: usize) -> Vec<Setting> {
     settings
 }
 
-/// Settings with this support that the targets determine. Everywhere in the range, enough nodes must have a positive
-/// weight that one more than the number of coefficients remains if one node is left out, and the least-squares problem
-/// must not be nearly singular. Both are checked at the worst abscissas: at the ends, at nodes, half-way between nodes,
-/// and where a node enters the support.
+/// Settings with this support that the targets determine. Two conditions must hold everywhere in the range. First, at
+/// least order + 2 nodes have a positive weight, so that order + 1 remain if one node is left out. Second, the
+/// least-squares problem is not nearly singular. Both are checked at the worst abscissas: at the ends, at nodes,
+/// half-way between nodes, and where a node enters the support.
 fn of_support(
     targets: &[[f64; 2]],
     orders: std::ops::RangeInclusive<usize>,

@@ -90,8 +90,8 @@ fn chebyshev_matrix(targets: &[Target], order: usize, [lower, upper]: [f64; 2]) 
     matrix
 }
 
-/// Coefficients of a Chebyshev series in powers of x, by Clenshaw's recurrence applied to polynomials, with `t = shift
-/// + rate x`.
+/// Coefficients of a Chebyshev series in powers of x, by Clenshaw's recurrence applied to polynomials, with `t =
+/// shift + rate x`.
 fn powers(series: &Chebyshev) -> Vec<f64> {
     let [lower, upper] = series.domain();
     let (shift, rate) = (-(lower + upper) / (upper - lower), 2.0 / (upper - lower));

@@ -56,8 +56,8 @@ impl IncompleteRuns {
         passes.targets.iter().map(|(target, _)| *target)
     }
 
-    /// Independent shifts of the means by the lines of the runs. The variance is the sum of the squared shifts. There
-    /// are none if there is one run.
+    /// Independent shifts of the means by the lines of the runs. The variance is the sum of the squared shifts. A
+    /// single run gives none.
     pub fn shifts_by_lines(&self) -> impl Iterator<Item = &AtTargets> {
         self.of_lines.values()
     }

@@ -162,7 +162,7 @@ fn row(place: Place<'_>, cells: &[&str]) -> Result<Row, MetrologyError> {
     Ok(Row { line: place.line, target, forward, reverse, two_sigma })
 }
 
-/// Unit in brackets in the heads about means, errors, the dead zone or sigma; `None` if there is none. Errors:
+/// Unit in brackets in the heads about means, errors, the dead zone or sigma; `None` without brackets. Errors:
 /// different units.
 fn unit(text: &str, name: &str) -> Result<Option<ReadingUnit>, MetrologyError> {
     let mut found: Option<ReadingUnit> = None;

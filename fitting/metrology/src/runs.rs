@@ -2,7 +2,7 @@
 //!
 //! An instrument is zeroed before each run, so each run has a constant offset. A straightness reference is also
 //! realigned, so each run has a slope too. The mean of complete runs contains the mean of these lines. If a run lacks a
-//! target, its line is missing in the mean there, and the mean would have a step although no run has one. In that case
+//! target, the mean at this target lacks its line, and the mean would have a step although no run has one. In that case
 //! the lines of the passes are fitted (`Passes`) and removed.
 
 use std::borrow::Cow;
@@ -21,7 +21,7 @@ pub(crate) struct Alignment {
     /// Lines of the passes of each direction; `None` if the plain means are correct. If the plain means of one
     /// direction are not correct, the lines of both directions are stored, for the scatter of the runs.
     pub(crate) lines: [Option<Vec<ReferenceLine>>; 2],
-    /// Weight of each run in the mean line that remains in the means. If any run was made in both directions, the
+    /// Weight of each run in the averaged line, which remains in the means. If any run was made in both directions, the
     /// weight of a run made in one direction is 0.
     pub(crate) weights: [Vec<f64>; 2],
     /// Kind of alignment that was removed. It is the offset if the slopes cannot be determined.

@@ -76,8 +76,8 @@ impl std::fmt::Display for Verdict {
     }
 }
 
-/// Decides on the magnitude of a value by ISO 14253-1. `u` is the expanded uncertainty (k = 2) of the value, at least
-/// 0. If `u` is `None`, the value is compared with the limit directly.
+/// Decides on the magnitude of a value by ISO 14253-1. `u` is the expanded uncertainty (k = 2) of the value, at
+/// least 0. If `u` is `None`, the value is compared with the limit directly.
 pub fn decide(value: Option<f64>, limit: f64, u: Option<f64>) -> Verdict {
     let Some(size) = value.map(f64::abs) else {
         return Verdict::NotEvaluated;

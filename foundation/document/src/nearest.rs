@@ -1,6 +1,6 @@
-/// The known word that `found` is probably meant to be; `None` if there is none. The edit distance of the two words
-/// must be that of a typing error, or the known word must be `found` with a suffix (`limit_um` for `limit`). Case is
-/// ignored.
+/// The known word that `found` is probably meant to be; `None` if no word is near enough. The edit distance of the two
+/// words must be that of a typing error, or the known word must be `found` with a suffix (`limit_um` for `limit`). Case
+/// is ignored.
 pub fn nearest<'k>(found: &str, known: &[&'k str]) -> Option<&'k str> {
     near(found, known).first().copied()
 }

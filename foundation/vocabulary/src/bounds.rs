@@ -7,8 +7,8 @@ use crate::{
     units::{Displacement, Mm, Rad},
 };
 
-/// Maximum correction, deviation or error of a linear axis. The volumetric error of a machine tool is some tenths of a millimetre; a larger
-/// value is a mistake in the unit.
+/// Maximum correction, deviation or error of a linear axis. The volumetric error of a machine tool is some tenths of a
+/// millimetre; a larger value is a mistake in the unit.
 pub const LARGEST_CORRECTION: Mm = Mm(2.0);
 /// Maximum correction, deviation or error of a rotary axis, and maximum angular error: 2 mrad are 412 arcsec.
 pub const LARGEST_CORRECTION_ROTARY: Rad = Rad(0.002);

@@ -2,8 +2,8 @@
 
 use axum::http::{HeaderMap, HeaderValue, header};
 
-/// Adds the security headers to a response. A page then loads only resources of its own origin, cannot be framed,
-/// submits no forms, sends no referrer, and is not cached.
+/// Adds the security headers to a response. A page then loads only resources from its origin, cannot be framed, submits
+/// no forms, sends no referrer, and is not cached.
 pub fn put(headers: &mut HeaderMap) {
     for (name, value) in [
         (

@@ -4,7 +4,7 @@
 use axum::http::{HeaderMap, header};
 
 /// Whether a request comes from a page of an origin other than the requested host. The headers `Origin` and
-/// `Sec-Fetch-Site` tell this; only browsers send them.
+/// `Sec-Fetch-Site` show this; only browsers send them.
 pub fn is_of_another_page(headers: &HeaderMap) -> bool {
     let text = |name: &str| headers.get(name).map(|value| value.to_str().unwrap_or(""));
     let host = text(header::HOST.as_str()).unwrap_or("");

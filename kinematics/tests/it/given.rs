@@ -28,7 +28,7 @@ fn numbers_that_are_none_and_axes_that_are_not_there_are_refused() {
     assert_eq!(errors, GivenErrors::default());
 }
 
-/// A location error is rejected exactly if a chain of plain matrices gives the same pose with and without it.
+/// A location error is rejected exactly if a chain of plain matrices gives the same pose with and without the error.
 #[test]
 fn a_location_error_is_refused_where_it_moves_nothing() {
     let mut chain = Chain::new("w C' X' b Y Z B t".parse().unwrap());

@@ -1,5 +1,5 @@
-//! A small CANopen consumer with the default identifiers of CiA 301. It starts nodes, supervises their heartbeat, reads and writes single
-//! objects, and receives temperatures (CiA 404) and digital lines (CiA 401) as process data.
+//! A small CANopen consumer with the default identifiers of CiA 301. It starts nodes, supervises their heartbeat, reads
+//! and writes single objects, and receives temperatures (CiA 404) and digital lines (CiA 401) as process data.
 
 mod digital;
 mod nodes;

@@ -56,8 +56,8 @@ pub struct Channel {
     pub status_at: Option<usize>,
 }
 
-/// Temperatures of CiA 404 nodes. The consumer starts the nodes and supervises their heartbeat. Reading processes the received frames and
-/// does not block.
+/// Temperatures of CiA 404 nodes. The consumer starts the nodes and supervises their heartbeat. Reading processes the
+/// received frames and does not block.
 pub struct CanopenThermometer<P> {
     port: P,
     nodes: Nodes,

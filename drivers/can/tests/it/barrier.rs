@@ -132,8 +132,8 @@ fn cycles_do_not_allocate() {
     assert_eq!((bus.sent().len(), plain_bus.sent().len()), (30, 10));
 }
 
-/// Two axes in big-endian FD frames with counters and checksums. The words of a frame are in two messages, the second with the lower
-/// identifier; the message with the last word is sent last.
+/// Two axes in big-endian FD frames with counters and checksums. The words of a frame are in two messages, the second
+/// with the lower identifier; the message with the last word is sent last.
 #[test]
 fn a_custom_layout() {
     let mut text = "VERSION \"\"\nBU_: A\nBO_ 1 WHERE: 8 A\n SG_ X_POS : 7|24@0- (0.001,0) [0|0] \"mm\" A\n SG_ C_POS : 31|24@0- (0.001,0) [0|0] \"deg\" A\n\n".to_owned();

@@ -118,8 +118,8 @@ fn the_controller_contract() {
     contract::controller(&mut Answering(controller, Control::new(&bus)));
 }
 
-/// Repeated counters, lost frames, wrong checksums and lengths, error frames, bus-off and an interface that is down are counted or
-/// reported, and change no position.
+/// Repeated counters, lost frames, wrong checksums and lengths, error frames, bus-off and an interface that is down are
+/// counted or reported, and change no position.
 #[test]
 fn bus_errors_are_counted_and_never_change_a_position() {
     let bus = Bus::default();
@@ -281,8 +281,8 @@ fn an_unknown_state_forbids_correction() {
     assert_eq!(shown, expected);
 }
 
-/// After a silence the last positions, state and applied correction are returned with the arrival times of their frames, whatever their
-/// age and without waiting for new frames.
+/// After a silence the last positions, state and applied correction are returned with the arrival times of their
+/// frames, whatever their age and without waiting for new frames.
 #[test]
 fn values_keep_their_arrival_times() {
     let bus = Bus::default();

@@ -279,7 +279,8 @@ fn floating_point_signals_are_rejected() {
     assert!(SignalTable::parse(&dbc).is_ok());
 }
 
-/// A state signal whose zero bits mean "on" is rejected: a frame with all bits 0 would report the control as referenced.
+/// A state signal whose zero bits mean "on" is rejected: a frame with all bits 0 would report the control as
+/// referenced.
 #[test]
 fn a_state_must_be_off_with_bits_zero() {
     let text = refused("REFERENCED : 52|1@1+ (1,0)", "REFERENCED : 52|1@1+ (1,1)");

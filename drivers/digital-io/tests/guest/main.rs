@@ -1,5 +1,5 @@
-//! Lines of the kernel's simulated GPIO chips: `panel-out` has the control's 15 outputs, `panel-in` its 8 inputs. Run by `./test` in the
-//! guest, or by `tests/guest/run`.
+//! Lines of the kernel's simulated GPIO chips: `panel-out` has the control's 15 outputs, `panel-in` its 8 inputs. Run
+//! by `./test` in the guest, or by `tests/guest/run`.
 
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 

@@ -135,7 +135,8 @@ fn low_bits_follow_a_long_axis() {
     }
 }
 
-/// After a pause in which the axis may have moved by half the word's range, the position is unknown until the axis is referenced again.
+/// After a pause in which the axis may have moved by half the word's range, the position is unknown until the axis is
+/// referenced again.
 #[test]
 fn a_long_pause_makes_the_position_unknown() {
     // The axis can move 1.28 mm in 32 ms.

@@ -52,8 +52,8 @@ fn unacknowledged_messages_are_redelivered() {
             seen.extend(batch.messages.iter().map(|message| message.sequence));
             batch.acknowledge().await.unwrap();
         }
-        // The server is killed and restarted: new messages arrive, and some old ones may arrive again, since a server stores
-        // acknowledgements with a delay.
+        // The server is killed and restarted: new messages arrive, and some old ones may arrive again, since a server
+        // stores acknowledgements with a delay.
         bench.stop();
         bench.restart();
         let end = tokio::time::Instant::now() + SOON;
@@ -75,9 +75,10 @@ fn unacknowledged_messages_are_redelivered() {
     });
 }
 
-/// docs/src/fleet.md: a stolen nkey fills the streams of its site up to `telemetry_gib`. No stored audit record is removed to make room for a new one,
-/// because the centre may not have collected it. The server compares only the body of a message with the free space, so the bodies here are much
-/// larger than the 65 bytes of overhead per message. The stream was created without limit by an earlier version.
+/// docs/src/fleet.md: a stolen nkey fills the streams of its site up to `telemetry_gib`. No stored audit record is
+/// removed to make room for a new one, because the centre may not have collected it. The server compares only the body
+/// of a message with the free space, so the bodies here are much larger than the 65 bytes of overhead per message. The
+/// stream was created without limit by an earlier version.
 #[test]
 fn a_full_stream_of_audit_records_refuses_new_ones() {
     Bench::run(async |bench| {

@@ -1,5 +1,5 @@
-//! Server features that the fleet uses, on the installed `nats-server` (2.9 in Debian 12): buckets, direct requests, object stores,
-//! permissions.
+//! Server features that the fleet uses, on the installed `nats-server` (2.9 in Debian 12): buckets, direct requests,
+//! object stores, permissions.
 
 use std::time::Duration;
 

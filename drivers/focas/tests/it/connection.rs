@@ -1,5 +1,6 @@
-//! Loss and recovery of the connection: a write from before an outage must not reach the control afterwards. A proxy holds sent bytes,
-//! like the sender's kernel while a cable is unplugged, and then checks whether the sender has reset the connection.
+//! Loss and recovery of the connection: a write from before an outage must not reach the control afterwards. A proxy
+//! holds sent bytes, like the sender's kernel while a cable is unplugged, and then checks whether the sender has reset
+//! the connection.
 
 use std::{
     io::{Read, Write},
@@ -199,7 +200,8 @@ fn a_write_whose_deadline_has_passed_is_not_sent() {
     assert_eq!(controller.connections(), 1);
 }
 
-/// If the deadline passes between the requests of a write, the session ends, so that the control does not continue with half a write.
+/// If the deadline passes between the requests of a write, the session ends, so that the control does not continue with
+/// half a write.
 #[test]
 fn half_a_write_ends_the_session() {
     let latency = Duration::from_millis(4);

@@ -47,8 +47,8 @@ fn shifts_reach_the_named_axes() {
     assert!(snapshot.uncertainty < Duration::from_millis(500));
 }
 
-/// Positions of read-only axes follow those of corrected axes, and nothing is written for them. A read-only controller does not report a
-/// writer as another gateway.
+/// Positions of read-only axes follow those of corrected axes, and nothing is written for them. A read-only controller
+/// does not report a writer as another gateway.
 #[test]
 fn read_only_axes_are_read_and_not_written() {
     let simulator = simulator(Options::default());

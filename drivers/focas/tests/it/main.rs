@@ -1,4 +1,5 @@
-//! Tests frames with public captures, client and controller with the simulator, and the simulator with an independent client.
+//! Tests frames with public captures, client and controller with the simulator, and the simulator with an independent
+//! client.
 
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 

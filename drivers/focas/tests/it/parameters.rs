@@ -1,4 +1,5 @@
-//! A control is rejected if its parameters show that it takes shifts from other words, or that its positions may be in inches.
+//! A control is rejected if its parameters show that it takes shifts from other words, or that its positions may be in
+//! inches.
 
 use std::{
     cell::RefCell,

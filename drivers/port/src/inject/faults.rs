@@ -21,7 +21,7 @@ pub struct Faults {
     /// Duration of a freeze or disconnection, calls. For every other lasting fault, the maximum of the drawn duration
     /// or delay.
     pub calls: u32,
-    /// Probability that the read-back of one reading is wrong in one of the ways of [`Lie`].
+    /// Probability that the read-back of one reading is wrong, by one of the kinds of [`Lie`].
     pub lie: f64,
     /// Probability that this reading and the next ones, up to `calls` readings in total, show the read-back or the
     /// barrier's report of this reading.

@@ -145,7 +145,7 @@ impl Plant {
         self.now().applied
     }
 
-    /// Present error of each axis with the applied correction, and present error without it, mm and rad.
+    /// Present error of each axis with the applied correction, and present error without correction, mm or rad.
     pub fn residual_and_error(&self) -> [PerChannel<f64>; 2] {
         let inner = self.now();
         let sensors = inner.machine.sensors.iter();
@@ -350,7 +350,7 @@ impl SimulatedController {
         self.plant.commanded()
     }
 
-    /// Present error of each axis with the applied correction, and present error without it, mm and rad.
+    /// Present error of each axis with the applied correction, and present error without correction, mm or rad.
     pub fn residual_and_error(&self) -> [PerChannel<f64>; 2] {
         self.plant.residual_and_error()
     }

@@ -243,7 +243,7 @@ impl Link {
 
     /// Closes the session properly, because a control admits only a few sessions.
     pub(super) async fn close(self) {
-        // If the server does not respond, the session is dropped all the same.
+        // If the server does not respond, the session is dropped after the timeout.
         let _ = tokio::time::timeout(self.time_out, self.session.disconnect()).await;
     }
 }

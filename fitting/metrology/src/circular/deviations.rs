@@ -81,8 +81,8 @@ impl CircularDeviations {
     }
 }
 
-/// Least-squares circle through the radial deviations δ. Returns the radius deviation r and the centre (a, b) in δ = r
-/// + a cos θ + b sin θ, µm.
+/// Least-squares circle through the radial deviations δ. Returns the radius deviation r and the centre (a, b) in δ =
+/// r + a cos θ + b sin θ, µm.
 fn circle(points: &[TracePoint], name: &str) -> Result<Vector3<f64>, MetrologyError> {
     let (mut normal, mut right) = (Matrix3::zeros(), Vector3::zeros());
     for p in points {

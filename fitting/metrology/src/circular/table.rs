@@ -16,8 +16,8 @@ const FEWEST_POINTS: usize = 16;
 /// The header has `angle` (deg, or `angle rad`) and one of `deviation`, `radius deviation` and `radial deviation` (µm,
 /// or followed by `mm` or `nm`). Or it has the two coordinates of the plane in mm, such as `x` and `y` in X–Y. A column
 /// `direction` with `ccw` or `+` and `cw` or `-` states the sense of each point. Without this column the sense follows
-/// from the order of the rows. `radius_mm` is the nominal radius. Without it, positions are measured against their mean
-/// radius.
+/// from the order of the rows. `radius_mm` is the nominal radius. Without a radius, positions are measured against
+/// their mean radius.
 ///
 /// # Errors
 /// Wrong header, units or cells, a radius that is out of range, fewer than 16 points, positions that are not on a

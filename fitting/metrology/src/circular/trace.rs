@@ -32,7 +32,7 @@ impl CircularPlane {
         }
     }
 
-    /// Squareness error of the plane. [`opening`](crate::opening) tells whether a positive value opens or closes the
+    /// Squareness error of the plane. [`opening`](crate::opening) returns whether a positive value opens or closes the
     /// angle between the axes.
     pub fn squareness(self) -> ErrorName {
         let (component, axis) = match self {

@@ -233,7 +233,7 @@ fn unknown_signs_are_refused() {
     assert_eq!(csv("target deg,#1: fwd (arcsec)\n0,0\n90,2\n").unwrap().notes, [""; 0]);
 }
 
-/// A hyphen means the backward direction only beside a plus sign; a hyphen between words has no meaning.
+/// A hyphen means the backward direction only if another column has a plus sign; a hyphen between words has no meaning.
 #[test]
 fn a_hyphen_is_a_direction_beside_a_plus_alone() {
     for heads in ["Run - 1,Run - 2", "Run 1 - µm,Run 2 - µm"] {
