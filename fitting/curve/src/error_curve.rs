@@ -4,7 +4,7 @@ use volcomp_vocabulary::Direction;
 
 use crate::{Curve, CurveError, Grid, domain};
 
-/// An error as a function of its own axis's coordinate (curve) or of two coordinates (grid).
+/// An error as a function of the coordinate of its axis (curve) or of two coordinates (grid).
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(
     feature = "serde",
