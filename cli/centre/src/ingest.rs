@@ -207,6 +207,7 @@ impl Ingest {
                 reachable: (reception.condition_at)
                     .is_some_and(|at| at.elapsed().as_secs_f64() <= fresh_s(machine)),
                 version: live.map_or(0, |live| live.version),
+                model: live.map(|live| live.model.clone()).unwrap_or_default(),
                 corrects: (live.and_then(|live| live.condition.as_ref())).is_some_and(corrects),
                 faulted: since.faulted.clone(),
                 residual_um: (count > 0).then(|| sum / count as f64),

@@ -275,7 +275,9 @@ pub struct Observation {
     /// True if a condition was received recently.
     pub reachable: bool,
     pub version: u64,
-    /// True if the machine is compensating. Without a correction the model cannot be judged.
+    /// Checksum of the active model.
+    pub model: String,
+    /// True if the machine is compensating: without a correction the model cannot be judged.
     pub corrects: bool,
     /// Reason, if the guard is faulted or has been since the last pass.
     pub faulted: Option<String>,
@@ -614,7 +616,7 @@ fn advance_soak(
     if seen.version < version {
         let older_s = older_s + elapsed_s;
         if older_s > rules.answer_s {
-            let why = format!("version {} is active again", seen.version);
+            let why = "its model is not active any more".to_owned();
             return dropped_out(Some(version), why, false);
         }
         return unchanged(older_s, idle_s);

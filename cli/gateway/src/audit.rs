@@ -241,6 +241,8 @@ impl AuditLog {
     /// new file is created first, so that nothing is renamed on a full disk. A repetition after a failure overwrites no
     /// file but the oldest.
     fn rotate(&mut self) -> io::Result<()> {
+        // The folder may have been removed.
+        fs::create_dir_all(&self.dir)?;
         let next = self.dir.join(NEXT);
         let file = OpenOptions::new().append(true).create(true).open(&next)?;
         let current = log_file(&self.dir);
@@ -271,13 +273,14 @@ pub(crate) fn standing_file(dir: &Path) -> PathBuf {
     dir.join("standing.slots")
 }
 
-/// Replaces a small file atomically and syncs it to disk.
+/// Replaces a small file atomically and syncs it to disk. Creates its folder if that is missing.
 ///
 /// # Errors
 /// The disk is full or does not respond.
 pub fn replace_file(path: &Path, text: &str) -> io::Result<()> {
     let temporary = path.with_extension("new");
-    let placed = File::create(&temporary).and_then(|mut file| {
+    let made = path.parent().map_or(Ok(()), fs::create_dir_all);
+    let placed = made.and_then(|()| File::create(&temporary)).and_then(|mut file| {
         file.write_all(text.as_bytes())?;
         file.sync_all()?;
         fs::rename(&temporary, path)

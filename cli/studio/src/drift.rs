@@ -43,7 +43,7 @@ impl Folder {
         let newest = Machine::read(self.at(FITTED))?;
         let model = if name == FITTED { newest.clone() } else { self.earlier(name, &newest)? };
         let mut report = Report::of_machine(name, &model, &Stated::default());
-        report.add_working_space(&model, None, &|| self.interrupt.is_cancelled())?;
+        report.add_working_space(&model, None, None, &[], &|| self.interrupt.is_cancelled())?;
         self.interrupt.check()?;
         let position_um = report.volume.map(|volume| volume.before.found.form_max_um);
         Ok(ModelDrift { position_um, changes: changes(&model, &newest) })

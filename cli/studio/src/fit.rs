@@ -88,7 +88,7 @@ impl Folder {
         let MachineWithReport { machine, mut report, missed, inputs } = self.found()?;
         let earlier = earlier.map(|name| self.earlier(name, &machine)).transpose()?;
         let is_cancelled = || self.interrupt.is_cancelled();
-        report.add_working_space(&machine, earlier.as_ref(), &is_cancelled)?;
+        report.add_working_space(&machine, earlier.as_ref(), None, &[], &is_cancelled)?;
         self.interrupt.check()?;
         refuse_two_units(&report, &limits)?;
         report.checks = checks(&report, &limits);

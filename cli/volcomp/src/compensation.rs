@@ -6,38 +6,30 @@ use std::{path::PathBuf, sync::OnceLock};
 use clap::Args;
 use schemars::JsonSchema;
 use serde::Serialize;
-use volcomp_kinematics::{
-    CorrectionOptions, ErrorSource, Form, State, actual_pose, correct, vector_from_rotation,
-    volumetric_error,
+use volcomp_kinematics::{CorrectionOptions, ErrorSource, Form, State, correct, volumetric_error};
+use volcomp_model::{
+    CompiledMachine, FINE_CURVES_NM, Machine, Temperatures, Tolerance, corrected, quantised,
+    residual,
 };
-use volcomp_model::{CompiledMachine, Machine, Temperatures, Tolerance, corrected, quantised};
 
 use crate::{commands::thermal_note, failure::Failure, table::folded};
-
-/// Maximum deviation of a compiled curve from its source, nm and nrad: far below the last printed digit. Curves are
-/// compiled because many residuals are computed.
-const CURVES_NM: f64 = 0.01;
 
 /// Position (mm) and rotation (rad) of the error at a state, in workpiece axes.
 pub(crate) type ErrorAt<'a> = Box<dyn Fn(&State) -> [f64; 6] + Sync + 'a>;
 
-/// The exact error at many states. Curves are compiled within [`CURVES_NM`]; if this fails, the curves of the machine
-/// file are used.
+/// The error to all orders at many states.
 pub(crate) fn errors<'a>(machine: &'a Machine, temperatures: &Temperatures) -> ErrorAt<'a> {
-    match machine.compile_at(Tolerance::from_nm(CURVES_NM), temperatures) {
-        Ok(compiled) => errors_by(machine, compiled, Form::Exact),
-        Err(_) => errors_by(machine, machine.source(temperatures), Form::Exact),
-    }
+    errors_by(machine, machine.fine_source(temperatures), Form::Exact)
 }
 
 /// The error by a form of the model, with the curves of `source`.
 pub(crate) fn errors_by<'a>(
     machine: &'a Machine,
-    source: impl ErrorSource + Sync + 'a,
+    source: Box<dyn ErrorSource + Sync + 'a>,
     form: Form,
 ) -> ErrorAt<'a> {
     Box::new(move |state| {
-        let found = volumetric_error(machine.chain(), &source, state, form);
+        let found = volumetric_error(machine.chain(), &&*source, state, form);
         let (p, r) = (found.position_mm, found.rotation_rad);
         [p.x, p.y, p.z, r.x, r.y, r.z]
     })
@@ -149,11 +141,11 @@ impl<'a> Compensation<'a> {
         corrected(target, &delta)
     }
 
-    /// Position (mm) and rotation (rad) of the tool at the corrected command relative to the ideal machine at the
-    /// target, in workpiece axes. Exact, with curves within [`CURVES_NM`].
+    /// Position (mm) and rotation (rad) of the tool at the corrected command relative to the ideal machine at the target, in workpiece axes: to all
+    /// orders, with curves within [`FINE_CURVES_NM`].
     pub(crate) fn residual(&self, target: &State) -> [f64; 6] {
         let compiled = self.compiled.get_or_init(|| {
-            let tolerance = Tolerance::from_nm(CURVES_NM);
+            let tolerance = Tolerance::from_nm(FINE_CURVES_NM);
             let compiled = |of: &Machine| of.compile_at(tolerance, self.temperatures).ok();
             Some([compiled(self.machine)?, compiled(self.actual())?])
         });
@@ -170,15 +162,7 @@ impl<'a> Compensation<'a> {
     }
 
     fn residual_by<S: ErrorSource>(&self, model: &S, actual: &S, target: &State) -> [f64; 6] {
-        let chain = self.actual().chain();
-        let [found, ideal] =
-            [actual_pose(chain, actual, &self.command_by(model, target)), chain.ideal_pose(target)];
-        let tip = chain.tool_tip_mm();
-        let position = found.transform_point(&tip) - ideal.transform_point(&tip);
-        let rotation = vector_from_rotation(&(found.rotation * ideal.rotation.transpose()));
-        let [x, y, z]: [f64; 3] = position.into();
-        let [a, b, c]: [f64; 3] = rotation.into();
-        [x, y, z, a, b, c]
+        residual(self.actual().chain(), actual, &self.command_by(model, target), target)
     }
 
     pub(crate) fn document(&self) -> Option<Compensated> {

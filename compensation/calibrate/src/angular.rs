@@ -6,7 +6,7 @@ use std::{collections::BTreeMap, path::PathBuf};
 
 use volcomp_kinematics::nalgebra::{DMatrix, DVector};
 use volcomp_metrology::{DeviationUnit, Measurement, MotionKind, Reading, ReferenceKind, Rides};
-use volcomp_model::Machine;
+use volcomp_model::{Machine, ModelError};
 use volcomp_vocabulary::{AxisKind, Component, Direction, ErrorName};
 
 use crate::{
@@ -17,7 +17,7 @@ use crate::{
     error::CalibrateError,
     fitted::{Fitted, fit, joint_of},
     line_of_sight::without_others,
-    profile::Profile,
+    profile::{Points, Profile},
     setup::{Method, Setup},
 };
 
@@ -28,6 +28,9 @@ pub(crate) struct Angular {
     /// Standard deviation of each fitted tilt at a target, µrad; no entry for a tilt whose readings do not show their
     /// scatter.
     pub(crate) noise_urad: BTreeMap<ErrorName, f64>,
+    /// Linear errors from whose lines tilts were found, with their readings forward and backward: at each target the mean of the lines without the Abbe
+    /// errors of the tilts found there, before a curve smooths these.
+    pub(crate) found_from: BTreeMap<ErrorName, [Points; 2]>,
     pub(crate) notes: Vec<String>,
     /// Subset of `notes`: contradictory measurement lines.
     pub(crate) contradictions: Vec<(ErrorName, String)>,
@@ -47,6 +50,7 @@ pub(crate) fn angular(
         fitted: Vec::new(),
         tilted: known.clone(),
         noise_urad: BTreeMap::new(),
+        found_from: BTreeMap::new(),
         notes: Vec::new(),
         contradictions: Vec::new(),
     };
@@ -90,6 +94,7 @@ pub(crate) fn from_parallel_lines(
         fitted: Vec::new(),
         tilted: tilted.clone(),
         noise_urad: BTreeMap::new(),
+        found_from: BTreeMap::new(),
         notes: Vec::new(),
         contradictions: Vec::new(),
     };
@@ -137,6 +142,8 @@ fn of_error(
     let (Some(beside), Ok(inverse)) = (beside, svd.pseudo_inverse(0.0)) else {
         return Ok(());
     };
+    let levers = levers_of(lines, &result.tilted)?;
+    result.found_from.insert(error, without_tilts(&beside, &inverse, &acting, &levers));
     let noise = profiles.iter().filter_map(Profile::noise_of_shape);
     let noise_um = noise.reduce(f64::max);
     let files = files_named(lines);
@@ -177,10 +184,8 @@ fn differing_levers(
     lines: &[&Line],
     tilted: &Machine,
 ) -> Result<(Vec<ErrorName>, DMatrix<f64>), CalibrateError> {
-    let levers: Vec<[f64; 3]> = lines
-        .iter()
-        .map(|line| Ok(Lever::new(line, tilted)?.um_of_mrad(0.0)))
-        .collect::<Result<_, CalibrateError>>()?;
+    let levers = levers_of(lines, tilted)?;
+    let levers: Vec<[f64; 3]> = levers.iter().map(|lever| lever.um_of_mrad(0.0)).collect();
     let observed = file.observations.iter().flat_map(|o| &o.unknown);
     let unknown: Vec<ErrorName> = observed.map(|unknown| unknown.error).collect();
     let angular = Component::ALL.into_iter().filter(|c| c.is_angular());
@@ -199,6 +204,10 @@ fn differing_levers(
     }
     let matrix = DMatrix::from_vec(lines.len(), acting.len(), columns);
     Ok((acting, matrix))
+}
+
+fn levers_of(lines: &[&Line], tilted: &Machine) -> Result<Vec<Lever>, ModelError> {
+    lines.iter().map(|line| Lever::new(line, tilted)).collect()
 }
 
 fn not_separated(
@@ -223,19 +232,48 @@ fn not_separated(
     )
 }
 
-/// Tilt at every target and direction, µrad, by least squares from the differences of the lines. The linear error δ
-/// itself is equal in all lines and cancels when their mean is subtracted.
+/// Mean of the lines at a place, µm, and the tilts there, mrad (µm per mm), by least squares from the differences of the lines. The linear error δ itself
+/// is equal in all lines and cancels when their mean is subtracted.
+fn mean_and_tilts(
+    beside: &ParallelReadings,
+    inverse: &DMatrix<f64>,
+    place: usize,
+) -> (f64, DVector<f64>) {
+    let lines = beside.lines.iter().map(|line| line[place]);
+    let at = DVector::from_iterator(beside.lines.len(), lines);
+    let mean = at.mean();
+    (mean, inverse * at.add_scalar(-mean))
+}
+
+/// Tilt at every place, µrad.
 fn readings_of(beside: &ParallelReadings, inverse: &DMatrix<f64>, column: usize) -> Vec<Reading> {
-    let count = beside.lines.len();
     let places = beside.places.iter().enumerate();
     let reading = |(place, (direction, target)): (usize, &(Direction, f64))| {
-        let at = DVector::from_iterator(count, beside.lines.iter().map(|line| line[place]));
-        let mean = at.mean();
-        // µm per mm of lever arm is mrad.
-        let tilt_mrad = (inverse.row(column) * at.add_scalar(-mean)).sum();
-        Reading { target: *target, run: 1, direction: *direction, deviation: tilt_mrad * 1e3 }
+        let (_, tilts_mrad) = mean_and_tilts(beside, inverse, place);
+        let deviation = tilts_mrad[column] * 1e3;
+        Reading { target: *target, run: 1, direction: *direction, deviation }
     };
     places.map(reading).collect()
+}
+
+/// Mean of the lines without the Abbe errors of the tilts at every place, µm, forward and backward.
+fn without_tilts(
+    beside: &ParallelReadings,
+    inverse: &DMatrix<f64>,
+    acting: &[ErrorName],
+    levers: &[Lever],
+) -> [Points; 2] {
+    let mut points = [Points::new(), Points::new()];
+    for (place, (direction, target)) in beside.places.iter().enumerate() {
+        let (mut value, tilts_mrad) = mean_and_tilts(beside, inverse, place);
+        for (tilt, tilt_mrad) in acting.iter().zip(&tilts_mrad) {
+            let about = tilt.component.mcs_index();
+            let lever = |lever: &Lever| lever.um_of_mrad(*target)[about];
+            value -= tilt_mrad * levers.iter().map(lever).sum::<f64>() / levers.len() as f64;
+        }
+        points[*direction as usize].push((*target, value));
+    }
+    points
 }
 
 fn files_named(lines: &[&Line]) -> String {

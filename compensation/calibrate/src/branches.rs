@@ -141,10 +141,19 @@ impl Branches {
     }
 
     /// Repeated readings for each fit: the runs of a single line ([`Profile::repeated_in`], which may return `None`), or the means of several lines.
+    /// Lines from which a tilt was found are a single run: their differences went into the tilt, and no longer show their scatter. `None` if a line is
+    /// the sum of the tilts of a bridge, whose errors add up along it.
     fn repeated_of(&self, profiles: &[Profile<'_>]) -> Vec<Option<Repeated>> {
         let of = |(direction, _): &(Direction, Fit)| {
             if let [profile] = profiles {
                 return profile.repeated_in(*direction);
+            }
+            if profiles.iter().any(Profile::is_summed) {
+                return None;
+            }
+            if let Some(run) = profiles.iter().find_map(|profile| profile.as_one_run.as_ref()) {
+                let points = run[*direction as usize].iter().copied();
+                return Some(Repeated::Runs(vec![points.unzip()]));
             }
             let points = profiles.iter().map(|p| &p.points[*direction as usize]);
             let read = points.filter(|points| !points.is_empty());
@@ -396,4 +405,120 @@ pub struct FitQuality<U> {
     pub leave_one_out: Option<U>,
     /// Largest difference forward − backward of the curves over the targets, with its sign; `None` if one curve holds for both directions.
     pub reversal: Option<U>,
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeMap;
+
+    use rand::SeedableRng;
+    use rand_chacha::ChaCha8Rng;
+    use volcomp_metrology::TiltReading;
+    use volcomp_vocabulary::AxisName;
+
+    use super::*;
+    use crate::{
+        angular::from_parallel_lines,
+        artefact_poses::ArtefactPoses,
+        checks::contradictions::Tilts,
+        linear::linear,
+        setup::Method as Reads,
+        testing::{file, line, machine, name},
+        varied::normal,
+    };
+
+    /// Fits lines of EYX at these heights above the axis, mm. EYX is 0, and a roll of up to 10 µrad bends the lines apart; `roll` is what the machine
+    /// file states of it. Each reading has this noise, µm.
+    fn fitted_lines(
+        heights: &[f64],
+        roll: &str,
+        curve: CurveChoice,
+        mut noise_um: impl FnMut() -> f64,
+    ) -> Branches {
+        let lines = heights.iter().map(|height| {
+            let mut line = line("EYX", |q| {
+                let roll_urad = 0.04 * q - 4e-5 * q * q;
+                noise_um() - roll_urad * height * 1e-3
+            });
+            line.setup.point_mcs = Some([0.0, 0.0, *height]);
+            line.curve = Some(curve);
+            line
+        });
+        let (file, known) = (file(lines.collect()), machine(roll));
+        let angular = from_parallel_lines(&file, &known).unwrap();
+        let tilts = Tilts {
+            machine: &angular.tilted,
+            noise_urad: &BTreeMap::new(),
+            found_from: &angular.found_from,
+        };
+        let artefacts = ArtefactPoses::of(&known, &[], [AxisName::X, AxisName::Y], |_| None);
+        let linear = linear(&file, &tilts, (tilts.machine, &artefacts), || ()).unwrap();
+        let [fitted] = &linear.fitted[..] else { panic!("one error") };
+        fitted.branches.clone()
+    }
+
+    fn band_of(branches: &Branches) -> Option<Band> {
+        let [fitted] = &branches.fitted(name("EYX"))[..] else { panic!("one direction") };
+        fitted.band()
+    }
+
+    /// Differences of parallel lines that are due to a roll do not widen the band. Where the roll was found from these differences, they do not show the
+    /// noise either: a band from them would hold the curve of two lines nowhere.
+    #[test]
+    fn bands_of_parallel_lines_cover() {
+        const ROLL: &str = "EAX = { poly = [0, 0.04, -4e-5] }";
+        const TRIALS: u64 = 150;
+        let cubic = CurveChoice::Polynomial { order: 3 };
+        let table = CurveChoice::LinearTable;
+        let five = [-400.0, -200.0, 0.0, 200.0, 400.0];
+        for (heights, roll, curve, most) in [
+            (&[0.0, 600.0][..], ROLL, table, 0.97),
+            (&five, ROLL, table, 0.97),
+            (&[0.0, 600.0], ROLL, cubic, 0.97),
+            (&five, ROLL, cubic, 0.97),
+            // The bands of single runs are wider, because one run cannot separate scatter from shape.
+            (&[0.0, 600.0], "", table, 1.0),
+            (&[400.0, 600.0], "", table, 1.0),
+            (&five, "", table, 1.0),
+            (&[0.0, 600.0], "", cubic, 1.0),
+            (&[400.0, 600.0], "", cubic, 1.0),
+        ] {
+            let case = format!("{heights:?} {roll:?} {curve:?}");
+            let exact = band_of(&fitted_lines(heights, roll, curve, || 0.0)).expect(&case);
+            let widest = exact.half_width.into_iter().fold(0.0, f64::max);
+            assert!(widest < 1e-9, "{case}: {widest}");
+            let mut rng = ChaCha8Rng::seed_from_u64(7);
+            let (mut inside, mut all) = (0, 0);
+            for _ in 0..TRIALS {
+                let branches = fitted_lines(heights, roll, curve, || normal(&mut rng));
+                let band = band_of(&branches).expect(&case);
+                let at_targets = band.at.iter().zip(&band.half_width);
+                for (at, half) in at_targets.filter(|(at, _)| *at % 100.0 == 0.0) {
+                    all += 1;
+                    inside += u32::from(branches.mean_at(*at).abs() <= *half);
+                }
+            }
+            let share = f64::from(inside) / f64::from(all);
+            assert!((0.93..=most).contains(&share), "{case}: {share}");
+        }
+    }
+
+    /// The errors of summed tilts grow along the line, so that their band would hold the ends of the curve with 85 % only.
+    #[test]
+    fn lines_of_a_bridge_have_no_band() {
+        let joint = machine("").chain().joints()[0];
+        let lines = [1.0, -1.0].map(|urad| {
+            let mut line = line("EYX", |q| urad * q / 1000.0);
+            line.setup.method = Reads::Angular { bridge_mm: 100.0, reading: TiltReading::Slope };
+            line
+        });
+        let straight = lines.iter().map(|line| {
+            let profile = Profile::new(line, &joint).unwrap();
+            let reference = profile.reference_line().unwrap();
+            profile.without_line(&reference)
+        });
+        let choice = CurveChoice::LinearTable;
+        let found = Branches::fit(name("EYX"), choice, None, straight.collect());
+        assert_eq!(band_of(&found.unwrap().0), None);
+    }
 }

@@ -52,7 +52,8 @@ pub(crate) fn linear<'a>(
         let mut profiles = Vec::new();
         for line in lines_of(file, error) {
             let read = Profile::new(line, &joint)?;
-            let profile = without_abbe(without_others(read, whole, artefacts)?, tilted)?;
+            let mut profile = without_abbe(without_others(read, whole, artefacts)?, tilted)?;
+            profile.as_one_run = tilts.found_from.get(&error).cloned();
             result.notes.extend(levers_left_in(&profile, tilted)?);
             profiles.push(profile);
         }
@@ -105,10 +106,10 @@ mod tests {
     use volcomp_vocabulary::AxisName;
 
     fn with_tilts<'a>(file: &'a CalibrationFile, machine: &Machine) -> Linear<'a> {
-        let noise_urad = &BTreeMap::new();
+        let (noise_urad, found_from) = (&BTreeMap::new(), &BTreeMap::new());
         linear(
             file,
-            &Tilts { machine, noise_urad },
+            &Tilts { machine, noise_urad, found_from },
             (machine, &ArtefactPoses::of(machine, &[], [AxisName::X, AxisName::Y], |_| None)),
             || (),
         )

@@ -24,6 +24,8 @@ pub(crate) struct Profile<'a> {
     pub(crate) line: &'a Line,
     pub(crate) points: [Points; 2],
     pub(crate) removed: Urad,
+    /// If a tilt was found from this line and its parallel ones: see `Angular::found_from`.
+    pub(crate) as_one_run: Option<[Points; 2]>,
 }
 
 impl<'a> Profile<'a> {
@@ -46,7 +48,7 @@ impl<'a> Profile<'a> {
                 }
             }
         }
-        Ok(Self { line, points, removed: Urad(0.0) })
+        Ok(Self { line, points, removed: Urad(0.0), as_one_run: None })
     }
 
     /// The profile with its targets within the travel of a periodic axis, where its curve is evaluated. Targets outside
@@ -91,10 +93,14 @@ impl<'a> Profile<'a> {
         branches.filter_map(|points| unevenness(points)).reduce(f64::max)
     }
 
-    /// Scatter of a mean reading; `None` if the scatter is unknown, or if the readings are tilts of a bridge, which are
-    /// summed.
+    /// Whether the readings are the sum of the tilts of a bridge.
+    pub(crate) fn is_summed(&self) -> bool {
+        self.line.setup.method != Method::Direct
+    }
+
+    /// Scatter of a mean reading; `None` if it is unknown, or if readings are summed.
     pub(crate) fn scatter_of_mean(&self, alignment: RunAlignment) -> Option<Noise> {
-        if self.line.setup.method != Method::Direct {
+        if self.is_summed() {
             return None;
         }
         let scatter = self.line.readings.scatter_of_mean(alignment)?;
@@ -114,7 +120,7 @@ impl<'a> Profile<'a> {
     /// Targets and readings of every run in a direction, adjusted to the mean readings of this profile. `None` for
     /// tilts of a bridge, which are summed, and for targets that were moved into the travel.
     pub(crate) fn repeated_in(&self, direction: Direction) -> Option<Repeated> {
-        if self.line.setup.method != Method::Direct {
+        if self.is_summed() {
             return None;
         }
         let readings = &self.line.readings;

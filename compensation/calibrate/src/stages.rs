@@ -73,7 +73,11 @@ impl Stages {
         let parallel = from_parallel_lines(file, &angular.tilted)?;
         let mut noise_urad = angular.noise_urad;
         noise_urad.extend(&parallel.noise_urad);
-        let tilts = Tilts { machine: &parallel.tilted, noise_urad: &noise_urad };
+        let tilts = Tilts {
+            machine: &parallel.tilted,
+            noise_urad: &noise_urad,
+            found_from: &parallel.found_from,
+        };
         let whole = (before.unwrap_or(&parallel.tilted), artefacts);
         let linear = linear(file, &tilts, whole, &mut step)?;
         let (slopes, of_slopes) = slopes(&linear.removed, &parallel.tilted, artefacts)?;

@@ -40,7 +40,7 @@ pub(crate) fn name(error: &str) -> ErrorName {
 }
 
 /// One forward run at 0, 100, … 1000, measured at the axis's own point; its curve is a polynomial of order 3.
-pub(crate) fn line(error: &str, reading: impl Fn(f64) -> f64) -> Line {
+pub(crate) fn line(error: &str, mut reading: impl FnMut(f64) -> f64) -> Line {
     let readings = (0..=10).map(|step| {
         let target = 100.0 * f64::from(step);
         Reading { target, run: 1, direction: Direction::Positive, deviation: reading(target) }

@@ -1,11 +1,26 @@
 use volcomp_curve::{ErrorCurve, Field, Grid};
 use volcomp_evaluator::{AxisParts, CompiledMachine, MachineParts, Patch, Tolerance};
-use volcomp_kinematics::ErrorMotion;
+use volcomp_kinematics::{ErrorMotion, ErrorSource};
 use volcomp_vocabulary::{AxisName, Component, Deg, Direction, Displacement, MAX_AXES};
 
 use crate::{error::ModelError, machine::Machine, thermal::Temperatures};
 
+/// Maximum deviation of a curve of [`Machine::fine_source`], nm and nrad: far below the last printed digit.
+pub const FINE_CURVES_NM: f64 = 0.01;
+
 impl Machine {
+    /// The errors as [`source`](Self::source) states them, for many evaluations: with curves compiled within [`FINE_CURVES_NM`], or those of the file if
+    /// they cannot be compiled.
+    pub fn fine_source<'a>(
+        &'a self,
+        temperatures: &Temperatures,
+    ) -> Box<dyn ErrorSource + Sync + 'a> {
+        match self.compile_at(Tolerance::from_nm(FINE_CURVES_NM), temperatures) {
+            Ok(compiled) => Box::new(compiled),
+            Err(_) => Box::new(self.source(temperatures)),
+        }
+    }
+
     /// Compiles the machine for the tool in the spindle: every curve becomes piecewise cubics that deviate from it by at most `tolerance`.
     /// Thermal terms are not included.
     ///

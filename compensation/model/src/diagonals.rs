@@ -1,6 +1,6 @@
 use std::collections::BTreeMap;
 
-use volcomp_kinematics::{ErrorSource, State, actual_pose};
+use volcomp_kinematics::{Chain, ErrorSource, State, actual_pose, vector_from_rotation};
 use volcomp_vocabulary::{AxisKind, AxisName, PerAxis};
 
 use crate::{error::ModelError, machine::Machine};
@@ -115,6 +115,22 @@ fn range(values: &[f64]) -> f64 {
 /// The state with a correction (mm and rad) added; the direction of approach is unchanged.
 pub fn corrected(state: &State, delta: &PerAxis<f64>) -> State {
     State { q: PerAxis::from_fn(|index| state.q[index] + delta[index]), approach: state.approach }
+}
+
+/// Position (mm) and rotation (rad) of the tool at a `command`, with the errors, relative to the ideal machine at the `target`, in workpiece axes and to
+/// all orders.
+pub fn residual(
+    chain: &Chain,
+    errors: &impl ErrorSource,
+    command: &State,
+    target: &State,
+) -> [f64; 6] {
+    let [found, ideal] = [actual_pose(chain, errors, command), chain.ideal_pose(target)];
+    let tip = chain.tool_tip_mm();
+    let position = found.transform_point(&tip) - ideal.transform_point(&tip);
+    let rotation = vector_from_rotation(&(found.rotation * ideal.rotation.transpose()));
+    let ([x, y, z], [a, b, c]): ([f64; 3], [f64; 3]) = (position.into(), rotation.into());
+    [x, y, z, a, b, c]
 }
 
 /// A correction rounded to a controller's resolution: `mm` for linear and `rad` for rotary axes. A resolution of 0 or

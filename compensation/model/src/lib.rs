@@ -22,9 +22,11 @@ mod volumetric;
 
 pub use axis::Axis;
 pub use axis::axis_of_head;
+pub use compile::FINE_CURVES_NM;
 pub use curve_file::write_curve;
 pub use diagonals::{
     BODY_DIAGONALS, DIAGONAL_TARGETS, Diagonal, corrected, diagonal_targets, diagonals, quantised,
+    residual,
 };
 pub use error::{CorrectRefusal, ErrorRefusal, ModelError, ThermalRefusal};
 pub use inverse::Reached;

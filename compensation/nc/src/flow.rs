@@ -2,6 +2,8 @@
 
 use std::{
     collections::{BTreeMap, HashMap},
+    fs::File,
+    io::Read as _,
     ops::Range,
     path::{Path, PathBuf},
 };
@@ -648,8 +650,10 @@ pub(crate) fn load(own: &[(&[u8], &[u8])], folders: &[PathBuf]) -> Result<Vec<Su
         let Some(path) = path.filter(|_| !is_there) else {
             continue;
         };
-        let mut text = std::fs::read(path).map_err(|error| NcError::from(error).in_file(path))?;
-        text.drain(..leader_of(&text));
+        let left = (MAX_BYTES_IN_MEMORY - size) as u64 + 1;
+        let mut text = Vec::new();
+        let read = File::open(path).and_then(|file| file.take(left).read_to_end(&mut text));
+        read.map_err(|error| NcError::from(error).in_file(path))?;
         size += text.len();
         if size > MAX_BYTES_IN_MEMORY {
             let what = format!(
@@ -658,6 +662,7 @@ pub(crate) fn load(own: &[(&[u8], &[u8])], folders: &[PathBuf]) -> Result<Vec<Su
             );
             return Err(NcError::not_compensated(1, what).in_file(path));
         }
+        text.drain(..leader_of(&text));
         let of_file = Names::of(split_lines(&text).into_iter().map(|(line, _)| line));
         let others = of_file.called.into_iter();
         called.extend(others.filter(|name| !of_file.defined.contains(name)));

@@ -33,5 +33,4 @@ pub use stated::Stated;
 pub use tolerance::{checks, refuse_two_units, tolerances};
 pub use volcomp_fit::BandSource;
 pub use volcomp_metrology::{Edition, Tolerance, Verdict};
-pub use volume::{ErrorAt, tools, uncertainty, volume};
-pub use working_space::body_diagonals;
+pub use volume::{ErrorAt, uncertainty, volume};

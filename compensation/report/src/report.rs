@@ -181,19 +181,10 @@ pub struct Check {
     pub unit: String,
     /// Expanded uncertainty (k = 2) from the known contributions; `None` without any.
     pub uncertainty: Option<f64>,
+    /// Why the figure has no uncertainty, if it has none.
+    pub without_uncertainty: String,
     /// The verdict, by ISO 14253-1 if the uncertainty is known.
     pub outcome: Verdict,
-}
-
-impl Check {
-    /// Reason why a figure has no uncertainty. That of `V` is evaluated only on request.
-    pub(crate) fn without_uncertainty(&self) -> &'static str {
-        if self.symbol == VOLUME {
-            "uncertainty not evaluated: --trials"
-        } else {
-            "no uncertainty given"
-        }
-    }
 }
 
 /// Formats a line such as `V of the measured errors alone: 3.13 ± 0.40 µm, allowed 5.00 µm: pass`.
@@ -211,7 +202,7 @@ impl core::fmt::Display for Check {
         }
         write!(f, "allowed {:.2} {unit}: {}", self.limit, self.outcome)?;
         if self.value.is_some() && self.uncertainty.is_none() {
-            write!(f, " ({})", self.without_uncertainty())?;
+            write!(f, " ({})", self.without_uncertainty)?;
         }
         Ok(())
     }

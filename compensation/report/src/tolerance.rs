@@ -6,7 +6,7 @@ use volcomp_metrology::{
 use volcomp_vocabulary::{AxisName, ErrorName};
 
 use crate::{
-    report::{Check, CheckOf, Curve, Positioning, Report, Square, State, VOLUME},
+    report::{Check, CheckOf, Curve, Drawn, Positioning, Report, Square, State, VOLUME},
     squares::pair_of,
 };
 
@@ -134,6 +134,7 @@ pub fn checks(report: &Report, tolerances: &[Tolerance]) -> Vec<Check> {
                 limit: tolerance.limit,
                 unit: unit.to_owned(),
                 uncertainty,
+                without_uncertainty: without_uncertainty(report, symbol).to_owned(),
                 outcome,
             });
         };
@@ -153,11 +154,7 @@ pub fn checks(report: &Report, tolerances: &[Tolerance]) -> Vec<Check> {
             let last = volume.map(|volume| volume.after.as_ref().unwrap_or(&volume.before));
             // The Monte Carlo samples are those of the identified errors.
             let found = last.filter(|last| last.state == State::Found);
-            let drawn = report
-                .uncertainty
-                .as_ref()
-                .and_then(|all| all.drawn.as_ref())
-                .filter(|_| found.is_some());
+            let drawn = drawn(report).filter(|_| found.is_some());
             // If no uncertainty is known, all samples are equal.
             let u = drawn.map(|drawn| 2.0 * drawn.max_um).filter(|u| *u > 0.0);
             // If no error of the machine is known, there is no verdict.
@@ -188,6 +185,22 @@ pub fn checks(report: &Report, tolerances: &[Tolerance]) -> Vec<Check> {
         }
     }
     all
+}
+
+/// Why a figure without an uncertainty has none. The Monte Carlo samples, drawn on request from the readings, are those of the machine found, not of a
+/// corrected one.
+fn without_uncertainty(report: &Report, symbol: &str) -> &'static str {
+    let volume = report.volume.as_ref().filter(|_| symbol == VOLUME);
+    let can_draw = !report.head.files.is_empty() && drawn(report).is_none();
+    match volume.map(|volume| volume.after.as_ref().unwrap_or(&volume.before).state) {
+        Some(State::Found) if can_draw => "uncertainty not evaluated: --trials",
+        None | Some(State::Found) => "no uncertainty given",
+        Some(_) => "the uncertainty of what a correction leaves is not evaluated",
+    }
+}
+
+fn drawn(report: &Report) -> Option<&Drawn> {
+    report.uncertainty.as_ref()?.drawn.as_ref()
 }
 
 fn of_error_on(report: &Report, error: ErrorName) -> CheckOf {

@@ -232,7 +232,7 @@ fn is_of_grid(name: AxisName) -> bool {
 ///
 /// # Errors
 /// The tools of the machine file are invalid.
-pub fn tools(machine: &Machine) -> Result<Vec<(&str, Machine)>, ModelError> {
+pub(crate) fn tools(machine: &Machine) -> Result<Vec<(&str, Machine)>, ModelError> {
     let mut tools = vec![("", Machine::clone(machine))];
     for name in machine.extreme_tools()? {
         let mut with_tool = Machine::clone(machine);

@@ -6,6 +6,9 @@ use crate::{
     signals::{Message, Signal, SignalTable},
 };
 
+/// Minimum size of a counter of frames: 16 steps distinguish frames that were lost from frames out of order.
+const COUNTER_BITS: u32 = 4;
+
 /// Errors of a DBC file.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
@@ -51,9 +54,9 @@ impl SignalTable {
     /// Parses the text of a DBC file. `file` is its name in error messages.
     ///
     /// # Errors
-    /// Text that is not a DBC file, a signal outside its message, an invalid frame length, or a unit that is missing or
-    /// does not match the quantity of the signal. Valid units: mm or um for positions and corrections of linear axes;
-    /// deg, rad or urad for rotary axes; degC for temperatures; none or `bool` for the states of the control.
+    /// Not a DBC file, signals outside their message, invalid frame lengths, two positions, corrections, temperatures or states of one name, and a unit that is missing or does not match the quantity of the
+    /// signal: positions and corrections of linear axes are in mm or um, of rotary axes in deg, rad or urad, temperatures in degC, and the states
+    /// of the control have no unit or `bool`.
     pub fn parse_file(file: &str, text: &str) -> Result<Self, DbcError> {
         let dbc = Dbc::try_from(text)
             .map_err(|e| DbcError::Syntax { file: file.to_owned(), message: e.to_string() })?;
@@ -81,13 +84,31 @@ impl SignalTable {
                 let found = format!("the identifier or name of {}", other.name);
                 return Err(defect(&message.name, &found, "a unique one"));
             }
+            check_names(message, &messages[..index])?;
         }
         Ok(Self { messages })
     }
 }
 
-/// Checks the used signals of a message. Each must be an integer and share no bits with another signal. A state must be
-/// off if all its bits are 0.
+/// Checks that no used signal of a message has the name of another one, in it or in the messages before it: either could be meant.
+fn check_names(message: &Message, before: &[Message]) -> Result<(), Defect> {
+    for (index, signal) in message.signals.iter().enumerate() {
+        let of_message = message.signals[..index].iter().map(|other| (message, other));
+        let of_others =
+            before.iter().flat_map(|other| other.signals.iter().map(move |s| (other, s)));
+        let mut all = of_message.chain(of_others);
+        let is_used = Quantity::of_signal(&signal.name).is_some();
+        if let Some((other, _)) = all.find(|(_, other)| is_used && other.name == signal.name) {
+            let place = format!("{}.{}", message.name, signal.name);
+            let found = format!("the name of a signal of {}", other.name);
+            return Err(defect(&place, &found, "a unique one"));
+        }
+    }
+    Ok(())
+}
+
+/// Checks the used signals of a message: each is an integer that shares no bits with others, a counter has at least [`COUNTER_BITS`], and all bits 0
+/// mean that a state is off.
 fn check_signals(dbc: &Dbc, id: MessageId, message: &Message) -> Result<(), Defect> {
     for (index, signal) in message.signals.iter().enumerate() {
         let is_word = ["FRAME_", "REPORT_"].map(|prefix| signal.name.starts_with(prefix));
@@ -108,6 +129,11 @@ fn check_signals(dbc: &Dbc, id: MessageId, message: &Message) -> Result<(), Defe
         let kind = dbc.extended_value_type_for_signal(id, &signal.name);
         if kind.is_some_and(|kind| *kind != SignalExtendedValueType::SignedOrUnsignedInteger) {
             return Err(defect(&place, "a floating-point number", "a whole number"));
+        }
+        if message.counter == Some(index) && signal.bits < COUNTER_BITS {
+            let found = format!("{} bits", signal.bits);
+            let expected = format!("at least {COUNTER_BITS}: the counter runs from 0 to 15");
+            return Err(defect(&place, &found, &expected));
         }
         if STATES.contains(&&*signal.name) && signal.offset != 0.0 {
             let found = format!("the offset {}", signal.offset);

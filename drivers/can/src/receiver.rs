@@ -67,7 +67,7 @@ impl ReceivedMessage {
             return false;
         }
         if let (Some(before), Some(now)) = (self.counter, self.message.counter(frame.data())) {
-            match (now + 16 - before % 16) % 16 {
+            match now.wrapping_sub(before) % 16 {
                 0 => {
                     health.repeated += 1;
                     return false;

@@ -119,7 +119,7 @@ impl Signal {
         }
     }
 
-    /// Writes the nearest representable value. NaN becomes raw 0. Returns whether the value was in range.
+    /// Writes the nearest representable value; NaN becomes 0. Returns whether the value was in range.
     #[inline]
     #[expect(
         clippy::cast_possible_truncation,
@@ -127,12 +127,14 @@ impl Signal {
         reason = "held within the range of the bits"
     )]
     pub fn put(&self, data: &mut [u8], value: f64) -> bool {
+        let is_number = !value.is_nan();
+        let value = if is_number { value } else { 0.0 };
         let scaled = ((value - self.offset) / self.factor).round();
         let [low, high] = self.raw_range();
         let held = scaled.clamp(low, high);
         let raw = if self.signed { (held as i64).cast_unsigned() } else { held as u64 };
         self.put_raw(data, raw);
-        (low..=high).contains(&scaled)
+        is_number && (low..=high).contains(&scaled)
     }
 
     /// Whether two signals share a bit in data of `length` bytes.
@@ -177,8 +179,13 @@ impl Signal {
         }
     }
 
-    /// Largest magnitude that the signal can represent with either sign, in the unit of the signal; 0 if the signal can
-    /// represent only one sign.
+    /// Raw bits of the lowest and the highest number.
+    pub(crate) fn raw_ends(&self) -> [u64; 2] {
+        let all = u64::MAX >> (64 - self.bits);
+        if self.signed { [all / 2 + 1, all / 2] } else { [0, all] }
+    }
+
+    /// Largest magnitude that the signal can represent with either sign, in its unit; 0 if it can represent only one sign.
     pub fn largest(&self) -> f64 {
         let [a, b] = self.raw_range().map(|raw| raw * self.factor + self.offset);
         a.max(b).min(-a.min(b)).max(0.0)

@@ -17,10 +17,9 @@ pub fn temperature_names(table: &SignalTable, device: &str) -> Result<Vec<String
     Ok(CanThermometer::new(bus, table, &[])?.names)
 }
 
-/// Temperatures in plain frames. A signal whose name ends in `_TEMP` is a sensor, named in lower case without this
-/// suffix. Raw 0 encodes a shorted sensor, the highest raw value a broken one. Reading processes the received frames
-/// and does not block. A temperature that is no longer received keeps its value and time. While the interface is down,
-/// all temperatures are bad.
+/// Temperatures in plain frames: signals that end in `_TEMP`, named in lower case without this suffix. The lowest raw number encodes a
+/// shorted sensor, the highest a broken one. Reading processes the received frames and does not block. A temperature that is no longer received keeps
+/// its value and time; while the interface is down, all are bad.
 pub struct CanThermometer<P> {
     receiver: Receiver<P>,
     names: Vec<String>,
@@ -92,11 +91,12 @@ impl<P: CanPort> Thermometer for CanThermometer<P> {
             let message = self.receiver.message(signal);
             let Some(taken) = message.taken else { continue };
             let raw = signal.signal.raw(message.data());
+            let [lowest, highest] = signal.signal.raw_ends();
             *latest = if listened.is_err() {
                 Temperature::bad(Reason::NoAnswer, taken)
-            } else if raw == 0 {
+            } else if raw == lowest {
                 Temperature::bad(Reason::Short, taken)
-            } else if raw == u64::MAX >> (64 - signal.signal.bits) {
+            } else if raw == highest {
                 Temperature::bad(Reason::Open, taken)
             } else {
                 Temperature::good(signal.signal.value(message.data()) * signal.to_internal, taken)

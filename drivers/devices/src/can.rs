@@ -2,6 +2,7 @@
 
 use std::{
     collections::BTreeMap,
+    path::Path,
     time::{Duration, Instant},
 };
 
@@ -10,6 +11,7 @@ use volcomp_can::{
     BridgeConfig, CanController, CanPort, CanSocket, CanThermometer, Frame, Received, SHIPPED_DBC,
     SignalTable, temperature_names,
 };
+use volcomp_document::read_text;
 use volcomp_port::{Controller, Description, DeviceError, Temperature};
 
 use crate::{
@@ -140,9 +142,8 @@ fn interface(name: &str) -> String {
 fn signal_table(address: &Address) -> Result<SignalTable, DeviceError> {
     let text = match address.get("dbc") {
         None => SHIPPED_DBC.to_owned(),
-        Some(path) => std::fs::read_to_string(path).map_err(|e| {
-            let found = format!("{path}: {e}");
-            address.wrong(found, "check the path of the DBC file").caused_by(e)
+        Some(path) => read_text(Path::new(path)).map_err(|e| {
+            address.wrong(e.to_string(), "check the path of the DBC file").caused_by(e)
         })?,
     };
     let file = address.get("dbc").unwrap_or("the shipped volcomp.dbc");
@@ -194,4 +195,20 @@ fn probe(address: &Address, at_most: Duration) -> Result<Probe, DeviceError> {
         frames.iter().map(|(&(extended, id), &(_, count))| SeenFrames { id, extended, count });
     probe.facts = Some(Facts::Bus(BusFacts { frames: count.collect(), errors }));
     Ok(probe)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_dbc_file_of_a_terabyte_is_not_read_to_its_end() {
+        let folder = tempfile::tempdir().expect("writable");
+        let path = folder.path().join("long.dbc");
+        let file = std::fs::File::create(&path).expect("writable");
+        file.set_len(1 << 40).expect("a sparse file");
+        let address = Address::parse(&format!("can://can0?dbc={}", path.display()));
+        let error = signal_table(&address.expect("a URL")).err().expect("too long").to_string();
+        assert!(error.contains("long.dbc: found more than 256 MiB"), "{error}");
+    }
 }

@@ -26,7 +26,7 @@ impl LineSet {
     /// Parses a text such as `panel-out:0-14` or `gpiochip0:3,5,9-11`.
     ///
     /// # Errors
-    /// A text of another form.
+    /// Any other text; a line that stands twice, which would be two bits of a word.
     pub fn parse(text: &str) -> Result<Self, DeviceError> {
         let wrong = || {
             let what = format!("found `{text}` as lines");
@@ -45,6 +45,11 @@ impl LineSet {
         }
         if chip.is_empty() || lines.len() > 64 {
             return Err(wrong());
+        }
+        let mut places = lines.iter().enumerate();
+        if let Some((_, line)) = places.find(|(place, line)| lines[..*place].contains(line)) {
+            let what = format!("found line {line} twice in `{text}`");
+            return Err(DeviceError::option("gpio", what, "expected each line once"));
         }
         Ok(Self { chip: chip.to_owned(), lines })
     }

@@ -26,9 +26,7 @@ pub(crate) struct Outputs {
     latching: Latching,
     /// Time until which the latch may be toggled for the last written word.
     latched_by: Instant,
-    /// Last written level of the latch, as a bit at the position of its line.
-    latch: u64,
-    /// Last confirmed level of the latch, as a bit at the position of its line.
+    /// The last confirmed level of the latch, as a bit.
     seen_latch: Option<u64>,
     /// Whether the device currently reports its output levels.
     is_reported: bool,
@@ -42,7 +40,6 @@ impl Outputs {
         Self {
             latching: Latching::Taken,
             latched_by: Instant::now(),
-            latch: 0,
             seen_latch: None,
             is_reported: false,
             taken: PerChannel::from_fn(|_| None),
@@ -56,17 +53,15 @@ impl Outputs {
         &self.taken
     }
 
-    /// Correction that the control last received, known even before the first write. `None` if the device does not
-    /// report its output levels, or if there are several axes.
+    /// Correction on the lines now, also before the first write: NaN for a word that encodes none, so that the guard writes nothing over it; `None` if
+    /// the device does not report its output levels, or if there are several axes.
     pub(crate) fn carried(&self) -> Option<PerChannel<f64>> {
         self.carried.filter(|_| self.is_reported)
     }
 
-    /// Writes the word of an axis. With a latch a correction takes two writes: the word and, once the word is
-    /// confirmed, the latch alone. While the levels of unused outputs are unknown, nothing is written, unless the
-    /// device cannot report levels.
-    ///
-    /// Errors: see [`DigitalIo::write`]. After an error the sequence does not advance.
+    /// Writes the word of an axis. With a latch, a correction takes two writes: the word, then, once that is confirmed, the latch alone. Errors: see
+    /// [`DigitalIo::write`]. While the level of the latch is unknown nothing is written, because the latch could
+    /// toggle together with the word. While the levels of unused outputs are unknown nothing is written, unless the device cannot report them.
     pub(crate) fn write(
         &mut self,
         io: &mut impl DigitalIo,
@@ -76,50 +71,59 @@ impl Outputs {
     ) -> Result<(), Fault> {
         let confirmed = io.confirmed();
         let has_others = wiring.leaves_outputs(io.outputs());
-        if confirmed.is_none() && has_others && io.reports_outputs() {
-            return Err(Fault::Unsupported(
-                "writing while the levels of other outputs are unknown",
-            ));
-        }
         let now = Instant::now();
-        let (levels, next) = self.next(wiring, wiring.levels(word, axis), confirmed, now);
-        io.write(levels, deadline)?;
+        let word = wiring.levels(word, axis);
+        let (levels, next) = match confirmed {
+            Some(confirmed) => self.next(wiring, word, confirmed, now),
+            None if wiring.latch.is_some() => {
+                return Err(Fault::Unsupported(
+                    "a latch while the module does not report its level",
+                ));
+            }
+            None if has_others && io.reports_outputs() => {
+                return Err(Fault::Unsupported(
+                    "writing while the levels of other outputs are unknown",
+                ));
+            }
+            None => (word, Latching::Taken),
+        };
         if matches!(next, Latching::Settling(_)) {
             let within = deadline.saturating_duration_since(now).saturating_mul(LATCHED_WITHIN);
             self.latched_by = now.checked_add(within).unwrap_or(deadline);
         }
-        (self.latching, self.latch) = (next, levels & wiring.latch_bit());
-        Ok(())
+        // A write that fails may have been sent nevertheless.
+        self.latching = next;
+        io.write(levels, deadline)
     }
 
-    /// The levels to write next, and the state after that write. Unused lines keep the levels that the device has
-    /// confirmed. After the time limit of the latch the word is written anew before the latch toggles, because the
-    /// control may be at zero by then, and an edge for the earlier word would step the correction.
-    fn next(
-        &self,
-        wiring: &Wiring,
-        word: u64,
-        confirmed: Option<u64>,
-        now: Instant,
-    ) -> (u64, Latching) {
+    /// The levels to write next, and the state after that write. Unused lines keep the levels that the device has confirmed. After a pause the word is
+    /// written anew: the control may be at zero by now, and the earlier word would be a step.
+    fn next(&self, wiring: &Wiring, word: u64, confirmed: u64, now: Instant) -> (u64, Latching) {
         let bit = wiring.latch_bit();
-        let others = confirmed.unwrap_or(0) & !wiring.used_outputs();
+        let others = confirmed & !wiring.used_outputs();
         if bit == 0 {
             return (word | others, Latching::Taken);
         }
-        let turned = match (self.latching, confirmed) {
+        // Until a word is confirmed no other one is sent: an earlier equal one would confirm it, while the other is still on its
+        // way.
+        if let Latching::Settling(levels) = self.latching
+            && now <= self.latched_by
+            && confirmed != levels
+            && (confirmed ^ levels) & bit == 0
+        {
+            let levels = levels & wiring.used_outputs() | others;
+            return (levels, Latching::Settling(levels));
+        }
+        let turned = match self.latching {
             _ if now > self.latched_by => None,
-            (Latching::Settling(levels), Some(found)) if found == levels => Some(levels ^ bit),
-            // It is unknown whether the latch has toggled, so no other line may change together with the latch.
-            (Latching::Turned(levels), None) => Some(levels),
-            (Latching::Turned(levels), Some(found)) if found ^ levels == bit => Some(levels),
+            Latching::Settling(levels) if confirmed == levels => Some(levels ^ bit),
+            Latching::Turned(levels) if confirmed ^ levels == bit => Some(levels),
             _ => None,
         };
         if let Some(levels) = turned {
             return (levels, Latching::Turned(levels));
         }
-        let latch = confirmed.unwrap_or(self.latch) & bit;
-        let levels = word | others | latch;
+        let levels = word | others | confirmed & bit;
         (levels, Latching::Settling(levels))
     }
 
@@ -142,17 +146,17 @@ impl Outputs {
         }
         let (word, axis) = wiring.control_inputs(levels);
         let index = usize::try_from(axis).unwrap_or(usize::MAX);
-        let correction = axes.get(index).and_then(|axis| axis.correction.decode(word));
-        let Some(correction) = correction else {
+        let Some(axis) = axes.get(index) else {
             return;
         };
+        let correction = axis.correction.decode(word);
         if axes.len() == 1 {
             let mut carried = PerChannel::ZERO;
-            carried[index] = correction;
+            carried[index] = correction.unwrap_or(f64::NAN);
             self.carried = Some(carried);
         }
         if wrote {
-            self.taken[index] = Some(correction);
+            self.taken[index] = correction;
         }
     }
 

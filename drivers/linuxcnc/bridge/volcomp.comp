@@ -483,7 +483,7 @@ static int look_at_control(PINS) {
     int all_homed = 1;
     for (int i = 0; i < joints; i++) all_homed &= homed(i);
     flags = (estop_ok && user_ok ? 0 : EMERGENCY_STOP) | (enabled ? ENABLED : 0) | (all_homed ? HOMED : 0)
-        | (limited ? LIMITED : 0) | (motion_type == MOTION_IS_PROBING ? PROBING : 0);
+        | (motion_type == MOTION_IS_PROBING ? PROBING : 0);
     int is_on = enabled && all_homed;
     if (!is_on || !was_on) settle_cycles_left = SETTLES;
     else if (settle_cycles_left > 0) settle_cycles_left--;
@@ -508,24 +508,32 @@ static void watch_request(PINS, const int *asked, int is_on) {
     cycles_unknown = 0; lost_left_ns = LOST_NS;
 }
 
-/* Whether an axis has for long not had what is told of it: farther off than what moved on the way explains. */
-static int is_off(PINS, int is_on, long period) {
+/* Whether an axis has not what is told of it: farther off than what moved on the way explains. */
+static int is_any_far(PINS) {
     int is_far = 0;
     for (int i = 0; i < axis_count; i++) {
         double off = fabs(eoffset(i) * NANO - (double)barrier.applied[i] * step[i]);
         /* What is no number is far. */
         is_far |= !(off <= OFF_BY + OFF_BY_COUNTS * (double)step[i] + moved_lately[i]);
     }
+    return is_far;
+}
+
+/* Whether an axis has been far for long. */
+static int is_off(int is_far, int is_on, long period) {
     off_for_ns = is_on && is_far ? off_for_ns + (off_for_ns < OFF_NS ? period : 0) : 0;
     return off_for_ns >= OFF_NS;
 }
 
 /* Whether all axes stand still in this cycle; adds what is lost to the flags. */
 static int must_hold(PINS, int is_on, long period) {
+    int is_far = is_any_far(__comp_inst);
+    /* LinuxCNC tells a cut also where it cut nothing, and from manual mode at a limit still in a program far from it. */
+    if (limited && is_far) flags |= LIMITED;
     /* LinuxCNC moves offsets in these modes alone: elsewhere they stand, and jump when one of these comes back. */
     int stands = is_on && !coord_mode && !teleop_mode;
     int waits = (flags & (EMERGENCY_STOP | LIMITED)) || !is_on || stands || settle_cycles_left > 0 || cycles_unknown > 0;
-    if (is_off(__comp_inst, is_on, period) || lost_left_ns || stands) flags |= LOST;
+    if (is_off(is_far, is_on, period) || lost_left_ns || stands) flags |= LOST;
     /* What no word can tell is not told, and goes towards zero: that is the one movement while an offset counts as lost. */
     is_beyond_words = 0;
     for (int i = 0; i < axis_count; i++) is_beyond_words |= barrier.applied[i] != (int16_t)barrier.applied[i];

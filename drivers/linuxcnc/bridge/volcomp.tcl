@@ -101,6 +101,31 @@ proc units {} {
     }
 }
 
+# In coordinated mode LinuxCNC takes an axis with an offset that stands beyond its soft limit back to it in one cycle. In joint mode only the
+# limits of the joint keep it from there.
+proc joint_limits {letters} {
+    set coordinates XYZABCUVW
+    if {[has KINS KINEMATICS]} {
+        regexp {coordinates=([A-Za-z]+)} [value_of KINS KINEMATICS] all coordinates
+    }
+    set joint 0
+    foreach letter [split [string toupper $coordinates] ""] {
+        foreach {key word compare} {MIN_LIMIT least >= MAX_LIMIT most <=} {
+            if {$letter in $letters && [has AXIS_$letter $key]} {
+                set limit [value_of AXIS_$letter $key]
+                set found none
+                if {[has JOINT_$joint $key]} {
+                    set found [value_of JOINT_$joint $key]
+                }
+                if {![string is double -strict $found] || ![string is double -strict $limit] || ![expr "\$found $compare \$limit"]} {
+                    refuse "\[JOINT_$joint\]$key: found $found, expected at $word $limit, \[AXIS_$letter\]$key: where a joint stands beyond it, LinuxCNC takes an axis with an offset back in one cycle"
+                }
+            }
+        }
+        incr joint
+    }
+}
+
 # A key that is written wrongly would leave its default active.
 proc known_keys {} {
     set known {MACHINE AXES READS PORT LISTEN STEP_NM STEP_UDEG LIMIT_UM LIMIT_MDEG RATE_UM_PER_S RATE_MDEG_PER_S HOLD_MS TIME_OUT_MS EPOCH_FILE KEY_FILE}
@@ -114,7 +139,10 @@ proc known_keys {} {
 # A pin that the machine's own files have connected keeps its signal.
 proc read_pin {signal from to} {
     if {[catch {net $signal $from => $to}]} {
-        set owner [lindex [hal show pin $from] end]
+        # Other pins are shown as well, whose names begin so: axis.x.eoffset-scale.
+        if {![regexp "\\s$from\\s+\\S+\\s+(\\S+)" [hal show pin $from] all owner]} {
+            refuse "the pin $from is missing, expected LinuxCNC 2.9"
+        }
         net $owner => $to
     }
 }
@@ -131,6 +159,7 @@ known_keys
 units
 lassign [axes_and_reads] letters reads
 set joints [joints]
+joint_limits $letters
 set period_s [period_s]
 set folder [file dirname [file normalize $::env(INI_FILE_NAME)]]
 

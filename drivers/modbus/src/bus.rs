@@ -18,7 +18,7 @@ use tokio_modbus::{
     client::{Context, rtu, tcp},
     prelude::{Client, Request, Response, Slave, SlaveContext},
 };
-use tokio_serial::{SerialPortBuilderExt, SerialStream};
+use tokio_serial::{ClearBuffer, SerialPort as _, SerialPortBuilderExt, SerialStream};
 use volcomp_port::{DeviceError, Fault, Reason, exception_name};
 
 /// Default response timeout of a module. A slower module counts as not answering. This timeout does not limit the age
@@ -132,7 +132,7 @@ pub(crate) enum RequestError {
     /// The request was echoed, but no answer arrived in time: the module behind an adapter with local echo does not
     /// answer.
     EchoOnly,
-    /// The module rejected the request with this exception code. 0 means that the answer was to another request.
+    /// The module rejected the request with this exception code; 0: it answered another request, or with another number of values.
     Refused(u8),
     Disconnected,
 }
@@ -149,8 +149,56 @@ impl RequestError {
     pub(crate) fn fault(self) -> Fault {
         match self {
             Self::NoAnswer | Self::EchoOnly => Fault::TimedOut,
+            Self::Refused(0) => Fault::Protocol("an answer to another request"),
             Self::Refused(code) => Fault::Refused { code: code.into(), what: exception_name(code) },
             Self::Disconnected => Fault::Disconnected,
+        }
+    }
+}
+
+/// Maximum duration of draining a serial line that is never silent, as a multiple of the response timeout.
+const MAX_DRAINS: u32 = 10;
+
+/// What the response to a request must contain, which the protocol's decoder does not check.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Expected {
+    /// This number of coils or inputs, in whole bytes.
+    Bits(u16),
+    Registers(u16),
+    /// The address and number of the written coils.
+    Written(u16, usize),
+    Anything,
+}
+
+impl Expected {
+    fn of(request: &Request<'_>) -> Self {
+        match request {
+            Request::ReadCoils(_, count) | Request::ReadDiscreteInputs(_, count) => {
+                Self::Bits(*count)
+            }
+            Request::ReadHoldingRegisters(_, count) | Request::ReadInputRegisters(_, count) => {
+                Self::Registers(*count)
+            }
+            Request::WriteMultipleCoils(address, coils) => Self::Written(*address, coils.len()),
+            _ => Self::Anything,
+        }
+    }
+
+    fn is_met_by(self, response: &Response) -> bool {
+        match (self, response) {
+            (
+                Self::Bits(count),
+                Response::ReadCoils(found) | Response::ReadDiscreteInputs(found),
+            ) => found.len() == usize::from(count).next_multiple_of(8),
+            (
+                Self::Registers(count),
+                Response::ReadHoldingRegisters(found) | Response::ReadInputRegisters(found),
+            ) => found.len() == usize::from(count),
+            (Self::Written(address, count), Response::WriteMultipleCoils(at, found)) => {
+                (*at, usize::from(*found)) == (address, count)
+            }
+            (Self::Anything, _) => true,
+            _ => false,
         }
     }
 }
@@ -188,8 +236,10 @@ impl Line {
             serial.port().begin_request();
         }
         self.context.set_slave(Slave(unit));
+        let expected = Expected::of(&request);
         match timeout(at_most, self.context.call(request)).await {
-            Ok(Ok(Ok(response))) => Ok(response),
+            Ok(Ok(Ok(response))) if expected.is_met_by(&response) => Ok(response),
+            Ok(Ok(Ok(_))) => Err(RequestError::Refused(0)),
             Ok(Ok(Err(exception))) => Err(RequestError::Refused(exception.into())),
             // A timeout, or on a serial line a corrupted frame, or on TCP a lost connection.
             Ok(Err(_)) | Err(_) => {
@@ -200,16 +250,17 @@ impl Line {
         }
     }
 
-    /// Waits until a serial line has been silent for the response timeout, and discards the received bytes. A TCP
-    /// connection is not drained but reported as disconnected.
+    /// Waits until a serial line has been silent for the response timeout, at most [`MAX_DRAINS`] times as long, and discards received bytes. A TCP
+    /// connection is given up instead.
     async fn drain(&mut self, at_most: Duration) -> Result<(), RequestError> {
         let Some(serial) = &mut self.serial else {
             // TCP answers carry transaction numbers, so draining is unnecessary. The connection is reopened.
             return Err(RequestError::Disconnected);
         };
         let silence = at_most.max(self.gap);
+        let end = Instant::now() + silence * MAX_DRAINS;
         let mut rest = [0; 256];
-        loop {
+        while Instant::now() < end {
             match timeout(silence, serial.read(&mut rest)).await {
                 Err(_) => break,
                 Ok(Ok(0) | Err(_)) => return Err(RequestError::Disconnected),
@@ -242,8 +293,10 @@ impl Port {
         Self { stream, sent: Vec::new(), matched: 0, echoed: false, received: VecDeque::new() }
     }
 
-    /// Discards received data, because they belong to an earlier request.
+    /// Discards received data, which belong to an earlier request, also those that the kernel holds.
     fn begin_request(&mut self) {
+        // A port that is gone fails at the request itself.
+        let _ = self.stream.clear(ClearBuffer::Input);
         self.sent.clear();
         self.received.clear();
         self.matched = 0;

@@ -25,7 +25,7 @@ pub use nearest::nearest;
 pub use note::{Note, Severity};
 pub use private::PrivateError;
 pub use quoted::quoted;
-pub use read::{MAX_TEXT_BYTES, ReadError, read_text};
+pub use read::{MAX_TEXT_BYTES, ReadError, read_bytes, read_text};
 pub use structure::{InputErrors, Mistakes, Places};
 pub use toml_file::{Document, Section, Value};
 pub use written::{csv_cell, toml_key, toml_string};

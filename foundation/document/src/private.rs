@@ -3,10 +3,13 @@
 
 use std::{
     fs::{File, Metadata},
-    io::{self, Read},
+    io,
     path::{Path, PathBuf},
 };
 
+use crate::read::bytes_of;
+
+/// Reason why a secret file is rejected.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum PrivateError {
@@ -67,13 +70,14 @@ fn mode(_: &Metadata) -> u32 {
 /// Reads the text of a file that only its owner may read; for exceptions see [`open`].
 ///
 /// # Errors
-/// The file cannot be read, is not text, or other users may read it.
+/// The file cannot be read, is not text, is longer than [`MAX_TEXT_BYTES`](crate::MAX_TEXT_BYTES), or other users may read it.
 pub fn read(path: &Path) -> Result<String, PrivateError> {
-    let mut text = String::new();
-    open(path)?
-        .read_to_string(&mut text)
-        .map_err(|source| PrivateError::Read { file: path.to_owned(), source })?;
-    Ok(text)
+    let file = open(path)?;
+    let text = bytes_of(file).and_then(|bytes| {
+        let wrong = |error| io::Error::new(io::ErrorKind::InvalidData, error);
+        String::from_utf8(bytes).map_err(wrong)
+    });
+    text.map_err(|source| PrivateError::Read { file: path.to_owned(), source })
 }
 
 #[cfg(all(test, unix))]
@@ -99,5 +103,16 @@ mod tests {
                 Err(other) => panic!("{other}"),
             }
         }
+    }
+
+    #[test]
+    fn a_secret_of_a_terabyte_is_not_read_to_its_end() {
+        let dir = tempfile::tempdir().expect("writable");
+        let path = dir.path().join("seed");
+        let file = File::create(&path).expect("writable");
+        file.set_len(1 << 40).expect("a sparse file");
+        fs::set_permissions(&path, fs::Permissions::from_mode(0o600)).expect("ours");
+        let error = read(&path).expect_err("too long").to_string();
+        assert!(error.ends_with("seed: found more than 256 MiB, expected at most that"), "{error}");
     }
 }

@@ -62,6 +62,24 @@ pub fn read_text(path: &Path) -> Result<String, ReadError> {
     Ok(text)
 }
 
+/// Reads a file or a pipe.
+///
+/// # Errors
+/// It cannot be read, or is longer than [`MAX_TEXT_BYTES`].
+pub fn read_bytes(path: &Path) -> io::Result<Vec<u8>> {
+    bytes_of(File::open(path)?)
+}
+
+pub(crate) fn bytes_of(file: File) -> io::Result<Vec<u8>> {
+    let mut bytes = Vec::new();
+    file.take(MAX_TEXT_BYTES + 1).read_to_end(&mut bytes)?;
+    if bytes.len() as u64 > MAX_TEXT_BYTES {
+        let found = format!("found more than {} MiB, expected at most that", MAX_TEXT_BYTES >> 20);
+        return Err(io::Error::new(io::ErrorKind::FileTooLarge, found));
+    }
+    Ok(bytes)
+}
+
 fn text_of(path: &Path, most: u64) -> Result<String, ReadError> {
     let file = path.display().to_string();
     let mut bytes = Vec::new();

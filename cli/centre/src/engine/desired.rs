@@ -5,7 +5,9 @@ use std::{collections::BTreeMap, sync::Arc, time::Duration, time::Instant};
 
 use bytes::Bytes;
 use futures_util::StreamExt;
-use volcomp_fleet::{Desired, DesiredEvent, DesiredValue, DesiredWatch, MachineId, ModelRef};
+use volcomp_fleet::{
+    Desired, DesiredEvent, DesiredValue, DesiredWatch, MachineId, Manifest, ModelRef,
+};
 
 use super::{Engine, blocking, lock};
 use crate::{Error, records::AlarmKind, store::SignedValue};
@@ -15,8 +17,8 @@ const MAX_CONCURRENT: usize = 64;
 const RECHECK_DELAY: Duration = Duration::from_millis(200);
 const RETRY_INTERVAL: Duration = Duration::from_secs(1);
 
-/// Sends every issued value that is not yet under its machine's key. The next pass retries failures; the last failure
-/// is returned.
+/// Sends every value that was issued but is not yet under its key. Failures are retried at the next
+/// pass; the first one by its text is returned.
 pub(super) async fn send(engine: &Arc<Engine>) -> Result<(), String> {
     if !engine.is_connected() {
         return Ok(());
@@ -31,13 +33,11 @@ pub(super) async fn send(engine: &Arc<Engine>) -> Result<(), String> {
     };
     let puts = due.into_iter().map(|issued| put(engine, issued));
     let mut puts = futures_util::stream::iter(puts).buffer_unordered(MAX_CONCURRENT);
-    let mut result = Ok(());
+    let mut failures = Vec::new();
     while let Some(done) = puts.next().await {
-        if let Err(error) = done {
-            result = Err(error.to_string());
-        }
+        failures.extend(done.err().map(|error| error.to_string()));
     }
-    result
+    failures.into_iter().min().map_or(Ok(()), Err)
 }
 
 /// Issued values that this program has not yet put under their machines' keys. Other programs, such as the command
@@ -68,7 +68,7 @@ fn non_empty(value: Option<&Bytes>) -> Option<&Bytes> {
     value.filter(|value| !value.is_empty())
 }
 
-async fn put(engine: &Arc<Engine>, issued: SignedValue) -> Result<(), volcomp_fleet::LinkError> {
+async fn put(engine: &Arc<Engine>, issued: SignedValue) -> Result<(), Error> {
     let value = Bytes::from(issued.value);
     // Put the model first: a machine requests it as soon as it reads the manifest.
     let inline =
@@ -101,10 +101,20 @@ async fn put(engine: &Arc<Engine>, issued: SignedValue) -> Result<(), volcomp_fl
     let found = engine.hub.desired(&issued.machine).await?;
     if non_empty(found.as_ref()) != non_empty(Some(&value)) {
         if let Some(found) = found
-            && !is_own(engine, &found)
             && !was_issued(engine, &issued.machine, &found).await
         {
-            report_foreign_value(engine, &issued.machine);
+            match own_manifest(engine, &found) {
+                None => report_foreign_value(engine, &issued.machine),
+                Some(newer)
+                    if newer.machine == issued.machine && newer.version >= issued.version =>
+                {
+                    return Err(Error::Conflict(format!(
+                        "{}: found version {} of this centre at the server, which the database does not know: the database is an older copy, and its version {} is not sent; start a new roll-out, whose version is above the one that the machine reports",
+                        issued.machine, newer.version, issued.version
+                    )));
+                }
+                Some(_) => {}
+            }
         }
         engine.hub.put_desired(&issued.machine, value.clone()).await?;
     }
@@ -159,7 +169,7 @@ async fn restore(engine: &Engine, machine: &MachineId) {
         }
         let own = lock(&engine.put).get(machine).map(|(_, own)| own.clone());
         let Some(own) = own else { return Ok(()) };
-        if value.as_ref().is_none_or(|value| !is_own(engine, value)) {
+        if value.as_ref().is_none_or(|value| own_manifest(engine, value).is_none()) {
             report_foreign_value(engine, machine);
         }
         engine.hub.put_desired(machine, own).await
@@ -190,13 +200,11 @@ async fn was_issued(engine: &Arc<Engine>, machine: &MachineId, value: &[u8]) -> 
     }
 }
 
-/// True if one of this centre's keys has signed the value. Such a value is an older one of this centre, still in
-/// transit.
-fn is_own(engine: &Engine, value: &[u8]) -> bool {
-    let signer = Desired::parse(value).and_then(|desired| desired.signer());
-    let Ok(Some(signer)) = signer else {
-        return false;
-    };
+/// The manifest of a value that one of this centre's keys has signed.
+fn own_manifest(engine: &Engine, value: &[u8]) -> Option<Manifest> {
+    let desired = Desired::parse(value).ok()?;
+    let signer = desired.signer().ok()??;
     let mut own = engine.settings.own.iter();
-    own.any(|key| key.key.verifying_key() == signer)
+    own.find(|key| key.key.verifying_key() == signer)?;
+    serde_json::from_str(&desired.manifest).ok()
 }

@@ -98,6 +98,13 @@ fn advance(
     };
     let model = engine.store.model(&rollout.model)?;
     let text = engine.store.model_text(&rollout.model)?;
+    // If the database is an older copy, a machine may have another model under the same version.
+    let mut seen = input.seen.clone();
+    if let Some(model) = &model {
+        for other in seen.values_mut().filter(|seen| seen.model != model.checksum) {
+            other.version = 0;
+        }
+    }
     let source = ManifestSource {
         engine,
         model: model.as_ref().zip(text.as_deref()),
@@ -110,7 +117,7 @@ fn advance(
         let before = rollout.clone();
         let wished = (requests.into_iter()).map(|(request, by)| Event::Requested { request, by });
         let answered = answers(&rollout, &input.versions);
-        let heard = Event::Pass { elapsed_s: input.elapsed_s, seen: input.seen.clone() };
+        let heard = Event::Pass { elapsed_s: input.elapsed_s, seen };
         for event in wished.chain(answered).chain([heard]) {
             let actions = rollout.step(event);
             source.execute(database, &mut rollout, actions)?;

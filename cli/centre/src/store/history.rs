@@ -143,13 +143,18 @@ impl Store {
         })
     }
 
-    /// Deletes expired data, machine by machine in separate transactions to keep lock times short.
+    /// Deletes expired data, machine by machine in separate transactions to keep lock times short. Their age counts from the machine's newest minute
+    /// if that is before `now_s`, so that a clock that was set too far deletes nothing.
     pub fn delete_expired(&self, keep: Retention, now_s: f64) -> Result<(), Error> {
         let sql = "SELECT machine FROM live";
         let machines: Vec<String> =
             self.read(|database| rows(database, sql, [], |row| Ok(row.get(0)?)))?;
         for machine in machines {
             self.write(|database| {
+                let sql = "SELECT max(minute) FROM minutes WHERE machine = ?1";
+                let newest = first(database, sql, [&machine], |row| Ok(row.get(0)?))?;
+                let newest: Option<i64> = newest.flatten();
+                let now_s = newest.map_or(now_s, |newest| now_s.min(newest as f64 * 60.0));
                 for (table, kept_s) in
                     [("raw", keep.raw_h * HOUR_S), ("minutes", keep.minutes_d * DAY_S)]
                 {

@@ -6,8 +6,10 @@ use std::{
 };
 
 use volcomp_centre::{
-    records::AlarmKind,
+    issue::settle,
+    records::{AlarmKind, Machine},
     rollout::{Phase, Rules, Step, UserRequest},
+    store::Store,
 };
 use volcomp_fleet::{Acknowledgement, Kind, ModelRef, Outcome};
 
@@ -388,6 +390,46 @@ fn a_foreign_value_put_while_the_centre_was_down_raises_an_alarm() {
             .await;
         let centre = shop.centre(&shop.url()).await;
         until("an alarm is raised", || shop.is_open(AlarmKind::Clobbered)).await;
+        centre.end().await;
+    });
+}
+
+/// The database is an older copy: newer values at the server stay, also the one with whose version another one was issued meanwhile, until a higher
+/// version is issued.
+#[test]
+fn a_restored_database_replaces_no_newer_value() {
+    Shop::run(1, 2, async |shop| {
+        let centre = shop.centre(&shop.url()).await;
+        let gateways: Vec<_> = (0..2).map(|place| shop.gateway(place)).collect();
+        shop.until_done(shop.roll_out(7, soak(0.0))).await;
+        let copy = shop.folder.path().join("copy.db");
+        shop.raw().execute("VACUUM INTO ?1", [copy.to_str()]).unwrap();
+        shop.until_done(shop.roll_out(8, soak(0.0))).await;
+        centre.end().await;
+        let hub = shop.hub().await;
+        let values = async |shop: &Shop| {
+            [hub.desired(shop.name(0)).await.unwrap(), hub.desired(shop.name(1)).await.unwrap()]
+        };
+        let newest = values(shop).await;
+        shop.store = Arc::new(Store::open(&copy).unwrap());
+        let enabled = shop.machines[1].0.clone();
+        shop.store.put_machine(&Machine { enable: false, ..enabled.clone() }, "anna").unwrap();
+        let again = settle(&shop.store, &shop.key, shop.name(1), "anna").unwrap();
+        assert_eq!(again.unwrap().version, 2);
+        let centre = shop.centre(&shop.url()).await;
+        let why = "mill-0: found version 2 of this centre at the server, which the database does not know: the database is an older copy, and its version 1 is not sent;";
+        until("an alarm is raised", || {
+            let open = shop.store.open_alarms().unwrap();
+            open.iter().any(|one| one.kind == AlarmKind::Server && one.text.contains(why))
+        })
+        .await;
+        assert_eq!(values(shop).await, newest);
+        shop.store.put_machine(&enabled, "anna").unwrap();
+        until("the next is accepted", || gateways[1].0.version() == 3).await;
+        assert_eq!(values(shop).await[0], newest[0]);
+        for (_, task) in gateways {
+            task.abort();
+        }
         centre.end().await;
     });
 }

@@ -268,6 +268,22 @@ fn a_fault_is_not_lost_by_a_failed_pass() {
     });
 }
 
+/// A machine has another model under the version of the roll-out, because the database is an older copy: it is not observed with the new model.
+#[test]
+fn another_model_under_the_same_version_is_not_observed() {
+    Shop::run(1, 1, async |shop| {
+        let centre = shop.centre(&shop.url()).await;
+        let id = shop.roll_out(7, Rules { answer_s: 10.0, ..soak(0.0) });
+        until("it is sent", || shop.issued(0).is_some()).await;
+        let mut other = envelope("b", 1, condition(4.0));
+        other.version = 1;
+        other.model = model(8).model.checksum;
+        shop.tell(0, Kind::Condition, &other).await;
+        shop.until_stopped(id, "no answer in time").await;
+        centre.end().await;
+    });
+}
+
 fn is_suspect(shop: &Shop) -> bool {
     let open = shop.store.open_alarms().unwrap();
     open.iter().any(|alarm| {

@@ -52,8 +52,8 @@ fn looked(elapsed_s: f64, seen: &[(usize, u64, f64)]) -> Event {
             reachable: true,
             version: *version,
             corrects: true,
-            faulted: None,
             residual_um: Some(*residual),
+            ..Observation::default()
         };
         (name(*place), seen)
     });
@@ -310,6 +310,7 @@ fn event(happens: &Happens, machines: usize) -> Event {
                         corrects: odd % 5 > 0,
                         faulted: (odd % 16 == 9).then(|| "fault".to_owned()),
                         residual_um: (odd % 4 > 0).then(|| f64::from(*odd) / 10.0),
+                        ..Observation::default()
                     };
                     (machine(*place), seen)
                 })
@@ -466,7 +467,7 @@ fn a_machine_with_another_version_does_not_soak() {
     }
     // At the answer timeout the canary drops out, which stops the roll-out.
     rollout.step(looked(10.0, &[(0, 0, 4.0)]));
-    stopped(&rollout, "m0: version 0 is active again");
+    stopped(&rollout, "m0: its model is not active any more");
     // The condition with the new version may arrive after the acknowledgement.
     let mut rollout = with_a_canary_that_has_it();
     rollout.step(looked(10.0, &[(0, 0, 4.0)]));

@@ -224,14 +224,24 @@ fn expired_rows_are_deleted_and_hours_kept() {
         let points = store.history(&mill(), resolution, from_s, from_s + 60.0, 1000);
         points.unwrap().len()
     };
-    store.delete_expired(keep, from_s + 3600.0).unwrap();
+    let mut after = |days: f64| {
+        let at_s = from_s + days * 86_400.0;
+        let newest = envelope(&format!("run of day {days}"), 0, condition(4.0));
+        ingest.take(&store, &[received("mill-a", Kind::Condition, 100, at_s, &newest)]).unwrap();
+        store.close_minutes(at_s + 60.0).unwrap();
+        store.delete_expired(keep, at_s).unwrap();
+    };
+    // The clock of the centre was set too far.
+    store.delete_expired(keep, from_s + 40.0 * 86_400.0).unwrap();
+    assert_eq!((points(Resolution::Raw), points(Resolution::Minute)), (60, 1));
+    after(0.1);
     assert_eq!(points(Resolution::Raw), 60);
-    store.delete_expired(keep, from_s + 2.0 * 86_400.0).unwrap();
+    after(2.0);
     assert_eq!(points(Resolution::Raw), 0);
     assert_eq!(points(Resolution::Minute), 1);
     // The first telemetry message of the hour is kept longer.
     assert_eq!(store.telemetry(&mill()).unwrap().unwrap().1["number"], 60);
-    store.delete_expired(keep, from_s + 40.0 * 86_400.0).unwrap();
+    after(40.0);
     assert_eq!(points(Resolution::Minute), 0);
     assert_eq!(points(Resolution::Hour), 1);
     assert_eq!(store.telemetry(&mill()).unwrap(), None);

@@ -118,8 +118,21 @@ fn auto_arm_is_off_without_the_standing_state_of_a_log() {
     stays_disarmed_until_armed(Gateway::again(rig, &config), &config);
 }
 
-/// The disk is still busy with the audit log when the disarm is answered, and the program is killed. The disarm is on
-/// the disk.
+/// The folder is removed while the gateway runs: an operator's disarm makes it anew and survives a kill and restart, and a record is written.
+#[test]
+fn an_operators_disarm_is_kept_although_the_folder_was_removed() {
+    let dir = tempfile::tempdir().expect("writable");
+    let (config, mut gateway) = compensating(dir.path());
+    std::fs::remove_dir_all(dir.path().join("audit")).expect("it was made at the start");
+    assert_eq!(gateway.ask(Operation::Disarm).0, 200);
+    gateway.wait_for("disarmed");
+    gateway.run(Duration::from_millis(300));
+    assert!(!says(&gateway.state(), UNWRITTEN));
+    assert!(gateway.audit().contains("anna"));
+    stays_disarmed_until_armed(gateway, &config);
+}
+
+/// The disk is still busy with the audit log when the disarm is answered, and the program is killed: the disarm is on the disk.
 #[test]
 fn an_operators_disarm_does_not_wait_for_its_record() {
     let dir = tempfile::tempdir().expect("writable");

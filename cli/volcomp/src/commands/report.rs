@@ -9,11 +9,10 @@ use serde::Serialize;
 use volcomp_calibrate::{CalibrationFile, not_observed};
 use volcomp_document::Document as Toml;
 use volcomp_identify::Observations;
-use volcomp_kinematics::State as Pose;
-use volcomp_model::{ErrorField, Machine, Temperatures, volumetric};
+use volcomp_model::Machine;
 use volcomp_report::{
-    Check, Diagonals, Edition, OfState, Report, Size, State, Stated, Tolerance, Verdict as Outcome,
-    body_diagonals, checks, html, refuse_two_units, tolerances, tools, uncertainty, volume,
+    Check, Edition, Report, Size, Stated, Tolerance, Verdict as Outcome, checks, html,
+    refuse_two_units, tolerances, uncertainty,
 };
 use volcomp_vocabulary::{AxisName, bounds::PLAUSIBLE_DEGC};
 
@@ -27,9 +26,7 @@ use super::{
     uncertainty::{Measured, UncertaintyArguments},
 };
 use crate::{
-    compensation::{Compensation, CompensationArguments, ErrorAt, errors, refuse_other_geometry},
-    failure::Failure,
-    output::OutputFile,
+    compensation::refuse_other_geometry, failure::Failure, output::OutputFile,
     points::OthersArguments,
 };
 
@@ -343,108 +340,15 @@ fn working_space(
     machine: &Machine,
     others: &[(AxisName, f64)],
 ) -> Result<Option<String>, Failure> {
-    let none = Temperatures::new();
-    let before = match &arguments.before {
-        Some(path) => {
-            let mut before = Machine::read(path)?;
-            refuse_other_geometry(path, &before, machine, &arguments.source.display())?;
-            before.use_tool_of(machine)?;
-            Some(before)
-        }
-        None => None,
+    let read = |path: &PathBuf| {
+        let found = Machine::read(path)?;
+        refuse_other_geometry(path, &found, machine, &arguments.source.display())?;
+        Ok::<_, Failure>(found)
     };
-    if let Some(path) = &arguments.truth {
-        // Check the geometry before the file is used as the truth, so that the message names the source file of this
-        // report.
-        refuse_other_geometry(path, &Machine::read(path)?, machine, &arguments.source.display())?;
-    }
-    let corrects = CompensationArguments {
-        compensated: arguments.truth.is_some(),
-        truth: arguments.truth.clone(),
-        resolution: None,
-    };
-    let truth = Compensation::new(&corrects, machine, &none)?;
-    // Each state with the machine whose errors it has. In the state `TruthCorrected` the correction of the source file
-    // is active.
-    let found = (State::Found, machine);
-    let corrected = (State::TruthCorrected, truth.actual());
-    let (first, second) = match (&before, &arguments.truth) {
-        (Some(before), Some(_)) => ((State::GivenBefore, before), Some(corrected)),
-        (Some(before), None) => ((State::GivenBefore, before), Some(found)),
-        (None, Some(_)) => ((State::Truth, truth.actual()), Some(corrected)),
-        (None, None) => (found, None),
-    };
-    let along = |(state, actual): (State, &Machine)| {
-        let command = |pose: &Pose| match state {
-            State::TruthCorrected => truth.command(pose),
-            _ => *pose,
-        };
-        let found = body_diagonals(machine, actual, others, command)?;
-        Ok::<_, Failure>(found.map(|found| OfState { state, found }))
-    };
-    report.diagonals = match along(first)? {
-        Some(before) => Some(Diagonals { before, after: second.map(along).transpose()?.flatten() }),
-        None => None,
-    };
-    let tools = tools(machine)?;
-    let mut cases = Vec::new();
-    for (name, with_tool) in &tools {
-        let truth = Compensation::new(&corrects, with_tool, &none)?;
-        let mut before = before.clone();
-        if let Some(before) = &mut before {
-            before.use_tool_of(with_tool)?;
-        }
-        cases.push((*name, with_tool, truth, before));
-    }
-    let errors_of = |state: State| {
-        let errors = cases.iter().map(|case| errors_of(case, state, &none));
-        errors.collect::<Vec<_>>()
-    };
-    let (errors_before, errors_after) =
-        (errors_of(first.0), second.map_or_else(Vec::new, |(state, _)| errors_of(state)));
-    let fields_before = fields(&cases, &errors_before);
-    let fields_after = fields(&cases, &errors_after);
-    let judged = second.unwrap_or(first).1;
-    let second = match second {
-        Some((state, _)) => Some((state, &fields_after[..], volumetric(&fields_after)?)),
-        None => None,
-    };
-    let judged = [machine, judged];
-    let first = (first.0, &fields_before[..], volumetric(&fields_before)?);
-    report.volume = volume(judged, others, first, second)?;
-    let machines = [Some(machine), before.as_ref(), Some(truth.actual())];
-    let reference_degc = machine.thermal().reference_degc;
-    Ok(report.leave_out_temperatures(reference_degc, machines.into_iter().flatten()))
-}
-
-/// The name of a tool, the machine with this tool, the correction of that machine on the truth, and the machine before
-/// calibration.
-type Case<'a> = (&'a str, &'a Machine, Compensation<'a>, Option<Machine>);
-
-/// Error of the machine of a case in this state, as a function of the pose.
-fn errors_of<'a>(
-    (_, with_tool, truth, before): &'a Case<'a>,
-    state: State,
-    temperatures: &Temperatures,
-) -> ErrorAt<'a> {
-    let actual = match state {
-        State::TruthCorrected => return Box::new(|pose| truth.residual(pose)),
-        State::Truth => truth.actual(),
-        State::GivenBefore => before.as_ref().unwrap_or(with_tool),
-        State::Found => with_tool,
-    };
-    errors(actual, temperatures)
-}
-
-fn fields<'a>(cases: &'a [Case<'a>], errors: &'a [ErrorAt<'a>]) -> Vec<ErrorField<'a>> {
-    let all = cases.iter().zip(errors);
-    all.map(|((tool, machine, truth, before), errors)| ErrorField {
-        tool,
-        machine,
-        curves: [*machine, truth.actual()].into_iter().chain(before).collect(),
-        errors,
-    })
-    .collect()
+    let before = arguments.before.as_ref().map(read).transpose()?;
+    let truth = arguments.truth.as_ref().map(read).transpose()?;
+    let (before, truth) = (before.as_ref(), truth.as_ref());
+    Ok(report.add_working_space(machine, before, truth, others, &|| false)?)
 }
 
 /// Adds the uncertainty of the position error, from Monte Carlo samples.

@@ -107,6 +107,11 @@ fn broken_files_are_named_with_their_line_unbroken() {
         let path = written(folder.path(), name, bytes);
         refuses(&["iso230", &path], name);
     }
+    let path = written(folder.path(), "circle.csv", b"");
+    let file = fs::File::create(&path).expect("writable");
+    file.set_len(1 << 40).expect("a sparse file");
+    let call = ["iso230", &path, "--part", "4", "--radius-mm", "150"];
+    refuses(&call, "circle.csv: cannot be read: found more than 256 MiB");
 }
 
 #[test]

@@ -7,7 +7,10 @@ use volcomp_metrology::{MotionKind, ReferenceLine};
 use volcomp_model::{Machine, ModelError};
 use volcomp_vocabulary::{Component, Direction, ErrorName};
 
-use crate::{abbe::Lever, profile::Profile};
+use crate::{
+    abbe::Lever,
+    profile::{Points, Profile},
+};
 
 const TIMES_NOISE: f64 = 3.0;
 /// Differences up to this value are insignificant for any machine tool, µm or µrad.
@@ -20,6 +23,8 @@ pub(crate) struct Tilts<'a> {
     /// Standard deviation of each tilt at a target, µrad. Tilts without a value are treated as
     /// exact.
     pub(crate) noise_urad: &'a BTreeMap<ErrorName, f64>,
+    /// See `Angular::found_from`.
+    pub(crate) found_from: &'a BTreeMap<ErrorName, [Points; 2]>,
 }
 
 /// Notes on the lines of an error that disagree beyond their noise, after the contributions of tilts and locations are removed. `tilts` is `None` if

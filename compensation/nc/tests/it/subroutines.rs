@@ -77,6 +77,15 @@ fn files_of_numbered_programs() {
 }
 
 #[test]
+fn a_file_of_a_terabyte_is_not_read_to_its_end() {
+    let files = folder("long", &[("a.ngc", "")]);
+    let file = fs::File::create(files.join("a.ngc")).expect("writable");
+    file.set_len(1 << 40).expect("a sparse file");
+    let error = compensated(SCALE, "o<a> call\n", vec![files]).expect_err("too long").to_string();
+    assert!(error.contains("a.ngc: line 1: the files of subroutines are longer than"), "{error}");
+}
+
+#[test]
 fn errors_name_the_file_and_line() {
     let files = |text: &str| folder("wrong", &[("a.ngc", text), ("O0007", text)]);
     let cases = [

@@ -1,5 +1,7 @@
 //! Header, verdict, warnings, and the list of files at the end.
 
+use std::borrow::Cow;
+
 use volcomp_metrology::Verdict;
 
 use super::write::{Cell, Page};
@@ -125,7 +127,7 @@ fn summary(page: &mut Page, report: &Report) {
 }
 
 /// CSS class, sign and sentence of the verdict on all tolerances.
-fn verdict_words(report: &Report) -> (&'static str, &'static str, String) {
+fn verdict_words(report: &Report) -> (&'static str, &'static str, Cow<'static, str>) {
     let whole = Verdict::of_all(report.checks.iter().map(|check| check.outcome));
     let (class, sign, sentence) = match whole {
         _ if report.checks.is_empty() => ("open", "–", "No tolerance stated."),
@@ -134,10 +136,10 @@ fn verdict_words(report: &Report) -> (&'static str, &'static str, String) {
         Verdict::Undecided => ("open", "?", "Not every stated tolerance is decided."),
         Verdict::Pass => {
             let met = report.all_met().replacen('a', "A", 1) + ".";
-            return ("pass", "✓", met);
+            return ("pass", "✓", met.into());
         }
     };
-    (class, sign, sentence.to_owned())
+    (class, sign, sentence.into())
 }
 
 /// Formats a coordinate with at most three decimals, without trailing zeros.
@@ -201,7 +203,7 @@ pub(super) fn verdict(page: &mut Page, report: &Report) {
             }),
             Cell::Number(check.value, 2),
             match (check.value, check.uncertainty) {
-                (Some(_), None) => Cell::text(check.without_uncertainty()),
+                (Some(_), None) => Cell::text(&check.without_uncertainty),
                 (_, u) => Cell::Number(u, 2),
             },
             Cell::number(check.limit, 2),

@@ -305,6 +305,46 @@ fn an_uncertainty_without_the_scatter_of_a_file_passes_nothing() {
     assert_eq!(found(1, stated).0, Verdict::Pass);
 }
 
+/// Only the uncertainty of a machine found from readings can be evaluated by --trials, and only once.
+#[test]
+fn a_figure_without_uncertainty_states_the_reason() {
+    let limits = tolerances("V=1000,EYX=1000").expect("two");
+    let shop = Shop::new();
+    let none = |_: &volcomp_kinematics::State| [0.0; 6];
+    let drawn = Drawn { trials: 100, seed: 1, rms_um: 0.0, max_um: 0.0, at: Vec::new() };
+    let reasons = |mut report: Report, is_corrected, drawn| {
+        let (_, calibration) = shop.calibrated();
+        let machine = &calibration.machine;
+        let fields = [field(machine, &none)];
+        let of = |state| (state, &fields[..], error_of(machine, &none));
+        report.volume = if is_corrected {
+            volume([machine; 2], &[], of(State::Truth), Some(of(State::TruthCorrected)))
+        } else {
+            volume([machine; 2], &[], of(State::Found), None)
+        }
+        .expect("three axes");
+        report.uncertainty.get_or_insert_default().drawn = drawn;
+        let found = checks(&report, &limits);
+        found.into_iter().map(|check| check.to_string()).collect::<Vec<_>>()
+    };
+    let missing = "(uncertainty not evaluated: --trials)";
+    let zero = "(no uncertainty given)";
+    let corrected = "(the uncertainty of what a correction leaves is not evaluated)";
+    for (report, is_corrected, drawn, reason) in [
+        (shop.report(), false, None, missing),
+        (shop.report(), false, Some(drawn.clone()), zero),
+        (shop.report(), true, None, corrected),
+        (shop.report(), true, Some(drawn), corrected),
+        (stated("[errors]\nEXX = { poly = [0.0, 0.02] }\n"), false, None, zero),
+    ] {
+        let [of_volume, of_straightness] = &reasons(report, is_corrected, drawn)[..] else {
+            panic!("two checks")
+        };
+        assert!(of_volume.ends_with(reason), "{of_volume}, expected {reason}");
+        assert!(!of_straightness.contains("--trials"), "{of_straightness}");
+    }
+}
+
 /// An error whose value requires another unknown to be zero is undetermined unless that unknown is known to be zero.
 #[test]
 fn an_unknown_that_holds_if_another_is_zero_is_open_where_that_is() {

@@ -13,7 +13,7 @@ use super::{
     format::Format,
     options::{Facts, Written, one_line},
     sampled::{TableOptions, sampled},
-    table::{AxisTable, Content},
+    table::{AxisTable, Content, interpolated},
     text::{ExchangeError, TextFile, short},
 };
 
@@ -135,7 +135,8 @@ pub fn linear_settings(
     if let Content::Axes(tables) = sampled(machine, temperatures, options, Format::Csv)? {
         for table in &tables {
             if let (Some(row), Some(column)) = (place(table.output), place(table.input)) {
-                corrected[row][column] -= slope(table);
+                let axis = machine.axes().iter().find(|axis| axis.name == table.input);
+                corrected[row][column] -= axis.map_or(0.0, |axis| slope(table, axis.travel));
             }
         }
     }
@@ -149,13 +150,17 @@ pub fn linear_settings(
     })
 }
 
-/// Slope of the least-squares line through the mean deviations, mm/mm.
-fn slope(table: &AxisTable) -> f64 {
-    let values = table.mean();
+/// Slope of the least-squares line through the mean deviations within the travel, mm/mm. A node beyond the travel is replaced by the end of travel,
+/// because its value is extrapolated and may be far off the line.
+fn slope(table: &AxisTable, [low, high]: [f64; 2]) -> f64 {
+    let nodes = table.mean();
+    let positions: Vec<f64> = table.positions.iter().map(|at| at.clamp(low, high)).collect();
+    let each = positions.iter();
+    let values: Vec<f64> = each.map(|at| interpolated(&table.positions, &nodes, *at)).collect();
     let count = values.len().max(1) as f64;
     let mean = |of: &[f64]| of.iter().sum::<f64>() / count;
-    let (at, value) = (mean(&table.positions), mean(&values));
-    let pairs = table.positions.iter().zip(&values);
+    let (at, value) = (mean(&positions), mean(&values));
+    let pairs = positions.iter().zip(&values);
     let (over, under) = pairs.fold((0.0, 0.0), |(over, under), (x, y)| {
         (over + (x - at) * (y - value), under + (x - at) * (x - at))
     });

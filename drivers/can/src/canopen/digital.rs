@@ -15,7 +15,10 @@ pub struct CanopenDigital<P> {
     inputs: u32,
     outputs: u32,
     levels: Option<InputLevels>,
+    /// Output levels in the last frame that the bus accepted; `None` before the first, and if the node has not run continuously since.
     sent: Option<u64>,
+    /// Whether `sent` was lost, which no failed write has reported yet.
+    has_lost_outputs: bool,
 }
 
 impl<P: CanPort> CanopenDigital<P> {
@@ -45,6 +48,7 @@ impl<P: CanPort> CanopenDigital<P> {
             outputs,
             levels: None,
             sent: None,
+            has_lost_outputs: false,
         })
     }
 }
@@ -72,7 +76,8 @@ impl<P: CanPort> DigitalIo for CanopenDigital<P> {
     fn read(&mut self, _deadline: Instant) -> Result<InputLevels, Fault> {
         let (own, inputs, levels) = (self.node, self.inputs, &mut self.levels);
         self.nodes.listen(&mut self.port, |node, number, frame, taken| {
-            if (node, number) == (own, 1) {
+            // A frame without some of the lines is not taken: they would be read as off.
+            if (node, number) == (own, 1) && 8 * frame.data().len() >= inputs as usize {
                 let mut bytes = [0; 8];
                 for (byte, received) in bytes.iter_mut().zip(frame.data()) {
                     *byte = *received;
@@ -81,14 +86,27 @@ impl<P: CanPort> DigitalIo for CanopenDigital<P> {
                 *levels = Some(InputLevels { levels: u64::from_le_bytes(bytes) & lines, taken });
             }
         })?;
-        match (self.levels, self.nodes.failure(self.node)) {
+        let failure = self.nodes.failure(self.node);
+        if self.nodes.take_interruption(self.node) || failure.is_some() {
+            // A node switches its outputs off or to its error values when it reboots, stops, fails or loses the bus.
+            self.has_lost_outputs |= self.sent.take().is_some();
+        }
+        match (self.levels, failure) {
             (Some(found), None) => Ok(found),
             (_, Some(Reason::NoAnswer)) | (None, _) => Err(Fault::NotConnected),
             (_, Some(_)) => Err(Fault::Protocol("the node reports an error or does not run")),
         }
     }
 
+    /// Sends the levels. The first write after the node has lost its outputs fails, so that the caller does not continue from the lost levels.
     fn write(&mut self, levels: u64, deadline: Instant) -> Result<(), Fault> {
+        let has_lost_outputs = std::mem::take(&mut self.has_lost_outputs);
+        if self.nodes.failure(self.node).is_some() {
+            return Err(Fault::NotConnected);
+        }
+        if has_lost_outputs {
+            return Err(Fault::Disconnected);
+        }
         let frame = outputs_frame(self.node, levels, self.outputs);
         let frame = frame.ok_or(Fault::Unsupported("this number of lines"))?;
         if Instant::now() >= deadline {
@@ -99,7 +117,7 @@ impl<P: CanPort> DigitalIo for CanopenDigital<P> {
         Ok(())
     }
 
-    /// Last output levels that the bus accepted. Nodes do not acknowledge process data.
+    /// Levels that the bus accepted; nodes do not acknowledge process data. `None` once the node has not run since.
     fn confirmed(&self) -> Option<u64> {
         self.sent
     }

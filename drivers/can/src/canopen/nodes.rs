@@ -16,6 +16,8 @@ struct MonitoredNode {
     last_heartbeat: Instant,
     emergency: u16,
     started: Option<Instant>,
+    /// Whether the node reported a state other than operational since [`Nodes::take_interruption`].
+    was_interrupted: bool,
 }
 
 /// Monitored nodes. A node that is not operational is started. A node whose heartbeat is too old counts as not
@@ -34,6 +36,7 @@ impl Nodes {
             last_heartbeat: Instant::now(),
             emergency: 0,
             started: None,
+            was_interrupted: false,
         };
         Self { monitored: nodes.map(|node| (node, monitored)).collect(), silent_after }
     }
@@ -80,6 +83,7 @@ impl Nodes {
         };
         match telegram {
             Telegram::Heartbeat { state, .. } => {
+                monitored.was_interrupted |= state != NodeState::Operational;
                 monitored.state = Some(state);
                 monitored.last_heartbeat = taken;
             }
@@ -103,7 +107,13 @@ impl Nodes {
         nmt(NmtCommand::Start, *node)
     }
 
-    /// Reason why the data of a node must not be used; `None` if the data are valid.
+    /// Whether a node reported a state other than operational since the last call, even if it runs again: it may have rebooted.
+    pub(super) fn take_interruption(&mut self, node: u8) -> bool {
+        let monitored = self.monitored.get_mut(&node);
+        monitored.is_some_and(|monitored| std::mem::take(&mut monitored.was_interrupted))
+    }
+
+    /// Reason why the data of a node must not be used; `None` if they may be used.
     pub(super) fn failure(&self, node: u8) -> Option<Reason> {
         let monitored = self.monitored.get(&node)?;
         if monitored.last_heartbeat.elapsed() > self.silent_after || monitored.state.is_none() {

@@ -220,6 +220,27 @@ fn temperatures_are_decoded_with_their_faults() {
     assert_eq!(thermometer.latest()[0].quality, Quality::Bad(Reason::NoAnswer));
 }
 
+/// The lowest and the highest number of a signed signal are faults; 0 and −1 are temperatures.
+#[test]
+fn signed_temperatures_are_decoded_with_their_faults() {
+    let text =
+        "VERSION \"\"\nBU_: A\nBO_ 1 T: 2 A\n SG_ BED_TEMP : 0|12@1- (0.05,0) [0|0] \"degC\" A\n";
+    let bus = Bus::default();
+    let table = SignalTable::parse(text).unwrap();
+    let mut thermometer = CanThermometer::new(bus.clone(), &table, &[]).unwrap();
+    for (raw, expected) in [
+        (0_u16, Quality::Good),
+        (0xfff, Quality::Good),
+        (0x7fe, Quality::Good),
+        (0x7ff, Quality::Bad(Reason::Open)),
+        (0x801, Quality::Good),
+        (0x800, Quality::Bad(Reason::Short)),
+    ] {
+        bus.deliver(Frame::new(1, false, false, &raw.to_le_bytes()).unwrap());
+        assert_eq!(thermometer.latest()[0].quality, expected, "{raw:#x}");
+    }
+}
+
 #[test]
 fn names_select_temperatures() {
     let bus = Bus::default();
@@ -314,6 +335,28 @@ fn values_keep_their_arrival_times() {
     deliver(frame_of(&table, "POSITION_XY", &[("X_POS", 6.0)], 2), 240);
     let snapshot = controller.read(deadline).unwrap();
     assert_eq!((snapshot.taken, snapshot.correction_taken), (at(240), at(5)));
+}
+
+/// Counters of up to 64 bits: frames are new across the end of the counter, and gaps are counted.
+#[test]
+fn wide_counters_wrap() {
+    for bits in [4_u32, 8, 16, 60, 61, 63, 64] {
+        let last = u64::MAX >> (64 - bits);
+        let dbc = format!(
+            "VERSION \"\"\nBU_: A\nBO_ 256 M: 12 A\n SG_ X_POS : 64|32@1- (0.001,0) [0|0] \"mm\" A\n SG_ M_CNT : 0|{bits}@1+ (1,0) [0|0] \"\" A\n"
+        );
+        let bus = Bus::default();
+        let reads = vec![AxisName::X];
+        let config = BridgeConfig { reads, ..crate::config(&dbc, &[]) };
+        let mut controller = CanController::new(bus.clone(), &config).unwrap();
+        for (x, counter) in [(1.0, last - 1), (2.0, last), (3.0, 0), (4.0, 3)] {
+            bus.deliver(frame_of(&config.table, "M", &[("X_POS", x)], counter));
+            let found = controller.read(soon()).unwrap().positions[0];
+            assert!((found - x).abs() < 1e-9, "{bits} bits: {found} at {counter}");
+        }
+        let health = controller.health();
+        assert_eq!((health.lost, health.repeated), (2, 0), "{bits} bits");
+    }
 }
 
 #[test]

@@ -172,6 +172,8 @@ fn lines_of_a_node() {
     let came = Instant::now();
     let found = port.read(soon()).unwrap();
     assert_eq!(found.levels, 0x7f34, "fifteen lines");
+    bus.deliver(frame(0x189, &[0x35]));
+    assert_eq!(port.read(soon()), Ok(found), "a frame with eight of them");
     assert!(found.taken <= came, "the time of the frame, not of the call");
     assert_eq!(port.confirmed(), None);
     port.write(0x1a5, soon()).unwrap();
@@ -200,4 +202,46 @@ fn lines_of_a_node() {
     }
     let refused = CanopenDigital::new(Bus::default(), 0, 8, 8, quick);
     assert!(refused.err().unwrap().to_string().contains("found node 0"));
+}
+
+/// A node that reboots, stops or fails loses its outputs, also if it runs again before the next reading. They are no longer confirmed, and the next
+/// write is not sent but fails.
+#[test]
+fn a_node_that_did_not_run_has_lost_its_outputs() {
+    let heartbeat = |state| frame(0x709, &[state]);
+    let emergency = |code: u8| frame(0x089, &[code, 0, 0, 0, 0, 0, 0, 0]);
+    let (boot_up, stopped, running, pre_operational) = (0, 4, 5, 0x7f);
+    let runs = heartbeat(running);
+    for (case, frames, fault) in [
+        ("reboot", vec![heartbeat(boot_up)], Fault::NotConnected),
+        ("quick reboot", vec![heartbeat(boot_up), runs], Fault::Disconnected),
+        ("pre-operational", vec![heartbeat(pre_operational)], Fault::NotConnected),
+        ("quick start", vec![heartbeat(pre_operational), runs], Fault::Disconnected),
+        ("stopped", vec![heartbeat(stopped)], Fault::NotConnected),
+        ("emergency", vec![emergency(0x10)], Fault::NotConnected),
+    ] {
+        let bus = Bus::default();
+        let mut port = CanopenDigital::new(bus.clone(), 9, 15, 8, Duration::from_secs(60)).unwrap();
+        bus.deliver(runs);
+        bus.deliver(frame(0x189, &[0x34, 0]));
+        port.read(soon()).unwrap();
+        port.write(0xa5, soon()).unwrap();
+        port.read(soon()).unwrap();
+        assert_eq!(port.confirmed(), Some(0xa5), "{case}");
+        for frame in frames {
+            bus.deliver(frame);
+        }
+        assert_eq!(port.read(soon()).is_ok(), fault == Fault::Disconnected, "{case}");
+        assert_eq!(port.confirmed(), None, "{case}");
+        bus.sent();
+        assert_eq!(port.write(0xa6, soon()), Err(fault), "{case}");
+        bus.deliver(emergency(0));
+        bus.deliver(runs);
+        port.read(soon()).unwrap();
+        let sent = bus.sent();
+        assert!(sent.iter().all(|frame| frame.id != 0x209), "{case}: {sent:?}");
+        assert_eq!(port.confirmed(), None, "{case}");
+        port.write(0, soon()).unwrap();
+        assert_eq!(port.confirmed(), Some(0), "{case}");
+    }
 }

@@ -81,6 +81,19 @@ fn invalid_files_are_rejected() {
     );
     let twice = "BO_ 1 M: 8 A\n SG_ S : 0|8@1+ (1,0) [0|0] \"\" A\n\nBO_ 1 N: 8 A\n SG_ T : 0|8@1+ (1,0) [0|0] \"\" A";
     assert!(message(twice).contains("DBC:6: N: found the identifier or name of M"));
+    // A second position or state of one name, in the same message or another.
+    for (one, other) in [("X_POS : 0|8@1+", "\"mm\""), ("ALARM : 0|8@1+", "\"\"")] {
+        let first = format!("BO_ 1 M: 8 A\n SG_ {one} (1,0) [0|0] {other} A");
+        let second = first.replace("0|8", "8|8").replace("BO_ 1 M", "BO_ 2 N");
+        let (_, same) = second.split_once('\n').unwrap();
+        for (text, expected) in
+            [(format!("{first}\n\n{second}"), "DBC:7: N."), (format!("{first}\n{same}"), "M.")]
+        {
+            let found = message(&text);
+            let words = "found the name of a signal of M, expected a unique one";
+            assert!(found.contains(expected) && found.contains(words), "{found}");
+        }
+    }
     assert!(message("BO_ nonsense").starts_with("DBC: "));
 }
 
@@ -118,6 +131,10 @@ fn values_saturate_at_their_bits() {
         assert_eq!(signal.value(&data), found);
     }
     assert_eq!(data[2..], [0xff; 6], "the other bits are unchanged");
+    let mut shifted = signal.clone();
+    shifted.offset = -2048.0;
+    assert!(!shifted.put(&mut data, f64::NAN));
+    assert_eq!(shifted.value(&data), -1.0, "the value nearest to 0");
 }
 
 proptest! {
@@ -267,6 +284,13 @@ fn signals_must_not_share_bits() {
     assert!(text.contains("bits shared with Y_CORR, expected separate bits"), "{text}");
     let text = refused("CORRECTION_CNT : 48|4", "CORRECTION_CNT : 0|4");
     assert!(text.contains("bits shared with CORRECTION_CNT"), "{text}");
+}
+
+/// Counters of fewer than 16 steps are rejected: a new frame would count as one out of order.
+#[test]
+fn a_counter_needs_four_bits() {
+    let text = refused("STATE_CNT : 48|4", "STATE_CNT : 48|3");
+    assert!(text.contains("STATE.STATE_CNT: found 3 bits, expected at least 4"), "{text}");
 }
 
 /// Floating-point signals are rejected: 300.0 mm would be decoded as 1133903872 mm.

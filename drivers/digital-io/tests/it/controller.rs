@@ -298,6 +298,44 @@ fn a_word_from_before_a_pause_is_not_latched() {
     }
 }
 
+/// A module that confirms writes later than the next one, or reports one as failed that it still executes: only the word that was sent last is
+/// latched, so that none is on its way when the latch toggles.
+#[test]
+fn no_other_word_is_sent_until_one_is_confirmed() {
+    let axis = DigitalAxis::published(AxisName::X);
+    for fails in [false, true] {
+        let state = Arc::new(Mutex::new((Vec::new(), 0_u64)));
+        let (written, confirmed) = (Arc::clone(&state), Arc::clone(&state));
+        let mut port = MockDigitalIo::new();
+        port.expect_device().return_const("lines".to_owned());
+        port.expect_inputs().return_const(15_u32);
+        port.expect_outputs().return_const(9_u32);
+        port.expect_shortest_cycle().return_const(Duration::ZERO);
+        port.expect_reports_outputs().return_const(true);
+        port.expect_confirmed().returning(move || Some(confirmed.lock().unwrap().1));
+        port.expect_write().returning(move |levels, _| {
+            written.lock().unwrap().0.push(levels);
+            if fails { Err(Fault::TimedOut) } else { Ok(()) }
+        });
+        let wiring = Wiring { latch: Some(8), ..Wiring::published() };
+        let coherence = Coherence::Latched;
+        let mut controller =
+            DigitalController::new(port, "lines", wiring, coherence, vec![axis]).unwrap();
+        let deadline = Instant::now() + Duration::from_secs(60);
+        let mut apply = |um: f64| {
+            let _ = controller.apply(&PerChannel::leading([um * 1e-3]), deadline);
+        };
+        for um in [5.0, 6.0, 5.0] {
+            apply(um);
+        }
+        state.lock().unwrap().1 = 5;
+        apply(6.0);
+        state.lock().unwrap().1 = 0x105;
+        apply(6.0);
+        assert_eq!(state.lock().unwrap().0, [5, 5, 5, 0x105, 0x106], "{fails}");
+    }
+}
+
 #[test]
 fn a_failed_write_does_not_count_as_sent() {
     let axis = DigitalAxis::published(AxisName::X);
@@ -321,13 +359,18 @@ fn a_failed_write_does_not_count_as_sent() {
     assert!((controller.sent()[0].unwrap() - 0.040).abs() < 1e-12);
 }
 
-/// Nothing is written while the levels of unused output lines are unknown, because a write would switch those lines
-/// off. Exception: the device cannot report levels.
+/// Nothing is written while the levels of unused lines are unknown, because these would be switched off, unless the device cannot report
+/// levels. Nothing is written while the level of the latch is unknown, because it could toggle together with the word.
 #[test]
-fn nothing_is_written_while_other_outputs_are_unknown() {
+fn nothing_is_written_while_other_outputs_or_the_latch_are_unknown() {
     let axis = DigitalAxis::published(AxisName::X);
-    for (outputs, reports, is_written) in [(9_u32, true, false), (9, false, true), (8, true, true)]
-    {
+    for (outputs, latch, reports, is_written) in [
+        (9_u32, None, true, false),
+        (9, None, false, true),
+        (8, None, true, true),
+        (9, Some(8), true, false),
+        (9, Some(8), false, false),
+    ] {
         let writes = Arc::new(Mutex::new(0));
         let written = Arc::clone(&writes);
         let mut port = MockDigitalIo::new();
@@ -341,11 +384,11 @@ fn nothing_is_written_while_other_outputs_are_unknown() {
             *written.lock().unwrap() += 1;
             Ok(())
         });
-        let wiring = Wiring::published();
+        let wiring = Wiring { latch, ..Wiring::published() };
         let coherence = Coherence::Latched;
         let controller = DigitalController::new(port, "lines", wiring, coherence, vec![axis]);
         let applied = controller.unwrap().apply(&PerChannel::ZERO, soon());
-        assert_eq!(applied.is_ok(), is_written, "{outputs} {reports}: {applied:?}");
+        assert_eq!(applied.is_ok(), is_written, "{outputs} {latch:?} {reports}: {applied:?}");
         assert_eq!(*writes.lock().unwrap(), u32::from(is_written));
     }
 }

@@ -7,8 +7,8 @@ use std::{
 
 use volcomp_digital_io::{Coherence, DigitalAxis, DigitalController, Panel, Wiring};
 use volcomp_guard::{
-    AxisLimits, CorrectionReport, Guard, Inputs, Limits, Output, ReadBack, Reading, Request,
-    RequestedCorrection, State,
+    AxisLimits, CorrectionReport, Guard, Inputs, Limits, Output, ReadBack, Reading, Reasons,
+    Request, RequestedCorrection, State,
 };
 use volcomp_port::Controller;
 use volcomp_vocabulary::{AxisKind, AxisName, MAX_AXES, PerChannel};
@@ -184,5 +184,26 @@ fn lines_that_were_off_for_a_moment_do_not_step() {
         let (_, applied, largest) = *control.lock().unwrap();
         assert_eq!(applied, 25, "{lost_in}");
         assert!((1..=2).contains(&largest), "{largest} µm in one step, lost in {lost_in}");
+    }
+}
+
+/// The most negative word encodes no correction, so the correction on the lines is unknown: the guard does not arm over it and writes nothing over
+/// it.
+#[test]
+fn a_word_that_is_no_correction_is_not_overwritten() {
+    for left_in in [0, 150] {
+        let mut rig = Rig::new(Wiring::published(), &[AxisName::X]);
+        let mut last = None;
+        for cycle in 0..400 {
+            if cycle == left_in {
+                rig.panel.left_at(0x80);
+            }
+            last = rig.cycle((cycle == 30).then_some(Request::Arm));
+        }
+        let out = last.unwrap();
+        assert_eq!(rig.panel.levels(), 0x80, "{left_in}");
+        assert!(out.reasons.contains(Reasons::UNCONFIRMED), "{left_in}: {:?}", out.reasons);
+        assert_eq!(out.state == State::Disarmed, left_in == 0, "{left_in}: {:?}", out.state);
+        assert_ne!(out.state, State::Compensating, "{left_in}");
     }
 }

@@ -163,4 +163,9 @@ fn line_sets_are_parsed() {
         let message = LineSet::parse(wrong).unwrap_err().to_string();
         assert!(message.contains(&format!("found `{wrong}`")), "{message}");
     }
+    for (twice, line) in [("panel:0,0,1", 0), ("panel:0-7,7-14", 7)] {
+        let message = LineSet::parse(twice).unwrap_err().to_string();
+        let expected = format!("found line {line} twice in `{twice}`");
+        assert!(message.contains(&expected), "{message}");
+    }
 }

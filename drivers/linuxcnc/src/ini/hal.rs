@@ -7,6 +7,8 @@ use std::{
     path::{Path, PathBuf},
 };
 
+use volcomp_document::read_bytes;
+
 use super::{Ini, Problem, below, is_bridge};
 
 /// Directory in which LinuxCNC searches for HAL files that are not next to the INI file.
@@ -26,7 +28,7 @@ fn path_of(folder: &Path, value: &str) -> PathBuf {
 }
 
 fn read(folder: &Path, value: &str) -> io::Result<String> {
-    let bytes = std::fs::read(path_of(folder, value))?;
+    let bytes = read_bytes(&path_of(folder, value))?;
     Ok(String::from_utf8_lossy(&bytes).into_owned())
 }
 

@@ -12,7 +12,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use volcomp_document::PrivateError;
+use volcomp_document::{PrivateError, read_bytes};
 use volcomp_vocabulary::AxisKind;
 
 use crate::{Key, KeyError, LinuxCncConfig, PORT};
@@ -59,6 +59,9 @@ const KEYS: [&str; 15] = [
 ];
 
 const MAX_JOINTS: f64 = 16.0;
+
+/// Axes of the joints of `trivkins`, in order, if `[KINS]KINEMATICS` does not state them.
+const COORDINATES: &str = "XYZABCUVW";
 
 /// Units that the bridge accepts. Each entry has the key, the accepted words, case-insensitive, and these words for
 /// messages. LinuxCNC also accepts numbers, and text after a number. The bridge rejects both, and so does this check.
@@ -108,7 +111,7 @@ impl Ini {
     pub fn read(file: &Path) -> std::io::Result<Self> {
         let folder = file.parent().unwrap_or(Path::new(""));
         let (mut text, mut unread) = (String::new(), Vec::new());
-        for line in String::from_utf8_lossy(&std::fs::read(file)?).lines() {
+        for line in String::from_utf8_lossy(&read_bytes(file)?).lines() {
             let words = line.trim().split_once(char::is_whitespace);
             let Some(("#INCLUDE", named)) = words else {
                 text += line;
@@ -116,7 +119,7 @@ impl Ini {
                 continue;
             };
             let named = named.trim();
-            match std::fs::read(below(folder, named)) {
+            match read_bytes(&below(folder, named)) {
                 Ok(bytes) => {
                     text += &String::from_utf8_lossy(&bytes);
                     text.push('\n');
@@ -157,6 +160,7 @@ impl Ini {
         self.reads(expected, &mut problems);
         self.shares(expected, &mut problems);
         self.joints(&mut problems);
+        self.joint_limits(expected, &mut problems);
         self.control(expected, &mut problems);
         problems
     }
@@ -255,6 +259,34 @@ impl Ini {
                 problems.push(Problem::CompFile { joint, found });
             } else if key == "BACKLASH" && value.parse() != Ok(0.0) {
                 problems.push(Problem::Backlash { joint, found });
+            }
+        }
+    }
+
+    /// Checks that no joint of a corrected axis can stand beyond the soft limits of its axis.
+    fn joint_limits(&self, expected: &Expected<'_>, problems: &mut Vec<Problem>) {
+        let kinematics = self.get("KINS", "KINEMATICS").unwrap_or_default();
+        let mut words = kinematics.split_whitespace();
+        let stated = words.find_map(|word| word.strip_prefix("coordinates="));
+        for (joint, letter) in stated.unwrap_or(COORDINATES).to_uppercase().chars().enumerate() {
+            let axis = expected.control.axes.iter().find(|axis| axis.letter() == letter);
+            let Some(&axis) = axis else {
+                continue;
+            };
+            for key in ["MIN_LIMIT", "MAX_LIMIT"] {
+                let Some(limit) = self.get(&format!("AXIS_{axis}"), key) else {
+                    continue;
+                };
+                let found = self.get(&format!("JOINT_{joint}"), key).unwrap_or("none");
+                let numbers = found.parse().ok().zip(limit.parse().ok());
+                let is_within = |(found, limit): (f64, f64)| match key {
+                    "MIN_LIMIT" => found >= limit,
+                    _ => found <= limit,
+                };
+                if !numbers.is_some_and(is_within) {
+                    let (found, limit) = (found.to_owned(), limit.to_owned());
+                    problems.push(Problem::JointLimit { joint, key, found, axis, limit });
+                }
             }
         }
     }

@@ -182,7 +182,24 @@ pub enum Problem {
         joint: String,
         found: String,
     },
-    /// A unit is missing, so LinuxCNC would use its default.
+    /// A soft limit of a joint lies beyond that of its axis: an axis that was jogged there in joint mode moves back in one cycle.
+    #[error(
+        "[JOINT_{joint}]{key}: found {found}, expected at {} {limit}, [AXIS_{axis}]{key}: where a joint stands beyond it, LinuxCNC takes an axis with an offset back in one cycle",
+        if *key == "MIN_LIMIT" { "least" } else { "most" }
+    )]
+    JointLimit {
+        /// Number of the joint, as in `[JOINT_0]`.
+        joint: usize,
+        /// `MIN_LIMIT` or `MAX_LIMIT`.
+        key: &'static str,
+        /// The limit of the joint in the INI file, or `none`.
+        found: String,
+        /// The axis that the joint moves.
+        axis: AxisName,
+        /// The limit of the axis in the INI file, mm or deg.
+        limit: String,
+    },
+    /// A unit is missing, so that LinuxCNC would use its default.
     #[error("[TRAJ]{key} is missing, expected {expected}: the bridge counts in this unit")]
     NoUnits {
         /// Key in the section `[TRAJ]`.

@@ -29,7 +29,7 @@ int main(int count, char **arguments) {
     fflush(stdout);
     enabled = estop_ok = user_ok = teleop_mode = homed(0) = 1;
     while (scanf("%d", &shall_hold) == 1) {
-        limited = shall_hold;
+        estop_ok = !shall_hold;
         /* Here scans take no time, and a disk does. */
         while ((uint16_t)(seen(&kept_epoch) - seen(&stored_epoch)) > EPOCHS_AHEAD / 2) usleep(100);
         /* The control goes by the counts of the scan before. */

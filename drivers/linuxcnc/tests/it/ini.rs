@@ -142,6 +142,15 @@ fn included_files_are_checked() {
     let found = problems_of(&includes.replace("y.inc", "x.inc")).join("\n");
     assert!(found.starts_with("#INCLUDE x.inc: "), "{found}");
     assert!(Ini::read(&dir.path().join("other.ini")).is_err());
+    let long = std::fs::File::create(dir.path().join("long.ini")).unwrap();
+    long.set_len(1 << 40).unwrap();
+    let long = |text: &str| problems_of(&text.replace("y.inc", "long.ini")).join("\n");
+    let told = "long.ini: found more than 256 MiB, expected at most that";
+    assert!(long(&includes).contains(told), "{}", long(&includes));
+    let display = mill().replace("[HAL]\n", "[HAL]\nPOSTGUI_HALFILE = y.inc\n");
+    assert!(long(&display).contains(told), "{}", long(&display));
+    let error = Ini::read(&dir.path().join("long.ini")).unwrap_err().to_string();
+    assert!(told.ends_with(&error), "{error}");
 }
 
 /// The HAL files of a display are loaded last. A connection to a pin of the bridge in such a file is reported with its

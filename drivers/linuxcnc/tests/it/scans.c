@@ -42,10 +42,10 @@ int main(void) {
             for (int i = 0; i < axis_count; i++) request(i) = eoffset(i) = at[i] * size * 1e-6;
             printf("0\n");
         } else {
-            /* on, cut at a limit, a mode in which offsets move, what the control does (1 clears, 2 does not move, 3 is 0.1 s late), ns, probing, touching, frames */
-            int on, cut, mode, does, length; long period; char *p = line;
-            sscanf(p, "scan %d %d %d %d %ld %d %d%n", &on, &cut, &mode, &does, &period, &motion_type, &probe_input, &length); p += length;
-            enabled = homed(0) = on; estop_ok = user_ok = 1; limited = cut; coord_mode = 0; teleop_mode = mode;
+            /* on, stopped, cut at a limit, a mode in which offsets move, what the control does (1 clears, 2 does not move, 3 is 0.1 s late), ns, probing, touching, frames */
+            int on, stopped, cut, mode, does, length; long period; char *p = line;
+            sscanf(p, "scan %d %d %d %d %d %ld %d %d%n", &on, &stopped, &cut, &mode, &does, &period, &motion_type, &probe_input, &length); p += length;
+            enabled = homed(0) = on; estop_ok = !stopped; user_ok = 1; limited = cut; coord_mode = 0; teleop_mode = mode;
             for (int m = 0; *p == ' ' && m < SENDERS; m++) {
                 int words = 0;
                 for (p++;; p++) { senders[m].frame[words++] = strtol(p, &p, 10); if (*p != ',') break; }

@@ -157,7 +157,7 @@ fn same(program: &Path, dir: &Path, case: &Case) -> Result<[usize; 2], TestCaseE
             prop_assert_eq!(state.report.as_slice(), &report[..length], "scan {}", scan);
             prop_assert_eq!(state.machine, s.machine);
             prop_assert_eq!(usize::try_from(state.sequence), Ok(scan + 1));
-            prop_assert_eq!(state.flags.has(Flags::LIMITED), *shall_hold);
+            prop_assert_eq!(state.flags.has(Flags::EMERGENCY_STOP), *shall_hold);
             prop_assert!(!state.flags.has(Flags::LOST));
             scan += 1;
             counts[0] += usize::from(output.owner != 0 && output.sequence != last.sequence);

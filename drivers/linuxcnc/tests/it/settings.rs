@@ -57,6 +57,9 @@ SERVO_PERIOD = 1000000 | SERVO_PERIOD = 0 | [EMCMOT]SERVO_PERIOD: found 0
 LIMIT_UM = 30 | LIMIT_UM = 30 # um | [VOLCOMP]LIMIT_UM: found 30 # um, expected a number without further text
 LIMIT_UM = 30 | LIMIT_UM = 3_0 | [VOLCOMP]LIMIT_UM: found 3_0, expected a number without further text
 LIMIT_UM = 30 | LIMIT_UM = 0x1e | [VOLCOMP]LIMIT_UM: found 0x1e, expected a number without further text
+MIN_LIMIT = -10\nMAX_LIMIT = 400\n[JOINT_2] | MIN_LIMIT = -10\nMAX_LIMIT = 401\n[JOINT_2] | [JOINT_1]MAX_LIMIT: found 401, expected at most 400, [AXIS_Y]MAX_LIMIT
+MIN_LIMIT = -10\nMAX_LIMIT = 400\n[JOINT_2] | MAX_LIMIT = 400\n[JOINT_2] | [JOINT_1]MIN_LIMIT: found none, expected at least -10, [AXIS_Y]MIN_LIMIT
+JOINTS = 3\nKINEMATICS = trivkins coordinates=XYZ | JOINTS = 4\nKINEMATICS = trivkins coordinates=xyyz kinstype=BOTH | [JOINT_2]MIN_LIMIT: found -300, expected at least -10, [AXIS_Y]MIN_LIMIT
 LIMIT_UM = 30 | LIMIT_UM = nan | [VOLCOMP]LIMIT_UM: found nan, expected a number without further text
 ";
 
@@ -82,7 +85,8 @@ fn message(command: &mut Command, ini: &str) -> (bool, String) {
     (output.status.success(), message)
 }
 
-fn check_by_bridge(ini: &str) -> Option<(bool, String)> {
+/// The bridge's HAL file, run without LinuxCNC; `None` without Tcl.
+fn bridge() -> Option<Command> {
     const TCL: &str = "/usr/bin/tclsh";
     if !Path::new(TCL).exists() {
         peers::not_run("tclsh of linuxcnc-uspace");
@@ -91,7 +95,11 @@ fn check_by_bridge(ini: &str) -> Option<(bool, String)> {
     let here = Path::new(env!("CARGO_MANIFEST_DIR"));
     let mut command = Command::new(TCL);
     command.arg(here.join("tests/it/stand_in.tcl")).arg(here.join("bridge/volcomp.tcl"));
-    Some(message(&mut command, ini))
+    Some(command)
+}
+
+fn check_by_bridge(ini: &str) -> Option<(bool, String)> {
+    Some(message(&mut bridge()?, ini))
 }
 
 fn check_by_gateway(ini: &str) -> (bool, String) {
@@ -100,7 +108,19 @@ fn check_by_gateway(ini: &str) -> (bool, String) {
     (message.is_empty(), message.join("\n"))
 }
 
-/// For each program: its name, whether it accepts the file, and its messages.
+/// A pin that an earlier file has connected keeps its signal, also where other pins begin with its name.
+#[test]
+fn a_connected_pin_keeps_its_signal() {
+    let dir = tempfile::tempdir().unwrap();
+    let file = dir.path().join("mill.ini");
+    std::fs::write(&file, mill()).unwrap();
+    let Some(mut bridge) = bridge() else { return };
+    let output = bridge.arg(&file).env("CONNECTED", "axis.x.eoffset").output().unwrap();
+    let nets = String::from_utf8(output.stdout).unwrap();
+    assert!(nets.contains("net own => volcomp.eoffset-0\n"), "{nets}");
+}
+
+/// Results of both programs, by program name.
 fn check_by_both(ini: &str) -> Vec<(&'static str, bool, String)> {
     let results = [("check", Some(check_by_gateway(ini))), ("volcomp.tcl", check_by_bridge(ini))];
     let results = results.into_iter();

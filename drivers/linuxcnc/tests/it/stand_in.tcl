@@ -4,6 +4,20 @@
 
 proc unknown {args} {}
 
+# A pin that an earlier file has connected to the signal `own`; what the bridge's file connects is printed.
+if {[info exists ::env(CONNECTED)]} {
+    proc net {signal args} {
+        if {[lindex $args 0] eq $::env(CONNECTED)} {
+            error "already linked"
+        }
+        puts "net $signal $args"
+    }
+    proc hal {args} {
+        set pin $::env(CONNECTED)
+        return "Component Pins:\nOwner Type Dir Value Name\n 24 float OUT 0 $pin ==> own\n 24 float IN 1e-06 $pin-scale\n"
+    }
+}
+
 lassign $argv file ::env(INI_FILE_NAME)
 set of ""
 set channel [open $::env(INI_FILE_NAME)]

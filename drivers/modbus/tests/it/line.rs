@@ -214,7 +214,118 @@ fn a_late_response_is_never_taken_for_another() {
     assert!((thermometer.latest()[0].degc.unwrap() - 21.1).abs() < 1e-9);
 }
 
-/// A truncated response and a response with a wrong checksum give no value; the next response is good.
+/// A module that answers twice: the second answer, which comes while the line is idle, is not taken for that to the next request.
+#[test]
+fn a_second_response_is_discarded() {
+    let Some(wire) = Wire::new() else { return };
+    let port = OpenOptions::new().write(true).open(&wire.theirs).unwrap();
+    let asked = Arc::new(Mutex::new(0_u16));
+    let counted = Arc::clone(&asked);
+    let _modules = Modules::start(
+        &wire,
+        Box::new(move |request| {
+            let mut asked = counted.lock().unwrap();
+            *asked += 1;
+            let mut answer = vec![request[0], request[1], 8];
+            answer.extend([*asked; 4].iter().flat_map(|word| word.to_be_bytes()));
+            let mut again = answer.clone();
+            again.extend(crc(&answer));
+            let mut port = port.try_clone().unwrap();
+            std::thread::spawn(move || {
+                std::thread::sleep(Duration::from_millis(20));
+                port.write_all(&again).unwrap();
+            });
+            Some((Duration::ZERO, answer))
+        }),
+    );
+    let mut config = config(wire.bus(), &[1]);
+    config.interval = Duration::from_millis(500);
+    let mut thermometer = poll_temperatures(config).unwrap();
+    for request in 1..=4 {
+        until("the request", || *asked.lock().unwrap() == request);
+        let expected = f64::from(request) * 0.1;
+        until("its response", || {
+            let found = thermometer.latest()[0].degc;
+            assert!(*asked.lock().unwrap() == request, "the response to {request} was not taken");
+            found.is_some_and(|degc| (degc - expected).abs() < 1e-9)
+        });
+    }
+}
+
+/// A response with too few or too many values, or one that confirms another write, is refused: missing inputs would be read as off, and a sensor
+/// without its fault bit as good.
+#[test]
+fn a_response_to_another_request_is_refused() {
+    let profile = "name = \"x\"\n[digital]\ninputs = 12\noutputs = 8\n";
+    let profile = Profile::parse(profile).unwrap();
+    for (inputs, coils, confirmation, levels, confirmed) in [
+        (&[1, 2, 2, 0x34, 0x12][..], &[1, 1, 1, 7][..], &[1, 15, 0, 0, 0, 8][..], Ok(0x234), true),
+        (&[1, 2, 2, 0x34, 0x12], &[1, 1, 1, 7], &[1, 15, 0, 9, 0, 8], Ok(0x234), false),
+        (&[1, 2, 2, 0x34, 0x12], &[1, 1, 1, 7], &[1, 15, 0, 0, 0, 3], Ok(0x234), false),
+        (&[1, 2, 1, 0x34], &[1, 1, 1, 7], &[1, 15, 0, 0, 0, 8], Err(()), false),
+        (&[1, 2, 3, 0x34, 0x12, 0], &[1, 1, 1, 7], &[1, 15, 0, 0, 0, 8], Err(()), false),
+    ] {
+        let Some(wire) = Wire::new() else { return };
+        let answers = [inputs, coils, confirmation].map(<[u8]>::to_vec);
+        let asked = Arc::new(Mutex::new([0_u32; 3]));
+        let counted = Arc::clone(&asked);
+        let _modules = Modules::start(
+            &wire,
+            Box::new(move |request| {
+                let which = [2, 1, 15].iter().position(|function| *function == request[1]).unwrap();
+                counted.lock().unwrap()[which] += 1;
+                Some((Duration::ZERO, answers[which].clone()))
+            }),
+        );
+        let modules = [DigitalModule { unit: 1, profile: profile.clone() }];
+        let within = Duration::from_millis(100);
+        let mut port =
+            ModbusDigital::new(wire.bus(), &modules, within, Backoff::default()).unwrap();
+        let now = Instant::now();
+        until("the inputs are read", || asked.lock().unwrap()[0] > 3);
+        if levels.is_ok() {
+            until("a read succeeds", || port.read(now).is_ok());
+            until("a write is sent", || {
+                let _ = port.write(0xa5, Instant::now() + Duration::from_secs(5));
+                let _ = port.read(now);
+                asked.lock().unwrap()[2] > 3
+            });
+        }
+        assert_eq!(port.read(now).map(|found| found.levels).map_err(|_| ()), levels);
+        assert_eq!(port.confirmed() == Some(0xa5), confirmed, "{confirmation:?}");
+    }
+    let Some(wire) = Wire::new() else { return };
+    let registers = [1, 4, 12, 0, 200, 0, 201, 0, 202, 0, 203, 0, 204, 0, 205];
+    let _modules = Modules::start(
+        &wire,
+        Box::new(move |request| {
+            let answer = if request[1] == 4 { registers.to_vec() } else { vec![1, 2, 0] };
+            Some((Duration::ZERO, answer))
+        }),
+    );
+    let mut config = config(wire.bus(), &[1]);
+    config.units[0].profile = Profile::named("ICP-DAS-M-7015").unwrap();
+    let mut thermometer = poll_temperatures(config).unwrap();
+    until("an answer", || thermometer.latest()[0].taken.is_some());
+    assert_eq!(thermometer.latest()[0].quality, Quality::Bad(Reason::NoAnswer));
+}
+
+/// A line on which bytes never cease makes the temperatures bad.
+#[test]
+fn a_line_that_is_never_silent_is_reported() {
+    let Some(wire) = Wire::new() else { return };
+    let mut noise = OpenOptions::new().write(true).open(&wire.theirs).unwrap();
+    std::thread::spawn(move || {
+        // As fast as the line takes it, so that some always wait.
+        while noise.write_all(&[0x55; 64]).is_ok() {}
+    });
+    let mut thermometer = poll_temperatures(config(wire.bus(), &[1])).unwrap();
+    until("the reason is reported", || {
+        thermometer.latest()[0].quality == Quality::Bad(Reason::NoAnswer)
+    });
+}
+
+/// A truncated response, or one with a wrong checksum, gives no value; the next response is good.
 #[test]
 fn corrupted_responses_are_rejected() {
     let Some(wire) = Wire::new() else { return };

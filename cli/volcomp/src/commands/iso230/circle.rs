@@ -5,6 +5,7 @@ use std::{cell::RefCell, fmt::Write as _, path::Path};
 use clap::ValueEnum;
 use schemars::JsonSchema;
 use serde::Serialize;
+use volcomp_document::read_bytes;
 use volcomp_metrology::{
     DeviationUnit, Metadata, MetrologyError, Tolerance,
     circular::{
@@ -133,7 +134,7 @@ fn read(path: &Path, options: &CircleOptions) -> Result<CircularTrace, Failure> 
         let found = MetrologyError::Directory { file };
         return Err(found.into());
     }
-    let bytes = std::fs::read(path)
+    let bytes = read_bytes(path)
         .map_err(|source| MetrologyError::Unreadable { file: file.clone(), source })?;
     let (plane, _) = options.plane();
     Ok(parse_trace(&bytes, &file, plane, options.radius_mm)?)

@@ -461,7 +461,9 @@ impl Model {
         temperatures: &Temperatures,
     ) -> Result<ErrorAt<'a>, Failure> {
         match self {
-            Self::Form(form) => Ok(errors_by(machine, machine.source(temperatures), form)),
+            Self::Form(form) => {
+                Ok(errors_by(machine, Box::new(machine.source(temperatures)), form))
+            }
             Self::Compiled => {
                 let compiled = machine.compile_at(Tolerance::default(), temperatures)?;
                 Ok(Box::new(move |state| compiled.evaluate(state).into_six()))

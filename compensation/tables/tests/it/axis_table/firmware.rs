@@ -124,6 +124,26 @@ fn klipper_makes_a_cube_by_profile_and_by_lengths() {
     }
 }
 
+/// A travel that ends shortly behind a node, where the correction leaves the range of the curves: the node beyond is extrapolated from there.
+#[test]
+fn a_travel_that_ends_shortly_behind_a_node_changes_nothing() {
+    let short = "EXX = { poly = [0.0, -1.0] }\nEXY = { poly = [0.0, 0.5] }\nEYY = { poly = [0.0, -1.0] }\n\
+        EYZ = { poly = [0.0, 0.5] }\nEZZ = { poly = [0.0, -1.0] }\n";
+    let of = |travel: f64| {
+        let text = format!(
+            "structure = \"w Y' b X Z t\"\n[axes]\nX.travel = [0.0, {travel}]\nY.travel = [0.0, {travel}]\nZ.travel = [0.0, {travel}]\n[errors]\n{short}"
+        );
+        settings(&Machine::parse(&text, "m.toml").expect("a machine"))
+    };
+    let (whole, longer) = (of(350.0), of(300.1));
+    for (one, other) in longer.steps.into_iter().zip(whole.steps) {
+        close(one, other, 1e-6);
+    }
+    for ((_, one), (_, other)) in longer.skew.planes().into_iter().zip(whole.skew.planes()) {
+        close(one, other, 1e-6);
+    }
+}
+
 /// Y leans to +X by tan(1.2 mrad): the factor is positive, and the long diagonal is AC.
 #[test]
 fn signs() {
