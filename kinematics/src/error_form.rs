@@ -67,7 +67,7 @@ pub struct VolumetricError {
     pub rotation_rad: Vector3<f64>,
 }
 
-/// Computes the volumetric error of a chain whose errors come from `source`.
+/// Computes the volumetric error at `state` in the given form; all forms agree to first order in the errors.
 pub fn volumetric_error<S: ErrorSource>(
     chain: &Chain,
     source: &S,

@@ -151,8 +151,8 @@ pub struct LinearColumns {
 }
 
 impl LinearColumns {
-    /// Selects from the first `count` columns at a pose. A column that is nearly a linear combination of the previous
-    /// columns is left out.
+    /// Selects the linearly independent ones among the first `count` columns at a pose: a column that is nearly a
+    /// linear combination of the previous columns is left out.
     #[inline(always)]
     pub fn new(columns: [Vector3<f64>; 3], count: usize) -> Self {
         let mut kept = [count > 0, count > 1, count > 2];

@@ -33,7 +33,7 @@ impl Pose {
         Self { rotation, translation_mm: point_mm - rotation * point_mm }
     }
 
-    /// Transforms a point, mm.
+    /// Image of a point under the pose, mm.
     pub fn transform_point(&self, point_mm: &Vector3<f64>) -> Vector3<f64> {
         self.rotation * point_mm + self.translation_mm
     }

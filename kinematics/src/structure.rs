@@ -174,7 +174,7 @@ impl Structure {
         Self::new(&join(rotary_before, left), &join(right, rotary_after))
     }
 
-    /// The type numbers of this structure; `None` for a chain outside the 16 types.
+    /// The type numbers of this structure; `None` if it has none of the 16 types.
     pub fn type_numbers(&self) -> Option<TypeNumbers> {
         let rotary_axes: ArrayVec<AxisName, MAX_AXES> =
             self.axes.iter().copied().filter(|a| a.kind() == AxisKind::Rotary).collect();

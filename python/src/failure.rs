@@ -27,7 +27,7 @@ create_exception!(
 pub(crate) enum Failure {
     /// Raised as `InputError`: the message, and the place in a file as far as it is known.
     Input { message: String, file: Option<String>, line: Option<usize>, key: Option<String> },
-    /// Raised as `OSError`, or as the subclass for its error number.
+    /// Raised as `OSError`, or as the subclass for the error number of `source`.
     System { file: String, source: io::Error },
     /// An exception that Python code raised.
     Raised(PyErr),

@@ -179,7 +179,7 @@ impl Machine {
     /// Correction of n commands, to be added to them.
     ///
     /// positions, axes, approach, temperatures_degc: see error. correct: axes that may move, such as "XYZ"; default: `correct` in the machine file,
-    /// else one axis of each direction.
+    /// else one linear axis of each direction and all rotary axes.
     ///
     /// Returns a dict: correction, dict axis -> (n,) in um of linear and urad of rotary axes; corrected, dict axis -> (n,) command plus
     /// correction, mm and deg; residual_um (n, 3) of the tip and residual_axis_urad (n, 3) of the tool axis that remain, in workpiece axes;

@@ -29,9 +29,10 @@ pub struct Rules {
     pub answer_s: f64,
     /// Maximum number of machines after the canaries that may drop out before the roll-out stops.
     pub tolerate: u32,
-    /// Factor over the earlier residual above which the roll-out stops, if `residual_um` is exceeded too.
+    /// Ratio of a machine's residual to its earlier residual above which the roll-out stops, if `residual_um` is
+    /// exceeded too.
     pub residual_ratio: f64,
-    /// Amount over the earlier residual, µm, above which the roll-out stops, if `residual_ratio` is exceeded too.
+    /// Increase of a machine's residual, µm, above which the roll-out stops, if `residual_ratio` is exceeded too.
     pub residual_um: f64,
 }
 

@@ -178,7 +178,7 @@ fn print_steps(axes: &[AxisName], simulator: &Simulator, json: bool) {
     print(&if json { report::json(&steps) } else { steps.text() });
 }
 
-/// Prints a line to standard output. A closed reader is no failure.
+/// Prints a line to standard output; a broken pipe is ignored.
 fn print(line: &str) {
     let mut output = std::io::stdout();
     let _ = writeln!(output, "{line}").and_then(|()| output.flush());

@@ -12,9 +12,9 @@ pub struct Differences {
     pub to_confirm: Vec<String>,
 }
 
-/// Compares a model with the model that it replaces, which the sentences name `before`, such as "the active model". A
-/// different structure needs confirmation but is not refused, because the earlier model may have been wrong (GUARD rule
-/// 13 covers structures as well).
+/// Compares a model with the model that it replaces. `before` is the name of the replaced model in the sentences, such
+/// as "the active model". A different structure needs confirmation but is not refused, because the earlier model may
+/// have been wrong (GUARD rule 13 covers structures as well).
 pub(crate) fn differences(new: &Machine, in_force: &Machine, before: &str) -> Differences {
     let letters = |machine: &Machine| {
         let mut letters: Vec<AxisName> = machine.axes().iter().map(|axis| axis.name).collect();

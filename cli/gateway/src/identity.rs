@@ -18,8 +18,8 @@ use crate::{
     documents::{ConfirmedLimits, LimitChanges, Question},
 };
 
-/// Keys of `[guard]` whose changes need confirmation: limits, rates, accelerations, hold and ramp times, and the
-/// thresholds of confirmation.
+/// Keys of `[guard]` whose changes need confirmation: limits, rates, accelerations, hold and ramp times, thresholds of
+/// confirmation, test shifts, and the rotary step.
 const CONFIRMED_KEYS: [&str; 17] = [
     "limit_um",
     "slew_um_per_s",

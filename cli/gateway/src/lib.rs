@@ -44,7 +44,7 @@ use std::{
 
 use error::GatewayError;
 
-/// Prints to standard output; a closed pipe is not an error.
+/// Prints to standard output; a broken pipe is ignored.
 ///
 /// # Errors
 /// Standard output cannot be written.

@@ -122,7 +122,6 @@ pub struct RequestQueue {
     others: Arc<AtomicUsize>,
 }
 
-/// Creates a request queue.
 #[must_use]
 pub fn queue() -> (RequestSender, RequestQueue) {
     let (sender, queue) = sync_channel(2 * MAX_QUEUED);

@@ -151,7 +151,6 @@ impl Demo {
         both.map(|values| [values[0], values[1], values[2]])
     }
 
-    /// The active disturbances.
     pub fn active(&self) -> Vec<Disturbance> {
         locked(&self.active).clone()
     }

@@ -31,7 +31,7 @@ pub(crate) fn print_plain(
     written(io::stdout().lock(), write)
 }
 
-/// Writes to standard output. A closed pipe is no error.
+/// Writes to standard output; a broken pipe is ignored.
 fn written(
     mut out: impl Write,
     write: impl FnOnce(&mut dyn Write) -> io::Result<()>,

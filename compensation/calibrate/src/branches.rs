@@ -328,7 +328,8 @@ pub struct FittedCurve {
     pub quality: Quality,
     /// Method by which the curve was fitted.
     pub method: Method,
-    /// How the method was chosen from the readings of both directions, in the unit of the error; `None` if the calibration file states it.
+    /// Candidate methods with their scores (both directions together), in the unit of the error; `None` if the
+    /// calibration file sets the method.
     pub choice: Option<Choice>,
     /// Mean readings to which the curve was fitted, after subtracting effects that are not part of
     /// the error (Abbe error, the line of a straightness, the offset of each line): coordinate in

@@ -71,7 +71,6 @@ pub struct Line {
 /// A location error measured by an instrument: `EX0C`, `EA0C`, `EC0Y`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Location {
-    /// Name of the location error.
     pub error: ErrorName,
     /// Value, µm or µrad.
     pub value: f64,

@@ -37,7 +37,7 @@ struct Directions {
 /// `position` + Σ `follow[r]`·δ_r. With the rotary shares in `rotary` the result is [`FirstOrder::delta`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CorrectionParts {
-    /// The error that is corrected.
+    /// Error without correction.
     pub error: Evaluation,
     /// Linear shares that correct the position error without rotary motion, −L⁻¹·e_p: mm in chain order, zero for axes that do not correct.
     pub position: PerAxis<f64>,
@@ -74,7 +74,7 @@ impl CorrectionParts {
 /// A first-order correction, and the error that it corrects.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FirstOrder {
-    /// The error that is corrected.
+    /// Error without correction.
     pub error: Evaluation,
     /// Δq in chain order, mm and rad, to be added to the command.
     pub delta: PerAxis<f64>,

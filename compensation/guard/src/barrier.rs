@@ -371,7 +371,7 @@ impl Barrier {
         Ok(Self { settings, state })
     }
 
-    /// Everything that the barrier stores.
+    /// State of the barrier between scans.
     #[must_use]
     pub fn memory(&self) -> Memory {
         self.state

@@ -47,7 +47,7 @@ pub struct Guard {
     limits: Limits,
     state: State,
     vector: Vector,
-    /// The vector before the last motion, restored if its write fails.
+    /// The vector before the last motion, restored if the write of that motion fails.
     before: Vector,
     /// The correction at the start of the last ramp or line.
     from: PerChannel<f64>,
@@ -61,8 +61,8 @@ pub struct Guard {
     /// next motion then starts at the confirmed correction: with a new ramp or, while ramping to zero, with a new
     /// straight line.
     at_confirmed: bool,
-    /// The correction at which the control holds its axes during an interlock; it is repeated to the barrier as the
-    /// word.
+    /// The correction at which the control holds its axes during an interlock; it is sent to the barrier as the word in
+    /// every cycle.
     held: Option<PerChannel<f64>>,
     stopped_since: Option<Duration>,
     /// Set if the active path has changed: the output starts from the correction known on the new

@@ -34,8 +34,8 @@ impl Interlock {
         self.unreferenced || self.alarm || self.emergency_stop
     }
 
-    /// The flags at this age. If they are older than `hold`, each flag that the control can report (`shown`) counts as
-    /// set.
+    /// The flags that apply at an age: if they are older than `hold`, each flag that the control can report (`shown`)
+    /// counts as set.
     #[must_use]
     pub fn at_age(self, age: Duration, hold: Duration, shown: Self) -> Self {
         let is_old = age > hold;

@@ -86,7 +86,7 @@ impl PositionCheck {
     /// Checks a position (mm, rad) valid at `taken`.
     ///
     /// # Errors
-    /// Why it is rejected.
+    /// Why the position is rejected.
     pub fn judge(
         &mut self,
         limits: &PositionLimits,

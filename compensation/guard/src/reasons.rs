@@ -53,7 +53,6 @@ reasons! {
     /// The controller has an alarm.
     CONTROLLER_ALARM = forbids, "controller alarm",
         "Clear the alarm at the control.";
-    /// Axes are not referenced.
     NOT_REFERENCED = forbids, "axes not referenced",
         "Reference the axes at the control.";
     /// A path on which an interlock was active is silent now.
@@ -80,7 +79,6 @@ reasons! {
     /// The program is stopping.
     STOPPING = forbids, "stopping",
         "";
-    /// The controller does not answer.
     NO_CONTROLLER = forbids, "controller does not answer",
         "Check the cable, the control and its address.";
     /// No controller reports the position of an axis of the machine.
@@ -105,10 +103,8 @@ reasons! {
     /// A position or a correction is not a finite number.
     NOT_A_NUMBER = forbids, "not a number",
         "Check the machine file and the device.";
-    /// The audit log cannot be written.
     AUDIT = forbids, "audit log cannot be written",
         "Check the disk: full, not writable or not answering.";
-    /// The limits are not configured.
     NO_LIMITS = forbids, "limits are not configured",
         "Add the table [guard] to the configuration.";
     /// No other path may take over, because the correction that the silent path still applies is unknown.
@@ -201,7 +197,6 @@ reasons! {
     /// A controller path other than the first is active.
     FALLBACK = informs, "fallback controller",
         "Restore the first controller.";
-    /// A standby path does not answer.
     STANDBY_SILENT = informs, "a standby path does not answer",
         "Restore the standby path.";
     /// Cycles exceed their period.
@@ -235,7 +230,6 @@ impl Reasons {
         Self(informing)
     };
 
-    /// Whether the set is empty.
     pub fn is_empty(self) -> bool {
         self.0 == 0
     }

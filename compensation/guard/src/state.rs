@@ -1,6 +1,6 @@
 use crate::Reasons;
 
-/// The state of a guard.
+/// What the guard does with the correction in this cycle.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum State {
     /// Nothing is written to the controller.

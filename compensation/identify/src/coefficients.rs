@@ -197,7 +197,7 @@ pub(crate) struct Products {
 impl Products {
     /// The products of each mode of the error's own curve, up to the order of the second axis's curve, with each mode
     /// of the second axis. `axis` is the index of the second axis and `range` its range, mm or deg. Fails if no spline
-    /// can be built over it.
+    /// can be built over this range.
     pub(crate) fn new(
         own: &Modes,
         axis: usize,

@@ -151,7 +151,8 @@ fn ideal_row(system: &System, row: &Row, values: &Values) -> Row {
     ideal
 }
 
-/// Moves the linear axes until the tip of the ideal machine is at a point, mm in workpiece axes. Returns whether they reached it.
+/// Moves the linear axes until the tip of the ideal machine is at a point, mm in workpiece axes. Returns whether the
+/// tip reached the point.
 pub(crate) fn bring(system: &System, pose: &mut MachinePose, to: Vector3<f64>) -> bool {
     let chain = system.machine.chain();
     let tip_mm = pose.tip_mm;

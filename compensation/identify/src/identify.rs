@@ -276,7 +276,7 @@ pub struct Figures {
     /// Root mean square, µm.
     #[cfg_attr(feature = "serde", serde(rename = "rms"))]
     pub rms_um: f64,
-    /// Maximum, µm.
+    /// Largest residual of the rows, µm.
     #[cfg_attr(feature = "serde", serde(rename = "max"))]
     pub max_um: f64,
     /// Number of rows.
@@ -329,7 +329,9 @@ pub struct LeftOut {
 }
 
 /// Cross-validates the fit: the poses of every fold are predicted from an identification of all other folds, including
-/// the choice of penalties. Returns a note instead of residuals if there are fewer poses than folds.
+/// the choice of penalties. Returns a note instead of residuals if there are fewer poses than folds, or if without some
+/// of the poses the others do not determine the unknowns or the fit does not converge. Returns neither if `folds` is
+/// below 2.
 pub(crate) fn left_out(
     system: &System,
     observations: &Observations,

@@ -59,7 +59,7 @@ pub(crate) fn independent(matrix: &DMatrix<f64>) -> Rank {
     independent_without(matrix, &[])
 }
 
-/// Like [`independent`], with the columns `without` left out in any case.
+/// Like [`independent`], with the columns `without` always left out.
 pub(crate) fn independent_without(matrix: &DMatrix<f64>, without: &[usize]) -> Rank {
     if matrix.ncols() == 0 {
         return Rank::default();

@@ -45,7 +45,7 @@ pub struct Origin {
     /// Root mean square of the deviation of the curve at targets left out of its fit, µm or µrad.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub leave_one_out: Option<f64>,
-    /// The files that contain its readings.
+    /// The files that contain the readings of the error.
     #[cfg_attr(feature = "serde", serde(rename = "files"))]
     pub sources: Vec<Source>,
 }

@@ -30,8 +30,8 @@ const ARC_SAMPLES_PER_TURN: u32 = 64;
 
 const MAX_ARC_SAMPLES: f64 = 4096.0;
 
-/// Twice the travel of an axis near its turning point on an arc below which the axis counts as stationary, mm. On an
-/// arc of radius r the axis is stationary within √(`HARDLY_MM`·r) of its turning point, to either side.
+/// An axis counts as stationary near its turning point on an arc: on an arc of radius r within √(`HARDLY_MM`·r) to
+/// either side, mm, where it travels at most half of `HARDLY_MM`.
 const HARDLY_MM: f64 = 5e-4;
 
 /// Minimum length of a part of an arc, in steps (last decimals) of its words: shorter parts are not split.
@@ -54,7 +54,7 @@ impl Stretch {
         (self.to - self.from) * arc.turns_by.abs()
     }
 
-    /// Number of whole turns before the last turn, which may also be whole.
+    /// Number of full turns in addition to the last one: 1 for an arc of 2 turns or of 1.5 turns.
     fn more_turns(self, arc: &Arc) -> f64 {
         (self.turns(arc) / (2.0 * PI) - 1e-9).floor().max(0.0)
     }
@@ -75,7 +75,7 @@ const OFF_BY_RADIUS: f64 = 1.0;
 /// Maximum error in the middle of an arc written with its centre, in steps; both centre words are rounded.
 const OFF_BY_CENTRE: f64 = 3.0;
 
-/// A part of an arc, with the end points that its words command.
+/// A part of an arc as it is written to the output, with the corrections at its ends.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct WrittenArc<'a> {
     pub(crate) arc: &'a Arc,
@@ -84,7 +84,7 @@ pub(crate) struct WrittenArc<'a> {
     pub(crate) part: Stretch,
     /// Index of the part; `None` if the arc is not split.
     pub(crate) place: Option<usize>,
-    /// Corrections at the start and end, in program coordinates.
+    /// Corrections at the start and end of the part, in program coordinates.
     pub(crate) carried: [&'a Axes; 2],
 }
 
@@ -98,7 +98,8 @@ impl WrittenArc<'_> {
 
 #[derive(Clone, Debug, Default)]
 pub(crate) struct CircleWords {
-    /// New numbers of the program's own line: letter, index of the word, number.
+    /// Words with new numbers in the program's own line: letter, index of the replaced word (`None`: an added word),
+    /// number.
     replaced: Vec<(u8, Option<usize>, Number)>,
     removed: Vec<usize>,
     pub(crate) others: Vec<(u8, Number)>,
@@ -176,8 +177,8 @@ impl Bow {
         self.on_normal(self.sag - self.radius())
     }
 
-    /// A similar arc between two points near the ends of this arc. It has the radius of this arc if this arc turns by
-    /// less than a quarter turn, otherwise its sag.
+    /// A similar arc between two points near the ends of this arc. It keeps the radius if this arc turns by less than a
+    /// quarter turn, otherwise the sag.
     pub(crate) fn between(&self, start: [f64; 2], end: [f64; 2]) -> Self {
         let mut other = Self { start, end, ..*self };
         let (radius, half) = (self.radius(), 0.5 * other.chord());
@@ -445,9 +446,9 @@ impl Rewriter {
         }
     }
 
-    /// Writes a line that applies the correction missing at a fraction of the motion. `from` is the
-    /// program position there, `carried` the correction applied so far. Returns the new correction,
-    /// or `None` if nothing is missing. At `share` 0 the caller writes the line end.
+    /// Writes a line that applies the correction missing at the fraction `share` of the motion. `from` is the program
+    /// position there, `carried` the correction applied so far. Returns the new correction, or `None` if no correction
+    /// is missing. At `share` 0 the caller writes the line terminator.
     fn take_up_here(
         &mut self,
         motion: &Move,
@@ -848,8 +849,8 @@ impl Rewriter {
         self.pole.map(|pole| pole[place] / self.interpreter.modal.unit_mm)
     }
 
-    /// True if a motion keeps its polar coordinates: the control has the pole of the program, and X and Y need no correction at the start
-    /// or at any of these positions.
+    /// True if a motion keeps its polar coordinates: the control has the pole of the program, and X and Y need no
+    /// correction at the start or at any of `places`.
     pub(crate) fn keeps_polar(&self, motion: &Move, places: &[Axes], carried: &Axes) -> bool {
         let Some(polar) = motion.polar else {
             return false;

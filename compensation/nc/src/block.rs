@@ -23,7 +23,7 @@ pub(crate) struct Word {
     pub(crate) in_increments: bool,
 }
 
-/// How a word states that the value of its coordinate is interpreted.
+/// How the coordinate of a word is to be interpreted.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) enum Manner {
     /// According to the active mode (G90 or G91).

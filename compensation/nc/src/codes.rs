@@ -154,9 +154,9 @@ impl Codes {
         self.unknown.filter(|_| !are_taken)
     }
 
-    /// Treats G5 and G5.1 without axes as look-ahead, not as splines: FANUC programs have G05 P10000
-    /// and G05.1 Q1. True if the block names axes and the control has no such splines: there,
-    /// G05.1 Q2 X0 Y0 Z0 only names the axes that are smoothed.
+    /// G5 and G5.1 without axes become look-ahead instead of splines: FANUC programs have G05 P10000 and G05.1 Q1.
+    /// Returns true if G5 or G5.1 names axes on a control without these splines, where G05.1 Q2 X0 Y0 Z0 names the axes
+    /// to be smoothed.
     pub(crate) fn ends_smoothing(&mut self, names_axes: bool, control: Option<Control>) -> bool {
         if !names_axes && matches!(self.motion, Some(50 | 51)) {
             self.motion = None;

@@ -72,7 +72,8 @@ impl AxisPlaces {
         state
     }
 
-    /// Values per axis of the model (mm, rad), in mm and deg; zero for axes that the machine lacks.
+    /// Converts values per axis of the chain (mm, rad) to mm and deg per program axis; zero for axes that the machine
+    /// lacks.
     #[inline]
     pub(crate) fn axes(&self, of_chain: &PerAxis<f64>) -> Axes {
         let mut axes = [0.0; MAX_AXES];
@@ -83,7 +84,7 @@ impl AxisPlaces {
         axes
     }
 
-    /// Values per linear axis of the model, mm, times a factor; zero for the other axes.
+    /// Values per linear axis of the chain, mm, times `factor`, by program axis; zero for the other axes.
     pub(crate) fn linear_axes(&self, of_chain: &PerAxis<f64>, factor: f64) -> Axes {
         let mut axes = [0.0; MAX_AXES];
         let linear = self.present.iter().filter(|(axis, _)| !is_rotary(*axis));

@@ -433,7 +433,7 @@ impl Corrector {
         })
     }
 
-    /// The same machine without errors, so that nothing is corrected.
+    /// A corrector for `machine` without its errors, which corrects nothing.
     pub(crate) fn without_errors(
         machine: &Machine,
         temperatures: &Temperatures,
@@ -486,7 +486,7 @@ impl Corrector {
         (low - rounding..=high + rounding).contains(&at) || self.goes_round_to(axis, at)
     }
 
-    /// True if an axis with `modulo` is within its travel after whole periods.
+    /// True if the coordinate `at` of an axis with `modulo`, reduced by whole periods, is within the travel.
     fn goes_round_to(&self, axis: usize, at: f64) -> bool {
         let axis = name_of(axis).and_then(|name| self.machine.axis(name));
         axis.is_some_and(|axis| axis.modulo.is_some() && axis.may_stand_at(at))

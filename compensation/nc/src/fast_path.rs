@@ -363,8 +363,8 @@ impl Rewriter {
         code.filter(|code| *code == 0 || *code == 10 && self.zero_needs_no_note())
     }
 
-    /// True if this correction at the end of a line (machine coordinates) needs a note, because it is the first one
-    /// with an assumed work offset, or a rejection, because it is out of bounds.
+    /// True if the correction `carried` at the end of a line needs a note (it is the first correction with an assumed
+    /// work offset) or a rejection (it is out of bounds). Machine coordinates.
     fn needs_note_or_rejection(&self, end: &Axes, carried: &Axes) -> bool {
         let is_noted = |system| self.interpreter.notes.has(&Note::NoOffset(system));
         let unstated = self.interpreter.unstated_offset();
@@ -372,8 +372,8 @@ impl Rewriter {
             || self.violation_in_machine(end, carried).is_some()
     }
 
-    /// Compensates a usual line, without its line end. `None` if the general path must take the line; nothing was
-    /// changed then.
+    /// Compensates a usual line; `text` is the line without its terminator. `None` if the general path must take the
+    /// line; in that case nothing was changed.
     pub(crate) fn fast_line(
         &mut self,
         text: &[u8],

@@ -373,7 +373,8 @@ pub(crate) enum Next {
 struct Count {
     /// Remaining passes, including the active one.
     left: u64,
-    /// Set if the loop was left early; LinuxCNC then continues with its old count.
+    /// Set if the count remains from an earlier execution of the loop, which was left early; LinuxCNC continues with
+    /// this count.
     is_old: bool,
 }
 

@@ -43,7 +43,7 @@ impl Rewriter {
         Ok(())
     }
 
-    /// True if the correction of each hole equals the one already applied, within half a step of its words.
+    /// True if the correction of each hole equals the applied correction, within half a step of the hole's words.
     fn row_stays(&self, holes: &[&Move]) -> bool {
         let Some(first) = holes.first() else {
             return true;

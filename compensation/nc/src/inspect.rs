@@ -68,7 +68,8 @@ impl Part {
     /// Reads a part file; `file` is its name in messages.
     ///
     /// # Errors
-    /// Unknown keys and values of the wrong type, with file, line and key.
+    /// Unknown, missing or contradictory keys, and invalid values (such as an empty list of features or a height out of
+    /// range), with file, line and key.
     pub fn parse(text: &str, file: &str) -> Result<Self, InputError> {
         Document::new(file, text).decode(|root| {
             root.allow(&["alignment", "feature"])?;
@@ -193,7 +194,8 @@ impl Collector {
         Self { part, points: vec![Vec::new(); count], strides: vec![[1, 0]; count] }
     }
 
-    /// Adds the points of a path position cut by a program line; `points` returns the points at a height above the tip, mm.
+    /// Stores the surface points that the tool cuts at one path position of `line`, for every feature that contains the
+    /// line. `points(h)` is the point h mm above the tip.
     pub(crate) fn take(
         &mut self,
         line: usize,

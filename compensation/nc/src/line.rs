@@ -23,7 +23,8 @@ impl<'a> Line<'a> {
         self.block.words.get(place?)
     }
 
-    /// Absolute or incremental: the manner of an added word equals that of the word at this index of the block, if any.
+    /// The manner of an added word: that of the word at this index of the block; without such a word absolute or
+    /// incremental, as is active.
     pub(crate) fn manner(self, place: Option<usize>) -> Manner {
         self.word(place).map_or(Manner::Modal, |word| word.manner)
     }
@@ -49,7 +50,8 @@ impl<'a> Line<'a> {
     }
 }
 
-/// Line end of a line added next to one with this end; a line feed if the last line of a program lacks its end.
+/// Terminator of a line added next to a line with the terminator `end`; a line feed if the last line of a program has
+/// none.
 pub(crate) fn end_of_more(end: &[u8]) -> &[u8] {
     if end.is_empty() { b"\n" } else { end }
 }
@@ -132,8 +134,8 @@ impl Script {
         }
     }
 
-    /// Writes a number in place of another, with the same decimal sign. A positive number gets a
-    /// sign only if the other has one.
+    /// Writes a number in place of the number text `before`, with the same decimal sign. A positive number gets a sign
+    /// only if `before` has one.
     #[inline]
     pub(crate) fn write_like(self, before: &[u8], number: Number, out: &mut Vec<u8>) {
         if !self.is_heidenhain() {

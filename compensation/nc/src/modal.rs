@@ -107,12 +107,12 @@ impl ProgrammedFrame {
 pub(crate) struct Sticky {
     /// Tool position along the depth axis before the first hole.
     pub(crate) initial: Option<f64>,
-    /// Whether the position of that axis was known; `None` before the first hole.
+    /// Whether the position of the depth axis was known; `None` before the first hole.
     pub(crate) initial_is_known: Option<bool>,
     /// Words of depth and R: absolute in G90; in G91 R counts from the initial position and the depth from R.
     pub(crate) depth: Option<f64>,
     pub(crate) clearance: Option<f64>,
-    /// Whether the depth and R were given in G91.
+    /// Whether the depth and R were programmed in G91.
     pub(crate) incremental: [bool; 2],
 }
 
@@ -142,7 +142,7 @@ pub(crate) struct Modal {
     /// G92 or G52 shift, active or not.
     pub(crate) shift: Axes,
     pub(crate) shifted: bool,
-    /// The shift is that of G52.
+    /// The shift was set by G52, not by G92.
     pub(crate) shift_is_local: bool,
     pub(crate) shift_is_said: bool,
     pub(crate) tool_offset: Axes,

@@ -40,7 +40,7 @@ pub(crate) fn half_deep(hole: &Axes, depth: usize, [bottom, clearance]: [f64; 2]
     at_height(hole, depth, 0.5 * (bottom + clearance))
 }
 
-/// Position in a hole at this height, mm.
+/// Position of the tool in a hole with the depth axis at `height`, mm.
 pub(crate) fn at_height(hole: &Axes, depth: usize, height: f64) -> Axes {
     let mut at = *hole;
     at[depth] = height;
@@ -124,7 +124,7 @@ pub(crate) struct ExecutedMotion {
     pub(crate) system: usize,
     /// Set if the motion, or the cycle at its end, cuts in a work offset that the set-up file states.
     pub(crate) cuts_from_stated_zero: bool,
-    /// Set if the positions of those of X, Y and Z that the machine has are known.
+    /// True if the positions of all linear axes of the machine (X, Y, Z) are known.
     pub(crate) known: bool,
     pub(crate) in_inches: bool,
 }

@@ -66,7 +66,7 @@ impl Drop for Batch {
 }
 
 impl MotionReceiver {
-    /// The next motion, once it is sent.
+    /// The next motion; waits until a motion is sent.
     ///
     /// # Errors
     /// All motions were received, and the sender no longer exists.

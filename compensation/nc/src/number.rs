@@ -55,9 +55,9 @@ pub(crate) fn plain(text: &[u8], decimal_sign: u8) -> Option<(f64, u8, usize)> {
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Digits {
     mantissa: u64,
-    /// Digits after the decimal point that are in the mantissa.
+    /// Number of digits after the decimal point that are in the mantissa.
     decimals: u8,
-    /// Digits before the point that did not fit into the mantissa.
+    /// Number of digits before the decimal point that did not fit into the mantissa.
     beyond: u8,
     any: bool,
     point: bool,

@@ -54,8 +54,8 @@ impl Parameters {
         if local { self.subs.last_mut().unwrap_or(&mut self.main) } else { &mut self.shared }
     }
 
-    /// Value of a numbered parameter. A local parameter that the program has not set is 0. The control keeps the value
-    /// of any other one from program to program, so that it is unknown here.
+    /// Value of a numbered parameter. A local parameter that the program has not set is 0. Any other parameter that the
+    /// program has not set is unknown, because the control keeps its value from program to program.
     pub(crate) fn numbered(&self, number: u32) -> Value {
         if let Some(value) = self.set_number(number) {
             return value;

@@ -24,7 +24,7 @@ pub struct Limits {
     pub tolerance_mm: f64,
     /// Maximum change of an axis correction between neighbouring stations, mm.
     pub most_change_mm: f64,
-    /// Weight of the mean square change of the correction relative to that of the deviation.
+    /// Weight of the mean square change of the correction, relative to the weight of the mean square deviation.
     pub price: f64,
     /// Commands may not reverse an axis that the path does not reverse.
     pub keeps_direction: bool,

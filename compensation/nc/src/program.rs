@@ -47,7 +47,6 @@ pub struct Summary {
 /// Options of a compensation.
 #[derive(Clone, Copy, Debug)]
 pub struct Job<'a> {
-    /// Computes the corrections.
     pub corrector: &'a Corrector,
     /// Set-up that the program relies on but does not contain.
     pub setup: &'a SetUp,
@@ -295,10 +294,10 @@ fn end_by_percent(lines: &[(&[u8], &[u8])], before: usize) -> Option<usize> {
     last.map(|place| place + 1)
 }
 
-/// Reads a line with its end; returns false at the end of the input.
+/// Reads a line with its terminator; returns false at the end of the input.
 fn read_line(input: &mut impl BufRead, text: &mut Vec<u8>, number: usize) -> Result<bool, NcError> {
     text.clear();
-    // Length of the line without its end, once the end is found.
+    // Length of the line without its terminator, once the terminator is found.
     let mut length = None;
     loop {
         let buffer = match input.fill_buf() {

@@ -4,7 +4,7 @@ use volcomp_model::vocabulary::{Direction, MAX_AXES};
 
 use crate::{coordinates::Axes, correction::Corrector};
 
-/// An axis that moves by less than this rests, mm or deg: rounding of coordinates.
+/// Maximum movement of an axis at rest, mm or deg; smaller movements are rounding of coordinates.
 pub(crate) const RESTING_WITHIN: f64 = 1e-7;
 /// Fractions closer than this are treated as equal.
 pub(crate) const SAME_SHARE: f64 = 1e-6;
@@ -22,9 +22,9 @@ pub(crate) struct Reversal {
     pub(crate) share: f64,
     pub(crate) axis: usize,
     pub(crate) side: Direction,
-    /// Furthest known position of the axis in its new direction.
+    /// Farthest known position of the axis in its new direction.
     pub(crate) furthest: f64,
-    /// Furthest position in its old direction.
+    /// Farthest position of the axis in its old direction.
     before: f64,
 }
 

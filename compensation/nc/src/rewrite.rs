@@ -168,7 +168,7 @@ pub(crate) enum AppliedCorrection {
 /// Maximum number of additional decimals of words that define the current position.
 const FINER: u8 = 3;
 
-/// Treatment of words whose values the program computes, in the output.
+/// How values that the program computes are written to the output.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum ComputedValues {
     /// Expressions and variables stay as they are in the program.
@@ -243,8 +243,8 @@ impl Rewriter {
         block.is_some_and(|block| block.begins == BlockStart::Percent)
     }
 
-    /// Processes a line without its end (`number` counts from 1) and appends its replacement: lines separated by `end`, the last one
-    /// without. Returns true if the program ends here.
+    /// Processes a line without its terminator (`number` counts from 1) and appends its replacement: lines separated by
+    /// `end`, the last line without a terminator. Returns true if the program ends here.
     pub(crate) fn line(
         &mut self,
         text: &[u8],
@@ -290,7 +290,7 @@ impl Rewriter {
         ends
     }
 
-    /// Copies a line after the end of the program, with its line end; only its block number may change.
+    /// Copies a line after the end of the program, with its terminator; only its block number may change.
     pub(crate) fn after_end(&self, text: &[u8], out: &mut Vec<u8>) {
         let begins = out.len();
         out.extend_from_slice(text);
@@ -603,8 +603,8 @@ impl Rewriter {
         self.finish_uncorrected(motion, carried);
     }
 
-    /// Updates directions of approach and applied correction after a motion that ends with this
-    /// correction (machine coordinates) instead of the one required at its end.
+    /// Updates directions of approach and applied correction after a motion that ends with the correction `carried`
+    /// (machine coordinates) instead of the correction required there.
     pub(crate) fn finish_uncorrected(&mut self, motion: &Move, carried: Axes) {
         let mut before = each(|axis| motion.from[axis] + self.carried[axis]);
         if let Path::Home { through, .. } = motion.path {
@@ -748,7 +748,7 @@ impl Rewriter {
     }
 }
 
-/// Reads a line without its end.
+/// Parses a block; `text` is the line without its terminator.
 fn read_block(
     dialect: Dialect,
     block: &mut Block,

@@ -14,7 +14,7 @@ use crate::{
 };
 
 impl Block {
-    /// Reads a line without its end. The line must not contain O-words, which are read elsewhere.
+    /// Parses a line; `line` has no terminator and no O-words, which are read elsewhere.
     pub(crate) fn read(&mut self, line: &[u8], expressions: &Expressions<'_>) -> Result<(), Fault> {
         self.clear();
         let mut scanner = Scanner::new(line);

@@ -44,7 +44,7 @@ impl SetUp {
     /// Reads a set-up file; `file` is its name in messages.
     ///
     /// # Errors
-    /// Unknown keys and values of the wrong type, with file, line and key.
+    /// Unknown keys and invalid values, with file, line and key.
     pub fn parse(text: &str, file: &str) -> Result<Self, InputError> {
         Document::new(file, text).decode(|root| {
             root.allow(&[

@@ -23,7 +23,7 @@ const AXIS: &str = "an unknown axis or address";
 const SUBPROGRAM: &str =
     "it may be a subprogram, and subprograms are not supported in this language";
 
-/// Reads a line without its end.
+/// Parses a block; `text` is the line without its terminator.
 pub(crate) fn read_siemens(
     block: &mut Block,
     text: &[u8],

@@ -202,8 +202,8 @@ impl Rewriter {
         Ok(())
     }
 
-    /// Applies the reversals up to this fraction of the motion, beginning with index `next`.
-    /// Returns true if there were any.
+    /// Applies the reversals up to this fraction of the motion, beginning with index `next`. Returns true if a reversal
+    /// was applied.
     pub(crate) fn turn_up_to(&mut self, next: &mut usize, share: f64) -> bool {
         let first = *next;
         while self.turn_once(next, share) {}
@@ -330,9 +330,9 @@ impl Rewriter {
         Ok(())
     }
 
-    /// True if the correction missing at the start of a motion (machine coordinates) exceeds its limit. After a reversal (`turns`) the limit is the rounding of
-    /// words, because the backlash must be crossed. With another tool, or if the axes arrived without correction, it is the tolerance plus
-    /// the rounding.
+    /// True if the correction missing at the start of a motion exceeds a limit; `from` is in machine coordinates. After
+    /// a reversal (`turns`) the limit is the rounding of words, because the backlash must be crossed. With another
+    /// tool, or if the axes arrived without correction, the limit is the tolerance plus the rounding.
     pub(crate) fn lacks_correction(&self, from: &Axes, turns: bool) -> bool {
         if self.applied_correction == AppliedCorrection::Current && !turns
             || self.contour != Contour::None

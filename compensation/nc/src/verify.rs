@@ -67,9 +67,7 @@ pub struct Further {
 pub struct Virtual<'a> {
     /// The machine with the real errors.
     pub truth: &'a Machine,
-    /// Temperatures of the machine.
     pub temperatures: &'a Temperatures,
-    /// Set-up of the programs.
     pub setup: &'a SetUp,
     /// Maximum number of executed blocks.
     pub most_blocks: u64,

@@ -328,7 +328,7 @@ pub struct Residual {
     pub min: f64,
     /// Largest residual, with its sign.
     pub max: f64,
-    /// Root mean square.
+    /// Root mean square of the residuals.
     pub rms: f64,
 }
 
@@ -567,7 +567,7 @@ pub struct Contribution {
     pub key: String,
     /// Standard uncertainty (k = 1), in `unit`.
     pub standard: f64,
-    /// The unit: `µm/m`, `µm` or `µrad`.
+    /// Unit of `standard`: `µm/m`, `µm` or `µrad`.
     pub unit: String,
 }
 
@@ -642,9 +642,9 @@ impl Identified {
 /// Size of the residuals of rows of observations.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Left {
-    /// Root mean square, µm.
+    /// Root mean square of the residuals, µm.
     pub rms_um: f64,
-    /// Maximum, µm.
+    /// Largest residual, µm.
     pub max_um: f64,
     /// Number of rows with these residuals.
     pub rows: usize,

@@ -41,13 +41,14 @@ pub struct CycleDurations {
 
 const STANDBY_SILENT: Duration = Duration::from_secs(2);
 
-/// Outputs are remembered for one to two windows, which is longer than three readings of a standby path plus a write in transit.
+/// Length of a window. Outputs are remembered for one to two windows, which is longer than three readings of a standby
+/// path plus a write in transit.
 const WINDOW: Duration = Duration::from_millis(500);
 
 #[derive(Clone, Copy, Debug, Default)]
 struct StandbyCheck {
     begun: Duration,
-    /// Smallest and largest output of each machine axis, in this window and in the previous one.
+    /// Smallest and largest output of each machine axis, mm or rad, in this window and in the previous one.
     ranges: [[PerAxis<f64>; 2]; 2],
     /// Whether the last confirmed correction of each path differed from every recent output.
     holds: [bool; MAX_PATHS],
@@ -117,7 +118,7 @@ pub struct Cycle {
     commanded: Option<State>,
     last: Option<Duration>,
     start: Instant,
-    /// Clock advanced by a test; `None`: the system's.
+    /// Clock advanced by a test; `None`: the system clock.
     clock: Option<Clock>,
     period: Duration,
     report: Report,
@@ -273,7 +274,6 @@ impl Cycle {
         paths.chain(readers)
     }
 
-    /// Period of the cycle.
     pub fn period(&self) -> Duration {
         self.period
     }

@@ -47,7 +47,7 @@ pub struct PathPlan {
     pub fixed: PerAxis<Option<f64>>,
     /// Reasons reported in every cycle.
     pub notes: Reasons,
-    /// The barrier of the control, if it has one.
+    /// `None`: corrections are written as plain values.
     pub barrier: Option<BarrierSettings>,
     /// Whether the path carries the correction of thermal terms alone.
     pub only_thermal: bool,
@@ -62,9 +62,7 @@ pub struct PathPlan {
 /// A rotary axis that could correct but does not.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct UncorrectedAxis {
-    /// Letter of the axis.
     pub axis: AxisName,
-    /// Reason why the axis does not correct.
     pub why: UncorrectedReason,
 }
 

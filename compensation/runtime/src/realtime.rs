@@ -143,7 +143,7 @@ impl Pulse {
         (self.period * 3).max(Self::JITTER)
     }
 
-    /// Time since the last cycle; `None` while it does not exceed [`patience`](Self::patience).
+    /// Time since the last cycle if it exceeds [`patience`](Self::patience), otherwise `None`.
     pub fn silence(&self) -> Option<Duration> {
         Some(self.age()).filter(|age| *age > self.patience())
     }
@@ -554,9 +554,10 @@ static COEFFICIENTS: [f64; DEGREE + 1] = {
     coefficients
 };
 
-/// A fixed computation that measures the speed of a computer, so that compute times of cycles on two computers can be compared. It
-/// evaluates the polynomial of degree 511 with the coefficients 1 / (k + 1) by Horner's rule: 511 multiplications and additions, each
-/// depending on the previous result. It must never change, so that results stay comparable.
+/// A fixed computation that measures the speed of a computer, so that compute times of cycles on two computers can be
+/// compared. It evaluates the polynomial of degree 511 with the coefficients 1 / (k + 1) by Horner's rule: 512
+/// multiplications and additions, each depending on the previous result. It must never change, so that results stay
+/// comparable.
 #[must_use]
 pub fn reference_work(x: f64) -> f64 {
     let powers = COEFFICIENTS.iter().rev();

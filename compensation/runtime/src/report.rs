@@ -55,7 +55,7 @@ pub struct Report {
     pub cycle: u64,
     /// Start of the cycle, on the clock of the cycle.
     pub now: Duration,
-    /// The state of the guard.
+    /// State of the guard after this cycle.
     pub state: State,
     /// Reasons for the state, and further reasons to report.
     pub reasons: Reasons,

@@ -160,7 +160,7 @@ impl Rapid {
     }
 }
 
-/// Settings of a control's barrier that must be known before it is read.
+/// Settings of a control's barrier that must be known before the barrier is read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct BarrierSettings {
     /// Machine number, which seeds every checksum.
@@ -169,8 +169,8 @@ pub struct BarrierSettings {
     pub scan: Duration,
 }
 
-/// Largest corrections, in either direction, on a path without a barrier, where a wrong reading or a late write may cause a step of this
-/// size.
+/// Largest corrections, in either direction, on a path without a barrier. They bound the step that a wrong reading or a
+/// late write may cause there.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct WithoutBarrier {
     /// Largest correction of a linear axis.
@@ -208,7 +208,7 @@ pub struct PathSettings {
     pub position_steps: BTreeMap<AxisName, Displacement>,
     /// Maximum lag of the read-back, in writes, from 1.
     pub read_back_cycles: usize,
-    /// The barrier of the control, if it has one.
+    /// `None`: corrections are written as plain values.
     pub barrier: Option<BarrierSettings>,
     /// Time for which a control without a barrier is watched before the first write, to detect another gateway.
     pub watch: Duration,

@@ -254,7 +254,7 @@ impl<'a> Observer<'a> {
     }
 }
 
-/// Random approach directions before the first row; they are not recorded in the files.
+/// Random direction of approach for each axis before the first row; it is not recorded in the files.
 fn from_one_side(random: &mut ChaCha8Rng) -> Approach {
     let side = |()| Direction::of(random.random_range(-1.0..1.0));
     Approach::from_sides([(); MAX_AXES].map(side))

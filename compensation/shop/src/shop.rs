@@ -71,7 +71,6 @@ pub const CALIBRATED: &str = "calibrated.toml";
 /// A location error that is measured directly, with a mandrel and an indicator or by a probing cycle of the control.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ShopLocation {
-    /// Name of the location error.
     pub error: ErrorName,
     /// Standard deviation of the reading, µm or µrad; the calibration file states it as the standard uncertainty.
     pub noise: f64,

@@ -361,7 +361,6 @@ impl Map {
         Ok(Self { header, words })
     }
 
-    /// Header of the map.
     #[must_use]
     pub fn header(&self) -> &Header {
         &self.header

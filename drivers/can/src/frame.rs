@@ -49,7 +49,7 @@ pub enum Received {
     Frame(Frame, Instant),
     /// The bus controller reports errors.
     Error,
-    /// The bus controller is bus-off.
+    /// The controller left the bus after too many errors; it neither sends nor receives until restarted.
     BusOff,
 }
 

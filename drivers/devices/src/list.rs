@@ -42,7 +42,7 @@ pub struct CanInterface {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct GpioChip {
-    /// The name of the kernel, such as `gpiochip0`.
+    /// The kernel's name for the chip, such as `gpiochip0`.
     pub name: String,
     /// The label of the chip; URLs may use it instead of the name.
     pub label: String,

@@ -230,7 +230,8 @@ impl MapWords for volcomp_sinumerik::MapWords {
     }
 }
 
-/// Settings of the control in a `[[controller]]`. Errors: a password file that is readable by others or cannot be read.
+/// Settings of the control in a `[[controller]]`. Errors: a password file that is readable by others or cannot be read;
+/// a `channel` other than the only one of the control.
 fn control(address: &Address, config: &ControllerConfig) -> Result<SinumerikConfig, DeviceError> {
     let table = config.sinumerik.clone().unwrap_or_default();
     let mut control = SinumerikConfig::new(server(address, &table)?, &config.axes);

@@ -8,8 +8,8 @@ use volcomp_vocabulary::PerChannel;
 
 use crate::{axis::DigitalAxis, wiring::Wiring};
 
-/// Factor from the time limit of one write to the time limit for toggling the latch. After one limit the write has
-/// failed; the rest is one cycle, which is shorter than two limits.
+/// Time limit for toggling the latch, as a multiple of the time limit of one write: one limit until a write has failed,
+/// and two limits for one cycle, which is shorter.
 const LATCHED_WITHIN: u32 = 3;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

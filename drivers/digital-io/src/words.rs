@@ -160,7 +160,7 @@ impl PositionWord {
         }
     }
 
-    /// Decodes a word to a position.
+    /// Position that a word of the lines represents.
     #[inline]
     pub fn decode(&self, word: u32) -> Coded {
         self.at(f64::from(self.count(word)))

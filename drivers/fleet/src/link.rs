@@ -25,7 +25,8 @@ const REQUEST_INTERVAL: Duration = Duration::from_secs(60);
 pub(crate) const RESPONSE_TIMEOUT: Duration = Duration::from_secs(5);
 const MAX_MODEL_BYTES: u64 = 4 << 20;
 const MAX_RECONNECT_DELAY: Duration = Duration::from_secs(10);
-/// Maximum number of queued values. If more values arrive, the latest value is requested again.
+/// Maximum number of queued values. Further values are dropped; the request every `REQUEST_INTERVAL` fetches the
+/// latest.
 const MAX_QUEUED_VALUES: usize = 8;
 
 /// Errors of the connection. The operation may be retried after every error except `Seed`.

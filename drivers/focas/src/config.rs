@@ -31,7 +31,7 @@ impl Shift {
         }
     }
 
-    /// The same shifts in two-byte words, which is the width in frames to a barrier.
+    /// This area with two-byte words, which is the width of the words in frames to a barrier.
     pub(crate) fn in_words(self) -> Self {
         Self { width: Width::Word, ..self }
     }

@@ -124,7 +124,7 @@ impl<T: Thermometer + ?Sized> Thermometer for Box<T> {
     }
 }
 
-/// The sending end of a [`Published`] thermometer. The thread of the driver has it.
+/// The sending end of a [`Published`] thermometer, owned by the thread of the driver.
 pub struct Publisher {
     into: triple_buffer::Input<Vec<Temperature>>,
     reader: Weak<()>,

@@ -4,7 +4,7 @@ use volcomp_vocabulary::Direction;
 
 use crate::{Curve, CurveError, Grid, domain};
 
-/// Function of one coordinate of a machine, that of the axis that has the error, or of two coordinates.
+/// An error as a function of the coordinate of its axis (curve) or of two coordinates (grid).
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(
     feature = "serde",

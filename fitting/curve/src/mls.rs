@@ -181,7 +181,7 @@ impl MovingLeastSquares {
         weighted.map(row).collect()
     }
 
-    /// The curves of this order and of all lower orders at `x`, from one factorisation. `x` must be in the range.
+    /// Solutions at `x` for this order and for all lower orders, from one factorisation. `x` must be in the range.
     pub fn nested(&self, x: f64) -> NestedSolutions {
         let Triangle { size, r, y } = self.triangle(x);
         let is_node = self.nodes.binary_search_by(|n| n[0].total_cmp(&x)).is_ok();

@@ -188,10 +188,11 @@ impl Between {
         }
     }
 
-    /// Whether the targets are too sparse for the error. Two conditions must hold. First, the leave-one-out RMS of the
-    /// inner targets exceeds twice the repeatability and twice the RMS residual. Second, it exceeds seven times the
-    /// repeatability, or the widest gap exceeds five mean gaps. An unknown repeatability (one run) counts as zero in
-    /// the first condition, and as a tenth of the height of the readings in the second.
+    /// Whether the targets are too sparse for the error. Three conditions must hold. First, there are enough targets to
+    /// judge (`widest_gap` > 0). Second, the leave-one-out RMS of the inner targets exceeds twice the repeatability and
+    /// twice the RMS residual. Third, it exceeds seven times the repeatability, or the widest gap exceeds five mean
+    /// gaps. An unknown repeatability (one run) counts as zero in the second condition, and as a tenth of the height of
+    /// the readings in the third.
     pub fn is_too_sparse(&self) -> bool {
         let scatter = self.repeatability.unwrap_or_default().max(self.residual);
         let repeats = self.repeatability.unwrap_or(OF_HEIGHT * self.height);

@@ -55,10 +55,9 @@ pub struct Score {
 pub enum Reason {
     /// There are too few targets for any other candidate.
     FewTargets,
-    /// It has the smallest leave-one-out error.
+    /// The candidate has the smallest leave-one-out error.
     Smallest,
-    /// It is the simplest candidate whose leave-one-out error is within one standard error of the
-    /// smallest.
+    /// The candidate is the simplest whose leave-one-out error is within one standard error of the smallest.
     Simplest,
 }
 

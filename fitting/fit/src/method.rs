@@ -47,10 +47,11 @@ pub enum Method {
 }
 
 impl Method {
-    /// Fits readings `u` at `x` with this method, over the range of `x`.
+    /// Fits readings `u` at `x` with this method, over the range of `x`. A polynomial of order 0 also accepts readings
+    /// at a single target.
     ///
     /// # Errors
-    /// The errors of the fit of this kind. A polynomial of order 0 also accepts readings at a single target.
+    /// The errors of the fit with this method.
     pub fn fit(self, x: &[f64], u: &[f64]) -> Result<Fit, FitError> {
         readings::check(x, u)?;
         let lower = x.iter().copied().fold(f64::INFINITY, f64::min);

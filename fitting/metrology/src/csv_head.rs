@@ -37,7 +37,7 @@ pub(crate) fn one_column<'t>(
     Ok(first)
 }
 
-/// Error for readings in inches beside targets without a unit, which may be in inches or in mm.
+/// Error for readings in inches with targets without a unit: the targets may be in inches or in mm.
 pub(crate) fn inches_without_targets(table: &CsvTable) -> MetrologyError {
     let message = "found deviations in inches and targets without a unit, expected `target inch`, `target mm` or `target deg`";
     table.header_error(message).into()
@@ -52,7 +52,7 @@ pub(crate) fn not_read(names: &[&str]) -> Option<String> {
     (!names.is_empty()).then(|| format!("columns that are not read: {}", names.join(", ")))
 }
 
-/// Direction of approach by any of its usual words, in any case.
+/// Direction of approach by any of its usual words, case-insensitive.
 pub(crate) fn direction_named(text: &str) -> Option<Direction> {
     match text.to_lowercase().as_str() {
         "+" | "+1" | "1" | "f" | "fw" | "fwd" | "forward" | "forwards" | "pos" | "positive"

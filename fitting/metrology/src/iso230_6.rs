@@ -21,8 +21,8 @@ pub const DIAGONAL_NAMES: [&str; 10] =
     ["PPP", "NPP", "PNP", "PPN", "PP0", "NP0", "P0P", "N0P", "0PP", "0NP"];
 
 impl Diagonal {
-    /// Diagonal with this name, in any case; `None` for other texts. `PPP`, `NPP`, `PNP` and `PPN` are body diagonals;
-    /// `PP0` and `NP0` are in the plane X–Y, `P0P` and `N0P` in X–Z, `0PP` and `0NP` in Y–Z.
+    /// Diagonal with this name, case-insensitive; `None` for other texts. `PPP`, `NPP`, `PNP` and `PPN` are body
+    /// diagonals; `PP0` and `NP0` are in the plane X–Y, `P0P` and `N0P` in X–Z, `0PP` and `0NP` in Y–Z.
     pub fn named(name: &str) -> Option<Self> {
         let upper = name.trim().to_ascii_uppercase();
         if !DIAGONAL_NAMES.contains(&upper.as_str()) {

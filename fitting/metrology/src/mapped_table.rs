@@ -199,7 +199,8 @@ impl ColumnIndices {
         })
     }
 
-    /// Adds to the mapping the units in the heads, such as `Soll mm`, `Abweichung [µm]`, or a unit alone.
+    /// Adds the units stated in the column headers to the mapping, such as `Soll mm`, `Abweichung [µm]`, or a unit
+    /// alone.
     fn with_units_of_heads(
         &self,
         header: Option<&(usize, Vec<String>)>,

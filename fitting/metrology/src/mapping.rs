@@ -16,10 +16,10 @@ pub enum Mapping {
     Channels(Channels),
 }
 
-/// Column of a table, named by its head or by its number.
+/// Column of a table, named by its header or by its number.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum ColumnName {
-    /// Head of the column, in any case.
+    /// Header of the column, case-insensitive.
     Head(String),
     /// Number of the column, from 1.
     Number(usize),

@@ -228,7 +228,7 @@ impl Measurement {
         groups.map(at).collect()
     }
 
-    /// Readings without alignment, sorted by target, then by run.
+    /// Raw readings (no alignment line subtracted), sorted by target, then by run.
     pub(crate) fn by_target(&self) -> Vec<TargetReadings> {
         by_target(&self.readings)
     }

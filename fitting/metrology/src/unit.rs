@@ -51,7 +51,7 @@ pub enum ReadingUnit {
 }
 
 impl ReadingUnit {
-    /// Unit with this name, in any case, as in a column head: `mm`, `µm`, `arcsec`; `None` for an unknown unit.
+    /// Unit with this name, case-insensitive, as in a column header: `mm`, `µm`, `arcsec`; `None` for an unknown unit.
     pub fn named(name: &str) -> Option<Self> {
         if ["in", "inch", "inches"].contains(&name.to_lowercase().as_str()) {
             return Some(Self::Inch);

@@ -37,7 +37,7 @@ pub struct Store {
     writing: Mutex<Option<Instant>>,
     /// When the database began to reject every change, and why.
     failing: Mutex<Option<(Instant, String)>>,
-    /// If set, every use panics.
+    /// If set, every use of the store panics.
     #[cfg(test)]
     is_faulty: std::sync::atomic::AtomicBool,
 }

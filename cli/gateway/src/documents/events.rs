@@ -118,7 +118,7 @@ impl From<&Record> for LogEvent {
     }
 }
 
-/// A change of state in words.
+/// Kind and text of the event that a change of state becomes.
 fn in_words(change: &StateChange) -> (EventKind, String) {
     let (kind, state) = match change.state {
         StateName::Disarmed => (EventKind::Disarmed, "Disarmed: nothing is written"),
@@ -147,7 +147,8 @@ fn explains(change: &StateChange) -> bool {
     matches!(change.state, StateName::Holding | StateName::RampingOut | StateName::Faulted)
 }
 
-/// Maximum number of actions of an event: those on the causes, which come first.
+/// Maximum number of recommended operator actions per event. Reasons list causes first, so actions on consequences are
+/// cut.
 const MAX_ADVICE: usize = 2;
 
 fn advice_on(change: &StateChange) -> Vec<String> {

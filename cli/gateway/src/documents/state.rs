@@ -162,7 +162,7 @@ pub struct Status {
     /// Limits and warning thresholds of the correction on the active path; missing without `[guard]`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub limits: Option<CorrectionLimits>,
-    /// What a user can do to the built-in simulation; only there.
+    /// What a user can do to the built-in simulation; missing on a configured machine.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub demo: Option<DemoState>,
     /// Number of cycles since the start in which a rate or acceleration limit made the correction
@@ -222,7 +222,7 @@ pub enum Disturbance {
 pub struct DisturbRequest {
     /// The disturbance.
     pub what: Disturbance,
-    /// Whether it begins or ends.
+    /// `true`: the disturbance begins; `false`: it ends.
     pub on: bool,
 }
 
@@ -292,11 +292,11 @@ pub struct PathState {
     pub number: usize,
     /// Whether this controller is active.
     pub active: bool,
-    /// How its correction is confirmed.
+    /// How the correction of this controller is confirmed.
     pub scheme: SchemeName,
     /// Time since the last response, ms; null: never.
     pub answered_ms: Option<f64>,
-    /// Age of the positions that it reported, ms; null: none received.
+    /// Age of the positions that this controller reported, ms; null: none received.
     pub positions_ms: Option<f64>,
     /// Time since the last confirmation of the applied correction, ms; null: never.
     pub confirmed_ms: Option<f64>,

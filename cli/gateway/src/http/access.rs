@@ -32,7 +32,7 @@ const REQUEST_TIMEOUT: Duration = Duration::from_secs(10);
 pub(super) const UPLOAD_PATH: &str = "/api/model/upload";
 const UPLOAD_TIMEOUT: Duration = Duration::from_secs(300);
 
-/// Access control of the dashboard.
+/// Who may read and operate the dashboard, and under which host names.
 pub struct AccessControl {
     /// Tokens and their roles.
     pub tokens: Tokens,
@@ -49,7 +49,6 @@ pub struct AccessControl {
 const DEMO_TOKEN: &str = "demo";
 
 impl AccessControl {
-    /// Access control of a configured dashboard.
     pub fn new(config: &DashboardConfig, tokens: Tokens) -> Self {
         Self {
             tokens,
@@ -315,7 +314,7 @@ impl Tokens {
         Ok(Self { holders, ..Self::default() })
     }
 
-    /// Replaces the clock.
+    /// Sets the clock, for tests.
     #[must_use]
     pub fn with_clock(mut self, clock: Clock) -> Self {
         self.clock = clock;

@@ -201,8 +201,8 @@ async fn serve(listener: TcpListener, inner: SocketAddr) -> Infallible {
     }
 }
 
-/// Forwards both directions until one side closes. While a client does not read its responses, nothing more is read
-/// from it, so that responses do not pile up.
+/// Forwards both directions until one side closes, or until a write takes longer than `WRITE_TIMEOUT`. While a client
+/// does not read its responses, nothing more is read from it, so that responses do not pile up.
 async fn pass(mut client: TcpStream, inner: SocketAddr) -> io::Result<()> {
     let mut server = TcpStream::connect(inner).await?;
     client.set_nodelay(true)?;

@@ -86,9 +86,7 @@ pub enum Value {
     Number(f64),
     /// An unsigned integer or a count.
     Whole(u64),
-    /// A boolean.
     Truth(bool),
-    /// A string.
     Text(String),
 }
 

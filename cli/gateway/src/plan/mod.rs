@@ -58,7 +58,7 @@ struct Devices {
     simulation: Option<Box<Simulation>>,
 }
 
-/// A plan with open devices.
+/// A checked plan whose devices are open, ready for the control thread.
 pub struct OpenedPlan {
     pub config: Config,
     /// The cycle, before its first run.

@@ -1,4 +1,4 @@
-//! Formats a rehearsal as a protocol for a terminal of 40 to 60 columns.
+//! Formats a rehearsal as a report for a terminal of 40 to 60 columns.
 
 use std::fmt::Write;
 
@@ -9,7 +9,7 @@ use crate::documents::{
     Excursion, RehearsalDocument, RehearsedFault, RehearsedLimits, RehearsedPath,
 };
 
-/// Maximum line length of a filed protocol, columns.
+/// Maximum line length of a filed report, columns.
 pub const COLUMNS: usize = 60;
 /// Minimum line width, columns.
 const NARROWEST: usize = 40;
@@ -41,7 +41,7 @@ struct Page {
     columns: usize,
 }
 
-/// Formats the protocol for a width of 40 to 60 columns.
+/// Formats the rehearsal report; `columns` is clamped to 40 to 60.
 pub fn text(document: &RehearsalDocument, columns: usize) -> String {
     let mut page = Page { text: String::new(), columns: columns.clamp(NARROWEST, COLUMNS) };
     page.head(document);

@@ -1,6 +1,6 @@
 //! The gateway program and a control with a barrier, end to end. Whatever happens to the program, an axis never moves
-//! by more than the barrier's rate in one scan; without a barrier these would be full steps. The rehearsal covers
-//! faults of the connection and of the control (`with_a_barrier_no_fault_is_excepted`).
+//! by more than the barrier's rate in one scan; without a barrier it would make the whole change in one step. The
+//! rehearsal covers faults of the connection and of the control (`with_a_barrier_no_fault_is_excepted`).
 //!
 //! Each test repeats a few times, or `VOLCOMP_REPEATS` times.
 

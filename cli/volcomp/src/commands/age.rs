@@ -38,7 +38,7 @@ pub(crate) struct AgeArguments {
     /// Load, 0 to 100; 1 is one shift of mixed parts
     #[arg(long, value_name = "L", default_value_t = 1.0, allow_negative_numbers = true)]
     load: f64,
-    /// Machine of its type
+    /// Seed, which selects one machine of its type
     #[arg(long, value_name = "S", default_value_t = 1)]
     seed: u64,
     /// Machine file of the worn machine

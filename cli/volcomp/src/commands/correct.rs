@@ -40,7 +40,7 @@ pub(crate) struct CorrectArguments {
     points: PointArguments,
     #[command(flatten)]
     approach: ApproachArguments,
-    /// Axes that the correction may move [default: `correct` in the machine file, else one axis of each direction]
+    /// Axes that the correction may move [default: `correct` in the machine file, else one linear axis of each direction and all rotary axes]
     #[arg(long, alias = "correct", value_delimiter = ',')]
     axes: Vec<String>,
     /// CSV file with the columns of --points, corrected positions (mm, deg) and corrections (µm, µrad)

@@ -51,9 +51,9 @@ pub(crate) struct Dh {
 struct Frame {
     /// The origin, mm.
     point_mm: [f64; 3],
-    /// Direction of its x axis.
+    /// Direction of the frame's x axis.
     x: [f64; 3],
-    /// Direction of its z axis.
+    /// Direction of the frame's z axis.
     z: [f64; 3],
 }
 

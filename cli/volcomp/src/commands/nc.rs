@@ -753,7 +753,6 @@ fn part_text(features: &[NcFeature], best_fit: bool) -> String {
 /// # Errors
 /// The file cannot be read or has no ball rows, or a row states no position, so that its readings do not determine
 /// where the machine is.
-/// it has no ball rows; a row without a stated position, since its readings do not determine where the machine is.
 fn readings(path: &Path) -> Result<Vec<Reading>, Failure> {
     let observations = Observations::read(path)?;
     let mut readings = Vec::new();

@@ -99,7 +99,7 @@ struct SquarenessPart {
     error: String,
     /// Path as named in the call.
     file: String,
-    /// The slope of its reference line, µrad.
+    /// Slope of the reference line of the straightness error, µrad.
     slope_urad: f64,
 }
 

@@ -171,8 +171,8 @@ impl Lag {
 }
 
 impl PredictionInputs<'_> {
-    /// Factor with which the correction is better than none over the time `ahead`: the smaller one of half-way
-    /// and at the end.
+    /// The smaller of two factors with which the correction is better than no correction: half-way through the time
+    /// `ahead`, and at its end.
     fn part_ahead(&self, speed: &PerAxis<f64>, ahead: Duration) -> f64 {
         // A periodic error may have the same value at the end as now, so half-way is checked too.
         let half = self.part_after(speed, ahead / 2);

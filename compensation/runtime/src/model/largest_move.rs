@@ -35,7 +35,7 @@ pub struct LargestMove {
 impl LargestMove {
     const NONE: Self = Self { linear: Mm(0.0), rotary: Rad(0.0) };
 
-    /// Combines two results: the larger value of each kind.
+    /// The larger linear and the larger rotary change of two results.
     #[must_use]
     pub fn max(self, other: Self) -> Self {
         Self {

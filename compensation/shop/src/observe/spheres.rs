@@ -1,4 +1,4 @@
-//! A touch probe or an R-test on spheres.
+//! Simulated readings of a touch probe or an R-test on spheres.
 
 use volcomp_kinematics::{
     State,

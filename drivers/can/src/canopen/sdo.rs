@@ -25,8 +25,9 @@ impl<P: CanPort> SdoClient<P> {
     /// Reads an object of up to four bytes, little-endian.
     ///
     /// # Errors
-    /// [`Fault::TimedOut`]; [`Fault::Refused`] with the node's abort code; [`Fault::Unsupported`] for an object that
-    /// needs more than one frame.
+    /// [`Fault::TimedOut`]; [`Fault::Refused`] with the node's abort code; [`Fault::Unsupported`] for an invalid node
+    /// number, and for an object that needs more than one frame; [`Fault::Protocol`] for an unexpected response; errors
+    /// of the port.
     pub fn read(&mut self, node: u8, object: (u16, u8), deadline: Instant) -> Result<u32, Fault> {
         let request = sdo_read(node, object).ok_or(Fault::Unsupported("a node number"))?;
         self.port.send(&request, deadline)?;

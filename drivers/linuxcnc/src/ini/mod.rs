@@ -63,8 +63,8 @@ const MAX_JOINTS: f64 = 16.0;
 /// Axes of the joints of `trivkins`, in order, if `[KINS]KINEMATICS` does not state them.
 const COORDINATES: &str = "XYZABCUVW";
 
-/// Units that the bridge accepts: key, accepted words in any case, the same words for messages. LinuxCNC also accepts numbers, and text
-/// after a number; the bridge rejects these, and so does this check.
+/// Units that the bridge accepts. Each entry has the key, the accepted words, case-insensitive, and these words for
+/// messages. LinuxCNC also accepts numbers, and text after a number. The bridge rejects both, and so does this check.
 const UNITS: [(&str, [&str; 2], &str); 2] = [
     ("LINEAR_UNITS", ["mm", "metric"], "mm or metric"),
     ("ANGULAR_UNITS", ["degree", "deg"], "degree or deg"),

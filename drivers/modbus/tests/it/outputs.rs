@@ -47,7 +47,6 @@ enum CoilResponse {
     Disconnect,
     /// Rejection with this exception code.
     Reject(u8),
-    /// Response with these levels.
     Levels(u8),
 }
 

@@ -92,7 +92,8 @@ impl DelayedWrites {
         }
     }
 
-    /// Counts a call that reached the device. Writes that are delayed by a number of calls become due by it.
+    /// Counts a call that reached the device. Writes that are delayed by a number of calls may become due with this
+    /// call.
     pub(super) fn pass(&mut self) {
         for (_, due) in self.0.iter_mut().flatten() {
             if let Due::After(calls) = due {

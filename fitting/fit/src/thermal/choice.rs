@@ -107,7 +107,7 @@ impl ThermalChoice {
         self
     }
 
-    /// Root mean square error of predicting each block from all earlier blocks.
+    /// RMS error of predicting the third and every later block from the blocks before it; infinite if a fit fails.
     fn validated(&self, features: &Features, blocks: &[DMatrix<f64>]) -> f64 {
         let plan = self.columns(features);
         let mut past = &blocks[0] + &blocks[1];

@@ -45,9 +45,9 @@ pub struct ThermalFit {
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct ThermalSegment {
-    /// Time of its first row, s.
+    /// Time of the first row of the stretch, s.
     pub from_s: f64,
-    /// Time of its last row, s.
+    /// Time of the last row of the stretch, s.
     pub to_s: f64,
     /// Root mean square of record minus prediction, µm or µrad.
     pub rms: f64,

@@ -20,8 +20,8 @@ const FEWEST_POINTS: usize = 16;
 /// their mean radius.
 ///
 /// # Errors
-/// Wrong header, units or cells, fewer than 16 points, positions that are not on a circle, or angles without a radius.
-/// Messages name the file, the line, what was found and what was expected.
+/// Wrong header, units or cells, a radius that is out of range, fewer than 16 points, positions that are not on a
+/// circle, or angles without a radius. Messages name the file, the line, what was found and what was expected.
 pub fn parse_trace(
     bytes: &[u8],
     name: &str,

@@ -10,7 +10,7 @@ use super::{
 };
 use crate::number::range;
 
-/// Maximum number of points from which a start is computed.
+/// Maximum number of points from which the start of the fit is computed.
 const FEW: usize = 200;
 
 /// Number of axis directions that are tried as a start. They are 0.2 rad apart over a hemisphere.
