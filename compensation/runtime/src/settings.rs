@@ -150,7 +150,7 @@ impl Default for Rapid {
 
 impl Rapid {
     /// Maximum speed of this kind of axis, mm/s or rad/s.
-    pub(crate) fn per_s(&self, kind: AxisKind) -> Displacement {
+    pub fn per_s(&self, kind: AxisKind) -> Displacement {
         match kind {
             AxisKind::Linear => Displacement::Length(Mm(self.linear_m_per_min * 1000.0 / 60.0)),
             AxisKind::Rotary => {

@@ -20,7 +20,7 @@ use volcomp_port::{
     simulated::{self, Controls, Move, SimulatedController, SimulatedThermometer, Warming},
 };
 use volcomp_runtime::{
-    ControlPath, Cycle, Model, PathPlan, Sensors, kinematics::State, next_owner,
+    ControlPath, Cycle, Model, PathPlan, Rapid, Sensors, kinematics::State, next_owner,
 };
 use volcomp_vocabulary::{AxisName, Displacement, PerChannel};
 
@@ -171,7 +171,7 @@ impl Rig {
             }
         }
         let clock = Clock::manual();
-        let (program, acceleration_per_s2) = moves(model, &path);
+        let (program, acceleration_per_s2) = moves(model, &path, &plan.guard().rapid);
         let machine = simulated::Machine {
             axes: axes(&path.description),
             program,
@@ -329,9 +329,9 @@ fn warming(name: &str) -> Warming {
 }
 
 /// Moves all axes simultaneously through the working volume: from the corner where the correction is largest relative
-/// to its limit, to the opposite corner, and back. Also returns the acceleration along the path, mm/s² (rad/s² for
-/// rotary axes).
-fn moves(model: &Model, plan: &PathPlan) -> (Vec<Move>, f64) {
+/// to its limit, toward the opposite corner as far as the rapid speeds allow in [`MOVE_S`], and back. Also returns the
+/// acceleration along the path, mm/s² (rad/s² for rotary axes).
+fn moves(model: &Model, plan: &PathPlan, rapid: &Rapid) -> (Vec<Move>, f64) {
     let (axes, written) = (plan.description.shown_axes().count(), plan.description.axes.len());
     let at = |corner: usize, place: usize| {
         let ends = model.travel.get(plan.machine_axis[place]);
@@ -352,8 +352,16 @@ fn moves(model: &Model, plan: &PathPlan) -> (Vec<Move>, f64) {
     };
     let all = (1_usize << axes) - 1;
     let corner = (0..=all).max_by(|a, b| size(*a).total_cmp(&size(*b))).unwrap_or(0);
-    let ends = [corner, all ^ corner].map(|corner| {
-        PerChannel::from_fn(|place| if place < axes { at(corner, place) } else { 0.0 })
+    let travelled = |place: usize| at(all ^ corner, place) - at(corner, place);
+    // The guard does not believe positions of an axis that is faster.
+    let reach = |place: usize| {
+        let kind = model.axes[plan.machine_axis[place]].kind();
+        rapid.per_s(kind).mm_or_rad() * MOVE_S / travelled(place).abs()
+    };
+    let share = (0..axes).map(reach).fold(1.0, f64::min);
+    let ends = [0.0, share].map(|share| {
+        let moved = |place: usize| at(corner, place) + share * travelled(place);
+        PerChannel::from_fn(|place| if place < axes { moved(place) } else { 0.0 })
     });
     let squares = ends[0].iter().zip(&ends[1]).map(|(a, b)| (a - b) * (a - b));
     let feed_per_s = squares.sum::<f64>().sqrt() / MOVE_S;

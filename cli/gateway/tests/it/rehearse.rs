@@ -148,6 +148,26 @@ fn every_hold_passes() {
     }
 }
 
+/// The simulated machine moves no axis faster than the guard believes, on a travel of 8 m, and on a slow one.
+#[test]
+fn long_travels_and_slow_axes_pass() {
+    for (travel, rapid) in [("8000.0", "100.0"), ("600.0", "2.0")] {
+        let (dir, file) =
+            changed(|text| text.replace("[guard]", &format!("[guard]\nrapid_m_per_min = {rapid}")));
+        let machine = dir.path().join("mill.toml");
+        let text_of = fs::read_to_string(&machine).expect("copied");
+        let longer =
+            text_of.replacen("travel = [0.0, 600.0]", &format!("travel = [0.0, {travel}]"), 1);
+        assert!(longer.contains(travel), "{longer}");
+        fs::write(&machine, longer).expect("writable");
+        let plan = Plan::new(Config::read(&file).expect("valid")).expect("valid");
+        let names = ["late_write", "positions_lost"].map(str::to_owned);
+        let found = Rehearsal::of(1, &names).expect("in the catalogue").run(&plan);
+        let found = found.expect("limits fit a barrier");
+        assert!(found.verdict().is_ok(), "{travel} {rapid}\n{}", text(&found, COLUMNS));
+    }
+}
+
 /// A barrier that is faster than its configuration states is detected, with exit status 1.
 #[test]
 fn a_barrier_that_is_faster_than_stated_fails() {
