@@ -228,7 +228,8 @@ pub(crate) fn run(arguments: &FitArguments) -> Result<Answer, Failure> {
     let noise = noise_of_mean(&measurement);
     let (kind, axis) = (axis_kind(&measurement), measurement.metadata.axis.clone());
     let mut notes = measurement.notes.clone();
-    if fit.meets_required == Some(false) {
+    let tolerances_met = fit.meets_required != Some(false);
+    if !tolerances_met {
         let what = if auto.is_some() { "kind of curve" } else { "order and support" };
         notes.push(format!("no {what} meets the requested residual: the best is shown"));
     }
@@ -254,7 +255,7 @@ pub(crate) fn run(arguments: &FitArguments) -> Result<Answer, Failure> {
         plot.write(&picture(arguments, &measurement, (&fit, band.as_ref()), unit))?;
     }
     let document = FittedCurve { scan, choice, band, ..document(&fit, &arguments.at, unit)? };
-    Answer::new(&document, text, notes)
+    Ok(Answer { tolerances_met, ..Answer::new(&document, text, notes)? })
 }
 
 fn picture(

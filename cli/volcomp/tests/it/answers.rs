@@ -176,6 +176,14 @@ fn fit_gives_a_curve_of_the_machine_file() {
     }
     let auto = json(&format!("fit {path} --method mls --auto --residual 0.1"));
     assert_eq!(auto["meets_required"], json!(true));
+    // A required residual that no candidate meets is a stated tolerance.
+    let rough: String = (0..=12).map(|i| format!("{},{}\n", i * 100, i * i % 5)).collect();
+    let rough = dir.write("rough.csv", &format!("target,deviation\n{rough}"));
+    let call = ["fit", &rough, "--method", "mls", "--auto", "--residual", "0.001", "--json"];
+    let missed = volcomp(&call);
+    assert_eq!(missed.status.code(), Some(3), "{missed:?}");
+    let answer: serde_json::Value = serde_json::from_slice(&missed.stdout).expect("JSON");
+    assert_eq!(answer["meets_required"], json!(false));
 }
 
 /// Outside the measured range a curve keeps its end values, and `fit` marks these positions.
