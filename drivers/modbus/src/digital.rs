@@ -105,6 +105,7 @@ impl ModbusDigital {
             image: Image { lacks_read_back: outputs == 0, ..Image::default() },
             failed_read_backs: 0,
             skips_read_back: false,
+            has_read_back: false,
         };
         std::thread::Builder::new()
             .name("modbus-io".to_owned())

@@ -22,8 +22,8 @@ use crate::{
 /// be wrong.
 const REQUIRED_EQUAL_ANSWERS: u32 = 3;
 
-/// Maximum number of consecutive times that reading back the outputs may time out or break the connection. After this
-/// number the outputs are not read back over this connection or, if it broke, over the next connection.
+/// Maximum number of consecutive read-backs of the outputs that may time out or break the connection before one has succeeded. Further ones are
+/// skipped: over this connection or, if it broke, over the next one.
 const MAX_READ_BACKS: u8 = 3;
 
 /// Exception codes of a module that cannot read back any outputs, or not these outputs.
@@ -68,6 +68,8 @@ pub(crate) struct Exchanger {
     pub(crate) failed_read_backs: u8,
     /// Whether the outputs are not read back over this connection.
     pub(crate) skips_read_back: bool,
+    /// Whether a read-back has succeeded, so that the modules are able to.
+    pub(crate) has_read_back: bool,
 }
 
 impl Exchanger {
@@ -119,7 +121,7 @@ impl Exchanger {
         if read == Err(RequestError::Disconnected) {
             return read;
         }
-        self.skips_read_back = self.failed_read_backs >= MAX_READ_BACKS;
+        self.skips_read_back = !self.has_read_back && self.failed_read_backs >= MAX_READ_BACKS;
         if self.skips_read_back {
             self.failed_read_backs = 0;
         }
@@ -135,10 +137,11 @@ impl Exchanger {
     /// consecutive equal answers.
     async fn read_back_outputs(&mut self, line: &mut Line) -> Result<(), RequestError> {
         let is_known = self.image.outputs.is_some() || self.image.lacks_read_back;
-        if is_known || self.skips_read_back || self.failed_read_backs >= MAX_READ_BACKS {
+        let is_given_up = !self.has_read_back && self.failed_read_backs >= MAX_READ_BACKS;
+        if is_known || self.skips_read_back || is_given_up {
             return Ok(());
         }
-        self.failed_read_backs += 1;
+        self.failed_read_backs = self.failed_read_backs.saturating_add(1);
         let mut before = None;
         for _ in 0..REQUIRED_EQUAL_ANSWERS {
             let found = match self.outputs(line).await {
@@ -158,6 +161,7 @@ impl Exchanger {
         }
         self.failed_read_backs = 0;
         self.image.outputs = before;
+        self.has_read_back |= before.is_some();
         Ok(())
     }
 

@@ -357,8 +357,24 @@ fn the_read_back_of_outputs_is_repeated() {
     }
 }
 
-/// The output levels are read back once a module answers again, regardless of how many connections were made while it
-/// was silent.
+/// A module whose outputs were read back once is asked until it answers, however often that fails on a bad line.
+#[test]
+fn outputs_that_were_known_are_read_back_again() {
+    let (module, address) = Module::start();
+    module.set(|state| state.coils = 0xa5);
+    let mut port = open(address, &[1]);
+    until("the levels are known", || reads(&mut port) && port.confirmed() == Some(0xa5));
+    module.set(|state| {
+        state.coils = 0x5a;
+        state.coil_responses = vec![CoilResponse::Disconnect; 5].into();
+        state.silent = true;
+    });
+    until("the disconnection is reported", || !reads(&mut port));
+    module.set(|state| state.silent = false);
+    until("the levels are known again", || reads(&mut port) && port.confirmed() == Some(0x5a));
+}
+
+/// However often a silent module was connected to, its output levels are read back once it answers.
 #[test]
 fn outputs_are_read_back_after_any_silence() {
     for connections in 1..=8 {
