@@ -208,7 +208,7 @@ mod tests {
         let file = std::fs::File::create(&path).expect("writable");
         file.set_len(1 << 40).expect("a sparse file");
         let address = Address::parse(&format!("can://can0?dbc={}", path.display()));
-        let error = signal_table(&address.expect("a URL")).err().expect("too long").to_string();
+        let error = signal_table(&address.expect("a URL")).expect_err("too long").to_string();
         assert!(error.contains("long.dbc: found more than 256 MiB"), "{error}");
     }
 }
