@@ -41,7 +41,7 @@ pub struct DraftState {
     pub open: usize,
     /// Files for the same error and position, or with the same readings.
     pub conflicts: Vec<String>,
-    /// Checks of the files in use.
+    /// Notes from the checks of the measurement files in use.
     pub notes: Vec<String>,
     /// The calibration file with these answers.
     pub text: String,

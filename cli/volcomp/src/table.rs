@@ -29,7 +29,8 @@ fn most() -> usize {
     })
 }
 
-/// Width of the terminal, clamped. `COLUMNS`, if it is a number, overrides the width that the terminal reports.
+/// Terminal width, clamped to `NARROWEST..=WIDTH`. A positive `COLUMNS` (`stated`) overrides the width that the
+/// terminal reports (`seen`). `WIDTH` if neither is known.
 fn width_of_terminal(stated: Option<&str>, seen: Option<usize>) -> usize {
     let stated = stated.and_then(|columns| columns.trim().parse().ok());
     let columns = stated.filter(|columns| *columns > 0).or(seen);

@@ -88,10 +88,10 @@ pub struct AxisParts<'a> {
 }
 
 impl<'a> AxisParts<'a> {
-    /// An axis with this travel. `errors` returns its error motions (mm, rad) at a coordinate in mm or deg, independent
-    /// of the direction of travel. They are compiled over the whole travel, where they must be finite; beyond it the
-    /// end values are held. Coordinates where a derivative jumps must be declared with
-    /// [`breakpoints`](Self::breakpoints).
+    /// An axis with this travel. `errors` returns its error motions (mm, rad) at a coordinate in mm or deg. `errors` is
+    /// called with direction `None` unless [`bidirectional`](Self::bidirectional) is set. Error motions are compiled
+    /// over the whole travel, where they must be finite; beyond the travel the end values are held. Coordinates where a
+    /// derivative jumps must be declared with [`breakpoints`](Self::breakpoints).
     pub fn new(
         travel: [Displacement; 2],
         errors: impl Fn(f64, Option<Direction>) -> ErrorMotion + 'a,
@@ -108,7 +108,6 @@ impl<'a> AxisParts<'a> {
         }
     }
 
-    /// An axis without error motions.
     pub fn without_errors(travel: [Displacement; 2]) -> Self {
         Self::new(travel, |_, _| ErrorMotion::ZERO)
     }
@@ -213,7 +212,7 @@ impl<'a> AxisParts<'a> {
     }
 }
 
-/// A machine to be compiled: every axis of the chain, and its constant errors, by name.
+/// A machine to be compiled: its chain, its axes, and the location and assembly errors of each axis.
 pub struct MachineParts<'a> {
     pub(crate) chain: Chain,
     pub(crate) axes: [Option<AxisParts<'a>>; MAX_AXES],

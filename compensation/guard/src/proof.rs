@@ -26,7 +26,7 @@ const MOVED_SHARE: f64 = 2.5;
 /// standstill, an axis is farther away than `FAR_SHIFTS` times the shift.
 const LATEST: u32 = 3;
 const FAR_SHIFTS: f64 = 20.0;
-/// Maximum age of a motion that shows, when an axis is shifted, that its position is alive.
+/// Maximum time since the machine last moved an axis for its position to count as alive (not frozen) in the test shift.
 const ALIVE_FOR: Duration = Duration::from_secs(10);
 
 /// Result of the test shift for one axis.

@@ -47,10 +47,8 @@ macro_rules! reasons {
 
 reasons! {
     // Causes of a stop in the machine itself.
-    /// The emergency stop is pressed.
     EMERGENCY_STOP = forbids, "emergency stop",
         "Release the emergency stop at the control.";
-    /// The controller has an alarm.
     CONTROLLER_ALARM = forbids, "controller alarm",
         "Clear the alarm at the control.";
     NOT_REFERENCED = forbids, "axes not referenced",
@@ -114,7 +112,6 @@ reasons! {
     STANDBY_HOLDS = informs, "a standby path holds a correction",
         "Find out which path is right before you continue.";
     // Decisions of the operator, made or required.
-    /// The fleet centre has disabled the correction.
     DISABLED_BY_CENTRE = forbids, "disabled by the centre",
         "Ask the centre to enable the correction.";
     /// The operator disarmed: no auto-arm, not even after a restart.
@@ -180,12 +177,12 @@ reasons! {
     /// that direction is not corrected.
     SINGULAR = informs, "singular pose",
         "";
-    /// The pose is within about 6° of a singular pose: rotary corrections are more than ten times the error of the tool
+    /// The pose is within about 6° of a singular pose: rotary corrections may exceed ten times the error of the tool
     /// axis.
     NEAR_SINGULAR = informs, "near a singular pose",
         "";
-    /// Rotary axes have turned two linear axes nearly parallel: linear corrections are more than ten times the error, or one of the axes is
-    /// omitted.
+    /// Rotary axes have turned two linear axes nearly parallel: linear corrections may exceed ten times the error, or
+    /// one of the axes is omitted.
     LINEAR_NEAR_SINGULAR = informs, "linear axes nearly in one direction",
         "";
     /// Positions are so old for the speed of the axes that the correction is reduced or suspended.

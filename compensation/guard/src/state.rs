@@ -6,7 +6,7 @@ pub enum State {
     /// Nothing is written to the controller.
     #[default]
     Disarmed,
-    /// The correction is being armed.
+    /// Armed, but the full correction is not applied yet: test shift or ramp-in.
     Arming(Phase),
     /// The correction follows the model.
     Compensating,

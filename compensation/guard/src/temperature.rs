@@ -131,7 +131,7 @@ pub fn judge_temperatures(
     }
 }
 
-/// The accepted temperatures of all sensors, °C; NaN if missing.
+/// Accepted temperatures of all sensors, °C; NaN for a sensor without an accepted temperature or currently not used.
 fn accepted_temperatures(checks: &[SensorCheck]) -> [f64; MAX_SENSORS] {
     let mut accepted = [f64::NAN; MAX_SENSORS];
     for (degc, check) in accepted.iter_mut().zip(checks) {
@@ -192,7 +192,7 @@ impl SensorCheck {
         }
     }
 
-    /// The accepted temperature, °C; NaN without one.
+    /// Accepted temperature, °C; NaN if missing or if the sensor is currently not used.
     fn accepted(&self) -> f64 {
         self.accepted.filter(|_| self.used).map_or(f64::NAN, |accepted| accepted.degc)
     }
@@ -207,7 +207,8 @@ impl SensorCheck {
         }
     }
 
-    /// Checks the answer for the sensor with index `own`; `None` if it has no flaw. `others` are the accepted temperatures of all sensors, °C.
+    /// Checks the answer for the sensor with index `own`; `None` if the answer has no flaw. `others` is the result of
+    /// `accepted_temperatures` before this cycle, °C.
     fn check(
         &mut self,
         now: Duration,

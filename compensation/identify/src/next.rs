@@ -36,12 +36,11 @@ pub struct Next {
     /// Tool in the spindle; `None` for that of `[tool]`.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub tool: Option<String>,
-    /// Error coefficient that the pose improves: the one with the largest uncertainty of its effect
-    /// on the tip in the workspace, or, if the pose informs about undetermined ones, the one about
-    /// which it informs most.
+    /// Unknown for which the pose was selected: an undetermined unknown if a candidate pose informs about one, else the
+    /// error coefficient whose effect on the tip in the workspace has the largest uncertainty.
     pub parameter: String,
-    /// Factor by which the pose reduces the standard uncertainty of the coefficient, at least 1;
-    /// `None` if the coefficient is not determined yet.
+    /// Factor by which the pose reduces the standard uncertainty of `parameter`, at least 1; `None` if `parameter` is
+    /// not determined yet.
     pub improvement: Option<f64>,
 }
 

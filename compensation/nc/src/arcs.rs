@@ -849,8 +849,8 @@ impl Rewriter {
         self.pole.map(|pole| pole[place] / self.interpreter.modal.unit_mm)
     }
 
-    /// True if a motion keeps its polar coordinates: the control has the pole of the program, and X and Y need no
-    /// correction at the start or at any of `places`.
+    /// True if a motion can keep its polar words: the pole active at the control equals the programmed pole, and the
+    /// corrections of X and Y at the start and at all `places` round to zero.
     pub(crate) fn keeps_polar(&self, motion: &Move, places: &[Axes], carried: &Axes) -> bool {
         let Some(polar) = motion.polar else {
             return false;

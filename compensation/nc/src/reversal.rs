@@ -230,9 +230,9 @@ impl Corrector {
         (self.moved_to, self.furthest) = (*to, furthest);
     }
 
-    /// Moves the axes to a position by a motion that does not apply the correction there. The drive of a lagging axis
-    /// pushes its carriage; the carriage rests while the drive rests or moves within the backlash. `drives` are the
-    /// machine coordinates before and after the motion, with the applied correction.
+    /// Tracks a motion whose end point `to` is not corrected. On an axis with backlash the carriage follows the drive
+    /// only after the drive has crossed the backlash. `drives` are the machine coordinates before and after the motion,
+    /// with the applied correction.
     pub(crate) fn move_uncorrected(&mut self, to: &Axes, drives: [&Axes; 2]) {
         if !self.bidirectional {
             return;

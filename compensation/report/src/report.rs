@@ -27,9 +27,7 @@ pub struct Report {
     pub locations: Vec<Location>,
     /// The body diagonals of ISO 230-6.
     pub diagonals: Option<Diagonals>,
-    /// The volumetric error.
     pub volume: Option<Volume>,
-    /// The uncertainty of the volumetric error.
     pub uncertainty: Option<Uncertainty>,
     /// Sentences on the errors that were not measured, with their possible effect.
     pub not_measured: Vec<String>,
@@ -306,7 +304,6 @@ pub struct Band {
     pub source: BandSource,
 }
 
-/// Results of a fit.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct FitNumbers {
     /// The kind of curve, named as in the machine file.
@@ -394,7 +391,6 @@ pub struct Tilt {
 pub struct Location {
     /// Name of the location error.
     pub error: String,
-    /// Value of the location error.
     pub value: f64,
     /// `µm` or `µrad`.
     pub unit: String,
@@ -576,7 +572,6 @@ pub struct Contribution {
 pub struct Drawn {
     /// Number of Monte Carlo samples, at least 2.
     pub trials: u64,
-    /// Seed of the random numbers.
     pub seed: u64,
     /// Root mean square of the standard uncertainty (k = 1) of the position error over poses of all axes, µm.
     pub rms_um: f64,

@@ -1,4 +1,4 @@
-//! Measures the lines of a shop and writes their files.
+//! Simulates the measurement lines of a virtual shop and generates their files.
 
 use std::{collections::BTreeMap, fmt::Write};
 

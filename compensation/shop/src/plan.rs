@@ -11,8 +11,8 @@ pub(crate) const MOST_POSES: usize = 100_000;
 /// Commanded poses, in order.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Plan {
-    /// Axes with coordinates in the plan. All other axes are at the coordinates of `at`, or at 0; if a plan for spheres
-    /// commands no linear axis, the free linear axes move to the sphere.
+    /// Axes with a column in the plan. All other axes are at the coordinates in the observation's `at`, by default 0.
+    /// If spheres are probed and the plan commands only rotary axes, the free linear axes move to the sphere.
     pub axes: Vec<AxisName>,
     /// The poses in the order of the file.
     pub poses: Vec<PlannedPose>,
@@ -25,7 +25,6 @@ impl Plan {
     }
 }
 
-/// One commanded pose.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PlannedPose {
     /// Coordinates of the plan's axes, mm or deg, in the order of [`Plan::axes`].

@@ -45,9 +45,7 @@ pub struct Header {
 pub struct Shop {
     /// The actual machine, including its errors.
     pub truth: Machine,
-    /// Random seed.
     pub seed: u64,
-    /// The lines to be measured.
     pub lines: Vec<ShopLine>,
     /// Squareness errors with the deviation φ − π/2 of their reference, where φ is the angle between the positive directions of the two
     /// beams.

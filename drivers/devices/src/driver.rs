@@ -63,7 +63,7 @@ pub struct Driver {
 /// A configured controller, or the reason why its configuration is invalid.
 pub type Configured = Result<Box<dyn ControllerDevice>, DeviceError>;
 
-/// Defaults for the fields of a driver: devices at hosts, and no keys, temperatures or maps.
+/// Default fields of a driver: devices are identified by host, and there are no extra keys, temperatures or maps.
 pub(crate) const USUAL: Driver = Driver {
     name: "",
     keys: &[],

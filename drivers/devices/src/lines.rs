@@ -145,8 +145,8 @@ fn validate(own: &ControllerConfig, rules: &Rules<'_>, found: &mut Mistakes<'_>)
     }
 }
 
-/// Reports an error if these lines have no latch and another controller has a barrier, which accepts words from lines
-/// only at an edge of the latch.
+/// Reports an error for a controller that corrects axes on digital lines without `latch` and without a barrier, if
+/// another controller has a barrier. A barrier reads correction words from digital lines only at an edge of the latch.
 fn latch(own: &ControllerConfig, rules: &Rules<'_>, found: &mut Mistakes<'_>) {
     let latch = own.digital.and_then(|digital| digital.latch);
     if rules.has_barrier && own.barrier.is_none() && !own.axes.is_empty() && latch.is_none() {

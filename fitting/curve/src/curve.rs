@@ -46,7 +46,7 @@ impl Curve {
         Ok(Self::Constant(value))
     }
 
-    /// Value at `x`, in value units.
+    /// Value at `x`; NaN if `x` is NaN. Outside the domain the end value is kept.
     pub fn value(&self, x: f64) -> f64 {
         match self {
             Self::Constant(c) => nan_or(x, *c),

@@ -36,8 +36,10 @@ pub fn fit_polynomial(
     Ok(Fit::least_squares(polynomial.into(), x, u, &solution))
 }
 
-/// Converts a Chebyshev series to powers of the argument. Errors: the conversion changes values by more than 1e-7 of
-/// this magnitude of the readings.
+/// Converts a Chebyshev series to powers of the argument.
+///
+/// # Errors
+/// The two forms differ by more than 1e-7 · `magnitude`, the magnitude of the readings.
 pub(crate) fn in_powers(series: &Chebyshev, magnitude: f64) -> Result<Polynomial, FitError> {
     let order = series.coefficients().len() - 1;
     let [lower, upper] = series.domain();

@@ -50,8 +50,9 @@ fn place(at_s: f64, length_s: f64) -> i64 {
 }
 
 impl Store {
-    /// Closes the minutes that ended before `until_s` (s since 1970), the oldest first for each machine. Returns the
-    /// number of their conditions. A transaction holds one minute of a few machines, so its memory use does not grow
+    /// Moves the conditions of all minutes that ended before `until_s` (s since 1970) from the table `recent` to `raw`,
+    /// and updates the means of their minutes and hours. For each machine, the oldest minute is first. Returns the
+    /// number of conditions moved. A transaction holds one minute of a few machines, so its memory use does not grow
     /// with the number of machines.
     pub fn close_minutes(&self, until_s: f64) -> Result<u64, Error> {
         let end = place(until_s, 60.0);

@@ -137,32 +137,32 @@ pub struct RehearsedFault {
     /// Number of scans (without a barrier: writes) that moved an axis during emergency stop, alarm
     /// or without reference.
     pub moved_while_held: u64,
-    /// Motion of each axis.
+    /// Extremes of the correction of each axis.
     pub axes: Vec<RehearsedAxis>,
 }
 
-/// Motion of one axis.
+/// Extremes of the correction of one axis.
 #[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct RehearsedAxis {
     /// The letter of the axis.
     #[schemars(with = "String")]
     pub axis: AxisName,
-    /// Motion of a linear axis, µm.
+    /// Correction of a linear axis, µm.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub um: Option<Excursion>,
-    /// Motion of a rotary axis, µrad.
+    /// Correction of a rotary axis, µrad.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub urad: Option<Excursion>,
 }
 
 impl RehearsedAxis {
-    /// The motion of the axis, in the unit of its kind.
+    /// Extremes of the correction: µm for a linear axis, µrad for a rotary axis.
     pub fn excursion(&self) -> Option<&Excursion> {
         self.um.as_ref().or(self.urad.as_ref())
     }
 }
 
-/// Extremes of the motion of an axis, in µm or µrad.
+/// Extremes of the correction of an axis during a fault, with their limits, µm or µrad.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct Excursion {
     /// Largest change of the correction from one scan (without a barrier: write) to the next.

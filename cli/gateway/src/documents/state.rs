@@ -378,7 +378,7 @@ pub struct CycleTimes {
     pub p50_us: f64,
     /// 99th percentile, µs.
     pub p99_us: f64,
-    /// Maximum, µs.
+    /// Maximum over the last several thousand cycles, µs.
     pub max_us: f64,
     /// Number of missed periods since the start.
     pub overruns: u64,
@@ -403,7 +403,7 @@ pub struct StretchTimes {
     pub p50_us: f64,
     /// 99th percentile, µs.
     pub p99_us: f64,
-    /// Maximum, µs.
+    /// Maximum over the last several thousand cycles, µs.
     pub max_us: f64,
 }
 

@@ -78,7 +78,7 @@ pub(super) type PlanResult = Result<(Box<Plan>, Judgement), GatewayError>;
 
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum ModelOrigin {
-    /// The configuration, which is read again as well.
+    /// Machine file named in the configuration. The configuration is read again as well.
     Configured,
     /// The fleet's centre, with the hash confirmed there. Only the machine file changes.
     Centre(Option<String>),

@@ -43,9 +43,9 @@ pub(crate) struct Axes {
     singular: bool,
     /// The rotary axes that do not affect the direction of the tool, and the dependent linear axes.
     free: Vec<AxisName>,
-    /// For each axis of `free` the ranges of its coordinate, mm or deg, for which all other axes
-    /// are within their travels; for a rotary axis within one turn. Each range has a solution with
-    /// the rotary axis nearest to 0. Empty for linear axes with several dependent moves.
+    /// For each axis of `free`: ranges of its coordinate (mm or deg; for a rotary axis within one turn) in which all
+    /// other axes are within their travels. For each range of a rotary axis, `solutions` contains the solution with
+    /// this axis nearest to 0. Empty for linear axes with several dependent moves.
     free_ranges: Vec<Vec<[f64; 2]>>,
     /// Moves of linear axes that do not move the tip, mm, scaled to a largest component of 1.
     dependent_moves: Vec<ByAxis>,

@@ -1,5 +1,5 @@
-//! Checks of lines and stated values: a value that contradicts the calibration file is rejected; one that could mislead
-//! gives a note.
+//! Plausibility checks of measurement lines and of values in the calibration file. The functions `refuse*` reject
+//! (wrong unit, machine or axis, duplicates); the other checks return notes.
 
 use volcomp_document::{InputError, Value, quoted};
 use volcomp_kinematics::MotionFrame;

@@ -26,9 +26,7 @@ const MAX_BEST_NODES: usize = 20;
 /// nodes to compare.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LargestMove {
-    /// Largest change of a linear axis.
     pub linear: Mm,
-    /// Largest change of a rotary axis.
     pub rotary: Rad,
 }
 
@@ -64,7 +62,8 @@ impl<'a> Pair<'a> {
         Self { models, correctors, worst, left, most: PerAxis::default() }
     }
 
-    /// Evaluates the change at a state, and updates the largest ones.
+    /// Returns the change of the correction at a state, and updates `worst` and `most`. Returns `NONE` once `left`, the
+    /// number of remaining evaluations, is 0.
     fn sample(&mut self, state: &State) -> LargestMove {
         if self.left == 0 {
             return LargestMove::NONE;

@@ -120,8 +120,9 @@ pub struct LinearSettings {
     pub turn_rad: f64,
 }
 
-/// Computes the steps and the skew that remove the slopes of the best-fit lines of the deviations along X, Y and Z through the reference position.
-/// The part may remain rotated as a whole, because such firmware keeps the direction of X and the plane of X and Y.
+/// Computes the factors of the steps per mm and the skew that cancel the slopes of the deviations. Each slope is that
+/// of the least-squares line through the mean deviations along X, Y or Z through the reference position. A rotation of
+/// the whole part may remain, because printer firmware keeps the direction of X and the plane of X and Y.
 ///
 /// # Errors
 /// Same as [`sampled`]; a step factor that differs from 1 by more than 0.1.

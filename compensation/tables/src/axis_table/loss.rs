@@ -369,7 +369,7 @@ fn with_coordinate(pose: &State, axis: &Axis, index: usize, at: f64) -> State {
     pose
 }
 
-/// Thins out positions by an odd stride, so that all phases of a period of 16 or more positions occur.
+/// Keeps at most `MAX_POSES_PER_LINE` positions. The stride is odd, so that a period of a power of two is not aliased.
 fn thinned(places: &[f64]) -> impl Iterator<Item = f64> + '_ {
     let step = places.len().div_ceil(MAX_POSES_PER_LINE).max(1) | 1;
     places.iter().copied().step_by(step)

@@ -16,7 +16,7 @@ use crate::{
 /// Maximum number of controllers that can be connected to one machine if its control runs a program.
 pub const MOST_WAYS: usize = 4;
 
-/// Shortest cycle of a machine if its control runs no program.
+/// Shortest supported cycle time of a simulated control without a program; with a program it is the scan time.
 const SHORTEST_CYCLE: Duration = Duration::from_micros(10);
 
 /// Function from a position (mm and rad) and the temperatures of the sensors (°C) to the true error of each axis, mm
