@@ -76,18 +76,18 @@ pub fn init(mut arguments: InitArguments) -> Result<String, GatewayError> {
     let checked = Config::parse(&first.text, &shown.to_string(), folder)
         .map_err(GatewayError::from)
         .and_then(Plan::new)
-        .and_then(|_| {
+        .and_then(|plan| {
             let failed = |e| GatewayError::system(shown.to_string(), e);
             let mut file = fs::File::create_new(&path).map_err(failed)?;
-            file.write_all(first.text.as_bytes()).map_err(failed)
+            file.write_all(first.text.as_bytes()).map_err(failed)?;
+            Ok(plan.sensor_notes())
         });
-    if let Err(error) = checked {
-        // The key was made for this configuration only. A failed removal of the key is ignored: the caller needs the
-        // first error.
+    let notes = checked.inspect_err(|_| {
+        // The key was made for this configuration alone. The error matters more than a key that stays.
         let _ = key_file.map(fs::remove_file);
-        return Err(error);
-    }
-    Ok(format!("{shown}: a new configuration\n{written}"))
+    })?;
+    let notes = notes.iter().map(|note| format!("note: {note}\n"));
+    Ok(format!("{shown}: a new configuration\n{written}{}", notes.collect::<String>()))
 }
 
 struct FirstText {

@@ -121,8 +121,8 @@ fn barrier(path: &PathPlan) -> Option<BarrierPlan> {
     })
 }
 
-/// The sensors that thermal terms use, and further sensors of thermometers.
-fn sensors(plan: &Plan) -> Vec<SensorPlan> {
+/// The sensors used by thermal terms, and those that only a thermometer provides.
+pub(super) fn sensors(plan: &Plan) -> Vec<SensorPlan> {
     let measured_by = |name: &String| {
         if plan.devices.simulation.is_some() {
             return Some("simulated".to_owned());
@@ -151,7 +151,11 @@ fn feeds(plan: &Plan, sensor: &str) -> Vec<String> {
     let drift = drift
         .filter(|term| term.sensors.contains_key(sensor))
         .map(|term| format!("drift {}", term.error));
-    expansion.chain(drift).collect()
+    let mut feeds: Vec<String> = expansion.chain(drift).collect();
+    // Several terms of one error may use the sensor.
+    let mut known = BTreeSet::new();
+    feeds.retain(|term| known.insert(term.clone()));
+    feeds
 }
 
 /// Correction within the travels that the machine file requires of a path, µm or µrad by axis.
@@ -223,18 +227,12 @@ fn notes(plan: &Plan, controllers: &[ControllerPlan], sensors: &[SensorPlan]) ->
             ));
         }
     }
-    for sensor in sensors.iter().filter(|sensor| sensor.thermometer.is_none()) {
-        notes.push(format!(
-            "no thermometer has the sensor {}: its thermal terms ({}) are left out",
-            sensor.name,
-            sensor.feeds.join(", ")
-        ));
-    }
+    notes.extend(of_sensors(plan, sensors));
     if plan.tokens.is_empty() {
         notes.push(if plan.config.auto_arm {
-            "warning: no token: auto-arm is on, and only this computer can disarm: state [dashboard] token_file".to_owned()
+            "warning: auto-arm is on, and the configuration has no token: only this computer can disarm; state [dashboard] token_file or start with --token-file FILE".to_owned()
         } else {
-            "no token, so it cannot be armed over HTTP: state [dashboard] token_file, start with --token-file FILE, or state auto_arm = true above the first table".to_owned()
+            "the configuration has no token: to arm over HTTP state [dashboard] token_file or start with --token-file FILE; or state auto_arm = true above the first table".to_owned()
         });
     }
     let shdr = plan.config.shdr.as_ref().map(|own| ("shdr", own.listen));
@@ -248,6 +246,23 @@ fn notes(plan: &Plan, controllers: &[ControllerPlan], sensors: &[SensorPlan]) ->
         }
     }
     notes
+}
+
+/// Notes on sensors that only the machine file or only the configuration names: a misspelt name is in both.
+pub(super) fn of_sensors(plan: &Plan, sensors: &[SensorPlan]) -> Vec<String> {
+    let note = |sensor: &SensorPlan| match sensor.thermometer {
+        None => Some(format!(
+            "no thermometer has the sensor {}: its thermal terms ({}) are left out",
+            sensor.name,
+            sensor.feeds.join(", ")
+        )),
+        // The sensors of the built-in simulation are not configured.
+        Some(_) if sensor.feeds.is_empty() && plan.devices.simulation.is_none() => {
+            Some(format!("sensor {} is used by no thermal term of the machine", sensor.name))
+        }
+        Some(_) => None,
+    };
+    sensors.iter().filter_map(note).collect()
 }
 
 fn of_fleet(plan: &Plan) -> Vec<String> {

@@ -232,7 +232,12 @@ impl Plan {
         Ok(describe::document(self)?)
     }
 
-    /// The plan with the settings that the controls report. Nothing is written to the controls.
+    /// Notes on sensors that no thermometer has or no thermal term uses.
+    pub(crate) fn sensor_notes(&self) -> Vec<String> {
+        describe::of_sensors(self, &describe::sensors(self))
+    }
+
+    /// The plan with the settings reported by the controls. Nothing is written to them.
     ///
     /// # Errors
     /// A control cannot be reached, or contradicts the configuration.

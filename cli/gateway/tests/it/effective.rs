@@ -5,8 +5,12 @@ use std::{path::Path, time::Duration};
 use volcomp_gateway::{check, config::Config, plan::Plan};
 
 fn plan(text: &str) -> Plan {
+    plan_of(crate::program::MACHINE, text)
+}
+
+fn plan_of(machine: &str, text: &str) -> Plan {
     let dir = tempfile::tempdir().expect("writable");
-    std::fs::write(dir.path().join("machine.toml"), crate::program::MACHINE).expect("writable");
+    std::fs::write(dir.path().join("machine.toml"), machine).expect("writable");
     let config = Config::parse(text, "G.toml", dir.path()).unwrap_or_else(|e| panic!("{e}"));
     Plan::new(config).unwrap_or_else(|e| panic!("{e}"))
 }
@@ -140,6 +144,33 @@ fn uncorrected_axes_are_listed_as_held() {
     assert!(asks, "{notes:?}");
 }
 
+/// A misspelt sensor is missing under its right name and unused under the wrong one.
+#[test]
+fn a_sensor_that_is_missing_or_unused_gets_a_note() {
+    let drift = |weight: f64| {
+        format!(
+            "[[thermal.drift]]\nerror = \"EZZ\"\nsensors = {{ bed = -1.0, column = {weight:?} }}\num_per_k = 1.0\n"
+        )
+    };
+    let machine = format!(
+        "{}[thermal]\nreference = 20.0\n{}{}",
+        crate::program::MACHINE,
+        drift(1.0),
+        drift(0.5)
+    );
+    let thermometer =
+        "[[thermometer]]\nurl = \"modbus://192.0.2.20?profile=PTA8C04\"\nnames = [\"bed\", \"colum\"]\n";
+    let notes = plan_of(&machine, &format!("{TEXT}{thermometer}")).document().expect("a plan").notes;
+    let of_sensors: Vec<&String> = notes.iter().filter(|note| note.contains("sensor")).collect();
+    assert_eq!(
+        of_sensors,
+        [
+            "sensor colum is used by no thermal term of the machine",
+            "no thermometer has the sensor column: its thermal terms (drift EZZ) are left out",
+        ]
+    );
+}
+
 /// With auto-arm and no token `check` warns that the gateway can only be disarmed at its own computer.
 #[test]
 fn auto_arm_without_a_token_is_a_warning() {
@@ -159,7 +190,7 @@ fn unchanged_values_produce_no_note() {
     assert_eq!(
         plan.document().expect("a plan").notes,
         [
-            "no token, so it cannot be armed over HTTP: state [dashboard] token_file, start with --token-file FILE, or state auto_arm = true above the first table"
+            "the configuration has no token: to arm over HTTP state [dashboard] token_file or start with --token-file FILE; or state auto_arm = true above the first table"
         ]
     );
 }

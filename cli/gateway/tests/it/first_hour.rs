@@ -170,6 +170,10 @@ fn every_bus_gets_a_configuration_that_passes() {
         let found = done(dir, &["check", name]);
         assert!(found.contains(url), "{found}");
     }
+    let init = ["init", "misspelt", "--machine", "m.toml", "--control", "focas://192.0.2.10"];
+    let sensors = ["--sensors", "modbus://192.0.2.20?profile=PTA8C04", "bett"];
+    let out = done(dir, &[&init[..], &sensors].concat());
+    assert!(out.contains("note: sensor bett is used by no thermal term of the machine"), "{out}");
 }
 
 #[test]
