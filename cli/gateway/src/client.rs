@@ -72,6 +72,13 @@ pub struct Response {
     pub body: String,
 }
 
+impl Response {
+    /// What a refused call lacks: the option that states a token.
+    pub fn needs_token(&self, token: Option<&str>) -> &'static str {
+        if self.status == 401 && token.is_none() { ": state it with --token-file FILE" } else { "" }
+    }
+}
+
 /// Sends a request, such as `GET /api/state`, to the gateway of a dashboard configuration.
 ///
 /// # Errors

@@ -7,6 +7,7 @@ use crate::{
     config::DashboardConfig,
     documents::{Answer, Confirmation, Question, Settled},
     error::GatewayError,
+    status::reasons_title,
 };
 
 /// Timeout of a request: the gateway answers within 10 s.
@@ -76,14 +77,15 @@ fn send(
     let response = exchange(dashboard, token, &request, body, TIMEOUT)?;
     let refused = |why: &str| {
         let address = response.address;
-        GatewayError::failed(format!("gateway at {address}: {verb} is refused: {why}"))
+        let hint = response.needs_token(token);
+        GatewayError::failed(format!("gateway at {address}: {verb} is refused: {why}{hint}"))
     };
     let reasons = |settled: &Settled| settled.reasons.join(", ");
     match (response.status, serde_json::from_str(&response.body)) {
         (200, Ok(Answer::Settled(settled))) => {
             let because = match reasons(&settled) {
                 reasons if reasons.is_empty() => reasons,
-                reasons => format!("because           {reasons}\n"),
+                reasons => format!("{:<18}{reasons}\n", reasons_title(settled.state)),
             };
             let state = settled.state.name();
             Ok(format!("state             {state}\n{because}"))

@@ -21,8 +21,10 @@ pub fn request(dashboard: &DashboardConfig, token: Option<&str>) -> Result<Statu
     let address = response.address;
     if response.status != 200 {
         return Err(GatewayError::failed(format!(
-            "gateway at {address}: it answers {}: {}",
-            response.status, response.body
+            "gateway at {address}: it answers {}: {}{}",
+            response.status,
+            response.body,
+            response.needs_token(token)
         )));
     }
     serde_json::from_str(&response.body).map_err(|e| {
@@ -40,7 +42,7 @@ pub fn text(status: &Status) -> String {
     };
     let controller = status.controller.as_ref();
     add("state", status.state.name().to_owned());
-    add("because", status.reasons.join(", "));
+    add(reasons_title(status.state), status.reasons.join(", "));
     if is_gone(status) {
         add("check", GONE.to_owned());
     }
@@ -89,6 +91,11 @@ pub fn text(status: &Status) -> String {
         ),
     );
     lines.join("\n") + "\n"
+}
+
+/// The word before the reasons: while compensating they explain no state.
+pub(crate) fn reasons_title(state: StateName) -> &'static str {
+    if state == StateName::Compensating { "notes" } else { "because" }
 }
 
 /// What to check if the active control no longer responds.

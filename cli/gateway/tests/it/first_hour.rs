@@ -285,7 +285,8 @@ fn arm_asks_before_a_changed_model() {
     program.wait_for("compensating");
     let (status, _, message) = call(dir, &["arm", "--listen", &to]);
     assert_eq!(status, Some(1), "without a token: {message}");
-    assert!(message.contains("a valid token is needed"), "{message}");
+    let expected = "a valid token is needed: state it with --token-file FILE\n";
+    assert!(message.ends_with(expected), "{message}");
     let (status, _, message) = call(dir, &[&with_token("acknowledge")[..], &[&to]].concat());
     assert_eq!(status, Some(1), "nothing to acknowledge: {message}");
     assert!(message.contains("acknowledge is refused: "), "{message}");
