@@ -87,7 +87,7 @@ reasons! {
         "Compare units, axes and travels with the control.";
     /// A position cannot have been reached since the last accepted position.
     JUMPED = forbids, "position jumped",
-        "Compare units with the control. If the position is real, disarm and arm.";
+        "Compare the shown position with the control. If it is right, disarm and arm.";
     /// The control's data is not a report of a barrier for this machine and these axes in this order.
     BARRIER_STRANGE = forbids, "no barrier for this machine and these axes",
         "Check the address of the report and that the control's program runs.";

@@ -147,8 +147,18 @@ fn explains(change: &StateChange) -> bool {
     matches!(change.state, StateName::Holding | StateName::RampingOut | StateName::Faulted)
 }
 
-/// Maximum number of recommended operator actions per event. Reasons list causes first, so actions on consequences are
-/// cut.
+/// Missing positions and confirmations: the action on the first of these, or on what causes them, is the action on all.
+const CONSEQUENCES: [Reasons; 3] =
+    [Reasons::POSITIONS_LOST, Reasons::POSITIONS_STALE, Reasons::UNCONFIRMED];
+const CAUSES: [Reasons; 5] = [
+    Reasons::NO_CONTROLLER,
+    Reasons::AXIS_UNKNOWN,
+    Reasons::OUTSIDE_TRAVEL,
+    Reasons::JUMPED,
+    Reasons::NOT_A_NUMBER,
+];
+
+/// Maximum number of actions of an event: those on the causes, which come first.
 const MAX_ADVICE: usize = 2;
 
 fn advice_on(change: &StateChange) -> Vec<String> {
@@ -160,7 +170,13 @@ fn advice_on(change: &StateChange) -> Vec<String> {
     if !explains(change) || reasons.clone().any(is_wanted) {
         return advice;
     }
+    let mut is_explained = false;
     for reason in reasons {
+        let follows = CONSEQUENCES.contains(&reason);
+        if follows && is_explained {
+            continue;
+        }
+        is_explained |= follows || CAUSES.contains(&reason);
         let one = reason.advice();
         if let Some(one) = one.filter(|one| !advice.iter().any(|known| known == one)) {
             advice.push(one.to_owned());
@@ -234,13 +250,19 @@ mod tests {
             held.text,
             "The correction is held: positions stale, applied correction not confirmed"
         );
-        assert_eq!(held.advice, ["Check the cable.", "Check the cable and the control."]);
+        assert_eq!(held.advice, ["Check the cable."]);
         assert_eq!((held.kind, held.who), (EventKind::Holding, None));
-        let jumped =
-            state(StateName::RampingOut, &["position jumped: X 4000.000 mm", "rate limited"]);
+        let gone = ["controller does not answer", "positions lost"];
+        let gone = state(StateName::RampingOut, &gone);
+        assert_eq!(gone.advice, ["Check the cable, the control and its address."]);
+        let two = ["emergency stop", "positions stale"];
+        let two = state(StateName::Holding, &two);
+        assert_eq!(two.advice, ["Release the emergency stop at the control.", "Check the cable."]);
+        let jumped = ["position jumped: X 4000.000 mm", "positions lost", "rate limited"];
+        let jumped = state(StateName::RampingOut, &jumped);
         assert_eq!(
             jumped.advice,
-            ["Compare units with the control. If the position is real, disarm and arm."]
+            ["Compare the shown position with the control. If it is right, disarm and arm."]
         );
         let disarmed = Reasons::DISARMED_BY_PERSON.texts().next().expect("one");
         let wanted = state(StateName::RampingOut, &["positions stale", disarmed]);
