@@ -1,7 +1,7 @@
 "use strict";
-/* global drawBars, drawMap, clearMap, drawScale, element, token, headers, fixed, text, make, movesOf, guard, showHistory, addState, endHistory, refreshLog */
+/* global drawBars, drawMap, clearMap, drawScale, element, token, headers, fixed, text, answerBriefly, make, movesOf, guard, showHistory, addState, endHistory, refreshLog */
 
-const LOST_AFTER_MS = 2000, SILENT_MS = 2000, ANSWER_MS = 5000, POLL_MS = 3000, LOG_AFTER_MS = 300;
+const LOST_AFTER_MS = 2000, SILENT_MS = 2000, POLL_MS = 3000, LOG_AFTER_MS = 300;
 const LETTERS = "XYZABCUVW";
 let map = null, lastHeard = 0, current = null;
 /** Whether the token that was entered may operate: the gateway said so. */
@@ -192,6 +192,8 @@ function showReasons([cause, ...further]) {
   text("further", further.join(" · "));
 }
 
+const degradedOf = (state) => state.reasons.find((reason) => reason.startsWith("degraded"));
+
 function show(state) {
   const before = current;
   current = state;
@@ -201,7 +203,7 @@ function show(state) {
     sessionStorage.setItem("token", state.demo.token);
     checkToken();
   }
-  if (!before || before.state !== state.state) setTimeout(refreshLog, LOG_AFTER_MS);
+  if (!before || before.state !== state.state || degradedOf(before) !== degradedOf(state)) setTimeout(refreshLog, LOG_AFTER_MS);
   element("banner").dataset.state = state.state;
   const gone = state.controllers.find((path) => path.active && path.answered_ms !== null && path.holds_correction === null);
   element("banner").classList.toggle("gone", Boolean(gone));
@@ -341,11 +343,11 @@ async function operate(what, body) {
     const answer = await response.json();
     if (response.status === 409 && answer.model) return confirmModel(what, answer);
     const said = [answer.error, (answer.reasons || []).join(", ")].filter(Boolean).join(": ") || answer.state || "done";
-    // The button shows a disturbance.
-    const shown = response.ok && what === "disturb" ? "" : response.ok ? `${what}: ${answer.state || answer.note || "done"}` : `${what} refused: ${said}`;
-    text("answer", shown);
-    // The state at that moment; the banner shows the current one.
-    if (response.ok) setTimeout(() => { if (element("answer").textContent === shown) text("answer", ""); }, ANSWER_MS);
+    if (!response.ok) return text("answer", `${what} refused: ${said}`);
+    setTimeout(refreshLog, LOG_AFTER_MS);
+    // The button shows a disturbance, and the banner the state.
+    if (what === "disturb") return text("answer", "");
+    answerBriefly(`${what}: ${answer.note || "accepted"}`);
   } catch {
     text("answer", `${what}: the gateway does not answer`);
   }

@@ -2,7 +2,7 @@
 // What the dashboard and the page of the model share: the token, the parts of a page, and buttons that are held.
 /* global checkToken */
 
-const HOLD_MS = 1000;
+const HOLD_MS = 1000, ANSWER_MS = 5000;
 const element = (id) => document.getElementById(id);
 
 // The token stays in this tab only; it is never in an address.
@@ -14,6 +14,12 @@ const fixed = (value, digits) => (value === null || value === undefined ? "–" 
 function text(id, value) {
   const target = element(id);
   if (target.textContent !== value) target.textContent = value;
+}
+
+/** An answer that holds for a moment only. */
+function answerBriefly(said) {
+  text("answer", said);
+  setTimeout(() => { if (element("answer").textContent === said) text("answer", ""); }, ANSWER_MS);
 }
 
 function make(tag, name, parent, said) {
@@ -37,7 +43,8 @@ function movesOf(answer) {
     that it refers to what is shown then. */
 function guard(button, act, what = () => null) {
   let timer = null;
-  const end = () => {
+  const end = (event) => {
+    if (timer && event && (event.type === "pointerup" || event.type === "keyup")) answerBriefly(`hold ${button.firstChild.textContent} for 1 s`);
     clearTimeout(timer);
     timer = null;
     button.classList.remove("holding");
