@@ -158,9 +158,9 @@ fn a_sensor_that_is_missing_or_unused_gets_a_note() {
         drift(1.0),
         drift(0.5)
     );
-    let thermometer =
-        "[[thermometer]]\nurl = \"modbus://192.0.2.20?profile=PTA8C04\"\nnames = [\"bed\", \"colum\"]\n";
-    let notes = plan_of(&machine, &format!("{TEXT}{thermometer}")).document().expect("a plan").notes;
+    let thermometer = "[[thermometer]]\nurl = \"modbus://192.0.2.20?profile=PTA8C04\"\nnames = [\"bed\", \"colum\"]\n";
+    let notes =
+        plan_of(&machine, &format!("{TEXT}{thermometer}")).document().expect("a plan").notes;
     let of_sensors: Vec<&String> = notes.iter().filter(|note| note.contains("sensor")).collect();
     assert_eq!(
         of_sensors,
