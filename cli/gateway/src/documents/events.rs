@@ -102,7 +102,11 @@ impl From<&Record> for LogEvent {
             Event::Refused(why) => {
                 (EventKind::Refused, format!("{}: {why}", capital(&record.what)))
             }
-            Event::Nothing => (EventKind::Other, capital(&record.what)),
+            Event::Nothing => {
+                let reason = Reasons::with_text(&record.what).and_then(Reasons::advice);
+                advice.extend(reason.map(str::to_owned));
+                (EventKind::Other, capital(&record.what))
+            }
         };
         if record.lost > 0 {
             let _ = write!(text, "; {} records before it could not be written", record.lost);
@@ -267,6 +271,9 @@ mod tests {
         let disarmed = Reasons::DISARMED_BY_PERSON.texts().next().expect("one");
         let wanted = state(StateName::RampingOut, &["positions stale", disarmed]);
         assert!(wanted.advice.is_empty());
+        let degraded = event("gateway", "degraded: bed", Event::Nothing);
+        assert_eq!(degraded.text, "Degraded: bed");
+        assert_eq!(degraded.advice, ["Check the sensor. If its new value is right, acknowledge."]);
         let fine = state(StateName::Compensating, &["no barrier", "degraded"]);
         assert_eq!(fine.text, "The correction follows the model");
         assert!(fine.advice.is_empty());

@@ -53,6 +53,8 @@ pub use watchdog::Life;
 const TICK: Duration = Duration::from_millis(50);
 const STEP: Duration = Duration::from_millis(2);
 const OUTPUT_EVERY: Duration = Duration::from_secs(10);
+/// Minimum interval between records of sensors that are missing or back.
+const DEGRADED_EVERY: Duration = Duration::from_secs(10);
 /// Timeout at shutdown for a control thread that hangs, and the same timeout again for the disk.
 const END_TIMEOUT: Duration = Duration::from_secs(1);
 
@@ -118,6 +120,9 @@ pub struct Service {
     /// request is queued or being created, and auto-arm then waits.
     received_disarms: u64,
     output: LatestOutput,
+    /// The last recorded reason `degraded`, with its sensors.
+    degraded: Option<String>,
+    degraded_at: Instant,
     lags: Lags,
     watchdog: Watchdog,
 }
@@ -168,6 +173,8 @@ impl Service {
             auto_arm_after: now,
             received_disarms: 0,
             output: LatestOutput { at: now, correction: PerAxis::ZERO, receipt: None },
+            degraded: None,
+            degraded_at: now,
             lags: Lags::new(&parts.model, &parts.sensors),
             watchdog: Watchdog::new(
                 parts.proven_within,
@@ -421,11 +428,25 @@ impl Service {
         self.save_jumped(&report);
         self.save_interlocks(&report);
         let cycle_at = self.clock.start() + report.now;
-        self.publisher.publish(self.status(&report), cycle_at);
+        let status = self.status(&report);
+        self.record_degraded(&status);
+        self.publisher.publish(status, cycle_at);
         if self.since(self.output.at) > OUTPUT_EVERY && self.output.correction != report.correction
         {
             self.write_output(&report, false);
         }
+    }
+
+    /// Records which sensors the thermal terms lack, if that has changed. A sensor that comes and goes does not fill the log.
+    fn record_degraded(&mut self, status: &Status) {
+        let is_degraded = |text: &&String| Reasons::with_text(text) == Some(Reasons::DEGRADED);
+        let degraded = status.reasons.iter().find(is_degraded);
+        if degraded == self.degraded.as_ref() || self.since(self.degraded_at) < DEGRADED_EVERY {
+            return;
+        }
+        let what = degraded.map_or("no longer degraded", String::as_str);
+        let _ = self.log("gateway", what, Event::Nothing);
+        (self.degraded, self.degraded_at) = (degraded.cloned(), self.clock.now());
     }
 
     fn status(&self, report: &Report) -> Status {

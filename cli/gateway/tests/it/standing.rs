@@ -460,10 +460,11 @@ fn acknowledging_an_alarm_accepts_no_jumped_sensor() {
     gateway.ask(Operation::Acknowledge);
     gateway.rig.controls.alarm.store(false, Ordering::Relaxed);
     gateway.wait_for("compensating");
-    gateway.run(Duration::from_secs(5));
+    gateway.run(Duration::from_secs(12));
     let state = gateway.state();
     assert!(quality(&state).contains("jumped"), "{state}");
     assert!(says(&state, "degraded: scale_x"), "{state}");
+    assert!(gateway.audit().contains("\"degraded: scale_x\""), "{}", gateway.audit());
     let jump = |gateway: &Gateway, kelvin| {
         let sensor = 0;
         let jump = Injection::Jump { sensor, kelvin };
@@ -479,6 +480,8 @@ fn acknowledging_an_alarm_accepts_no_jumped_sensor() {
     gateway.wait("jumped", |state| quality(state).contains("jumped"));
     assert_eq!(gateway.ask(Operation::Acknowledge).0, 200);
     gateway.wait("believed", |state| quality(state).contains("good"));
+    gateway.run(Duration::from_secs(12));
+    assert!(gateway.audit().contains("\"no longer degraded\""), "{}", gateway.audit());
 }
 
 /// The control stops responding during an emergency stop, and the gateway is killed. The stop persists until the
