@@ -182,7 +182,7 @@ impl Simulation {
     /// # Errors
     /// Never in practice: the files are built in.
     pub fn new(clock: Clock) -> Result<Self, GatewayError> {
-        Self::started(clock, |machine| Ok(machine.start()))
+        Self::started(clock, [0.0; 3], |machine| Ok(machine.start()))
     }
 
     /// A machine on the clock `clock`. Its control runs the reference barrier with the settings of [`protection`].
@@ -191,7 +191,8 @@ impl Simulation {
     /// Never in practice: files and settings are built in.
     pub fn with_barrier(clock: Clock) -> Result<Self, GatewayError> {
         let protection = protection();
-        Self::started(clock, |machine| {
+        // Only an axis that has moved shows in the test shift what its position contains.
+        Self::started(clock, [1000.0; 3], |machine| {
             let program = Program::new(protection.settings(&machine.axes)?)?;
             Ok(machine.start_with(Box::new(program), protection.scan))
         })
@@ -199,6 +200,7 @@ impl Simulation {
 
     fn started(
         clock: Clock,
+        first: [f64; 3],
         start: impl FnOnce(simulated::Machine) -> Result<Started, SettingsError>,
     ) -> Result<Self, GatewayError> {
         let model = Machine::parse(MODEL, "built-in machine.toml")?;
@@ -215,7 +217,7 @@ impl Simulation {
         };
         let machine = simulated::Machine {
             axes: [AxisName::X, AxisName::Y, AxisName::Z].map(axis).to_vec(),
-            program: program(),
+            program: program(first),
             acceleration_per_s2: 1000.0,
             sensors,
             truth: Arc::new(move |q: &PerChannel<f64>, degc: &[f64]| {
@@ -250,10 +252,10 @@ fn warming() -> Vec<Warming> {
     ]
 }
 
-/// Moves through the whole volume, along edges and diagonals, with a stop at each end.
-fn program() -> Vec<Move> {
+/// Moves from `first` through the whole volume, along edges and diagonals, with a stop at each end.
+fn program(first: [f64; 3]) -> Vec<Move> {
     let corners = [
-        [0.0, 0.0, 0.0],
+        first,
         [8000.0, 4000.0, 2500.0],
         [0.0, 4000.0, 2500.0],
         [8000.0, 0.0, 0.0],
