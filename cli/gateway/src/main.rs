@@ -23,7 +23,7 @@ use volcomp_gateway::{
     plan::Plan,
     print,
     rehearse::{self, Rehearsal},
-    run, send_map, status,
+    run, send_map, signals, status,
     token::{self, TokenCommand},
 };
 
@@ -127,7 +127,7 @@ enum Command {
     /// the configuration has one. Each controller is rehearsed alone. Each fault begins once while compensating and once
     /// while ramping, and is taken away again.
     ///
-    /// Exit status: 0 no rule was broken, 1 a rule was broken, 2 the configuration or the call is wrong.
+    /// Exit status: 0 no rule was broken, 1 a rule was broken, 2 the configuration or the call is wrong, 130 ended by Ctrl-C.
     #[command(after_help = REHEARSE_EXAMPLES)]
     Rehearse {
         /// The TOML file of the configuration
@@ -261,6 +261,7 @@ fn act(arguments: Arguments) -> Result<(), GatewayError> {
         }
         Some(Command::Rehearse { config, json, seed, fault }) => {
             let rehearsal = Rehearsal::of(seed, &fault)?;
+            signals::exit_when_interrupted()?;
             let found = rehearsal.run(&Plan::new(Config::read(&config)?)?)?;
             print(&if json { check::line(&found)? } else { rehearse::text(&found, columns()) })?;
             found.verdict()

@@ -23,6 +23,23 @@ pub enum Signal {
     Reload,
 }
 
+/// Ends the program on SIGINT and SIGTERM, with status 130 like a shell.
+///
+/// # Errors
+/// The operating system cannot deliver signals or create a thread.
+pub fn exit_when_interrupted() -> Result<(), GatewayError> {
+    let failed = |e| GatewayError::system("signals", e);
+    let mut signals = Signals::new([SIGTERM, SIGINT]).map_err(failed)?;
+    let wait = move || {
+        if signals.forever().next().is_some() {
+            eprintln!("interrupted: nothing half-written is left");
+            std::process::exit(130);
+        }
+    };
+    let thread = thread::Builder::new().name("interrupts".to_owned()).spawn(wait);
+    thread.map(drop).map_err(failed)
+}
+
 /// Receiver of signals, in the order of their arrival.
 pub struct SignalReceiver {
     receiver: Receiver<Signal>,

@@ -8,6 +8,7 @@
 use std::{env, fs, time::Duration};
 
 use sha2::{Digest, Sha256};
+use volcomp_document::nearest;
 use volcomp_guard::barrier::Settings;
 use volcomp_runtime::PathPlan;
 use volcomp_vocabulary::AxisKind;
@@ -68,10 +69,18 @@ impl Rehearsal {
             let found = CATALOGUE.iter().find(|fault| fault.name == name);
             found.ok_or_else(|| {
                 let names: Vec<&str> = CATALOGUE.iter().map(|fault| fault.name).collect();
-                GatewayError::invalid(format!(
-                    "--fault: found {name:?}, expected one of {}",
-                    names.join(", ")
-                ))
+                // `estop` has a word of `emergency_stop`.
+                let is_in = |word: &str| word.len() > 2 && name.contains(word);
+                let shares = |known: &&&str| known.split('_').any(is_in);
+                let alike: Vec<&str> = nearest(name, &names).map_or_else(
+                    || names.iter().filter(shares).copied().collect(),
+                    |one| vec![one],
+                );
+                let expected = match &alike[..] {
+                    [] => format!("expected one of {}", names.join(", ")),
+                    alike => format!("did you mean {}?", alike.join(", ")),
+                };
+                GatewayError::invalid(format!("--fault: found {name:?}, {expected}"))
             })
         };
         Ok(Self {

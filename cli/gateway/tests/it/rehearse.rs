@@ -2,8 +2,10 @@
 
 use std::{
     fs,
+    io::Read,
     path::{Path, PathBuf},
-    process::{Command, Output},
+    process::{Command, Output, Stdio},
+    time::Duration,
 };
 
 use serde_json::Value;
@@ -15,7 +17,9 @@ use volcomp_gateway::{
     rehearse::{CATALOGUE, COLUMNS, Rehearsal, text},
 };
 
-use crate::documents::validate;
+use volcomp_test_support::Running;
+
+use crate::{documents::validate, program::PATIENCE};
 
 fn examples() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples")
@@ -193,12 +197,42 @@ fn wrong_calls_and_configurations_end_with_2() {
     assert!(
         reported.starts_with("error: --fault: found \"lightning\", expected one of none, delay, ")
     );
+    let output = rehearse(dir.path(), &["gateway.toml", "--fault", "estop"]);
+    let reported = String::from_utf8(output.stderr).expect("UTF-8");
+    assert!(reported.contains("did you mean") && reported.contains("emergency_stop"), "{reported}");
     let text = fs::read_to_string(&file).expect("written");
     let (guard, controller) = (text.find("[guard]"), text.find("[[controller]]"));
     let (guard, controller) = (guard.expect("there"), controller.expect("there"));
     fs::write(&file, [&text[..guard], &text[controller..]].concat()).expect("writable");
     let output = rehearse(dir.path(), &["gateway.toml"]);
     assert_eq!(output.status.code(), Some(2));
+}
+
+/// Ctrl-C ends it like the other commands.
+#[test]
+fn an_interrupt_ends_it_with_130() {
+    let (dir, _) = changed(|text| text);
+    let mut command = Command::new(env!("CARGO_BIN_EXE_volcomp-gateway"));
+    command.current_dir(dir.path()).args(["rehearse", "gateway.toml"]);
+    let mut running = Running::start(command.stdout(Stdio::null()).stderr(Stdio::piped()));
+    // Before the thread exists SIGINT is not handled.
+    let tasks = format!("/proc/{}/task", running.id());
+    let listens = || {
+        let tasks = fs::read_dir(&tasks).into_iter().flatten().flatten();
+        let names = tasks.map(|task| fs::read_to_string(task.path().join("comm")));
+        names.flatten().any(|name| name == "interrupts\n")
+    };
+    while !listens() {
+        assert!(running.try_wait().expect("a child").is_none(), "it has ended");
+        std::thread::sleep(Duration::from_millis(1));
+    }
+    running.signal("INT");
+    let status = running.ended(PATIENCE).expect("it ends");
+    let mut reported = String::new();
+    let mut stderr = running.stderr.take().expect("piped");
+    stderr.read_to_string(&mut reported).expect("UTF-8");
+    assert_eq!(status.code(), Some(130), "{reported}");
+    assert_eq!(reported, "interrupted: nothing half-written is left\n");
 }
 
 #[test]
