@@ -5,9 +5,8 @@ pub fn nearest<'k>(found: &str, known: &[&'k str]) -> Option<&'k str> {
     near(found, known).first().copied()
 }
 
-/// Known words similar to `found`, best match first: words within the edit distance of a typing error, then longer
-/// words that begin with `found` and `_`, because a unit may have been omitted, as in `limit` for `limit_um`. Case is
-/// ignored.
+/// Known words similar to `found`, best match first: words within the edit distance of a typing error, then words that have the parts of `found`
+/// between `_` and more of them, for omitted ones such as `limit` for `limit_um` or `slew_um_s` for `slew_um_per_s`. Case is ignored.
 pub(crate) fn near<'k>(found: &str, known: &[&'k str]) -> Vec<&'k str> {
     let small = found.to_lowercase();
     let found: Vec<char> = small.chars().collect();
@@ -20,9 +19,10 @@ pub(crate) fn near<'k>(found: &str, known: &[&'k str]) -> Vec<&'k str> {
         if slips <= most && slips < letters.len() {
             return Some((false, slips));
         }
-        let rest = lower.strip_prefix(&small).filter(|_| !found.is_empty());
-        let lacks_unit = rest.is_some_and(|rest| rest.starts_with('_'));
-        lacks_unit.then_some((true, letters.len()))
+        let (mut parts, mut stated) = (lower.split('_'), small.split('_'));
+        let begins_alike = !found.is_empty() && parts.next() == stated.next();
+        let lacks_parts = begins_alike && stated.all(|part| parts.any(|own| own == part));
+        lacks_parts.then_some((true, letters.len()))
     };
     let ranked = known.iter().filter_map(|word| Some((rank(word)?, *word)));
     let mut ranked: Vec<((bool, usize), &str)> = ranked.collect();
@@ -85,6 +85,11 @@ mod tests {
         let known = ["_um", "limit_without_barrier_um", "limit_um", "limit_urad", "hold_ms"];
         assert_eq!(nearest("limit", &known), Some("limit_um"));
         assert_eq!(nearest("hold", &known), Some("hold_ms"));
+        assert_eq!(
+            nearest("slew_um_s", &["accel_um_per_s2", "slew_um_per_s"]),
+            Some("slew_um_per_s")
+        );
+        assert_eq!(nearest("slew_s_um", &["slew_um_per_s"]), None);
         assert_eq!(nearest("lim", &known), None);
         assert_eq!(nearest("", &known), None);
     }
