@@ -21,7 +21,12 @@ pub use volcomp_web::{Tls, serve, tls};
 pub fn listen(address: SocketAddr) -> Result<std::net::TcpListener, GatewayError> {
     std::net::TcpListener::bind(address)
         .and_then(|listener| listener.set_nonblocking(true).map(|()| listener))
-        .map_err(|e| GatewayError::system(format!("dashboard {address}"), e))
+        .map_err(|e| match e.kind() {
+            std::io::ErrorKind::AddrInUse => GatewayError::failed(format!(
+                "dashboard {address}: another program listens there, such as another gateway: stop it, or state another address with --listen"
+            )),
+            _ => GatewayError::system(format!("dashboard {address}"), e),
+        })
 }
 
 pub(crate) fn runtime<F>(

@@ -97,7 +97,7 @@ fn a_port_that_is_taken_ends_it_with_status_1() {
     let dir = tempfile::tempdir().expect("writable");
     let config = manual::configuration(dir.path(), "auto_arm = true");
     let why = does_not_start(config, &address);
-    assert!(why.contains(&format!("dashboard {address}")), "{why}");
+    assert!(why.contains(&format!("dashboard {address}")) && why.contains("--listen"), "{why}");
 }
 
 /// On one computer the lock of the control refuses a second gateway, for any spelling of the control's address, and so
