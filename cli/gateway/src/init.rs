@@ -168,7 +168,7 @@ impl InitArguments {
         ];
         add(&mut text, &header, &root);
         let is_rotary = axes.iter().any(|axis| axis.is_rotary());
-        add(&mut text, "[guard]", &GuardTable::first(first.limit_um, first.cycle_ms, is_rotary));
+        add(&mut text, "[guard]", &GuardTable::first(first.cycle_ms, is_rotary));
         add(&mut text, "[[controller]]", &first.settings);
         for pair in self.sensors.chunks(2) {
             let [url, names] = pair else { continue };

@@ -50,7 +50,7 @@ fn first(address: &Address, machine: &FirstMachine<'_>) -> FirstConfig {
     if has_barrier {
         settings.extend(barrier(1.0));
     }
-    FirstConfig { cycle_ms: 4.0, limit_um: 150.0, settings, ..FirstConfig::default() }
+    FirstConfig { cycle_ms: 4.0, settings, ..FirstConfig::default() }
 }
 
 fn thermometer(

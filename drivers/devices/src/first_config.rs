@@ -59,8 +59,6 @@ impl Setting {
 pub struct FirstConfig {
     /// Usual cycle period of the bus, ms.
     pub cycle_ms: f64,
-    /// Largest correction of a linear axis that needs no further settings of the bus, µm.
-    pub limit_um: f64,
     /// Keys of `[[controller]]`.
     pub settings: Vec<Setting>,
     /// Name of the file that must contain a random key of 128 bits, as written in `settings`; `None`: no file is

@@ -110,7 +110,7 @@ fn first() -> FirstConfig {
         )
         .example(),
     ]);
-    FirstConfig { cycle_ms: 4.0, limit_um: 150.0, settings, ..FirstConfig::default() }
+    FirstConfig { cycle_ms: 4.0, settings, ..FirstConfig::default() }
 }
 
 fn validate(own: &ControllerConfig, rules: &Rules<'_>, found: &mut Mistakes<'_>) {

@@ -93,7 +93,6 @@ pub(crate) fn first(
     ));
     FirstConfig {
         cycle_ms: (shortest.as_secs_f64() * 1e3).ceil().max(4.0),
-        limit_um: 30.0,
         settings,
         shows_one_axis: true,
         ..FirstConfig::default()

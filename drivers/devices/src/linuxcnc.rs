@@ -61,14 +61,7 @@ fn first() -> FirstConfig {
         )
         .example(),
     ]);
-    FirstConfig {
-        cycle_ms: 1.0,
-        // The words of the bridge are limited to 32.767 µm unless its step is configured.
-        limit_um: 30.0,
-        settings,
-        key_file: Some(KEY_FILE),
-        ..FirstConfig::default()
-    }
+    FirstConfig { cycle_ms: 1.0, settings, key_file: Some(KEY_FILE), ..FirstConfig::default() }
 }
 
 struct Control {
@@ -196,13 +189,14 @@ fn key(address: &Address, config: &ControllerConfig) -> Result<Key, DeviceError>
     if address.get("key_file").is_some() {
         return Err(address.wrong("found key_file in the URL", "state it as linuxcnc.key_file"));
     }
-    let expected = "expected a file with the key of the bridge, such as (umask 077; openssl rand -hex 16 > volcomp.key) makes it";
+    let makes = "(umask 077; openssl rand -hex 16 > volcomp.key) makes a file with a key";
     let table = config.linuxcnc.as_ref();
     let Some(file) = table.and_then(|table| table.key_file.as_ref()) else {
+        let expected = format!("expected the file with the key of the bridge: {makes}");
         return Err(address.wrong("found no linuxcnc.key_file", expected));
     };
     Key::read(file).map_err(|error| {
-        address.wrong(format!("linuxcnc.key_file: {error}"), expected).caused_by(error)
+        address.wrong(format!("linuxcnc.key_file: {error}"), makes).caused_by(error)
     })
 }
 
@@ -224,8 +218,10 @@ fn probe(address: &Address, at_most: Duration) -> Result<Probe, DeviceError> {
     let Some(file) = address.get("key_file") else {
         return Err(address.wrong("found no key_file", expected));
     };
-    let key = Key::read(Path::new(file))
-        .map_err(|error| address.wrong(format!("key_file: {error}"), expected).caused_by(error))?;
+    let key = Key::read(Path::new(file)).map_err(|error| {
+        let compare = "compare it with [VOLCOMP]KEY_FILE of the INI file";
+        address.wrong(format!("key_file: {error}"), compare).caused_by(error)
+    })?;
     let remote = allows_remote_bridge(address)?;
     let state = read_state(&address.host, port, remote, &key, at_most)?;
     let mut probe = Probe::of(&address.text);

@@ -96,7 +96,7 @@ fn first(machine: &FirstMachine<'_>) -> FirstConfig {
         .example(),
     ];
     settings.extend(first_login());
-    FirstConfig { cycle_ms: 100.0, limit_um: 30.0, settings, ..FirstConfig::default() }
+    FirstConfig { cycle_ms: 100.0, settings, ..FirstConfig::default() }
 }
 
 fn first_login() -> [Setting; 2] {

@@ -18,7 +18,7 @@ pub enum KeyError {
     /// The file cannot be read, or is readable by others.
     #[error(transparent)]
     Private(#[from] PrivateError),
-    #[error("{}: expected 32 hexadecimal digits and nothing else", .0.display())]
+    #[error("{}: found another text, expected 32 hexadecimal digits", .0.display())]
     Malformed(std::path::PathBuf),
 }
 

@@ -10,6 +10,9 @@ use volcomp_vocabulary::{Um, Urad};
 
 use volcomp_devices::config::{ms, of_ms};
 
+/// Limit with which a machine is set to work, µm.
+const FIRST_LIMIT_UM: f64 = 20.0;
+
 /// The table `[guard]`: limits, rates and times of the correction.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -145,12 +148,12 @@ impl GuardTable {
     }
 
     /// The keys of `[guard]` that `init` writes, with their values and comments.
-    pub(crate) fn first(limit_um: f64, cycle_ms: f64, is_rotary: bool) -> Vec<Setting> {
+    pub(crate) fn first(cycle_ms: f64, is_rotary: bool) -> Vec<Setting> {
         let mut settings = vec![
             Setting::number(
                 "limit_um",
-                limit_um,
-                "Largest correction of a linear axis, µm: 0.001 to 2000; begin with 20 on a machine",
+                FIRST_LIMIT_UM,
+                "Largest correction of a linear axis, µm: 0.001 to 2000; begin with a small one",
             ),
             Setting::number(
                 "slew_um_per_s",
@@ -164,7 +167,7 @@ impl GuardTable {
             ),
             Setting::number(
                 "confirm_um",
-                limit_um.min(50.0),
+                FIRST_LIMIT_UM,
                 "Larger changes by a new machine file need confirmation, µm: 0 to 1e6",
             ),
         ];

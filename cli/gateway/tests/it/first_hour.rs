@@ -149,7 +149,7 @@ fn every_bus_gets_a_configuration_that_passes() {
         }
         done(dir, &["check", &file]);
         let text = fs::read_to_string(dir.join(&file)).expect("written");
-        assert!(text.contains(url), "{text}");
+        assert!(text.contains(url) && text.contains("\nlimit_um = 20.0\n"), "{text}");
         let lines: Vec<&str> = text.lines().collect();
         for pair in lines.windows(2) {
             let is_key = !pair[1].starts_with(['#', '[']) && pair[1].contains(" = ");
@@ -157,6 +157,12 @@ fn every_bus_gets_a_configuration_that_passes() {
         }
     }
     assert_eq!(mode(&dir.join("volcomp.key")), 0o600);
+    fs::write(dir.join("volcomp.key"), "no key").expect("ours");
+    let init = ["init", "key.toml", "--machine", "m.toml", "--control", "linuxcnc://127.0.0.1"];
+    let (_, _, message) = call(dir, &init);
+    let expected = "volcomp.key: found another text, expected 32 hexadecimal digits";
+    assert!(message.contains(expected), "{message}");
+    assert_eq!(message.matches("expected").count(), 1, "{message}");
     for (name, url, names) in [
         ("modbus", "modbus://192.0.2.20?profile=PTA8C04", "bed,column"),
         ("can", "can://can0", "bed"),
