@@ -125,7 +125,9 @@ fn wide(table: &CsvTable) -> Result<Option<(Targets, WideTable)>, MetrologyError
         unit_of(head, "deviation")
             .is_some_and(|unit| unit.is_empty() || ReadingUnit::named(unit).is_some())
     };
-    if table.names().any(|(_, head)| is_deviation(head)) {
+    // The heads of a table with a row for each reading, whatever the unit of its deviations.
+    let has_rows = table.column("run")?.is_some() && table.column("direction")?.is_some();
+    if has_rows || table.names().any(|(_, head)| is_deviation(head)) {
         return Ok(None);
     }
     let Some((column, unit)) = with_unit(table, "target")? else {

@@ -96,6 +96,8 @@ impl CsvTable {
                 if separator == ',' && record.cells.len() > columns && has_halves(&record.cells) {
                     message +=
                         "; if numbers have decimal commas, separate the columns by semicolons";
+                } else if columns < record.cells.len() && !record.cells.iter().any(is_number) {
+                    message += "; if this is the header, remove the lines above it";
                 }
                 return Err(error(record.line, record.span, message));
             }
@@ -373,7 +375,11 @@ fn has_line_break(cells: &StringRecord) -> bool {
     cells.iter().any(|cell| cell.contains(['\n', '\r']))
 }
 
-/// Byte at which the table starts in the text, and separator of its cells.
+/// Byte at which the table starts in the text, and the separator of its cells.
+fn is_number(cell: &str) -> bool {
+    cell.parse::<f64>().is_ok()
+}
+
 fn start_and_separator(text: &str) -> (usize, char) {
     let start = if text.starts_with('\u{feff}') { 3 } else { 0 };
     let start = start + remarks(text.get(start..).unwrap_or_default());

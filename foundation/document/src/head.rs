@@ -3,8 +3,8 @@
 /// Units and their spellings, in lower case. The case of a spelling is ignored.
 const UNITS: [(&str, &[&str]); 14] = [
     ("mm", &["mm"]),
-    // Lower case does not turn the micro sign into the Greek letter, so both are listed.
-    ("um", &["um", "µm", "μm"]),
+    // The micro sign does not become the Greek letter in lower case: both are listed.
+    ("um", &["um", "µm", "μm", "micron", "microns"]),
     ("nm", &["nm"]),
     ("cm", &["cm"]),
     ("m", &["m"]),
@@ -99,6 +99,7 @@ mod tests {
         for (text, unit) in [
             ("MM", Some("mm")),
             ("µm", Some("um")),
+            ("Microns", Some("um")),
             ("μrad", Some("urad")),
             ("°", Some("deg")),
             ("inch", Some("in")),

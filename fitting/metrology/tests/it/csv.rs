@@ -57,6 +57,7 @@ fn units_in_the_header_are_read() {
     for (text, unit) in [
         ("target mm;deviation um\n0;1.5\n10;2.5\n", DeviationUnit::Um),
         ("target_mm,deviation_um\n0,1.5\n10,2.5\n", DeviationUnit::Um),
+        ("target_mm,deviation (microns)\n0,1.5\n10,2.5\n", DeviationUnit::Um),
         ("target [mm],deviation [µm]\n0,1.5\n10,2.5\n", DeviationUnit::Um),
         ("target,deviation mm\n0,0.0015\n10,0.0025\n", DeviationUnit::Um),
         (
@@ -78,6 +79,7 @@ fn units_in_the_header_are_read() {
     insta::assert_snapshot!(refused("target feet,deviation\n0,1\n"), @"x.csv:1: header: found targets in `feet`, expected mm, inch or deg: `target`, `target mm`, `target inch` or `target deg`");
     insta::assert_snapshot!(refused("target,deviation inch\n0,0\n10,0.0004\n"), @"x.csv:1: header: found deviations in inches and targets without a unit, expected `target inch`, `target mm` or `target deg`");
     insta::assert_snapshot!(refused("target,deviation thou\n0,1\n"), @"x.csv:1: header: found deviations in `thou`, expected one of µm, mm, nm, inch, µrad, mrad, rad, arcsec, deg: `deviation µm`");
+    insta::assert_snapshot!(refused("target_mm,run,direction,deviation_mils\n0,1,+,1\n"), @"x.csv:1: header: found deviations in `mils`, expected one of µm, mm, nm, inch, µrad, mrad, rad, arcsec, deg: `deviation µm`");
     insta::assert_snapshot!(refused("target,target mm,deviation\n0,0,1\n"), @"x.csv:1: header: column `target` appears twice");
 }
 

@@ -82,6 +82,7 @@ fn every_message_has_file_line_and_column() {
             told("X,y,Y\n1,2,3\n"),
             told("X,Y\n1,2\n3\n"),
             told("X,Y\n\n\n1,5,2\n"),
+            told("Machine: mill\nOperator: none\nX,Y\n1,2\n"),
             told("X,Y\n\"1,2\n3,4\n"),
             told("X;Y\n1,5;2\n\n1.234;5\n"),
             told("X;Y\n1.234,5;2\n"),
