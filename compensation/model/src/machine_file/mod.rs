@@ -436,7 +436,7 @@ fn check_gauge_keys(
 ) -> Result<(), InputError> {
     let without_gauge =
         |t: &Tool| t.gauge_mm.is_none() && (t.length_mm.is_some() || t.offset_mm.is_some());
-    let message = "length and offset need a gauge point: key `gauge` is missing";
+    let message = "length and offset need a gauge point: key `gauge` is missing, such as `gauge = [0.0, 0.0, 0.0]`";
     if let (true, Some(section)) = (without_gauge(tool), root.section("tool")?) {
         return Err(section.error(message));
     }
