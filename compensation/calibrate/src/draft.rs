@@ -310,7 +310,7 @@ pub(crate) fn text_of(
     let mut text = String::from(
         "# Draft of a calibration file. Every \"?\" is a question that only the one who measured can answer;\n\
          # while there is one, `volcomp calibrate` refuses the file and names it. A key with a default may be taken out\n\
-         # (\"Default\"); one answer to many questions: `--draft … --answer KEY=VALUE`.\n",
+         # (\"Default\"); one answer to many questions, in a new draft: `--draft … --replace --answer KEY=VALUE`.\n",
     );
     for conflict in conflicts {
         comment(&mut text, &format!("CONFLICT: {conflict}"));

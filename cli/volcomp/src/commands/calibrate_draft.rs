@@ -217,7 +217,7 @@ fn kinds_of_questions(draft: &Draft) -> String {
         text += &folded(&format!("{key} ({count}): {question}"), " ");
     }
     text += &folded(
-        "Where many have the same answer, give it once: --answer rides=carriage, for an error or an axis --answer EYX:sign=-1 or --answer Y:at.X=4000, for a default --answer sign=default; the most specific answer wins, in any order.",
+        "Where many have the same answer, call this again with --replace (which drops changes in the file) and give it once: --answer rides=carriage, for an error or an axis --answer EYX:sign=-1 or --answer Y:at.X=4000, for a default --answer sign=default; the most specific answer wins, in any order.",
         "",
     );
     text
