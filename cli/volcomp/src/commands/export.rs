@@ -9,7 +9,7 @@ use serde::Serialize;
 use volcomp_identify::unit_symbol;
 use volcomp_model::{Machine, Temperatures};
 use volcomp_tables::axis_table::{
-    AxisLoss, AxisNumbers, Content, ExchangeError, Facts, Firmware, Format, LineError,
+    AxisLoss, AxisNumbers, Category, Content, ExchangeError, Facts, Firmware, Format, LineError,
     LinearSettings, Loss, TableOptions, TextFile, WriteOptions, Written, firmware_loss,
     linear_settings, loss, sampled, write, write_settings,
 };
@@ -208,6 +208,8 @@ pub(crate) fn run(arguments: &ExportArguments) -> Result<Answer, Failure> {
         notes.extend(not_at(&reference));
     }
     notes.extend(made.loss.axes.iter().filter_map(worse_than_none));
+    let reversals = made.loss.categories.iter().filter(|of| of.category == Category::Reversal);
+    notes.extend(reversals.flat_map(|of| &of.axes).filter_map(larger_reversal));
     let (files, replaced) = place.write(&made.written.files, arguments)?;
     if !replaced.is_empty() {
         notes.push(format!("replaced what was there: {}", replaced.join(", ")));
@@ -298,6 +300,21 @@ fn worse_than_none(axis: &AxisLoss) -> Option<String> {
              state the middle of the space in which you work, or leave this table off",
             axis.axis,
             fixed(axis.largest, 2),
+            place_of(axis),
+            fixed(axis.correction, 2),
+        )
+    })
+}
+
+fn larger_reversal(axis: &AxisLoss) -> Option<String> {
+    /// What rounding of the values may add, µm or µrad.
+    const ROUNDING: f64 = 0.1;
+    (axis.largest > axis.correction + ROUNDING).then(|| {
+        format!(
+            "WARNING: with these tables the reversal error of axis {} grows: to {} {} on each side (at {}), from {} without them, since it is not the same everywhere",
+            axis.axis,
+            fixed(axis.largest, 2),
+            unit_symbol(axis.unit),
             place_of(axis),
             fixed(axis.correction, 2),
         )

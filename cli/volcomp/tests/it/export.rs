@@ -228,6 +228,12 @@ fn a_table_that_does_harm_is_told() {
         assert_eq!(output.status.code(), Some(0), "{told}");
         (told, String::from_utf8_lossy(&output.stdout).into_owned())
     };
+    // A pitch that differs between the directions, for which the table takes the lever at one height only.
+    let of_directions = "EBX = { mean = { poly = [0.0] }, reversal = 10.0 }";
+    let text = of_travel(0.0, 400.0).replace("EBX = { poly = [0.0, 0.1] }", of_directions);
+    fs::write(&machine, text).expect("written");
+    let (told, _) = run(&["--at", "X=0,Z=500"]);
+    contains(&told, "WARNING: with these tables the reversal error of axis X grows");
     fs::write(&machine, of_travel(0.0, 400.0)).expect("written");
     // The tables are made at Z = 500. At Z = −500 the lever has the opposite sign, so that the table doubles the error.
     let (told, said) = run(&["--at", "X=0,Z=500"]);
