@@ -10,7 +10,7 @@ use volcomp_fit::{
 };
 use volcomp_metrology::{
     DeviationUnit, Direction, Edition, Measurement, Quantity, Reading, ReadingUnit, TargetUnit,
-    evaluate, read_file, shortfalls,
+    evaluate, not_positioning, read_file, shortfalls,
 };
 use volcomp_model::{curve::Curve, vocabulary::AxisKind, write_curve};
 
@@ -74,6 +74,13 @@ pub(crate) fn iso230_2<'py>(
     if measurement.quantity == Some(Quantity::Straightness) {
         let name = &measurement.name;
         let message = format!("{name}: found straightness readings, expected positioning");
+        return Err(Failure::argument(message).into());
+    }
+    if let Some((_, message)) = not_positioning(&measurement, unit) {
+        let name = &measurement.name;
+        let message = format!(
+            "{name}: {message}; where the title is wrong, pass the columns that read_measurements returns"
+        );
         return Err(Failure::argument(message).into());
     }
     let found = evaluate(&measurement).map_err(Failure::from)?;

@@ -59,6 +59,17 @@ def test_iso_230_2_is_what_the_standard_writes():
     assert one_run["A_urad"] is None and one_run["E_forward_urad"] == 4.0 and one_run["unit"] == "urad"
 
 
+def test_a_title_that_names_a_straightness_is_not_evaluated_as_positioning(tmp_path):
+    path = tmp_path / "a.txt"
+    path.write_text(
+        "Title: EXY straightness\nTarget Mean error forward (um) Mean error reverse (um) System mean 2 sigma forward "
+        "2 sigma reverse Dead zone\n1 0.0 0.0 1.0 0.5 0.2 0.2 1.0\n2 100.0 2.0 3.0 2.5 0.2 0.2 1.0\n"
+    )
+    with pytest.raises(volcomp.InputError, match="which names EXY, a straightness; expected positioning"):
+        volcomp.iso230_2(path)
+    assert volcomp.iso230_2(volcomp.read_measurements(path))["unit"] == "um"
+
+
 def test_a_file_is_the_same_as_its_columns_and_as_the_program(volcomp_json, tmp_path):
     columns, _, _ = bidirectional()
     path = write_csv(tmp_path / "exx.csv", columns)

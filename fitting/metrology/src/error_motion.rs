@@ -1,9 +1,11 @@
 //! Error motions: their kind with respect to the axis, and their names in titles and file names.
 
+use volcomp_document::quoted;
 use volcomp_vocabulary::{AxisKind, ErrorName};
 
-/// Kind of an error motion with respect to its axis. It determines the method of measurement and the reference that is
-/// removed from the readings.
+use crate::{DeviationUnit, Measurement};
+
+/// Kind of an error motion with respect to its axis. It determines the method of measurement and the reference that is removed from the readings.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum MotionKind {
@@ -44,6 +46,37 @@ pub fn errors_named(text: &str) -> Vec<ErrorName> {
             None => word.split(['(', ')']).filter_map(error).collect(),
         })
         .collect()
+}
+
+/// The error that the title of a file names, if it names only one.
+pub fn error_in_title(measurement: &Measurement) -> Option<ErrorName> {
+    let mut named = errors_named(measurement.metadata.title.as_deref().unwrap_or_default());
+    named.dedup();
+    match named[..] {
+        [error] => Some(error),
+        _ => None,
+    }
+}
+
+/// The error other than positioning that the title names, such as a straightness, and a message: such a file is not to be evaluated by ISO 230-2.
+/// `None` for angles of a linear axis, whose statistics are of an angular error motion.
+pub fn not_positioning(
+    measurement: &Measurement,
+    unit: DeviationUnit,
+) -> Option<(ErrorName, String)> {
+    let error = error_in_title(measurement)?;
+    let is_angle = error.component.is_angular() && error.axis.kind() == AxisKind::Linear;
+    let what = match MotionKind::of(error) {
+        MotionKind::Positioning if !error.location => return None,
+        _ if is_angle && unit == DeviationUnit::Urad => return None,
+        MotionKind::Straightness => "a straightness",
+        _ if is_angle => "an angle",
+        _ => "no positioning",
+    };
+    let title = quoted(measurement.metadata.title.as_deref().unwrap_or_default());
+    let message =
+        format!("found the title {title}, which names {error}, {what}; expected positioning");
+    Some((error, message))
 }
 
 #[cfg(test)]

@@ -55,7 +55,7 @@ pub use csv_file::{parse_csv, write_csv};
 pub use dwell::{Channels, readings_at_dwells};
 pub use edition::Edition;
 pub use error::{Finding, MetrologyError};
-pub use error_motion::{MotionKind, errors_named};
+pub use error_motion::{MotionKind, error_in_title, errors_named, not_positioning};
 pub use file_format::{FileFormat, Quantity};
 pub use incomplete_runs::{AtTargets, IncompleteRuns};
 pub use iso230_2::{Approach, Iso230Part2, TargetRow, evaluate};

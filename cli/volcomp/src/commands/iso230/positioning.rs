@@ -5,13 +5,12 @@ use std::{borrow::Cow, cell::RefCell, path::Path};
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::{Serialize, Serializer};
 use serde_json::{Map, Value, json};
-use volcomp_document::quoted;
 use volcomp_metrology::{
     Approach, DeviationUnit, Direction, Edition, Iso230Part2, JudgedQuantity, LARGEST_PLAUSIBLE,
     Measurement, MotionKind, OutlierHint, PositioningUncertainty, Quantity, StandardQuantity,
-    TargetRow, Tolerance, Vdi3441, asme_b5_54, axis_kind, axis_named, errors_named, evaluate,
-    implausible_size, judged, material_compensation, positioning_uncertainty, read_file,
-    shortfalls, vdi_3441,
+    TargetRow, Tolerance, Vdi3441, asme_b5_54, axis_kind, axis_named, error_in_title, evaluate,
+    implausible_size, judged, material_compensation, not_positioning, positioning_uncertainty,
+    read_file, shortfalls, vdi_3441,
 };
 use volcomp_report::{Positioning, positioning_picture};
 use volcomp_vocabulary::{AxisKind, AxisName, ErrorName};
@@ -217,49 +216,31 @@ fn error_of(arguments: &Iso230Arguments, measurement: &Measurement) -> String {
         format!("E{axis}{axis}").parse().ok()
     };
     let error: Option<ErrorName> =
-        arguments.error.or_else(|| named_in_title(measurement)).or_else(of_axis);
+        arguments.error.or_else(|| error_in_title(measurement)).or_else(of_axis);
     error.map_or_else(String::new, |error| error.to_string())
 }
 
-/// The error that the title names; `None` unless it names exactly one.
-fn named_in_title(measurement: &Measurement) -> Option<ErrorName> {
-    let mut named = errors_named(measurement.metadata.title.as_deref().unwrap_or_default());
-    named.dedup();
-    match named[..] {
-        [error] => Some(error),
-        _ => None,
-    }
-}
-
-/// Rejects a file whose title names an error other than positioning, such as a straightness. Angles of a linear axis
-/// are evaluated with a note.
+/// Rejects a file whose title names an error other than positioning. Angles of a linear axis are evaluated with a note.
 fn refuse_title(
     path: &Path,
     measurement: &Measurement,
     unit: DeviationUnit,
 ) -> Result<(), Failure> {
-    let Some(error) = named_in_title(measurement) else { return Ok(()) };
-    let is_angle = error.component.is_angular();
-    let with_note =
-        is_angle && error.axis.kind() == AxisKind::Linear && unit == DeviationUnit::Urad;
-    let (what, how) = match MotionKind::of(error) {
-        MotionKind::Positioning if !error.location => return Ok(()),
-        _ if with_note => return Ok(()),
-        // `volcomp straightness` rejects files that are marked as positioning, so do not recommend it.
-        MotionKind::Straightness if measurement.quantity == Some(Quantity::Positioning) => {
-            ("a straightness", "")
+    let Some((error, message)) = not_positioning(measurement, unit) else { return Ok(()) };
+    let how = match MotionKind::of(error) {
+        // The straightness command rejects files marked as positioning.
+        MotionKind::Straightness if measurement.quantity != Some(Quantity::Positioning) => {
+            "`volcomp straightness` evaluates it; "
         }
-        MotionKind::Straightness if !error.location => {
-            ("a straightness", "`volcomp straightness` evaluates it; ")
+        MotionKind::Other
+            if error.component.is_angular() && error.axis.kind() == AxisKind::Linear =>
+        {
+            "of angles state their unit (--unit); "
         }
-        _ if is_angle && error.axis.kind() == AxisKind::Linear => {
-            ("an angle", "of angles state their unit (--unit); ")
-        }
-        _ => ("no positioning", ""),
+        _ => "",
     };
     let what = format_args!(
-        "found the title {}, which names {error}, {what}; expected positioning; {how}where the title is wrong, state --error, such as --error EXX",
-        quoted(measurement.metadata.title.as_deref().unwrap_or_default())
+        "{message}; {how}where the title is wrong, state --error, such as --error EXX"
     );
     Err(Failure::in_file(path, what))
 }
