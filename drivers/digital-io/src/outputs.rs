@@ -53,15 +53,16 @@ impl Outputs {
         &self.taken
     }
 
-    /// Correction on the lines now, also before the first write: NaN for a word that encodes none, so that the guard writes nothing over it; `None` if
-    /// the device does not report its output levels, or if there are several axes.
+    /// Correction on the lines now; it is known before the first write, too. NaN for a word that encodes none, so that the
+    /// guard writes nothing over it. `None` if the device does not report its output levels, or if there are several axes.
     pub(crate) fn carried(&self) -> Option<PerChannel<f64>> {
         self.carried.filter(|_| self.is_reported)
     }
 
-    /// Writes the word of an axis. With a latch, a correction takes two writes: the word, then, once that is confirmed, the latch alone. Errors: see
-    /// [`DigitalIo::write`]. While the level of the latch is unknown nothing is written, because the latch could
-    /// toggle together with the word. While the levels of unused outputs are unknown nothing is written, unless the device cannot report them.
+    /// Writes the word of an axis. With a latch, a correction takes two writes: the word, then, once that is confirmed, the
+    /// latch alone. While the level of the latch is unknown nothing is written, because the latch could toggle together
+    /// with the word. While the levels of unused outputs are unknown nothing is written, unless the device cannot report
+    /// them. Errors: see [`DigitalIo::write`].
     pub(crate) fn write(
         &mut self,
         io: &mut impl DigitalIo,
@@ -87,7 +88,13 @@ impl Outputs {
             }
             None => (word, Latching::Taken),
         };
-        if matches!(next, Latching::Settling(_)) {
+        // A word that is sent again keeps its time limit.
+        let is_resent = now <= self.latched_by
+            && matches!(
+                (self.latching, next),
+                (Latching::Settling(a), Latching::Settling(b)) if (a ^ b) & wiring.used_outputs() == 0
+            );
+        if !is_resent && matches!(next, Latching::Settling(_)) {
             let within = deadline.saturating_duration_since(now).saturating_mul(LATCHED_WITHIN);
             self.latched_by = now.checked_add(within).unwrap_or(deadline);
         }
@@ -96,16 +103,17 @@ impl Outputs {
         io.write(levels, deadline)
     }
 
-    /// The levels to write next, and the state after that write. Unused lines keep the levels that the device has confirmed. After a pause the word is
-    /// written anew: the control may be at zero by now, and the earlier word would be a step.
+    /// The levels to write next, and the state after that write. Unused lines keep the levels that the device has
+    /// confirmed. After the time limit the requested word replaces the unconfirmed one: the control may be at zero by
+    /// then, and the earlier word would be a step.
     fn next(&self, wiring: &Wiring, word: u64, confirmed: u64, now: Instant) -> (u64, Latching) {
         let bit = wiring.latch_bit();
         let others = confirmed & !wiring.used_outputs();
         if bit == 0 {
             return (word | others, Latching::Taken);
         }
-        // Until a word is confirmed no other one is sent: an earlier equal one would confirm it, while the other is still on its
-        // way.
+        // Until a word is confirmed no other one is sent: an earlier equal word would confirm it, while the other one is
+        // still on its way.
         if let Latching::Settling(levels) = self.latching
             && now <= self.latched_by
             && confirmed != levels

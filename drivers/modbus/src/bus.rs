@@ -132,7 +132,7 @@ pub(crate) enum RequestError {
     /// The request was echoed, but no answer arrived in time: the module behind an adapter with local echo does not
     /// answer.
     EchoOnly,
-    /// The module rejected the request with this exception code; 0: it answered another request, or with another number of values.
+    /// The module rejected the request with this exception code. 0 means that the answer was to another request.
     Refused(u8),
     Disconnected,
 }
@@ -239,10 +239,10 @@ impl Line {
         let expected = Expected::of(&request);
         match timeout(at_most, self.context.call(request)).await {
             Ok(Ok(Ok(response))) if expected.is_met_by(&response) => Ok(response),
-            Ok(Ok(Ok(_))) => Err(RequestError::Refused(0)),
             Ok(Ok(Err(exception))) => Err(RequestError::Refused(exception.into())),
-            // A timeout, or on a serial line a corrupted frame, or on TCP a lost connection.
-            Ok(Err(_)) | Err(_) => {
+            // A timeout, the answer to another request, or on a serial line a corrupted frame, or on TCP a lost
+            // connection: the right answer may still come.
+            Ok(Ok(Ok(_)) | Err(_)) | Err(_) => {
                 let echoed = (self.serial.as_ref()).is_some_and(|serial| serial.port().echoed);
                 self.drain(at_most).await?;
                 Err(if echoed { RequestError::EchoOnly } else { RequestError::NoAnswer })
@@ -250,8 +250,8 @@ impl Line {
         }
     }
 
-    /// Waits until a serial line has been silent for the response timeout, at most [`MAX_DRAINS`] times as long, and discards received bytes. A TCP
-    /// connection is given up instead.
+    /// Waits until a serial line has been silent for the response timeout, at most [`MAX_DRAINS`] times as long, and
+    /// discards the received bytes. A TCP connection is not drained but reported as disconnected.
     async fn drain(&mut self, at_most: Duration) -> Result<(), RequestError> {
         let Some(serial) = &mut self.serial else {
             // TCP answers carry transaction numbers, so draining is unnecessary. The connection is reopened.
@@ -293,7 +293,7 @@ impl Port {
         Self { stream, sent: Vec::new(), matched: 0, echoed: false, received: VecDeque::new() }
     }
 
-    /// Discards received data, which belong to an earlier request, also those that the kernel holds.
+    /// Discards received data, also in the kernel, because they belong to an earlier request.
     fn begin_request(&mut self) {
         // A port that is gone fails at the request itself.
         let _ = self.stream.clear(ClearBuffer::Input);

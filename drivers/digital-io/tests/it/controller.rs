@@ -336,6 +336,43 @@ fn no_other_word_is_sent_until_one_is_confirmed() {
     }
 }
 
+/// A module that executes a word only after its time limit: other words were requested meanwhile, so it is not latched.
+#[test]
+fn a_word_that_is_sent_again_keeps_its_time_limit() {
+    let axis = DigitalAxis::published(AxisName::X);
+    let state = Arc::new(Mutex::new((Vec::new(), 0_u64)));
+    let (written, confirmed) = (Arc::clone(&state), Arc::clone(&state));
+    let mut port = MockDigitalIo::new();
+    port.expect_device().return_const("lines".to_owned());
+    port.expect_inputs().return_const(15_u32);
+    port.expect_outputs().return_const(9_u32);
+    port.expect_shortest_cycle().return_const(Duration::ZERO);
+    port.expect_reports_outputs().return_const(true);
+    port.expect_confirmed().returning(move || Some(confirmed.lock().unwrap().1));
+    port.expect_write().returning(move |levels, _| {
+        written.lock().unwrap().0.push(levels);
+        Ok(())
+    });
+    let wiring = Wiring { latch: Some(8), ..Wiring::published() };
+    let coherence = Coherence::Latched;
+    let mut controller =
+        DigitalController::new(port, "lines", wiring, coherence, vec![axis]).unwrap();
+    let mut apply = |um: f64| {
+        let deadline = Instant::now() + Duration::from_millis(10);
+        let _ = controller.apply(&PerChannel::leading([um * 1e-3]), deadline);
+    };
+    apply(5.0);
+    for _ in 0..4 {
+        std::thread::sleep(Duration::from_millis(15));
+        apply(0.0);
+    }
+    state.lock().unwrap().1 = 5;
+    apply(0.0);
+    let written = &state.lock().unwrap().0;
+    assert!(written.iter().all(|levels| levels & 0x100 == 0), "{written:x?}");
+    assert_eq!(written.last(), Some(&0));
+}
+
 #[test]
 fn a_failed_write_does_not_count_as_sent() {
     let axis = DigitalAxis::published(AxisName::X);
